@@ -1,0 +1,109 @@
+"""What can be swapped: small protocols. A backend is one file; its laws are in tests/laws.py, run over all of a kind."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Protocol, runtime_checkable
+
+from cartier.types import Array, Camera, Detections, Frame, Goal, Place, Selection, TrueObject
+
+
+@runtime_checkable
+class Recording(Protocol):
+    """Frames of one home, read lazily: nothing but the frame asked for is held in memory."""
+
+    name: str
+    camera: Camera
+    truth: Sequence[TrueObject] | None
+    """A simulator's true objects, or None: real recordings have none."""
+    notes: Sequence[str]
+    """What the reader estimated or assumed, one line each, for the person to see."""
+
+    def __len__(self) -> int: ...
+    def __getitem__(self, index: int) -> Frame: ...
+
+    def fingerprint(self) -> str:
+        """sha256 (hex) over the recording's content and the reader's settings: equal content maps to an equal home."""
+        ...
+
+
+class Detector(Protocol):
+    """Finds objects in one frame. ``name`` says which model at which threshold, for every output's provenance."""
+
+    name: str
+
+    def detect(self, frame: Frame) -> Detections:
+        """Detections above the detector's own threshold; labels are display names (see ``text.display_name``)."""
+        ...
+
+
+class Encoder(Protocol):
+    """Image and text features in one space of D dimensions."""
+
+    name: str
+
+    def image(self, frame: Frame) -> Array:
+        """(h, w, D) float32, dense over the image at the encoder's own resolution."""
+        ...
+
+    def text(self, texts: Sequence[str]) -> Array:
+        """(n, D) float32."""
+        ...
+
+
+class SpatialIndex(Protocol):
+    """Where each named thing is. Built frame by frame, so that memory does not grow with the recording."""
+
+    def add(self, frame: Frame, detections: Detections) -> None:
+        """Take in one more frame."""
+        ...
+
+    def names(self) -> list[str]:
+        """The names that the index can locate for certain, sorted."""
+        ...
+
+    def locate(self, name: str) -> Place | None: ...
+
+    def save(self, folder: Path) -> None:
+        """Write into an existing, empty folder."""
+        ...
+
+    def load(self, folder: Path) -> None:
+        """Take the state that ``save`` wrote into a freshly made index."""
+        ...
+
+
+class Reasoner(Protocol):
+    """Picks the object that serves a person's words. Never returns an object that is not in the list it was given."""
+
+    name: str
+
+    def select(self, query: str, objects: Sequence[str], dialogue: Sequence[tuple[str, str]] = ()) -> Selection:
+        """``dialogue`` holds earlier (person, robot) turns, oldest first."""
+        ...
+
+    def propose(self, query: str) -> list[str]:
+        """Names of things that would serve the words, without sight of any list (for the NLMap baseline)."""
+        ...
+
+
+class Robot(Protocol):
+    """How a goal leaves the program."""
+
+    name: str
+
+    def go_to(self, goal: Goal) -> str:
+        """Send the goal; returns one line that says what happened."""
+        ...
+
+
+class World(Protocol):
+    """A simulator that homes can be explored in."""
+
+    name: str
+
+    def homes(self) -> list[str]: ...
+    def explore(self, home: str, **options: Any) -> Recording: ...
+    def objects(self, home: str) -> list[TrueObject]: ...
+    def free(self, home: str, xy: Sequence[float]) -> bool: ...

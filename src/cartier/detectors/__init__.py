@@ -1,0 +1,1 @@
+"""Object detectors: one file each, found by name through cartier.plugins."""

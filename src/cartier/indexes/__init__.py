@@ -1,0 +1,1 @@
+"""Spatial language indices: one file each, found by name through cartier.plugins."""

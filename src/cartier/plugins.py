@@ -1,0 +1,143 @@
+"""Find a backend by name, by entry point (group ``cartier.KIND``) or by path to a .py file; say what is missing.
+
+A backend is a module whose docstring's first line describes it, with a factory ``make(**options)``; recordings have
+``matches(path)`` and ``open(path, **options)`` instead. ``EXTRA = "llm"`` names the optional dependencies that it needs.
+This module knows nothing about what the backends do.
+"""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import importlib.metadata
+import importlib.util
+import inspect
+from collections.abc import Callable
+from dataclasses import dataclass
+from difflib import get_close_matches
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from cartier.contracts import Recording
+from cartier.errors import BackendError, InputError, MissingExtra
+
+KINDS = ("recordings", "detectors", "encoders", "indexes", "reasoners", "robots", "worlds")
+PACKAGE = Path(__file__).parent
+
+
+@dataclass(frozen=True)
+class Backend:
+    """One row of ``cartier list``; read from the source, so that listing imports nothing heavy."""
+
+    kind: str
+    name: str
+    summary: str
+    extra: str | None
+
+
+def backends(kind: str) -> list[Backend]:
+    """Every built-in and installed backend of a kind, by name."""
+    if kind not in KINDS:
+        raise BackendError(f"there is no kind {kind!r} of backend; the kinds are {', '.join(KINDS)}")
+    files = [
+        f
+        for f in (PACKAGE / kind).iterdir()
+        if (f.suffix == ".py" or (f / "__init__.py").is_file()) and not f.name.startswith("_")
+    ]
+    built_in = [_read(kind, f) for f in sorted(files)]
+    added = [
+        Backend(kind, e.name, f"from {e.value}", None) for e in importlib.metadata.entry_points(group=f"cartier.{kind}")
+    ]
+    return built_in + sorted(added, key=lambda b: b.name)
+
+
+def make(kind: str, name: str, **options: Any) -> Any:
+    """A new backend of a kind, with its options checked against its factory's signature."""
+    return _call(kind, name, "make", (), options)
+
+
+def open_recording(path: str | Path, format: str | None = None, **options: Any) -> Recording:
+    """Open a recording in the format that recognises the path, or in the one named."""
+    path = Path(path)
+    if not path.exists():
+        raise InputError(f"{path} does not exist")
+    names = (
+        [format] if format else [b.name for b in backends("recordings") if _load("recordings", b.name).matches(path)]
+    )
+    if not names:
+        known = ", ".join(b.name for b in backends("recordings"))
+        raise InputError(
+            f"{path} is no recording that cartier knows (formats: {known}); 'cartier list' says what each one looks like"
+        )
+    recording: Recording = _call("recordings", names[0], "open", (path,), options)
+    return recording
+
+
+def _read(kind: str, file: Path) -> Backend:
+    tree = ast.parse((file / "__init__.py" if file.is_dir() else file).read_text(encoding="utf-8"))
+    extra = next(
+        (
+            n.value.value
+            for n in tree.body
+            if isinstance(n, ast.Assign)
+            and isinstance(n.targets[0], ast.Name)
+            and n.targets[0].id == "EXTRA"
+            and isinstance(n.value, ast.Constant)
+        ),
+        None,
+    )
+    return Backend(kind, file.stem, (ast.get_docstring(tree) or "").split("\n")[0], str(extra) if extra else None)
+
+
+def _load(kind: str, name: str) -> ModuleType:
+    if name.endswith(".py"):
+        return _load_file(Path(name))
+    for entry in importlib.metadata.entry_points(group=f"cartier.{kind}", name=name):
+        module: ModuleType = entry.load()
+        return module
+    known = [b.name for b in backends(kind)]
+    if name not in known:
+        close = get_close_matches(name, known, 1)
+        hint = f"did you mean {close[0]!r}? " if close else ""
+        raise BackendError(
+            f"there is no {name!r} among the {kind}; {hint}There are {', '.join(known)}, or a path to a .py file"
+        )
+    return importlib.import_module(f"cartier.{kind}.{name}")
+
+
+def _load_file(path: Path) -> ModuleType:
+    if not path.is_file():
+        raise BackendError(f"backend file {path} does not exist")
+    spec = importlib.util.spec_from_file_location(f"cartier_plugin_{path.stem}", path)
+    assert spec is not None and spec.loader is not None  # a .py suffix always has a loader
+    module = importlib.util.module_from_spec(spec)
+    try:
+        spec.loader.exec_module(module)
+    except SyntaxError as error:
+        raise BackendError(f"{path} line {error.lineno}: {error.msg}") from error
+    return module
+
+
+def _call(kind: str, name: str, function: str, args: tuple[Any, ...], options: dict[str, Any]) -> Any:
+    try:
+        module = _load(kind, name)
+        factory: Callable[..., Any] | None = getattr(module, function, None)
+        if factory is None:
+            raise BackendError(
+                f"{name} has no function {function}(…), which a backend of {kind} needs (see CONTRIBUTING.md)"
+            )
+        parameters = inspect.signature(factory).parameters
+        open_ended = any(p.kind is p.VAR_KEYWORD for p in parameters.values())
+        unknown = [] if open_ended else [o for o in options if o not in parameters]
+        if unknown:
+            offered = [p for p in list(parameters)[len(args) :]]
+            raise BackendError(f"{kind} {name!r} has no option {unknown[0]!r}; it has {', '.join(offered) or 'none'}")
+        return factory(*args, **options)
+    except ModuleNotFoundError as error:
+        missing = (error.name or "").split(".")[0]
+        if missing in ("", "cartier"):  # a broken import of our own is a bug and keeps its traceback
+            raise
+        extra = next((b.extra for b in backends(kind) if b.name == name), None)
+        need = f"cartier[{extra}]" if extra else missing
+        raise MissingExtra(f"{kind} {name!r} needs the package {missing!r}: pip install '{need}'") from error

@@ -1,0 +1,1 @@
+"""Reasoners: one file each, found by name through cartier.plugins."""

@@ -1,0 +1,1 @@
+"""How a goal leaves: one file each, found by name through cartier.plugins."""

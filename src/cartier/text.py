@@ -1,0 +1,13 @@
+"""Object names: the form that people and language models read."""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+
+
+def display_name(label: str) -> str:
+    """A detector's label as people write it: ``CoffeeMachine`` and ``coffee_machine`` become ``coffee machine``."""
+    spaced = re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", " ", unicodedata.normalize("NFC", label))
+    words = re.sub(r"[\s_]+", " ", "".join(c if c.isprintable() else " " for c in spaced)).strip()
+    return words.lower()

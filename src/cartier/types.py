@@ -1,0 +1,314 @@
+"""What flows through cartier: frozen dataclasses over numpy, checked once, at construction.
+
+Conventions, said once for the whole project:
+
+- Metres, seconds, radians, pixels. ``_m``, ``_s``, ``_px`` or the layout stands in the name.
+- World: right-handed, z up (REP-103), the ``map`` frame of REP-105; z = 0 is the floor.
+- Camera: optical frame, x right, y down, z forward. Pixel (0, 0) is the *centre* of the top-left pixel.
+- ``b_from_a`` is the 4x4 transform that takes points of a to b.
+- Boxes in images are ``xyxy`` in pixels; in the world they are axis-aligned ``box_min``, ``box_max``.
+- Depth is z-depth (not range), float32, NaN where the sensor read nothing.
+
+Only the recording readers and the AI2-THOR adapter convert other conventions to these.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from cartier.errors import InputError
+
+Array = npt.NDArray[Any]
+Floats = npt.NDArray[np.floating[Any]]
+Status = Literal["found", "near", "absent", "clarify"]
+
+FREE, OCCUPIED, UNKNOWN = 0, 100, -1
+"""Cell values of an OccupancyGrid: those of ``nav_msgs/OccupancyGrid``."""
+
+
+def _need(ok: bool, message: str) -> None:
+    if not ok:
+        raise InputError(message)
+
+
+def _finite(values: Sequence[float] | Array, size: int, what: str) -> tuple[float, ...]:
+    numbers = tuple(float(v) for v in values)
+    _need(
+        len(numbers) == size and all(map(math.isfinite, numbers)),
+        f"{what} must be {size} finite numbers, got {numbers}",
+    )
+    return numbers
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A pinhole camera without distortion; fx, fy, cx, cy in pixels."""
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+
+    def __post_init__(self) -> None:
+        _need(
+            0 < self.width <= 1 << 15 and 0 < self.height <= 1 << 15,
+            f"camera size must be 1 to 32768 px, got {self.width}x{self.height}",
+        )
+        _finite((self.fx, self.fy, self.cx, self.cy), 4, "camera fx, fy, cx, cy")
+        _need(self.fx > 0 and self.fy > 0, f"camera focal lengths must be positive, got fx={self.fx}, fy={self.fy}")
+
+    def scaled(self, width: int, height: int) -> Camera:
+        """The same camera read out at another size (pixel centres stay at whole numbers)."""
+        sx, sy = width / self.width, height / self.height
+        return Camera(width, height, self.fx * sx, self.fy * sy, (self.cx + 0.5) * sx - 0.5, (self.cy + 0.5) * sy - 0.5)
+
+
+def check_pose(world_from_camera: Array, where: str = "pose") -> npt.NDArray[np.float64]:
+    """A (4, 4) rigid transform as float64, or an InputError that says what is wrong with it."""
+    pose = np.asarray(world_from_camera, dtype=np.float64)
+    _need(pose.shape == (4, 4), f"{where}: a pose must be 4x4, got {pose.shape}")
+    _need(bool(np.isfinite(pose).all()), f"{where}: the pose holds NaN or infinity")
+    _need(
+        bool(np.allclose(pose[3], (0, 0, 0, 1), atol=1e-6)),
+        f"{where}: the last row of a pose must be 0 0 0 1, got {pose[3].tolist()}",
+    )
+    off = float(np.abs(pose[:3, :3] @ pose[:3, :3].T - np.eye(3)).max())
+    _need(off < 1e-2, f"{where}: the rotation is not orthonormal (off by {off:.3g})")
+    _need(
+        float(np.linalg.det(pose[:3, :3])) > 0,
+        f"{where}: the rotation mirrors (determinant -1): is the world left-handed?",
+    )
+    return pose
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """One RGB-D view. ``rgb`` (H, W, 3) uint8; ``depth_m`` (H, W) float32 or None; ``world_from_camera`` (4, 4).
+
+    ``instances`` (H, W) int32 are a simulator's true object ids (0 = none); only what is *called* ground truth may read them.
+    """
+
+    index: int
+    time_s: float
+    rgb: npt.NDArray[np.uint8]
+    depth_m: npt.NDArray[np.float32] | None
+    world_from_camera: npt.NDArray[np.float64]
+    camera: Camera
+    instances: npt.NDArray[np.int32] | None = None
+
+    def __post_init__(self) -> None:
+        shape, where = (self.camera.height, self.camera.width), f"frame {self.index}"
+        _need(
+            self.rgb.shape == (*shape, 3) and self.rgb.dtype == np.uint8,
+            f"{where}: rgb must be {(*shape, 3)} uint8, got {self.rgb.shape} {self.rgb.dtype}",
+        )
+        for name, image in (("depth_m", self.depth_m), ("instances", self.instances)):
+            _need(
+                image is None or image.shape == shape,
+                f"{where}: {name} must be {shape}, got {None if image is None else image.shape}",
+            )
+        object.__setattr__(self, "world_from_camera", check_pose(self.world_from_camera, where))
+
+
+@dataclass(frozen=True, eq=False)
+class Detections:
+    """What a detector saw in one frame: parallel arrays of N. ``masks`` (N, H, W) bool or None."""
+
+    frame: int
+    boxes_xyxy: npt.NDArray[np.float32]
+    scores: npt.NDArray[np.float32]
+    labels: tuple[str, ...]
+    masks: npt.NDArray[np.bool_] | None = None
+
+    def __post_init__(self) -> None:
+        boxes = np.asarray(self.boxes_xyxy, dtype=np.float32).reshape(-1, 4)
+        scores = np.asarray(self.scores, dtype=np.float32).reshape(-1)
+        object.__setattr__(self, "boxes_xyxy", boxes)
+        object.__setattr__(self, "scores", scores)
+        object.__setattr__(self, "labels", tuple(self.labels))
+        where = f"detections of frame {self.frame}"
+        _need(
+            len(boxes) == len(scores) == len(self.labels),
+            f"{where}: {len(boxes)} boxes, {len(scores)} scores, {len(self.labels)} labels",
+        )
+        _need(
+            bool(np.isfinite(boxes).all() and np.isfinite(scores).all()), f"{where}: a box or score is NaN or infinite"
+        )
+        _need(bool((boxes[:, 2:] >= boxes[:, :2]).all()), f"{where}: a box has x2 < x1 or y2 < y1")
+        _need(self.masks is None or len(self.masks) == len(boxes), f"{where}: as many masks as boxes are needed")
+
+    def __len__(self) -> int:
+        return len(self.labels)
+
+    def keep(self, which: Array) -> Detections:
+        """The detections that an index array or a boolean mask names."""
+        chosen = np.arange(len(self))[which]
+        masks = None if self.masks is None else self.masks[chosen]
+        return Detections(
+            self.frame, self.boxes_xyxy[chosen], self.scores[chosen], tuple(self.labels[i] for i in chosen), masks
+        )
+
+
+@dataclass(frozen=True)
+class TrueObject:
+    """A simulator's object with its true axis-aligned world box: ground truth, never an estimate."""
+
+    id: int
+    label: str
+    box_min: tuple[float, ...]
+    box_max: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where something is: a world position, the frame that shows it, and its image box there.
+
+    ``view_yaw`` is set where ``position`` is a *viewpoint* rather than the object: the direction in which it was seen.
+    """
+
+    label: str
+    position: tuple[float, ...]
+    score: float
+    frame: int
+    box_xyxy: tuple[float, ...] | None = None
+    box_min: tuple[float, ...] | None = None
+    box_max: tuple[float, ...] | None = None
+    view_yaw: float | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "position", _finite(self.position, 3, f"place of {self.label!r}: position"))
+        for name, size in (("box_xyxy", 4), ("box_min", 3), ("box_max", 3)):
+            value = getattr(self, name)
+            if value is not None:
+                object.__setattr__(self, name, _finite(value, size, f"place of {self.label!r}: {name}"))
+
+    def to_dict(self) -> dict[str, Any]:
+        return {
+            "position": list(self.position),
+            "box_min": _list(self.box_min),
+            "box_max": _list(self.box_max),
+            "frame": self.frame,
+            "box_xyxy": _list(self.box_xyxy),
+            "score": self.score,
+        }
+
+
+def _list(values: Sequence[float] | None) -> list[float] | None:
+    return None if values is None else list(values)
+
+
+@dataclass(frozen=True)
+class Selection:
+    """What a reasoner chose. ``object`` is one of the listed names for ``found`` and ``near``, else None.
+
+    ``question`` is what to ask the person when the status is ``clarify``. ``prompt``, ``reply`` and ``model`` are the trace.
+    """
+
+    status: Status
+    object: str | None = None
+    reason: str = ""
+    question: str | None = None
+    candidates: tuple[tuple[str, float], ...] = ()
+    prompt: str = ""
+    reply: str = ""
+    model: str = ""
+
+    def __post_init__(self) -> None:
+        _need(
+            self.status in ("found", "near", "absent", "clarify"),
+            f"selection status {self.status!r} is not found, near, absent or clarify",
+        )
+        _need(
+            (self.object is not None) == (self.status in ("found", "near")),
+            f"a selection that is {self.status!r} must {'' if self.status in ('found', 'near') else 'not '}name an object",
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Goal:
+    """A reachable pose in the map frame: x, y (m), yaw (rad), and the collision-free ``path`` (K, 2) of xy that leads there.
+
+    ``sees`` tells whether no known obstacle stands between the pose and the place.
+    """
+
+    x: float
+    y: float
+    yaw: float
+    path: npt.NDArray[np.float64]
+    length_m: float
+    place: Place
+    sees: bool
+
+    def to_dict(self) -> dict[str, Any]:
+        path = [[round(x, 4), round(y, 4)] for x, y in self.path.tolist()]
+        return {"x": self.x, "y": self.y, "yaw": self.yaw, "path": path, "length_m": self.length_m, "sees": self.sees}
+
+
+@dataclass(frozen=True, eq=False)
+class OccupancyGrid:
+    """A floor plan: ``cells`` (rows, cols) int8 of FREE, OCCUPIED, UNKNOWN; row 0 is the smallest y.
+
+    ``origin_xy`` is the outer corner of cell (0, 0) in the map frame.
+    """
+
+    cells: npt.NDArray[np.int8]
+    resolution_m: float
+    origin_xy: tuple[float, float]
+
+    def __post_init__(self) -> None:
+        _need(
+            self.cells.ndim == 2 and self.cells.size > 0,
+            f"an occupancy grid needs (rows, cols) cells, got {self.cells.shape}",
+        )
+        _need(self.resolution_m > 0, f"grid resolution must be positive, got {self.resolution_m}")
+
+    def cell(self, xy: Sequence[float] | Array) -> npt.NDArray[np.int64]:
+        """(row, col) of points (..., 2); may lie outside of the grid."""
+        return np.floor((np.asarray(xy, dtype=np.float64) - self.origin_xy) / self.resolution_m).astype(np.int64)[
+            ..., ::-1
+        ]
+
+    def centre(self, cell: Sequence[int] | Array) -> npt.NDArray[np.float64]:
+        """Map-frame xy of the centres of cells (..., 2) given as (row, col)."""
+        return np.asarray((np.asarray(cell)[..., ::-1] + 0.5) * self.resolution_m + self.origin_xy, dtype=np.float64)
+
+    def value(self, xy: Sequence[float]) -> int:
+        """The cell value at a point, UNKNOWN outside of the grid."""
+        row, col = self.cell(xy)
+        inside = 0 <= row < self.cells.shape[0] and 0 <= col < self.cells.shape[1]
+        return int(self.cells[row, col]) if inside else UNKNOWN
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """The whole trace of one request: what was chosen, where it is, how to get there, and what it took."""
+
+    query: str
+    selection: Selection
+    place: Place | None
+    goal: Goal | None
+    reasoner: str
+    index: str
+    detector: str
+    home: str
+    timing_ms: Mapping[str, float] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+    def to_dict(self) -> dict[str, Any]:
+        """The object that ``cartier ask --json`` prints."""
+        chosen = self.selection
+        return {
+            "query": self.query, "status": chosen.status, "object": chosen.object, "reason": chosen.reason, "question": chosen.question,
+            "place": self.place.to_dict() if self.place else None, "goal": self.goal.to_dict() if self.goal else None,
+            "candidates": [{"object": name, "score": score} for name, score in chosen.candidates],
+            "reasoner": self.reasoner, "index": self.index, "detector": self.detector, "home": self.home,
+            "timing_ms": {step: round(ms, 2) for step, ms in self.timing_ms.items()}, "notes": list(self.notes),
+        }  # fmt: skip

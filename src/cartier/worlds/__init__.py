@@ -1,0 +1,1 @@
+"""Simulated homes: one file each, found by name through cartier.plugins."""
