@@ -1,4 +1,25 @@
 """Talk to a mapped home: a recording and a need in, the object that serves it and a reachable pose out."""
 
 from cartier.errors import BackendError, CartierError, InputError, MissingExtra, ReasonerError
-from cartier.types import Camera, Frame
+from cartier.plugins import make, open_recording
+from cartier.types import Answer, Camera, Detections, Frame, Goal, OccupancyGrid, Place, Selection, TrueObject
+
+__version__ = "0.1.0"
+__all__ = [
+    "Answer",
+    "BackendError",
+    "Camera",
+    "CartierError",
+    "Detections",
+    "Frame",
+    "Goal",
+    "InputError",
+    "MissingExtra",
+    "OccupancyGrid",
+    "Place",
+    "ReasonerError",
+    "Selection",
+    "TrueObject",
+    "make",
+    "open_recording",
+]
