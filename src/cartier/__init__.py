@@ -1,6 +1,8 @@
 """Talk to a mapped home: a recording and a need in, the object that serves it and a reachable pose out."""
 
 from cartier.errors import BackendError, CartierError, InputError, MissingExtra, ReasonerError
+from cartier.home import Home
+from cartier.pipeline import ask, map_home
 from cartier.plugins import make, open_recording
 from cartier.types import Answer, Camera, Detections, Frame, Goal, OccupancyGrid, Place, Selection, TrueObject
 
@@ -13,6 +15,7 @@ __all__ = [
     "Detections",
     "Frame",
     "Goal",
+    "Home",
     "InputError",
     "MissingExtra",
     "OccupancyGrid",
@@ -20,6 +23,8 @@ __all__ = [
     "ReasonerError",
     "Selection",
     "TrueObject",
+    "ask",
     "make",
+    "map_home",
     "open_recording",
 ]

@@ -131,7 +131,7 @@ def _call(kind: str, name: str, function: str, args: tuple[Any, ...], options: d
         open_ended = any(p.kind is p.VAR_KEYWORD for p in parameters.values())
         unknown = [] if open_ended else [o for o in options if o not in parameters]
         if unknown:
-            offered = [p for p in list(parameters)[len(args) :]]
+            offered = list(parameters)[len(args) :]
             raise BackendError(f"{kind} {name!r} has no option {unknown[0]!r}; it has {', '.join(offered) or 'none'}")
         return factory(*args, **options)
     except ModuleNotFoundError as error:

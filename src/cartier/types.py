@@ -256,17 +256,23 @@ class Goal:
 class OccupancyGrid:
     """A floor plan: ``cells`` (rows, cols) int8 of FREE, OCCUPIED, UNKNOWN; row 0 is the smallest y.
 
-    ``origin_xy`` is the outer corner of cell (0, 0) in the map frame.
+    ``origin_xy`` is the outer corner of cell (0, 0) in the map frame. ``height_m`` (rows, cols) is how high what was seen
+    above the floor reaches in each cell (0 = nothing seen): with it, lines of sight can pass over a table.
     """
 
     cells: npt.NDArray[np.int8]
     resolution_m: float
     origin_xy: tuple[float, float]
+    height_m: npt.NDArray[np.float16]
 
     def __post_init__(self) -> None:
         _need(
             self.cells.ndim == 2 and self.cells.size > 0,
             f"an occupancy grid needs (rows, cols) cells, got {self.cells.shape}",
+        )
+        _need(
+            self.height_m.shape == self.cells.shape,
+            f"grid heights must be {self.cells.shape}, got {self.height_m.shape}",
         )
         _need(self.resolution_m > 0, f"grid resolution must be positive, got {self.resolution_m}")
 

@@ -1,0 +1,69 @@
+"""Files that may be damaged or half-written: read JSON with one clear line on a fault, write folders all or nothing."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from cartier.errors import InputError
+
+MAX_JSON_BYTES = 256 * 1024 * 1024
+
+
+def read_json(path: Path) -> Any:
+    """The value in a JSON file, or an InputError that names file, line and fault."""
+    try:
+        if path.stat().st_size > MAX_JSON_BYTES:
+            raise InputError(f"{path} is larger than {MAX_JSON_BYTES // 2**20} MiB; that is no file of cartier's")
+        return json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError as error:
+        raise InputError(f"{path} is missing") from error
+    except json.JSONDecodeError as error:
+        raise InputError(f"{path} line {error.lineno}: not valid JSON ({error.msg})") from error
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path} is not UTF-8 text") from error
+    except RecursionError as error:
+        raise InputError(f"{path} is nested too deeply to be a file of cartier's") from error
+
+
+def write_json(path: Path, value: Any) -> None:
+    """Pretty, UTF-8, with a newline at the end; NaN is refused because JSON has none."""
+    path.write_text(json.dumps(value, indent=1, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8")
+
+
+@contextmanager
+def replaced_folder(target: Path, marker: str) -> Iterator[Path]:
+    """A temporary folder beside ``target`` that takes its place when the block ends well, and vanishes when it does not.
+
+    An old ``target`` is replaced only if it holds the file ``marker``: nothing but our own folders is ever deleted.
+    Between the two renames of a replacement a kill leaves the old folder as ``.NAME.old``; ``recover_folder`` restores it.
+    """
+    recover_folder(target)
+    if target.exists() and not (target / marker).is_file() and not (target.is_dir() and not any(target.iterdir())):
+        raise InputError(f"{target} exists and holds no {marker}: choose another folder, or delete it yourself")
+    target.parent.mkdir(parents=True, exist_ok=True)
+    temporary, old = target.parent / f".{target.name}.new", target.parent / f".{target.name}.old"
+    shutil.rmtree(temporary, ignore_errors=True)
+    temporary.mkdir()
+    try:
+        yield temporary
+        if target.exists():
+            target.replace(old)
+        temporary.replace(target)
+        shutil.rmtree(old, ignore_errors=True)
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+
+
+def recover_folder(target: Path) -> None:
+    """Undo a replacement that was killed between its two renames."""
+    old = target.parent / f".{target.name}.old"
+    if old.is_dir():
+        if target.exists():
+            shutil.rmtree(old)
+        else:
+            old.replace(target)

@@ -1,0 +1,235 @@
+"""Which way is up and how high the floor is, for recordings whose world knows neither.
+
+Cameras are held level: nobody records a home with the camera rolled to its side. That gives a first guess of up, and all
+there is without depth. With depth, the horizontal surfaces (floor, tables, seats) are the largest set of normals near the
+guess, and the thin layers that they form give up to a fraction of a degree. The lowest layer is the floor.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from cartier.errors import InputError
+from cartier.geometry import backproject, transform
+from cartier.types import Array, Camera
+
+Vector = npt.NDArray[np.float64]
+
+FRAMES = 20
+SAMPLES_ACROSS = 80
+CONE_DEG = 45.0  # a camera that always looks 30 degrees down puts its own up 30 degrees off
+AGREE_DEG = 10.0
+MIN_SHARE, MIN_SAMPLES = 0.03, 200
+BIN_M, LAYER_M = 0.02, 0.03
+ASSUMED_CAMERA_HEIGHT_M = 1.5
+
+
+@dataclass(frozen=True, eq=False)
+class Levelling:
+    """``level_from_world`` (4, 4) takes the source's world to one with z up and z = 0 on the floor.
+
+    ``up`` (3,) is a unit vector of the source's world, ``floor_m`` the floor's height along it; ``notes`` say how both
+    were found, one line each.
+    """
+
+    level_from_world: npt.NDArray[np.float64]
+    up: Vector
+    floor_m: float
+    notes: tuple[str, ...]
+
+
+def level(
+    world_from_cameras: Array,
+    camera: Camera,
+    depth_of: Callable[[int], Array | None] | None = None,
+    up: Sequence[float] | None = None,
+    floor_m: float | None = None,
+) -> Levelling:
+    """Estimate up and the floor from camera poses (N, 4, 4) and, where there is depth, about 20 depth images.
+
+    ``depth_of(i)`` gives frame i's z-depth (H, W) in metres, NaN where there is none. ``up`` (x, y, z in the source's
+    world) and ``floor_m`` (along up) override the estimates. Raises InputError if they make no sense.
+    """
+    poses = np.asarray(world_from_cameras, dtype=np.float64)
+    given_up = None if up is None else _direction(up)
+    given_floor_m = None if floor_m is None else _height(floor_m)
+    surfaces = None
+    if depth_of is not None and (given_up is None or given_floor_m is None):
+        surfaces = _surfaces(poses, camera, depth_of)
+    direction, up_note = _find_up(poses, surfaces) if given_up is None else (given_up, "up given by the user")
+    height, floor_note = (
+        _find_floor(poses, surfaces, direction) if given_floor_m is None else (given_floor_m, "floor given by the user")
+    )
+    matrix = np.eye(4)
+    matrix[:3, :3] = _rotation_to_z(direction)
+    matrix[2, 3] = -height
+    return Levelling(matrix, direction, height, (up_note, floor_note))
+
+
+@dataclass(frozen=True, eq=False)
+class _Surfaces:
+    """World points (M, 3) and unit normals (M, 3), towards the camera, sampled from ``frames`` frames."""
+
+    points: Array
+    normals: Array
+    frames: int
+
+    def level_points(self, up: Vector) -> Array:
+        """The points of nearly horizontal, upward surfaces."""
+        return self.points[_near(self.normals, up, AGREE_DEG + 5)]
+
+
+def _find_up(poses: Array, surfaces: _Surfaces | None) -> tuple[Vector, str]:
+    guess, how = _camera_up(poses)
+    share = 0.0
+    if surfaces is not None:
+        up, share = _surface_up(surfaces, guess)
+    if surfaces is not None and share >= MIN_SHARE:
+        source = f"{surfaces.frames} frames: {share:.0%} of the surfaces agree"
+    else:
+        lack = "there is no depth" if surfaces is None else "too few horizontal surfaces were seen"
+        up, source = guess, f"the cameras alone ({how}; {lack}), perhaps some degrees off"
+    x, y, z = up
+    return up, f"up estimated as ({x:.3f}, {y:.3f}, {z:.3f}) from {source}; override with up=x,y,z"
+
+
+def _camera_up(poses: Array) -> tuple[Vector, str]:
+    """Up as the cameras have it: the direction least along their x axes if they look around, else their mean -y."""
+    mean_up = -poses[:, :3, 1].mean(axis=0)
+    length = float(np.linalg.norm(mean_up))
+    if length < 0.1:
+        raise InputError("the cameras' own up directions cancel out, so up cannot be guessed; give it with up=x,y,z")
+    mean_up /= length
+    x_axes = poses[:, :3, 0]
+    spread, directions = np.linalg.eigh(x_axes.T @ x_axes / len(poses))
+    axis = np.asarray(directions[:, 0] * np.copysign(1, directions[:, 0] @ mean_up), dtype=np.float64)
+    look_around = spread[1] > 0.05 and spread[0] < spread[1] / 5  # yaw varies by > 13 degrees, roll much less
+    if look_around and axis @ mean_up > np.cos(np.radians(CONE_DEG)):
+        return axis, "their x axes taken as horizontal"
+    return np.asarray(mean_up, dtype=np.float64), "their mean up"
+
+
+def _surfaces(poses: Array, camera: Camera, depth_of: Callable[[int], Array | None]) -> _Surfaces | None:
+    """Surface samples of frames spread over the recording, or None if none of them has depth."""
+    chosen = np.unique(np.linspace(0, len(poses) - 1, FRAMES).round().astype(int))
+    depths = ((int(i), depth_of(int(i))) for i in chosen)
+    parts = [_oriented(poses[i], camera, depth) for i, depth in depths if depth is not None]
+    if not parts:
+        return None
+    points, normals = (np.concatenate(column) for column in zip(*parts, strict=True))
+    return _Surfaces(points, normals, len(parts))
+
+
+def _oriented(world_from_camera: Array, camera: Camera, depth_m: Array) -> tuple[Array, Array]:
+    """Points and normals (m, 3) of one depth image, from central differences on a coarse raster."""
+    stride = max(1, camera.width // SAMPLES_ACROSS)
+    points = backproject(depth_m, camera, stride)
+    centre = points[1:-1, 1:-1]
+    along_x = points[1:-1, 2:] - points[1:-1, :-2]
+    along_y = points[2:, 1:-1] - points[:-2, 1:-1]
+    normals = np.cross(along_y, along_x)
+    lengths = np.linalg.norm(normals, axis=-1)
+    reach = 12 * stride / camera.fx * centre[..., 2]  # six times the spacing on a frontal plane: beyond lies an edge
+    smooth = (np.linalg.norm(along_x, axis=-1) < reach) & (np.linalg.norm(along_y, axis=-1) < reach) & (lengths > 0)
+    centre, normals = centre[smooth], normals[smooth] / lengths[smooth, None]
+    facing = np.copysign(1, -np.einsum("ij,ij->i", normals, centre))
+    rotation = np.asarray(world_from_camera[:3, :3], dtype=np.float32)
+    return transform(world_from_camera, centre), (normals * facing[:, None]) @ rotation.T
+
+
+def _surface_up(surfaces: _Surfaces, guess: Vector) -> tuple[Vector, float]:
+    """The mode of the normals near the guess, refined on flat layers, and the share of the normals that agree with it."""
+    normals = surfaces.normals
+    near = normals[_near(normals, guess, CONE_DEG)]
+    if len(near) < MIN_SAMPLES:
+        return guess, 0.0
+    seeds = near[:: max(1, len(near) // 200)]
+    votes = np.count_nonzero(near @ seeds.T > np.cos(np.radians(AGREE_DEG)), axis=0)
+    up = _direction(seeds[votes.argmax()])
+    for band_deg in (15, 12, 10, 8, 8, 8):
+        up = _direction(near[_near(near, up, band_deg)].mean(axis=0))
+    for _ in range(4):
+        up = _flattened(surfaces.level_points(up), up)
+    return up, float(np.mean(_near(normals, up, AGREE_DEG)))
+
+
+def _flattened(points: Array, up: Vector) -> Vector:
+    """The up along which the layers of points are thinnest: one plane fit pooled over all layers."""
+    heights = points @ up
+    layers = _layers(heights)
+    if not len(layers):
+        return up
+    scatter = np.zeros((3, 3))
+    for centre in layers:
+        layer = points[np.abs(heights - centre) < LAYER_M].astype(np.float64)
+        layer -= layer.mean(axis=0)
+        scatter += layer.T @ layer
+    scatter += 1e-3 * np.trace(scatter) * (np.eye(3) - np.outer(up, up))  # a narrow strip must not tip over
+    _, directions = np.linalg.eigh(scatter)
+    axis = _direction(directions[:, 0] * np.copysign(1, directions[:, 0] @ up))
+    return axis if axis @ up > np.cos(np.radians(AGREE_DEG)) else up
+
+
+def _layers(heights: Array) -> Vector:
+    """Heights, lowest first, at which points pile up: local peaks of the histogram with enough support."""
+    if len(heights) < MIN_SAMPLES:
+        return np.empty(0)
+    low, high = np.percentile(heights, (0.1, 99.9))
+    edges = np.arange(low - 10 * BIN_M, high + 11 * BIN_M, BIN_M)
+    counts = np.convolve(np.histogram(heights, edges)[0], np.ones(3), mode="same")
+    window = np.lib.stride_tricks.sliding_window_view(np.pad(counts, 4), 9).max(axis=1)
+    peaks = (counts == window) & (counts >= MIN_SHARE * len(heights))
+    return np.asarray(edges[:-1][peaks] + BIN_M / 2, dtype=np.float64)
+
+
+def _find_floor(poses: Array, surfaces: _Surfaces | None, up: Vector) -> tuple[float, str]:
+    camera_m = float(np.median(poses[:, :3, 3] @ up))
+    heights = np.empty(0) if surfaces is None else surfaces.level_points(up) @ up
+    layers = _layers(heights)
+    if not len(layers):
+        floor_m = camera_m - ASSUMED_CAMERA_HEIGHT_M
+        lack = "there is no depth" if surfaces is None else "no horizontal surface was seen"
+        return floor_m, (
+            f"floor assumed {ASSUMED_CAMERA_HEIGHT_M} m below the cameras, at {floor_m:.3f} m along up ({lack}); "
+            "override with floor_m=…"
+        )
+    floor_m = float(layers[0])
+    for _ in range(3):
+        floor_m = float(np.median(heights[np.abs(heights - floor_m) < LAYER_M]))
+    return floor_m, (
+        f"floor estimated at {floor_m:.3f} m along up, {camera_m - floor_m:.2f} m below the cameras: "
+        "the lowest large horizontal surface; override with floor_m=…"
+    )
+
+
+def _near(normals: Array, up: Vector, degrees: float) -> npt.NDArray[np.bool_]:
+    return np.asarray(normals @ up.astype(normals.dtype) > np.cos(np.radians(degrees)))
+
+
+def _direction(vector: Sequence[float] | Array) -> Vector:
+    try:
+        values = np.asarray(vector, dtype=np.float64)
+    except (TypeError, ValueError):
+        values = np.empty(0)
+    if values.shape != (3,) or not np.isfinite(values).all() or not np.linalg.norm(values) > 0:
+        raise InputError(f"up must be three finite numbers that are not all zero, got {vector!r}")
+    return np.asarray(values / np.linalg.norm(values), dtype=np.float64)
+
+
+def _height(floor_m: float) -> float:
+    if not isinstance(floor_m, int | float) or not np.isfinite(floor_m):
+        raise InputError(f"floor_m must be a finite height in metres, got {floor_m!r}")
+    return float(floor_m)
+
+
+def _rotation_to_z(up: Vector) -> npt.NDArray[np.float64]:
+    """The smallest rotation that takes the unit vector ``up`` to +z."""
+    x, y, z = up
+    if z < -1 + 1e-9:
+        return np.diag([1.0, -1.0, -1.0])
+    cross = np.array([[0, 0, -x], [0, 0, -y], [x, y, 0]])
+    return np.asarray(np.eye(3) + cross + cross @ cross / (1 + z), dtype=np.float64)

@@ -1,0 +1,211 @@
+"""A floor plan from depth: free, occupied and unknown kept apart; and its Nav2 map_server files.
+
+A cell is *occupied* where points were seen in the robot's height band, *free* where the floor was seen or where every
+ray down to knee height passed, and *unknown* otherwise. Obstacles win over free space, unless the floor was seen far
+more often: a chair that was moved does not haunt the map.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from cartier.errors import InputError
+from cartier.geometry import backproject, transform
+from cartier.types import FREE, OCCUPIED, UNKNOWN, Frame, OccupancyGrid
+
+FLOOR_M = 0.10  # points up to this height are floor: depth noise at 4 m is about this large
+BAND_TOP_M = 1.5  # what hangs higher does not stop the robot
+SIGHT_TOP_M = 2.2  # ceilings and door lintels are no obstacles to sight
+KNEE_M = 0.5  # rays clear a cell if everything from here up was seen to be empty; lower things must be seen to count
+STEP_M = 1.0  # the way between two camera positions closer than this was walked
+RANGE_M = 5.0  # depth cameras tell little beyond
+COLUMNS = 160  # image columns that are looked at: enough for a 5 cm grid, and cheap
+MIN_POINTS = 2  # one lone point in a cell and frame is a flying pixel
+FREE_BEATS_OCCUPIED = 4  # frames in which the floor was seen for one in which an obstacle was
+MAX_SIDE_M = 200.0
+BINS = 720  # azimuth bins of half a degree
+
+
+class OccupancyMapper:
+    """Grows a grid frame by frame. Memory depends on the area seen, not on the number of frames."""
+
+    def __init__(self, resolution_m: float = 0.05, robot_radius_m: float = 0.2) -> None:
+        self.resolution_m = resolution_m
+        self.robot_radius_m = robot_radius_m
+        self._last_xy: npt.NDArray[np.float64] | None = None
+        self._low = np.zeros(
+            2, np.int64
+        )  # (row, col) of the arrays' first cell, in units of cells from the world origin
+        self._occupied = np.zeros((0, 0), np.uint16)
+        self._floor = np.zeros((0, 0), np.uint16)
+        self._passed = np.zeros((0, 0), np.uint16)
+        self._height_m = np.zeros((0, 0), np.float16)
+
+    def add(self, frame: Frame) -> None:
+        """Take in one frame with depth.
+
+        Raises InputError if the pose lies so far from the others that the grid would exceed 200 m.
+        """
+        camera_xy = frame.world_from_camera[:2, 3]
+        assert frame.depth_m is not None
+        near = backproject(frame.depth_m, frame.camera, max(1, frame.camera.width // COLUMNS)).reshape(-1, 3)
+        near = near[(near[:, 2] > 0) & (near[:, 2] <= RANGE_M)]  # drops NaN too
+        points = transform(frame.world_from_camera, near)
+        self._cover(camera_xy, points[:, :2], frame.index)
+        self._walk(camera_xy)
+        if len(points):
+            self._mark(points)
+            self._cast(frame, points)
+
+    def grid(self) -> OccupancyGrid | None:
+        """What is known so far, or None before the first frame."""
+        if not self._occupied.size:
+            return None
+        cells = np.full(self._occupied.shape, UNKNOWN, np.int8)
+        seen_free = self._floor + self._passed
+        cells[seen_free > 0] = FREE
+        cells[(self._occupied > 0) & (self._occupied.astype(np.uint32) * FREE_BEATS_OCCUPIED > self._floor)] = OCCUPIED
+        return OccupancyGrid(cells, self.resolution_m, self._origin(), self._height_m.copy())
+
+    def _origin(self) -> tuple[float, float]:
+        return float(self._low[1] * self.resolution_m), float(self._low[0] * self.resolution_m)
+
+    def _cells(self, xy: npt.NDArray[np.floating]) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+        cells = np.floor(xy / self.resolution_m).astype(np.int64)
+        return cells[:, 1] - self._low[0], cells[:, 0] - self._low[1]
+
+    def _cover(self, camera_xy: npt.NDArray[np.float64], xy: npt.NDArray[np.floating], index: int) -> None:
+        """Grow the arrays, in steps of a metre or more, so that they hold these points."""
+        everything = np.concatenate([camera_xy[None] - self.robot_radius_m, camera_xy[None] + self.robot_radius_m, xy])
+        low = np.floor(everything.min(0) / self.resolution_m).astype(np.int64)[::-1]
+        high = np.floor(everything.max(0) / self.resolution_m).astype(np.int64)[::-1] + 1
+        shape = np.array(self._occupied.shape)
+        if self._occupied.size:
+            if (low >= self._low).all() and (high <= self._low + shape).all():
+                return
+            low, high = np.minimum(low, self._low), np.maximum(high, self._low + shape)
+        if (high - low).max() * self.resolution_m > MAX_SIDE_M:
+            raise InputError(
+                f"frame {index}: its pose at ({camera_xy[0]:.1f}, {camera_xy[1]:.1f}) m would make the map larger than "
+                f"{MAX_SIDE_M:.0f} m; is it an outlier, or in another unit?"
+            )
+        step = max(1, round(1 / self.resolution_m))
+        low, high = low - step, high + step
+        before: npt.NDArray[np.int64] = self._low - low if self._occupied.size else np.zeros(2, np.int64)
+        after = high - low - before - shape
+        pad = [(int(before[0]), int(after[0])), (int(before[1]), int(after[1]))]
+        self._occupied, self._floor, self._passed = (
+            np.pad(layer, pad) for layer in (self._occupied, self._floor, self._passed)
+        )
+        self._height_m = np.pad(self._height_m, pad)
+        self._low = low
+
+    def _walk(self, camera_xy: npt.NDArray[np.float64]) -> None:
+        """Where the camera was carried, a body fitted: discs of the robot's radius along its way are free."""
+        last = camera_xy if self._last_xy is None else self._last_xy
+        length = float(np.linalg.norm(camera_xy - last))
+        steps = math.ceil(length / self.resolution_m) + 1 if length <= STEP_M else 1
+        way = np.linspace(camera_xy, last, steps)
+        n = math.ceil(self.robot_radius_m / self.resolution_m)
+        dy, dx = np.mgrid[-n : n + 1, -n : n + 1]
+        inside = np.hypot(dx, dy) * self.resolution_m <= self.robot_radius_m
+        rows, cols = self._cells(way)
+        self._passed[(rows[:, None] + dy[inside]).ravel(), (cols[:, None] + dx[inside]).ravel()] += 1
+        self._last_xy = camera_xy.copy()
+
+    def _mark(self, points: npt.NDArray[np.floating]) -> None:
+        """Count the cells in which this frame shows floor or obstacles, and keep how high the obstacles reach."""
+        z = points[:, 2]
+        rows, cols = self._cells(points[:, :2])
+        flat = rows * self._occupied.shape[1] + cols
+        floor, solid = np.abs(z) < FLOOR_M, (z >= FLOOR_M) & (z <= BAND_TOP_M)
+        for layer, which in ((self._floor, floor), (self._occupied, solid)):
+            cells, count = np.unique(flat[which], return_counts=True)
+            layer.reshape(-1)[cells[count >= MIN_POINTS]] += 1
+        tall = (z >= FLOOR_M) & (z <= SIGHT_TOP_M)
+        np.maximum.at(self._height_m.reshape(-1), flat[tall], z[tall].astype(np.float16))
+
+    def _cast(self, frame: Frame, points: npt.NDArray[np.floating]) -> None:
+        """Free the cells that every ray from knee height up passed, per half degree of azimuth, up to the first obstacle."""
+        eye = frame.world_from_camera[:3, 3]
+        offset = points[:, :2] - eye[:2].astype(np.float32)
+        reach = np.hypot(offset[:, 0], offset[:, 1])
+        bins = ((np.arctan2(offset[:, 1], offset[:, 0]) + np.float32(math.pi)) * np.float32(BINS / math.tau)).astype(
+            np.intp
+        ) % BINS
+        slope = (points[:, 2] - np.float32(eye[2])) / np.maximum(reach, np.float32(1e-3))
+        stop, floor_end, lowest = (
+            np.full(BINS, np.inf, np.float32),
+            np.zeros(BINS, np.float32),
+            np.full(BINS, np.inf, np.float32),
+        )
+        solid = (points[:, 2] >= FLOOR_M) & (points[:, 2] <= BAND_TOP_M)
+        np.minimum.at(stop, bins[solid], reach[solid])
+        np.maximum.at(floor_end, bins[~solid], np.where(np.abs(points[:, 2]) < FLOOR_M, reach, 0)[~solid])
+        np.minimum.at(lowest, bins, slope)
+        begin = np.where(lowest < 0, (KNEE_M - eye[2]) / np.minimum(lowest, -1e-6), np.inf)
+        end = np.where(np.isfinite(stop), stop - self.resolution_m, floor_end)
+        angles = (np.arange(BINS) + 0.5) * (math.tau / BINS) - math.pi
+        steps = np.arange(0, RANGE_M * 1.5, self.resolution_m / 2)
+        b, s = np.nonzero((steps >= begin[:, None]) & (steps < end[:, None]))
+        if not len(b):
+            return
+        xy = eye[:2] + steps[s, None] * np.stack([np.cos(angles[b]), np.sin(angles[b])], 1)
+        rows, cols = self._cells(xy)
+        shape = self._passed.shape
+        inside = (rows >= 0) & (cols >= 0) & (rows < shape[0]) & (cols < shape[1])
+        crossed = np.zeros(shape, np.bool_)
+        crossed[rows[inside], cols[inside]] = True
+        self._passed += crossed
+
+
+_PIXELS = {FREE: 254, OCCUPIED: 0, UNKNOWN: 205}
+
+
+def save_map(grid: OccupancyGrid, folder: Path) -> None:
+    """Write ``occupancy.pgm`` and ``occupancy.yaml`` as Nav2's map_server reads them, and the heights beside them.
+
+    ``free_thresh`` is 0.196, not Nav2's default of 0.25: unknown is written as 205, that is 0.19608 occupied, which
+    a threshold of 0.25 would take for free.
+    """
+    pixels = np.full(grid.cells.shape, _PIXELS[UNKNOWN], np.uint8)
+    for value, pixel in _PIXELS.items():
+        pixels[grid.cells == value] = pixel
+    rows, cols = pixels.shape
+    # The first image row is the largest y.
+    (folder / "occupancy.pgm").write_bytes(b"P5\n%d %d\n255\n" % (cols, rows) + pixels[::-1].tobytes())
+    (folder / "occupancy.yaml").write_text(
+        f"image: occupancy.pgm\nmode: trinary\nresolution: {grid.resolution_m!r}\n"
+        f"origin: [{grid.origin_xy[0]!r}, {grid.origin_xy[1]!r}, 0.0]\n"
+        "negate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n",
+        encoding="utf-8",
+    )
+    np.save(folder / "occupancy_height_m.npy", grid.height_m, allow_pickle=False)
+
+
+def load_map(folder: Path) -> OccupancyGrid:
+    """The grid that ``save_map`` wrote. Raises InputError for a missing or damaged file."""
+    file = folder / "occupancy.yaml"
+    try:
+        lines = (line.split(":", 1) for line in file.read_text(encoding="utf-8").splitlines() if ":" in line)
+        fields = {key.strip(): value.strip() for key, value in lines}
+        resolution_m, origin = float(fields["resolution"]), json.loads(fields["origin"])
+        file = folder / "occupancy.pgm"
+        magic, size, depth, pixels = file.read_bytes().split(b"\n", 3)
+        cols, rows = (int(v) for v in size.split())
+        if magic != b"P5" or depth != b"255" or len(pixels) != rows * cols:
+            raise ValueError(f"{len(pixels)} pixels for a {cols}x{rows} P5 image")
+        image = np.frombuffer(pixels, np.uint8).reshape(rows, cols)[::-1]
+        cells = np.full(image.shape, UNKNOWN, np.int8)
+        cells[image == _PIXELS[FREE]] = FREE
+        cells[image == _PIXELS[OCCUPIED]] = OCCUPIED
+        file = folder / "occupancy_height_m.npy"
+        height_m = np.load(file, allow_pickle=False)
+        return OccupancyGrid(cells, resolution_m, (float(origin[0]), float(origin[1])), height_m)
+    except (OSError, EOFError, ValueError, KeyError, IndexError, TypeError) as error:
+        raise InputError(f"{file} is missing or damaged ({error}): map the recording again") from error

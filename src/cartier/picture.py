@@ -1,0 +1,164 @@
+"""The picture of an answer or a home: floor plan, objects, place, goal and path; and beside it the evidence photo."""
+
+from __future__ import annotations
+
+import io
+import math
+import textwrap
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cartier.home import Home
+from cartier.types import FREE, OCCUPIED, Answer, OccupancyGrid
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+PLAN_COLOURS = {FREE: (250, 250, 247), OCCUPIED: (74, 78, 89)}
+UNKNOWN_COLOUR = (218, 220, 224)
+OBJECT, CHOSEN, PATH = "#3b6ea8", "#d1495b", "#1b998b"
+
+
+def draw_answer(home: Home, answer: Answer, file: Path) -> None:
+    """Write a PNG (or whatever the suffix names): the plan with place, goal pose and path; the evidence photo with its box."""
+    figure, (left, right) = _figure(2)
+    _draw_plan(left, home, answer.index, quiet=True)
+    place, goal = answer.place, answer.goal
+    if goal is not None:
+        left.plot(*goal.path.T, color=PATH, lw=2.5, zorder=4, label=f"path, {goal.length_m:.1f} m")
+        left.plot(*goal.path[0], "o", color=PATH, ms=7, zorder=4)
+        _draw_robot(left, goal.x, goal.y, goal.yaw, home.robot_radius_m)
+    if place is not None:
+        left.plot(place.position[0], place.position[1], "*", color=CHOSEN, ms=20, mec="white", zorder=6)
+        kind = "seen from here" if place.view_yaw is not None else place.label
+        left.annotate(
+            kind, (place.position[0], place.position[1]), (9, 9), textcoords="offset points", color=CHOSEN, weight="bold", zorder=7,
+            bbox={"fc": "white", "ec": "none", "alpha": 0.8, "pad": 1.5},
+        )  # fmt: skip
+        _draw_evidence(right, home, answer)
+    else:
+        right.axis("off")
+        right.text(0.5, 0.5, _outcome(answer), ha="center", va="center", wrap=True, fontsize=13)
+    title = textwrap.fill(f"“{_short(answer.query, 150)}”", 90)
+    figure.suptitle(title, fontsize=13, x=0.02, ha="left", weight="bold")
+    _caption(figure, home, f"{_outcome(answer)} · reasoner: {answer.reasoner} · index: {answer.index}")
+    _save(figure, file)
+
+
+def draw_home(home: Home, file: Path, index: str | None = None) -> None:
+    """Write a picture of the floor plan with every object of an index."""
+    figure, (left,) = _figure(1)
+    name, _ = home.index(index)
+    _draw_plan(left, home, name, quiet=False)
+    figure.suptitle(home.name, fontsize=14, x=0.02, ha="left", weight="bold")
+    _caption(figure, home, f"{len(home.objects)} kinds of object · index: {name}")
+    _save(figure, file)
+
+
+def _figure(panels: int) -> tuple[Any, list[Axes]]:
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(7.0 * panels, 6.6), layout="constrained")
+    axes = figure.subplots(1, panels, squeeze=False)
+    return figure, list(axes[0])
+
+
+def _draw_plan(axes: Axes, home: Home, index_name: str, quiet: bool) -> None:
+    index = home.index(index_name)[1]
+    places = [place for name in index.names() if (place := index.locate(name)) is not None]
+    points = np.array([place.position[:2] for place in places] + [home.start_xy])
+    if home.grid is not None:
+        _draw_grid(axes, home.grid, points)
+    else:
+        axes.text(0.02, 0.98, "no floor plan: the recording has no depth", transform=axes.transAxes, va="top")
+    for place in places:
+        axes.plot(
+            *place.position[:2], "o", color=OBJECT, ms=4 if quiet else 6, mec="white", mew=0.5, alpha=0.8, zorder=3
+        )
+        axes.annotate(
+            place.label, (place.position[0], place.position[1]), (4, 3), textcoords="offset points",
+            fontsize=7 if quiet else 9, color=OBJECT, zorder=3,
+        )  # fmt: skip
+    axes.set_aspect("equal")
+    axes.set_xlabel("x (m)")
+    axes.set_ylabel("y (m)")
+
+
+def _draw_grid(axes: Axes, grid: OccupancyGrid, points: Any) -> None:
+    rgb = np.empty((*grid.cells.shape, 3), np.uint8)
+    rgb[:] = UNKNOWN_COLOUR
+    for value, colour in PLAN_COLOURS.items():
+        rgb[grid.cells == value] = colour
+    rows, cols = grid.cells.shape
+    x, y = grid.origin_xy
+    axes.imshow(
+        rgb, origin="lower", extent=(x, x + cols * grid.resolution_m, y, y + rows * grid.resolution_m), zorder=0
+    )
+    known = np.concatenate([grid.centre(np.argwhere(grid.cells >= 0)), points])
+    axes.set_xlim(known[:, 0].min() - 0.3, known[:, 0].max() + 0.3)
+    axes.set_ylim(known[:, 1].min() - 0.3, known[:, 1].max() + 0.3)
+
+
+def _draw_robot(axes: Axes, x: float, y: float, yaw: float, radius_m: float) -> None:
+    from matplotlib.patches import Circle
+
+    axes.add_patch(Circle((x, y), radius_m, fc=PATH, ec="white", alpha=0.9, zorder=5))
+    tip = 2.2 * radius_m
+    axes.annotate(
+        "", (x + tip * math.cos(yaw), y + tip * math.sin(yaw)), (x, y), zorder=6,
+        arrowprops={"arrowstyle": "-|>", "color": "black", "lw": 2.2, "mutation_scale": 16},
+    )  # fmt: skip
+
+
+def _draw_evidence(axes: Axes, home: Home, answer: Answer) -> None:
+    from matplotlib.patches import Rectangle
+
+    assert answer.place is not None
+    place = answer.place
+    photo = home.keyframe(place)
+    axes.axis("off")
+    if photo is None:
+        axes.text(0.5, 0.5, f"the photo of frame {place.frame} is not in the home", ha="center")
+        return
+    axes.imshow(photo)
+    axes.set_title(f"evidence: frame {place.frame}, {place.label}, score {place.score:.2f}", loc="left", fontsize=10)
+    if place.box_xyxy is not None:
+        x1, y1, x2, y2 = place.box_xyxy
+        axes.add_patch(Rectangle((x1, y1), x2 - x1, y2 - y1, fill=False, ec=CHOSEN, lw=3))
+
+
+def _outcome(answer: Answer) -> str:
+    chosen = answer.selection
+    if chosen.status == "clarify":
+        return f"asks back: {chosen.question}"
+    if chosen.object is None:
+        return f"{chosen.status}: {chosen.reason}"
+    where = "" if answer.goal else ", no goal"
+    return f"{chosen.status}: {chosen.object}{where}"
+
+
+def _caption(figure: Any, home: Home, text: str) -> None:
+    figure.supxlabel(
+        textwrap.fill(f"{text} · detector: {home.detector}", 130), fontsize=8, color="#555555", x=0.02, ha="left"
+    )
+
+
+def _short(text: str, most: int) -> str:
+    return text if len(text) <= most else text[: most - 1] + "…"
+
+
+def _save(figure: Any, file: Path) -> None:
+    from cartier.errors import InputError
+
+    buffer = io.BytesIO()
+    try:
+        figure.savefig(buffer, format=file.suffix.lstrip(".") or "png", dpi=110)
+    except ValueError as error:
+        raise InputError(f"cannot draw to {file}: {str(error).splitlines()[0]}") from error
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_bytes(buffer.getvalue())
+    except OSError as error:
+        raise InputError(f"cannot write the picture {file}: {error.strerror}") from error

@@ -1,0 +1,204 @@
+"""The straight line of the paper (CARTIER, arXiv 2307.11865): recording → map → words → a place → a goal.
+
+Offline, ``map_home``: detect the objects of every frame, build the spatial language indices, and a floor plan from depth.
+Online, ``ask``: show the words and the list of objects to a reasoner, look its choice up in an index, plan a pose there.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any
+
+from cartier import plugins
+from cartier.contracts import Detector, Reasoner, Recording, SpatialIndex
+from cartier.errors import BackendError, InputError
+from cartier.home import DetectionLog, Home
+from cartier.occupancy import OccupancyMapper
+from cartier.planning import plan
+from cartier.prompts import check_query
+from cartier.types import Answer, Detections, Frame, Goal, Place
+
+DEFAULT_INDEXES = ("object_depth", "object_viewpoint")
+
+
+def map_home(
+    recording: Recording,
+    detector: Detector,
+    indexes: Sequence[str] | None = None,
+    *,
+    robot_radius_m: float = 0.2,
+    resume: Path | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Home:
+    """Map a recording, one frame in memory at a time.
+
+    ``indexes`` are names; by default those that the recording allows. ``resume`` is a file that keeps the detections
+    of finished frames, so that a killed run does not detect twice. ``progress`` is told (frames done, frames in all).
+    Raises InputError if the recording is empty or broken, or if nothing was detected in it.
+    """
+    if not len(recording):
+        raise InputError(f"recording {recording.name} holds no frames")
+    built: dict[str, SpatialIndex] = {name: plugins.make("indexes", name) for name in indexes or DEFAULT_INDEXES}
+    mapper = OccupancyMapper(robot_radius_m=robot_radius_m)
+    settings = {"recording": recording.name, "sha256": recording.fingerprint(), "frames": len(recording)}
+    settings |= {"indexes": list(built), "robot_radius_m": robot_radius_m}
+    log: list[Detections] = []
+    start_xy = (0.0, 0.0)
+
+    with ExitStack() as stack:
+        detect = stack.enter_context(_remembering(detector, resume, settings["sha256"])) if resume else detector.detect
+        for number in range(len(recording)):
+            frame = recording[number]
+            detections = detect(frame)
+            for index in built.values():
+                index.add(frame, detections)
+            if frame.depth_m is not None:
+                mapper.add(frame)
+            if number == 0:
+                start_xy = (float(frame.world_from_camera[0, 3]), float(frame.world_from_camera[1, 3]))
+            log.append(_without_masks(detections))
+            if progress:
+                progress(number + 1, len(recording))
+
+    if not any(map(len, log)):
+        raise InputError(
+            f"{detector.name} found nothing in the {len(recording)} frames of {recording.name}: "
+            "is the threshold too high, or are these not the things that it knows?"
+        )
+    grid = mapper.grid()
+    notes = [*recording.notes, *getattr(detector, "notes", ())]
+    if grid is None:
+        notes.append("the recording has no depth: no occupancy grid, and so no goals")
+    usable = _usable(built, explicit=indexes is not None, notes=notes)
+    keyframes = _keyframes(recording, usable)
+    return Home(
+        recording.name, detector.name, recording.camera, DetectionLog.of(log), usable, grid, start_xy, robot_radius_m,
+        settings, keyframes, tuple(notes),
+    )  # fmt: skip
+
+
+def ask(
+    home: Home,
+    query: str,
+    reasoner: Reasoner,
+    *,
+    index: str | None = None,
+    from_xy: Sequence[float] | None = None,
+    dialogue: Sequence[tuple[str, str]] = (),
+) -> Answer:
+    """Answer one request: the object that serves it, its place, and a reachable pose that faces it.
+
+    ``index`` is one of the home's, by default its first; ``from_xy`` is where the robot stands, by default where the
+    recording began. Raises InputError for an unusable query, ReasonerError if a language model cannot be reached.
+    """
+    query = check_query(query)
+    index_name, spatial_index = home.index(index)
+    timing_ms: dict[str, float] = {}
+    notes: list[str] = []
+
+    with _timed(timing_ms, "select"):
+        selection = reasoner.select(query, home.objects, dialogue)
+    if selection.object is not None and selection.object not in home.objects:
+        raise BackendError(
+            f"reasoner {reasoner.name} chose {selection.object!r}, which is not in the list it was given"
+        )
+
+    place: Place | None = None
+    if selection.object is not None:
+        with _timed(timing_ms, "locate"):
+            place = spatial_index.locate(selection.object)
+        if place is None:
+            notes.append(
+                f"{index_name} has no place for the {selection.object}: it was never seen well enough; try another --index"
+            )
+
+    goal: Goal | None = None
+    if place is not None and home.grid is None:
+        notes.append("no goal: without depth the home has no occupancy grid to plan on")
+    elif place is not None and home.grid is not None:
+        with _timed(timing_ms, "plan"):
+            goal, why_not = plan(home.grid, place, from_xy or home.start_xy, home.robot_radius_m)
+        if goal is None:
+            notes.append(f"no goal: {why_not}")
+        elif not goal.sees:
+            notes.append(f"the goal faces the {place.label}, but something known stands in between")
+
+    return Answer(
+        query, selection, place, goal, reasoner.name, index_name, home.detector, home.name, timing_ms, tuple(notes)
+    )  # fmt: skip
+
+
+@contextmanager
+def _timed(timing_ms: dict[str, float], step: str) -> Iterator[None]:
+    begin = time.perf_counter()
+    yield
+    timing_ms[step] = (time.perf_counter() - begin) * 1e3
+
+
+def _without_masks(detections: Detections) -> Detections:
+    return Detections(detections.frame, detections.boxes_xyxy, detections.scores, detections.labels)
+
+
+def _usable(built: dict[str, SpatialIndex], explicit: bool, notes: list[str]) -> dict[str, SpatialIndex]:
+    """The indices that hold anything; one that was asked for by name and stayed empty is an error."""
+    empty = [name for name, index in built.items() if not index.names()]
+    if empty and (explicit or len(empty) == len(built)):
+        raise InputError(
+            f"index {empty[0]} stayed empty: no detection has what it needs (object_depth needs depth in the boxes)"
+        )
+    notes.extend(f"index {name} is left out: no detection had depth" for name in empty)
+    return {name: index for name, index in built.items() if name not in empty}
+
+
+def _keyframes(recording: Recording, indexes: dict[str, SpatialIndex]) -> dict[int, bytes]:
+    """The evidence photos of every place, as JPEG."""
+    from PIL import Image
+
+    places = [index.locate(name) for index in indexes.values() for name in index.names()]
+    photos: dict[int, bytes] = {}
+    for frame in sorted({place.frame for place in places if place is not None}):
+        buffer = io.BytesIO()
+        Image.fromarray(recording[frame].rgb).save(buffer, "JPEG", quality=90)
+        photos[frame] = buffer.getvalue()
+    return photos
+
+
+@contextmanager
+def _remembering(detector: Detector, file: Path, sha256: Any) -> Iterator[Callable[[Frame], Detections]]:
+    """``detector.detect`` that keeps its boxes in a JSON-lines file and takes finished frames from there."""
+    key = json.dumps({"sha256": sha256, "detector": detector.name})
+    known: dict[int, Detections] = {}
+    lines = file.read_text(encoding="utf-8", errors="replace").splitlines() if file.is_file() else []
+    if lines and lines[0] == key:
+        for line in lines[1:]:
+            try:
+                row = json.loads(line)
+                known[row["frame"]] = Detections(row["frame"], row["boxes_xyxy"], row["scores"], tuple(row["labels"]))
+            except (ValueError, KeyError, TypeError, InputError):
+                break  # the line that a kill cut short
+    file.parent.mkdir(parents=True, exist_ok=True)
+    with file.open("w", encoding="utf-8") as out:
+
+        def write(found: Detections) -> None:
+            row = {"frame": found.frame, "boxes_xyxy": found.boxes_xyxy.tolist(), "scores": found.scores.tolist()}
+            out.write(json.dumps(row | {"labels": found.labels}) + "\n")
+
+        def detect(frame: Frame) -> Detections:
+            if frame.index in known:
+                return known[frame.index]
+            found = detector.detect(frame)
+            if found.masks is None:  # masks come from simulators, where asking again costs nothing
+                write(found)
+                out.flush()
+            return found
+
+        out.write(key + "\n")
+        for found in known.values():
+            write(found)
+        out.flush()
+        yield detect

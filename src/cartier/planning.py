@@ -1,0 +1,164 @@
+"""From a place to a goal: the nearest reachable, collision-free pose that faces it and, where possible, sees it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from cartier.geometry import box_distance, yaw_towards
+from cartier.types import FREE, OCCUPIED, Goal, OccupancyGrid, Place
+
+EYE_M = 1.5  # height of the robot's camera, as in the paper
+NEAREST_M = 0.35  # closer than this there is no telling what the robot faces
+FARTHEST_M = 2.0  # a pose from which the thing is out of anybody's reach is no answer
+SIGHT_DETOUR_M = 0.75  # how much farther off a pose may be if it sees the place and the nearest does not
+OWN_HEIGHT_M = 0.4  # how far a thing of unknown size may reach above its centre
+SNAP_M = 1.0  # how far the start may lie from floor that the robot fits on
+
+
+@dataclass(frozen=True, eq=False)
+class Reach:
+    """Where a robot of one radius can get to from one start: path lengths (rows, cols), inf where it cannot."""
+
+    grid: OccupancyGrid
+    start: tuple[int, int]
+    length_m: npt.NDArray[np.float64]
+    previous: npt.NDArray[np.int32]
+
+
+def traversable(grid: OccupancyGrid, radius_m: float) -> npt.NDArray[np.bool_]:
+    """Cells (rows, cols) that the robot's centre may occupy: known free, and no occupied cell within the radius.
+
+    Unknown cells count as free of obstacles at the robot's rim, but its centre never enters one.
+    """
+    from scipy.ndimage import distance_transform_edt
+
+    free: npt.NDArray[np.bool_] = grid.cells == FREE
+    occupied = grid.cells == OCCUPIED
+    if not occupied.any():
+        return free
+    # A cell reaches up to half its diagonal from its centre.
+    between_centres = np.asarray(distance_transform_edt(~occupied), dtype=np.float64)
+    clear_m = (between_centres - math.sqrt(0.5)) * grid.resolution_m
+    return free & (clear_m >= radius_m)
+
+
+def reach(grid: OccupancyGrid, start_xy: Sequence[float], radius_m: float) -> Reach | None:
+    """Shortest paths from a start to everywhere (Dijkstra, 8-connected), or None if no floor fits the robot near it."""
+    from scipy.sparse import csr_array
+    from scipy.sparse.csgraph import dijkstra
+
+    open_cells = traversable(grid, radius_m)
+    start = _nearest_cell(open_cells, grid, start_xy)
+    if start is None:
+        return None
+    number = np.full(open_cells.shape, -1, np.int32)
+    cells = np.argwhere(open_cells)
+    number[open_cells] = np.arange(len(cells))
+    sources, targets, costs = [], [], []
+    rows, cols = open_cells.shape
+    for dr, dc in ((0, 1), (1, 0), (1, 1), (1, -1)):
+        here = number[: rows - dr, max(0, -dc) : cols - max(0, dc)]
+        there = number[dr:, max(0, dc) : cols + min(0, dc)]
+        both = (here >= 0) & (there >= 0)
+        sources.append(here[both])
+        targets.append(there[both])
+        costs.append(np.full(int(both.sum()), math.hypot(dr, dc) * grid.resolution_m))
+    graph = csr_array(
+        (np.concatenate(costs), (np.concatenate(sources), np.concatenate(targets))), shape=(len(cells), len(cells))
+    )
+    length, previous = dijkstra(graph, directed=False, indices=number[start], return_predecessors=True)
+    length_m = np.full(open_cells.shape, np.inf)
+    length_m[open_cells] = length
+    flat = cells[:, 0] * cols + cells[:, 1]
+    before = np.full(open_cells.shape, -1, np.int32)
+    before[open_cells] = np.where(previous >= 0, flat[np.maximum(previous, 0)], -1)
+    return Reach(grid, start, length_m, before)
+
+
+def plan(grid: OccupancyGrid, place: Place, start_xy: Sequence[float], radius_m: float) -> tuple[Goal | None, str]:
+    """A goal for a place, and an empty string; or None and one line that says why there is none."""
+    area = reach(grid, start_xy, radius_m)
+    if area is None:
+        return (
+            None,
+            f"no known free floor fits a robot of radius {radius_m} m within {SNAP_M} m of ({start_xy[0]:.2f}, {start_xy[1]:.2f})",
+        )
+    goal = goal_for(area, place)
+    if goal is None:
+        return (
+            None,
+            f"no pose within {FARTHEST_M} m of the {place.label} can be reached from ({start_xy[0]:.2f}, {start_xy[1]:.2f})",
+        )
+    return goal, ""
+
+
+def goal_for(area: Reach, place: Place) -> Goal | None:
+    """The nearest reachable pose to a place that sees it; or, if none that sees it is hardly farther, the nearest."""
+    grid, target = area.grid, np.array(place.position)
+    cells = np.argwhere(np.isfinite(area.length_m))
+    xy = grid.centre(cells)
+    if place.box_min is not None and place.box_max is not None:
+        distance = box_distance(xy, np.array(place.box_min[:2]), np.array(place.box_max[:2]))
+    else:
+        distance = np.linalg.norm(xy - target[:2], axis=1)
+    centre_distance = np.linalg.norm(xy - target[:2], axis=1)
+    if place.view_yaw is not None:  # the place is where the camera stood: stand there, and look where it looked
+        best = int(np.argmin(distance))
+        return (
+            None
+            if distance[best] > FARTHEST_M
+            else _goal(area, tuple(cells[best]), place.view_yaw, place, bool(distance[best] < 0.5))
+        )
+    order = np.lexsort((area.length_m[tuple(cells.T)], np.round(distance, 2)))
+    order = order[(centre_distance[order] >= NEAREST_M) & (distance[order] <= FARTHEST_M)]
+    if not len(order):
+        return None
+    near = order[distance[order] <= distance[order[0]] + SIGHT_DETOUR_M]
+    seen = next((i for i in near if sees(grid, xy[i], place)), None)
+    chosen = near[0] if seen is None else seen
+    yaw = yaw_towards(*xy[chosen], *target[:2])
+    return _goal(area, tuple(cells[chosen]), yaw, place, seen is not None)
+
+
+def sees(grid: OccupancyGrid, from_xy: npt.NDArray[np.float64], place: Place) -> bool:
+    """Whether a straight line from the robot's eye to the place passes over everything known, in the 2.5-D grid.
+
+    Within 0.3 m of the place, what is no taller than the thing itself is the thing itself; within 0.1 m nothing hides it.
+    """
+    target = np.array(place.position)
+    own_top_m = (place.box_max[2] if place.box_max else target[2] + OWN_HEIGHT_M) + 0.1
+    span = target[:2] - from_xy
+    length = float(np.linalg.norm(span))
+    steps = np.arange(grid.resolution_m, max(length - 0.1, 0), grid.resolution_m / 2)
+    if not len(steps):
+        return True
+    rows, cols = grid.cell(from_xy + steps[:, None] / length * span).T
+    inside = (rows >= 0) & (cols >= 0) & (rows < grid.cells.shape[0]) & (cols < grid.cells.shape[1])
+    line_m = EYE_M + (target[2] - EYE_M) * steps / length + 0.05
+    line_m = np.where(length - steps < 0.3, np.maximum(line_m, own_top_m), line_m)
+    return not bool((grid.height_m[rows[inside], cols[inside]] > line_m[inside]).any())
+
+
+def _nearest_cell(
+    open_cells: npt.NDArray[np.bool_], grid: OccupancyGrid, xy: Sequence[float]
+) -> tuple[int, int] | None:
+    cells = np.argwhere(open_cells)
+    if not len(cells):
+        return None
+    distance = np.linalg.norm(grid.centre(cells) - np.asarray(xy, dtype=np.float64), axis=1)
+    best = int(np.argmin(distance))
+    return None if distance[best] > SNAP_M else (int(cells[best, 0]), int(cells[best, 1]))
+
+
+def _goal(area: Reach, cell: tuple[int, ...], yaw: float, place: Place, seen: bool) -> Goal:
+    flat, columns = [int(cell[0]) * area.length_m.shape[1] + int(cell[1])], area.length_m.shape[1]
+    while (before := int(area.previous[divmod(flat[-1], columns)])) >= 0:
+        flat.append(before)
+    path = area.grid.centre(np.array([divmod(f, columns) for f in reversed(flat)]))
+    x, y = path[-1]
+    return Goal(float(x), float(y), float(yaw), path, float(area.length_m[cell]), place, seen)

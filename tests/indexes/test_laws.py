@@ -1,0 +1,147 @@
+"""The laws of every index: what was seen can be located, evidence is named, a save and load changes nothing."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+from synthetic import CAMERA, CHAIR, MUG, THINGS, TrueBoxes, box, look, walk
+
+from cartier import plugins
+from cartier.contracts import SpatialIndex
+from cartier.errors import InputError
+from cartier.geometry import box_distance
+from cartier.types import Detections, Frame
+
+NAMES = [b.name for b in plugins.backends("indexes")]
+
+
+def built(name: str, **options: object) -> SpatialIndex:
+    index: SpatialIndex = plugins.make("indexes", name, **options)
+    recording, detector = walk(), TrueBoxes(THINGS)
+    for number in range(len(recording)):
+        index.add(recording[number], detector.detect(recording[number]))
+    return index
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_everything_seen_is_located_with_its_evidence(name: str) -> None:
+    index, recording, detector = built(name), walk(), TrueBoxes(THINGS)
+    assert index.names() == sorted(thing.label for thing in THINGS)
+    for label in index.names():
+        place = index.locate(label)
+        assert place is not None and place.label == label
+        assert label in detector.detect(recording[place.frame]).labels
+    assert index.locate("unicorn") is None
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_saved_index_answers_the_same(name: str, tmp_path: Path) -> None:
+    index, again = built(name), plugins.make("indexes", name)
+    index.save(tmp_path)
+    again.load(tmp_path)
+    assert [again.locate(n) for n in again.names()] == [index.locate(n) for n in index.names()]
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize(
+    "rubbish",
+    [
+        "",
+        "[1, 2",
+        "[1]",
+        '[{"label": "cup"}]',
+        '{"a": 1}',
+        '[{"size_px2": 1, "label": "x", "position": [1], "score": 1, "frame": 1}]',
+    ],
+)
+def test_a_damaged_index_is_one_clear_line(name: str, rubbish: str, tmp_path: Path) -> None:
+    built(name).save(tmp_path)
+    for file in tmp_path.iterdir():
+        file.write_text(rubbish)
+    with pytest.raises(InputError, match=str(tmp_path)):
+        plugins.make("indexes", name).load(tmp_path)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_an_empty_frame_and_boxes_over_the_border_are_normal(name: str) -> None:
+    index = plugins.make("indexes", name)
+    frame = walk()[0]
+    index.add(frame, Detections(0, np.zeros((0, 4)), np.zeros(0), ()))
+    index.add(frame, Detections(0, np.array([[-30.0, -20, 90, 300], [10, 10, 10, 50]]), np.ones(2), ("big", "thin")))
+    assert index.locate("big") is not None
+    assert index.locate("thin") is None, "a box without area shows nothing"
+
+
+def test_object_depth_lies_on_the_surface_that_was_seen() -> None:
+    index = built("object_depth")
+    for thing in (CHAIR, MUG):
+        place = index.locate(thing.label)
+        assert place is not None
+        assert box_distance(place.position, thing.box_min, thing.box_max) < 0.03
+        assert place.box_min is not None and place.box_max is not None
+        assert np.all(np.array(place.box_min) <= place.position) and np.all(place.position <= np.array(place.box_max))
+
+
+def test_object_depth_without_the_surface_is_the_plain_mean_of_the_paper() -> None:
+    """A plate fills the lower half of the box, the wall behind it the upper half: closed form."""
+    depth = np.full((CAMERA.height, CAMERA.width), 4.0, np.float32)
+    depth[60:] = 2.0
+    frame = Frame(0, 0.0, np.zeros((*depth.shape, 3), np.uint8), depth, np.eye(4), CAMERA)
+    seen = Detections(0, np.array([[70.0, 50, 90, 70]]), np.ones(1), ("plate",))
+    plain, surface = plugins.make("indexes", "object_depth", surface=False), plugins.make("indexes", "object_depth")
+    plain.add(frame, seen)
+    surface.add(frame, seen)
+    assert plain.locate("plate").position[2] == pytest.approx(3.0)
+    assert surface.locate("plate").position[2] == pytest.approx(2.0)
+
+
+def test_holes_in_the_depth_are_passed_over_and_a_box_without_depth_gives_way() -> None:
+    frame = walk()[3]
+    seen = TrueBoxes([CHAIR]).detect(frame)
+    assert frame.depth_m is not None
+    holes = frame.depth_m.copy()
+    holes[::2] = np.nan
+    full, holed, blind = (plugins.make("indexes", "object_depth") for _ in range(3))
+    full.add(frame, seen)
+    holed.add(dataclasses.replace(frame, depth_m=holes), seen)
+    blind.add(dataclasses.replace(frame, depth_m=np.full_like(holes, np.nan)), seen)
+    blind.add(dataclasses.replace(frame, depth_m=None), seen)
+    assert np.allclose(full.locate("chair").position, holed.locate("chair").position, atol=0.05)
+    assert blind.locate("chair") is None
+    blind.add(dataclasses.replace(frame, index=9), seen)
+    assert blind.locate("chair").frame == 9
+
+
+def test_masks_make_the_position_exact() -> None:
+    frame = walk()[3]
+    index = plugins.make("indexes", "object_depth")
+    index.add(frame, TrueBoxes([CHAIR], with_masks=True).detect(frame))
+    assert box_distance(index.locate("chair").position, CHAIR.box_min, CHAIR.box_max) < 0.01
+
+
+def test_the_nearest_view_wins_even_when_a_far_one_is_stretched_off_axis() -> None:
+    """Seen from 1.5 m on the axis and from 1.54 m at 25° off it, the plate's off-axis box is the larger one."""
+    plate = box(1, "plate", (2.0, 3.0, 1.2), (2.4, 3.01, 1.6))
+    on_axis = look((2.2, 1.5, 1.4), (2.2, 3.0, 1.4))
+    off_axis = look((2.85, 1.6, 1.4), (2.85, 3.0, 1.4))
+    recording = type(walk())([on_axis, off_axis], [plate])
+    boxes = [TrueBoxes([plate]).detect(recording[i]).boxes_xyxy[0] for i in range(2)]
+    areas = [float((b[2] - b[0]) * (b[3] - b[1])) for b in boxes]
+    assert areas[1] > areas[0]
+    index = plugins.make("indexes", "object_viewpoint")
+    for number in range(2):
+        index.add(recording[number], TrueBoxes([plate]).detect(recording[number]))
+    assert index.locate("plate").frame == 0
+
+
+def test_object_viewpoint_is_the_camera_and_looks_at_the_object() -> None:
+    index, recording = built("object_viewpoint"), walk(with_depth=False)
+    place = index.locate("chair")
+    assert place is not None and place.view_yaw is not None
+    camera = recording[place.frame].world_from_camera[:3, 3]
+    assert np.allclose(place.position, camera)
+    to_chair = np.array([3.85, 2.05]) - camera[:2]
+    assert abs(np.arctan2(to_chair[1], to_chair[0]) - place.view_yaw) < 0.15

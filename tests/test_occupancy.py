@@ -1,0 +1,114 @@
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+from synthetic import CHAIR, TABLE, walk
+
+from cartier.errors import InputError
+from cartier.occupancy import OccupancyMapper, load_map, save_map
+from cartier.types import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
+
+
+@pytest.fixture(scope="module")
+def grid() -> OccupancyGrid:
+    mapper, recording = OccupancyMapper(), walk()
+    for number in range(len(recording)):
+        mapper.add(recording[number])
+    made = mapper.grid()
+    assert made is not None
+    return made
+
+
+def test_the_room_is_mapped_where_it_is(grid: OccupancyGrid) -> None:
+    centres = grid.centre(np.argwhere(grid.cells == FREE))
+    assert ((centres > -0.05) & (centres < (5.05, 4.05))).all(), "nothing beyond the walls is free"
+    for thing in (CHAIR, TABLE):
+        inside = ((centres > np.array(thing.box_min[:2]) + 0.05) & (centres < np.array(thing.box_max[:2]) - 0.05)).all(
+            1
+        )
+        assert not inside.any(), f"a cell inside of the {thing.label} is free"
+    solid = grid.centre(np.argwhere(grid.cells == OCCUPIED))
+    to_wall = np.minimum(solid, (5, 4) - solid).min(1)
+    near_thing = np.zeros(len(solid), bool)
+    for thing in (CHAIR, TABLE):
+        near_thing |= ((solid > np.array(thing.box_min[:2]) - 0.05) & (solid < np.array(thing.box_max[:2]) + 0.05)).all(
+            1
+        )
+    assert (near_thing | (to_wall < 0.06)).all(), "obstacles stand where there are walls or furniture"
+    room = (grid.cells != UNKNOWN).sum() * grid.resolution_m**2
+    assert room > 0.8 * 20, "most of the 5 m x 4 m room is known"
+
+
+def test_what_nobody_saw_is_unknown(grid: OccupancyGrid) -> None:
+    assert grid.value((1.5, 3.9)) == UNKNOWN, "behind the table"
+    assert grid.value((7, 7)) == UNKNOWN, "beyond the walls"
+    assert grid.value((1000, -1000)) == UNKNOWN, "outside of the grid"
+
+
+def test_heights_let_sight_pass_over_the_table(grid: OccupancyGrid) -> None:
+    row, col = grid.cell((1.2, 3.3))
+    assert grid.height_m[row, col] == pytest.approx(0.8, abs=0.02)
+
+
+def test_map_server_files_come_back_the_same(grid: OccupancyGrid, tmp_path: Path) -> None:
+    save_map(grid, tmp_path)
+    again = load_map(tmp_path)
+    assert np.array_equal(again.cells, grid.cells) and np.array_equal(again.height_m, grid.height_m)
+    assert again.origin_xy == grid.origin_xy and again.resolution_m == grid.resolution_m
+
+
+def test_map_server_reads_our_pixels_as_we_mean_them(tmp_path: Path) -> None:
+    """Nav2's rule: p = (255 - pixel) / 255; above occupied_thresh occupied, below free_thresh free, else unknown."""
+    cells = np.array([[FREE, OCCUPIED, UNKNOWN], [FREE, FREE, FREE]], np.int8)
+    save_map(OccupancyGrid(cells, 0.05, (-1.0, 2.0), np.zeros(cells.shape, np.float16)), tmp_path)
+    fields = dict(line.split(": ") for line in (tmp_path / "occupancy.yaml").read_text().splitlines())
+    pixels = np.frombuffer((tmp_path / "occupancy.pgm").read_bytes().split(b"\n", 3)[3], np.uint8).reshape(2, 3)
+    p = (255 - pixels.astype(float)) / 255
+    read = np.where(
+        p > float(fields["occupied_thresh"]), OCCUPIED, np.where(p < float(fields["free_thresh"]), FREE, UNKNOWN)
+    )
+    assert np.array_equal(read[::-1], cells), "the last image row is the smallest y"
+    assert fields["origin"] == "[-1.0, 2.0, 0.0]" and fields["resolution"] == "0.05" and fields["negate"] == "0"
+
+
+@pytest.mark.parametrize("name", ["occupancy.pgm", "occupancy.yaml", "occupancy_height_m.npy"])
+@pytest.mark.parametrize("damage", ["gone", "cut", "rubbish"])
+def test_damaged_map_files_are_named(grid: OccupancyGrid, name: str, damage: str, tmp_path: Path) -> None:
+    save_map(grid, tmp_path)
+    file = tmp_path / name
+    data = file.read_bytes()
+    file.unlink()
+    if damage != "gone":
+        file.write_bytes(data[: len(data) // 2] if damage == "cut" else b"\x00\xffrubbish")
+    with pytest.raises(InputError, match="damaged"):
+        load_map(tmp_path)
+
+
+def test_a_pose_far_away_is_named_and_not_mapped() -> None:
+    mapper, recording = OccupancyMapper(), walk()
+    mapper.add(recording[0])
+    away = recording[1].world_from_camera.copy()
+    away[:2, 3] += 5000
+    with pytest.raises(InputError, match="frame 1.*outlier"):
+        mapper.add(dataclasses.replace(recording[1], world_from_camera=away))
+
+
+def test_a_chair_that_was_moved_away_is_forgotten() -> None:
+    mapper, with_chair, without = OccupancyMapper(), walk(), walk([])
+    mapper.add(with_chair[3])
+    for _ in range(8):
+        mapper.add(without[3])
+    made = mapper.grid()
+    assert made is not None and made.value((3.66, 1.83)) != OCCUPIED
+
+
+def test_depth_of_nothing_marks_only_where_the_camera_was() -> None:
+    frame = walk()[0]
+    mapper = OccupancyMapper()
+    mapper.add(dataclasses.replace(frame, depth_m=np.full_like(frame.depth_m, np.nan)))
+    made = mapper.grid()
+    assert made is not None and (made.cells == OCCUPIED).sum() == 0
+    assert made.value(frame.world_from_camera[:2, 3]) == FREE

@@ -1,0 +1,102 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cartier.planning import NEAREST_M, plan, sees
+from cartier.types import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, Place
+
+RADIUS = 0.2
+
+
+def world(*boxes: tuple[float, float, float, float, float], size: float = 6.0) -> OccupancyGrid:
+    """A walled square room with boxes (x1, y1, x2, y2, height)."""
+    n = round(size / 0.05)
+    cells, height = np.full((n, n), FREE, np.int8), np.zeros((n, n), np.float16)
+    walls = (
+        (0, 0, size, 0.05, 2.2),
+        (0, size - 0.05, size, size, 2.2),
+        (0, 0, 0.05, size, 2.2),
+        (size - 0.05, 0, size, size, 2.2),
+    )
+    for x1, y1, x2, y2, top in (*boxes, *walls):
+        area = slice(round(y1 / 0.05), round(y2 / 0.05)), slice(round(x1 / 0.05), round(x2 / 0.05))
+        cells[area], height[area] = OCCUPIED, top
+    return OccupancyGrid(cells, 0.05, (0.0, 0.0), height)
+
+
+def at(x: float, y: float, z: float = 0.5) -> Place:
+    return Place("thing", (x, y, z), 1.0, 0)
+
+
+def clearance(grid: OccupancyGrid, xy: np.ndarray) -> float:
+    """Distance from a point to the nearest occupied cell's square: the slow way."""
+    low = np.argwhere(grid.cells == OCCUPIED)[:, ::-1] * grid.resolution_m + grid.origin_xy
+    outside = np.maximum(np.maximum(low - xy, xy - (low + grid.resolution_m)), 0)
+    return float(np.linalg.norm(outside, axis=1).min())
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.data())
+def test_every_goal_is_free_reachable_and_faces_its_place(data: st.DataObject) -> None:
+    coordinate = st.floats(0.3, 5.2)
+    boxes = [
+        (x, y, x + 0.5, y + 0.5, z)
+        for x, y, z in data.draw(st.lists(st.tuples(coordinate, coordinate, st.floats(0.2, 2)), max_size=8))
+    ]
+    grid, place = world(*boxes), at(data.draw(coordinate), data.draw(coordinate))
+    goal, why_not = plan(grid, place, (data.draw(coordinate), data.draw(coordinate)), RADIUS)
+    assert (goal is None) == bool(why_not)
+    if goal is None:
+        return
+    assert grid.value((goal.x, goal.y)) == FREE
+    assert min(clearance(grid, xy) for xy in goal.path) >= RADIUS - 1e-9
+    assert np.abs(np.diff(goal.path, axis=0)).max(initial=0) < 0.0501, "the path is connected"
+    assert tuple(goal.path[-1]) == (goal.x, goal.y)
+    assert np.linalg.norm(np.diff(goal.path, axis=0), axis=1).sum() == pytest.approx(goal.length_m)
+    assert math.hypot(goal.x - place.position[0], goal.y - place.position[1]) >= NEAREST_M
+    turn = goal.yaw - math.atan2(place.position[1] - goal.y, place.position[0] - goal.x)
+    assert abs(math.remainder(turn, math.tau)) < 1e-6
+
+
+def test_the_goal_is_on_the_side_that_sees_the_place() -> None:
+    """The shelf hangs on a thin wall; the nearest floor lies behind that wall and sees nothing."""
+    grid = world((0, 3, 4, 3.1, 2.2), (1, 2.4, 3, 3, 0.9))
+    goal, _ = plan(grid, Place("cup", (2, 2.95, 1.0), 1.0, 0), (5, 5), RADIUS)
+    assert goal is not None and goal.sees and goal.y < 2.4
+
+
+def test_a_counter_can_be_looked_over_and_a_cupboard_cannot() -> None:
+    low, high = world((2, 2, 3, 3, 0.9)), world((2, 2, 3, 3, 1.9))
+    behind = Place("kettle", (2.5, 3.6, 1.0), 1.0, 0)
+    assert sees(low, np.array([2.5, 1.0]), behind)
+    assert not sees(high, np.array([2.5, 1.0]), behind)
+
+
+def test_unreachable_and_far_are_said_and_not_guessed() -> None:
+    closed = world((2, 2, 4, 2.1, 2), (2, 3.9, 4, 4, 2), (2, 2, 2.1, 4, 2), (3.9, 2, 4, 4, 2))
+    goal, why_not = plan(closed, at(5.9, 3), (3, 3), RADIUS)
+    assert goal is None and "no pose within" in why_not
+    everywhere = OccupancyGrid(np.full((20, 20), UNKNOWN, np.int8), 0.05, (0, 0), np.zeros((20, 20), np.float16))
+    goal, why_not = plan(everywhere, at(0.5, 0.5), (0.5, 0.5), RADIUS)
+    assert goal is None and "no known free floor" in why_not
+
+
+def test_a_narrow_gap_stops_a_wide_robot_only() -> None:
+    grid = world((0, 3, 2.7, 3.2, 2), (3.3, 3, 6, 3.2, 2))
+    place = at(3, 5.5)
+    slim, _ = plan(grid, place, (3, 1), 0.2)
+    wide, why_not = plan(grid, place, (3, 1), 0.4)
+    assert slim is not None and slim.y > 3.2
+    assert wide is None and why_not
+
+
+def test_a_viewpoint_is_stood_on_and_looked_along() -> None:
+    grid = world()
+    goal, _ = plan(grid, Place("tv", (2.02, 3.03, 1.5), 1.0, 0, view_yaw=1.2), (5, 1), RADIUS)
+    assert goal is not None and goal.yaw == 1.2
+    assert math.hypot(goal.x - 2.02, goal.y - 3.03) < 0.05
