@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from synthetic import CAMERA, look
 
 from cartier.geometry import (
     backproject,
@@ -19,6 +18,7 @@ from cartier.geometry import (
     yaw_towards,
 )
 from cartier.types import Camera
+from synthetic import CAMERA, look
 
 coordinate = st.floats(-3, 3)
 

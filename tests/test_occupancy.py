@@ -5,11 +5,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from synthetic import CHAIR, TABLE, walk
 
 from cartier.errors import InputError
 from cartier.occupancy import OccupancyMapper, load_map, save_map
 from cartier.types import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
+from synthetic import CHAIR, TABLE, walk
 
 
 @pytest.fixture(scope="module")
@@ -92,7 +92,7 @@ def test_a_pose_far_away_is_named_and_not_mapped() -> None:
     mapper.add(recording[0])
     away = recording[1].world_from_camera.copy()
     away[:2, 3] += 5000
-    with pytest.raises(InputError, match="frame 1.*outlier"):
+    with pytest.raises(InputError, match=r"frame 1.*outlier"):
         mapper.add(dataclasses.replace(recording[1], world_from_camera=away))
 
 

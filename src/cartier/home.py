@@ -6,7 +6,6 @@ import hashlib
 import io
 import json
 import os
-import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -213,6 +212,8 @@ def _load_index(folder: Path, name: str) -> SpatialIndex:
 
 
 def _load_log(folder: Path, labels: tuple[str, ...]) -> DetectionLog:
+    from zipfile import BadZipFile
+
     file = folder / "detections.npz"
     try:
         with np.load(file, allow_pickle=False) as arrays:
@@ -223,5 +224,5 @@ def _load_log(folder: Path, labels: tuple[str, ...]) -> DetectionLog:
         if n and not 0 <= int(log.label_ids.min()) <= int(log.label_ids.max()) < len(labels):
             raise ValueError("a label number without a label")
         return log
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+    except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
         raise InputError(f"{file} is missing or damaged ({error}): map the recording again") from error

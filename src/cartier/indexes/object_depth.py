@@ -10,7 +10,7 @@ from cartier.indexes._largest_view import LargestView
 from cartier.types import Detections, Frame, Place
 
 MIN_POINTS = 12  # fewer depth readings in a box are as good as none
-FEW = 4096  # points enough for a mean to the millimetre
+FEW = 1500  # points enough for a mean to a few millimetres
 
 
 def make(surface: bool = True) -> ObjectDepth:

@@ -1,0 +1,145 @@
+"""What mapping costs besides the detector: milliseconds per frame, peak memory, start-up times.
+
+python benchmarks/straight_line.py [RECORDING]    (default: the kitchen in ../shared, else a rendered room)
+One BLAS thread; medians; memory is the peak of a fresh process.
+"""
+
+from __future__ import annotations
+
+import os
+
+os.environ["OMP_NUM_THREADS"] = "1"
+
+import json
+import resource
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cartier import plugins
+from cartier.contracts import Recording
+from cartier.occupancy import OccupancyMapper
+from cartier.pipeline import map_home
+from cartier.types import Camera, Detections, Frame
+
+KITCHEN = Path(__file__).parents[2] / "shared" / "recordings" / "kitchen_7scenes"
+BOXES = 30  # detections per frame, as a busy detector gives
+
+
+class RandomBoxes:
+    """Costs nothing and finds much: what is measured is the rest of the line."""
+
+    name = "random boxes (benchmark)"
+
+    def detect(self, frame: Frame) -> Detections:
+        rng = np.random.default_rng(frame.index)
+        low = rng.uniform((0, 0), (560, 400), (BOXES, 2))
+        labels = tuple(f"thing {i}" for i in rng.integers(0, 120, BOXES))
+        return Detections(
+            frame.index, np.hstack([low, low + rng.uniform(20, 240, (BOXES, 2))]), rng.uniform(0.5, 1, BOXES), labels
+        )
+
+
+class Repeated:
+    """A recording several times over: twenty times as many frames, of the same home."""
+
+    def __init__(self, recording: Recording, times: int) -> None:
+        self.recording, self.times = recording, times
+        self.name, self.camera, self.truth, self.notes = recording.name, recording.camera, None, ()
+
+    def __len__(self) -> int:
+        return len(self.recording) * self.times
+
+    def __getitem__(self, index: int) -> Frame:
+        return self.recording[index % len(self.recording)]
+
+    def fingerprint(self) -> str:
+        return self.recording.fingerprint()
+
+
+def rendered_room(folder: Path) -> Path:
+    """A 640x480 recording of the tests' room, for those without the kitchen."""
+    sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+    from cartier.recordings.folder import save
+    from synthetic import walk
+
+    room = walk()
+    room.camera = Camera(640, 480, 480.0, 480.0, 319.5, 239.5)
+    save(room, folder / "room")
+    return folder / "room"
+
+
+def milliseconds(action: Callable[..., Any], *args: Any) -> float:
+    begin = time.perf_counter()
+    action(*args)
+    return (time.perf_counter() - begin) * 1e3
+
+
+def per_frame(recording: Recording) -> dict[str, float]:
+    """Median milliseconds of each step over the frames, three times over."""
+    spent: dict[str, list[float]] = {"decode": [], "object_depth": [], "object_viewpoint": [], "occupancy": []}
+    for _ in range(3):
+        indexes = {name: plugins.make("indexes", name) for name in ("object_depth", "object_viewpoint")}
+        mapper, detector = OccupancyMapper(), RandomBoxes()
+        for number in range(len(recording)):
+            begin = time.perf_counter()
+            frame = recording[number]
+            spent["decode"].append((time.perf_counter() - begin) * 1e3)
+            found = detector.detect(frame)
+            for name, index in indexes.items():
+                spent[name].append(milliseconds(index.add, frame, found))
+            spent["occupancy"].append(milliseconds(mapper.add, frame))
+    return {step: statistics.median(values) for step, values in spent.items()}
+
+
+def peak_mb(path: str, times: int) -> float:
+    """Peak memory (MB) of a fresh process that maps the recording so many times over."""
+    done = subprocess.run(
+        [sys.executable, __file__, "--map", path, str(times)], capture_output=True, text=True, check=True
+    )
+    return float(json.loads(done.stdout)["peak_mb"])
+
+
+def seconds(*command: str, runs: int = 7) -> float:
+    """Median wall seconds of a process."""
+    return (
+        statistics.median(
+            milliseconds(lambda: subprocess.run(command, capture_output=True, check=True)) for _ in range(runs)
+        )
+        / 1e3
+    )
+
+
+def main() -> None:
+    if sys.argv[1:2] == ["--map"]:
+        recording = Repeated(plugins.open_recording(sys.argv[2]), int(sys.argv[3]))
+        map_home(recording, RandomBoxes())
+        print(json.dumps({"peak_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024}))
+        return
+    with tempfile.TemporaryDirectory() as scratch:
+        path = Path(sys.argv[1]) if sys.argv[1:] else KITCHEN if KITCHEN.is_dir() else rendered_room(Path(scratch))
+        recording = plugins.open_recording(path)
+        camera = recording.camera
+        print(f"{recording.name}: {len(recording)} frames of {camera.width}x{camera.height}, {BOXES} boxes a frame")
+        costs = per_frame(recording)
+        for step, ms in costs.items():
+            print(f"  {step:18} {ms:7.2f} ms a frame")
+        print(f"  {'all of it':18} {sum(costs.values()):7.2f} ms a frame   (limit 15)")
+        for times in (1, 20):
+            print(f"  peak memory, recording x {times:<3} {peak_mb(str(path), times):7.1f} MB")
+    bare, numpy, ours = (seconds(sys.executable, "-c", code) for code in ("pass", "import numpy", "import cartier"))
+    print(
+        f"  import numpy {numpy - bare:.3f} s, import cartier {ours - bare:.3f} s: ratio {(ours - bare) / (numpy - bare):.2f}   (limit 2)"
+    )
+    print(f"  cartier --help {seconds(str(Path(sys.executable).parent / 'cartier'), '--help'):.3f} s   (limit 0.5)")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,131 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cartier.errors import InputError
+from cartier.gravity import Levelling, level
+from synthetic import CAMERA, THINGS, look, render, walk
+
+coordinate = st.floats(-10, 10)
+component = st.floats(-1, 1)
+
+
+def noisy(poses: list[np.ndarray], noise_m: float = 0.004) -> list[np.ndarray]:
+    """Depth as a cheap sensor gives it: millimetres, noise that grows with distance squared, holes."""
+    rng = np.random.default_rng(0)
+    depths = []
+    for pose in poses:
+        depth = render(pose, CAMERA, THINGS)[0]
+        depth = np.round(depth + rng.normal(0, noise_m, depth.shape) * depth**2 / 4, 3)
+        depth[rng.random(depth.shape) < 0.05] = np.nan
+        depths.append(depth.astype(np.float32))
+    return depths
+
+
+ROUND = list(walk().poses)
+ROUND_DEPTHS = noisy(ROUND)
+FIXED = [
+    look((0.7 + 0.1 * i, 0.6, 1.4), (0.9 + 0.1 * i, 2.2, 0.2)) for i in range(10)
+]  # always one way, 37 degrees down
+FIXED_DEPTHS = noisy(FIXED)
+
+
+def moved(quaternion: tuple[float, ...], shift: tuple[float, ...]) -> np.ndarray:
+    x, y, z, w = np.array(quaternion) / np.linalg.norm(quaternion)
+    rotation = np.eye(3) + 2 * (w * cross(x, y, z) + cross(x, y, z) @ cross(x, y, z))
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = rotation, shift
+    return matrix
+
+
+def cross(x: float, y: float, z: float) -> np.ndarray:
+    return np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+
+
+def errors(levelling: Levelling, source_from_room: np.ndarray) -> tuple[float, float]:
+    """How far (degrees, metres) the levelled world is from the room's up and floor."""
+    level_from_room = levelling.level_from_world @ source_from_room
+    tilt = math.degrees(math.acos(min(1.0, level_from_room[2, 2])))
+    floor = level_from_room @ [2.5, 2.0, 0.0, 1.0]
+    return tilt, float(floor[2])
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    st.tuples(component, component, component, component).filter(lambda q: np.linalg.norm(q) > 0.1),
+    st.tuples(coordinate, coordinate, coordinate),
+    st.sampled_from([(ROUND, ROUND_DEPTHS), (FIXED, FIXED_DEPTHS)]),
+)
+def test_a_room_is_levelled_however_its_world_lies(
+    quaternion: tuple[float, ...], shift: tuple[float, ...], seen: tuple[list[np.ndarray], list[np.ndarray]]
+) -> None:
+    source_from_room = moved(quaternion, shift)
+    poses, depths = seen
+    levelling = level(source_from_room @ np.array(poses), CAMERA, lambda i: depths[i])
+    tilt, floor = errors(levelling, source_from_room)
+    assert tilt < 0.5
+    assert abs(floor) < 0.01
+    rotation = levelling.level_from_world[:3, :3]
+    assert np.abs(rotation @ rotation.T - np.eye(3)).max() < 1e-9
+    assert np.linalg.det(rotation) > 0
+
+
+def test_a_world_upside_down_is_turned_over() -> None:
+    upside_down = np.diag([1.0, -1.0, -1.0, 1.0])
+    levelling = level(upside_down @ np.array(ROUND), CAMERA, up=(0, 0, -1), floor_m=0)
+    assert errors(levelling, upside_down) == (0, 0)
+
+
+def test_readings_below_the_floor_do_not_lower_it() -> None:
+    rng = np.random.default_rng(1)
+    mirrored = [np.where(rng.random(d.shape) < 0.03, d * 1.6, d).astype(np.float32) for d in ROUND_DEPTHS]
+    tilt, floor = errors(level(np.array(ROUND), CAMERA, lambda i: mirrored[i]), np.eye(4))
+    assert tilt < 0.5
+    assert abs(floor) < 0.01
+
+
+def test_without_depth_level_cameras_that_look_around_give_up_away() -> None:
+    source_from_room = moved((0.3, -0.5, 0.1, 0.4), (1, 2, 3))
+    levelling = level(source_from_room @ np.array(ROUND), CAMERA)
+    tilt, floor = errors(levelling, source_from_room)
+    assert tilt < 0.1
+    assert abs(floor) < 0.01  # the walk's cameras are 1.5 m up, which is what is assumed
+    assert "there is no depth" in levelling.notes[0]
+    assert "assumed 1.5 m below the cameras" in levelling.notes[1]
+
+
+def test_without_depth_a_camera_that_never_turns_says_that_up_may_be_off() -> None:
+    levelling = level(np.array(FIXED), CAMERA)
+    assert "their mean up" in levelling.notes[0]
+    assert errors(levelling, np.eye(4))[0] < 45
+
+
+@pytest.mark.parametrize("depth", [np.nan, 2.0], ids=["nothing read", "one wall"])
+def test_too_little_to_see_falls_back_to_the_cameras(depth: float) -> None:
+    ahead = [look((1, 1, 1.2), (2, 1 + 0.3 * i, 1.2)) for i in range(5)]
+    wall = np.full((CAMERA.height, CAMERA.width), depth, np.float32)
+    levelling = level(np.array(ahead), CAMERA, lambda i: wall)
+    assert "too few horizontal surfaces" in levelling.notes[0]
+    assert "no horizontal surface was seen" in levelling.notes[1]
+    assert errors(levelling, np.eye(4))[0] < 0.1
+
+
+def test_what_is_given_is_not_estimated() -> None:
+    def never(i: int) -> np.ndarray:
+        raise AssertionError("no depth needs to be read")
+
+    levelling = level(np.array(ROUND), CAMERA, never, up=(0, 0.1, 1), floor_m=0.3)
+    assert levelling.notes == ("up given by the user", "floor given by the user")
+    assert levelling.floor_m == 0.3
+    assert np.allclose(levelling.level_from_world[:3, :3] @ levelling.up, (0, 0, 1))
+
+
+def test_cameras_that_look_every_way_give_no_up() -> None:
+    over = np.diag([1.0, -1.0, -1.0, 1.0])
+    with pytest.raises(InputError, match="give it with up="):
+        level(np.array([np.eye(4), over]), CAMERA)

@@ -1,0 +1,193 @@
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import cartier
+from cartier.errors import BackendError, InputError
+from cartier.geometry import box_distance
+from cartier.pipeline import map_home
+from cartier.types import Detections, Frame, Selection
+from synthetic import CHAIR, THINGS, TrueBoxes, walk
+
+
+class Says:
+    """A reasoner that always gives one answer: what is tested here is the line around it."""
+
+    name = "test"
+
+    def __init__(self, choice: str | None) -> None:
+        self.choice = choice
+
+    def select(self, query: str, objects: Sequence[str], dialogue: Sequence[tuple[str, str]] = ()) -> Selection:
+        return Selection("found", self.choice) if self.choice else Selection("absent", reason="nothing fits")
+
+    def propose(self, query: str) -> list[str]:
+        return []
+
+
+@pytest.fixture(scope="module")
+def home() -> cartier.Home:
+    return map_home(walk(), TrueBoxes(THINGS))
+
+
+def test_from_frames_to_a_goal_that_faces_the_chair(home: cartier.Home) -> None:
+    answer = home.ask("let me sit down", Says("chair"))
+    assert answer.place is not None and answer.goal is not None
+    assert box_distance(answer.place.position, CHAIR.box_min, CHAIR.box_max) < 0.03
+    to_chair = math.atan2(answer.place.position[1] - answer.goal.y, answer.place.position[0] - answer.goal.x)
+    assert answer.goal.yaw == pytest.approx(to_chair)
+    assert math.hypot(answer.goal.x - 3.85, answer.goal.y - 2.05) < 1.0 and answer.goal.sees
+    assert set(answer.timing_ms) == {"select", "locate", "plan"}
+    assert answer.place.frame in home.keyframes
+    assert json.loads(json.dumps(answer.to_dict(), allow_nan=False))["object"] == "chair"
+
+
+def test_each_index_answers(home: cartier.Home) -> None:
+    for name in home.indexes:
+        answer = home.ask("let me sit down", Says("chair"), index=name)
+        assert answer.index == name and answer.place is not None and answer.goal is not None
+
+
+def test_the_start_decides_the_path(home: cartier.Home) -> None:
+    a, b = (home.ask("x", Says("chair"), from_xy=xy).goal for xy in ((1, 1), (3, 1)))
+    assert a is not None and b is not None and a.length_m > b.length_m + 1
+    nowhere = home.ask("x", Says("chair"), from_xy=(50, 50))
+    assert nowhere.goal is None and "no known free floor" in nowhere.notes[0]
+
+
+def test_absent_is_an_answer_without_a_place(home: cartier.Home) -> None:
+    answer = home.ask("take me to the moon", Says(None))
+    assert answer.selection.status == "absent" and answer.place is None and answer.goal is None
+
+
+def test_a_reasoner_that_leaves_its_list_is_refused(home: cartier.Home) -> None:
+    with pytest.raises(BackendError, match="not in the list"):
+        home.ask("x", Says("unicorn"))
+
+
+def test_without_depth_the_viewpoint_answers_and_says_why_there_is_no_goal() -> None:
+    home = map_home(walk(with_depth=False), TrueBoxes(THINGS))
+    assert list(home.indexes) == ["object_viewpoint"] and home.grid is None
+    answer = home.ask("let me sit down", Says("chair"))
+    assert answer.place is not None and answer.goal is None
+    assert "without depth" in answer.notes[0] and "occupancy grid" in answer.notes[0]
+
+
+def test_an_index_asked_for_that_cannot_be_built_is_an_error() -> None:
+    with pytest.raises(InputError, match="object_depth stayed empty"):
+        map_home(walk(with_depth=False), TrueBoxes(THINGS), ["object_depth"])
+    with pytest.raises(BackendError, match=r"did you mean 'object_depth'"):
+        map_home(walk(), TrueBoxes(THINGS), ["objectdepth"])
+
+
+def test_no_detections_and_no_frames_are_errors() -> None:
+    with pytest.raises(InputError, match="found nothing in the 20 frames"):
+        map_home(walk(), TrueBoxes([]))
+    empty = walk()
+    empty.poses = []
+    with pytest.raises(InputError, match="no frames"):
+        map_home(empty, TrueBoxes(THINGS))
+
+
+def test_one_frame_at_a_time_is_asked_for_in_order() -> None:
+    recording, seen = walk(), []
+    map_home(recording, TrueBoxes(THINGS), progress=lambda done, total: seen.append((done, total)))
+    assert seen == [(i + 1, 20) for i in range(20)]
+
+
+class Dies(TrueBoxes):
+    """Like TrueBoxes, but ends after so many frames, as a killed process does."""
+
+    def __init__(self, frames: int) -> None:
+        super().__init__(THINGS)
+        self.left, self.asked = frames, 0
+
+    def detect(self, frame: Frame) -> Detections:
+        if self.asked >= self.left:
+            raise KeyboardInterrupt
+        self.asked += 1
+        return super().detect(frame)
+
+
+def test_a_killed_run_goes_on_where_it_stopped(tmp_path: Path, home: cartier.Home) -> None:
+    resume = tmp_path / "unfinished.jsonl"
+    with pytest.raises(KeyboardInterrupt):
+        map_home(walk(), Dies(13), resume=resume)
+    with resume.open("a") as file:
+        file.write('{"frame": 13, "boxes_x')  # what a kill in the middle of a line leaves
+    second = Dies(7)
+    again = map_home(walk(), second, resume=resume)
+    assert second.asked == 7
+    assert {n: again.index()[1].locate(n) for n in again.objects} == {
+        n: home.index()[1].locate(n) for n in home.objects
+    }
+    assert again.id == home.id
+    third = Dies(100)
+    map_home(walk(with_depth=False), third, resume=resume)
+    assert third.asked == 20, "another recording takes nothing from the file"
+
+
+def test_a_saved_home_is_the_same_home(tmp_path: Path, home: cartier.Home) -> None:
+    home.save(tmp_path / "home")
+    again = cartier.Home.load(tmp_path / "home")
+    ours, theirs = (h.ask("sit", Says("chair")).to_dict() | {"timing_ms": 0} for h in (home, again))
+    assert ours == theirs
+    assert again.id == home.id and again.objects == home.objects and again.table() == home.table()
+    assert home.grid is not None and again.grid is not None and np.array_equal(again.grid.cells, home.grid.cells)
+    photo = again.keyframe(again.ask("sit", Says("chair")).place)
+    assert photo is not None and photo.shape == (120, 160, 3)
+
+
+def _files(folder: Path) -> list[Path]:
+    return sorted(f for f in folder.rglob("*") if f.is_file() and f.suffix != ".jpg")
+
+
+@pytest.mark.parametrize("damage", ["gone", "cut", "rubbish"])
+def test_any_damaged_file_is_named(damage: str, tmp_path: Path, home: cartier.Home) -> None:
+    home.save(tmp_path / "home")
+    for file in _files(tmp_path / "home"):
+        whole = file.read_bytes()
+        file.unlink()
+        if damage != "gone":
+            file.write_bytes(whole[: len(whole) // 2] if damage == "cut" else b"\xff\x00 rubbish")
+        with pytest.raises(InputError) as caught:
+            cartier.Home.load(tmp_path / "home")
+        assert "home" in str(caught.value) and "\n" not in str(caught.value)
+        file.write_bytes(whole)
+    cartier.Home.load(tmp_path / "home")
+
+
+def test_a_newer_home_and_a_foreign_folder_are_refused(tmp_path: Path, home: cartier.Home) -> None:
+    home.save(tmp_path / "home")
+    about = json.loads((tmp_path / "home" / "home.json").read_text())
+    (tmp_path / "home" / "home.json").write_text(json.dumps(about | {"schema": 99}))
+    with pytest.raises(InputError, match="newer cartier"):
+        cartier.Home.load(tmp_path / "home")
+    precious = tmp_path / "thesis"
+    precious.mkdir()
+    (precious / "chapter1.tex").write_text("precious")
+    with pytest.raises(InputError, match=r"holds no home\.json"):
+        home.save(precious)
+    assert (precious / "chapter1.tex").read_text() == "precious"
+
+
+def test_a_failed_save_leaves_the_old_home_and_nothing_else(
+    tmp_path: Path, home: cartier.Home, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    home.save(tmp_path / "home")
+    before = {f: f.read_bytes() for f in _files(tmp_path / "home")}
+
+    def full_disk(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("cartier.home.save_map", full_disk)
+    with pytest.raises(OSError):
+        home.save(tmp_path / "home")
+    assert {f: f.read_bytes() for f in _files(tmp_path / "home")} == before
+    assert [f.name for f in tmp_path.iterdir()] == ["home"]
