@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cartier.errors import InputError
+from cartier.geometry import backproject, transform
 from cartier.gravity import Levelling, level
 from synthetic import CAMERA, THINGS, look, render, walk
 
@@ -81,12 +82,31 @@ def test_a_world_upside_down_is_turned_over() -> None:
     assert errors(levelling, upside_down) == (0, 0)
 
 
+@pytest.mark.parametrize("tilt", [0, 1e-15, 1e-12, 1e-8, 1e-4, 1.0])
+def test_the_rotation_is_exact_near_straight_down(tilt: float) -> None:
+    for up in ((0, tilt, -1), (tilt, 0, -1), (tilt, 0, 1)):
+        levelling = level(np.array(ROUND), CAMERA, up=up, floor_m=0)
+        rotation = levelling.level_from_world[:3, :3]
+        assert np.abs(rotation @ rotation.T - np.eye(3)).max() < 1e-11
+        assert np.abs(rotation @ levelling.up - (0, 0, 1)).max() < 1e-11
+
+
 def test_readings_below_the_floor_do_not_lower_it() -> None:
     rng = np.random.default_rng(1)
     mirrored = [np.where(rng.random(d.shape) < 0.03, d * 1.6, d).astype(np.float32) for d in ROUND_DEPTHS]
     tilt, floor = errors(level(np.array(ROUND), CAMERA, lambda i: mirrored[i]), np.eye(4))
     assert tilt < 0.5
     assert abs(floor) < 0.01
+
+
+def test_a_floor_that_was_never_in_view_is_doubted() -> None:
+    table = look((1.5, 2.2, 1.5), (1.5, 3.4, 0.8))
+    depth = noisy([table])[0]
+    low = render(table, CAMERA, THINGS)[0]
+    points = transform(table, backproject(low, CAMERA).astype(np.float64))
+    depth[(points[..., 2] < 0.05)] = np.nan  # a floor that returns nothing
+    assert "was the floor in view?" in level(np.array([table]), CAMERA, lambda i: depth).notes[1]
+    assert "was the floor in view?" not in level(np.array(ROUND), CAMERA, lambda i: ROUND_DEPTHS[i]).notes[1]
 
 
 def test_without_depth_level_cameras_that_look_around_give_up_away() -> None:

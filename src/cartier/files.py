@@ -26,8 +26,10 @@ def read_json(path: Path) -> Any:
         raise InputError(f"{path} line {error.lineno}: not valid JSON ({error.msg})") from error
     except UnicodeDecodeError as error:
         raise InputError(f"{path} is not UTF-8 text") from error
-    except RecursionError as error:
-        raise InputError(f"{path} is nested too deeply to be a file of cartier's") from error
+    except (RecursionError, ValueError) as error:  # nested without end, or a number of thousands of digits
+        raise InputError(f"{path} is no file of cartier's ({str(error)[:80]})") from error
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {error.strerror}") from error
 
 
 def write_json(path: Path, value: Any) -> None:

@@ -200,9 +200,11 @@ def _find_floor(poses: Array, surfaces: _Surfaces | None, up: Vector) -> tuple[f
     floor_m = float(layers[0])
     for _ in range(3):
         floor_m = float(np.median(heights[np.abs(heights - floor_m) < LAYER_M]))
+    below = 0.0 if surfaces is None else float(np.mean(surfaces.points @ up < floor_m - 0.1))
+    doubt = f" (but {below:.0%} of the points lie below it: was the floor in view?)" if below > 0.02 else ""
     return floor_m, (
         f"floor estimated at {floor_m:.3f} m along up, {camera_m - floor_m:.2f} m below the cameras: "
-        "the lowest large horizontal surface; override with floor_m=…"
+        f"the lowest large horizontal surface{doubt}; override with floor_m=…"
     )
 
 
@@ -229,7 +231,11 @@ def _height(floor_m: float) -> float:
 def _rotation_to_z(up: Vector) -> npt.NDArray[np.float64]:
     """The smallest rotation that takes the unit vector ``up`` to +z."""
     x, y, z = up
-    if z < -1 + 1e-9:
+    sideways = x * x + y * y
+    if z < 0 and sideways < 1e-24:
         return np.diag([1.0, -1.0, -1.0])
     cross = np.array([[0, 0, -x], [0, 0, -y], [x, y, 0]])
-    return np.asarray(np.eye(3) + cross + cross @ cross / (1 + z), dtype=np.float64)
+    scale = (
+        1 / (1 + z) if z > 0 else (1 - z) / sideways
+    )  # the same number; each form loses its digits where the other holds
+    return np.asarray(np.eye(3) + cross + cross @ cross * scale, dtype=np.float64)

@@ -106,6 +106,7 @@ class Frame:
 
     def __post_init__(self) -> None:
         shape, where = (self.camera.height, self.camera.width), f"frame {self.index}"
+        _need(math.isfinite(self.time_s), f"{where}: time_s must be finite, got {self.time_s}")
         _need(
             self.rgb.shape == (*shape, 3) and self.rgb.dtype == np.uint8,
             f"{where}: rgb must be {(*shape, 3)} uint8, got {self.rgb.shape} {self.rgb.dtype}",

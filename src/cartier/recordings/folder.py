@@ -1,0 +1,219 @@
+"""cartier's own format: recording.json, rgb/000000.jpg, depth/000000.png (uint16 mm), trajectory.txt (TUM).
+
+``recording.json`` names no files: the layout is fixed, so nothing in it can lead out of the folder. A simulator's
+recording also holds ``truth.json`` (the true objects with their boxes) and ``instances/000000.png`` (uint16 ids).
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, TextIO
+
+from cartier.contracts import Recording
+from cartier.errors import InputError
+from cartier.files import read_json, replaced_folder, write_json
+from cartier.recordings import _images
+from cartier.recordings._content import content_hash, frame_number, names_in
+from cartier.recordings._poses import read_trajectory, trajectory_line
+from cartier.types import Camera, Frame, TrueObject
+
+SCHEMA = 1
+HEAD, TRAJECTORY, TRUTH = "recording.json", "trajectory.txt", "truth.json"
+INTRINSICS = ("fx", "fy", "cx", "cy")
+
+
+def matches(path: Path) -> bool:
+    """Whether a folder holds a recording.json."""
+    return (path / HEAD).is_file()
+
+
+def open(path: str | Path) -> Recording:
+    """Read a recording that ``save`` wrote, or another program in the same layout."""
+    return Folder(Path(path))
+
+
+class Folder:
+    """A recording in cartier's own format. Poses are read when it is opened, images when a frame is asked for."""
+
+    def __init__(self, root: Path) -> None:
+        self._root = root
+        head = _Fields(read_json(root / HEAD), root / HEAD)
+        schema = head.get("schema", int)
+        if schema != SCHEMA:
+            raise InputError(f"{root / HEAD} has schema {schema}, this cartier reads {SCHEMA}: upgrade cartier")
+        self.name: str = head.get("name", str)
+        self.camera = _camera(_Fields(head.get("camera", dict), root / HEAD))
+        self.notes: Sequence[str] = head.texts("notes")
+        self._times_s, self._poses = read_trajectory(root / TRAJECTORY)
+        self._poses.setflags(write=False)
+        self._has_depth: bool = head.get("depth", bool)
+        self._has_instances: bool = head.get("instances", bool)
+        simulator = head.get("simulator", bool)
+        self.truth: Sequence[TrueObject] | None = _read_truth(root / TRUTH) if simulator else None
+        self._images = {"rgb": ".jpg"}
+        self._images |= {"depth": ".png"} if self._has_depth else {}
+        self._images |= {"instances": ".png"} if self._has_instances else {}
+        for kind, suffix in self._images.items():
+            _check_count(root / kind, suffix, len(self._poses))
+        self._fingerprint: str | None = None
+
+    def __len__(self) -> int:
+        return len(self._poses)
+
+    def __getitem__(self, index: int) -> Frame:
+        i = frame_number(index, len(self), self.name)
+        depth, instances = self._root / _image("depth", i, ".png"), self._root / _image("instances", i, ".png")
+        return Frame(
+            index=i,
+            time_s=float(self._times_s[i]),
+            rgb=_images.read_rgb(self._root / _image("rgb", i, ".jpg"), self.camera),
+            depth_m=_images.read_depth(depth, self.camera) if self._has_depth else None,
+            world_from_camera=self._poses[i],
+            camera=self.camera,
+            instances=_images.read_instances(instances, self.camera) if self._has_instances else None,
+        )
+
+    def fingerprint(self) -> str:
+        if self._fingerprint is None:
+            images = [_image(kind, i, suffix) for kind, suffix in self._images.items() for i in range(len(self))]
+            names = [HEAD, TRAJECTORY, *([] if self.truth is None else [TRUTH]), *images]
+            self._fingerprint = content_hash("folder 1", self._root, names)
+        return self._fingerprint
+
+
+def save(recording: Recording, folder: str | Path, progress: Callable[[int, int], None] | None = None) -> None:
+    """Write any recording in cartier's own format, one frame in memory at a time, all or nothing.
+
+    Poses, instances and truth come back exactly, depth to a millimetre (up to 65.534 m), colour as JPEG of quality 95.
+    ``progress(done, total)`` is called after each frame. Raises InputError if ``folder`` exists and is not empty.
+    """
+    folder = Path(folder)
+    if not len(recording):
+        raise InputError(f"{recording.name} holds no frame, so there is nothing to save")
+    if folder.exists() and not (folder.is_dir() and not any(folder.iterdir())):
+        raise InputError(f"{folder} exists: choose another folder, or delete it yourself")
+    try:
+        with replaced_folder(folder, HEAD) as temporary:
+            _write(recording, temporary, progress)
+    except OSError as error:
+        raise InputError(f"{folder} cannot be written ({error.strerror or error})") from error
+
+
+def _write(recording: Recording, root: Path, progress: Callable[[int, int], None] | None) -> None:
+    kinds: list[str] = []
+    with (root / TRAJECTORY).open("w", encoding="utf-8") as trajectory:
+        trajectory.write("# t x y z qx qy qz qw: seconds, metres, map from camera (x right, y down, z forward)\n")
+        for i in range(len(recording)):
+            frame = recording[i]
+            images = {"rgb": frame.rgb, "depth": frame.depth_m, "instances": frame.instances}
+            there = [kind for kind, image in images.items() if image is not None]
+            if i == 0:
+                kinds = there
+                for kind in kinds:
+                    (root / kind).mkdir()
+            if there != kinds:
+                raise InputError(
+                    f"{recording.name}: frame 0 has {' + '.join(kinds)}, but frame {i} {' + '.join(there)}"
+                )
+            if frame.camera != recording.camera:
+                raise InputError(f"{recording.name}: frame {i} has another camera than the recording")
+            _write_frame(frame, i, root, trajectory)
+            if progress is not None:
+                progress(i + 1, len(recording))
+    _write_head(recording, kinds, root)
+
+
+def _write_head(recording: Recording, kinds: Sequence[str], root: Path) -> None:
+    if recording.truth is not None:
+        write_json(root / TRUTH, {"objects": [_truth_item(item) for item in recording.truth]})
+    camera = recording.camera
+    head = {
+        "schema": SCHEMA,
+        "name": recording.name,
+        "camera": {"width": int(camera.width), "height": int(camera.height)}
+        | {field: float(getattr(camera, field)) for field in INTRINSICS},
+        "depth": "depth" in kinds,
+        "instances": "instances" in kinds,
+        "simulator": recording.truth is not None,
+        "notes": list(recording.notes),
+    }
+    write_json(root / HEAD, head)
+
+
+def _write_frame(frame: Frame, number: int, root: Path, trajectory: TextIO) -> None:
+    _images.write_rgb(root / _image("rgb", number, ".jpg"), frame.rgb)
+    if frame.depth_m is not None:
+        _images.write_depth(root / _image("depth", number, ".png"), frame.depth_m)
+    if frame.instances is not None:
+        _images.write_instances(root / _image("instances", number, ".png"), frame.instances)
+    trajectory.write(trajectory_line(frame.time_s, frame.world_from_camera))
+
+
+def _truth_item(item: TrueObject) -> dict[str, Any]:
+    corners = {"box_min": [float(v) for v in item.box_min], "box_max": [float(v) for v in item.box_max]}
+    return {"id": int(item.id), "label": item.label, **corners}
+
+
+def _image(kind: str, number: int, suffix: str) -> str:
+    return f"{kind}/{number:06d}{suffix}"
+
+
+def _check_count(folder: Path, suffix: str, poses: int) -> None:
+    """Refuse a folder of images that are not as many as there are poses."""
+    there = {name for name in names_in(folder) if name.endswith(suffix) and not name.startswith(".")}
+    wanted = {f"{i:06d}{suffix}" for i in range(poses)}
+    if there != wanted:
+        odd = min(there ^ wanted)
+        trouble = f"{odd} is missing" if odd in wanted else f"{odd} has no pose"
+        raise InputError(f"{folder} holds {len(there)} images but {TRAJECTORY} holds {poses} poses: {trouble}")
+
+
+class _Fields:
+    """A JSON object that says which field is missing or of the wrong type."""
+
+    def __init__(self, value: Any, path: Path) -> None:
+        if not isinstance(value, dict):
+            raise InputError(f"{path} must hold a JSON object, got {type(value).__name__}")
+        self.value, self.path = value, path
+
+    def get(self, field: str, kind: type) -> Any:
+        value = self.value.get(field)
+        if type(value) is not kind:
+            raise InputError(f"{self.path}: field {field!r} must be of type {kind.__name__}, got {str(value)[:40]!r}")
+        return value
+
+    def number(self, field: str) -> float:
+        value: Any = self.value.get(field)
+        if type(value) not in (int, float) or not abs(value) <= sys.float_info.max:
+            raise InputError(f"{self.path}: field {field!r} must be a finite number, got {str(value)[:40]!r}")
+        return float(value)
+
+    def texts(self, field: str) -> list[str]:
+        values = self.get(field, list)
+        if not all(isinstance(value, str) for value in values):
+            raise InputError(f"{self.path}: field {field!r} must be a list of texts")
+        return list(values)
+
+    def corner(self, field: str) -> tuple[float, ...]:
+        values = self.get(field, list)
+        if len(values) != 3:
+            raise InputError(f"{self.path}: field {field!r} must be 3 numbers, got {len(values)}")
+        return tuple(_Fields({field: value}, self.path).number(field) for value in values)
+
+
+def _camera(fields: _Fields) -> Camera:
+    width, height = fields.get("width", int), fields.get("height", int)
+    try:
+        return Camera(width, height, *(fields.number(field) for field in INTRINSICS))
+    except InputError as error:
+        raise InputError(f"{fields.path}: {error}") from error
+
+
+def _read_truth(path: Path) -> list[TrueObject]:
+    items = (_Fields(item, path) for item in _Fields(read_json(path), path).get("objects", list))
+    return [
+        TrueObject(item.get("id", int), item.get("label", str), item.corner("box_min"), item.corner("box_max"))
+        for item in items
+    ]

@@ -1,0 +1,61 @@
+"""Tiny recordings on disk in every layout, for the tests of the readers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from cartier.contracts import Recording
+from cartier.recordings import folder
+from synthetic import RoomRecording, walk
+
+
+def room(with_depth: bool = True, frames: int = 4) -> RoomRecording:
+    """A few frames of the synthetic room."""
+    whole = walk(with_depth=with_depth)
+    return replace(whole, poses=whole.poses[:frames])
+
+
+def write_sevenscenes(
+    recording: Recording, root: Path, colour: str = "jpg", source_from_world: np.ndarray | None = None
+) -> None:
+    """The 7-Scenes layout, every 20th number, in a world that is moved by ``source_from_world``."""
+    root.mkdir()
+    for i in range(len(recording)):
+        frame, stem = recording[i], f"frame-{20 * i:06d}"
+        Image.fromarray(frame.rgb).save(root / f"{stem}.color.{colour}", quality=95)
+        if frame.depth_m is not None:
+            millimetres = np.where(np.isnan(frame.depth_m), 65535, np.rint(frame.depth_m * 1000))
+            Image.fromarray(millimetres.astype(np.uint16)).save(root / f"{stem}.depth.png")
+        moved = np.eye(4) if source_from_world is None else source_from_world
+        np.savetxt(root / f"{stem}.pose.txt", moved @ frame.world_from_camera, delimiter="\t ")
+    c = recording.camera
+    np.savetxt(root / "camera-intrinsics.txt", [[c.fx, 0, c.cx], [0, c.fy, c.cy], [0, 0, 1]])
+
+
+class Seen(RoomRecording):
+    """The synthetic room as a real recording: no truth, no instances."""
+
+    truth = None  # type: ignore[assignment]
+
+    def __getitem__(self, index: int):  # type: ignore[no-untyped-def]
+        return replace(super().__getitem__(index), instances=None)
+
+
+def seen(with_depth: bool = True) -> Recording:
+    whole = room(with_depth)
+    return Seen(whole.poses, whole.objects, with_depth=with_depth)
+
+
+LAYOUTS: dict[str, Callable[[Path], None]] = {
+    "folder": lambda path: folder.save(seen(), path),
+    "folder-without-depth": lambda path: folder.save(seen(with_depth=False), path),
+    "folder-simulator": lambda path: folder.save(room(), path),
+    "sevenscenes": lambda path: write_sevenscenes(room(), path),
+    "sevenscenes-png": lambda path: write_sevenscenes(room(), path, colour="png"),
+    "sevenscenes-without-depth": lambda path: write_sevenscenes(room(with_depth=False), path),
+}

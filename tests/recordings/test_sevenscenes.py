@@ -1,0 +1,150 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from layouts import room, write_sevenscenes
+
+from cartier import plugins
+from cartier.errors import InputError
+from cartier.geometry import backproject, transform
+
+
+def rewrite(name: str, change: Callable[[np.ndarray], None]) -> Callable[[Path], None]:
+    def apply(root: Path) -> None:
+        matrix = np.loadtxt(root / name)
+        change(matrix)
+        np.savetxt(root / name, matrix)
+
+    return apply
+
+
+def put(row: int, column: int, value: float) -> Callable[[np.ndarray], None]:
+    return lambda matrix: matrix.__setitem__((row, column), value)
+
+
+POSE, INTRINSICS = "frame-000020.pose.txt", "camera-intrinsics.txt"
+DAMAGE: list[tuple[Callable[[Path], object], str]] = [
+    (
+        lambda root: (root / INTRINSICS).unlink(),
+        r"camera-intrinsics\.txt is missing: write the camera's 3x3 matrix there",
+    ),
+    (
+        lambda root: (root / INTRINSICS).write_text("585 585\n"),
+        r"camera-intrinsics\.txt must hold 3 lines of 3 numbers",
+    ),
+    (rewrite(INTRINSICS, put(0, 1, 3.0)), "skew is not supported"),
+    (rewrite(INTRINSICS, put(0, 0, 0.0)), r"camera-intrinsics\.txt: camera focal lengths must be positive"),
+    (rewrite(INTRINSICS, put(0, 2, np.nan)), "finite"),
+    (rewrite(POSE, put(0, 3, np.nan)), r"frame-000020\.pose\.txt: the pose holds NaN"),
+    (rewrite(POSE, put(3, 3, 2.0)), r"frame-000020\.pose\.txt: the last row of a pose must be 0 0 0 1"),
+    (rewrite(POSE, lambda m: m.__imul__(np.array([[1.1]] * 3 + [[1]]))), r"frame-000020\.pose\.txt: .*not orthonormal"),
+    (rewrite(POSE, lambda m: m.__imul__([[-1]] * 3 + [[1]])), r"frame-000020\.pose\.txt: the rotation mirrors"),
+    (lambda root: (root / POSE).write_text("1 0 0 0\n"), r"frame-000020\.pose\.txt must hold 4 lines of 4 numbers"),
+    (lambda root: (root / POSE).write_text("1 0 0 here\n" * 4), r"frame-000020\.pose\.txt line 1: could not convert"),
+    (lambda root: (root / POSE).write_bytes(b"\xff\xfe" * 40), r"frame-000020\.pose\.txt is not text"),
+    (
+        lambda root: (root / POSE).unlink(),
+        r"4 colour images but 3 \.pose\.txt files: frame-000020\.pose\.txt is missing",
+    ),
+    (
+        lambda root: (root / "frame-000020.depth.png").unlink(),
+        r"3 \.depth\.png files: frame-000020\.depth\.png is missing",
+    ),
+    (lambda root: (root / "frame-000040.color.jpg").unlink(), r"3 colour images but 4 .*frame-000040\.color\.jpg or"),
+    (
+        lambda root: (root / "frame-000040.color.png").write_bytes(b""),
+        r"frame-000040\.color is there as \.jpg and as \.png",
+    ),
+]
+
+
+@pytest.mark.parametrize(("damage", "fault"), DAMAGE)
+def test_damage_is_one_clear_line(tmp_path: Path, damage: Callable[[Path], object], fault: str) -> None:
+    write_sevenscenes(room(), tmp_path / "a")
+    damage(tmp_path / "a")
+    with pytest.raises(InputError, match=fault) as caught:
+        plugins.open_recording(tmp_path / "a")
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("options", "fault"),
+    [
+        ({"up": (0, 0, 0)}, "up must be three finite numbers"),
+        ({"up": (0, 1)}, "up must be three finite numbers"),
+        ({"up": "z"}, "up must be three finite numbers"),
+        ({"floor_m": float("nan")}, "floor_m must be a finite height"),
+        ({"floor_m": "low"}, "floor_m must be a finite height"),
+    ],
+)
+def test_a_senseless_override_is_refused(tmp_path: Path, options: dict[str, object], fault: str) -> None:
+    write_sevenscenes(room(), tmp_path / "a")
+    with pytest.raises(InputError, match=fault):
+        plugins.open_recording(tmp_path / "a", **options)
+
+
+def test_a_folder_of_something_else_is_no_recording(tmp_path: Path) -> None:
+    (tmp_path / "holiday.jpg").write_bytes(b"")
+    with pytest.raises(InputError, match="is no recording that cartier knows"):
+        plugins.open_recording(tmp_path)
+    with pytest.raises(InputError, match=r"holds no frame-000000\.color"):
+        plugins.open_recording(tmp_path, format="sevenscenes")
+
+
+def test_the_world_comes_out_level_and_the_overrides_are_obeyed(tmp_path: Path) -> None:
+    tilted = np.eye(4)
+    tilted[:3, :3] = [[1, 0, 0], [0, 0, -1], [0, 1, 0]]  # the source's -y is our z
+    tilted[:3, 3] = (5, -7, 2)
+    write_sevenscenes(room(), tmp_path / "a", source_from_world=tilted)
+    estimated = plugins.open_recording(tmp_path / "a")
+    given = plugins.open_recording(tmp_path / "a", up=(0, -2, 0), floor_m=7.0)
+    raised = plugins.open_recording(tmp_path / "a", up=(0, -2, 0), floor_m=6.0)
+    assert [note.split(" ")[1] for note in estimated.notes[:2]] == ["estimated", "estimated"]
+    assert [note.split(" ")[1] for note in given.notes[:2]] == ["given", "given"]
+    assert len({r.fingerprint() for r in (estimated, given, raised)}) == 3
+    for i in range(len(given)):
+        heights = [r[i].world_from_camera[2, 3] for r in (estimated, given, raised)]
+        assert np.abs(np.subtract(heights, (1.5, 1.5, 2.5))).max() < 0.01
+        assert abs(heights[1] - 1.5) < 1e-9
+
+
+def test_a_rotation_that_is_slightly_off_is_mended(tmp_path: Path) -> None:
+    write_sevenscenes(room(), tmp_path / "a")
+    rewrite(POSE, lambda m: m.__imul__(np.array([[1.002]] * 3 + [[1]])))(tmp_path / "a")
+    rotation = plugins.open_recording(tmp_path / "a")[1].world_from_camera[:3, :3]
+    assert np.abs(rotation @ rotation.T - np.eye(3)).max() < 1e-12
+
+
+def test_frames_are_in_the_order_of_their_numbers_and_timed_by_them(tmp_path: Path) -> None:
+    write_sevenscenes(room(), tmp_path / "a", colour="png")
+    times = [frame.time_s for frame in plugins.open_recording(tmp_path / "a")]
+    assert times == [0, 20 / 30, 40 / 30, 60 / 30]
+
+
+def test_the_real_kitchen_has_its_layers_level(shared: Path) -> None:
+    recording = plugins.open_recording(shared / "recordings" / "kitchen_7scenes")
+    heights, places = [], []
+    for i in range(0, len(recording), 3):
+        frame = recording[i]
+        assert frame.depth_m is not None
+        points = transform(frame.world_from_camera, backproject(frame.depth_m, frame.camera, 8).astype(np.float64))
+        normals = np.cross(np.diff(points, axis=0)[:, :-1], np.diff(points, axis=1)[:-1])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            level = np.abs(normals[..., 2]) / np.linalg.norm(normals, axis=-1) > np.cos(np.radians(20))
+        heights.append(points[:-1, :-1][level][:, 2])
+        places.append(points[:-1, :-1][level][:, :2])
+    height, place = np.concatenate(heights), np.concatenate(places)
+
+    def layer(low: float, high: float, where: np.ndarray | bool = True) -> tuple[float, float]:
+        points = height[(height > low) & (height < high) & where]
+        assert len(points) > 100
+        return float(np.median(points)), float(points.std())
+
+    floor, table = layer(-0.05, 0.05), layer(0.65, 0.79)
+    counter = layer(0.84, 1.0, (place[:, 1] > 2.4) & (place[:, 0] > -0.5) & (place[:, 0] < 1.5))
+    assert abs(floor[0]) < 0.01 and floor[1] < 0.02
+    assert abs(table[0] - 0.72) < 0.02 and table[1] < 0.012
+    assert abs(counter[0] - 0.90) < 0.02 and counter[1] < 0.02

@@ -1,0 +1,102 @@
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+from synthetic import CAMERA, walk
+
+from cartier.errors import InputError
+from cartier.files import read_json
+from cartier.text import display_name
+from cartier.types import Camera, Detections, OccupancyGrid, Place, Selection, check_pose
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"rgb": np.zeros((3, 3, 3), np.uint8)}, r"rgb must be \(120, 160, 3\) uint8, got \(3, 3, 3\)"),
+        ({"depth_m": np.zeros((60, 80), np.float32)}, r"depth_m must be \(120, 160\), got \(60, 80\)"),
+        ({"world_from_camera": np.full((4, 4), np.nan)}, "frame 0: the pose holds NaN"),
+        ({"world_from_camera": np.diag([1.0, 1, -1, 1])}, "mirrors"),
+        ({"world_from_camera": np.diag([2.0, 2, 2, 1])}, "not orthonormal"),
+        ({"world_from_camera": np.eye(3)}, r"must be 4x4, got \(3, 3\)"),
+        ({"time_s": float("nan")}, "time_s must be finite"),
+    ],
+)
+def test_a_frame_says_what_is_wrong_with_it(change: dict[str, object], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        dataclasses.replace(walk()[0], **change)
+
+
+def test_a_pose_with_a_projective_row_is_refused() -> None:
+    pose = np.eye(4)
+    pose[3, 0] = 0.1
+    with pytest.raises(InputError, match="last row"):
+        check_pose(pose)
+
+
+@pytest.mark.parametrize(
+    ("boxes", "scores", "labels", "message"),
+    [
+        ([[0, 0, 1, 1]], [1, 1], ["a"], "1 boxes, 2 scores, 1 labels"),
+        ([[5, 0, 1, 1]], [1], ["a"], "x2 < x1"),
+        ([[0, 0, np.nan, 1]], [1], ["a"], "NaN"),
+    ],
+)
+def test_detections_are_checked(boxes: list[list[float]], scores: list[float], labels: list[str], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        Detections(3, np.array(boxes), np.array(scores), tuple(labels))
+
+
+def test_detections_keep_by_mask_and_by_number() -> None:
+    seen = Detections(0, np.arange(12).reshape(3, 4), np.array([0.1, 0.2, 0.3]), ("a", "b", "c"))
+    assert seen.keep(np.array([True, False, True])).labels == ("a", "c")
+    assert seen.keep(np.array([2, 0])).labels == ("c", "a")
+
+
+def test_selections_name_an_object_exactly_when_they_found_one() -> None:
+    with pytest.raises(InputError, match="must name an object"):
+        Selection("found")
+    with pytest.raises(InputError, match="must not name an object"):
+        Selection("absent", "cup")
+
+
+def test_cameras_places_and_grids_are_checked() -> None:
+    with pytest.raises(InputError, match="focal lengths must be positive"):
+        Camera(640, 480, 0, 500, 320, 240)
+    with pytest.raises(InputError, match="size must be"):
+        Camera(0, 480, 500, 500, 320, 240)
+    with pytest.raises(InputError, match="3 finite numbers"):
+        Place("cup", (1, 2, float("inf")), 1.0, 0)
+    with pytest.raises(InputError, match="rows, cols"):
+        OccupancyGrid(np.zeros((0, 3), np.int8), 0.05, (0, 0), np.zeros((0, 3), np.float16))
+    assert CAMERA.scaled(320, 240).fx == 2 * CAMERA.fx
+
+
+@pytest.mark.parametrize("text", ["", "{", "[1,]", '{"a": ' + "9" * 5000 + "}", "[" * 100_000, "\udcff"])
+def test_rubbish_json_is_one_line(text: str, tmp_path: Path) -> None:
+    file = tmp_path / "x.json"
+    file.write_bytes(text.encode("utf-8", "surrogateescape"))
+    with pytest.raises(InputError) as caught:
+        read_json(file)
+    assert str(file) in str(caught.value) and "\n" not in str(caught.value)
+    with pytest.raises(InputError, match="cannot be read"):
+        read_json(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("label", "name"),
+    [
+        ("CoffeeMachine", "coffee machine"),
+        ("coffee_machine", "coffee machine"),
+        ("TVStand", "tv stand"),
+        ("  wine\tglass\n", "wine glass"),
+        ("bat_(animal)", "bat (animal)"),
+        ("Café", "café"),
+    ],
+)
+def test_display_names(label: str, name: str) -> None:
+    assert display_name(label) == name
+    assert display_name(name) == name
