@@ -5,12 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from synthetic import CAMERA, walk
 
 from cartier.errors import InputError
 from cartier.files import read_json
 from cartier.text import display_name
 from cartier.types import Camera, Detections, OccupancyGrid, Place, Selection, check_pose
+from synthetic import CAMERA, walk
 
 
 @pytest.mark.parametrize(

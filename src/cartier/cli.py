@@ -165,7 +165,7 @@ def list_command(as_json: AsJson = False) -> None:
     if as_json:
         print(json.dumps([vars(row) for row in rows]))
         return
-    for kind in plugins.KINDS:
+    for kind in dict.fromkeys(row.kind for row in rows):
         print(kind)
         for row in (r for r in rows if r.kind == kind):
             needs = f"  [needs cartier[{row.extra}]]" if row.extra else ""

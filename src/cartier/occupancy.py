@@ -41,9 +41,9 @@ class OccupancyMapper:
         self._low = np.zeros(
             2, np.int64
         )  # (row, col) of the arrays' first cell, in units of cells from the world origin
-        self._occupied = np.zeros((0, 0), np.uint16)
-        self._floor = np.zeros((0, 0), np.uint16)
-        self._passed = np.zeros((0, 0), np.uint16)
+        self._occupied = np.zeros((0, 0), np.uint32)
+        self._floor = np.zeros((0, 0), np.uint32)
+        self._passed = np.zeros((0, 0), np.uint32)
         self._height_m = np.zeros((0, 0), np.float16)
 
     def add(self, frame: Frame) -> None:
@@ -69,7 +69,7 @@ class OccupancyMapper:
         cells = np.full(self._occupied.shape, UNKNOWN, np.int8)
         seen_free = self._floor + self._passed
         cells[seen_free > 0] = FREE
-        cells[(self._occupied > 0) & (self._occupied.astype(np.uint32) * FREE_BEATS_OCCUPIED > self._floor)] = OCCUPIED
+        cells[(self._occupied > 0) & (self._occupied * FREE_BEATS_OCCUPIED > self._floor)] = OCCUPIED
         return OccupancyGrid(cells, self.resolution_m, self._origin(), self._height_m.copy())
 
     def _origin(self) -> tuple[float, float]:
@@ -177,7 +177,7 @@ def save_map(grid: OccupancyGrid, folder: Path) -> None:
     pixels = np.full(grid.cells.shape, _PIXELS[UNKNOWN], np.uint8)
     for value, pixel in _PIXELS.items():
         pixels[grid.cells == value] = pixel
-    rows, cols = pixels.shape
+    rows, cols = grid.cells.shape
     # The first image row is the largest y.
     (folder / "occupancy.pgm").write_bytes(b"P5\n%d %d\n255\n" % (cols, rows) + pixels[::-1].tobytes())
     (folder / "occupancy.yaml").write_text(

@@ -1,0 +1,5 @@
+"""``python -m cartier`` is the command ``cartier``."""
+
+from cartier.cli import main
+
+main()

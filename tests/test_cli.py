@@ -1,0 +1,182 @@
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from cartier import cli
+from cartier.home import Home
+from cartier.recordings.folder import save
+from synthetic import THINGS, walk
+
+EYES = str(Path(__file__).parent / "slow_eyes.py")
+Run = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def run(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Run:
+    """Runs the command line in this process: (exit code, stdout, stderr)."""
+
+    def call(*words: object) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["cartier", *map(str, words)])
+        with pytest.raises(SystemExit) as ended:
+            cli.main()
+            raise SystemExit(0)
+        out, err = capsys.readouterr()
+        return int(ended.value.code or 0), out, err
+
+    return call
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("recordings") / "room"
+    save(walk(), folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def home(recording: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("homes") / "room"
+    subprocess.run(
+        [sys.executable, "-m", "cartier", "map", recording, "--detector", EYES, "-o", folder], check=True, env=_env()
+    )
+    return folder
+
+
+def _env() -> dict[str, str]:
+    return os.environ | {"PYTHONPATH": str(Path(__file__).parent), "OMP_NUM_THREADS": "1"}
+
+
+def test_map_show_ask_with_pictures(run: Run, recording: Path, tmp_path: Path) -> None:
+    code, out, err = run("map", recording, "--detector", EYES, "-o", tmp_path / "home", "--json")
+    assert code == 0 and json.loads(out)["objects"] == ["chair", "mug", "table"], err
+    code, out, _ = run("show", tmp_path / "home", "--json", "--plot", tmp_path / "home.png")
+    rows = json.loads(out)["objects"]
+    assert (
+        code == 0 and {row["object"] for row in rows} == {"chair", "mug", "table"} and all(row["place"] for row in rows)
+    )
+    code, out, _ = run("show", tmp_path / "home")
+    assert code == 0 and "chair" in out and "ground truth (test)" in out
+    code, out, _ = run(
+        "ask", tmp_path / "home", "my feet hurt, let me sit down", "--json", "--plot", tmp_path / "sit.png"
+    )
+    answer = json.loads(out)
+    assert code == 0 and answer["object"] == "chair" and answer["goal"]["path"] and answer["place"]["frame"] is not None
+    assert set(answer) >= {
+        "query",
+        "status",
+        "object",
+        "reason",
+        "question",
+        "place",
+        "goal",
+        "candidates",
+        "reasoner",
+        "index",
+        "home",
+        "timing_ms",
+    }
+    for picture in ("home.png", "sit.png"):
+        assert (tmp_path / picture).read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
+    assert json.loads((tmp_path / "home" / "answers.jsonl").read_text())["object"] == "chair"
+    assert not list(tmp_path.glob(".*")), "nothing half-done is left behind"
+
+
+def test_ask_says_it_for_people(run: Run, home: Path) -> None:
+    code, out, err = run("ask", home, "my feet hurt, let me sit down")
+    assert code == 0 and out.startswith("found: chair") and "goal" in out and "ground truth (test)" in out
+    assert "embedded reasoner answers" in err
+
+
+def test_ask_can_stand_elsewhere_and_look_elsewhere(run: Run, home: Path) -> None:
+    _, out, _ = run("ask", home, "bring me to the mug", "--json", "--from", "3,1", "--index", "object_viewpoint")
+    answer = json.loads(out)
+    assert answer["index"] == "object_viewpoint" and answer["goal"]["path"][0] == pytest.approx([3, 1], abs=0.06)
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("ask", "HOME", ""), "say what you need"),
+        (("ask", "HOME", "\x07\x00\x1b"), "say what you need"),
+        (("ask", "HOME", "a " * 500_000), "long"),
+        (("ask", "HOME", "chair", "--index", "vlmap"), "no index 'vlmap'"),
+        (("ask", "HOME", "chair", "--reasoner", "opneai"), "did you mean 'openai'"),
+        (("ask", "HOME", "chair", "--from", "here"), "--from needs 2 numbers"),
+        (("ask", "HOME", "chair", "--plot", "x.nonsense"), "cannot draw to x.nonsense"),
+        (("ask", "nowhere", "chair"), "no mapped home"),
+        (("show", "RECORDING"), "no mapped home"),
+        (("map", "nowhere", "--detector", EYES, "-o", "x"), "does not exist"),
+        (("map", "HOME", "--detector", EYES, "-o", "x"), "no recording that cartier knows"),
+        (("map", "RECORDING", "--detector", "eva", "-o", "x"), "no 'eva' among the detectors"),
+        (("map", "RECORDING", "--detector", "gone.onnx", "-o", "x"), "gone.onnx"),
+        (("map", "RECORDING", "--detector", EYES, "-o", "x", "--index", "object_dept"), "did you mean 'object_depth'"),
+        (("map", "RECORDING", "--detector", EYES, "-o", "x", "--up", "1,2"), "--up needs 3 numbers"),
+    ],
+)
+def test_mistakes_are_one_line_and_leave_nothing(
+    run: Run,
+    home: Path,
+    recording: Path,
+    words: tuple[str, ...],
+    message: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    code, out, err = run(*({"HOME": home, "RECORDING": recording}.get(w, w) for w in words))
+    line = err.strip().splitlines()[-1]
+    assert code == 1 and not out and line.startswith("cartier: ") and message in line, err
+    assert not list(tmp_path.iterdir())
+
+
+def test_zero_detections_leave_no_home(run: Run, recording: Path, tmp_path: Path) -> None:
+    blind = tmp_path / "blind.py"
+    blind.write_text(
+        '"""Sees nothing."""\nimport numpy as np\nfrom cartier.types import Detections\n'
+        "class Blind:\n    name = 'blind'\n    def detect(self, frame):\n"
+        "        return Detections(frame.index, np.zeros((0, 4)), np.zeros(0), ())\ndef make():\n    return Blind()\n"
+    )
+    code, _, err = run("map", recording, "--detector", blind, "-o", tmp_path / "home")
+    assert code == 1 and "found nothing in the 20 frames" in err
+    assert not (tmp_path / "home").exists()
+
+
+def test_list_names_every_kind_and_backend(run: Run) -> None:
+    code, out, _ = run("list")
+    assert code == 0 and "object_viewpoint" in out and "sevenscenes" in out and "cartier[llm]" in out
+    rows = json.loads(run("list", "--json")[1])
+    assert {"kind": "indexes", "name": "object_depth"}.items() <= next(
+        r for r in rows if r["name"] == "object_depth"
+    ).items()
+
+
+@pytest.mark.parametrize("delay_s", [0.3, 0.9, 1.3, 1.6, 1.9])
+def test_kill_leaves_the_old_home_whole_and_the_next_run_finishes(
+    recording: Path, home: Path, tmp_path: Path, delay_s: float, run: Run
+) -> None:
+    """20 frames at 30 ms each after about 0.6 s of start-up: the kills fall before, into and after the frames."""
+    eyes = tmp_path / "eyes.py"
+    eyes.write_text(Path(EYES).read_text().replace("pause_s: float = 0.0", "pause_s: float = 0.03"))
+    target = tmp_path / "home"
+    subprocess.run(["cp", "-r", home, target], check=True)
+    before = {f: f.read_bytes() for f in target.rglob("*") if f.is_file()}
+    command = [sys.executable, "-m", "cartier", "map", recording, "--detector", eyes, "-o", target]
+    process = subprocess.Popen(command, env=_env(), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    time.sleep(delay_s)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    Home.load(target)  # old or new, but whole
+    if process.returncode != 0 and any(f.name == ".home.unfinished.jsonl" for f in tmp_path.iterdir()):
+        assert {f: f.read_bytes() for f in target.rglob("*") if f.is_file()} == before
+    subprocess.run(command, env=_env(), check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    assert Home.load(target).objects == sorted(t.label for t in THINGS)
+    assert sorted(f.name for f in tmp_path.iterdir()) == ["eyes.py", "home"]
