@@ -1,0 +1,144 @@
+"""A real inference engine (mistralrs) with a random-weight model, behind a small HTTP face that can be told to misbehave.
+
+python llm_server.py FILE.gguf      prints the port; the model's name in a request chooses the behaviour:
+``honest`` honours json_schema, ``ignores`` drops every form of structured output; the rest is said by their names.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import time
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+CANNED = {
+    "rubbish": "\x00\ufffd lorem {{{ ]] ipsum",
+    "truncated": '{"object": "cha',
+    "outside": '{"object": "helicopter"}',
+    "wrapped": "The best place to send the robot is the object called `Chair'.",
+    "empty": "",
+    "nothing": '{"object": "nothing"}',
+}
+
+
+def write_tiny_llama(
+    path: Path, seed: int = 0, width: int = 64, hidden: int = 96, layers: int = 2, heads: int = 4
+) -> None:
+    """A Llama of random weights over bytes and printable characters, about 470 kB."""
+    import gguf
+
+    rng, writer = np.random.default_rng(seed), gguf.GGUFWriter(str(path), "llama")
+    printable = ["▁" if c == 32 else chr(c) for c in range(32, 127)]
+    tokens = [t.encode() for t in ["<unk>", "<s>", "</s>", *(f"<0x{i:02X}>" for i in range(256)), *printable]]
+    kind = gguf.TokenType
+    kinds = [kind.UNKNOWN, kind.CONTROL, kind.CONTROL] + [kind.BYTE] * 256 + [kind.NORMAL] * len(printable)
+    writer.add_context_length(4096)
+    writer.add_embedding_length(width)
+    writer.add_block_count(layers)
+    writer.add_feed_forward_length(hidden)
+    writer.add_head_count(heads)
+    writer.add_head_count_kv(heads)
+    writer.add_layer_norm_rms_eps(1e-5)
+    writer.add_rope_dimension_count(width // heads)
+    writer.add_vocab_size(len(tokens))
+    writer.add_tokenizer_model("llama")
+    writer.add_token_list(tokens)
+    writer.add_token_scores([0.0] * len(tokens))
+    writer.add_token_types(kinds)
+    writer.add_bos_token_id(1)
+    writer.add_eos_token_id(2)
+    writer.add_unk_token_id(0)
+    writer.add_add_bos_token(True)
+    writer.add_chat_template("{% for m in messages %}[{{ m['role'] }}] {{ m['content'] }}\n{% endfor %}[assistant] ")
+    shapes = {"token_embd": (len(tokens), width), "output": (len(tokens), width)}
+    for i in range(layers):
+        shapes |= {f"blk.{i}.attn_{k}": (width, width) for k in ("q", "k", "v", "output")}
+        shapes |= {
+            f"blk.{i}.ffn_gate": (hidden, width),
+            f"blk.{i}.ffn_up": (hidden, width),
+            f"blk.{i}.ffn_down": (width, hidden),
+        }
+    for name, shape in shapes.items():
+        writer.add_tensor(f"{name}.weight", (rng.standard_normal(shape) * 0.3).astype(np.float32))
+    for name in ["output_norm", *(f"blk.{i}.{k}" for i in range(layers) for k in ("attn_norm", "ffn_norm"))]:
+        writer.add_tensor(f"{name}.weight", np.ones(width, np.float32))
+    writer.write_header_to_file()
+    writer.write_kv_data_to_file()
+    writer.write_tensors_to_file()
+    writer.close()
+
+
+def serve(model: Path) -> None:
+    os.environ["HF_HUB_OFFLINE"] = "1"
+    import mistralrs
+
+    which = mistralrs.Which.GGUF(quantized_model_id=str(model.parent), quantized_filename=model.name)
+    runner = mistralrs.Runner(which, max_seqs=2)
+
+    class Face(BaseHTTPRequestHandler):
+        seen: ClassVar[dict[str, list[dict[str, Any]]]] = {}
+
+        def log_message(self, *_: object) -> None:
+            pass
+
+        def send(self, status: int, value: object, cut: bool = False) -> None:
+            body = json.dumps(value).encode()
+            self.send_response(status)
+            self.send_header("content-type", "application/json")
+            self.send_header("content-length", str(len(body)))
+            self.end_headers()
+            self.wfile.write(body[: len(body) // 2] if cut else body)
+            self.close_connection = True
+
+        def do_GET(self) -> None:
+            """What a model was asked, for the tests to look at."""
+            self.send(200, self.seen.get(self.path.strip("/"), []))
+
+        def do_POST(self) -> None:
+            asked = json.loads(self.rfile.read(int(self.headers["content-length"])))
+            name = asked["model"]
+            self.seen.setdefault(name, []).append(asked)
+            form = (asked.get("response_format") or {}).get("type")
+            if name == "hangs":
+                time.sleep(8)
+            elif name.isdigit():
+                self.send(int(name), {"error": {"message": f"you asked for {name}"}})
+            elif name == "html":
+                self.wfile.write(b"HTTP/1.0 200 OK\r\ncontent-type: text/html\r\n\r\n<h1>router login</h1>")
+            elif name == "knows-no-schema" and form == "json_schema":
+                self.send(500, {"error": {"message": "unknown response_format"}})
+            elif name == "no-temperature" and "temperature" in asked:
+                self.send(400, {"error": {"message": "Unsupported parameter: 'temperature'"}})
+            else:
+                self.send(200, self.complete(asked, name), cut=name == "cut")
+
+        def complete(self, asked: dict[str, Any], name: str) -> dict[str, Any]:
+            text = CANNED.get(name)
+            if text is None:
+                form, grammar = asked.get("response_format") or {}, {}
+                if name != "ignores" and form.get("type") in ("json_schema", "json_object"):
+                    schema = form["json_schema"]["schema"] if form["type"] == "json_schema" else form["schema"]
+                    grammar = {"grammar": json.dumps(schema), "grammar_type": "json_schema"}
+                request = mistralrs.ChatCompletionRequest(
+                    model="default",
+                    messages=asked["messages"],
+                    temperature=0.0,
+                    max_tokens=asked.get("max_tokens", 64),
+                    **grammar,
+                )
+                text = runner.send_chat_completion_request(request).choices[0].message.content
+            choice = {"index": 0, "finish_reason": "stop", "message": {"role": "assistant", "content": text}}
+            return {"id": "x", "object": "chat.completion", "created": 0, "model": name, "choices": [choice]}
+
+    server = ThreadingHTTPServer(("127.0.0.1", 0), Face)
+    print(f"port {server.server_address[1]}", flush=True)
+    server.serve_forever()
+
+
+if __name__ == "__main__":
+    serve(Path(sys.argv[1]).resolve())
