@@ -11,6 +11,8 @@ def make(threshold: float = 0.5, smallest_px: int = 400) -> "RedThings":
 
 
 class RedThings:
+    min_views = 2  # one frame's red blob may be a reflection
+
     def __init__(self, threshold: float, smallest_px: int) -> None:
         self.threshold, self.smallest_px = threshold, smallest_px
         self.name = f"red things (red share ≥ {threshold})"

@@ -92,6 +92,7 @@ class TrueBoxes:
     """A detector that reads the instances: the tests' stand-in for eyes, and called ground truth."""
 
     name = "ground truth (test)"
+    min_views = 1
 
     def __init__(self, objects: Sequence[TrueObject], with_masks: bool = False) -> None:
         self.labels = {o.id: o.label for o in objects}

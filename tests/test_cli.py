@@ -142,7 +142,7 @@ def test_zero_detections_leave_no_home(run: Run, recording: Path, tmp_path: Path
     blind = tmp_path / "blind.py"
     blind.write_text(
         '"""Sees nothing."""\nimport numpy as np\nfrom cartier.types import Detections\n'
-        "class Blind:\n    name = 'blind'\n    def detect(self, frame):\n"
+        "class Blind:\n    name = 'blind'\n    min_views = 1\n    def detect(self, frame):\n"
         "        return Detections(frame.index, np.zeros((0, 4)), np.zeros(0), ())\ndef make():\n    return Blind()\n"
     )
     code, _, err = run("map", recording, "--detector", blind, "-o", tmp_path / "home")

@@ -69,6 +69,9 @@ def map_command(
         str | None,
         typer.Option("--index", help="Indices to build, separated by commas. Default: all that need no encoder."),
     ] = None,
+    min_views: Annotated[
+        int | None, typer.Option(help="How many frames must agree on an object; each detector has its own default.")
+    ] = None,
     radius: Annotated[float, typer.Option(help="Robot radius in metres, for the goals.")] = 0.2,
     up: Annotated[
         str | None,
@@ -90,7 +93,9 @@ def map_command(
     names = [name.strip() for name in index.split(",")] if index else None
     unfinished = output.parent / f".{output.name}.unfinished.jsonl"
     with _progress("mapping") as progress:
-        home = map_home(source, eyes, names, robot_radius_m=radius, resume=unfinished, progress=progress)
+        home = map_home(
+            source, eyes, names, min_views=min_views, robot_radius_m=radius, resume=unfinished, progress=progress
+        )
     home.save(output)
     unfinished.unlink(missing_ok=True)
     if as_json:

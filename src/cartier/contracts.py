@@ -32,6 +32,8 @@ class Detector(Protocol):
     """Finds objects in one frame. ``name`` says which model at which threshold, for every output's provenance."""
 
     name: str
+    min_views: int
+    """How many frames must agree before one of its objects counts; 1 for a detector that is never wrong."""
 
     def detect(self, frame: Frame) -> Detections:
         """Detections above the detector's own threshold; labels are display names (see ``text.display_name``)."""
@@ -53,7 +55,10 @@ class Encoder(Protocol):
 
 
 class SpatialIndex(Protocol):
-    """Where each named thing is. Built frame by frame, so that memory does not grow with the recording."""
+    """Where each named thing is. Built frame by frame, so that memory does not grow with the recording.
+
+    Its factory is ``make(min_views=1, …)``: a name counts once so many frames agree on it.
+    """
 
     def add(self, frame: Frame, detections: Detections) -> None:
         """Take in one more frame."""

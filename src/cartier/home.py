@@ -74,8 +74,8 @@ class Home:
 
     @property
     def objects(self) -> list[str]:
-        """The names of everything that was detected, each once, sorted."""
-        return list(self.detections.labels)
+        """The names of everything that an index can locate, each once, sorted: what a reasoner gets to see."""
+        return sorted({name for index in self.indexes.values() for name in index.names()})
 
     def index(self, name: str | None = None) -> tuple[str, SpatialIndex]:
         """An index by name, or the home's first one."""
@@ -98,8 +98,8 @@ class Home:
         """One row per kind of object: its name, in how many frames it was seen, its best score, and its place or None."""
         spatial_index, log = self.index(index)[1], self.detections
         rows = []
-        for number, label in enumerate(log.labels):
-            mine = log.label_ids == number
+        for label in self.objects:
+            mine = log.label_ids == log.labels.index(label)
             place = spatial_index.locate(label)
             rows.append(
                 {

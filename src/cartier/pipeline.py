@@ -31,22 +31,27 @@ def map_home(
     detector: Detector,
     indexes: Sequence[str] | None = None,
     *,
+    min_views: int | None = None,
     robot_radius_m: float = 0.2,
     resume: Path | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Home:
     """Map a recording, one frame in memory at a time.
 
-    ``indexes`` are names; by default those that the recording allows. ``resume`` is a file that keeps the detections
+    ``indexes`` are names; by default those that the recording allows. An object counts where ``min_views`` frames agree
+    on it; by default as many as the detector asks for (``Detector.min_views``). ``resume`` is a file that keeps the detections
     of finished frames, so that a killed run does not detect twice. ``progress`` is told (frames done, frames in all).
     Raises InputError if the recording is empty or broken, or if nothing was detected in it.
     """
     if not len(recording):
         raise InputError(f"recording {recording.name} holds no frames")
-    built: dict[str, SpatialIndex] = {name: plugins.make("indexes", name) for name in indexes or DEFAULT_INDEXES}
+    views = detector.min_views if min_views is None else min_views
+    built: dict[str, SpatialIndex] = {
+        name: plugins.make("indexes", name, min_views=views) for name in indexes or DEFAULT_INDEXES
+    }
     mapper = OccupancyMapper(robot_radius_m=robot_radius_m)
     settings = {"recording": recording.name, "sha256": recording.fingerprint(), "frames": len(recording)}
-    settings |= {"indexes": list(built), "robot_radius_m": robot_radius_m}
+    settings |= {"indexes": list(built), "min_views": views, "robot_radius_m": robot_radius_m}
     log: list[Detections] = []
     start_xy = (0.0, 0.0)
 

@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from synthetic import CAMERA, CHAIR, MUG, THINGS, TrueBoxes, box, look, walk
 
 from cartier import plugins
 from cartier.contracts import SpatialIndex
 from cartier.errors import InputError
 from cartier.geometry import box_distance
 from cartier.types import Detections, Frame
+from synthetic import CAMERA, CHAIR, MUG, THINGS, TrueBoxes, box, look, walk
 
 NAMES = [b.name for b in plugins.backends("indexes")]
 
@@ -145,3 +145,31 @@ def test_object_viewpoint_is_the_camera_and_looks_at_the_object() -> None:
     assert np.allclose(place.position, camera)
     to_chair = np.array([3.85, 2.05]) - camera[:2]
     assert abs(np.arctan2(to_chair[1], to_chair[0]) - place.view_yaw) < 0.15
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_one_lucky_frame_is_not_enough_where_several_must_agree(name: str) -> None:
+    """A false box, larger than any true one, in one frame; the chair is seen in several."""
+    index = plugins.make("indexes", name, min_views=2)
+    recording, eyes = walk(), TrueBoxes([CHAIR])
+    for number in range(len(recording)):
+        frame = recording[number]
+        seen = eyes.detect(frame)
+        if number == 0:
+            seen = Detections(0, np.array([[5.0, 5, 155, 115]]), np.ones(1), ("chair",))
+        if number == 1:
+            seen = Detections(1, np.array([[5.0, 5, 155, 115], [9, 9, 99, 99]]), np.ones(2), ("ghost", "ghost"))
+        index.add(frame, seen)
+    assert index.names() == ["chair"] and index.locate("ghost") is None
+    assert index.locate("chair").frame > 1
+
+
+def test_two_things_of_a_name_do_not_lend_each_other_views() -> None:
+    left, right = box(1, "cup", (1.0, 3.4, 0.8), (1.1, 3.5, 0.9)), box(2, "cup", (3.8, 3.4, 0.8), (3.9, 3.5, 0.9))
+    near, far = look((1.05, 2.6, 1.2), left.box_min), look((3.8, 1.4, 1.2), right.box_min)
+    recording = type(walk())([near, far, far], [left, right])
+    index = plugins.make("indexes", "object_depth", min_views=2)
+    for number in range(3):
+        index.add(recording[number], TrueBoxes([left, right]).detect(recording[number]))
+    place = index.locate("cup")
+    assert place is not None and place.position[0] > 3, "the left one was seen larger, but only once"

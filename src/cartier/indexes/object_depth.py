@@ -13,9 +13,9 @@ MIN_POINTS = 12  # fewer depth readings in a box are as good as none
 FEW = 1500  # points enough for a mean to a few millimetres
 
 
-def make(surface: bool = True) -> ObjectDepth:
-    """``surface=False`` takes the mean over all depth in the box, as the paper does."""
-    return ObjectDepth(surface)
+def make(min_views: int = 1, surface: bool = True) -> ObjectDepth:
+    """``min_views`` frames must agree; ``surface=False`` takes the mean over all depth in the box, as the paper does."""
+    return ObjectDepth(min_views, surface)
 
 
 class ObjectDepth(LargestView):
@@ -25,8 +25,8 @@ class ObjectDepth(LargestView):
     whose depth lies within half the object's own width or height of the near third of the box's middle.
     """
 
-    def __init__(self, surface: bool = True) -> None:
-        super().__init__()
+    def __init__(self, min_views: int, surface: bool) -> None:
+        super().__init__(min_views)
         self.surface = surface
 
     def place(self, frame: Frame, detections: Detections, which: int) -> Place | None:

@@ -7,8 +7,9 @@ from cartier.indexes._largest_view import LargestView
 from cartier.types import Detections, Frame, Place
 
 
-def make() -> ObjectViewpoint:
-    return ObjectViewpoint()
+def make(min_views: int = 1) -> ObjectViewpoint:
+    """``min_views`` frames must agree."""
+    return ObjectViewpoint(min_views)
 
 
 class ObjectViewpoint(LargestView):
