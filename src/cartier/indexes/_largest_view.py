@@ -46,21 +46,21 @@ class LargestView(ABC):
 
     def add(self, frame: Frame, detections: Detections) -> None:
         sizes = weak_perspective_size(detections.boxes_xyxy, frame.camera)
+        anchors = _anchors(frame, detections.boxes_xyxy) if self.min_views > 1 else [None] * len(detections)
         for which in reversed(sizes.argsort()):  # largest first: the rest of a thing's boxes then cost nothing
-            size, label = float(sizes[which]), detections.labels[which]
+            size, label, anchor = float(sizes[which]), detections.labels[which], anchors[which]
             if size <= 0:
                 continue
-            anchor = _anchor(frame, detections.boxes_xyxy[which]) if self.min_views > 1 else None
             spots = self._spots.setdefault(label, [])
             spot = next((s for s in spots if _agree(s.anchor, anchor)), None)
             if spot is not None and spot.last_frame != frame.index:
                 spot.frames, spot.last_frame = spot.frames + 1, frame.index
-            if spot is None or size > spot.size_px2:
-                place = self.place(frame, detections, int(which))
-                if place is not None and spot is not None:
-                    spot.size_px2, spot.place = size, place
-                elif place is not None and len(spots) < MOST_SPOTS:
-                    spots.append(_Spot(size, place, anchor, 1, frame.index))
+            better = len(spots) < MOST_SPOTS if spot is None else size > spot.size_px2
+            place = self.place(frame, detections, int(which)) if better else None
+            if place is not None and spot is not None:
+                spot.size_px2, spot.place = size, place
+            elif place is not None:
+                spots.append(_Spot(size, place, anchor, 1, frame.index))
 
     def names(self) -> list[str]:
         return sorted(name for name in self._spots if self.locate(name) is not None)
@@ -86,22 +86,25 @@ class LargestView(ABC):
             raise InputError(f"{file} is damaged ({error}): map the recording again") from error
 
 
-def _anchor(frame: Frame, box: npt.NDArray[np.float32]) -> tuple[float, ...] | None:
-    """Roughly where a box's content is: its centre at the near third of the depths on a grid over its middle."""
-    if frame.depth_m is None:
-        return None
-    height, width = frame.depth_m.shape
+def _anchors(frame: Frame, boxes_xyxy: npt.NDArray[np.float32]) -> list[tuple[float, ...] | None]:
+    """Roughly where each box's content is: its centre, at the near third of the depths on a grid over its middle."""
+    if frame.depth_m is None or not len(boxes_xyxy):
+        return [None] * len(boxes_xyxy)
+    (height, width), camera = frame.depth_m.shape, frame.camera
+    x1, y1, x2, y2 = boxes_xyxy.T[:, :, None]
     grid = np.linspace(0.25, 0.75, 9)
-    cols = np.clip(box[0] + grid * (box[2] - box[0]), 0, width - 1).astype(np.intp)
-    rows = np.clip(box[1] + grid * (box[3] - box[1]), 0, height - 1).astype(np.intp)
-    depths = np.sort(frame.depth_m[rows[:, None], cols], axis=None)  # NaN sorts last
-    valid = int(np.count_nonzero(depths > 0))
-    if not valid:
-        return None
-    z, camera = float(depths[depths > 0][valid // 3]), frame.camera
-    u, v = float(box[0] + box[2]) / 2, float(box[1] + box[3]) / 2
-    point = np.array([(u - camera.cx) / camera.fx * z, (v - camera.cy) / camera.fy * z, z])
-    return tuple(transform(frame.world_from_camera, point).tolist())
+    cols = np.clip(x1 + grid * (x2 - x1), 0, width - 1).astype(np.intp)
+    rows = np.clip(y1 + grid * (y2 - y1), 0, height - 1).astype(np.intp)
+    depths = frame.depth_m[rows[:, :, None], cols[:, None, :]].reshape(len(boxes_xyxy), -1)
+    valid = (depths > 0).sum(1)
+    depths = np.sort(np.where(depths > 0, depths, np.inf), axis=1)
+    z = depths[np.arange(len(depths)), valid // 3]
+    middle = np.stack(
+        [((x1 + x2)[:, 0] / 2 - camera.cx) / camera.fx, ((y1 + y2)[:, 0] / 2 - camera.cy) / camera.fy, np.ones(len(z))],
+        1,
+    )
+    world = transform(frame.world_from_camera, middle * np.where(valid > 0, z, 1)[:, None])
+    return [tuple(point) if count else None for point, count in zip(world.tolist(), valid, strict=True)]
 
 
 def _agree(a: tuple[float, ...] | None, b: tuple[float, ...] | None) -> bool:

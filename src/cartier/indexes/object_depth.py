@@ -10,7 +10,7 @@ from cartier.indexes._largest_view import LargestView
 from cartier.types import Detections, Frame, Place
 
 MIN_POINTS = 12  # fewer depth readings in a box are as good as none
-FEW = 1500  # points enough for a mean to a few millimetres
+FEW = 800  # points enough for a mean to a few millimetres
 
 
 def make(min_views: int = 1, surface: bool = True) -> ObjectDepth:
@@ -40,7 +40,8 @@ class ObjectDepth(LargestView):
         if points is None or len(points) < MIN_POINTS:
             return None
         world = transform(frame.world_from_camera, points.astype(np.float64))
-        low, high = np.percentile(world, (2, 98), axis=0)
+        ordered, few = np.sort(world, axis=0), len(world) // 50
+        low, high = ordered[few], ordered[-1 - few]  # the 2 % at either end are flying pixels
         position, score = tuple(world.mean(0).tolist()), float(detections.scores[which])
         return Place(
             detections.labels[which],
@@ -63,7 +64,7 @@ def _box_points(
     x2, y2 = min(width, int(np.ceil(box[2]))), min(height, int(np.ceil(box[3])))
     if x2 <= x1 or y2 <= y1:
         return None
-    step = max(1, int(((x2 - x1) * (y2 - y1) / FEW) ** 0.5))
+    step = int(((x2 - x1) * (y2 - y1) / FEW) ** 0.5) | 1  # odd, so that holes in every other row do not swallow all
     rows, cols = slice(y1, y2, step), slice(x1, x2, step)
     z = frame.depth_m[rows, cols]
     valid = np.isfinite(z) & (z > 0)
@@ -85,7 +86,8 @@ def _own_surface(
     middle = (np.abs(u - (box[0] + box[2]) / 2) <= (box[2] - box[0]) / 4) & (
         np.abs(v - (box[1] + box[3]) / 2) <= (box[3] - box[1]) / 4
     )
-    seed = float(np.quantile(z[middle] if middle.any() else z, 1 / 3))
+    inner = z[middle] if middle.any() else z
+    seed = float(np.partition(inner, len(inner) // 3)[len(inner) // 3])
     extent_m = max(float(box[2] - box[0]) / camera.fx, float(box[3] - box[1]) / camera.fy) * seed
     near: npt.NDArray[np.float32] = points[np.abs(z - seed) <= extent_m / 2]
     return near
