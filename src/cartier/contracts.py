@@ -29,7 +29,10 @@ class Recording(Protocol):
 
 
 class Detector(Protocol):
-    """Finds objects in one frame. ``name`` says which model at which threshold, for every output's provenance."""
+    """Finds objects in one frame. ``name`` says which model at which threshold, for every output's provenance.
+
+    It may have ``notes``, lines about what it assumed, and ``sha256`` of the files it was made from.
+    """
 
     name: str
     min_views: int

@@ -69,7 +69,7 @@ class Home:
     @property
     def id(self) -> str:
         """The same for the same recording, mapped with the same settings."""
-        made_by = json.dumps({"settings": dict(self.settings), "detector": self.detector}, sort_keys=True)
+        made_by = json.dumps(dict(self.settings), sort_keys=True)
         return hashlib.sha256(made_by.encode()).hexdigest()[:12]
 
     @property

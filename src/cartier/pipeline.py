@@ -51,12 +51,13 @@ def map_home(
     }
     mapper = OccupancyMapper(robot_radius_m=robot_radius_m)
     settings = {"recording": recording.name, "sha256": recording.fingerprint(), "frames": len(recording)}
+    settings |= {"detector": detector.name, "detector_sha256": getattr(detector, "sha256", "")}
     settings |= {"indexes": list(built), "min_views": views, "robot_radius_m": robot_radius_m}
     log: list[Detections] = []
     start_xy = (0.0, 0.0)
 
     with ExitStack() as stack:
-        detect = stack.enter_context(_remembering(detector, resume, settings["sha256"])) if resume else detector.detect
+        detect = stack.enter_context(_remembering(detector, resume, settings)) if resume else detector.detect
         for number in range(len(recording)):
             frame = recording[number]
             detections = detect(frame)
@@ -73,7 +74,10 @@ def map_home(
     if not any(map(len, log)):
         raise InputError(
             f"{detector.name} found nothing in the {len(recording)} frames of {recording.name}: "
-            "is the threshold too high, or are these not the things that it knows?"
+            + (
+                "; ".join(getattr(detector, "notes", ()))
+                or "is the threshold too high, or are these not the things that it knows?"
+            )
         )
     grid = mapper.grid()
     notes = [*recording.notes, *getattr(detector, "notes", ())]
@@ -174,9 +178,9 @@ def _keyframes(recording: Recording, indexes: dict[str, SpatialIndex]) -> dict[i
 
 
 @contextmanager
-def _remembering(detector: Detector, file: Path, sha256: Any) -> Iterator[Callable[[Frame], Detections]]:
+def _remembering(detector: Detector, file: Path, settings: dict[str, Any]) -> Iterator[Callable[[Frame], Detections]]:
     """``detector.detect`` that keeps its boxes in a JSON-lines file and takes finished frames from there."""
-    key = json.dumps({"sha256": sha256, "detector": detector.name})
+    key = json.dumps({name: settings[name] for name in ("sha256", "detector", "detector_sha256")})
     known: dict[int, Detections] = {}
     lines = file.read_text(encoding="utf-8", errors="replace").splitlines() if file.is_file() else []
     if lines and lines[0] == key:

@@ -1,0 +1,127 @@
+"""One detection of another program at a time, checked: COCO results, or rows that name frame and label."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from cartier.detectors._annotations import Annotations
+from cartier.detectors._records import records
+from cartier.errors import InputError
+from cartier.text import display_name
+
+FORMS = 'COCO results {"image_id", "category_id", "bbox", "score"} or {"frame", "label", "score", "xyxy"}'
+MAX_FRAME = 2**31
+MAX_PIXEL = 1e6
+
+
+class Row(NamedTuple):
+    line: int
+    frame: int
+    label: str
+    score: float
+    xyxy: tuple[float, float, float, float]
+
+
+def rows(path: Path, annotations: Annotations | None) -> Iterator[Row]:
+    """Every detection in the file; an InputError names the line of the first one that is wrong."""
+    for line, record in records(path):
+        try:
+            if "image_id" in record:
+                yield _coco(line, record, annotations)
+            elif "frame" in record and "detections" in record:
+                yield from (_own(line, record["frame"], item) for item in _list(record["detections"]))
+            elif "frame" in record:
+                yield _own(line, record["frame"], record)
+            elif "categories" in record:
+                raise _Fault(
+                    "these are annotations, not detections: name this file NAME.categories.json beside NAME.json"
+                )
+            else:
+                raise _Fault(f"a detection must be {FORMS}")
+        except _Fault as fault:
+            raise InputError(f"{path} line {line}: {fault}") from None
+
+
+class _Fault(Exception):
+    """What is wrong with a row; the file and the line are added outside."""
+
+
+def _coco(line: int, record: dict[str, Any], annotations: Annotations | None) -> Row:
+    image, category = _whole(record, "image_id"), _whole(record, "category_id")
+    if annotations is None:
+        raise _Fault(
+            f"category_id {category} needs a name: put the COCO or LVIS annotations (or a list of names) beside the "
+            "file as NAME.categories.json, or give the option categories"
+        )
+    if category not in annotations.names:
+        raise _Fault(f"there is no category {category} in {annotations.path}")
+    frame = annotations.frames.get(image) if annotations.frames else image
+    if frame is None:
+        raise _Fault(f"there is no image {image} in {annotations.path}")
+    x, y, width, height = _four(record, "bbox")
+    if width < 0 or height < 0:
+        raise _Fault(f"'bbox' must be [x, y, width, height], got {record['bbox']}: is it x1, y1, x2, y2?")
+    return Row(line, _frame(frame), annotations.names[category], _score(record), (x, y, x + width, y + height))
+
+
+def _own(line: int, frame: Any, item: Any) -> Row:
+    if not isinstance(item, dict):
+        raise _Fault(f"a detection must be {FORMS}")
+    label = item.get("label")
+    name = _name(label) if isinstance(label, str) else ""
+    if not name:
+        raise _Fault(f"'label' must be a name, got {_short(label)}")
+    x1, y1, x2, y2 = _four(item, "xyxy")
+    if x2 < x1 or y2 < y1:
+        raise _Fault(f"'xyxy' must be [x1, y1, x2, y2] with x2 >= x1 and y2 >= y1, got {item['xyxy']}")
+    return Row(line, _frame(frame), name, _score(item), (x1, y1, x2, y2))
+
+
+@lru_cache(maxsize=4096)
+def _name(label: str) -> str:
+    return display_name(label)
+
+
+def _list(value: Any) -> list[Any]:
+    if not isinstance(value, list):
+        raise _Fault(f"'detections' must be a list, got {_short(value)}")
+    return value
+
+
+def _whole(record: dict[str, Any], key: str) -> int:
+    value = record.get(key)
+    if type(value) is not int:
+        raise _Fault(f"{key!r} must be a whole number, got {_short(value)}")
+    return value
+
+
+def _frame(value: Any) -> int:
+    if type(value) is not int or not 0 <= value < MAX_FRAME:
+        raise _Fault(f"the frame must be a whole number from 0, got {_short(value)}")
+    return value
+
+
+def _score(record: dict[str, Any]) -> float:
+    value: Any = record.get("score")
+    if type(value) not in (int, float) or not 0 <= value <= 1:
+        raise _Fault(f"'score' must be a number from 0 to 1, got {_short(value)}")
+    return float(value)
+
+
+def _four(record: dict[str, Any], key: str) -> tuple[float, float, float, float]:
+    value = record.get(key)
+    if not isinstance(value, list) or len(value) != 4 or not all(map(_is_pixel, value)):
+        raise _Fault(f"{key!r} must be 4 numbers in pixels, got {_short(value)}")
+    a, b, c, d = map(float, value)
+    return a, b, c, d
+
+
+def _is_pixel(value: Any) -> bool:
+    return type(value) in (int, float) and abs(value) <= MAX_PIXEL
+
+
+def _short(value: Any) -> str:
+    return "nothing" if value is None else repr(value)[:60]

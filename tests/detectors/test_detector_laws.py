@@ -1,0 +1,95 @@
+"""What every detector owes its caller, over every layout and every form of file."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from tiny_onnx import SCORE, frame, red_finder
+
+from cartier import plugins
+from cartier.detectors._layouts import LAYOUTS
+from cartier.errors import BackendError
+from cartier.text import display_name
+from cartier.types import Detections
+
+INPUT = {"mean": [0, 0, 0], "std": [1, 1, 1], "scale": 255}
+FRAMES = (frame(0), frame(1, 640, 480), frame(2, 33, 97), frame(3, 64, 48))
+
+
+def from_onnx(layout: str) -> Callable[[Path], dict[str, Any]]:
+    return lambda folder: {"model": red_finder(folder / "m.onnx", layout, brightest=1.0, **INPUT), "threshold": 0.3}
+
+
+def from_file(folder: Path) -> dict[str, Any]:
+    rows = [
+        {"frame": i, "label": label, "score": score, "xyxy": [-1, 2, 9.5, 20]}
+        for i in range(3)
+        for label, score in (("mug", 0.4), ("CoffeeMachine", SCORE), ("mug", 0.2))
+    ]
+    (folder / "d.jsonl").write_text("\n".join(map(json.dumps, rows)))
+    return {"path": folder / "d.jsonl", "threshold": 0.3}
+
+
+MAKERS = {f"onnx-{layout}": from_onnx(layout) for layout in LAYOUTS} | {"file": from_file}
+
+
+@pytest.fixture(params=MAKERS)
+def made(request: pytest.FixtureRequest, tmp_path: Path) -> tuple[str, dict[str, Any]]:
+    return request.param.split("-")[0], MAKERS[request.param](tmp_path)
+
+
+def test_every_detector_is_under_the_laws() -> None:
+    assert {b.name for b in plugins.backends("detectors")} == {name.split("-")[0] for name in MAKERS}
+
+
+def test_detections_obey(made: tuple[str, dict[str, Any]]) -> None:
+    detector = plugins.make("detectors", made[0], **made[1])
+    seen = 0
+    for view in FRAMES:
+        before = view.rgb.copy()
+        found = detector.detect(view)
+        seen += len(found)
+        assert isinstance(found, Detections)
+        assert found.frame == view.index
+        assert ((found.boxes_xyxy >= 0) & (found.boxes_xyxy <= [view.camera.width, view.camera.height] * 2)).all()
+        assert (found.boxes_xyxy[:, 2:] - found.boxes_xyxy[:, :2] >= 1).all()
+        assert (found.scores >= 0.3).all()
+        assert (np.diff(found.scores) <= 0).all()
+        assert all(label == display_name(label) for label in found.labels)
+        assert np.array_equal(view.rgb, before)
+    assert seen >= 3
+
+
+def test_the_same_frame_gives_the_same_detections_in_any_order(made: tuple[str, dict[str, Any]]) -> None:
+    one, two = (plugins.make("detectors", made[0], **made[1]) for _ in range(2))
+    forth = [one.detect(view) for view in FRAMES]
+    back = [two.detect(view) for view in reversed(FRAMES)][::-1]
+    for a, b in zip(forth, back, strict=True):
+        assert a.labels == b.labels
+        assert np.array_equal(a.boxes_xyxy, b.boxes_xyxy)
+        assert np.array_equal(a.scores, b.scores)
+
+
+def test_name_and_notes_are_lines_and_the_name_says_the_threshold(made: tuple[str, dict[str, Any]]) -> None:
+    detector = plugins.make("detectors", made[0], **made[1])
+    assert "0.3" in detector.name
+    assert detector.min_views >= 1
+    assert all(isinstance(line, str) and line and "\n" not in line for line in (detector.name, *detector.notes))
+
+
+def test_a_higher_threshold_gives_fewer_of_the_same(made: tuple[str, dict[str, Any]]) -> None:
+    name, options = made
+    low, high = (plugins.make("detectors", name, **options | {"threshold": t}).detect(FRAMES[0]) for t in (0.0, 0.5))
+    assert len(high) <= len(low)
+    assert np.array_equal(high.scores, low.scores[low.scores >= 0.5])
+
+
+@pytest.mark.parametrize("wrong", [{"threshold": -1}, {"threshold": 2}, {"colour": "red"}])
+def test_wrong_options_are_refused(made: tuple[str, dict[str, Any]], wrong: dict[str, Any]) -> None:
+    with pytest.raises(BackendError, match=r"threshold must be from 0 to 1|has no option 'colour'"):
+        plugins.make("detectors", made[0], **made[1] | wrong)
