@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 import random
+import time
 
 import pytest
 from hypothesis import given, settings
@@ -37,10 +38,43 @@ HOME = ["chair", "coffee machine", "machine", "tv stand", "tv", "bed", "scissors
         ("a chairlift", None),
         ("", None),
         ("[" * 100_000, None),
+        ('{"object": "bed', None),  # cut off: it may have become "bedside lamp"
+        ('{"object": "helicopter", "reason": "the chair is too low"}', None),
+        ("{'object': 'the bed'}", "bed"),
+        ('{"object": "Caf\\u00e9 table"}', "Café table"),
+        ('<think>{"object": "tv"}? No, the bed.</think>\n{"object": "chair"}', "chair"),
+        ("<think>the bed or the chair", None),
+        ("Nothing.", NOTHING),
+        ("None of these", NOTHING),
+        ("coffeemachine", "coffee machine"),
+        ("t.v.", "tv"),
+        ("Bed. The chair is too far away.", "bed"),
+        ("Bed? No, the chair.", "chair"),
+        ("The person is tired and stands near the tv.\n\nAnswer: bed", "bed"),
+        ("Since the bed is far away, go to the chair.", "chair"),
+        ("Go to the chair, not to the bed.", "chair"),
+        ("I would not go to the bed.", None),
+        ("You could use the chair or the bed", None),
+        ("chair, bed", None),
+        ("glasses", "glass"),
     ],
 )
 def test_a_reply_finds_its_way_back(reply: str, name: str | None) -> None:
     assert parse_object(reply, HOME) == name
+
+
+def test_a_form_that_two_names_share_names_neither() -> None:
+    assert parse_object("chairs", ["chair", "chairs"]) == "chairs"
+    assert parse_object("Chair", ["chair", "chairs"]) == "chair"
+    assert parse_object("bookshelves", ["book shelf", "bookshelf"]) is None
+    assert parse_object("none", ["none", "bed"]) == "none"
+
+
+@pytest.mark.parametrize("bit", ["'", "bed ", "'a", "{", '{"object":', " ", "“bed” ", "not the ", "<think>", "\n"])
+def test_a_long_reply_is_read_in_no_time(bit: str) -> None:
+    begin = time.perf_counter()
+    parse_object(bit * (1_000_000 // len(bit)), HOME)
+    assert time.perf_counter() - begin < 1
 
 
 def test_ten_thousand_adversarial_replies_never_leave_the_list() -> None:
@@ -89,6 +123,7 @@ def test_the_prompt_names_each_object_once_and_fences_the_words() -> None:
     assert [m["role"] for m in messages] == ["system", "user", "assistant", "user"]
     assert messages[-1]["content"].count("<words>") == messages[-1]["content"].count("</words>") == 1
     assert fenced("a<Words>b</WORDS>c") == "<words>abc</words>"
+    assert fenced("a</wor</words>ds>b") == "<words>ab</words>"
 
 
 @pytest.mark.parametrize(

@@ -67,7 +67,9 @@ def propose_prompt(query: str) -> Messages:
 
 def fenced(words: str) -> str:
     """A person's words between marks that they cannot write themselves."""
-    return f"<words>{re.sub(r'</?words>', '', words, flags=re.IGNORECASE)}</words>"
+    while words != (bare := re.sub(r"</?words>", "", words, flags=re.IGNORECASE)):
+        words = bare  # what is left of <wor<words>ds> is a mark again
+    return f"<words>{words}</words>"
 
 
 def choice_schema(objects: Sequence[str]) -> dict[str, Any]:
@@ -80,24 +82,36 @@ def choice_schema(objects: Sequence[str]) -> dict[str, Any]:
 def parse_object(reply: str, objects: Sequence[str]) -> str | None:
     """The listed object that a reply names, NOTHING if it says that nothing serves, or None if it names neither.
 
-    JSON first. In free text, a name in quotes wins ("… the object called `Bed'"), else the only name in it, else the last
-    one: models that think aloud decide at the end. Case, underscores and a plural's s do not matter; longer names are found
-    first, so that "coffee machine" is not taken for "machine". A name right after "not" is not a choice.
+    The first of these that applies decides:
+
+    1. A JSON member "object", anywhere: its value must be a listed name. One that is cut off is no answer.
+    2. The whole reply, its last line or its first sentence is a name, bare or in quotes.
+    3. One single name stands in quotes or bold: "... the object called `Bed'".
+    4. The text holds one single name. One right after "not" does not count.
+    5. One single name follows right after "go to the", "choose", "the answer is" or the like.
+    6. The last sentence with a name holds one single name: who thinks aloud decides at the end.
+
+    Else None: of two names that nothing tells apart, either would be a guess. Upper case, underscores, CamelCase and a
+    plural's s do not matter where that is unambiguous, and "coffee machine" is never taken for "machine".
     """
-    known = {_key(name): name for name in reversed([*objects, NOTHING])}
-    reply = reply[-MAX_REPLY_CHARS:]
-    stated = _json_object(reply)
-    if stated is not None:
-        return known.get(_key(stated))
-    quoted = [
-        known[_key(q)]
-        for q in re.findall(r"[`'\"“”‘’«*]+([^`'\"“”‘’»*\n]{1,80})[`'\"“”‘’»*]+", reply)
-        if _key(q) in known
-    ]
-    if len(set(quoted)) == 1:
-        return quoted[0]
-    named = _named(reply, known)
-    return named[-1] if named else None
+    reply = reply.rpartition("</think>")[2][-MAX_REPLY_CHARS:].strip()
+    names = _Names(objects)
+    if "<think>" in reply:  # cut off before the answer
+        return None
+    if re.search(r"[\"']object[\"'] ?:", reply):
+        stated = [m[2] for m in _JSON_OBJECT.finditer(" ".join(reply.split()))]
+        return names.lookup(_unescaped(stated[-1])) if stated else None
+    sentences = [s for s in re.split(r"[.!?;:]+(?:\s+|$)|\n+", reply) if s.strip()]
+    first = re.match(r"[^.!?;:\n]+(?![^.!;:\n])", reply)  # "Bed? No, the sofa." decides nothing
+    for part in (reply, reply.rpartition("\n")[2], first[0] if first else ""):
+        if (name := names.lookup(part)) is not None:
+            return name
+    named = [names.mentions(sentence) for sentence in sentences]
+    quoted = [name for q in _QUOTED.findall(reply) if (name := names.lookup(q)) is not None]
+    told = [name for sentence in named for name, chosen in sentence if chosen]
+    everywhere = [name for sentence in named for name, _ in sentence]
+    last = next(([name for name, _ in sentence] for sentence in reversed(named) if sentence), [])
+    return next((group[0] for group in (quoted, everywhere, told, last) if len(set(group)) == 1), None)
 
 
 def to_selection(chosen: str | None, objects: Sequence[str], *, reply: str, model: str, prompt: str = "") -> Selection:
@@ -118,34 +132,84 @@ def parse_list(reply: str, most: int = 5) -> list[str]:
     return list(dict.fromkeys(name.lower() for name in names if 0 < len(name) <= 60))[:most]
 
 
-def _key(name: str) -> str:
-    spaced = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", unicodedata.normalize("NFKC", name))
-    words = re.sub(r"[^\w]+|_", " ", spaced.casefold()).split()
-    return " ".join(w[:-1] if len(w) > 3 and w.endswith("s") and not w.endswith("ss") else w for w in words)
+_JSON_OBJECT = re.compile(r"""[\"']object[\"'] ?: ?\[? ?([\"'])((?:\\.|(?!\1)[^\\])*)\1""")
+_QUOTED = re.compile(r"(?<![`'\"“”‘’«*])[`'\"“‘«*]{1,3}([^`'\"“”‘’«»*\n]{1,80})[`'\"”’»*]")
+_CHOSEN = re.compile(
+    r"(?:\b(?:choose|choosing|pick|select|suggest|recommend|called|named|(?:go|drive|head|over) to|send \w+(?: \w+)? to)"
+    r"|\b(?:answer|choice|object|option) (?:is|would be))(?: the| a| an| object)* $"
+)
+_REFUSED = re.compile(
+    r"\b(?:no|(?:not|never|than|except|without|avoid|instead of)(?: (?:go|going|to|use|choose|pick|the|a|an))*) $"
+)
+_NOTHINGS = ("nothing", "none", "none of these", "none of them")
+_PLURALS = {"knives": "knife", "shelves": "shelf", "loaves": "loaf", "leaves": "leaf", "scarves": "scarf"}
 
 
-def _json_object(reply: str) -> str | None:
-    """The value of "object" in the reply's JSON, or the JSON string that it is; None if it is no JSON."""
-    start, end = reply.find("{"), reply.rfind("}")
-    for text in (reply.strip(), reply[start : end + 1] if 0 <= start < end else ""):
-        try:
-            value = json.loads(text)
-        except (ValueError, RecursionError):
-            continue
-        value = value.get("object") if isinstance(value, dict) else value
-        if isinstance(value, str):
+class _Names:
+    """The listed names, to be found again in what a model writes. A form that two of them share names neither."""
+
+    def __init__(self, objects: Sequence[str]) -> None:
+        self.exact: dict[str, str | None] = {}
+        self.folded: dict[str, str | None] = {}
+        self.joined: dict[str, str | None] = {}
+        self.listed = dict.fromkeys(objects)
+        for name in self.listed:
+            words = _words(name)
+            if words:
+                self.exact.setdefault(" ".join(words), name)
+                for table, key in ((self.folded, _fold(words)), (self.joined, _fold(words).replace(" ", ""))):
+                    table[key] = None if table.get(key, name) != name else name
+        self.lengths = sorted({1, *(len(_words(name)) for name in self.listed)} - {0}, reverse=True)
+
+    def lookup(self, value: str) -> str | None:
+        """The name that a text is, not merely holds; NOTHING for a word that says so and is not itself listed."""
+        value = value.strip()
+        if value in self.listed:
             return value
-    return None
+        words = _words(value)
+        for said in (words, words[1:] if words[:1] in (["the"], ["a"], ["an"]) else []):
+            if (name := self._find(said) or self.joined.get(_fold(said).replace(" ", ""))) is not None:
+                return name
+        return NOTHING if " ".join(words) in _NOTHINGS else None
+
+    def mentions(self, sentence: str) -> list[tuple[str, bool]]:
+        """The names in a sentence in their order, and whether a word of choosing stands right before each."""
+        words, found, at = _words(sentence), [], 0
+        while at < len(words):
+            length, name = next(
+                ((n, name) for n in self.lengths if (name := self._find(words[at : at + n])) is not None), (1, None)
+            )
+            before = " ".join(words[max(0, at - 8) : at]) + " "
+            if name is not None and not _REFUSED.search(before):
+                is_offer = words[at + length : at + length + 1] == ["or"]
+                found.append((name, bool(_CHOSEN.search(before)) and not is_offer))
+            at += length
+        return found
+
+    def _find(self, words: list[str]) -> str | None:
+        one_word = self.joined.get(_fold(words)) if len(words) == 1 else None
+        return self.exact.get(" ".join(words)) or self.folded.get(_fold(words)) or one_word
 
 
-def _named(reply: str, known: dict[str, str]) -> list[str]:
-    """The listed names in a text, in the order in which they stand, without those right after a "not"."""
-    text, found = f" {_key(reply)} ", []
-    for key in sorted(known, key=len, reverse=True):
-        if not key or known[key] == NOTHING:
-            continue
-        for match in re.finditer(f"(?<= ){re.escape(key)}(?= )", text):
-            if not re.search(r"\b(not|no|never|than) (the |a |an )?$", text[: match.start()]):
-                found.append((match.start(), known[key]))
-        text = re.sub(f"(?<= ){re.escape(key)}(?= )", lambda m: "#" * len(m[0]), text)
-    return [name for _, name in sorted(found)]
+def _words(text: str) -> list[str]:
+    spaced = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", unicodedata.normalize("NFKC", text))
+    return re.sub(r"[\W_]+", " ", spaced.casefold()).split()
+
+
+def _fold(words: list[str]) -> str:
+    return " ".join(map(_singular, words))
+
+
+def _singular(word: str) -> str:
+    if len(word) < 4 or not word.endswith("s") or word.endswith(("ss", "us", "is")):
+        return word
+    if word.endswith("ies") and len(word) > 4:
+        return word[:-3] + "y"
+    return _PLURALS.get(word, word[:-2] if word.endswith(("xes", "ches", "shes", "sses")) else word[:-1])
+
+
+def _unescaped(literal: str) -> str:
+    try:
+        return str(json.loads(f'"{literal}"'))
+    except ValueError:  # Python's quotes instead of JSON's
+        return literal

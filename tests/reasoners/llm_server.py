@@ -6,6 +6,7 @@ python llm_server.py FILE.gguf      prints the port; the model's name in a reque
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import sys
@@ -24,6 +25,7 @@ CANNED = {
     "empty": "",
     "nothing": '{"object": "nothing"}',
 }
+REFUSES = {"no-temperature": ("temperature",), "picky": ("max_tokens", "temperature")}
 
 
 def write_tiny_llama(
@@ -95,6 +97,14 @@ def serve(model: Path) -> None:
             self.wfile.write(body[: len(body) // 2] if cut else body)
             self.close_connection = True
 
+        def send_spaces(self, size: int, pause_s: float = 0.0) -> None:
+            """White space before a JSON reply that never comes: some hosts keep a connection alive in this way."""
+            self.wfile.write(b"HTTP/1.0 200 OK\r\ncontent-type: application/json\r\n\r\n")
+            with contextlib.suppress(OSError):  # until the client has had enough
+                for _ in range(80):
+                    self.wfile.write(b" " * size)
+                    time.sleep(pause_s)
+
         def do_GET(self) -> None:
             """What a model was asked, for the tests to look at."""
             self.send(200, self.seen.get(self.path.strip("/"), []))
@@ -104,16 +114,28 @@ def serve(model: Path) -> None:
             name = asked["model"]
             self.seen.setdefault(name, []).append(asked)
             form = (asked.get("response_format") or {}).get("type")
-            if name == "hangs":
+            before = len(self.seen[name]) - 1
+            if name == "hangs" or (name == "hangs-later" and before):
                 time.sleep(8)
+            elif name in ("dawdles", "endless"):
+                self.send_spaces(**{"dawdles": {"size": 1, "pause_s": 0.1}, "endless": {"size": 2**16}}[name])
             elif name.isdigit():
                 self.send(int(name), {"error": {"message": f"you asked for {name}"}})
+            elif name == "cut-500":
+                self.send(500, {"error": {"message": "half a"}}, cut=True)
             elif name == "html":
                 self.wfile.write(b"HTTP/1.0 200 OK\r\ncontent-type: text/html\r\n\r\n<h1>router login</h1>")
-            elif name == "knows-no-schema" and form == "json_schema":
+            elif name == "repeats-the-key":
+                self.send(400, {"error": {"message": f"bad request with {self.headers['authorization']}"}})
+            elif (name == "knows-no-schema" and form == "json_schema") or (name == "tool-only" and form):
                 self.send(500, {"error": {"message": "unknown response_format"}})
-            elif name == "no-temperature" and "temperature" in asked:
-                self.send(400, {"error": {"message": "Unsupported parameter: 'temperature'"}})
+            elif name == "busy-later" and before == 1:
+                self.send(503, {"error": {"message": "overloaded"}})
+            elif refused := [p for p in REFUSES.get(name, ()) if p in asked]:
+                self.send(400, {"error": {"message": f"Unsupported parameter: '{refused[0]}'"}})
+            elif name == "tool-only" and asked.get("tools"):
+                call = {"function": {"name": "go_to", "arguments": '{"object": "bed"}'}, "type": "function", "id": "1"}
+                self.send(200, {"choices": [{"message": {"content": None, "tool_calls": [call]}}]})
             else:
                 self.send(200, self.complete(asked, name), cut=name == "cut")
 

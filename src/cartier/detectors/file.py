@@ -44,7 +44,6 @@ class DetectionsFile:
         self.min_views = 1  # as in the paper, where each detection above the threshold counts
         self.name = f"file {path.name} (score > {threshold:g})"
         self._path, self._annotations, self._last_asked = path, annotations, -1
-        self.sha256 = sha256_of(path, *([annotations.path] if annotations else []))
         numbers: dict[str, int] = {}
         frames, lines, labels, values = array("q"), array("q"), array("q"), array("d")
         total, best = 0, 0.0
@@ -63,6 +62,7 @@ class DetectionsFile:
         self._names = tuple(numbers)
         self._frames, self._lines, self._labels = (np.array(column)[order] for column in (frames, lines, labels))
         self._boxes, self._scores = table[order, :4], table[order, 4]
+        self.sha256 = sha256_of(path, *([annotations.path] if annotations else []))
         self._kept = f"{path.name}: {len(frames)} of {total} detections score above {threshold:g}"
 
     @property

@@ -51,8 +51,8 @@ class OnnxDetector:
 
     def __init__(self, session: Session, described: Path | None, threshold: float | None, iou: float) -> None:
         given = read_sidecar(described) if described else None
-        self._session, self._iou = session, iou
         self.sha256 = sha256_of(session.path, *([described] if described else []))
+        self._session, self._iou = session, iou
         self._size = _input_size(session, given, described)
         trial = session.run(np.zeros((1, 3, *self._size[::-1]), np.float32), f"a black {_wxh(self._size)} image")
         self._sidecar = given or _recognised(session, trial, self._size)

@@ -7,14 +7,19 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from cartier.errors import InputError, ReasonerError
-from cartier.prompts import parse_list, parse_object, to_selection
+from cartier.prompts import check_query, parse_list, parse_object, to_selection
 from cartier.types import Selection
 
 MAX_BYTES = 256 * 1024 * 1024
+Key = tuple[str, frozenset[str] | None]
 
 
 def make(path: str | Path) -> Replay:
-    """``path`` holds one {"query": words, "reply": text} a line; the last line of a query counts."""
+    """``path`` holds one {"query": words, "reply": text} a line; the last line of a query counts.
+
+    A line that also has "objects": [names] is the reply to that list alone, and comes before one for any list.
+    Raises InputError if the file is missing, too large, or has a line that is not of this form.
+    """
     return Replay(Path(path))
 
 
@@ -26,24 +31,30 @@ class Replay:
         self._path, self._replies = path, _read(path)
 
     def select(self, query: str, objects: Sequence[str], dialogue: Sequence[tuple[str, str]] = ()) -> Selection:
-        reply = self._reply(query)
+        """What the recorded reply picks from the list. Raises ReasonerError if none is recorded for the query."""
+        query = check_query(query)
+        if not objects:
+            return Selection("absent", reason="nothing was detected in this home", model=self.name)
+        reply = self._reply(query, (frozenset(objects), None))
         return to_selection(parse_object(reply, objects), objects, reply=reply, model=self.name)
 
     def propose(self, query: str) -> list[str]:
-        return parse_list(self._reply(query))
+        """The names in the recorded reply. Raises ReasonerError if none is recorded for the query."""
+        return parse_list(self._reply(check_query(query), (None,)))
 
-    def _reply(self, query: str) -> str:
-        if query not in self._replies:
-            raise ReasonerError(f"{self._path} holds no reply to “{query[:80]}”: record one, or ask another reasoner")
-        return self._replies[query]
+    def _reply(self, query: str, lists: Sequence[frozenset[str] | None]) -> str:
+        for objects in lists:
+            if (query, objects) in self._replies:
+                return self._replies[query, objects]
+        raise ReasonerError(f"{self._path} holds no reply to “{query[:80]}”: record one, or ask another reasoner")
 
 
-def _read(path: Path) -> dict[str, str]:
-    replies: dict[str, str] = {}
+def _read(path: Path) -> dict[Key, str]:
+    replies: dict[Key, str] = {}
     try:
         if path.stat().st_size > MAX_BYTES:
             raise InputError(f"{path} is larger than {MAX_BYTES // 2**20} MiB")
-        lines = path.read_text(encoding="utf-8").splitlines()
+        lines = path.read_text(encoding="utf-8").split("\n")
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:
@@ -53,7 +64,12 @@ def _read(path: Path) -> dict[str, str]:
             continue
         try:
             row = json.loads(line)
-            replies[str(row["query"])] = str(row["reply"])
-        except (ValueError, KeyError, TypeError, RecursionError) as error:
-            raise InputError(f'{path} line {number}: expected {{"query": …, "reply": …}}') from error
+            query, reply, objects = row["query"], row["reply"], row.get("objects")
+            if not isinstance(query, str) or not isinstance(reply, str) or not isinstance(objects, list | None):
+                raise TypeError("query and reply must be text, objects a list")
+            replies[check_query(query), None if objects is None else frozenset(map(str, objects))] = reply
+        except InputError as error:
+            raise InputError(f"{path} line {number}: {error}") from error
+        except (ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:
+            raise InputError(f'{path} line {number}: expected {{"query": "…", "reply": "…"}}') from error
     return replies
