@@ -60,12 +60,14 @@ def draw_home(home: Home, file: Path, index: str | None = None) -> None:
 def _figure(panels: int) -> tuple[Any, list[Axes]]:
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(7.0 * panels, 6.6), layout="constrained")
+    figure = Figure(figsize=(7.0 * panels, 5.4 if panels > 1 else 6.4), layout="constrained")
     axes = figure.subplots(1, panels, squeeze=False)
     return figure, list(axes[0])
 
 
 def _draw_plan(axes: Axes, home: Home, index_name: str, quiet: bool) -> None:
+    from matplotlib.patheffects import withStroke
+
     index = home.index(index_name)[1]
     places = [place for name in index.names() if (place := index.locate(name)) is not None]
     points = np.array([place.position[:2] for place in places] + [home.start_xy])
@@ -73,13 +75,12 @@ def _draw_plan(axes: Axes, home: Home, index_name: str, quiet: bool) -> None:
         _draw_grid(axes, home.grid, points)
     else:
         axes.text(0.02, 0.98, "no floor plan: the recording has no depth", transform=axes.transAxes, va="top")
+    halo = [withStroke(linewidth=2.5, foreground="white", alpha=0.85)]
     for place in places:
-        axes.plot(
-            *place.position[:2], "o", color=OBJECT, ms=4 if quiet else 6, mec="white", mew=0.5, alpha=0.8, zorder=3
-        )
+        axes.plot(*place.position[:2], "o", color=OBJECT, ms=4 if quiet else 6, mec="white", mew=0.5, zorder=3)
         axes.annotate(
             place.label, (place.position[0], place.position[1]), (4, 3), textcoords="offset points",
-            fontsize=7 if quiet else 9, color=OBJECT, zorder=3,
+            fontsize=8 if quiet else 9, color=OBJECT, zorder=3, path_effects=halo,
         )  # fmt: skip
     axes.set_aspect("equal")
     axes.set_xlabel("x (m)")
@@ -154,7 +155,7 @@ def _save(figure: Any, file: Path) -> None:
 
     buffer = io.BytesIO()
     try:
-        figure.savefig(buffer, format=file.suffix.lstrip(".") or "png", dpi=110)
+        figure.savefig(buffer, format=file.suffix.lstrip(".") or "png", dpi=110, bbox_inches="tight")
     except ValueError as error:
         raise InputError(f"cannot draw to {file}: {str(error).splitlines()[0]}") from error
     try:
