@@ -83,6 +83,12 @@ def test_a_model_that_rejects_one_parameter_after_another_keeps_its_schema(serve
     assert all("json_schema" in a["response_format"] for a in asked("picky")) and len(asked("picky")) == 3
 
 
+def test_rubbish_in_a_form_that_has_worked_costs_one_call(server: str, asked: Asked) -> None:
+    mind = reasoner(server, "rubbish-later")
+    statuses = [mind.select(words, OBJECTS).status for words in ("my feet hurt", "I am tired")]
+    assert statuses[0] in ("found", "absent") and statuses[1] == "clarify" and len(asked("rubbish-later")) == 2
+
+
 def test_what_passes_is_asked_again_once_the_form_is_known(server: str, asked: Asked) -> None:
     mind = reasoner(server, "busy-later")
     for words in ("my feet hurt", "I am tired"):
