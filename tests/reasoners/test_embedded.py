@@ -202,8 +202,9 @@ def test_every_household_type_of_coco_and_thor_has_a_card(shared: Path) -> None:
         ('[chair]\nphrases = ["sit", 3]', "card 'chair': phrases must be a list of phrases"),
         ('[chair]\nphrases = ["sit"]\nphrase = ["sit"]', "there is no field 'phrase'"),
         ('[chair]\nphrases = ["sit"]\nat_home = 1', "at_home must be true or false"),
-        ("chair = 3", "a card is a table, [chair]"),
+        ("chair = 3", "a card is a table with phrases, not a bare value"),
         ("", "holds no card"),
+        ("chair = " + "[" * 5000, "nested too deeply"),
     ],
 )
 def test_a_faulty_card_file_gets_one_line(tmp_path: Path, text: str, fault: str) -> None:

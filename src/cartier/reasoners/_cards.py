@@ -17,7 +17,12 @@ from cartier.reasoners._words import STOP, name_key, stem, words
 SHIPPED = Path(__file__).with_name("cards.toml")
 MAX_BYTES = 8_000_000
 RAREST = 5.0  # idf of a word that one card knows, whatever the number of cards
-FIELDS = {"names": list, "phrases": list, "kind": str, "at_home": bool}
+FIELDS = {
+    "names": (list, "a list of names"),
+    "phrases": (list, "a list of phrases"),
+    "kind": (str, "a text"),
+    "at_home": (bool, "true or false"),
+}
 
 
 @dataclass(frozen=True)
@@ -92,6 +97,8 @@ def read_deck(path: Path) -> Deck:
         raise InputError(f"{path}: the card file is not UTF-8 text") from error
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"{path}: not valid TOML: {error}") from error
+    except RecursionError as error:
+        raise InputError(f"{path}: the card file is nested too deeply") from error
     if not tables:
         raise InputError(f"{path}: the card file holds no card; the head of {SHIPPED.name} shows what one looks like")
     cards = [_card(path, name, fields) for name, fields in tables.items()]
@@ -102,13 +109,14 @@ def read_deck(path: Path) -> Deck:
 def _card(path: Path, name: str, fields: Any) -> Card:
     where = f"{path}: card {name!r}"
     if not isinstance(fields, dict):
-        raise InputError(f"{where}: a card is a table, [{name}], not a value")
+        raise InputError(f"{where}: a card is a table with phrases, not a bare value")
     for field, value in fields.items():
         if field not in FIELDS:
             raise InputError(f"{where}: there is no field {field!r}; a card has {', '.join(FIELDS)}")
         texts = value if isinstance(value, list) else []
-        if not isinstance(value, FIELDS[field]) or not all(isinstance(t, str) and words(t) for t in texts):
-            raise InputError(f"{where}: {field} must be {_FORMS[field]}")
+        sort, form = FIELDS[field]
+        if not isinstance(value, sort) or not all(isinstance(t, str) and words(t) for t in texts):
+            raise InputError(f"{where}: {field} must be {form}")
     phrases = tuple(fields.get("phrases", ()))
     if not phrases:
         raise InputError(f"{where}: has no phrases; write 10 to 20 short ones")
@@ -116,14 +124,6 @@ def _card(path: Path, name: str, fields: Any) -> Card:
     if empty is not None:
         raise InputError(f"{where}: the phrase {empty!r} holds no telling word")
     return Card(name, tuple(fields.get("names", ())), phrases, fields.get("kind", name), fields.get("at_home", True))
-
-
-_FORMS = {
-    "names": "a list of names",
-    "phrases": "a list of phrases",
-    "kind": "a text",
-    "at_home": "true or false",
-}
 
 
 def _check_names(path: Path, cards: list[Card]) -> None:

@@ -20,7 +20,8 @@ CUES = frozenset(
 MOTION = frozenset(words("back closer drive go head heading me move navigate next over ride roll straight us walk"))
 JOINING = frozenset(words("and or the a an my some your our"))  # "the cup or the bowl"
 SUBJECTS = frozenset(words("can could he i let lets might must please she should they we will would you"))
-STORING = frozenset(words("can could do does should to"))  # "where do my shirts go"
+PLACING = frozenset(words("can could do does should to"))  # "where do my shirts go", "where should I put this book"
+STORING = frozenset(words("belong drop go hang keep leave put store throw"))
 WISH = re.compile(
     r"\b(need|want|please|where|should|must|fancy|have to|got to|lets?|(would|d) (like|love)|(can|could) (you|i|we))\b"
 )
@@ -109,7 +110,7 @@ def _asked_for(said: list[str], free_from: int, start: int, end: int) -> float:
     if cue is None:
         return MENTIONED
     between = before[cue + 1 :]
-    if before[cue] == "where" and between and between[0] in STORING:
+    if before[cue] == "where" and between and between[0] in PLACING and STORING & {*between, *said[end:]}:
         return MENTIONED
     other = [w for w in between if w not in STOP]
     if not other:
