@@ -159,6 +159,28 @@ def test_list_names_every_kind_and_backend(run: Run) -> None:
     ).items()
 
 
+def test_the_demo_leaves_answers_pictures_and_a_home_that_can_be_asked(run: Run, tmp_path: Path) -> None:
+    code, out, err = run("demo", "--home", "living_room", "-o", tmp_path / "demo")
+    assert code == 0, err
+    told = json.loads((tmp_path / "demo" / "answers.json").read_text())
+    assert "ground truth (dollhouse)" in told["detector"] and "ground truth (dollhouse)" in out
+    assert len(told["answers"]) >= 2
+    for answer in told["answers"]:
+        assert answer["status"] == "found" and answer["goal"] and answer["arrived"]
+        for name in (answer["picture"], answer["arrival"]):
+            assert (tmp_path / "demo" / name).read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
+    assert run("ask", tmp_path / "demo" / "home", "something to sit on")[0] == 0
+    code, _, err = run("demo", "--home", "castle", "-o", tmp_path / "other")
+    assert code == 1 and "castle" in err and not (tmp_path / "other").exists()
+
+
+def test_record_saves_what_map_reads_with_ground_truth(run: Run, tmp_path: Path) -> None:
+    code, _, err = run("record", "dollhouse", "-o", tmp_path / "r")
+    assert code == 1 and "which home?" in err
+    code, _, err = run("record", "dollhouse:nowhere", "-o", tmp_path / "r")
+    assert code == 1 and "nowhere" in err and not (tmp_path / "r").exists()
+
+
 @pytest.mark.parametrize("delay_s", [0.3, 0.9, 1.3, 1.6, 1.9])
 def test_kill_leaves_the_old_home_whole_and_the_next_run_finishes(
     recording: Path, home: Path, tmp_path: Path, delay_s: float, run: Run

@@ -16,6 +16,7 @@ from cartier import plugins
 from cartier.errors import CartierError, InputError
 
 if TYPE_CHECKING:
+    from cartier.contracts import Recording
     from cartier.home import Home
     from cartier.types import Answer
 
@@ -43,6 +44,58 @@ def main() -> None:
     except BrokenPipeError:
         sys.stderr.close()
         sys.exit(0)
+
+
+@app.command()
+def demo(
+    home: Annotated[
+        str, typer.Option(help="A home of the dollhouse by name, or a number for a generated one.")
+    ] = "kitchen_diner",
+    out: Annotated[
+        Path,
+        typer.Option(
+            "--out", "-o", help="The folder to leave pictures and answers in; an older demo there is replaced."
+        ),
+    ] = Path("cartier-demo"),
+    seed: Annotated[int, typer.Option(help="Another number, another exploration.")] = 0,
+) -> None:
+    """Run the whole line on a built-in home, offline: explore, map, ask three requests, drive there."""
+    from cartier.demo import run
+
+    told = run(home, out, seed, say=print, progress=_progress)
+    print(f"\nlook at  {', '.join(str(out / t.picture) for t in told)}")
+    print(f'ask more:    cartier ask {out / "home"} "I\'d like to read a little" --plot answer.png')
+    print("your own:    cartier map RECORDING --detector MODEL.onnx -o HOME      (cartier list shows the formats)")
+
+
+@app.command()
+def record(
+    source: Annotated[
+        str,
+        typer.Argument(
+            metavar="WORLD:HOME", help="For example dollhouse:studio, dollhouse:7 (generated), ai2thor:FloorPlan1."
+        ),
+    ],
+    output: Annotated[
+        Path, typer.Option("--output", "-o", metavar="DIR", help="The folder to write the recording to.")
+    ],
+    seed: Annotated[int, typer.Option(help="Another number, another exploration.")] = 0,
+    sensor: Annotated[bool, typer.Option(help="Disturb depth, image and poses as a real sensor does.")] = False,
+    drive: Annotated[bool, typer.Option("--drive", help="Steer with the keyboard instead of exploring.")] = False,
+) -> None:
+    """Explore a home of a simulator and save the recording."""
+    from cartier.recordings.folder import save
+
+    name, _, home = source.partition(":")
+    world = plugins.make("worlds", name)
+    if not home:
+        raise InputError(f"which home? {name} has {', '.join(world.homes())}: cartier record {name}:HOME -o {output}")
+    options: dict[str, Any] = {"seed": seed} | ({"sensor": True} if sensor else {}) | ({"drive": True} if drive else {})
+    recording = world.explore(home, **options)
+    with _progress("saving") as progress:
+        save(recording, output, progress)
+    print(f"{output}: {len(recording)} frames of {recording.name}")
+    print(f"map it:  cartier map {output} --detector ground_truth -o HOME")
 
 
 @app.command("map")
@@ -89,7 +142,7 @@ def map_command(
     source = plugins.open_recording(recording, **{name: value for name, value in level.items() if value is not None})
     for note in source.notes:
         _say(note)
-    eyes = _detector(detector, threshold)
+    eyes = _detector(detector, threshold, source)
     names = [name.strip() for name in index.split(",")] if index else None
     unfinished = output.parent / f".{output.name}.unfinished.jsonl"
     with _progress("mapping") as progress:
@@ -177,8 +230,10 @@ def list_command(as_json: AsJson = False) -> None:
             print(f"  {row.name:18} {row.summary}{needs}")
 
 
-def _detector(spec: str, threshold: float | None) -> Any:
+def _detector(spec: str, threshold: float | None, source: Recording) -> Any:
     options: dict[str, Any] = {} if threshold is None else {"threshold": threshold}
+    if spec == "ground_truth":
+        options |= {"truth": source.truth, "source": source.name}
     suffix = Path(spec).suffix.lower()
     if suffix == ".onnx":
         return plugins.make("detectors", "onnx", model=spec, **options)

@@ -5,13 +5,15 @@ from __future__ import annotations
 import io
 import math
 import textwrap
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import numpy.typing as npt
 
 from cartier.home import Home
-from cartier.types import FREE, OCCUPIED, Answer, OccupancyGrid
+from cartier.types import FREE, OCCUPIED, Answer, OccupancyGrid, Place
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -24,8 +26,8 @@ OBJECT, CHOSEN, PATH = "#3b6ea8", "#d1495b", "#1b998b"
 def draw_answer(home: Home, answer: Answer, file: Path) -> None:
     """Write a PNG (or whatever the suffix names): the plan with place, goal pose and path; the evidence photo with its box."""
     figure, (left, right) = _figure(2)
-    _draw_plan(left, home, answer.index, quiet=True)
     place, goal = answer.place, answer.goal
+    _draw_plan(left, home, answer.index, quiet=True, keep_clear=place)
     if goal is not None:
         left.plot(*goal.path.T, color=PATH, lw=2.5, zorder=4, label=f"path, {goal.length_m:.1f} m")
         left.plot(*goal.path[0], "o", color=PATH, ms=7, zorder=4)
@@ -57,6 +59,13 @@ def draw_home(home: Home, file: Path, index: str | None = None) -> None:
     _save(figure, file)
 
 
+def write_photo(rgb: npt.NDArray[np.uint8], file: Path) -> None:
+    """Write an image (H, W, 3) as the suffix says."""
+    from PIL import Image
+
+    Image.fromarray(rgb).save(file)
+
+
 def _figure(panels: int) -> tuple[Any, list[Axes]]:
     from matplotlib.figure import Figure
 
@@ -65,7 +74,7 @@ def _figure(panels: int) -> tuple[Any, list[Axes]]:
     return figure, list(axes[0])
 
 
-def _draw_plan(axes: Axes, home: Home, index_name: str, quiet: bool) -> None:
+def _draw_plan(axes: Axes, home: Home, index_name: str, quiet: bool, keep_clear: Place | None = None) -> None:
     from matplotlib.patheffects import withStroke
 
     index = home.index(index_name)[1]
@@ -76,15 +85,34 @@ def _draw_plan(axes: Axes, home: Home, index_name: str, quiet: bool) -> None:
     else:
         axes.text(0.02, 0.98, "no floor plan: the recording has no depth", transform=axes.transAxes, va="top")
     halo = [withStroke(linewidth=2.5, foreground="white", alpha=0.85)]
+    size = 8 if quiet else 9
+    named = _without_overlap(places, size, points, keep_clear)
     for place in places:
         axes.plot(*place.position[:2], "o", color=OBJECT, ms=4 if quiet else 6, mec="white", mew=0.5, zorder=3)
-        axes.annotate(
-            place.label, (place.position[0], place.position[1]), (4, 3), textcoords="offset points",
-            fontsize=8 if quiet else 9, color=OBJECT, zorder=3, path_effects=halo,
-        )  # fmt: skip
+        if place in named:
+            axes.annotate(
+                place.label, (place.position[0], place.position[1]), (4, 3), textcoords="offset points",
+                fontsize=size, color=OBJECT, zorder=3, path_effects=halo,
+            )  # fmt: skip
     axes.set_aspect("equal")
     axes.set_xlabel("x (m)")
     axes.set_ylabel("y (m)")
+
+
+def _without_overlap(places: Sequence[Place], size_pt: int, points: Any, keep_clear: Place | None) -> list[Place]:
+    """The places whose names can be read: first come, first served, and never over the chosen one."""
+    metres_per_pt = max(np.ptp(points[:, 0]), np.ptp(points[:, 1]), 1.0) / 430
+    wide, high = 0.58 * size_pt * metres_per_pt, 1.25 * size_pt * metres_per_pt
+    taken: list[tuple[float, float, float, float]] = []
+    named: list[Place] = []
+    for place in ([keep_clear] if keep_clear else []) + [p for p in places if p != keep_clear]:
+        x, y = place.position[:2]
+        mine = (x, y, x + (len(place.label) + 2) * wide * (1.5 if place is keep_clear else 1), y + high)
+        if all(mine[2] < t[0] or mine[0] > t[2] or mine[3] < t[1] or mine[1] > t[3] for t in taken):
+            taken.append(mine)
+            if place is not keep_clear:  # whose name is written larger, by the caller
+                named.append(place)
+    return named
 
 
 def _draw_grid(axes: Axes, grid: OccupancyGrid, points: Any) -> None:

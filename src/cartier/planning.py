@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cartier.geometry import box_distance, yaw_towards
-from cartier.types import FREE, OCCUPIED, Goal, OccupancyGrid, Place
+from cartier.types import FREE, OCCUPIED, Array, Goal, OccupancyGrid, Place
 
 EYE_M = 1.5  # height of the robot's camera, as in the paper
 NEAREST_M = 0.35  # closer than this there is no telling what the robot faces
@@ -28,6 +28,14 @@ class Reach:
     start: tuple[int, int]
     length_m: npt.NDArray[np.float64]
     previous: npt.NDArray[np.int32]
+
+    def path(self, cell: tuple[int, ...]) -> npt.NDArray[np.float64]:
+        """The shortest path (K, 2) of xy from the start to a reachable cell (row, col)."""
+        columns = self.length_m.shape[1]
+        flat = [int(cell[0]) * columns + int(cell[1])]
+        while (before := int(self.previous[divmod(flat[-1], columns)])) >= 0:
+            flat.append(before)
+        return self.grid.centre(np.array([divmod(f, columns) for f in reversed(flat)]))
 
 
 def traversable(grid: OccupancyGrid, radius_m: float) -> npt.NDArray[np.bool_]:
@@ -47,7 +55,7 @@ def traversable(grid: OccupancyGrid, radius_m: float) -> npt.NDArray[np.bool_]:
     return free & (clear_m >= radius_m)
 
 
-def reach(grid: OccupancyGrid, start_xy: Sequence[float], radius_m: float) -> Reach | None:
+def reach(grid: OccupancyGrid, start_xy: Sequence[float] | Array, radius_m: float) -> Reach | None:
     """Shortest paths from a start to everywhere (Dijkstra, 8-connected), or None if no floor fits the robot near it."""
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import dijkstra
@@ -145,7 +153,7 @@ def sees(grid: OccupancyGrid, from_xy: npt.NDArray[np.float64], place: Place) ->
 
 
 def _nearest_cell(
-    open_cells: npt.NDArray[np.bool_], grid: OccupancyGrid, xy: Sequence[float]
+    open_cells: npt.NDArray[np.bool_], grid: OccupancyGrid, xy: Sequence[float] | Array
 ) -> tuple[int, int] | None:
     cells = np.argwhere(open_cells)
     if not len(cells):
@@ -156,9 +164,6 @@ def _nearest_cell(
 
 
 def _goal(area: Reach, cell: tuple[int, ...], yaw: float, place: Place, seen: bool) -> Goal:
-    flat, columns = [int(cell[0]) * area.length_m.shape[1] + int(cell[1])], area.length_m.shape[1]
-    while (before := int(area.previous[divmod(flat[-1], columns)])) >= 0:
-        flat.append(before)
-    path = area.grid.centre(np.array([divmod(f, columns) for f in reversed(flat)]))
+    path = area.path(cell)
     x, y = path[-1]
     return Goal(float(x), float(y), float(yaw), path, float(area.length_m[cell]), place, seen)

@@ -15,6 +15,7 @@ Only the recording readers and the AI2-THOR adapter convert other conventions to
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
@@ -87,6 +88,14 @@ def check_pose(world_from_camera: Array, where: str = "pose") -> npt.NDArray[np.
         f"{where}: the rotation mirrors (determinant -1): is the world left-handed?",
     )
     return pose
+
+
+def frame_number(index: int, length: int, name: str) -> int:
+    """``index`` if there is such a frame, else an IndexError: a frame's number counts from 0, never from the end."""
+    number = operator.index(index)
+    if not 0 <= number < length:
+        raise IndexError(f"{name} has frames 0 to {length - 1}, not {number}")
+    return number
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import operator
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -44,11 +43,3 @@ def content_hash(settings: str, root: Path, names: Iterable[str]) -> str:
         except OSError as error:
             raise InputError(f"{path} cannot be read ({error.strerror})") from error
     return total.hexdigest()
-
-
-def frame_number(index: int, length: int, name: str) -> int:
-    """``index`` if there is such a frame, else an IndexError: a frame's number counts from 0, never from the end."""
-    number = operator.index(index)
-    if not 0 <= number < length:
-        raise IndexError(f"{name} has frames 0 to {length - 1}, not {number}")
-    return number

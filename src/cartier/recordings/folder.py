@@ -15,9 +15,9 @@ from cartier.contracts import Recording
 from cartier.errors import InputError
 from cartier.files import read_json, replaced_folder, write_json
 from cartier.recordings import _images
-from cartier.recordings._content import content_hash, frame_number, names_in
+from cartier.recordings._content import content_hash, names_in
 from cartier.recordings._poses import read_trajectory, trajectory_line
-from cartier.types import Camera, Frame, TrueObject
+from cartier.types import Camera, Frame, TrueObject, frame_number
 
 SCHEMA = 1
 HEAD, TRAJECTORY, TRUTH = "recording.json", "trajectory.txt", "truth.json"

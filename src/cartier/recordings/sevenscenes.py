@@ -15,10 +15,10 @@ import numpy as np
 from cartier import gravity
 from cartier.contracts import Recording
 from cartier.errors import InputError
-from cartier.recordings._content import content_hash, frame_number, names_in
+from cartier.recordings._content import content_hash, names_in
 from cartier.recordings._images import image_size, read_depth, read_rgb
 from cartier.recordings._poses import read_matrix, rigid
-from cartier.types import Camera, Frame, TrueObject
+from cartier.types import Camera, Frame, TrueObject, frame_number
 
 COLOUR = re.compile(r"(frame-(\d{1,9}))\.color\.(?:jpg|png)", re.ASCII)
 INTRINSICS = "camera-intrinsics.txt"
