@@ -94,7 +94,7 @@ def test_keys_steer(home: Scene) -> None:
     keys = ["w", "a", "\x1b[A", "S", "f", "x", "q", "w"]
     poses = steer(home, CAMERA, RADIUS_M, keys=keys, show=lambda rgb, line: shown.append(line))
     assert len(poses) == 6  # the start and five keys that changed the view; x is no key, and nothing counts after q
-    assert np.allclose(poses[1][:2, 3], np.array(home.start_xy) + (STEP_M, 0))
+    assert np.allclose(poses[1][:2, 3], np.add(home.start_xy, (STEP_M, 0)))
     assert math.atan2(poses[2][1, 2], poses[2][0, 2]) == pytest.approx(TURN)
     assert np.linalg.norm(poses[3][:2, 3] - poses[2][:2, 3]) == pytest.approx(STEP_M)
     assert np.allclose(poses[4], poses[2])  # ahead and back again
