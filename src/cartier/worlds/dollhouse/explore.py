@@ -29,8 +29,8 @@ DOWN = math.radians(22.5)  # the camera's usual pitch
 FEET = math.radians(52.5)  # and that which shows the floor around the robot's feet
 LEVEL_EVERY = 3  # one frame in so many looks level, for what hangs on walls
 SMALL = (160, 120)  # px: what the robot steers by
-LOOK_ON = 60.0  # cells: a view that shows less anew is not worth a turn on the spot
-USEFUL = 20.0  # cells per metre: nor is a place that shows less worth the way
+LOOK_ON = 80.0  # cells: a view that shows less anew is not worth a turn on the spot
+USEFUL = 40.0  # cells per metre: nor is a place that shows less worth the way
 WAY_M = 3.0  # added to each way, so that what is close at hand is not all that counts
 FAR_M = 7.5  # what is worth so long a way is worth any
 ENOUGH = 400.0  # cells: more than this is not better, so that a room is finished before the next
@@ -151,12 +151,9 @@ class _Explorer:
             return False
         for spacing in (LATTICE, 2):  # the second time more closely, before it is called done
             row, col = self._rng.integers(spacing, size=2)
-            there = np.isfinite(area.length_m)
-            there &= (
-                np.add.outer(np.arange(there.shape[0]) % spacing != row, np.arange(there.shape[1]) % spacing != col)
-                == 0
-            )
-            cells = np.argwhere(there)
+            lattice = np.zeros(area.length_m.shape, bool)
+            lattice[row::spacing, col::spacing] = True
+            cells = np.argwhere(lattice & np.isfinite(area.length_m))
             if not len(cells):
                 continue
             xy = area.grid.centre(cells)

@@ -17,16 +17,21 @@ from cartier.types import FREE, OCCUPIED, UNKNOWN, Camera, Frame, OccupancyGrid
 NEAR_M = 2.5  # a thing was looked at if it was seen from no farther than this
 SIGHT_M = 2.3  # how far ahead a view is worth something: less, so that what it promises it keeps
 TRIES = 2  # a cell that so many views did not settle is given up
-FRONTIER = 10.0  # worth of an unknown cell that may lead on, in cells of obstacles not yet seen from near
+FRONTIER = 20.0  # worth of an unknown cell that may lead on, in cells of obstacles not yet seen from near
 AZIMUTHS = 72
 STEP_M = 0.05
+TOP_M = 1.2  # what is lower has a top that can be looked at
 
 Layer = npt.NDArray[np.uint8]
 Floats = npt.NDArray[np.float64]
 
 
 class Knowledge:
-    """Grows frame by frame, from depth and bumps alone. ``grid`` is None before the first frame."""
+    """Grows frame by frame, from depth and bumps alone. What it knows is there after the first frame.
+
+    ``grid`` is the floor plan with the bumps in it, ``open`` (rows, cols) where the robot may drive, ``worth`` (rows, cols)
+    what each cell is worth looking at.
+    """
 
     def __init__(self, camera: Camera, radius_m: float, eye_m: float) -> None:
         self._camera, self._radius_m, self._eye_m = camera, radius_m, eye_m
@@ -41,6 +46,8 @@ class Knowledge:
         self.grid: OccupancyGrid
         self.open: npt.NDArray[np.bool_]
         self.worth: Floats
+        self._height_m: npt.NDArray[np.float32]
+        self._tops: npt.NDArray[np.float32]
 
     def add(self, index: int, world_from_camera: Floats, depth_m: npt.NDArray[np.float32]) -> None:
         """Take in one view: extend the floor plan, and note which obstacles were seen from near."""
@@ -94,9 +101,7 @@ class Knowledge:
         shape = np.array(grid.cells.shape)
         inside = ((cells >= 0) & (cells < shape)).all(-1)
         rows, cols = np.moveaxis(np.clip(cells, 0, shape - 1), -1, 0)
-        # Lintels and lamps above free floor hide nothing.
-        height = np.where(grid.cells == OCCUPIED, grid.height_m, 0).astype(np.float32)
-        slope = (height[rows, cols] - self._eye_m) / self._at_m
+        slope = (self._height_m[rows, cols] - self._eye_m) / self._at_m
         highest = np.maximum.accumulate(slope, axis=2)
         lowest = -math.tan(min(down + self._half_height, 1.5))
         before = np.concatenate([np.full_like(slope[..., :1], lowest), np.maximum(highest[..., :-1], lowest)], 2)
@@ -112,6 +117,11 @@ class Knowledge:
             )
         grid.cells[self._bumps > 0] = OCCUPIED
         self.grid, self.open = grid, traversable(grid, self._radius_m)
+        # Lintels and lamps above free floor hide nothing; a table top goes on behind its edge.
+        self._height_m = np.where(grid.cells == OCCUPIED, grid.height_m, 0).astype(np.float32)
+        tops = np.where(self._height_m < TOP_M, self._height_m, 0)
+        self._tops = np.where(grid.cells == UNKNOWN, ndimage.grey_dilation(tops, (3, 3)), 0)
+        self._height_m += self._tops
 
     def _weigh(self, xy: Sequence[float] | Floats) -> None:
         """What each cell is worth looking at: unknown cells beside floor that can be reached, obstacles not seen from near."""
@@ -122,8 +132,8 @@ class Knowledge:
             here = cells[np.linalg.norm(cells - self.grid.cell(xy), axis=1).argmin()]
             reached = parts == parts[tuple(here)]
         self.worth = np.zeros(self.open.shape)
+        self.worth[((self.grid.cells == OCCUPIED) & (self._near == 0)) | (self._tops > 0)] = 1.0
         self.worth[(self.grid.cells == UNKNOWN) & ndimage.binary_dilation(reached)] = FRONTIER
-        self.worth[(self.grid.cells == OCCUPIED) & (self._near == 0)] = 1.0
         self.worth[(self._tries >= TRIES) | (self._bumps > 0)] = 0
 
 
