@@ -179,6 +179,11 @@ def test_record_saves_what_map_reads_with_ground_truth(run: Run, tmp_path: Path)
     assert code == 1 and "which home?" in err
     code, _, err = run("record", "dollhouse:nowhere", "-o", tmp_path / "r")
     assert code == 1 and "nowhere" in err and not (tmp_path / "r").exists()
+    code, out, err = run("record", "dollhouse:2", "-o", tmp_path / "r")
+    assert code == 0 and "frames of dollhouse" in out, err
+    code, out, err = run("map", tmp_path / "r", "--detector", "ground_truth", "-o", tmp_path / "home", "--json")
+    assert code == 0 and len(json.loads(out)["objects"]) > 5, err
+    assert Home.load(tmp_path / "home").detector.startswith("ground truth (dollhouse")
 
 
 @pytest.mark.parametrize("delay_s", [0.3, 0.9, 1.3, 1.6, 1.9])
