@@ -90,6 +90,25 @@ def test_map_show_ask_with_pictures(run: Run, recording: Path, tmp_path: Path) -
     assert not list(tmp_path.glob(".*")), "nothing half-done is left behind"
 
 
+def test_any_words_are_found_in_a_home_with_vlmaps(run: Run, recording: Path, home: Path, tmp_path: Path) -> None:
+    folder, picture = tmp_path / "home", tmp_path / "find.png"
+    code, _, err = run("map", recording, "--detector", EYES, "-o", folder, "--index", "object_depth,vlmaps")
+    assert code == 0, err
+    code, out, _ = run("show", folder, "--find", "somewhere to sit", "--plot", picture, "--json")
+    found = json.loads(out)
+    assert code == 0 and found["index"] == "vlmaps" and "painted with the detector's labels" in found["encoder"]
+    assert picture.read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
+    _, out, _ = run("ask", folder, "let me sit down", "--json", "--index", "vlmaps")
+    answer = json.loads(out)
+    assert answer["object"] == "chair" and answer["encoder"] == found["encoder"]
+    apart = [a - b for a, b in zip(answer["place"]["position"], found["place"]["position"], strict=True)]
+    assert max(map(abs, apart)) < 1, "the words lead to the chair too"
+    code, _, err = run("show", home, "--find", "somewhere to sit", "--plot", picture)
+    assert code == 1 and "map it again with --index" in err and len(err.splitlines()) == 1
+    code, _, err = run("show", folder, "--find", "tea " * 300, "--plot", picture)
+    assert code == 0 and "only their beginning was read" in err
+
+
 def test_ask_says_it_for_people(run: Run, home: Path) -> None:
     code, out, err = run("ask", home, "my feet hurt, let me sit down")
     assert code == 0 and out.startswith("found: chair") and "goal" in out and "ground truth (test)" in out

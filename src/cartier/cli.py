@@ -14,6 +14,7 @@ import typer
 
 from cartier import plugins
 from cartier.errors import CartierError, InputError
+from cartier.prompts import check_query
 
 if TYPE_CHECKING:
     from cartier.contracts import Recording
@@ -112,16 +113,22 @@ def map_command(
     detector: Annotated[
         str,
         typer.Option(
-            help="FILE.onnx, detections in FILE.json or FILE.jsonl, ./mine.py, or a name from 'cartier list'."
+            help="FILE.onnx, detections in FILE.json or FILE.jsonl, transformers:MODEL, ./mine.py, or a name from 'cartier list'."
         ),
     ],
     threshold: Annotated[
         float | None, typer.Option(help="Least score of a detection; each detector has its own default.")
     ] = None,
+    vocabulary: Annotated[
+        Path | None, typer.Option(help="Text file of names for a zero-shot transformers model; default: LVIS's 1,203.")
+    ] = None,
     index: Annotated[
         str | None,
         typer.Option("--index", help="Indices to build, separated by commas. Default: all that need no encoder."),
     ] = None,
+    encoder: Annotated[
+        str, typer.Option(help="For the index vlmaps: embedded, or clip:MODEL, lseg:FILE (a folder or a hub id).")
+    ] = "embedded",
     min_views: Annotated[
         int | None, typer.Option(help="How many frames must agree on an object; each detector has its own default.")
     ] = None,
@@ -142,13 +149,14 @@ def map_command(
     source = plugins.open_recording(recording, **{name: value for name, value in level.items() if value is not None})
     for note in source.notes:
         _say(note)
-    eyes = _detector(detector, threshold, source)
+    eyes = _detector(detector, threshold, vocabulary, source)
     names = [name.strip() for name in index.split(",")] if index else None
     unfinished = output.parent / f".{output.name}.unfinished.jsonl"
     with _progress("mapping") as progress:
         home = map_home(
-            source, eyes, names, min_views=min_views, robot_radius_m=radius, resume=unfinished, progress=progress
-        )
+            source, eyes, names, encoder=encoder, min_views=min_views, robot_radius_m=radius, resume=unfinished,
+            progress=progress,
+        )  # fmt: skip
     home.save(output)
     unfinished.unlink(missing_ok=True)
     if as_json:
@@ -197,12 +205,18 @@ def show(
     home: HomeFolder,
     index: IndexName = None,
     plot: Annotated[Path | None, typer.Option(help="Draw the floor plan with the objects into this picture.")] = None,
+    find: Annotated[
+        str | None, typer.Option(metavar="WORDS", help="Draw how similar any words are to each spot (index vlmaps).")
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Show what is in a home: every kind of object, how often it was seen, and where it is."""
     from cartier.home import Home
 
     mapped = Home.load(home)
+    if find is not None:
+        _find(mapped, check_query(find), index, plot or Path("find.png"), as_json)
+        return
     rows = mapped.table(index)
     if plot:
         from cartier.picture import draw_home
@@ -230,8 +244,26 @@ def list_command(as_json: AsJson = False) -> None:
             print(f"  {row.name:18} {row.summary}{needs}")
 
 
-def _detector(spec: str, threshold: float | None, source: Recording) -> Any:
-    options: dict[str, Any] = {} if threshold is None else {"threshold": threshold}
+def _find(home: Home, words: str, index: str | None, plot: Path, as_json: bool) -> None:
+    from cartier.picture import draw_find
+
+    name, searched = home.searchable(index)
+    place = draw_find(home, words, plot, name)
+    for note in searched.notes:
+        _say(note)
+    about = {"home": home.name, "index": name, "encoder": searched.encoder, "detector": home.detector}
+    if as_json:
+        print(json.dumps(about | {"words": words, "place": place.to_dict(), "picture": str(plot)}, ensure_ascii=False))
+        return
+    x, y, z = place.position
+    print(f"best   x {x:.2f}  y {y:.2f}  z {z:.2f} m   (cosine {place.score:.2f}, frame {place.frame})")
+    print(f"  by     {name}, {searched.encoder}, {home.detector}")
+    print(f"  look   {plot}")
+
+
+def _detector(spec: str, threshold: float | None, vocabulary: Path | None, source: Recording) -> Any:
+    given = {"threshold": threshold, "vocabulary": vocabulary}
+    options: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
     if spec == "ground_truth":
         options |= {"truth": source.truth, "source": source.name}
     suffix = Path(spec).suffix.lower()
@@ -239,7 +271,7 @@ def _detector(spec: str, threshold: float | None, source: Recording) -> Any:
         return plugins.make("detectors", "onnx", model=spec, **options)
     if suffix in (".json", ".jsonl"):
         return plugins.make("detectors", "file", path=spec, **options)
-    return plugins.make("detectors", spec, **options)
+    return plugins.make_from_spec("detectors", spec, **options)
 
 
 def _reasoner(name: str | None, model: str | None, base_url: str | None, replies: Path | None) -> Any:

@@ -44,12 +44,14 @@ class Detector(Protocol):
 
 
 class Encoder(Protocol):
-    """Image and text features in one space of D dimensions."""
+    """Image and text features in one space of D dimensions. It may have ``notes``, lines about what it assumed or cut."""
 
     name: str
+    sees: bool
+    """False for an encoder of words only: what a detector found is then painted with the vectors of the names."""
 
     def image(self, frame: Frame) -> Array:
-        """(h, w, D) float32, dense over the image at the encoder's own resolution."""
+        """(h, w, D) float32, row by row; together the h × w features cover the whole image, at the encoder's own resolution."""
         ...
 
     def text(self, texts: Sequence[str]) -> Array:
@@ -60,7 +62,8 @@ class Encoder(Protocol):
 class SpatialIndex(Protocol):
     """Where each named thing is. Built frame by frame, so that memory does not grow with the recording.
 
-    Its factory is ``make(min_views=1, …)``: a name counts once so many frames agree on it.
+    Its factory is ``make(min_views=1, …)``: a name counts once so many frames agree on it. One that needs image features
+    also takes ``encoder``, says which in its attribute ``encoder``, and can tell the similarity of any words to each place.
     """
 
     def add(self, frame: Frame, detections: Detections) -> None:
@@ -79,6 +82,22 @@ class SpatialIndex(Protocol):
 
     def load(self, folder: Path) -> None:
         """Take the state that ``save`` wrote into a freshly made index."""
+        ...
+
+
+@runtime_checkable
+class Searchable(Protocol):
+    """A spatial index that any words can be looked up in, not only the names of things that were detected."""
+
+    encoder: str
+    """Which encoder made the features, and from what."""
+    notes: Sequence[str]
+    """What the encoder left out of the words so far."""
+
+    def locate(self, name: str) -> Place | None: ...
+
+    def similarity(self, words: str) -> tuple[Array, Array, float]:
+        """Centres (n, 2) of square cells in metres, the cosine of the words with each (n,), and the cells' side in metres."""
         ...
 
 

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cartier import plugins
-from cartier.contracts import Reasoner, SpatialIndex
+from cartier.contracts import Reasoner, Searchable, SpatialIndex
 from cartier.errors import InputError
 from cartier.files import read_json, recover_folder, replaced_folder, write_json
 from cartier.occupancy import load_map, save_map
@@ -86,6 +86,17 @@ class Home:
             mend = f"map it again with --index {name}" if name in known else f"there are {', '.join(known)}"
             raise InputError(f"this home has no index {name!r} (it has {built}); {mend}")
         return name, self.indexes[name]
+
+    def searchable(self, name: str | None = None) -> tuple[str, Searchable]:
+        """An index that any words can be looked up in: the one named, or the home's first such."""
+        for candidate in [name] if name else self.indexes:
+            index = self.index(candidate)[1]
+            if isinstance(index, Searchable):
+                return str(candidate), index
+        raise InputError(
+            f"{f'index {name}' if name else 'no index of this home'} can be searched with any words; "
+            "map it again with --index object_depth,object_viewpoint,vlmaps"
+        )
 
     def keyframe(self, place: Place) -> npt.NDArray[np.uint8] | None:
         """The photo (H, W, 3) that is the evidence for a place."""

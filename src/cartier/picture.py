@@ -54,9 +54,40 @@ def draw_home(home: Home, file: Path, index: str | None = None) -> None:
     figure, (left,) = _figure(1)
     name, _ = home.index(index)
     _draw_plan(left, home, name, quiet=False)
+    _fit(figure, left)
     figure.suptitle(home.name, fontsize=14, x=0.02, ha="left", weight="bold")
     _caption(figure, home, f"{len(home.objects)} kinds of object · index: {name}")
     _save(figure, file)
+
+
+def draw_find(home: Home, words: str, file: Path, index: str | None = None) -> Place:
+    """Write a picture of how similar any words are to each spot of the home, and give back the best spot.
+
+    Raises InputError if the index cannot be searched with words.
+    """
+    from matplotlib.collections import PolyCollection
+
+    name, searched = home.searchable(index)
+    place = searched.locate(words)
+    centres, cosines, side = searched.similarity(words)
+    assert place is not None  # an index that holds nothing is not saved
+    figure, (axes,) = _figure(1)
+    _draw_plan(axes, home, name, quiet=True, keep_clear=place)
+    low, high = np.quantile(cosines, 0.5), max(float(cosines.max()), 1e-6)
+    shown = np.argsort(cosines)[len(cosines) // 2 :]  # the best cells last, on top; the lower half says nothing
+    corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * side / 2
+    alpha = np.clip((cosines[shown] - low) / max(high - low, 1e-6), 0, 1)
+    squares: list[Any] = [*(centres[shown][:, None] + corners)]
+    cells = PolyCollection(squares, array=cosines[shown], cmap="YlOrRd", lw=0, alpha=alpha, zorder=1)
+    cells.set_clim(low, high)
+    axes.add_collection(cells)
+    axes.plot(place.position[0], place.position[1], "*", color=CHOSEN, ms=20, mec="white", zorder=6)
+    figure.colorbar(cells, ax=axes, label="cosine with the words", shrink=0.8)
+    _fit(figure, axes)
+    figure.suptitle(textwrap.fill(f"“{_short(words, 100)}”", 60), fontsize=13, x=0.02, ha="left", weight="bold")
+    _caption(figure, home, f"index: {name} · image features: {searched.encoder}")
+    _save(figure, file)
+    return place
 
 
 def write_photo(rgb: npt.NDArray[np.uint8], file: Path) -> None:
@@ -74,16 +105,34 @@ def _figure(panels: int) -> tuple[Any, list[Axes]]:
     return figure, list(axes[0])
 
 
-def _draw_plan(axes: Axes, home: Home, index_name: str, quiet: bool, keep_clear: Place | None = None) -> None:
-    from matplotlib.patheffects import withStroke
+def _fit(figure: Any, axes: Axes) -> None:
+    """As high as the plan is, so that a wide home leaves no white bands."""
+    (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
+    figure.set_size_inches(8.5, float(np.clip(7 * (high - low) / (right - left), 3, 9)) + 1.2)
 
-    index = home.index(index_name)[1]
-    places = [place for name in index.names() if (place := index.locate(name)) is not None]
-    points = np.array([place.position[:2] for place in places] + [home.start_xy])
+
+def _draw_plan(axes: Axes, home: Home, index_name: str, quiet: bool, keep_clear: Place | None = None) -> None:
+    points = np.array([place.position[:2] for place in _places(home, index_name)] + [home.start_xy])
     if home.grid is not None:
         _draw_grid(axes, home.grid, points)
     else:
         axes.text(0.02, 0.98, "no floor plan: the recording has no depth", transform=axes.transAxes, va="top")
+    _draw_names(axes, home, index_name, quiet, keep_clear)
+    axes.set_aspect("equal")
+    axes.set_xlabel("x (m)")
+    axes.set_ylabel("y (m)")
+
+
+def _places(home: Home, index_name: str) -> list[Place]:
+    index = home.index(index_name)[1]
+    return [place for name in index.names() if (place := index.locate(name)) is not None]
+
+
+def _draw_names(axes: Axes, home: Home, index_name: str, quiet: bool, keep_clear: Place | None) -> None:
+    from matplotlib.patheffects import withStroke
+
+    places = _places(home, index_name)
+    points = np.array([place.position[:2] for place in places] + [home.start_xy])
     halo = [withStroke(linewidth=2.5, foreground="white", alpha=0.85)]
     size = 8 if quiet else 9
     named = _without_overlap(places, size, points, keep_clear)
@@ -94,9 +143,6 @@ def _draw_plan(axes: Axes, home: Home, index_name: str, quiet: bool, keep_clear:
                 place.label, (place.position[0], place.position[1]), (4, 3), textcoords="offset points",
                 fontsize=size, color=OBJECT, zorder=3, path_effects=halo,
             )  # fmt: skip
-    axes.set_aspect("equal")
-    axes.set_xlabel("x (m)")
-    axes.set_ylabel("y (m)")
 
 
 def _without_overlap(places: Sequence[Place], size_pt: int, points: Any, keep_clear: Place | None) -> list[Place]:

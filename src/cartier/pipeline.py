@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from cartier import plugins
-from cartier.contracts import Detector, Reasoner, Recording, SpatialIndex
+from cartier.contracts import Detector, Encoder, Reasoner, Recording, SpatialIndex
 from cartier.errors import BackendError, InputError
 from cartier.home import DetectionLog, Home
 from cartier.occupancy import OccupancyMapper
@@ -31,6 +31,7 @@ def map_home(
     detector: Detector,
     indexes: Sequence[str] | None = None,
     *,
+    encoder: str | Encoder = "embedded",
     min_views: int | None = None,
     robot_radius_m: float = 0.2,
     resume: Path | None = None,
@@ -38,7 +39,8 @@ def map_home(
 ) -> Home:
     """Map a recording, one frame in memory at a time.
 
-    ``indexes`` are names; by default those that the recording allows. An object counts where ``min_views`` frames agree
+    ``indexes`` are names; by default those that need no encoder and that the recording allows. ``encoder``, for those that
+    need one, is NAME, NAME:MODEL or an Encoder. An object counts where ``min_views`` frames agree
     on it; by default as many as the detector asks for (``Detector.min_views``). ``resume`` is a file that keeps the detections
     of finished frames, so that a killed run does not detect twice. ``progress`` is told (frames done, frames in all).
     Raises InputError if the recording is empty or broken, or if nothing was detected in it.
@@ -46,13 +48,11 @@ def map_home(
     if not len(recording):
         raise InputError(f"recording {recording.name} holds no frames")
     views = detector.min_views if min_views is None else min_views
-    built: dict[str, SpatialIndex] = {
-        name: plugins.make("indexes", name, min_views=views) for name in indexes or DEFAULT_INDEXES
-    }
+    built = {name: _index(name, views, encoder) for name in indexes or DEFAULT_INDEXES}
     mapper = OccupancyMapper(robot_radius_m=robot_radius_m)
     settings = {"recording": recording.name, "sha256": recording.fingerprint(), "frames": len(recording)}
     settings |= {"detector": detector.name, "detector_sha256": getattr(detector, "sha256", "")}
-    settings |= {"indexes": list(built), "min_views": views, "robot_radius_m": robot_radius_m}
+    settings |= {"indexes": list(built), "encoder": None, "min_views": views, "robot_radius_m": robot_radius_m}
     log: list[Detections] = []
     start_xy = (0.0, 0.0)
 
@@ -83,6 +83,9 @@ def map_home(
     notes = [*recording.notes, *getattr(detector, "notes", ())]
     if grid is None:
         notes.append("the recording has no depth: no occupancy grid, and so no goals")
+    for made_with in dict.fromkeys(filter(None, (getattr(index, "encoder", "") for index in built.values()))):
+        settings["encoder"] = made_with
+        notes.append(f"image features: {made_with}")
     usable = _usable(built, explicit=indexes is not None, notes=notes)
     keyframes = _keyframes(recording, usable)
     return Home(
@@ -138,7 +141,8 @@ def ask(
             notes.append(f"the goal faces the {place.label}, but something known stands in between")
 
     return Answer(
-        query, selection, place, goal, reasoner.name, index_name, home.detector, home.name, timing_ms, tuple(notes)
+        query, selection, place, goal, reasoner.name, index_name, home.detector, home.name, timing_ms, tuple(notes),
+        getattr(spatial_index, "encoder", None),
     )  # fmt: skip
 
 
@@ -147,6 +151,12 @@ def _timed(timing_ms: dict[str, float], step: str) -> Iterator[None]:
     begin = time.perf_counter()
     yield
     timing_ms[step] = (time.perf_counter() - begin) * 1e3
+
+
+def _index(name: str, min_views: int, encoder: str | Encoder) -> SpatialIndex:
+    options = {"encoder": encoder} if plugins.takes("indexes", name, "encoder") else {}
+    index: SpatialIndex = plugins.make("indexes", name, min_views=min_views, **options)
+    return index
 
 
 def _without_masks(detections: Detections) -> Detections:

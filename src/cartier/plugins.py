@@ -57,6 +57,18 @@ def make(kind: str, name: str, **options: Any) -> Any:
     return _call(kind, name, "make", (), options)
 
 
+def make_from_spec(kind: str, spec: str, **options: Any) -> Any:
+    """A backend as people write it on a command line: NAME, or NAME:MODEL where it needs a model."""
+    name, _, model = spec.partition(":")
+    return make(kind, name, **({"model": model} if model else {}), **options)
+
+
+def takes(kind: str, name: str, option: str) -> bool:
+    """Whether a backend's factory has an option of this name."""
+    factory = getattr(_load(kind, name), "make", None)
+    return factory is not None and option in inspect.signature(factory).parameters
+
+
 def open_recording(path: str | Path, format: str | None = None, **options: Any) -> Recording:
     """Open a recording in the format that recognises the path, or in the one named."""
     path = Path(path)

@@ -317,6 +317,7 @@ class Answer:
     home: str
     timing_ms: Mapping[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    encoder: str | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """The object that ``cartier ask --json`` prints."""
@@ -325,6 +326,6 @@ class Answer:
             "query": self.query, "status": chosen.status, "object": chosen.object, "reason": chosen.reason, "question": chosen.question,
             "place": self.place.to_dict() if self.place else None, "goal": self.goal.to_dict() if self.goal else None,
             "candidates": [{"object": name, "score": score} for name, score in chosen.candidates],
-            "reasoner": self.reasoner, "index": self.index, "detector": self.detector, "home": self.home,
-            "timing_ms": {step: round(ms, 2) for step, ms in self.timing_ms.items()}, "notes": list(self.notes),
+            "reasoner": self.reasoner, "index": self.index, "encoder": self.encoder, "detector": self.detector,
+            "home": self.home, "timing_ms": {step: round(ms, 2) for step, ms in self.timing_ms.items()}, "notes": list(self.notes),
         }  # fmt: skip

@@ -1,0 +1,182 @@
+"""VLMaps: a top-down grid of mean image features, searched with any words; needs depth and an --encoder."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile
+
+import numpy as np
+import numpy.typing as npt
+
+from cartier import plugins
+from cartier.contracts import Encoder
+from cartier.errors import BackendError, InputError
+from cartier.files import read_json, write_json
+from cartier.indexes._fusion import CELL, FeatureGrid
+from cartier.indexes._painting import paint
+from cartier.indexes.object_viewpoint import ObjectViewpoint
+from cartier.types import Array, Detections, Frame, Place
+
+DOMINATES = 0.05  # share of the map's mean energy in one dimension; evenly spread it would be 1 / D, 0.2 % for 512
+
+EQUAL = 1e-3  # cosines this close are the same
+
+
+def make(min_views: int = 1, encoder: str | Encoder = "embedded", cell_m: float = 0.05) -> VLMaps:
+    """``encoder`` is NAME or NAME:MODEL as on the command line, or an Encoder; ``cell_m`` the side of a cell.
+
+    ``min_views`` frames must agree on a thing before its name is listed; any other words can be located as well.
+    """
+    if not 0.005 <= cell_m <= 1:
+        raise BackendError(f"option cell_m must be from 0.005 to 1 m, got {cell_m}")
+    return VLMaps(min_views, encoder, cell_m)
+
+
+class VLMaps:
+    """Per cell the mean feature over all points that fell into it; a place is the cell most similar to the words.
+
+    Source: VLMaps (Huang et al. 2023, arXiv 2210.05714) as CARTIER (arXiv 2307.11865) uses it: 2-D grid, cosine similarity
+    after dropping the dominating embedding dimensions, the best cell wins. Memory grows with the cells seen, not with frames.
+    """
+
+    def __init__(self, min_views: int, encoder: str | Encoder, cell_m: float) -> None:
+        self._spec = encoder if isinstance(encoder, str) else None
+        self._encoder = None if isinstance(encoder, str) else encoder
+        self._names = ObjectViewpoint(
+            min_views
+        )  # which names count is a matter of agreeing views, as for the other indices
+        self._grid = FeatureGrid(cell_m)
+        self._search: tuple[npt.NDArray[np.float32], npt.NDArray[np.bool_]] | None = None
+        self._texts: dict[str, Array] = {}
+        self._made_by = ""
+
+    @property
+    def encoder(self) -> str:
+        """Which encoder made the features, and from what."""
+        return self._made_by
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        return tuple(getattr(self._encoder, "notes", ()))
+
+    def add(self, frame: Frame, detections: Detections) -> None:
+        self._names.add(frame, detections)
+        if frame.depth_m is None:
+            return
+        encoder = self._working_encoder()
+        if encoder.sees:
+            features = encoder.image(frame)
+            self._made_by = encoder.name
+        else:
+            features = paint(frame, detections, self._vectors)
+            self._made_by = f"{encoder.name}, painted with the detector's labels"
+        try:
+            self._grid.add(features, frame.depth_m, frame.camera, frame.world_from_camera, frame.index)
+        except BackendError as error:
+            raise BackendError(f"encoder {encoder.name}: {error}") from error
+        self._search = None
+
+    def names(self) -> list[str]:
+        return self._names.names() if len(self._grid.cells) else []
+
+    def locate(self, name: str) -> Place | None:
+        """The cell most similar to any words, at the mean height of what was seen in it; the score is the cosine.
+
+        Of cells that are equally good (features painted from labels are often the same) it is the one seen in most pixels.
+        """
+        cells = self._grid.cells
+        if not len(cells):
+            return None
+        cosines = self._cosines(name)
+        best = int(np.where(cosines >= cosines.max() - EQUAL, cells["pixels"], 0).argmax())
+        x, y = (cells["xy"][best] + 0.5) * self._grid.cell_m
+        z = cells["height_sum"][best] / cells["pixels"][best]
+        return Place(name, (float(x), float(y), float(z)), float(cosines[best]), int(cells["frame"][best]))
+
+    def similarity(self, words: str) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float32], float]:
+        """Centres (n, 2) of the cells in metres, the words' cosine with each (n,), and the side of a cell in metres."""
+        centres = (self._grid.cells["xy"] + 0.5) * self._grid.cell_m
+        return centres, self._cosines(words), self._grid.cell_m
+
+    def save(self, folder: Path) -> None:
+        self._names.save(folder)
+        cells = self._grid.cells
+        means = (self._grid.sums / np.maximum(cells["pixels"], 1)[:, None]).astype(np.float16)
+        if not np.isfinite(means).all():
+            raise BackendError(f"encoder {self._made_by}: features above 65,504 cannot be stored in half precision")
+        np.savez(folder / "grid.npz", cells=cells, features=means)
+        self._vectors(self.names())  # so that a home can be asked for its names without the encoder's model
+        texts = sorted(self._texts)
+        np.savez(folder / "texts.npz", texts=np.array(texts, np.str_), vectors=self._vectors(texts))
+        about = {"encoder": self._spec, "made_by": self._made_by, "cell_m": self._grid.cell_m}
+        write_json(folder / "vlmaps.json", about)
+
+    def load(self, folder: Path) -> None:
+        self._names.load(folder)
+        about = read_json(folder / "vlmaps.json")
+        try:
+            self._spec, self._made_by = about["encoder"], str(about["made_by"])
+            self._grid = FeatureGrid(float(about["cell_m"]))
+            with np.load(folder / "grid.npz", allow_pickle=False) as arrays:
+                cells, features = arrays["cells"], arrays["features"]
+            if cells.dtype != CELL or features.ndim != 2 or len(features) != len(cells):
+                raise ValueError("arrays of another kind or length")
+            if len(cells):
+                self._grid.restore(cells, features.astype(np.float32) * cells["pixels"][:, None].astype(np.float32))
+            with np.load(folder / "texts.npz", allow_pickle=False) as arrays:
+                self._texts = dict(zip(arrays["texts"].tolist(), arrays["vectors"].astype(np.float32), strict=True))
+        except (OSError, ValueError, KeyError, TypeError, BadZipFile, InputError) as error:
+            raise InputError(f"{folder} is missing or damaged ({error}): map the recording again") from error
+
+    def _cosines(self, words: str) -> npt.NDArray[np.float32]:
+        if self._search is None:
+            self._search = searchable(self._grid.sums)
+        rows, kept = self._search
+        vector = self._vectors([words])[0]
+        if len(vector) != len(kept):
+            raise InputError(f"the map's features have {len(kept)} dimensions, the encoder's words {len(vector)}")
+        vector = vector[kept]
+        cosines: npt.NDArray[np.float32] = rows @ (vector / max(float(np.linalg.norm(vector)), 1e-12))
+        return cosines
+
+    def _vectors(self, texts: Any) -> Array:
+        new = [text for text in dict.fromkeys(texts) if text not in self._texts]
+        if new:
+            self._texts |= dict(zip(new, self._working_encoder().text(new).astype(np.float32), strict=True))
+        return np.stack([self._texts[text] for text in texts]) if texts else np.zeros((0, 0), np.float32)
+
+    def _working_encoder(self) -> Encoder:
+        if self._encoder is None:
+            if self._spec is None:
+                raise InputError(
+                    f"these words are new, and only {self._made_by} can encode them: it is not a named backend"
+                )
+            if self._spec.partition(":")[0].endswith(".py") and self._made_by:
+                raise InputError(f"this home's encoder is {self._spec}; code that a home names is not run")
+            self._encoder = plugins.make_from_spec("encoders", self._spec)
+        return self._encoder
+
+
+def searchable(sums: Array) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.bool_]]:
+    """Unit rows (n, kept dimensions) for cosines, and which of the D dimensions are kept.
+
+    CLIP-like features have a few dimensions that are large and nearly the same everywhere; they say nothing about *where*,
+    yet they decide the cosine. A dimension is dropped if its mean over the cells holds more than 5 % of the energy of the mean
+    vector (or 5 times an even share, where there are few dimensions) and varies less than a third of that mean.
+    """
+    norms = np.linalg.norm(sums, axis=1, keepdims=True)
+    rows = np.divide(sums, norms, out=np.zeros(sums.shape, np.float32), where=norms > 0)
+    seen = rows[norms[:, 0] > 0]
+    if not len(seen):
+        return rows, np.ones(sums.shape[1], bool)
+    mean, spread = seen.mean(0), seen.std(0)
+    share = max(DOMINATES, 5 / len(mean))
+    kept = (mean**2 <= share * (mean**2).sum()) | (spread > np.abs(mean) / 3)
+    if not kept.all():
+        rows = rows[:, kept]
+        norms = np.linalg.norm(rows, axis=1, keepdims=True)
+        np.divide(rows, norms, out=rows, where=norms > 0)
+    return np.asfortranarray(
+        rows
+    ), kept  # column by column: a product with one vector is then twice as fast on one thread

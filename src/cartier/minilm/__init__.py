@@ -1,0 +1,50 @@
+"""The text encoder that ships inside: all-MiniLM-L6-v2 with int8 weights on onnxruntime (built by tools/build_text_encoder.py)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cartier.minilm._wordpiece import WordPiece
+from cartier.types import Array
+
+FOLDER = Path(__file__).parent
+WIDTH = 384
+MAX_TOKENS = 256  # the original's own limit
+
+
+class TextEncoder:
+    """Sentence vectors of length 1 (Sentence-BERT, Reimers and Gurevych 2019). Texts are encoded one by one, and remembered.
+
+    ``cut`` counts the texts that were longer than 256 tokens, of which only the beginning was read.
+    """
+
+    def __init__(self, model: bytes | None = None) -> None:
+        import onnxruntime  # not before the first text
+
+        options = onnxruntime.SessionOptions()
+        options.intra_op_num_threads = 1  # a sentence is too small to share, and busy cores make sharing slow
+        options.inter_op_num_threads = 1
+        source = model or str(FOLDER / "minilm.onnx")
+        self._session: Any = onnxruntime.InferenceSession(source, options, providers=["CPUExecutionProvider"])
+        self._tokens = WordPiece(FOLDER / "vocab.txt")
+        self._known: dict[str, Array] = {}
+        self.cut = 0
+
+    def __call__(self, texts: Sequence[str]) -> Array:
+        """(n, 384) float32 unit vectors."""
+        vectors = [self._vector(text) for text in texts]
+        return np.stack(vectors) if vectors else np.zeros((0, WIDTH), np.float32)
+
+    def _vector(self, text: str) -> Array:
+        known = self._known.get(text)
+        if known is None:
+            ids, cut = self._tokens(text, MAX_TOKENS)
+            self.cut += cut
+            known = self._session.run(None, {"ids": np.array(ids, np.int64)})[0]
+            if len(self._known) < 10_000:  # a server's lifetime of requests must not fill the memory
+                self._known[text] = known
+        return known
