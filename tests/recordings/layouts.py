@@ -6,7 +6,9 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import exports
 import numpy as np
+from bags import write_bag
 from PIL import Image
 
 from cartier.contracts import Recording
@@ -58,4 +60,24 @@ LAYOUTS: dict[str, Callable[[Path], None]] = {
     "sevenscenes": lambda path: write_sevenscenes(room(), path),
     "sevenscenes-png": lambda path: write_sevenscenes(room(), path, colour="png"),
     "sevenscenes-without-depth": lambda path: write_sevenscenes(room(with_depth=False), path),
+    "rosbag-mcap": lambda path: write_bag(room(), path),
+    "rosbag-mcap-zstd": lambda path: write_bag(room(), path, compression="storage"),
+    "rosbag-sqlite3": lambda path: write_bag(room(), path, "sqlite3"),
+    "rosbag-ros1": lambda path: write_bag(room(), path, "ros1"),
+    "rosbag-ros1-bz2": lambda path: write_bag(room(), path, "ros1", "bz2"),
+    "rosbag-without-depth": lambda path: write_bag(room(with_depth=False), path),
+    "tum": lambda path: exports.write_tum(room(), path),
+    "tum-without-depth": lambda path: exports.write_tum(room(with_depth=False), path, "jpg"),
+    "scannet": lambda path: exports.write_scannet(room(), path),
+    "replica": lambda path: exports.write_replica(room(), path),
+    "nerfstudio": lambda path: exports.write_nerfstudio(room(), path),
+    "nerfstudio-without-depth": lambda path: exports.write_nerfstudio(room(with_depth=False), path),
+    "stray": lambda path: exports.write_stray(room(), path),
+    "stray-video": lambda path: exports.write_stray(room(), path, video=True),
+    "stray-without-depth": lambda path: exports.write_stray(room(with_depth=False), path),
+    "record3d": lambda path: exports.write_record3d(room(), path),
+    "record3d-export": lambda path: exports.write_record3d_export(room(), path),
+    "record3d-without-depth": lambda path: exports.write_record3d(room(with_depth=False), path),
+    "arcore": lambda path: exports.write_arcore(room(), path),
+    "arcore-without-depth": lambda path: exports.write_arcore(room(with_depth=False), path),
 }

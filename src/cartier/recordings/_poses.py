@@ -12,10 +12,13 @@ from cartier.recordings._content import read_text
 from cartier.types import Array, check_pose
 
 Matrix = npt.NDArray[np.float64]
+MAX_NUMBER = 1e30  # nanoseconds fit, and squares stay finite
 
 
 def rigid(world_from_camera: Array, where: str) -> Matrix:
     """The pose with the nearest true rotation; an InputError if it is further off than ``types.check_pose`` allows."""
+    if (np.abs(world_from_camera) > MAX_NUMBER).any():
+        raise InputError(f"{where}: the pose holds numbers of a senseless size")
     pose = check_pose(world_from_camera, where).copy()
     left, _, right = np.linalg.svd(pose[:3, :3])
     pose[:3, :3] = left @ right
@@ -33,14 +36,19 @@ def read_matrix(path: Path, rows: int) -> Matrix:
 
 def read_trajectory(path: Path) -> tuple[npt.NDArray[np.float64], Matrix]:
     """Times (N,) in seconds and world_from_camera (N, 4, 4) of a TUM file: lines of ``t x y z qx qy qz qw``."""
+    table = read_trajectory_rows(path)
+    return table[:, 0], matrices(table[:, 1:])
+
+
+def read_trajectory_rows(path: Path) -> Matrix:
+    """(N, 8) of a TUM file, as written."""
     rows = []
     for number, line in enumerate(read_text(path, 1 << 28).splitlines(), 1):
         if line.strip() and not line.startswith("#"):
             rows.append(_tum_row(line, f"{path} line {number}"))
     if not rows:
         raise InputError(f"{path} holds no pose")
-    table = np.array(rows)
-    return table[:, 0], _matrices(table[:, 1:])
+    return np.array(rows)
 
 
 def trajectory_line(time_s: float, world_from_camera: Array) -> str:
@@ -53,8 +61,8 @@ def _tum_row(line: str, where: str) -> list[float]:
     row = _numbers(line.split(), where)
     if len(row) != 8:
         raise InputError(f"{where}: a pose is 't x y z qx qy qz qw', 8 numbers, got {len(row)}")
-    if not np.isfinite(row).all():
-        raise InputError(f"{where}: the pose holds NaN or infinity")
+    if not all(abs(value) <= MAX_NUMBER for value in row):  # false for NaN too
+        raise InputError(f"{where}: the pose holds NaN, infinity or a senseless size")
     norm = float(np.linalg.norm(row[4:]))
     if abs(norm - 1) > 1e-2:
         raise InputError(f"{where}: the quaternion's length must be 1, got {norm:.3g}")
@@ -68,7 +76,7 @@ def _numbers(words: list[str], where: str) -> list[float]:
         raise InputError(f"{where}: {error}") from error
 
 
-def _matrices(positions_quaternions: Array) -> Matrix:
+def matrices(positions_quaternions: Array) -> Matrix:
     """(N, 4, 4) of rows x y z qx qy qz qw."""
     quaternions = positions_quaternions[:, 3:]
     x, y, z, w = (quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)).T

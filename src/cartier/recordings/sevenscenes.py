@@ -39,6 +39,8 @@ class SevenScenes:
     """A 7-Scenes sequence, levelled. Poses are read when it is opened, images when a frame is asked for."""
 
     truth: Sequence[TrueObject] | None = None
+    known_registration = (0.91, -8.0, -2.0)
+    """Its depth is published raw, not moved onto the colour: there it would be zoomed and moved so far (px, at 2 m)."""
 
     def __init__(self, root: Path, up: Sequence[float] | None, floor_m: float | None) -> None:
         self.name = root.resolve().name
@@ -49,6 +51,7 @@ class SevenScenes:
         self.camera = _camera(root, root / self._colour[0])
         poses = np.array([rigid(read_matrix(p, 4), str(p)) for p in (root / f"{s}.pose.txt" for s in self._stems)])
         levelling = gravity.level(poses, self.camera, self._depth if self._has_depth else None, up, floor_m)
+        self.level_from_world = levelling.level_from_world  # so that the doctor sees the poses as they were given
         self._poses = levelling.level_from_world @ poses
         self._poses.setflags(write=False)
         self.notes: Sequence[str] = [

@@ -1,0 +1,149 @@
+"""Edges in images: how wide the sharpest ones are (blur), and whether those of depth lie on those of colour."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.fft import irfft2, next_fast_len, rfft2
+
+from cartier.types import Array
+
+REACH_PX = 8
+LEAST_STEP = 40  # grey levels that an edge must rise to be judged
+ROW_STEP = 12
+
+
+def edge_width_px(grey: Array) -> float:
+    """Median width (px) of the strong edges of a uint8 image (H, W): the step's height over its steepest slope.
+
+    The larger of that along the rows and along the columns, because a moving camera blurs in one direction. A step blurred
+    by a Gaussian of s px is 2.5 s wide. NaN where there are fewer than 20 strong edges.
+    """
+    both = [_widths(grey[::ROW_STEP]), _widths(grey[:, ::ROW_STEP].T)]
+    medians = [float(np.median(widths)) for widths in both if len(widths) >= 20]
+    return max(medians, default=float("nan"))
+
+
+def _widths(lines: Array) -> Array:
+    """Widths of the strong edges along the last axis, at most a few per line."""
+    values = lines.astype(np.float32)
+    slope = np.abs(np.diff(values, axis=1))
+    if slope.shape[1] <= 2 * REACH_PX:
+        return np.empty(0, np.float32)
+    windows = np.lib.stride_tricks.sliding_window_view(slope, 2 * REACH_PX + 1, axis=1)
+    centre = slope[:, REACH_PX:-REACH_PX]
+    peak = np.argwhere(centre > 2)
+    if len(peak) == 0:
+        return np.empty(0, np.float32)
+    near = windows[peak[:, 0], peak[:, 1]]
+    top = near.max(axis=1) <= near[:, REACH_PX]
+    peak = peak[top]
+    row, col = peak[:, 0], peak[:, 1]
+    around = np.lib.stride_tricks.sliding_window_view(values, 2 * REACH_PX + 2, axis=1)[row, col]
+    step = around.max(axis=1) - around.min(axis=1)
+    strong = step >= LEAST_STEP
+    return np.asarray(step[strong] / centre[row, col][strong], dtype=np.float32)
+
+
+JUMP = 0.06  # relative step of depth that is an edge
+REACH = 32  # px of the fine images that the depth may lie off
+ZOOMS = (0.8, 0.85, 0.9, 0.95, 1.0, 1.05, 1.1, 1.15, 1.2, 1.25)
+
+
+@dataclass(frozen=True)
+class Registration:
+    """Where the depth must go to lie on the colour: zoomed by ``zoom`` about the middle, moved by ``dx``, ``dy``.
+
+    The shifts are in parts of the image width. ``fit`` and ``fit_as_given`` are correlations of depth edges with colour
+    edges there and where the depth lies; ``noise`` is the standard deviation of the correlation over all shifts.
+    """
+
+    zoom: float
+    dx: float
+    dy: float
+    fit: float
+    fit_as_given: float
+    noise: float
+
+    def corner_shift(self) -> float:
+        """How far the corners of a 4:3 image move at most, in parts of its width."""
+        return float(np.hypot(abs(self.zoom - 1) * 0.5 + abs(self.dx), abs(self.zoom - 1) * 0.375 + abs(self.dy)))
+
+
+def registration(images: Sequence[tuple[Array, Array]]) -> Registration | None:
+    """Find by edges how the depth lies to the colour, from (grey, depth) images of the same size; None without edges."""
+    colour = [_colour_edges(grey) for grey, _ in images]
+    filled = [_filled(depth) for _, depth in images]
+    if not images:
+        return None
+    width = images[0][0].shape[1]
+    as_given = _correlation(colour, filled, 1.0)
+    tried = {1.0: as_given}
+    tried |= {zoom: _correlation(colour[::3], filled[::3], zoom) for zoom in ZOOMS if zoom != 1}
+    coarse = max(tried, key=lambda z: float(tried[z].max()))
+    for zoom in (coarse + step / 100 for step in range(-4, 5) if step):
+        tried[round(zoom, 2)] = _correlation(colour[::3], filled[::3], zoom)
+    best = max(tried, key=lambda z: float(tried[z].max()))
+    field = as_given if best == 1 else _correlation(colour, filled, best)
+    row, col = np.unravel_index(int(field.argmax()), field.shape)
+    noise = float(field.std())
+    if noise == 0:
+        return None
+    middle = float(as_given[REACH, REACH])
+    return Registration(best, (int(col) - REACH) / width, (int(row) - REACH) / width, float(field.max()), middle, noise)
+
+
+def _correlation(colour: Sequence[Array], depth: Sequence[Array], zoom: float) -> Array:
+    """Mean normalised correlation (2 REACH + 1, same) of colour edges with those of the zoomed depth, by shift."""
+    total = np.zeros((2 * REACH + 1, 2 * REACH + 1))
+    for c, z in zip(colour, depth, strict=True):
+        e = _depth_edges(z if zoom == 1 else zoomed(z, zoom))
+        if not e.any():
+            continue
+        a, b = c - c.mean(), e - e.mean()
+        shape = tuple(next_fast_len(n + REACH, real=True) for n in a.shape)
+        product = irfft2(rfft2(a, shape) * np.conj(rfft2(b, shape)), shape)
+        near = np.concatenate([product[-REACH:], product[: REACH + 1]])
+        near = np.concatenate([near[:, -REACH:], near[:, : REACH + 1]], axis=1)
+        total += near / max(float(np.linalg.norm(a) * np.linalg.norm(b)), 1e-9)
+    return total / max(len(colour), 1)
+
+
+def zoomed(image: Array, zoom: float, dx: float = 0.0, dy: float = 0.0) -> Array:
+    """A float image (H, W) zoomed about its middle, then moved by dx, dy (in widths); nearest pixel, NaN outside."""
+    height, width = image.shape
+    cols = np.rint((np.arange(width) - (width - 1) / 2 - dx * width) / zoom + (width - 1) / 2).astype(int)
+    rows = np.rint((np.arange(height) - (height - 1) / 2 - dy * width) / zoom + (height - 1) / 2).astype(int)
+    moved = image[rows.clip(0, height - 1)[:, None], cols.clip(0, width - 1)]
+    outside = ((rows < 0) | (rows >= height))[:, None] | ((cols < 0) | (cols >= width))
+    return np.where(outside, np.float32(np.nan), moved)
+
+
+def _colour_edges(grey: Array) -> Array:
+    edges = np.zeros(grey.shape, np.float32)
+    edges[:, 1:-1] = np.abs(grey[:, 2:] - grey[:, :-2])
+    edges[1:-1] = np.maximum(edges[1:-1], np.abs(grey[2:] - grey[:-2]))
+    return np.minimum(edges, np.float32(0.2))
+
+
+def _depth_edges(depth_m: Array) -> Array:
+    edges = np.zeros(depth_m.shape, np.float32)
+    with np.errstate(invalid="ignore"):
+        across = np.abs(depth_m[:, 2:] - depth_m[:, :-2]) > JUMP * np.minimum(depth_m[:, 2:], depth_m[:, :-2])
+        down = np.abs(depth_m[2:] - depth_m[:-2]) > JUMP * np.minimum(depth_m[2:], depth_m[:-2])
+    edges[:, 1:-1] = across
+    edges[1:-1] = np.maximum(edges[1:-1], down)
+    return edges
+
+
+def _filled(depth_m: Array) -> Array:
+    """Holes filled with the farther of their two neighbours in the row: a sensor's shadow lies on what is behind."""
+    width = depth_m.shape[1]
+    read, cols = np.isfinite(depth_m), np.arange(width)
+    left = np.maximum.accumulate(np.where(read, cols, -1), axis=1)
+    right = np.minimum.accumulate(np.where(read, cols, width)[:, ::-1], axis=1)[:, ::-1]
+    on_left = np.where(left >= 0, np.take_along_axis(depth_m, left.clip(0), 1), np.nan)
+    on_right = np.where(right < width, np.take_along_axis(depth_m, right.clip(0, width - 1), 1), np.nan)
+    return np.where(read, depth_m, np.fmax(on_left, on_right))

@@ -1,0 +1,94 @@
+"""ARCore: images/TIME.jpg, poses.csv, intrinsics.json and, where the phone gave them, depth/TIME.png, confidence/TIME.png.
+
+ARCore has no export of its own; an app writes this per ``Frame``, with TIME = ``Frame.getTimestamp()`` in nanoseconds:
+
+- ``images/TIME.jpg`` (or .png): the camera image, as ``acquireCameraImage`` gives it, not turned.
+- ``poses.csv``: a line ``timestamp_ns,tx,ty,tz,qx,qy,qz,qw`` of names, then ``Camera.getPose()`` (OpenGL camera axes,
+  world with y up) of each frame whose camera was TRACKING. Images without a pose are left out and counted.
+- ``intrinsics.json``: ``{"width", "height", "fx", "fy", "cx", "cy"}`` of ``Camera.getImageIntrinsics()``.
+- ``depth/TIME.png``: ``acquireDepthImage16Bits`` or ``acquireRawDepthImage16Bits`` as 16-bit PNG, millimetres, 0 = none;
+  it may be smaller than the image, but must show the same field of view.
+- ``confidence/TIME.png``: ``acquireRawDepthConfidenceImage`` as 8-bit PNG; below ``confidence`` depth is dropped.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from cartier.contracts import Recording
+from cartier.errors import InputError
+from cartier.files import read_json
+from cartier.recordings._content import names_in, read_text
+from cartier.recordings._lens import Lens
+from cartier.recordings._posed import PosedImages, Source, View, png_depth
+from cartier.recordings._poses import matrices
+from cartier.recordings._tables import GL_FROM_OPTICAL, Y_UP, camera_of, numbers, read_table, unit_quaternions
+from cartier.types import Camera
+
+POSES, CAMERA = "poses.csv", "intrinsics.json"
+COLUMNS = ("tx", "ty", "tz", "qx", "qy", "qz", "qw")
+FIELDS = ("width", "height", "fx", "fy", "cx", "cy")
+COLOUR = re.compile(r"(\d{1,19})\.(?:jpg|png)", re.ASCII)
+
+
+def matches(path: Path) -> bool:
+    """Whether a folder holds poses.csv, intrinsics.json and images/."""
+    return (path / POSES).is_file() and (path / CAMERA).is_file() and (path / "images").is_dir()
+
+
+def open(
+    path: str | Path, confidence: int = 77, up: Sequence[float] | None = None, floor_m: float | None = None
+) -> Recording:
+    """Read such a folder; ``confidence``, 0 to 255, is the least that depth must have (77 is 0.3, as in Google's samples)."""
+    root = Path(path)
+    rows = read_table(root / POSES, ("timestamp_ns", *COLUMNS))
+    times = _times(root / POSES)
+    camera = _camera(root / CAMERA)
+    images = {int(m[1]): m[0] for m in map(COLOUR.fullmatch, names_in(root / "images")) if m}
+    depths, confidences = (
+        names_in(root / name) if (root / name).is_dir() else set() for name in ("depth", "confidence")
+    )
+    row_of = {time: i for i, time in enumerate(times)}
+    posed = [time for time in sorted(images) if time in row_of]
+    kept = [time for time in posed if not depths or f"{time}.png" in depths]
+    notes = [f"{len(images) - len(posed)} images without a pose left out"] if len(images) > len(posed) else []
+    notes += [f"{len(posed) - len(kept)} images without depth left out"] if len(posed) > len(kept) else []
+    if not kept:
+        raise InputError(f"{root}: of {len(images)} images none can be used: {'; '.join(notes) or 'images/ is empty'}")
+    views, files = [], [POSES, CAMERA]
+    for time in kept:
+        depth = root / "depth" / f"{time}.png" if depths else None
+        sure = root / "confidence" / f"{time}.png" if depths and f"{time}.png" in confidences else None
+        views.append(View(time / 1e9, root / "images" / images[time], Lens(camera), depth, sure))
+        files += [p.relative_to(root).as_posix() for p in (views[-1].colour, depth, sure) if p is not None]
+    poses = np.column_stack([rows[name] for name in COLUMNS])[[row_of[time] for time in kept]]
+    poses[:, 3:] = unit_quaternions(poses[:, 3:], str(root / POSES))
+    settings = f"arcore 1 {confidence} up={up} floor_m={floor_m}"
+    source = Source(
+        root, root.resolve().name, settings, views, matrices(poses) @ GL_FROM_OPTICAL, files, notes, png_depth,
+        min_confidence=confidence, known_up=Y_UP, handheld=True,
+    )  # fmt: skip
+    return PosedImages(source, up, floor_m)
+
+
+def _times(path: Path) -> list[int]:
+    """The time stamps as whole numbers: a float64 would round nanoseconds."""
+    lines = [line for line in read_text(path, 1 << 28).splitlines() if line.strip()]
+    column = [name.strip() for name in lines[0].split(",")].index("timestamp_ns")
+    words = [line.split(",")[column].strip() for line in lines[1:]]
+    odd = next((word for word in words if not word.isascii() or not word.isdigit()), None)
+    if odd is not None:
+        raise InputError(f"{path}: timestamp_ns must be a whole number, got {odd[:40]!r}")
+    return [int(word) for word in words]
+
+
+def _camera(path: Path) -> Camera:
+    head = read_json(path)
+    if not isinstance(head, dict) or any(name not in head for name in FIELDS):
+        raise InputError(f"{path} must hold an object with {', '.join(FIELDS)}")
+    width, height, *intrinsics = numbers([head[name] for name in FIELDS], str(path))
+    return camera_of(int(width), int(height), intrinsics, str(path))

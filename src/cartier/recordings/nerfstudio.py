@@ -1,0 +1,132 @@
+"""nerfstudio: transforms.json with camera-to-world matrices in OpenGL axes, intrinsics for all or for each frame.
+
+``ns-process-data`` and instant-ngp write it. Distortion (``k1 k2 p1 p2 k3``, or the fisheye's ``k1``-``k4``) is taken out,
+frames of other intrinsics are resampled to those of the first. Depth is a 16-bit PNG of ``depth_unit_scale_factor``
+metres (0.001 if not said). The scale is whatever made the file: it is metric from a phone's LiDAR, but not from COLMAP.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cartier.contracts import Recording
+from cartier.errors import InputError
+from cartier.files import read_json
+from cartier.recordings._images import image_size
+from cartier.recordings._lens import Lens, straight
+from cartier.recordings._posed import PosedImages, Source, View, png_depth
+from cartier.recordings._poses import Matrix, rigid
+from cartier.recordings._tables import GL_FROM_OPTICAL, camera_of, inside, numbers
+from cartier.types import Camera
+
+FILE = "transforms.json"
+FRAMES_PER_SECOND = 30.0
+DEPTH_UNIT_M = 0.001
+SUFFIXES = (".png", ".jpg", ".jpeg", ".PNG", ".JPG", ".JPEG")
+
+
+def matches(path: Path) -> bool:
+    """Whether a folder holds a transforms.json."""
+    return (path / FILE).is_file()
+
+
+def open(path: str | Path, up: Sequence[float] | None = None, floor_m: float | None = None) -> Recording:
+    """Read a folder; ``up`` (x, y, z in its world) and ``floor_m`` (along up) override the estimates."""
+    root = Path(path)
+    where = str(root / FILE)
+    head = read_json(root / FILE)
+    frames = head.get("frames") if isinstance(head, dict) else None
+    if not isinstance(frames, list) or not all(isinstance(frame, dict) for frame in frames):
+        raise InputError(f"{where} must hold an object with a list 'frames'")
+    there: list[tuple[View, Matrix]] = []
+    missing = 0
+    for number, frame in enumerate(frames):
+        place = f"{where}: frame {number}"
+        colour = _image(root, frame.get("file_path"), place)
+        if colour is None:
+            missing += 1
+            continue
+        there.append((_view(root, head, frame, number, colour, place), _pose(frame.get("transform_matrix"), place)))
+    notes = [f"{missing} frames left out: their images are missing"] if missing else []
+    if not there:
+        raise InputError(f"{where} names {len(frames)} frames, but none of their images is there")
+    there.sort(key=lambda item: item[0].colour.as_posix())
+    views = [view for view, _ in there]
+    partly = sum(view.depth is None for view in views)
+    if 0 < partly < len(views):
+        raise InputError(f"{where}: {partly} of {len(views)} frames have no depth_file_path; give all or none")
+    if "time" not in frames[0]:
+        notes.append(f"times assumed: {FRAMES_PER_SECOND:g} frames per second, in the order of the file names")
+    notes.append("the scale is taken as metres; COLMAP's is arbitrary")
+    files = [FILE, *(p.relative_to(root).as_posix() for v in views for p in (v.colour, v.depth) if p is not None)]
+    unit_m = _number(head, "depth_unit_scale_factor", DEPTH_UNIT_M, where)
+    if unit_m <= 0:
+        raise InputError(f"{where}: depth_unit_scale_factor must be positive, got {unit_m}")
+    views = [_timed(view, number) for number, view in enumerate(views)]
+    settings = f"nerfstudio 1 up={up} floor_m={floor_m}"
+    poses = np.array([pose for _, pose in there])
+    source = Source(
+        root, root.resolve().name, settings, views, poses, files, notes, partial(png_depth, per_metre=1 / unit_m)
+    )
+    return PosedImages(source, up, floor_m)
+
+
+def _image(root: Path, name: object, where: str) -> Path | None:
+    """The image of a ``file_path``, which may lack its suffix; None if there is none."""
+    path = root / inside(root, name, where)
+    return next((p for p in (path, *(path.with_name(path.name + s) for s in SUFFIXES)) if p.is_file()), None)
+
+
+def _view(root: Path, head: dict[str, Any], frame: dict[str, Any], number: int, colour: Path, where: str) -> View:
+    fields = {**head, **frame}
+    size = (fields.get("w"), fields.get("h"))
+    if not all(type(side) is int or (type(side) is float and side.is_integer()) for side in size):
+        size = image_size(colour)
+    width, height = int(size[0] or 0), int(size[1] or 0)
+    if "fl_x" in fields:
+        fx = _number(fields, "fl_x", None, where)
+    elif "camera_angle_x" in fields:
+        fx = width / 2 / np.tan(_number(fields, "camera_angle_x", None, where) / 2)
+    else:
+        raise InputError(f"{where}: there are no intrinsics, neither fl_x nor camera_angle_x")
+    fy = _number(fields, "fl_y", fx, where)
+    # COLMAP's and nerfstudio's pixel (0, 0) is the corner of the top-left pixel, ours is its centre
+    cx, cy = _number(fields, "cx", width / 2, where) - 0.5, _number(fields, "cy", height / 2, where) - 0.5
+    depth = fields.get("depth_file_path")
+    measured = None if depth is None else root / inside(root, depth, where)
+    time_s = _number(frame, "time", number / FRAMES_PER_SECOND, where) if "time" in frame else np.nan
+    return View(time_s, colour, _lens(camera_of(width, height, (fx, fy, cx, cy), where), fields, where), measured)
+
+
+def _lens(camera: Camera, fields: dict[str, Any], where: str) -> Lens:
+    fisheye = "FISHEYE" in str(fields.get("camera_model", ""))
+    names = ("k1", "k2", "k3", "k4") if fisheye else ("k1", "k2", "p1", "p2", "k3")
+    values = tuple(_number(fields, name, 0.0, where) for name in names)
+    if fisheye:  # without coefficients it bends all the same
+        return Lens(camera, "equidistant", values)
+    return straight(camera, "plumb_bob", values)
+
+
+def _timed(view: View, number: int) -> View:
+    return View(number / FRAMES_PER_SECOND, view.colour, view.lens, view.depth) if np.isnan(view.time_s) else view
+
+
+def _pose(value: object, where: str) -> Matrix:
+    rows = value if isinstance(value, list) else []
+    if len(rows) not in (3, 4) or not all(isinstance(row, list) and len(row) == 4 for row in rows):
+        raise InputError(f"{where}: transform_matrix must be 4x4")
+    matrix = np.eye(4)
+    matrix[: len(rows)] = [numbers(row, where) for row in rows]
+    return rigid(matrix, where) @ GL_FROM_OPTICAL
+
+
+def _number(fields: dict[str, Any], name: str, default: float | None, where: str) -> float:
+    value = fields.get(name, default)
+    if type(value) not in (int, float, np.float64):
+        raise InputError(f"{where}: {name} must be a number, got {str(value)[:40]!r}")
+    return numbers([value], f"{where}: {name}")[0]

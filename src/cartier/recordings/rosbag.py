@@ -1,0 +1,200 @@
+"""ROS bags: ROS 1 .bag, ROS 2 .mcap or .db3 files and folders; images, CameraInfo, and /tf or odometry for the poses.
+
+Topics are found by their types; ``colour``, ``depth``, ``info`` and ``odometry`` name them where that does not do. Each
+image's pose is read from /tf and /tf_static at the image's own time stamp, interpolated. What lies outside of the
+transforms' time is not extrapolated but left out and counted in the notes. The world is the frame ``map``, else
+``odom``, else ``world``, else the root of the tree, and it stays exactly that frame, so that a goal is valid on the
+robot: z = 0 is taken for the floor. Depth that is not registered to colour is reprojected. Distortion is taken out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from cartier import gravity
+from cartier.contracts import Recording
+from cartier.errors import InputError
+from cartier.recordings._content import content_hash
+from cartier.recordings._lens import resampled
+from cartier.recordings._poses import rigid
+from cartier.recordings._register import registered
+from cartier.recordings._rosbags import METADATA, Bag, files_of
+from cartier.recordings._rosfile import Index
+from cartier.recordings._rosimages import colour as colour_image
+from cartier.recordings._rosimages import depth as depth_image
+from cartier.recordings._rosposes import camera_poses, transform_tree
+from cartier.recordings._rostf import Tree, extrinsic_matrix
+from cartier.recordings._rostopics import Choice, Stream, choose
+from cartier.types import Camera, Frame, TrueObject, frame_number
+
+EXTRA = "ros"
+DEFAULT_PERIOD_S = 0.1
+
+
+def matches(path: Path) -> bool:
+    """Whether a path is a bag file or a folder of them."""
+    return bool(files_of(path))
+
+
+def open(
+    path: str | Path,
+    colour: str | None = None,
+    depth: str | None = None,
+    info: str | None = None,
+    frame: str | None = None,
+    odometry: str | None = None,
+    extrinsic: Sequence[float] | str | None = None,
+    up: Sequence[float] | None = None,
+    floor_m: float | None = None,
+) -> Recording:
+    """Read a bag.
+
+    ``colour``, ``depth``, ``info``: topics. ``frame``: the world frame. ``odometry``: a topic of type Odometry or
+    PoseStamped to take the poses from instead of /tf; ``extrinsic``, x,y,z,qx,qy,qz,qw, is the camera's pose in the
+    frame that it moves. ``up`` and ``floor_m`` level a world that is not level.
+    """
+    import rosbags  # noqa: F401  # so that a missing package is said at once, by the name of the extra
+
+    bag = Bag(Path(path))
+    choice = choose(bag, colour, depth, info)
+    body = None if extrinsic is None else extrinsic_matrix(extrinsic)
+    settings = f"rosbag 1 {colour} {depth} {info} {frame} {odometry} {extrinsic} up={up} floor_m={floor_m}"
+    return RosBag(bag, choice, settings, frame, odometry, body, up, floor_m)
+
+
+class RosBag:
+    """A bag's images with poses. The index, stamps and transforms are read when it is opened, images when asked for."""
+
+    truth: Sequence[TrueObject] | None = None
+
+    def __init__(
+        self,
+        bag: Bag,
+        choice: Choice,
+        settings: str,
+        frame: str | None,
+        odometry: str | None,
+        body_from_camera: npt.NDArray[np.float64] | None,
+        up: Sequence[float] | None,
+        floor_m: float | None,
+    ) -> None:
+        self.name = bag.path.resolve().name
+        self.camera: Camera = choice.colour_lens.camera
+        self._bag, self._choice, self._settings = bag, choice, settings
+        self._fingerprint: str | None = None
+        notes = list(choice.notes)
+        tree = transform_tree(bag)
+        stamps_s = _stamps(bag, choice.colour, notes)
+        found = camera_poses(bag, tree, choice.colour.frame, stamps_s, frame, odometry, body_from_camera)
+        keep = np.asarray(np.isfinite(found.matrices).all(axis=(1, 2)))
+        partner = self._partners(stamps_s, keep, notes)
+        keep &= partner >= 0
+        notes += found.notes
+        if not keep.any():
+            raise InputError(f"{bag.path}: no image of {choice.colour.name} can be used: {'; '.join(notes)}")
+        self._rows: Index = choice.colour.index[keep]
+        self._partner = partner[keep]
+        self._times_s = stamps_s[keep]
+        self._colour_from_depth = self._registration(tree, notes)
+        poses = np.array([rigid(pose, str(bag.path)) for pose in found.matrices[keep]])
+        if up is not None or floor_m is not None:
+            levelling = gravity.level(poses, self.camera, None, up or (0, 0, 1), 0.0 if floor_m is None else floor_m)
+            self.level_from_world = levelling.level_from_world  # so that the doctor sees the poses as they were given
+            poses = levelling.level_from_world @ poses
+            notes += levelling.notes
+        else:
+            notes.append(f"the floor is taken to be z = 0 of frame {found.world!r}; override with floor_m=…")
+        self._poses = poses
+        self._poses.setflags(write=False)
+        self.notes: Sequence[str] = notes
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+    def __getitem__(self, index: int) -> Frame:
+        i = frame_number(index, len(self), self.name)
+        lens = self._choice.colour_lens
+        message, where = self._message(self._choice.colour, self._rows[i])
+        return Frame(
+            index=i,
+            time_s=float(self._times_s[i]),
+            rgb=resampled(colour_image(message, lens.camera, where), lens, self.camera, 0),
+            depth_m=self._depth(i),
+            world_from_camera=self._poses[i],
+            camera=self.camera,
+        )
+
+    def fingerprint(self) -> str:
+        if self._fingerprint is None:
+            path = self._bag.path
+            root = path if path.is_dir() else path.parent
+            names = [file.name for file in self._bag.files]
+            names += [METADATA] if path.is_dir() and (path / METADATA).is_file() else []
+            self._fingerprint = content_hash(self._settings, root, names)
+        return self._fingerprint
+
+    def _message(self, stream: Stream, row: Index) -> tuple[Any, str]:
+        where = f"{self._bag.path}: topic {stream.name} at {int(row[0]) / 1e9:.3f} s"
+        return self._bag.decode(stream.name, self._bag.read(row)), where
+
+    def _depth(self, i: int) -> npt.NDArray[np.float32] | None:
+        stream, lens = self._choice.depth, self._choice.depth_lens
+        if stream is None or lens is None:
+            return None
+        message, where = self._message(stream, stream.index[self._partner[i]])
+        depth_m = depth_image(message, lens.camera, where)
+        if self._colour_from_depth is None:
+            return np.asarray(resampled(depth_m, lens, self.camera, np.nan), dtype=np.float32)
+        straight = np.asarray(resampled(depth_m, lens, lens.camera, np.nan), dtype=np.float32)
+        return registered(straight, lens.camera, self.camera, self._colour_from_depth)
+
+    def _partners(self, stamps_s: npt.NDArray[np.float64], posed: npt.NDArray[np.bool_], notes: list[str]) -> Index:
+        """Which depth image belongs to each colour image, -1 for none: the nearest, at most half a period away."""
+        depth = self._choice.depth
+        if depth is None:
+            notes.append("there is no depth")
+            return np.zeros(len(stamps_s), np.int64)
+        times_s = _stamps(self._bag, depth, notes)
+        order = np.argsort(times_s, kind="stable")
+        times_s = times_s[order]
+        after = np.clip(np.searchsorted(times_s, stamps_s), 0, len(times_s) - 1)
+        before = np.maximum(after - 1, 0)
+        nearest = np.where(np.abs(times_s[before] - stamps_s) < np.abs(times_s[after] - stamps_s), before, after)
+        steps = np.diff(np.sort(stamps_s))
+        period_s = float(np.median(steps[steps > 0])) if (steps > 0).any() else DEFAULT_PERIOD_S
+        lonely = np.abs(times_s[nearest] - stamps_s) > period_s / 2
+        if (lonely & posed).any():
+            notes.append(
+                f"{int((lonely & posed).sum())} images left out: no depth within {period_s / 2 * 1000:.0f} ms of them"
+            )
+        return np.asarray(np.where(lonely, -1, order[nearest]), dtype=np.int64)
+
+    def _registration(self, tree: Tree, notes: list[str]) -> npt.NDArray[np.float64] | None:
+        """colour_from_depth where the two have frames of their own that the transforms connect."""
+        depth, colour = self._choice.depth, self._choice.colour
+        if depth is None or depth.frame == colour.frame:
+            return None
+        matrix = tree.fixed(colour.frame, depth.frame)
+        if matrix is None:
+            notes.append(
+                f"depth assumed to be registered to colour: no fixed transform leads from {depth.frame!r} to {colour.frame!r}"
+            )
+            return None
+        notes.append(f"depth of {depth.name} is reprojected into the colour camera")
+        return matrix
+
+
+def _stamps(bag: Bag, stream: Stream, notes: list[str]) -> npt.NDArray[np.float64]:
+    """Each image's own time in seconds; the recorder's where the images carry none."""
+    stamps_ns = np.array([bag.header(stream.name, row).stamp_ns for row in stream.index], dtype=np.int64)
+    if not stamps_ns.any():
+        notes.append(
+            f"the images of {stream.name} carry no time stamps; the times at which they were recorded are used"
+        )
+        stamps_ns = stream.index[:, 0]
+    return np.asarray(stamps_ns / 1e9)

@@ -1,0 +1,73 @@
+"""ScanNet, as its SensReader exports it: color/0.jpg, depth/0.png (mm), pose/0.txt (camera-to-world), intrinsic/*.txt.
+
+Camera axes are optical. Frames that lost track have a pose of -inf and are left out. Depth has a lens of its own, in the
+colour camera's place, and is put on the colour camera's pixels. Dai et al., CVPR 2017.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from cartier.contracts import Recording
+from cartier.errors import InputError
+from cartier.recordings._content import names_in
+from cartier.recordings._images import image_size
+from cartier.recordings._lens import Lens
+from cartier.recordings._posed import PosedImages, Source, View, png_depth
+from cartier.recordings._poses import read_matrix, rigid
+from cartier.recordings._tables import camera_of
+from cartier.types import Camera
+
+COLOUR = re.compile(r"(\d{1,9})\.(?:jpg|png)", re.ASCII)
+COLOUR_MATRIX, DEPTH_MATRIX = "intrinsic/intrinsic_color.txt", "intrinsic/intrinsic_depth.txt"
+FRAMES_PER_SECOND = 30.0
+
+
+def matches(path: Path) -> bool:
+    """Whether a folder holds color/, pose/ and intrinsic/intrinsic_color.txt."""
+    return (path / COLOUR_MATRIX).is_file() and (path / "color").is_dir() and (path / "pose").is_dir()
+
+
+def open(path: str | Path, up: Sequence[float] | None = None, floor_m: float | None = None) -> Recording:
+    """Read an exported scan; its world is nearly level, and is levelled by its surfaces unless ``up`` is given."""
+    root = Path(path)
+    found = sorted((int(m[1]), m[0]) for m in map(COLOUR.fullmatch, names_in(root / "color")) if m)
+    if not found:
+        raise InputError(f"{root / 'color'} holds no image 0.jpg")
+    colour = _camera(root, COLOUR_MATRIX, root / "color" / found[0][1])
+    depths = names_in(root / "depth") if (root / "depth").is_dir() else set()
+    poses, views, files = [], [], [COLOUR_MATRIX]
+    lost = 0
+    for number, name in found:
+        pose = read_matrix(root / "pose" / f"{number}.txt", 4)
+        if not np.isfinite(pose).all():
+            lost += 1
+            continue
+        if depths and f"{number}.png" not in depths:
+            raise InputError(f"{root / 'depth' / f'{number}.png'} is missing")
+        depth = root / "depth" / f"{number}.png" if depths else None
+        poses.append(rigid(pose, str(root / "pose" / f"{number}.txt")))
+        views.append(View(number / FRAMES_PER_SECOND, root / "color" / name, Lens(colour), depth))
+        files += [f"color/{name}", f"pose/{number}.txt", *([f"depth/{number}.png"] if depth else [])]
+    notes = [f"{lost} images left out: they have no pose (tracking was lost)"] if lost else []
+    notes.append(f"times assumed: {FRAMES_PER_SECOND:g} frames per second, by frame number")
+    if not views:
+        raise InputError(f"{root}: no image can be used: {notes[0]}")
+    depth_lens = None
+    if views[0].depth is not None and (root / DEPTH_MATRIX).is_file():
+        depth_lens = Lens(_camera(root, DEPTH_MATRIX, views[0].depth))
+        files.append(DEPTH_MATRIX)
+    settings = f"scannet 1 up={up} floor_m={floor_m}"
+    source = Source(
+        root, root.resolve().name, settings, views, np.array(poses), files, notes, png_depth, depth_lens=depth_lens
+    )
+    return PosedImages(source, up, floor_m)
+
+
+def _camera(root: Path, name: str, image: Path) -> Camera:
+    matrix = read_matrix(root / name, 4)
+    return camera_of(*image_size(image), matrix[[0, 1, 0, 1], [0, 1, 2, 2]].tolist(), str(root / name))

@@ -1,0 +1,126 @@
+"""TUM RGB-D: rgb.txt, depth.txt, groundtruth.txt and the images that they name; depth in 1/5000 m.
+
+Poses are those of the camera's optical frame. An image takes the depth nearest in time, at most 20 ms away as in the
+benchmark's own ``associate.py``, and its pose is interpolated; without a pose on both sides it is left out. The files
+hold no intrinsics: the published ones of freiburg1 to freiburg3 are taken by the folder's name, else give ``camera``, or
+write them as ``calibration.txt`` (``fx fy cx cy [k1 k2 p1 p2 k3]``). Sturm et al., IROS 2012.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from cartier.contracts import Recording
+from cartier.errors import InputError
+from cartier.recordings._content import read_text
+from cartier.recordings._images import image_size
+from cartier.recordings._interpolate import interpolated
+from cartier.recordings._lens import Lens, straight
+from cartier.recordings._posed import PosedImages, Source, View, png_depth
+from cartier.recordings._poses import rigid
+from cartier.recordings._tables import inside, numbers, read_samples
+from cartier.types import Camera
+
+COLOUR, DEPTH, POSES, CALIBRATION = "rgb.txt", "depth.txt", "groundtruth.txt", "calibration.txt"
+PER_METRE = 5000.0
+NEAREST_S = 0.02
+PUBLISHED = {  # fx fy cx cy k1 k2 p1 p2 k3 of the colour cameras; the benchmark undistorted freiburg3's images
+    "freiburg1": (517.3, 516.5, 318.6, 255.3, 0.2624, -0.9531, -0.0054, 0.0026, 1.1633),
+    "freiburg2": (520.9, 521.0, 325.1, 249.7, 0.2312, -0.7849, -0.0033, -0.0001, 0.9172),
+    "freiburg3": (535.4, 539.2, 320.1, 247.6),
+}
+
+
+def matches(path: Path) -> bool:
+    """Whether a folder holds rgb.txt and groundtruth.txt."""
+    return (path / COLOUR).is_file() and (path / POSES).is_file()
+
+
+def open(
+    path: str | Path,
+    camera: Sequence[float] | str | None = None,
+    up: Sequence[float] | None = None,
+    floor_m: float | None = None,
+) -> Recording:
+    """Read a sequence; ``camera`` is fx, fy, cx, cy (px) and, if the lens distorts, k1, k2, p1, p2, k3."""
+    root = Path(path)
+    times_s, images = _listing(root / COLOUR)
+    lens, lens_note = _lens(root, root / images[0], camera)
+    depth = _listing(root / DEPTH) if (root / DEPTH).is_file() else None
+    samples = interpolated(read_samples(root / POSES), times_s)
+    lost = samples.outside | samples.in_gaps
+    notes = [lens_note]
+    if lost.any():
+        notes.append(f"{int(lost.sum())} images left out: {POSES} has no pose at their time")
+    views, rows = [], []
+    lonely = 0
+    for i in np.flatnonzero(~lost):
+        partner = None if depth is None else _nearest(depth[0], float(times_s[i]))
+        if depth is not None and partner is None:
+            lonely += 1
+            continue
+        measured = None if depth is None or partner is None else root / depth[1][partner]
+        views.append(View(float(times_s[i]), root / images[i], lens, measured))
+        rows.append(i)
+    if lonely:
+        notes.append(f"{lonely} images left out: no depth within {NEAREST_S * 1000:.0f} ms of them")
+    if not rows:
+        raise InputError(f"{root}: no image has a pose and depth: {'; '.join(notes)}")
+    files = [name for name in (COLOUR, DEPTH, POSES, CALIBRATION) if (root / name).is_file()]
+    files += [str(p.relative_to(root).as_posix()) for view in views for p in (view.colour, view.depth) if p is not None]
+    poses = np.array([rigid(pose, f"{root / POSES}") for pose in samples.matrices()[rows]])
+    settings = f"tum 1 {camera} up={up} floor_m={floor_m}"
+    read = partial(png_depth, per_metre=PER_METRE)
+    source = Source(root, root.resolve().name, settings, views, poses, files, notes, read)
+    return PosedImages(source, up, floor_m)
+
+
+def _listing(path: Path) -> tuple[npt.NDArray[np.float64], list[str]]:
+    """Times in seconds and image files of lines ``time file``, by time."""
+    rows = []
+    for number, line in enumerate(read_text(path, 1 << 26).splitlines(), 1):
+        if line.strip() and not line.startswith("#"):
+            words = line.split(maxsplit=1)
+            if len(words) != 2:
+                raise InputError(f"{path} line {number}: expected 'time file', got {line[:60]!r}")
+            time_s = numbers(words[:1], f"{path} line {number}")[0]
+            rows.append((time_s, inside(path.parent, words[1].strip(), f"{path} line {number}")))
+    if not rows:
+        raise InputError(f"{path} names no image")
+    rows.sort()
+    return np.array([row[0] for row in rows]), [row[1] for row in rows]
+
+
+def _nearest(times_s: npt.NDArray[np.float64], time_s: float) -> int | None:
+    best = int(np.abs(times_s - time_s).argmin())
+    return best if abs(times_s[best] - time_s) <= NEAREST_S else None
+
+
+def _lens(root: Path, first: Path, given: Sequence[float] | str | None) -> tuple[Lens, str]:
+    if given is not None:
+        words = given.split(",") if isinstance(given, str) else [str(v) for v in given]
+        values, note = numbers(words, "camera"), "intrinsics given by the user"
+    elif (root / CALIBRATION).is_file():
+        values = numbers(read_text(root / CALIBRATION, 1 << 16).split(), str(root / CALIBRATION))
+        note = f"intrinsics from {CALIBRATION}"
+    else:
+        sequence = next((name for name in PUBLISHED if name in root.resolve().name), None)
+        if sequence is None:
+            raise InputError(
+                f"{root} holds no intrinsics: write fx fy cx cy to {root / CALIBRATION}, or give camera=fx,fy,cx,cy "
+                f"(they are known for folders named {', '.join(PUBLISHED)})"
+            )
+        values, note = list(PUBLISHED[sequence]), f"intrinsics of {sequence} as published, by the folder's name"
+    if len(values) not in (4, 8, 9):
+        raise InputError(
+            f"{root}: the camera needs fx fy cx cy and, if it distorts, k1 k2 p1 p2 [k3], got {len(values)}"
+        )
+    try:
+        return straight(Camera(*image_size(first), *values[:4]), "plumb_bob", tuple(values[4:])), note
+    except InputError as error:
+        raise InputError(f"{root}: {error}") from error

@@ -1,0 +1,225 @@
+"""Recordings with one fault put in, and the AI2-THOR frames of ../shared: what the doctor is tried on."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+from scipy.ndimage import gaussian_filter
+
+from cartier.contracts import Recording
+from cartier.types import Camera, Frame, TrueObject, frame_number
+from cartier.worlds import _unity
+
+Change = Callable[[Frame, Recording], Frame]
+
+
+class Thor:
+    """44 AI2-THOR frames on 4 paths through one house: 8-bit depth (metres = value / 51, 255 = 5 m or more)."""
+
+    name = "thor_house10"
+    truth: Sequence[TrueObject] | None = None
+    notes: Sequence[str] = ()
+
+    def __init__(self, root: Path) -> None:
+        self.root = root
+        poses = json.loads((root / "poses.json").read_text())
+        self.frames = poses["frames"]
+        numbers = poses["intrinsics"]
+        size, focal = numbers["width"], numbers["fx"]
+        self.camera = Camera(size, numbers["height"], focal, numbers["fy"], (size - 1) / 2, (numbers["height"] - 1) / 2)
+
+    def __len__(self) -> int:
+        return len(self.frames)
+
+    def __getitem__(self, index: int) -> Frame:
+        told = self.frames[frame_number(index, len(self), self.name)]
+        agent = {"rotation": {"x": 0.0, "y": told["yaw_deg"], "z": 0.0}, "cameraHorizon": told["pitch_down_deg"]}
+        metadata = {"agent": agent, "cameraPosition": dict(zip("xyz", told["position"], strict=True))}
+        stem = f"{told['frame']:04d}"
+        value = np.asarray(Image.open(self.root / f"{stem}_depth.png"))
+        depth_m = value.astype(np.float32) / np.float32(51)
+        depth_m[(value == 0) | (value == 255)] = np.nan
+        rgb = np.asarray(Image.open(self.root / f"{stem}_rgb.png").convert("RGB"))
+        return Frame(index, float(index), rgb, depth_m, _unity.pose(metadata), self.camera)
+
+    def fingerprint(self) -> str:
+        return hashlib.sha256(json.dumps(self.frames).encode()).hexdigest()
+
+
+class Faulty:
+    """A recording with each frame changed; ``numbers`` picks frames, ``camera`` overrides the intrinsics."""
+
+    truth: Sequence[TrueObject] | None = None
+    notes: Sequence[str] = ()
+
+    def __init__(
+        self,
+        source: Recording,
+        change: Change = lambda frame, source: frame,
+        numbers: Sequence[int] | None = None,
+        camera: Camera | None = None,
+    ) -> None:
+        self.source, self.change = source, change
+        self.name = source.name
+        self.camera = camera or source.camera
+        self.numbers = list(range(len(source))) if numbers is None else list(numbers)
+
+    def __len__(self) -> int:
+        return len(self.numbers)
+
+    def __getitem__(self, index: int) -> Frame:
+        number = self.numbers[frame_number(index, len(self), self.name)]
+        frame = self.change(self.source[number], self.source)
+        return replace(frame, index=index, camera=self.camera)
+
+    def fingerprint(self) -> str:
+        return self.source.fingerprint()
+
+
+class Kept:
+    """A recording held in memory, so that twenty faults cost one reading; its poses are the source's."""
+
+    def __init__(self, source: Recording, numbers: Sequence[int] | None = None) -> None:
+        self.name, self.camera, self.truth, self.notes = source.name, source.camera, None, source.notes
+        chosen = range(len(source)) if numbers is None else numbers
+        self.frames = [replace(source[i], index=k, instances=None) for k, i in enumerate(chosen)]
+        self._fingerprint = source.fingerprint()
+
+    def __len__(self) -> int:
+        return len(self.frames)
+
+    def __getitem__(self, index: int) -> Frame:
+        return self.frames[frame_number(index, len(self), self.name)]
+
+    def fingerprint(self) -> str:
+        return self._fingerprint
+
+
+def posed(change: Callable[[np.ndarray, int], np.ndarray]) -> Callable[[Recording], Recording]:
+    """Poses changed by their matrix and frame number."""
+    return lambda source: Faulty(
+        source, lambda f, _: replace(f, world_from_camera=change(f.world_from_camera, f.index))
+    )
+
+
+def deep(change: Callable[[np.ndarray, int], np.ndarray | None]) -> Callable[[Recording], Recording]:
+    """Depth changed by its image and frame number."""
+    return lambda source: Faulty(source, lambda f, _: replace(f, depth_m=change(f.depth_m, f.index)))  # type: ignore[arg-type]
+
+
+def axes(*signs: float) -> np.ndarray:
+    return np.diag([*signs, 1.0])
+
+
+def late(frames: int) -> Callable[[Recording], Recording]:
+    """Frame i has the pose of frame i - frames; the first ones repeat the first pose."""
+
+    def change(frame: Frame, source: Recording) -> Frame:
+        at = min(max(frame.index - frames, 0), len(source) - 1)
+        return replace(frame, world_from_camera=source[at].world_from_camera)
+
+    return lambda source: Faulty(source, change)
+
+
+def other_size(factor: float) -> Callable[[Recording], Recording]:
+    """Intrinsics of images that are ``factor`` times as large."""
+
+    def make(source: Recording) -> Recording:
+        c = source.camera
+        camera = replace(
+            c, fx=c.fx * factor, fy=c.fy * factor, cx=(c.cx + 0.5) * factor - 0.5, cy=(c.cy + 0.5) * factor - 0.5
+        )
+        return Faulty(source, camera=camera)
+
+    return make
+
+
+def moved(zoom: float, dx: int, dy: int) -> Callable[[np.ndarray, int], np.ndarray]:
+    """Depth zoomed about the middle and moved by pixels of a 640 px wide image."""
+
+    def change(depth_m: np.ndarray, _: int) -> np.ndarray:
+        height, width = depth_m.shape
+        cols = np.rint((np.arange(width) - width / 2 - dx * width / 640) / zoom + width / 2).astype(int)
+        rows = np.rint((np.arange(height) - height / 2 - dy * width / 640) / zoom + height / 2).astype(int)
+        there = depth_m[rows.clip(0, height - 1)[:, None], cols.clip(0, width - 1)].copy()
+        there[(rows < 0) | (rows >= height)] = np.nan
+        there[:, (cols < 0) | (cols >= width)] = np.nan
+        return there
+
+    return change
+
+
+def tilted(degrees: float, axis: int = 0) -> np.ndarray:
+    from scipy.spatial.transform import Rotation
+
+    turn = np.eye(4)
+    turn[:3, :3] = Rotation.from_euler("xyz"[axis], degrees, degrees=True).as_matrix()
+    return turn
+
+
+def leap(first: int, last: int, way_m: float) -> Callable[[np.ndarray, int], np.ndarray]:
+    """Frames first to last stand elsewhere."""
+
+    def change(pose: np.ndarray, i: int) -> np.ndarray:
+        there = pose.copy()
+        if first <= i <= last:
+            there[:2, 3] += (way_m, -0.4 * way_m)
+        return there
+
+    return change
+
+
+def bad_rotation(pose: np.ndarray, i: int) -> np.ndarray:
+    there = pose.copy()
+    if i % 7 == 3:
+        there[:3, :3] *= 1.3
+    return there
+
+
+def blurred(sigma: float, every: int = 1) -> Callable[[Recording], Recording]:
+    def change(frame: Frame, _: Recording) -> Frame:
+        if frame.index % every:
+            return frame
+        return replace(frame, rgb=gaussian_filter(frame.rgb, (sigma, sigma, 0)).astype(np.uint8))
+
+    return lambda source: Faulty(source, change)
+
+
+UNITY = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])  # swaps y and z
+
+INJECTED: dict[str, tuple[str, Callable[[Recording], Recording]]] = {
+    "inverted": ("inverted_poses", posed(lambda p, i: np.linalg.inv(p))),
+    "opengl": ("opengl_axes", posed(lambda p, i: p @ axes(1, -1, -1))),
+    "mirrored y": ("left_handed", posed(lambda p, i: axes(1, -1, 1) @ p @ axes(-1, 1, 1))),
+    "unity": ("left_handed", posed(lambda p, i: UNITY @ p @ axes(1, -1, 1))),
+    "determinant -1": ("left_handed", posed(lambda p, i: axes(1, -1, 1) @ p)),
+    "depth x 1000": ("depth_scale", deep(lambda d, i: d * np.float32(1000))),
+    "depth / 1000": ("depth_scale", deep(lambda d, i: d / np.float32(1000))),
+    "depth x 5": ("depth_scale", deep(lambda d, i: d * np.float32(5))),
+    "depth / 5": ("depth_scale", deep(lambda d, i: d / np.float32(5))),
+    "depth x 1.2": ("depth_scale", deep(lambda d, i: d * np.float32(1.2))),
+    "depth 24 px right": ("depth_not_registered", deep(moved(1, 24, 0))),
+    "depth zoomed 1.1": ("depth_not_registered", deep(moved(1.1, 0, 6))),
+    "intrinsics x 2": ("intrinsics_resolution", other_size(2)),
+    "intrinsics / 2": ("intrinsics_resolution", other_size(0.5)),
+    "late by 1": ("time_offset", late(1)),
+    "early by 2": ("time_offset", late(-2)),
+    "no depth": ("no_depth", deep(lambda d, i: None)),
+    "black depth": ("no_depth", deep(lambda d, i: np.full_like(d, np.nan))),
+    "constant depth": ("no_depth", deep(lambda d, i: np.full_like(d, 1.0))),
+    "scaled rotations": ("bad_rotation", posed(bad_rotation)),
+    "tilted 12 degrees": ("not_level", posed(lambda p, i: tilted(12) @ p)),
+    "y up": ("not_level", posed(lambda p, i: tilted(-90) @ p)),
+    "jump for good": ("pose_jump", posed(leap(21, 10**6, 0.9))),
+    "jump of one frame": ("pose_jump", posed(leap(12, 12, 1.0))),
+    "blurred": ("blur", blurred(3)),
+    "every 3rd blurred": ("blur", blurred(3, 3)),
+    "5 frames": ("too_few_views", lambda source: Faulty(source, numbers=range(5))),
+    "standing still": ("too_few_views", lambda source: Faulty(source, numbers=[7] * 30)),
+}  # fmt: skip

@@ -1,0 +1,262 @@
+"""Bags that are truncated, empty, without an index, damaged or made to hurt: one line each, quickly, in little memory."""
+
+from __future__ import annotations
+
+import sqlite3
+import struct
+import time
+import tracemalloc
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+from bags import START_NS, BagFile, Messages, write_bag
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from layouts import room
+
+from cartier.errors import InputError
+from cartier.recordings import _rosfile, rosbag
+
+pytest.importorskip("rosbags", reason="the bag reader needs cartier[ros]")
+MAX_BYTES, MAX_SECONDS = 64 << 20, 5.0
+KINDS = {"mcap": ("mcap", ""), "mcap-zstd": ("mcap", "storage"), "sqlite3": ("sqlite3", ""), "ros1": ("ros1", ""), "ros1-bz2": ("ros1", "bz2")}  # fmt: skip
+MCAP_END = struct.Struct("<BQQQI8s")
+
+
+@contextmanager
+def frugal(seconds: float = MAX_SECONDS) -> Iterator[None]:
+    """The block must take little memory and time."""
+    tracemalloc.start()
+    begun = time.perf_counter()
+    try:
+        yield
+        assert time.perf_counter() - begun < seconds
+        assert tracemalloc.get_traced_memory()[1] < MAX_BYTES
+    finally:
+        tracemalloc.stop()
+
+
+def refused(path: Path, fault: str) -> None:
+    with frugal(), pytest.raises(InputError, match=fault) as caught:
+        rosbag.open(path)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.fixture(scope="module")
+def bags(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
+    """The bytes of one good file of each kind, and rosbags' types loaded, so that no test pays for that."""
+    root = tmp_path_factory.mktemp("bags")
+    for name, (kind, compression) in KINDS.items():
+        write_bag(room(frames=2), root / name, kind, compression)
+        assert len(rosbag.open(root / name)) == 2
+    return {name: file_of(root / name).read_bytes() for name in KINDS}
+
+
+def file_of(folder: Path) -> Path:
+    return next(file for file in folder.iterdir() if file.suffix in (".mcap", ".db3", ".bag"))
+
+
+def put(tmp_path: Path, name: str, data: bytes) -> Path:
+    suffix = {"mcap": ".mcap", "sqlite3": ".db3", "ros1": ".bag"}[name.split("-")[0]]
+    path = tmp_path / f"hostile{suffix}"
+    path.write_bytes(data)
+    return path
+
+
+@pytest.mark.parametrize("suffix", [".bag", ".mcap", ".db3"])
+@pytest.mark.parametrize(("data", "fault"), [(b"", "is empty"), (b"a shopping list, perhaps", "is no ")])
+def test_empty_and_foreign_files(tmp_path: Path, suffix: str, data: bytes, fault: str) -> None:
+    (tmp_path / f"a{suffix}").write_bytes(data)
+    refused(tmp_path / f"a{suffix}", fault)
+
+
+@pytest.mark.parametrize("name", KINDS)
+@pytest.mark.parametrize("share", [0.01, 0.3, 0.9, 0.999])
+def test_truncated_files(tmp_path: Path, bags: dict[str, bytes], name: str, share: float) -> None:
+    data = bags[name]
+    fault = {
+        "mcap": "truncated .*mcap recover",
+        "ros1": "truncated.*rosbag reindex|damaged or truncated",
+        "sqlite3": "truncated|damaged",
+    }
+    path = put(tmp_path, name, data[: int(len(data) * share)])
+    with frugal(), pytest.raises(InputError, match=fault[name.split("-")[0]]) as caught:
+        for _ in rosbag.open(path):  # a cut database is noticed where its pages are missed
+            pass
+    assert "\n" not in str(caught.value)
+
+
+def test_files_without_an_index(tmp_path: Path, bags: dict[str, bytes]) -> None:
+    mcap = bags["mcap"]
+    opcode, size, _, _, _, magic = MCAP_END.unpack(mcap[-MCAP_END.size :])
+    bare = mcap[: -MCAP_END.size] + MCAP_END.pack(opcode, size, 0, 0, 0, magic)
+    refused(put(tmp_path, "mcap", bare), "has no index: write one with 'mcap recover hostile.mcap -o INDEXED.mcap'")
+    bag = bags["ros1"]
+    at = bag.index(b"index_pos=") + len(b"index_pos=")
+    refused(
+        put(tmp_path, "ros1", bag[:at] + bytes(8) + bag[at + 8 :]), "has no index .*'rosbag reindex hostile.bag' mends"
+    )
+
+
+def test_lengths_of_4_gigabytes(tmp_path: Path, bags: dict[str, bytes]) -> None:
+    """Places in the head and in the index in turn claim as much as they can."""
+    faults = 0
+    for name in ("mcap", "ros1"):
+        data = bags[name]
+        ros1_index = int.from_bytes(data[data.find(b"index_pos=") + 10 :][:8], "little")
+        index = ros1_index if name == "ros1" else len(data) - 700
+        for start in [*range(8, 120, 9), *range(index, index + 300, 13), *range(len(data) - 60, len(data) - 8, 5)]:
+            claim = b"\xff\xff\xff\xff\0\0\0\0" if start % 2 else b"\xff\xff\xff\xff"
+            path = put(tmp_path, name, data[:start] + claim + data[start + len(claim) :])
+            with frugal(1.0):
+                try:
+                    rosbag.open(path)[0]
+                except InputError as error:
+                    assert "\n" not in str(error)
+                    faults += 1
+    assert faults > 20
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_any_damage_is_an_input_error_or_none(
+    tmp_path_factory: pytest.TempPathFactory, bags: dict[str, bytes], name: str
+) -> None:
+    data, folder = bags[name], tmp_path_factory.mktemp("any")
+    near_ends = st.one_of(st.integers(0, 3000), st.integers(len(data) - 9000, len(data) - 1))
+    hits = st.lists(st.tuples(near_ends.map(lambda i: i % len(data)), st.integers(0, 255)), min_size=1, max_size=8)
+
+    @settings(max_examples=40, deadline=None, suppress_health_check=list(HealthCheck))
+    @given(hits)
+    def damage(places: list[tuple[int, int]]) -> None:
+        broken = bytearray(data)
+        for place, value in places:
+            broken[place] = value
+        path = put(folder, name, bytes(broken))
+        try:
+            for _ in rosbag.open(path):
+                pass
+        except InputError as error:
+            assert "\n" not in str(error)
+
+    damage()
+
+
+def test_a_million_topics_in_sqlite(tmp_path: Path) -> None:
+    base = sqlite3.connect(tmp_path / "a.db3")
+    base.execute("CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT, serialization_format TEXT)")
+    base.execute("CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER, data BLOB)")
+    base.executemany(
+        "INSERT INTO topics VALUES(?, ?, 'sensor_msgs/msg/Image', 'cdr')", ((i, f"/t{i}") for i in range(10**6))
+    )
+    base.commit()
+    base.close()
+    refused(tmp_path / "a.db3", "claims 10001 topics; cartier reads bags of up to 10000")
+
+
+def test_a_million_topics_in_ros1(tmp_path: Path) -> None:
+    def record(data: bytes, **fields: bytes) -> bytes:
+        head = b"".join(struct.pack("<I", len(k) + 1 + len(v)) + k.encode() + b"=" + v for k, v in fields.items())
+        return struct.pack("<I", len(head)) + head + struct.pack("<I", len(data)) + data
+
+    count = struct.pack("<I", 10**6)
+    head = record(b"", op=b"\3", index_pos=struct.pack("<Q", 13), conn_count=count, chunk_count=bytes(4))
+    (tmp_path / "a.bag").write_bytes(b"#ROSBAG V2.0\n" + head)
+    refused(tmp_path / "a.bag", "claims 1000000 topics")
+
+
+def test_more_topics_in_mcap_than_any_robot_has(tmp_path: Path) -> None:
+    """MCAP numbers its channels with 16 bits: 65,536 is its million."""
+    magic = b"\x89MCAP0\r\n"
+
+    def text(value: bytes) -> bytes:
+        return struct.pack("<I", len(value)) + value
+
+    def channel(i: int) -> bytes:
+        body = struct.pack("<HH", i, 0) + text(b"/t%d" % i) + text(b"cdr") + bytes(4)
+        return b"\4" + struct.pack("<Q", len(body)) + body
+
+    data = magic + b"".join(map(channel, range(1 << 16)))
+    (tmp_path / "a.mcap").write_bytes(data + MCAP_END.pack(2, 20, len(magic), 0, 0, magic))
+    refused(tmp_path / "a.mcap", "claims 10001 topics")
+
+
+def test_a_million_topics_in_the_metadata(tmp_path: Path) -> None:
+    write_bag(room(frames=1), tmp_path / "a")
+    with (tmp_path / "a/metadata.yaml").open("a") as file:
+        file.writelines(f"    - topic_metadata: {{name: /t{i}}}\n" for i in range(10**6))
+    refused(tmp_path / "a", r"metadata\.yaml is larger than \d+ bytes")
+
+
+@pytest.mark.parametrize(
+    ("text", "fault"),
+    [
+        ("{", "metadata.yaml is damaged or describes no bag"),
+        ("just: this", "metadata.yaml is damaged or describes no bag"),
+        ("rosbag2_bagfile_information: [1]", "metadata.yaml is damaged"),
+        ("rosbag2_bagfile_information: !!python/object/apply:os.system ['false']", "metadata.yaml is damaged"),
+        ("rosbag2_bagfile_information: {compression_mode: FILE}", "holds compressed files: unpack them with 'zstd -d'"),
+        (
+            "rosbag2_bagfile_information: {relative_file_paths: [../../b_1.mcap]}",
+            r"a/b_1\.mcap is missing, but metadata",
+        ),
+        (
+            "rosbag2_bagfile_information: {compression_mode: message, compression_format: rar}",
+            "'rar'; cartier reads zstd",
+        ),
+    ],
+)
+def test_metadata_that_is_none(tmp_path: Path, text: str, fault: str) -> None:
+    write_bag(room(frames=1), tmp_path / "a")
+    (tmp_path / "a/metadata.yaml").write_text(text)
+    refused(tmp_path / "a", fault)
+
+
+@pytest.mark.parametrize("kind", ["zstd", "lz4", "bz2"])
+def test_a_bomb_does_not_go_off(kind: str) -> None:
+    """A gigabyte of zeros in a megabyte, which claims to be a kilobyte."""
+    import bz2
+
+    import lz4.frame
+    from backports import zstd
+
+    block = bytes(1 << 24)
+    data = {"zstd": zstd.compress, "lz4": lz4.frame.compress, "bz2": bz2.compress}[kind](block)
+    with frugal(), pytest.raises(InputError, match="has not the 1024 bytes that it claims"):
+        _rosfile.unpacked(kind, data, 1024, Path("a"))
+    with frugal(), pytest.raises(InputError, match="claims 1099511627776 bytes"):
+        _rosfile.unpacked(kind, data, 1 << 40, Path("a"))
+    assert _rosfile.unpacked(kind, data, len(block), Path("a")) == block
+
+
+def test_an_image_that_claims_more_than_it_holds(tmp_path: Path) -> None:
+    m = Messages()
+    with BagFile(tmp_path / "a") as bag:
+        pose = np.eye(4)
+        for step in (0, 1):
+            ns = START_NS + step * 10**8
+            bag.put("/tf", ns, m.transforms((ns, "map", "cam", pose)))
+        for topic, width, step in (("/a/image", 30000, 90000), ("/b/image", 8, 1)):
+            image = m.image(START_NS, "cam", np.zeros((8, 8, 3), np.uint8), "rgb8")
+            image.width, image.step, image.height = width, step, 30000
+            bag.put(topic, START_NS, image)
+            info = m.info(START_NS, "cam", room().camera)
+            info.width, info.height = width, 30000
+            bag.put(topic.replace("image", "camera_info"), START_NS, info)
+    for topic in ("/a/image", "/b/image"):
+        with frugal(), pytest.raises(InputError, match="an image has 192 bytes, too few"):
+            rosbag.open(tmp_path / "a", colour=topic)[0]
+
+
+def test_a_bag_of_other_things(tmp_path: Path) -> None:
+    with BagFile(tmp_path / "a") as bag:
+        bag.put("/tf", START_NS, bag.messages.transforms((START_NS, "map", "cam", np.eye(4))))
+    refused(tmp_path / "a", "holds no images: it has no message of type sensor_msgs/msg/Image")
+
+
+def test_parts_of_two_kinds_are_no_bag(tmp_path: Path) -> None:
+    for name in ("a.bag", "b.mcap"):
+        (tmp_path / name).write_bytes(b"x")
+    refused(tmp_path, "is not one bag: it holds .bag, .mcap files")

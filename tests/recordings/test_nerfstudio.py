@@ -1,0 +1,152 @@
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from exports import OPTICAL_FROM_GL, save_colour, save_depth, write_nerfstudio
+from layouts import room
+
+from cartier import plugins
+from cartier.contracts import Recording
+from cartier.errors import InputError
+from cartier.types import Camera
+
+LEVEL = {"up": (0, 0, 1), "floor_m": 0}
+
+
+def opened(root: Path, **options: object) -> Recording:
+    return plugins.open_recording(root, format="nerfstudio", **options)
+
+
+def edit(root: Path, change: Callable[[dict[str, Any]], object]) -> None:
+    head = json.loads((root / "transforms.json").read_text())
+    change(head)
+    (root / "transforms.json").write_text(json.dumps(head))
+
+
+def test_poses_intrinsics_and_depth_come_back(tmp_path: Path) -> None:
+    write_nerfstudio(room(), tmp_path / "a")
+    found = opened(tmp_path / "a", **LEVEL)
+    assert found.camera == room().camera
+    for i, frame in enumerate(found):
+        assert frame.depth_m is not None
+        assert np.abs(frame.world_from_camera - room()[i].world_from_camera).max() < 1e-12
+        assert np.abs(frame.depth_m - room()[i].depth_m).max() < 0.00051
+
+
+def test_each_frames_own_intrinsics_are_brought_to_one_camera(tmp_path: Path) -> None:
+    """As phones with autofocus write them: each image is rendered with a focal length and centre of its own."""
+    source = room()
+    root = tmp_path / "a"
+    write_nerfstudio(source, root)
+    cameras = [replace(source.camera, fx=120 + 3 * i, fy=120 + 2 * i, cx=79.5 + i, cy=59.5 - i) for i in range(4)]
+    for i, camera in enumerate(cameras):
+        frame = replace(source, camera=camera)[i]
+        save_colour(root / f"images/frame_{i + 1:05d}.png", frame.rgb)
+        assert frame.depth_m is not None
+        save_depth(root / f"depth/frame_{i + 1:05d}.png", frame.depth_m)
+
+    def own(head: dict[str, Any]) -> None:
+        for frame, c in zip(head["frames"], cameras, strict=True):
+            frame |= {"fl_x": c.fx, "fl_y": c.fy, "cx": c.cx + 0.5, "cy": c.cy + 0.5}
+
+    edit(root, own)
+    found = opened(root, **LEVEL)
+    assert "the images' own intrinsics differ; all were resampled to those of the first" in found.notes
+    for i, frame in enumerate(found):
+        assert frame.camera == source.camera
+        assert frame.depth_m is not None
+        inner = (slice(8, -8), slice(8, -8))
+        off_m = np.abs(frame.depth_m - source[i].depth_m)[inner]
+        assert np.median(off_m) < 0.01 and (off_m < 0.05).mean() > 0.95
+        assert (frame.rgb == source[i].rgb)[inner].mean() > 0.95
+
+
+def test_frames_are_in_the_order_of_their_names_and_missing_images_are_counted(tmp_path: Path) -> None:
+    write_nerfstudio(room(), tmp_path / "a")
+    edit(tmp_path / "a", lambda head: head["frames"].reverse())
+    (tmp_path / "a/images/frame_00002.png").unlink()
+    found = opened(tmp_path / "a", **LEVEL)
+    assert "1 frames left out: their images are missing" in found.notes
+    for frame, i in zip(found, (0, 2, 3), strict=True):
+        assert np.abs(frame.world_from_camera - room()[i].world_from_camera).max() < 1e-12
+
+
+def test_instant_ngps_habits(tmp_path: Path) -> None:
+    """camera_angle_x in place of a focal length, names without a suffix, no sizes."""
+    source = room(with_depth=False)
+    root = tmp_path / "a"
+    root.mkdir()
+    frames = []
+    for i in range(len(source)):
+        save_colour(root / "images" / f"{i}.png", source[i].rgb)
+        pose = source[i].world_from_camera @ OPTICAL_FROM_GL
+        frames.append({"file_path": f"./images/{i}", "transform_matrix": pose.tolist()})
+    (root / "transforms.json").write_text(json.dumps({"camera_angle_x": 2 * np.arctan(80 / 120), "frames": frames}))
+    camera = opened(root).camera
+    assert (camera.width, camera.height, camera.cx, camera.cy) == (160, 120, 79.5, 59.5)
+    assert camera.fx == pytest.approx(120) and camera.fy == pytest.approx(120)
+
+
+def test_large_images_are_reduced_and_said(tmp_path: Path) -> None:
+    source = replace(room(), camera=Camera(1601, 1203, 1200.0, 1200.0, 800.0, 601.0))
+    source = replace(source, poses=source.poses[:1])
+    write_nerfstudio(source, tmp_path / "a")
+    found = opened(tmp_path / "a", **LEVEL)
+    assert found.camera == Camera(800, 601, 600.0, 600.0, 399.75, 300.25)
+    assert "images of 1601x1203 px reduced by 2" in found.notes
+    expected = replace(source, camera=found.camera)[0]
+    depth = found[0].depth_m
+    assert depth is not None and (np.abs(depth - expected.depth_m) < 0.02).mean() > 0.98
+
+
+def test_a_fisheye_is_straightened(tmp_path: Path) -> None:
+    source = room(with_depth=False, frames=1)
+    write_nerfstudio(source, tmp_path / "a")
+    c = source.camera
+    u, v = np.meshgrid(np.arange(c.width), np.arange(c.height))
+    x, y = (u - c.cx) / c.fx, (v - c.cy) / c.fy
+    theta = np.hypot(x, y)  # an ideal fisheye: the radius is the angle
+    scale = np.tan(theta) / np.maximum(theta, 1e-9)
+    columns, rows = np.rint(x * scale * c.fx + c.cx).astype(int), np.rint(y * scale * c.fy + c.cy).astype(int)
+    inside = (columns >= 0) & (columns < c.width) & (rows >= 0) & (rows < c.height)
+    bent = np.zeros((c.height, c.width, 3), np.uint8)
+    bent[inside] = source[0].rgb[rows[inside], columns[inside]]
+    save_colour(tmp_path / "a/images/frame_00001.png", bent)
+    edit(tmp_path / "a", lambda head: head.update(camera_model="OPENCV_FISHEYE", k3=0.0, k4=0.0))
+    found = opened(tmp_path / "a")[0].rgb
+    assert (found == source[0].rgb)[15:-15, 15:-15].mean() > 0.97
+
+
+DAMAGE: list[tuple[Callable[[dict[str, Any]], object], str]] = [
+    (lambda head: head.pop("frames"), "must hold an object with a list 'frames'"),
+    (lambda head: head.update(frames=[]), "names 0 frames, but none of their images is there"),
+    (lambda head: head.pop("fl_x"), "no intrinsics, neither fl_x nor camera_angle_x"),
+    (lambda head: head.update(fl_x="wide"), "fl_x must be a number"),
+    (lambda head: head.update(fl_x=float("nan")), "fl_x: NaN"),
+    (lambda head: head.update(fl_y=-1), "focal lengths must be positive"),
+    (lambda head: head.update(depth_unit_scale_factor=0), "depth_unit_scale_factor must be positive"),
+    (lambda head: head["frames"][2].pop("file_path"), "frame 2: 'None' is no file name"),
+    (lambda head: head["frames"][2].update(file_path="../x.png"), "frame 2: '../x.png' leads out"),
+    (lambda head: head["frames"][2].update(depth_file_path="/x.png"), "frame 2: '/x.png' leads out"),
+    (lambda head: head["frames"][2].pop("depth_file_path"), "1 of 4 frames have no depth_file_path"),
+    (lambda head: head["frames"][2].update(transform_matrix=[1]), "frame 2: transform_matrix must be 4x4"),
+    (
+        lambda head: head["frames"][2]["transform_matrix"][0].__setitem__(0, 9.0),
+        "frame 2: the rotation is not orthonormal",
+    ),
+]
+
+
+@pytest.mark.parametrize(("damage", "fault"), DAMAGE)
+def test_damage_is_one_clear_line(tmp_path: Path, damage: Callable[[dict[str, Any]], object], fault: str) -> None:
+    write_nerfstudio(room(), tmp_path / "a")
+    edit(tmp_path / "a", damage)
+    with pytest.raises(InputError, match=fault) as caught:
+        opened(tmp_path / "a")
+    assert "\n" not in str(caught.value)

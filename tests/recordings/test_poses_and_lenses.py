@@ -1,0 +1,73 @@
+"""What the readers share: poses between samples, and one camera's pixels on another's."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation, Slerp
+
+from cartier.errors import InputError
+from cartier.recordings._interpolate import interpolated
+from cartier.recordings._lens import Lens, resampled
+from cartier.recordings._posed import _rot, _turned, _turns
+from cartier.types import Camera
+from synthetic import THINGS, look, render
+
+turn = st.tuples(*[st.floats(-1, 1)] * 4).filter(lambda q: np.linalg.norm(q) > 0.1)
+
+
+@given(turn, turn, st.floats(0, 1), st.booleans())
+def test_rotations_between_samples_are_scipys_slerp(
+    a: tuple[float, ...], b: tuple[float, ...], share: float, sign: bool
+) -> None:
+    qa, qb = np.array(a) / np.linalg.norm(a), np.array(b) / np.linalg.norm(b)
+    table = np.array([[0.0, 1, 2, 3, *qa], [2.0, 3, 2, 1, *(-qb if sign else qb)]])
+    found = interpolated(table, np.array([2 * share])).matrices()[0]
+    expected = Slerp([0, 2], Rotation.from_quat([qa, qb]))([2 * share]).as_matrix()[0]
+    if abs(qa @ qb) > 1e-6:  # half a turn has two shortest ways
+        assert np.abs(found[:3, :3] - expected).max() < 1e-6
+    assert np.allclose(found[:3, 3], [1 + 2 * share, 2, 3 - 2 * share])
+
+
+@given(st.lists(st.floats(0, 10), min_size=1, max_size=6, unique=True), st.floats(-5, 15))
+def test_nothing_is_extrapolated(times: list[float], time: float) -> None:
+    table = np.array([[t, 0, 0, 0, 0, 0, 0, 1] for t in sorted(times)])
+    found = interpolated(table, np.array([time]))
+    assert bool(found.outside[0]) == (not min(times) <= time <= max(times))
+    assert np.isfinite(found.rows).all()
+
+
+@pytest.mark.parametrize("turns", range(4))
+def test_turned_images_are_those_of_the_turned_camera(turns: int) -> None:
+    camera = Camera(80, 60, 70.0, 65.0, 41.0, 28.0)
+    pose = look((1, 1, 1.5), (3, 3, 1))
+    new_camera, old_from_new = _turned(camera, turns)
+    expected = render(pose @ old_from_new, new_camera, THINGS)[0]
+    assert np.abs(_rot(render(pose, camera, THINGS)[0], turns) - expected).max() < 1e-5
+    assert _turns(np.array([pose @ np.linalg.inv(old_from_new)])) == turns
+
+
+@given(st.integers(1, 4), st.integers(1, 4))
+def test_whole_factors_repeat_and_pick_pixels(across: int, down: int) -> None:
+    small = Camera(12, 9, 10.0, 11.0, 5.5, 4.5)
+    large = small.scaled(12 * across, 9 * down)
+    image = np.arange(12 * 9, dtype=np.float32).reshape(9, 12)
+    upscaled = resampled(image, Lens(small), large, np.nan)
+    assert np.array_equal(upscaled, image.repeat(across, 1).repeat(down, 0))
+
+
+def test_outside_of_the_image_there_is_nothing() -> None:
+    camera = Camera(10, 10, 10.0, 10.0, 4.5, 4.5)
+    wider = Camera(20, 10, 10.0, 10.0, 9.5, 4.5)
+    depth = resampled(np.ones((10, 10), np.float32), Lens(camera), wider, np.nan)
+    assert np.isnan(depth[:, :5]).all() and np.isnan(depth[:, 15:]).all() and (depth[:, 5:15] == 1).all()
+
+
+@pytest.mark.parametrize(
+    ("model", "numbers"), [("plumb_bob", (1.0,)), ("equidistant", (0.0,) * 5), ("plumb_bob", (np.nan,) * 4)]
+)
+def test_a_senseless_distortion_is_refused(model: str, numbers: tuple[float, ...]) -> None:
+    with pytest.raises(InputError, match="distortion needs"):
+        Lens(Camera(10, 10, 1, 1, 0, 0), model, numbers)  # type: ignore[arg-type]

@@ -1,0 +1,96 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from exports import write_tum
+from layouts import room
+from PIL import Image
+
+from cartier import plugins
+from cartier.contracts import Recording
+from cartier.errors import InputError
+from cartier.types import Camera
+
+
+def opened(root: Path, **options: object) -> Recording:
+    return plugins.open_recording(root, format="tum", **options)
+
+
+def test_depth_poses_and_times_come_back(tmp_path: Path) -> None:
+    write_tum(room(), tmp_path / "a")
+    found = opened(tmp_path / "a", up=(0, 0, 1), floor_m=0)
+    assert found.camera == room().camera
+    for i, frame in enumerate(found):
+        source = room()[i]
+        assert frame.depth_m is not None
+        assert abs(frame.time_s - 1305031102.175304 - i / 10) < 1e-5
+        assert np.abs(frame.depth_m - source.depth_m).max() < 1.1e-4
+        assert np.abs(frame.world_from_camera - source.world_from_camera).max() < 1e-9
+        assert np.array_equal(frame.rgb, source.rgb)
+
+
+def lines(name: str, change: Callable[[list[str]], list[str]]) -> Callable[[Path], object]:
+    def apply(root: Path) -> None:
+        (root / name).write_text("\n".join(change((root / name).read_text().splitlines())) + "\n")
+
+    return apply
+
+
+def test_images_without_a_pose_or_depth_are_left_out_and_counted(tmp_path: Path) -> None:
+    write_tum(room(), tmp_path / "a")
+    lines("groundtruth.txt", lambda rows: rows[:-2])(tmp_path / "a")
+    lines("depth.txt", lambda rows: [rows[0], *rows[2:]])(tmp_path / "a")
+    found = opened(tmp_path / "a")
+    assert len(found) == 2
+    assert "1 images left out: groundtruth.txt has no pose at their time" in found.notes
+    assert "1 images left out: no depth within 20 ms of them" in found.notes
+
+
+def test_the_published_intrinsics_are_taken_by_the_folders_name(tmp_path: Path) -> None:
+    root = tmp_path / "rgbd_dataset_freiburg3_long_office_household"
+    write_tum(room(), root)
+    (root / "calibration.txt").unlink()
+    found = opened(root)
+    assert found.camera == Camera(160, 120, 535.4, 539.2, 320.1, 247.6)
+    assert "intrinsics of freiburg3 as published, by the folder's name" in found.notes
+    assert opened(root, camera="100,101,80,60").camera == Camera(160, 120, 100, 101, 80, 60)
+
+
+DAMAGE: list[tuple[Callable[[Path], object], str]] = [
+    (lambda root: (root / "calibration.txt").unlink(), r"holds no intrinsics: write fx fy cx cy to .*calibration\.txt"),
+    (lambda root: (root / "calibration.txt").write_text("1 2 3"), "needs fx fy cx cy and, if it distorts, .* got 3"),
+    (lambda root: (root / "calibration.txt").write_text("1 nan 3 4"), r"calibration\.txt: NaN"),
+    (lambda root: (root / "calibration.txt").write_text("-1 1 3 4"), "focal lengths must be positive"),
+    (lambda root: (root / "rgb.txt").write_text("# none\n"), r"rgb\.txt names no image"),
+    (lambda root: (root / "rgb.txt").write_text("1.0\n"), r"rgb\.txt line 1: expected 'time file'"),
+    (lambda root: (root / "rgb.txt").write_text("soon a.png\n"), r"rgb\.txt line 1: could not convert"),
+    (lambda root: (root / "rgb.txt").write_text("1.0 ../../secret.png\n"), "leads out of the recording's folder"),
+    (lambda root: (root / "rgb.txt").write_text("1.0 /etc/passwd\n"), "leads out of the recording's folder"),
+    (lambda root: (root / "groundtruth.txt").write_text("1 2 3\n"), r"groundtruth\.txt line 1: .* 8 numbers, got 3"),
+    (
+        lambda root: (root / "groundtruth.txt").write_text("1 0 0 0 0 0 0 1\n"),
+        "no image has a pose and depth: .*4 images",
+    ),
+]
+
+
+@pytest.mark.parametrize(("damage", "fault"), DAMAGE)
+def test_damage_is_one_clear_line(tmp_path: Path, damage: Callable[[Path], object], fault: str) -> None:
+    write_tum(room(), tmp_path / "a")
+    damage(tmp_path / "a")
+    with pytest.raises(InputError, match=fault) as caught:
+        opened(tmp_path / "a")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_link_that_leads_out_is_refused(tmp_path: Path) -> None:
+    write_tum(room(), tmp_path / "a")
+    Image.new("RGB", (160, 120)).save(tmp_path / "secret.png")
+    first = next((tmp_path / "a/rgb").iterdir())
+    first.unlink()
+    first.symlink_to(tmp_path / "secret.png")
+    with pytest.raises(InputError, match="leads out of the recording's folder"):
+        opened(tmp_path / "a")
