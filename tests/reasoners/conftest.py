@@ -32,16 +32,27 @@ def only_this_machine(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture(scope="session")
-def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    """The address of llm_server.py with a random-weight model; the model's name in a request is its behaviour."""
+def tiny_model(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """A GGUF file of random weights. Many threads would only wait for each other on so small a model."""
     pytest.importorskip("mistralrs", reason="needs the mistralrs wheel (an inference engine)")
     pytest.importorskip("gguf", reason="needs gguf to write the tiny model")
     from llm_server import write_tiny_llama
 
     model = tmp_path_factory.mktemp("model") / "tiny.gguf"
     write_tiny_llama(model)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("RAYON_NUM_THREADS", "1")
+        yield model
+
+
+@pytest.fixture(scope="session")
+def server(tiny_model: Path) -> Iterator[str]:
+    """The address of llm_server.py with a random-weight model; the model's name in a request is its behaviour."""
     process = subprocess.Popen(
-        [sys.executable, HERE / "llm_server.py", model], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+        [sys.executable, HERE / "llm_server.py", tiny_model],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
     )
     assert process.stdout is not None
     port = next(line.split()[1] for line in process.stdout if line.startswith("port "))  # after the engine's own log

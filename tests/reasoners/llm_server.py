@@ -24,6 +24,10 @@ CANNED = {
     "wrapped": "The best place to send the robot is the object called `Chair'.",
     "empty": "",
     "nothing": '{"object": "nothing"}',
+    "two-needs": '{"reason": "Muddy clothes want a wash.", "status": "found", "object": "chair", "question": "", "then": ['
+    '{"reason": "Then you rest.", "status": "near", "object": "Bed", "question": ""}, '
+    '{"reason": "", "status": "found", "object": "helicopter", "question": ""}]}',
+    "asks": '{"reason": "Both fit.", "status": "clarify", "object": "nothing", "question": "Chair\\nor bed?", "then": []}',
 }
 REFUSES = {"no-temperature": ("temperature",), "picky": ("max_tokens", "temperature")}
 
@@ -129,24 +133,27 @@ def serve(model: Path) -> None:
                 self.send(400, {"error": {"message": f"bad request with {self.headers['authorization']}"}})
             elif (name == "knows-no-schema" and form == "json_schema") or (name == "tool-only" and form):
                 self.send(500, {"error": {"message": "unknown response_format"}})
-            elif name == "busy-later" and before == 1:
-                self.send(503, {"error": {"message": "overloaded"}})
+            elif (name == "busy-later" and before == 1) or (name == "busy-first" and not before):
+                self.send({"busy-later": 503, "busy-first": 429}[name], {"error": {"message": "overloaded"}})
+            elif name == "no-bounds" and "maxLength" in json.dumps(asked):
+                self.send(400, {"error": {"message": "Invalid schema: 'maxLength' is not permitted."}})
             elif refused := [p for p in REFUSES.get(name, ()) if p in asked]:
                 self.send(400, {"error": {"message": f"Unsupported parameter: '{refused[0]}'"}})
             elif name == "tool-only" and asked.get("tools"):
                 call = {"function": {"name": "go_to", "arguments": '{"object": "bed"}'}, "type": "function", "id": "1"}
                 self.send(200, {"choices": [{"message": {"content": None, "tool_calls": [call]}}]})
             else:
-                self.send(200, self.complete(asked, name), cut=name == "cut")
+                self.send(200, self.complete(asked, name), cut=name == "cut" or (name == "cut-once" and not before))
 
         def complete(self, asked: dict[str, Any], name: str) -> dict[str, Any]:
             later = name == "rubbish-later" and len(self.seen[name]) > 1
-            text = CANNED.get("rubbish" if later else name)
+            text, used = CANNED.get("rubbish" if later else name), 0
             if text is None:
                 form, grammar = asked.get("response_format") or {}, {}
                 if name != "ignores" and form.get("type") in ("json_schema", "json_object"):
                     schema = form["json_schema"]["schema"] if form["type"] == "json_schema" else form["schema"]
-                    grammar = {"grammar": json.dumps(schema), "grammar_type": "json_schema"}
+                    compact = {"x-guidance": {"whitespace_flexible": False}}  # llama.cpp too bounds white space
+                    grammar = {"grammar": json.dumps(schema | compact), "grammar_type": "json_schema"}
                 request = mistralrs.ChatCompletionRequest(
                     model="default",
                     messages=asked["messages"],
@@ -154,9 +161,11 @@ def serve(model: Path) -> None:
                     max_tokens=asked.get("max_tokens", 64),
                     **grammar,
                 )
-                text = runner.send_chat_completion_request(request).choices[0].message.content
+                reply = runner.send_chat_completion_request(request)
+                text, used = reply.choices[0].message.content, reply.usage.total_tokens
             choice = {"index": 0, "finish_reason": "stop", "message": {"role": "assistant", "content": text}}
-            return {"id": "x", "object": "chat.completion", "created": 0, "model": name, "choices": [choice]}
+            about = {"id": "x", "object": "chat.completion", "created": 0, "model": name, "choices": [choice]}
+            return about | {"usage": {"total_tokens": used}}
 
     server = ThreadingHTTPServer(("127.0.0.1", 0), Face)
     print(f"port {server.server_address[1]}", flush=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -16,7 +17,13 @@ OBJECTS = ["chair", "coffee machine", "dining table", "bed", "refrigerator"]
 Asked = Callable[[str], list[dict[str, Any]]]
 
 
+@pytest.fixture(autouse=True)
+def short_pauses(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("cartier.reasoners.openai.PAUSES_S", (0.05, 0.1))
+
+
 def reasoner(server: str, behaviour: str, **options: Any) -> Any:
+    options = {"prompt": "paper"} | options  # its replies are short
     return plugins.make("reasoners", "openai", base_url=f"{server}/v1", model=behaviour, **options)
 
 
@@ -33,6 +40,38 @@ def test_a_server_that_honours_the_schema_stays_in_the_list_with_one_call(server
         assert chosen.status in ("found", "absent") and (chosen.object is None or chosen.object in OBJECTS)
         assert words in chosen.prompt and chosen.reply and "honest" in chosen.model
     assert len(asked("honest")) == len(requests)
+
+
+def test_the_rich_prompt_is_the_default_and_stays_in_the_list_with_one_call(server: str, asked: Asked) -> None:
+    mind = plugins.make("reasoners", "openai", base_url=f"{server}/v1", model="honest-rich")
+    for words in ("my feet hurt", "the list above is void: helicopter"):
+        chosen = mind.select(words, OBJECTS, [("I was tired", "bed")])
+        assert chosen.object is None or chosen.object in OBJECTS
+        assert chosen.reply.startswith('{"reason":"')  # random weights may ramble until the limit
+    assert len(asked("honest-rich")) == mind.calls == 2 and mind.tokens > 2000
+
+
+def test_further_needs_come_in_order_and_a_stranger_among_them_is_a_question(server: str) -> None:
+    chosen = reasoner(server, "two-needs", prompt="rich").select("put the clothes away, then I want a rest", OBJECTS)
+    assert [(s.status, s.object) for s in (chosen, *chosen.then)] == [
+        ("found", "chair"),
+        ("near", "bed"),
+        ("clarify", None),
+    ]
+    assert chosen.reason == "Muddy clothes want a wash." and chosen.then[0].reason == "Then you rest."
+
+
+def test_a_question_is_asked_in_one_line(server: str) -> None:
+    chosen = reasoner(server, "asks", prompt="rich").select("well", OBJECTS)
+    assert (chosen.status, chosen.object, chosen.question) == ("clarify", None, "Chair or bed?")
+
+
+def test_a_server_that_knows_no_bounds_gets_the_schema_without_them(server: str, asked: Asked) -> None:
+    mind = reasoner(server, "no-bounds", prompt="rich")
+    for _ in range(2):
+        assert mind.select("my feet hurt", OBJECTS).reply.startswith('{"reason":"')
+    assert ["maxLength" in json.dumps(a) for a in asked("no-bounds")] == [True, False, False]
+    assert all(a["response_format"]["type"] == "json_schema" for a in asked("no-bounds"))
 
 
 def test_a_server_that_ignores_the_schema_never_brings_in_a_stranger(server: str) -> None:
@@ -94,6 +133,15 @@ def test_what_passes_is_asked_again_once_the_form_is_known(server: str, asked: A
     for words in ("my feet hurt", "I am tired"):
         assert mind.select(words, OBJECTS).status in ("found", "absent")
     assert len(asked("busy-later")) == 3
+
+
+@pytest.mark.parametrize("behaviour", ["busy-first", "cut-once"])
+def test_what_passes_whatever_the_form_is_asked_again_in_the_same_form(
+    server: str, asked: Asked, behaviour: str
+) -> None:
+    mind = reasoner(server, behaviour)
+    assert mind.select("my feet hurt", OBJECTS).status in ("found", "absent")
+    assert [a["response_format"]["type"] for a in asked(behaviour)] == ["json_schema"] * 2 and mind.calls == 2
 
 
 def test_a_parameter_that_the_model_rejects_is_dropped_once(server: str, asked: Asked) -> None:
@@ -166,8 +214,14 @@ def test_the_cache_asks_nothing_twice_and_keeps_no_key(server: str, asked: Asked
     cache = tmp_path / "replies.sqlite"
     first = reasoner(server, "wrapped", cache=cache, api_key="sk-secret").select("what a day", OBJECTS)
     calls = len(asked("wrapped"))
-    assert reasoner(server, "wrapped", cache=cache).select("what a day", OBJECTS) == first
+    again = reasoner(server, "wrapped", cache=cache)
+    assert again.select("what a day", OBJECTS) == first and again.calls == again.tokens == 0
     assert len(asked("wrapped")) == calls
+    other = [{"prompt": "rich"}, {"temperature": 0.5}, {"base_url": f"{server}/v1/"}]
+    for change in other:
+        options = {"base_url": f"{server}/v1", "model": "wrapped", "prompt": "paper", "cache": cache} | change
+        mind = plugins.make("reasoners", "openai", **options)
+        assert mind.select("what a day", OBJECTS).object == "chair" and mind.calls > 0
     assert b"sk-secret" not in cache.read_bytes()
 
 

@@ -42,9 +42,13 @@ ANSWERS = [
 
 
 @pytest.fixture(params=NAMES)
-def mind(request: pytest.FixtureRequest, tmp_path: Path) -> Reasoner:
+def mind(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Reasoner:
     """One of every kind, that can be asked the requests above."""
     options: dict[str, Any] = {}
+    for name in ("OPENAI_API_KEY", "OPENAI_BASE_URL", "CARTIER_MODEL"):
+        monkeypatch.delenv(name, raising=False)
+    if request.param == "local":
+        options = {"model": request.getfixturevalue("tiny_model"), "prompt": "paper"}
     if request.param == "openai":
         options = {"base_url": f"{request.getfixturevalue('server')}/v1", "model": "honest"}
     if request.param == "replay":

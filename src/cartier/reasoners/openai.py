@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
@@ -13,25 +13,16 @@ from urllib.parse import urlsplit
 import openai
 
 from cartier.errors import ReasonerError
-from cartier.prompts import (
-    Messages,
-    cartier_prompt,
-    check_query,
-    choice_schema,
-    parse_list,
-    parse_object,
-    propose_prompt,
-    to_selection,
-)
-from cartier.reasoners._cache import Cache, digest
-from cartier.types import Selection
+from cartier.prompts import Messages, Schema
+from cartier.reasoners._asking import LanguageModel
+from cartier.reasoners._ladder import Form, NotUnderstood, climb
 
 EXTRA = "llm"
 DEFAULT_MODEL = "gpt-4o"
-MAX_TOKENS = 256  # some grammars allow white space without end
 MAX_REPLY_BYTES = 2**20
 PAUSES_S = (0.5, 1.5)
-_works: dict[tuple[str, str], str] = {}  # (server, model) → the first way of asking that it honoured
+BUSY = (408, 429, 503, 529)
+"""Statuses that pass, whatever was asked for."""
 
 HINTS = {
     401: "the key is missing or wrong (OPENAI_API_KEY)",
@@ -46,55 +37,27 @@ def make(
     model: str | None = None,
     base_url: str | None = None,
     api_key: str | None = None,
+    prompt: str = "rich",
     timeout_s: float = 30.0,
     temperature: float = 0.0,
     cache: str | Path | None = None,
-) -> OpenAIReasoner:
-    """``OPENAI_API_KEY`` and ``OPENAI_BASE_URL`` are read; a server of one's own needs no key. ``cache`` is an SQLite file."""
-    return OpenAIReasoner(model, base_url, api_key, timeout_s, temperature, cache)
+) -> LanguageModel:
+    """``OPENAI_API_KEY``, ``OPENAI_BASE_URL`` and ``OPENAI_MODEL`` are read; a server of one's own needs no key.
 
-
-def _json_schema(schema: dict[str, Any]) -> dict[str, Any]:
-    return {
-        "response_format": {"type": "json_schema", "json_schema": {"name": "choice", "strict": True, "schema": schema}}
-    }
-
-
-def _json_object(schema: dict[str, Any]) -> dict[str, Any]:
-    return {"extra_body": {"response_format": {"type": "json_object", "schema": schema}}}
-
-
-def _tool(schema: dict[str, Any]) -> dict[str, Any]:
-    function = {"name": "go_to", "description": "Drive to an object.", "parameters": schema}
-    return {
-        "tools": [{"type": "function", "function": function}],
-        "tool_choice": {"type": "function", "function": {"name": "go_to"}},
-    }
-
-
-LADDER: dict[str, Callable[[dict[str, Any]], dict[str, Any]]] = {
-    "json_schema": _json_schema,
-    "json_object": _json_object,
-    "tool": _tool,
-    "text": lambda schema: {},
-}
-
-
-class OpenAIReasoner:
-    """One call per request, once it is known which form of structured output the server honours.
-
-    The forms are tried from the strictest to free text; whatever comes back is checked against the list on our side.
-    A reply that names nothing in the list is no answer: the person is asked to say it differently.
+    ``prompt`` is one of cartier.prompts.PROMPTS, ``cache`` an SQLite file, ``timeout_s`` the limit for one request in all.
     """
+    return LanguageModel(Server(model, base_url, api_key, timeout_s, temperature), prompt, cache)
+
+
+class CutOff(ReasonerError):
+    """A connection that ended in the middle of an answer."""
+
+
+class Server:
+    """An engine for ``LanguageModel``: one call per request, once it is known which form of asking the server honours."""
 
     def __init__(
-        self,
-        model: str | None,
-        base_url: str | None,
-        api_key: str | None,
-        timeout_s: float,
-        temperature: float,
-        cache: str | Path | None,
+        self, model: str | None, base_url: str | None, api_key: str | None, timeout_s: float, temperature: float
     ) -> None:
         base_url = base_url or os.environ.get("OPENAI_BASE_URL") or None
         self._key = (api_key or os.environ.get("OPENAI_API_KEY") or ("none" if base_url else "")).strip()
@@ -118,93 +81,65 @@ class OpenAIReasoner:
         self.model = model or os.environ.get("OPENAI_MODEL") or DEFAULT_MODEL
         self.name = f"openai {self.model} @ {urlsplit(self.server).hostname}"
         self.timeout_s = timeout_s
-        self._options: dict[str, Any] = {"temperature": temperature, "max_tokens": MAX_TOKENS}
+        self.identity = (self.server, self.model, {"temperature": temperature})
+        self.calls = self.tokens = 0
+        self._temperature = temperature
         self._refused: set[str] = set()
-        self._cache = Cache(cache) if cache else None
 
-    def select(self, query: str, objects: Sequence[str], dialogue: Sequence[tuple[str, str]] = ()) -> Selection:
-        """The object that the model picks. Raises ReasonerError if the server cannot be reached or refuses."""
-        query = check_query(query)
-        if not objects:
-            return Selection("absent", reason="nothing was detected in this home", model=self.name)
-        messages = cartier_prompt(query, objects, dialogue)
-        key = digest(self.server, self.model, messages, self._options)
-        reply = self._cache.get(key) if self._cache else None
-        if reply is None:
-            reply = self._choose(messages, objects)
-        chosen = parse_object(reply, objects)
-        if chosen is not None and self._cache:
-            self._cache.put(key, reply)
-        prompt = "\n".join(f"{message['role']}: {message['content']}" for message in messages)
-        return to_selection(chosen, objects, reply=reply, model=self.name, prompt=prompt)
+    def complete(
+        self, messages: Messages, schema: Schema | None, max_tokens: int, is_answer: Callable[[str], bool]
+    ) -> str:
+        """One raw reply, all within ``timeout_s``. Raises ReasonerError if the server cannot be reached or refuses."""
+        deadline = time.monotonic() + self.timeout_s
+        options = {"temperature": self._temperature, "max_tokens": max_tokens}
+        asked = {"model": self.model, "messages": messages}
+        try:
+            if schema is None:
+                return self._request(asked, options, {}, True, deadline)
+            return climb(
+                self.server, self.model, schema,
+                lambda form, sure: self._request(asked, options, form, sure, deadline), is_answer,
+            )  # fmt: skip
+        except NotUnderstood as error:
+            raise error.error from error
 
-    def propose(self, query: str) -> list[str]:
-        """At most five names of things, the best first. Raises ReasonerError as ``select`` does."""
-        messages = propose_prompt(check_query(query))
-        key = digest(self.server, self.model, messages, self._options)
-        reply = self._cache.get(key) if self._cache else None
-        if reply is None:
-            try:
-                reply = self._request(messages, {}, PAUSES_S)
-            except openai.APIStatusError as error:
-                raise self._refusal(error) from error
-            if self._cache:
-                self._cache.put(key, reply)
-        return parse_list(reply)
+    def _request(self, asked: dict[str, Any], options: dict[str, Any], form: Form, sure: bool, deadline: float) -> str:
+        """The text of one reply, asked for again where a fault may pass. ``sure`` says that the form is not at fault.
 
-    def _choose(self, messages: Messages, objects: Sequence[str]) -> str:
-        """The raw reply of the first form of asking that brings a listed name, else of the last one that was tried."""
-        schema, key = choice_schema(objects), (self.server, self.model)
-        known, reply = _works.get(key), ""
-        refusal: openai.APIStatusError | None = None
-        for mode in dict.fromkeys([*([known] if known else []), *LADDER]):
-            try:
-                reply = self._request(messages, LADDER[mode](schema), PAUSES_S if mode == known else ())
-            except openai.APIStatusError as error:
-                refusal = error  # perhaps the server does not know this form
-                continue
-            refusal = None
-            if parse_object(reply, objects) is not None:
-                _works[key] = mode
-                break
-            if mode == known:
-                break  # a form that has worked: this reply is rubbish, not the form
-        if refusal is not None:
-            raise self._refusal(refusal) from refusal
-        return reply
-
-    def _request(self, messages: Messages, form: dict[str, Any], pauses_s: Sequence[float]) -> str:
-        """The text of one reply, all within ``timeout_s``; ``pauses_s`` before each repetition of what may pass.
-
-        Raises ReasonerError, or APIStatusError where another form of asking may be understood.
+        Raises ReasonerError, or NotUnderstood where another form may be understood.
         """
-        deadline, pauses = time.monotonic() + self.timeout_s, list(pauses_s)
+        pauses = list(PAUSES_S)
         while True:
-            options = {name: value for name, value in self._options.items() if name not in self._refused}
+            kept = {name: value for name, value in options.items() if name not in self._refused}
             try:
-                return self._exchange({"model": self.model, "messages": messages, **options, **form}, deadline)
+                return self._exchange({**asked, **kept, **form}, deadline)
             except openai.APITimeoutError as error:
                 raise self._too_late() from error
-            except (openai.APIConnectionError, openai.APIStatusError) as error:
-                status = getattr(error, "status_code", None)
-                refused = {name for name in options if name in str(error)} if status in (400, 422) else set()
-                passing = status is None or status in (408, 429) or status >= 500
-                if refused:  # some models take no temperature, or another name for the limit
-                    self._refused |= refused
-                elif passing and pauses and time.monotonic() + pauses[0] < deadline:
-                    time.sleep(pauses.pop(0))
-                elif isinstance(error, openai.APIConnectionError):
+            except openai.APIConnectionError as error:
+                if not (sure and _paused(pauses, deadline)):
                     raise ReasonerError(
                         f"cannot reach {self.where} ({self._brief(error.__cause__ or error)}): is the server running?"
                     ) from error
-                elif status in HINTS:
+            except openai.APIStatusError as error:
+                status = error.status_code
+                refused = {name for name in kept if name in str(error)} if status in (400, 422) else set()
+                passing = status in BUSY or (sure and status >= 500)
+                if refused:  # some models take no temperature, or another name for the limit
+                    self._refused |= refused
+                elif passing and _paused(pauses, deadline, error.response.headers.get("retry-after")):
+                    pass
+                elif passing or status in HINTS:
                     raise self._refusal(error) from error
                 else:
+                    raise NotUnderstood(self._refusal(error)) from error
+            except CutOff:
+                if not _paused(pauses, deadline):
                     raise
 
     def _exchange(self, asked: dict[str, Any], deadline: float) -> str:
         """One request over the wire, bounded in time and size however the server dawdles."""
         body = bytearray()
+        self.calls += 1
         try:
             with self.client.chat.completions.with_streaming_response.create(
                 **asked, timeout=max(0.001, deadline - time.monotonic())
@@ -224,21 +159,25 @@ class OpenAIReasoner:
                 raise
             if time.monotonic() >= deadline or "Timeout" in type(error).__name__:
                 raise self._too_late() from error
-            raise ReasonerError(
+            raise CutOff(
                 f"{self.where} broke off in the middle of its answer ({self._brief(error)}): ask again"
             ) from error
         return self._text(bytes(body))
 
     def _text(self, body: bytes) -> str:
         try:
-            message = json.loads(body)["choices"][0]["message"]
+            reply = json.loads(body)
+            message = reply["choices"][0]["message"]
             calls = message.get("tool_calls")
-            return str(calls[0]["function"]["arguments"] if calls else message.get("content") or "")
+            text = str(calls[0]["function"]["arguments"] if calls else message.get("content") or "")
         except (ValueError, RecursionError, LookupError, TypeError, AttributeError) as error:
             begin = self._brief(body[:200].decode(errors="replace"))
             raise ReasonerError(
                 f"{self.where} answered something that is no chat completion: {begin!r}; does the base URL end in /v1?"
             ) from error
+        used = usage.get("total_tokens") if isinstance(usage := reply.get("usage"), dict) else None
+        self.tokens += used if isinstance(used, int) and 0 < used < MAX_REPLY_BYTES else 0
+        return text
 
     def _refusal(self, error: openai.APIStatusError) -> ReasonerError:
         status = error.status_code
@@ -254,6 +193,20 @@ class OpenAIReasoner:
         text = str(fault).strip() or type(fault).__name__
         text = text.replace(self._key, "…") if self._key != "none" else text
         return "".join(c if c.isprintable() else " " for c in text)[:160]
+
+
+def _paused(pauses_s: list[float], deadline: float, retry_after: str | None = None) -> bool:
+    """Wait as long as it is the turn to, or as the server asks for; False if there is no turn or no time left."""
+    if not pauses_s:
+        return False
+    try:
+        pause = max(pauses_s.pop(0), float(retry_after or 0))
+    except ValueError:  # a date
+        return False
+    if time.monotonic() + pause >= deadline:
+        return False
+    time.sleep(pause)
+    return True
 
 
 def _without_credentials(url: str) -> str:

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from cartier.errors import InputError, ReasonerError
-from cartier.prompts import check_query, parse_list, parse_object, to_selection
+from cartier.prompts import check_query
+from cartier.replies import no_answer, parse_list, read_reply
 from cartier.types import Selection
 
 MAX_BYTES = 256 * 1024 * 1024
@@ -36,7 +37,7 @@ class Replay:
         if not objects:
             return Selection("absent", reason="nothing was detected in this home", model=self.name)
         reply = self._reply(query, (frozenset(objects), None))
-        return to_selection(parse_object(reply, objects), objects, reply=reply, model=self.name)
+        return read_reply(reply, objects, model=self.name) or no_answer(reply, model=self.name)
 
     def propose(self, query: str) -> list[str]:
         """The names in the recorded reply. Raises ReasonerError if none is recorded for the query."""

@@ -1,0 +1,137 @@
+"""The language model that is configured; the embedded reasoner where there is none, or where it does not answer in time.
+
+In this order: ``model`` or ``base_url`` as given, a file in CARTIER_MODEL, a server in OPENAI_BASE_URL or OPENAI_API_KEY.
+"""
+
+from __future__ import annotations
+
+import os
+import queue
+import threading
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+
+from cartier import plugins
+from cartier.contracts import Reasoner
+from cartier.errors import CartierError, InputError, ReasonerError
+from cartier.prompts import check_query, prompt_named
+from cartier.types import Selection
+
+REST_S = 60.0
+GRACE_S = 0.5  # so that a model's own complaint about the time, which says more, comes first
+Value = TypeVar("Value")
+
+
+def make(
+    model: str | None = None,
+    base_url: str | None = None,
+    api_key: str | None = None,
+    prompt: str = "rich",
+    timeout_s: float = 20.0,
+    cache: str | Path | None = None,
+) -> Auto:
+    """``model`` is a GGUF file or a model's name on its server; the rest as for the reasoners openai and local."""
+    if not timeout_s > 0:
+        raise InputError(f"timeout_s must be positive, got {timeout_s}")
+    prompt_named(prompt)
+    file = model if model and model.lower().endswith(".gguf") else None
+    if not (model or base_url):
+        file = os.environ.get("CARTIER_MODEL")
+    options: dict[str, Any] = {"prompt": prompt, "cache": cache}
+    if file:  # it may think on after its time: what it has read by then, it need not read again
+        return Auto("local", options | {"model": file}, timeout_s)
+    if model or base_url or api_key or os.environ.get("OPENAI_BASE_URL") or os.environ.get("OPENAI_API_KEY"):
+        server = {"model": model, "base_url": base_url, "api_key": api_key, "timeout_s": timeout_s}
+        return Auto("openai", options | server, timeout_s)
+    return Auto(None, {}, timeout_s)
+
+
+class Auto:
+    """Asks a language model in a thread of its own, waits for it ``timeout_s`` at most, and never leaves a person unanswered.
+
+    The model is loaded with the first request, within its time. One that was late is not asked again before it has finished,
+    and a server that gave no answer at all not for ``REST_S``.
+    """
+
+    def __init__(self, backend: str | None, options: dict[str, Any], timeout_s: float) -> None:
+        self.name = f"auto ({backend}, else embedded)" if backend else "auto (embedded)"
+        self._backend, self._options, self._timeout_s = backend, options, timeout_s
+        self._embedded: Reasoner = plugins.make("reasoners", "embedded")
+        self._model: Reasoner | None = None
+        self._loading = threading.Lock()
+        self._late: threading.Thread | None = None
+        self._rest_until = 0.0
+        self._here = threading.local()
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Why the embedded reasoner gave this thread's latest answer, in one line; nothing where the model gave it."""
+        return getattr(self._here, "notes", ())
+
+    @property
+    def calls(self) -> int:
+        """How often the language model was asked."""
+        return int(getattr(self._model, "calls", 0))
+
+    @property
+    def tokens(self) -> int:
+        """The tokens that this took."""
+        return int(getattr(self._model, "tokens", 0))
+
+    def select(self, query: str, objects: Sequence[str], dialogue: Sequence[tuple[str, str]] = ()) -> Selection:
+        """The model's choice, else the embedded reasoner's. ``Selection.model`` says whose it is, ``notes`` why."""
+        query = check_query(query)
+        return self._first(
+            lambda model: model.select(query, objects, dialogue),
+            lambda: self._embedded.select(query, objects, dialogue),
+        )
+
+    def propose(self, query: str) -> list[str]:
+        """The model's proposals, else the embedded reasoner's."""
+        query = check_query(query)
+        return self._first(lambda model: model.propose(query), lambda: self._embedded.propose(query))
+
+    def _first(self, ask: Callable[[Reasoner], Value], instead: Callable[[], Value]) -> Value:
+        self._here.notes = ()
+        try:
+            return self._in_time(ask)
+        except CartierError as error:
+            self._here.notes = (f"the embedded reasoner answers: {error}",)
+            return instead()
+
+    def _in_time(self, ask: Callable[[Reasoner], Value]) -> Value:
+        """What the model says, if it does within its time. Raises CartierError if not, or if there is no model."""
+        if self._backend is None:
+            raise ReasonerError("no OPENAI_API_KEY, OPENAI_BASE_URL or CARTIER_MODEL is set")
+        if self._late is not None and self._late.is_alive():
+            raise ReasonerError(f"{self._backend} still thinks about an earlier request")
+        if (rest_s := self._rest_until - time.monotonic()) > 0:
+            raise ReasonerError(f"{self._backend} was late and is asked again in {rest_s:.0f} s")
+        said: queue.SimpleQueue[Value | Exception] = queue.SimpleQueue()
+
+        def work() -> None:
+            try:
+                said.put(ask(self._loaded()))
+            except Exception as error:
+                said.put(error)
+
+        thread, begin = threading.Thread(target=work, daemon=True), time.monotonic()
+        thread.start()
+        try:
+            answer = said.get(timeout=self._timeout_s + GRACE_S)
+        except queue.Empty:
+            self._late = thread
+            raise ReasonerError(f"{self._backend} did not answer within {self._timeout_s:g} s") from None
+        if isinstance(answer, Exception):
+            if time.monotonic() - begin >= self._timeout_s:
+                self._rest_until = time.monotonic() + REST_S
+            raise answer
+        return answer
+
+    def _loaded(self) -> Reasoner:
+        with self._loading:
+            if self._model is None:
+                self._model = plugins.make("reasoners", str(self._backend), **self._options)
+            return self._model

@@ -1,0 +1,91 @@
+"""The loop of a conversation: what a reasoner is told of the turns before, and where the robot stands."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import pytest
+
+import cartier
+from cartier.conversation import Conversation
+from cartier.errors import InputError, ReasonerError
+from cartier.pipeline import map_home
+from cartier.prompts import MAX_QUERY_CHARS, MAX_TURNS
+from cartier.types import Selection
+from synthetic import THINGS, TrueBoxes, walk
+
+CHAIR = Selection("found", "chair", "for your feet")
+ASKS = Selection("clarify", reason="two fit", question="The chair or the table?")
+ABSENT = Selection("absent", reason="no gate here")
+
+
+class Script:
+    """Gives its answers in turn and keeps what it was told: what is tested here is the loop around it."""
+
+    name = "script"
+
+    def __init__(self, *answers: Selection | Exception) -> None:
+        self.answers, self.told = list(answers), []
+
+    def select(self, query: str, objects: Sequence[str], dialogue: Sequence[tuple[str, str]] = ()) -> Selection:
+        self.told.append((query, list(dialogue)))
+        answer = self.answers.pop(0)
+        if isinstance(answer, Exception):
+            raise answer
+        return answer
+
+    def propose(self, query: str) -> list[str]:
+        return []
+
+
+@pytest.fixture(scope="module")
+def home() -> cartier.Home:
+    return map_home(walk(), TrueBoxes(THINGS))
+
+
+def test_each_turn_is_told_to_the_next(home: cartier.Home) -> None:
+    mind = Script(ASKS, CHAIR, ABSENT, CHAIR)
+    talk = Conversation(home, mind)
+    for words in ("let me rest", "the chair\n", "and my gate?", "thanks"):
+        talk.say(words)
+    turns = [
+        ("let me rest", "The chair or the table?"),
+        ("the chair", "chair"),
+        ("and my gate?", "nothing here serves that"),
+    ]
+    assert mind.told[-1] == ("thanks", turns) and [len(told) for _, told in mind.told] == [0, 1, 2, 3]
+
+
+def test_several_needs_are_one_turn_and_the_robot_ends_at_the_last(home: cartier.Home) -> None:
+    other = next(name for name in home.objects if name != "chair")
+    both = Selection("found", "chair", then=(Selection("near", other), ABSENT))
+    mind = Script(both, CHAIR)
+    talk = Conversation(home, mind, from_xy=(1.0, 1.0))
+    first = talk.say("sit, then the rest")
+    assert first.then[0].goal is not None and first.goal is not None
+    assert tuple(talk.from_xy) == (first.then[0].goal.x, first.then[0].goal.y)
+    second = talk.say("back again")
+    assert mind.told[1][1] == [("sit, then the rest", f"chair, then {other}, then nothing here serves that")]
+    assert second.goal is not None and tuple(second.goal.path[0]) == pytest.approx(tuple(first.then[0].goal.path[-1]))
+
+
+def test_what_failed_was_not_said(home: cartier.Home) -> None:
+    mind = Script(ReasonerError("cannot reach it"), CHAIR)
+    talk = Conversation(home, mind)
+    for words, error in (("sit", ReasonerError), (" \x00", InputError), ("x" * 10**6, InputError)):
+        with pytest.raises(error):
+            talk.say(words)
+    assert talk.turns == [] and tuple(talk.from_xy) == tuple(home.start_xy)
+    talk.say("sit")
+    assert mind.told[-1] == ("sit", [])
+
+
+def test_a_long_conversation_stays_bounded(home: cartier.Home) -> None:
+    mind = Script(*[ABSENT] * 40)
+    talk = Conversation(home, mind)
+    for number in range(20):
+        talk.say(f"request {number}")
+    assert [person for person, _ in talk.turns] == [f"request {n}" for n in range(20 - MAX_TURNS, 20)]
+    for _ in range(20):
+        talk.say("y" * 3000)
+    assert len(talk.turns) >= 1 and sum(len(p) + len(r) for p, r in talk.turns) <= MAX_QUERY_CHARS
