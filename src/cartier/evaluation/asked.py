@@ -1,0 +1,64 @@
+"""Nobody is asked the same thing twice: a reasoner with a memory in a file, which also keeps what each question cost."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from cartier.contracts import Reasoner
+from cartier.files import read_rows
+from cartier.types import Selection
+
+
+class Asked:
+    """Obeys the Reasoner contract. ``spent`` adds up what the questions cost when they were first asked: seconds, calls, tokens."""
+
+    def __init__(self, reasoner: Reasoner, file: Path) -> None:
+        self._reasoner, self._file = reasoner, file
+        self.name = reasoner.name
+        self.spent = {"seconds": 0.0, "calls": 0, "tokens": 0}
+        self._known = {json.dumps(row["asked"]): row for row in read_rows(file, ("asked", "reply", "cost"))}
+
+    def select(self, query: str, objects: Sequence[str], dialogue: Sequence[tuple[str, str]] = ()) -> Selection:
+        reply = self._recall(
+            ["select", query, list(objects), list(dialogue)],
+            lambda: _plain(self._reasoner.select(query, objects, dialogue)),
+        )
+        return _selection(reply)
+
+    def propose(self, query: str) -> list[str]:
+        reply: list[str] = self._recall(["propose", query], lambda: self._reasoner.propose(query))
+        return reply
+
+    def _recall(self, question: list[Any], ask: Callable[[], Any]) -> Any:
+        row = self._known.get(json.dumps(question))
+        if row is None:
+            calls, tokens = (getattr(self._reasoner, total, 0) for total in ("calls", "tokens"))
+            begin = time.perf_counter()
+            reply = ask()
+            cost = {
+                "seconds": time.perf_counter() - begin,
+                "calls": getattr(self._reasoner, "calls", 0) - calls,
+                "tokens": getattr(self._reasoner, "tokens", 0) - tokens,
+            }
+            row = {"asked": question, "reply": reply, "cost": cost}
+            self._known[json.dumps(question)] = row
+            with self._file.open("a", encoding="utf-8") as out:
+                out.write(json.dumps(row, ensure_ascii=False) + "\n")
+        for what, much in row["cost"].items():
+            self.spent[what] += much
+        return row["reply"]
+
+
+def _plain(selection: Selection) -> dict[str, Any]:
+    kept = asdict(selection) | {"prompt": "", "then": [_plain(further) for further in selection.then]}
+    return kept
+
+
+def _selection(row: dict[str, Any]) -> Selection:
+    candidates = tuple((str(name), float(score)) for name, score in row["candidates"])
+    return Selection(**(row | {"candidates": candidates, "then": tuple(map(_selection, row["then"]))}))

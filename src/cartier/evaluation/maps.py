@@ -1,0 +1,67 @@
+"""The mapped homes of a bench, each made once and kept: recording → home folder, named after what made it."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from cartier import plugins, specs
+from cartier.contracts import World
+from cartier.errors import InputError
+from cartier.home import Home
+from cartier.pipeline import map_home
+
+INDEXES = ("object_depth", "object_viewpoint", "vlmaps")
+VERSION = 1  # of what a map holds; a change in mapping that older maps must not survive raises it
+
+
+@dataclass(frozen=True)
+class MapSettings:
+    """All that a map depends on, besides the home."""
+
+    world: str = "dollhouse"
+    detector: str = "ground_truth"
+    encoder: str = "embedded"
+    seed: int = 0
+
+
+class Maps:
+    """Mapped homes of one world, in ``folder``; a home is explored and mapped when it is first asked for."""
+
+    def __init__(self, folder: Path, settings: MapSettings) -> None:
+        self.folder, self.settings = folder, settings
+        self.world: World = plugins.make("worlds", settings.world)
+
+    def get(self, home: str, progress: Callable[[str, int, int], None] | None = None) -> Home:
+        """``progress`` is told (home, frames done, frames in all). Raises InputError for an unknown home."""
+        folder = self._folder_of(home)
+        if folder.exists():
+            try:
+                return Home.load(folder)
+            except InputError:  # of an older cartier, or damaged: make it anew
+                pass
+        options: dict[str, Any] = {"seed": self.settings.seed}
+        recording = self.world.explore(home, **options)
+        eyes = specs.detector(self.settings.detector, recording)
+        step = (lambda done, total: progress(home, done, total)) if progress else None
+        map_home(recording, eyes, INDEXES, encoder=self.settings.encoder, progress=step).save(folder)
+        return Home.load(folder)
+
+    def photo(self, home: str, frame: int) -> npt.NDArray[np.uint8] | None:
+        """The evidence photo (H, W, 3) of a frame, if the home's map keeps it."""
+        from PIL import Image
+
+        file = self._folder_of(home) / "keyframes" / f"{frame:06d}.jpg"
+        return np.asarray(Image.open(file).convert("RGB")) if file.is_file() else None
+
+    def _folder_of(self, home: str) -> Path:
+        key = json.dumps(asdict(self.settings) | {"home": home, "version": VERSION}, sort_keys=True)
+        safe = "".join(c if c.isalnum() or c in "-_" else "_" for c in home)
+        return self.folder / f"{safe}-{hashlib.sha256(key.encode()).hexdigest()[:10]}"

@@ -1,0 +1,164 @@
+"""``cartier bench``: map the homes, ask every request by every method, and write it down so that a killed run goes on."""
+
+from __future__ import annotations
+
+import json
+import platform
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import asdict, dataclass, field
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from cartier.baselines import nlmap
+from cartier.contracts import Reasoner
+from cartier.errors import InputError
+from cartier.evaluation.asked import Asked
+from cartier.evaluation.maps import Maps, MapSettings
+from cartier.evaluation.methods import METHODS, Bench
+from cartier.evaluation.metrics import distances, matches
+from cartier.evaluation.queries import Query, cases
+from cartier.files import read_json, read_rows, write_json
+from cartier.home import Home
+from cartier.minilm import TextEncoder
+from cartier.text import display_name
+from cartier.types import Answer, TrueObject
+
+GENERATED = (
+    "1001",
+    "1002",
+    "1003",
+)  # homes of the dollhouse that NLMap's threshold is chosen on: nothing is asked there
+SECONDS = 4  # decimals
+
+Progress = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True)
+class BenchSettings:
+    """What is asked, of whom, where; the run folder keeps it, and goes on only with the same."""
+
+    homes: tuple[str, ...]
+    methods: tuple[str, ...] = tuple(METHODS)
+    queries: str = "paper"
+    maps: MapSettings = field(default_factory=MapSettings)
+    seed: int = 0
+    prompt: str | None = None
+
+
+def run(
+    folder: Path,
+    settings: BenchSettings,
+    queries: Sequence[Query],
+    reasoner: Reasoner,
+    maps_folder: Path | None = None,
+    progress: Progress | None = None,
+) -> list[dict[str, Any]]:
+    """Ask everything that is not answered yet and return all rows, in order of home, request and method.
+
+    ``maps_folder`` may be shared between runs; by default it is in the run folder. Raises InputError for an unknown home or
+    method, or a run folder of other settings; what was answered before an error stays.
+    """
+    unknown = [method for method in settings.methods if method not in METHODS]
+    if unknown:
+        raise InputError(f"there is no method {unknown[0]!r}; there are {', '.join(METHODS)}")
+    maps = Maps(maps_folder or folder / "maps", settings.maps)
+    truth = {home: maps.world.objects(home) for home in settings.homes}
+    names = {home: {display_name(thing.label) for thing in things} for home, things in truth.items()}
+    asked = cases(queries, names)
+    if not asked:
+        raise InputError(f"none of the {len(queries)} requests can be asked in {', '.join(settings.homes)}")
+    _claim(folder, settings, queries, reasoner)
+    file = folder / "results.jsonl"
+    done = {
+        (row["home"], row["query_id"], row["method"]): row for row in read_rows(file, ("home", "query_id", "method"))
+    }
+    memory = Asked(reasoner, folder / "asked.jsonl")
+    threshold = _threshold(folder, maps, settings.homes, progress) if "nlmap" in settings.methods else None
+    bench = Bench(memory, TextEncoder(), threshold, settings.seed)
+    total = len(asked) * len(settings.methods)
+    for home_name in settings.homes:
+        here = [(query, method) for home, query in asked if home == home_name for method in settings.methods]
+        missing = [(q, m) for q, m in here if (home_name, q.id, m) not in done]
+        if not missing:
+            continue
+        home = maps.get(home_name, progress)
+        with file.open("a", encoding="utf-8") as out:
+            for query, method in missing:
+                row = _row(home, home_name, query, method, bench, memory, truth[home_name])
+                done[home_name, query.id, method] = row
+                out.write(json.dumps(row, ensure_ascii=False) + "\n")
+                out.flush()
+                if progress:
+                    progress("asking", len(done), total)
+    rows = [done[home, query.id, method] for home, query in asked for method in settings.methods]
+    file.write_text("".join(json.dumps(row, ensure_ascii=False) + "\n" for row in rows), encoding="utf-8")
+    return rows
+
+
+def _row(
+    home: Home, home_name: str, query: Query, method: str, bench: Bench, memory: Asked, truth: Sequence[TrueObject]
+) -> dict[str, Any]:
+    before = dict(memory.spent)
+    answer: Answer = METHODS[method](home, query, bench)
+    cost = {what: memory.spent[what] - before[what] for what in before}
+    there = {display_name(thing.label) for thing in truth}
+    accept = [name for name in query.accept if name in there]
+    position = None if answer.place is None else [round(v, 4) for v in answer.place.position]
+    in_space, on_floor = distances(position, truth, accept)
+    after_choice = sum(ms for step, ms in answer.timing_ms.items() if step != "select") / 1e3
+    return {
+        "home": home_name, "query_id": query.id, "type": query.type, "method": method,
+        "status": answer.selection.status, "object": answer.selection.object, "match": matches(answer.selection.object, accept),
+        "distance_m": _rounded(in_space), "distance_floor_m": _rounded(on_floor),
+        "goal_reachable": None if answer.place is None else answer.goal is not None,
+        "seconds": round(cost["seconds"] + after_choice, SECONDS), "llm_calls": cost["calls"], "tokens": cost["tokens"],
+        "detector": answer.detector, "encoder": answer.encoder, "reasoner": answer.reasoner,
+        "target": query.target, "accept": accept, "text": query.text, "position": position,
+        "frame": None if answer.place is None else answer.place.frame, "note": answer.selection.reason,
+    }  # fmt: skip
+
+
+def _rounded(metres: float | None) -> float | None:
+    return None if metres is None else round(metres, 4)
+
+
+def _threshold(folder: Path, maps: Maps, asked: Sequence[str], progress: Progress | None) -> float:
+    """NLMap's threshold, chosen on homes of which nothing is asked; kept in the run's settings."""
+    kept = read_json(folder / "settings.json")
+    if kept.get("nlmap_threshold") is None:
+        all_homes = maps.world.homes()
+        others = (
+            GENERATED if maps.settings.world == "dollhouse" else [home for home in all_homes if home not in asked][:3]
+        )
+        if not others:
+            raise InputError("nlmap's threshold is chosen on homes that are not asked about: leave some out of --homes")
+        known = {display_name(t.label) for home in {*others, *all_homes} for t in maps.world.objects(home)}
+        homes = [(home := maps.get(name, progress), set(home.objects)) for name in others]
+        kept["nlmap_threshold"] = nlmap.calibrate(homes, sorted(known))
+        kept["nlmap_calibrated_on"] = [f"{maps.settings.world}:{name}" for name in others]
+        write_json(folder / "settings.json", kept)
+    return float(kept["nlmap_threshold"])
+
+
+def _claim(folder: Path, settings: BenchSettings, queries: Iterable[Query], reasoner: Reasoner) -> None:
+    """Make the run folder, or see that it is of the same settings."""
+    import hashlib
+
+    asked = json.dumps([asdict(query) for query in queries], sort_keys=True)
+    mine = asdict(settings) | {"reasoner": reasoner.name, "queries_sha256": hashlib.sha256(asked.encode()).hexdigest()}
+    mine = json.loads(json.dumps(mine))  # tuples become lists, as in the file
+    packages = {name: version(name) for name in ("cartier", "numpy", "scipy", "onnxruntime")}
+    file = folder / "settings.json"
+    if file.exists():
+        kept = read_json(file)
+        other = [name for name, value in mine.items() if kept.get(name) != value]
+        if other:
+            raise InputError(
+                f"{folder} holds a run of other settings ({', '.join(other)}): choose another folder, or delete that one"
+            )
+        return
+    if folder.exists() and any(folder.iterdir()):
+        raise InputError(f"{folder} is not empty and holds no bench (no settings.json): choose another folder")
+    folder.mkdir(parents=True, exist_ok=True)
+    write_json(file, mine | {"versions": packages | {"python": platform.python_version()}, "nlmap_threshold": None})

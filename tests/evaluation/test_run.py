@@ -1,0 +1,170 @@
+"""A whole bench in three tiny rooms: complete, resumable, asking nobody twice, and strict about its folder."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cartier import specs
+from cartier.baselines import nlmap
+from cartier.errors import InputError, ReasonerError
+from cartier.evaluation.maps import Maps, MapSettings
+from cartier.evaluation.methods import METHODS
+from cartier.evaluation.queries import OWN, Query
+from cartier.evaluation.run import BenchSettings, run
+from cartier.types import Selection
+
+WORLD = str(Path(__file__).parent / "room_world.py")
+SEATS = ("chair", "sofa")
+QUERIES = [
+    Query("sit-1", "explicit", "chair", SEATS, "please go to the chair", OWN),
+    Query("sit-2", "implicit", "chair", SEATS, "my feet hurt", OWN),
+    Query("drink-1", "implicit", "mug", ("mug",), "I could do with something hot to hold", OWN),
+    Query("sleep-1", "conversational", "bed", ("bed",), "What a day. The table is full of papers. I am so tired.", OWN),
+]
+SETTINGS = BenchSettings(("north", "east"), maps=MapSettings(WORLD))
+ROWS = 3 * 2 + 1  # (home, request) pairs: the bed is in one home only
+
+
+class Words:
+    """A reasoner by words in the request; it counts its calls, and can break off as a server does."""
+
+    name = "words (test)"
+
+    def __init__(self, dies_after: int = 10**9) -> None:
+        self.calls, self.tokens, self.dies_after = 0, 0, dies_after
+        self.heard: list[Any] = []
+
+    def _call(self, *question: Any) -> None:
+        if self.calls == self.dies_after:
+            raise ReasonerError("the server went away")
+        self.calls += 1
+        self.tokens += 10
+        self.heard.append(question)
+
+    def select(self, query: str, objects: Sequence[str], dialogue: Sequence[tuple[str, str]] = ()) -> Selection:
+        self._call("select", query, tuple(objects))
+        wanted = "chair" if "chair" in query or "feet" in query else "bed" if "tired" in query else "mug"
+        return Selection("found", wanted, "heard it") if wanted in objects else Selection("absent", reason="not here")
+
+    def propose(self, query: str) -> list[str]:
+        self._call("propose", query)
+        return ["chair", "mug", "bed"]
+
+
+@pytest.fixture(scope="module")
+def maps(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("maps")
+
+
+def without_times(folder: Path) -> list[dict[str, Any]]:
+    rows = [json.loads(line) for line in (folder / "results.jsonl").read_text().splitlines()]
+    return [{key: value for key, value in row.items() if key != "seconds"} for row in rows]
+
+
+def test_every_method_answers_every_request_without_a_gap(tmp_path: Path, maps: Path) -> None:
+    mind = Words()
+    rows = run(tmp_path / "run", SETTINGS, QUERIES, mind, maps)
+    assert len(rows) == ROWS * len(METHODS)
+    assert len({(row["home"], row["query_id"], row["method"]) for row in rows}) == len(rows)
+    assert len(mind.heard) == len(set(mind.heard)), "nobody is asked the same thing twice"
+    by_method = {m: [row for row in rows if row["method"] == m] for m in METHODS}
+    for row in by_method["true_object"]:
+        assert row["match"] and row["distance_m"] < 0.05 and row["llm_calls"] == 0
+    depth, viewpoint = ([row["distance_m"] for row in by_method[m]] for m in ("object_depth", "object_viewpoint"))
+    assert np.mean(depth) < 0.05 < np.mean(viewpoint)
+    assert all(row["llm_calls"] == 1 and row["tokens"] == 10 for row in by_method["object_depth"])
+    assert all(row["llm_calls"] == 0 for row in by_method["vlmaps_query"] + by_method["random"])
+    assert all(row["encoder"] for row in by_method["vlmaps"]) and not by_method["object_depth"][0]["encoder"]
+    assert all(row["detector"].startswith("ground truth") for row in rows)
+
+
+def test_the_same_seed_gives_the_same_rows_and_another_draws_otherwise(tmp_path: Path, maps: Path) -> None:
+    run(tmp_path / "a", SETTINGS, QUERIES, Words(), maps)
+    run(tmp_path / "b", SETTINGS, QUERIES, Words(), maps)
+    assert without_times(tmp_path / "a") == without_times(tmp_path / "b")
+    only = [BenchSettings(("north",), ("random",), maps=MapSettings(WORLD), seed=seed) for seed in range(9)]
+    drawn = {run(tmp_path / f"s{one.seed}", one, QUERIES[:1], Words(), maps)[0]["object"] for one in only}
+    assert len(drawn) > 1
+
+
+def test_a_run_that_died_twice_goes_on_and_equals_one_in_one_go(tmp_path: Path, maps: Path) -> None:
+    run(tmp_path / "whole", SETTINGS, QUERIES, Words(), maps)
+    for calls in (2, 5):
+        with pytest.raises(ReasonerError, match="went away"):
+            run(tmp_path / "broken", SETTINGS, QUERIES, Words(calls), maps)
+        with (tmp_path / "broken" / "results.jsonl").open("a") as file:
+            file.write('{"home": "north", "query_')  # what a kill leaves
+    last = Words()
+    run(tmp_path / "broken", SETTINGS, QUERIES, last, maps)
+    assert without_times(tmp_path / "broken") == without_times(tmp_path / "whole")
+    whole = Words()
+    run(tmp_path / "count", SETTINGS, QUERIES, whole, maps)
+    assert last.calls == whole.calls - 2 - 5, "what was answered before is not asked again"
+    run(tmp_path / "broken", SETTINGS, QUERIES, Words(0), maps)  # nothing is left to ask
+
+
+def test_a_run_folder_of_other_settings_is_refused(tmp_path: Path, maps: Path) -> None:
+    run(tmp_path / "run", SETTINGS, QUERIES, Words(), maps)
+    before = (tmp_path / "run" / "results.jsonl").read_bytes()
+    for other in (
+        BenchSettings(("east",), maps=MapSettings(WORLD)),
+        BenchSettings(("north", "east"), maps=MapSettings(WORLD), seed=1),
+    ):
+        with pytest.raises(InputError, match="other settings"):
+            run(tmp_path / "run", other, QUERIES, Words(), maps)
+    with pytest.raises(InputError, match="queries_sha256"):
+        run(tmp_path / "run", SETTINGS, QUERIES[:2], Words(), maps)
+    assert (tmp_path / "run" / "results.jsonl").read_bytes() == before
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "thesis.tex").write_text("precious")
+    with pytest.raises(InputError, match="not empty"):
+        run(tmp_path / "mine", SETTINGS, QUERIES, Words(), maps)
+
+
+def test_mistakes_are_told_before_anything_is_mapped(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no method 'telepathy'"):
+        run(tmp_path / "run", BenchSettings(("north",), ("telepathy",), maps=MapSettings(WORLD)), QUERIES, Words())
+    with pytest.raises(InputError, match="no room 'west'"):
+        run(tmp_path / "run", BenchSettings(("west",), maps=MapSettings(WORLD)), QUERIES, Words())
+    with pytest.raises(InputError, match="leave some out"):
+        run(
+            tmp_path / "run",
+            BenchSettings(("north", "south", "east"), ("nlmap",), maps=MapSettings(WORLD)),
+            QUERIES,
+            Words(),
+        )
+
+
+def test_a_damaged_map_is_made_again(tmp_path: Path) -> None:
+    maps = Maps(tmp_path, MapSettings(WORLD))
+    first = maps.get("south")
+    assert first.folder is not None
+    (first.folder / "home.json").write_text("{")
+    assert maps.get("south").objects == first.objects == ["chair", "mug", "sofa", "table"]
+
+
+def test_nlmap_keeps_what_the_map_holds(maps: Path) -> None:
+    made = Maps(maps, MapSettings(WORLD))
+    homes = [(made.get(name), {t.label.lower() for t in made.world.objects(name)}) for name in ("south", "east")]
+    threshold = nlmap.calibrate(homes, ["chair", "mug", "sofa", "bed", "toaster", "bicycle"])
+    assert 0.5 < threshold < 1
+    south = homes[0][0]
+    assert nlmap.ask(south, "my feet hurt", Words(), threshold=threshold).selection.object == "chair"
+    assert nlmap.ask(south, "I am so tired", Words(), threshold=threshold).selection.status == "absent", (
+        "the bed is in the east"
+    )
+    nothing = nlmap.ask(south, "my feet hurt", Words(), threshold=2.0)
+    assert nothing.selection.status == "absent" and nothing.goal is None
+
+
+def test_ground_truth_may_be_told_to_err(tmp_path: Path) -> None:
+    recording = Maps(tmp_path, MapSettings(WORLD)).world.explore("south")
+    assert "misses 0.5" in specs.detector("ground_truth:misses=0.5,seed=3", recording).name
+    with pytest.raises(InputError, match="after the colon"):
+        specs.detector("ground_truth:lots", recording)
