@@ -11,9 +11,10 @@ import pytest
 import cartier
 from cartier.errors import BackendError, InputError
 from cartier.geometry import box_distance
+from cartier.home import Home
 from cartier.pipeline import map_home
 from cartier.types import Detections, Frame, Selection
-from synthetic import CHAIR, THINGS, TrueBoxes, walk
+from synthetic import CHAIR, THINGS, RoomRecording, TrueBoxes, walk
 
 
 class Says:
@@ -191,3 +192,34 @@ def test_a_failed_save_leaves_the_old_home_and_nothing_else(
         home.save(tmp_path / "home")
     assert {f: f.read_bytes() for f in _files(tmp_path / "home")} == before
     assert [f.name for f in tmp_path.iterdir()] == ["home"]
+
+
+def test_a_home_grows_by_a_second_recording_as_if_both_were_one(tmp_path: Path) -> None:
+    whole = walk()
+    halves = [
+        RoomRecording(whole.poses[:12], THINGS, name="first"),
+        RoomRecording(whole.poses[12:], THINGS, name="second"),
+    ]
+    names = ("object_depth", "object_viewpoint", "vlmaps")
+    map_home(halves[0], TrueBoxes(THINGS), names).save(tmp_path / "home")
+    grown = map_home(halves[1], TrueBoxes(THINGS), onto=Home.load(tmp_path / "home"))
+    grown.save(tmp_path / "home")
+    grown, together = Home.load(tmp_path / "home"), map_home(whole, TrueBoxes(THINGS), names)
+    assert grown.objects == together.objects
+    for index in names:
+        for label in together.objects:
+            mine, theirs = grown.index(index)[1].locate(label), together.index(index)[1].locate(label)
+            assert mine is not None and theirs is not None and mine.frame == theirs.frame
+            np.testing.assert_allclose(mine.position, theirs.position, atol=1e-6)
+            assert grown.keyframe(mine) is not None
+    assert grown.grid is not None and together.grid is not None
+    assert (grown.grid.cells != together.grid.cells).mean() < 0.01, (
+        "only the step from one recording to the other differs"
+    )
+    np.testing.assert_array_equal(grown.detections.frames, together.detections.frames)
+    with pytest.raises(InputError, match="is in first already"):
+        map_home(halves[1], TrueBoxes(THINGS), onto=grown)
+    other = TrueBoxes(THINGS)
+    other.name = "other eyes"
+    with pytest.raises(InputError, match="add with the same detector"):
+        map_home(whole, other, onto=grown)

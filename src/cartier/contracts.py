@@ -102,7 +102,11 @@ class Searchable(Protocol):
 
 
 class Reasoner(Protocol):
-    """Picks the object that serves a person's words. Never returns an object that is not in the list it was given."""
+    """Picks the object that serves a person's words. Never returns an object that is not in the list it was given.
+
+    It may count what it asked of a language model, in running totals ``calls`` and ``tokens``, and have ``notes``, lines
+    about how it came to its latest answer.
+    """
 
     name: str
 

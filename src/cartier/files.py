@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -79,3 +79,26 @@ def recover_folder(target: Path) -> None:
             shutil.rmtree(old)
         else:
             old.replace(target)
+
+
+def read_rows(file: Path, keys: Sequence[str]) -> list[dict[str, Any]]:
+    """The rows of a JSON-lines file that a run appends to; [] if there is none yet.
+
+    A last line that a kill cut short is taken off the file. Raises InputError for a damaged line elsewhere.
+    """
+    if not file.is_file():
+        return []
+    rows, lines = [], file.read_text(encoding="utf-8", errors="replace").splitlines(keepends=True)
+    for number, line in enumerate(lines, start=1):
+        try:
+            row = json.loads(line)
+            if not line.endswith("\n") or any(key not in row for key in keys):
+                raise ValueError
+            rows.append(row)
+        except (ValueError, TypeError):
+            if number < len(lines):
+                raise InputError(
+                    f"{file} line {number} is damaged: delete the line, and the run makes it again"
+                ) from None
+            file.write_text("".join(lines[:-1]), encoding="utf-8")
+    return rows

@@ -23,6 +23,7 @@ from cartier.types import Answer, Camera, Detections, OccupancyGrid, Place
 
 SCHEMA = 1
 MARKER = "home.json"
+COUNTS = "occupancy_counts.npz"
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,6 +49,19 @@ class DetectionLog:
             tuple(labels),
         )
 
+    def followed_by(self, more: DetectionLog) -> DetectionLog:
+        """Both, one after the other."""
+        labels = tuple(sorted({*self.labels, *more.labels}))
+        number = {label: i for i, label in enumerate(labels)}
+        ids = [np.array([number[label] for label in log.labels], np.int32)[log.label_ids] for log in (self, more)]
+        return DetectionLog(
+            np.concatenate([self.frames, more.frames]),
+            np.concatenate([self.boxes_xyxy, more.boxes_xyxy]),
+            np.concatenate([self.scores, more.scores]),
+            np.concatenate(ids),
+            labels,
+        )
+
 
 @dataclass(eq=False)
 class Home:
@@ -64,6 +78,8 @@ class Home:
     settings: Mapping[str, Any]
     keyframes: Mapping[int, bytes] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    counts: Mapping[str, npt.NDArray[Any]] | None = None
+    """What the grid was counted from, so that another recording can be added."""
     folder: Path | None = None
 
     @property
@@ -147,6 +163,9 @@ class Home:
                 index.save(new / "indexes" / name)
             if self.grid is not None:
                 save_map(self.grid, new)
+            if self.counts is not None:
+                arrays: dict[str, Any] = dict(self.counts)
+                np.savez_compressed(new / COUNTS, **arrays)
             (new / "keyframes").mkdir()
             for frame, jpeg in self.keyframes.items():
                 (new / "keyframes" / f"{frame:06d}.jpg").write_bytes(jpeg)
@@ -156,7 +175,7 @@ class Home:
                 {
                     "schema": SCHEMA, "id": self.id, "name": self.name, "detector": self.detector, "labels": list(log.labels),
                     "camera": [camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy],
-                    "indexes": list(self.indexes), "grid": self.grid is not None, "start_xy": list(self.start_xy),
+                    "indexes": list(self.indexes), "grid": self.grid is not None, "counts": self.counts is not None, "start_xy": list(self.start_xy),
                     "robot_radius_m": self.robot_radius_m, "settings": dict(self.settings), "notes": list(self.notes),
                 },
             )  # fmt: skip
@@ -189,6 +208,7 @@ class Home:
                 settings=about["settings"],
                 keyframes=_Keyframes(folder / "keyframes"),
                 notes=tuple(about["notes"]),
+                counts=_load_counts(folder / COUNTS) if about.get("counts") else None,
                 folder=folder,
             )
         except (KeyError, TypeError, ValueError, IndexError) as error:
@@ -212,6 +232,16 @@ class _Keyframes(Mapping[int, bytes]):
 
     def __len__(self) -> int:
         return len(self._files)
+
+
+def _load_counts(file: Path) -> dict[str, npt.NDArray[Any]]:
+    from zipfile import BadZipFile
+
+    try:
+        with np.load(file, allow_pickle=False) as arrays:
+            return dict(arrays)
+    except (OSError, ValueError, EOFError, BadZipFile) as error:
+        raise InputError(f"{file} is missing or damaged ({error}): map the recording again") from error
 
 
 def _load_index(folder: Path, name: str) -> SpatialIndex:

@@ -9,7 +9,9 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -61,6 +63,29 @@ class OccupancyMapper:
         if len(points):
             self._mark(points)
             self._cast(frame, points)
+
+    def counts(self) -> dict[str, npt.NDArray[Any]] | None:
+        """What the grid is made from, so that another recording can be added later; None before the first frame."""
+        if not self._occupied.size:
+            return None
+        return {
+            "occupied": self._occupied, "floor": self._floor, "passed": self._passed, "height_m": self._height_m,
+            "low": self._low, "resolution_m": np.array(self.resolution_m),
+        }  # fmt: skip
+
+    def restore(self, counts: Mapping[str, npt.NDArray[Any]]) -> None:
+        """Go on from ``counts``. Raises InputError if they are none."""
+        try:
+            layers = [counts[name] for name in ("occupied", "floor", "passed")]
+            height, low = counts["height_m"], counts["low"]
+            if any(a.dtype != np.uint32 or a.ndim != 2 or a.shape != height.shape for a in layers) or low.shape != (2,):
+                raise ValueError("arrays of another kind")
+            if height.dtype != np.float16 or float(counts["resolution_m"]) != self.resolution_m:
+                raise ValueError("another resolution")
+        except (KeyError, TypeError, ValueError) as error:
+            raise InputError(f"the counts of the floor plan are damaged ({error}): map the recording again") from error
+        self._occupied, self._floor, self._passed = (layer.copy() for layer in layers)
+        self._height_m, self._low = height.copy(), low.astype(np.int64)
 
     def grid(self) -> OccupancyGrid | None:
         """What is known so far, or None before the first frame."""
@@ -180,9 +205,10 @@ def save_map(grid: OccupancyGrid, folder: Path) -> None:
     rows, cols = grid.cells.shape
     # The first image row is the largest y.
     (folder / "occupancy.pgm").write_bytes(b"P5\n%d %d\n255\n" % (cols, rows) + pixels[::-1].tobytes())
+    # YAML takes 1e-05 for text
+    resolution, x, y = (np.format_float_positional(v, trim="0") for v in (grid.resolution_m, *grid.origin_xy))
     (folder / "occupancy.yaml").write_text(
-        f"image: occupancy.pgm\nmode: trinary\nresolution: {grid.resolution_m!r}\n"
-        f"origin: [{grid.origin_xy[0]!r}, {grid.origin_xy[1]!r}, 0.0]\n"
+        f"image: occupancy.pgm\nmode: trinary\nresolution: {resolution}\norigin: [{x}, {y}, 0.0]\n"
         "negate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n",
         encoding="utf-8",
     )

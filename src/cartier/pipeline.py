@@ -11,6 +11,7 @@ import json
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ from cartier.home import DetectionLog, Home
 from cartier.occupancy import OccupancyMapper
 from cartier.planning import plan
 from cartier.prompts import check_query
-from cartier.types import Answer, Detections, Frame, Goal, Place
+from cartier.types import Answer, Detections, Frame, Goal, Place, Selection
 
 DEFAULT_INDEXES = ("object_depth", "object_viewpoint")
 
@@ -34,42 +35,49 @@ def map_home(
     encoder: str | Encoder = "embedded",
     min_views: int | None = None,
     robot_radius_m: float = 0.2,
+    onto: Home | None = None,
     resume: Path | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Home:
     """Map a recording, one frame in memory at a time.
 
     ``indexes`` are names; by default those that need no encoder and that the recording allows. ``encoder``, for those that
-    need one, is NAME, NAME:MODEL or an Encoder. An object counts where ``min_views`` frames agree
-    on it; by default as many as the detector asks for (``Detector.min_views``). ``resume`` is a file that keeps the detections
+    need one, is NAME, NAME:MODEL or an Encoder. An object counts where ``min_views`` frames agree on it; by default as
+    many as the detector asks for (``Detector.min_views``). ``onto`` is a home that the recording is added to, with poses in
+    that home's frame and by the same detector; its indices and settings stay. ``resume`` is a file that keeps the detections
     of finished frames, so that a killed run does not detect twice. ``progress`` is told (frames done, frames in all).
-    Raises InputError if the recording is empty or broken, or if nothing was detected in it.
+    Raises InputError if the recording is empty or broken, if nothing was detected in it, or if it does not go with ``onto``.
     """
     if not len(recording):
         raise InputError(f"recording {recording.name} holds no frames")
-    views = detector.min_views if min_views is None else min_views
-    built = {name: _index(name, views, encoder) for name in indexes or DEFAULT_INDEXES}
-    mapper = OccupancyMapper(robot_radius_m=robot_radius_m)
-    settings = {"recording": recording.name, "sha256": recording.fingerprint(), "frames": len(recording)}
-    settings |= {"detector": detector.name, "detector_sha256": getattr(detector, "sha256", "")}
-    settings |= {"indexes": list(built), "encoder": None, "min_views": views, "robot_radius_m": robot_radius_m}
+    if onto is None:
+        views = detector.min_views if min_views is None else min_views
+        built = {name: _index(name, views, encoder) for name in indexes or DEFAULT_INDEXES}
+        settings = _settings(recording, detector) | {"indexes": list(built), "encoder": None, "min_views": views}
+        settings |= {"robot_radius_m": robot_radius_m}
+        mapper, first = OccupancyMapper(robot_radius_m=robot_radius_m), 0
+    else:
+        built, settings, mapper, first = _grown(onto, recording, detector)
     log: list[Detections] = []
-    start_xy = (0.0, 0.0)
+    start_xy = onto.start_xy if onto else None
 
     with ExitStack() as stack:
-        detect = stack.enter_context(_remembering(detector, resume, settings)) if resume else detector.detect
+        made_by = _settings(recording, detector)
+        detect = stack.enter_context(_remembering(detector, resume, made_by)) if resume else detector.detect
         for number in range(len(recording)):
             frame = recording[number]
             detections = detect(frame)
+            if first:
+                frame, detections = replace(frame, index=first + number), replace(detections, frame=first + number)
             for index in built.values():
                 index.add(frame, detections)
             if frame.depth_m is not None:
                 mapper.add(frame)
-            if number == 0:
-                start_xy = (float(frame.world_from_camera[0, 3]), float(frame.world_from_camera[1, 3]))
+            start_xy = start_xy or (float(frame.world_from_camera[0, 3]), float(frame.world_from_camera[1, 3]))
             log.append(_without_masks(detections))
             if progress:
                 progress(number + 1, len(recording))
+    assert start_xy is not None
 
     if not any(map(len, log)):
         raise InputError(
@@ -80,18 +88,48 @@ def map_home(
             )
         )
     grid = mapper.grid()
-    notes = [*recording.notes, *getattr(detector, "notes", ())]
+    notes = [*(onto.notes if onto else ()), *recording.notes, *getattr(detector, "notes", ())]
     if grid is None:
         notes.append("the recording has no depth: no occupancy grid, and so no goals")
     for made_with in dict.fromkeys(filter(None, (getattr(index, "encoder", "") for index in built.values()))):
         settings["encoder"] = made_with
         notes.append(f"image features: {made_with}")
     usable = _usable(built, explicit=indexes is not None, notes=notes)
-    keyframes = _keyframes(recording, usable)
+    keyframes = (dict(onto.keyframes) if onto else {}) | _keyframes(recording, usable, first)
+    detected = DetectionLog.of(log)
     return Home(
-        recording.name, detector.name, recording.camera, DetectionLog.of(log), usable, grid, start_xy, robot_radius_m,
-        settings, keyframes, tuple(notes),
+        onto.name if onto else recording.name, detector.name, recording.camera,
+        onto.detections.followed_by(detected) if onto else detected,
+        usable, grid, start_xy, mapper.robot_radius_m, settings, keyframes, tuple(dict.fromkeys(notes)), mapper.counts(),
     )  # fmt: skip
+
+
+def _settings(recording: Recording, detector: Detector) -> dict[str, Any]:
+    made_of = {"recording": recording.name, "sha256": recording.fingerprint(), "frames": len(recording)}
+    return made_of | {"detector": detector.name, "detector_sha256": getattr(detector, "sha256", "")}
+
+
+def _grown(
+    home: Home, recording: Recording, detector: Detector
+) -> tuple[dict[str, SpatialIndex], dict[str, Any], OccupancyMapper, int]:
+    """What a home goes on from: its indices, its settings with one recording more, its floor plan's counts, the next frame."""
+    made_by = _settings(recording, detector)
+    for what in ("detector", "detector_sha256"):
+        if home.settings.get(what) != made_by[what]:
+            raise InputError(
+                f"{home.name} was mapped by {home.detector}, not by {detector.name}: add with the same detector"
+            )
+    added = list(home.settings.get("added", []))
+    if made_by["sha256"] in (home.settings["sha256"], *(row["sha256"] for row in added)):
+        raise InputError(f"{recording.name} is in {home.name} already")
+    if home.grid is not None and home.counts is None:
+        raise InputError(f"{home.name} keeps no counts of its floor plan (an older cartier made it): map it again")
+    mapper = OccupancyMapper(robot_radius_m=home.robot_radius_m)
+    if home.counts:
+        mapper.restore(home.counts)
+    first = int(home.settings["frames"]) + sum(int(row["frames"]) for row in added)
+    row = {name: made_by[name] for name in ("recording", "sha256", "frames")}
+    return dict(home.indexes), dict(home.settings) | {"added": [*added, row]}, mapper, first
 
 
 def ask(
@@ -109,19 +147,41 @@ def ask(
     recording began. Raises InputError for an unusable query, ReasonerError if a language model cannot be reached.
     """
     query = check_query(query)
-    index_name, spatial_index = home.index(index)
+    home.index(index)  # a name that is not there is said before anybody is asked
     timing_ms: dict[str, float] = {}
-    notes: list[str] = []
-
     with _timed(timing_ms, "select"):
         selection = reasoner.select(query, home.objects, dialogue)
-    if selection.object is not None and selection.object not in home.objects:
-        raise BackendError(
-            f"reasoner {reasoner.name} chose {selection.object!r}, which is not in the list it was given"
-        )
+    for chosen in (selection, *selection.then):
+        if chosen.object is not None and chosen.object not in home.objects:
+            raise BackendError(
+                f"reasoner {reasoner.name} chose {chosen.object!r}, which is not in the list it was given"
+            )
+    who = selection.model or reasoner.name  # of a reasoner that hands over to another, the one that answered
+    answer = serve(home, query, selection, who, index=index, from_xy=from_xy, timing_ms=timing_ms)
+    return replace(answer, notes=(*getattr(reasoner, "notes", ()), *answer.notes))
 
-    place: Place | None = None
-    if selection.object is not None:
+
+def serve(
+    home: Home,
+    query: str,
+    selection: Selection,
+    reasoner: str,
+    *,
+    index: str | None = None,
+    place: Place | None = None,
+    from_xy: Sequence[float] | None = None,
+    timing_ms: dict[str, float] | None = None,
+) -> Answer:
+    """From what was chosen to its place and a goal; then, from there, to what was asked for in the same breath.
+
+    ``place`` is where the object is, if that is known already; else the index says it. ``reasoner`` names who chose.
+    """
+    index_name, spatial_index = home.index(index)
+    timing_ms = {} if timing_ms is None else timing_ms
+    from_xy = from_xy or home.start_xy
+    notes: list[str] = []
+
+    if place is None and selection.object is not None:
         with _timed(timing_ms, "locate"):
             place = spatial_index.locate(selection.object)
         if place is None:
@@ -134,15 +194,20 @@ def ask(
         notes.append("no goal: without depth the home has no occupancy grid to plan on")
     elif place is not None and home.grid is not None:
         with _timed(timing_ms, "plan"):
-            goal, why_not = plan(home.grid, place, from_xy or home.start_xy, home.robot_radius_m)
+            goal, why_not = plan(home.grid, place, from_xy, home.robot_radius_m)
         if goal is None:
             notes.append(f"no goal: {why_not}")
         elif not goal.sees:
             notes.append(f"the goal faces the {place.label}, but something known stands in between")
 
+    then, here = [], from_xy if goal is None else (goal.x, goal.y)
+    for further in selection.then:
+        then.append(serve(home, query, further, reasoner, index=index, from_xy=here))
+        if (last := then[-1].goal) is not None:
+            here = (last.x, last.y)
     return Answer(
-        query, selection, place, goal, reasoner.name, index_name, home.detector, home.name, timing_ms, tuple(notes),
-        getattr(spatial_index, "encoder", None),
+        query, selection, place, goal, reasoner, index_name, home.detector, home.name, timing_ms, tuple(notes),
+        getattr(spatial_index, "encoder", None), tuple(then),
     )  # fmt: skip
 
 
@@ -174,15 +239,15 @@ def _usable(built: dict[str, SpatialIndex], explicit: bool, notes: list[str]) ->
     return {name: index for name, index in built.items() if name not in empty}
 
 
-def _keyframes(recording: Recording, indexes: dict[str, SpatialIndex]) -> dict[int, bytes]:
-    """The evidence photos of every place, as JPEG."""
+def _keyframes(recording: Recording, indexes: dict[str, SpatialIndex], first: int) -> dict[int, bytes]:
+    """The evidence photos of every place that this recording shows, as JPEG; its frames count from ``first``."""
     from PIL import Image
 
     places = [index.locate(name) for index in indexes.values() for name in index.names()]
     photos: dict[int, bytes] = {}
-    for frame in sorted({place.frame for place in places if place is not None}):
+    for frame in sorted({place.frame for place in places if place is not None and place.frame >= first}):
         buffer = io.BytesIO()
-        Image.fromarray(recording[frame].rgb).save(buffer, "JPEG", quality=90)
+        Image.fromarray(recording[frame - first].rgb).save(buffer, "JPEG", quality=90)
         photos[frame] = buffer.getvalue()
     return photos
 

@@ -14,6 +14,7 @@ import inspect
 from collections.abc import Callable
 from dataclasses import dataclass
 from difflib import get_close_matches
+from functools import cache
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
@@ -86,6 +87,7 @@ def open_recording(path: str | Path, format: str | None = None, **options: Any) 
     return recording
 
 
+@cache  # opening a recording asks every format
 def _read(kind: str, file: Path) -> Backend:
     tree = ast.parse((file / "__init__.py" if file.is_dir() else file).read_text(encoding="utf-8"))
     extra = next(
@@ -102,6 +104,7 @@ def _read(kind: str, file: Path) -> Backend:
     return Backend(kind, file.stem, (ast.get_docstring(tree) or "").split("\n")[0], str(extra) if extra else None)
 
 
+@cache
 def _entry_points(kind: str) -> EntryPoints:
     from importlib.metadata import entry_points  # 30 ms that "import cartier" need not pay
 
@@ -148,6 +151,13 @@ def _call(kind: str, name: str, function: str, args: tuple[Any, ...], options: d
             )
         parameters = inspect.signature(factory).parameters
         open_ended = any(p.kind is p.VAR_KEYWORD for p in parameters.values())
+        plain = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
+        required = [n for n, p in parameters.items() if p.default is p.empty and p.kind in plain][len(args) :]
+        lacking = [name for name in required if name not in options]
+        if lacking:
+            raise BackendError(
+                f"{name} needs the option {lacking[0]!r}: cartier.make({kind!r}, {name!r}, {lacking[0]}=…)"
+            )
         unknown = [] if open_ended else [o for o in options if o not in parameters]
         if unknown:
             offered = list(parameters)[len(args) :]

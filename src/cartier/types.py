@@ -219,7 +219,8 @@ def _list(values: Sequence[float] | None) -> list[float] | None:
 class Selection:
     """What a reasoner chose. ``object`` is one of the listed names for ``found`` and ``near``, else None.
 
-    ``question`` is what to ask the person when the status is ``clarify``. ``prompt``, ``reply`` and ``model`` are the trace.
+    ``question`` is what to ask the person when the status is ``clarify``. ``then`` are further needs said in the same breath,
+    in the order in which to serve them. ``prompt``, ``reply`` and ``model`` are the trace.
     """
 
     status: Status
@@ -230,6 +231,7 @@ class Selection:
     prompt: str = ""
     reply: str = ""
     model: str = ""
+    then: tuple[Selection, ...] = ()
 
     def __post_init__(self) -> None:
         _need(
@@ -318,6 +320,8 @@ class Answer:
     timing_ms: Mapping[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     encoder: str | None = None
+    then: tuple[Answer, ...] = ()
+    """The answers to further needs in the same words, in order; each goal is planned from where the one before ends."""
 
     def to_dict(self) -> dict[str, Any]:
         """The object that ``cartier ask --json`` prints."""
@@ -328,4 +332,5 @@ class Answer:
             "candidates": [{"object": name, "score": score} for name, score in chosen.candidates],
             "reasoner": self.reasoner, "index": self.index, "encoder": self.encoder, "detector": self.detector,
             "home": self.home, "timing_ms": {step: round(ms, 2) for step, ms in self.timing_ms.items()}, "notes": list(self.notes),
+            "then": [answer.to_dict() for answer in self.then],
         }  # fmt: skip

@@ -1,0 +1,32 @@
+"""The command line: parse, call, print. No logic lives here."""
+
+from __future__ import annotations
+
+import sys
+
+import typer
+
+from cartier.cli import _ask, _bench, _check, _make
+from cartier.errors import CartierError
+
+app = typer.Typer(
+    help="Talk to a mapped home: a recording and a need in, the object that serves it and a reachable pose out.",
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+)
+for group in (_make, _check, _ask, _bench):
+    app.registered_commands += group.app.registered_commands
+
+
+def main() -> None:
+    """Entry point: a user's mistake is one line and exit code 1, anything else keeps its traceback."""
+    try:
+        app()
+    except CartierError as error:
+        print(f"cartier: {error}", file=sys.stderr)
+        sys.exit(1)
+    except BrokenPipeError:
+        sys.stderr.close()
+        sys.exit(0)

@@ -1,0 +1,99 @@
+"""The command that repeats the paper's evaluation: bench."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from cartier import specs
+from cartier.cli._common import AsJson, progress, say
+
+app = typer.Typer()
+
+
+@app.command()
+def bench(
+    output: Annotated[
+        Path, typer.Option("--output", "-o", metavar="RUN", help="The run folder; an interrupted run goes on there.")
+    ],
+    homes: Annotated[
+        str | None, typer.Option(help="Homes of the world, separated by commas. Default: all that it names.")
+    ] = None,
+    methods: Annotated[str | None, typer.Option(help="Methods, separated by commas. Default: all.")] = None,
+    queries: Annotated[
+        str, typer.Option(help="paper, extended, or your own FILE.jsonl with id, type, target, accept, text a line.")
+    ] = "paper",
+    reasoner: Annotated[str, typer.Option(help="Any of 'cartier list', or NAME:MODEL.")] = "embedded",
+    model: Annotated[str | None, typer.Option(help="The language model's name on its server.")] = None,
+    base_url: Annotated[str | None, typer.Option(help="The server's URL; default OPENAI_BASE_URL.")] = None,
+    prompt: Annotated[str | None, typer.Option(help="The language model's prompt: rich (default) or paper.")] = None,
+    detector: Annotated[
+        str, typer.Option(help="As for map; ground_truth:misses=0.3,jitter=0.05 disturbs the truth.")
+    ] = "ground_truth",
+    encoder: Annotated[str, typer.Option(help="As for map.")] = "embedded",
+    world: Annotated[str, typer.Option(help="The simulator: dollhouse, or ai2thor with --homes.")] = "dollhouse",
+    seed: Annotated[int, typer.Option(help="Of exploring, of the detector's faults, and of the random yardstick.")] = 0,
+    maps: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Keep the mapped homes here, for other runs too. Default: RUN/maps."),
+    ] = None,
+    marked: Annotated[
+        Path | None,
+        typer.Option(help="RUN/marking.csv with its column filled in by hand: how far the automatic match agrees."),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Repeat the paper's evaluation: every method, every kind of request, in every home; tables, figures, failures."""
+    from cartier.evaluation import report
+    from cartier.evaluation.maps import Maps, MapSettings
+    from cartier.evaluation.methods import METHODS
+    from cartier.evaluation.queries import SPLITS, load_file, load_queries
+    from cartier.evaluation.run import BenchSettings, run
+
+    made = MapSettings(world, detector, encoder, seed)
+    asked = load_queries(queries) if queries in SPLITS else load_file(queries)
+    where = _names(homes) or tuple(Maps(output, made).world.homes())
+    settings = BenchSettings(where, _names(methods) or tuple(METHODS), queries, made, seed, prompt)
+    mind = specs.reasoner(reasoner, model=model, base_url=base_url, prompt=prompt)
+    with _stages() as step:
+        rows = run(output, settings, asked, mind, maps, step)
+    results = report.write_report(output, Maps(maps or output / "maps", made).photo)
+    if not (output / "marking.csv").exists():  # somebody may have begun to mark it
+        report.export_marking(rows, output / "marking.csv")
+    if marked is not None:
+        agreed = report.agreement(rows, marked)
+        say(f"hand and table agree on {agreed['agree']:.1%} of {agreed['n']} answers (kappa {agreed['kappa']:.2f})")
+    if as_json:
+        print(json.dumps(results))
+        return
+    say(f"{len(rows)} answers by {len(settings.methods)} methods in {len(where)} homes")
+    print(f"read  {output / 'report.md'}\nlook  {output / 'object_match.png'}, {output / 'failures.html'}")
+
+
+def _names(text: str | None) -> tuple[str, ...]:
+    return tuple(name.strip() for name in text.split(",") if name.strip()) if text else ()
+
+
+class _stages:
+    """One progress bar after the other: a home being mapped, then the questions."""
+
+    def __enter__(self) -> Any:
+        self._bar: Any = None
+        self._what, self._step = "", None
+        return self._tell
+
+    def _tell(self, what: str, done: int, total: int) -> None:
+        if what != self._what:
+            self.__exit__()
+            self._bar, self._what = progress("asking" if what == "asking" else f"mapping {what}"), what
+            self._step = self._bar.__enter__()
+        assert self._step is not None
+        self._step(done, total)
+
+    def __exit__(self, *error: Any) -> None:
+        if self._bar is not None:
+            self._bar.__exit__(None, None, None)
+            self._bar = None

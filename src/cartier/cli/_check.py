@@ -1,0 +1,80 @@
+"""Commands that look after recordings: convert, doctor."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from cartier import plugins
+from cartier.cli._common import AsJson, progress, say
+from cartier.errors import CartierError
+
+app = typer.Typer()
+Format = Annotated[str | None, typer.Option("--format", help="The format's name, if the path does not tell it.")]
+
+
+@app.command()
+def convert(
+    source: Annotated[Path, typer.Argument(metavar="IN", help="A recording in any format that 'cartier list' shows.")],
+    output: Annotated[
+        Path, typer.Option("--output", "-o", metavar="OUT", help="The folder to write; it must not exist.")
+    ],
+    format: Format = None,
+) -> None:
+    """Write any recording in cartier's own format: plain images, poses and intrinsics."""
+    from cartier.recordings.folder import save
+
+    recording = plugins.open_recording(source, format)
+    for note in recording.notes:
+        say(note)
+    with progress("converting") as step:
+        save(recording, output, step)
+    print(f"{output}: {len(recording)} frames of {recording.name}")
+    print(f"is it sound?  cartier doctor {output}")
+
+
+@app.command()
+def doctor(
+    source: Annotated[
+        Path, typer.Argument(metavar="RECORDING", help="A recording in any format that 'cartier list' shows.")
+    ],
+    fix: Annotated[bool, typer.Option("--fix", help="Write the mended recording to --output.")] = False,
+    output: Annotated[Path | None, typer.Option("--output", "-o", metavar="OUT", help="Where --fix writes.")] = None,
+    plot: Annotated[Path | None, typer.Option(help="Draw what was found into this picture.")] = None,
+    format: Format = None,
+    as_json: AsJson = False,
+) -> None:
+    """Say what is wrong with a recording's poses, depth and intrinsics, and how to mend it. Exit code 1 if anything is."""
+    from cartier.doctor import Report, draw_report, examine, mend, open_for_doctor
+    from cartier.recordings.folder import save
+
+    if fix and output is None:
+        raise CartierError("--fix needs a folder to write to: cartier doctor RECORDING --fix -o OUT")
+    recording = open_for_doctor(source, format)
+    if isinstance(recording, Report):
+        report = recording
+    else:
+        with progress("looking") as step:
+            report = examine(recording, step)
+        if plot:
+            draw_report(recording, report, plot)
+            say(f"picture: {plot}")
+    if as_json:
+        print(json.dumps(report.to_dict(), ensure_ascii=False))
+    else:
+        print(f"{report.name}: {'sound' if report.ok else f'{len(report.faults)} faults'}")
+        for fault in report.faults:
+            print(f"  {fault.fault}\n    seen  {fault.evidence}\n    mend  {fault.mend}")
+        for note in report.notes:
+            print(f"  note  {note}")
+    if fix and output is not None:
+        if isinstance(recording, Report):
+            raise CartierError(f"{source} cannot be read far enough to be mended by a program: {report.faults[0].mend}")
+        with progress("mending") as step:
+            save(mend(recording, report), output, step)
+        say(f"mended: {output}")
+    elif not report.ok:
+        raise typer.Exit(1)

@@ -1,0 +1,153 @@
+"""Commands that make recordings and homes: demo, record, map, list."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from cartier import plugins, specs
+from cartier.cli._common import AsJson, numbers, progress, say
+from cartier.errors import InputError
+
+app = typer.Typer()
+
+
+@app.command()
+def demo(
+    home: Annotated[
+        str, typer.Option(help="A home of the dollhouse by name, or a number for a generated one.")
+    ] = "kitchen_diner",
+    out: Annotated[
+        Path,
+        typer.Option(
+            "--out", "-o", help="The folder to leave pictures and answers in; an older demo there is replaced."
+        ),
+    ] = Path("cartier-demo"),
+    seed: Annotated[int, typer.Option(help="Another number, another exploration.")] = 0,
+) -> None:
+    """Run the whole line on a built-in home, offline: explore, map, ask three requests, drive there."""
+    from cartier.demo import run
+
+    told = run(home, out, seed, say=print, progress=progress)
+    print(f"\nlook at  {', '.join(str(out / t.picture) for t in told)}")
+    print(f'ask more:    cartier ask {out / "home"} "I\'d like to read a little" --plot answer.png')
+    print("your own:    cartier map RECORDING --detector MODEL.onnx -o HOME      (cartier list shows the formats)")
+
+
+@app.command()
+def record(
+    source: Annotated[
+        str,
+        typer.Argument(
+            metavar="WORLD:HOME", help="For example dollhouse:studio, dollhouse:7 (generated), ai2thor:FloorPlan1."
+        ),
+    ],
+    output: Annotated[
+        Path, typer.Option("--output", "-o", metavar="DIR", help="The folder to write the recording to.")
+    ],
+    seed: Annotated[int, typer.Option(help="Another number, another exploration.")] = 0,
+    sensor: Annotated[bool, typer.Option(help="Disturb depth, image and poses as a real sensor does.")] = False,
+    drive: Annotated[bool, typer.Option("--drive", help="Steer with the keyboard instead of exploring.")] = False,
+) -> None:
+    """Explore a home of a simulator and save the recording."""
+    from cartier.recordings.folder import save
+
+    name, _, home = source.partition(":")
+    world = plugins.make("worlds", name)
+    if not home:
+        raise InputError(f"which home? {name} has {', '.join(world.homes())}: cartier record {name}:HOME -o {output}")
+    options: dict[str, Any] = {"seed": seed} | ({"sensor": True} if sensor else {}) | ({"drive": True} if drive else {})
+    recording = world.explore(home, **options)
+    with progress("saving") as step:
+        save(recording, output, step)
+    print(f"{output}: {len(recording)} frames of {recording.name}")
+    print(f"map it:  cartier map {output} --detector ground_truth -o HOME")
+
+
+@app.command("map")
+def map_command(
+    recording: Annotated[
+        Path, typer.Argument(metavar="RECORDING", help="A recording in any format that 'cartier list' shows.")
+    ],
+    output: Annotated[
+        Path,
+        typer.Option(
+            "--output", "-o", metavar="HOME", help="The folder to write; an older home there is replaced at the end."
+        ),
+    ],
+    detector: Annotated[
+        str,
+        typer.Option(
+            help="FILE.onnx, detections in FILE.json or FILE.jsonl, transformers:MODEL, ./mine.py, or a name from 'cartier list'."
+        ),
+    ],
+    threshold: Annotated[
+        float | None, typer.Option(help="Least score of a detection; each detector has its own default.")
+    ] = None,
+    vocabulary: Annotated[
+        Path | None, typer.Option(help="Text file of names for a zero-shot transformers model; default: LVIS's 1,203.")
+    ] = None,
+    index: Annotated[
+        str | None,
+        typer.Option("--index", help="Indices to build, separated by commas. Default: all that need no encoder."),
+    ] = None,
+    encoder: Annotated[
+        str, typer.Option(help="For the index vlmaps: embedded, or clip:MODEL, lseg:FILE (a folder or a hub id).")
+    ] = "embedded",
+    min_views: Annotated[
+        int | None, typer.Option(help="How many frames must agree on an object; each detector has its own default.")
+    ] = None,
+    radius: Annotated[float, typer.Option(help="Robot radius in metres, for the goals.")] = 0.2,
+    append: Annotated[
+        bool,
+        typer.Option("--append", help="Add to the HOME that is there: poses in the same frame, the same detector."),
+    ] = False,
+    up: Annotated[
+        str | None,
+        typer.Option(help="X,Y,Z: which way is up in the recording's own world, if it is estimated wrongly."),
+    ] = None,
+    floor: Annotated[
+        float | None, typer.Option(help="Height in metres of the floor along up, if it is estimated wrongly.")
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Map a recording: detect objects, build the indices and the floor plan, save a home."""
+    from cartier.home import Home
+    from cartier.pipeline import map_home
+
+    level: dict[str, Any] = {"up": numbers(up, 3, "--up"), "floor_m": floor}
+    source = plugins.open_recording(recording, **{name: value for name, value in level.items() if value is not None})
+    for note in source.notes:
+        say(note)
+    eyes = specs.detector(detector, source, threshold=threshold, vocabulary=vocabulary)
+    names = [name.strip() for name in index.split(",")] if index else None
+    unfinished = output.parent / f".{output.name}.unfinished.jsonl"
+    with progress("mapping") as step:
+        home = map_home(
+            source, eyes, names, encoder=encoder, min_views=min_views, robot_radius_m=radius,
+            onto=Home.load(output) if append else None, resume=unfinished, progress=step,
+        )  # fmt: skip
+    home.save(output)
+    unfinished.unlink(missing_ok=True)
+    if as_json:
+        print(json.dumps({"home": str(output), "id": home.id, "objects": home.objects, "notes": list(home.notes)}))
+    else:
+        print(f"{output}: {len(home.objects)} kinds of object in {len(source)} frames ({home.detector})")
+        print(f'ask it something:  cartier ask {output} "I would love to sit down"')
+
+
+@app.command("list")
+def list_command(as_json: AsJson = False) -> None:
+    """List every backend there is, and what it needs."""
+    rows = [backend for kind in plugins.KINDS for backend in plugins.backends(kind)]
+    if as_json:
+        print(json.dumps([vars(row) for row in rows]))
+        return
+    for kind in dict.fromkeys(row.kind for row in rows):
+        print(kind)
+        for row in (r for r in rows if r.kind == kind):
+            needs = f"  [needs cartier[{row.extra}]]" if row.extra else ""
+            print(f"  {row.name:18} {row.summary}{needs}")
