@@ -1,70 +1,50 @@
-"""Knowledge cards: read from a TOML file, checked, and indexed by their words."""
+"""Knowledge cards: read from TOML files, checked, and found again by the names that people and detectors use."""
 
 from __future__ import annotations
 
-import math
 import re
 import tomllib
-from collections import defaultdict
 from dataclasses import dataclass
-from functools import cache, lru_cache
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 from cartier.errors import InputError
-from cartier.reasoners._words import STOP, name_key, stem, words
+from cartier.reasoners._words import name_key, words
+from cartier.text import display_name
 
-SHIPPED = Path(__file__).with_name("cards.toml")
+SHIPPED = Path(__file__).with_name("cards")
 MAX_BYTES = 8_000_000
-RAREST = 5.0  # idf of a word that one card knows, whatever the number of cards
+MOST_CARDS = 10_000
 FIELDS = {
-    "names": (list, "a list of names"),
-    "phrases": (list, "a list of phrases"),
-    "kind": (str, "a text"),
+    "synonyms": (list, "a list of names"),
+    "uses": (list, "a list of phrases"),
+    "beside": (list, "a list of names"),
     "at_home": (bool, "true or false"),
 }
 
 
 @dataclass(frozen=True)
 class Card:
-    """What one sort of household thing is called and serves; cards of one ``kind`` serve a need alike."""
+    """What one sort of household thing is called, what it is good for, and what it is usually kept next to."""
 
     name: str
-    names: tuple[str, ...]
-    phrases: tuple[str, ...]
-    kind: str
+    synonyms: tuple[str, ...]
+    uses: tuple[str, ...]
+    beside: tuple[str, ...]
     at_home: bool
 
-
-@dataclass(frozen=True)
-class Phrase:
-    """A phrase's telling stems and their summed idf; ``card`` is an index into the deck."""
-
-    card: int
-    text: str
-    stems: tuple[str, ...]
-    mass: float
+    @property
+    def names(self) -> tuple[str, ...]:
+        return (self.name, *self.synonyms)
 
 
 class Deck:
-    """Cards with an inverted index over the stems of their phrases."""
+    """All cards, and the card of any name. ``texts`` are all their names and uses, in order; ``ends[i]`` closes card i's."""
 
     def __init__(self, cards: list[Card]) -> None:
         self.cards = cards
-        self.by_key = {name_key(n): i for i, card in enumerate(cards) for n in (card.name, *card.names)}
-        texts = [(i, text, telling(text)) for i, card in enumerate(cards) for text in card.phrases]
-        knowing: defaultdict[str, set[int]] = defaultdict(set)
-        for i, _, stems in texts:
-            for s in stems:
-                knowing[s].add(i)
-        self.stems = [frozenset().union(*(telling(p) for p in card.phrases)) for card in cards]
-        scale = RAREST / math.log((len(cards) + 1) / 1.5)
-        self.idf = {s: scale * math.log((len(cards) + 1) / (len(known) + 0.5)) for s, known in knowing.items()}
-        self.phrases = [Phrase(i, text, stems, sum(self.idf[s] for s in stems)) for i, text, stems in texts]
-        self.postings: defaultdict[str, list[int]] = defaultdict(list)
-        for p, phrase in enumerate(self.phrases):
-            for s in phrase.stems:
-                self.postings[s].append(p)
+        self.by_key = {name_key(n): i for i, card in enumerate(cards) for n in card.names}
 
     def card_of(self, name: str) -> int | None:
         """The card of a thing by its name, or by the end of its name: a ``blue kitchen chair`` is a chair."""
@@ -73,20 +53,28 @@ class Deck:
         return next((c for c in (self.by_key.get(name_key(name)), *tails) if c is not None), None)
 
 
+@cache
 def bare(name: str) -> str:
-    """A name without its explanation: ``iron_(for_clothing)`` is an ``iron``."""
-    return re.sub(r"\([^)]*\)", " ", name.lower()).strip(" _") or name
-
-
-@lru_cache(maxsize=1 << 14)
-def telling(phrase: str) -> tuple[str, ...]:
-    """The stems of the words that tell something, each once, in their order."""
-    return tuple(dict.fromkeys(stem(w) for w in words(phrase.lower()) if w not in STOP))
+    """A name as people say it, without its explanation: ``iron_(for_clothing)`` is an ``iron``."""
+    return re.sub(r"\([^)]*\)", " ", display_name(name)).strip(" _") or name
 
 
 @cache
 def read_deck(path: Path) -> Deck:
-    """The deck of a card file. Raises InputError with one line when the file is not what it should be."""
+    """The deck of a card file, or of all card files of a folder. Raises InputError with one line when one is faulty."""
+    files = sorted(path.glob("*.toml")) if path.is_dir() else [path]
+    if not files:
+        raise InputError(f"{path}: the folder holds no card file (*.toml)")
+    owner: dict[str, str] = {}
+    cards: list[Card] = []
+    for file in files:
+        cards.extend(_read(file, owner))
+    if len(cards) > MOST_CARDS:
+        raise InputError(f"{path}: holds {len(cards)} cards; at most {MOST_CARDS} are read")
+    return Deck(cards)
+
+
+def _read(path: Path, owner: dict[str, str]) -> list[Card]:
     try:
         if path.stat().st_size > MAX_BYTES:
             raise InputError(f"{path}: a card file holds at most {MAX_BYTES // 1_000_000} MB")
@@ -100,36 +88,10 @@ def read_deck(path: Path) -> Deck:
     except RecursionError as error:
         raise InputError(f"{path}: the card file is nested too deeply") from error
     if not tables:
-        raise InputError(f"{path}: the card file holds no card; the head of {SHIPPED.name} shows what one looks like")
+        raise InputError(f"{path}: the card file holds no card; those in {SHIPPED.name}/ show what one looks like")
     cards = [_card(path, name, fields) for name, fields in tables.items()]
-    _check_names(path, cards)
-    return Deck(cards)
-
-
-def _card(path: Path, name: str, fields: Any) -> Card:
-    where = f"{path}: card {name!r}"
-    if not isinstance(fields, dict):
-        raise InputError(f"{where}: a card is a table with phrases, not a bare value")
-    for field, value in fields.items():
-        if field not in FIELDS:
-            raise InputError(f"{where}: there is no field {field!r}; a card has {', '.join(FIELDS)}")
-        texts = value if isinstance(value, list) else []
-        sort, form = FIELDS[field]
-        if not isinstance(value, sort) or not all(isinstance(t, str) and words(t) for t in texts):
-            raise InputError(f"{where}: {field} must be {form}")
-    phrases = tuple(fields.get("phrases", ()))
-    if not phrases:
-        raise InputError(f"{where}: has no phrases; write 10 to 20 short ones")
-    empty = next((p for p in phrases if not telling(p)), None)
-    if empty is not None:
-        raise InputError(f"{where}: the phrase {empty!r} holds no telling word")
-    return Card(name, tuple(fields.get("names", ())), phrases, fields.get("kind", name), fields.get("at_home", True))
-
-
-def _check_names(path: Path, cards: list[Card]) -> None:
-    owner: dict[str, str] = {}
     for card in cards:
-        for name in (card.name, *card.names):
+        for name in card.names:
             key = name_key(name)
             if key in owner:
                 both = "twice" if owner[key] == card.name else f"that card {owner[key]!r} has already"
@@ -137,3 +99,24 @@ def _check_names(path: Path, cards: list[Card]) -> None:
                     f"{path}: card {card.name!r} has the name {name!r} {both}; each name belongs to one card"
                 )
             owner[key] = card.name
+    return cards
+
+
+def _card(path: Path, name: str, fields: Any) -> Card:
+    where = f"{path}: card {name!r}"
+    if not isinstance(fields, dict):
+        raise InputError(f"{where}: a card is a table with uses, not a bare value")
+    if not words(name.lower()):
+        raise InputError(f"{where}: the name of a card holds letters or digits")
+    for field, value in fields.items():
+        if field not in FIELDS:
+            raise InputError(f"{where}: there is no field {field!r}; a card has {', '.join(FIELDS)}")
+        texts = value if isinstance(value, list) else []
+        sort, form = FIELDS[field]
+        if not isinstance(value, sort) or not all(isinstance(t, str) and words(t.lower()) for t in texts):
+            raise InputError(f"{where}: {field} must be {form}")
+    uses = tuple(fields.get("uses", ()))
+    if not uses:
+        raise InputError(f"{where}: has no uses; write 10 to 20 short phrases")
+    names = tuple(fields.get("synonyms", ()))
+    return Card(name, names, uses, tuple(fields.get("beside", ())), fields.get("at_home", True))

@@ -1,12 +1,12 @@
-"""What was said: sentences by how much they count, words that are negated, and the names of things that occur."""
+"""What was said: its words, sentence by sentence, which of them are negated, and the names of things that occur."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Container, Iterator
+from collections.abc import Callable, Container, Iterator
 from typing import NamedTuple
 
-from cartier.reasoners._words import STOP, name_key, sentences, words
+from cartier.reasoners._words import STOP, name_key, plain, words
 
 ASKED_FOR, MENTIONED = 0.95, 0.4  # how strongly a name that is asked for, or merely occurs, speaks for its thing
 LONGEST_NAME = 4  # words
@@ -35,68 +35,117 @@ USELESS = re.compile(
     r"(?:is|are|was|s)(?: \w+)? (?:broken|dirty|empty|taken|occupied|dead|blocked|clogged)\b"
     r"|(?:does not|doesn t|will not|won t|do not|don t) work|(?:is not|isn t|are not|aren t) working"
 )
+TOKEN = re.compile(r"[^\W_]+|[^\w\s]|_|\n")
+ENDS = frozenset(".!?;:\n")
 
 
 class Sentence(NamedTuple):
-    """The words of one sentence and how much it counts (0 to 1); for each word where its clause starts, and if it is negated."""
+    """The words of one sentence and how much it counts (0 to 1).
+
+    For each word ``at`` is its place among the tokens, ``clauses`` where its clause starts, ``negated`` if it is negated.
+    """
 
     words: list[str]
+    at: list[int]
     clauses: list[int]
     negated: list[bool]
     weight: float
 
 
+class Heard(NamedTuple):
+    """A request: its tokens (words and punctuation, lower-case) and its sentences that tell something."""
+
+    tokens: list[str]
+    sentences: list[Sentence]
+
+
 class Mention(NamedTuple):
-    """A name that occurred: its key, the words as said, how strongly it was asked for, whether it was turned down."""
+    """A name that occurred: its key, as said, how strongly it was asked for, whether it was turned down, and its tokens."""
 
     key: str
     said: str
     score: float
     unwanted: bool
+    start: int
+    end: int
+    last: bool
 
 
-def listen(text: str, importance: float = 1.0) -> list[Sentence]:
+def listen(text: str, correct: Callable[[str], str] = str) -> Heard:
     """Sentences of a request; the last, and those that wish for something, count more than stories of the past."""
+    tokens = [t if t == "\n" else correct(t) for t in TOKEN.findall(plain(text[-MOST_CHARACTERS:]))]
+    parts: list[list[int]] = [[]]
+    for i, token in enumerate(tokens):
+        if token in ENDS:
+            parts.append([])
+        elif token[0].isalnum() or token == ",":
+            parts[-1].append(i)
+    parts = [p for p in parts if any(tokens[i] not in STOP and tokens[i] != "," for i in p)]
     heard = []
-    parts = [p for p in sentences(text[-MOST_CHARACTERS:]) if not all(w in STOP for w in words(p))]
-    for i, part in enumerate(parts):
-        plain = " ".join(words(part))
-        wish = bool(WISH.search(plain))
-        weight = 1.0 if i == len(parts) - 1 else 0.93 if wish else 0.72 + 0.18 * i / len(parts)
-        if PAST.search(plain) and not wish:
+    for n, part in enumerate(parts):
+        said = " ".join(tokens[i] for i in part if tokens[i] != ",")
+        wish = bool(WISH.search(said))
+        weight = 1.0 if n == len(parts) - 1 else 0.93 if wish else 0.72 + 0.18 * n / len(parts)
+        if PAST.search(said) and not wish:
             weight *= 0.7
-        heard.append(_sentence(part, weight * importance))
-    return heard
+        heard.append(_sentence(tokens, part, weight))
+    return Heard(tokens, heard)
 
 
-def _sentence(text: str, weight: float) -> Sentence:
+def _sentence(tokens: list[str], part: list[int], weight: float) -> Sentence:
     """A negation reaches a few words further in its clause, not into the next."""
-    sentence = Sentence([], [], [], weight)
-    for clause in re.split(r",|\bbut\b|\bbecause\b|\band then\b", text):
-        here = words(clause)
+    sentence = Sentence([], [], [], [], weight)
+    for clause in _clauses(tokens, part):
+        here = [tokens[i] for i in clause]
         found = NEGATION.search(" ".join(here))
         first = len(" ".join(here)[: found.end()].split()) if found else len(here)
         sentence.clauses.extend([len(sentence.words)] * len(here))
         sentence.negated.extend(first <= i < first + NEGATION_REACHES for i in range(len(here)))
         sentence.words.extend(here)
+        sentence.at.extend(clause)
     return sentence
 
 
-def mentions(sentence: Sentence, known: Container[str]) -> Iterator[Mention]:
-    """The known names in a sentence, longest first at each place: in ``toilet paper`` there is no ``toilet``."""
+def _clauses(tokens: list[str], part: list[int]) -> Iterator[list[int]]:
+    clause: list[int] = []
+    for i, after in zip(part, [*part[1:], None], strict=True):
+        if tokens[i] in (",", "but", "because") or (tokens[i] == "and" and after and tokens[after] == "then"):
+            yield clause
+            clause = []
+        if tokens[i] != ",":
+            clause.append(i)
+    yield clause
+
+
+def mentions(heard: Heard, known: Container[str]) -> Iterator[Mention]:
+    """The known names in a request, longest first at each place: in ``toilet paper`` there is no ``toilet``."""
+    for sentence in heard.sentences:
+        yield from _mentions(sentence, known, sentence is heard.sentences[-1])
+
+
+def _mentions(sentence: Sentence, known: Container[str], last: bool) -> Iterator[Mention]:
+    said = sentence.words
     i, free_from, strength = 0, 0, 0.0
-    while i < len(sentence.words):
-        for end in range(min(i + LONGEST_NAME, len(sentence.words)), i, -1):
-            part = sentence.words[i:end]
-            key = name_key(" ".join(part))
-            if key in known and not all(w in STOP for w in part):
-                if not (strength and free_from < i and JOINING.issuperset(sentence.words[free_from:i])):
-                    strength = _asked_for(sentence.words, max(free_from, sentence.clauses[i]), i, end) * sentence.weight
-                yield Mention(key, " ".join(part), strength, sentence.negated[i] or _useless(sentence.words, i, end))
+    while i < len(said):
+        for end in range(min(i + LONGEST_NAME, len(said)), i, -1):
+            key = _key(said[i:end])
+            if key in known and not all(w in STOP for w in said[i:end]):
+                if not (strength and free_from < i and JOINING.issuperset(said[free_from:i])):
+                    strength = _asked_for(said, max(free_from, sentence.clauses[i]), i, end) * sentence.weight
+                unwanted = sentence.negated[i] or _useless(said, i, end)
+                where = sentence.at[i], sentence.at[end - 1] + 1
+                yield Mention(key, " ".join(said[i:end]), strength, unwanted, *where, last)
                 i = free_from = end
                 break
         else:
             i += 1
+
+
+def _key(part: list[str]) -> str:
+    """The key of a name as said; a ``box of tissues`` is a tissue box."""
+    if len(part) >= 3 and part[1] in ("of", "for"):
+        part = [*part[2:], part[0]]
+    return name_key(" ".join(part))
 
 
 def _asked_for(said: list[str], free_from: int, start: int, end: int) -> float:

@@ -1,4 +1,4 @@
-"""Words for lexical matching: sentences, stems, the words that tell nothing, and keys under which names are equal."""
+"""Words for lexical matching: plain letters, stems, the words that tell nothing, and keys under which names are equal."""
 
 from __future__ import annotations
 
@@ -7,11 +7,10 @@ import unicodedata
 from functools import lru_cache
 
 
-def sentences(text: str) -> list[str]:
-    """Lower-case sentences in plain letters; commas stay inside."""
-    plain = unicodedata.normalize("NFKD", text.lower().replace("’", "'"))
-    plain = "".join(c for c in plain if not unicodedata.combining(c))
-    return [s for s in re.split(r"[.!?;:\n]+", plain) if s.strip()]
+def plain(text: str) -> str:
+    """Lower-case text in plain letters."""
+    folded = unicodedata.normalize("NFKD", text.lower().replace("’", "'"))
+    return "".join(c for c in folded if not unicodedata.combining(c))
 
 
 def words(text: str) -> list[str]:
@@ -78,7 +77,7 @@ def singular(word: str) -> str:
 @lru_cache(maxsize=1 << 14)
 def name_key(name: str) -> str:
     """What names that mean the same share: ``Bath Tubs``, ``bath-tub`` and ``bathtub`` all give ``bathtub``."""
-    parts = [singular(w) for w in words(" ".join(sentences(name)))]
+    parts = [singular(w) for w in words(plain(name))]
     if len(parts) > 1 and parts[-1] == "glasses":  # alone they are spectacles
         parts[-1] = "glass"
     return "".join(parts)

@@ -1,0 +1,128 @@
+"""The knowledge cards: those that ship are whole, faulty ones get one line, and your own are used."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from held_out import COCO
+
+from cartier.errors import InputError
+from cartier.reasoners import embedded
+from cartier.reasoners._cards import SHIPPED, read_deck
+from cartier.reasoners._knowledge import shipped, text_key
+from cartier.reasoners._spelling import Spelling
+from cartier.reasoners._words import name_key, stem
+from cartier.text import display_name
+
+
+def test_every_shipped_card_is_whole() -> None:
+    deck = read_deck(SHIPPED)
+    at_home = [card for card in deck.cards if card.at_home]
+    assert len(at_home) >= 800
+    assert all(10 <= len(set(card.uses)) == len(card.uses) <= 20 for card in at_home)
+    assert [b for card in at_home for b in card.beside if deck.card_of(b) is None] == []
+
+
+def test_every_text_of_the_cards_has_its_vector() -> None:
+    """Else the first request waits until they are encoded: run tools/train_scorer.py after editing cards."""
+    known, _, _ = shipped()
+    texts = [text for card in read_deck(SHIPPED).cards for text in (*card.names, *card.uses)]
+    assert [text for text in texts if text_key(text) not in known] == []
+
+
+def test_every_household_type_of_coco_and_thor_has_a_card(shared: Path) -> None:
+    deck = read_deck(SHIPPED)
+    thor = json.loads((shared / "reference" / "thor_object_types.json").read_text())
+    no_thing = {"ContainerFull", "Dirt", "MiscTableObject", "MassObjectSpawner", "TargetCircle", "Floor", "ScreenFrame"}
+    no_thing |= {"PaintingHangerSmall", "PaintingHangerMedium", "PaintingHangerLarge"}
+    coco = "bench tie suitcase handbag cat dog bed toilet donut|hot dog|teddy bear|hair drier|remote|pizza|broccoli"
+    wanted = [n for n in thor["SimObjType"] + thor["seen_elsewhere"] if n not in no_thing]
+    wanted += COCO + [n for part in coco.split("|") for n in (part.split() if part.startswith("bench") else [part])]
+    assert [n for n in wanted if deck.card_of(display_name(n)) is None] == []
+
+
+@pytest.mark.parametrize(
+    ("text", "fault"),
+    [
+        ("[chair]\nuses = [", "not valid TOML"),
+        ('[chair]\nsynonyms = ["seat"]', "card 'chair': has no uses"),
+        ("[chair]\nuses = []", "card 'chair': has no uses"),
+        ('[chair]\nuses = ["sit down"]\nsynonyms = ["a", "A"]', "card 'chair' has the name 'A' twice"),
+        ('["arm chair"]\nuses = ["sit"]\n[armchair]\nuses = ["sit"]', "that card 'arm chair' has already"),
+        ("[chair]\nuses = ['sit']\n[chair]\nuses = ['sit']", "not valid TOML"),
+        ('[chair]\nuses = "sit down"', "card 'chair': uses must be a list of phrases"),
+        ('[chair]\nuses = ["sit", 3]', "card 'chair': uses must be a list of phrases"),
+        ('[chair]\nuses = ["?!"]', "card 'chair': uses must be a list of phrases"),
+        ('[chair]\nuses = ["sit"]\nuse = ["sit"]', "there is no field 'use'"),
+        ('[chair]\nuses = ["sit"]\nat_home = 1', "at_home must be true or false"),
+        ('["?"]\nuses = ["sit"]', "the name of a card holds letters or digits"),
+        ("chair = 3", "a card is a table with uses, not a bare value"),
+        ("", "holds no card"),
+        ("chair = " + "[" * 5000, "nested too deeply"),
+    ],
+)
+def test_a_faulty_card_file_gets_one_line(tmp_path: Path, text: str, fault: str) -> None:
+    file = tmp_path / "cards.toml"
+    file.write_text(text)
+    with pytest.raises(InputError) as error:
+        embedded.make(cards=file)
+    assert fault in str(error.value) and str(file) in str(error.value) and "\n" not in str(error.value)
+
+
+def test_a_name_belongs_to_one_card_of_all_files(tmp_path: Path) -> None:
+    (tmp_path / "a.toml").write_text('[chair]\nuses = ["sit"]\n')
+    (tmp_path / "b.toml").write_text('[stool]\nuses = ["perch"]\nsynonyms = ["Chairs"]\n')
+    with pytest.raises(InputError, match=r"b\.toml: card 'stool' has the name 'Chairs' that card 'chair' has already"):
+        embedded.make(cards=tmp_path)
+
+
+def test_a_card_file_that_cannot_be_read_gets_one_line(tmp_path: Path) -> None:
+    (tmp_path / "latin1.toml").write_bytes(b"# \xe9\n")
+    (tmp_path / "empty").mkdir()
+    for file in (tmp_path / "none.toml", tmp_path / "empty", tmp_path / "latin1.toml"):
+        with pytest.raises(InputError, match="card file") as error:
+            embedded.make(cards=file)
+        assert "\n" not in str(error.value)
+
+
+def test_your_own_cards_are_used(tmp_path: Path) -> None:
+    (tmp_path / "mine.toml").write_text('[theremin]\nuses = ["eerie music", "wave my hands in the air"]\n')
+    mine = embedded.make(cards=tmp_path / "mine.toml")
+    assert mine.select("some eerie music, please", ["cup", "theremin"]).object == "theremin"
+
+
+@pytest.mark.parametrize(
+    "alike",
+    [
+        "sleepy sleeping slept asleep",
+        "plate plates",
+        "bleeding bled blood",
+        "smelly smell",
+        "tired tiring",
+        "wrinkled wrinkly",
+        "dirty filthy",
+    ],
+)
+def test_stems(alike: str) -> None:
+    assert len({stem(word) for word in alike.split()}) == 1
+
+
+def test_name_keys() -> None:
+    assert name_key("Bath Tubs") == name_key("bath-tub") == name_key("bathtub")
+    assert name_key("paintings") == name_key("painting") != name_key("paint")
+
+
+@pytest.mark.parametrize(
+    ("typed", "meant"),
+    [("cofee", "coffee"), ("curtian", "curtain"), ("stov", "stove"), ("umberella", "umbrella"), ("teh", "the")],
+)
+def test_slips_of_the_keyboard(typed: str, meant: str) -> None:
+    spelling = Spelling({"sweep", "dont"}, ["the", "coffee", "curtain", "stove", "umbrella"], ["morning"])
+    assert spelling(typed) == meant and spelling(meant) == meant
+
+
+@pytest.mark.parametrize("word", ["sweeping", "dont", "mine", "storm", "a", "", "über", "3rd", "x" * 50])
+def test_words_that_are_no_slips_stay(word: str) -> None:
+    assert Spelling({"sweep", "storm"}, ["the", "stove"], ["morning"])(word) == word

@@ -1,0 +1,138 @@
+"""What a reasoner made of requests that validate: the outcomes, the table of them, and the fit of when it is sure."""
+
+from __future__ import annotations
+
+import json
+import random
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+from _scorer_requests import Homes, Request
+
+from cartier.reasoners.embedded import Embedded
+
+LISTS = 3  # for each request, in which something serves; and one more in which nothing does
+SERVED = ("explicit", "implicit", "conversational")
+WEIGHTS = {"nothing": 3.0, "removed": 0.15}
+"""Of outcomes where nothing serves, against 1 where something does. What is left of a list without the right things may
+still serve in somebody's eyes, so that counts little."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of one request over one list. ``serves`` is False where the list held nothing that serves.
+
+    ``goals`` and ``right`` are what was chosen, and whether it was that; ``top`` is whether the most probable thing serves.
+    """
+
+    text: str
+    style: str
+    kind: str
+    serves: bool
+    status: str
+    goals: tuple[str, ...]
+    right: bool
+    top: bool
+    wanted: tuple[str, ...]
+    candidates: tuple[tuple[str, float], ...]
+    evidence: tuple[float, ...]
+
+
+def put(mind: Embedded, requests: list[Request], homes: Homes) -> list[Outcome]:
+    """Every request put to a reasoner with a few lists."""
+    found = []
+    for request in requests:
+        for number in range(LISTS + 1):
+            serves = number < LISTS and request.kind != "nothing"
+            names = homes.sample(request, random.Random(f"{request.text}{number}"), serves)
+            found.append(_outcome(mind, request, names, serves))
+    return found
+
+
+def _outcome(mind: Embedded, request: Request, names: list[str], serves: bool) -> Outcome:
+    chosen = mind.select(request.text, names)
+    goals = tuple(part.object for part in (chosen, *chosen.then) if part.object is not None)
+    evidence = mind.evidence(request.text, names)
+    cards = [mind.deck.card_of(goal) for goal in goals]
+    first = mind.deck.card_of(chosen.candidates[0][0]) if chosen.candidates else None
+    return Outcome(
+        text=request.text,
+        style=request.style,
+        kind=request.kind,
+        serves=serves,
+        status=chosen.status,
+        goals=goals,
+        right=len(cards) == len(request.needs) and all(c in n for c, n in zip(cards, request.needs, strict=True)),
+        top=bool(request.needs) and first in request.needs[0],
+        wanted=tuple(mind.deck.cards[need[0]].name for need in request.needs),
+        candidates=chosen.candidates[:3],
+        evidence=() if evidence is None else tuple(evidence.tolist()),
+    )
+
+
+def fit_sure(outcomes: list[Outcome]) -> dict[str, list[float]]:
+    """A logistic judgement of whether the best of a list serves, fitted to where it did and where nothing could."""
+    used = [o for o in outcomes if o.evidence and o.kind != "several" and (o.top or not o.serves)]
+    x = np.array([o.evidence for o in used])
+    y = np.array([float(o.serves) for o in used])
+    weight = np.array([1.0 if o.serves else WEIGHTS["nothing" if o.kind == "nothing" else "removed"] for o in used])
+    mean, spread = x.mean(0), x.std(0)
+    z = np.c_[(x - mean) / spread, np.ones(len(x))]
+    w = np.zeros(z.shape[1])
+    for _ in range(50):  # Newton's steps on a convex loss
+        p = 1 / (1 + np.exp(-z @ w))
+        slope = z.T @ (weight * (p - y)) + 0.01 * w
+        w -= np.linalg.solve((z * (weight * p * (1 - p))[:, None]).T @ z + 0.01 * np.eye(len(w)), slope)
+    return {"mean": mean.tolist(), "spread": spread.tolist(), "weight": w[:-1].tolist(), "bias": w[-1:].tolist()}
+
+
+def table(outcomes: list[Outcome], reserved: tuple[str, ...]) -> str:
+    """Per style and kind: how often the choice was right; and what became of requests that nothing serves."""
+    lines = [
+        "| style | explicit | implicit | conversational | best guess: implicit | conversational | asked back | nothing: a goal |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    styles = sorted({o.style for o in outcomes})
+    rows = [(s, [o for o in outcomes if o.style == s]) for s in (*reserved, *(s for s in styles if s not in reserved))]
+    kept = [o for o in outcomes if o.style in reserved]
+    rows[len(reserved) : len(reserved)] = [("**these four**", kept)]
+    for name, some in (*rows, ("**all**", outcomes)):
+        cells = [_share(some, kind, lambda o: o.right) for kind in SERVED]
+        cells += [_share(some, kind, lambda o: o.top) for kind in SERVED[1:]]
+        served = [o for o in some if o.serves and o.kind in SERVED]
+        cells.append(_percent([o.status == "clarify" for o in served]))
+        cells.append(_percent([bool(o.goals) for o in some if o.kind == "nothing"]))
+        lines.append(f"| {name} | {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def summary(outcomes: list[Outcome]) -> str:
+    """One line each about several needs, and about lists from which all that serves was taken."""
+    several = [o.right for o in outcomes if o.kind == "several" and o.serves]
+    lines = [f"- several needs in one breath, all goals right and in order: {_percent(several)} %"]
+    for kind in SERVED:
+        removed = [o for o in outcomes if o.kind == kind and not o.serves]
+        shares = {s: _percent([o.status == s for o in removed]) for s in ("absent", "near", "clarify", "found")}
+        lines.append(
+            f"- {kind}, all that serves taken from the list: " + ", ".join(f"{s} {p} %" for s, p in shares.items())
+        )
+    return "\n".join(lines)
+
+
+def _share(outcomes: list[Outcome], kind: str, good: Callable[[Outcome], bool]) -> str:
+    return _percent([good(o) for o in outcomes if o.kind == kind and o.serves])
+
+
+def _percent(values: list[bool]) -> str:
+    return f"{100 * float(np.mean(values)):.0f}" if values else ""
+
+
+def write(outcomes: list[Outcome], file: Path) -> None:
+    file.write_text("".join(json.dumps(asdict(o)) + "\n" for o in outcomes), encoding="utf-8")
+
+
+def read(file: Path) -> list[Outcome]:
+    rows = map(json.loads, file.read_text(encoding="utf-8").splitlines())
+    return [Outcome(**row) for row in rows]

@@ -1,0 +1,191 @@
+"""Train the learned scorer of the embedded reasoner: ``python tools/train_scorer.py MINILM REFERENCE [--validate]``.
+
+MINILM is the folder with model.safetensors of all-MiniLM-L6-v2 (see build_text_encoder.py); REFERENCE holds
+thor_object_types.json and lvis_v1_categories.json, from which lists of objects are drawn. Needs torch, onnx, safetensors.
+
+``--validate`` holds back whole styles in turn, puts their requests to a reasoner that learned from the other styles, writes
+the table of docs/embedded.md, and fits to these answers when to say that nothing serves. Without it, the scorer learns from
+all requests and is written into the package, with the vectors of the cards.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import random
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+import torch
+from _scorer_network import NOWHERE, Network, save, save_vectors
+from _scorer_report import Outcome, fit_sure, put, summary, table, write
+from _scorer_requests import Homes, Request, Sample, Variations, read_requests
+from safetensors.numpy import load_file
+
+from cartier.reasoners._cards import SHIPPED, read_deck
+from cartier.reasoners._scorer import SHIPPED as PACKAGE
+from cartier.reasoners._scorer import Scorer
+from cartier.reasoners.embedded import Embedded
+
+PASSES, BATCH, NAMES = 3, 32, 1000
+RATE, HEAD_RATE, DECAY = 3e-4, 3e-3, 0.01
+WARM_UP = 40  # steps
+SEEDS = (0,)  # of trainings from one start, whose weights are averaged
+RESERVED = ("grumpy", "hosts", "others_past", "transcript")  # never looked at while the design was chosen
+FOLDS = 5
+SURE = Path(__file__).parent / "scorer_sure.json"
+DOCS = Path(__file__).parents[1] / "docs/embedded.md"
+
+
+class Trainer:
+    """Trains networks on requests, their variations, and the uses of the cards."""
+
+    def __init__(self, minilm: Path, reference: Path) -> None:
+        raw = load_file(minilm / "model.safetensors")
+        self.weights = {k.removeprefix("bert."): v for k, v in raw.items() if v.dtype.kind == "f"}
+        self.deck = read_deck(SHIPPED)
+        self.scorer = Scorer(self.deck)
+        self.homes = Homes(self.deck, reference)
+        self.requests = read_requests(self.deck)
+        self.near = _near(self.scorer)
+
+    def train(self, requests: list[Request]) -> Network:
+        """The average of a few networks that differ only in the order and the variations of what they saw."""
+        torch.manual_seed(0)
+        start = Network(self.weights, self.scorer).state_dict()
+        trained = []
+        for seed in SEEDS:
+            network = Network(self.weights, self.scorer)
+            network.load_state_dict(start)
+            self._train(network, requests, seed)
+            trained.append(network.state_dict())
+        network.load_state_dict({k: torch.stack([t[k] for t in trained]).mean(0) for k in start})
+        return network.eval()
+
+    def _train(self, network: Network, requests: list[Request], seed: int) -> None:
+        torch.manual_seed(seed)
+        rng = random.Random(seed)
+        network.train()
+        body = [p for p in network.weights.values() if p.requires_grad]
+        head = [p for name, p in network.named_parameters() if not name.startswith("weights.")]
+        optimiser = torch.optim.AdamW([{"params": body}, {"params": head}], weight_decay=DECAY)
+        passes = Variations(requests, self.deck, self.homes, self.near).passes(PASSES, NAMES, rng)
+        batches = [batch for samples in passes for batch in _batches(samples, rng)]
+        choice = Choice(self.scorer, self.homes, rng)
+        losses: list[float] = []
+        for step, batch in enumerate(batches):
+            slope = min((step + 1) / WARM_UP, 1) * max(1 - step / len(batches), 0.02)
+            for group, rate in zip(optimiser.param_groups, (RATE, HEAD_RATE), strict=True):
+                group["lr"] = rate * slope
+            loss = choice.loss(network, batch)
+            optimiser.zero_grad()
+            loss.backward()
+            torch.nn.utils.clip_grad_norm_(body, 1.0)
+            optimiser.step()
+            losses.append(loss.item())
+            if step % 100 == 99 or step == len(batches) - 1:
+                print(f"seed {seed}, step {step + 1} of {len(batches)}: loss {np.mean(losses[-100:]):.3f}", flush=True)
+
+    def validate(self) -> list[Outcome]:
+        """Outcomes for every request, from reasoners that learned from other styles only."""
+        styles = sorted({r.style for r in self.requests} - set(RESERVED))
+        outcomes = []
+        for held in (RESERVED, *(styles[i :: FOLDS - 1] for i in range(FOLDS - 1))):
+            with tempfile.TemporaryDirectory() as folder:
+                network = self.train([r for r in self.requests if r.style not in held])
+                save(network, Path(folder), read_sure())
+                mind = Embedded(self.deck, Scorer(self.deck, Path(folder)))
+                outcomes += put(mind, [r for r in self.requests if r.style in held], self.homes)
+        return outcomes
+
+
+class Choice:
+    """The loss: how surprising the right card is among those of a list drawn by chance, and nothing."""
+
+    def __init__(self, scorer: Scorer, homes: Homes, rng: random.Random) -> None:
+        self.count, self.rng = len(scorer.deck.cards), rng
+        self.common, self.further = torch.zeros(self.count), torch.zeros(self.count)
+        self.further[[card for card, _ in homes.lvis]] = 0.05
+        self.common[[card for card, _ in homes.thor]] = 1.0
+
+    def loss(self, network: Network, batch: list[Sample]) -> torch.Tensor:
+        logits, nothing = network(batch)
+        share = torch.where(torch.rand(len(batch), 1) < 0.6, 0.4, 0.15)
+        listed = torch.rand(len(batch), self.count) < torch.maximum(self.common * share, self.further)
+        right = torch.zeros(len(batch), self.count + 1, dtype=torch.bool)
+        for row, sample in enumerate(batch):
+            if sample.right:
+                right[row, list(sample.right)] = True
+                listed[row, self.rng.choice(sample.right)] = True
+            else:
+                right[row, -1] = True
+            if sample.avoid and self.rng.random() < 0.8:
+                listed[row, list(sample.avoid)] = True
+            listed[row, list(sample.unlisted)] = False
+        listed = torch.cat([listed, torch.ones(len(batch), 1, dtype=torch.bool)], 1)
+        everything = torch.cat([logits, nothing[:, None]], 1)
+        of_all = torch.logsumexp(everything.masked_fill(~listed, NOWHERE), 1)
+        return (of_all - torch.logsumexp(everything.masked_fill(~(listed & right), NOWHERE), 1)).mean()
+
+
+def _near(scorer: Scorer) -> list[list[int]]:
+    """For each card the 24 that are most alike."""
+    knowledge = scorer.knowledge
+    means = np.add.reduceat(knowledge.uses, knowledge.use_starts)
+    means = means / np.linalg.norm(means, axis=1, keepdims=True) + knowledge.names[knowledge.name_starts]
+    means /= np.linalg.norm(means, axis=1, keepdims=True)
+    order: list[list[int]] = np.argsort(-(means @ means.T), axis=1)[:, 1:25].tolist()
+    return order
+
+
+def _batches(samples: list[Sample], rng: random.Random) -> list[list[Sample]]:
+    """Samples of about the same length together, the batches in any order."""
+    ordered = sorted(samples, key=lambda s: len(s.text) + rng.random() * 20)
+    batches = [ordered[i : i + BATCH] for i in range(0, len(ordered), BATCH)]
+    rng.shuffle(batches)
+    return batches
+
+
+def read_sure() -> dict[str, list[float]]:
+    """The judgement of when it is sure, as the latest validation left it."""
+    found: dict[str, list[float]] = json.loads(SURE.read_text(encoding="utf-8"))
+    return found
+
+
+def write_docs(outcomes: list[Outcome]) -> None:
+    """Put the table between its marks into docs/embedded.md."""
+    begin, end = "<!-- table -->", "<!-- end of table -->"
+    text = DOCS.read_text(encoding="utf-8")
+    before, after = text.split(begin)[0], text.split(end)[1]
+    report = f"{table(outcomes, RESERVED)}\n\n{summary(outcomes)}"
+    print(report)
+    DOCS.write_text(f"{before}{begin}\n{report}\n{end}{after}", encoding="utf-8")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("minilm", type=Path)
+    parser.add_argument("reference", type=Path)
+    parser.add_argument(
+        "--validate", action="store_true", help="hold styles back and report, instead of writing the scorer"
+    )
+    parser.add_argument("--outcomes", type=Path, help="a file to keep every outcome of --validate in")
+    options = parser.parse_args()
+    torch.set_num_threads(1)
+    trainer, begin = Trainer(options.minilm, options.reference), time.time()
+    if options.validate:
+        outcomes = trainer.validate()
+        SURE.write_text(json.dumps(fit_sure(outcomes), indent=1) + "\n", encoding="utf-8")
+        if options.outcomes:
+            write(outcomes, options.outcomes)
+        write_docs(outcomes)
+    else:
+        save(trainer.train(trainer.requests), PACKAGE, read_sure())
+        save_vectors(trainer.scorer, PACKAGE / "vectors.npz")
+    print(f"{time.time() - begin:.0f} s")
+
+
+if __name__ == "__main__":
+    main()
