@@ -65,8 +65,9 @@ class Network(nn.Module):
         )
         self.texts = Texts(scorer)
         knowledge = scorer.knowledge
-        self.uses, self.has_use = _padded(knowledge.uses, knowledge.use_starts)
-        self.names, self.has_name = _padded(knowledge.names, knowledge.name_starts)
+        uses, self.has_use = _padded(knowledge.uses, knowledge.use_starts)
+        names, self.has_name = _padded(knowledge.names, knowledge.name_starts)
+        self.cards = nn.ParameterDict({"uses": nn.Parameter(uses), "names": nn.Parameter(names)})
         self.pool = nn.Parameter(torch.zeros(WIDTH))
         self.turn = nn.Parameter(torch.eye(WIDTH))
         self.lean, self.nothing = nn.Linear(WIDTH, 1), nn.Linear(WIDTH, 1)
@@ -139,11 +140,15 @@ class Network(nn.Module):
         """Logits (b, cards) by what the words mean; ``owner`` tells which sample each query belongs to."""
         sharp, n = self.sharpness.exp(), len(queries)
         turned = fn.normalize(queries, dim=-1) @ self.turn
-        met_uses = (turned @ self.uses.view(-1, WIDTH).T).view(n, *self.has_use.shape).masked_fill(~self.has_use, -9.0)
+        met_uses = (
+            (turned @ self.cards["uses"].view(-1, WIDTH).T)
+            .view(n, *self.has_use.shape)
+            .masked_fill(~self.has_use, -9.0)
+        )
         own = [(q, *use) for q, i in enumerate(owner) if (use := uses[i]) is not None]
         if own:
             met_uses[tuple(torch.tensor(column) for column in zip(*own, strict=True))] = -9.0
-        met_names = (turned @ self.names.view(-1, WIDTH).T).view(n, *self.has_name.shape)
+        met_names = (turned @ self.cards["names"].view(-1, WIDTH).T).view(n, *self.has_name.shape)
         met_names = met_names.masked_fill(~self.has_name, -9.0)
         met = (torch.logsumexp(met_uses * sharp, -1) + self.name * torch.logsumexp(met_names * sharp, -1)) / sharp
         met = torch.cat([met + lean[:, None], torch.full((1, met.shape[1]), -9.0)])
@@ -181,7 +186,7 @@ def _padded(rows: np.ndarray, starts: np.ndarray) -> tuple[Tensor, Tensor]:
 
 
 def save(network: Network, folder: Path, sure: dict[str, list[float]]) -> None:
-    """scorer.onnx (the trained layers, int8) and scorer.npz (the heads, and the judgement of when it is sure)."""
+    """scorer.onnx (the trained layers, int8), scorer.npz (the heads, and when it is sure) and vectors.npz (the cards)."""
     weights = {name.replace("/", "."): value.detach().numpy() for name, value in network.weights.items()}
     graph, x = Graph(weights, exact=False), "states"
     for i in range(FROZEN, LAYERS):
@@ -203,20 +208,32 @@ def save(network: Network, folder: Path, sure: dict[str, list[float]]) -> None:
     arrays = {name: tensor.detach().numpy().astype(np.float32) for name, tensor in heads.items()}
     arrays |= {f"sure.{name}": np.array(values, np.float32).squeeze() for name, values in sure.items()}
     np.savez(folder / "scorer.npz", **arrays, **_guess(network))
+    _save_vectors(network, folder / "vectors.npz")
+
+
+def _save_vectors(network: Network, file: Path) -> None:
+    """Every text of the cards and its vector, which training has moved."""
+    scorer = network.texts.scorer
+    texts = [*scorer.knowledge.use_texts, *(name for card in scorer.deck.cards for name in card.names)]
+    uses, names = network.cards["uses"][network.has_use], network.cards["names"][network.has_name]
+    rows = dict(zip(texts, torch.cat([uses, names]).detach().numpy(), strict=True))
+    np.savez(file, **pack(rows, np.stack(list(rows.values()))))
 
 
 def _guess(network: Network) -> dict[str, np.ndarray]:
     """How well a thing without a card is met, from how its name is: a line through what holds for things with cards."""
     with torch.no_grad():
         rng = np.random.default_rng(0)
-        cards = rng.choice(len(network.names), 200, replace=False)
+        cards = rng.choice(len(network.has_name), 200, replace=False)
         texts = [Sample(card.uses[0], ()) for card in (network.texts.scorer.deck.cards[c] for c in cards)]
         states, mask = network._states([network.texts.read(t.text).ids for t in texts])
         attention = torch.softmax((states @ network.pool).masked_fill(~mask, NOWHERE), 1)
         queries = fn.normalize((states * attention[..., None]).sum(1), dim=-1) @ network.turn
         sharp = network.sharpness.exp()
-        met_uses = torch.einsum("qd,cud->qcu", queries, network.uses[cards]).masked_fill(~network.has_use[cards], -9.0)
-        met_names = torch.einsum("qd,cud->qcu", queries, network.names[cards]).masked_fill(
+        met_uses = torch.einsum("qd,cud->qcu", queries, network.cards["uses"][cards]).masked_fill(
+            ~network.has_use[cards], -9.0
+        )
+        met_names = torch.einsum("qd,cud->qcu", queries, network.cards["names"][cards]).masked_fill(
             ~network.has_name[cards], -9.0
         )
         met_uses[range(len(cards)), range(len(cards)), 0] = -9.0
@@ -226,11 +243,3 @@ def _guess(network: Network) -> dict[str, np.ndarray]:
         pick = torch.tensor(others | np.eye(len(cards), dtype=bool))
         slope, offset = np.polyfit(named[pick].numpy(), met[pick].numpy(), 1)
     return {"guess.name": np.float32(slope), "guess.bias": np.float32(offset)}
-
-
-def save_vectors(scorer: Scorer, file: Path) -> None:
-    """vectors.npz: every text of the cards and its vector."""
-    knowledge, deck = scorer.knowledge, scorer.deck
-    texts = [*knowledge.use_texts, *(name for card in deck.cards for name in card.names)]
-    rows = dict(zip(texts, np.concatenate([knowledge.uses, knowledge.names]), strict=True))
-    np.savez(file, **pack(rows, np.stack(list(rows.values()))))

@@ -13,9 +13,9 @@ from _scorer_requests import Homes, Request
 
 from cartier.reasoners.embedded import Embedded
 
-LISTS = 3  # for each request, in which something serves; and one more in which nothing does
+LISTS = 2  # for each request, in which something serves; and one more in which nothing does
 SERVED = ("explicit", "implicit", "conversational")
-WEIGHTS = {"nothing": 3.0, "removed": 0.15}
+WEIGHTS = {"nothing": 8.0, "removed": 0.02}
 """Of outcomes where nothing serves, against 1 where something does. What is left of a list without the right things may
 still serve in somebody's eyes, so that counts little."""
 
@@ -88,16 +88,14 @@ def fit_sure(outcomes: list[Outcome]) -> dict[str, list[float]]:
     return {"mean": mean.tolist(), "spread": spread.tolist(), "weight": w[:-1].tolist(), "bias": w[-1:].tolist()}
 
 
-def table(outcomes: list[Outcome], reserved: tuple[str, ...]) -> str:
+def table(outcomes: list[Outcome]) -> str:
     """Per style and kind: how often the choice was right; and what became of requests that nothing serves."""
     lines = [
         "| style | explicit | implicit | conversational | best guess: implicit | conversational | asked back | nothing: a goal |",
         "|---|---|---|---|---|---|---|---|",
     ]
     styles = sorted({o.style for o in outcomes})
-    rows = [(s, [o for o in outcomes if o.style == s]) for s in (*reserved, *(s for s in styles if s not in reserved))]
-    kept = [o for o in outcomes if o.style in reserved]
-    rows[len(reserved) : len(reserved)] = [("**these four**", kept)]
+    rows = [(style, [o for o in outcomes if o.style == style]) for style in styles]
     for name, some in (*rows, ("**all**", outcomes)):
         cells = [_share(some, kind, lambda o: o.right) for kind in SERVED]
         cells += [_share(some, kind, lambda o: o.top) for kind in SERVED[1:]]

@@ -102,6 +102,7 @@ def slow_model(tmp_path_factory: pytest.TempPathFactory, tiny_model: Path) -> Pa
 
 def test_a_model_that_is_late_may_finish_and_answers_the_next_request(slow_model: Path) -> None:
     mind = auto(model=str(slow_model), prompt="paper", timeout_s=0.01)
+    mind._embedded.select("I am so tired", OBJECTS)  # loaded, so that it answers twice while the model is at its first
     assert is_embedded(mind, "local did not answer within 0.01 s")
     assert is_embedded(mind, "local still thinks about an earlier request")
     mind._late.join(60)

@@ -128,7 +128,8 @@ def test_names_without_a_card_of_their_own(reasoner: embedded.Embedded, thing: s
 
 def test_a_verb_is_no_thing(reasoner: embedded.Embedded) -> None:
     assert reasoner.select("I want to watch a film", ["watch", "television"]).object == "television"
-    assert reasoner.select("where do my textbooks go, I am off to school", ["book", "backpack"]).object == "backpack"
+    packing = reasoner.select("where do my textbooks go, I am off to school", ["book", "backpack", "watch"])
+    assert "backpack" in (packing.object or packing.question or "")
 
 
 def test_a_long_story_does_not_outweigh_the_request(reasoner: embedded.Embedded) -> None:

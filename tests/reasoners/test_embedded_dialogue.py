@@ -80,6 +80,11 @@ def test_several_needs_come_in_order(reasoner: embedded.Embedded) -> None:
     assert reasoner.select("I want a soak in the tub", THOR).then == ()
 
 
+def test_next_to_is_a_place_and_no_second_need(reasoner: embedded.Embedded) -> None:
+    chosen = reasoner.select("Put yourself next to the kettle and wait there.", ["armchair", "bed", "kettle"])
+    assert chosen.object == "kettle" and not chosen.then
+
+
 def test_a_part_that_nothing_serves_does_not_split_a_request(reasoner: embedded.Embedded) -> None:
     chosen = reasoner.select("I was at the market, then it rained, and now I want to sleep in my bed", THOR)
     assert chosen.object in ("bed", "pillow") and chosen.then == ()

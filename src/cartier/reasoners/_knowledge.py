@@ -22,11 +22,11 @@ def text_key(text: str) -> int:
 
 
 @cache
-def shipped() -> tuple[dict[int, int], Array, Array]:
+def shipped(file: Path = VECTORS) -> tuple[dict[int, int], Array, Array]:
     """Row of each text's key, int8 rows (n, 384), and their scales (n,). Without the file every text is encoded anew."""
-    if not VECTORS.exists():
+    if not file.exists():
         return {}, np.zeros((1, WIDTH), np.int8), np.ones(1, np.float32)
-    with np.load(VECTORS, allow_pickle=False) as data:
+    with np.load(file, allow_pickle=False) as data:
         return {int(k): i for i, k in enumerate(data["keys"])}, data["rows"], data["scales"]
 
 
@@ -37,7 +37,8 @@ class Knowledge:
     was not there when the vectors were made is encoded here, so edited and new cards work, only slower to load.
     """
 
-    def __init__(self, deck: Deck) -> None:
+    def __init__(self, deck: Deck, file: Path = VECTORS) -> None:
+        self._file = file
         self.use_texts = [t for card in deck.cards for t in card.uses]
         self.use_starts = _starts(len(card.uses) for card in deck.cards)
         self.name_starts = _starts(len(card.names) for card in deck.cards)
@@ -54,10 +55,9 @@ class Knowledge:
         unit: Array = means / np.linalg.norm(means, axis=1, keepdims=True)
         return unit
 
-    @staticmethod
-    def vectors(texts: list[str]) -> Array:
+    def vectors(self, texts: list[str]) -> Array:
         """(n, 384) float32, shipped where they are, else encoded now."""
-        place, rows, scales = shipped()
+        place, rows, scales = shipped(self._file)
         found = [place.get(text_key(t), -1) for t in texts]
         vectors = rows[found].astype(np.float32) * scales[found, None]
         missing = [i for i, p in enumerate(found) if p < 0]

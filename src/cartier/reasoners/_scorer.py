@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cartier.reasoners._cards import Deck
-from cartier.reasoners._knowledge import Knowledge
+from cartier.reasoners._knowledge import VECTORS, Knowledge
 from cartier.reasoners._lexical import Fit, Lexicon, turned_down
 from cartier.reasoners._listening import Heard, Mention, listen, mentions
 from cartier.reasoners._reading import BEGIN, END, MOST_PIECES, reader, session
@@ -25,9 +25,12 @@ from cartier.reasoners._spelling import Spelling
 from cartier.reasoners._words import STOP, plain, words
 from cartier.types import Array
 
-SHIPPED = Path(__file__).parent  # with scorer.onnx, the layers, and scorer.npz, the heads
+SHIPPED = Path(__file__).parent  # with scorer.onnx, the layers, scorer.npz, the heads, and vectors.npz, the cards
 MOST_TOKENS = 110
 MOST_SENTENCES = 9
+ALONE = (
+    4.0  # logits that the only name in a request of one sentence weighs more, or less if turned down; of several: half
+)
 APART = 12.0  # logits per cosine that a likeness of names falls short
 
 
@@ -107,7 +110,7 @@ class Scorer:
         self.deck = deck
         self._folder = folder
         self.lexicon = Lexicon(deck)
-        self.knowledge = Knowledge(deck)
+        self.knowledge = Knowledge(deck, folder / VECTORS.name)
         names = [w for card in deck.cards for n in card.names for w in words(plain(n))]
         used = Counter(w for card in deck.cards for t in card.uses for w in words(plain(t)))
         likely = [w for w, n in used.most_common() if n > 1]
@@ -132,11 +135,13 @@ class Scorer:
         tokens = tokenise(heard)
         states = self._layers.run(None, {"states": reader().states(tokens.ids)})[0]
         said = list(mentions(heard, known))
+        alone = 0.0 if len(heard.sentences) > 1 else ALONE if len({m.key for m in said}) == 1 else ALONE / 2
         spoken: dict[str, Spoken] = {}
         for mention in said:
             span = tokens.span(mention.start, mention.end)
             if span is not None:
                 weight = _wanted(states[slice(*span)].mean(0), mention, heads)
+                weight += -alone if mention.unwanted else alone
                 if mention.key not in spoken or weight > spoken[mention.key].weight:
                     spoken[mention.key] = Spoken(mention, weight)
         attention = np.exp(states @ heads["pool"] - (states @ heads["pool"]).max())

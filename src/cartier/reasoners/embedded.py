@@ -24,14 +24,15 @@ from cartier.types import Array, Selection
 Candidates = tuple[tuple[str, float], ...]
 
 NAME = "embedded (knowledge cards, MiniLM, learned scorer)"
-ASKED_FOR = 4.0  # weight from which a name counts as asked for
+ASKED_FOR = 8.0  # weight from which a name counts as asked for
 SURE = 0.4  # probability that the best thing serves under which nothing does
 FAR = 5.0  # logits under "nothing" from which the best is no answer, however sure it is among its like
+AHEAD = 6.0  # logits by which a thing that was named and is not listed stands for itself, before all that is
 TIE = 0.12  # two unlike things whose logits are closer than this are asked about
 ALIKE = 0.8  # cosine of two cards from which their things serve alike, so that one is taken without asking
 MOST_NEEDS, LONGEST_PART = 4, 30  # needs in one breath, and words of each
 THEN = re.compile(
-    r"[,;.]?\s+(?:and\s+)?(?:then|afterwards|after\s+that|after\s+which|next)\b[,\s]*|\s*;\s*|[,.]?\s+(?:and|n)\s+then\b[,\s]*",
+    r"[,;.]?\s+(?:and\s+)?(?:then|afterwards|after\s+that|after\s+which|next(?!\s+to\b))\b[,\s]*|\s*;\s*|[,.]?\s+(?:and|n)\s+then\b[,\s]*",
     re.IGNORECASE,
 )
 OPENING = re.compile(r"^\s*(?:first(?:ly)?(?: of all)?|and|then|so|also|finally)\b[,\s]*", re.IGNORECASE)
@@ -79,13 +80,16 @@ class Embedded:
         return self._serve(turn.text, names, turn)
 
     def propose(self, query: str) -> list[str]:
-        """The names of up to five cards that serve the words, best first."""
+        """The names of up to five cards that serve the words, best first; none if what serves them is nothing that homes have."""
         heard = self.scorer.hear(query)
         if not heard.sentences:
             return []
         judged = self.scorer.judge(heard, self.deck.by_key.keys())
         things = self._listed(tuple(card.name for card in self.deck.cards if card.at_home))
-        return [r.thing.name for r in things.ranked(judged)[:5] if r.logit > judged.nothing]
+        ranked, (most, _) = things.ranked(judged), things.missing(judged)
+        if most.logit > ranked[0].logit and not self.deck.cards[most.card].at_home:
+            return []
+        return [r.thing.name for r in ranked[:5] if r.logit > judged.nothing]
 
     def _serve(self, text: str, names: tuple[str, ...], turn: Turn) -> Selection:
         heard = self.scorer.hear(text)
@@ -100,9 +104,11 @@ class Embedded:
             return Selection("absent", reason="nothing else is listed", model=NAME)
         candidates = _candidates(ranked, judged)
         missing = things.missing(judged)
-        doubtful = ranked[0].logit < judged.nothing - FAR or (
-            self.scorer.sure(self._evidence(ranked, missing, judged)) < SURE
-        )
+        # who turns a thing down wants the next best, so that it need only not be hopeless
+        unsure = not turn.without and self.scorer.sure(self._evidence(ranked, missing, judged)) < SURE
+        best, named = ranked[0], missing[1]
+        elsewhere = named is not None and best.called is None and named.logit > best.logit + AHEAD
+        doubtful = unsure or elsewhere or best.logit < judged.nothing - FAR
         if doubtful and not turn.only:
             return self._instead(missing[1], things, judged, candidates)
         return self._choose(ranked, judged, candidates, ask=not turn.only)
