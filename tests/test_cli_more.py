@@ -110,6 +110,7 @@ def test_the_bench_leaves_a_report(run: Run, tmp_path: Path) -> None:
     }
     mine.write_text(json.dumps(row) + "\n")
     words = ("bench", "-o", tmp_path / "run", "--world", WORLD, "--homes", "south,east", "--queries", mine)
+    words = (*words, "--detector", "ground_truth")
     code, out, err = run(*words, "--methods", "object_depth,nlmap,true_object", "--json")
     assert code == 0, err
     summary = json.loads(out)["methods"]
@@ -124,6 +125,21 @@ def test_the_bench_leaves_a_report(run: Run, tmp_path: Path) -> None:
         "failures.html",
     ):
         assert (tmp_path / "run" / name).stat().st_size > 0
+    told = (
+        "--detector",
+        "ground_truth",
+        "--detector",
+        "ground_truth:misses=0.2,seed=1",
+        "--methods",
+        "object_depth",
+        "--json",
+    )
+    code, out, err = run(*words[:2], tmp_path / "both", *words[3:], *told)
+    assert code == 0, err
+    beside = tmp_path / "both" / "with-ground_truth_misses_0_2_seed_1"
+    assert "Side by side" in (tmp_path / "both" / "report.md").read_text() and (beside / "report.md").is_file()
+    assert json.loads(out) == json.loads((tmp_path / "both" / "results.json").read_text())
+    assert run(*words[:2], tmp_path / "both", *words[3:], *told)[0] == 0, "it goes on in both folders"
     mine.write_text(json.dumps(row) + "\n{\n")
     code, _, err = run(*words)
     assert code == 1 and "line 2" in err and len(err.strip().splitlines()) == 1

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from cartier import plugins
+from cartier import plugins, specs
 from cartier.errors import InputError
 from cartier.files import replaced_folder, write_json
 from cartier.home import Home
@@ -18,6 +18,8 @@ from cartier.pipeline import map_home
 from cartier.text import display_name
 from cartier.types import Answer
 
+DETECTOR = "embedded"
+"""The eyes that ship inside; ``ground_truth`` shows what perfect ones would do."""
 SLEEPY = (
     "So much work tonight, and the presentation is still not finished. My colleague sent her slides hours ago, and the meeting is at "
     "nine in the morning. I have been staring at this laptop since lunch and I am getting really sleepy… we better do something "
@@ -62,19 +64,21 @@ def run(
     home: str,
     out: Path,
     seed: int = 0,
+    detector: str = DETECTOR,
     say: Callable[[str], None] = lambda line: None,
     progress: Callable[[str], Any] | None = None,
 ) -> list[Told]:
     """Explore, map, ask and drive in a home of the dollhouse; leaves ``out`` complete or not at all.
 
-    ``progress`` gives a context manager per stage that yields a callable (done, total). Raises InputError for an unknown home.
+    ``progress`` gives a context manager per stage that yields a callable (done, total). Raises InputError for an unknown home,
+    and what ``specs.detector`` raises.
     """
     world = plugins.make("worlds", "dollhouse")
     scene = world.scene(home)
     say(f"exploring {home}: {scene.about}")
     recording = world.explore(home, seed=seed)
     say(f"explored: {len(recording)} frames")
-    eyes = plugins.make("detectors", "ground_truth", truth=recording.truth, source="dollhouse")
+    eyes = specs.detector(detector, recording)
     with replaced_folder(out, "answers.json") as new:
         if progress:
             with progress("mapping") as step:
@@ -82,7 +86,8 @@ def run(
         else:
             mapped = map_home(recording, eyes)
         mapped.save(new / "home")
-        say(f"mapped: {len(mapped.objects)} kinds of object, named by {eyes.name}")
+        there = {display_name(thing.label) for thing in world.objects(home)}
+        say(f"mapped: {_compared(set(mapped.objects), there)}; named by {eyes.name}")
         draw_home(mapped, new / "home.png")
         told = [_tell(mapped, scene, kind, words, new, say) for kind, words in _requests(mapped)]
         write_json(
@@ -93,6 +98,13 @@ def run(
             },
         )  # fmt: skip
     return told
+
+
+def _compared(found: set[str], there: set[str]) -> str:
+    """What eyes found, against what the simulator knows to be there."""
+    invented = sorted(found - there)
+    wrong = f", and {len(invented)} that are not there ({', '.join(invented)})" if invented else ""
+    return f"{len(found & there)} of the {len(there)} kinds of object in this home{wrong}"
 
 
 def _requests(home: Home) -> list[tuple[str, str]]:

@@ -13,8 +13,8 @@ import pytest
 from onnx import TensorProto, helper
 from tiny_onnx import LABELS, SIDE, Net, constant_net, describe, frame, red_finder
 
-from cartier import plugins
-from cartier.detectors import _session, _sidecar
+from cartier import plugins, sessions
+from cartier.detectors import _sidecar
 from cartier.errors import BackendError, CartierError, InputError
 
 
@@ -145,7 +145,7 @@ def test_files_that_are_no_models(tmp_path: Path) -> None:
 
 
 def test_a_model_too_large_to_be_one(yolo: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(_session, "MAX_BYTES", 100)
+    monkeypatch.setattr(sessions, "MAX_BYTES", 100)
     refused(InputError, "is larger than", yolo)
 
 

@@ -357,3 +357,46 @@ def test_broken_markings(tmp_path: Path) -> None:
         agreement(rows, tmp_path / "none.csv")
     with pytest.raises(InputError, match="right in one row and wrong in another"):
         export_marking([row("h", "q", "nlmap"), row("h", "q", "random", match=False)], file)
+
+
+def test_every_table_says_whether_the_objects_come_from_pixels(run: Path, tmp_path: Path) -> None:
+    seen = [row | {"detector": "embedded eyes (score ≥ 0.3)"} for row in fake_rows()]
+    folder = write_run(tmp_path / "run", seen)
+    for sight, other, summary in (
+        ("from pixels", "ground truth", write_report(folder)),
+        ("ground truth", "from pixels", write_report(run, photo)),
+    ):
+        of = folder if sight == "from pixels" else run
+        assert summary["sight"] == sight
+        tables = re.findall(r"(?:^\|.*\n)+", (of / "report.md").read_text("utf-8"), re.M)
+        assert len(tables) > 8
+        assert all(f"({sight})" in table and f"({other})" not in table for table in tables[1:])  # the first is the head
+        assert f"Objects: {sight}." in (of / "table.tex").read_text("utf-8")
+        lines = csv.DictReader(io.StringIO((of / "tables.csv").read_text("utf-8")))
+        assert {line["objects"] for line in lines} == {sight}
+
+
+def test_runs_stand_side_by_side(run: Path, tmp_path: Path) -> None:
+    folder = write_run(tmp_path / "run", [row | {"detector": "onnx | (mine)"} for row in fake_rows(seed=1)])
+    write_report(folder, beside=[run])
+    text = (folder / "report.md").read_text("utf-8")
+    table = "\n".join(
+        line for line in text.split("## Side by side")[1].split("\n## ")[0].splitlines() if line.startswith("|")
+    )
+    mine, theirs = (json.loads((f / "results.json").read_text("utf-8"))["methods"] for f in (folder, run))
+    lines = [[cell.strip() for cell in line.split("|")[1:-1]] for line in table.splitlines()]
+    assert lines[0][2:4] == ["match (from pixels)", "match (ground truth)"]
+    assert len(lines) == 2 + len(METHODS) * len(TYPES)
+    a, b = mine["object_depth"]["explicit"], theirs["object_depth"]["explicit"]
+    assert lines[2][:4] == [
+        "CARTIER, ObjectDepth",
+        "explicit",
+        f"{100 * a['match']:.0f} %",
+        f"{100 * b['match']:.0f} %",
+    ]
+    assert lines[2][6:] == [f"{a['distance_mean_m']:.2f}", f"{b['distance_mean_m']:.2f}"]
+    assert text.count("\\| (mine)") >= 2, "words from outside stay in their cell"
+    twin = write_run(tmp_path / "twin", fake_rows(seed=2))
+    write_report(twin, beside=[run])
+    assert "match (ground truth, run)" in (twin / "report.md").read_text("utf-8")
+    assert "Side by side" not in (run / "report.md").read_text("utf-8")

@@ -10,6 +10,7 @@ import typer
 
 from cartier import specs
 from cartier.cli._common import AsJson, progress, say
+from cartier.evaluation.maps import DETECTOR
 
 app = typer.Typer()
 
@@ -31,9 +32,15 @@ def bench(
     base_url: Annotated[str | None, typer.Option(help="The server's URL; default OPENAI_BASE_URL.")] = None,
     prompt: Annotated[str | None, typer.Option(help="The language model's prompt: rich (default) or paper.")] = None,
     detector: Annotated[
-        str, typer.Option(help="As for map; ground_truth:misses=0.3,jitter=0.05 disturbs the truth.")
-    ] = "ground_truth",
-    encoder: Annotated[str, typer.Option(help="As for map.")] = "embedded",
+        list[str] | None,
+        typer.Option(
+            help="As for map; ground_truth:misses=0.3,jitter=0.05 disturbs the truth. Several, each with its own --detector, "
+            f"stand side by side in the report. Default: {DETECTOR}."
+        ),
+    ] = None,
+    encoder: Annotated[
+        str | None, typer.Option(help="As for map. Default: embedded, from pixels where the detector is.")
+    ] = None,
     world: Annotated[str, typer.Option(help="The simulator: dollhouse, or ai2thor with --homes.")] = "dollhouse",
     seed: Annotated[int, typer.Option(help="Of exploring, of the detector's faults, and of the random yardstick.")] = 0,
     maps: Annotated[
@@ -48,19 +55,26 @@ def bench(
 ) -> None:
     """Repeat the paper's evaluation: every method, every kind of request, in every home; tables, figures, failures."""
     from cartier.evaluation import report
-    from cartier.evaluation.maps import Maps, MapSettings
+    from cartier.evaluation.maps import Maps, MapSettings, encoder_for
     from cartier.evaluation.methods import METHODS
     from cartier.evaluation.queries import SPLITS, load_file, load_queries
     from cartier.evaluation.run import BenchSettings, run
 
-    made = MapSettings(world, detector, encoder, seed)
+    eyes = list(dict.fromkeys(detector or [DETECTOR]))
+    sees = [MapSettings(world, one, encoder or encoder_for(one), seed) for one in eyes]
     asked = load_queries(queries) if queries in SPLITS else load_file(queries)
-    where = _names(homes) or tuple(Maps(output, made).world.homes())
-    settings = BenchSettings(where, _names(methods) or tuple(METHODS), queries, made, seed, prompt)
+    where = _names(homes) or tuple(Maps(output, sees[0]).world.homes())
     mind = specs.reasoner(reasoner, model=model, base_url=base_url, prompt=prompt)
-    with _stages() as step:
-        rows = run(output, settings, asked, mind, maps, step)
-    results = report.write_report(output, Maps(maps or output / "maps", made).photo)
+    kept, beside = maps or output / "maps", [output / _folder(one) for one in eyes[1:]]
+    every = list(zip([output, *beside], sees, strict=True))
+    answers = []
+    for folder, made in every:
+        settings = BenchSettings(where, _names(methods) or tuple(METHODS), queries, made, seed, prompt)
+        with _stages() as step:
+            answers.append(run(folder, settings, asked, mind, kept, step))
+    for folder, made in reversed(every):  # the run's own report comes last, since it has them all
+        results = report.write_report(folder, Maps(kept, made).photo, beside if folder == output else ())
+    rows = answers[0]
     if not (output / "marking.csv").exists():  # somebody may have begun to mark it
         report.export_marking(rows, output / "marking.csv")
     if marked is not None:
@@ -71,6 +85,11 @@ def bench(
         return
     say(f"{len(rows)} answers by {len(settings.methods)} methods in {len(where)} homes")
     print(f"read  {output / 'report.md'}\nlook  {output / 'object_match.png'}, {output / 'failures.html'}")
+
+
+def _folder(detector: str) -> str:
+    """The name of a folder beside the run's own files."""
+    return "with-" + "".join(c if c.isalnum() or c in "-_" else "_" for c in detector)[:80]
 
 
 def _names(text: str | None) -> tuple[str, ...]:

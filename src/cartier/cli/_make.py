@@ -27,11 +27,15 @@ def demo(
         ),
     ] = Path("cartier-demo"),
     seed: Annotated[int, typer.Option(help="Another number, another exploration.")] = 0,
+    detector: Annotated[
+        str,
+        typer.Option(help="Who sees the objects: embedded, the eyes that ship inside, or ground_truth, perfect ones."),
+    ] = "embedded",
 ) -> None:
     """Run the whole line on a built-in home, offline: explore, map, ask three requests, drive there."""
     from cartier.demo import run
 
-    told = run(home, out, seed, say=print, progress=progress)
+    told = run(home, out, seed, detector, say=print, progress=progress)
     print(f"\nlook at  {', '.join(str(out / t.picture) for t in told)}")
     print(f'ask more:    cartier ask {out / "home"} "I\'d like to read a little" --plot answer.png')
     print("your own:    cartier map RECORDING --detector MODEL.onnx -o HOME      (cartier list shows the formats)")
@@ -95,7 +99,10 @@ def map_command(
         typer.Option("--index", help="Indices to build, separated by commas. Default: all that need no encoder."),
     ] = None,
     encoder: Annotated[
-        str, typer.Option(help="For the index vlmaps: embedded, or clip:MODEL, lseg:FILE (a folder or a hub id).")
+        str,
+        typer.Option(
+            help="For the index vlmaps: embedded, embedded:pixels, or clip:MODEL, lseg:FILE (a folder or a hub id)."
+        ),
     ] = "embedded",
     min_views: Annotated[
         int | None, typer.Option(help="How many frames must agree on an object; each detector has its own default.")

@@ -10,10 +10,10 @@ import numpy as np
 from cartier.detectors._boxes import clip, nms
 from cartier.detectors._layouts import ANY_NAME, LAYOUTS, Candidates, Size, recognised
 from cartier.detectors._pixels import to_tensor
-from cartier.detectors._session import Session, shape_text
 from cartier.detectors._sidecar import Sidecar, read_sidecar
 from cartier.errors import BackendError, InputError
 from cartier.files import sha256_of
+from cartier.sessions import Session, shape_text
 from cartier.types import Array, Detections, Frame
 
 DEFAULT_IOU = 0.5

@@ -6,7 +6,7 @@ import html
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from cartier.evaluation._rows import PARTS, Row, title
+from cartier.evaluation._rows import PARTS, Row, ordered, title
 from cartier.evaluation._tables import PAPER_MEAN_M, Summary, made_by, said
 from cartier.evaluation.queries import TYPES
 from cartier.evaluation.summary import BASE, RADII_M
@@ -17,37 +17,40 @@ PAPER_NOTE = (
 )
 
 
-def report(summary: Summary, rows: Sequence[Row], settings: Mapping[str, Any], failed: int) -> str:
-    """The whole ``report.md``."""
-    methods = summary["methods"]
+def report(
+    summary: Summary, rows: Sequence[Row], settings: Mapping[str, Any], failed: int, others: Mapping[str, Summary]
+) -> str:
+    """The whole ``report.md``; ``others`` are the summaries of runs that stand beside this one, by their folder's name."""
+    methods, head = summary["methods"], f"method ({summary['sight']})"
     parts = [
         "# The paper's evaluation: a run",
         _head(settings, rows),
         _gaps(methods),
+        _beside(summary, others),
         "## How far from the thing: Table I",
         "Mean distance in metres, in 3-D, from the place that a method gives to the nearest acceptable true box, over the answers that "
         f"give a place, with its 95 % interval. {PAPER_NOTE}",
-        _table_one(methods),
+        _table_one(methods, head),
         "![Mean distance by method and type of request](distance.png)",
-        _spread(methods),
+        _spread(methods, head),
         "## How often the right thing: object match",
         "Share of answers that name an acceptable object, by the published table of synonyms (`evaluation/matching.toml`). The paper has "
         "this as a bar chart judged by hand, without numbers, so it has no column here. *VLMaps, words alone* names nothing itself: the "
         "object whose place is nearest to its spot counts.",
-        _matched(methods),
+        _matched(methods, head),
         "![Share of answers that name an acceptable object](object_match.png)",
         "## How often near enough: success",
         "Share of all answers whose place is within a radius of an acceptable true box (3-D). An answer without a place is a miss. "
         "*goal reachable* is the share of goals that the robot can reach, among the answers for which one was sought.",
-        *(_success(methods, kind) for kind in TYPES),
+        *(_success(methods, kind, head) for kind in TYPES),
         _paired(summary),
         "## What it costs",
         f"Means per request ({' / '.join(TYPES)}); the seconds are a median, and depend on the machine.",
-        _costs(methods),
+        _costs(methods, head),
         "## How to read this",
         _reading(summary, failed),
         "## Made by",
-        _made_by(rows),
+        _made_by(rows, head),
     ]
     return "\n\n".join(part for part in parts if part) + "\n"
 
@@ -72,7 +75,36 @@ def _gaps(methods: Summary) -> str:
     return f"> **Not complete:** {'; '.join(short)}. The columns below do not compare." if short else ""
 
 
-def _table_one(methods: Summary) -> str:
+def _beside(summary: Summary, others: Mapping[str, Summary]) -> str:
+    """This run and the others in one table: what the detector costs."""
+    if not others:
+        return ""
+    runs = {"this run": summary, **others}
+    sights = [one["sight"] for one in runs.values()]
+    heads = [
+        _cell(sight if sights.count(sight) == 1 else f"{sight}, {name}")
+        for sight, name in zip(sights, runs, strict=True)
+    ]
+    body = []
+    for method in ordered({name for one in runs.values() for name in one["methods"]}):
+        for kind in TYPES:
+            cells = [one["methods"].get(method, {}).get(kind) for one in runs.values()]
+            line = [title(method), kind, *("–" if x is None else _share(x["match"]) for x in cells)]
+            line += ["–" if x is None else _share(x["success"]["1"]) for x in cells]
+            line += ["–" if x is None else _metres(x["distance_mean_m"]) for x in cells]
+            body.append(line)
+    columns = [f"{what} ({head})" for what in ("match", "within 1 m", "distance, m") for head in heads]
+    listed = "\n".join(
+        f"- {_cell(name)}: {one['sight']}, {_cell(one['made_by']['detector'])}" for name, one in runs.items()
+    )
+    return (
+        "## Side by side\n\nThe same requests, homes and methods; only who found the objects differs. Distances are means over the "
+        f"answers that give a place. Each run's own report is in its folder.\n\n{listed}\n\n"
+        + _markdown(["method", "type", *columns], body, words=2)
+    )
+
+
+def _table_one(methods: Summary, head: str) -> str:
     body = []
     for name in methods:
         line = [title(name)]
@@ -82,10 +114,10 @@ def _table_one(methods: Summary) -> str:
             line += ["–" if x is None else _metres(x["distance_mean_m"], x["distance_mean_ci"])]
             line += ["" if paper is None else f"*{paper:.2f}*"]
         body.append(line)
-    return _markdown(["method", *(word for kind in TYPES for word in (kind, "*paper*"))], body)
+    return _markdown([head, *(word for kind in TYPES for word in (kind, "*paper*"))], body)
 
 
-def _spread(methods: Summary) -> str:
+def _spread(methods: Summary, head: str) -> str:
     """Median, floor plan and how many gave a place at all: what a mean alone hides."""
     body = []
     for name in methods:
@@ -101,24 +133,24 @@ def _spread(methods: Summary) -> str:
                     f"{x['n_placed']} / {x['n']}",
                 ]
         body.append(line)
-    head = [f"{kind}: {what}" for kind in TYPES for what in ("median", "floor plan", "placed")]
+    columns = [f"{kind}: {what}" for kind in TYPES for what in ("median", "floor plan", "placed")]
     return (
         "The median in 3-D, the mean on the floor plan (heights left out), and how many answers gave a place:\n\n"
-        + _markdown(["method", *head], body)
+        + _markdown([head, *columns], body)
     )
 
 
-def _matched(methods: Summary) -> str:
+def _matched(methods: Summary, head: str) -> str:
     body = []
     for name in methods:
         kinds = methods[name]
         body.append(
             [title(name), *(_share(kinds[k]["match"], kinds[k]["match_ci"]) if k in kinds else "–" for k in TYPES)]
         )
-    return _markdown(["method", *TYPES], body)
+    return _markdown([head, *TYPES], body)
 
 
-def _success(methods: Summary, kind: str) -> str:
+def _success(methods: Summary, kind: str, head: str) -> str:
     body = [
         [title(name), *(_share(x["success"][r]) for r in RADII_M), _share(x["success"]["1"], x["success_ci"]["1"]), _share(x["goal_reachable"])]
         for name in methods
@@ -126,8 +158,8 @@ def _success(methods: Summary, kind: str) -> str:
     ]  # fmt: skip
     if not body:
         return ""
-    head = ["method", *(f"{radius} m" for radius in RADII_M), "1 m with interval", "goal reachable"]
-    return f"**{kind}**\n\n" + _markdown(head, body)
+    columns = [*(f"{radius} m" for radius in RADII_M), "1 m with interval", "goal reachable"]
+    return f"**{kind}**\n\n" + _markdown([head, *columns], body)
 
 
 def _paired(summary: Summary) -> str:
@@ -147,19 +179,28 @@ def _paired(summary: Summary) -> str:
         "## ObjectDepth against the others\n\nObjectDepth minus the other, on the same (home, request) pairs: percentage points for match and success, metres for distance "
         "(negative: ObjectDepth is nearer; over the pairs in which both gave a place). **Bold** where the interval excludes zero.\n\n"
         + _markdown(
-            ["against", "type", "pairs", "match (points)", "success at 1 m (points)", "distance (m)"], body, words=2
+            [
+                f"against ({summary['sight']})",
+                "type",
+                "pairs",
+                "match (points)",
+                "success at 1 m (points)",
+                "distance (m)",
+            ],
+            body,
+            words=2,
         )
     )
 
 
-def _costs(methods: Summary) -> str:
+def _costs(methods: Summary, head: str) -> str:
     body = []
     for name, kinds in methods.items():
         line = [title(name)]
         for form in ("{llm_calls:.2f}", "{tokens:.0f}", "{seconds_median:.3f}"):
             line.append(" / ".join(form.format(**kinds[kind]) if kind in kinds else "–" for kind in TYPES))
         body.append(line)
-    return _markdown(["method", "LLM calls", "tokens", "seconds"], body)
+    return _markdown([head, "LLM calls", "tokens", "seconds"], body)
 
 
 def _reading(summary: Summary, failed: int) -> str:
@@ -179,13 +220,13 @@ def _reading(summary: Summary, failed: int) -> str:
     )  # fmt: skip
 
 
-def _made_by(rows: Sequence[Row]) -> str:
+def _made_by(rows: Sequence[Row], head: str) -> str:
     names: dict[str, dict[str, dict[str, None]]] = {}  # by method and part, in the order of the rows
     for row in rows:
         for part in PARTS:
             names.setdefault(row.method, {}).setdefault(part, {})[row.made_by(part)] = None
     body = [[title(method), *(_cell(", ".join(parts[part])) for part in PARTS)] for method, parts in names.items()]
-    return _markdown(["method", *PARTS], body, words=4)
+    return _markdown([head, *PARTS], body, words=4)
 
 
 def _markdown(head: Sequence[str], body: Sequence[Sequence[str]], words: int = 1) -> str:

@@ -18,6 +18,8 @@ from cartier.errors import InputError
 from cartier.home import Home
 from cartier.pipeline import map_home
 
+DETECTOR = "embedded"
+"""Whose objects a bench takes by default."""
 INDEXES = ("object_depth", "object_viewpoint", "vlmaps")
 VERSION = 1  # of what a map holds; a change in mapping that older maps must not survive raises it
 
@@ -27,9 +29,14 @@ class MapSettings:
     """All that a map depends on, besides the home."""
 
     world: str = "dollhouse"
-    detector: str = "ground_truth"
+    detector: str = DETECTOR
     encoder: str = "embedded"
     seed: int = 0
+
+
+def encoder_for(detector: str) -> str:
+    """The encoder that goes with a detector: eyes that have dense features show them, for others the labels are painted."""
+    return "embedded:pixels" if detector.partition(":")[0] == "embedded" else "embedded"
 
 
 class Maps:

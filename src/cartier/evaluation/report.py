@@ -14,7 +14,7 @@ from cartier.errors import InputError
 from cartier.evaluation._figure import distance_png, match_png
 from cartier.evaluation._markdown import report
 from cartier.evaluation._page import FOLDER, Photo, failure_kind, page, take_photos
-from cartier.evaluation._rows import Row, check_rows, read_rows
+from cartier.evaluation._rows import Row, check_rows, read_rows, sight_of
 from cartier.evaluation._tables import latex, made_by, tidy_csv
 from cartier.evaluation.summary import summarise
 from cartier.files import read_json, replaced_folder, write_json
@@ -26,8 +26,10 @@ YES, NO = ("yes", "y", "1", "true"), ("no", "n", "0", "false")
 MAX_MARKING_BYTES = 256 * 2**20
 
 
-def write_report(folder: Path, photo: Photo | None = None) -> dict[str, Any]:
+def write_report(folder: Path, photo: Photo | None = None, beside: Sequence[Path] = ()) -> dict[str, Any]:
     """Write the report of a run folder from its ``results.jsonl`` and ``settings.json``, and return the summary.
+
+    ``beside`` are folders of finished runs, of which a report is written already: their numbers stand beside these.
 
     ``results.json``, ``report.md``, ``tables.csv``, ``table.tex``, ``distance.png``, ``object_match.png``, ``failures.html``
     and the photos in ``failures/``. ``photo(home, frame)`` gives the image of an evidence frame, or None. Each file takes
@@ -41,7 +43,8 @@ def write_report(folder: Path, photo: Photo | None = None) -> dict[str, Any]:
     if type(seed) is not int or seed < 0:
         raise InputError(f"{folder / 'settings.json'}: the seed must be a whole number from 0 on")
     who = made_by(rows)
-    summary = {"made_by": who} | summarise(rows, seed)
+    summary = {"made_by": who, "sight": sight_of(rows)} | summarise(rows, seed)
+    others = {other.name: read_json(other / "results.json") for other in beside}
     failed = [row for row in rows if failure_kind(row)]
     photos = take_photos(failed, photo)
     names = {key: f"{FOLDER}/{number:04d}.jpg" for number, key in enumerate(photos, start=1)}
@@ -51,7 +54,7 @@ def write_report(folder: Path, photo: Photo | None = None) -> dict[str, Any]:
         "tables.csv": tidy_csv(summary).encode(),
         "table.tex": latex(summary, rows).encode(),
         "failures.html": page(rows, failed, names, who).encode(),
-        "report.md": report(summary, rows, settings, len(failed)).encode(
+        "report.md": report(summary, rows, settings, len(failed), others).encode(
             "utf-8", "replace"
         ),  # settings may hold anything
         "results.json": (json.dumps(summary, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode(),

@@ -11,10 +11,11 @@ import numpy as np
 import numpy.typing as npt
 import onnxruntime
 
-from cartier.detectors._layouts import Size
 from cartier.errors import BackendError, InputError
 from cartier.types import Array
 
+Size = tuple[int, int]
+"""(w, h) in pixels."""
 MAX_BYTES = 2**31  # protobuf's own limit: larger models keep their weights in files beside them
 TARGET_SIZES = "orig_target_sizes"  # D-FINE's and RT-DETR's second input: the (w, h) that boxes shall be given in
 FLOATS = {"tensor(float)": np.float32, "tensor(float16)": np.float16}

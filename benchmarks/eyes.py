@@ -1,0 +1,273 @@
+"""How well the embedded eyes see: boxes, lists of objects and distances in homes, and frames per second on one core.
+
+python benchmarks/eyes.py [HOME …] [--seed 0] [--max-frames 800] [--sheet FILE]     (default: the seven homes that no training saw)
+Per home: AP50 over its types; recall of the types of which a thing of 400 px or more was seen, and precision, of the list
+that ObjectDepth makes of `min_views` agreeing frames; the mean distance from where a name is located to the nearest true
+thing of that name, from pixels and with ground-truth detections. Goals: AP50 0.5, recall 0.85, precision 0.9, 0.2 m, 8 frames/s.
+Then what the dense features are worth: the share of cells whose nearest name is right, of all and as a mean over types, and how
+far from the nearest true thing VLMaps finds each name that was there to be seen: from pixels, painted with the labels of the
+eyes, painted with the truth.
+"""
+
+from __future__ import annotations
+
+import os
+
+os.environ["OMP_NUM_THREADS"] = "1"
+
+import argparse
+import time
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cartier import plugins
+from cartier.contracts import Recording
+from cartier.detectors._boxes import iou
+from cartier.text import display_name
+from cartier.types import Detections, Frame
+
+LOW = 1e-4  # scores from here on make the precision-recall curve
+LEAST_PX = 256  # visible pixels at 640 x 480 that make a true box; of smaller ones neither hits nor misses count
+LISTED_PX = 400
+DENSE_STEP = 3  # every third frame is enough for cells and maps
+MAPS = {"from pixels": "embedded:pixels", "painted by the eyes": "embedded", "painted by the truth": "embedded"}
+
+
+@dataclass
+class Sight:
+    """What eyes saw in a home, beside the truth. ``hits``: per name, (score, right) of boxes; ``boxes``: true ones per name."""
+
+    name: str
+    found: list[Detections] = field(default_factory=list)
+    hits: dict[str, list[tuple[float, bool]]] = field(default_factory=lambda: defaultdict(list))
+    boxes: dict[str, int] = field(default_factory=lambda: defaultdict(int))
+    pixels: dict[str, int] = field(default_factory=lambda: defaultdict(int))
+    """The most that was seen of one thing of each name in one frame."""
+    cells: dict[str, Any] = field(default_factory=lambda: defaultdict(lambda: np.zeros(2, int)))
+    """Per name, how many cells were right and how many there are; "" is what is no thing."""
+
+
+def look(recording: Recording, eyes: Any) -> Sight:
+    """Every frame of a recording through the eyes (made with a threshold of ``LOW``) and through the truth."""
+    truth = plugins.make("detectors", "ground_truth", truth=recording.truth, min_pixels=1)
+    sight = Sight(recording.name)
+    for number in range(len(recording)):
+        frame = recording[number]
+        found, true = eyes.detect(frame), truth.detect(frame)
+        assert true.masks is not None
+        sight.found.append(found)
+        match(found, true, true.masks.sum((1, 2)), sight)
+    return sight
+
+
+def match(found: Detections, true: Detections, pixels: Any, sight: Sight) -> None:
+    """Best score first, each box to the true one of its name that it overlaps most, by half at least, if none had it before."""
+    names, counted = np.array(true.labels), pixels >= LEAST_PX
+    for name, count in zip(true.labels, pixels.tolist(), strict=True):
+        sight.boxes[name] += count >= LEAST_PX
+        sight.pixels[name] = max(sight.pixels[name], count)
+    free = np.ones(len(true), bool)
+    for box, score, name in zip(found.boxes_xyxy, found.scores.tolist(), found.labels, strict=True):
+        overlap = np.where(names == name, iou(box, true.boxes_xyxy), 0) if len(true) else np.zeros(0)
+        best = np.where(free, overlap, 0)
+        if len(best) and best.max() >= 0.5:
+            free[best.argmax()] = False
+            if counted[best.argmax()]:
+                sight.hits[name].append((score, True))
+        elif not ((overlap >= 0.3) & ~counted).any():
+            sight.hits[name].append((score, False))
+
+
+def average_precision(hits: Sequence[tuple[float, bool]], boxes: int) -> float:
+    """The area under the precision-recall curve, its precision made monotonic (as COCO does)."""
+    if not hits:
+        return 0.0
+    right = np.array([ok for _, ok in sorted(hits, key=lambda hit: -hit[0])], float)
+    recall = np.cumsum(right) / boxes
+    precision = np.maximum.accumulate((np.cumsum(right) / np.arange(1, len(right) + 1))[::-1])[::-1]
+    return float(np.sum(np.diff(recall, prepend=0) * precision))
+
+
+def ap50(sights: Sequence[Sight]) -> dict[str, float]:
+    """Per name of which there are true boxes."""
+    hits, boxes = defaultdict(list), defaultdict(int)
+    for sight in sights:
+        for name, count in sight.boxes.items():
+            boxes[name] += count
+        for name, some in sight.hits.items():
+            hits[name] += some
+    return {name: average_precision(hits[name], count) for name, count in boxes.items() if count}
+
+
+def index_of(recording: Recording, found: Sequence[Detections], min_views: int) -> Any:
+    """ObjectDepth of a recording and its detections."""
+    index = plugins.make("indexes", "object_depth", min_views=min_views)
+    for number, detections in enumerate(found):
+        index.add(recording[number], detections)
+    return index
+
+
+def listed(sight: Sight, names: Sequence[str]) -> tuple[float, float]:
+    """Recall over names of which 400 px or more were seen, and precision: the share of listed names that were there to be seen."""
+    there = {name for name, pixels in sight.pixels.items() if pixels >= LISTED_PX}
+    right = [name for name in names if sight.pixels.get(name, 0) > 0]
+    return len(there & set(names)) / max(1, len(there)), len(right) / max(1, len(names))
+
+
+def distances(recording: Recording, index: Any, names: Sequence[str] | None = None) -> list[float]:
+    """From where each name (by default each listed one) is located to the middle of the nearest true thing of that name
+    (m); not of names that are not there."""
+    result = []
+    for name in index.names() if names is None else names:
+        middles = [
+            (np.array(t.box_min) + t.box_max) / 2 for t in recording.truth or () if display_name(t.label) == name
+        ]
+        if middles:
+            result.append(min(float(np.linalg.norm(np.array(index.locate(name).position) - m)) for m in middles))
+    return result
+
+
+def look_closely(recording: Recording, eyes: Any, sight: Sight, encoder: Any) -> dict[str, Any]:
+    """The cells of every third frame into ``sight``, and the VLMaps index of ``MAPS`` that these frames make."""
+    names = list(eyes.eyes.names)
+    vectors = encoder.text([*names, *eyes.eyes.around])
+    truth = plugins.make("detectors", "ground_truth", truth=recording.truth)
+    maps = {name: plugins.make("indexes", "vlmaps", encoder=made_by) for name, made_by in MAPS.items()}
+    true_names = {thing.id: display_name(thing.label) for thing in recording.truth or ()}
+    for number in range(0, len(recording), DENSE_STEP):
+        frame = recording[number]
+        features = encoder.image(frame)
+        assert frame.instances is not None
+        rows, columns = (
+            ((np.arange(cells) + 0.5) * pixels / cells).astype(int)
+            for cells, pixels in zip(features.shape[:2], frame.instances.shape, strict=True)
+        )
+        shown, nearest = frame.instances[np.ix_(rows, columns)], (features @ vectors.T).argmax(2)
+        for thing in np.unique(shown):
+            name, mine = true_names.get(int(thing), ""), shown == thing
+            right = nearest[mine] == names.index(name) if name else nearest[mine] >= len(names)
+            sight.cells[name] += int(right.sum()), len(right)
+        found = sight.found[number].keep(sight.found[number].scores >= eyes.eyes.threshold)
+        for name, index in maps.items():
+            index.add(frame, truth.detect(frame) if name == "painted by the truth" else found)
+    return maps
+
+
+def report_cells(sights: Sequence[Sight], far: dict[str, list[float]]) -> None:
+    """What the dense features are worth, over all homes."""
+    cells: dict[str, Any] = defaultdict(lambda: np.zeros(2, int))
+    for sight in sights:
+        for name, counts in sight.cells.items():
+            cells[name] += counts
+    shares = {name: right / count for name, (right, count) in cells.items()}
+    right, count = np.sum(list(cells.values()), axis=0)
+    things = [shares[name] for name in cells if name]
+    print(f"cells: {right / count:.3f} of all are right, {shares['']:.3f} of walls and floors, {np.mean(things):.3f} as a mean "
+          f"over {len(things)} types")  # fmt: skip
+    for name, metres in far.items():
+        print(f"VLMaps {name}: {len(metres)} names found at {np.mean(metres):.2f} m on average, median {np.median(metres):.2f} m, "
+              f"{np.mean(np.array(metres) <= 1):.0%} within 1 m")  # fmt: skip
+
+
+def report(recordings: Sequence[Recording], eyes: Any) -> None:
+    """The table, one line per home, and the total."""
+    sights, rows = [], []
+    encoder = plugins.make("encoders", "embedded", model="pixels", threads=1)
+    mapped: dict[str, list[float]] = {name: [] for name in MAPS}
+    print(
+        f"detector: {eyes.name}, threshold {eyes.eyes.threshold:g}, {eyes.min_views} agreeing frames (sha256 {eyes.sha256[:12]})"
+    )
+    print("home               frames  AP50  recall  precision  distance  (ground truth)")
+    for recording in recordings:
+        sight = look(recording, eyes)
+        sights.append(sight)
+        sure = [found.keep(found.scores >= eyes.eyes.threshold) for found in sight.found]
+        index = index_of(recording, sure, eyes.min_views)
+        exact = plugins.make("detectors", "ground_truth", truth=recording.truth)
+        for name, made in look_closely(recording, eyes, sight, encoder).items():
+            mapped[name] += distances(recording, made, [n for n, px in sight.pixels.items() if px >= LISTED_PX])
+        best = index_of(recording, [exact.detect(recording[i]) for i in range(len(recording))], 1)
+        recall, precision = listed(sight, index.names())
+        far, bound = (float(np.mean(distances(recording, it) or [np.nan])) for it in (index, best))
+        rows.append((float(np.mean(list(ap50([sight]).values()))), recall, precision, far, bound))
+        print(
+            f"{recording.name:18} {len(recording):6}  {rows[-1][0]:.2f}  {recall:6.2f}  {precision:9.2f}  {far:6.2f} m  {bound:8.2f} m",
+            flush=True,
+        )
+        missed = sorted({n for n, p in sight.pixels.items() if p >= LISTED_PX} - set(index.names()))
+        print(
+            f"    missed: {', '.join(missed) or 'none'}; invented: {', '.join(n for n in index.names() if not sight.pixels.get(n)) or 'none'}"
+        )
+    types = ap50(sights)
+    mean = np.nanmean(np.array(rows), axis=0)
+    print(f"all: AP50 over {len(types)} types {np.mean(list(types.values())):.3f}; means of homes: recall {mean[1]:.2f}, "
+          f"precision {mean[2]:.2f}, distance {mean[3]:.2f} m (ground truth {mean[4]:.2f} m)")  # fmt: skip
+    ordered = sorted(types.items(), key=lambda item: item[1])
+    report_cells(sights, mapped)
+    print("lowest AP50:", ", ".join(f"{name} {value:.2f}" for name, value in ordered[:25]))
+    print("highest AP50:", ", ".join(f"{name} {value:.2f}" for name, value in ordered[:-16:-1]))
+
+
+def sheet(recordings: Sequence[Recording], eyes: Any, path: Path) -> None:
+    """A picture: of each home the frame in which most is to be seen, found boxes in green, the truth that was missed in red."""
+    from PIL import Image, ImageDraw
+
+    tiles = []
+    for recording in recordings:
+        truth = plugins.make("detectors", "ground_truth", truth=recording.truth, min_pixels=LISTED_PX)
+        richest = max(range(0, len(recording), 5), key=lambda i: len(truth.detect(recording[i])))
+        frame = recording[richest]
+        found, true = eyes.detect(frame), truth.detect(frame)
+        found = found.keep(found.scores >= eyes.eyes.threshold)
+        image = Image.fromarray(frame.rgb)
+        draw = ImageDraw.Draw(image)
+        draw.text((6, 4), recording.name, fill="black", font_size=18)
+        for box, name in zip(true.boxes_xyxy, true.labels, strict=True):
+            same = [k for k, label in enumerate(found.labels) if label == name]
+            if not len(same) or iou(box, found.boxes_xyxy[same]).max() < 0.5:
+                draw.rectangle(box.tolist(), outline=(200, 40, 40))
+                draw.text((box[0] + 2, box[3] - 14), name, fill=(200, 40, 40), font_size=12)
+        for box, name, score in zip(found.boxes_xyxy, found.labels, found.scores, strict=True):
+            draw.rectangle(box.tolist(), outline=(20, 150, 40), width=2)
+            draw.text((box[0] + 3, box[1] + 1), f"{name} {score:.2f}", fill=(0, 90, 20), font_size=13)
+        tiles.append(np.asarray(image))
+    tiles += [np.full_like(tiles[0], 255)] * (-len(tiles) % 2)
+    rows = [np.hstack(tiles[k : k + 2]) for k in range(0, len(tiles), 2)]
+    Image.fromarray(np.vstack(rows)).save(path, quality=80)
+
+
+def speed(frame: Frame) -> float:
+    """Frames per second of 640 x 480 on one thread, by the processor's time, the median of thirty."""
+    eyes = plugins.make("detectors", "embedded", threads=1)
+    times = []
+    for _ in range(33):
+        again = replace(frame, rgb=frame.rgb.copy())  # the eyes do not look twice at the same image
+        start = time.process_time()
+        eyes.detect(again)
+        times.append(time.process_time() - start)
+    return 1 / float(np.median(times[3:]))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("homes", nargs="*")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--max-frames", type=int, default=800)
+    parser.add_argument("--sheet", type=Path, help="a contact sheet of detections goes there (.jpg, .png)")
+    asked = parser.parse_args()
+    world = plugins.make("worlds", "dollhouse")
+    eyes = plugins.make("detectors", "embedded", threshold=LOW, threads=1)
+    walks = [world.explore(home, seed=asked.seed, max_frames=asked.max_frames) for home in asked.homes or world.homes()]
+    print(f"{speed(walks[0][0]):.1f} frames/s of 640 x 480 on one thread")
+    report(walks, eyes)
+    if asked.sheet:
+        sheet(walks, eyes, asked.sheet)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,67 @@
+"""Eyes that ship inside: a small network trained on generated dollhouse homes; it knows no photographs (onnxruntime)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cartier.detectors._boxes import clip, nms
+from cartier.errors import BackendError
+from cartier.eyes import FOLDER
+from cartier.types import Detections, Frame
+
+if TYPE_CHECKING:
+    from cartier.eyes.sight import Sight
+
+MAX_IOU = 0.5
+FLAT = 6  # levels between the darkest and the brightest value of an image in which nothing can be made out
+
+
+def make(
+    threshold: float | None = None,
+    folder: str | Path = FOLDER,
+    provider: str = "cpu",
+    threads: int | None = None,
+) -> Embedded:
+    """``threshold`` is the least score, by default that chosen on generated homes when the eyes were trained.
+
+    ``folder`` holds other eyes of the same make (tools/train_eyes.py); ``provider`` is onnxruntime's, such as "cuda";
+    ``threads`` is onnxruntime's own choice by default. Raises InputError if the network's file is missing or was changed.
+    """
+    from cartier.eyes.sight import open_sight
+
+    if threshold is not None and not 0 <= threshold <= 1:
+        raise BackendError(f"option threshold must be from 0 to 1, got {threshold}")
+    if threads is not None and threads < 1:
+        raise BackendError(f"option threads must be at least 1, got {threads}")
+    return Embedded(threshold, open_sight(Path(folder), provider, threads))
+
+
+class Embedded:
+    """Obeys the Detector contract: a CenterNet (Zhou et al. 2019) with TTFNet's training (Liu et al. 2020) over RGB alone."""
+
+    def __init__(self, threshold: float | None, sight: Sight) -> None:
+        self._sight = sight
+        self.eyes = sight.eyes
+        self._threshold = self.eyes.threshold if threshold is None else threshold
+        self.sha256 = self.eyes.sha256
+        self.min_views = self.eyes.min_views
+        self.name = f"embedded eyes (score ≥ {self._threshold:g})"
+        self.notes: tuple[str, ...] = (
+            f"embedded eyes know the dollhouse's types and no photographs: {self.eyes.trained}",
+        )
+
+    def detect(self, frame: Frame) -> Detections:
+        """Boxes clipped to the frame, best score first; one thing may come with two names. Raises BackendError if the network gives what it must not."""
+        boxes, scores, classes = self._sight.things(frame)
+        if np.ptp(frame.rgb) < FLAT:
+            return Detections(frame.index, boxes[:0], scores[:0], ())
+        boxes, whole = clip(boxes, frame.camera.width, frame.camera.height)
+        chosen = np.flatnonzero(whole & (scores >= self._threshold))
+        boxes, scores, classes = boxes[chosen], scores[chosen], classes[chosen]
+        order = nms(boxes, scores, classes, MAX_IOU)
+        return Detections(
+            frame.index, boxes[order], scores[order], tuple(self.eyes.names[int(classes[i])] for i in order)
+        )

@@ -1,0 +1,88 @@
+"""Small eyes that ship inside: a network that knows the dollhouse's types from colour alone (built by tools/train_eyes.py)."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from cartier.errors import InputError
+from cartier.files import read_json
+from cartier.types import Array
+
+FOLDER = Path(__file__).parent
+WIDTH = 384  # of the text encoder's vectors
+MODEL, WORDS, NAMES = "eyes.onnx", "words.npy", "names.json"
+
+
+@dataclass(frozen=True, eq=False)
+class Eyes:
+    """The file of the network, what it was made to know, and how to read it.
+
+    ``size`` is the input's (w, h) in pixels; ``names`` are the classes in the network's order, ``around`` the words for what
+    is no thing; ``threshold`` is the least score and ``min_views`` how many frames must agree, both chosen on generated
+    homes; ``trained`` says on what it was. ``words`` (1 + D, 384): the middle of the names' vectors, and the D directions in
+    which the network's features say how another text vector differs from it.
+    """
+
+    path: Path
+    sha256: str
+    size: tuple[int, int]
+    names: tuple[str, ...]
+    around: tuple[str, ...]
+    threshold: float
+    min_views: int
+    trained: str
+    words: Array
+
+    def project(self, vectors: Array) -> Array:
+        """Unit vectors (n, D) float32 of text vectors (n, 384), to be compared with the network's features."""
+        shifted = (np.asarray(vectors, np.float32) - self.words[0]) @ self.words[1:].T
+        projected: Array = shifted / np.maximum(np.linalg.norm(shifted, axis=1, keepdims=True), 1e-12)
+        return projected
+
+
+def load(folder: Path = FOLDER) -> Eyes:
+    """The eyes in a folder, by default those that ship inside.
+
+    Raises InputError if a file is missing or damaged, or if the network is not the one that its names were written for.
+    """
+    path, beside = folder / MODEL, folder / NAMES
+    for file in (path, folder / WORDS, beside):
+        if not file.is_file():
+            raise InputError(f"{file} is missing: install cartier again")
+    told = read_json(beside)
+    try:
+        width, height = (int(side) for side in told["size"])
+        names, around = (tuple(str(name) for name in told[key]) for key in ("names", "around"))
+        digests = {file: str(told["sha256"][file]) for file in (MODEL, WORDS)}
+        threshold, min_views, trained = float(told["threshold"]), int(told["min_views"]), str(told["trained"])
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(f"{beside} is damaged ({type(error).__name__}: {error}): install cartier again") from error
+    if not (0 < width <= 4096 and 0 < height <= 4096 and names and around and 0 <= threshold <= 1 and min_views >= 1):
+        raise InputError(f"{beside} is damaged (a size, the names, the threshold or min_views): install cartier again")
+    _same(path, digests[MODEL])
+    words = _words(folder / WORDS, _same(folder / WORDS, digests[WORDS]))
+    return Eyes(path, digests[MODEL], (width, height), names, around, threshold, min_views, trained, words)
+
+
+def _same(path: Path, digest: str) -> bytes:
+    """The content of a file, if it is the one that was shipped."""
+    data = path.read_bytes()
+    found = hashlib.sha256(data).hexdigest()
+    if found != digest:
+        raise InputError(f"{path} was changed: its sha256 is {found[:12]}…, not {digest[:12]}…; install cartier again")
+    return data
+
+
+def _words(path: Path, data: bytes) -> Array:
+    try:
+        words: Array = np.load(io.BytesIO(data), allow_pickle=False)
+    except ValueError as error:
+        raise InputError(f"{path} is damaged ({error}): install cartier again") from error
+    if words.ndim != 2 or len(words) < 2 or words.shape[1] != WIDTH or not np.isfinite(words).all():
+        raise InputError(f"{path} is damaged: it must hold rows of {WIDTH} numbers; install cartier again")
+    return words

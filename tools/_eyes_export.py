@@ -1,0 +1,183 @@
+"""The trained eyes as one ONNX file, written node by node: batch norms folded in, peaks and boxes picked inside the graph."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import onnx
+import torch
+from _eyes_network import STRIDE, Conv, Eyes
+from onnx import TensorProto, helper, numpy_helper
+
+SIZE = (480, 360)
+MOST = 100  # boxes per image
+
+
+class Graph:
+    """Nodes and constants under construction; methods return the name of their output."""
+
+    def __init__(self) -> None:
+        self.nodes: list[Any] = []
+        self.constants: list[Any] = []
+
+    def constant(self, values: Any, kind: Any = np.float32) -> str:
+        name = f"c{len(self.constants)}"
+        self.constants.append(numpy_helper.from_array(np.asarray(values, kind), name))
+        return name
+
+    def add(self, kind: str, *inputs: str, outputs: int = 1, **settings: Any) -> Any:
+        names = [f"{kind}{len(self.nodes)}_{k}" for k in range(outputs)]
+        self.nodes.append(helper.make_node(kind, list(inputs), names, **settings))
+        return names[0] if outputs == 1 else names
+
+    def conv(self, x: str, weight: Any, bias: Any, stride: int = 1, apart: int = 1) -> str:
+        pad = weight.shape[-1] // 2 * apart
+        inputs = (x, self.constant(weight), self.constant(bias))
+        return str(self.add("Conv", *inputs, strides=[stride] * 2, pads=[pad] * 4, dilations=[apart] * 2))
+
+    def layer(self, x: str, layer: Any) -> str:
+        """A Conv of ours, its batch norm folded into it, or a bare convolution."""
+        if not isinstance(layer, Conv):
+            return self.conv(x, layer.weight.numpy(), layer.bias.numpy(), layer.stride[0])
+        conv, norm = layer[0], layer[1]
+        scale = norm.weight / torch.sqrt(norm.running_var + norm.eps)
+        bias = norm.bias - norm.running_mean * scale
+        weight = (conv.weight * scale[:, None, None, None]).numpy()
+        y = self.conv(x, weight, bias.numpy(), conv.stride[0], conv.dilation[0])
+        return str(self.add("Relu", y)) if len(layer) == 3 else y
+
+    def block(self, x: str, block: Any) -> str:
+        body = self.layer(self.layer(x, block.body[0]), block.body[1])
+        skip = x if isinstance(block.skip, torch.nn.Identity) else self.layer(x, block.skip)
+        return str(self.add("Relu", self.add("Add", body, skip)))
+
+    def enlarged(self, x: str, before: tuple[int, int], after: tuple[int, int]) -> str:
+        """Nearest neighbours, as torch takes them: cell i of ``after`` (rows, columns) is floor(i * before / after)."""
+        if after == (2 * before[0], 2 * before[1]):
+            settings = {"mode": "nearest", "coordinate_transformation_mode": "asymmetric", "nearest_mode": "floor"}
+            return str(self.add("Resize", x, "", self.constant([1, 1, 2, 2]), **settings))
+        for axis, (a, b) in enumerate(zip(before, after, strict=True), start=2):
+            x = self.add("Gather", x, self.constant([i * a // b for i in range(b)], np.int64), axis=axis)
+        return x
+
+    def mirrored(self, x: str) -> str:
+        """Left and right changed places."""
+        width = [self.constant(value, np.int64) for value in ([-1], [-(2**31)], [3], [-1])]
+        return str(self.add("Slice", x, *width))
+
+    def both(self, x: str) -> str:
+        """The mean of the first map and the second one, which is of the mirrored image."""
+        one, two = self.add("Split", x, self.constant([1, 1], np.int64), outputs=2, axis=0)
+        return str(self.add("Mul", self.add("Add", one, self.mirrored(two)), self.constant(0.5)))
+
+    def unit(self, x: str) -> str:
+        """Vectors (1, D, h, w) of length one."""
+        length = self.add("Sqrt", self.add("ReduceSum", self.add("Mul", x, x), self.constant([1], np.int64)))
+        return str(self.add("Div", x, self.add("Max", length, self.constant(1e-12))))
+
+
+def export(eyes: Eyes, path: Path, size: tuple[int, int] = SIZE, twice: bool = False) -> None:
+    """``twice``: what is given is the mean over the image and its mirror image, at twice the time. Input ``image`` (1, 3, h, w) float32, 0 to 1, of ``size`` (w, h); outputs ``boxes`` (100, 4) xyxy in its pixels,
+    ``scores`` and ``classes`` (100), best first, and ``features`` (1, D, h/4, w/4), unit vectors for every cell."""
+    eyes = eyes.eval()
+    graph = Graph()
+    with torch.no_grad():
+        x = graph.add("Concat", "image", graph.mirrored("image"), axis=0) if twice else "image"
+        logits, sides, features = _maps(graph, eyes, size, x)
+        if twice:
+            swap = graph.add("Split", sides, graph.constant([1, 1], np.int64), outputs=2, axis=0)
+            swap[1] = graph.add("Gather", swap[1], graph.constant([2, 1, 0, 3], np.int64), axis=1)
+            logits, sides = graph.both(logits), graph.both(graph.add("Concat", *swap, axis=0))
+            features = graph.unit(graph.both(features))
+    _peaks(graph, logits, sides, len(eyes.names), size)
+    graph.nodes.append(helper.make_node("Identity", [features], ["features"]))
+    image = helper.make_tensor_value_info("image", TensorProto.FLOAT, [1, 3, size[1], size[0]])
+    cells = [1, eyes.basis.shape[0], size[1] // STRIDE, size[0] // STRIDE]
+    outputs = [
+        helper.make_tensor_value_info(name, kind, shape)
+        for name, kind, shape in (
+            ("boxes", TensorProto.FLOAT, [MOST, 4]),
+            ("scores", TensorProto.FLOAT, [MOST]),
+            ("classes", TensorProto.INT64, [MOST]),
+            ("features", TensorProto.FLOAT, cells),
+        )
+    ]
+    made = helper.make_graph(graph.nodes, "eyes", [image], outputs, graph.constants)
+    model = helper.make_model(made, opset_imports=[helper.make_opsetid("", 17)], ir_version=9)
+    onnx.checker.check_model(model, full_check=True)
+    path.write_bytes(model.SerializeToString())
+
+
+def _maps(graph: Graph, eyes: Eyes, size: tuple[int, int], image: str) -> tuple[str, str, str]:
+    """The heatmap's logits, the boxes and the features of all cells."""
+    x = graph.add("Mul", graph.add("Sub", image, graph.constant(0.5)), graph.constant(4.0))
+    for layer in eyes.stem:
+        x = graph.layer(x, layer)
+    steps = [graph.block(x, eyes.s4)]
+    for stage in ([*eyes.s8], [*eyes.s16, eyes.more16], [*eyes.s32, eyes.more32]):
+        x = steps[-1]
+        for block in stage:
+            x = graph.block(x, block)
+        steps.append(x)
+    room = graph.add("Relu", graph.layer(graph.add("GlobalAveragePool", x), eyes.room[0]))
+    steps[-1] = graph.add("Add", x, graph.layer(room, eyes.room[2]))
+    sides = [graph.layer(x, lateral) for x, lateral in zip(steps, eyes.lateral, strict=True)]
+    shapes = [(-(-size[1] // stride), -(-size[0] // stride)) for stride in (4, 8, 16, 32)]
+    up = sides[3]
+    for level, smooth in ((2, eyes.smooth16), (1, eyes.smooth8), (0, eyes.smooth4)):
+        up = graph.layer(graph.add("Add", sides[level], graph.enlarged(up, shapes[level + 1], shapes[level])), smooth)
+        if level == 1:
+            up = graph.block(up, eyes.refine)
+    seen = graph.unit(graph.layer(up, eyes.see))
+    logits = graph.conv(seen, (eyes.names * eyes.scale)[..., None, None].numpy(), eyes.bias.numpy())
+    box = graph.layer(graph.layer(up, eyes.box[0]), eyes.box[1])
+    return logits, box, graph.unit(graph.layer(up, eyes.paint))
+
+
+def _peaks(graph: Graph, logits: str, sides: str, classes: int, size: tuple[int, int]) -> None:
+    """CenterNet's decoding: local maxima of the heatmap are the things (Zhou et al. 2019)."""
+    rows, columns = size[1] // STRIDE, size[0] // STRIDE
+    cells = rows * columns
+    top = graph.add("MaxPool", logits, kernel_shape=[3, 3], strides=[1, 1], pads=[1, 1, 1, 1])
+    peaks = graph.add("Where", graph.add("Equal", logits, top), logits, graph.constant(-30.0))
+    flat = graph.add("Reshape", peaks, graph.constant([classes * cells], np.int64))
+    best, where = graph.add("TopK", flat, graph.constant([MOST], np.int64), outputs=2)
+    graph.nodes.append(helper.make_node("Sigmoid", [best], ["scores"]))
+    count = graph.constant(cells, np.int64)
+    graph.nodes.append(helper.make_node("Div", [where, count], ["classes"]))
+    cell = graph.add("Mod", where, count)
+    across = graph.constant(columns, np.int64)
+    x, y = (graph.add("Cast", graph.add(kind, cell, across), to=TensorProto.FLOAT) for kind in ("Mod", "Div"))
+    x, y = (
+        graph.add("Add", graph.add("Mul", value, graph.constant(float(STRIDE))), graph.constant(STRIDE / 2))
+        for value in (x, y)
+    )
+    one = graph.constant([1], np.int64)
+    centre = graph.add("Concat", graph.add("Unsqueeze", x, one), graph.add("Unsqueeze", y, one), axis=1)
+    reach = graph.add("Transpose", graph.add("Reshape", sides, graph.constant([4, cells], np.int64)), perm=[1, 0])
+    reach = graph.add("Gather", reach, cell, axis=0)
+    reach = graph.add("Exp", graph.add("Clip", reach, graph.constant(-4.0), graph.constant(6.0)))
+    reach = graph.add("Mul", reach, graph.constant(float(STRIDE)))
+    before, after = graph.add("Split", reach, graph.constant([2, 2], np.int64), outputs=2, axis=1)
+    low, high = graph.add("Sub", centre, before), graph.add("Add", centre, after)
+    graph.nodes.append(helper.make_node("Concat", [low, high], ["boxes"], axis=1))
+
+
+def compare(eyes: Eyes, path: Path, image: Any, twice: bool) -> float:
+    """The largest difference of a score or a feature to torch's, for an image (h, w, 3) uint8."""
+    import onnxruntime
+
+    tensor = (np.asarray(image, np.float32) / 255).transpose(2, 0, 1)[None]
+    session = onnxruntime.InferenceSession(str(path), providers=["CPUExecutionProvider"])
+    scores, features = session.run(["scores", "features"], {"image": np.ascontiguousarray(tensor)})
+    with torch.no_grad():
+        logits, _, painted = eyes.eval()(torch.from_numpy(tensor))
+        if twice:
+            turned, _, also = eyes(torch.from_numpy(tensor).flip(3))
+            logits = (logits + turned.flip(3)) / 2
+            painted = torch.nn.functional.normalize(painted + also.flip(3), dim=1)
+        top = torch.nn.functional.max_pool2d(logits, 3, 1, 1)
+        best = torch.where(logits == top, logits, -30.0).flatten().topk(MOST).values.sigmoid().numpy()
+    return float(max(np.abs(scores - best).max(), np.abs(features - painted.numpy()).max()))

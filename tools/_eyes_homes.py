@@ -1,0 +1,298 @@
+"""Frames to train the eyes on: generated homes with more clutter and other colours, seen from random poses, as npz shards."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.ndimage import find_objects
+
+from cartier.text import display_name
+from cartier.worlds.dollhouse import shapes
+from cartier.worlds.dollhouse.generate import generate
+from cartier.worlds.dollhouse.model import Scene, Thing
+from cartier.worlds.dollhouse.place import Plan
+from cartier.worlds.dollhouse.recording import look, pinhole
+from cartier.worlds.dollhouse.render import Renderer
+from cartier.worlds.dollhouse.scene import load_scene
+
+SIZE = (480, 360)
+MIN_PIXELS = 64
+POSES = 90  # views per home: the light's bake is paid once, and costs more than all of them
+ROBOT_M = 0.2
+WOODS = ("oak", "walnut", "pine", "whitewood", "birch", "cherry", "beech", "ash", "teak")
+FAMILIES = ("paint", "fabric", "plastic", "ceramic", "leather", "carpet", "tiles", "planks", "stripes", "wood")
+COLOURS = [
+    "white",
+    "cream",
+    "ivory",
+    "wheat",
+    "sand",
+    "grey",
+    "lightgrey",
+    "charcoal",
+    "petrol",
+    "mustard",
+    "terracotta",
+    "sage",
+    "olive",
+    "steelblue",
+    "darkred",
+    "lightsteelblue",
+    "mistyrose",
+    "honeydew",
+    "lightblue",
+    "navy",
+    "firebrick",
+    "seagreen",
+    "slategrey",
+    "tan",
+    "peru",
+    "khaki",
+    "lavender",
+]
+LEFT_OUT = ("Window", "Blinds", "Curtains", "ShowerHead", "Sink", "Faucet", "StoveBurner", "CounterTop", "Bathtub")
+
+
+def names() -> list[str]:
+    """The display names of all types of the dollhouse: the classes of the eyes, in the order of the types."""
+    return [display_name(kind) for kind in shapes.types()]
+
+
+def varied(scene: Scene, rng: np.random.Generator) -> Scene:
+    """The home with other colours and with extra things of all types: on surfaces, on the floor and on walls.
+
+    Generated homes never hold about twenty types; here each has its chance. Extra things may touch others: this is no
+    home file, only something to look at.
+    """
+    things = [_recoloured(thing, rng) for thing in scene.things]
+    extra = _on_surfaces(scene, rng) + _on_floor(scene, rng) + _on_walls(scene, rng)
+    first = max((thing.id for thing in things), default=0) + 1
+    things += [replace(thing, id=first + k) for k, thing in enumerate(extra)]
+    structure = scene.structure
+    if rng.random() < 0.6:
+        swap: dict[str, str] = {}
+        structure = tuple(replace(part, material=_other(part.material, rng, swap, 0.5)) for part in structure)
+    return replace(scene, things=tuple(things), structure=structure)
+
+
+def _recoloured(thing: Thing, rng: np.random.Generator) -> Thing:
+    if rng.random() < 0.5:
+        return thing
+    swap: dict[str, str] = {}
+    parts = tuple(replace(part, material=_other(part.material, rng, swap, 0.6)) for part in thing.shape.parts)
+    return replace(thing, shape=replace(thing.shape, parts=parts))
+
+
+def _other(material: str, rng: np.random.Generator, swap: dict[str, str], chance: float) -> str:
+    """Another wood for a wood, another colour for what is coloured; the same for all parts of one thing."""
+    if material not in swap:
+        family, _, colour = material.partition(":")
+        swap[material] = material
+        if rng.random() < chance:
+            if material in WOODS:
+                swap[material] = str(rng.choice(WOODS))
+            elif family in FAMILIES and colour:
+                palette = WOODS if family in ("planks", "wood") else COLOURS
+                swap[material] = f"{family}:{rng.choice(palette)}"
+    return swap[material]
+
+
+def _kinds(stands: str) -> list[str]:
+    return [kind for kind in shapes.types() if shapes.info(kind).stands == stands and kind not in LEFT_OUT]
+
+
+def _made(kind: str, rng: np.random.Generator) -> Any:
+    usual = np.array(shapes.info(kind).size)
+    size = np.maximum(usual * rng.uniform(0.85, 1.15) * rng.uniform(0.92, 1.08, 3), 0.003)
+    return shapes.build(kind, tuple(size.tolist()), None, int(rng.integers(20)))
+
+
+def _on_surfaces(scene: Scene, rng: np.random.Generator) -> list[Thing]:
+    """Small things where the tops and shelves of furniture are still free."""
+    kinds, found = _kinds("surface"), []
+    boxes = {t.id: t.truth() for t in scene.things}
+    for thing in scene.things:
+        if thing.on and thing.type not in ("Sink",):
+            continue
+        taken = [(b.box_min, b.box_max) for i, b in boxes.items() if _carrier(scene, i) == thing.id]
+        for surface in thing.shape.surfaces:
+            span = np.array(surface.high_xy) - np.array(surface.low_xy)
+            for _ in range(int(rng.poisson(min(7.0, 9.0 * float(np.prod(span)))))):
+                kind = str(rng.choice(kinds))
+                made = _made(kind, rng)
+                if made.size[2] > surface.clear_m - 0.01 or max(made.size[:2]) > 1.2 * float(span.max()):
+                    continue
+                half = min(made.size[:2]) / 2
+                if (span < 2 * half).any():
+                    continue
+                spot = rng.uniform(np.array(surface.low_xy) + half, np.array(surface.high_xy) - half)
+                at = thing.to_world(np.array([*spot, surface.z]))
+                turn = rng.uniform(-0.6, 0.6) if rng.random() < 0.7 else rng.uniform(0, math.tau)
+                new = Thing(0, kind, made, (float(at[0]), float(at[1]), float(at[2]) + 0.001), thing.yaw + turn, 0)
+                box = new.truth()
+                if not any(_meet((box.box_min, box.box_max), other) for other in taken):
+                    taken.append((box.box_min, box.box_max))
+                    found.append(new)
+    return found
+
+
+def _carrier(scene: Scene, number: int) -> int:
+    """The id of what a thing stands on, by ids, which count from 1 in the order of the things."""
+    return scene.things[number - 1].on
+
+
+def _meet(a: Any, b: Any) -> bool:
+    return all(a[0][k] < b[1][k] - 0.005 and b[0][k] < a[1][k] - 0.005 for k in range(3))
+
+
+def _on_floor(scene: Scene, rng: np.random.Generator) -> list[Thing]:
+    """Two to four pieces per room, of any type that stands on floors; some small things lie on the floor too."""
+    plan, floor, small = Plan(scene, ROBOT_M), _kinds("floor"), _kinds("surface")
+    found: list[Thing] = []
+    for room in scene.rooms:
+        low, high = np.array(room.box[:2]), np.array(room.box[2:])
+        for _ in range(int(rng.integers(2, 5))):
+            kind = str(rng.choice(floor if rng.random() < 0.85 else small))
+            made = _made(kind, rng)
+            reach = float(np.hypot(*made.size[:2])) / 2 * 0.9
+            for _ in range(15):
+                xy = rng.uniform(low, high)
+                if plan.clearance(xy) > reach and all(math.dist(xy, t.at[:2]) > reach + 0.4 for t in found):
+                    wall = int(np.argmin(np.abs(np.array(room.box) - np.tile(xy, 2))))
+                    yaw = (math.pi / 2, math.pi, -math.pi / 2, 0.0)[wall] + rng.normal(0, 0.4)
+                    found.append(Thing(0, kind, made, (float(xy[0]), float(xy[1]), 0.0), float(yaw)))
+                    break
+    return found
+
+
+def _on_walls(scene: Scene, rng: np.random.Generator) -> list[Thing]:
+    """Two to five things per room on its walls; one that hides behind furniture is simply not seen."""
+    kinds, found = _kinds("wall"), []
+    holes = [(np.array(o.start), np.array(o.end)) for o in scene.openings]
+    for room in scene.rooms:
+        x1, y1, x2, y2 = room.box
+        for _ in range(int(rng.integers(2, 6))):
+            kind = str(rng.choice(kinds))
+            made = _made(kind, rng)
+            width, depth, height = made.size
+            side = int(rng.integers(4))
+            low, high = (y1, y2) if side in (0, 2) else (x1, x2)
+            if high - low < width + 0.2:
+                continue
+            along = float(rng.uniform(low + width / 2 + 0.05, high - width / 2 - 0.05))
+            face = (x1 + depth / 2, y1 + depth / 2, x2 - depth / 2, y2 - depth / 2)[side]
+            x, y = (face, along) if side in (0, 2) else (along, face)
+            yaw = (math.pi / 2, math.pi, -math.pi / 2, 0.0)[side]
+            near = any(_gap(np.array([x, y]), a, b) < width / 2 + 0.1 for a, b in holes)
+            if near or any(math.dist((x, y), t.at[:2]) < (width + t.shape.size[0]) / 2 for t in found):
+                continue
+            bottom = max(0.1, float(rng.uniform(0.8, 1.9)) - height / 2)
+            if bottom + height < scene.height_m - 0.05:
+                found.append(Thing(0, kind, made, (x, y, bottom), yaw))
+    return found
+
+
+def _gap(point: Any, a: Any, b: Any) -> float:
+    t = float(np.clip(np.dot(point - a, b - a) / max(1e-9, float(np.dot(b - a, b - a))), 0, 1))
+    return float(np.linalg.norm(point - a - t * (b - a)))
+
+
+def poses(scene: Scene, count: int, rng: np.random.Generator) -> list[Any]:
+    """Cameras where a robot fits: level to steep, 0.8 to 1.6 m above the floor; of two random yaws, that with more to see."""
+    plan, found = Plan(scene, ROBOT_M), []
+    at = np.array([thing.at[:2] for thing in scene.things])
+    boxes = np.array([room.box for room in scene.rooms])
+    areas = np.prod(boxes[:, 2:] - boxes[:, :2], axis=1)
+    for _ in range(60 * count):
+        box = boxes[rng.choice(len(boxes), p=areas / areas.sum())]
+        xy = rng.uniform(box[:2], box[2:])
+        if plan.free(xy):
+            eye = 1.5 if rng.random() < 0.5 else float(rng.uniform(0.8, 1.6))
+            down = math.radians(float(rng.choice((0.0, 22.5, 22.5))) + float(rng.normal(0, 6)))
+            if rng.random() < 0.06:
+                down = math.radians(float(rng.uniform(30, 55)))
+            yaw = max(rng.uniform(0, math.tau, 2).tolist(), key=lambda yaw: _in_view(at, xy, yaw))
+            found.append(look(xy, yaw, down, eye))
+        if len(found) == count:
+            break
+    return found
+
+
+def _in_view(at: Any, xy: Any, yaw: float) -> int:
+    """How many things lie ahead, walls not asked."""
+    way = at - xy
+    far = np.hypot(*way.T)
+    return int((((way @ (math.cos(yaw), math.sin(yaw))) > 0.78 * far) & (far < 4.5)).sum())
+
+
+def frames(seed: int, count: int = POSES, extra: bool = True) -> dict[str, Any]:
+    """Frames of one generated home: images (N, 360, 480, 3) uint8; boxes (K, 4) float32, xyxy, with label, frame and pixels (K,).
+
+    ``kinds`` (N, 90, 120) int16 has the number of the name at the middle of each cell of 4 × 4 pixels, -1 for walls and floors.
+    """
+    rng = np.random.default_rng((seed, 8))
+    scene = load_scene(generate(seed))
+    seen_from = poses(scene, count, rng)
+    if extra:
+        scene = varied(scene, rng)
+        plan = Plan(scene, 0.1)
+        seen_from = [pose for pose in seen_from if plan.clearance(pose[:2, 3]) > 0.05]
+    fov = 62.0 if rng.random() < 0.6 else float(rng.uniform(52, 72))
+    renderer = Renderer(scene, pinhole(*SIZE, fov))
+    number = {kind: k for k, kind in enumerate(shapes.types())}
+    kind_of = np.array([-1] + [number[t.type] for t in scene.things])
+    images, boxes, labels, which, pixels, kinds = [], [], [], [], [], []
+    for pose in seen_from:
+        view = renderer.render(pose)
+        count_of = np.bincount(view.instances.ravel())
+        ids = np.flatnonzero(count_of >= MIN_PIXELS)
+        ids = ids[ids > 0]
+        if not len(ids):
+            continue
+        spans = find_objects(view.instances)
+        boxes += [(s[1].start, s[0].start, s[1].stop, s[0].stop) for s in (spans[i - 1] for i in ids)]
+        labels += kind_of[ids].tolist()
+        which += [len(images)] * len(ids)
+        pixels += count_of[ids].tolist()
+        images.append(view.rgb)
+        kinds.append(kind_of[view.instances[2::4, 2::4]])
+    return {
+        "images": np.array(images, np.uint8).reshape(-1, SIZE[1], SIZE[0], 3),
+        "boxes": np.array(boxes, np.float32).reshape(-1, 4),
+        "labels": np.array(labels, np.int64),
+        "frame": np.array(which, np.int64),
+        "pixels": np.array(pixels, np.int64),
+        "kinds": np.array(kinds, np.int16).reshape(-1, SIZE[1] // 4, SIZE[0] // 4),
+    }
+
+
+def render_into(folder: Path, first: int, homes: int, keep: int, extra: bool = True) -> None:
+    """Homes from seed ``first`` on, one shard each, until ``homes`` were made; the oldest go when there are more than ``keep``.
+
+    A shard is written beside and renamed, so that a reader never meets half of one.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    for seed in range(first, first + homes):
+        target = folder / f"{seed:08d}.npz"
+        if target.exists():
+            continue
+        start = time.time()
+        try:
+            made = frames(seed, extra=extra)
+        except Exception as error:  # one home that cannot be built must not end a night's rendering
+            print(f"home {seed} left out: {type(error).__name__}: {error}", flush=True)
+            continue
+        if not len(made["images"]):
+            continue
+        part = target.with_suffix(".part")
+        with part.open("wb") as file:
+            np.savez(file, **made)
+        part.replace(target)
+        for old in sorted(folder.glob("*.npz"))[:-keep]:
+            old.unlink()
+        print(f"home {seed}: {len(made['images'])} frames in {time.time() - start:.1f} s", flush=True)

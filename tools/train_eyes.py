@@ -1,0 +1,242 @@
+"""Train the eyes that ship inside: `render` homes into shards while `train` learns from what is there; `export`; `choose`.
+
+Usage:  python tools/train_eyes.py render DATA/train --first 100000 --homes 2000
+        python tools/train_eyes.py render DATA/held-back --first 95000 --homes 12
+        python tools/train_eyes.py train DATA RUN --minutes 145
+        python tools/train_eyes.py calibrate RUN DATA/held-back
+        python tools/train_eyes.py export RUN src/cartier/eyes
+        python tools/train_eyes.py choose src/cartier/eyes
+
+The eyes see RGB alone. `calibrate` makes scores chances, name by name; `export` writes the network, the words that its features
+understand, and names.json; `choose` sets threshold and min_views there: both on generated homes that were held back. All may
+be stopped and started again; only torch and onnx are needed besides cartier. The seven built-in homes are never looked at:
+benchmarks/eyes.py measures on them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import math
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from _eyes_batches import Pool, batch
+from _eyes_homes import names
+from _eyes_loss import loss_of
+from _eyes_network import Eyes
+from torch import Tensor
+
+DIMENSIONS = 64  # of the features: name vectors are told apart by so many principal directions
+BATCH, PEAK, DECAY, WARM_STEPS = 10, 3e-3, 0.02, 150
+SAVE_S = 180
+BOX_WEIGHT, PAINT_WEIGHT = 3.0, 0.5
+AROUND = ("wall and floor",)  # what a cell shows where no thing is
+ROOM = 5 << 30  # bytes of frames in memory
+
+
+def new_eyes() -> Eyes:
+    """The untrained network over the vectors of the names.
+
+    Principal directions are scaled by the root of their spread (half whitened): else names as near as "pan lid" and "pot
+    lid" could hardly be told apart by a cosine.
+    """
+    from cartier.minilm import TextEncoder
+
+    encode = TextEncoder()
+    vectors, around = (encode(list(texts)).astype(np.float64) for texts in (names(), AROUND))
+    middle = vectors.mean(0)
+    _, spread, directions = np.linalg.svd(vectors - middle, full_matrices=False)
+    basis = directions[:DIMENSIONS] / np.sqrt(spread[:DIMENSIONS, None])
+    return Eyes(*(torch.tensor(a, dtype=torch.float32) for a in (vectors, around, middle, basis)))
+
+
+def train(data: Path, run: Path, minutes: float, seed: int) -> None:
+    """Train until the time is over; the learning rate follows the clock, so that it always ends at zero."""
+    torch.manual_seed(seed)
+    run.mkdir(parents=True, exist_ok=True)
+    eyes, mean = new_eyes().to(memory_format=torch.channels_last), new_eyes()
+    fast = [p for n, p in eyes.named_parameters() if p.ndim < 2]
+    slow = [p for n, p in eyes.named_parameters() if p.ndim >= 2]
+    optimizer = torch.optim.AdamW([{"params": slow, "weight_decay": DECAY}, {"params": fast, "weight_decay": 0.0}])
+    step, spent = _resumed(run, eyes, mean, optimizer)
+    rng = np.random.default_rng((seed, step))
+    pool = Pool(data / "train", ROOM)
+    pool.refresh()
+    start, saved = time.time() - spent, time.time()
+    sums, classes = np.zeros(3), len(names())
+    weights = _weights(pool, classes)
+    while (spent := time.time() - start) < 60 * minutes:
+        turn = 0.5 * (1 + math.cos(math.pi * min(1, spent / (60 * minutes))))
+        rate = PEAK * min(1, (step + 1) / WARM_STEPS) * turn
+        for group in optimizer.param_groups:
+            group["lr"] = max(rate, 1e-6)
+        true = batch(pool, BATCH, rng)
+        images = torch.from_numpy(true.images).contiguous(memory_format=torch.channels_last)
+        losses = loss_of(eyes, images, true, weights, rng)
+        optimizer.zero_grad(set_to_none=True)
+        (losses[0] + BOX_WEIGHT * losses[1] + PAINT_WEIGHT * losses[2]).backward()
+        torch.nn.utils.clip_grad_norm_(eyes.parameters(), 20.0)
+        optimizer.step()
+        step += 1
+        _follow(mean, eyes, min(0.999, (1 + step) / (10 + step)))
+        sums += [loss.item() for loss in losses]
+        if step % 25 == 0:
+            print(f"{spent:.0f} s step {step} lr {rate:.5f} heat {sums[0] / 25:.3f} box {sums[1] / 25:.3f} "
+                  f"paint {sums[2] / 25:.3f} scale {eyes.scale.item():.1f} frames {len(pool.frames)}", flush=True)  # fmt: skip
+            sums[:] = 0
+            pool.refresh(3)
+            weights = _weights(pool, classes)
+        if time.time() - saved > SAVE_S:
+            saved = time.time()
+            _save(run, eyes, mean, optimizer, step, spent)
+    _save(run, eyes, mean, optimizer, step, spent)
+
+
+def _weights(pool: Pool, classes: int) -> Tensor:
+    """How much a hit of each name counts: rare ones up to three times as much."""
+    counts = np.maximum(pool.counts(classes), 1)
+    return torch.tensor(np.clip((np.median(counts) / counts) ** 0.4, 0.6, 3.0), dtype=torch.float32)
+
+
+@torch.no_grad()
+def _follow(mean: Eyes, eyes: Eyes, decay: float) -> None:
+    """The exponential moving average of the weights, which is what is kept."""
+    for a, b in zip(mean.state_dict().values(), eyes.state_dict().values(), strict=True):
+        if a.dtype.is_floating_point:
+            a.lerp_(b, 1 - decay)
+        else:
+            a.copy_(b)
+
+
+def _save(run: Path, eyes: Eyes, mean: Eyes, optimizer: Any, step: int, spent: float) -> None:
+    part = run / "checkpoint.part"
+    state = {"eyes": eyes.state_dict(), "mean": mean.state_dict(), "optimizer": optimizer.state_dict()}
+    torch.save(state | {"step": step, "spent": spent}, part)
+    part.replace(run / "checkpoint.pt")
+    print(f"saved at step {step}", flush=True)
+
+
+def _resumed(run: Path, eyes: Eyes, mean: Eyes, optimizer: Any) -> tuple[int, float]:
+    """Steps and seconds so far."""
+    path = run / "checkpoint.pt"
+    if not path.exists():
+        return 0, 0.0
+    state = torch.load(path, weights_only=True)
+    eyes.load_state_dict(state["eyes"])
+    mean.load_state_dict(state["mean"])
+    optimizer.load_state_dict(state["optimizer"])
+    return int(state["step"]), float(state["spent"])
+
+
+def export_run(run: Path, into: Path, width: int, twice: bool) -> None:
+    """The averaged weights as ONNX, calibrated if there is something to calibrate them with, and what belongs beside it."""
+    from _eyes_export import compare, export
+
+    eyes = new_eyes()
+    state = torch.load(run / "checkpoint.pt", weights_only=True)
+    eyes.load_state_dict(state["mean"])
+    if (run / "calibration.json").exists():
+        told = json.loads((run / "calibration.json").read_text())
+        with torch.no_grad():
+            eyes.scale *= told["slope"]
+            eyes.bias.mul_(told["slope"]).add_(told["shift"] + torch.tensor(told["offsets"]))
+    into.mkdir(parents=True, exist_ok=True)
+    path, size = into / "eyes.onnx", (width, width * 3 // 4)
+    export(eyes, path, size, twice)
+    image = np.random.default_rng(0).integers(0, 256, (size[1], size[0], 3), np.uint8)
+    print(f"largest difference to torch: {compare(eyes, path, image, twice):.1e}; {path.stat().st_size / 1e6:.1f} MB")
+    trained = (
+        f"{state['step']} steps on rendered views of generated homes, {state['spent'] / 60:.0f} minutes by the clock"
+    )
+    np.save(into / "words.npy", np.vstack([eyes.middle[None], eyes.basis]).astype(np.float32))
+    told = {"size": list(size), "threshold": 0.3, "min_views": 2, "trained": trained}  # until `choose`
+    _write_names(into, told | {"names": names(), "around": list(AROUND)})
+
+
+def calibrate_run(run: Path, shards: Path, homes: int, max_frames: int, width: int, twice: bool) -> None:
+    """Into RUN/calibration.json, which the next export takes in: from rendered frames and, twice as heavy, from walks."""
+    from _eyes_choice import LOW, calibrate, looks_at_shards, walks
+    from eyes import look
+
+    from cartier import plugins
+
+    (run / "calibration.json").unlink(missing_ok=True)
+    export_run(run, run / "plain", width, twice)
+    eyes = plugins.make("detectors", "embedded", threshold=LOW, folder=run / "plain", threads=1)
+    walked = [look(recording, eyes) for recording in walks(homes, max_frames)]
+    slope, shift, offsets = calibrate([looks_at_shards(shards, eyes), *walked, *walked], eyes.eyes.names)
+    told = {"slope": slope, "shift": shift, "offsets": offsets}
+    (run / "calibration.json").write_text(json.dumps(told) + "\n")
+    print(f"slope {slope:.2f}, shift {shift:.2f}")
+
+
+def choose_run(folder: Path, homes: int, max_frames: int) -> None:
+    """Threshold and views into names.json."""
+    from _eyes_choice import choose, walks
+
+    threshold, views = choose(folder, walks(homes, max_frames))
+    told = json.loads((folder / "names.json").read_text())
+    _write_names(folder, told | {"threshold": threshold, "min_views": views})
+
+
+def _write_names(folder: Path, told: dict[str, Any]) -> None:
+    digests = {file: hashlib.sha256((folder / file).read_bytes()).hexdigest() for file in ("eyes.onnx", "words.npy")}
+    (folder / "names.json").write_text(json.dumps(told | {"sha256": digests}, indent=1) + "\n")
+
+
+def _look_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--width", type=int, default=480, help="of the input, which is 4 to 3")
+    parser.add_argument("--once", action="store_true", help="the image alone, not its mirror image too: half the time")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    commands = parser.add_subparsers(dest="command", required=True)
+    sub = commands.add_parser("render")
+    sub.add_argument("folder", type=Path)
+    sub.add_argument("--first", type=int, required=True)
+    sub.add_argument("--homes", type=int, required=True)
+    sub.add_argument("--keep", type=int, default=700)
+    sub.add_argument("--plain", action="store_true", help="homes as they are generated, nothing added or recoloured")
+    sub = commands.add_parser("train")
+    sub.add_argument("data", type=Path)
+    sub.add_argument("run", type=Path)
+    sub.add_argument("--minutes", type=float, default=65)
+    sub.add_argument("--seed", type=int, default=0)
+    sub = commands.add_parser("export")
+    sub.add_argument("run", type=Path)
+    sub.add_argument("folder", type=Path)
+    _look_options(sub)
+    sub = commands.add_parser("calibrate")
+    sub.add_argument("run", type=Path)
+    sub.add_argument("shards", type=Path)
+    sub.add_argument("--homes", type=int, default=6)
+    sub.add_argument("--max-frames", type=int, default=130)
+    _look_options(sub)
+    sub = commands.add_parser("choose")
+    sub.add_argument("folder", type=Path)
+    sub.add_argument("--homes", type=int, default=6)
+    sub.add_argument("--max-frames", type=int, default=130)
+    asked = parser.parse_args()
+    torch.set_num_threads(1)
+    if asked.command == "render":
+        from _eyes_homes import render_into
+
+        render_into(asked.folder, asked.first, asked.homes, asked.keep, extra=not asked.plain)
+    elif asked.command == "export":
+        export_run(asked.run, asked.folder, asked.width, not asked.once)
+    elif asked.command == "calibrate":
+        calibrate_run(asked.run, asked.shards, asked.homes, asked.max_frames, asked.width, not asked.once)
+    elif asked.command == "choose":
+        choose_run(asked.folder, asked.homes, asked.max_frames)
+    else:
+        train(asked.data, asked.run, asked.minutes, asked.seed)
+
+
+if __name__ == "__main__":
+    main()
