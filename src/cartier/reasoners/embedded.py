@@ -27,7 +27,6 @@ NAME = "embedded (knowledge cards, MiniLM, learned scorer)"
 ASKED_FOR = 8.0  # weight from which a name counts as asked for
 SURE = 0.4  # probability that the best thing serves under which nothing does
 FAR = 5.0  # logits under "nothing" from which the best is no answer, however sure it is among its like
-AHEAD = 6.0  # logits by which a thing that was named and is not listed stands for itself, before all that is
 TIE = 0.12  # two unlike things whose logits are closer than this are asked about
 ALIKE = 0.8  # cosine of two cards from which their things serve alike, so that one is taken without asking
 MOST_NEEDS, LONGEST_PART = 4, 30  # needs in one breath, and words of each
@@ -106,9 +105,7 @@ class Embedded:
         missing = things.missing(judged)
         # who turns a thing down wants the next best, so that it need only not be hopeless
         unsure = not turn.without and self.scorer.sure(self._evidence(ranked, missing, judged)) < SURE
-        best, named = ranked[0], missing[1]
-        elsewhere = named is not None and best.called is None and named.logit > best.logit + AHEAD
-        doubtful = unsure or elsewhere or best.logit < judged.nothing - FAR
+        doubtful = unsure or ranked[0].logit < judged.nothing - FAR
         if doubtful and not turn.only:
             return self._instead(missing[1], things, judged, candidates)
         return self._choose(ranked, judged, candidates, ask=not turn.only)
