@@ -230,7 +230,7 @@ def _in_view(at: Any, xy: Any, yaw: float) -> int:
     return int((((way @ (math.cos(yaw), math.sin(yaw))) > 0.78 * far) & (far < 4.5)).sum())
 
 
-def frames(seed: int, count: int = POSES, extra: bool = True) -> dict[str, Any]:
+def frames(seed: int, count: int = POSES) -> dict[str, Any]:
     """Frames of one generated home: images (N, 360, 480, 3) uint8; boxes (K, 4) float32, xyxy, with label, frame and pixels (K,).
 
     ``kinds`` (N, 90, 120) int16 has the number of the name at the middle of each cell of 4 × 4 pixels, -1 for walls and floors.
@@ -238,10 +238,9 @@ def frames(seed: int, count: int = POSES, extra: bool = True) -> dict[str, Any]:
     rng = np.random.default_rng((seed, 8))
     scene = load_scene(generate(seed))
     seen_from = poses(scene, count, rng)
-    if extra:
-        scene = varied(scene, rng)
-        plan = Plan(scene, 0.1)
-        seen_from = [pose for pose in seen_from if plan.clearance(pose[:2, 3]) > 0.05]
+    scene = varied(scene, rng)
+    plan = Plan(scene, 0.1)
+    seen_from = [pose for pose in seen_from if plan.clearance(pose[:2, 3]) > 0.05]
     fov = 62.0 if rng.random() < 0.6 else float(rng.uniform(52, 72))
     renderer = Renderer(scene, pinhole(*SIZE, fov))
     number = {kind: k for k, kind in enumerate(shapes.types())}
@@ -271,7 +270,7 @@ def frames(seed: int, count: int = POSES, extra: bool = True) -> dict[str, Any]:
     }
 
 
-def render_into(folder: Path, first: int, homes: int, keep: int, extra: bool = True) -> None:
+def render_into(folder: Path, first: int, homes: int, keep: int) -> None:
     """Homes from seed ``first`` on, one shard each, until ``homes`` were made; the oldest go when there are more than ``keep``.
 
     A shard is written beside and renamed, so that a reader never meets half of one.
@@ -283,7 +282,7 @@ def render_into(folder: Path, first: int, homes: int, keep: int, extra: bool = T
             continue
         start = time.time()
         try:
-            made = frames(seed, extra=extra)
+            made = frames(seed)
         except Exception as error:  # one home that cannot be built must not end a night's rendering
             print(f"home {seed} left out: {type(error).__name__}: {error}", flush=True)
             continue

@@ -133,9 +133,9 @@ def _resumed(run: Path, eyes: Eyes, mean: Eyes, optimizer: Any) -> tuple[int, fl
     return int(state["step"]), float(state["spent"])
 
 
-def export_run(run: Path, into: Path, width: int, twice: bool) -> None:
+def export_run(run: Path, into: Path) -> None:
     """The averaged weights as ONNX, calibrated if there is something to calibrate them with, and what belongs beside it."""
-    from _eyes_export import compare, export
+    from _eyes_export import SIZE, compare, export
 
     eyes = new_eyes()
     state = torch.load(run / "checkpoint.pt", weights_only=True)
@@ -146,19 +146,19 @@ def export_run(run: Path, into: Path, width: int, twice: bool) -> None:
             eyes.scale *= told["slope"]
             eyes.bias.mul_(told["slope"]).add_(told["shift"] + torch.tensor(told["offsets"]))
     into.mkdir(parents=True, exist_ok=True)
-    path, size = into / "eyes.onnx", (width, width * 3 // 4)
-    export(eyes, path, size, twice)
-    image = np.random.default_rng(0).integers(0, 256, (size[1], size[0], 3), np.uint8)
-    print(f"largest difference to torch: {compare(eyes, path, image, twice):.1e}; {path.stat().st_size / 1e6:.1f} MB")
+    path = into / "eyes.onnx"
+    export(eyes, path)
+    image = np.random.default_rng(0).integers(0, 256, (SIZE[1], SIZE[0], 3), np.uint8)
+    print(f"largest difference to torch: {compare(eyes, path, image):.1e}; {path.stat().st_size / 1e6:.1f} MB")
     trained = (
         f"{state['step']} steps on rendered views of generated homes, {state['spent'] / 60:.0f} minutes by the clock"
     )
     np.save(into / "words.npy", np.vstack([eyes.middle[None], eyes.basis]).astype(np.float32))
-    told = {"size": list(size), "threshold": 0.3, "min_views": 2, "trained": trained}  # until `choose`
+    told = {"size": list(SIZE), "threshold": 0.3, "min_views": 2, "trained": trained}  # until `choose`
     _write_names(into, told | {"names": names(), "around": list(AROUND)})
 
 
-def calibrate_run(run: Path, shards: Path, homes: int, max_frames: int, width: int, twice: bool) -> None:
+def calibrate_run(run: Path, shards: Path, homes: int, max_frames: int) -> None:
     """Into RUN/calibration.json, which the next export takes in: from rendered frames and, twice as heavy, from walks."""
     from _eyes_choice import LOW, calibrate, looks_at_shards, walks
     from eyes import look
@@ -166,7 +166,7 @@ def calibrate_run(run: Path, shards: Path, homes: int, max_frames: int, width: i
     from cartier import plugins
 
     (run / "calibration.json").unlink(missing_ok=True)
-    export_run(run, run / "plain", width, twice)
+    export_run(run, run / "plain")
     eyes = plugins.make("detectors", "embedded", threshold=LOW, folder=run / "plain", threads=1)
     walked = [look(recording, eyes) for recording in walks(homes, max_frames)]
     slope, shift, offsets = calibrate([looks_at_shards(shards, eyes), *walked, *walked], eyes.eyes.names)
@@ -189,11 +189,6 @@ def _write_names(folder: Path, told: dict[str, Any]) -> None:
     (folder / "names.json").write_text(json.dumps(told | {"sha256": digests}, indent=1) + "\n")
 
 
-def _look_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--width", type=int, default=480, help="of the input, which is 4 to 3")
-    parser.add_argument("--once", action="store_true", help="the image alone, not its mirror image too: half the time")
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     commands = parser.add_subparsers(dest="command", required=True)
@@ -202,7 +197,6 @@ def main() -> None:
     sub.add_argument("--first", type=int, required=True)
     sub.add_argument("--homes", type=int, required=True)
     sub.add_argument("--keep", type=int, default=700)
-    sub.add_argument("--plain", action="store_true", help="homes as they are generated, nothing added or recoloured")
     sub = commands.add_parser("train")
     sub.add_argument("data", type=Path)
     sub.add_argument("run", type=Path)
@@ -211,13 +205,11 @@ def main() -> None:
     sub = commands.add_parser("export")
     sub.add_argument("run", type=Path)
     sub.add_argument("folder", type=Path)
-    _look_options(sub)
     sub = commands.add_parser("calibrate")
     sub.add_argument("run", type=Path)
     sub.add_argument("shards", type=Path)
     sub.add_argument("--homes", type=int, default=6)
     sub.add_argument("--max-frames", type=int, default=130)
-    _look_options(sub)
     sub = commands.add_parser("choose")
     sub.add_argument("folder", type=Path)
     sub.add_argument("--homes", type=int, default=6)
@@ -227,11 +219,11 @@ def main() -> None:
     if asked.command == "render":
         from _eyes_homes import render_into
 
-        render_into(asked.folder, asked.first, asked.homes, asked.keep, extra=not asked.plain)
+        render_into(asked.folder, asked.first, asked.homes, asked.keep)
     elif asked.command == "export":
-        export_run(asked.run, asked.folder, asked.width, not asked.once)
+        export_run(asked.run, asked.folder)
     elif asked.command == "calibrate":
-        calibrate_run(asked.run, asked.shards, asked.homes, asked.max_frames, asked.width, not asked.once)
+        calibrate_run(asked.run, asked.shards, asked.homes, asked.max_frames)
     elif asked.command == "choose":
         choose_run(asked.folder, asked.homes, asked.max_frames)
     else:

@@ -18,8 +18,6 @@ from cartier.pipeline import map_home
 from cartier.text import display_name
 from cartier.types import Answer
 
-DETECTOR = "embedded"
-"""The eyes that ship inside; ``ground_truth`` shows what perfect ones would do."""
 SLEEPY = (
     "So much work tonight, and the presentation is still not finished. My colleague sent her slides hours ago, and the meeting is at "
     "nine in the morning. I have been staring at this laptop since lunch and I am getting really sleepy… we better do something "
@@ -64,7 +62,7 @@ def run(
     home: str,
     out: Path,
     seed: int = 0,
-    detector: str = DETECTOR,
+    detector: str = specs.DETECTOR,
     say: Callable[[str], None] = lambda line: None,
     progress: Callable[[str], Any] | None = None,
 ) -> list[Told]:

@@ -10,6 +10,9 @@ from cartier.contracts import Detector, Reasoner, Recording, Robot
 from cartier.errors import InputError
 from cartier.home import Home
 
+DETECTOR = "embedded"
+"""Who sees in the demo and the bench by default: the eyes that ship inside. ``ground_truth`` shows what perfect ones would do."""
+
 
 def detector(spec: str, recording: Recording, **options: Any) -> Detector:
     """A detector for a recording; options that are None are left to the detector.

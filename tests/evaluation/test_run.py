@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from cartier import specs
+from cartier import eyes, specs
 from cartier.baselines import nlmap
 from cartier.errors import InputError, ReasonerError
 from cartier.evaluation.maps import Maps, MapSettings
@@ -27,7 +28,7 @@ QUERIES = [
     Query("drink-1", "implicit", "mug", ("mug",), "I could do with something hot to hold", OWN),
     Query("sleep-1", "conversational", "bed", ("bed",), "What a day. The table is full of papers. I am so tired.", OWN),
 ]
-SETTINGS = BenchSettings(("north", "east"), maps=MapSettings(WORLD, "ground_truth"))
+SETTINGS = BenchSettings(("north", "east"), maps=MapSettings(WORLD))
 ROWS = 3 * 2 + 1  # (home, request) pairs: the bed is in one home only
 
 
@@ -88,9 +89,7 @@ def test_the_same_seed_gives_the_same_rows_and_another_draws_otherwise(tmp_path:
     run(tmp_path / "a", SETTINGS, QUERIES, Words(), maps)
     run(tmp_path / "b", SETTINGS, QUERIES, Words(), maps)
     assert without_times(tmp_path / "a") == without_times(tmp_path / "b")
-    only = [
-        BenchSettings(("north",), ("random",), maps=MapSettings(WORLD, "ground_truth"), seed=seed) for seed in range(9)
-    ]
+    only = [BenchSettings(("north",), ("random",), maps=MapSettings(WORLD), seed=seed) for seed in range(9)]
     drawn = {run(tmp_path / f"s{one.seed}", one, QUERIES[:1], Words(), maps)[0]["object"] for one in only}
     assert len(drawn) > 1
 
@@ -115,8 +114,8 @@ def test_a_run_folder_of_other_settings_is_refused(tmp_path: Path, maps: Path) -
     run(tmp_path / "run", SETTINGS, QUERIES, Words(), maps)
     before = (tmp_path / "run" / "results.jsonl").read_bytes()
     for other in (
-        BenchSettings(("east",), maps=MapSettings(WORLD, "ground_truth")),
-        BenchSettings(("north", "east"), maps=MapSettings(WORLD, "ground_truth"), seed=1),
+        BenchSettings(("east",), maps=MapSettings(WORLD)),
+        BenchSettings(("north", "east"), maps=MapSettings(WORLD), seed=1),
     ):
         with pytest.raises(InputError, match="other settings"):
             run(tmp_path / "run", other, QUERIES, Words(), maps)
@@ -131,25 +130,20 @@ def test_a_run_folder_of_other_settings_is_refused(tmp_path: Path, maps: Path) -
 
 def test_mistakes_are_told_before_anything_is_mapped(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no method 'telepathy'"):
-        run(
-            tmp_path / "run",
-            BenchSettings(("north",), ("telepathy",), maps=MapSettings(WORLD, "ground_truth")),
-            QUERIES,
-            Words(),
-        )
+        run(tmp_path / "run", BenchSettings(("north",), ("telepathy",), maps=MapSettings(WORLD)), QUERIES, Words())
     with pytest.raises(InputError, match="no room 'west'"):
-        run(tmp_path / "run", BenchSettings(("west",), maps=MapSettings(WORLD, "ground_truth")), QUERIES, Words())
+        run(tmp_path / "run", BenchSettings(("west",), maps=MapSettings(WORLD)), QUERIES, Words())
     with pytest.raises(InputError, match="leave some out"):
         run(
             tmp_path / "run",
-            BenchSettings(("north", "south", "east"), ("nlmap",), maps=MapSettings(WORLD, "ground_truth")),
+            BenchSettings(("north", "south", "east"), ("nlmap",), maps=MapSettings(WORLD)),
             QUERIES,
             Words(),
         )
 
 
 def test_a_damaged_map_is_made_again(tmp_path: Path) -> None:
-    maps = Maps(tmp_path, MapSettings(WORLD, "ground_truth"))
+    maps = Maps(tmp_path, MapSettings(WORLD))
     first = maps.get("south")
     assert first.folder is not None
     (first.folder / "home.json").write_text("{")
@@ -157,7 +151,7 @@ def test_a_damaged_map_is_made_again(tmp_path: Path) -> None:
 
 
 def test_nlmap_keeps_what_the_map_holds(maps: Path) -> None:
-    made = Maps(maps, MapSettings(WORLD, "ground_truth"))
+    made = Maps(maps, MapSettings(WORLD))
     homes = [(made.get(name), {t.label.lower() for t in made.world.objects(name)}) for name in ("south", "east")]
     threshold = nlmap.calibrate(homes, ["chair", "mug", "sofa", "bed", "toaster", "bicycle"])
     assert 0.5 < threshold < 1
@@ -171,7 +165,18 @@ def test_nlmap_keeps_what_the_map_holds(maps: Path) -> None:
 
 
 def test_ground_truth_may_be_told_to_err(tmp_path: Path) -> None:
-    recording = Maps(tmp_path, MapSettings(WORLD, "ground_truth")).world.explore("south")
+    recording = Maps(tmp_path, MapSettings(WORLD)).world.explore("south")
     assert "misses 0.5" in specs.detector("ground_truth:misses=0.5,seed=3", recording).name
     with pytest.raises(InputError, match="after the colon"):
         specs.detector("ground_truth:lots", recording)
+
+
+def test_other_eyes_see_other_maps(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    told, seen = (
+        Maps(tmp_path, MapSettings(WORLD, *by)) for by in (("ground_truth",), ("embedded", "embedded:pixels"))
+    )
+    before = [maps._folder_of("south") for maps in (told, seen)]
+    other = replace(eyes.load(), sha256="0" * 64)
+    monkeypatch.setattr(eyes, "load", lambda: other)
+    after = [maps._folder_of("south") for maps in (told, seen)]
+    assert after[0] == before[0] and after[1] != before[1]

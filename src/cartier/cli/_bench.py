@@ -10,7 +10,6 @@ import typer
 
 from cartier import specs
 from cartier.cli._common import AsJson, progress, say
-from cartier.evaluation.maps import DETECTOR
 
 app = typer.Typer()
 
@@ -35,7 +34,7 @@ def bench(
         list[str] | None,
         typer.Option(
             help="As for map; ground_truth:misses=0.3,jitter=0.05 disturbs the truth. Several, each with its own --detector, "
-            f"stand side by side in the report. Default: {DETECTOR}."
+            f"stand side by side in the report. Default: {specs.DETECTOR}."
         ),
     ] = None,
     encoder: Annotated[
@@ -60,7 +59,7 @@ def bench(
     from cartier.evaluation.queries import SPLITS, load_file, load_queries
     from cartier.evaluation.run import BenchSettings, run
 
-    eyes = list(dict.fromkeys(detector or [DETECTOR]))
+    eyes = list(dict.fromkeys(detector or [specs.DETECTOR]))
     sees = [MapSettings(world, one, encoder or encoder_for(one), seed) for one in eyes]
     asked = load_queries(queries) if queries in SPLITS else load_file(queries)
     where = _names(homes) or tuple(Maps(output, sees[0]).world.homes())

@@ -30,7 +30,7 @@ def demo(
     detector: Annotated[
         str,
         typer.Option(help="Who sees the objects: embedded, the eyes that ship inside, or ground_truth, perfect ones."),
-    ] = "embedded",
+    ] = specs.DETECTOR,
 ) -> None:
     """Run the whole line on a built-in home, offline: explore, map, ask three requests, drive there."""
     from cartier.demo import run

@@ -12,15 +12,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cartier import plugins, specs
+from cartier import eyes, plugins, specs
 from cartier.contracts import World
 from cartier.errors import InputError
 from cartier.home import Home
 from cartier.pipeline import map_home
 
-DETECTOR = "embedded"
-"""Whose objects a bench takes by default."""
 INDEXES = ("object_depth", "object_viewpoint", "vlmaps")
+PIXELS = "embedded:pixels"
 VERSION = 1  # of what a map holds; a change in mapping that older maps must not survive raises it
 
 
@@ -29,14 +28,14 @@ class MapSettings:
     """All that a map depends on, besides the home."""
 
     world: str = "dollhouse"
-    detector: str = DETECTOR
+    detector: str = "ground_truth"
     encoder: str = "embedded"
     seed: int = 0
 
 
 def encoder_for(detector: str) -> str:
     """The encoder that goes with a detector: eyes that have dense features show them, for others the labels are painted."""
-    return "embedded:pixels" if detector.partition(":")[0] == "embedded" else "embedded"
+    return PIXELS if detector.partition(":")[0] == "embedded" else "embedded"
 
 
 class Maps:
@@ -56,9 +55,9 @@ class Maps:
                 pass
         options: dict[str, Any] = {"seed": self.settings.seed}
         recording = self.world.explore(home, **options)
-        eyes = specs.detector(self.settings.detector, recording)
+        detector = specs.detector(self.settings.detector, recording)
         step = (lambda done, total: progress(home, done, total)) if progress else None
-        map_home(recording, eyes, INDEXES, encoder=self.settings.encoder, progress=step).save(folder)
+        map_home(recording, detector, INDEXES, encoder=self.settings.encoder, progress=step).save(folder)
         return Home.load(folder)
 
     def photo(self, home: str, frame: int) -> npt.NDArray[np.uint8] | None:
@@ -69,6 +68,9 @@ class Maps:
         return np.asarray(Image.open(file).convert("RGB")) if file.is_file() else None
 
     def _folder_of(self, home: str) -> Path:
-        key = json.dumps(asdict(self.settings) | {"home": home, "version": VERSION}, sort_keys=True)
+        made_of = asdict(self.settings) | {"home": home, "version": VERSION}
+        if encoder_for(self.settings.detector) == PIXELS or self.settings.encoder == PIXELS:
+            made_of["eyes"] = eyes.load().sha256  # other eyes see other maps
+        key = json.dumps(made_of, sort_keys=True)
         safe = "".join(c if c.isalnum() or c in "-_" else "_" for c in home)
         return self.folder / f"{safe}-{hashlib.sha256(key.encode()).hexdigest()[:10]}"
