@@ -16,7 +16,9 @@ STRIDE = 4
 SPREAD = 0.54  # of TTFNet: a Gaussian's deviation is its box side * SPREAD / 6
 
 
+SELDOM = 0.06  # share of the frames below which a name makes a frame be drawn more often
 UNKNOWN = -2  # a cell of which no shard says what it shows
+PART = 1500  # pixels of a box that are enough to know a thing by, even if a crop has most of it cut off
 SMALL = 40  # pixels of a box below which a thing is neither to be found nor wrong to be found
 
 
@@ -27,6 +29,7 @@ class Pool:
         self._folder, self._room = folder, room
         self._seen: set[str] = set()
         self._held = 0
+        self._odds = np.zeros(0)
         self.frames: deque[tuple[Any, Any, Any, Any]] = deque()
 
     def refresh(self, most: int = 1000) -> None:
@@ -42,6 +45,18 @@ class Pool:
                 self._held += images[i].nbytes
         while self._held > self._room:
             self._held -= self.frames.popleft()[0].nbytes
+        self._odds = np.cumsum(self._repeats())
+
+    def draw(self, rng: np.random.Generator) -> tuple[Any, Any, Any, Any]:
+        """A random frame: image, boxes, labels, cells."""
+        return self.frames[int(np.searchsorted(self._odds, rng.uniform(0, self._odds[-1])))]
+
+    def _repeats(self) -> Any:
+        """How often each frame is drawn: more often if it shows a name that is in few frames (LVIS, Gupta et al. 2019)."""
+        shown = [np.unique(labels) for _, _, labels, _ in self.frames]
+        share = np.bincount(np.concatenate(shown)) / len(shown)
+        repeat = np.clip(np.sqrt(SELDOM / np.maximum(share, 1e-9)), 1, 3.5)
+        return np.array([repeat[labels].max() if len(labels) else 0.5 for labels in shown])
 
     def counts(self, classes: int) -> Any:
         """How many boxes of each class there are."""
@@ -70,7 +85,7 @@ def batch(pool: Pool, size: int, rng: np.random.Generator) -> Batch:
     kinds = np.full((size, rows, columns), UNKNOWN, np.int64)
     spots, heats = [], []
     for k in range(size):
-        rgb, xyxy, labels, known = pool.frames[int(rng.integers(len(pool.frames)))]
+        rgb, xyxy, labels, known = pool.draw(rng)
         images[k], xyxy, labels, kinds[k] = _cropped(rgb, xyxy, labels, known, rng)
         for label, heat in draw_targets(xyxy, labels, boxes[k]).items():
             y, x = np.nonzero(heat)
@@ -93,7 +108,7 @@ def _cropped(rgb: Any, boxes: Any, labels: Any, kinds: Any, rng: np.random.Gener
     before = (moved[:, 2:] - moved[:, :2]).prod(1)
     sides = cut[:, 2:] - cut[:, :2]
     left = sides.prod(1)
-    keep = (sides.min(1) > 0.5) & (left > 4) & (left > 0.3 * before)
+    keep = (sides.min(1) > 0.5) & (left > 4) & ((left > 0.2 * before) | (left > PART))
     image, cut, labels = np.asarray(part, np.float32) / 255, cut[keep], labels[keep]
     columns, rows = CROP[0] // STRIDE, CROP[1] // STRIDE
     if kinds is None:

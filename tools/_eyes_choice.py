@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from _eyes_homes import ROBOT_M, varied
 
 from cartier import plugins
 from cartier.contracts import Recording
 from cartier.types import Camera, Detections, Frame
+from cartier.worlds.dollhouse.explore import explore
+from cartier.worlds.dollhouse.place import Plan
+from cartier.worlds.dollhouse.recording import DollhouseRecording, pinhole
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
 from eyes import LOW, Sight, ap50, index_of, listed, look, match
@@ -22,9 +27,22 @@ VIEWS = (2, 3, 4, 5, 6, 8)
 
 
 def walks(homes: int, max_frames: int) -> list[Recording]:
-    """Explorations of generated homes at 640 x 480, without the sensor's faults."""
+    """Explorations of generated homes at 640 x 480, without the sensor's faults; every other home holds things of all types."""
     world = plugins.make("worlds", "dollhouse")
-    return [world.explore(str(FIRST + k), seed=0, max_frames=max_frames) for k in range(homes)]
+    camera = pinhole()
+    found: list[Recording] = []
+    for k in range(homes):
+        if k % 2:
+            rng = np.random.default_rng((FIRST + k, 9))
+            scene = varied(world.scene(str(FIRST + k)), rng)
+            plan, corners = Plan(scene, ROBOT_M), np.array([room.box for room in scene.rooms])
+            spots = rng.uniform(corners[:, :2].min(0), corners[:, 2:].max(0), (400, 2))
+            scene = replace(scene, start_xy=tuple(max(spots.tolist(), key=plan.clearance)))
+            walk = explore(scene, camera, ROBOT_M, seed=0, max_frames=max_frames)
+            found.append(DollhouseRecording(replace(scene, name=f"{scene.name} varied"), camera, walk.poses))
+        else:
+            found.append(world.explore(str(FIRST + k), seed=0, max_frames=max_frames))
+    return found
 
 
 def looks_at_shards(shards: Path, eyes: Any) -> Sight:

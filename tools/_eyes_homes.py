@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import colorsys
 import math
 import time
 from dataclasses import replace
@@ -24,37 +25,39 @@ SIZE = (480, 360)
 MIN_PIXELS = 64
 POSES = 90  # views per home: the light's bake is paid once, and costs more than all of them
 ROBOT_M = 0.2
+SELDOM = (  # what generated homes hold in none or hardly any: scattered as often as four others
+    "BaseballBat", "Cabinet", "Cart", "Cloth", "Desktop", "DishSponge", "Dumbbell", "Footstool", "HandTowel", "Ladle",
+    "LightSwitch", "Microwave", "Newspaper", "Ottoman", "PaperTowelRoll", "Plunger", "Poster", "ScrubBrush", "Shelf",
+    "ShowerDoor", "TennisRacket", "TissueBox", "VacuumCleaner", "WashingMachine", "Watch", "WineBottle",
+)  # fmt: skip
+TABLES = {
+    "DiningTable": 0.6,
+    "CounterTop": 0.2,
+    "CoffeeTable": 0.2,
+    "Desk": 0.15,
+    "SideTable": 0.15,
+}  # chance of being laid
+SETTING = (  # kind, chance, metres to the right of the plate and away from who sits there
+    ("Plate", 0.9, 0.0, 0.0), ("Fork", 0.8, -0.17, 0.0), ("Knife", 0.5, 0.17, 0.0), ("ButterKnife", 0.5, 0.2, 0.02),
+    ("Spoon", 0.7, 0.22, 0.0), ("Cup", 0.4, 0.16, 0.22), ("Mug", 0.3, -0.16, 0.2), ("Bowl", 0.4, 0.0, 0.26),
+)  # fmt: skip
+ALSO_ON_SHELVES = ("Boots", "BasketBall", "Dumbbell", "HousePlant")
+HELD = {  # what lies in or on small things
+    "Bowl": ("Apple", "Tomato", "Potato", "Egg", "Spoon"),
+    "Plate": ("Bread", "BreadSliced", "Sandwich", "Apple", "AppleSliced", "TomatoSliced", "Fork", "Knife", "Egg"),
+    "Pan": ("Egg", "EggCracked", "Potato", "Spatula"),
+    "Box": ("Book", "TeddyBear", "BasketBall", "Bottle", "Cloth"),
+    "Sink": ("DishSponge", "Plate", "Mug", "Bowl", "Pan", "Pot", "Cup"),
+    "StoveBurner": ("Pan", "Pot", "Kettle"),
+}
 WOODS = ("oak", "walnut", "pine", "whitewood", "birch", "cherry", "beech", "ash", "teak")
 FAMILIES = ("paint", "fabric", "plastic", "ceramic", "leather", "carpet", "tiles", "planks", "stripes", "wood")
-COLOURS = [
-    "white",
-    "cream",
-    "ivory",
-    "wheat",
-    "sand",
-    "grey",
-    "lightgrey",
-    "charcoal",
-    "petrol",
-    "mustard",
-    "terracotta",
-    "sage",
-    "olive",
-    "steelblue",
-    "darkred",
-    "lightsteelblue",
-    "mistyrose",
-    "honeydew",
-    "lightblue",
-    "navy",
-    "firebrick",
-    "seagreen",
-    "slategrey",
-    "tan",
-    "peru",
-    "khaki",
-    "lavender",
-]
+COLOURS = (
+    "white", "cream", "ivory", "wheat", "sand", "grey", "lightgrey", "charcoal", "black", "petrol", "mustard", "terracotta",
+    "sage", "olive", "steelblue", "darkred", "lightsteelblue", "mistyrose", "honeydew", "lightblue", "navy", "firebrick",
+    "seagreen", "slategrey", "tan", "peru", "khaki", "lavender",
+)  # fmt: skip
+METALS = {"metal": "#9a9da1", "steel": "#b9bcc0", "black": "#242526"}
 LEFT_OUT = ("Window", "Blinds", "Curtains", "ShowerHead", "Sink", "Faucet", "StoveBurner", "CounterTop", "Bathtub")
 
 
@@ -66,13 +69,13 @@ def names() -> list[str]:
 def varied(scene: Scene, rng: np.random.Generator) -> Scene:
     """The home with other colours and with extra things of all types: on surfaces, on the floor and on walls.
 
-    Generated homes never hold about twenty types; here each has its chance. Extra things may touch others: this is no
-    home file, only something to look at.
+    Generated homes never hold about twenty types; here each has its chance, tables are laid, and bowls and pans hold
+    something. Extra things may touch others: this is no home file, only something to look at.
     """
+    scene = _with(scene, _on_floor(scene, rng) + _on_walls(scene, rng))
+    scene = _with(scene, _on_surfaces(scene, rng))
+    scene = _with(scene, _held(scene, rng))
     things = [_recoloured(thing, rng) for thing in scene.things]
-    extra = _on_surfaces(scene, rng) + _on_floor(scene, rng) + _on_walls(scene, rng)
-    first = max((thing.id for thing in things), default=0) + 1
-    things += [replace(thing, id=first + k) for k, thing in enumerate(extra)]
     structure = scene.structure
     if rng.random() < 0.6:
         swap: dict[str, str] = {}
@@ -80,8 +83,14 @@ def varied(scene: Scene, rng: np.random.Generator) -> Scene:
     return replace(scene, things=tuple(things), structure=structure)
 
 
+def _with(scene: Scene, extra: list[Thing]) -> Scene:
+    """The home with more things, numbered on: ids count from 1 in the order of the things."""
+    first = len(scene.things) + 1
+    return replace(scene, things=(*scene.things, *(replace(thing, id=first + k) for k, thing in enumerate(extra))))
+
+
 def _recoloured(thing: Thing, rng: np.random.Generator) -> Thing:
-    if rng.random() < 0.5:
+    if rng.random() < 0.4:
         return thing
     swap: dict[str, str] = {}
     parts = tuple(replace(part, material=_other(part.material, rng, swap, 0.6)) for part in thing.shape.parts)
@@ -95,50 +104,111 @@ def _other(material: str, rng: np.random.Generator, swap: dict[str, str], chance
         swap[material] = material
         if rng.random() < chance:
             if material in WOODS:
-                swap[material] = str(rng.choice(WOODS))
+                swap[material] = str(rng.choice(WOODS)) if rng.random() < 0.7 else f"paint:{_colour(rng)}"
+            elif material in METALS:
+                swap[material] = f"metal:{_colour(rng) if rng.random() < 0.3 else METALS[str(rng.choice([*METALS]))]}"
             elif family in FAMILIES and colour:
-                palette = WOODS if family in ("planks", "wood") else COLOURS
-                swap[material] = f"{family}:{rng.choice(palette)}"
+                wooden = family in ("planks", "wood")
+                swap[material] = f"{family}:{rng.choice(WOODS) if wooden else _colour(rng)}"
     return swap[material]
 
 
-def _kinds(stands: str) -> list[str]:
-    return [kind for kind in shapes.types() if shapes.info(kind).stands == stands and kind not in LEFT_OUT]
+def _colour(rng: np.random.Generator) -> str:
+    """One of those that homes are full of, or any."""
+    if rng.random() < 0.6:
+        return str(rng.choice(COLOURS))
+    red, green, blue = (
+        255 * np.array(colorsys.hsv_to_rgb(rng.random(), rng.random() ** 1.5, rng.uniform(0.1, 1)))
+    ).astype(int)
+    return f"#{red:02x}{green:02x}{blue:02x}"
+
+
+def _kinds(stands: str) -> tuple[list[str], Any]:
+    """The types that stand so, and how likely each is to be taken."""
+    kinds = [kind for kind in shapes.types() if shapes.info(kind).stands == stands and kind not in LEFT_OUT]
+    weight = np.array([4.0 if kind in SELDOM else 1.0 for kind in kinds])
+    return kinds, weight / weight.sum()
 
 
 def _made(kind: str, rng: np.random.Generator) -> Any:
     usual = np.array(shapes.info(kind).size)
-    size = np.maximum(usual * rng.uniform(0.85, 1.15) * rng.uniform(0.92, 1.08, 3), 0.003)
+    size = np.maximum(usual * math.exp(rng.uniform(-0.25, 0.25)) * rng.uniform(0.85, 1.18, 3), 0.003)
     return shapes.build(kind, tuple(size.tolist()), None, int(rng.integers(20)))
 
 
 def _on_surfaces(scene: Scene, rng: np.random.Generator) -> list[Thing]:
-    """Small things where the tops and shelves of furniture are still free."""
-    kinds, found = _kinds("surface"), []
+    """Small things where the tops and shelves of furniture are still free; some tables are laid first."""
+    (kinds, odds), found = _kinds("surface"), []
+    kinds, odds = [*kinds, *ALSO_ON_SHELVES], np.append(odds, [odds.min()] * len(ALSO_ON_SHELVES))
+    odds /= odds.sum()
     boxes = {t.id: t.truth() for t in scene.things}
     for thing in scene.things:
-        if thing.on and thing.type not in ("Sink",):
+        if thing.on:
             continue
         taken = [(b.box_min, b.box_max) for i, b in boxes.items() if _carrier(scene, i) == thing.id]
+        if rng.random() < TABLES.get(thing.type, 0):
+            found += _laid(thing, rng, taken)
         for surface in thing.shape.surfaces:
             span = np.array(surface.high_xy) - np.array(surface.low_xy)
             for _ in range(int(rng.poisson(min(7.0, 9.0 * float(np.prod(span)))))):
-                kind = str(rng.choice(kinds))
-                made = _made(kind, rng)
-                if made.size[2] > surface.clear_m - 0.01 or max(made.size[:2]) > 1.2 * float(span.max()):
-                    continue
-                half = min(made.size[:2]) / 2
-                if (span < 2 * half).any():
-                    continue
-                spot = rng.uniform(np.array(surface.low_xy) + half, np.array(surface.high_xy) - half)
-                at = thing.to_world(np.array([*spot, surface.z]))
-                turn = rng.uniform(-0.6, 0.6) if rng.random() < 0.7 else rng.uniform(0, math.tau)
-                new = Thing(0, kind, made, (float(at[0]), float(at[1]), float(at[2]) + 0.001), thing.yaw + turn, 0)
-                box = new.truth()
-                if not any(_meet((box.box_min, box.box_max), other) for other in taken):
-                    taken.append((box.box_min, box.box_max))
-                    found.append(new)
+                made_of = str(rng.choice(kinds, p=odds))
+                found += _put(thing, surface, made_of, None, rng, taken)
     return found
+
+
+def _laid(table: Thing, rng: np.random.Generator, taken: list[Any]) -> list[Thing]:
+    """Up to four places at the long sides of a table, as for a meal."""
+    found: list[Thing] = []
+    top = table.shape.surfaces[0]
+    low, high = np.array(top.low_xy), np.array(top.high_xy)
+    for _ in range(int(rng.integers(1, 5))):
+        side = float(rng.choice((-1.0, 1.0)))  # of the table: whoever sits there looks the other way
+        plate = np.array([rng.uniform(low[0] + 0.2, max(low[0] + 0.21, high[0] - 0.2)), 0.0])
+        plate[1] = (high[1] - 0.17) if side > 0 else (low[1] + 0.17)
+        for kind, chance, right, ahead in SETTING:
+            if rng.random() < chance:
+                at = plate + side * np.array([-right, -ahead]) + rng.normal(0, 0.012, 2)
+                found += _put(table, top, kind, at, rng, taken)
+    return found
+
+
+def _held(scene: Scene, rng: np.random.Generator) -> list[Thing]:
+    """What lies in bowls, on plates, in sinks and on stoves, half the time."""
+    found: list[Thing] = []
+    for thing in scene.things:
+        if thing.type in HELD and rng.random() < 0.5:
+            taken: list[Any] = []
+            for _ in range(int(rng.integers(1, 4))):
+                found += _put(thing, thing.shape.surfaces[0], str(rng.choice(HELD[thing.type])), None, rng, taken, 0.04)
+    return found
+
+
+def _put(
+    carrier: Thing, surface: Any, kind: str, at: Any, rng: np.random.Generator, taken: list[Any], over: float = 0.0
+) -> list[Thing]:
+    """A new thing on a surface, anywhere or ``at`` a point of it, in a list: empty where it does not fit or meets ``taken``.
+
+    ``over``: metres by which it may stick out.
+    """
+    low, high, made = np.array(surface.low_xy), np.array(surface.high_xy), _made(kind, rng)
+    half = min(made.size[:2]) / 2 - over
+    if made.size[2] > surface.clear_m - 0.01 or max(made.size[:2]) > 1.2 * float((high - low).max()) + 2 * over:
+        return []
+    if (high - low < 2 * half).any():
+        return []
+    half = max(half, 0.0)
+    anywhere = at is None
+    spot = rng.uniform(low + half, high - half) if anywhere else np.clip(at, low + half, high - half)
+    turn = rng.normal(0, 0.06)
+    if anywhere:
+        turn = rng.uniform(-0.6, 0.6) if rng.random() < 0.7 else rng.uniform(0, math.tau)
+    x, y, z = carrier.to_world(np.array([*spot, surface.z])).tolist()
+    new = Thing(0, kind, made, (x, y, z + 0.001), carrier.yaw + turn, 0)
+    box = new.truth()
+    if any(_meet((box.box_min, box.box_max), other) for other in taken):
+        return []
+    taken.append((box.box_min, box.box_max))
+    return [new]
 
 
 def _carrier(scene: Scene, number: int) -> int:
@@ -152,12 +222,13 @@ def _meet(a: Any, b: Any) -> bool:
 
 def _on_floor(scene: Scene, rng: np.random.Generator) -> list[Thing]:
     """Two to four pieces per room, of any type that stands on floors; some small things lie on the floor too."""
-    plan, floor, small = Plan(scene, ROBOT_M), _kinds("floor"), _kinds("surface")
+    plan, (floor, floor_odds), (small, small_odds) = Plan(scene, ROBOT_M), _kinds("floor"), _kinds("surface")
     found: list[Thing] = []
     for room in scene.rooms:
         low, high = np.array(room.box[:2]), np.array(room.box[2:])
         for _ in range(int(rng.integers(2, 5))):
-            kind = str(rng.choice(floor if rng.random() < 0.85 else small))
+            lies = rng.random() < 0.15
+            kind = str(rng.choice(small, p=small_odds) if lies else rng.choice(floor, p=floor_odds))
             made = _made(kind, rng)
             reach = float(np.hypot(*made.size[:2])) / 2 * 0.9
             for _ in range(15):
@@ -172,12 +243,12 @@ def _on_floor(scene: Scene, rng: np.random.Generator) -> list[Thing]:
 
 def _on_walls(scene: Scene, rng: np.random.Generator) -> list[Thing]:
     """Two to five things per room on its walls; one that hides behind furniture is simply not seen."""
-    kinds, found = _kinds("wall"), []
+    (kinds, odds), found = _kinds("wall"), []
     holes = [(np.array(o.start), np.array(o.end)) for o in scene.openings]
     for room in scene.rooms:
         x1, y1, x2, y2 = room.box
         for _ in range(int(rng.integers(2, 6))):
-            kind = str(rng.choice(kinds))
+            kind = str(rng.choice(kinds, p=odds))
             made = _made(kind, rng)
             width, depth, height = made.size
             side = int(rng.integers(4))
@@ -203,7 +274,7 @@ def _gap(point: Any, a: Any, b: Any) -> float:
 
 
 def poses(scene: Scene, count: int, rng: np.random.Generator) -> list[Any]:
-    """Cameras where a robot fits: level to steep, 0.8 to 1.6 m above the floor; of two random yaws, that with more to see."""
+    """Cameras where a robot fits: level to steep, 0.8 to 1.6 m above the floor; mostly, of four random yaws, that with most to see."""
     plan, found = Plan(scene, ROBOT_M), []
     at = np.array([thing.at[:2] for thing in scene.things])
     boxes = np.array([room.box for room in scene.rooms])
@@ -216,7 +287,8 @@ def poses(scene: Scene, count: int, rng: np.random.Generator) -> list[Any]:
             down = math.radians(float(rng.choice((0.0, 22.5, 22.5))) + float(rng.normal(0, 6)))
             if rng.random() < 0.06:
                 down = math.radians(float(rng.uniform(30, 55)))
-            yaw = max(rng.uniform(0, math.tau, 2).tolist(), key=lambda yaw: _in_view(at, xy, yaw))
+            ways = rng.uniform(0, math.tau, 4 if rng.random() < 0.7 else 1).tolist()
+            yaw = max(ways, key=lambda yaw: _in_view(at, xy, yaw))
             found.append(look(xy, yaw, down, eye))
         if len(found) == count:
             break
@@ -227,7 +299,7 @@ def _in_view(at: Any, xy: Any, yaw: float) -> int:
     """How many things lie ahead, walls not asked."""
     way = at - xy
     far = np.hypot(*way.T)
-    return int((((way @ (math.cos(yaw), math.sin(yaw))) > 0.78 * far) & (far < 4.5)).sum())
+    return int((((way @ (math.cos(yaw), math.sin(yaw))) > 0.78 * far) & (far < 3.5)).sum())
 
 
 def frames(seed: int, count: int = POSES) -> dict[str, Any]:

@@ -17,15 +17,18 @@ from __future__ import annotations
 
 import argparse
 import hashlib
+import itertools
 import json
 import math
 import time
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
-from _eyes_batches import Pool, batch
+from _eyes_batches import Batch, Pool, batch
 from _eyes_homes import names
 from _eyes_loss import loss_of
 from _eyes_network import Eyes
@@ -67,15 +70,16 @@ def train(data: Path, run: Path, minutes: float, seed: int) -> None:
     rng = np.random.default_rng((seed, step))
     pool = Pool(data / "train", ROOM)
     pool.refresh()
-    start, saved = time.time() - spent, time.time()
-    sums, classes = np.zeros(3), len(names())
-    weights = _weights(pool, classes)
+    ahead, batches = ThreadPoolExecutor(1), _batches(pool, np.random.default_rng((seed, step, 1)))
+    start, saved, sums = time.time() - spent, time.time(), np.zeros(3)
+    made = ahead.submit(next, batches)
     while (spent := time.time() - start) < 60 * minutes:
         turn = 0.5 * (1 + math.cos(math.pi * min(1, spent / (60 * minutes))))
         rate = PEAK * min(1, (step + 1) / WARM_STEPS) * turn
         for group in optimizer.param_groups:
             group["lr"] = max(rate, 1e-6)
-        true = batch(pool, BATCH, rng)
+        true, weights = made.result()
+        made = ahead.submit(next, batches)  # the next one is made while this one is learnt
         images = torch.from_numpy(true.images).contiguous(memory_format=torch.channels_last)
         losses = loss_of(eyes, images, true, weights, rng)
         optimizer.zero_grad(set_to_none=True)
@@ -89,17 +93,24 @@ def train(data: Path, run: Path, minutes: float, seed: int) -> None:
             print(f"{spent:.0f} s step {step} lr {rate:.5f} heat {sums[0] / 25:.3f} box {sums[1] / 25:.3f} "
                   f"paint {sums[2] / 25:.3f} scale {eyes.scale.item():.1f} frames {len(pool.frames)}", flush=True)  # fmt: skip
             sums[:] = 0
-            pool.refresh(3)
-            weights = _weights(pool, classes)
         if time.time() - saved > SAVE_S:
             saved = time.time()
             _save(run, eyes, mean, optimizer, step, spent)
     _save(run, eyes, mean, optimizer, step, spent)
 
 
-def _weights(pool: Pool, classes: int) -> Tensor:
+def _batches(pool: Pool, rng: np.random.Generator) -> Iterator[tuple[Batch, Tensor]]:
+    """Batches without end, with the weights of the names; now and then new shards are looked for."""
+    for count in itertools.count():
+        if count % 25 == 0:
+            pool.refresh(3)
+            weights = _weights(pool)
+        yield batch(pool, BATCH, rng), weights
+
+
+def _weights(pool: Pool) -> Tensor:
     """How much a hit of each name counts: rare ones up to three times as much."""
-    counts = np.maximum(pool.counts(classes), 1)
+    counts = np.maximum(pool.counts(len(names())), 1)
     return torch.tensor(np.clip((np.median(counts) / counts) ** 0.4, 0.6, 3.0), dtype=torch.float32)
 
 
@@ -202,6 +213,7 @@ def main() -> None:
     sub.add_argument("run", type=Path)
     sub.add_argument("--minutes", type=float, default=65)
     sub.add_argument("--seed", type=int, default=0)
+    sub.add_argument("--threads", type=int, default=1)
     sub = commands.add_parser("export")
     sub.add_argument("run", type=Path)
     sub.add_argument("folder", type=Path)
@@ -215,7 +227,7 @@ def main() -> None:
     sub.add_argument("--homes", type=int, default=6)
     sub.add_argument("--max-frames", type=int, default=130)
     asked = parser.parse_args()
-    torch.set_num_threads(1)
+    torch.set_num_threads(getattr(asked, "threads", 1))
     if asked.command == "render":
         from _eyes_homes import render_into
 

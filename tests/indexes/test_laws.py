@@ -181,3 +181,32 @@ def test_two_things_of_a_name_do_not_lend_each_other_views() -> None:
         index.add(recording[number], TrueBoxes([left, right]).detect(recording[number]))
     place = index.locate("cup")
     assert place is not None and place.position[0] > 3, "the left one was seen larger, but only once"
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_of_two_names_for_one_place_that_with_more_support_stands(name: str, tmp_path: Path) -> None:
+    """Some frames call the chair a throne; a mug beside it is nobody's rival, whatever its support."""
+    recording, eyes = walk(), TrueBoxes([CHAIR, MUG])
+
+    def named(min_views: int, throne: float) -> SpatialIndex:
+        index: SpatialIndex = plugins.make("indexes", name, min_views=min_views)
+        for number in range(len(recording)):
+            frame = recording[number]
+            seen = eyes.detect(frame)
+            twice = [k for k, label in enumerate(seen.labels) if label == "chair"]
+            labels = (*seen.labels, *("throne" for _ in twice))
+            boxes = np.concatenate([seen.boxes_xyxy, seen.boxes_xyxy[twice]])
+            scores = np.where(np.array(labels) == "throne", throne, 0.6)
+            index.add(frame, Detections(frame.index, boxes, scores, labels))
+        return index
+
+    assert named(2, 0.35).names() == ["chair", "mug"]
+    assert named(2, 0.95).names() == ["mug", "throne"]
+    assert named(2, 0.55).names() == ["chair", "mug", "throne"], "about as sure of both: both stay"
+    assert named(1, 0.35).names() == ["chair", "mug", "throne"], "as in the paper: every name counts"
+    named(2, 0.35).save(tmp_path)
+    again: SpatialIndex = plugins.make("indexes", name)
+    again.load(tmp_path)
+    assert again.names() == ["chair", "mug"]
+    again.add(recording[0], eyes.detect(recording[0]))
+    assert again.names() == ["chair", "mug"]

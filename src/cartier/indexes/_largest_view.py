@@ -15,30 +15,39 @@ from cartier.geometry import transform, weak_perspective_size
 from cartier.types import Detections, Frame, Place
 
 AGREE_M = 0.6  # detections of one name this close together are of one thing
+SAME_PLACE = 0.25  # overlap in space (IoU) from which on two names are for one thing
+STRONGER = 1.5  # times the other's support that a name needs to outdo it
 MOST_SPOTS = 32  # a name that was seen in more places than this is noise
 
 
 @dataclass
 class _Spot:
-    """One thing of a name: its largest view so far, and in how many frames it was seen where it is."""
+    """One thing of a name: its largest view so far, in how many frames it was seen where it is, and their scores' sum.
+
+    ``box_m`` is roughly the space it fills, as the largest view shows it: an upright box (x1, y1, z1, x2, y2, z2).
+    """
 
     size_px2: float
     place: Place
     anchor: tuple[float, ...] | None
     frames: int
     last_frame: int
+    support: float
+    box_m: tuple[float, ...] | None
 
 
 class LargestView(ABC):
     """One place per name: of the frame with the largest box, corrected for perspective distortion.
 
     Source: CARTIER (arXiv 2307.11865), object detection and spatial language index. With ``min_views`` above 1 a view counts
-    only if so many frames agree, within 0.6 m, that such a thing is there: one lucky false box then changes nothing.
+    only if so many frames agree, within 0.6 m, that such a thing is there: one lucky false box then changes nothing. Of two
+    names for one place that with the higher scores in more frames stands (a desk that some frames call a dining table).
     """
 
     def __init__(self, min_views: int) -> None:
         self.min_views = min_views
         self._spots: dict[str, list[_Spot]] = {}
+        self._standing: tuple[int, dict[str, list[_Spot]]] | None = None  # for so many views
 
     @abstractmethod
     def place(self, frame: Frame, detections: Detections, which: int) -> Place | None:
@@ -47,6 +56,7 @@ class LargestView(ABC):
     def add(self, frame: Frame, detections: Detections) -> None:
         sizes = weak_perspective_size(detections.boxes_xyxy, frame.camera)
         anchors = _anchors(frame, detections.boxes_xyxy) if self.min_views > 1 else [None] * len(detections)
+        self._standing = None
         for which in reversed(sizes.argsort()):  # largest first: the rest of a thing's boxes then cost nothing
             size, label, anchor = float(sizes[which]), detections.labels[which], anchors[which]
             if size <= 0:
@@ -55,19 +65,41 @@ class LargestView(ABC):
             spot = next((s for s in spots if _agree(s.anchor, anchor)), None)
             if spot is not None and spot.last_frame != frame.index:
                 spot.frames, spot.last_frame = spot.frames + 1, frame.index
+                spot.support += float(detections.scores[which])
             better = len(spots) < MOST_SPOTS if spot is None else size > spot.size_px2
             place = self.place(frame, detections, int(which)) if better else None
-            if place is not None and spot is not None:
-                spot.size_px2, spot.place = size, place
-            elif place is not None:
-                spots.append(_Spot(size, place, anchor, 1, frame.index))
+            if place is None:
+                continue
+            box_m = _box_m(frame, detections.boxes_xyxy[which], anchor)
+            if spot is not None:
+                spot.size_px2, spot.place, spot.box_m = size, place, box_m
+            else:
+                spots.append(_Spot(size, place, anchor, 1, frame.index, float(detections.scores[which]), box_m))
 
     def names(self) -> list[str]:
         return sorted(name for name in self._spots if self.locate(name) is not None)
 
     def locate(self, name: str) -> Place | None:
-        seen = [spot for spot in self._spots.get(name, []) if spot.frames >= self.min_views]
+        if self._standing is None or self._standing[0] != self.min_views:
+            self._standing = self.min_views, self._not_outdone()
+        seen = self._standing[1].get(name)
         return max(seen, key=lambda spot: spot.size_px2).place if seen else None
+
+    def _not_outdone(self) -> dict[str, list[_Spot]]:
+        """Per name the spots that enough frames agree on, without those at whose place another name has more support."""
+        seen = [spot for spots in self._spots.values() for spot in spots if spot.frames >= self.min_views]
+        boxed = [spot for spot in seen if spot.box_m is not None]
+        outdone: set[int] = set()
+        if self.min_views > 1 and boxed:
+            names, support = np.array([s.place.label for s in boxed]), np.array([s.support for s in boxed])
+            rivals = (names[:, None] != names) & (_overlaps(np.array([s.box_m for s in boxed])) > SAME_PLACE)
+            lost = (rivals & (support > STRONGER * support[:, None])).any(1)
+            outdone = {id(spot) for spot, out in zip(boxed, lost, strict=True) if out}
+        standing: dict[str, list[_Spot]] = {}
+        for spot in seen:
+            if id(spot) not in outdone:
+                standing.setdefault(spot.place.label, []).append(spot)
+        return standing
 
     def save(self, folder: Path) -> None:
         rows = [asdict(spot) for spots in self._spots.values() for spot in spots]
@@ -77,10 +109,14 @@ class LargestView(ABC):
         file = folder / "places.json"
         kept = read_json(file)
         try:
-            self.min_views, self._spots = int(kept["min_views"]), {}
+            self.min_views, self._spots, self._standing = int(kept["min_views"]), {}, None
             for row in kept["spots"]:
-                place = Place(**row["place"])
-                spot = _Spot(float(row["size_px2"]), place, row["anchor"], int(row["frames"]), int(row["last_frame"]))
+                place, size, support = Place(**row["place"]), float(row["size_px2"]), float(row["support"])
+                frames, last, box = int(row["frames"]), int(row["last_frame"]), row["box_m"]
+                box_m = None if box is None else tuple(float(value) for value in box)
+                if box_m is not None and len(box_m) != 6:
+                    raise ValueError("box_m must be six numbers")
+                spot = _Spot(size, place, row["anchor"], frames, last, support, box_m)
                 self._spots.setdefault(str(place.label), []).append(spot)
         except (TypeError, ValueError, KeyError, AttributeError, InputError) as error:
             raise InputError(f"{file} is damaged ({error}): map the recording again") from error
@@ -105,6 +141,27 @@ def _anchors(frame: Frame, boxes_xyxy: npt.NDArray[np.float32]) -> list[tuple[fl
     )
     world = transform(frame.world_from_camera, middle * np.where(valid > 0, z, 1)[:, None])
     return [tuple(point) if count else None for point, count in zip(world.tolist(), valid, strict=True)]
+
+
+def _box_m(
+    frame: Frame, box_xyxy: npt.NDArray[np.float32], anchor: tuple[float, ...] | None
+) -> tuple[float, ...] | None:
+    """An upright box in space round an anchor, as wide both ways and as high as a box in the image is at its distance."""
+    if anchor is None:
+        return None
+    z = float((np.array(anchor) - frame.world_from_camera[:3, 3]) @ frame.world_from_camera[:3, 2])
+    half = abs(z) / 2 * (box_xyxy[2:] - box_xyxy[:2]).astype(np.float64) / (frame.camera.fx, frame.camera.fy)
+    reach = np.array([half[0], half[0], half[1]])
+    return (*(anchor - reach).tolist(), *(anchor + reach).tolist())
+
+
+def _overlaps(boxes_m: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Intersection over union (N, N) of upright boxes (N, 6)."""
+    low, high = boxes_m[:, :3], boxes_m[:, 3:]
+    sides = np.minimum(high[:, None], high) - np.maximum(low[:, None], low)
+    shared, volume = np.maximum(sides, 0).prod(2), (high - low).prod(1)
+    union = volume[:, None] + volume - shared
+    return np.asarray(shared / np.where(union > 0, union, 1))
 
 
 def _agree(a: tuple[float, ...] | None, b: tuple[float, ...] | None) -> bool:
