@@ -188,3 +188,20 @@ def test_broken_rows_are_named_in_one_line(rows: list[Any], fault: str) -> None:
 def test_too_few_resamples_are_refused() -> None:
     with pytest.raises(InputError, match="give no interval"):
         summarise([row("h", "q", "nlmap")], resamples=1)
+
+
+def test_whose_fault_a_wrong_answer_is() -> None:
+    """Eyes where nothing right was listed, index where the right name lies elsewhere, words for the rest."""
+    answers = [(True, 0.2), (True, 3.0), (False, 0.1), (False, None), (False, None)]
+    rows = [
+        row(f"home {n}", "query", "object_depth", type="explicit", match=match, distance_m=far, distance_floor_m=far)
+        for n, (match, far) in enumerate(answers)
+    ]
+    truth = [
+        row(f"home {n}", "query", "true_object", type="explicit", match=n != 4, distance_m=0.0, distance_floor_m=0.0)
+        for n in range(5)
+    ]
+    told = summarise(rows + truth, resamples=FEW)["faults"]
+    assert told["object_depth"]["explicit"] == {"none": 1, "index": 1, "words": 2, "eyes": 1}
+    assert list(told) == ["object_depth"]
+    assert summarise(rows, resamples=FEW)["faults"] == {}, "without the yardstick nobody knows what was listed"

@@ -9,7 +9,7 @@ from typing import Any
 from cartier.evaluation._rows import PARTS, Row, ordered, title
 from cartier.evaluation._tables import PAPER_MEAN_M, Summary, made_by, said
 from cartier.evaluation.queries import TYPES
-from cartier.evaluation.summary import BASE, RADII_M
+from cartier.evaluation.summary import BASE, FAULTS, RADII_M
 
 PAPER_NOTE = (
     "*paper* is the paper's own mean (arXiv 2307.11865, with GPT-4): **other scenes, other requests and another detector**, so its "
@@ -43,6 +43,7 @@ def report(
         "Share of all answers whose place is within a radius of an acceptable true box (3-D). An answer without a place is a miss. "
         "*goal reachable* is the share of goals that the robot can reach, among the answers for which one was sought.",
         *(_success(methods, kind, head) for kind in TYPES),
+        _faults(summary, head),
         _paired(summary),
         "## What it costs",
         f"Means per request ({' / '.join(TYPES)}); the seconds are a median, and depend on the machine.",
@@ -160,6 +161,22 @@ def _success(methods: Summary, kind: str, head: str) -> str:
         return ""
     columns = [*(f"{radius} m" for radius in RADII_M), "1 m with interval", "goal reachable"]
     return f"**{kind}**\n\n" + _markdown([head, *columns], body)
+
+
+def _faults(summary: Summary, head: str) -> str:
+    """Whose fault a wrong answer is."""
+    if not summary["faults"]:
+        return ""
+    body = []
+    for name, kinds in summary["faults"].items():
+        cells = [" / ".join(str(kinds[kind][fault]) for kind in TYPES) for fault in FAULTS]
+        body.append([title(name), *cells])
+    return (
+        f"## Eyes, index or words?\n\nAnswers by type ({' / '.join(TYPES)}): *right* is the right thing within 1 m; *eyes*: no right "
+        "thing was in the list; *index*: the right name, but the place is more than 1 m off (a viewpoint, a look-alike); *words*: it "
+        "was listed, and the answer was something else.\n\n"
+        + _markdown([head, "right", "eyes", "index", "words"], body)
+    )
 
 
 def _paired(summary: Summary) -> str:

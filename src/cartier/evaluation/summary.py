@@ -9,13 +9,16 @@ import numpy as np
 import numpy.typing as npt
 
 from cartier.errors import InputError
-from cartier.evaluation._rows import Row, check_rows, ordered
+from cartier.evaluation._rows import GROUPS, Row, check_rows, ordered
 from cartier.evaluation.queries import TYPES
 
 RADII_M = ("0.25", "0.5", "1", "1.5", "2")
 """Success radii, as the keys of ``success``."""
 BASE = "object_depth"
 """The method that every other one is compared with."""
+KNOWS = "true_object"
+"""The method that names the right thing whenever it is in the list: where it does not, the eyes left it out."""
+FAULTS = ("none", "eyes", "index", "words")
 DIGITS = 6
 """Decimals kept: far below anything that matters, and above what differs between two computers' sums."""
 MIN_RESAMPLES = 100
@@ -35,6 +38,8 @@ def summarise(rows: Iterable[Mapping[str, Any] | Row], seed: int = 0, resamples:
     - ``llm_calls`` and ``tokens`` are means per request, ``seconds_median`` is in seconds.
     - ``…_ci`` is a 95 % percentile bootstrap interval: whole requests are drawn with replacement, all homes of a request
       together, because one text asked in five homes is not five texts.
+    - ``faults`` → method that is shown the list → type → how many answers name the right thing within 1 m ("none"), could not because no right thing
+      was in the list ("eyes"), name it and point elsewhere ("index"), or name or say something else ("words").
     - ``paired`` → ``object_depth`` → other → type: object_depth minus the other over the pairs that both were asked (for
       the distance: in which both gave a place), on the same draws. A negative distance means that object_depth is nearer.
 
@@ -64,6 +69,7 @@ def summarise(rows: Iterable[Mapping[str, Any] | Row], seed: int = 0, resamples:
         "seed": seed,
         "resamples": resamples,
         "methods": methods,
+        "faults": _faults(checked),
         "paired": {BASE: paired} if paired else {},
     }
 
@@ -139,6 +145,21 @@ def _differences(pairs: Sequence[tuple[Row, Row]], draws: _Draws) -> dict[str, A
     numbers["success_1m"] = draws.mean([a for a, _ in pairs], within, numbers, "success_1m_ci")
     numbers["distance_m"] = draws.mean([a for a, _ in placed], metres, numbers, "distance_ci")
     return numbers
+
+
+def _faults(rows: Sequence[Row]) -> dict[str, Any]:
+    """Nothing where the run has no ``KNOWS`` to tell what was listed."""
+    listed = {row.case: row.match for row in rows if row.method == KNOWS}
+    counts: dict[str, Any] = {}
+    for row in rows:
+        if row.method not in GROUPS["the paper's method"] or row.case not in listed:
+            continue
+        fault = "words" if listed[row.case] else "eyes"
+        if row.match:
+            fault = "none" if _within(row, 1.0) else "index"
+        kinds = counts.setdefault(row.method, {kind: dict.fromkeys(FAULTS, 0) for kind in TYPES})
+        kinds[row.type][fault] += 1
+    return counts
 
 
 def _pairs(left: Sequence[Row], right: Sequence[Row]) -> list[tuple[Row, Row]]:
