@@ -20,6 +20,7 @@ import time
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +39,23 @@ DENSE_STEP = 3  # every third frame is enough for cells and maps
 MAPS = {"from pixels": "embedded:pixels", "painted by the eyes": "embedded", "painted by the truth": "embedded"}
 
 
+class Kept:
+    """A recording whose frames are rendered once and kept, 4 MB each: made for one home at a time."""
+
+    def __init__(self, recording: Recording) -> None:
+        self.name, self.truth = recording.name, recording.truth
+        self._frames = cache(recording.__getitem__)
+        self._length = len(recording)
+
+    def __len__(self) -> int:
+        return self._length
+
+    def __getitem__(self, number: int) -> Frame:
+        if not 0 <= number < self._length:
+            raise IndexError(number)
+        return self._frames(number)
+
+
 @dataclass
 class Sight:
     """What eyes saw in a home, beside the truth. ``hits``: per name, (score, right) of boxes; ``boxes``: true ones per name."""
@@ -52,7 +70,7 @@ class Sight:
     """Per name, how many cells were right and how many there are; "" is what is no thing."""
 
 
-def look(recording: Recording, eyes: Any) -> Sight:
+def look(recording: Recording | Kept, eyes: Any) -> Sight:
     """Every frame of a recording through the eyes (made with a threshold of ``LOW``) and through the truth."""
     truth = plugins.make("detectors", "ground_truth", truth=recording.truth, min_pixels=1)
     sight = Sight(recording.name)
@@ -104,7 +122,7 @@ def ap50(sights: Sequence[Sight]) -> dict[str, float]:
     return {name: average_precision(hits[name], count) for name, count in boxes.items() if count}
 
 
-def index_of(recording: Recording, found: Sequence[Detections], min_views: int) -> Any:
+def index_of(recording: Recording | Kept, found: Sequence[Detections], min_views: int) -> Any:
     """ObjectDepth of a recording and its detections."""
     index = plugins.make("indexes", "object_depth", min_views=min_views)
     for number, detections in enumerate(found):
@@ -119,7 +137,7 @@ def listed(sight: Sight, names: Sequence[str]) -> tuple[float, float]:
     return len(there & set(names)) / max(1, len(there)), len(right) / max(1, len(names))
 
 
-def distances(recording: Recording, index: Any, names: Sequence[str] | None = None) -> list[float]:
+def distances(recording: Recording | Kept, index: Any, names: Sequence[str] | None = None) -> list[float]:
     """From where each name (by default each listed one) is located to the middle of the nearest true thing of that name
     (m); not of names that are not there."""
     result = []
@@ -132,7 +150,7 @@ def distances(recording: Recording, index: Any, names: Sequence[str] | None = No
     return result
 
 
-def look_closely(recording: Recording, eyes: Any, sight: Sight, encoder: Any) -> dict[str, Any]:
+def look_closely(recording: Recording | Kept, eyes: Any, sight: Sight, encoder: Any) -> dict[str, Any]:
     """The cells of every third frame into ``sight``, and the VLMaps index of ``MAPS`` that these frames make."""
     names = list(eyes.eyes.names)
     vectors = encoder.text([*names, *eyes.eyes.around])
@@ -183,7 +201,8 @@ def report(recordings: Sequence[Recording], eyes: Any) -> None:
         f"detector: {eyes.name}, threshold {eyes.eyes.threshold:g}, {eyes.min_views} agreeing frames (sha256 {eyes.sha256[:12]})"
     )
     print("home               frames  AP50  recall  precision  distance  (ground truth)")
-    for recording in recordings:
+    for walk in recordings:
+        recording = Kept(walk)
         sight = look(recording, eyes)
         sights.append(sight)
         sure = [found.keep(found.scores >= eyes.eyes.threshold) for found in sight.found]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections import deque
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,39 +18,42 @@ SPREAD = 0.54  # of TTFNet: a Gaussian's deviation is its box side * SPREAD / 6
 
 
 SELDOM = 0.06  # share of the frames below which a name makes a frame be drawn more often
-UNKNOWN = -2  # a cell of which no shard says what it shows
 PART = 1500  # pixels of a box that are enough to know a thing by, even if a crop has most of it cut off
 SMALL = 40  # pixels of a box below which a thing is neither to be found nor wrong to be found
 
 
 class Pool:
-    """The frames of the shards in a folder, the newest that fit in ``room`` bytes; ``refresh`` looks for new shards."""
+    """The frames of the shards in a folder, as JPEG, the newest that fit in ``room`` bytes; ``refresh`` looks for new shards."""
 
     def __init__(self, folder: Path, room: int) -> None:
         self._folder, self._room = folder, room
         self._seen: set[str] = set()
         self._held = 0
         self._odds = np.zeros(0)
-        self.frames: deque[tuple[Any, Any, Any, Any]] = deque()
+        self.frames: deque[tuple[bytes, Any, Any, Any]] = deque()
 
     def refresh(self, most: int = 1000) -> None:
         """At most ``most`` new shards: reading them all at once would hold up the training."""
         for path in [p for p in sorted(self._folder.glob("*.npz")) if p.name not in self._seen][:most]:
             self._seen.add(path.name)
             with np.load(path, allow_pickle=False) as shard:
-                images, boxes, labels, frame = (shard[key] for key in ("images", "boxes", "labels", "frame"))
-                kinds = shard["kinds"] if "kinds" in shard else [None] * len(images)
+                images, boxes, labels, frame, kinds = (
+                    shard[key] for key in ("images", "boxes", "labels", "frame", "kinds")
+                )
             for i in range(len(images)):
-                mine = frame == i
-                self.frames.append((images[i].copy(), boxes[mine], labels[mine], kinds[i]))
-                self._held += images[i].nbytes
+                mine, file = frame == i, io.BytesIO()
+                Image.fromarray(images[i]).save(file, "JPEG", quality=92, subsampling=0)
+                self.frames.append((file.getvalue(), boxes[mine], labels[mine], kinds[i]))
+                self._held += len(file.getvalue()) + kinds[i].nbytes
         while self._held > self._room:
-            self._held -= self.frames.popleft()[0].nbytes
+            data, _, _, cells = self.frames.popleft()
+            self._held -= len(data) + cells.nbytes
         self._odds = np.cumsum(self._repeats())
 
     def draw(self, rng: np.random.Generator) -> tuple[Any, Any, Any, Any]:
-        """A random frame: image, boxes, labels, cells."""
-        return self.frames[int(np.searchsorted(self._odds, rng.uniform(0, self._odds[-1])))]
+        """A random frame: image (h, w, 3) uint8, boxes, labels, cells."""
+        data, boxes, labels, cells = self.frames[int(np.searchsorted(self._odds, rng.uniform(0, self._odds[-1])))]
+        return np.asarray(Image.open(io.BytesIO(data))), boxes, labels, cells
 
     def _repeats(self) -> Any:
         """How often each frame is drawn: more often if it shows a name that is in few frames (LVIS, Gupta et al. 2019)."""
@@ -67,7 +71,7 @@ class Pool:
 class Batch:
     """``images`` (B, 3, h, w) float32, 0 to 1; of the heatmaps only what is not zero: ``spots`` (M, 4) of image, row,
     column and class, with their ``heat`` (M,), of which ``hits`` (K,) are the middles; ``boxes`` (B, 5, h/4, w/4): xyxy and
-    weight; ``kinds`` (B, h/4, w/4): the class of each cell, -1 for walls, -2 where nobody knows."""
+    weight; ``kinds`` (B, h/4, w/4): the class of each cell, -1 for walls."""
 
     images: Any
     spots: Any
@@ -82,7 +86,7 @@ def batch(pool: Pool, size: int, rng: np.random.Generator) -> Batch:
     columns, rows = CROP[0] // STRIDE, CROP[1] // STRIDE
     images = np.empty((size, CROP[1], CROP[0], 3), np.float32)
     boxes = np.zeros((size, 5, rows, columns), np.float32)
-    kinds = np.full((size, rows, columns), UNKNOWN, np.int64)
+    kinds = np.empty((size, rows, columns), np.int64)
     spots, heats = [], []
     for k in range(size):
         rgb, xyxy, labels, known = pool.draw(rng)
@@ -111,12 +115,9 @@ def _cropped(rgb: Any, boxes: Any, labels: Any, kinds: Any, rng: np.random.Gener
     keep = (sides.min(1) > 0.5) & (left > 4) & ((left > 0.2 * before) | (left > PART))
     image, cut, labels = np.asarray(part, np.float32) / 255, cut[keep], labels[keep]
     columns, rows = CROP[0] // STRIDE, CROP[1] // STRIDE
-    if kinds is None:
-        cells = np.full((rows, columns), UNKNOWN)
-    else:
-        down = ((y + (np.arange(rows) + 0.5) * h / rows) / STRIDE).astype(np.intp)
-        across = ((x + (np.arange(columns) + 0.5) * w / columns) / STRIDE).astype(np.intp)
-        cells = kinds[np.ix_(np.minimum(down, kinds.shape[0] - 1), np.minimum(across, kinds.shape[1] - 1))]
+    down = ((y + (np.arange(rows) + 0.5) * h / rows) / STRIDE).astype(np.intp)
+    across = ((x + (np.arange(columns) + 0.5) * w / columns) / STRIDE).astype(np.intp)
+    cells = kinds[np.ix_(np.minimum(down, kinds.shape[0] - 1), np.minimum(across, kinds.shape[1] - 1))]
     if rng.random() < 0.5:
         image, cells = image[:, ::-1], cells[:, ::-1]
         cut = np.stack([CROP[0] - cut[:, 2], cut[:, 1], CROP[0] - cut[:, 0], cut[:, 3]], 1)

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import torch
-from _eyes_batches import STRIDE, UNKNOWN, Batch
+from _eyes_batches import STRIDE, Batch
 from _eyes_network import Eyes
 from torch import Tensor
 
@@ -32,17 +32,11 @@ def loss_of(eyes: Eyes, images: Tensor, true: Batch, weights: Tensor, rng: np.ra
 
 
 def _paint_loss(painted: Tensor, kinds: Any, classes: int) -> Tensor:
-    """Softmax cross-entropy over the cells of which something is known; walls and floors count less, as there are so many."""
-    b, y, x = np.nonzero(kinds != UNKNOWN)
-    if not len(b):
-        return painted.sum() * 0
-    known = kinds[b, y, x]
-    wanted = torch.from_numpy(np.where(known < 0, classes, known))
+    """Softmax cross-entropy of the cells; walls and floors count less, as there are so many."""
+    wanted = torch.from_numpy(np.where(kinds < 0, classes, kinds)).flatten()
     weight = torch.ones(painted.shape[1])
     weight[classes:] = AROUND_WEIGHT
-    cells = painted.permute(0, 2, 3, 1)
-    cells = cells.flatten(0, 2) if len(b) == kinds.size else cells[b, y, x]
-    return torch.nn.functional.cross_entropy(cells.float(), wanted, weight)
+    return torch.nn.functional.cross_entropy(painted.permute(0, 2, 3, 1).flatten(0, 2).float(), wanted, weight)
 
 
 class Focal(torch.autograd.Function):

@@ -39,7 +39,7 @@ BATCH, PEAK, DECAY, WARM_STEPS = 10, 3e-3, 0.02, 150
 SAVE_S = 180
 BOX_WEIGHT, PAINT_WEIGHT = 3.0, 0.5
 AROUND = ("wall and floor",)  # what a cell shows where no thing is
-ROOM = 5 << 30  # bytes of frames in memory
+ROOM = 4 << 30  # bytes of frames in memory
 
 
 def new_eyes() -> Eyes:
@@ -220,11 +220,11 @@ def main() -> None:
     sub = commands.add_parser("calibrate")
     sub.add_argument("run", type=Path)
     sub.add_argument("shards", type=Path)
-    sub.add_argument("--homes", type=int, default=6)
+    sub.add_argument("--homes", type=int, default=8)
     sub.add_argument("--max-frames", type=int, default=130)
     sub = commands.add_parser("choose")
     sub.add_argument("folder", type=Path)
-    sub.add_argument("--homes", type=int, default=6)
+    sub.add_argument("--homes", type=int, default=8)
     sub.add_argument("--max-frames", type=int, default=130)
     asked = parser.parse_args()
     torch.set_num_threads(getattr(asked, "threads", 1))
