@@ -93,12 +93,10 @@ def choose(folder: Path, recordings: Sequence[Recording]) -> tuple[float, int]:
     """The threshold and the views at which the mean of F1 over the homes' lists is highest; prints the table of all."""
     eyes = plugins.make("detectors", "embedded", threshold=LOW, folder=folder, threads=1)
     sights, pairs = [], defaultdict[tuple[float, int], list[tuple[float, float]]](list)
-    for recording in recordings:
+    for walk in recordings:
+        recording = Kept(walk)
         sight = look(recording, eyes)
         sights.append(sight)
-        frames = [
-            recording[number] for number in range(len(recording))
-        ]  # of one home: rendering them again takes longer
         for threshold in THRESHOLDS:
             kept = [found.keep(found.scores >= threshold) for found in sight.found]
             index = index_of(recording, kept, VIEWS[0])
