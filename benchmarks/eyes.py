@@ -1,6 +1,6 @@
 """How well the embedded eyes see: boxes, lists of objects and distances in homes, and frames per second on one core.
 
-python benchmarks/eyes.py [HOME …] [--seed 0] [--max-frames 800] [--sheet FILE]     (default: the seven homes that no training saw)
+python benchmarks/eyes.py [HOME …] [--seed 0] [--max-frames 800] [--sensor] [--sheet FILE]     (default: the seven homes that no training saw)
 Per home: AP50 over its types; recall of the types of which a thing of 400 px or more was seen, and precision, of the list
 that ObjectDepth makes of `min_views` agreeing frames; the mean distance from where a name is located to the nearest true
 thing of that name, from pixels and with ground-truth detections. Goals: AP50 0.5, recall 0.85, precision 0.9, 0.2 m, 8 frames/s.
@@ -277,11 +277,13 @@ def main() -> None:
     parser.add_argument("homes", nargs="*")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--max-frames", type=int, default=800)
+    parser.add_argument("--sensor", action="store_true", help="with a real camera's faults: noise, exposure, holes, drift")
     parser.add_argument("--sheet", type=Path, help="a contact sheet of detections goes there (.jpg, .png)")
     asked = parser.parse_args()
     world = plugins.make("worlds", "dollhouse")
     eyes = plugins.make("detectors", "embedded", threshold=LOW, threads=1)
-    walks = [world.explore(home, seed=asked.seed, max_frames=asked.max_frames) for home in asked.homes or world.homes()]
+    how = {"seed": asked.seed, "sensor": asked.sensor, "max_frames": asked.max_frames}
+    walks = [world.explore(home, **how) for home in asked.homes or world.homes()]
     print(f"{speed(walks[0][0]):.1f} frames/s of 640 x 480 on one thread")
     report(walks, eyes)
     if asked.sheet:

@@ -225,7 +225,7 @@ def main() -> None:
     sub = commands.add_parser("choose")
     sub.add_argument("folder", type=Path)
     sub.add_argument("--homes", type=int, default=8)
-    sub.add_argument("--max-frames", type=int, default=130)
+    sub.add_argument("--max-frames", type=int, default=400)
     asked = parser.parse_args()
     torch.set_num_threads(getattr(asked, "threads", 1))
     if asked.command == "render":
