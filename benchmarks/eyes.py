@@ -43,7 +43,7 @@ class Kept:
     """A recording whose frames are rendered once and kept, 4 MB each: made for one home at a time."""
 
     def __init__(self, recording: Recording) -> None:
-        self.name, self.truth = recording.name, recording.truth
+        self.name, self.truth = recording.name.removeprefix("dollhouse "), recording.truth
         self._frames = cache(recording.__getitem__)
         self._length = len(recording)
 
@@ -245,7 +245,7 @@ def sheet(recordings: Sequence[Recording], eyes: Any, path: Path) -> None:
         found = found.keep(found.scores >= eyes.eyes.threshold)
         image = Image.fromarray(frame.rgb)
         draw = ImageDraw.Draw(image)
-        draw.text((6, 4), recording.name, fill="black", font_size=18)
+        draw.text((6, 4), recording.name.removeprefix("dollhouse "), fill="black", font_size=18)
         for box, name in zip(true.boxes_xyxy, true.labels, strict=True):
             same = [k for k, label in enumerate(found.labels) if label == name]
             if not len(same) or iou(box, found.boxes_xyxy[same]).max() < 0.5:
@@ -277,7 +277,9 @@ def main() -> None:
     parser.add_argument("homes", nargs="*")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--max-frames", type=int, default=800)
-    parser.add_argument("--sensor", action="store_true", help="with a real camera's faults: noise, exposure, holes, drift")
+    parser.add_argument(
+        "--sensor", action="store_true", help="with a real camera's faults: noise, exposure, holes, drift"
+    )
     parser.add_argument("--sheet", type=Path, help="a contact sheet of detections goes there (.jpg, .png)")
     asked = parser.parse_args()
     world = plugins.make("worlds", "dollhouse")

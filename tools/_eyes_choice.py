@@ -90,7 +90,11 @@ def calibrate(sights: Sequence[Sight], names: Sequence[str]) -> tuple[float, flo
 
 
 def choose(folder: Path, recordings: Sequence[Recording]) -> tuple[float, int]:
-    """The threshold and the views at which the mean of F1 over the homes' lists is highest; prints the table of all."""
+    """The strictest threshold, and the views, at which the mean of F1 over the homes' lists is as good as the best; prints all.
+
+    As good as: within one standard error of it (Breiman et al. 1984), since few homes cannot tell such settings apart, and a
+    thing that is not there costs a robot a way in vain.
+    """
     eyes = plugins.make("detectors", "embedded", threshold=LOW, folder=folder, threads=1)
     sights, pairs = [], defaultdict[tuple[float, int], list[tuple[float, float]]](list)
     for walk in recordings:
@@ -104,10 +108,12 @@ def choose(folder: Path, recordings: Sequence[Recording]) -> tuple[float, int]:
                 index.min_views = views  # it counts them all, and leaves names out only when it is asked
                 pairs[threshold, views].append(listed(sight, index.names()))
     print(f"held-back generated homes: AP50 {np.mean(list(ap50(sights).values())):.3f}", flush=True)
-    best = (-1.0, 0.0, 0)
+    f1 = {setting: np.array([2 * r * p / max(1e-9, r + p) for r, p in of_homes]) for setting, of_homes in pairs.items()}
     for (threshold, views), of_homes in pairs.items():
         recall, precision = np.mean(of_homes, axis=0).tolist()
-        f1 = float(np.mean([2 * r * p / max(1e-9, r + p) for r, p in of_homes]))
-        print(f"score {threshold:.2f}, {views} views: recall {recall:.3f} precision {precision:.3f} F1 {f1:.3f}")
-        best = max(best, (f1, threshold, views))
-    return best[1], best[2]
+        mean = f1[threshold, views].mean()
+        print(f"score {threshold:.2f}, {views} views: recall {recall:.3f} precision {precision:.3f} F1 {mean:.3f}")
+    best = max(f1, key=lambda setting: float(f1[setting].mean()))
+    error = float(f1[best].std(ddof=1)) / len(recordings) ** 0.5
+    print(f"best F1 {f1[best].mean():.3f} ± {error:.3f} at {best}")
+    return max(setting for setting in f1 if setting[1] == best[1] and f1[setting].mean() >= f1[best].mean() - error)
