@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 from pathlib import Path
 
 import numpy as np
@@ -210,3 +211,16 @@ def test_of_two_names_for_one_place_that_with_more_support_stands(name: str, tmp
     assert again.names() == ["chair", "mug"]
     again.add(recording[0], eyes.detect(recording[0]))
     assert again.names() == ["chair", "mug"]
+
+
+@pytest.mark.parametrize("name", ["object_depth", "object_viewpoint"])
+def test_a_home_from_before_names_had_rivals_still_opens(name: str, tmp_path: Path) -> None:
+    index, again = built(name, min_views=2), plugins.make("indexes", name)
+    index.save(tmp_path)
+    file = tmp_path / "places.json"
+    kept = json.loads(file.read_text())
+    for spot in kept["spots"]:
+        del spot["support"], spot["box_m"]
+    file.write_text(json.dumps(kept))
+    again.load(tmp_path)
+    assert again.names() == index.names()

@@ -111,8 +111,8 @@ class LargestView(ABC):
         try:
             self.min_views, self._spots, self._standing = int(kept["min_views"]), {}, None
             for row in kept["spots"]:
-                place, size, support = Place(**row["place"]), float(row["size_px2"]), float(row["support"])
-                frames, last, box = int(row["frames"]), int(row["last_frame"]), row["box_m"]
+                place, size, frames = Place(**row["place"]), float(row["size_px2"]), int(row["frames"])
+                last, support, box = int(row["last_frame"]), float(row.get("support", frames)), row.get("box_m")
                 box_m = None if box is None else tuple(float(value) for value in box)
                 if box_m is not None and len(box_m) != 6:
                     raise ValueError("box_m must be six numbers")
