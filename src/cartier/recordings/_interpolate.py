@@ -35,7 +35,8 @@ def interpolated(table: Array, times_s: Array) -> Interpolated:
     after = np.clip(np.searchsorted(known, times), 1, max(1, len(known) - 1))
     a, b = table[after - 1], table[np.minimum(after, len(known) - 1)]
     span = b[:, 0] - a[:, 0]
-    share = np.clip(np.divide(times - a[:, 0], span, out=np.zeros_like(times), where=span > 0), 0, 1)
+    with np.errstate(over="ignore"):  # times outside of two samples that all but coincide: cut to 0 or 1
+        share = np.clip(np.divide(times - a[:, 0], span, out=np.zeros_like(times), where=span > 0), 0, 1)
     rotation, angle = _slerp(a[:, 4:], b[:, 4:], share)
     position = a[:, 1:4] + share[:, None] * (b[:, 1:4] - a[:, 1:4])
     moved = (np.linalg.norm(b[:, 1:4] - a[:, 1:4], axis=1) > STILL_M) | (angle > STILL_RAD)
