@@ -1,29 +1,19 @@
-"""Frames to train the eyes on: generated homes with more clutter and other colours, seen from random poses, as npz shards."""
+"""Homes to train the eyes in: generated ones with more clutter, laid tables and other colours."""
 
 from __future__ import annotations
 
 import colorsys
 import math
-import time
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.ndimage import find_objects
 
 from cartier.text import display_name
 from cartier.worlds.dollhouse import shapes
-from cartier.worlds.dollhouse.generate import generate
 from cartier.worlds.dollhouse.model import Scene, Thing
 from cartier.worlds.dollhouse.place import Plan
-from cartier.worlds.dollhouse.recording import look, pinhole
-from cartier.worlds.dollhouse.render import Renderer
-from cartier.worlds.dollhouse.scene import load_scene
 
-SIZE = (480, 360)
-MIN_PIXELS = 64
-POSES = 90  # views per home: the light's bake is paid once, and costs more than all of them
 ROBOT_M = 0.2
 SELDOM = (  # what generated homes hold in none or hardly any: scattered as often as four others
     "BaseballBat", "Cabinet", "Cart", "Cloth", "Desktop", "DishSponge", "Dumbbell", "Footstool", "HandTowel", "Ladle",
@@ -271,110 +261,3 @@ def _on_walls(scene: Scene, rng: np.random.Generator) -> list[Thing]:
 def _gap(point: Any, a: Any, b: Any) -> float:
     t = float(np.clip(np.dot(point - a, b - a) / max(1e-9, float(np.dot(b - a, b - a))), 0, 1))
     return float(np.linalg.norm(point - a - t * (b - a)))
-
-
-def poses(scene: Scene, count: int, rng: np.random.Generator) -> list[Any]:
-    """Cameras where a robot fits: level to steep, 0.8 to 1.6 m above the floor; nearly half stand before a thing of any type.
-
-    The others stand anywhere; of four random yaws they mostly take that with most to see. Small things would hardly ever be
-    seen from near if all did so.
-    """
-    plan, found = Plan(scene, ROBOT_M), []
-    at = np.array([thing.at[:2] for thing in scene.things])
-    kinds = np.array([thing.type for thing in scene.things])
-    boxes = np.array([room.box for room in scene.rooms])
-    areas = np.prod(boxes[:, 2:] - boxes[:, :2], axis=1)
-    for _ in range(60 * count):
-        near = rng.random() < 0.45
-        if near:
-            thing = at[rng.choice(np.flatnonzero(kinds == rng.choice(np.unique(kinds))))]
-            way, far = rng.uniform(0, math.tau), rng.uniform(0.45, 1.5)
-            xy = thing + far * np.array([math.cos(way), math.sin(way)])
-        else:
-            box = boxes[rng.choice(len(boxes), p=areas / areas.sum())]
-            xy = rng.uniform(box[:2], box[2:])
-        if plan.free(xy):
-            eye = 1.5 if rng.random() < 0.5 else float(rng.uniform(0.8, 1.6))
-            down = math.radians(float(rng.choice((0.0, 22.5, 22.5))) + float(rng.normal(0, 6)))
-            if rng.random() < 0.06:
-                down = math.radians(float(rng.uniform(30, 55)))
-            ways = rng.uniform(0, math.tau, 4 if rng.random() < 0.7 else 1).tolist()
-            yaw = max(ways, key=lambda yaw: _in_view(at, xy, yaw))
-            if near:
-                yaw = math.atan2(thing[1] - xy[1], thing[0] - xy[0]) + float(rng.normal(0, 0.25))
-            found.append(look(xy, yaw, down, eye))
-        if len(found) == count:
-            break
-    return found
-
-
-def _in_view(at: Any, xy: Any, yaw: float) -> int:
-    """How many things lie ahead, walls not asked."""
-    way = at - xy
-    far = np.hypot(*way.T)
-    return int((((way @ (math.cos(yaw), math.sin(yaw))) > 0.78 * far) & (far < 3.5)).sum())
-
-
-def frames(seed: int, count: int = POSES) -> dict[str, Any]:
-    """Frames of one generated home: images (N, 360, 480, 3) uint8; boxes (K, 4) float32, xyxy, with label, frame and pixels (K,).
-
-    ``kinds`` (N, 90, 120) int16 has the number of the name at the middle of each cell of 4 × 4 pixels, -1 for walls and floors.
-    """
-    rng = np.random.default_rng((seed, 8))
-    scene = load_scene(generate(seed))
-    scene = varied(scene, rng)
-    seen_from = poses(scene, count, rng)
-    fov = 62.0 if rng.random() < 0.6 else float(rng.uniform(52, 72))
-    renderer = Renderer(scene, pinhole(*SIZE, fov))
-    number = {kind: k for k, kind in enumerate(shapes.types())}
-    kind_of = np.array([-1] + [number[t.type] for t in scene.things])
-    images, boxes, labels, which, pixels, kinds = [], [], [], [], [], []
-    for pose in seen_from:
-        view = renderer.render(pose)
-        count_of = np.bincount(view.instances.ravel())
-        ids = np.flatnonzero(count_of >= MIN_PIXELS)
-        ids = ids[ids > 0]
-        if not len(ids):
-            continue
-        spans = find_objects(view.instances)
-        boxes += [(s[1].start, s[0].start, s[1].stop, s[0].stop) for s in (spans[i - 1] for i in ids)]
-        labels += kind_of[ids].tolist()
-        which += [len(images)] * len(ids)
-        pixels += count_of[ids].tolist()
-        images.append(view.rgb)
-        kinds.append(kind_of[view.instances[2::4, 2::4]])
-    return {
-        "images": np.array(images, np.uint8).reshape(-1, SIZE[1], SIZE[0], 3),
-        "boxes": np.array(boxes, np.float32).reshape(-1, 4),
-        "labels": np.array(labels, np.int64),
-        "frame": np.array(which, np.int64),
-        "pixels": np.array(pixels, np.int64),
-        "kinds": np.array(kinds, np.int16).reshape(-1, SIZE[1] // 4, SIZE[0] // 4),
-    }
-
-
-def render_into(folder: Path, first: int, homes: int, keep: int) -> None:
-    """Homes from seed ``first`` on, one shard each, until ``homes`` were made; the oldest go when there are more than ``keep``.
-
-    A shard is written beside and renamed, so that a reader never meets half of one.
-    """
-    folder.mkdir(parents=True, exist_ok=True)
-    for seed in range(first, first + homes):
-        target = folder / f"{seed:08d}.npz"
-        if target.exists():
-            continue
-        start = time.time()
-        try:
-            made = frames(seed)
-        except Exception as error:  # one home that cannot be built must not end a night's rendering
-            print(f"home {seed} left out: {type(error).__name__}: {error}", flush=True)
-            continue
-        if not len(made["images"]):
-            continue
-        part = target.with_suffix(".part")
-        with part.open("wb") as file:
-            np.savez(file, **made)
-        part.replace(target)
-        for old in sorted(folder.glob("*.npz"))[:-keep]:
-            old.unlink()
-        print(f"home {seed}: {len(made['images'])} frames in {time.time() - start:.1f} s", flush=True)

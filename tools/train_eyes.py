@@ -229,7 +229,7 @@ def main() -> None:
     asked = parser.parse_args()
     torch.set_num_threads(getattr(asked, "threads", 1))
     if asked.command == "render":
-        from _eyes_homes import render_into
+        from _eyes_views import render_into
 
         render_into(asked.folder, asked.first, asked.homes, asked.keep)
     elif asked.command == "export":
