@@ -93,6 +93,31 @@ def test_a_thing_that_is_not_there_is_near_what_it_is_kept_beside(reasoner: embe
     assert reasoner.select("where is the coffee tamper?", ["bed", "toilet"]).status == "absent"
 
 
+@pytest.mark.parametrize(
+    "query", ["Where is the key chain?", "the apple, please", "find the umbrella please, it's raining"]
+)
+def test_a_thing_asked_for_by_name_is_not_replaced_by_one_that_is_not_like_it(
+    reasoner: embedded.Embedded, query: str
+) -> None:
+    home = ["watch", "safe", "light switch", "egg", "stool", "house plant", "bed"]
+    assert reasoner.select(query, home).status == "absent"
+
+
+@pytest.mark.parametrize(
+    ("query", "objects", "twin"),
+    [
+        ("Bring me to the frying pan.", ["egg", "stove burner", "pan", "bed"], "pan"),
+        ("Go to the hand towel holder.", ["towel rack", "sink", "bed"], "towel rack"),
+        ("bring me the kettle", ["bed", "water boiler", "sink"], "water boiler"),
+    ],
+)
+def test_what_is_much_the_same_stands_in(
+    reasoner: embedded.Embedded, query: str, objects: list[str], twin: str
+) -> None:
+    chosen = reasoner.select(query, objects)
+    assert (chosen.status, chosen.object) == ("found", twin)
+
+
 def test_two_fits_are_asked_about_unless_they_serve_alike(reasoner: embedded.Embedded) -> None:
     asked = reasoner.select("bring me the cup or the bowl", ["bowl", "cup", "bed"])
     assert asked.status == "clarify" and asked.object is None

@@ -15,6 +15,8 @@ from cartier.reasoners._reading import reader
 from cartier.types import Array
 
 VECTORS = Path(__file__).with_name("vectors.npz")
+ALIKE = 0.8  # cosine of two cards from which their things serve alike
+CALLED_ALIKE = 0.6  # cosine of two names from which they say about the same
 
 
 def text_key(text: str) -> int:
@@ -48,6 +50,17 @@ class Knowledge:
     def likeness(self, one: int, other: int) -> float:
         """The cosine of what two cards are good for."""
         return float(self._means[one] @ self._means[other])
+
+    def twins(self, one: int, other: int) -> bool:
+        """Whether two cards are much the same: called alike and good for the same, such as a pan and a frying pan."""
+        if self.likeness(one, other) <= ALIKE:
+            return False
+        mine, others = (self.names[start:end] for start, end in (self._span(one), self._span(other)))
+        return float((mine @ others.T).max()) > CALLED_ALIKE
+
+    def _span(self, card: int) -> tuple[int, int]:
+        ends = [*self.name_starts[1:], len(self.names)]
+        return int(self.name_starts[card]), int(ends[card])
 
     @cached_property
     def _means(self) -> Array:

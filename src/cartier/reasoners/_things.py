@@ -32,6 +32,11 @@ class Thing(NamedTuple):
     kin: tuple[tuple[int, float], ...]
     details: frozenset[str]
 
+    @property
+    def cards(self) -> tuple[int, ...]:
+        """Its card, or those like it."""
+        return tuple(card for card, _ in self.kin) if self.card is None else (self.card,)
+
 
 class Ranked(NamedTuple):
     """A listed thing with its logit and the name by which it was called."""

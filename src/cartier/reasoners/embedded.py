@@ -16,6 +16,7 @@ import numpy as np
 
 from cartier.reasoners._cards import SHIPPED, Deck, bare, read_deck
 from cartier.reasoners._dialogue import Turn, alternatives, understand
+from cartier.reasoners._knowledge import ALIKE
 from cartier.reasoners._listening import MOST_CHARACTERS
 from cartier.reasoners._scorer import Judgement, Scorer
 from cartier.reasoners._things import Missing, Ranked, Thing, Things, evidence
@@ -25,10 +26,10 @@ Candidates = tuple[tuple[str, float], ...]
 
 NAME = "embedded (knowledge cards, MiniLM, learned scorer)"
 ASKED_FOR = 8.0  # weight from which a name counts as asked for
+IN_PASSING = 3.0  # weight of a name up to which it may have been said for its own sake, not to have the thing
 SURE = 0.4  # probability that the best thing serves under which nothing does
 FAR = 5.0  # logits under "nothing" from which the best is no answer, however sure it is among its like
 TIE = 0.12  # two unlike things whose logits are closer than this are asked about
-ALIKE = 0.8  # cosine of two cards from which their things serve alike, so that one is taken without asking
 MOST_NEEDS, LONGEST_PART = 4, 30  # needs in one breath, and words of each
 THEN = re.compile(
     r"[,;.]?\s+(?:and\s+)?(?:then|afterwards|after\s+that|after\s+which|next(?!\s+to\b))\b[,\s]*|\s*;\s*|[,.]?\s+(?:and|n)\s+then\b[,\s]*",
@@ -106,6 +107,9 @@ class Embedded:
         # who turns a thing down wants the next best, so that it need only not be hopeless
         unsure = not turn.without and self.scorer.sure(self._evidence(ranked, missing, judged)) < SURE
         doubtful = unsure or ranked[0].logit < judged.nothing - FAR
+        named = _named_elsewhere(ranked[0], missing[1])
+        if named is not None and not turn.only and not turn.without:
+            return self._twin(named, ranked, candidates) or self._instead(named, things, judged, candidates)
         if doubtful and not turn.only:
             return self._instead(missing[1], things, judged, candidates)
         return self._choose(ranked, judged, candidates, ask=not turn.only)
@@ -120,6 +124,15 @@ class Embedded:
 
     def _evidence(self, ranked: list[Ranked], missing: tuple[Missing, Missing | None], judged: Judgement) -> Array:
         return evidence(ranked, missing, judged.nothing, self.deck.cards[missing[0].card].at_home)
+
+    def _twin(self, named: Missing, ranked: list[Ranked], candidates: Candidates) -> Selection | None:
+        """What is much the same as a thing that was asked for by name and is not listed."""
+        twins = self.scorer.knowledge.twins
+        for r in ranked:
+            if any(twins(card, named.card) for card in r.thing.cards):
+                reason = f"{_not_seen(named)}, but this is much the same"
+                return Selection("found", r.thing.name, reason=reason, candidates=candidates, model=NAME)
+        return None
 
     def _choose(self, ranked: list[Ranked], judged: Judgement, candidates: Candidates, ask: bool) -> Selection:
         """The best, or a question if another that is unlike it is called for as much."""
@@ -136,14 +149,13 @@ class Embedded:
         """Where what was asked for by name is usually kept; else that nothing serves."""
         if named is None or named.called is None or named.called.weight < ASKED_FOR or named.logit < judged.nothing:
             return Selection("absent", reason="nothing here serves that", candidates=candidates, model=NAME)
-        said = named.called.mention.said
         for neighbour in self.deck.cards[named.card].beside:
             beside = self.deck.card_of(neighbour)
             near = next((t.name for t in things.all if t.card is not None and t.card == beside), None)
             if near is not None:
-                reason = f"no {said} was seen here, but it is usually kept beside the {bare(near)}"
+                reason = f"{_not_seen(named)}, but it is usually kept beside the {bare(near)}"
                 return Selection("near", near, reason=reason, candidates=candidates, model=NAME)
-        return Selection("absent", reason=f"no {said} was seen here", candidates=candidates, model=NAME)
+        return Selection("absent", reason=_not_seen(named), candidates=candidates, model=NAME)
 
     def _reason(self, ranked: Ranked, judged: Judgement) -> str:
         if ranked.called is not None and ranked.called.weight > ASKED_FOR:
@@ -157,6 +169,17 @@ class Embedded:
         if one.card is None or other.card is None:
             return one.key == other.key
         return one.card == other.card or self.scorer.knowledge.likeness(one.card, other.card) > ALIKE
+
+
+def _named_elsewhere(best: Ranked, named: Missing | None) -> Missing | None:
+    """What was asked for by name and is not listed, if the best was not named, too."""
+    if named is None or named.called is None or named.called.weight < ASKED_FOR:
+        return None
+    return named if best.called is None or best.called.weight <= IN_PASSING else None
+
+
+def _not_seen(named: Missing) -> str:
+    return f"no {named.called.mention.said} was seen here" if named.called else "nothing of that was seen here"
 
 
 def _candidates(ranked: list[Ranked], judged: Judgement) -> Candidates:
