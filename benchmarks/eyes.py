@@ -56,6 +56,10 @@ class Kept:
         return self._frames(number)
 
 
+def _no_cells() -> Any:
+    return np.zeros(2, int)
+
+
 @dataclass
 class Sight:
     """What eyes saw in a home, beside the truth. ``hits``: per name, (score, right) of boxes; ``boxes``: true ones per name."""
@@ -66,7 +70,7 @@ class Sight:
     boxes: dict[str, int] = field(default_factory=lambda: defaultdict(int))
     pixels: dict[str, int] = field(default_factory=lambda: defaultdict(int))
     """The most that was seen of one thing of each name in one frame."""
-    cells: dict[str, Any] = field(default_factory=lambda: defaultdict(lambda: np.zeros(2, int)))
+    cells: dict[str, Any] = field(default_factory=lambda: defaultdict(_no_cells))
     """Per name, how many cells were right and how many there are; "" is what is no thing."""
 
 
@@ -178,7 +182,7 @@ def look_closely(recording: Recording | Kept, eyes: Any, sight: Sight, encoder: 
 
 def report_cells(sights: Sequence[Sight], far: dict[str, list[float]]) -> None:
     """What the dense features are worth, over all homes."""
-    cells: dict[str, Any] = defaultdict(lambda: np.zeros(2, int))
+    cells: dict[str, Any] = defaultdict(_no_cells)
     for sight in sights:
         for name, counts in sight.cells.items():
             cells[name] += counts

@@ -184,6 +184,29 @@ def test_two_things_of_a_name_do_not_lend_each_other_views() -> None:
     assert place is not None and place.position[0] > 3, "the left one was seen larger, but only once"
 
 
+def test_of_several_things_of_a_name_the_surest_is_taken(tmp_path: Path) -> None:
+    """A look-alike that stands larger in the image is seen less surely; of two that are as sure the larger view counts."""
+    near, far = box(1, "cup", (1.0, 3.4, 0.8), (1.1, 3.5, 0.9)), box(2, "cup", (3.8, 3.4, 0.8), (3.9, 3.5, 0.9))
+    poses = [look((1.05, 2.6, 1.2), near.box_min), look((3.8, 1.4, 1.2), far.box_min)]
+    recording = type(walk())([poses[0]] * 2 + [poses[1]] * 2, [near, far])
+
+    def found(surer: float) -> SpatialIndex:
+        index: SpatialIndex = plugins.make("indexes", "object_depth", min_views=2)
+        for number in range(4):
+            seen = TrueBoxes([near, far]).detect(recording[number])
+            scores = np.full(len(seen), 0.6 if number < 2 else surer)
+            index.add(recording[number], Detections(number, seen.boxes_xyxy, scores, seen.labels))
+        index.save(tmp_path)
+        again: SpatialIndex = plugins.make("indexes", "object_depth")
+        again.load(tmp_path)
+        assert again.locate("cup") == index.locate("cup")
+        return index
+
+    larger, surer = found(0.6).locate("cup"), found(0.9).locate("cup")
+    assert larger is not None and larger.position[0] < 2
+    assert surer is not None and surer.position[0] > 3
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_of_two_names_for_one_place_that_with_more_support_stands(name: str, tmp_path: Path) -> None:
     """Some frames call the chair a throne; a mug beside it is nobody's rival, whatever its support."""
@@ -220,7 +243,7 @@ def test_a_home_from_before_names_had_rivals_still_opens(name: str, tmp_path: Pa
     file = tmp_path / "places.json"
     kept = json.loads(file.read_text())
     for spot in kept["spots"]:
-        del spot["support"], spot["box_m"]
+        del spot["support"], spot["best"], spot["box_m"]
     file.write_text(json.dumps(kept))
     again.load(tmp_path)
     assert again.names() == index.names()

@@ -22,7 +22,7 @@ MOST_SPOTS = 32  # a name that was seen in more places than this is noise
 
 @dataclass
 class _Spot:
-    """One thing of a name: its largest view so far, in how many frames it was seen where it is, and their scores' sum.
+    """One thing of a name: its largest view so far, in how many frames it was seen where it is, their scores' sum, the best.
 
     ``box_m`` is roughly the space it fills, as the largest view shows it: an upright box (x1, y1, z1, x2, y2, z2).
     """
@@ -33,6 +33,7 @@ class _Spot:
     frames: int
     last_frame: int
     support: float
+    best: float
     box_m: tuple[float, ...] | None
 
 
@@ -59,13 +60,14 @@ class LargestView(ABC):
         self._standing = None
         for which in reversed(sizes.argsort()):  # largest first: the rest of a thing's boxes then cost nothing
             size, label, anchor = float(sizes[which]), detections.labels[which], anchors[which]
+            score = float(detections.scores[which])
             if size <= 0:
                 continue
             spots = self._spots.setdefault(label, [])
             spot = next((s for s in spots if _agree(s.anchor, anchor)), None)
             if spot is not None and spot.last_frame != frame.index:
                 spot.frames, spot.last_frame = spot.frames + 1, frame.index
-                spot.support += float(detections.scores[which])
+                spot.support, spot.best = spot.support + score, max(spot.best, score)
             better = len(spots) < MOST_SPOTS if spot is None else size > spot.size_px2
             place = self.place(frame, detections, int(which)) if better else None
             if place is None:
@@ -74,7 +76,7 @@ class LargestView(ABC):
             if spot is not None:
                 spot.size_px2, spot.place, spot.box_m = size, place, box_m
             else:
-                spots.append(_Spot(size, place, anchor, 1, frame.index, float(detections.scores[which]), box_m))
+                spots.append(_Spot(size, place, anchor, 1, frame.index, score, score, box_m))
 
     def names(self) -> list[str]:
         return sorted(name for name in self._spots if self.locate(name) is not None)
@@ -83,7 +85,7 @@ class LargestView(ABC):
         if self._standing is None or self._standing[0] != self.min_views:
             self._standing = self.min_views, self._not_outdone()
         seen = self._standing[1].get(name)
-        return max(seen, key=lambda spot: spot.size_px2).place if seen else None
+        return max(seen, key=lambda spot: (spot.best, spot.size_px2)).place if seen else None
 
     def _not_outdone(self) -> dict[str, list[_Spot]]:
         """Per name the spots that enough frames agree on, without those at whose place another name has more support."""
@@ -113,10 +115,11 @@ class LargestView(ABC):
             for row in kept["spots"]:
                 place, size, frames = Place(**row["place"]), float(row["size_px2"]), int(row["frames"])
                 last, support, box = int(row["last_frame"]), float(row.get("support", frames)), row.get("box_m")
+                best = float(row.get("best", 0))
                 box_m = None if box is None else tuple(float(value) for value in box)
                 if box_m is not None and len(box_m) != 6:
                     raise ValueError("box_m must be six numbers")
-                spot = _Spot(size, place, row["anchor"], frames, last, support, box_m)
+                spot = _Spot(size, place, row["anchor"], frames, last, support, best, box_m)
                 self._spots.setdefault(str(place.label), []).append(spot)
         except (TypeError, ValueError, KeyError, AttributeError, InputError) as error:
             raise InputError(f"{file} is damaged ({error}): map the recording again") from error
