@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import sys
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
+from itertools import repeat
+from multiprocessing import get_context
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from _eyes_homes import ROBOT_M, varied
@@ -22,28 +25,36 @@ from cartier.worlds.dollhouse.recording import DollhouseRecording, pinhole
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
 from eyes import LOW, Kept, Sight, ap50, index_of, listed, look, match
 
+T = TypeVar("T")
 FIRST = 90_000
 THRESHOLDS = (0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.45, 0.5, 0.55)
 VIEWS = (2, 3, 4, 5)
 
 
-def walks(homes: int, max_frames: int) -> list[Recording]:
-    """Explorations of generated homes at 640 x 480, without the sensor's faults; every other home holds things of all types."""
-    world = plugins.make("worlds", "dollhouse")
-    camera = pinhole()
-    found: list[Recording] = []
-    for k in range(homes):
-        if k % 2:
-            rng = np.random.default_rng((FIRST + k, 9))
-            scene = varied(world.scene(str(FIRST + k)), rng)
-            plan, corners = Plan(scene, ROBOT_M), np.array([room.box for room in scene.rooms])
-            spots = rng.uniform(corners[:, :2].min(0), corners[:, 2:].max(0), (400, 2))
-            scene = replace(scene, start_xy=tuple(max(spots.tolist(), key=plan.clearance)))
-            walk = explore(scene, camera, ROBOT_M, seed=0, max_frames=max_frames)
-            found.append(DollhouseRecording(replace(scene, name=f"{scene.name} varied"), camera, walk.poses))
-        else:
-            found.append(world.explore(str(FIRST + k), seed=0, max_frames=max_frames))
-    return found
+def walk(number: int, max_frames: int) -> Recording:
+    """An exploration of a generated home at 640 x 480, without the sensor's faults; every other home holds things of all types."""
+    world, seed = plugins.make("worlds", "dollhouse"), FIRST + number
+    if number % 2 == 0:
+        recording: Recording = world.explore(str(seed), seed=0, max_frames=max_frames)
+        return recording
+    rng, camera = np.random.default_rng((seed, 9)), pinhole()
+    scene = varied(world.scene(str(seed)), rng)
+    plan, corners = Plan(scene, ROBOT_M), np.array([room.box for room in scene.rooms])
+    spots = rng.uniform(corners[:, :2].min(0), corners[:, 2:].max(0), (400, 2))
+    scene = replace(scene, start_xy=tuple(max(spots.tolist(), key=plan.clearance)))
+    poses = explore(scene, camera, ROBOT_M, seed=0, max_frames=max_frames).poses
+    return DollhouseRecording(replace(scene, name=f"{scene.name} varied"), camera, poses)
+
+
+def on_walks(work: Callable[[Recording, Any], T], folder: Path, homes: int, max_frames: int) -> list[T]:
+    """What ``work`` makes of so many walks and of the eyes in a folder, with a threshold of ``LOW``; two walks at a time."""
+    with ProcessPoolExecutor(2, get_context("spawn")) as pool:
+        return list(pool.map(_on_walk, *(repeat(v) for v in (work, folder)), range(homes), repeat(max_frames)))
+
+
+def _on_walk(work: Callable[[Recording, Any], T], folder: Path, number: int, max_frames: int) -> T:
+    eyes = plugins.make("detectors", "embedded", threshold=LOW, folder=folder, threads=1)
+    return work(walk(number, max_frames), eyes)
 
 
 def looks_at_shards(shards: Path, eyes: Any) -> Sight:
@@ -89,24 +100,17 @@ def calibrate(sights: Sequence[Sight], names: Sequence[str]) -> tuple[float, flo
     return float(slope), float(shift), offset.tolist()
 
 
-def choose(folder: Path, recordings: Sequence[Recording]) -> tuple[float, int]:
+def choose(folder: Path, homes: int, max_frames: int) -> tuple[float, int]:
     """The strictest threshold, and the views, at which the mean of F1 over the homes' lists is as good as the best; prints all.
 
     As good as: within one standard error of it (Breiman et al. 1984), since few homes cannot tell such settings apart, and a
     thing that is not there costs a robot a way in vain.
     """
-    eyes = plugins.make("detectors", "embedded", threshold=LOW, folder=folder, threads=1)
     sights, pairs = [], defaultdict[tuple[float, int], list[tuple[float, float]]](list)
-    for walk in recordings:
-        recording = Kept(walk)
-        sight = look(recording, eyes)
+    for sight, of_home in on_walks(_lists, folder, homes, max_frames):
         sights.append(sight)
-        for threshold in THRESHOLDS:
-            kept = [found.keep(found.scores >= threshold) for found in sight.found]
-            index = index_of(recording, kept, VIEWS[0])
-            for views in VIEWS:
-                index.min_views = views  # it counts them all, and leaves names out only when it is asked
-                pairs[threshold, views].append(listed(sight, index.names()))
+        for setting, pair in of_home.items():
+            pairs[setting].append(pair)
     print(f"held-back generated homes: AP50 {np.mean(list(ap50(sights).values())):.3f}", flush=True)
     f1 = {setting: np.array([2 * r * p / max(1e-9, r + p) for r, p in of_homes]) for setting, of_homes in pairs.items()}
     for (threshold, views), of_homes in pairs.items():
@@ -114,6 +118,19 @@ def choose(folder: Path, recordings: Sequence[Recording]) -> tuple[float, int]:
         mean = f1[threshold, views].mean()
         print(f"score {threshold:.2f}, {views} views: recall {recall:.3f} precision {precision:.3f} F1 {mean:.3f}")
     best = max(f1, key=lambda setting: float(f1[setting].mean()))
-    error = float(f1[best].std(ddof=1)) / len(recordings) ** 0.5
+    error = float(f1[best].std(ddof=1)) / homes**0.5
     print(f"best F1 {f1[best].mean():.3f} ± {error:.3f} at {best}")
     return max(setting for setting in f1 if setting[1] == best[1] and f1[setting].mean() >= f1[best].mean() - error)
+
+
+def _lists(walked: Recording, eyes: Any) -> tuple[Sight, dict[tuple[float, int], tuple[float, float]]]:
+    """What is seen on a walk, and recall and precision of the list at all thresholds and views."""
+    recording, pairs = Kept(walked), {}
+    sight = look(recording, eyes)
+    for threshold in THRESHOLDS:
+        kept = [found.keep(found.scores >= threshold) for found in sight.found]
+        index = index_of(recording, kept, VIEWS[0])
+        for views in VIEWS:
+            index.min_views = views  # it counts them all, and leaves names out only when it is asked
+            pairs[threshold, views] = listed(sight, index.names())
+    return sight, pairs

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -10,8 +11,10 @@ import onnx
 import torch
 from _eyes_network import STRIDE, Conv, Eyes
 from onnx import TensorProto, helper, numpy_helper
+from torch.nn.functional import interpolate
 
-SIZE = (480, 360)
+SIZE = (640, 480)
+FAR_SIZE = (384, 288)  # of the second look, in which large things are as small as training showed them
 MOST = 100  # boxes per image
 
 
@@ -20,12 +23,19 @@ class Graph:
 
     def __init__(self) -> None:
         self.nodes: list[Any] = []
-        self.constants: list[Any] = []
+        self._constants: dict[tuple[Any, ...], Any] = {}
+
+    @property
+    def constants(self) -> list[Any]:
+        return list(self._constants.values())
 
     def constant(self, values: Any, kind: Any = np.float32) -> str:
-        name = f"c{len(self.constants)}"
-        self.constants.append(numpy_helper.from_array(np.asarray(values, kind), name))
-        return name
+        """Equal ones are kept once: both looks share their weights."""
+        array = np.asarray(values, kind)
+        key = (array.dtype, array.shape, array.tobytes())
+        if key not in self._constants:
+            self._constants[key] = numpy_helper.from_array(array, f"c{len(self._constants)}")
+        return str(self._constants[key].name)
 
     def add(self, kind: str, *inputs: str, outputs: int = 1, **settings: Any) -> Any:
         names = [f"{kind}{len(self.nodes)}_{k}" for k in range(outputs)]
@@ -67,10 +77,14 @@ class Graph:
         width = [self.constant(value, np.int64) for value in ([-1], [-(2**31)], [3], [-1])]
         return str(self.add("Slice", x, *width))
 
-    def both(self, x: str) -> str:
-        """The mean of the first map and the second one, which is of the mirrored image."""
-        one, two = self.add("Split", x, self.constant([1, 1], np.int64), outputs=2, axis=0)
-        return str(self.add("Mul", self.add("Add", one, self.mirrored(two)), self.constant(0.5)))
+    def resized(self, x: str, channels: int, size: tuple[int, int]) -> str:
+        """Linear interpolation to ``size`` (w, h)."""
+        shape = self.constant([1, channels, size[1], size[0]], np.int64)
+        settings = {"mode": "linear", "coordinate_transformation_mode": "half_pixel"}
+        return str(self.add("Resize", x, "", "", shape, **settings))
+
+    def mean(self, a: str, b: str) -> str:
+        return str(self.add("Mul", self.add("Add", a, b), self.constant(0.5)))
 
     def unit(self, x: str) -> str:
         """Vectors (1, D, h, w) of length one."""
@@ -82,28 +96,34 @@ def export(eyes: Eyes, path: Path) -> None:
     """Input ``image`` (1, 3, h, w) float32, 0 to 1, of ``SIZE`` (w, h); outputs ``boxes`` (100, 4) xyxy in its pixels,
     ``scores`` and ``classes`` (100), best first, and ``features`` (1, D, h/4, w/4), unit vectors for every cell.
 
-    The maps are the mean over the image and its mirror image: twice the time, for two points of AP50 on held-back homes.
+    The maps are the mean over two looks: at the image, and at its mirror image made smaller, for large things. That takes
+    1.4 times as long as the first alone, and finds more than two looks at one size do.
     """
     eyes = eyes.eval()
     graph = Graph()
+    cells = (SIZE[0] // STRIDE, SIZE[1] // STRIDE)
     with torch.no_grad():
-        x = graph.add("Concat", "image", graph.mirrored("image"), axis=0)
-        logits, sides, features = _maps(graph, eyes, x)
-        swap = graph.add("Split", sides, graph.constant([1, 1], np.int64), outputs=2, axis=0)
-        swap[1] = graph.add("Gather", swap[1], graph.constant([2, 1, 0, 3], np.int64), axis=1)
-        logits, sides = graph.both(logits), graph.both(graph.add("Concat", *swap, axis=0))
-        features = graph.unit(graph.both(features))
+        near = _maps(graph, eyes, "image", SIZE)
+        small = graph.mirrored(graph.resized("image", 3, FAR_SIZE))
+        depths = (len(eyes.names), 4, len(eyes.basis))
+        far = [
+            graph.mirrored(graph.resized(values, depth, cells))
+            for values, depth in zip(_maps(graph, eyes, small, FAR_SIZE), depths, strict=True)
+        ]
+        far[1] = graph.add("Gather", far[1], graph.constant([2, 1, 0, 3], np.int64), axis=1)  # left and right
+        far[1] = graph.add("Add", far[1], graph.constant(math.log(SIZE[0] / FAR_SIZE[0])))
+        logits, sides, features = (graph.mean(a, b) for a, b in zip(near, far, strict=True))
+        features = graph.unit(features)
     _peaks(graph, logits, sides, len(eyes.names))
     graph.nodes.append(helper.make_node("Identity", [features], ["features"]))
     image = helper.make_tensor_value_info("image", TensorProto.FLOAT, [1, 3, SIZE[1], SIZE[0]])
-    cells = [1, eyes.basis.shape[0], SIZE[1] // STRIDE, SIZE[0] // STRIDE]
     outputs = [
         helper.make_tensor_value_info(name, kind, shape)
         for name, kind, shape in (
             ("boxes", TensorProto.FLOAT, [MOST, 4]),
             ("scores", TensorProto.FLOAT, [MOST]),
             ("classes", TensorProto.INT64, [MOST]),
-            ("features", TensorProto.FLOAT, cells),
+            ("features", TensorProto.FLOAT, [1, len(eyes.basis), *cells[::-1]]),
         )
     ]
     made = helper.make_graph(graph.nodes, "eyes", [image], outputs, graph.constants)
@@ -112,8 +132,8 @@ def export(eyes: Eyes, path: Path) -> None:
     path.write_bytes(model.SerializeToString())
 
 
-def _maps(graph: Graph, eyes: Eyes, image: str) -> tuple[str, str, str]:
-    """The heatmap's logits, the boxes and the features of all cells."""
+def _maps(graph: Graph, eyes: Eyes, image: str, size: tuple[int, int]) -> tuple[str, str, str]:
+    """The heatmap's logits, the boxes and the features of all cells of an image of a size (w, h)."""
     x = graph.add("Mul", graph.add("Sub", image, graph.constant(0.5)), graph.constant(4.0))
     for layer in eyes.stem:
         x = graph.layer(x, layer)
@@ -126,7 +146,7 @@ def _maps(graph: Graph, eyes: Eyes, image: str) -> tuple[str, str, str]:
     room = graph.add("Relu", graph.layer(graph.add("GlobalAveragePool", x), eyes.room[0]))
     steps[-1] = graph.add("Add", x, graph.layer(room, eyes.room[2]))
     sides = [graph.layer(x, lateral) for x, lateral in zip(steps, eyes.lateral, strict=True)]
-    shapes = [(-(-SIZE[1] // stride), -(-SIZE[0] // stride)) for stride in (4, 8, 16, 32)]
+    shapes = [(-(-size[1] // stride), -(-size[0] // stride)) for stride in (4, 8, 16, 32)]
     up = sides[3]
     for level, smooth in ((2, eyes.smooth16), (1, eyes.smooth8), (0, eyes.smooth4)):
         up = graph.layer(graph.add("Add", sides[level], graph.enlarged(up, shapes[level + 1], shapes[level])), smooth)
@@ -176,9 +196,10 @@ def compare(eyes: Eyes, path: Path, image: Any) -> float:
     scores, features = session.run(["scores", "features"], {"image": np.ascontiguousarray(tensor)})
     with torch.no_grad():
         logits, _, painted = eyes.eval()(torch.from_numpy(tensor))
-        turned, _, also = eyes(torch.from_numpy(tensor).flip(3))
-        logits = (logits + turned.flip(3)) / 2
-        painted = torch.nn.functional.normalize(painted + also.flip(3), dim=1)
+        small = interpolate(torch.from_numpy(tensor), FAR_SIZE[::-1], mode="bilinear").flip(3)
+        turned, _, also = (interpolate(far, logits.shape[2:], mode="bilinear").flip(3) for far in eyes(small))
+        logits = (logits + turned) / 2
+        painted = torch.nn.functional.normalize(painted + also, dim=1)
         top = torch.nn.functional.max_pool2d(logits, 3, 1, 1)
         best = torch.where(logits == top, logits, -30.0).flatten().topk(MOST).values.sigmoid().numpy()
     return float(max(np.abs(scores - best).max(), np.abs(features - painted.numpy()).max()))

@@ -16,10 +16,11 @@ from cartier.worlds.dollhouse.place import Plan
 
 ROBOT_M = 0.2
 SELDOM = (  # what generated homes hold in none or hardly any: scattered as often as four others
-    "BaseballBat", "Cabinet", "Cart", "Cloth", "Desktop", "DishSponge", "Dumbbell", "Footstool", "HandTowel", "Ladle",
+    "BaseballBat", "Cabinet", "Cart", "Cloth", "Desktop", "DishSponge", "Dumbbell", "Footstool", "HandTowel", "KeyChain", "Ladle",
     "LightSwitch", "Microwave", "Newspaper", "Ottoman", "PaperTowelRoll", "Plunger", "Poster", "ScrubBrush", "Shelf",
     "ShowerDoor", "TennisRacket", "TissueBox", "VacuumCleaner", "WashingMachine", "Watch", "WineBottle",
 )  # fmt: skip
+TINY_M = 0.24  # what is smaller is mostly hidden or too far away to be learnt, so that there must be more of it
 TABLES = {
     "DiningTable": 0.6,
     "CounterTop": 0.2,
@@ -116,7 +117,7 @@ def _colour(rng: np.random.Generator) -> str:
 def _kinds(stands: str) -> tuple[list[str], Any]:
     """The types that stand so, and how likely each is to be taken."""
     kinds = [kind for kind in shapes.types() if shapes.info(kind).stands == stands and kind not in LEFT_OUT]
-    weight = np.array([4.0 if kind in SELDOM else 1.0 for kind in kinds])
+    weight = np.array([4.0 if kind in SELDOM or max(shapes.info(kind).size) < TINY_M else 1.0 for kind in kinds])
     return kinds, weight / weight.sum()
 
 
@@ -140,7 +141,7 @@ def _on_surfaces(scene: Scene, rng: np.random.Generator) -> list[Thing]:
             found += _laid(thing, rng, taken)
         for surface in thing.shape.surfaces:
             span = np.array(surface.high_xy) - np.array(surface.low_xy)
-            for _ in range(int(rng.poisson(min(7.0, 9.0 * float(np.prod(span)))))):
+            for _ in range(int(rng.poisson(min(9.0, 12.0 * float(np.prod(span)))))):
                 made_of = str(rng.choice(kinds, p=odds))
                 found += _put(thing, surface, made_of, None, rng, taken)
     return found

@@ -19,28 +19,31 @@ from cartier.worlds.dollhouse.recording import look, pinhole
 from cartier.worlds.dollhouse.render import Renderer
 from cartier.worlds.dollhouse.scene import load_scene
 
-SIZE = (480, 360)
+SIZE = (640, 480)
 MIN_PIXELS = 64
 POSES = 90  # views per home: the light's bake is paid once, and costs more than all of them
 
 
 def poses(scene: Scene, count: int, rng: np.random.Generator) -> list[Any]:
-    """Cameras where a robot fits: level to steep, 0.8 to 1.6 m above the floor; nearly half stand before a thing of any type.
+    """Cameras where a robot fits: level to steep, 0.8 to 1.6 m above the floor; nearly half face a thing from near.
 
-    The others stand anywhere; of four random yaws they mostly take that with most to see. Small things would hardly ever be
-    seen from near if all did so.
+    Such a thing may be of any type, the smaller the likelier. The others stand anywhere; of four random yaws they mostly take
+    that with most to see. Small things would hardly ever be seen from near if all did so.
     """
     plan, found = Plan(scene, ROBOT_M), []
-    at = np.array([thing.at[:2] for thing in scene.things])
-    kinds = np.array([thing.type for thing in scene.things])
+    middle = np.array([(*thing.at[:2], thing.at[2] + thing.shape.size[2] / 2) for thing in scene.things])
+    at = middle[:, :2]
+    kinds, first = np.unique([thing.type for thing in scene.things], return_index=True)
+    of = np.array([thing.type for thing in scene.things])
+    odds = np.array([max(scene.things[i].shape.size) for i in first]) ** -1.0
     boxes = np.array([room.box for room in scene.rooms])
     areas = np.prod(boxes[:, 2:] - boxes[:, :2], axis=1)
     for _ in range(60 * count):
         near = rng.random() < 0.45
         if near:
-            thing = at[rng.choice(np.flatnonzero(kinds == rng.choice(np.unique(kinds))))]
-            way, far = rng.uniform(0, math.tau), rng.uniform(0.45, 1.5)
-            xy = thing + far * np.array([math.cos(way), math.sin(way)])
+            thing = middle[rng.choice(np.flatnonzero(of == rng.choice(kinds, p=odds / odds.sum())))]
+            way, far = rng.uniform(0, math.tau), rng.uniform(0.5, 1.4)
+            xy = thing[:2] + far * np.array([math.cos(way), math.sin(way)])
         else:
             box = boxes[rng.choice(len(boxes), p=areas / areas.sum())]
             xy = rng.uniform(box[:2], box[2:])
@@ -53,6 +56,7 @@ def poses(scene: Scene, count: int, rng: np.random.Generator) -> list[Any]:
             yaw = max(ways, key=lambda yaw: _in_view(at, xy, yaw))
             if near:
                 yaw = math.atan2(thing[1] - xy[1], thing[0] - xy[0]) + float(rng.normal(0, 0.25))
+                down = float(np.clip(math.atan2(eye - thing[2], far) + rng.normal(0, 0.2), -0.1, 0.75))
             found.append(look(xy, yaw, down, eye))
         if len(found) == count:
             break
@@ -67,9 +71,9 @@ def _in_view(at: Any, xy: Any, yaw: float) -> int:
 
 
 def frames(seed: int, count: int = POSES) -> dict[str, Any]:
-    """Frames of one generated home: images (N, 360, 480, 3) uint8; boxes (K, 4) float32, xyxy, with label, frame and pixels (K,).
+    """Frames of one generated home: images (N, 480, 640, 3) uint8; boxes (K, 4) float32, xyxy, with label, frame and pixels (K,).
 
-    ``kinds`` (N, 90, 120) int16 has the number of the name at the middle of each cell of 4 × 4 pixels, -1 for walls and floors.
+    ``kinds`` (N, 120, 160) int16 has the number of the name at the middle of each cell of 4 × 4 pixels, -1 for walls and floors.
     """
     rng = np.random.default_rng((seed, 8))
     scene = load_scene(generate(seed))

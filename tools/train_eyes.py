@@ -171,7 +171,7 @@ def export_run(run: Path, into: Path) -> None:
 
 def calibrate_run(run: Path, shards: Path, homes: int, max_frames: int) -> None:
     """Into RUN/calibration.json, which the next export takes in: from rendered frames and, twice as heavy, from walks."""
-    from _eyes_choice import LOW, calibrate, looks_at_shards, walks
+    from _eyes_choice import LOW, calibrate, looks_at_shards, on_walks
     from eyes import look
 
     from cartier import plugins
@@ -179,7 +179,7 @@ def calibrate_run(run: Path, shards: Path, homes: int, max_frames: int) -> None:
     (run / "calibration.json").unlink(missing_ok=True)
     export_run(run, run / "plain")
     eyes = plugins.make("detectors", "embedded", threshold=LOW, folder=run / "plain", threads=1)
-    walked = [look(recording, eyes) for recording in walks(homes, max_frames)]
+    walked = on_walks(look, run / "plain", homes, max_frames)
     slope, shift, offsets = calibrate([looks_at_shards(shards, eyes), *walked, *walked], eyes.eyes.names)
     told = {"slope": slope, "shift": shift, "offsets": offsets}
     (run / "calibration.json").write_text(json.dumps(told) + "\n")
@@ -188,9 +188,9 @@ def calibrate_run(run: Path, shards: Path, homes: int, max_frames: int) -> None:
 
 def choose_run(folder: Path, homes: int, max_frames: int) -> None:
     """Threshold and views into names.json."""
-    from _eyes_choice import choose, walks
+    from _eyes_choice import choose
 
-    threshold, views = choose(folder, walks(homes, max_frames))
+    threshold, views = choose(folder, homes, max_frames)
     told = json.loads((folder / "names.json").read_text())
     _write_names(folder, told | {"threshold": threshold, "min_views": views})
 
