@@ -101,10 +101,10 @@ def calibrate(sights: Sequence[Sight], names: Sequence[str]) -> tuple[float, flo
 
 
 def choose(folder: Path, homes: int, max_frames: int) -> tuple[float, int]:
-    """The strictest threshold, and the views, at which the mean of F1 over the homes' lists is as good as the best; prints all.
+    """Threshold and views: of those at which the mean of F1 over the homes' lists is as good as the best, the most precise.
 
     As good as: within one standard error of it (Breiman et al. 1984), since few homes cannot tell such settings apart, and a
-    thing that is not there costs a robot a way in vain.
+    thing that is not there costs a robot a way in vain. Prints all.
     """
     sights, pairs = [], defaultdict[tuple[float, int], list[tuple[float, float]]](list)
     for sight, of_home in on_walks(_lists, folder, homes, max_frames):
@@ -120,7 +120,8 @@ def choose(folder: Path, homes: int, max_frames: int) -> tuple[float, int]:
     best = max(f1, key=lambda setting: float(f1[setting].mean()))
     error = float(f1[best].std(ddof=1)) / homes**0.5
     print(f"best F1 {f1[best].mean():.3f} ± {error:.3f} at {best}")
-    return max(setting for setting in f1 if setting[1] == best[1] and f1[setting].mean() >= f1[best].mean() - error)
+    as_good = [setting for setting in f1 if f1[setting].mean() >= f1[best].mean() - error]
+    return max(as_good, key=lambda setting: float(np.mean([precision for _, precision in pairs[setting]])))
 
 
 def _lists(walked: Recording, eyes: Any) -> tuple[Sight, dict[tuple[float, int], tuple[float, float]]]:

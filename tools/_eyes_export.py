@@ -107,7 +107,7 @@ def export(eyes: Eyes, path: Path) -> None:
         small = graph.mirrored(graph.resized("image", 3, FAR_SIZE))
         depths = (len(eyes.names), 4, len(eyes.basis))
         far = [
-            graph.mirrored(graph.resized(values, depth, cells))
+            graph.resized(graph.mirrored(values), depth, cells)  # in this order, as mirroring is slow
             for values, depth in zip(_maps(graph, eyes, small, FAR_SIZE), depths, strict=True)
         ]
         far[1] = graph.add("Gather", far[1], graph.constant([2, 1, 0, 3], np.int64), axis=1)  # left and right

@@ -70,7 +70,8 @@ class Maps:
     def _folder_of(self, home: str) -> Path:
         made_of = asdict(self.settings) | {"home": home, "version": VERSION}
         if encoder_for(self.settings.detector) == PIXELS or self.settings.encoder == PIXELS:
-            made_of["eyes"] = eyes.load().sha256  # other eyes see other maps
+            ours = eyes.load()
+            made_of["eyes"] = [ours.sha256, ours.threshold, ours.min_views]  # other eyes see other maps
         key = json.dumps(made_of, sort_keys=True)
         safe = "".join(c if c.isalnum() or c in "-_" else "_" for c in home)
         return self.folder / f"{safe}-{hashlib.sha256(key.encode()).hexdigest()[:10]}"
