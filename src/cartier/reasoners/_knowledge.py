@@ -16,7 +16,10 @@ from cartier.types import Array
 
 VECTORS = Path(__file__).with_name("vectors.npz")
 ALIKE = 0.8  # cosine of two cards from which their things serve alike
-SAME, CALLED_ALIKE = 0.83, 0.6  # cosines of what two cards are good for, and of two names, from which both are much the same
+SAME, CALLED_ALIKE = (
+    0.83,
+    0.6,
+)  # cosines of what two cards are good for, and of two names, from which both are much the same
 
 
 def text_key(text: str) -> int:
