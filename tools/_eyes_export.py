@@ -97,7 +97,7 @@ def export(eyes: Eyes, path: Path) -> None:
     ``scores`` and ``classes`` (100), best first, and ``features`` (1, D, h/4, w/4), unit vectors for every cell.
 
     The maps are the mean over two looks: at the image, and at its mirror image made smaller, for large things. That takes
-    1.4 times as long as the first alone, and finds more than two looks at one size do.
+    1.5 times as long as the first alone, and finds more than two looks at one size do.
     """
     eyes = eyes.eval()
     graph = Graph()

@@ -171,12 +171,13 @@ def test_ground_truth_may_be_told_to_err(tmp_path: Path) -> None:
         specs.detector("ground_truth:lots", recording)
 
 
-def test_other_eyes_see_other_maps(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("change", [{"sha256": "0" * 64}, {"threshold": 0.9}, {"min_views": 7}])
+def test_other_eyes_see_other_maps(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, change: dict[str, Any]) -> None:
     told, seen = (
         Maps(tmp_path, MapSettings(WORLD, *by)) for by in (("ground_truth",), ("embedded", "embedded:pixels"))
     )
     before = [maps._folder_of("south") for maps in (told, seen)]
-    other = replace(eyes.load(), sha256="0" * 64)
+    other = replace(eyes.load(), **change)
     monkeypatch.setattr(eyes, "load", lambda: other)
     after = [maps._folder_of("south") for maps in (told, seen)]
     assert after[0] == before[0] and after[1] != before[1]

@@ -16,10 +16,8 @@ from cartier.types import Array
 
 VECTORS = Path(__file__).with_name("vectors.npz")
 ALIKE = 0.8  # cosine of two cards from which their things serve alike
-SAME, CALLED_ALIKE = (
-    0.83,
-    0.6,
-)  # cosines of what two cards are good for, and of two names, from which both are much the same
+MUCH_ALIKE = 0.83  # that from which they may stand for each other, if they are called alike, too
+CALLED_ALIKE = 0.6  # cosine of two names that say about the same
 
 
 def text_key(text: str) -> int:
@@ -56,7 +54,7 @@ class Knowledge:
 
     def twins(self, one: int, other: int) -> bool:
         """Whether two cards are much the same: called alike and good for the same, such as a pan and a frying pan."""
-        if self.likeness(one, other) <= SAME:
+        if self.likeness(one, other) <= MUCH_ALIKE:
             return False
         mine, others = (self.names[start:end] for start, end in (self._span(one), self._span(other)))
         return float((mine @ others.T).max()) > CALLED_ALIKE

@@ -26,7 +26,7 @@ Candidates = tuple[tuple[str, float], ...]
 
 NAME = "embedded (knowledge cards, MiniLM, learned scorer)"
 ASKED_FOR = 8.0  # weight from which a name counts as asked for
-IN_PASSING = 3.0  # weight of a name up to which it may have been said for its own sake, not to have the thing
+IN_PASSING = 3.0  # weight up to which a name was hardly said to have the thing
 SURE = 0.4  # probability that the best thing serves under which nothing does
 FAR = 5.0  # logits under "nothing" from which the best is no answer, however sure it is among its like
 TIE = 0.12  # two unlike things whose logits are closer than this are asked about
