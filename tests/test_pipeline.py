@@ -72,6 +72,71 @@ def test_a_reasoner_that_leaves_its_list_is_refused(home: cartier.Home) -> None:
         home.ask("x", Says("unicorn"))
 
 
+class Weighs:
+    """A reasoner that likes things as much as it is told to: the best that is listed, with the shares of all that are."""
+
+    name = "weighs"
+
+    def __init__(self, **shares: float) -> None:
+        self.shares, self.lists = shares, list[list[str]]()
+
+    def select(self, query: str, objects: Sequence[str], dialogue: Sequence[tuple[str, str]] = ()) -> Selection:
+        self.lists.append(list(objects))
+        known = sorted(((name, share) for name, share in self.shares.items() if name in objects), key=lambda n: -n[1])
+        return Selection("found", known[0][0], "liked", candidates=tuple(known)) if known else Selection("absent")
+
+    def propose(self, query: str) -> list[str]:
+        return []
+
+
+class Half:
+    """Eyes that see chairs well, and mugs never well enough."""
+
+    name, min_views = "half blind (test)", 2
+
+    def detect(self, frame: Frame) -> Detections:
+        true = TrueBoxes(THINGS).detect(frame)
+        mugs = np.array(true.labels) == "mug"
+        hints = Detections(frame.index, true.boxes_xyxy[mugs], np.full(mugs.sum(), 0.25), ("mug",) * int(mugs.sum()))
+        return Detections(
+            frame.index, true.boxes_xyxy[~mugs], true.scores[~mugs], tuple(n for n in true.labels if n != "mug"),
+            glimpsed=hints,
+        )  # fmt: skip
+
+
+def test_what_was_only_glimpsed_is_an_answer_where_nothing_listed_serves_as_well(tmp_path: Path) -> None:
+    map_home(walk(), Half(), resume=tmp_path / "seen.jsonl")
+    again = map_home(walk(), Half(), resume=tmp_path / "seen.jsonl")  # of what the file remembers
+    again.save(tmp_path / "home")
+    home = Home.load(tmp_path / "home")
+    assert (home.objects, home.glimpsed) == (["chair", "table"], ["mug"])
+
+    for index in home.indexes:
+        answer = home.ask("a mug, please", Weighs(mug=1.0), index=index)
+        assert answer.selection.object == "mug" and "only glimpsed" in answer.selection.reason
+        assert answer.place is not None and not answer.place.sure and answer.place.frame in home.keyframes
+        assert any("may not be there" in note for note in answer.notes)
+        assert answer.to_dict()["place"]["sure"] is False
+    answer = home.ask("a mug, please", Weighs(mug=1.0))
+    assert answer.place is not None and box_distance(answer.place.position, THINGS[1].box_min, THINGS[1].box_max) < 0.05
+
+    much, little = Weighs(mug=0.9, chair=0.05, table=0.05), Weighs(mug=0.6, chair=0.3, table=0.1)
+    assert home.ask("x", much).selection.object == "mug"
+    assert home.ask("x", little).selection.object == "chair", "what is surely there serves well enough"
+    assert much.lists == little.lists == [["chair", "table"], ["chair", "mug", "table"]]
+
+
+def test_who_weighs_nothing_is_asked_again_only_where_nothing_listed_serves() -> None:
+    home = map_home(walk(), Half())
+    certain = Weighs(chair=1.0)
+    assert home.ask("x", certain).place.sure and certain.lists == [["chair", "table"]]
+    lost = Weighs()
+    assert home.ask("x", lost).selection.status == "absent" and len(lost.lists) == 2
+    surely = map_home(walk(), TrueBoxes(THINGS))
+    lost = Weighs()
+    assert surely.ask("x", lost).selection.status == "absent" and len(lost.lists) == 1, "nothing was only glimpsed"
+
+
 def test_without_depth_the_viewpoint_answers_and_says_why_there_is_no_goal() -> None:
     home = map_home(walk(with_depth=False), TrueBoxes(THINGS))
     assert list(home.indexes) == ["object_viewpoint"] and home.grid is None

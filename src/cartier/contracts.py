@@ -86,6 +86,19 @@ class SpatialIndex(Protocol):
 
 
 @runtime_checkable
+class Glimpsing(Protocol):
+    """A spatial index that also keeps where things were seen that it does not list: hints for who asks for just those."""
+
+    def glimpsed(self) -> list[str]:
+        """The names of what was seen, but in too few frames or not surely enough to be listed, sorted."""
+        ...
+
+    def glimpse(self, name: str) -> Place | None:
+        """Where one of them was seen best: a place that is not ``sure``."""
+        ...
+
+
+@runtime_checkable
 class Searchable(Protocol):
     """A spatial index that any words can be looked up in, not only the names of things that were detected."""
 

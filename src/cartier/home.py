@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cartier import plugins
-from cartier.contracts import Reasoner, Searchable, SpatialIndex
+from cartier.contracts import Glimpsing, Reasoner, Searchable, SpatialIndex
 from cartier.errors import InputError
 from cartier.files import read_json, recover_folder, replaced_folder, write_json
 from cartier.occupancy import load_map, save_map
@@ -92,6 +92,12 @@ class Home:
     def objects(self) -> list[str]:
         """The names of everything that an index can locate, each once, sorted: what a reasoner gets to see."""
         return sorted({name for index in self.indexes.values() for name in index.names()})
+
+    @property
+    def glimpsed(self) -> list[str]:
+        """The names of what was seen, but not well enough to be listed in ``objects``, sorted."""
+        names = {name for index in self.indexes.values() if isinstance(index, Glimpsing) for name in index.glimpsed()}
+        return sorted(names.difference(self.objects))
 
     def index(self, name: str | None = None) -> tuple[str, SpatialIndex]:
         """An index by name, or the home's first one."""

@@ -198,7 +198,8 @@ def _draw_evidence(axes: Axes, home: Home, answer: Answer) -> None:
         axes.text(0.5, 0.5, f"the photo of frame {place.frame} is not in the home", ha="center")
         return
     axes.imshow(photo)
-    axes.set_title(f"evidence: frame {place.frame}, {place.label}, score {place.score:.2f}", loc="left", fontsize=10)
+    seen = f"evidence: frame {place.frame}, {place.label}, score {place.score:.2f}{'' if place.sure else ', only glimpsed'}"
+    axes.set_title(seen, loc="left", fontsize=10)
     if place.box_xyxy is not None:
         x1, y1, x2, y2 = place.box_xyxy
         axes.add_patch(Rectangle((x1, y1), x2 - x1, y2 - y1, fill=False, ec=CHOSEN, lw=3))

@@ -130,13 +130,17 @@ class Frame:
 
 @dataclass(frozen=True, eq=False)
 class Detections:
-    """What a detector saw in one frame: parallel arrays of N. ``masks`` (N, H, W) bool or None."""
+    """What a detector saw in one frame: parallel arrays of N. ``masks`` (N, H, W) bool or None.
+
+    ``glimpsed`` is what it saw less surely than it asks of itself: hints, which nothing that was seen is made of.
+    """
 
     frame: int
     boxes_xyxy: npt.NDArray[np.float32]
     scores: npt.NDArray[np.float32]
     labels: tuple[str, ...]
     masks: npt.NDArray[np.bool_] | None = None
+    glimpsed: Detections | None = None
 
     def __post_init__(self) -> None:
         boxes = np.asarray(self.boxes_xyxy, dtype=np.float32).reshape(-1, 4)
@@ -159,7 +163,7 @@ class Detections:
         return len(self.labels)
 
     def keep(self, which: Array) -> Detections:
-        """The detections that an index array or a boolean mask names."""
+        """The detections that an index array or a boolean mask names; none of the glimpsed ones."""
         chosen = np.arange(len(self))[which]
         masks = None if self.masks is None else self.masks[chosen]
         return Detections(
@@ -182,6 +186,7 @@ class Place:
     """Where something is: a world position, the frame that shows it, and its image box there.
 
     ``view_yaw`` is set where ``position`` is a *viewpoint* rather than the object: the direction in which it was seen.
+    A place that is not ``sure`` was only glimpsed: too few frames agree on it, or none saw it well enough.
     """
 
     label: str
@@ -192,6 +197,7 @@ class Place:
     box_min: tuple[float, ...] | None = None
     box_max: tuple[float, ...] | None = None
     view_yaw: float | None = None
+    sure: bool = True
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "position", _finite(self.position, 3, f"place of {self.label!r}: position"))
@@ -208,6 +214,7 @@ class Place:
             "frame": self.frame,
             "box_xyxy": _list(self.box_xyxy),
             "score": self.score,
+            "sure": self.sure,
         }
 
 

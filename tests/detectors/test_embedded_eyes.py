@@ -221,3 +221,16 @@ def test_its_name_says_the_threshold_and_its_notes_say_that_it_knows_no_photogra
     assert "0.25" in eyes.name
     assert "no photographs" in eyes.notes[0]
     assert eyes.min_views >= 1
+
+
+def test_what_scores_too_little_is_glimpsed_and_no_more() -> None:
+    """All boxes of low eyes are either seen or glimpsed by stricter ones, but for what scores next to nothing."""
+    from cartier.detectors.embedded import GLIMPSED
+
+    frame = plugins.make("worlds", "dollhouse").explore("1001", seed=0, max_frames=3)[1]
+    low, strict = make(threshold=GLIMPSED).detect(frame), make(threshold=0.6).detect(frame)
+    assert strict.glimpsed is not None and len(strict.glimpsed) and low.glimpsed is not None and not len(low.glimpsed)
+    assert (strict.scores >= 0.6).all() and (strict.glimpsed.scores < 0.6).all() and (low.scores >= GLIMPSED).all()
+    both = [*zip(strict.labels, strict.scores.tolist(), strict=True)]
+    both += zip(strict.glimpsed.labels, strict.glimpsed.scores.tolist(), strict=True)
+    assert both == [*zip(low.labels, low.scores.tolist(), strict=True)]

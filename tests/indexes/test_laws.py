@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from cartier import plugins
-from cartier.contracts import Searchable, SpatialIndex
+from cartier.contracts import Glimpsing, Searchable, SpatialIndex
 from cartier.errors import InputError
 from cartier.geometry import box_distance
 from cartier.types import Detections, Frame
@@ -236,6 +236,44 @@ def test_of_two_names_for_one_place_that_with_more_support_stands(name: str, tmp
     assert again.names() == ["chair", "mug"]
 
 
+@pytest.mark.parametrize("name", [name for name in NAMES if isinstance(plugins.make("indexes", name), Glimpsing)])
+def test_what_is_not_listed_may_have_been_glimpsed(name: str, tmp_path: Path) -> None:
+    """The mug is seen surely, but once; the table is only glimpsed, in every frame; the chair's other name is outdone."""
+    recording, eyes = walk(), TrueBoxes(THINGS)
+
+    def seen(number: int) -> Detections:
+        true = eyes.detect(recording[number])
+        labels, once = np.array(true.labels), number == showing["mug"][0]
+        listed = (labels == "chair") | ((labels == "mug") & once)
+        hints = dataclasses.replace(true.keep(labels == "table"), scores=np.full((labels == "table").sum(), 0.2))
+        if number == showing["table"][1]:
+            hints = dataclasses.replace(hints, scores=np.full(len(hints), 0.3))
+        true = true.keep(listed)
+        throne = true.keep(np.array(true.labels) == "chair")
+        boxes, labels = np.concatenate([true.boxes_xyxy, throne.boxes_xyxy]), (*true.labels, *["throne"] * len(throne))
+        return Detections(number, boxes, np.where(np.array(labels) == "throne", 0.5, 1), labels, glimpsed=hints)
+
+    showing = {
+        thing.label: [n for n in range(len(recording)) if thing.label in eyes.detect(recording[n]).labels]
+        for thing in THINGS
+    }
+    index, strict = (plugins.make("indexes", name, min_views=views) for views in (2, 1))
+    for number in range(len(recording)):
+        index.add(recording[number], seen(number))
+        strict.add(recording[number], seen(number))
+    index.save(tmp_path)
+    again = plugins.make("indexes", name)
+    again.load(tmp_path)
+    for one in (index, again):
+        assert (one.names(), one.glimpsed()) == (["chair"], ["mug", "table"])
+        assert one.locate("table") is None and one.glimpse("chair") is None and one.glimpse("throne") is None
+        place = one.glimpse("table")
+        assert place is not None and not place.sure and place.score == pytest.approx(0.3)
+        assert place.frame == showing["table"][1], "the surest view"
+        assert one.glimpse("mug").frame == showing["mug"][0] and one.locate("chair").sure
+    assert strict.glimpsed() == [], "where one view is enough there are no hints"
+
+
 @pytest.mark.parametrize("name", ["object_depth", "object_viewpoint"])
 def test_a_home_from_before_names_had_rivals_still_opens(name: str, tmp_path: Path) -> None:
     index, again = built(name, min_views=2), plugins.make("indexes", name)
@@ -243,7 +281,8 @@ def test_a_home_from_before_names_had_rivals_still_opens(name: str, tmp_path: Pa
     file = tmp_path / "places.json"
     kept = json.loads(file.read_text())
     for spot in kept["spots"]:
-        del spot["support"], spot["best"], spot["box_m"]
+        del spot["support"], spot["best"], spot["box_m"], spot["place"]["sure"]
+    del kept["glimpses"]
     file.write_text(json.dumps(kept))
     again.load(tmp_path)
     assert again.names() == index.names()

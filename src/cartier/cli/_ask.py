@@ -99,7 +99,8 @@ def show(
         say(f"picture: {plot}")
     if as_json:
         about = {"home": mapped.name, "id": mapped.id, "detector": mapped.detector, "index": mapped.index(index)[0]}
-        print(json.dumps(about | {"objects": rows, "notes": list(mapped.notes)}, ensure_ascii=False))
+        about |= {"objects": rows, "glimpsed": mapped.glimpsed, "notes": list(mapped.notes)}
+        print(json.dumps(about, ensure_ascii=False))
     else:
         _print_table(mapped, rows, mapped.index(index)[0])
 
@@ -182,5 +183,7 @@ def _print_table(home: Home, rows: list[dict[str, Any]], index: str) -> None:
     console.print(
         f"index: {index}   detector: {home.detector}   robot radius: {home.robot_radius_m} m", highlight=False
     )
+    if home.glimpsed:
+        console.print(f"only glimpsed, not listed: {', '.join(home.glimpsed)}", highlight=False, markup=False)
     for note in home.notes:
         console.print(f"note: {note}", highlight=False, markup=False)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     from cartier.eyes.sight import Sight
 
 MAX_IOU = 0.5
+GLIMPSED = 0.2  # of the chances that a box is right; what scores less is not even a hint
 FLAT = 6  # levels between the darkest and the brightest value of an image in which nothing can be made out
 
 
@@ -54,14 +56,19 @@ class Embedded:
         )
 
     def detect(self, frame: Frame) -> Detections:
-        """Boxes clipped to the frame, best score first; one thing may come with two names. Raises BackendError if the network gives what it must not."""
+        """Boxes clipped to the frame, best score first; one thing may come with two names.
+
+        Scores under the threshold are ``glimpsed``. Raises BackendError if the network gives what it must not.
+        """
         boxes, scores, classes = self._sight.things(frame)
         if np.ptp(frame.rgb) < FLAT:
             return Detections(frame.index, boxes[:0], scores[:0], ())
         boxes, whole = clip(boxes, frame.camera.width, frame.camera.height)
-        chosen = np.flatnonzero(whole & (scores >= self._threshold))
+        chosen = np.flatnonzero(whole & (scores >= min(self._threshold, GLIMPSED)))
         boxes, scores, classes = boxes[chosen], scores[chosen], classes[chosen]
         order = nms(boxes, scores, classes, MAX_IOU)
-        return Detections(
+        found = Detections(
             frame.index, boxes[order], scores[order], tuple(self.eyes.names[int(classes[i])] for i in order)
         )
+        sure = found.scores >= self._threshold
+        return replace(found.keep(sure), glimpsed=found.keep(~sure))

@@ -115,7 +115,8 @@ def _row(
         "seconds": round(cost["seconds"] + after_choice, SECONDS), "llm_calls": cost["calls"], "tokens": cost["tokens"],
         "detector": answer.detector, "encoder": answer.encoder, "reasoner": answer.reasoner,
         "target": query.target, "accept": accept, "text": query.text, "position": position,
-        "frame": None if answer.place is None else answer.place.frame, "note": answer.selection.reason,
+        "frame": None if answer.place is None else answer.place.frame,
+        "glimpsed": answer.place is not None and not answer.place.sure, "note": answer.selection.reason,
     }  # fmt: skip
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -48,6 +48,7 @@ class LargestView(ABC):
     def __init__(self, min_views: int) -> None:
         self.min_views = min_views
         self._spots: dict[str, list[_Spot]] = {}
+        self._glimpses: dict[str, Place] = {}  # of each name the surest view, be it the only one
         self._standing: tuple[int, dict[str, list[_Spot]]] | None = None  # for so many views
 
     @abstractmethod
@@ -58,6 +59,9 @@ class LargestView(ABC):
         sizes = weak_perspective_size(detections.boxes_xyxy, frame.camera)
         anchors = _anchors(frame, detections.boxes_xyxy) if self.min_views > 1 else [None] * len(detections)
         self._standing = None
+        if self.min_views > 1:
+            for seen in filter(None, (detections, detections.glimpsed)):
+                self._keep_glimpses(frame, seen)
         for which in reversed(sizes.argsort()):  # largest first: the rest of a thing's boxes then cost nothing
             size, label, anchor = float(sizes[which]), detections.labels[which], anchors[which]
             score = float(detections.scores[which])
@@ -77,6 +81,21 @@ class LargestView(ABC):
                 spot.size_px2, spot.place, spot.box_m = size, place, box_m
             else:
                 spots.append(_Spot(size, place, anchor, 1, frame.index, score, score, box_m))
+
+    def _keep_glimpses(self, frame: Frame, seen: Detections) -> None:
+        for which, (label, score) in enumerate(zip(seen.labels, seen.scores.tolist(), strict=True)):
+            known = self._glimpses.get(label)
+            place = self.place(frame, seen, which) if known is None or score > known.score else None
+            if place is not None:
+                self._glimpses[label] = replace(place, sure=False)
+
+    def glimpsed(self) -> list[str]:
+        """Not among them: what enough frames agreed on and another name outdid."""
+        agreed = {name for name, spots in self._spots.items() if any(s.frames >= self.min_views for s in spots)}
+        return sorted(self._glimpses.keys() - agreed)
+
+    def glimpse(self, name: str) -> Place | None:
+        return self._glimpses[name] if name in self.glimpsed() else None
 
     def names(self) -> list[str]:
         return sorted(name for name in self._spots if self.locate(name) is not None)
@@ -105,7 +124,8 @@ class LargestView(ABC):
 
     def save(self, folder: Path) -> None:
         rows = [asdict(spot) for spots in self._spots.values() for spot in spots]
-        write_json(folder / "places.json", {"min_views": self.min_views, "spots": rows})
+        glimpses = [asdict(place) for place in self._glimpses.values()]
+        write_json(folder / "places.json", {"min_views": self.min_views, "spots": rows, "glimpses": glimpses})
 
     def load(self, folder: Path) -> None:
         file = folder / "places.json"
@@ -121,6 +141,7 @@ class LargestView(ABC):
                     raise ValueError("box_m must be six numbers")
                 spot = _Spot(size, place, row["anchor"], frames, last, support, best, box_m)
                 self._spots.setdefault(str(place.label), []).append(spot)
+            self._glimpses = {str(row["label"]): Place(**row) for row in kept.get("glimpses", [])}
         except (TypeError, ValueError, KeyError, AttributeError, InputError) as error:
             raise InputError(f"{file} is damaged ({error}): map the recording again") from error
 
