@@ -83,12 +83,10 @@ class Graph:
         settings = {"mode": "linear", "coordinate_transformation_mode": "half_pixel"}
         return str(self.add("Resize", x, "", "", shape, **settings))
 
-    def mean(self, a: str, b: str) -> str:
-        return str(self.add("Mul", self.add("Add", a, b), self.constant(0.5)))
-
-    def unit(self, x: str) -> str:
-        """Vectors (1, D, h, w) of length one."""
-        length = self.add("Sqrt", self.add("ReduceSum", self.add("Mul", x, x), self.constant([1], np.int64)))
+    def unit(self, x: str, depth: int) -> str:
+        """Vectors (1, D, h, w) of length one. A convolution adds up over the channels faster than ReduceSum."""
+        ones, nothing = np.ones((1, depth, 1, 1), np.float32), np.zeros(1, np.float32)
+        length = self.add("Sqrt", self.conv(self.add("Mul", x, x), ones, nothing))
         return str(self.add("Div", x, self.add("Max", length, self.constant(1e-12))))
 
 
@@ -102,18 +100,21 @@ def export(eyes: Eyes, path: Path) -> None:
     eyes = eyes.eval()
     graph = Graph()
     cells = (SIZE[0] // STRIDE, SIZE[1] // STRIDE)
+    depth = len(eyes.basis)
     with torch.no_grad():
         near = _maps(graph, eyes, "image", SIZE)
         small = graph.mirrored(graph.resized("image", 3, FAR_SIZE))
-        depths = (len(eyes.names), 4, len(eyes.basis))
         far = [
-            graph.resized(graph.mirrored(values), depth, cells)  # in this order, as mirroring is slow
-            for values, depth in zip(_maps(graph, eyes, small, FAR_SIZE), depths, strict=True)
+            graph.resized(graph.mirrored(values), channels, cells)  # in this order, as mirroring is slow
+            for values, channels in zip(_maps(graph, eyes, small, FAR_SIZE), (depth, 4, depth), strict=True)
         ]
         far[1] = graph.add("Gather", far[1], graph.constant([2, 1, 0, 3], np.int64), axis=1)  # left and right
         far[1] = graph.add("Add", far[1], graph.constant(math.log(SIZE[0] / FAR_SIZE[0])))
-        logits, sides, features = (graph.mean(a, b) for a, b in zip(near, far, strict=True))
-        features = graph.unit(features)
+        seen, sides, painted = (graph.add("Add", a, b) for a, b in zip(near, far, strict=True))
+        # the mean of the looks' logits: the names' convolution is linear, so that once for both will do
+        names = (eyes.names * eyes.scale / 2)[..., None, None]
+        logits = graph.conv(seen, names.numpy(), eyes.bias.numpy())
+        sides, features = graph.add("Mul", sides, graph.constant(0.5)), graph.unit(painted, depth)
     _peaks(graph, logits, sides, len(eyes.names))
     graph.nodes.append(helper.make_node("Identity", [features], ["features"]))
     image = helper.make_tensor_value_info("image", TensorProto.FLOAT, [1, 3, SIZE[1], SIZE[0]])
@@ -133,7 +134,7 @@ def export(eyes: Eyes, path: Path) -> None:
 
 
 def _maps(graph: Graph, eyes: Eyes, image: str, size: tuple[int, int]) -> tuple[str, str, str]:
-    """The heatmap's logits, the boxes and the features of all cells of an image of a size (w, h)."""
+    """What the heatmap's logits are made of, the boxes and the features of all cells of an image of a size (w, h)."""
     x = graph.add("Mul", graph.add("Sub", image, graph.constant(0.5)), graph.constant(4.0))
     for layer in eyes.stem:
         x = graph.layer(x, layer)
@@ -152,10 +153,9 @@ def _maps(graph: Graph, eyes: Eyes, image: str, size: tuple[int, int]) -> tuple[
         up = graph.layer(graph.add("Add", sides[level], graph.enlarged(up, shapes[level + 1], shapes[level])), smooth)
         if level == 1:
             up = graph.block(up, eyes.refine)
-    seen = graph.unit(graph.layer(up, eyes.see))
-    logits = graph.conv(seen, (eyes.names * eyes.scale)[..., None, None].numpy(), eyes.bias.numpy())
+    depth = len(eyes.basis)
     box = graph.layer(graph.layer(up, eyes.box[0]), eyes.box[1])
-    return logits, box, graph.unit(graph.layer(up, eyes.paint))
+    return graph.unit(graph.layer(up, eyes.see), depth), box, graph.unit(graph.layer(up, eyes.paint), depth)
 
 
 def _peaks(graph: Graph, logits: str, sides: str, classes: int) -> None:
