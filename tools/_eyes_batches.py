@@ -15,11 +15,14 @@ from scipy.ndimage import uniform_filter1d
 
 CROP = (320, 240)  # training sees parts of frames; the network is convolutional, so that use sees whole ones
 NEAREST = 0.42  # of a frame's width: things are shown at half to 1.2 times the size that a frame of 640 pixels has them
+LEAST_WIDE = 250  # pixels: what is rendered is not to be blown up much
 STRIDE = 4
 SPREAD = 0.54  # of TTFNet: a Gaussian's deviation is its box side * SPREAD / 6
 
 
 SELDOM = 0.06  # share of the frames below which a name makes a frame be drawn more often
+WELL_SEEN = 300  # pixels of a box that show enough of a thing for its name to count there
+AIMED = 0.5  # of the crops are laid around a thing, the more seldom its name the likelier
 PART = 1500  # pixels of a box that are enough to know a thing by, even if a crop has most of it cut off
 SMALL = 40  # pixels of a box below which a thing is neither to be found nor wrong to be found
 
@@ -31,7 +34,7 @@ class Pool:
         self._folder, self._room = folder, room
         self._seen: set[str] = set()
         self._held = 0
-        self._odds = np.zeros(0)
+        self._odds, self._repeat = np.zeros(0), np.zeros(0)
         self.frames: deque[tuple[bytes, Any, Any, Any]] = deque()
 
     def refresh(self, most: int = 1000) -> None:
@@ -53,21 +56,30 @@ class Pool:
             self._held -= len(data) + cells.nbytes
         self._odds = np.cumsum(self._repeats())
 
-    def draw(self, rng: np.random.Generator) -> tuple[Any, Any, Any, Any]:
-        """A random frame: image (h, w, 3) uint8, boxes, labels, cells."""
+    def draw(self, rng: np.random.Generator) -> tuple[Any, Any, Any, Any, Any]:
+        """A random frame: image (h, w, 3) uint8, boxes, labels, cells, and the middle (2,) of what to crop around, or None."""
         data, boxes, labels, cells = self.frames[int(np.searchsorted(self._odds, rng.uniform(0, self._odds[-1])))]
-        return np.asarray(Image.open(io.BytesIO(data))), boxes, labels, cells
+        well, aim = np.flatnonzero(_well_seen(boxes)), None
+        if len(well) and rng.random() < AIMED:
+            odds = self._repeat[labels[well]] ** 2
+            box = boxes[rng.choice(well, p=odds / odds.sum())]
+            aim = (box[:2] + box[2:]) / 2
+        return np.asarray(Image.open(io.BytesIO(data))), boxes, labels, cells, aim
 
     def _repeats(self) -> Any:
         """How often each frame is drawn: more often if it shows a name that is in few frames (LVIS, Gupta et al. 2019)."""
-        shown = [np.unique(labels) for _, _, labels, _ in self.frames]
+        shown = [np.unique(labels[_well_seen(boxes)]) for _, boxes, labels, _ in self.frames]
         share = np.bincount(np.concatenate(shown)) / len(shown)
-        repeat = np.clip(np.sqrt(SELDOM / np.maximum(share, 1e-9)), 1, 3.5)
-        return np.array([repeat[labels].max() if len(labels) else 0.5 for labels in shown])
+        self._repeat = np.clip((SELDOM / np.maximum(share, 1e-9)) ** 0.75, 1, 6)
+        return np.array([self._repeat[labels].max() if len(labels) else 0.5 for labels in shown])
 
     def counts(self, classes: int) -> Any:
         """How many boxes of each class there are."""
         return np.bincount(np.concatenate([labels for _, _, labels, _ in self.frames]), minlength=classes)
+
+
+def _well_seen(boxes: Any) -> Any:
+    return (boxes[:, 2:] - boxes[:, :2]).prod(1) >= WELL_SEEN
 
 
 def _jpeg(rgb: Any) -> bytes:
@@ -98,8 +110,7 @@ def batch(pool: Pool, size: int, rng: np.random.Generator) -> Batch:
     kinds = np.empty((size, rows, columns), np.int64)
     spots, heats = [], []
     for k in range(size):
-        rgb, xyxy, labels, known = pool.draw(rng)
-        images[k], xyxy, labels, kinds[k] = _cropped(rgb, xyxy, labels, known, rng)
+        images[k], xyxy, labels, kinds[k] = _cropped(*pool.draw(rng), rng)
         for label, heat in draw_targets(xyxy, labels, boxes[k]).items():
             y, x = np.nonzero(heat)
             spots.append(np.stack([np.full_like(y, k), y, x, np.full_like(y, label)], 1))
@@ -109,12 +120,21 @@ def batch(pool: Pool, size: int, rng: np.random.Generator) -> Batch:
     return Batch(images.transpose(0, 3, 1, 2), where, heat, np.flatnonzero(heat == 1), boxes, kinds)
 
 
-def _cropped(rgb: Any, boxes: Any, labels: Any, kinds: Any, rng: np.random.Generator) -> tuple[Any, Any, Any, Any]:
-    """``NEAREST`` of a frame's width to all of it, maybe mirrored, with the boxes of which enough is left, and cells' classes."""
+def _cropped(
+    rgb: Any, boxes: Any, labels: Any, kinds: Any, aim: Any, rng: np.random.Generator
+) -> tuple[Any, Any, Any, Any]:
+    """``NEAREST`` of a frame's width to all of it, maybe mirrored, with the boxes of which enough is left, and cells' classes.
+
+    ``aim`` (2,), if any, is to be in it, not at its rim.
+    """
     high, wide = rgb.shape[:2]
-    part_of = float(np.exp(rng.uniform(np.log(NEAREST), 0)))
+    part_of = float(np.exp(rng.uniform(np.log(max(NEAREST, LEAST_WIDE / wide)), 0)))
     w, h = wide * part_of, high * part_of
-    x, y = rng.uniform(0, wide - w), rng.uniform(0, high - h)
+    room = np.array([wide - w, high - h])
+    low, most = np.zeros(2), room
+    if aim is not None:
+        low, most = (np.clip(aim - part * np.array([w, h]), 0, room) for part in (0.9, 0.1))
+    x, y = rng.uniform(low, most).tolist()
     part = Image.fromarray(rgb).resize(CROP, Image.Resampling.BILINEAR, (x, y, x + w, y + h))
     moved = (boxes - (x, y, x, y)) * (CROP[0] / w, CROP[1] / h, CROP[0] / w, CROP[1] / h)
     cut = np.clip(moved, 0, CROP * 2)

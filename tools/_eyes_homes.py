@@ -48,6 +48,7 @@ COLOURS = (
     "sage", "olive", "steelblue", "darkred", "lightsteelblue", "mistyrose", "honeydew", "lightblue", "navy", "firebrick",
     "seagreen", "slategrey", "tan", "peru", "khaki", "lavender",
 )  # fmt: skip
+APPLES = ("red", "crimson", "darkred", "firebrick", "green", "limegreen", "yellowgreen", "olivedrab", "gold")
 METALS = {"metal": "#9a9da1", "steel": "#b9bcc0", "black": "#242526"}
 LEFT_OUT = ("Window", "Blinds", "Curtains", "ShowerHead", "Sink", "Faucet", "StoveBurner", "CounterTop", "Bathtub")
 
@@ -57,14 +58,16 @@ def names() -> list[str]:
     return [display_name(kind) for kind in shapes.types()]
 
 
-def varied(scene: Scene, rng: np.random.Generator) -> Scene:
+def varied(scene: Scene, rng: np.random.Generator, crowd: float = 1.0) -> Scene:
     """The home with other colours and with extra things of all types: on surfaces, on the floor and on walls.
+
+    ``crowd``: how many more than usual there are on surfaces.
 
     Generated homes never hold about twenty types; here each has its chance, tables are laid, and bowls and pans hold
     something. Extra things may touch others: this is no home file, only something to look at.
     """
     scene = _with(scene, _on_floor(scene, rng) + _on_walls(scene, rng))
-    scene = _with(scene, _on_surfaces(scene, rng))
+    scene = _with(scene, _on_surfaces(scene, rng, crowd))
     scene = _with(scene, _held(scene, rng))
     things = [_recoloured(thing, rng) for thing in scene.things]
     structure = scene.structure
@@ -81,9 +84,11 @@ def _with(scene: Scene, extra: list[Thing]) -> Scene:
 
 
 def _recoloured(thing: Thing, rng: np.random.Generator) -> Thing:
-    if rng.random() < 0.4:
-        return thing
     swap: dict[str, str] = {}
+    if thing.type == "Apple":  # home files give them any colour; by theirs alone they are no tomatoes
+        swap = dict.fromkeys(("food:crimson", "food:yellowgreen"), f"food:{rng.choice(APPLES)}")
+    elif rng.random() < 0.4:
+        return thing
     parts = tuple(replace(part, material=_other(part.material, rng, swap, 0.6)) for part in thing.shape.parts)
     return replace(thing, shape=replace(thing.shape, parts=parts))
 
@@ -127,7 +132,7 @@ def _made(kind: str, rng: np.random.Generator) -> Any:
     return shapes.build(kind, tuple(size.tolist()), None, int(rng.integers(20)))
 
 
-def _on_surfaces(scene: Scene, rng: np.random.Generator) -> list[Thing]:
+def _on_surfaces(scene: Scene, rng: np.random.Generator, crowd: float) -> list[Thing]:
     """Small things where the tops and shelves of furniture are still free; some tables are laid first."""
     (kinds, odds), found = _kinds("surface"), []
     kinds, odds = [*kinds, *ALSO_ON_SHELVES], np.append(odds, [odds.min()] * len(ALSO_ON_SHELVES))
@@ -141,7 +146,7 @@ def _on_surfaces(scene: Scene, rng: np.random.Generator) -> list[Thing]:
             found += _laid(thing, rng, taken)
         for surface in thing.shape.surfaces:
             span = np.array(surface.high_xy) - np.array(surface.low_xy)
-            for _ in range(int(rng.poisson(min(9.0, 12.0 * float(np.prod(span)))))):
+            for _ in range(int(rng.poisson(crowd * min(9.0, 12.0 * float(np.prod(span)))))):
                 made_of = str(rng.choice(kinds, p=odds))
                 found += _put(thing, surface, made_of, None, rng, taken)
     return found

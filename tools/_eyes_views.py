@@ -20,8 +20,11 @@ from cartier.worlds.dollhouse.render import Renderer
 from cartier.worlds.dollhouse.scene import load_scene
 
 SIZE = (640, 480)
+CLOSE_SIZE = (320, 240)  # of a close-up: the middle of a frame, which is all that training sees of one anyway
 MIN_PIXELS = 64
 POSES = 90  # views per home: the light's bake is paid once, and costs more than all of them
+CLOSE_POSES, CLOSE_CROWD = 160, 1.8
+SMALL_M = 0.45  # what is not larger is looked at in close-ups
 
 
 def poses(scene: Scene, count: int, rng: np.random.Generator) -> list[Any]:
@@ -63,6 +66,27 @@ def poses(scene: Scene, count: int, rng: np.random.Generator) -> list[Any]:
     return found
 
 
+def close_ups(scene: Scene, count: int, rng: np.random.Generator) -> list[Any]:
+    """Cameras where a robot fits, each with a small thing somewhere ahead, all types as often: knives lie seldom in the way
+    of other cameras."""
+    plan, found = Plan(scene, ROBOT_M), []
+    small = [thing for thing in scene.things if max(thing.shape.size) <= SMALL_M]
+    middle = np.array([(*thing.at[:2], thing.at[2] + thing.shape.size[2] / 2) for thing in small])
+    of = np.array([thing.type for thing in small])
+    kinds = np.unique(of)
+    for _ in range(40 * count):
+        thing = middle[rng.choice(np.flatnonzero(of == rng.choice(kinds)))]
+        way, far = rng.uniform(0, math.tau), rng.uniform(0.45, 1.5)
+        xy = thing[:2] + far * np.array([math.cos(way), math.sin(way)])
+        if plan.free(xy):
+            eye = 1.5 if rng.random() < 0.6 else float(rng.uniform(0.9, 1.6))
+            yaw = math.atan2(thing[1] - xy[1], thing[0] - xy[0]) + float(rng.uniform(-0.3, 0.3))
+            found.append(look(xy, yaw, math.atan2(eye - thing[2], far) + float(rng.uniform(-0.2, 0.2)), eye))
+        if len(found) == count:
+            break
+    return found
+
+
 def _in_view(at: Any, xy: Any, yaw: float) -> int:
     """How many things lie ahead, walls not asked."""
     way = at - xy
@@ -70,17 +94,19 @@ def _in_view(at: Any, xy: Any, yaw: float) -> int:
     return int((((way @ (math.cos(yaw), math.sin(yaw))) > 0.78 * far) & (far < 3.5)).sum())
 
 
-def frames(seed: int, count: int = POSES) -> dict[str, Any]:
-    """Frames of one generated home: images (N, 480, 640, 3) uint8; boxes (K, 4) float32, xyxy, with label, frame and pixels (K,).
+def frames(seed: int, close: bool = False) -> dict[str, Any]:
+    """Frames of one generated home: images (N, 480, 640, 3) uint8, or (N, 240, 320, 3) of close-ups; boxes (K, 4) float32, xyxy, with label, frame and pixels (K,).
 
-    ``kinds`` (N, 120, 160) int16 has the number of the name at the middle of each cell of 4 × 4 pixels, -1 for walls and floors.
+    ``kinds`` (N, h/4, w/4) int16 has the number of the name at the middle of each cell of 4 × 4 pixels, -1 for walls and floors.
     """
     rng = np.random.default_rng((seed, 8))
     scene = load_scene(generate(seed))
-    scene = varied(scene, rng)
-    seen_from = poses(scene, count, rng)
+    scene = varied(scene, rng, CLOSE_CROWD if close else 1.0)
+    seen_from = close_ups(scene, CLOSE_POSES, rng) if close else poses(scene, POSES, rng)
     fov = 62.0 if rng.random() < 0.6 else float(rng.uniform(52, 72))
-    renderer = Renderer(scene, pinhole(*SIZE, fov))
+    wide, high = CLOSE_SIZE if close else SIZE
+    part = 2 * math.degrees(math.atan(wide / SIZE[0] * math.tan(math.radians(fov) / 2)))
+    renderer = Renderer(scene, pinhole(wide, high, part))
     number = {kind: k for k, kind in enumerate(shapes.types())}
     kind_of = np.array([-1] + [number[t.type] for t in scene.things])
     images, boxes, labels, which, pixels, kinds = [], [], [], [], [], []
@@ -99,16 +125,16 @@ def frames(seed: int, count: int = POSES) -> dict[str, Any]:
         images.append(view.rgb)
         kinds.append(kind_of[view.instances[2::4, 2::4]])
     return {
-        "images": np.array(images, np.uint8).reshape(-1, SIZE[1], SIZE[0], 3),
+        "images": np.array(images, np.uint8).reshape(-1, high, wide, 3),
         "boxes": np.array(boxes, np.float32).reshape(-1, 4),
         "labels": np.array(labels, np.int64),
         "frame": np.array(which, np.int64),
         "pixels": np.array(pixels, np.int64),
-        "kinds": np.array(kinds, np.int16).reshape(-1, SIZE[1] // 4, SIZE[0] // 4),
+        "kinds": np.array(kinds, np.int16).reshape(-1, high // 4, wide // 4),
     }
 
 
-def render_into(folder: Path, first: int, homes: int, keep: int) -> None:
+def render_into(folder: Path, first: int, homes: int, keep: int, close: bool) -> None:
     """Homes from seed ``first`` on, one shard each, until ``homes`` were made; the oldest go when there are more than ``keep``.
 
     A shard is written beside and renamed, so that a reader never meets half of one.
@@ -120,7 +146,7 @@ def render_into(folder: Path, first: int, homes: int, keep: int) -> None:
             continue
         start = time.time()
         try:
-            made = frames(seed)
+            made = frames(seed, close)
         except Exception as error:  # one home that cannot be built must not end a night's rendering
             print(f"home {seed} left out: {type(error).__name__}: {error}", flush=True)
             continue

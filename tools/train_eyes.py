@@ -208,6 +208,7 @@ def main() -> None:
     sub.add_argument("--first", type=int, required=True)
     sub.add_argument("--homes", type=int, required=True)
     sub.add_argument("--keep", type=int, default=700)
+    sub.add_argument("--close", action="store_true", help="small things from near")
     sub = commands.add_parser("train")
     sub.add_argument("data", type=Path)
     sub.add_argument("run", type=Path)
@@ -231,7 +232,7 @@ def main() -> None:
     if asked.command == "render":
         from _eyes_views import render_into
 
-        render_into(asked.folder, asked.first, asked.homes, asked.keep)
+        render_into(asked.folder, asked.first, asked.homes, asked.keep, asked.close)
     elif asked.command == "export":
         export_run(asked.run, asked.folder)
     elif asked.command == "calibrate":
