@@ -48,7 +48,10 @@ Name = Annotated[Text, Field(min_length=1, max_length=200)]
 
 
 class Row(BaseModel):
-    """One answer. Distances in metres, ``position`` is (x, y, z) in the world; null where the method gave no place."""
+    """One answer. Distances in metres, ``position`` is (x, y, z) in the world; null where the method gave no place.
+
+    ``glimpsed``: the place was seen too seldom or too unsurely for its thing to be listed.
+    """
 
     model_config = ConfigDict(extra="ignore", strict=True, frozen=True, allow_inf_nan=False)
 
@@ -73,6 +76,7 @@ class Row(BaseModel):
     accept: Annotated[tuple[Text, ...], Field(strict=False, max_length=1000)] = ()
     position: Annotated[tuple[float, float, float], Field(strict=False)] | None = None
     frame: Annotated[int, Field(ge=0)] | None = None
+    glimpsed: bool = False
     note: Text = ""
 
     @property
