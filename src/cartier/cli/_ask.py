@@ -99,8 +99,8 @@ def show(
         say(f"picture: {plot}")
     if as_json:
         about = {"home": mapped.name, "id": mapped.id, "detector": mapped.detector, "index": mapped.index(index)[0]}
-        about |= {"objects": rows, "glimpsed": mapped.glimpsed, "notes": list(mapped.notes)}
-        print(json.dumps(about, ensure_ascii=False))
+        things = {"objects": rows, "glimpsed": mapped.glimpsed, "notes": list(mapped.notes)}
+        print(json.dumps(about | things, ensure_ascii=False))
     else:
         _print_table(mapped, rows, mapped.index(index)[0])
 
