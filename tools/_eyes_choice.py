@@ -17,7 +17,10 @@ from _eyes_homes import ROBOT_M, varied
 
 from cartier import plugins
 from cartier.contracts import Recording
-from cartier.types import Camera, Detections, Frame
+from cartier.detectors.embedded import GLIMPSED
+from cartier.geometry import box_distance
+from cartier.text import display_name
+from cartier.types import Camera, Detections, Frame, Place
 from cartier.worlds.dollhouse.explore import explore
 from cartier.worlds.dollhouse.place import Plan
 from cartier.worlds.dollhouse.recording import DollhouseRecording, pinhole
@@ -29,6 +32,9 @@ T = TypeVar("T")
 FIRST = 90_000
 THRESHOLDS = (0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.45, 0.5, 0.55)
 VIEWS = (2, 3, 4, 5)
+HOLDS_M = 1.0  # from such a thing at which a glimpse is as good as right
+Counts = tuple[float, float, int, int]
+"""Recall and precision of a list, how many names were only glimpsed, and how many of those are where they were glimpsed."""
 
 
 def walk(number: int, max_frames: int) -> Recording:
@@ -106,32 +112,48 @@ def choose(folder: Path, homes: int, max_frames: int) -> tuple[float, int]:
     As good as: within one standard error of it (Breiman et al. 1984), since few homes cannot tell such settings apart, and a
     thing that is not there costs a robot a way in vain. Prints all.
     """
-    sights, pairs = [], defaultdict[tuple[float, int], list[tuple[float, float]]](list)
+    sights, lists = [], defaultdict[tuple[float, int], list[Counts]](list)
     for sight, of_home in on_walks(_lists, folder, homes, max_frames):
         sights.append(sight)
-        for setting, pair in of_home.items():
-            pairs[setting].append(pair)
+        for setting, counts in of_home.items():
+            lists[setting].append(counts)
     print(f"held-back generated homes: AP50 {np.mean(list(ap50(sights).values())):.3f}", flush=True)
-    f1 = {setting: np.array([2 * r * p / max(1e-9, r + p) for r, p in of_homes]) for setting, of_homes in pairs.items()}
-    for (threshold, views), of_homes in pairs.items():
-        recall, precision = np.mean(of_homes, axis=0).tolist()
+    f1 = {s: np.array([2 * r * p / max(1e-9, r + p) for r, p, *_ in of_homes]) for s, of_homes in lists.items()}
+    for (threshold, views), of_homes in lists.items():
+        recall, precision = np.mean(of_homes, axis=0)[:2].tolist()
         mean = f1[threshold, views].mean()
         print(f"score {threshold:.2f}, {views} views: recall {recall:.3f} precision {precision:.3f} F1 {mean:.3f}")
     best = max(f1, key=lambda setting: float(f1[setting].mean()))
     error = float(f1[best].std(ddof=1)) / homes**0.5
     print(f"best F1 {f1[best].mean():.3f} ± {error:.3f} at {best}")
     as_good = [setting for setting in f1 if f1[setting].mean() >= f1[best].mean() - error]
-    return max(as_good, key=lambda setting: float(np.mean([precision for _, precision in pairs[setting]])))
+    chosen = max(as_good, key=lambda setting: float(np.mean([precision for _, precision, *_ in lists[setting]])))
+    glimpsed, right = np.sum(lists[chosen], axis=0)[2:].astype(int)
+    print(
+        f"only glimpsed: {glimpsed} names, of which {right} ({right / max(1, glimpsed):.2f}) are there within {HOLDS_M} m"
+    )
+    return chosen
 
 
-def _lists(walked: Recording, eyes: Any) -> tuple[Sight, dict[tuple[float, int], tuple[float, float]]]:
-    """What is seen on a walk, and recall and precision of the list at all thresholds and views."""
-    recording, pairs = Kept(walked), {}
+def _lists(walked: Recording, eyes: Any) -> tuple[Sight, dict[tuple[float, int], Counts]]:
+    """What is seen on a walk, and what the list is worth at all thresholds and views."""
+    recording, lists = Kept(walked), {}
     sight = look(recording, eyes)
     for threshold in THRESHOLDS:
-        kept = [found.keep(found.scores >= threshold) for found in sight.found]
-        index = index_of(recording, kept, VIEWS[0])
+        index = index_of(recording, [_as_seen(found, threshold) for found in sight.found], VIEWS[0])
         for views in VIEWS:
             index.min_views = views  # it counts them all, and leaves names out only when it is asked
-            pairs[threshold, views] = listed(sight, index.names())
-    return sight, pairs
+            right = sum(_holds(recording, index.glimpse(name)) for name in index.glimpsed())
+            lists[threshold, views] = (*listed(sight, index.names()), len(index.glimpsed()), right)
+    return sight, lists
+
+
+def _as_seen(found: Detections, threshold: float) -> Detections:
+    """What eyes of that threshold would have told."""
+    hints = (found.scores < threshold) & (found.scores >= GLIMPSED)
+    return replace(found.keep(found.scores >= threshold), glimpsed=found.keep(hints))
+
+
+def _holds(recording: Kept, place: Place) -> bool:
+    things = [t for t in recording.truth or () if display_name(t.label) == place.label]
+    return any(box_distance(np.array(place.position), t.box_min, t.box_max) <= HOLDS_M for t in things)
