@@ -188,18 +188,28 @@ def _peaks(graph: Graph, logits: str, sides: str, classes: int) -> None:
 
 
 def compare(eyes: Eyes, path: Path, image: Any) -> float:
-    """The largest difference of a score or a feature to torch's, for an image (h, w, 3) uint8."""
+    """The largest difference of a score, a feature or a box (in image widths) to torch's, for an image (h, w, 3) uint8."""
     import onnxruntime
 
     tensor = (np.asarray(image, np.float32) / 255).transpose(2, 0, 1)[None]
     session = onnxruntime.InferenceSession(str(path), providers=["CPUExecutionProvider"])
-    scores, features = session.run(["scores", "features"], {"image": np.ascontiguousarray(tensor)})
+    wanted = ["scores", "features", "boxes", "classes"]
+    scores, features, boxes, classes = session.run(wanted, {"image": np.ascontiguousarray(tensor)})
     with torch.no_grad():
-        logits, _, painted = eyes.eval()(torch.from_numpy(tensor))
+        logits, sides, painted = eyes.eval()(torch.from_numpy(tensor))
         small = interpolate(torch.from_numpy(tensor), FAR_SIZE[::-1], mode="bilinear").flip(3)
-        turned, _, also = (interpolate(far, logits.shape[2:], mode="bilinear").flip(3) for far in eyes(small))
+        turned, far_sides, also = (interpolate(far, logits.shape[2:], mode="bilinear").flip(3) for far in eyes(small))
         logits = (logits + turned) / 2
+        sides = (sides + far_sides[:, [2, 1, 0, 3]] + math.log(SIZE[0] / FAR_SIZE[0])) / 2
         painted = torch.nn.functional.normalize(painted + also, dim=1)
         top = torch.nn.functional.max_pool2d(logits, 3, 1, 1)
-        best = torch.where(logits == top, logits, -30.0).flatten().topk(MOST).values.sigmoid().numpy()
-    return float(max(np.abs(scores - best).max(), np.abs(features - painted.numpy()).max()))
+        best, where = torch.where(logits == top, logits, -30.0).flatten().topk(MOST)
+    rows, columns = logits.shape[2:]
+    kind, y, x = (part.numpy() for part in torch.unravel_index(where, (len(eyes.names), rows, columns)))
+    centre = np.stack([x, y], 1) * STRIDE + STRIDE / 2
+    reach = sides[0, :, y, x].clamp(-4, 6).exp().numpy().T * STRIDE
+    true = np.concatenate([centre - reach[:, :2], centre + reach[:, 2:]], 1)
+    same = classes == kind  # of equal scores the order is anybody's guess
+    assert same.mean() > 0.9, "the graph finds other things than torch"
+    apart = np.quantile(np.abs(boxes - true)[same].max(1), 0.9) / SIZE[0]  # two of a kind may have changed places
+    return float(max(np.abs(scores - best.sigmoid().numpy()).max(), np.abs(features - painted.numpy()).max(), apart))
