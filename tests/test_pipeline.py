@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
 from collections.abc import Sequence
@@ -132,6 +133,13 @@ def test_who_weighs_nothing_is_asked_again_only_where_nothing_listed_serves() ->
     assert home.ask("x", certain).place.sure and certain.lists == [["chair", "table"]]
     lost = Weighs()
     assert home.ask("x", lost).selection.status == "absent" and len(lost.lists) == 2
+
+    class Silent(Weighs):
+        def select(self, *asked: object) -> Selection:
+            return dataclasses.replace(super().select(*asked), candidates=())
+
+    assert home.ask("x", Silent(mug=1.0)).selection.object == "mug"
+    assert home.ask("x", Silent(mug=0.9, chair=0.1)).selection.object == "chair"
     surely = map_home(walk(), TrueBoxes(THINGS))
     lost = Weighs()
     assert surely.ask("x", lost).selection.status == "absent" and len(lost.lists) == 1, "nothing was only glimpsed"

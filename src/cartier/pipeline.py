@@ -25,7 +25,7 @@ from cartier.remembered import remembering
 from cartier.types import Answer, Detections, Goal, Place, Selection
 
 DEFAULT_INDEXES = ("object_depth", "object_viewpoint")
-GLIMPSE_HOLDS = 0.2  # of what was glimpsed in generated homes that no training saw, so much is there (tools/train_eyes.py choose)
+GLIMPSE_HOLDS = 0.2  # so much of what was glimpsed in held-back homes is there (tools/train_eyes.py choose)
 
 
 def map_home(
@@ -178,7 +178,7 @@ def _second_look(
     more = reasoner.select(query, sorted({*home.objects, *glimpsed}), dialogue)
     if more.status != "found" or more.object not in glimpsed or more.then:
         return first
-    share = dict(more.candidates)
+    share = dict(more.candidates) or {more.object: 1.0}
     listed = max((share.get(name, 0.0) for name in home.objects), default=0.0)
     if GLIMPSE_HOLDS * share.get(more.object, 0.0) <= listed:
         return first
