@@ -67,8 +67,7 @@ def poses(scene: Scene, count: int, rng: np.random.Generator) -> list[Any]:
 
 
 def close_ups(scene: Scene, count: int, rng: np.random.Generator) -> list[Any]:
-    """Cameras where a robot fits, each with a small thing somewhere ahead, all types as often: knives lie seldom in the way
-    of other cameras."""
+    """Cameras where a robot fits, each with a small thing somewhere ahead, all types as often."""
     plan, found = Plan(scene, ROBOT_M), []
     small = [thing for thing in scene.things if max(thing.shape.size) <= SMALL_M]
     middle = np.array([(*thing.at[:2], thing.at[2] + thing.shape.size[2] / 2) for thing in small])
@@ -95,8 +94,9 @@ def _in_view(at: Any, xy: Any, yaw: float) -> int:
 
 
 def frames(seed: int, close: bool = False) -> dict[str, Any]:
-    """Frames of one generated home: images (N, 480, 640, 3) uint8, or (N, 240, 320, 3) of close-ups; boxes (K, 4) float32, xyxy, with label, frame and pixels (K,).
+    """Frames of one generated home: images (N, h, w, 3) uint8 of ``SIZE``, or of ``CLOSE_SIZE`` for close-ups.
 
+    ``boxes`` (K, 4) float32, xyxy, with label, frame and pixels (K,).
     ``kinds`` (N, h/4, w/4) int16 has the number of the name at the middle of each cell of 4 × 4 pixels, -1 for walls and floors.
     """
     rng = np.random.default_rng((seed, 8))
@@ -105,6 +105,7 @@ def frames(seed: int, close: bool = False) -> dict[str, Any]:
     seen_from = close_ups(scene, CLOSE_POSES, rng) if close else poses(scene, POSES, rng)
     fov = 62.0 if rng.random() < 0.6 else float(rng.uniform(52, 72))
     wide, high = CLOSE_SIZE if close else SIZE
+    # a close-up has a frame's focal length: it shows a part of it, no larger
     part = 2 * math.degrees(math.atan(wide / SIZE[0] * math.tan(math.radians(fov) / 2)))
     renderer = Renderer(scene, pinhole(wide, high, part))
     number = {kind: k for k, kind in enumerate(shapes.types())}

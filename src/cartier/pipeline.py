@@ -25,7 +25,7 @@ from cartier.remembered import remembering
 from cartier.types import Answer, Detections, Goal, Place, Selection
 
 DEFAULT_INDEXES = ("object_depth", "object_viewpoint")
-GLIMPSE_HOLDS = 0.2  # so much of what was glimpsed in held-back homes is there (tools/train_eyes.py choose)
+GLIMPSE_HOLDS = 0.2  # the share of what the embedded eyes glimpse that is there (tools/train_eyes.py choose)
 
 
 def map_home(
@@ -166,7 +166,7 @@ def ask(
 def _second_look(
     home: Home, query: str, reasoner: Reasoner, dialogue: Sequence[tuple[str, str]], first: Selection
 ) -> Selection:
-    """The choice among glimpsed things, too, where it serves better even by the small chance that it is there; else the first.
+    """The choice among glimpsed things, too, where one serves better even though it is there but by chance; else ``first``.
 
     Who asks for a knife that no list holds is better served by where one was glimpsed than by nothing. A reasoner that
     weighs nothing (a language model) is asked again only where nothing listed served.

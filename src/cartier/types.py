@@ -132,7 +132,7 @@ class Frame:
 class Detections:
     """What a detector saw in one frame: parallel arrays of N. ``masks`` (N, H, W) bool or None.
 
-    ``glimpsed`` is what it saw less surely than it asks of itself: hints, which nothing that was seen is made of.
+    ``glimpsed`` is what it saw less surely than its threshold asks: hints, kept apart, that no list or map is made of.
     """
 
     frame: int

@@ -110,9 +110,9 @@ def _glimpsed(rows: Sequence[Row]) -> str:
     """How many of the answers are hints; nothing where none is."""
     mine = [row for row in rows if row.method == BASE and row.distance_m is not None]
     few = [row for row in mine if row.glimpsed]
-    right = sum(row.distance_m is not None and row.distance_m <= 1 for row in few)
     if not few:
         return ""
+    right = sum(row.distance_m is not None and row.distance_m <= 1 for row in few)
     return (
         f"{len(few)} of the {len(mine)} places that {title(BASE)} gives were only *glimpsed*: seen too seldom or too unsurely to be "
         f"listed, and said to be so. {right} of them lie within 1 m."

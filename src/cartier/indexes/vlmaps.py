@@ -106,9 +106,8 @@ class VLMaps:
         if not np.isfinite(means).all():
             raise BackendError(f"encoder {self._made_by}: features above 65,504 cannot be stored in half precision")
         np.savez(folder / "grid.npz", cells=cells, features=means)
-        self._vectors(
-            [*self.names(), *self._names.glimpsed()]
-        )  # so that a home can be asked for its names without the encoder's model
+        # so that a home can be asked for its names without the encoder's model
+        self._vectors([*self.names(), *self._names.glimpsed()])
         texts = sorted(self._texts)
         np.savez(folder / "texts.npz", texts=np.array(texts, np.str_), vectors=self._vectors(texts))
         about = {"encoder": self._spec, "made_by": self._made_by, "cell_m": self._grid.cell_m}
