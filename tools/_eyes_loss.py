@@ -8,15 +8,16 @@ import numpy as np
 import torch
 from _eyes_batches import STRIDE, Batch
 from _eyes_network import Eyes
-from torch import Tensor
+from torch import Tensor, nn
 
+HALF = torch.cpu.get_capabilities().get("avx512_bf16", False)  # elsewhere bfloat16 takes three times as long as float32
 AROUND_WEIGHT = 0.4  # of cells that show no thing: there are so many
 
 
 def loss_of(eyes: Eyes, images: Tensor, true: Batch, weights: Tensor, rng: np.random.Generator) -> tuple[Tensor, ...]:
     """CenterNet's focal loss with rare names weighted up, the GIoU loss of the boxes, and LSeg's cross-entropy of cells."""
     corner = (int(rng.integers(2)), int(rng.integers(2)))
-    with torch.autocast("cpu", torch.bfloat16):
+    with torch.autocast("cpu", torch.bfloat16, enabled=HALF):
         logits, sides, features = eyes(images, (*corner, 2))
         painted = eyes.painted(features)
     count = max(1, len(true.hits))
@@ -28,10 +29,10 @@ def loss_of(eyes: Eyes, images: Tensor, true: Batch, weights: Tensor, rng: np.ra
     reach = sides[b, :, y, x].clamp(-4, 6).exp() * STRIDE
     guess = torch.cat([centre - reach[:, :2], centre + reach[:, 2:]], 1)
     box_loss = (weight * (1 - giou(guess, truth))).sum() / count
-    return heat_loss, box_loss, _paint_loss(painted, true.kinds[:, corner[0] :: 2, corner[1] :: 2], len(weights))
+    return heat_loss, box_loss, paint_loss(painted, true.kinds[:, corner[0] :: 2, corner[1] :: 2], len(weights))
 
 
-def _paint_loss(painted: Tensor, kinds: Any, classes: int) -> Tensor:
+def paint_loss(painted: Tensor, kinds: Any, classes: int) -> Tensor:
     """Softmax cross-entropy of the cells; walls and floors count less, as there are so many."""
     wanted = torch.from_numpy(np.where(kinds < 0, classes, kinds)).flatten()
     weight = torch.ones(painted.shape[1])
@@ -87,3 +88,13 @@ def giou(a: Tensor, b: Tensor) -> Tensor:
     union = (a[:, 2:] - a[:, :2]).prod(1) + (b[:, 2:] - b[:, :2]).prod(1) - shared
     hull = (torch.maximum(a[:, 2:], b[:, 2:]) - torch.minimum(a[:, :2], b[:, :2])).prod(1)
     return shared / union.clamp(min=1e-3) - (hull - union) / hull.clamp(min=1e-3)
+
+
+@torch.no_grad()
+def follow(mean: nn.Module, net: nn.Module, decay: float) -> None:
+    """The exponential moving average of the weights, which is what is kept."""
+    for a, b in zip(mean.state_dict().values(), net.state_dict().values(), strict=True):
+        if a.dtype.is_floating_point:
+            a.lerp_(b, 1 - decay)
+        else:
+            a.copy_(b)

@@ -1,0 +1,91 @@
+"""The shipped ONNX file as weights to train on from, where only the repository is at hand."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import onnx
+import torch
+from _eyes_batches import Batch
+from _eyes_closer import Closer, lesson
+from _eyes_export import SIZE, Graph, maps_of, named
+from _eyes_loss import paint_loss
+from _eyes_network import Conv, Eyes
+from onnx import numpy_helper
+from torch import Tensor, nn
+
+SCALES = (5.0, 7.0, 10.0, 14.0, 20.0, 28.0, 40.0)
+
+
+class Reading(Graph):
+    """Walks as the export does, and takes the weights of each convolution from a file in place of writing them there."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        graph = onnx.load(path).graph
+        held = {one.name: torch.from_numpy(numpy_helper.to_array(one).copy()) for one in graph.initializer}
+        held |= {
+            node.output[0]: held[node.input[0]]
+            for node in graph.node
+            if node.op_type == "Cast" and node.input[0] in held
+        }
+        self.left = [[held[name] for name in node.input[1:]] for node in graph.node if node.op_type == "Conv"]
+
+    def conv(self, *_: Any, **__: Any) -> str:
+        self.left.pop(0)
+        return ""
+
+    def layer(self, x: str, layer: Any) -> str:
+        """Batch norms were folded away: they begin as nothing but a bias."""
+        weight, bias = self.left.pop(0)
+        conv = layer
+        if isinstance(layer, Conv):
+            conv, norm = layer[0], layer[1]
+            norm.running_var.fill_(1 - norm.eps)
+            norm.bias.copy_(bias)
+        else:
+            conv.bias.copy_(bias)
+        conv.weight.copy_(weight)
+        return ""
+
+
+@torch.no_grad()
+def restore(eyes: Eyes, closer: Closer, path: Path, batches: list[Batch]) -> None:
+    """The weights of an exported file into new networks, which then see the same, calibration and all.
+
+    Batch norms get the mean and spread that these crops have there, so that training finds them as it left them; the scale
+    of the cells' logits, which no file holds, is that under which the crops are explained best.
+    """
+    reading = Reading(path)
+    maps_of(reading, eyes, "", SIZE)
+    while len((held := reading.left.pop(0))[0]) != len(eyes.names):
+        pass  # the second look has the first one's weights
+    eyes.scale.fill_(2 * held[0][0].float().norm())  # the mean of two looks halves it
+    eyes.bias.copy_(held[1])
+    reading.conv()  # the length of the features
+    named(reading, closer, "", "", "", "")
+    eyes.eval(), closer.eval()
+    sums: dict[nn.Module, list[Tensor]] = {}
+
+    def gather(norm: nn.Module, inputs: tuple[Tensor, ...]) -> None:
+        of_one = torch.stack([inputs[0].mean((0, 2, 3)), (inputs[0] ** 2).mean((0, 2, 3))])
+        sums.setdefault(norm, []).append(of_one)
+
+    norms = [part for net in (eyes, closer) for part in net.modules() if isinstance(part, nn.BatchNorm2d)]
+    hooks = [norm.register_forward_pre_hook(gather) for norm in norms]
+    costs = torch.zeros(len(SCALES))
+    for true in batches:
+        features = eyes(torch.from_numpy(true.images))[2]
+        closer(*lesson(eyes, true)[:4])
+        for k, scale in enumerate(SCALES):
+            eyes.paint_scale.fill_(scale)
+            costs[k] += paint_loss(eyes.painted(features), true.kinds, len(eyes.names))
+    eyes.paint_scale.fill_(SCALES[int(costs.argmin())])
+    for hook in hooks:
+        hook.remove()
+    for norm in norms:
+        mean, square = torch.stack(sums[norm]).mean(0)
+        norm.running_mean, norm.running_var = mean, square - mean**2
+        norm.weight.copy_((norm.running_var + norm.eps).sqrt())
+        norm.bias.add_(mean)
