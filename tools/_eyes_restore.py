@@ -14,7 +14,7 @@ from _eyes_network import Conv, Eyes
 from onnx import numpy_helper
 from torch import Tensor, nn
 
-SCALES = (5.0, 7.0, 10.0, 14.0, 20.0, 28.0, 40.0)
+SCALES = (5.0, 7.0, 10.0, 14.0, 20.0, 28.0, 40.0)  # one of which the scale of the cells' logits will be near
 
 
 class Reading(Graph):

@@ -9,10 +9,9 @@ Usage:  python tools/train_eyes.py render DATA/train --first 100000 --homes 2000
         python tools/train_eyes.py choose src/cartier/eyes
 
 The eyes see RGB alone. `begin` reads exported eyes back, to be trained on. `calibrate` makes scores chances, name by name;
-`export` writes the network, the words that its features understand, and names.json; `choose` sets threshold and min_views there:
-the first and the last on generated homes that were held back. All may be stopped and started again; only torch and onnx are
-needed besides cartier. The seven built-in homes are never looked at:
-benchmarks/eyes.py measures on them.
+`export` writes the network, the words that its features understand, and names.json; `choose` sets threshold and min_views there.
+`calibrate` and `choose` work on generated homes that were held back. All may be stopped and started again; only torch and onnx are
+needed besides cartier. The seven built-in homes are never looked at: benchmarks/eyes.py measures on them.
 """
 
 from __future__ import annotations
@@ -158,6 +157,8 @@ def begin(run: Path, folder: Path, data: Path) -> None:
 
     if (run / "checkpoint.pt").exists():
         raise SystemExit(f"{run} holds a checkpoint already: give another folder, or go on with `train`")
+    if not any((data / "train").glob("*.npz")):
+        raise SystemExit(f"{data / 'train'} holds no frames: `render` some first")
     run.mkdir(parents=True, exist_ok=True)
     eyes, pool, rng = new_eyes(), Pool(data / "train", ROOM), np.random.default_rng(0)
     pool.refresh(40)
