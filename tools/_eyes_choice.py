@@ -33,8 +33,8 @@ FIRST = 90_000
 THRESHOLDS = (0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.45, 0.5, 0.55)
 VIEWS = (2, 3, 4, 5)
 HOLDS_M = 1.0  # from such a thing at which a glimpse is as good as right
-Counts = tuple[float, float, int, int]
-"""Recall and precision of a list, how many names were only glimpsed, and how many of those are where they were glimpsed."""
+Counts = tuple[float, float, int, float, int]
+"""Recall and precision of a list, how many names were only glimpsed, the sum of their scores, and how many of them are there."""
 
 
 def walk(number: int, max_frames: int) -> Recording:
@@ -128,10 +128,9 @@ def choose(folder: Path, homes: int, max_frames: int) -> tuple[float, int]:
     print(f"best F1 {f1[best].mean():.3f} ± {error:.3f} at {best}")
     as_good = [setting for setting in f1 if f1[setting].mean() >= f1[best].mean() - error]
     chosen = max(as_good, key=lambda setting: float(np.mean([precision for _, precision, *_ in lists[setting]])))
-    glimpsed, right = np.sum(lists[chosen], axis=0)[2:].astype(int)
-    print(
-        f"only glimpsed: {glimpsed} names, of which {right} ({right / max(1, glimpsed):.2f}) are there within {HOLDS_M} m"
-    )
+    glimpsed, scores, right = np.sum(lists[chosen], axis=0)[2:].tolist()
+    print(f"only glimpsed: {glimpsed:.0f} names, of which {right:.0f} are there within {HOLDS_M} m: "
+          f"{right / max(1e-9, scores):.2f} of their scores")  # fmt: skip
     return chosen
 
 
@@ -143,8 +142,9 @@ def _lists(walked: Recording, eyes: Any) -> tuple[Sight, dict[tuple[float, int],
         index = index_of(recording, [_as_seen(found, threshold) for found in sight.found], VIEWS[0])
         for views in VIEWS:
             index.min_views = views  # it counts them all, and leaves names out only when it is asked
-            right = sum(_holds(recording, index.glimpse(name)) for name in index.glimpsed())
-            lists[threshold, views] = (*listed(sight, index.names()), len(index.glimpsed()), right)
+            hints = [index.glimpse(name) for name in index.glimpsed()]
+            scores, right = sum(hint.score for hint in hints), sum(_holds(recording, hint) for hint in hints)
+            lists[threshold, views] = (*listed(sight, index.names()), len(hints), scores, right)
     return sight, lists
 
 

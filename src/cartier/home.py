@@ -94,10 +94,14 @@ class Home:
         return sorted({name for index in self.indexes.values() for name in index.names()})
 
     @property
-    def glimpsed(self) -> list[str]:
-        """The names of what was seen, but not well enough to be listed in ``objects``, sorted."""
-        names = {name for index in self.indexes.values() if isinstance(index, Glimpsing) for name in index.glimpsed()}
-        return sorted(names.difference(self.objects))
+    def glimpsed(self) -> dict[str, float]:
+        """The names of what was seen, but not well enough to be listed in ``objects``, sorted, each with its best score."""
+        found: dict[str, float] = {}
+        for index in (one for one in self.indexes.values() if isinstance(one, Glimpsing)):
+            for name in index.glimpsed():
+                place = index.glimpse(name)
+                found[name] = max(found.get(name, 0.0), place.score if place else 0.0)
+        return {name: found[name] for name in sorted(found.keys() - set(self.objects))}
 
     def index(self, name: str | None = None) -> tuple[str, SpatialIndex]:
         """An index by name, or the home's first one."""

@@ -25,7 +25,7 @@ from cartier.remembered import remembering
 from cartier.types import Answer, Detections, Goal, Place, Selection
 
 DEFAULT_INDEXES = ("object_depth", "object_viewpoint")
-GLIMPSE_HOLDS = 0.2  # the share of what the embedded eyes glimpse that is there (tools/train_eyes.py choose)
+GLIMPSE_HOLDS = 0.4  # of a glimpse's score is the chance that the thing is there (tools/train_eyes.py choose)
 
 
 def map_home(
@@ -180,7 +180,7 @@ def _second_look(
         return first
     share = dict(more.candidates) or {more.object: 1.0}
     listed = max((share.get(name, 0.0) for name in home.objects), default=0.0)
-    if GLIMPSE_HOLDS * share.get(more.object, 0.0) <= listed:
+    if GLIMPSE_HOLDS * glimpsed[more.object] * share.get(more.object, 0.0) <= listed:
         return first
     return replace(more, reason=f"{more.reason}, though it was only glimpsed")
 

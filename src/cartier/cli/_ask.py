@@ -99,7 +99,7 @@ def show(
         say(f"picture: {plot}")
     if as_json:
         about = {"home": mapped.name, "id": mapped.id, "detector": mapped.detector, "index": mapped.index(index)[0]}
-        things = {"objects": rows, "glimpsed": mapped.glimpsed, "notes": list(mapped.notes)}
+        things = {"objects": rows, "glimpsed": list(mapped.glimpsed), "notes": list(mapped.notes)}
         print(json.dumps(about | things, ensure_ascii=False))
     else:
         _print_table(mapped, rows, mapped.index(index)[0])

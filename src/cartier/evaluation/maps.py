@@ -20,7 +20,7 @@ from cartier.pipeline import map_home
 
 INDEXES = ("object_depth", "object_viewpoint", "vlmaps")
 PIXELS = "embedded:pixels"
-VERSION = 4  # of what a map holds; a change in mapping that older maps must not survive raises it
+VERSION = 5  # of what a map holds; a change in mapping that older maps must not survive raises it
 
 
 @dataclass(frozen=True)

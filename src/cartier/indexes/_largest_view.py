@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -16,15 +17,15 @@ from cartier.types import Detections, Frame, Place
 
 AGREE_M = 0.6  # detections of one name this close together are of one thing
 SAME_PLACE = 0.25  # overlap in space (IoU) from which on two names are for one thing
-STRONGER = 1.5  # times the other's support that a name needs to outdo it
+STRONGER = 1.5  # times the other's support that a name needs to outdo it, or the other's best score to explain a hint
 MOST_SPOTS = 32  # a name that was seen in more places than this is noise
 
 
 @dataclass
 class _Spot:
-    """One thing of a name: its largest view so far, in how many frames it was seen where it is, their scores' sum, the best.
+    """One thing of a name: the view of it that is kept, in how many frames it was seen where it is, their scores' sum, the best.
 
-    ``box_m`` is roughly the space it fills, as the largest view shows it: an upright box (x1, y1, z1, x2, y2, z2).
+    ``box_m`` is roughly the space it fills, as that view shows it: an upright box (x1, y1, z1, x2, y2, z2).
     """
 
     size_px2: float
@@ -43,78 +44,93 @@ class LargestView(ABC):
     Source: CARTIER (arXiv 2307.11865), object detection and spatial language index. With ``min_views`` above 1 a view counts
     only if so many frames agree, within 0.6 m, that such a thing is there: one lucky false box then changes nothing. Of two
     names for one place that with the higher scores in more frames stands (a desk that some frames call a dining table).
+    What such a list leaves out is glimpsed, unless something surer was listed where it was: that was its other name.
     """
 
     def __init__(self, min_views: int) -> None:
         self.min_views = min_views
         self._spots: dict[str, list[_Spot]] = {}
-        self._glimpses: dict[str, Place] = {}  # of each name the surest view, be it the only one
-        self._standing: tuple[int, dict[str, list[_Spot]]] | None = None  # for so many views
+        self._hints: dict[str, list[_Spot]] = {}  # all that was seen, each with its surest view
+        self._standing: tuple[int, dict[str, list[_Spot]], dict[str, _Spot]] | None = None  # for so many views
 
     @abstractmethod
     def place(self, frame: Frame, detections: Detections, which: int) -> Place | None:
         """The place that one detection gives, or None if it gives none (no depth, say)."""
 
     def add(self, frame: Frame, detections: Detections) -> None:
-        sizes = weak_perspective_size(detections.boxes_xyxy, frame.camera)
-        anchors = _anchors(frame, detections.boxes_xyxy) if self.min_views > 1 else [None] * len(detections)
         self._standing = None
-        if self.min_views > 1:
-            for seen in filter(None, (detections, detections.glimpsed)):
-                self._keep_glimpses(frame, seen)
-        for which in reversed(sizes.argsort()):  # largest first: the rest of a thing's boxes then cost nothing
-            size, label, anchor = float(sizes[which]), detections.labels[which], anchors[which]
-            score = float(detections.scores[which])
+        if self.min_views == 1:
+            return self._keep(self._spots, frame, detections, [None] * len(detections))
+        for seen in filter(None, (detections, detections.glimpsed)):
+            anchors = _anchors(frame, seen.boxes_xyxy)
+            if seen is detections:
+                self._keep(self._spots, frame, seen, anchors)
+            self._keep(self._hints, frame, seen, anchors, surest=True)
+
+    def _keep(
+        self,
+        kept: dict[str, list[_Spot]],
+        frame: Frame,
+        seen: Detections,
+        anchors: list[tuple[float, ...] | None],
+        surest: bool = False,
+    ) -> None:
+        """Counts what was seen, and keeps of each thing the largest view, or the ``surest`` one."""
+        sizes = weak_perspective_size(seen.boxes_xyxy, frame.camera)
+        # best first: the rest of a thing's boxes then cost nothing
+        for which in reversed((seen.scores if surest else sizes).argsort()):
+            size, score = float(sizes[which]), float(seen.scores[which])
+            label, anchor = seen.labels[which], anchors[which]
             if size <= 0:
                 continue
-            spots = self._spots.setdefault(label, [])
+            spots = kept.setdefault(label, [])
             spot = next((s for s in spots if _agree(s.anchor, anchor)), None)
-            if spot is not None and spot.last_frame != frame.index:
-                spot.frames, spot.last_frame = spot.frames + 1, frame.index
-                spot.support, spot.best = spot.support + score, max(spot.best, score)
-            better = len(spots) < MOST_SPOTS if spot is None else size > spot.size_px2
-            place = self.place(frame, detections, int(which)) if better else None
+            if spot is None:
+                better = len(spots) < MOST_SPOTS
+            else:
+                better = score > spot.best if surest else size > spot.size_px2
+                if spot.last_frame != frame.index:
+                    spot.frames, spot.last_frame = spot.frames + 1, frame.index
+                    spot.support, spot.best = spot.support + score, max(spot.best, score)
+            place = self.place(frame, seen, int(which)) if better else None
             if place is None:
                 continue
-            box_m = _box_m(frame, detections.boxes_xyxy[which], anchor)
+            box_m = _box_m(frame, seen.boxes_xyxy[which], anchor)
             if spot is not None:
                 spot.size_px2, spot.place, spot.box_m = size, place, box_m
             else:
                 spots.append(_Spot(size, place, anchor, 1, frame.index, score, score, box_m))
 
-    def _keep_glimpses(self, frame: Frame, seen: Detections) -> None:
-        for which, (label, score) in enumerate(zip(seen.labels, seen.scores.tolist(), strict=True)):
-            known = self._glimpses.get(label)
-            place = self.place(frame, seen, which) if known is None or score > known.score else None
-            if place is not None:
-                self._glimpses[label] = replace(place, sure=False)
-
     def glimpsed(self) -> list[str]:
         """Not among them: what enough frames agreed on and another name outdid."""
-        agreed = {name for name, spots in self._spots.items() if any(s.frames >= self.min_views for s in spots)}
-        return sorted(self._glimpses.keys() - agreed)
+        return sorted(self._settled()[1])
 
     def glimpse(self, name: str) -> Place | None:
-        return self._glimpses[name] if name in self.glimpsed() else None
+        """Of several places that with the most support, as its surest view shows it."""
+        spot = self._settled()[1].get(name)
+        return None if spot is None else replace(spot.place, sure=False)
 
     def names(self) -> list[str]:
         return sorted(name for name in self._spots if self.locate(name) is not None)
 
     def locate(self, name: str) -> Place | None:
-        if self._standing is None or self._standing[0] != self.min_views:
-            self._standing = self.min_views, self._not_outdone()
-        seen = self._standing[1].get(name)
+        seen = self._settled()[0].get(name)
         return max(seen, key=lambda spot: (spot.best, spot.size_px2)).place if seen else None
 
-    def _not_outdone(self) -> dict[str, list[_Spot]]:
+    def _settled(self) -> tuple[dict[str, list[_Spot]], dict[str, _Spot]]:
+        """Per name the spots that stand, and the spot at which a name that does not was glimpsed."""
+        if self._standing is None or self._standing[0] != self.min_views:
+            agreed = [spot for spots in self._spots.values() for spot in spots if spot.frames >= self.min_views]
+            self._standing = self.min_views, self._not_outdone(agreed), _unexplained(self._hints, agreed)
+        return self._standing[1:]
+
+    def _not_outdone(self, seen: list[_Spot]) -> dict[str, list[_Spot]]:
         """Per name the spots that enough frames agree on, without those at whose place another name has more support."""
-        seen = [spot for spots in self._spots.values() for spot in spots if spot.frames >= self.min_views]
         boxed = [spot for spot in seen if spot.box_m is not None]
         outdone: set[int] = set()
         if self.min_views > 1 and boxed:
-            names, support = np.array([s.place.label for s in boxed]), np.array([s.support for s in boxed])
-            rivals = (names[:, None] != names) & (_overlaps(np.array([s.box_m for s in boxed])) > SAME_PLACE)
-            lost = (rivals & (support > STRONGER * support[:, None])).any(1)
+            support = np.array([spot.support for spot in boxed])
+            lost = np.any(_rivals(boxed, boxed) & (support > STRONGER * support[:, None]), axis=1).tolist()
             outdone = {id(spot) for spot, out in zip(boxed, lost, strict=True) if out}
         standing: dict[str, list[_Spot]] = {}
         for spot in seen:
@@ -124,26 +140,52 @@ class LargestView(ABC):
 
     def save(self, folder: Path) -> None:
         rows = [asdict(spot) for spots in self._spots.values() for spot in spots]
-        glimpses = [asdict(place) for place in self._glimpses.values()]
-        write_json(folder / "places.json", {"min_views": self.min_views, "spots": rows, "glimpses": glimpses})
+        hints = [asdict(spot) for spots in self._hints.values() for spot in spots]
+        write_json(folder / "places.json", {"min_views": self.min_views, "spots": rows, "hints": hints})
 
     def load(self, folder: Path) -> None:
         file = folder / "places.json"
         kept = read_json(file)
         try:
-            self.min_views, self._spots, self._standing = int(kept["min_views"]), {}, None
-            for row in kept["spots"]:
-                place, size, frames = Place(**row["place"]), float(row["size_px2"]), int(row["frames"])
-                last, support, box = int(row["last_frame"]), float(row.get("support", frames)), row.get("box_m")
-                best = float(row.get("best", 0))
-                box_m = None if box is None else tuple(float(value) for value in box)
-                if box_m is not None and len(box_m) != 6:
-                    raise ValueError("box_m must be six numbers")
-                spot = _Spot(size, place, row["anchor"], frames, last, support, best, box_m)
-                self._spots.setdefault(str(place.label), []).append(spot)
-            self._glimpses = {str(row["label"]): Place(**row) for row in kept.get("glimpses", [])}
+            self.min_views, self._standing = int(kept["min_views"]), None
+            self._spots, self._hints = _read(kept["spots"]), _read(kept.get("hints", []))
         except (TypeError, ValueError, KeyError, AttributeError, InputError) as error:
             raise InputError(f"{file} is damaged ({error}): map the recording again") from error
+
+
+def _read(rows: list[dict[str, Any]]) -> dict[str, list[_Spot]]:
+    """Spots per name from a file's rows. Raises what is raised where they are not what ``save`` wrote."""
+    found: dict[str, list[_Spot]] = {}
+    for row in rows:
+        place, size, frames = Place(**row["place"]), float(row["size_px2"]), int(row["frames"])
+        last, support, box = int(row["last_frame"]), float(row.get("support", frames)), row.get("box_m")
+        best = float(row.get("best", 0))
+        box_m = None if box is None else tuple(float(value) for value in box)
+        if box_m is not None and len(box_m) != 6:
+            raise ValueError("box_m must be six numbers")
+        spot = _Spot(size, place, row["anchor"], frames, last, support, best, box_m)
+        found.setdefault(str(place.label), []).append(spot)
+    return found
+
+
+def _unexplained(hints: dict[str, list[_Spot]], agreed: list[_Spot]) -> dict[str, _Spot]:
+    """Of each name on which no frames agree the spot with the most support, but none where a surer, agreed spot is."""
+    names, boxed = {spot.place.label for spot in agreed}, [spot for spot in agreed if spot.box_m is not None]
+    best = np.array([spot.best for spot in boxed])
+
+    def free(spot: _Spot) -> bool:
+        return spot.box_m is None or not boxed or not (_rivals([spot], boxed)[0] & (best > STRONGER * spot.best)).any()
+
+    left = {name: [s for s in spots if free(s)] for name, spots in hints.items() if name not in names}
+    return {name: max(spots, key=lambda s: (s.support, s.best)) for name, spots in left.items() if spots}
+
+
+def _rivals(some: list[_Spot], others: list[_Spot]) -> npt.NDArray[np.bool_]:
+    """Whether (N, M) two spots with boxes are two names for one place."""
+    (names, boxes), (other_names, other_boxes) = (
+        (np.array([s.place.label for s in spots]), np.array([s.box_m for s in spots])) for spots in (some, others)
+    )
+    return np.asarray((names[:, None] != other_names) & (_overlaps(boxes, other_boxes) > SAME_PLACE))
 
 
 def _anchors(frame: Frame, boxes_xyxy: npt.NDArray[np.float32]) -> list[tuple[float, ...] | None]:
@@ -179,12 +221,12 @@ def _box_m(
     return (*(anchor - reach).tolist(), *(anchor + reach).tolist())
 
 
-def _overlaps(boxes_m: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """Intersection over union (N, N) of upright boxes (N, 6)."""
-    low, high = boxes_m[:, :3], boxes_m[:, 3:]
-    sides = np.minimum(high[:, None], high) - np.maximum(low[:, None], low)
-    shared, volume = np.maximum(sides, 0).prod(2), (high - low).prod(1)
-    union = volume[:, None] + volume - shared
+def _overlaps(some_m: npt.NDArray[np.float64], others_m: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Intersection over union (N, M) of upright boxes (N, 6) and (M, 6)."""
+    sides = np.minimum(some_m[:, None, 3:], others_m[:, 3:]) - np.maximum(some_m[:, None, :3], others_m[:, :3])
+    one, other = ((boxes[:, 3:] - boxes[:, :3]).prod(1) for boxes in (some_m, others_m))
+    shared = np.maximum(sides, 0).prod(2)
+    union = one[:, None] + other - shared
     return np.asarray(shared / np.where(union > 0, union, 1))
 
 
