@@ -74,8 +74,11 @@ class Sight:
     """Per name, how many cells were right and how many there are; "" is what is no thing."""
 
 
-def look(recording: Recording | Kept, eyes: Any) -> Sight:
-    """Every frame of a recording through the eyes (made with a threshold of ``LOW``) and through the truth."""
+def look(recording: Recording | Kept, eyes: Any, least: float = 0.5) -> Sight:
+    """Every frame of a recording through the eyes (made with a threshold of ``LOW``) and through the truth.
+
+    A box is right that overlaps the true one by ``least``.
+    """
     truth = plugins.make("detectors", "ground_truth", truth=recording.truth, min_pixels=1)
     sight = Sight(recording.name)
     for number in range(len(recording)):
@@ -83,12 +86,12 @@ def look(recording: Recording | Kept, eyes: Any) -> Sight:
         found, true = eyes.detect(frame), truth.detect(frame)
         assert true.masks is not None
         sight.found.append(found)
-        match(found, true, true.masks.sum((1, 2)), sight)
+        match(found, true, true.masks.sum((1, 2)), sight, least)
     return sight
 
 
-def match(found: Detections, true: Detections, pixels: Any, sight: Sight) -> None:
-    """Best score first, each box to the true one of its name that it overlaps most, by half at least, if none had it before."""
+def match(found: Detections, true: Detections, pixels: Any, sight: Sight, least: float = 0.5) -> None:
+    """Best score first, each box to the true one of its name that it overlaps most, by ``least``, if none had it before."""
     names, counted = np.array(true.labels), pixels >= LEAST_PX
     for name, count in zip(true.labels, pixels.tolist(), strict=True):
         sight.boxes[name] += count >= LEAST_PX
@@ -97,7 +100,7 @@ def match(found: Detections, true: Detections, pixels: Any, sight: Sight) -> Non
     for box, score, name in zip(found.boxes_xyxy, found.scores.tolist(), found.labels, strict=True):
         overlap = np.where(names == name, iou(box, true.boxes_xyxy), 0) if len(true) else np.zeros(0)
         best = np.where(free, overlap, 0)
-        if len(best) and best.max() >= 0.5:
+        if len(best) and best.max() >= least:
             free[best.argmax()] = False
             if counted[best.argmax()]:
                 sight.hits[name].append((score, True))

@@ -92,7 +92,7 @@ def _jpeg(rgb: Any) -> bytes:
 class Batch:
     """``images`` (B, 3, h, w) float32, 0 to 1; of the heatmaps only what is not zero: ``spots`` (M, 4) of image, row,
     column and class, with their ``heat`` (M,), of which ``hits`` (K,) are the middles; ``boxes`` (B, 5, h/4, w/4): xyxy and
-    weight; ``kinds`` (B, h/4, w/4): the class of each cell, -1 for walls."""
+    weight; ``kinds`` (B, h/4, w/4): the class of each cell, -1 for walls; ``things`` (T, 6): image, xyxy and class of each."""
 
     images: Any
     spots: Any
@@ -100,6 +100,7 @@ class Batch:
     hits: Any
     boxes: Any
     kinds: Any
+    things: Any
 
 
 def batch(pool: Pool, size: int, rng: np.random.Generator) -> Batch:
@@ -108,16 +109,18 @@ def batch(pool: Pool, size: int, rng: np.random.Generator) -> Batch:
     images = np.empty((size, CROP[1], CROP[0], 3), np.float32)
     boxes = np.zeros((size, 5, rows, columns), np.float32)
     kinds = np.empty((size, rows, columns), np.int64)
-    spots, heats = [], []
+    spots, heats, things = [], [], []
     for k in range(size):
         images[k], xyxy, labels, kinds[k] = _cropped(*pool.draw(rng), rng)
+        things.append(np.column_stack([np.full(len(labels), k), xyxy, labels]))
         for label, heat in draw_targets(xyxy, labels, boxes[k]).items():
             y, x = np.nonzero(heat)
             spots.append(np.stack([np.full_like(y, k), y, x, np.full_like(y, label)], 1))
             heats.append(heat[y, x])
     where = np.concatenate(spots) if spots else np.zeros((0, 4), np.int64)
     heat = np.concatenate(heats) if heats else np.zeros(0, np.float32)
-    return Batch(images.transpose(0, 3, 1, 2), where, heat, np.flatnonzero(heat == 1), boxes, kinds)
+    hits = np.flatnonzero(heat == 1)
+    return Batch(images.transpose(0, 3, 1, 2), where, heat, hits, boxes, kinds, np.concatenate(things))
 
 
 def _cropped(

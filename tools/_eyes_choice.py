@@ -32,6 +32,7 @@ T = TypeVar("T")
 FIRST = 90_000
 THRESHOLDS = (0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.45, 0.5, 0.55)
 VIEWS = (2, 3, 4, 5)
+THERE = 0.3  # overlap from which on a box tells where its thing is; a list asks no more of it
 HOLDS_M = 1.0  # from such a thing at which a glimpse is as good as right
 Counts = tuple[float, float, int, float, int]
 """Recall and precision of a list, how many names were only glimpsed, the sum of their scores, and how many of them are there."""
@@ -63,6 +64,10 @@ def _on_walk(work: Callable[[Recording, Any], T], folder: Path, number: int, max
     return work(walk(number, max_frames), eyes)
 
 
+def looks_at_walk(walked: Recording, eyes: Any) -> Sight:
+    return look(walked, eyes, THERE)
+
+
 def looks_at_shards(shards: Path, eyes: Any) -> Sight:
     """Every other frame of rendered homes, with things of all types in them, through eyes made with a low threshold."""
     sight = Sight(str(shards))
@@ -75,12 +80,12 @@ def looks_at_shards(shards: Path, eyes: Any) -> Sight:
             mine, names = of == i, eyes.eyes.names
             found = eyes.detect(Frame(i, 0.0, images[i], None, np.eye(4), camera))
             true = Detections(i, boxes[mine], np.ones(mine.sum()), tuple(names[k] for k in labels[mine]))
-            match(found, true, pixels[mine] * (640 / width) ** 2, sight)
+            match(found, true, pixels[mine] * (640 / width) ** 2, sight, THERE)
     return sight
 
 
 def calibrate(sights: Sequence[Sight], names: Sequence[str]) -> tuple[float, float, list[float]]:
-    """How to make a score the chance that its box is right: a slope and a shift of all logits, and an offset per name.
+    """How to make a score the chance that its thing is there: a slope and a shift of all logits, and an offset per name.
 
     A logistic regression by Newton's method, its offsets held near zero where little was seen (a Gaussian prior). Without
     it, names that are often seen where they are not pass the same threshold as names that never are.

@@ -9,7 +9,10 @@ from typing import Any
 import numpy as np
 import onnx
 import torch
-from _eyes_network import STRIDE, Conv, Eyes
+from _eyes_closer import AROUND, CELLS, KINDS_OF_CELL, LEAST, MOST_CHANGE, PLACES, SIDE, Closer, looked, mended, places
+from _eyes_closer import patches as cut_out
+from _eyes_closer import sizes as sizes_of
+from _eyes_network import NECK, STRIDE, Conv, Eyes
 from onnx import TensorProto, helper, numpy_helper
 from torch.nn.functional import interpolate
 
@@ -24,6 +27,7 @@ class Graph:
     def __init__(self) -> None:
         self.nodes: list[Any] = []
         self._constants: dict[tuple[Any, ...], Any] = {}
+        self._whole: dict[str, str] = {}
 
     @property
     def constants(self) -> list[Any]:
@@ -37,20 +41,27 @@ class Graph:
             self._constants[key] = numpy_helper.from_array(array, f"c{len(self._constants)}")
         return str(self._constants[key].name)
 
+    def weight(self, values: Any) -> str:
+        """Half a float each in the file; onnxruntime makes them whole when it opens it."""
+        name = self.constant(values, np.float16)
+        if name not in self._whole:
+            self._whole[name] = self.add("Cast", name, to=TensorProto.FLOAT)
+        return self._whole[name]
+
     def add(self, kind: str, *inputs: str, outputs: int = 1, **settings: Any) -> Any:
         names = [f"{kind}{len(self.nodes)}_{k}" for k in range(outputs)]
         self.nodes.append(helper.make_node(kind, list(inputs), names, **settings))
         return names[0] if outputs == 1 else names
 
-    def conv(self, x: str, weight: Any, bias: Any, stride: int = 1, apart: int = 1) -> str:
+    def conv(self, x: str, weight: Any, bias: Any, stride: int = 1, apart: int = 1, groups: int = 1) -> str:
         pad = weight.shape[-1] // 2 * apart
-        inputs = (x, self.constant(weight), self.constant(bias))
-        return str(self.add("Conv", *inputs, strides=[stride] * 2, pads=[pad] * 4, dilations=[apart] * 2))
+        shape = {"strides": [stride] * 2, "pads": [pad] * 4, "dilations": [apart] * 2, "group": groups}
+        return str(self.add("Conv", x, self.weight(weight), self.constant(bias), **shape))
 
     def layer(self, x: str, layer: Any) -> str:
         """A Conv of ours, its batch norm folded into it, or a bare convolution."""
         if not isinstance(layer, Conv):
-            return self.conv(x, layer.weight.numpy(), layer.bias.numpy(), layer.stride[0])
+            return self.conv(x, layer.weight.numpy(), layer.bias.numpy(), layer.stride[0], groups=layer.groups)
         conv, norm = layer[0], layer[1]
         scale = norm.weight / torch.sqrt(norm.running_var + norm.eps)
         bias = norm.bias - norm.running_mean * scale
@@ -90,23 +101,23 @@ class Graph:
         return str(self.add("Div", x, self.add("Max", length, self.constant(1e-12))))
 
 
-def export(eyes: Eyes, path: Path) -> None:
+def export(eyes: Eyes, closer: Closer, path: Path) -> None:
     """Input ``image`` (1, 3, h, w) float32, 0 to 1, of ``SIZE`` (w, h); outputs ``boxes`` (100, 4) xyxy in its pixels,
     ``scores`` and ``classes`` (100), best first, and ``features`` (1, D, h/4, w/4), unit vectors for every cell.
 
     The maps are the mean over two looks: at the image, and at its mirror image made smaller, for large things. That takes
-    1.5 times as long as the first alone, and finds more than two looks at one size do.
+    1.5 times as long as the first alone, and finds more than two looks at one size do. ``closer`` then names each place.
     """
-    eyes = eyes.eval()
+    eyes, closer = eyes.eval(), closer.eval()
     graph = Graph()
     cells = (SIZE[0] // STRIDE, SIZE[1] // STRIDE)
     depth = len(eyes.basis)
     with torch.no_grad():
-        near = maps_of(graph, eyes, "image", SIZE)
+        up, *near = maps_of(graph, eyes, "image", SIZE)
         small = graph.mirrored(graph.resized("image", 3, FAR_SIZE))
         far = [
             graph.resized(graph.mirrored(values), channels, cells)  # in this order, as mirroring is slow
-            for values, channels in zip(maps_of(graph, eyes, small, FAR_SIZE), (depth, 4, depth), strict=True)
+            for values, channels in zip(maps_of(graph, eyes, small, FAR_SIZE)[1:], (depth, 4, depth), strict=True)
         ]
         far[1] = graph.add("Gather", far[1], graph.constant([2, 1, 0, 3], np.int64), axis=1)  # left and right
         far[1] = graph.add("Add", far[1], graph.constant(math.log(SIZE[0] / FAR_SIZE[0])))
@@ -115,7 +126,9 @@ def export(eyes: Eyes, path: Path) -> None:
         names = (eyes.names * eyes.scale / 2)[..., None, None]
         logits = graph.conv(seen, names.numpy(), eyes.bias.numpy())
         sides, features = graph.add("Mul", sides, graph.constant(0.5)), graph.unit(painted, depth)
-    _peaks(graph, logits, sides, len(eyes.names))
+        boxes, around, own = _places(graph, logits, sides, up, len(eyes.names))
+        told, changes = named(graph, closer, _patches(graph, boxes), _sizes(graph, boxes), around, own)
+    _best(graph, told, changes, boxes, len(eyes.names))
     graph.nodes.append(helper.make_node("Identity", [features], ["features"]))
     image = helper.make_tensor_value_info("image", TensorProto.FLOAT, [1, 3, SIZE[1], SIZE[0]])
     outputs = [
@@ -133,8 +146,9 @@ def export(eyes: Eyes, path: Path) -> None:
     path.write_bytes(model.SerializeToString())
 
 
-def maps_of(graph: Graph, eyes: Eyes, image: str, size: tuple[int, int]) -> tuple[str, str, str]:
-    """What the heatmap's logits are made of, the boxes and the features of all cells of an image of a size (w, h)."""
+def maps_of(graph: Graph, eyes: Eyes, image: str, size: tuple[int, int]) -> tuple[str, str, str, str]:
+    """What all heads see, what the heatmap's logits are made of, the boxes and the features of all cells of an image of a
+    size (w, h)."""
     x = graph.add("Mul", graph.add("Sub", image, graph.constant(0.5)), graph.constant(4.0))
     for layer in eyes.stem:
         x = graph.layer(x, layer)
@@ -155,61 +169,115 @@ def maps_of(graph: Graph, eyes: Eyes, image: str, size: tuple[int, int]) -> tupl
             up = graph.block(up, eyes.refine)
     depth = len(eyes.basis)
     box = graph.layer(graph.layer(up, eyes.box[0]), eyes.box[1])
-    return graph.unit(graph.layer(up, eyes.see), depth), box, graph.unit(graph.layer(up, eyes.paint), depth)
+    return up, graph.unit(graph.layer(up, eyes.see), depth), box, graph.unit(graph.layer(up, eyes.paint), depth)
 
 
-def _peaks(graph: Graph, logits: str, sides: str, classes: int) -> None:
-    """CenterNet's decoding: local maxima of the heatmap are the things (Zhou et al. 2019)."""
+def _places(graph: Graph, logits: str, sides: str, up: str, classes: int) -> tuple[str, str, str]:
+    """`_eyes_closer.places`: boxes (K, 4), what the neck saw there (K, 48) and the logits (K, C)."""
     rows, columns = SIZE[1] // STRIDE, SIZE[0] // STRIDE
     cells = rows * columns
-    top = graph.add("MaxPool", logits, kernel_shape=[3, 3], strides=[1, 1], pads=[1, 1, 1, 1])
-    peaks = graph.add("Where", graph.add("Equal", logits, top), logits, graph.constant(-30.0))
-    flat = graph.add("Reshape", peaks, graph.constant([classes * cells], np.int64))
-    best, where = graph.add("TopK", flat, graph.constant([MOST], np.int64), outputs=2)
-    graph.nodes.append(helper.make_node("Sigmoid", [best], ["scores"]))
-    count = graph.constant(cells, np.int64)
-    graph.nodes.append(helper.make_node("Div", [where, count], ["classes"]))
-    cell = graph.add("Mod", where, count)
-    across = graph.constant(columns, np.int64)
+    top = graph.add("ReduceMax", logits, axes=[1], keepdims=1)
+    high = graph.add("MaxPool", top, kernel_shape=[3, 3], strides=[1, 1], pads=[1, 1, 1, 1])
+    peaks = graph.add("Where", graph.add("Equal", top, high), top, graph.constant(-30.0))
+    flat = graph.add("Reshape", peaks, graph.constant([cells], np.int64))
+    _, cell = graph.add("TopK", flat, graph.constant([PLACES], np.int64), outputs=2)
+    reach, around, own = (
+        graph.add(
+            "Transpose",
+            graph.add("Gather", graph.add("Reshape", maps, graph.constant([depth, cells], np.int64)), cell, axis=1),
+            perm=[1, 0],
+        )
+        for maps, depth in ((sides, 4), (up, NECK), (logits, classes))
+    )
+    across, one = graph.constant(columns, np.int64), graph.constant([1], np.int64)
     x, y = (graph.add("Cast", graph.add(kind, cell, across), to=TensorProto.FLOAT) for kind in ("Mod", "Div"))
     x, y = (
         graph.add("Add", graph.add("Mul", value, graph.constant(float(STRIDE))), graph.constant(STRIDE / 2))
         for value in (x, y)
     )
-    one = graph.constant([1], np.int64)
     centre = graph.add("Concat", graph.add("Unsqueeze", x, one), graph.add("Unsqueeze", y, one), axis=1)
-    reach = graph.add("Transpose", graph.add("Reshape", sides, graph.constant([4, cells], np.int64)), perm=[1, 0])
-    reach = graph.add("Gather", reach, cell, axis=0)
     reach = graph.add("Exp", graph.add("Clip", reach, graph.constant(-4.0), graph.constant(6.0)))
     reach = graph.add("Mul", reach, graph.constant(float(STRIDE)))
     before, after = graph.add("Split", reach, graph.constant([2, 2], np.int64), outputs=2, axis=1)
     low, high = graph.add("Sub", centre, before), graph.add("Add", centre, after)
-    graph.nodes.append(helper.make_node("Concat", [low, high], ["boxes"], axis=1))
+    return graph.add("Concat", low, high, axis=1), around, own
 
 
-def compare(eyes: Eyes, path: Path, image: Any) -> float:
+def _sizes(graph: Graph, boxes: str) -> str:
+    """Widths and heights (K, 2)."""
+    low, high = graph.add("Split", boxes, graph.constant([2, 2], np.int64), outputs=2, axis=1)
+    return str(graph.add("Max", graph.add("Sub", high, low), graph.constant(1.0)))
+
+
+def _patches(graph: Graph, boxes: str) -> str:
+    """`_eyes_closer.patches`: (K, 3, 40, 40)."""
+    low, high = graph.add("Split", boxes, graph.constant([2, 2], np.int64), outputs=2, axis=1)
+    middle = graph.add("Mul", graph.add("Add", low, high), graph.constant(0.5))
+    half = graph.add("ReduceMax", graph.add("Sub", high, low), axes=[1], keepdims=1)
+    half = graph.add("Max", graph.add("Mul", half, graph.constant(AROUND / 2)), graph.constant(LEAST / 2))
+    squares = graph.add("Concat", graph.add("Sub", middle, half), graph.add("Add", middle, half), axis=1)
+    image = graph.constant(np.zeros(PLACES), np.int64)
+    shape = {"output_height": SIDE, "output_width": SIDE, "sampling_ratio": 2, "mode": "avg"}
+    return str(graph.add("RoiAlign", "image", squares, image, coordinate_transformation_mode="half_pixel", **shape))
+
+
+def named(graph: Graph, closer: Closer, patches: str, sizes: str, around: str, own: str) -> tuple[str, str]:
+    """The closer look at each place: logits (K, C, 1, 1) and changes of the boxes (K, 4 C, 1, 1)."""
+    x = graph.add("Mul", graph.add("Sub", patches, graph.constant(0.5)), graph.constant(4.0))
+    for layer in closer.body:
+        x = graph.layer(x, layer)
+    layout = graph.add(
+        "Reshape", graph.layer(x, closer.layout), graph.constant([PLACES, CELLS * KINDS_OF_CELL], np.int64)
+    )
+    ends = graph.constant([2, 3], np.int64)
+    known = [graph.add("Sub", graph.add("Log", sizes), graph.constant(4.0)), around, graph.add("Sigmoid", own), layout]
+    known = [graph.add("Unsqueeze", values, ends) for values in known]
+    x = graph.layer(graph.add("Concat", graph.add("GlobalAveragePool", x), *known, axis=1), closer.mix)
+    first = graph.layer(graph.add("Unsqueeze", own, ends), closer.trust)
+    return graph.add("Add", graph.layer(x, closer.name), first), graph.layer(x, closer.mend)
+
+
+def _best(graph: Graph, told: str, changes: str, boxes: str, classes: int) -> None:
+    """Of all names of all places the likeliest, each with its box."""
+    flat = graph.add("Reshape", told, graph.constant([PLACES * classes], np.int64))
+    best, where = graph.add("TopK", flat, graph.constant([MOST], np.int64), outputs=2)
+    count = graph.constant(classes, np.int64)
+    graph.nodes.append(helper.make_node("Sigmoid", [best], ["scores"]))
+    graph.nodes.append(helper.make_node("Mod", [where, count], ["classes"]))
+    boxes = graph.add("Gather", boxes, graph.add("Div", where, count), axis=0)
+    changes = graph.add("Reshape", changes, graph.constant([PLACES * classes, 4], np.int64))
+    halves = graph.constant([2, 2], np.int64)
+    move, grow = graph.add("Split", graph.add("Gather", changes, where, axis=0), halves, outputs=2, axis=1)
+    low, high = graph.add("Split", boxes, halves, outputs=2, axis=1)
+    sides, half = graph.add("Sub", high, low), graph.constant(0.5)
+    middle = graph.add("Add", graph.add("Mul", graph.add("Add", low, high), half), graph.add("Mul", move, sides))
+    grow = graph.add("Exp", graph.add("Clip", grow, graph.constant(-MOST_CHANGE), graph.constant(MOST_CHANGE)))
+    reach = graph.add("Mul", graph.add("Mul", sides, half), grow)
+    ends = graph.add("Sub", middle, reach), graph.add("Add", middle, reach)
+    graph.nodes.append(helper.make_node("Concat", [*ends], ["boxes"], axis=1))
+
+
+@torch.no_grad()
+def compare(eyes: Eyes, closer: Closer, path: Path, image: Any) -> float:
     """The largest difference of a score, a feature or a box (in image widths) to torch's, for an image (h, w, 3) uint8."""
     import onnxruntime
 
-    tensor = (np.asarray(image, np.float32) / 255).transpose(2, 0, 1)[None]
+    tensor = torch.from_numpy((np.asarray(image, np.float32) / 255).transpose(2, 0, 1)[None].copy())
     session = onnxruntime.InferenceSession(str(path), providers=["CPUExecutionProvider"])
     wanted = ["scores", "features", "boxes", "classes"]
-    scores, features, boxes, classes = session.run(wanted, {"image": np.ascontiguousarray(tensor)})
-    with torch.no_grad():
-        logits, sides, painted = eyes.eval()(torch.from_numpy(tensor))
-        small = interpolate(torch.from_numpy(tensor), FAR_SIZE[::-1], mode="bilinear").flip(3)
-        turned, far_sides, also = (interpolate(far, logits.shape[2:], mode="bilinear").flip(3) for far in eyes(small))
-        logits = (logits + turned) / 2
-        sides = (sides + far_sides[:, [2, 1, 0, 3]] + math.log(SIZE[0] / FAR_SIZE[0])) / 2
-        painted = torch.nn.functional.normalize(painted + also, dim=1)
-        top = torch.nn.functional.max_pool2d(logits, 3, 1, 1)
-        best, where = torch.where(logits == top, logits, -30.0).flatten().topk(MOST)
-    rows, columns = logits.shape[2:]
-    kind, y, x = (part.numpy() for part in torch.unravel_index(where, (len(eyes.names), rows, columns)))
-    centre = np.stack([x, y], 1) * STRIDE + STRIDE / 2
-    reach = sides[0, :, y, x].clamp(-4, 6).exp().numpy().T * STRIDE
-    true = np.concatenate([centre - reach[:, :2], centre + reach[:, 2:]], 1)
-    same = classes == kind  # of equal scores the order is anybody's guess
-    assert same.mean() > 0.9, "the graph finds other things than torch"
-    apart = np.quantile(np.abs(boxes - true)[same].max(1), 0.9) / SIZE[0]  # two of a kind may have changed places
+    scores, features, boxes, classes = session.run(wanted, {"image": tensor.numpy()})
+    eyes, closer = eyes.eval(), closer.eval()
+    near = eyes(tensor)[2]
+    far = interpolate(
+        eyes(interpolate(tensor, FAR_SIZE[::-1], mode="bilinear").flip(3))[2], near.shape[2:], mode="bilinear"
+    )
+    painted = torch.nn.functional.normalize(near + far.flip(3), dim=1)
+    found, around, own = places(*looked(eyes, tensor), PLACES)
+    told, changes = closer(cut_out(tensor, found), sizes_of(found), around[0], own[0])
+    best, where = told.flatten().topk(MOST)
+    kinds = (where % told.shape[1]).numpy()
+    true = mended(found[0, where // told.shape[1]], changes.flatten(0, 1)[where]).numpy()
+    # of nearly equal scores the order is anybody's guess
+    away = np.abs(boxes[:, None] - true).max(2) + np.where(classes[:, None] == kinds, 0, np.inf)
+    apart = np.quantile(away.min(1), 0.9) / SIZE[0]
     return float(max(np.abs(scores - best.sigmoid().numpy()).max(), np.abs(features - painted.numpy()).max(), apart))

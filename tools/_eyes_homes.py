@@ -41,6 +41,7 @@ HELD = {  # what lies in or on small things
     "Sink": ("DishSponge", "Plate", "Mug", "Bowl", "Pan", "Pot", "Cup"),
     "StoveBurner": ("Pan", "Pot", "Kettle"),
 }
+OVER_M = {"Pan": 0.1}  # its handle sticks out
 WOODS = ("oak", "walnut", "pine", "whitewood", "birch", "cherry", "beech", "ash", "teak")
 FAMILIES = ("paint", "fabric", "plastic", "ceramic", "leather", "carpet", "tiles", "planks", "stripes", "wood")
 COLOURS = (
@@ -175,7 +176,8 @@ def _held(scene: Scene, rng: np.random.Generator) -> list[Thing]:
         if thing.type in HELD and rng.random() < 0.5:
             taken: list[Any] = []
             for _ in range(int(rng.integers(1, 4))):
-                found += _put(thing, thing.shape.surfaces[0], str(rng.choice(HELD[thing.type])), None, rng, taken, 0.04)
+                kind = str(rng.choice(HELD[thing.type]))
+                found += _put(thing, thing.shape.surfaces[0], kind, None, rng, taken, OVER_M.get(kind, 0.04))
     return found
 
 

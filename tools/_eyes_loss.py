@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from _eyes_batches import STRIDE, Batch
 from _eyes_network import Eyes
-from torch import Tensor
+from torch import Tensor, nn
 
 HALF = torch.cpu.get_capabilities().get("avx512_bf16", False)  # elsewhere bfloat16 takes three times as long as float32
 AROUND_WEIGHT = 0.4  # of cells that show no thing: there are so many
@@ -88,3 +88,13 @@ def giou(a: Tensor, b: Tensor) -> Tensor:
     union = (a[:, 2:] - a[:, :2]).prod(1) + (b[:, 2:] - b[:, :2]).prod(1) - shared
     hull = (torch.maximum(a[:, 2:], b[:, 2:]) - torch.minimum(a[:, :2], b[:, :2])).prod(1)
     return shared / union.clamp(min=1e-3) - (hull - union) / hull.clamp(min=1e-3)
+
+
+@torch.no_grad()
+def follow(mean: nn.Module, net: nn.Module, decay: float) -> None:
+    """The exponential moving average of the weights, which is what is kept."""
+    for a, b in zip(mean.state_dict().values(), net.state_dict().values(), strict=True):
+        if a.dtype.is_floating_point:
+            a.lerp_(b, 1 - decay)
+        else:
+            a.copy_(b)

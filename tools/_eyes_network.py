@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import cast
+
 import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
@@ -77,6 +79,12 @@ class Eyes(nn.Module):
 
         ``every`` (y, x, step): of the cells from there on only each step-th gets features, which is enough to train.
         """
+        up = self.neck(x)
+        y, x0, step = every
+        return *self.heat(up), F.normalize(self.paint(up[:, :, y::step, x0::step]), dim=1)
+
+    def neck(self, x: Tensor) -> Tensor:
+        """What all heads see: (N, 48, H/4, W/4)."""
         f4 = self.s4(self.stem((x - 0.5) * 4.0))
         f8 = self.s8(f4)
         f16 = self.more16(self.s16(f8))
@@ -86,11 +94,13 @@ class Eyes(nn.Module):
         up = self.smooth16(self.lateral[2](f16) + F.interpolate(up, size=f16.shape[2:], mode="nearest"))
         up = self.smooth8(self.lateral[1](f8) + F.interpolate(up, size=f8.shape[2:], mode="nearest"))
         up = self.refine(up)
-        up = self.smooth4(self.lateral[0](f4) + F.interpolate(up, size=f4.shape[2:], mode="nearest"))
+        up = self.lateral[0](f4) + F.interpolate(up, size=f4.shape[2:], mode="nearest")
+        return cast(Tensor, self.smooth4(up))
+
+    def heat(self, up: Tensor) -> tuple[Tensor, Tensor]:
+        """Heatmap logits and boxes."""
         seen = F.normalize(self.see(up), dim=1)
-        logits = F.conv2d(seen, (self.names * self.scale)[..., None, None], self.bias)
-        y, x0, step = every
-        return logits, self.box(up), F.normalize(self.paint(up[:, :, y::step, x0::step]), dim=1)
+        return F.conv2d(seen, (self.names * self.scale)[..., None, None], self.bias), self.box(up)
 
     def painted(self, features: Tensor) -> Tensor:
         """Logits (N, C + A, h, w) of what each cell shows: the names, then what is around them."""

@@ -8,7 +8,8 @@ from typing import Any
 import onnx
 import torch
 from _eyes_batches import Batch
-from _eyes_export import SIZE, Graph, maps_of
+from _eyes_closer import Closer, lesson
+from _eyes_export import SIZE, Graph, maps_of, named
 from _eyes_loss import paint_loss
 from _eyes_network import Conv, Eyes
 from onnx import numpy_helper
@@ -24,6 +25,11 @@ class Reading(Graph):
         super().__init__()
         graph = onnx.load(path).graph
         held = {one.name: torch.from_numpy(numpy_helper.to_array(one).copy()) for one in graph.initializer}
+        held |= {
+            node.output[0]: held[node.input[0]]
+            for node in graph.node
+            if node.op_type == "Cast" and node.input[0] in held
+        }
         self.left = [[held[name] for name in node.input[1:]] for node in graph.node if node.op_type == "Conv"]
 
     def conv(self, *_: Any, **__: Any) -> str:
@@ -45,8 +51,8 @@ class Reading(Graph):
 
 
 @torch.no_grad()
-def restore(eyes: Eyes, path: Path, batches: list[Batch]) -> None:
-    """The weights of an exported file into new ``eyes``, which then see the same, calibration and all.
+def restore(eyes: Eyes, closer: Closer, path: Path, batches: list[Batch]) -> None:
+    """The weights of an exported file into new networks, which then see the same, calibration and all.
 
     Batch norms get the mean and spread that these crops have there, so that training finds them as it left them; the scale
     of the cells' logits, which no file holds, is that under which the crops are explained best.
@@ -55,20 +61,23 @@ def restore(eyes: Eyes, path: Path, batches: list[Batch]) -> None:
     maps_of(reading, eyes, "", SIZE)
     while len((held := reading.left.pop(0))[0]) != len(eyes.names):
         pass  # the second look has the first one's weights
-    eyes.scale.fill_(2 * held[0][0].norm())  # the mean of two looks halves it
+    eyes.scale.fill_(2 * held[0][0].float().norm())  # the mean of two looks halves it
     eyes.bias.copy_(held[1])
-    eyes.eval()
+    reading.conv()  # the length of the features
+    named(reading, closer, "", "", "", "")
+    eyes.eval(), closer.eval()
     sums: dict[nn.Module, list[Tensor]] = {}
 
     def gather(norm: nn.Module, inputs: tuple[Tensor, ...]) -> None:
         of_one = torch.stack([inputs[0].mean((0, 2, 3)), (inputs[0] ** 2).mean((0, 2, 3))])
         sums.setdefault(norm, []).append(of_one)
 
-    norms = [part for part in eyes.modules() if isinstance(part, nn.BatchNorm2d)]
+    norms = [part for net in (eyes, closer) for part in net.modules() if isinstance(part, nn.BatchNorm2d)]
     hooks = [norm.register_forward_pre_hook(gather) for norm in norms]
     costs = torch.zeros(len(SCALES))
     for true in batches:
         features = eyes(torch.from_numpy(true.images))[2]
+        closer(*lesson(eyes, true)[:4])
         for k, scale in enumerate(SCALES):
             eyes.paint_scale.fill_(scale)
             costs[k] += paint_loss(eyes.painted(features), true.kinds, len(eyes.names))

@@ -3,6 +3,7 @@
 Usage:  python tools/train_eyes.py render DATA/train --first 100000 --homes 2000
         python tools/train_eyes.py render DATA/held-back --first 95000 --homes 12
         python tools/train_eyes.py train DATA RUN --minutes 145
+        python tools/train_eyes.py closer DATA RUN --minutes 60
         python tools/train_eyes.py begin RUN src/cartier/eyes DATA
         python tools/train_eyes.py calibrate RUN DATA/held-back
         python tools/train_eyes.py export RUN src/cartier/eyes
@@ -31,8 +32,9 @@ from typing import Any
 import numpy as np
 import torch
 from _eyes_batches import Batch, Pool, batch
+from _eyes_closer import Closer, optimizer_of, save_closer
 from _eyes_homes import names
-from _eyes_loss import loss_of
+from _eyes_loss import follow, loss_of
 from _eyes_network import Eyes
 from torch import Tensor
 
@@ -88,7 +90,7 @@ def train(data: Path, run: Path, minutes: float, seed: int) -> None:
         torch.nn.utils.clip_grad_norm_(eyes.parameters(), 20.0)
         optimizer.step()
         step += 1
-        _follow(mean, eyes, min(0.999, (1 + step) / (10 + step)))
+        follow(mean, eyes, min(0.999, (1 + step) / (10 + step)))
         sums += [loss.item() for loss in losses]
         if step % 25 == 0:
             print(f"{spent:.0f} s step {step} lr {rate:.5f} heat {sums[0] / 25:.3f} box {sums[1] / 25:.3f} "
@@ -121,16 +123,6 @@ def _weights(pool: Pool) -> Tensor:
     return torch.tensor(np.clip((np.median(counts) / counts) ** 0.4, 0.6, 3.0), dtype=torch.float32)
 
 
-@torch.no_grad()
-def _follow(mean: Eyes, eyes: Eyes, decay: float) -> None:
-    """The exponential moving average of the weights, which is what is kept."""
-    for a, b in zip(mean.state_dict().values(), eyes.state_dict().values(), strict=True):
-        if a.dtype.is_floating_point:
-            a.lerp_(b, 1 - decay)
-        else:
-            a.copy_(b)
-
-
 def _save(run: Path, eyes: Eyes, mean: Eyes, optimizer: Any, step: int, spent: float) -> None:
     part = run / "checkpoint.part"
     state = {"eyes": eyes.state_dict(), "mean": mean.state_dict(), "optimizer": optimizer.state_dict()}
@@ -152,7 +144,7 @@ def _resumed(run: Path, eyes: Eyes, mean: Eyes, optimizer: Any) -> tuple[int, fl
 
 
 def begin(run: Path, folder: Path, data: Path) -> None:
-    """A checkpoint in RUN from exported eyes; only the optimizer's memory is lost."""
+    """Checkpoints in RUN from exported eyes; only the optimizers' memory is lost."""
     from _eyes_restore import restore
 
     if (run / "checkpoint.pt").exists():
@@ -160,33 +152,47 @@ def begin(run: Path, folder: Path, data: Path) -> None:
     if not any((data / "train").glob("*.npz")):
         raise SystemExit(f"{data / 'train'} holds no frames: `render` some first")
     run.mkdir(parents=True, exist_ok=True)
-    eyes, pool, rng = new_eyes(), Pool(data / "train", ROOM), np.random.default_rng(0)
+    eyes, closer, pool, rng = new_eyes(), Closer(len(names())), Pool(data / "train", ROOM), np.random.default_rng(0)
     pool.refresh(40)
-    restore(eyes, folder / "eyes.onnx", [batch(pool, BATCH, rng) for _ in range(40)])
+    restore(eyes, closer, folder / "eyes.onnx", [batch(pool, BATCH, rng) for _ in range(40)])
     told = json.loads((folder / "names.json").read_text())["trained"]
-    steps, minutes = (int(number) for number in re.findall(r"\d+", told))
+    steps, minutes, closer_steps, closer_minutes = (int(number) for number in re.findall(r"\d+", told))
     _save(run, eyes, eyes, _optimizer(eyes), steps, 60.0 * minutes)
+    save_closer(run, closer, closer, optimizer_of(closer), closer_steps, 60.0 * closer_minutes)
+
+
+def closer_run(data: Path, run: Path, minutes: float, seed: int) -> None:
+    """RUN/closer.pt: the second look at each place, over the eyes as RUN/checkpoint.pt has them."""
+    from _eyes_closer import train_closer
+
+    eyes, pool = new_eyes(), Pool(data / "train", ROOM)
+    eyes.load_state_dict(torch.load(run / "checkpoint.pt", weights_only=True)["mean"])
+    pool.refresh()
+    train_closer(eyes, pool, run, minutes, seed)
 
 
 def export_run(run: Path, into: Path) -> None:
     """The averaged weights as ONNX, calibrated if there is something to calibrate them with, and what belongs beside it."""
     from _eyes_export import SIZE, compare, export
 
-    eyes = new_eyes()
-    state = torch.load(run / "checkpoint.pt", weights_only=True)
+    eyes, closer = new_eyes(), Closer(len(names()))
+    state, later = (torch.load(run / file, weights_only=True) for file in ("checkpoint.pt", "closer.pt"))
     eyes.load_state_dict(state["mean"])
+    closer.load_state_dict(later["mean"])
     if (run / "calibration.json").exists():
         told = json.loads((run / "calibration.json").read_text())
         with torch.no_grad():
-            eyes.scale *= told["slope"]
-            eyes.bias.mul_(told["slope"]).add_(told["shift"] + torch.tensor(told["offsets"]))
+            for part in (closer.name.weight, closer.name.bias, closer.trust.weight, closer.trust.bias):
+                part *= told["slope"]
+            closer.name.bias += told["shift"] + torch.tensor(told["offsets"])
     into.mkdir(parents=True, exist_ok=True)
     path = into / "eyes.onnx"
-    export(eyes, path)
-    image = np.random.default_rng(0).integers(0, 256, (SIZE[1], SIZE[0], 3), np.uint8)
-    print(f"largest difference to torch: {compare(eyes, path, image):.1e}; {path.stat().st_size / 1e6:.1f} MB")
+    export(eyes, closer, path)
+    image = np.kron(np.random.default_rng(0).integers(0, 256, (SIZE[1] // 32, SIZE[0] // 32, 3)), np.ones((32, 32, 1)))
+    print(f"largest difference to torch: {compare(eyes, closer, path, image):.1e}; {path.stat().st_size / 1e6:.1f} MB")
     trained = (
-        f"{state['step']} steps on rendered views of generated homes, {state['spent'] / 60:.0f} minutes by the clock"
+        f"{state['step']} steps on rendered views of generated homes, {state['spent'] / 60:.0f} minutes by the clock; "
+        f"the closer look {later['step']} steps, {later['spent'] / 60:.0f} minutes"
     )
     np.save(into / "words.npy", np.vstack([eyes.middle[None], eyes.basis]).astype(np.float32))
     told = {"size": list(SIZE), "threshold": 0.3, "min_views": 2, "trained": trained}  # until `choose`
@@ -195,15 +201,14 @@ def export_run(run: Path, into: Path) -> None:
 
 def calibrate_run(run: Path, shards: Path, homes: int, max_frames: int) -> None:
     """Into RUN/calibration.json, which the next export takes in: from rendered frames and, twice as heavy, from walks."""
-    from _eyes_choice import LOW, calibrate, looks_at_shards, on_walks
-    from eyes import look
+    from _eyes_choice import LOW, calibrate, looks_at_shards, looks_at_walk, on_walks
 
     from cartier import plugins
 
     (run / "calibration.json").unlink(missing_ok=True)
     export_run(run, run / "plain")
     eyes = plugins.make("detectors", "embedded", threshold=LOW, folder=run / "plain", threads=1)
-    walked = on_walks(look, run / "plain", homes, max_frames)
+    walked = on_walks(looks_at_walk, run / "plain", homes, max_frames)
     slope, shift, offsets = calibrate([looks_at_shards(shards, eyes), *walked, *walked], eyes.eyes.names)
     told = {"slope": slope, "shift": shift, "offsets": offsets}
     (run / "calibration.json").write_text(json.dumps(told) + "\n")
@@ -233,12 +238,13 @@ def main() -> None:
     sub.add_argument("--homes", type=int, required=True)
     sub.add_argument("--keep", type=int, default=700)
     sub.add_argument("--close", action="store_true", help="small things from near")
-    sub = commands.add_parser("train")
-    sub.add_argument("data", type=Path)
-    sub.add_argument("run", type=Path)
-    sub.add_argument("--minutes", type=float, default=65)
-    sub.add_argument("--seed", type=int, default=0)
-    sub.add_argument("--threads", type=int, default=1)
+    for command in ("train", "closer"):
+        sub = commands.add_parser(command)
+        sub.add_argument("data", type=Path)
+        sub.add_argument("run", type=Path)
+        sub.add_argument("--minutes", type=float, default=65)
+        sub.add_argument("--seed", type=int, default=0)
+        sub.add_argument("--threads", type=int, default=1)
     sub = commands.add_parser("begin")
     sub.add_argument("run", type=Path)
     sub.add_argument("folder", type=Path, help="of exported eyes")
@@ -261,6 +267,8 @@ def main() -> None:
         from _eyes_views import render_into
 
         render_into(asked.folder, asked.first, asked.homes, asked.keep, asked.close)
+    elif asked.command == "closer":
+        closer_run(asked.data, asked.run, asked.minutes, asked.seed)
     elif asked.command == "begin":
         begin(asked.run, asked.folder, asked.data)
     elif asked.command == "export":

@@ -212,7 +212,8 @@ def _outcome(answer: Answer) -> str:
     if chosen.object is None:
         return f"{chosen.status}: {chosen.reason}"
     where = "" if answer.goal else ", no goal"
-    return f"{chosen.status}: {chosen.object}{where}"
+    how = chosen.status if answer.place is None or answer.place.sure else "only glimpsed"
+    return f"{how}: {chosen.object}{where}"
 
 
 def _caption(figure: Any, home: Home, text: str) -> None:
