@@ -124,6 +124,8 @@ def test_what_was_only_glimpsed_is_an_answer_where_nothing_listed_serves_as_well
     much, little = Weighs(mug=0.9, chair=0.05, table=0.05), Weighs(mug=0.6, chair=0.3, table=0.1)
     assert home.ask("x", much).selection.object == "mug"
     assert home.ask("x", little).selection.object == "chair", "what is surely there serves well enough"
+    unsure = Weighs(mug=0.6, chair=0.1)
+    assert home.ask("x", unsure).selection.object == "chair", "a glimpse of 0.25 is there but one time in ten"
     assert much.lists == little.lists == [["chair", "table"], ["chair", "mug", "table"]]
 
 

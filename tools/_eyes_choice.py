@@ -64,10 +64,6 @@ def _on_walk(work: Callable[[Recording, Any], T], folder: Path, number: int, max
     return work(walk(number, max_frames), eyes)
 
 
-def looks_at_walk(walked: Recording, eyes: Any) -> Sight:
-    return look(walked, eyes, THERE)
-
-
 def looks_at_shards(shards: Path, eyes: Any) -> Sight:
     """Every other frame of rendered homes, with things of all types in them, through eyes made with a low threshold."""
     sight = Sight(str(shards))

@@ -9,7 +9,7 @@ Usage:  python tools/train_eyes.py render DATA/train --first 100000 --homes 2000
         python tools/train_eyes.py export RUN src/cartier/eyes
         python tools/train_eyes.py choose src/cartier/eyes
 
-The eyes see RGB alone. `begin` reads exported eyes back, to be trained on. `calibrate` makes scores chances, name by name;
+The eyes see RGB alone. `closer` trains the look at each place, over trained eyes; `begin` reads exported ones back, to be trained on. `calibrate` makes scores chances, name by name;
 `export` writes the network, the words that its features understand, and names.json; `choose` sets threshold and min_views there.
 `calibrate` and `choose` work on generated homes that were held back. All may be stopped and started again; only torch and onnx are
 needed besides cartier. The seven built-in homes are never looked at: benchmarks/eyes.py measures on them.
@@ -26,6 +26,7 @@ import re
 import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -148,7 +149,7 @@ def begin(run: Path, folder: Path, data: Path) -> None:
     from _eyes_restore import restore
 
     if (run / "checkpoint.pt").exists():
-        raise SystemExit(f"{run} holds a checkpoint already: give another folder, or go on with `train`")
+        raise SystemExit(f"{run} holds a checkpoint already: give another folder, or go on with `train` or `closer`")
     if not any((data / "train").glob("*.npz")):
         raise SystemExit(f"{data / 'train'} holds no frames: `render` some first")
     run.mkdir(parents=True, exist_ok=True)
@@ -201,14 +202,15 @@ def export_run(run: Path, into: Path) -> None:
 
 def calibrate_run(run: Path, shards: Path, homes: int, max_frames: int) -> None:
     """Into RUN/calibration.json, which the next export takes in: from rendered frames and, twice as heavy, from walks."""
-    from _eyes_choice import LOW, calibrate, looks_at_shards, looks_at_walk, on_walks
+    from _eyes_choice import LOW, THERE, calibrate, looks_at_shards, on_walks
+    from eyes import look
 
     from cartier import plugins
 
     (run / "calibration.json").unlink(missing_ok=True)
     export_run(run, run / "plain")
     eyes = plugins.make("detectors", "embedded", threshold=LOW, folder=run / "plain", threads=1)
-    walked = on_walks(looks_at_walk, run / "plain", homes, max_frames)
+    walked = on_walks(partial(look, least=THERE), run / "plain", homes, max_frames)
     slope, shift, offsets = calibrate([looks_at_shards(shards, eyes), *walked, *walked], eyes.eyes.names)
     told = {"slope": slope, "shift": shift, "offsets": offsets}
     (run / "calibration.json").write_text(json.dumps(told) + "\n")

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -126,12 +128,7 @@ class LargestView(ABC):
 
     def _not_outdone(self, seen: list[_Spot]) -> dict[str, list[_Spot]]:
         """Per name the spots that enough frames agree on, without those at whose place another name has more support."""
-        boxed = [spot for spot in seen if spot.box_m is not None]
-        outdone: set[int] = set()
-        if self.min_views > 1 and boxed:
-            support = np.array([spot.support for spot in boxed])
-            lost = np.any(_rivals(boxed, boxed) & (support > STRONGER * support[:, None]), axis=1).tolist()
-            outdone = {id(spot) for spot, out in zip(boxed, lost, strict=True) if out}
+        outdone = _lost(seen, seen, attrgetter("support")) if self.min_views > 1 else set()
         standing: dict[str, list[_Spot]] = {}
         for spot in seen:
             if id(spot) not in outdone:
@@ -170,22 +167,24 @@ def _read(rows: list[dict[str, Any]]) -> dict[str, list[_Spot]]:
 
 def _unexplained(hints: dict[str, list[_Spot]], agreed: list[_Spot]) -> dict[str, _Spot]:
     """Of each name on which no frames agree the spot with the most support, but none where a surer, agreed spot is."""
-    names, boxed = {spot.place.label for spot in agreed}, [spot for spot in agreed if spot.box_m is not None]
-    best = np.array([spot.best for spot in boxed])
-
-    def free(spot: _Spot) -> bool:
-        return spot.box_m is None or not boxed or not (_rivals([spot], boxed)[0] & (best > STRONGER * spot.best)).any()
-
-    left = {name: [s for s in spots if free(s)] for name, spots in hints.items() if name not in names}
+    names = {spot.place.label for spot in agreed}
+    explained = _lost([spot for spots in hints.values() for spot in spots], agreed, attrgetter("best"))
+    left = {n: [s for s in spots if id(s) not in explained] for n, spots in hints.items() if n not in names}
     return {name: max(spots, key=lambda s: (s.support, s.best)) for name, spots in left.items() if spots}
 
 
-def _rivals(some: list[_Spot], others: list[_Spot]) -> npt.NDArray[np.bool_]:
-    """Whether (N, M) two spots with boxes are two names for one place."""
-    (names, boxes), (other_names, other_boxes) = (
-        (np.array([s.place.label for s in spots]), np.array([s.box_m for s in spots])) for spots in (some, others)
+def _lost(some: list[_Spot], others: list[_Spot], strength: Callable[[_Spot], float]) -> set[int]:
+    """The ids of those spots at whose place another name among the ``others`` is so much stronger that it is the right one."""
+    some, others = ([spot for spot in spots if spot.box_m is not None] for spots in (some, others))
+    if not some or not others:
+        return set()
+    (names, boxes, strengths), (other_names, other_boxes, other_strengths) = (
+        tuple(np.array(column) for column in zip(*((s.place.label, s.box_m, strength(s)) for s in spots), strict=True))
+        for spots in (some, others)
     )
-    return np.asarray((names[:, None] != other_names) & (_overlaps(boxes, other_boxes) > SAME_PLACE))
+    rivals = (names[:, None] != other_names) & (_overlaps(boxes, other_boxes) > SAME_PLACE)
+    lost = np.any(rivals & (other_strengths > STRONGER * strengths[:, None]), axis=1)
+    return {id(spot) for spot, out in zip(some, lost.tolist(), strict=True) if out}
 
 
 def _anchors(frame: Frame, boxes_xyxy: npt.NDArray[np.float32]) -> list[tuple[float, ...] | None]:
