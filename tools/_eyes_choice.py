@@ -30,6 +30,7 @@ from eyes import LOW, Kept, Sight, ap50, index_of, listed, look, match
 
 T = TypeVar("T")
 FIRST = 90_000
+CHOSEN_FROM = 20  # the first of the walks by which threshold and views are chosen: those before calibrate the scores
 THRESHOLDS = (0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.45, 0.5, 0.55)
 VIEWS = (2, 3, 4, 5)
 THERE = 0.3  # overlap from which on a box tells where its thing is; a list asks no more of it
@@ -53,10 +54,10 @@ def walk(number: int, max_frames: int) -> Recording:
     return DollhouseRecording(replace(scene, name=f"{scene.name} varied"), camera, poses)
 
 
-def on_walks(work: Callable[[Recording, Any], T], folder: Path, homes: int, max_frames: int) -> list[T]:
-    """What ``work`` makes of so many walks and of the eyes in a folder, with a threshold of ``LOW``; two walks at a time."""
+def on_walks(work: Callable[[Recording, Any], T], folder: Path, homes: Sequence[int], max_frames: int) -> list[T]:
+    """What ``work`` makes of walks of those numbers and of the eyes in a folder, with a threshold of ``LOW``; two at a time."""
     with ProcessPoolExecutor(2, get_context("spawn")) as pool:
-        return list(pool.map(_on_walk, *(repeat(v) for v in (work, folder)), range(homes), repeat(max_frames)))
+        return list(pool.map(_on_walk, *(repeat(v) for v in (work, folder)), homes, repeat(max_frames)))
 
 
 def _on_walk(work: Callable[[Recording, Any], T], folder: Path, number: int, max_frames: int) -> T:
@@ -114,7 +115,7 @@ def choose(folder: Path, homes: int, max_frames: int) -> tuple[float, int]:
     thing that is not there costs a robot a way in vain. Prints all.
     """
     sights, lists = [], defaultdict[tuple[float, int], list[Counts]](list)
-    for sight, of_home in on_walks(_lists, folder, homes, max_frames):
+    for sight, of_home in on_walks(_lists, folder, range(CHOSEN_FROM, CHOSEN_FROM + homes), max_frames):
         sights.append(sight)
         for setting, counts in of_home.items():
             lists[setting].append(counts)

@@ -1,7 +1,7 @@
 """Train the eyes that ship inside: `render` homes into shards while `train` learns from what is there; `export`; `choose`.
 
 Usage:  python tools/train_eyes.py render DATA/train --first 100000 --homes 2000
-        python tools/train_eyes.py render DATA/held-back --first 95000 --homes 12
+        python tools/train_eyes.py render DATA/held-back --first 95000 --homes 48
         python tools/train_eyes.py train DATA RUN --minutes 145
         python tools/train_eyes.py closer DATA RUN --minutes 60
         python tools/train_eyes.py begin RUN src/cartier/eyes DATA
@@ -201,7 +201,10 @@ def export_run(run: Path, into: Path) -> None:
 
 
 def calibrate_run(run: Path, shards: Path, homes: int, max_frames: int) -> None:
-    """Into RUN/calibration.json, which the next export takes in: from rendered frames and, twice as heavy, from walks."""
+    """Into RUN/calibration.json, which the next export takes in: from rendered frames and from walks.
+
+    All are of homes with things of all types: one that never holds a plunger would only tell how often one is imagined.
+    """
     from _eyes_choice import LOW, THERE, calibrate, looks_at_shards, on_walks
     from eyes import look
 
@@ -210,8 +213,8 @@ def calibrate_run(run: Path, shards: Path, homes: int, max_frames: int) -> None:
     (run / "calibration.json").unlink(missing_ok=True)
     export_run(run, run / "plain")
     eyes = plugins.make("detectors", "embedded", threshold=LOW, folder=run / "plain", threads=1)
-    walked = on_walks(partial(look, least=THERE), run / "plain", homes, max_frames)
-    slope, shift, offsets = calibrate([looks_at_shards(shards, eyes), *walked, *walked], eyes.eyes.names)
+    walked = on_walks(partial(look, least=THERE), run / "plain", range(1, 2 * homes, 2), max_frames)
+    slope, shift, offsets = calibrate([looks_at_shards(shards, eyes), *walked], eyes.eyes.names)
     told = {"slope": slope, "shift": shift, "offsets": offsets}
     (run / "calibration.json").write_text(json.dumps(told) + "\n")
     print(f"slope {slope:.2f}, shift {shift:.2f}")
@@ -257,11 +260,11 @@ def main() -> None:
     sub = commands.add_parser("calibrate")
     sub.add_argument("run", type=Path)
     sub.add_argument("shards", type=Path)
-    sub.add_argument("--homes", type=int, default=8)
+    sub.add_argument("--homes", type=int, default=10)
     sub.add_argument("--max-frames", type=int, default=130)
     sub = commands.add_parser("choose")
     sub.add_argument("folder", type=Path)
-    sub.add_argument("--homes", type=int, default=8)
+    sub.add_argument("--homes", type=int, default=28)
     sub.add_argument("--max-frames", type=int, default=400)
     asked = parser.parse_args()
     torch.set_num_threads(getattr(asked, "threads", 1))

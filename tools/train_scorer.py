@@ -1,7 +1,8 @@
-"""Train the learned scorer of the embedded reasoner: ``python tools/train_scorer.py MINILM REFERENCE``.
+"""Train the learned scorer of the embedded reasoner: ``python tools/train_scorer.py REFERENCE MINILM``.
 
-MINILM is the folder with model.safetensors of all-MiniLM-L6-v2 (see build_text_encoder.py); REFERENCE holds
-thor_object_types.json and lvis_v1_categories.json, from which lists of objects are drawn. Needs torch, onnx, safetensors.
+REFERENCE holds thor_object_types.json and lvis_v1_categories.json, from which lists of objects are drawn; MINILM is the
+folder with model.safetensors of all-MiniLM-L6-v2 (see build_text_encoder.py). Without it nothing is trained: what ships is
+put to the test anew. Needs torch, onnx, safetensors.
 
 Whole styles are held back: what ships is fitted on some of them to know when nothing serves, and put to the others, which
 no training saw, for the table of docs/embedded.md.
@@ -22,7 +23,7 @@ from _scorer_report import Outcome, fit_sure, put, summary, table, write
 from _scorer_requests import Homes, Request, Sample, Variations, read_requests
 from safetensors.numpy import load_file
 
-from cartier.reasoners._cards import SHIPPED, read_deck
+from cartier.reasoners._cards import SHIPPED, Deck, read_deck
 from cartier.reasoners._scorer import SHIPPED as PACKAGE
 from cartier.reasoners._scorer import Scorer
 from cartier.reasoners.embedded import Embedded
@@ -39,13 +40,11 @@ DOCS = Path(__file__).parents[1] / "docs/embedded.md"
 class Trainer:
     """Trains networks on requests, their variations, and the uses of the cards."""
 
-    def __init__(self, minilm: Path, reference: Path) -> None:
+    def __init__(self, minilm: Path, deck: Deck, homes: Homes) -> None:
         raw = load_file(minilm / "model.safetensors")
         self.weights = {k.removeprefix("bert."): v for k, v in raw.items() if v.dtype.kind == "f"}
-        self.deck = read_deck(SHIPPED)
+        self.deck, self.homes = deck, homes
         self.scorer = Scorer(self.deck, minilm)  # no vectors lie there, so the cards are as the encoder has them
-        self.homes = Homes(self.deck, reference)
-        self.requests = read_requests(self.deck)
         self.near = _near(self.scorer)
 
     def train(self, requests: list[Request], seed: int = 0) -> Network:
@@ -142,27 +141,29 @@ def write_docs(outcomes: list[Outcome]) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("minilm", type=Path)
     parser.add_argument("reference", type=Path)
+    parser.add_argument("minilm", type=Path, nargs="?")
     parser.add_argument("--outcomes", type=Path, help="a file to keep every outcome of the table in")
     options = parser.parse_args()
     torch.set_num_threads(1)
-    trainer, begin = Trainer(options.minilm, options.reference), time.time()
-    styles = {style: [r for r in trainer.requests if r.style == style] for style in {r.style for r in trainer.requests}}
-    network = trainer.train([r for r in trainer.requests if r.style not in (*FITTED, *REPORTED)])
-    save(network, PACKAGE, read_sure())
-    fitted = put(_shipped(trainer), [r for style in FITTED for r in styles[style]], trainer.homes)
-    SURE.write_text(json.dumps(fit_sure(fitted), indent=1) + "\n", encoding="utf-8")
-    save(network, PACKAGE, read_sure())
-    outcomes = put(_shipped(trainer), [r for style in REPORTED for r in styles[style]], trainer.homes)
+    begin, deck = time.time(), read_deck(SHIPPED)
+    homes, requests = Homes(deck, options.reference), read_requests(deck)
+    if options.minilm:
+        trainer = Trainer(options.minilm, deck, homes)
+        network = trainer.train([r for r in requests if r.style not in (*FITTED, *REPORTED)])
+        save(network, PACKAGE, read_sure())
+        fitted = put(_shipped(deck), [r for r in requests if r.style in FITTED], homes)
+        SURE.write_text(json.dumps(fit_sure(fitted), indent=1) + "\n", encoding="utf-8")
+        save(network, PACKAGE, read_sure())
+    outcomes = put(_shipped(deck), [r for r in requests if r.style in REPORTED], homes)
     if options.outcomes:
         write(outcomes, options.outcomes)
     write_docs(outcomes)
     print(f"{time.time() - begin:.0f} s")
 
 
-def _shipped(trainer: Trainer) -> Embedded:
-    return Embedded(trainer.deck, Scorer(trainer.deck, PACKAGE))
+def _shipped(deck: Deck) -> Embedded:
+    return Embedded(deck, Scorer(deck, PACKAGE))
 
 
 if __name__ == "__main__":

@@ -94,6 +94,21 @@ def test_a_thing_that_is_not_there_is_near_what_it_is_kept_beside(reasoner: embe
 
 
 @pytest.mark.parametrize(
+    ("query", "objects", "near"),
+    [
+        ("The toilet is clogged, and the water rises.", ["toilet", "faucet", "bed", "sofa"], "toilet"),
+        ("We want to fry two eggs, sunny side up.", ["bed", "stove burner", "sofa", "floor lamp"], "stove burner"),
+    ],
+)
+def test_a_need_that_nothing_listed_serves_is_not_met_by_what_is_of_another_kind(
+    reasoner: embedded.Embedded, query: str, objects: list[str], near: str
+) -> None:
+    chosen = reasoner.select(query, objects)
+    assert (chosen.status, chosen.object) == ("near", near) and "what would serve" in chosen.reason
+    assert reasoner.select(query, ["bed", "sofa"]).status == "absent"
+
+
+@pytest.mark.parametrize(
     "query", ["Where is the key chain?", "the apple, please", "find the umbrella please, it's raining"]
 )
 def test_a_thing_asked_for_by_name_is_not_replaced_by_one_that_is_not_like_it(

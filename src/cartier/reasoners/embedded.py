@@ -29,6 +29,10 @@ ASKED_FOR = 8.0  # weight from which a name counts as asked for
 IN_PASSING = 3.0  # weight up to which a name was hardly said to have the thing
 SURE = 0.4  # probability that the best thing serves under which nothing does
 FAR = 5.0  # logits under "nothing" from which the best is no answer, however sure it is among its like
+BETTER = (
+    4.0  # logits by which what is not listed, and unlike the best, serves so much better that the best is no answer
+)
+UNLIKE = 0.7  # cosine of two cards up to which they are good for different things
 TIE = 0.12  # two unlike things whose logits are closer than this are asked about
 MOST_NEEDS, LONGEST_PART = 4, 30  # needs in one breath, and words of each
 THEN = re.compile(
@@ -112,6 +116,8 @@ class Embedded:
             return self._twin(named, ranked, candidates) or self._instead(named, things, judged, candidates)
         if doubtful and not turn.only:
             return self._instead(missing[1], things, judged, candidates)
+        if not turn.only and not turn.without and self._much_better(missing[0], ranked[0]):
+            return self._beside(missing[0], things, candidates)
         return self._choose(ranked, judged, candidates, ask=not turn.only)
 
     def evidence(self, text: str, names: Sequence[str]) -> Array | None:
@@ -125,12 +131,19 @@ class Embedded:
     def _evidence(self, ranked: list[Ranked], missing: tuple[Missing, Missing | None], judged: Judgement) -> Array:
         return evidence(ranked, missing, judged.nothing, self.deck.cards[missing[0].card].at_home)
 
+    def _much_better(self, missing: Missing, best: Ranked) -> bool:
+        """Whether what is not listed serves so much better, and is so unlike the best of the list, that this is no answer."""
+        if best.thing.card is None or (best.called is not None and best.called.weight > IN_PASSING):
+            return False
+        unlike = self.scorer.knowledge.likeness(best.thing.card, missing.card) <= UNLIKE
+        return unlike and missing.logit - best.logit > BETTER
+
     def _twin(self, named: Missing, ranked: list[Ranked], candidates: Candidates) -> Selection | None:
         """What is much the same as a thing that was asked for by name and is not listed."""
         twins = self.scorer.knowledge.twins
         for r in ranked:
             if any(twins(card, named.card) for card in r.thing.cards):
-                reason = f"{_not_seen(named)}, but this is much the same"
+                reason = f"{self._not_seen(named)}, but this is much the same"
                 return Selection("found", r.thing.name, reason=reason, candidates=candidates, model=NAME)
         return None
 
@@ -149,13 +162,23 @@ class Embedded:
         """Where what was asked for by name is usually kept; else that nothing serves."""
         if named is None or named.called is None or named.called.weight < ASKED_FOR or named.logit < judged.nothing:
             return Selection("absent", reason="nothing here serves that", candidates=candidates, model=NAME)
-        for neighbour in self.deck.cards[named.card].beside:
+        return self._beside(named, things, candidates)
+
+    def _beside(self, missing: Missing, things: Things, candidates: Candidates) -> Selection:
+        """The first of what a missing thing is kept beside that is listed; else that it was not seen."""
+        reason = self._not_seen(missing)
+        for neighbour in self.deck.cards[missing.card].beside:
             beside = self.deck.card_of(neighbour)
             near = next((t.name for t in things.all if t.card is not None and t.card == beside), None)
             if near is not None:
-                reason = f"{_not_seen(named)}, but it is usually kept beside the {bare(near)}"
+                reason = f"{reason}, but it is usually kept beside the {bare(near)}"
                 return Selection("near", near, reason=reason, candidates=candidates, model=NAME)
-        return Selection("absent", reason=_not_seen(named), candidates=candidates, model=NAME)
+        return Selection("absent", reason=reason, candidates=candidates, model=NAME)
+
+    def _not_seen(self, missing: Missing) -> str:
+        if missing.called:
+            return f"no {missing.called.mention.said} to be seen here"
+        return f"what would serve ({self.deck.cards[missing.card].name}) was not seen here"
 
     def _reason(self, ranked: Ranked, judged: Judgement) -> str:
         if ranked.called is not None and ranked.called.weight > ASKED_FOR:
@@ -176,10 +199,6 @@ def _named_elsewhere(best: Ranked, named: Missing | None) -> Missing | None:
     if named is None or named.called is None or named.called.weight < ASKED_FOR:
         return None
     return named if best.called is None or best.called.weight <= IN_PASSING else None
-
-
-def _not_seen(named: Missing) -> str:
-    return f"no {named.called.mention.said} was seen here" if named.called else "nothing of that was seen here"
 
 
 def _candidates(ranked: list[Ranked], judged: Judgement) -> Candidates:
