@@ -171,7 +171,7 @@ class Embedded:
             beside = self.deck.card_of(neighbour)
             near = next((t.name for t in things.all if t.card is not None and t.card == beside), None)
             if near is not None:
-                reason = f"{reason}, but it is usually kept beside the {bare(near)}"
+                reason = f"{reason}, but usually kept beside the {bare(near)}"
                 return Selection("near", near, reason=reason, candidates=candidates, model=NAME)
         return Selection("absent", reason=reason, candidates=candidates, model=NAME)
 
