@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from cartier.geometry import box_distance
 from cartier.planning import NEAREST_M, plan, sees
 from cartier.types import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, Place
 
@@ -68,6 +69,19 @@ def test_the_goal_is_on_the_side_that_sees_the_place() -> None:
     grid = world((0, 3, 4, 3.1, 2.2), (1, 2.4, 3, 3, 0.9))
     goal, _ = plan(grid, Place("cup", (2, 2.95, 1.0), 1.0, 0), (5, 5), RADIUS)
     assert goal is not None and goal.sees and goal.y < 2.4
+
+
+@given(st.floats(0.1, 3), st.floats(0.1, 0.8))
+@settings(max_examples=25, deadline=None)
+def test_a_thing_is_faced_from_where_most_of_it_is_seen(height_m: float, half_m: float) -> None:
+    """Not from 0.35 m if it is a fridge: 0.45 of its largest side away, and 0.8 m at most."""
+    low, high = (3 - half_m, 3 - half_m, 0.0), (3 + half_m, 3 + half_m, height_m)
+    place = Place("thing", (3, 3, height_m / 2), 1.0, 0, box_min=low, box_max=high)
+    goal, _ = plan(world(), place, (0.5, 0.5), RADIUS)
+    assert goal is not None and goal.sees
+    off_m = float(box_distance(np.array([goal.x, goal.y]), np.array(low[:2]), np.array(high[:2])))
+    wanted_m = min(0.45 * max(height_m, 2 * half_m), 0.8)
+    assert wanted_m - 0.06 <= off_m <= max(wanted_m, NEAREST_M) + 0.06
 
 
 def test_a_counter_can_be_looked_over_and_a_cupboard_cannot() -> None:

@@ -1,4 +1,4 @@
-"""From a place to a goal: the nearest reachable, collision-free pose that faces it and, where possible, sees it."""
+"""From a place to a goal: a reachable, collision-free pose near it that faces it and, where possible, sees it."""
 
 from __future__ import annotations
 
@@ -15,7 +15,9 @@ from cartier.types import FREE, OCCUPIED, Array, Goal, OccupancyGrid, Place
 EYE_M = 1.5  # height of the robot's camera, as in the paper
 NEAREST_M = 0.35  # closer than this there is no telling what the robot faces
 FARTHEST_M = 2.0  # a pose from which the thing is out of anybody's reach is no answer
-SIGHT_DETOUR_M = 0.75  # how much farther off a pose may be if it sees the place and the nearest does not
+WHOLE = 0.45  # how far off a thing is faced, in its largest sides: from nearer a fridge is but a wall
+WHOLE_M = 0.8  # and at most
+SIGHT_DETOUR_M = 0.75  # how much worse its distance may be if a pose sees the place and the best does not
 OWN_HEIGHT_M = 0.4  # how far a thing of unknown size may reach above its centre
 SNAP_M = 1.0  # how far the start may lie from floor that the robot fits on
 
@@ -106,12 +108,16 @@ def plan(grid: OccupancyGrid, place: Place, start_xy: Sequence[float], radius_m:
 
 
 def goal_for(area: Reach, place: Place) -> Goal | None:
-    """The nearest reachable pose to a place that sees it; or, if none that sees it is hardly farther, the nearest."""
-    grid, target = area.grid, np.array(place.position)
+    """The reachable pose that sees a place from nearest; or, if none that sees it is hardly farther off, the nearest.
+
+    Of a thing whose size is known the nearest is where most of it is in view: ``WHOLE`` of its largest side away.
+    """
+    grid, target, wanted_m = area.grid, np.array(place.position), 0.0
     cells = np.argwhere(np.isfinite(area.length_m))
     xy = grid.centre(cells)
     if place.box_min is not None and place.box_max is not None:
-        distance = box_distance(xy, np.array(place.box_min[:2]), np.array(place.box_max[:2]))
+        low, high = np.array(place.box_min), np.array(place.box_max)
+        distance, wanted_m = box_distance(xy, low[:2], high[:2]), min(WHOLE * float((high - low).max()), WHOLE_M)
     else:
         distance = np.linalg.norm(xy - target[:2], axis=1)
     centre_distance = np.linalg.norm(xy - target[:2], axis=1)
@@ -122,11 +128,12 @@ def goal_for(area: Reach, place: Place) -> Goal | None:
             if distance[best] > FARTHEST_M
             else _goal(area, tuple(cells[best]), place.view_yaw, place, bool(distance[best] < 0.5))
         )
-    order = np.lexsort((area.length_m[tuple(cells.T)], np.round(distance, 2)))
+    off_m = np.abs(distance - wanted_m)
+    order = np.lexsort((area.length_m[tuple(cells.T)], np.round(off_m, 2)))
     order = order[(centre_distance[order] >= NEAREST_M) & (distance[order] <= FARTHEST_M)]
     if not len(order):
         return None
-    near = order[distance[order] <= distance[order[0]] + SIGHT_DETOUR_M]
+    near = order[off_m[order] <= off_m[order[0]] + SIGHT_DETOUR_M]
     seen = next((i for i in near if sees(grid, xy[i], place)), None)
     chosen = near[0] if seen is None else seen
     yaw = yaw_towards(*xy[chosen], *target[:2])
