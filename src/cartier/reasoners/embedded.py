@@ -111,12 +111,12 @@ class Embedded:
         # who turns a thing down wants the next best, so that it need only not be hopeless
         unsure = not turn.without and self.scorer.sure(self._evidence(ranked, missing, judged)) < SURE
         doubtful = unsure or ranked[0].logit < judged.nothing - FAR
-        named = _named_elsewhere(ranked[0], missing[1])
-        if named is not None and not turn.only and not turn.without:
+        named, first_time = _named_elsewhere(ranked[0], missing[1]), not turn.only and not turn.without
+        if named is not None and first_time:
             return self._twin(named, ranked, candidates) or self._instead(named, things, judged, candidates)
         if doubtful and not turn.only:
             return self._instead(missing[1], things, judged, candidates)
-        if not turn.only and not turn.without and self._much_better(missing[0], ranked[0]):
+        if first_time and self._much_better(missing[0], ranked[0]):
             return self._beside(missing[0], things, candidates)
         return self._choose(ranked, judged, candidates, ask=not turn.only)
 
