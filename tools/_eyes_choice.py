@@ -30,7 +30,7 @@ from eyes import LOW, Kept, Sight, ap50, index_of, listed, look, match
 
 T = TypeVar("T")
 FIRST = 90_000
-CHOSEN_FROM = 20  # the first of the walks by which threshold and views are chosen: those before calibrate the scores
+CHOSEN_FROM = 20  # the first of the walks that choose threshold and views: odd ones before it calibrate the scores
 THRESHOLDS = (0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.45, 0.5, 0.55)
 VIEWS = (2, 3, 4, 5)
 THERE = 0.3  # overlap from which on a box tells where its thing is; a list asks no more of it

@@ -9,8 +9,9 @@ Usage:  python tools/train_eyes.py render DATA/train --first 100000 --homes 2000
         python tools/train_eyes.py export RUN src/cartier/eyes
         python tools/train_eyes.py choose src/cartier/eyes
 
-The eyes see RGB alone. `closer` trains the look at each place, over trained eyes; `begin` reads exported ones back, to be trained on. `calibrate` makes scores chances, name by name;
-`export` writes the network, the words that its features understand, and names.json; `choose` sets threshold and min_views there.
+The eyes see RGB alone. `closer` trains the look at each place, over trained eyes; `begin` reads exported ones back, to be
+trained on. `calibrate` makes scores chances, name by name; `export` writes the network, the words
+that its features understand, and names.json; `choose` sets threshold and min_views there.
 `calibrate` and `choose` work on generated homes that were held back. All may be stopped and started again; only torch and onnx are
 needed besides cartier. The seven built-in homes are never looked at: benchmarks/eyes.py measures on them.
 """
@@ -200,12 +201,12 @@ def export_run(run: Path, into: Path) -> None:
     _write_names(into, told | {"names": names(), "around": list(AROUND)})
 
 
-def calibrate_run(run: Path, shards: Path, homes: int, max_frames: int) -> None:
+def calibrate_run(run: Path, shards: Path, max_frames: int) -> None:
     """Into RUN/calibration.json, which the next export takes in: from rendered frames and from walks.
 
     All are of homes with things of all types: one that never holds a plunger would only tell how often one is imagined.
     """
-    from _eyes_choice import LOW, THERE, calibrate, looks_at_shards, on_walks
+    from _eyes_choice import CHOSEN_FROM, LOW, THERE, calibrate, looks_at_shards, on_walks
     from eyes import look
 
     from cartier import plugins
@@ -213,7 +214,7 @@ def calibrate_run(run: Path, shards: Path, homes: int, max_frames: int) -> None:
     (run / "calibration.json").unlink(missing_ok=True)
     export_run(run, run / "plain")
     eyes = plugins.make("detectors", "embedded", threshold=LOW, folder=run / "plain", threads=1)
-    walked = on_walks(partial(look, least=THERE), run / "plain", range(1, 2 * homes, 2), max_frames)
+    walked = on_walks(partial(look, least=THERE), run / "plain", range(1, CHOSEN_FROM, 2), max_frames)
     slope, shift, offsets = calibrate([looks_at_shards(shards, eyes), *walked], eyes.eyes.names)
     told = {"slope": slope, "shift": shift, "offsets": offsets}
     (run / "calibration.json").write_text(json.dumps(told) + "\n")
@@ -260,7 +261,6 @@ def main() -> None:
     sub = commands.add_parser("calibrate")
     sub.add_argument("run", type=Path)
     sub.add_argument("shards", type=Path)
-    sub.add_argument("--homes", type=int, default=10)
     sub.add_argument("--max-frames", type=int, default=130)
     sub = commands.add_parser("choose")
     sub.add_argument("folder", type=Path)
@@ -279,7 +279,7 @@ def main() -> None:
     elif asked.command == "export":
         export_run(asked.run, asked.folder)
     elif asked.command == "calibrate":
-        calibrate_run(asked.run, asked.shards, asked.homes, asked.max_frames)
+        calibrate_run(asked.run, asked.shards, asked.max_frames)
     elif asked.command == "choose":
         choose_run(asked.folder, asked.homes, asked.max_frames)
     else:

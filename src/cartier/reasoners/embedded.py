@@ -29,9 +29,7 @@ ASKED_FOR = 8.0  # weight from which a name counts as asked for
 IN_PASSING = 3.0  # weight up to which a name was hardly said to have the thing
 SURE = 0.4  # probability that the best thing serves under which nothing does
 FAR = 5.0  # logits under "nothing" from which the best is no answer, however sure it is among its like
-BETTER = (
-    4.0  # logits by which what is not listed, and unlike the best, serves so much better that the best is no answer
-)
+BETTER = 4.0  # logits by which what is not listed, and unlike the best, must serve better for the best to be no answer
 UNLIKE = 0.7  # cosine of two cards up to which they are good for different things
 TIE = 0.12  # two unlike things whose logits are closer than this are asked about
 MOST_NEEDS, LONGEST_PART = 4, 30  # needs in one breath, and words of each
@@ -111,7 +109,8 @@ class Embedded:
         # who turns a thing down wants the next best, so that it need only not be hopeless
         unsure = not turn.without and self.scorer.sure(self._evidence(ranked, missing, judged)) < SURE
         doubtful = unsure or ranked[0].logit < judged.nothing - FAR
-        named, first_time = _named_elsewhere(ranked[0], missing[1]), not turn.only and not turn.without
+        named = _named_elsewhere(ranked[0], missing[1])
+        first_time = not turn.only and not turn.without
         if named is not None and first_time:
             return self._twin(named, ranked, candidates) or self._instead(named, things, judged, candidates)
         if doubtful and not turn.only:
