@@ -26,7 +26,7 @@ import numpy as np
 from cartier import plugins
 from cartier.contracts import Recording
 from cartier.geometry import backproject, project, transform
-from cartier.occupancy import OccupancyMapper
+from cartier.mapping.occupancy import OccupancyMapper
 from cartier.pipeline import map_home
 from cartier.types import Camera, Detections, Frame
 

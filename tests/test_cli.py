@@ -16,7 +16,7 @@ from cartier.home import Home
 from cartier.recordings.folder import save
 from synthetic import THINGS, walk
 
-EYES = str(Path(__file__).parent / "slow_eyes.py")
+EYES = str(Path(__file__).parent / "slow_detector.py")
 Run = Callable[..., tuple[int, str, str]]
 
 
@@ -96,7 +96,7 @@ def test_any_words_are_found_in_a_home_with_vlmaps(run: Run, recording: Path, ho
     assert code == 0, err
     code, out, _ = run("show", folder, "--find", "somewhere to sit", "--plot", picture, "--json")
     found = json.loads(out)
-    assert code == 0 and found["index"] == "vlmaps" and "painted with the detector's labels" in found["encoder"]
+    assert code == 0 and found["index"] == "vlmaps" and "from the detector's labels" in found["encoder"]
     assert picture.read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
     _, out, _ = run("ask", folder, "let me sit down", "--json", "--index", "vlmaps")
     answer = json.loads(out)
@@ -183,8 +183,8 @@ def test_the_demo_leaves_answers_pictures_and_a_home_that_can_be_asked(run: Run,
     assert code == 0, err
     told = json.loads((tmp_path / "demo" / "answers.json").read_text())
     assert (
-        told["detector"].startswith("embedded eyes")
-        and "embedded eyes" in out
+        told["detector"].startswith("embedded dollhouse detector")
+        and "embedded dollhouse detector" in out
         and "kinds of object in this home" in out
     )
     assert len(told["answers"]) >= 2

@@ -19,7 +19,7 @@ from synthetic import THINGS, RoomRecording, TrueBoxes, walk
 
 Run = Callable[..., tuple[int, str, str]]
 HERE = Path(__file__).parent
-EYES = str(HERE / "slow_eyes.py")
+EYES = str(HERE / "slow_detector.py")
 WORLD = str(HERE / "evaluation" / "room_world.py")
 
 

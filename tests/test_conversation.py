@@ -9,8 +9,8 @@ import pytest
 import cartier
 from cartier.conversation import Conversation
 from cartier.errors import InputError, ReasonerError
+from cartier.language.prompts import MAX_QUERY_CHARS, MAX_TURNS
 from cartier.pipeline import map_home
-from cartier.prompts import MAX_QUERY_CHARS, MAX_TURNS
 from cartier.types import Selection
 from synthetic import THINGS, TrueBoxes, walk
 

@@ -44,7 +44,7 @@ def test_from_frames_to_a_goal_that_faces_the_chair(home: cartier.Home) -> None:
     assert box_distance(answer.place.position, CHAIR.box_min, CHAIR.box_max) < 0.03
     to_chair = math.atan2(answer.place.position[1] - answer.goal.y, answer.place.position[0] - answer.goal.x)
     assert answer.goal.yaw == pytest.approx(to_chair)
-    assert math.hypot(answer.goal.x - 3.85, answer.goal.y - 2.05) < 1.0 and answer.goal.sees
+    assert math.hypot(answer.goal.x - 3.85, answer.goal.y - 2.05) < 1.0 and answer.goal.line_of_sight
     assert set(answer.timing_ms) == {"select", "locate", "plan"}
     assert answer.place.frame in home.keyframes
     assert json.loads(json.dumps(answer.to_dict(), allow_nan=False))["object"] == "chair"

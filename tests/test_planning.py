@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cartier.geometry import box_distance
-from cartier.planning import NEAREST_M, plan, sees
+from cartier.planning import NEAREST_M, line_of_sight, plan
 from cartier.types import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, Place
 
 RADIUS = 0.2
@@ -68,7 +68,7 @@ def test_the_goal_is_on_the_side_that_sees_the_place() -> None:
     """The shelf hangs on a thin wall; the nearest floor lies behind that wall and sees nothing."""
     grid = world((0, 3, 4, 3.1, 2.2), (1, 2.4, 3, 3, 0.9))
     goal, _ = plan(grid, Place("cup", (2, 2.95, 1.0), 1.0, 0), (5, 5), RADIUS)
-    assert goal is not None and goal.sees and goal.y < 2.4
+    assert goal is not None and goal.line_of_sight and goal.y < 2.4
 
 
 @given(st.floats(0.1, 3), st.floats(0.1, 0.8))
@@ -78,7 +78,7 @@ def test_a_thing_is_faced_from_where_most_of_it_is_seen(height_m: float, half_m:
     low, high = (3 - half_m, 3 - half_m, 0.0), (3 + half_m, 3 + half_m, height_m)
     place = Place("thing", (3, 3, height_m / 2), 1.0, 0, box_min=low, box_max=high)
     goal, _ = plan(world(), place, (0.5, 0.5), RADIUS)
-    assert goal is not None and goal.sees
+    assert goal is not None and goal.line_of_sight
     off_m = float(box_distance(np.array([goal.x, goal.y]), np.array(low[:2]), np.array(high[:2])))
     wanted_m = min(0.45 * max(height_m, 2 * half_m), 0.8)
     assert wanted_m - 0.06 <= off_m <= max(wanted_m, NEAREST_M) + 0.06
@@ -87,8 +87,8 @@ def test_a_thing_is_faced_from_where_most_of_it_is_seen(height_m: float, half_m:
 def test_a_counter_can_be_looked_over_and_a_cupboard_cannot() -> None:
     low, high = world((2, 2, 3, 3, 0.9)), world((2, 2, 3, 3, 1.9))
     behind = Place("kettle", (2.5, 3.6, 1.0), 1.0, 0)
-    assert sees(low, np.array([2.5, 1.0]), behind)
-    assert not sees(high, np.array([2.5, 1.0]), behind)
+    assert line_of_sight(low, np.array([2.5, 1.0]), behind)
+    assert not line_of_sight(high, np.array([2.5, 1.0]), behind)
 
 
 def test_unreachable_and_far_are_said_and_not_guessed() -> None:

@@ -8,7 +8,7 @@ import pytest
 
 from cartier.errors import InputError
 from cartier.files import read_json
-from cartier.text import display_name
+from cartier.language.names import display_name
 from cartier.types import Camera, Detections, OccupancyGrid, Place, Selection, check_pose
 from synthetic import CAMERA, walk
 

@@ -22,8 +22,8 @@ from onnx import TensorProto, helper, numpy_helper
 from safetensors.numpy import load_file
 
 SHA256 = "53aa51172d142c89d9012cce15ae4d6cc0ca6895895114379cacb4fab128d9db"
-OUT = Path(__file__).parents[1] / "src/cartier/minilm"
-CHECK = Path(__file__).parents[1] / "tests/minilm"  # texts, and their float32 model's vectors for the tests
+OUT = Path(__file__).parents[1] / "src/cartier/models/minilm"
+CHECK = Path(__file__).parents[1] / "tests/models/minilm"  # texts, and their float32 model's vectors for the tests
 LAYERS, HEADS, WIDTH = 6, 12, 384
 
 
@@ -126,7 +126,7 @@ def main() -> None:
     onnx.save(build(weights), OUT / "minilm.onnx")
     shutil.copy(source / "vocab.txt", OUT / "vocab.txt")
 
-    from cartier.minilm import TextEncoder
+    from cartier.models.minilm import TextEncoder
 
     texts = json.loads((CHECK / "texts.json").read_text(encoding="utf-8"))
     vectors = TextEncoder(build(weights, exact=True).SerializeToString())(texts)

@@ -39,7 +39,7 @@ class Detector(Protocol):
     """How many frames must agree before one of its objects counts; 1 for a detector that is never wrong."""
 
     def detect(self, frame: Frame) -> Detections:
-        """Detections above the detector's own threshold; labels are display names (see ``text.display_name``)."""
+        """Detections above the detector's own threshold; labels are display names (see ``language.names.display_name``)."""
         ...
 
 
@@ -47,8 +47,8 @@ class Encoder(Protocol):
     """Image and text features in one space of D dimensions. It may have ``notes``, lines about what it assumed or cut."""
 
     name: str
-    sees: bool
-    """False for an encoder of words only: what a detector found is then painted with the vectors of the names."""
+    text_only: bool
+    """An encoder of words only: what a detector found then gets the features of its labels."""
 
     def image(self, frame: Frame) -> Array:
         """(h, w, D) float32, row by row; together the h × w features cover the whole image, at the encoder's own resolution."""

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 from cartier.contracts import Reasoner
 from cartier.home import Home
+from cartier.language.prompts import check_query, recent
 from cartier.pipeline import ask
-from cartier.prompts import check_query, recent
 from cartier.types import Answer
 
 

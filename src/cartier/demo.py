@@ -13,9 +13,9 @@ from cartier import plugins, specs
 from cartier.errors import InputError
 from cartier.files import replaced_folder, write_json
 from cartier.home import Home
+from cartier.language.names import display_name
 from cartier.picture import draw_answer, draw_home, write_photo
 from cartier.pipeline import map_home
-from cartier.text import display_name
 from cartier.types import Answer
 
 SLEEPY = (
@@ -76,22 +76,22 @@ def run(
     say(f"exploring {home}: {scene.about}")
     recording = world.explore(home, seed=seed)
     say(f"explored: {len(recording)} frames")
-    eyes = specs.detector(detector, recording)
+    detects = specs.detector(detector, recording)
     with replaced_folder(out, "answers.json") as new:
         if progress:
             with progress("mapping") as step:
-                mapped = map_home(recording, eyes, progress=step)
+                mapped = map_home(recording, detects, progress=step)
         else:
-            mapped = map_home(recording, eyes)
+            mapped = map_home(recording, detects)
         mapped.save(new / "home")
         there = {display_name(thing.label) for thing in world.objects(home)}
-        say(f"mapped: {_compared(set(mapped.objects), there)}; named by {eyes.name}")
+        say(f"mapped: {_compared(set(mapped.objects), there)}; named by {detects.name}")
         draw_home(mapped, new / "home.png")
         told = [_tell(mapped, scene, kind, words, new, say) for kind, words in _requests(mapped)]
         write_json(
             new / "answers.json",
             {
-                "home": home, "seed": seed, "detector": eyes.name,
+                "home": home, "seed": seed, "detector": detects.name,
                 "answers": [t.answer.to_dict() | {"kind": t.kind, "arrived": t.arrived, "picture": t.picture, "arrival": t.arrival} for t in told],
             },
         )  # fmt: skip
@@ -99,7 +99,7 @@ def run(
 
 
 def _compared(found: set[str], there: set[str]) -> str:
-    """What eyes found, against what the simulator knows to be there."""
+    """What the detector found, against what the simulator knows to be there."""
     invented = sorted(found - there)
     wrong = f", and {len(invented)} that are not there ({', '.join(invented)})" if invented else ""
     return f"{len(found & there)} of the {len(there)} kinds of object in this home{wrong}"

@@ -18,7 +18,7 @@ from cartier import plugins
 from cartier.contracts import Glimpsing, Reasoner, Searchable, SpatialIndex
 from cartier.errors import InputError
 from cartier.files import read_json, recover_folder, replaced_folder, write_json
-from cartier.occupancy import load_map, save_map
+from cartier.mapping.occupancy import load_map, save_map
 from cartier.types import Answer, Camera, Detections, OccupancyGrid, Place
 
 SCHEMA = 1

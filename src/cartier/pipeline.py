@@ -18,14 +18,16 @@ from cartier import plugins
 from cartier.contracts import Detector, Encoder, Glimpsing, Reasoner, Recording, SpatialIndex
 from cartier.errors import BackendError, InputError
 from cartier.home import DetectionLog, Home
-from cartier.occupancy import OccupancyMapper
+from cartier.language.prompts import check_query
+from cartier.mapping.detection_cache import remembering
+from cartier.mapping.occupancy import OccupancyMapper
 from cartier.planning import plan
-from cartier.prompts import check_query
-from cartier.remembered import remembering
 from cartier.types import Answer, Detections, Goal, Place, Selection
 
 DEFAULT_INDEXES = ("object_depth", "object_viewpoint")
-GLIMPSE_HOLDS = 0.4  # of a glimpse's score is the chance that the thing is there (tools/train_eyes.py choose)
+GLIMPSE_HOLDS = (
+    0.4  # of a glimpse's score is the chance that the thing is there (tools/train_dollhouse_detector.py choose)
+)
 
 
 def map_home(
@@ -226,7 +228,7 @@ def serve(
             goal, why_not = plan(home.grid, place, from_xy, home.robot_radius_m)
         if goal is None:
             notes.append(f"no goal: {why_not}")
-        elif not goal.sees:
+        elif not goal.line_of_sight:
             notes.append(f"the goal faces the {place.label}, but something known stands in between")
 
     then, here = [], from_xy if goal is None else (goal.x, goal.y)

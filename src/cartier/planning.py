@@ -134,13 +134,13 @@ def goal_for(area: Reach, place: Place) -> Goal | None:
     if not len(order):
         return None
     near = order[off_m[order] <= off_m[order[0]] + SIGHT_DETOUR_M]
-    seen = next((i for i in near if sees(grid, xy[i], place)), None)
+    seen = next((i for i in near if line_of_sight(grid, xy[i], place)), None)
     chosen = near[0] if seen is None else seen
     yaw = yaw_towards(*xy[chosen], *target[:2])
     return _goal(area, tuple(cells[chosen]), yaw, place, seen is not None)
 
 
-def sees(grid: OccupancyGrid, from_xy: npt.NDArray[np.float64], place: Place) -> bool:
+def line_of_sight(grid: OccupancyGrid, from_xy: npt.NDArray[np.float64], place: Place) -> bool:
     """Whether a straight line from the robot's eye to the place passes over everything known, in the 2.5-D grid.
 
     Within 0.3 m of the place, what is no taller than the thing itself is the thing itself; within 0.1 m nothing hides it.

@@ -11,7 +11,7 @@ from cartier.errors import InputError
 from cartier.home import Home
 
 DETECTOR = "embedded"
-"""Who sees in the demo and the bench by default: the eyes that ship inside. ``ground_truth`` shows what perfect ones would do."""
+"""The detector of the demo and the bench by default: the one that ships inside. ``ground_truth`` shows what a perfect one would do."""
 
 
 def detector(spec: str, recording: Recording, **options: Any) -> Detector:

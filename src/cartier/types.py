@@ -255,7 +255,7 @@ class Selection:
 class Goal:
     """A reachable pose in the map frame: x, y (m), yaw (rad), and the collision-free ``path`` (K, 2) of xy that leads there.
 
-    ``sees`` tells whether no known obstacle stands between the pose and the place.
+    ``line_of_sight`` tells whether no known obstacle stands between the pose and the place.
     """
 
     x: float
@@ -264,11 +264,18 @@ class Goal:
     path: npt.NDArray[np.float64]
     length_m: float
     place: Place
-    sees: bool
+    line_of_sight: bool
 
     def to_dict(self) -> dict[str, Any]:
         path = [[round(x, 4), round(y, 4)] for x, y in self.path.tolist()]
-        return {"x": self.x, "y": self.y, "yaw": self.yaw, "path": path, "length_m": self.length_m, "sees": self.sees}
+        return {
+            "x": self.x,
+            "y": self.y,
+            "yaw": self.yaw,
+            "path": path,
+            "length_m": self.length_m,
+            "line_of_sight": self.line_of_sight,
+        }
 
 
 @dataclass(frozen=True, eq=False)

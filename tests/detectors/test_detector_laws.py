@@ -14,7 +14,7 @@ from tiny_onnx import SCORE, frame, red_finder
 from cartier import plugins
 from cartier.detectors._layouts import LAYOUTS
 from cartier.errors import BackendError
-from cartier.text import display_name
+from cartier.language.names import display_name
 from cartier.types import Detections
 
 INPUT = {"mean": [0, 0, 0], "std": [1, 1, 1], "scale": 255}

@@ -13,9 +13,10 @@ import pytest
 from onnx import TensorProto, helper
 from tiny_onnx import LABELS, SIDE, Net, constant_net, describe, frame, red_finder
 
-from cartier import plugins, sessions
+from cartier import plugins
 from cartier.detectors import _sidecar
 from cartier.errors import BackendError, CartierError, InputError
+from cartier.models import onnx_session
 
 
 def make(model: Path, **options: Any) -> Any:
@@ -145,7 +146,7 @@ def test_files_that_are_no_models(tmp_path: Path) -> None:
 
 
 def test_a_model_too_large_to_be_one(yolo: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sessions, "MAX_BYTES", 100)
+    monkeypatch.setattr(onnx_session, "MAX_BYTES", 100)
     refused(InputError, "is larger than", yolo)
 
 

@@ -15,7 +15,7 @@ from cartier import plugins
 from cartier.detectors._boxes import iou
 from cartier.detectors.transformers import FAMILIES as KNOWN
 from cartier.detectors.transformers import TransformersDetector, make
-from cartier.text import display_name
+from cartier.language.names import display_name
 from cartier.types import Camera, Detections, Frame
 
 torch = pytest.importorskip("torch", reason="needs the extra [detect]: torch")

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from cartier.detectors._vocabulary import LVIS, MAX_BYTES, MAX_NAMES, read_vocabulary
 from cartier.detectors._zero_shot import packed
 from cartier.errors import InputError
-from cartier.text import display_name
+from cartier.language.names import display_name
 
 
 def test_lvis_has_its_1203_names_unique_and_as_people_write_them() -> None:

@@ -10,9 +10,9 @@ import pytest
 
 from cartier import plugins
 from cartier.errors import BackendError
-from cartier.eyes import load
-from cartier.eyes.sight import Sight, open_sight
-from cartier.text import display_name
+from cartier.language.names import display_name
+from cartier.models.dollhouse_detector import load
+from cartier.models.dollhouse_detector.inference import Inference, open_inference
 from cartier.types import Camera, Frame
 
 HELD_BACK = "90011"  # a generated home that neither training nor any choice ever saw
@@ -35,7 +35,7 @@ def seen(rgb: np.ndarray) -> Frame:
 
 def test_words_and_images_are_unit_vectors_of_one_space(pixels: Any, walk: Any) -> None:
     features, words = pixels.image(walk[0]), pixels.text(["mug", "a thing to lie down on"])
-    assert pixels.sees and features.dtype == words.dtype == np.float32
+    assert not pixels.text_only and features.dtype == words.dtype == np.float32
     assert features.shape[2] == words.shape[1] == len(load().words) - 1
     np.testing.assert_allclose(np.linalg.norm(features, axis=2), 1, atol=1e-3)
     np.testing.assert_allclose(np.linalg.norm(words, axis=1), 1, atol=1e-5)
@@ -88,10 +88,10 @@ def test_grey_black_and_turned_images_give_features(pixels: Any, walk: Any) -> N
 
 
 def test_detector_and_encoder_share_one_look(monkeypatch: pytest.MonkeyPatch, walk: Any) -> None:
-    sight = open_sight(load().path.parent, threads=1)
+    inference = open_inference(load().path.parent, threads=1)
     looks: list[str] = []
-    run = sight._session.run
-    monkeypatch.setattr(sight._session, "run", lambda tensor, what: looks.append(what) or run(tensor, what))
+    run = inference._session.run
+    monkeypatch.setattr(inference._session, "run", lambda tensor, what: looks.append(what) or run(tensor, what))
     detector = plugins.make("detectors", "embedded", threads=1)
     encoder = plugins.make("encoders", "embedded", model="pixels", threads=1)
     for frame in (walk[0], walk[1]):
@@ -102,11 +102,11 @@ def test_detector_and_encoder_share_one_look(monkeypatch: pytest.MonkeyPatch, wa
 
 
 def test_another_image_is_never_answered_from_the_last_one(walk: Any) -> None:
-    sight = Sight(load(), open_sight(load().path.parent, threads=1)._session)
-    first = sight.features(walk[0])
+    inference = Inference(load(), open_inference(load().path.parent, threads=1)._session)
+    first = inference.features(walk[0])
     for number in range(3):  # images that are gone may leave their place in memory to the next
-        assert not np.array_equal(sight.features(walk[3 + number]), first)
-    assert np.array_equal(sight.features(walk[0]), first)
+        assert not np.array_equal(inference.features(walk[3 + number]), first)
+    assert np.array_equal(inference.features(walk[0]), first)
 
 
 def test_vlmaps_finds_words_in_pixels_and_remembers_how(tmp_path: Path, walk: Any) -> None:
@@ -117,7 +117,7 @@ def test_vlmaps_finds_words_in_pixels_and_remembers_how(tmp_path: Path, walk: An
     index.save(tmp_path)
     again = plugins.make("indexes", "vlmaps")
     again.load(tmp_path)
-    assert "from pixels" in again.encoder and "painted" not in again.encoder
+    assert "from pixels" in again.encoder and "labels" not in again.encoder
     np.testing.assert_allclose(
         again.similarity("somewhere to sit")[1], index.similarity("somewhere to sit")[1], atol=5e-3
     )

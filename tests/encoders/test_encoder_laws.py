@@ -14,7 +14,7 @@ from synthetic import THINGS, TrueBoxes, walk
 
 def test_the_embedded_encoder_has_words_only() -> None:
     encoder = plugins.make("encoders", "embedded")
-    assert not encoder.sees and encoder.notes == ()
+    assert encoder.text_only and encoder.notes == ()
     assert encoder.text(["mug", "bed"]).shape == (2, 384) and encoder.text(["mug"]).dtype == np.float32
     with pytest.raises(BackendError, match="no eyes"):
         encoder.image(walk()[0])

@@ -23,8 +23,8 @@ from cartier.evaluation.queries import (
     load_queries,
     targets,
 )
-from cartier.prompts import check_query
-from cartier.text import display_name
+from cartier.language.names import display_name
+from cartier.language.prompts import check_query
 
 WORLD = plugins.make("worlds", "dollhouse")
 HOMES = {home: {display_name(o.label) for o in WORLD.objects(home)} for home in WORLD.homes()}

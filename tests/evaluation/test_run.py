@@ -11,13 +11,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cartier import eyes, specs
+from cartier import specs
 from cartier.baselines import nlmap
 from cartier.errors import InputError, ReasonerError
 from cartier.evaluation.maps import Maps, MapSettings
 from cartier.evaluation.methods import METHODS
 from cartier.evaluation.queries import OWN, Query
 from cartier.evaluation.run import BenchSettings, run
+from cartier.models import dollhouse_detector
 from cartier.types import Selection
 
 WORLD = str(Path(__file__).parent / "room_world.py")
@@ -177,7 +178,7 @@ def test_other_eyes_see_other_maps(tmp_path: Path, monkeypatch: pytest.MonkeyPat
         Maps(tmp_path, MapSettings(WORLD, *by)) for by in (("ground_truth",), ("embedded", "embedded:pixels"))
     )
     before = [maps._folder_of("south") for maps in (told, seen)]
-    other = replace(eyes.load(), **change)
-    monkeypatch.setattr(eyes, "load", lambda: other)
+    other = replace(dollhouse_detector.load(), **change)
+    monkeypatch.setattr(dollhouse_detector, "load", lambda: other)
     after = [maps._folder_of("south") for maps in (told, seen)]
     assert after[0] == before[0] and after[1] != before[1]

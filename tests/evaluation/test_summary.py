@@ -202,6 +202,6 @@ def test_whose_fault_a_wrong_answer_is() -> None:
         for n in range(5)
     ]
     told = summarise(rows + truth, resamples=FEW)["faults"]
-    assert told["object_depth"]["explicit"] == {"none": 1, "index": 1, "words": 2, "eyes": 1}
+    assert told["object_depth"]["explicit"] == {"none": 1, "index": 1, "words": 2, "detector": 1}
     assert list(told) == ["object_depth"]
     assert summarise(rows, resamples=FEW)["faults"] == {}, "without the yardstick nobody knows what was listed"

@@ -21,7 +21,7 @@ class Colours:
     """A small but true encoder: image and words in one space, that of colours, plus one huge dimension that says nothing."""
 
     name = "colours (test)"
-    sees = True
+    text_only = False
 
     def __init__(self, nuisance: float = 0.0) -> None:
         self.nuisance = nuisance
@@ -74,12 +74,12 @@ def test_which_dimensions_are_dropped() -> None:
     assert searchable(rows)[1].all(), "large, but it tells one half of the map from the other"
 
 
-def test_painted_labels_say_so_and_find_what_was_not_named() -> None:
+def test_label_features_say_so_and_find_what_was_not_named() -> None:
     index = plugins.make("indexes", "vlmaps")
     recording, detector = walk(), TrueBoxes(THINGS)
     for number in range(len(recording)):
         index.add(recording[number], detector.detect(recording[number]))
-    assert "painted" in index.encoder and "MiniLM" in index.encoder
+    assert "from the detector's labels" in index.encoder and "MiniLM" in index.encoder
     place = index.locate("somewhere to sit")
     low, high = np.array(CHAIR.box_min[:2]) - 0.1, np.array(CHAIR.box_max[:2]) + 0.1
     assert (low <= place.position[:2]).all() and (place.position[:2] <= high).all()

@@ -9,12 +9,12 @@ import pytest
 from held_out import COCO
 
 from cartier.errors import InputError
+from cartier.language.names import display_name
 from cartier.reasoners import embedded
 from cartier.reasoners._cards import SHIPPED, read_deck
 from cartier.reasoners._knowledge import shipped, text_key
 from cartier.reasoners._spelling import Spelling
 from cartier.reasoners._words import name_key, stem
-from cartier.text import display_name
 
 
 def test_every_shipped_card_is_whole() -> None:

@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 
 import cartier
 import synthetic
-from cartier.occupancy import save_map
+from cartier.mapping.occupancy import save_map
 from cartier.planning import plan
 from cartier.types import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, TrueObject
 

@@ -53,7 +53,7 @@ def test_a_planned_goal_is_reached_and_shows_the_place(home: Scene, type: str) -
     result = driven(home, goal)
     assert result.arrived
     assert result.collided_at is None
-    assert result.sees
+    assert result.in_view
     assert result.view.shape == (120, 160, 3)
     assert np.allclose(result.poses[-1], (goal.x, goal.y, goal.yaw))
     assert result.length_m == pytest.approx(goal.length_m, abs=0.1)
@@ -69,14 +69,14 @@ def test_furniture_in_the_way_stops_it(home: Scene) -> None:
     assert 1.9 - RADIUS_M - 0.05 < x < 1.9 - RADIUS_M + 0.05  # where the table begins
     assert 1.0 < y < 1.2
     assert result.poses[-1][0] == x
-    assert not result.sees  # it looks east, and the wall hides the bed
+    assert not result.in_view  # it looks east, and the wall hides the bed
 
 
 def test_what_is_behind_a_wall_or_the_camera_is_not_seen(home: Scene) -> None:
     table, bed = place_of(home, "DiningTable"), place_of(home, "Bed")
-    assert driven(home, straight(1.2, 1.2, table)).sees
-    assert not driven(home, straight(1.2, 1.2, table, math.pi)).sees
-    assert not driven(home, straight(1.2, 1.2, bed)).sees
+    assert driven(home, straight(1.2, 1.2, table)).in_view
+    assert not driven(home, straight(1.2, 1.2, table, math.pi)).in_view
+    assert not driven(home, straight(1.2, 1.2, bed)).in_view
 
 
 def test_a_goal_in_furniture_and_a_start_in_a_wall_are_refused(home: Scene) -> None:

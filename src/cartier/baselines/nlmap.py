@@ -10,8 +10,8 @@ import numpy as np
 from cartier.contracts import Reasoner
 from cartier.errors import InputError
 from cartier.home import Home
+from cartier.language.prompts import check_query
 from cartier.pipeline import serve
-from cartier.prompts import check_query
 from cartier.types import Answer, Selection
 
 

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 
 from cartier.contracts import Reasoner
 from cartier.home import Home
+from cartier.language.prompts import check_query
 from cartier.pipeline import serve
-from cartier.prompts import check_query
 from cartier.types import Answer, Selection
 
 

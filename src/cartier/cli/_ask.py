@@ -13,7 +13,7 @@ import typer
 from cartier import specs
 from cartier.cli._common import AsJson, HomeFolder, IndexName, numbers, say
 from cartier.errors import InputError, ReasonerError
-from cartier.prompts import check_query
+from cartier.language.prompts import check_query
 from cartier.robots import send
 
 if TYPE_CHECKING:
@@ -51,9 +51,9 @@ def ask(
     from cartier.home import Home
 
     mapped = Home.load(home)
-    mind = specs.reasoner(reasoner, model=model, base_url=base_url, path=replies)
+    thinks = specs.reasoner(reasoner, model=model, base_url=base_url, path=replies)
     robot = specs.robot(go, mapped) if go else None
-    talk = Conversation(mapped, mind, index=index, from_xy=numbers(start, 2, "--from"))
+    talk = Conversation(mapped, thinks, index=index, from_xy=numbers(start, 2, "--from"))
     told: set[str] = set()
     for said in [words] if words is not None else _heard(mapped.name):
         try:

@@ -59,18 +59,18 @@ def bench(
     from cartier.evaluation.queries import SPLITS, load_file, load_queries
     from cartier.evaluation.run import BenchSettings, run
 
-    eyes = list(dict.fromkeys(detector or [specs.DETECTOR]))
-    sees = [MapSettings(world, one, encoder or encoder_for(one), seed) for one in eyes]
+    detectors = list(dict.fromkeys(detector or [specs.DETECTOR]))
+    made_by = [MapSettings(world, one, encoder or encoder_for(one), seed) for one in detectors]
     asked = load_queries(queries) if queries in SPLITS else load_file(queries)
-    where = _names(homes) or tuple(Maps(output, sees[0]).world.homes())
-    mind = specs.reasoner(reasoner, model=model, base_url=base_url, prompt=prompt)
-    kept, beside = maps or output / "maps", [output / _folder(one) for one in eyes[1:]]
-    every = list(zip([output, *beside], sees, strict=True))
+    where = _names(homes) or tuple(Maps(output, made_by[0]).world.homes())
+    thinks = specs.reasoner(reasoner, model=model, base_url=base_url, prompt=prompt)
+    kept, beside = maps or output / "maps", [output / _folder(one) for one in detectors[1:]]
+    every = list(zip([output, *beside], made_by, strict=True))
     answers = []
     for folder, made in every:
         settings = BenchSettings(where, _names(methods) or tuple(METHODS), queries, made, seed, prompt)
         with _stages() as step:
-            answers.append(run(folder, settings, asked, mind, kept, step))
+            answers.append(run(folder, settings, asked, thinks, kept, step))
     for folder, made in reversed(every):  # the run's own report comes last, since it has them all
         results = report.write_report(folder, Maps(kept, made).photo, beside if folder == output else ())
     rows = answers[0]

@@ -29,7 +29,7 @@ def demo(
     seed: Annotated[int, typer.Option(help="Another number, another exploration.")] = 0,
     detector: Annotated[
         str,
-        typer.Option(help="Who sees the objects: embedded, the eyes that ship inside, or ground_truth, perfect ones."),
+        typer.Option(help="embedded, the detector that ships inside, or ground_truth, a perfect one."),
     ] = specs.DETECTOR,
 ) -> None:
     """Run the whole line on a built-in home, offline: explore, map, ask three requests, drive there."""
@@ -129,12 +129,12 @@ def map_command(
     source = plugins.open_recording(recording, **{name: value for name, value in level.items() if value is not None})
     for note in source.notes:
         say(note)
-    eyes = specs.detector(detector, source, threshold=threshold, vocabulary=vocabulary)
+    detects = specs.detector(detector, source, threshold=threshold, vocabulary=vocabulary)
     names = [name.strip() for name in index.split(",")] if index else None
     unfinished = output.parent / f".{output.name}.unfinished.jsonl"
     with progress("mapping") as step:
         home = map_home(
-            source, eyes, names, encoder=encoder, min_views=min_views, robot_radius_m=radius,
+            source, detects, names, encoder=encoder, min_views=min_views, robot_radius_m=radius,
             onto=Home.load(output) if append else None, resume=unfinished, progress=step,
         )  # fmt: skip
     home.save(output)

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 from cartier.errors import InputError
 from cartier.files import read_json
-from cartier.text import display_name
+from cartier.language.names import display_name
 
 
 class Annotations(NamedTuple):

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 from cartier.detectors._annotations import Annotations
 from cartier.detectors._records import records
 from cartier.errors import InputError
-from cartier.text import display_name
+from cartier.language.names import display_name
 
 FORMS = 'COCO results {"image_id", "category_id", "bbox", "score"} or {"frame", "label", "score", "xyxy"}'
 MAX_FRAME = 2**31

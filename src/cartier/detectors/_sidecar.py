@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from cartier.errors import InputError
-from cartier.text import display_name
+from cartier.language.names import display_name
 
 MAX_BYTES = 4 * 2**20
 COCO80 = Path(__file__).parent / "labels" / "coco80.txt"

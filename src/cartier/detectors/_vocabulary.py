@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from cartier.errors import InputError
-from cartier.text import display_name
+from cartier.language.names import display_name
 
 LVIS = Path(__file__).parent / "labels" / "lvis.tsv"
 MAX_NAMES = 10_000  # eight times LVIS; the scores of one OWLv2 frame then take 144 MB

@@ -11,7 +11,7 @@ from typing import Any
 from cartier.detectors._hub import Loaded
 from cartier.detectors._vocabulary import shortened
 from cartier.errors import InputError
-from cartier.text import display_name
+from cartier.language.names import display_name
 
 TEXTS_AT_ONCE = 256
 QUERIES = 900  # boxes per image and pass of the largest published models, but for OWL's one per patch

@@ -1,4 +1,4 @@
-"""Eyes that ship inside: a small network trained on generated dollhouse homes; it knows no photographs (onnxruntime)."""
+"""The detector that ships inside: a small network trained on generated dollhouse homes; it knows no photographs (onnxruntime)."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ import numpy as np
 
 from cartier.detectors._boxes import clip, nms
 from cartier.errors import BackendError
-from cartier.eyes import FOLDER
+from cartier.models.dollhouse_detector import FOLDER
 from cartier.types import Detections, Frame
 
 if TYPE_CHECKING:
-    from cartier.eyes.sight import Sight
+    from cartier.models.dollhouse_detector.inference import Inference
 
 MAX_IOU = 0.5
 GLIMPSED = 0.2  # of the chances that a box is right; what scores less is not even a hint
@@ -27,32 +27,32 @@ def make(
     provider: str = "cpu",
     threads: int | None = None,
 ) -> Embedded:
-    """``threshold`` is the least score, by default that chosen on generated homes when the eyes were trained.
+    """``threshold`` is the least score, by default that chosen on generated homes when it was trained.
 
-    ``folder`` holds other eyes of the same make (tools/train_eyes.py); ``provider`` is onnxruntime's, such as "cuda";
+    ``folder`` holds another model of the same make (tools/train_dollhouse_detector.py); ``provider`` is onnxruntime's, such as "cuda";
     ``threads`` is onnxruntime's own choice by default. Raises InputError if the network's file is missing or was changed.
     """
-    from cartier.eyes.sight import open_sight
+    from cartier.models.dollhouse_detector.inference import open_inference
 
     if threshold is not None and not 0 <= threshold <= 1:
         raise BackendError(f"option threshold must be from 0 to 1, got {threshold}")
     if threads is not None and threads < 1:
         raise BackendError(f"option threads must be at least 1, got {threads}")
-    return Embedded(threshold, open_sight(Path(folder), provider, threads))
+    return Embedded(threshold, open_inference(Path(folder), provider, threads))
 
 
 class Embedded:
     """Obeys the Detector contract: a CenterNet (Zhou et al. 2019) with TTFNet's training (Liu et al. 2020) over RGB alone."""
 
-    def __init__(self, threshold: float | None, sight: Sight) -> None:
-        self._sight = sight
-        self.eyes = sight.eyes
-        self._threshold = self.eyes.threshold if threshold is None else threshold
-        self.sha256 = self.eyes.sha256
-        self.min_views = self.eyes.min_views
-        self.name = f"embedded eyes (score ≥ {self._threshold:g})"
+    def __init__(self, threshold: float | None, inference: Inference) -> None:
+        self._inference = inference
+        self.model = inference.model
+        self._threshold = self.model.threshold if threshold is None else threshold
+        self.sha256 = self.model.sha256
+        self.min_views = self.model.min_views
+        self.name = f"embedded dollhouse detector (score ≥ {self._threshold:g})"
         self.notes: tuple[str, ...] = (
-            f"embedded eyes know the dollhouse's types and no photographs: {self.eyes.trained}",
+            f"the embedded detector knows the dollhouse's types and no photographs: {self.model.trained}",
         )
 
     def detect(self, frame: Frame) -> Detections:
@@ -60,7 +60,7 @@ class Embedded:
 
         Scores under the threshold are ``glimpsed``. Raises BackendError if the network gives what it must not.
         """
-        boxes, scores, classes = self._sight.things(frame)
+        boxes, scores, classes = self._inference.detections(frame)
         if np.ptp(frame.rgb) < FLAT:
             return Detections(frame.index, boxes[:0], scores[:0], ())
         boxes, whole = clip(boxes, frame.camera.width, frame.camera.height)
@@ -68,7 +68,7 @@ class Embedded:
         boxes, scores, classes = boxes[chosen], scores[chosen], classes[chosen]
         order = nms(boxes, scores, classes, MAX_IOU)
         found = Detections(
-            frame.index, boxes[order], scores[order], tuple(self.eyes.names[int(classes[i])] for i in order)
+            frame.index, boxes[order], scores[order], tuple(self.model.names[int(classes[i])] for i in order)
         )
         sure = found.scores >= self._threshold
         return replace(found.keep(sure), glimpsed=found.keep(~sure))

@@ -13,7 +13,7 @@ from cartier.detectors._pixels import to_tensor
 from cartier.detectors._sidecar import Sidecar, read_sidecar
 from cartier.errors import BackendError, InputError
 from cartier.files import sha256_of
-from cartier.sessions import Session, shape_text
+from cartier.models.onnx_session import Session, shape_text
 from cartier.types import Array, Detections, Frame
 
 DEFAULT_IOU = 0.5

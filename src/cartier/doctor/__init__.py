@@ -30,7 +30,7 @@ from cartier.errors import InputError
 
 __all__ = ["FAULTS", "Fault", "Report", "draw_report", "examine", "mend", "open_for_doctor"]
 
-CANNOT_LEVEL = "give it with up="  # how cartier.gravity says that the cameras do not tell which way is up
+CANNOT_LEVEL = "give it with up="  # how cartier.mapping.gravity says that the cameras do not tell which way is up
 Progress = Callable[[int, int], None]
 
 

@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from cartier import gravity
 from cartier.doctor._consistency import turns_deg
 from cartier.doctor._edges import Registration, registration
 from cartier.doctor._jumps import Jump
 from cartier.doctor._report import Fault
 from cartier.doctor._sampling import Samples, is_mirror_fault
 from cartier.errors import InputError
+from cartier.mapping import gravity
 from cartier.types import Array, Camera
 
 BLURRED_PX, BLURRED_SHARE = 6.2, 0.2

@@ -66,7 +66,7 @@ def make(model: str = MODEL, device: str | None = None, short_side_px: int | Non
 class Clip:
     """An Encoder: features as the model gives them, not normalised."""
 
-    sees = True
+    text_only = False
 
     def __init__(
         self,

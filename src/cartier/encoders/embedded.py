@@ -1,4 +1,4 @@
-"""The text encoder that ships inside (MiniLM, int8); its images are labels painted, or with embedded:pixels what the eyes see."""
+"""The text encoder that ships inside (MiniLM, int8); its images are label features, or with embedded:pixels the dense features of the detector inside."""
 
 from __future__ import annotations
 
@@ -7,20 +7,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cartier.errors import BackendError
-from cartier.eyes import FOLDER
-from cartier.minilm import MAX_TOKENS, TextEncoder
+from cartier.models.dollhouse_detector import FOLDER
+from cartier.models.minilm import MAX_TOKENS, TextEncoder
 from cartier.types import Array, Frame
 
 if TYPE_CHECKING:
-    from cartier.eyes.sight import Sight
+    from cartier.models.dollhouse_detector.inference import Inference
 
 
 def make(
     model: str = "words", folder: str | Path = FOLDER, provider: str = "cpu", threads: int | None = None
 ) -> Embedded:
-    """``model`` is "words", which paints what a detector found, or "pixels": the dense features of the eyes that ship inside.
+    """``model`` is "words", which encodes labels only, or "pixels": the dense features of the detector that ships inside.
 
-    ``folder``, ``provider`` and ``threads`` are those of the detector ``embedded``; eyes that both use look once at a frame.
+    ``folder``, ``provider`` and ``threads`` are those of the detector ``embedded``; both share one inference per frame.
     """
     if model == "words":
         return Embedded()
@@ -28,16 +28,16 @@ def make(
         raise BackendError(
             f"the embedded encoder works from words or from pixels (embedded:pixels), not from {model!r}"
         )
-    from cartier.eyes.sight import open_sight
+    from cartier.models.dollhouse_detector.inference import open_inference
 
-    return FromPixels(open_sight(Path(folder), provider, threads))
+    return FromPixels(open_inference(Path(folder), provider, threads))
 
 
 class Embedded:
-    """Words only: ``sees`` is False, so an index paints what a detector found with the vectors of the names."""
+    """Words only: an index fills the boxes of a detector with the features of their labels."""
 
     name = "embedded (all-MiniLM-L6-v2, int8)"
-    sees = False
+    text_only = True
 
     def __init__(self) -> None:
         self._encode = TextEncoder()
@@ -49,7 +49,7 @@ class Embedded:
         return (f"{cut} texts were longer than {MAX_TOKENS} tokens: only their beginning was read",) if cut else ()
 
     def image(self, frame: Frame) -> Array:
-        raise BackendError("the embedded encoder has no eyes: paint the labels of a detector through its text side")
+        raise BackendError("the embedded encoder encodes no images: use the features of a detector's labels")
 
     def text(self, texts: Sequence[str]) -> Array:
         """(n, 384) float32 unit vectors."""
@@ -57,22 +57,22 @@ class Embedded:
 
 
 class FromPixels(Embedded):
-    """Dense features after LSeg (Li et al. 2022): the text side stayed frozen, and the eyes learnt to match the names' vectors.
+    """Dense features after LSeg (Li et al. 2022): the text side stayed frozen, and the network learnt to match the names' vectors.
 
     Of the 384 dimensions only those directions are kept in which the names of the dollhouse's types differ.
     """
 
-    sees = True
+    text_only = False
 
-    def __init__(self, sight: Sight) -> None:
+    def __init__(self, inference: Inference) -> None:
         super().__init__()
-        self._sight = sight
-        self.name = "embedded eyes' features, from pixels"
+        self._inference = inference
+        self.name = "embedded dollhouse detector's features, from pixels"
 
     def image(self, frame: Frame) -> Array:
         """(h, w, D) float32 unit vectors. Raises BackendError if the network gives what it must not."""
-        return self._sight.features(frame)
+        return self._inference.features(frame)
 
     def text(self, texts: Sequence[str]) -> Array:
         """(n, D) float32 unit vectors."""
-        return self._sight.eyes.project(super().text(texts))
+        return self._inference.model.project(super().text(texts))

@@ -77,7 +77,7 @@ def build(checkpoint: Path, shape: Shape, tokenizer: str, device: str | None, lo
 class LSeg:
     """An Encoder: features as the network gives them, not normalised."""
 
-    sees = True
+    text_only = False
 
     def __init__(
         self,

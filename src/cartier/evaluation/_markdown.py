@@ -186,10 +186,10 @@ def _faults(summary: Summary, head: str) -> str:
         cells = [" / ".join(str(kinds[kind][fault]) for kind in TYPES) for fault in FAULTS]
         body.append([title(name), *cells])
     return (
-        f"## Eyes, index or words?\n\nAnswers by type ({' / '.join(TYPES)}): *right* is the right thing within 1 m; *eyes*: no right "
+        f"## Detector, index or words?\n\nAnswers by type ({' / '.join(TYPES)}): *right* is the right thing within 1 m; *detector*: no right "
         "thing was in the list; *index*: the right name, but the place is more than 1 m off (a viewpoint, a look-alike); *words*: it "
         "was listed, and the answer was something else.\n\n"
-        + _markdown([head, "right", "eyes", "index", "words"], body)
+        + _markdown([head, "right", "detector", "index", "words"], body)
     )
 
 

@@ -12,10 +12,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cartier import eyes, plugins, specs
+from cartier import plugins, specs
 from cartier.contracts import World
 from cartier.errors import InputError
 from cartier.home import Home
+from cartier.models import dollhouse_detector
 from cartier.pipeline import map_home
 
 INDEXES = ("object_depth", "object_viewpoint", "vlmaps")
@@ -34,7 +35,7 @@ class MapSettings:
 
 
 def encoder_for(detector: str) -> str:
-    """The encoder that goes with a detector: eyes that have dense features show them, for others the labels are painted."""
+    """The encoder that goes with a detector: one that has dense features gives them, for others label features are used."""
     return PIXELS if detector.partition(":")[0] == "embedded" else "embedded"
 
 
@@ -70,8 +71,8 @@ class Maps:
     def _folder_of(self, home: str) -> Path:
         made_of = asdict(self.settings) | {"home": home, "version": VERSION}
         if encoder_for(self.settings.detector) == PIXELS or self.settings.encoder == PIXELS:
-            ours = eyes.load()
-            made_of["eyes"] = [ours.sha256, ours.threshold, ours.min_views]  # other eyes see other maps
+            ours = dollhouse_detector.load()
+            made_of["model"] = [ours.sha256, ours.threshold, ours.min_views]
         key = json.dumps(made_of, sort_keys=True)
         safe = "".join(c if c.isalnum() or c in "-_" else "_" for c in home)
         return self.folder / f"{safe}-{hashlib.sha256(key.encode()).hexdigest()[:10]}"

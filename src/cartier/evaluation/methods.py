@@ -14,7 +14,7 @@ from cartier.contracts import Reasoner
 from cartier.evaluation.metrics import canonical, listed_as
 from cartier.evaluation.queries import Query
 from cartier.home import Home
-from cartier.minilm import TextEncoder
+from cartier.models.minilm import TextEncoder
 from cartier.types import Answer, Selection
 
 

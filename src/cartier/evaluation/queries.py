@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Any, Literal, get_args
 
 from cartier.errors import InputError
-from cartier.prompts import check_query
-from cartier.text import display_name
+from cartier.language.names import display_name
+from cartier.language.prompts import check_query
 
 QueryType = Literal["explicit", "implicit", "conversational"]
 TYPES: tuple[QueryType, ...] = get_args(QueryType)

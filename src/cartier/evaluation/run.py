@@ -20,8 +20,8 @@ from cartier.evaluation.metrics import distances, matches
 from cartier.evaluation.queries import Query, cases
 from cartier.files import read_json, read_rows, write_json
 from cartier.home import Home
-from cartier.minilm import TextEncoder
-from cartier.text import display_name
+from cartier.language.names import display_name
+from cartier.models.minilm import TextEncoder
 from cartier.types import Answer, TrueObject
 
 GENERATED = (

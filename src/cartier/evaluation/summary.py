@@ -17,8 +17,8 @@ RADII_M = ("0.25", "0.5", "1", "1.5", "2")
 BASE = "object_depth"
 """The method that every other one is compared with."""
 KNOWS = "true_object"
-"""The method that names the right thing whenever it is in the list: where it does not, the eyes left it out."""
-FAULTS = ("none", "eyes", "index", "words")
+"""The method that names the right thing whenever it is in the list: where it does not, the detector left it out."""
+FAULTS = ("none", "detector", "index", "words")
 DIGITS = 6
 """Decimals kept: far below anything that matters, and above what differs between two computers' sums."""
 MIN_RESAMPLES = 100
@@ -39,7 +39,7 @@ def summarise(rows: Iterable[Mapping[str, Any] | Row], seed: int = 0, resamples:
     - ``…_ci`` is a 95 % percentile bootstrap interval: whole requests are drawn with replacement, all homes of a request
       together, because one text asked in five homes is not five texts.
     - ``faults`` → method that is shown the list → type → how many answers name the right thing within 1 m ("none"), could not because no right thing
-      was in the list ("eyes"), name it and point elsewhere ("index"), or name or say something else ("words").
+      was in the list ("detector"), name it and point elsewhere ("index"), or name or say something else ("words").
     - ``paired`` → ``object_depth`` → other → type: object_depth minus the other over the pairs that both were asked (for
       the distance: in which both gave a place), on the same draws. A negative distance means that object_depth is nearer.
 
@@ -154,7 +154,7 @@ def _faults(rows: Sequence[Row]) -> dict[str, Any]:
     for row in rows:
         if row.method not in GROUPS["the paper's method"] or row.case not in listed:
             continue
-        fault = "words" if listed[row.case] else "eyes"
+        fault = "words" if listed[row.case] else "detector"
         if row.match:
             fault = "none" if _within(row, 1.0) else "index"
         kinds = counts.setdefault(row.method, {kind: dict.fromkeys(FAULTS, 0) for kind in TYPES})

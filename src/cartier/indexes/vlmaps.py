@@ -14,7 +14,7 @@ from cartier.contracts import Encoder
 from cartier.errors import BackendError, InputError
 from cartier.files import read_json, write_json
 from cartier.indexes._fusion import CELL, FeatureGrid
-from cartier.indexes._painting import paint
+from cartier.indexes._label_features import label_features
 from cartier.indexes.object_viewpoint import ObjectViewpoint
 from cartier.types import Array, Detections, Frame, Place
 
@@ -65,12 +65,12 @@ class VLMaps:
         if frame.depth_m is None:
             return
         encoder = self._working_encoder()
-        if encoder.sees:
+        if not encoder.text_only:
             features = encoder.image(frame)
             self._made_by = encoder.name
         else:
-            features = paint(frame, detections, self._vectors)
-            self._made_by = f"{encoder.name}, painted with the detector's labels"
+            features = label_features(frame, detections, self._vectors)
+            self._made_by = f"{encoder.name}, from the detector's labels"
         try:
             self._grid.add(features, frame.depth_m, frame.camera, frame.world_from_camera, frame.index)
         except BackendError as error:
@@ -83,7 +83,7 @@ class VLMaps:
     def locate(self, name: str) -> Place | None:
         """The cell most similar to any words, at the mean height of what was seen in it; the score is the cosine.
 
-        Of cells that are equally good (features painted from labels are often the same) it is the one seen in most pixels.
+        Of cells that are equally good (features of labels are often the same) it is the one seen in most pixels.
         """
         cells = self._grid.cells
         if not len(cells):

@@ -6,9 +6,9 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
-from cartier.prompts import Messages, Schema, check_query, prompt_named, propose_prompt
+from cartier.language.prompts import Messages, Schema, check_query, prompt_named, propose_prompt
+from cartier.language.replies import no_answer, parse_list, read_reply
 from cartier.reasoners._cache import Cache, digest
-from cartier.replies import no_answer, parse_list, read_reply
 from cartier.types import Selection
 
 PROPOSE_TOKENS = 256

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from cartier.errors import InputError
+from cartier.language.names import display_name
 from cartier.reasoners._words import name_key, words
-from cartier.text import display_name
 
 SHIPPED = Path(__file__).with_name("cards")
 MAX_BYTES = 8_000_000

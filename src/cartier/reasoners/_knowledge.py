@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cartier.minilm import WIDTH
+from cartier.models.minilm import WIDTH
 from cartier.reasoners._cards import Deck
 from cartier.reasoners._reading import reader
 from cartier.types import Array

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 from cartier.errors import ReasonerError
-from cartier.prompts import Schema
+from cartier.language.prompts import Schema
 
 Form = dict[str, Any]
 _works: dict[tuple[str, str], str] = {}  # (server, model) → the first form that it honoured

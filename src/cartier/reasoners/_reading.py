@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from cartier.minilm import FOLDER, WIDTH
-from cartier.minilm._wordpiece import WordPiece
+from cartier.models.minilm import FOLDER, WIDTH
+from cartier.models.minilm._wordpiece import WordPiece
 from cartier.types import Array
 
 MOST_PIECES = 160  # of a request's end; the learned layers saw none longer

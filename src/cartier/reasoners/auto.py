@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 from cartier import plugins
 from cartier.contracts import Reasoner
 from cartier.errors import CartierError, InputError, ReasonerError
-from cartier.prompts import check_query, prompt_named
+from cartier.language.prompts import check_query, prompt_named
 from cartier.types import Selection
 
 REST_S = 60.0

@@ -13,7 +13,7 @@ from urllib.parse import urlsplit
 import openai
 
 from cartier.errors import ReasonerError
-from cartier.prompts import Messages, Schema
+from cartier.language.prompts import Messages, Schema
 from cartier.reasoners._asking import LanguageModel
 from cartier.reasoners._ladder import Form, NotUnderstood, climb
 
@@ -44,7 +44,7 @@ def make(
 ) -> LanguageModel:
     """``OPENAI_API_KEY``, ``OPENAI_BASE_URL`` and ``OPENAI_MODEL`` are read; a server of one's own needs no key.
 
-    ``prompt`` is one of cartier.prompts.PROMPTS, ``cache`` an SQLite file, ``timeout_s`` the limit for one request in all.
+    ``prompt`` is one of cartier.language.prompts.PROMPTS, ``cache`` an SQLite file, ``timeout_s`` the limit for one request in all.
     """
     return LanguageModel(Server(model, base_url, api_key, timeout_s, temperature), prompt, cache)
 

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from cartier.errors import InputError, ReasonerError
-from cartier.prompts import check_query
-from cartier.replies import no_answer, parse_list, read_reply
+from cartier.language.prompts import check_query
+from cartier.language.replies import no_answer, parse_list, read_reply
 from cartier.types import Selection
 
 MAX_BYTES = 256 * 1024 * 1024

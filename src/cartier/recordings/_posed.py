@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from cartier import gravity
 from cartier.errors import InputError
+from cartier.mapping import gravity
 from cartier.recordings._content import content_hash
 from cartier.recordings._images import image_size, read_depth, read_grey8, read_rgb
 from cartier.recordings._lens import Lens, resampled

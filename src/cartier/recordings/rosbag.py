@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cartier import gravity
 from cartier.contracts import Recording
 from cartier.errors import InputError
+from cartier.mapping import gravity
 from cartier.recordings._content import content_hash
 from cartier.recordings._lens import resampled
 from cartier.recordings._poses import rigid

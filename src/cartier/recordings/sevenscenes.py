@@ -1,6 +1,6 @@
 """7-Scenes: frame-000000.color.jpg|png, .depth.png (mm), .pose.txt (4x4 camera-to-world), camera-intrinsics.txt.
 
-Its world hangs on the first camera. Up and the floor are estimated (see ``cartier.gravity``), and the poses come out
+Its world hangs on the first camera. Up and the floor are estimated (see ``cartier.mapping.gravity``), and the poses come out
 levelled: z up, z = 0 on the floor. The files carry no times: 30 frames per second are assumed.
 """
 
@@ -12,9 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
-from cartier import gravity
 from cartier.contracts import Recording
 from cartier.errors import InputError
+from cartier.mapping import gravity
 from cartier.recordings._content import content_hash, names_in
 from cartier.recordings._images import image_size, read_depth, read_rgb
 from cartier.recordings._poses import read_matrix, rigid

@@ -50,5 +50,5 @@ class Dollhouse:
         if not driven.arrived:
             short_m = math.dist((x, y), (goal.x, goal.y))
             return f"bumped {where}: stopped at x {x:.2f} y {y:.2f} m, {short_m:.2f} m short of the {goal.place.label}'s goal"
-        view = "in view" if driven.sees else "not in view"
+        view = "in view" if driven.in_view else "not in view"
         return f"arrived {where} without a bump: {in_words(goal)}, with the {goal.place.label} {view}"

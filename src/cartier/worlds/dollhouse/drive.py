@@ -27,7 +27,7 @@ Floats = npt.NDArray[np.float64]
 class Drive:
     """What came of a goal: the robot's ``poses`` (N, 3) of x, y (m) and yaw (rad), and the ``view`` (H, W, 3) uint8 at the end.
 
-    ``collided_at`` is the (x, y) at which something stopped it, or None. ``sees`` tells whether the place lies in the view
+    ``collided_at`` is the (x, y) at which something stopped it, or None. ``in_view`` tells whether the place lies in the view
     with nothing before it.
     """
 
@@ -36,7 +36,7 @@ class Drive:
     poses: Floats
     length_m: float
     view: npt.NDArray[np.uint8]
-    sees: bool
+    in_view: bool
 
 
 def drive(
@@ -73,9 +73,9 @@ def drive(
     poses.append((*xy.tolist(), goal.yaw))
     poses[0] = (*poses[0][:2], poses[1][2])
     track = np.array(poses)
-    view, sees = _look_at(scene, xy, goal, camera or pinhole(), eye_m)
+    view, in_view = _look_at(scene, xy, goal, camera or pinhole(), eye_m)
     length_m = float(np.linalg.norm(np.diff(track[:, :2], axis=0), axis=1).sum())
-    return Drive(collided_at is None, collided_at, track, length_m, view, sees)
+    return Drive(collided_at is None, collided_at, track, length_m, view, in_view)
 
 
 def _look_at(scene: Scene, xy: Floats, goal: Goal, camera: Camera, eye_m: float) -> tuple[npt.NDArray[np.uint8], bool]:

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from scipy import ndimage
 
 from cartier.geometry import backproject, transform
-from cartier.occupancy import BAND_TOP_M, FLOOR_M, OccupancyMapper
+from cartier.mapping.occupancy import BAND_TOP_M, FLOOR_M, OccupancyMapper
 from cartier.planning import traversable
 from cartier.types import FREE, OCCUPIED, UNKNOWN, Camera, Frame, OccupancyGrid
 

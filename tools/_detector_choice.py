@@ -13,20 +13,20 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
-from _eyes_homes import ROBOT_M, varied
+from _detector_homes import ROBOT_M, varied
 
 from cartier import plugins
 from cartier.contracts import Recording
 from cartier.detectors.embedded import GLIMPSED
 from cartier.geometry import box_distance
-from cartier.text import display_name
+from cartier.language.names import display_name
 from cartier.types import Camera, Detections, Frame, Place
 from cartier.worlds.dollhouse.explore import explore
 from cartier.worlds.dollhouse.place import Plan
 from cartier.worlds.dollhouse.recording import DollhouseRecording, pinhole
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
-from eyes import LOW, Kept, Sight, ap50, index_of, listed, look, match
+from dollhouse_detector import LOW, Kept, Sight, ap50, index_of, listed, look, match
 
 T = TypeVar("T")
 FIRST = 90_000

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from cartier.errors import InputError
 from cartier.geometry import backproject, transform
-from cartier.gravity import Levelling, level
+from cartier.mapping.gravity import Levelling, level
 from synthetic import CAMERA, THINGS, look, render, walk
 
 coordinate = st.floats(-10, 10)

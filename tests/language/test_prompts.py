@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cartier.errors import BackendError, InputError
-from cartier.prompts import (
+from cartier.language.prompts import (
     MAX_QUERY_CHARS,
     MAX_TURNS,
     PROMPTS,
@@ -64,7 +64,7 @@ def test_only_the_latest_turns_are_told(lengths: list[tuple[int, int]]) -> None:
 
 
 def test_the_documentation_shows_the_prompts_as_they_are() -> None:
-    shown = (Path(__file__).parents[1] / "docs" / "language.md").read_text(encoding="utf-8")
+    shown = (Path(__file__).parents[2] / "docs" / "language.md").read_text(encoding="utf-8")
     for task in (*(prompt.task for prompt in PROMPTS.values()), PROPOSE):
         assert f"```text\n{task}\n```" in shown
     assert propose_prompt("sit")[0]["content"] == PROPOSE

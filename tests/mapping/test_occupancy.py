@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from cartier.errors import InputError
-from cartier.occupancy import OccupancyMapper, load_map, save_map
+from cartier.mapping.occupancy import OccupancyMapper, load_map, save_map
 from cartier.types import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from synthetic import CHAIR, TABLE, walk
 

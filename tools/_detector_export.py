@@ -9,10 +9,22 @@ from typing import Any
 import numpy as np
 import onnx
 import torch
-from _eyes_closer import AROUND, CELLS, KINDS_OF_CELL, LEAST, MOST_CHANGE, PLACES, SIDE, Closer, looked, mended, places
-from _eyes_closer import patches as cut_out
-from _eyes_closer import sizes as sizes_of
-from _eyes_network import NECK, STRIDE, Conv, Eyes
+from _detector_closer import (
+    AROUND,
+    CELLS,
+    KINDS_OF_CELL,
+    LEAST,
+    MOST_CHANGE,
+    PLACES,
+    SIDE,
+    Closer,
+    looked,
+    mended,
+    places,
+)
+from _detector_closer import patches as cut_out
+from _detector_closer import sizes as sizes_of
+from _detector_network import NECK, STRIDE, Conv, Eyes
 from onnx import TensorProto, helper, numpy_helper
 from torch.nn.functional import interpolate
 
@@ -173,7 +185,7 @@ def maps_of(graph: Graph, eyes: Eyes, image: str, size: tuple[int, int]) -> tupl
 
 
 def _places(graph: Graph, logits: str, sides: str, up: str, classes: int) -> tuple[str, str, str]:
-    """`_eyes_closer.places`: boxes (K, 4), what the neck saw there (K, 48) and the logits (K, C)."""
+    """`_detector_closer.places`: boxes (K, 4), what the neck saw there (K, 48) and the logits (K, C)."""
     rows, columns = SIZE[1] // STRIDE, SIZE[0] // STRIDE
     cells = rows * columns
     top = graph.add("ReduceMax", logits, axes=[1], keepdims=1)
@@ -210,7 +222,7 @@ def _sizes(graph: Graph, boxes: str) -> str:
 
 
 def _patches(graph: Graph, boxes: str) -> str:
-    """`_eyes_closer.patches`: (K, 3, 40, 40)."""
+    """`_detector_closer.patches`: (K, 3, 40, 40)."""
     low, high = graph.add("Split", boxes, graph.constant([2, 2], np.int64), outputs=2, axis=1)
     middle = graph.add("Mul", graph.add("Add", low, high), graph.constant(0.5))
     half = graph.add("ReduceMax", graph.add("Sub", high, low), axes=[1], keepdims=1)

@@ -19,12 +19,12 @@ from tiny_onnx import constant_net
 from cartier import plugins
 from cartier.detectors.embedded import Embedded, make
 from cartier.errors import BackendError, CartierError, InputError
-from cartier.eyes import FOLDER, load
-from cartier.text import display_name
+from cartier.language.names import display_name
+from cartier.models.dollhouse_detector import FOLDER, load
 from cartier.types import Camera, Detections, Frame
 from cartier.worlds.dollhouse import shapes
 
-FILES = ("eyes.onnx", "words.npy", "names.json")
+FILES = ("detector.onnx", "words.npy", "names.json")
 HELD_BACK = (
     "90011"  # a generated home: training has seeds from 100000 on, the threshold was chosen on others below 90010
 )
@@ -158,7 +158,7 @@ def test_a_missing_file_is_named(copy: Path, name: str) -> None:
     refused(InputError, re.escape(name) + " is missing: install cartier again", folder=copy)
 
 
-REST = '"around": ["wall"], "sha256": {"eyes.onnx": "", "words.npy": ""}, "min_views": 2, "trained": ""}'
+REST = '"around": ["wall"], "sha256": {"detector.onnx": "", "words.npy": ""}, "min_views": 2, "trained": ""}'
 DAMAGED = {
     "[]": "damaged",
     "{": "not valid JSON",
@@ -178,7 +178,7 @@ def test_damaged_names_are_refused(copy: Path, text: str) -> None:
 
 def other_make(folder: Path, outputs: dict[str, np.ndarray], size: int = 32, words: np.ndarray | None = None) -> Path:
     """Eyes with a network that always says the same, all of their files as they should be."""
-    model = constant_net(folder / "eyes.onnx", outputs)
+    model = constant_net(folder / "detector.onnx", outputs)
     np.save(folder / "words.npy", np.eye(3, 384, dtype=np.float32) if words is None else words)
     digests = {file.name: hashlib.sha256(file.read_bytes()).hexdigest() for file in (model, folder / "words.npy")}
     told = {"size": [size, size], "names": ["mug"], "around": ["wall"], "threshold": 0.5, "min_views": 1, "trained": ""}

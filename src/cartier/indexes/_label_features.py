@@ -1,4 +1,4 @@
-"""An image side for encoders that have none: each thing that a detector found, painted with the vector of its name."""
+"""An image side for text-only encoders: each detection's surface gets the feature of its label."""
 
 from __future__ import annotations
 
@@ -15,11 +15,13 @@ BACKGROUND = (
 STRIDE = 4  # pixels per feature: a mug at 3 m is still 15 features wide in a 640 px image
 
 
-def paint(frame: Frame, detections: Detections, text: Callable[[Sequence[str]], Array]) -> npt.NDArray[np.float32]:
+def label_features(
+    frame: Frame, detections: Detections, text: Callable[[Sequence[str]], Array]
+) -> npt.NDArray[np.float32]:
     """(h, w, D) features of a frame with depth: the vector of the label in each mask, or in a box where there is no mask.
 
-    In a box only the thing's own surface is painted: depths within half its own width or height of the near third of the
-    box's middle, as in object_depth. Smaller things are painted over larger ones, and the rest is "wall and floor".
+    In a box only the thing's own surface gets it: depths within half its own width or height of the near third of the
+    box's middle, as in object_depth. Smaller things lie over larger ones, and the rest is "wall and floor".
     """
     assert frame.depth_m is not None
     height, width = frame.depth_m.shape
@@ -36,8 +38,8 @@ def paint(frame: Frame, detections: Detections, text: Callable[[Sequence[str]], 
         else:
             inside = _surface(frame, depth_m, rows, cols, detections.boxes_xyxy[i])
         which[inside] = 1 + names.index(detections.labels[i])
-    painted: npt.NDArray[np.float32] = text([BACKGROUND, *names])[which]
-    return painted
+    features: npt.NDArray[np.float32] = text([BACKGROUND, *names])[which]
+    return features
 
 
 def _surface(

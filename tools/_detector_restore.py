@@ -7,11 +7,11 @@ from typing import Any
 
 import onnx
 import torch
-from _eyes_batches import Batch
-from _eyes_closer import Closer, lesson
-from _eyes_export import SIZE, Graph, maps_of, named
-from _eyes_loss import paint_loss
-from _eyes_network import Conv, Eyes
+from _detector_batches import Batch
+from _detector_closer import Closer, lesson
+from _detector_export import SIZE, Graph, maps_of, named
+from _detector_loss import paint_loss
+from _detector_network import Conv, Eyes
 from onnx import numpy_helper
 from torch import Tensor, nn
 

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 import torch
-from _eyes_batches import STRIDE, Batch
-from _eyes_network import Eyes
+from _detector_batches import STRIDE, Batch
+from _detector_network import Eyes
 from torch import Tensor, nn
 
 HALF = torch.cpu.get_capabilities().get("avx512_bf16", False)  # elsewhere bfloat16 takes three times as long as float32

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from _eyes_homes import ROBOT_M, varied
+from _detector_homes import ROBOT_M, varied
 from scipy.ndimage import find_objects
 
 from cartier.worlds.dollhouse import shapes

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from cartier.errors import BackendError, InputError
-from cartier.replies import MAX_FURTHER, NOTHING
+from cartier.language.replies import MAX_FURTHER, NOTHING
 
 MAX_QUERY_CHARS = 8000
 MAX_TURNS = 12

@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cartier.prompts import PROMPTS
-from cartier.replies import MAX_FURTHER, NOTHING, no_answer, parse_list, parse_object, read_reply
+from cartier.language.prompts import PROMPTS
+from cartier.language.replies import MAX_FURTHER, NOTHING, no_answer, parse_list, parse_object, read_reply
 from cartier.types import Selection
 
 HOME = ["chair", "coffee machine", "machine", "tv stand", "tv", "bed", "scissors", "wine glass", "glass", "Café table"]

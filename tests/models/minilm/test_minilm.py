@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cartier.minilm import FOLDER, MAX_TOKENS, TextEncoder
-from cartier.minilm._wordpiece import WordPiece
+from cartier.models.minilm import FOLDER, MAX_TOKENS, TextEncoder
+from cartier.models.minilm._wordpiece import WordPiece
 
 HERE = Path(__file__).parent
 TOKENS = WordPiece(FOLDER / "vocab.txt")

@@ -1,6 +1,6 @@
-"""How well the embedded eyes see: boxes, lists of objects and distances in homes, and frames per second on one core.
+"""How well the embedded dollhouse detector see: boxes, lists of objects and distances in homes, and frames per second on one core.
 
-python benchmarks/eyes.py [HOME …] [--seed 0] [--max-frames 800] [--sensor] [--sheet FILE]     (default: the seven homes that no training saw)
+python benchmarks/dollhouse_detector.py [HOME …] [--seed 0] [--max-frames 800] [--sensor] [--sheet FILE]     (default: the seven homes that no training saw)
 Per home: AP50 over its types; recall of the types of which a thing of 400 px or more was seen, and precision, of the list
 that ObjectDepth makes of `min_views` agreeing frames; the mean distance from where a name is located to the nearest true
 thing of that name, from pixels and with ground-truth detections. Goals: AP50 0.5, recall 0.85, precision 0.9, 0.2 m, 8 frames/s.
@@ -29,7 +29,7 @@ import numpy as np
 from cartier import plugins
 from cartier.contracts import Recording
 from cartier.detectors._boxes import iou
-from cartier.text import display_name
+from cartier.language.names import display_name
 from cartier.types import Detections, Frame
 
 LOW = 1e-4  # scores from here on make the precision-recall curve

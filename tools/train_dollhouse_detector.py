@@ -1,19 +1,19 @@
 """Train the eyes that ship inside: `render` homes into shards while `train` learns from what is there; `export`; `choose`.
 
-Usage:  python tools/train_eyes.py render DATA/train --first 100000 --homes 2000
-        python tools/train_eyes.py render DATA/held-back --first 95000 --homes 48
-        python tools/train_eyes.py train DATA RUN --minutes 145
-        python tools/train_eyes.py closer DATA RUN --minutes 60
-        python tools/train_eyes.py begin RUN src/cartier/eyes DATA
-        python tools/train_eyes.py calibrate RUN DATA/held-back
-        python tools/train_eyes.py export RUN src/cartier/eyes
-        python tools/train_eyes.py choose src/cartier/eyes
+Usage:  python tools/train_dollhouse_detector.py render DATA/train --first 100000 --homes 2000
+        python tools/train_dollhouse_detector.py render DATA/held-back --first 95000 --homes 48
+        python tools/train_dollhouse_detector.py train DATA RUN --minutes 145
+        python tools/train_dollhouse_detector.py closer DATA RUN --minutes 60
+        python tools/train_dollhouse_detector.py begin RUN src/cartier/models/dollhouse_detector DATA
+        python tools/train_dollhouse_detector.py calibrate RUN DATA/held-back
+        python tools/train_dollhouse_detector.py export RUN src/cartier/models/dollhouse_detector
+        python tools/train_dollhouse_detector.py choose src/cartier/models/dollhouse_detector
 
 The eyes see RGB alone. `closer` trains the look at each place, over trained eyes; `begin` reads exported ones back, to be
 trained on. `calibrate` makes scores chances, name by name; `export` writes the network, the words
 that its features understand, and names.json; `choose` sets threshold and min_views there.
 `calibrate` and `choose` work on generated homes that were held back. All may be stopped and started again; only torch and onnx are
-needed besides cartier. The seven built-in homes are never looked at: benchmarks/eyes.py measures on them.
+needed besides cartier. The seven built-in homes are never looked at: benchmarks/dollhouse_detector.py measures on them.
 """
 
 from __future__ import annotations
@@ -33,11 +33,11 @@ from typing import Any
 
 import numpy as np
 import torch
-from _eyes_batches import Batch, Pool, batch
-from _eyes_closer import Closer, optimizer_of, save_closer
-from _eyes_homes import names
-from _eyes_loss import follow, loss_of
-from _eyes_network import Eyes
+from _detector_batches import Batch, Pool, batch
+from _detector_closer import Closer, optimizer_of, save_closer
+from _detector_homes import names
+from _detector_loss import follow, loss_of
+from _detector_network import Eyes
 from torch import Tensor
 
 DIMENSIONS = 64  # of the features: name vectors are told apart by so many principal directions
@@ -54,7 +54,7 @@ def new_eyes() -> Eyes:
     Principal directions are scaled by the root of their spread (half whitened): else names as near as "pan lid" and "pot
     lid" could hardly be told apart by a cosine.
     """
-    from cartier.minilm import TextEncoder
+    from cartier.models.minilm import TextEncoder
 
     encode = TextEncoder()
     vectors, around = (encode(list(texts)).astype(np.float64) for texts in (names(), AROUND))
@@ -147,7 +147,7 @@ def _resumed(run: Path, eyes: Eyes, mean: Eyes, optimizer: Any) -> tuple[int, fl
 
 def begin(run: Path, folder: Path, data: Path) -> None:
     """Checkpoints in RUN from exported eyes; only the optimizers' memory is lost."""
-    from _eyes_restore import restore
+    from _detector_restore import restore
 
     if (run / "checkpoint.pt").exists():
         raise SystemExit(f"{run} holds a checkpoint already: give another folder, or go on with `train` or `closer`")
@@ -156,7 +156,7 @@ def begin(run: Path, folder: Path, data: Path) -> None:
     run.mkdir(parents=True, exist_ok=True)
     eyes, closer, pool, rng = new_eyes(), Closer(len(names())), Pool(data / "train", ROOM), np.random.default_rng(0)
     pool.refresh(40)
-    restore(eyes, closer, folder / "eyes.onnx", [batch(pool, BATCH, rng) for _ in range(40)])
+    restore(eyes, closer, folder / "detector.onnx", [batch(pool, BATCH, rng) for _ in range(40)])
     told = json.loads((folder / "names.json").read_text())["trained"]
     steps, minutes, closer_steps, closer_minutes = (int(number) for number in re.findall(r"\d+", told))
     _save(run, eyes, eyes, _optimizer(eyes), steps, 60.0 * minutes)
@@ -165,7 +165,7 @@ def begin(run: Path, folder: Path, data: Path) -> None:
 
 def closer_run(data: Path, run: Path, minutes: float, seed: int) -> None:
     """RUN/closer.pt: the second look at each place, over the eyes as RUN/checkpoint.pt has them."""
-    from _eyes_closer import train_closer
+    from _detector_closer import train_closer
 
     eyes, pool = new_eyes(), Pool(data / "train", ROOM)
     eyes.load_state_dict(torch.load(run / "checkpoint.pt", weights_only=True)["mean"])
@@ -175,7 +175,7 @@ def closer_run(data: Path, run: Path, minutes: float, seed: int) -> None:
 
 def export_run(run: Path, into: Path) -> None:
     """The averaged weights as ONNX, calibrated if there is something to calibrate them with, and what belongs beside it."""
-    from _eyes_export import SIZE, compare, export
+    from _detector_export import SIZE, compare, export
 
     eyes, closer = new_eyes(), Closer(len(names()))
     state, later = (torch.load(run / file, weights_only=True) for file in ("checkpoint.pt", "closer.pt"))
@@ -188,7 +188,7 @@ def export_run(run: Path, into: Path) -> None:
                 part *= told["slope"]
             closer.name.bias += told["shift"] + torch.tensor(told["offsets"])
     into.mkdir(parents=True, exist_ok=True)
-    path = into / "eyes.onnx"
+    path = into / "detector.onnx"
     export(eyes, closer, path)
     image = np.kron(np.random.default_rng(0).integers(0, 256, (SIZE[1] // 32, SIZE[0] // 32, 3)), np.ones((32, 32, 1)))
     print(f"largest difference to torch: {compare(eyes, closer, path, image):.1e}; {path.stat().st_size / 1e6:.1f} MB")
@@ -206,8 +206,8 @@ def calibrate_run(run: Path, shards: Path, max_frames: int) -> None:
 
     All are of homes with things of all types: one that never holds a plunger would only tell how often one is imagined.
     """
-    from _eyes_choice import CHOSEN_FROM, LOW, THERE, calibrate, looks_at_shards, on_walks
-    from eyes import look
+    from _detector_choice import CHOSEN_FROM, LOW, THERE, calibrate, looks_at_shards, on_walks
+    from dollhouse_detector import look
 
     from cartier import plugins
 
@@ -223,7 +223,7 @@ def calibrate_run(run: Path, shards: Path, max_frames: int) -> None:
 
 def choose_run(folder: Path, homes: int, max_frames: int) -> None:
     """Threshold and views into names.json."""
-    from _eyes_choice import choose
+    from _detector_choice import choose
 
     threshold, views = choose(folder, homes, max_frames)
     told = json.loads((folder / "names.json").read_text())
@@ -231,7 +231,9 @@ def choose_run(folder: Path, homes: int, max_frames: int) -> None:
 
 
 def _write_names(folder: Path, told: dict[str, Any]) -> None:
-    digests = {file: hashlib.sha256((folder / file).read_bytes()).hexdigest() for file in ("eyes.onnx", "words.npy")}
+    digests = {
+        file: hashlib.sha256((folder / file).read_bytes()).hexdigest() for file in ("detector.onnx", "words.npy")
+    }
     (folder / "names.json").write_text(json.dumps(told | {"sha256": digests}, indent=1) + "\n")
 
 
@@ -269,7 +271,7 @@ def main() -> None:
     asked = parser.parse_args()
     torch.set_num_threads(getattr(asked, "threads", 1))
     if asked.command == "render":
-        from _eyes_views import render_into
+        from _detector_views import render_into
 
         render_into(asked.folder, asked.first, asked.homes, asked.keep, asked.close)
     elif asked.command == "closer":

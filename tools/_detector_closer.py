@@ -18,9 +18,9 @@ from typing import Any
 
 import numpy as np
 import torch
-from _eyes_batches import SMALL, Batch, batch
-from _eyes_loss import follow, giou
-from _eyes_network import NECK, STRIDE, Conv, Eyes
+from _detector_batches import SMALL, Batch, batch
+from _detector_loss import follow, giou
+from _detector_network import NECK, STRIDE, Conv, Eyes
 from torch import Tensor, nn
 from torch.nn import functional as F
 

@@ -1,4 +1,4 @@
-"""Small eyes that ship inside: a network that knows the dollhouse's types from colour alone (built by tools/train_eyes.py)."""
+"""The detector that ships inside: a small network that knows the dollhouse's types from colour alone (built by tools/train_dollhouse_detector.py)."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from cartier.types import Array
 
 FOLDER = Path(__file__).parent
 WIDTH = 384  # of the text encoder's vectors
-MODEL, WORDS, NAMES = "eyes.onnx", "words.npy", "names.json"
+MODEL, WORDS, NAMES = "detector.onnx", "words.npy", "names.json"
 
 
 @dataclass(frozen=True, eq=False)
-class Eyes:
+class DetectorModel:
     """The file of the network, what it was made to know, and how to read it.
 
     ``size`` is the input's (w, h) in pixels; ``names`` are the classes in the network's order, ``around`` the words for what
@@ -45,8 +45,8 @@ class Eyes:
         return projected
 
 
-def load(folder: Path = FOLDER) -> Eyes:
-    """The eyes in a folder, by default those that ship inside.
+def load(folder: Path = FOLDER) -> DetectorModel:
+    """The model in a folder, by default the one that ships inside.
 
     Raises InputError if a file is missing or damaged, or if the network is not the one that its names were written for.
     """
@@ -66,7 +66,7 @@ def load(folder: Path = FOLDER) -> Eyes:
         raise InputError(f"{beside} is damaged (a size, the names, the threshold or min_views): install cartier again")
     _same(path, digests[MODEL])
     words = _words(folder / WORDS, _same(folder / WORDS, digests[WORDS]))
-    return Eyes(path, digests[MODEL], (width, height), names, around, threshold, min_views, trained, words)
+    return DetectorModel(path, digests[MODEL], (width, height), names, around, threshold, min_views, trained, words)
 
 
 def _same(path: Path, digest: str) -> bytes:

@@ -1,0 +1,1 @@
+"""Words in, words out: object names, prompts, and what a model replies."""
