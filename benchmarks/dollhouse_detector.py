@@ -159,8 +159,8 @@ def distances(recording: Recording | Kept, index: Any, names: Sequence[str] | No
 
 def look_closely(recording: Recording | Kept, eyes: Any, sight: Sight, encoder: Any) -> dict[str, Any]:
     """The cells of every third frame into ``sight``, and the VLMaps index of ``MAPS`` that these frames make."""
-    names = list(eyes.eyes.names)
-    vectors = encoder.text([*names, *eyes.eyes.around])
+    names = list(eyes.model.names)
+    vectors = encoder.text([*names, *eyes.model.around])
     truth = plugins.make("detectors", "ground_truth", truth=recording.truth)
     maps = {name: plugins.make("indexes", "vlmaps", encoder=made_by) for name, made_by in MAPS.items()}
     true_names = {thing.id: display_name(thing.label) for thing in recording.truth or ()}
@@ -177,7 +177,7 @@ def look_closely(recording: Recording | Kept, eyes: Any, sight: Sight, encoder: 
             name, mine = true_names.get(int(thing), ""), shown == thing
             right = nearest[mine] == names.index(name) if name else nearest[mine] >= len(names)
             sight.cells[name] += int(right.sum()), len(right)
-        found = sight.found[number].keep(sight.found[number].scores >= eyes.eyes.threshold)
+        found = sight.found[number].keep(sight.found[number].scores >= eyes.model.threshold)
         for name, index in maps.items():
             index.add(frame, truth.detect(frame) if name == "painted by the truth" else found)
     return maps
@@ -205,14 +205,14 @@ def report(recordings: Sequence[Recording], eyes: Any) -> None:
     encoder = plugins.make("encoders", "embedded", model="pixels", threads=1)
     mapped: dict[str, list[float]] = {name: [] for name in MAPS}
     print(
-        f"detector: {eyes.name}, threshold {eyes.eyes.threshold:g}, {eyes.min_views} agreeing frames (sha256 {eyes.sha256[:12]})"
+        f"detector: {eyes.name}, threshold {eyes.model.threshold:g}, {eyes.min_views} agreeing frames (sha256 {eyes.sha256[:12]})"
     )
     print("home               frames  AP50  recall  precision  distance  (ground truth)")
     for walk in recordings:
         recording = Kept(walk)
         sight = look(recording, eyes)
         sights.append(sight)
-        sure = [found.keep(found.scores >= eyes.eyes.threshold) for found in sight.found]
+        sure = [found.keep(found.scores >= eyes.model.threshold) for found in sight.found]
         index = index_of(recording, sure, eyes.min_views)
         exact = plugins.make("detectors", "ground_truth", truth=recording.truth)
         for name, made in look_closely(recording, eyes, sight, encoder).items():
@@ -249,7 +249,7 @@ def sheet(recordings: Sequence[Recording], eyes: Any, path: Path) -> None:
         richest = max(range(0, len(recording), 5), key=lambda i: len(truth.detect(recording[i])))
         frame = recording[richest]
         found, true = eyes.detect(frame), truth.detect(frame)
-        found = found.keep(found.scores >= eyes.eyes.threshold)
+        found = found.keep(found.scores >= eyes.model.threshold)
         image = Image.fromarray(frame.rgb)
         draw = ImageDraw.Draw(image)
         draw.text((6, 4), recording.name.removeprefix("dollhouse "), fill="black", font_size=18)

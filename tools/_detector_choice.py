@@ -74,7 +74,7 @@ def looks_at_shards(shards: Path, eyes: Any) -> Sight:
         height, width = images.shape[1:3]
         camera = Camera(width, height, width, width, width / 2, height / 2)
         for i in range(0, len(images), 2):
-            mine, names = of == i, eyes.eyes.names
+            mine, names = of == i, eyes.model.names
             found = eyes.detect(Frame(i, 0.0, images[i], None, np.eye(4), camera))
             true = Detections(i, boxes[mine], np.ones(mine.sum()), tuple(names[k] for k in labels[mine]))
             match(found, true, pixels[mine] * (640 / width) ** 2, sight, THERE)

@@ -215,7 +215,7 @@ def calibrate_run(run: Path, shards: Path, max_frames: int) -> None:
     export_run(run, run / "plain")
     eyes = plugins.make("detectors", "embedded", threshold=LOW, folder=run / "plain", threads=1)
     walked = on_walks(partial(look, least=THERE), run / "plain", range(1, CHOSEN_FROM, 2), max_frames)
-    slope, shift, offsets = calibrate([looks_at_shards(shards, eyes), *walked], eyes.eyes.names)
+    slope, shift, offsets = calibrate([looks_at_shards(shards, eyes), *walked], eyes.model.names)
     told = {"slope": slope, "shift": shift, "offsets": offsets}
     (run / "calibration.json").write_text(json.dumps(told) + "\n")
     print(f"slope {slope:.2f}, shift {shift:.2f}")

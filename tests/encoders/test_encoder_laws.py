@@ -16,7 +16,7 @@ def test_the_embedded_encoder_has_words_only() -> None:
     encoder = plugins.make("encoders", "embedded")
     assert encoder.text_only and encoder.notes == ()
     assert encoder.text(["mug", "bed"]).shape == (2, 384) and encoder.text(["mug"]).dtype == np.float32
-    with pytest.raises(BackendError, match="no eyes"):
+    with pytest.raises(BackendError, match="encodes no images"):
         encoder.image(walk()[0])
 
 
