@@ -15,7 +15,7 @@ def main(path: str, detector: str, words: str) -> None:
         else cartier.make("detectors", detector)
     )
     home = cartier.map_home(cartier.open_recording(path), eyes)
-    answer = home.ask(words)
+    answer = cartier.ask(home, words)
     print(answer.selection.status, answer.selection.object, "-", answer.selection.reason)
     if answer.place:
         print("place", [round(v, 2) for v in answer.place.position])

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from pathlib import Path
+from collections.abc import Mapping, Sequence
 from typing import Any, Protocol, runtime_checkable
 
 from cartier.types import Array, Camera, Detections, Frame, Goal, Place, Selection, TrueObject
@@ -76,12 +75,12 @@ class SpatialIndex(Protocol):
 
     def locate(self, name: str) -> Place | None: ...
 
-    def save(self, folder: Path) -> None:
-        """Write into an existing, empty folder."""
+    def state(self) -> dict[str, bytes]:
+        """All that it holds, as named blobs; names are as of files, ``grid.npz``. Whoever keeps a home keeps them."""
         ...
 
-    def load(self, folder: Path) -> None:
-        """Take the state that ``save`` wrote into a freshly made index."""
+    def restore(self, state: Mapping[str, bytes]) -> None:
+        """Take what ``state`` gave into a freshly made index. Raises InputError if it is damaged, KeyError for a missing blob."""
         ...
 
 

@@ -15,7 +15,7 @@ from cartier.files import replaced_folder, write_json
 from cartier.home import Home
 from cartier.language.names import display_name
 from cartier.picture import draw_answer, draw_home, write_photo
-from cartier.pipeline import map_home
+from cartier.pipeline import ask, map_home
 from cartier.types import Answer
 
 SLEEPY = (
@@ -120,7 +120,7 @@ def _requests(home: Home) -> list[tuple[str, str]]:
 def _tell(home: Home, scene: Any, kind: str, words: str, folder: Path, say: Callable[[str], None]) -> Told:
     from cartier.worlds.dollhouse.drive import drive
 
-    answer = home.ask(words)
+    answer = ask(home, words)
     picture, arrival, arrived = f"{kind}.png", None, False
     say(f"“{words}”")
     say(f"  → {answer.selection.object or answer.selection.status}: {answer.selection.reason}")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import io
 import json
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,15 +14,16 @@ import numpy as np
 import numpy.typing as npt
 
 from cartier import plugins
-from cartier.contracts import Glimpsing, Reasoner, Searchable, SpatialIndex
+from cartier.contracts import Glimpsing, Searchable, SpatialIndex
 from cartier.errors import InputError
-from cartier.files import read_json, recover_folder, replaced_folder, write_json
-from cartier.mapping.occupancy import load_map, save_map
+from cartier.files import npz_bytes, read_npz
+from cartier.mapping.map_server import grid_from, pgm, yaml
+from cartier.store import Store, blob_file, digest_of
 from cartier.types import Answer, Camera, Detections, OccupancyGrid, Place
 
-SCHEMA = 1
-MARKER = "home.json"
-COUNTS = "occupancy_counts.npz"
+SCHEMA = 2
+ANSWERS = "answers.jsonl"
+TRIES = 5  # to read a home that others replace meanwhile
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +80,8 @@ class Home:
     notes: tuple[str, ...] = ()
     counts: Mapping[str, npt.NDArray[Any]] | None = None
     """What the grid was counted from, so that another recording can be added."""
-    folder: Path | None = None
+    store: Store | None = None
+    """Where it was loaded from."""
 
     @property
     def id(self) -> str:
@@ -149,131 +150,131 @@ class Home:
         return sorted(rows, key=lambda row: -row["frames"])
 
     def remember(self, answer: Answer) -> None:
-        """Append an answer to the saved home's ``answers.jsonl``; a folder that is read-only stays as it is."""
-        if self.folder is not None and os.access(self.folder, os.W_OK):
-            with (self.folder / "answers.jsonl").open("a", encoding="utf-8") as file:
-                file.write(json.dumps(answer.to_dict(), ensure_ascii=False) + "\n")
-
-    def ask(self, query: str, reasoner: Reasoner | None = None, **options: Any) -> Answer:
-        """``pipeline.ask`` on this home; without a reasoner, the embedded one."""
-        from cartier import pipeline
-
-        return pipeline.ask(self, query, reasoner or plugins.make("reasoners", "embedded"), **options)
+        """Append an answer to the saved home's ``answers.jsonl``. Raises InputError where that cannot be written."""
+        if self.store is not None:
+            self.store.append(ANSWERS, json.dumps(answer.to_dict(), ensure_ascii=False))
 
     def save(self, folder: str | Path) -> None:
-        """Write the home all or nothing; an older home in that place stays whole until the new one is complete."""
-        with replaced_folder(Path(folder), MARKER) as new:
-            log = self.detections
-            np.savez_compressed(
-                new / "detections.npz",
-                frames=log.frames, boxes_xyxy=log.boxes_xyxy, scores=log.scores, label_ids=log.label_ids,
-            )  # fmt: skip
-            for name, index in self.indexes.items():
-                (new / "indexes" / name).mkdir(parents=True)
-                index.save(new / "indexes" / name)
-            if self.grid is not None:
-                save_map(self.grid, new)
-            if self.counts is not None:
-                arrays: dict[str, Any] = dict(self.counts)
-                np.savez_compressed(new / COUNTS, **arrays)
-            (new / "keyframes").mkdir()
-            for frame, jpeg in self.keyframes.items():
-                (new / "keyframes" / f"{frame:06d}.jpg").write_bytes(jpeg)
-            camera = self.camera
-            write_json(
-                new / MARKER,
-                {
-                    "schema": SCHEMA, "id": self.id, "name": self.name, "detector": self.detector, "labels": list(log.labels),
-                    "camera": [camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy],
-                    "indexes": list(self.indexes), "grid": self.grid is not None, "counts": self.counts is not None, "start_xy": list(self.start_xy),
-                    "robot_radius_m": self.robot_radius_m, "settings": dict(self.settings), "notes": list(self.notes),
-                },
-            )  # fmt: skip
-        self.folder = Path(folder)
+        """Write the home whole or not at all; an older home in that place stays until the new one is complete."""
+        log, camera, grid = self.detections, self.camera, self.grid
+        blobs = {
+            "detections.npz": npz_bytes(
+                frames=log.frames, boxes_xyxy=log.boxes_xyxy, scores=log.scores, label_ids=log.label_ids
+            )
+        }
+        for name, index in self.indexes.items():
+            blobs |= {f"indexes/{name}/{part}": data for part, data in index.state().items()}
+        blobs |= {_photo(frame): jpeg for frame, jpeg in self.keyframes.items()}
+        if grid is not None:
+            blobs |= {"occupancy.pgm": pgm(grid), "occupancy.npz": npz_bytes(height_m=grid.height_m)}
+        if self.counts is not None:
+            blobs["occupancy_counts.npz"] = npz_bytes(**self.counts)
+        about = {
+            "schema": SCHEMA, "id": self.id, "name": self.name, "detector": self.detector, "labels": list(log.labels),
+            "camera": [camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy], "indexes": list(self.indexes),
+            "grid": None if grid is None else {"resolution_m": grid.resolution_m, "origin_xy": list(grid.origin_xy)},
+            "start_xy": list(self.start_xy), "robot_radius_m": self.robot_radius_m, "settings": dict(self.settings),
+            "notes": list(self.notes),
+        }  # fmt: skip
+        files = {}
+        if grid is not None:  # for Nav2, which wants a name that stays
+            files["occupancy.yaml"] = yaml(grid, blob_file("occupancy.pgm", digest_of(blobs["occupancy.pgm"])))
+        Store(folder).put(about, blobs, files)
 
     @classmethod
     def load(cls, folder: str | Path) -> Home:
-        """Read a saved home. Raises InputError for a folder that is none, is newer than this cartier, or is damaged."""
-        folder = Path(folder)
-        recover_folder(folder)
-        if not (folder / MARKER).is_file():
+        """Read a saved home, as it is now or as it was a moment ago, if somebody is just replacing it.
+
+        Raises InputError for a folder that is none, was made by another cartier, or is damaged.
+        """
+        store = Store(folder)
+        for attempt in range(TRIES):
+            about = store.manifest()
+            try:
+                return cls._read(store, about)
+            except InputError:
+                if attempt + 1 == TRIES or store.manifest()["sha256"] == about.get("sha256"):
+                    raise
+        raise AssertionError("not reached")
+
+    @classmethod
+    def _read(cls, store: Store, about: Mapping[str, Any]) -> Home:
+        folder = store.folder
+        if about.get("schema") != SCHEMA:
+            newer = isinstance(about.get("schema"), int) and about["schema"] > SCHEMA
+            mend = "upgrade cartier" if newer else f"map its recording again: cartier map RECORDING -o {folder}"
             raise InputError(
-                f"{folder} is no mapped home (it holds no {MARKER}); make one with: cartier map RECORDING -o {folder}"
+                f"{folder} was made by {'a newer' if newer else 'an older'} cartier (schema {str(about.get('schema'))[:20]}, "
+                f"this one reads {SCHEMA}): {mend}"
             )
-        about = read_json(folder / MARKER)
         try:
-            if about["schema"] > SCHEMA:
-                raise InputError(
-                    f"{folder} was made by a newer cartier (schema {about['schema']}, this one reads {SCHEMA}): upgrade cartier"
-                )
-            home = cls(
+            grid = None
+            if about["grid"] is not None:
+                x, y = about["grid"]["origin_xy"]
+                height_m = read_npz(store.get("occupancy.npz", about), "occupancy.npz")["height_m"]
+                image = store.get("occupancy.pgm", about)
+                grid = grid_from(image, float(about["grid"]["resolution_m"]), (float(x), float(y)), height_m)
+            photos = [name for name in about["blobs"] if name.startswith("photos/")]
+            return cls(
                 name=str(about["name"]),
                 detector=str(about["detector"]),
                 camera=Camera(*about["camera"]),
-                detections=_load_log(folder, tuple(map(str, about["labels"]))),
-                indexes={name: _load_index(folder, name) for name in about["indexes"]},
-                grid=load_map(folder) if about["grid"] else None,
+                detections=_log(store.get("detections.npz", about), tuple(map(str, about["labels"]))),
+                indexes={name: _index(store, about, name) for name in about["indexes"]},
+                grid=grid,
                 start_xy=(float(about["start_xy"][0]), float(about["start_xy"][1])),
                 robot_radius_m=float(about["robot_radius_m"]),
                 settings=about["settings"],
-                keyframes=_Keyframes(folder / "keyframes"),
+                keyframes=_Photos(store, about, {int(Path(name).stem): name for name in photos}),
                 notes=tuple(about["notes"]),
-                counts=_load_counts(folder / COUNTS) if about.get("counts") else None,
-                folder=folder,
+                counts=_counts(store, about),
+                store=store,
             )
-        except (KeyError, TypeError, ValueError, IndexError) as error:
-            raise InputError(
-                f"{folder / MARKER} is damaged ({type(error).__name__}: {error}): map the recording again"
-            ) from error
-        return home
+        except (KeyError, TypeError, ValueError, IndexError, InputError) as error:
+            told = str(error) if str(folder) in str(error) else f"{folder} is damaged ({type(error).__name__}: {error})"
+            raise InputError(told.replace("\n", " ")[:300]) from error
 
 
-class _Keyframes(Mapping[int, bytes]):
+class _Photos(Mapping[int, bytes]):
     """Evidence photos of a saved home, read when looked at."""
 
-    def __init__(self, folder: Path) -> None:
-        self._files = {int(f.stem): f for f in folder.glob("*.jpg") if f.stem.isdecimal()}
+    def __init__(self, store: Store, about: Mapping[str, Any], names: Mapping[int, str]) -> None:
+        self._store, self._about, self._names = store, about, names
 
     def __getitem__(self, frame: int) -> bytes:
-        return self._files[frame].read_bytes()
+        return self._store.get(self._names[frame], self._about)
 
     def __iter__(self) -> Any:
-        return iter(self._files)
+        return iter(self._names)
 
     def __len__(self) -> int:
-        return len(self._files)
+        return len(self._names)
 
 
-def _load_counts(file: Path) -> dict[str, npt.NDArray[Any]]:
-    from zipfile import BadZipFile
-
-    try:
-        with np.load(file, allow_pickle=False) as arrays:
-            return dict(arrays)
-    except (OSError, ValueError, EOFError, BadZipFile) as error:
-        raise InputError(f"{file} is missing or damaged ({error}): map the recording again") from error
+def _photo(frame: int) -> str:
+    return f"photos/{frame:06d}.jpg"
 
 
-def _load_index(folder: Path, name: str) -> SpatialIndex:
+def _counts(store: Store, about: Mapping[str, Any]) -> dict[str, npt.NDArray[Any]] | None:
+    name = "occupancy_counts.npz"
+    return read_npz(store.get(name, about), name) if name in about["blobs"] else None
+
+
+def _index(store: Store, about: Mapping[str, Any], name: str) -> SpatialIndex:
     if name not in [b.name for b in plugins.backends("indexes")]:
-        raise InputError(f"{folder / MARKER} names an index {name!r} that is not installed")
+        raise InputError(f"{store.folder} names an index {str(name)[:60]!r} that is not installed")
+    begin = f"indexes/{name}/"
     index: SpatialIndex = plugins.make("indexes", name)
-    index.load(folder / "indexes" / name)
+    index.restore({part[len(begin) :]: store.get(part, about) for part in about["blobs"] if part.startswith(begin)})
     return index
 
 
-def _load_log(folder: Path, labels: tuple[str, ...]) -> DetectionLog:
-    from zipfile import BadZipFile
-
-    file = folder / "detections.npz"
-    try:
-        with np.load(file, allow_pickle=False) as arrays:
-            log = DetectionLog(arrays["frames"], arrays["boxes_xyxy"], arrays["scores"], arrays["label_ids"], labels)
-        n = len(log.frames)
-        if log.boxes_xyxy.shape != (n, 4) or len(log.scores) != n or len(log.label_ids) != n:
-            raise ValueError("arrays of different lengths")
-        if n and not 0 <= int(log.label_ids.min()) <= int(log.label_ids.max()) < len(labels):
-            raise ValueError("a label number without a label")
-        return log
-    except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
-        raise InputError(f"{file} is missing or damaged ({error}): map the recording again") from error
+def _log(data: bytes, labels: tuple[str, ...]) -> DetectionLog:
+    arrays = read_npz(data, "detections.npz")
+    log = DetectionLog(arrays["frames"], arrays["boxes_xyxy"], arrays["scores"], arrays["label_ids"], labels)
+    n = len(log.frames)
+    if log.boxes_xyxy.shape != (n, 4) or len(log.scores) != n or len(log.label_ids) != n:
+        raise ValueError("arrays of different lengths")
+    if n and not 0 <= int(log.label_ids.min()) <= int(log.label_ids.max()) < len(labels):
+        raise ValueError("a label number without a label")
+    return log

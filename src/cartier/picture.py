@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from cartier.errors import InputError
+from cartier.files import write_file
 from cartier.home import Home
 from cartier.types import FREE, OCCUPIED, Answer, OccupancyGrid, Place
 
@@ -227,15 +229,9 @@ def _short(text: str, most: int) -> str:
 
 
 def _save(figure: Any, file: Path) -> None:
-    from cartier.errors import InputError
-
     buffer = io.BytesIO()
     try:
         figure.savefig(buffer, format=file.suffix.lstrip(".") or "png", dpi=110, bbox_inches="tight")
     except ValueError as error:
         raise InputError(f"cannot draw to {file}: {str(error).splitlines()[0]}") from error
-    try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_bytes(buffer.getvalue())
-    except OSError as error:
-        raise InputError(f"cannot write the picture {file}: {error.strerror}") from error
+    write_file(file, buffer.getvalue())

@@ -10,7 +10,9 @@ import io
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
+from copy import deepcopy
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -132,13 +134,13 @@ def _grown(
         mapper.restore(home.counts)
     first = int(home.settings["frames"]) + sum(int(row["frames"]) for row in added)
     row = {name: made_by[name] for name in ("recording", "sha256", "frames")}
-    return dict(home.indexes), dict(home.settings) | {"added": [*added, row]}, mapper, first
+    return deepcopy(dict(home.indexes)), dict(home.settings) | {"added": [*added, row]}, mapper, first
 
 
 def ask(
     home: Home,
     query: str,
-    reasoner: Reasoner,
+    reasoner: Reasoner | None = None,
     *,
     index: str | None = None,
     from_xy: Sequence[float] | None = None,
@@ -146,10 +148,11 @@ def ask(
 ) -> Answer:
     """Answer one request: the object that serves it, its place, and a reachable pose that faces it.
 
-    ``index`` is one of the home's, by default its first; ``from_xy`` is where the robot stands, by default where the
-    recording began. Raises InputError for an unusable query, ReasonerError if a language model cannot be reached.
+    ``reasoner`` is by default the embedded one. ``index`` is one of the home's, by default its first; ``from_xy`` is where
+    the robot stands, by default where the recording began. Raises InputError for an unusable query, ReasonerError if a language model cannot be reached.
     """
     query = check_query(query)
+    reasoner = reasoner or _embedded()
     home.index(index)  # a name that is not there is said before anybody is asked
     timing_ms: dict[str, float] = {}
     with _timed(timing_ms, "select"):
@@ -163,6 +166,12 @@ def ask(
     who = selection.model or reasoner.name  # of a reasoner that hands over to another, the one that answered
     answer = serve(home, query, selection, who, index=index, from_xy=from_xy, timing_ms=timing_ms)
     return replace(answer, notes=(*getattr(reasoner, "notes", ()), *answer.notes))
+
+
+@cache
+def _embedded() -> Reasoner:
+    made: Reasoner = plugins.make("reasoners", "embedded")
+    return made
 
 
 def _second_look(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -109,14 +108,14 @@ def test_another_image_is_never_answered_from_the_last_one(walk: Any) -> None:
     assert np.array_equal(inference.features(walk[0]), first)
 
 
-def test_vlmaps_finds_words_in_pixels_and_remembers_how(tmp_path: Path, walk: Any) -> None:
+def test_vlmaps_finds_words_in_pixels_and_remembers_how(walk: Any) -> None:
     index = plugins.make("indexes", "vlmaps", encoder="embedded:pixels")
     detector = plugins.make("detectors", "embedded", threads=1)
     for number in range(3):
         index.add(walk[number], detector.detect(walk[number]))
-    index.save(tmp_path)
+    state = index.state()
     again = plugins.make("indexes", "vlmaps")
-    again.load(tmp_path)
+    again.restore(state)
     assert "from pixels" in again.encoder and "labels" not in again.encoder
     np.testing.assert_allclose(
         again.similarity("somewhere to sit")[1], index.similarity("somewhere to sit")[1], atol=5e-3

@@ -146,8 +146,8 @@ def test_mistakes_are_told_before_anything_is_mapped(tmp_path: Path) -> None:
 def test_a_damaged_map_is_made_again(tmp_path: Path) -> None:
     maps = Maps(tmp_path, MapSettings(WORLD))
     first = maps.get("south")
-    assert first.folder is not None
-    (first.folder / "home.json").write_text("{")
+    assert first.store is not None
+    (first.store.folder / "home.json").write_text("{")
     assert maps.get("south").objects == first.objects == ["chair", "mug", "sofa", "table"]
 
 

@@ -85,14 +85,14 @@ def test_label_features_say_so_and_find_what_was_not_named() -> None:
     assert (low <= place.position[:2]).all() and (place.position[:2] <= high).all()
 
 
-def test_text_vectors_are_asked_for_once_and_travel_with_the_home(tmp_path: Path) -> None:
+def test_text_vectors_are_asked_for_once_and_travel_with_the_home() -> None:
     encoder = Colours()
     index = mapped(encoder)
     first = [index.locate(name) for name in (*index.names(), "red", "red")]
     assert len(encoder.asked) == len(set(encoder.asked))
-    index.save(tmp_path)
+    state = index.state()
     again = plugins.make("indexes", "vlmaps", encoder=None)
-    again.load(tmp_path)
+    again.restore(state)
     assert [again.locate(name).position for name in (*again.names(), "red", "red")] == [p.position for p in first]
     with pytest.raises(InputError, match=r"only colours \(test\) can encode"):
         again.locate("blue")
@@ -100,13 +100,12 @@ def test_text_vectors_are_asked_for_once_and_travel_with_the_home(tmp_path: Path
 
 def test_code_that_a_home_names_is_not_run(tmp_path: Path) -> None:
     index = mapped(Colours())
-    index.save(tmp_path)
+    state = index.state()
     trap = tmp_path / "trap.py"
     trap.write_text("raise SystemExit('ran')")
-    about = tmp_path / "vlmaps.json"
-    about.write_text(about.read_text().replace("null", f'"{trap}"'))
+    state["vlmaps.json"] = state["vlmaps.json"].replace(b"null", f'"{trap}"'.encode())
     again = plugins.make("indexes", "vlmaps")
-    again.load(tmp_path)
+    again.restore(state)
     with pytest.raises(InputError, match="is not run"):
         again.locate("something new")
 

@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 
 import cartier
 import synthetic
-from cartier.mapping.occupancy import save_map
+from cartier.mapping import map_server
 from cartier.planning import plan
 from cartier.types import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, TrueObject
 
@@ -72,7 +72,8 @@ def test_every_cell_is_where_it_was(
     origin_xy = (corner[0] * resolution_m, corner[1] * resolution_m)  # whole cells, as the mapper's are
     grid = OccupancyGrid(cells, resolution_m, origin_xy, np.zeros(shape, np.float16))
     folder = tmp_path_factory.mktemp("map")
-    save_map(grid, folder)
+    (folder / "plan.pgm").write_bytes(map_server.pgm(grid))
+    (folder / "occupancy.yaml").write_bytes(map_server.yaml(grid, "plan.pgm"))
     server = MapServer(folder / "occupancy.yaml")
     for row, col in np.ndindex(shape):
         assert server.says(*grid.centre((row, col))) == cells[row, col]

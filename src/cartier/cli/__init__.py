@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import errno
 import sys
 
 import typer
 
 from cartier.cli import _ask, _bench, _check, _make
 from cartier.errors import CartierError
+
+DISK = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPERM, errno.EIO)
+"""What a disk may say at any time, and only a person can mend."""
 
 app = typer.Typer(
     help="Talk to a mapped home: a recording and a need in, the object that serves it and a reachable pose out.",
@@ -30,3 +34,8 @@ def main() -> None:
     except BrokenPipeError:
         sys.stderr.close()
         sys.exit(0)
+    except OSError as error:
+        if error.errno not in DISK:
+            raise
+        print(f"cartier: {error.filename or 'the disk'}: {error.strerror}", file=sys.stderr)
+        sys.exit(1)

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from cartier.types import Answer
 
 app = typer.Typer()
+QUIT = {"", "q", "quit", "exit", "bye", "goodbye", "bye bye"}
 
 
 @app.command()
@@ -63,7 +64,6 @@ def ask(
                 raise
             say(f"cartier: {error}")
             continue
-        mapped.remember(answer)
         if plot:
             from cartier.picture import draw_answer
 
@@ -72,6 +72,10 @@ def ask(
         print(json.dumps(answer.to_dict(), ensure_ascii=False)) if as_json else _print_answer(answer, told)
         if robot is not None:
             say(f"robot: {send(robot, answer)}")
+        try:
+            mapped.remember(answer)
+        except InputError as error:
+            say(f"the answer was not kept: {error}")
 
 
 @app.command()
@@ -80,7 +84,11 @@ def show(
     index: IndexName = None,
     plot: Annotated[Path | None, typer.Option(help="Draw the floor plan with the objects into this picture.")] = None,
     find: Annotated[
-        str | None, typer.Option(metavar="WORDS", help="Draw how similar any words are to each spot (index vlmaps).")
+        str | None,
+        typer.Option(
+            metavar="WORDS",
+            help="Where any words fit best, and with --plot how well they fit each place (index vlmaps).",
+        ),
     ] = None,
     as_json: AsJson = False,
 ) -> None:
@@ -89,7 +97,7 @@ def show(
 
     mapped = Home.load(home)
     if find is not None:
-        _find(mapped, check_query(find), index, plot or Path("find.png"), as_json)
+        _find(mapped, check_query(find), index, plot, as_json)
         return
     rows = mapped.table(index)
     if plot:
@@ -105,32 +113,40 @@ def show(
         _print_table(mapped, rows, mapped.index(index)[0])
 
 
-def _find(home: Home, words: str, index: str | None, plot: Path, as_json: bool) -> None:
-    from cartier.picture import draw_find
-
+def _find(home: Home, words: str, index: str | None, plot: Path | None, as_json: bool) -> None:
     name, searched = home.searchable(index)
-    place = draw_find(home, words, plot, name)
+    place = searched.locate(words)
+    assert place is not None  # an index that holds nothing is not saved
+    if plot:
+        from cartier.picture import draw_find
+
+        draw_find(home, words, plot, name)
     for note in searched.notes:
         say(note)
     about = {"home": home.name, "index": name, "encoder": searched.encoder, "detector": home.detector}
     if as_json:
-        print(json.dumps(about | {"words": words, "place": place.to_dict(), "picture": str(plot)}, ensure_ascii=False))
+        print(
+            json.dumps(
+                about | {"words": words, "place": place.to_dict(), "picture": str(plot) if plot else None},
+                ensure_ascii=False,
+            )
+        )
         return
     x, y, z = place.position
     print(f"best   x {x:.2f}  y {y:.2f}  z {z:.2f} m   (cosine {place.score:.2f}, frame {place.frame})")
     print(f"  by     {name}, {searched.encoder}, {home.detector}")
-    print(f"  look   {plot}")
+    print(f"  look   {plot}" if plot else "  look   with --plot FILE.png")
 
 
 def _heard(home: str) -> Iterator[str]:
-    """What a person types, line by line, until an empty line or the end."""
-    say(f"talking to {home}; an empty line ends it")
+    """What a person types, line by line, until they end it."""
+    say(f"talking to {home}; an empty line or 'bye' ends it")
     while True:
         try:
             line = input("> " if sys.stdin.isatty() else "")
         except EOFError:
             return
-        if not line.strip():
+        if line.strip().lower().strip(".!") in QUIT:
             return
         yield line
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -13,6 +14,7 @@ from cartier.cli._common import AsJson, numbers, progress, say
 from cartier.errors import InputError
 
 app = typer.Typer()
+A_DAY_S = 86_400.0  # somebody else may be mapping into the same home
 
 
 @app.command()
@@ -122,6 +124,7 @@ def map_command(
     as_json: AsJson = False,
 ) -> None:
     """Map a recording: detect objects, build the indices and the floor plan, save a home."""
+    from cartier.files import locked
     from cartier.home import Home
     from cartier.pipeline import map_home
 
@@ -132,13 +135,16 @@ def map_command(
     detects = specs.detector(detector, source, threshold=threshold, vocabulary=vocabulary)
     names = [name.strip() for name in index.split(",")] if index else None
     unfinished = output.parent / f".{output.name}.unfinished.jsonl"
-    with progress("mapping") as step:
-        home = map_home(
-            source, detects, names, encoder=encoder, min_views=min_views, robot_radius_m=radius,
-            onto=Home.load(output) if append else None, resume=unfinished, progress=step,
-        )  # fmt: skip
-    home.save(output)
-    unfinished.unlink(missing_ok=True)
+    with locked(output, wait_s=A_DAY_S, told=say):
+        onto = Home.load(output) if append else None
+        with progress("mapping") as step:
+            home = map_home(
+                source, detects, names, encoder=encoder, min_views=min_views, robot_radius_m=radius,
+                onto=onto, resume=unfinished, progress=step,
+            )  # fmt: skip
+        home.save(output)
+        with suppress(OSError):  # the home is whole without
+            unfinished.unlink()
     if as_json:
         print(json.dumps({"home": str(output), "id": home.id, "objects": home.objects, "notes": list(home.notes)}))
     else:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from cartier.contracts import Reasoner
-from cartier.files import read_rows
+from cartier.files import append_line, read_rows
 from cartier.types import Selection
 
 
@@ -47,8 +47,7 @@ class Asked:
             }
             row = {"asked": question, "reply": reply, "cost": cost}
             self._known[json.dumps(question)] = row
-            with self._file.open("a", encoding="utf-8") as out:
-                out.write(json.dumps(row, ensure_ascii=False) + "\n")
+            append_line(self._file, json.dumps(row, ensure_ascii=False))
         for what, much in row["cost"].items():
             self.spent[what] += much
         return row["reply"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import io
 import json
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
@@ -65,8 +66,8 @@ class Maps:
         """The evidence photo (H, W, 3) of a frame, if the home's map keeps it."""
         from PIL import Image
 
-        file = self._folder_of(home) / "keyframes" / f"{frame:06d}.jpg"
-        return np.asarray(Image.open(file).convert("RGB")) if file.is_file() else None
+        jpeg = Home.load(self._folder_of(home)).keyframes.get(frame)
+        return None if jpeg is None else np.asarray(Image.open(io.BytesIO(jpeg)).convert("RGB"))
 
     def _folder_of(self, home: str) -> Path:
         made_of = asdict(self.settings) | {"home": home, "version": VERSION}

@@ -17,7 +17,7 @@ from cartier.evaluation._page import FOLDER, Photo, failure_kind, page, take_pho
 from cartier.evaluation._rows import Row, check_rows, read_rows, sight_of
 from cartier.evaluation._tables import latex, made_by, tidy_csv
 from cartier.evaluation.summary import summarise
-from cartier.files import read_json, replaced_folder, write_json
+from cartier.files import read_json, replaced_folder, write_file, write_json
 
 PHOTOS_LIST = "photos.json"
 MARK = "served"
@@ -61,7 +61,7 @@ def write_report(folder: Path, photo: Photo | None = None, beside: Sequence[Path
     }
     _write_photos(folder, [(names[key], *key, data) for key, data in photos.items()])
     for name, data in files.items():
-        _replace(folder / name, data)
+        write_file(folder / name, data)
     return summary
 
 
@@ -77,7 +77,7 @@ def export_marking(rows: Iterable[Mapping[str, Any] | Row], file: Path) -> int:
     verdicts = _verdicts(rows)
     for key, row in sorted(verdicts.items(), key=lambda item: (item[1].home, item[1].query_id, item[0])):
         out.writerow([key, *(_spreadsheet(text) for text in (row.home, row.type, row.text, row.object or "")), ""])
-    _replace(file, buffer.getvalue().encode("utf-8-sig"))  # the mark at its start tells spreadsheets that it is UTF-8
+    write_file(file, buffer.getvalue().encode("utf-8-sig"))  # the mark at its start tells spreadsheets that it is UTF-8
     return len(verdicts)
 
 
@@ -163,14 +163,3 @@ def _write_photos(folder: Path, photos: Sequence[tuple[str, str, int, bytes]]) -
             (new / Path(name).name).write_bytes(data)
         listed = [{"file": Path(name).name, "home": home, "frame": frame} for name, home, frame, _ in photos]
         write_json(new / PHOTOS_LIST, listed)
-
-
-def _replace(file: Path, data: bytes) -> None:
-    """All or nothing: a killed run leaves the older file whole."""
-    temporary = file.with_name(f".{file.name}.new")
-    try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        temporary.write_bytes(data)
-        temporary.replace(file)
-    except OSError as error:
-        raise InputError(f"{file} cannot be written: {error.strerror}") from error

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import platform
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from importlib.metadata import version
 from pathlib import Path
@@ -18,7 +18,7 @@ from cartier.evaluation.maps import Maps, MapSettings
 from cartier.evaluation.methods import METHODS, Bench
 from cartier.evaluation.metrics import distances, matches
 from cartier.evaluation.queries import Query, cases
-from cartier.files import read_json, read_rows, write_json
+from cartier.files import locked, read_json, read_rows, write_file, write_json
 from cartier.home import Home
 from cartier.language.names import display_name
 from cartier.models.minilm import TextEncoder
@@ -68,6 +68,21 @@ def run(
     asked = cases(queries, names)
     if not asked:
         raise InputError(f"none of the {len(queries)} requests can be asked in {', '.join(settings.homes)}")
+    with locked(folder):
+        return _run(folder, settings, queries, asked, truth, reasoner, maps, progress)
+
+
+def _run(
+    folder: Path,
+    settings: BenchSettings,
+    queries: Sequence[Query],
+    asked: Sequence[tuple[str, Query]],
+    truth: Mapping[str, Sequence[TrueObject]],
+    reasoner: Reasoner,
+    maps: Maps,
+    progress: Progress | None,
+) -> list[dict[str, Any]]:
+    """The rows of a run folder that is ours alone."""
     _claim(folder, settings, queries, reasoner)
     file = folder / "results.jsonl"
     done = {
@@ -92,7 +107,7 @@ def run(
                 if progress:
                     progress("asking", len(done), total)
     rows = [done[home, query.id, method] for home, query in asked for method in settings.methods]
-    file.write_text("".join(json.dumps(row, ensure_ascii=False) + "\n" for row in rows), encoding="utf-8")
+    write_file(file, "".join(json.dumps(row, ensure_ascii=False) + "\n" for row in rows).encode())
     return rows
 
 

@@ -3,23 +3,23 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 from operator import attrgetter
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from cartier.errors import InputError
-from cartier.files import read_json, write_json
+from cartier.files import json_bytes, parse_json
 from cartier.geometry import transform, weak_perspective_size
 from cartier.types import Detections, Frame, Place
 
 AGREE_M = 0.6  # detections of one name this close together are of one thing
 SAME_PLACE = 0.25  # overlap in space (IoU) from which on two names are for one thing
 STRONGER = 1.5  # times the other's support that a name needs to outdo it, or the other's best score to explain a hint
+PLACES = "places.json"
 MOST_SPOTS = 32  # a name that was seen in more places than this is noise
 
 
@@ -135,19 +135,18 @@ class LargestView(ABC):
                 standing.setdefault(spot.place.label, []).append(spot)
         return standing
 
-    def save(self, folder: Path) -> None:
+    def state(self) -> dict[str, bytes]:
         rows = [asdict(spot) for spots in self._spots.values() for spot in spots]
         hints = [asdict(spot) for spots in self._hints.values() for spot in spots]
-        write_json(folder / "places.json", {"min_views": self.min_views, "spots": rows, "hints": hints})
+        return {PLACES: json_bytes({"min_views": self.min_views, "spots": rows, "hints": hints})}
 
-    def load(self, folder: Path) -> None:
-        file = folder / "places.json"
-        kept = read_json(file)
+    def restore(self, state: Mapping[str, bytes]) -> None:
+        kept = parse_json(state[PLACES], PLACES)
         try:
             self.min_views, self._standing = int(kept["min_views"]), None
             self._spots, self._hints = _read(kept["spots"]), _read(kept.get("hints", []))
         except (TypeError, ValueError, KeyError, AttributeError, InputError) as error:
-            raise InputError(f"{file} is damaged ({error}): map the recording again") from error
+            raise InputError(f"{PLACES} is damaged ({error})") from error
 
 
 def _read(rows: list[dict[str, Any]]) -> dict[str, list[_Spot]]:

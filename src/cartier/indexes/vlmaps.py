@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from collections.abc import Mapping
+from copy import deepcopy
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 import numpy.typing as npt
@@ -12,7 +12,7 @@ import numpy.typing as npt
 from cartier import plugins
 from cartier.contracts import Encoder
 from cartier.errors import BackendError, InputError
-from cartier.files import read_json, write_json
+from cartier.files import json_bytes, npz_bytes, parse_json, read_npz
 from cartier.indexes._fusion import CELL, FeatureGrid
 from cartier.indexes._label_features import label_features
 from cartier.indexes.object_viewpoint import ObjectViewpoint
@@ -99,36 +99,47 @@ class VLMaps:
         centres = (self._grid.cells["xy"] + 0.5) * self._grid.cell_m
         return centres, self._cosines(words), self._grid.cell_m
 
-    def save(self, folder: Path) -> None:
-        self._names.save(folder)
+    def state(self) -> dict[str, bytes]:
         cells = self._grid.cells
         means = (self._grid.sums / np.maximum(cells["pixels"], 1)[:, None]).astype(np.float16)
         if not np.isfinite(means).all():
             raise BackendError(f"encoder {self._made_by}: features above 65,504 cannot be stored in half precision")
-        np.savez(folder / "grid.npz", cells=cells, features=means)
         # so that a home can be asked for its names without the encoder's model
         self._vectors([*self.names(), *self._names.glimpsed()])
         texts = sorted(self._texts)
-        np.savez(folder / "texts.npz", texts=np.array(texts, np.str_), vectors=self._vectors(texts))
         about = {"encoder": self._spec, "made_by": self._made_by, "cell_m": self._grid.cell_m}
-        write_json(folder / "vlmaps.json", about)
+        return self._names.state() | {
+            "grid.npz": npz_bytes(cells=cells, features=means),
+            "texts.npz": npz_bytes(texts=np.array(texts, np.str_), vectors=self._vectors(texts)),
+            "vlmaps.json": json_bytes(about),
+        }
 
-    def load(self, folder: Path) -> None:
-        self._names.load(folder)
-        about = read_json(folder / "vlmaps.json")
+    def restore(self, state: Mapping[str, bytes]) -> None:
+        self._names.restore(state)
+        about = parse_json(state["vlmaps.json"], "vlmaps.json")
+        grid, texts = read_npz(state["grid.npz"], "grid.npz"), read_npz(state["texts.npz"], "texts.npz")
         try:
             self._spec, self._made_by = about["encoder"], str(about["made_by"])
+            if not isinstance(self._spec, str | None):
+                raise TypeError("the encoder's name is no text")
             self._grid = FeatureGrid(float(about["cell_m"]))
-            with np.load(folder / "grid.npz", allow_pickle=False) as arrays:
-                cells, features = arrays["cells"], arrays["features"]
+            cells, features = grid["cells"], grid["features"]
             if cells.dtype != CELL or features.ndim != 2 or len(features) != len(cells):
                 raise ValueError("arrays of another kind or length")
             if len(cells):
                 self._grid.restore(cells, features.astype(np.float32) * cells["pixels"][:, None].astype(np.float32))
-            with np.load(folder / "texts.npz", allow_pickle=False) as arrays:
-                self._texts = dict(zip(arrays["texts"].tolist(), arrays["vectors"].astype(np.float32), strict=True))
-        except (OSError, ValueError, KeyError, TypeError, BadZipFile, InputError) as error:
-            raise InputError(f"{folder} is missing or damaged ({error}): map the recording again") from error
+            vectors = texts["vectors"].astype(np.float32)
+            if not np.isfinite(vectors).all():
+                raise ValueError("a text's vector holds NaN or infinity")
+            self._texts = dict(zip(texts["texts"].tolist(), vectors, strict=True))
+        except (ValueError, KeyError, TypeError, InputError) as error:
+            raise InputError(f"the index vlmaps is damaged ({error})") from error
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> VLMaps:
+        memo[id(self._encoder)] = self._encoder  # a model is shared, not copied
+        copied = VLMaps.__new__(VLMaps)
+        copied.__dict__ = deepcopy(self.__dict__, memo)
+        return copied
 
     def _cosines(self, words: str) -> npt.NDArray[np.float32]:
         if self._search is None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -10,41 +11,39 @@ from typing import Any
 
 from cartier.contracts import Detector
 from cartier.errors import InputError
+from cartier.files import write_file
 from cartier.types import Detections, Frame
 
 
 @contextmanager
 def remembering(detector: Detector, file: Path, settings: dict[str, Any]) -> Iterator[Callable[[Frame], Detections]]:
     """``detector.detect`` that keeps its boxes in a JSON-lines file and takes finished frames from there."""
-    key = json.dumps({name: settings[name] for name in ("sha256", "detector", "detector_sha256")})
+    key = json.dumps({name: settings[name] for name in ("sha256", "detector", "detector_sha256")}) + "\n"
     known: dict[int, Detections] = {}
-    lines = file.read_text(encoding="utf-8", errors="replace").splitlines() if file.is_file() else []
-    if lines and lines[0] == key:
-        for line in lines[1:]:
-            try:
-                found = _of_row(json.loads(line))
-                known[found.frame] = found
-            except (ValueError, KeyError, TypeError, AttributeError, InputError):
-                break  # the line that a kill cut short
-    file.parent.mkdir(parents=True, exist_ok=True)
-    with file.open("w", encoding="utf-8") as out:
-
-        def write(found: Detections) -> None:
-            out.write(json.dumps(_row(found)) + "\n")
+    lines = file.read_bytes().splitlines(keepends=True) if file.is_file() else []
+    if not lines or lines[0] != key.encode():
+        write_file(file, key.encode())
+        lines = []
+    good = len(key.encode())
+    for line in lines[1:]:
+        try:
+            found = _of_row(json.loads(line))
+            known[found.frame] = found
+            good += len(line)
+        except (ValueError, KeyError, TypeError, AttributeError, InputError):
+            break  # the line that a kill cut short
+    os.truncate(file, good)
+    with file.open("a", encoding="utf-8") as out:
 
         def detect(frame: Frame) -> Detections:
             if frame.index in known:
                 return known[frame.index]
             found = detector.detect(frame)
             if found.masks is None:  # masks come from simulators, where asking again costs nothing
-                write(found)
+                out.write(json.dumps(_row(found)) + "\n")
                 out.flush()
             return found
 
-        out.write(key + "\n")
-        for found in known.values():
-            write(found)
-        out.flush()
         yield detect
 
 

@@ -1,4 +1,4 @@
-"""A floor plan from depth: free, occupied and unknown kept apart; and its Nav2 map_server files.
+"""A floor plan from depth: free, occupied and unknown kept apart.
 
 A cell is *occupied* where points were seen in the robot's height band, *free* where the floor was seen or where every
 ray down to knee height passed, and *unknown* otherwise. Obstacles win over free space, unless the floor was seen far
@@ -7,10 +7,8 @@ more often: a chair that was moved does not haunt the map.
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -188,51 +186,3 @@ class OccupancyMapper:
         crossed = np.zeros(shape, np.bool_)
         crossed[rows[inside], cols[inside]] = True
         self._passed += crossed
-
-
-_PIXELS = {FREE: 254, OCCUPIED: 0, UNKNOWN: 205}
-
-
-def save_map(grid: OccupancyGrid, folder: Path) -> None:
-    """Write ``occupancy.pgm`` and ``occupancy.yaml`` as Nav2's map_server reads them, and the heights beside them.
-
-    ``free_thresh`` is 0.196, not Nav2's default of 0.25: unknown is written as 205, that is 0.19608 occupied, which
-    a threshold of 0.25 would take for free.
-    """
-    pixels = np.full(grid.cells.shape, _PIXELS[UNKNOWN], np.uint8)
-    for value, pixel in _PIXELS.items():
-        pixels[grid.cells == value] = pixel
-    rows, cols = grid.cells.shape
-    # The first image row is the largest y.
-    (folder / "occupancy.pgm").write_bytes(b"P5\n%d %d\n255\n" % (cols, rows) + pixels[::-1].tobytes())
-    # YAML takes 1e-05 for text
-    resolution, x, y = (np.format_float_positional(v, trim="0") for v in (grid.resolution_m, *grid.origin_xy))
-    (folder / "occupancy.yaml").write_text(
-        f"image: occupancy.pgm\nmode: trinary\nresolution: {resolution}\norigin: [{x}, {y}, 0.0]\n"
-        "negate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n",
-        encoding="utf-8",
-    )
-    np.save(folder / "occupancy_height_m.npy", grid.height_m, allow_pickle=False)
-
-
-def load_map(folder: Path) -> OccupancyGrid:
-    """The grid that ``save_map`` wrote. Raises InputError for a missing or damaged file."""
-    file = folder / "occupancy.yaml"
-    try:
-        lines = (line.split(":", 1) for line in file.read_text(encoding="utf-8").splitlines() if ":" in line)
-        fields = {key.strip(): value.strip() for key, value in lines}
-        resolution_m, origin = float(fields["resolution"]), json.loads(fields["origin"])
-        file = folder / "occupancy.pgm"
-        magic, size, depth, pixels = file.read_bytes().split(b"\n", 3)
-        cols, rows = (int(v) for v in size.split())
-        if magic != b"P5" or depth != b"255" or len(pixels) != rows * cols:
-            raise ValueError(f"{len(pixels)} pixels for a {cols}x{rows} P5 image")
-        image = np.frombuffer(pixels, np.uint8).reshape(rows, cols)[::-1]
-        cells = np.full(image.shape, UNKNOWN, np.int8)
-        cells[image == _PIXELS[FREE]] = FREE
-        cells[image == _PIXELS[OCCUPIED]] = OCCUPIED
-        file = folder / "occupancy_height_m.npy"
-        height_m = np.load(file, allow_pickle=False)
-        return OccupancyGrid(cells, resolution_m, (float(origin[0]), float(origin[1])), height_m)
-    except (OSError, EOFError, ValueError, KeyError, IndexError, TypeError) as error:
-        raise InputError(f"{file} is missing or damaged ({error}): map the recording again") from error

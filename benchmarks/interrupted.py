@@ -1,0 +1,190 @@
+"""Kill every writing command, or fill its disk, before each of its file-system events: old or new must be left, never half.
+
+    python benchmarks/interrupted.py             all events of map, append, convert, record, doctor --fix, demo and bench
+    python benchmarks/interrupted.py map --every 5
+
+After each interruption what is there is read (the old or the new content, or nothing where there was nothing), the command is run
+again, and the result must be what an undisturbed run gives, with nothing left beside it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import collections
+import json
+import shutil
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+import numpy as np
+
+import cartier
+import cartier.cli
+from cartier.errors import CartierError
+from cartier.recordings import folder as own_format
+from cartier.types import Frame
+from interrupted import KILLED, content, run
+from synthetic import THINGS, RoomRecording, walk
+
+
+@dataclass(frozen=True)
+class Case:
+    """A command that writes ``result`` below a work folder, what is there before, and how to read what is there after."""
+
+    arguments: Callable[[Path], list[object]]
+    before: Callable[[Path], None]
+    result: Callable[[Path], Any]
+
+
+def cases(made: Path) -> dict[str, Case]:
+    """``made`` holds two recordings, a home, and a faulty recording."""
+
+    def home(work: Path) -> Any:
+        return _read(lambda: cartier.Home.load(work / "h")) if (work / "h").exists() else None
+
+    def recording(work: Path) -> Any:
+        return _read(lambda: cartier.open_recording(work / "h").fingerprint()) if (work / "h").exists() else None
+
+    def rows(work: Path) -> Any:
+        kept = work / "h" / "results.jsonl"
+        return None if not (work / "h" / "report.md").is_file() else [json.loads(r)["object"] for r in kept.open()]
+
+    def nothing(work: Path) -> None: ...
+
+    def with_home(work: Path) -> None:
+        shutil.copytree(made / "home", work / "h")
+
+    detector = ["--detector", made / "truth.py"]
+    maps = ["map", made / "second", *detector, "-o"]
+    bench = [
+        "bench",
+        "--homes",
+        "studio",
+        "--methods",
+        "object_depth",
+        "--detector",
+        "ground_truth",
+        "--maps",
+        made / "maps",
+    ]
+    return {
+        "map": Case(lambda w: ["map", made / "first", *detector, "-o", w / "h"], nothing, home),
+        "map-over": Case(lambda w: [*maps, w / "h"], with_home, home),
+        "append": Case(lambda w: [*maps, w / "h", "--append"], with_home, home),
+        "convert": Case(lambda w: ["convert", made / "first", "-o", w / "h"], nothing, recording),
+        "record": Case(lambda w: ["record", "dollhouse:studio", "-o", w / "h"], nothing, recording),
+        "doctor": Case(lambda w: ["doctor", made / "faulty", "--fix", "-o", w / "h"], nothing, recording),
+        "bench": Case(lambda w: [*bench, "--queries", made / "ask.jsonl", "-o", w / "h"], nothing, rows),
+    }  # fmt: skip
+
+
+@dataclass
+class Inverted(RoomRecording):
+    """Frames of a walk with camera_from_world for their poses: a fault that the doctor knows how to mend."""
+
+    def __getitem__(self, index: int) -> Frame:
+        frame = super().__getitem__(index)
+        return replace(frame, world_from_camera=np.linalg.inv(frame.world_from_camera))
+
+
+def prepare(made: Path) -> None:
+    whole = walk()
+    for name, poses in (("first", whole.poses[:8]), ("second", whole.poses[8:])):
+        own_format.save(RoomRecording(poses, THINGS, name=name), made / name)
+    (made / "truth.py").write_text(
+        '"""True boxes."""\nfrom synthetic import THINGS, TrueBoxes\n\ndef make():\n    return TrueBoxes(THINGS)\n'
+    )
+    own_format.save(Inverted(whole.poses, THINGS), made / "faulty")
+    asked = {"id": "a", "type": "explicit", "target": "bed", "accept": ["bed"], "text": "go to the bed"}
+    (made / "ask.jsonl").write_text(json.dumps(asked) + "\n")
+    assert run(["map", made / "first", "--detector", made / "truth.py", "-o", made / "home"], made)[0] == 0
+    one = [
+        "bench",
+        "--homes",
+        "studio",
+        "--methods",
+        "object_depth",
+        "--detector",
+        "ground_truth",
+        "--maps",
+        made / "maps",
+    ]
+    assert run([*one, "--queries", made / "ask.jsonl", "-o", made / "warm"], made)[0] == 0
+
+
+def _read(open_it: Callable[[], Any]) -> Any:
+    """What a reader gets: a home's answer to everything, or the one line of a refusal."""
+    try:
+        read = open_it()
+    except CartierError as error:
+        return f"refused: {error}"
+    if isinstance(read, cartier.Home):
+        places = {name: index.locate(thing) for name, index in read.indexes.items() for thing in read.objects}
+        return (read.id, read.objects, places, [len(jpeg) for jpeg in read.keyframes.values()])
+    return read
+
+
+def sweep(case: Case, base: Path, every: int, error: bool) -> tuple[int, collections.Counter[str]]:
+    """Interrupt a command before each of its events; what came of it, counted."""
+    work = base / "work"
+    shutil.rmtree(work, ignore_errors=True)
+    work.mkdir()
+    case.before(work)
+    old = case.result(work)
+    code, events, told = run(case.arguments(work), work)
+    assert code == 0, told
+    new, whole, names = case.result(work), content(work / "h"), sorted(p.name for p in work.iterdir())
+    found: collections.Counter[str] = collections.Counter()
+    for nth in range(1, events + 1, every):
+        shutil.rmtree(work)
+        work.mkdir()
+        case.before(work)
+        code, _, told = run(case.arguments(work), work, nth, error)
+        stopped = code == KILLED if not error else code in (0, 1)
+        lines = [line for line in told.splitlines() if line.startswith("cartier: ")]
+        state = case.result(work)
+        left = "new" if state == new else "old" if state == old else f"HALF at {nth}"
+        if not stopped or (error and code == 1 and len(lines) != 1):
+            left += f", exit code {code} at {nth}: {told.strip().splitlines()[-1:]}"
+        code, _, told = run(case.arguments(work), work)
+        refused = code == 1 and ("exists" in told or "is in" in told) and left == "new"  # done already, and said so
+        same = refused or (code == 0 and content(work / "h") == whole)
+        beside = sorted(p.name for p in work.iterdir() if not p.name.endswith(".lock"))
+        again = "the same again" if same else f"DIFFERENT at {nth} ({told.strip()[-100:]})"
+        found[f"{left}; {again}" + ("" if refused or beside == names else f"; LEFT {beside}")] += 1
+    shutil.rmtree(work)
+    return events, found
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("cases", nargs="*")
+    parser.add_argument("--every", type=int, default=1, help="interrupt only every so manieth event")
+    given = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        base = Path(folder)
+        (base / "made").mkdir()
+        prepare(base / "made")
+        known, faults = cases(base / "made"), 0
+        for name in given.cases or known:
+            for error in (False, True):
+                begin = time.perf_counter()
+                events, found = sweep(known[name], base, given.every, error)
+                print(
+                    f"{name:9} {'I/O error' if error else 'kill':9} {events:4} events  {time.perf_counter() - begin:5.0f} s"
+                )
+                for what, count in found.most_common():
+                    print(f"    {count:4} {what}", flush=True)
+                    faults += count * any(word in what for word in ("HALF", "exit code", "DIFFERENT", "LEFT"))
+    print("old or new after each, the same again" if not faults else f"{faults} FAULTS")
+    sys.exit(bool(faults))
+
+
+if __name__ == "__main__":
+    main()

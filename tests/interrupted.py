@@ -1,0 +1,85 @@
+"""Run a command of cartier in a forked child that is killed, or meets an I/O error, at its Nth file-system event."""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import os
+import re
+import sys
+import traceback
+from collections.abc import Sequence
+from pathlib import Path
+
+EVENTS = {"open", "os.rename", "os.mkdir", "os.remove", "os.rmdir", "os.truncate", "os.link", "tempfile.mkdtemp"}
+KILLED = -9
+
+
+def run(arguments: Sequence[object], within: Path, nth: int = 0, error: bool = False) -> tuple[int, int, str]:
+    """(exit code, events under ``within``, what was printed to standard error) of one command.
+
+    Before the ``nth`` event that may change a file under ``within`` the process is killed, or with ``error`` gets one OSError
+    (a full disk); 0 lets it run to its end. An unexpected exception gives the exit code 99.
+    """
+    log = within.parent / f"{within.name}.log"
+    child = os.fork()
+    if child == 0:
+        _child([str(a) for a in arguments], within, nth, error, log)
+    code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+    told = log.read_text(errors="replace")
+    counted = re.search(r"EVENTS (\d+)\n$", told)
+    log.unlink()
+    return code, int(counted[1]) if counted else 0, told.split("EVENTS ")[0]
+
+
+def _child(arguments: list[str], within: Path, nth: int, error: bool, log: Path) -> None:
+    from cartier import cli
+
+    count = 0
+
+    def hook(event: str, given: tuple[object, ...]) -> None:
+        nonlocal count
+        if event not in EVENTS or not given or isinstance(given[0], int | None):
+            return
+        if event == "open" and not _writes(given):
+            return
+        if not Path(os.fsdecode(given[0])).absolute().is_relative_to(within):  # type: ignore[arg-type]
+            return
+        count += 1
+        if count == nth and error:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        if count == nth:
+            os.kill(os.getpid(), 9)
+
+    out = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+    os.dup2(out, 2)
+    sys.argv = ["cartier", *arguments]
+    sys.addaudithook(hook)
+    code = 0
+    try:
+        cli.main()
+    except SystemExit as ended:
+        code = ended.code if isinstance(ended.code, int) else int(ended.code is not None)
+    except BaseException:
+        traceback.print_exc()
+        code = 99
+    sys.stderr.flush()
+    os.write(2, f"EVENTS {count}\n".encode())
+    os._exit(code)
+
+
+def _writes(given: tuple[object, ...]) -> bool:
+    """Whether an audit event of ``open`` (path, mode, flags) opens for writing."""
+    mode, flags = given[1], given[2]
+    return bool(set(mode) & set("wax+")) if isinstance(mode, str) else isinstance(flags, int) and bool(flags & 3)
+
+
+def content(folder: Path) -> str | None:
+    """A digest of all names and bytes in a folder, without the answers that people got; None if there is no folder."""
+    if not folder.exists():
+        return None
+    digest = hashlib.sha256()
+    for file in sorted(path for path in folder.rglob("*") if path.is_file() and path.name != "answers.jsonl"):
+        digest.update(f"{file.relative_to(folder)}\0{hashlib.sha256(file.read_bytes()).hexdigest()}\0".encode())
+    return digest.hexdigest()
