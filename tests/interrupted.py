@@ -54,6 +54,7 @@ def _child(arguments: list[str], within: Path, nth: int, error: bool, log: Path)
     out = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
     os.dup2(out, 2)
+    sys.stdout, sys.stderr = os.fdopen(1, "w", closefd=False), os.fdopen(2, "w", closefd=False)  # not pytest's
     sys.argv = ["cartier", *arguments]
     sys.addaudithook(hook)
     code = 0

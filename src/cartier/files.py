@@ -210,6 +210,8 @@ def _tidy(target: Path, marker: str) -> None:
                 folder.replace(target)
         elif (folder / TEMPORARY).is_file():
             shutil.rmtree(folder)
+        elif folder.suffix == ".new" and _is_empty_folder(folder):  # killed before it was marked
+            folder.rmdir()
 
 
 def _is_empty_folder(folder: Path) -> bool:

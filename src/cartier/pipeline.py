@@ -49,12 +49,14 @@ def map_home(
     ``indexes`` are names; by default those that need no encoder and that the recording allows. ``encoder``, for those that
     need one, is NAME, NAME:MODEL or an Encoder. An object counts where ``min_views`` frames agree on it; by default as
     many as the detector asks for (``Detector.min_views``). ``onto`` is a home that the recording is added to, with poses in
-    that home's frame and by the same detector; its indices and settings stay. ``resume`` is a file that keeps the detections
+    that home's frame and by the same detector; its indices and settings stay, and one that holds the recording already is given back. ``resume`` is a file that keeps the detections
     of finished frames, so that a killed run does not detect twice. ``progress`` is told (frames done, frames in all).
     Raises InputError if the recording is empty or broken, if nothing was detected in it, or if it does not go with ``onto``.
     """
     if not len(recording):
         raise InputError(f"recording {recording.name} holds no frames")
+    if onto is not None and recording.fingerprint() in _recordings_of(onto):
+        return onto
     if onto is None:
         views = detector.min_views if min_views is None else min_views
         built = {name: _index(name, views, encoder) for name in indexes or DEFAULT_INDEXES}
@@ -114,6 +116,11 @@ def _settings(recording: Recording, detector: Detector) -> dict[str, Any]:
     return made_of | {"detector": detector.name, "detector_sha256": getattr(detector, "sha256", "")}
 
 
+def _recordings_of(home: Home) -> list[str]:
+    """The fingerprints of all recordings that a home was made from."""
+    return [home.settings["sha256"], *(row["sha256"] for row in home.settings.get("added", []))]
+
+
 def _grown(
     home: Home, recording: Recording, detector: Detector
 ) -> tuple[dict[str, SpatialIndex], dict[str, Any], OccupancyMapper, int]:
@@ -125,8 +132,6 @@ def _grown(
                 f"{home.name} was mapped by {home.detector}, not by {detector.name}: add with the same detector"
             )
     added = list(home.settings.get("added", []))
-    if made_by["sha256"] in (home.settings["sha256"], *(row["sha256"] for row in added)):
-        raise InputError(f"{recording.name} is in {home.name} already")
     if home.grid is not None and home.counts is None:
         raise InputError(f"{home.name} keeps no counts of its floor plan (an older cartier made it): map it again")
     mapper = OccupancyMapper(robot_radius_m=home.robot_radius_m)

@@ -142,6 +142,8 @@ def map_command(
                 source, detects, names, encoder=encoder, min_views=min_views, robot_radius_m=radius,
                 onto=onto, resume=unfinished, progress=step,
             )  # fmt: skip
+        if home is onto:
+            say(f"{source.name} is in {output} already: nothing was added")
         home.save(output)
         with suppress(OSError):  # the home is whole without
             unfinished.unlink()
