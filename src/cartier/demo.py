@@ -71,7 +71,8 @@ def run(
     ``progress`` gives a context manager per stage that yields a callable (done, total). Raises InputError for an unknown home,
     and what ``specs.detector`` raises.
     """
-    world = plugins.make("worlds", "dollhouse")
+    home = home.removeprefix("dollhouse:")
+    world: Any = plugins.make("worlds", "dollhouse")
     scene = world.scene(home)
     say(f"exploring {home}: {scene.about}")
     recording = world.explore(home, seed=seed)

@@ -264,7 +264,7 @@ def _index(store: Store, about: Mapping[str, Any], name: str) -> SpatialIndex:
     if name not in [b.name for b in plugins.backends("indexes")]:
         raise InputError(f"{store.folder} names an index {str(name)[:60]!r} that is not installed")
     begin = f"indexes/{name}/"
-    index: SpatialIndex = plugins.make("indexes", name)
+    index = plugins.make("indexes", name)
     index.restore({part[len(begin) :]: store.get(part, about) for part in about["blobs"] if part.startswith(begin)})
     return index
 

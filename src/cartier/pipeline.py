@@ -175,8 +175,7 @@ def ask(
 
 @cache
 def _embedded() -> Reasoner:
-    made: Reasoner = plugins.make("reasoners", "embedded")
-    return made
+    return plugins.make("reasoners", "embedded")
 
 
 def _second_look(
@@ -265,8 +264,7 @@ def _timed(timing_ms: dict[str, float], step: str) -> Iterator[None]:
 
 def _index(name: str, min_views: int, encoder: str | Encoder) -> SpatialIndex:
     options = {"encoder": encoder} if plugins.takes("indexes", name, "encoder") else {}
-    index: SpatialIndex = plugins.make("indexes", name, min_views=min_views, **options)
-    return index
+    return plugins.make("indexes", name, min_views=min_views, **options)
 
 
 def _without_masks(detections: Detections) -> Detections:

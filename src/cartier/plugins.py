@@ -11,15 +11,17 @@ import ast
 import importlib
 import importlib.util
 import inspect
+import json
+import urllib.parse
 from collections.abc import Callable
 from dataclasses import dataclass
 from difflib import get_close_matches
 from functools import cache
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal, overload
 
-from cartier.contracts import Recording
+from cartier.contracts import Detector, Encoder, Reasoner, Recording, Robot, SpatialIndex, World
 from cartier.errors import BackendError, InputError, MissingExtra
 
 if TYPE_CHECKING:
@@ -53,12 +55,34 @@ def backends(kind: str) -> list[Backend]:
     return built_in + sorted(added, key=lambda b: b.name)
 
 
+@overload
+def make(kind: Literal["detectors"], name: str, **options: Any) -> Detector: ...
+@overload
+def make(kind: Literal["encoders"], name: str, **options: Any) -> Encoder: ...
+@overload
+def make(kind: Literal["indexes"], name: str, **options: Any) -> SpatialIndex: ...
+@overload
+def make(kind: Literal["reasoners"], name: str, **options: Any) -> Reasoner: ...
+@overload
+def make(kind: Literal["robots"], name: str, **options: Any) -> Robot: ...
+@overload
+def make(kind: Literal["worlds"], name: str, **options: Any) -> World: ...
 def make(kind: str, name: str, **options: Any) -> Any:
-    """A new backend of a kind, with its options checked against its factory's signature."""
+    """A new backend of a kind, with its options checked against its factory's signature.
+
+    ``kind`` is detectors, encoders, indexes, reasoners, robots or worlds; ``name`` one that ``cartier list`` shows, or a path
+    to a .py file. Raises BackendError for an unknown name or option, MissingExtra if a package is not installed.
+    """
     return _call(kind, name, "make", (), options)
 
 
-def make_from_spec(kind: str, spec: str, **options: Any) -> Any:
+@overload
+def make_from_spec(kind: Literal["detectors"], spec: str, **options: Any) -> Detector: ...
+@overload
+def make_from_spec(kind: Literal["encoders"], spec: str, **options: Any) -> Encoder: ...
+@overload
+def make_from_spec(kind: Literal["reasoners"], spec: str, **options: Any) -> Reasoner: ...
+def make_from_spec(kind: Any, spec: str, **options: Any) -> Any:
     """A backend as people write it on a command line: NAME, or NAME:MODEL where it needs a model."""
     name, _, model = spec.partition(":")
     return make(kind, name, **({"model": model} if model else {}), **options)
@@ -168,5 +192,21 @@ def _call(kind: str, name: str, function: str, args: tuple[Any, ...], options: d
         if missing in ("", "cartier"):  # a broken import of our own is a bug and keeps its traceback
             raise
         extra = next((b.extra for b in backends(kind) if b.name == name), None)
-        need = f"cartier[{extra}]" if extra else missing
-        raise MissingExtra(f"{kind} {name!r} needs the package {missing!r}: pip install '{need}'") from error
+        raise MissingExtra(f"{kind} {name!r} needs the package {missing!r}: {install(extra, missing)}") from error
+
+
+def install(extra: str | None, package: str) -> str:
+    """The command that brings a missing package; for a cartier that came from a folder or a repository, from there again."""
+    if not extra:
+        return f"pip install {package}"
+    from importlib.metadata import PackageNotFoundError, distribution
+
+    try:
+        source = json.loads(distribution("cartier").read_text("direct_url.json") or "{}")
+        url = str(source.get("url", ""))
+    except (PackageNotFoundError, ValueError):
+        source, url = {}, ""
+    if url.startswith("file:") and "dir_info" in source:
+        path = urllib.parse.unquote(urllib.parse.urlsplit(url).path)
+        return f"pip install {'-e ' if source['dir_info'].get('editable') else ''}'{path}[{extra}]'"
+    return f"pip install 'cartier[{extra}]{f' @ {url}' if url else ''}'"

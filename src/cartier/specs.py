@@ -24,31 +24,26 @@ def detector(spec: str, recording: Recording, **options: Any) -> Detector:
     name, _, rest = spec.partition(":")
     if name == "ground_truth":
         given |= _numbers(rest, spec) | {"truth": recording.truth, "source": recording.name}
-        made: Detector = plugins.make("detectors", name, **given)
-        return made
+        return plugins.make("detectors", name, **given)
     suffix = Path(spec).suffix.lower()
     if suffix == ".onnx":
-        made = plugins.make("detectors", "onnx", model=spec, **given)
-    elif suffix in (".json", ".jsonl"):
-        made = plugins.make("detectors", "file", path=spec, **given)
-    else:
-        made = plugins.make_from_spec("detectors", spec, **given)
-    return made
+        return plugins.make("detectors", "onnx", model=spec, **given)
+    if suffix in (".json", ".jsonl"):
+        return plugins.make("detectors", "file", path=spec, **given)
+    return plugins.make_from_spec("detectors", spec, **given)
 
 
 def reasoner(spec: str, **options: Any) -> Reasoner:
     """A reasoner by NAME or NAME:MODEL; options that are None are left to it."""
     given = {name: value for name, value in options.items() if value is not None}
-    made: Reasoner = plugins.make_from_spec("reasoners", spec, **given)
-    return made
+    return plugins.make_from_spec("reasoners", spec, **given)
 
 
 def robot(spec: str, home: Home) -> Robot:
     """A robot by NAME; one that drives in a simulated home is told which and how wide it is, or NAME:PATH says it."""
     name, _, where = spec.partition(":")
     told = {"home": where or home.name, "radius_m": home.robot_radius_m}
-    made: Robot = plugins.make("robots", name, **(told if plugins.takes("robots", name, "home") else {}))
-    return made
+    return plugins.make("robots", name, **(told if plugins.takes("robots", name, "home") else {}))
 
 
 def _numbers(text: str, spec: str) -> dict[str, Any]:

@@ -29,6 +29,10 @@ def bench(
     reasoner: Annotated[str, typer.Option(help="Any of 'cartier list', or NAME:MODEL.")] = "embedded",
     model: Annotated[str | None, typer.Option(help="The language model's name on its server.")] = None,
     base_url: Annotated[str | None, typer.Option(help="The server's URL; default OPENAI_BASE_URL.")] = None,
+    replies: Annotated[
+        Path | None,
+        typer.Option(help="Recorded replies, for --reasoner replay."),
+    ] = None,
     prompt: Annotated[str | None, typer.Option(help="The language model's prompt: rich (default) or paper.")] = None,
     detector: Annotated[
         list[str] | None,
@@ -63,7 +67,7 @@ def bench(
     made_by = [MapSettings(world, one, encoder or encoder_for(one), seed) for one in detectors]
     asked = load_queries(queries) if queries in SPLITS else load_file(queries)
     where = _names(homes) or tuple(Maps(output, made_by[0]).world.homes())
-    thinks = specs.reasoner(reasoner, model=model, base_url=base_url, prompt=prompt)
+    thinks = specs.reasoner(reasoner, model=model, base_url=base_url, prompt=prompt, path=replies)
     kept, beside = maps or output / "maps", [output / _folder(one) for one in detectors[1:]]
     every = list(zip([output, *beside], made_by, strict=True))
     answers = []

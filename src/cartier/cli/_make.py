@@ -20,7 +20,10 @@ A_DAY_S = 86_400.0  # somebody else may be mapping into the same home
 @app.command()
 def demo(
     home: Annotated[
-        str, typer.Option(help="A home of the dollhouse by name, or a number for a generated one.")
+        str,
+        typer.Option(
+            help="A home of the dollhouse, as for record: studio, dollhouse:studio, or a number for a generated one."
+        ),
     ] = "kitchen_diner",
     out: Annotated[
         Path,

@@ -14,7 +14,6 @@ import numpy as np
 import numpy.typing as npt
 
 from cartier import plugins, specs
-from cartier.contracts import World
 from cartier.errors import InputError
 from cartier.home import Home
 from cartier.models import dollhouse_detector
@@ -45,7 +44,7 @@ class Maps:
 
     def __init__(self, folder: Path, settings: MapSettings) -> None:
         self.folder, self.settings = folder, settings
-        self.world: World = plugins.make("worlds", settings.world)
+        self.world = plugins.make("worlds", settings.world)
 
     def get(self, home: str, progress: Callable[[str, int, int], None] | None = None) -> Home:
         """``progress`` is told (home, frames done, frames in all). Raises InputError for an unknown home."""

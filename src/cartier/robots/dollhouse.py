@@ -26,7 +26,8 @@ def make(home: str = "", radius_m: float = 0.2) -> Dollhouse:
     ):  # recordings are called "dollhouse studio", and "dollhouse dollhouse 7" if generated
         name = name.removeprefix(f"{WORLD} ")
     try:
-        scene = plugins.make("worlds", WORLD).scene(name)
+        world: Any = plugins.make("worlds", WORLD)
+        scene = world.scene(name)
     except InputError as error:
         raise InputError(f"robot dollhouse drives in homes of the dollhouse, and {home!r} is none ({error})") from error
     return Dollhouse(scene, radius_m)
