@@ -198,7 +198,7 @@ def _call(kind: str, name: str, function: str, args: tuple[Any, ...], options: d
 def install(extra: str | None, package: str) -> str:
     """The command that brings a missing package; for a cartier that came from a folder or a repository, from there again."""
     if not extra:
-        return f"pip install {package}"
+        return f"pip install '{package}'"
     from importlib.metadata import PackageNotFoundError, distribution
 
     try:
