@@ -1,11 +1,23 @@
-"""What can be swapped: small protocols. A backend is one file; its laws are in tests/laws.py, run over all of a kind."""
+"""What can be swapped: small protocols. A backend is one file; its laws are in cartier.testing, run over all of a kind."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from typing import Any, Protocol, runtime_checkable
 
-from cartier.types import Array, Camera, Detections, Frame, Goal, Place, Selection, TrueObject
+from cartier.types import (
+    Array,
+    Calibration,
+    Camera,
+    Detections,
+    Frame,
+    Goal,
+    Inventory,
+    MapObject,
+    Place,
+    Selection,
+    TrueObject,
+)  # fmt: skip
 
 
 @runtime_checkable
@@ -28,17 +40,19 @@ class Recording(Protocol):
 
 
 class Detector(Protocol):
-    """Finds objects in one frame. ``name`` says which model at which threshold, for every output's provenance.
+    """Finds objects in one frame. ``name`` says which model it is, for every output's provenance.
 
-    It may have ``notes``, lines about what it assumed, and ``sha256`` of the files it was made from.
+    Who derives from this class may leave out what has a default: what its reports are worth, lines about what it assumed, and
+    the sha256 of the files that it was made from.
     """
 
     name: str
-    min_views: int
-    """How many frames must agree before one of its objects counts; 1 for a detector that is never wrong."""
+    calibration: Calibration = Calibration()
+    notes: Sequence[str] = ()
+    sha256: str = ""
 
     def detect(self, frame: Frame) -> Detections:
-        """Detections above the detector's own threshold; labels are display names (see ``language.names.display_name``)."""
+        """All detections that may mean something, low scores too; labels are display names (see ``language.names``)."""
         ...
 
 
@@ -59,41 +73,31 @@ class Encoder(Protocol):
 
 
 class SpatialIndex(Protocol):
-    """Where each named thing is. Built frame by frame, so that memory does not grow with the recording.
+    """Where each named thing is, one place per name. A copy (``copy.deepcopy``) is an index of its own.
 
-    Its factory is ``make(min_views=1, …)``: a name counts once so many frames agree on it. One that needs image features
-    also takes ``encoder``, says which in its attribute ``encoder``, and can tell the similarity of any words to each place.
+    Its factory is ``make(…)``. One that needs image features also takes ``encoder``, and says which in its attribute ``encoder``.
     """
 
     def add(self, frame: Frame, detections: Detections) -> None:
-        """Take in one more frame."""
+        """Take in one more frame, with the detections that count by themselves."""
+        ...
+
+    def settle(self, objects: Sequence[MapObject]) -> None:
+        """What the map of objects holds now; names are those of confirmed objects."""
         ...
 
     def names(self) -> list[str]:
-        """The names that the index can locate for certain, sorted."""
+        """The names that the index can locate, sorted."""
         ...
 
     def locate(self, name: str) -> Place | None: ...
 
     def state(self) -> dict[str, bytes]:
-        """All that it holds, as named blobs; names are as of files, ``grid.npz``. Whoever keeps a home keeps them."""
+        """All that it holds besides the objects, as named blobs: ``grid.npz``. Whoever keeps a home keeps them."""
         ...
 
     def restore(self, state: Mapping[str, bytes]) -> None:
         """Take what ``state`` gave into a freshly made index. Raises InputError if it is damaged, KeyError for a missing blob."""
-        ...
-
-
-@runtime_checkable
-class Glimpsing(Protocol):
-    """A spatial index that also keeps where things were seen that it does not list: hints for who asks for just those."""
-
-    def glimpsed(self) -> list[str]:
-        """The names of what was seen, but in too few frames or not surely enough to be listed, sorted."""
-        ...
-
-    def glimpse(self, name: str) -> Place | None:
-        """Where one of them was seen best: a place that is not ``sure``."""
         ...
 
 
@@ -114,7 +118,7 @@ class Searchable(Protocol):
 
 
 class Reasoner(Protocol):
-    """Picks the object that serves a person's words. Never returns an object that is not in the list it was given.
+    """Picks the object that serves a person's words. Never returns one that is not in the inventory it was given.
 
     It may count what it asked of a language model, in running totals ``calls`` and ``tokens``, and have ``notes``, lines
     about how it came to its latest answer.
@@ -122,7 +126,7 @@ class Reasoner(Protocol):
 
     name: str
 
-    def select(self, query: str, objects: Sequence[str], dialogue: Sequence[tuple[str, str]] = ()) -> Selection:
+    def select(self, query: str, inventory: Inventory, dialogue: Sequence[tuple[str, str]] = ()) -> Selection:
         """``dialogue`` holds earlier (person, robot) turns, oldest first."""
         ...
 

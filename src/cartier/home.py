@@ -1,108 +1,84 @@
-"""A mapped home: what was detected, where it is, the floor plan, and the evidence; one versioned folder, never pickle."""
+"""A mapped home: its objects with their evidence, its rooms and floor plan, and the indices; kept by ``store.py``, never pickle."""
 
 from __future__ import annotations
 
 import hashlib
 import io
 import json
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from cartier import plugins
-from cartier.contracts import Glimpsing, Searchable, SpatialIndex
+from cartier.contracts import Searchable, SpatialIndex
 from cartier.errors import InputError
-from cartier.files import npz_bytes, read_npz
+from cartier.files import json_bytes, npz_bytes, parse_json, read_npz
 from cartier.mapping.map_server import grid_from, pgm, yaml
 from cartier.store import Store, blob_file, digest_of
-from cartier.types import Answer, Camera, Detections, OccupancyGrid, Place
+from cartier.types import Answer, Camera, Inventory, MapObject, OccupancyGrid, Place, Room, View
 
+Key = TypeVar("Key", int, str)
 SCHEMA = 2
 ANSWERS = "answers.jsonl"
 TRIES = 5  # to read a home that others replace meanwhile
+GROWTH = "growth"
+"""The folder of what only growing needs."""
 
 
 @dataclass(frozen=True, eq=False)
-class DetectionLog:
-    """Every detection of a recording as parallel arrays of N; ``label_ids`` index into ``labels``."""
-
-    frames: npt.NDArray[np.int32]
-    boxes_xyxy: npt.NDArray[np.float32]
-    scores: npt.NDArray[np.float32]
-    label_ids: npt.NDArray[np.int32]
-    labels: tuple[str, ...]
-
-    @classmethod
-    def of(cls, detections: Sequence[Detections]) -> DetectionLog:
-        """The log of the detections of many frames; masks are dropped."""
-        labels = sorted({label for d in detections for label in d.labels})
-        number = {label: i for i, label in enumerate(labels)}
-        return cls(
-            np.concatenate([np.full(len(d), d.frame, np.int32) for d in detections]),
-            np.concatenate([d.boxes_xyxy for d in detections]),
-            np.concatenate([d.scores for d in detections]),
-            np.array([number[label] for d in detections for label in d.labels], np.int32),
-            tuple(labels),
-        )
-
-    def followed_by(self, more: DetectionLog) -> DetectionLog:
-        """Both, one after the other."""
-        labels = tuple(sorted({*self.labels, *more.labels}))
-        number = {label: i for i, label in enumerate(labels)}
-        ids = [np.array([number[label] for label in log.labels], np.int32)[log.label_ids] for log in (self, more)]
-        return DetectionLog(
-            np.concatenate([self.frames, more.frames]),
-            np.concatenate([self.boxes_xyxy, more.boxes_xyxy]),
-            np.concatenate([self.scores, more.scores]),
-            np.concatenate(ids),
-            labels,
-        )
-
-
-@dataclass(eq=False)
 class Home:
-    """What ``map_home`` makes and ``ask`` reads. ``settings`` is all that made it, for provenance; ``detector`` names it."""
+    """What ``map_home`` makes and ``ask`` reads; nobody changes it.
+
+    ``objects`` are all of the map, confirmed and tentative. ``settings`` is all that made it, for provenance, and ``detector``
+    names that. ``photos`` are the JPEGs of the frames that objects' views name. ``growth`` is the state that mapping goes on from.
+    """
 
     name: str
     detector: str
     camera: Camera
-    detections: DetectionLog
+    objects: tuple[MapObject, ...]
     indexes: Mapping[str, SpatialIndex]
     grid: OccupancyGrid | None
     start_xy: tuple[float, float]
-    robot_radius_m: float
     settings: Mapping[str, Any]
-    keyframes: Mapping[int, bytes] = field(default_factory=dict)
+    rooms: tuple[Room, ...] = ()
+    photos: Mapping[int, bytes] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
-    counts: Mapping[str, npt.NDArray[Any]] | None = None
-    """What the grid was counted from, so that another recording can be added."""
+    growth: Mapping[str, bytes] = field(default_factory=dict)
     store: Store | None = None
     """Where it was loaded from."""
 
     @property
     def id(self) -> str:
-        """The same for the same recording, mapped with the same settings."""
+        """The same for the same recordings, mapped with the same settings."""
         made_by = json.dumps(dict(self.settings), sort_keys=True)
         return hashlib.sha256(made_by.encode()).hexdigest()[:12]
 
     @property
-    def objects(self) -> list[str]:
-        """The names of everything that an index can locate, each once, sorted: what a reasoner gets to see."""
+    def names(self) -> list[str]:
+        """What an index can locate, each name once, sorted: what the paper's prompt lists."""
         return sorted({name for index in self.indexes.values() for name in index.names()})
 
     @property
-    def glimpsed(self) -> dict[str, float]:
-        """The names of what was seen, but not well enough to be listed in ``objects``, sorted, each with its best score."""
-        found: dict[str, float] = {}
-        for index in (one for one in self.indexes.values() if isinstance(one, Glimpsing)):
-            for name in index.glimpsed():
-                place = index.glimpse(name)
-                found[name] = max(found.get(name, 0.0), place.score if place else 0.0)
-        return {name: found[name] for name in sorted(found.keys() - set(self.objects))}
+    def inventory(self) -> Inventory:
+        """What a reasoner gets to see."""
+        return Inventory(self.objects, self.rooms, self.photo)
+
+    def photo(self, object_id: int) -> bytes | None:
+        """The JPEG of an object's best view, None for an unknown id or a photo that was not kept."""
+        thing = next((o for o in self.objects if object_id == o.id or object_id in o.aliases), None)
+        return self.photos.get(thing.views[0].frame) if thing is not None and thing.views else None
+
+    def evidence(self, place: Place) -> npt.NDArray[np.uint8] | None:
+        """The photo (H, W, 3) that shows a place."""
+        from PIL import Image
+
+        data = self.photos.get(place.frame)
+        return None if data is None else np.asarray(Image.open(io.BytesIO(data)).convert("RGB"))
 
     def index(self, name: str | None = None) -> tuple[str, SpatialIndex]:
         """An index by name, or the home's first one."""
@@ -125,30 +101,6 @@ class Home:
             "map it again with --index object_depth,object_viewpoint,vlmaps"
         )
 
-    def keyframe(self, place: Place) -> npt.NDArray[np.uint8] | None:
-        """The photo (H, W, 3) that is the evidence for a place."""
-        from PIL import Image
-
-        data = self.keyframes.get(place.frame)
-        return None if data is None else np.asarray(Image.open(io.BytesIO(data)).convert("RGB"))
-
-    def table(self, index: str | None = None) -> list[dict[str, Any]]:
-        """One row per kind of object: its name, in how many frames it was seen, its best score, and its place or None."""
-        spatial_index, log = self.index(index)[1], self.detections
-        rows = []
-        for label in self.objects:
-            mine = log.label_ids == log.labels.index(label)
-            place = spatial_index.locate(label)
-            rows.append(
-                {
-                    "object": label,
-                    "frames": len(np.unique(log.frames[mine])),
-                    "best_score": float(log.scores[mine].max()),
-                    "place": place.to_dict() if place else None,
-                }
-            )
-        return sorted(rows, key=lambda row: -row["frames"])
-
     def remember(self, answer: Answer) -> None:
         """Append an answer to the saved home's ``answers.jsonl``. Raises InputError where that cannot be written."""
         if self.store is not None:
@@ -156,25 +108,23 @@ class Home:
 
     def save(self, folder: str | Path) -> None:
         """Write the home whole or not at all; an older home in that place stays until the new one is complete."""
-        log, camera, grid = self.detections, self.camera, self.grid
-        blobs = {
-            "detections.npz": npz_bytes(
-                frames=log.frames, boxes_xyxy=log.boxes_xyxy, scores=log.scores, label_ids=log.label_ids
-            )
-        }
+        camera, grid = self.camera, self.grid
+        blobs = {"objects.json": json_bytes([asdict(thing) for thing in self.objects])}
         for name, index in self.indexes.items():
             blobs |= {f"indexes/{name}/{part}": data for part, data in index.state().items()}
-        blobs |= {_photo(frame): jpeg for frame, jpeg in self.keyframes.items()}
+        blobs |= {f"{GROWTH}/{part}": data for part, data in self.growth.items()}
+        blobs |= {f"photos/{frame:06d}.jpg": jpeg for frame, jpeg in self.photos.items()}
         if grid is not None:
-            blobs |= {"occupancy.pgm": pgm(grid), "occupancy.npz": npz_bytes(height_m=grid.height_m)}
-        if self.counts is not None:
-            blobs["occupancy_counts.npz"] = npz_bytes(**self.counts)
+            rooms = np.full(grid.cells.shape, -1, np.int16)
+            for number, room in enumerate(self.rooms):
+                rooms[tuple(room.cells.T)] = number
+            blobs |= {"occupancy.pgm": pgm(grid), "occupancy.npz": npz_bytes(height_m=grid.height_m, rooms=rooms)}
         about = {
-            "schema": SCHEMA, "id": self.id, "name": self.name, "detector": self.detector, "labels": list(log.labels),
+            "schema": SCHEMA, "id": self.id, "name": self.name, "detector": self.detector,
             "camera": [camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy], "indexes": list(self.indexes),
             "grid": None if grid is None else {"resolution_m": grid.resolution_m, "origin_xy": list(grid.origin_xy)},
-            "start_xy": list(self.start_xy), "robot_radius_m": self.robot_radius_m, "settings": dict(self.settings),
-            "notes": list(self.notes),
+            "rooms": [[room.id, room.name, room.kind] for room in self.rooms], "start_xy": list(self.start_xy),
+            "settings": dict(self.settings), "notes": list(self.notes),
         }  # fmt: skip
         files = {}
         if grid is not None:  # for Nav2, which wants a name that stays
@@ -193,7 +143,7 @@ class Home:
             try:
                 return cls._read(store, about)
             except InputError:
-                if attempt + 1 == TRIES or store.manifest()["sha256"] == about.get("sha256"):
+                if attempt + 1 == TRIES or store.manifest().get("sha256") == about.get("sha256"):
                     raise
         raise AssertionError("not reached")
 
@@ -208,26 +158,24 @@ class Home:
                 f"this one reads {SCHEMA}): {mend}"
             )
         try:
-            grid = None
-            if about["grid"] is not None:
-                x, y = about["grid"]["origin_xy"]
-                height_m = read_npz(store.get("occupancy.npz", about), "occupancy.npz")["height_m"]
-                image = store.get("occupancy.pgm", about)
-                grid = grid_from(image, float(about["grid"]["resolution_m"]), (float(x), float(y)), height_m)
-            photos = [name for name in about["blobs"] if name.startswith("photos/")]
+            objects = tuple(map(_object, parse_json(store.get("objects.json", about), "objects.json")))
+            indexes = {name: _index(store, about, name) for name in about["indexes"]}
+            for index in indexes.values():
+                index.settle(objects)
+            grid, rooms = _floor(store, about)
             return cls(
                 name=str(about["name"]),
                 detector=str(about["detector"]),
                 camera=Camera(*about["camera"]),
-                detections=_log(store.get("detections.npz", about), tuple(map(str, about["labels"]))),
-                indexes={name: _index(store, about, name) for name in about["indexes"]},
+                objects=objects,
+                indexes=indexes,
                 grid=grid,
                 start_xy=(float(about["start_xy"][0]), float(about["start_xy"][1])),
-                robot_radius_m=float(about["robot_radius_m"]),
                 settings=about["settings"],
-                keyframes=_Photos(store, about, {int(Path(name).stem): name for name in photos}),
+                rooms=rooms,
+                photos=_Blobs(store, about, "photos/", lambda name: int(name.partition(".")[0])),
                 notes=tuple(about["notes"]),
-                counts=_counts(store, about),
+                growth=_Blobs(store, about, f"{GROWTH}/", str),
                 store=store,
             )
         except (KeyError, TypeError, ValueError, IndexError, InputError) as error:
@@ -235,46 +183,50 @@ class Home:
             raise InputError(told.replace("\n", " ")[:300]) from error
 
 
-class _Photos(Mapping[int, bytes]):
-    """Evidence photos of a saved home, read when looked at."""
+class _Blobs(Mapping[Key, bytes]):
+    """Blobs of a saved home whose names begin alike, read when asked for."""
 
-    def __init__(self, store: Store, about: Mapping[str, Any], names: Mapping[int, str]) -> None:
-        self._store, self._about, self._names = store, about, names
+    def __init__(self, store: Store, about: Mapping[str, Any], begin: str, key: Callable[[str], Key]) -> None:
+        self._store, self._about = store, about
+        self._names = {key(name[len(begin) :]): name for name in about["blobs"] if name.startswith(begin)}
 
-    def __getitem__(self, frame: int) -> bytes:
-        return self._store.get(self._names[frame], self._about)
+    def __getitem__(self, key: Key) -> bytes:
+        return self._store.get(self._names[key], self._about)
 
-    def __iter__(self) -> Any:
+    def __iter__(self) -> Iterator[Key]:
         return iter(self._names)
 
     def __len__(self) -> int:
         return len(self._names)
 
 
-def _photo(frame: int) -> str:
-    return f"photos/{frame:06d}.jpg"
+def _object(row: Mapping[str, Any]) -> MapObject:
+    """A MapObject from JSON, where tuples are lists."""
+    views = tuple(View(**{name: _tuples(value) for name, value in view.items()}) for view in row["views"])
+    return MapObject(**{name: _tuples(value) for name, value in row.items()} | {"views": views})
 
 
-def _counts(store: Store, about: Mapping[str, Any]) -> dict[str, npt.NDArray[Any]] | None:
-    name = "occupancy_counts.npz"
-    return read_npz(store.get(name, about), name) if name in about["blobs"] else None
+def _tuples(value: Any) -> Any:
+    return tuple(map(_tuples, value)) if isinstance(value, list) else value
+
+
+def _floor(store: Store, about: Mapping[str, Any]) -> tuple[OccupancyGrid | None, tuple[Room, ...]]:
+    if about["grid"] is None:
+        return None, ()
+    x, y = about["grid"]["origin_xy"]
+    arrays = read_npz(store.get("occupancy.npz", about), "occupancy.npz")
+    image = store.get("occupancy.pgm", about)
+    grid = grid_from(image, float(about["grid"]["resolution_m"]), (float(x), float(y)), arrays["height_m"])
+    rooms = tuple(
+        Room(int(number), str(name), str(kind), np.argwhere(arrays["rooms"] == place).astype(np.int32))
+        for place, (number, name, kind) in enumerate(about["rooms"])
+    )
+    return grid, rooms
 
 
 def _index(store: Store, about: Mapping[str, Any], name: str) -> SpatialIndex:
     if name not in [b.name for b in plugins.backends("indexes")]:
         raise InputError(f"{store.folder} names an index {str(name)[:60]!r} that is not installed")
-    begin = f"indexes/{name}/"
     index = plugins.make("indexes", name)
-    index.restore({part[len(begin) :]: store.get(part, about) for part in about["blobs"] if part.startswith(begin)})
+    index.restore(dict(_Blobs(store, about, f"indexes/{name}/", str)))
     return index
-
-
-def _log(data: bytes, labels: tuple[str, ...]) -> DetectionLog:
-    arrays = read_npz(data, "detections.npz")
-    log = DetectionLog(arrays["frames"], arrays["boxes_xyxy"], arrays["scores"], arrays["label_ids"], labels)
-    n = len(log.frames)
-    if log.boxes_xyxy.shape != (n, 4) or len(log.scores) != n or len(log.label_ids) != n:
-        raise ValueError("arrays of different lengths")
-    if n and not 0 <= int(log.label_ids.min()) <= int(log.label_ids.max()) < len(labels):
-        raise ValueError("a label number without a label")
-    return log

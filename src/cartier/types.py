@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 import operator
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -130,17 +130,13 @@ class Frame:
 
 @dataclass(frozen=True, eq=False)
 class Detections:
-    """What a detector saw in one frame: parallel arrays of N. ``masks`` (N, H, W) bool or None.
-
-    ``glimpsed`` is what it saw less surely than its threshold asks: hints, kept apart, that no list or map is made of.
-    """
+    """What a detector found in one frame, low scores included: parallel arrays of N. ``masks`` (N, H, W) bool or None."""
 
     frame: int
     boxes_xyxy: npt.NDArray[np.float32]
     scores: npt.NDArray[np.float32]
     labels: tuple[str, ...]
     masks: npt.NDArray[np.bool_] | None = None
-    glimpsed: Detections | None = None
 
     def __post_init__(self) -> None:
         boxes = np.asarray(self.boxes_xyxy, dtype=np.float32).reshape(-1, 4)
@@ -148,27 +144,46 @@ class Detections:
         object.__setattr__(self, "boxes_xyxy", boxes)
         object.__setattr__(self, "scores", scores)
         object.__setattr__(self, "labels", tuple(self.labels))
-        where = f"detections of frame {self.frame}"
-        _need(
-            len(boxes) == len(scores) == len(self.labels),
-            f"{where}: {len(boxes)} boxes, {len(scores)} scores, {len(self.labels)} labels",
-        )
-        _need(
-            bool(np.isfinite(boxes).all() and np.isfinite(scores).all()), f"{where}: a box or score is NaN or infinite"
-        )
+        n, where = len(self.labels), f"detections of frame {self.frame}"
+        _need(len(boxes) == len(scores) == n, f"{where}: {len(boxes)} boxes, {len(scores)} scores, {n} labels")
+        finite = bool(np.isfinite(boxes).all() and np.isfinite(scores).all())
+        _need(finite, f"{where}: a box or score is NaN or infinite")
         _need(bool((boxes[:, 2:] >= boxes[:, :2]).all()), f"{where}: a box has x2 < x1 or y2 < y1")
-        _need(self.masks is None or len(self.masks) == len(boxes), f"{where}: as many masks as boxes are needed")
+        _need(self.masks is None or len(self.masks) == n, f"{where}: as many masks as boxes are needed")
 
     def __len__(self) -> int:
         return len(self.labels)
 
     def keep(self, which: Array) -> Detections:
-        """The detections that an index array or a boolean mask names; none of the glimpsed ones."""
+        """The detections that an index array or a boolean mask names."""
         chosen = np.arange(len(self))[which]
+        labels = tuple(self.labels[i] for i in chosen)
         masks = None if self.masks is None else self.masks[chosen]
-        return Detections(
-            self.frame, self.boxes_xyxy[chosen], self.scores[chosen], tuple(self.labels[i] for i in chosen), masks
-        )
+        return Detections(self.frame, self.boxes_xyxy[chosen], self.scores[chosen], labels, masks)
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """What a detector's reports are worth, measured where the truth is known; the defaults are sober ones for any detector.
+
+    ``threshold`` is the score from which one report by itself counts, ``birth`` that from which one starts an object; a report
+    weighs 0 at score ``low`` and 1 at ``high``. ``there`` and ``not_there`` are Beta(a, b): how the share of standpoints that
+    report an object spreads over real objects and over inventions. ``prior`` is the log-odds of an object before any frame,
+    ``best`` what its best standpoint adds to them, ``size`` what they lose for each factor e that its best view is wider than
+    0.1 rad: what is seen large and is real is reported surely.
+    """
+
+    threshold: float = 0.5
+    birth: float = 0.25
+    low: float = 0.2
+    high: float = 0.6
+    there: tuple[float, float] = (1.5, 1.25)
+    not_there: tuple[float, float] = (0.19, 15.0)
+    prior: float = -2.0
+    best: float = 1.4
+    size: float = 0.0
+    measured: str = ""
+    """On what it was measured; empty for the defaults."""
 
 
 @dataclass(frozen=True)
@@ -182,11 +197,96 @@ class TrueObject:
 
 
 @dataclass(frozen=True)
+class View:
+    """A detection that shows an object: where in which frame, how surely, and from where (camera position and heading).
+
+    ``surface`` is the mean of the surface that it shows (m), None without depth; ``size_px2`` the area of its box, corrected for
+    perspective distortion.
+    """
+
+    frame: int
+    box_xyxy: tuple[float, ...]
+    score: float
+    label: str
+    size_px2: float
+    camera: tuple[float, ...]
+    yaw: float
+    surface: tuple[float, ...] | None
+
+
+@dataclass(frozen=True)
+class MapObject:
+    """One object of a home, with the evidence for and against it.
+
+    ``id`` is its own for as long as the home lives; ``aliases`` are those of objects that turned out to be this one. ``labels``
+    are all names that frames gave it, with their weights. ``position`` is its box's middle. Of ``chances``, frames that
+    would have shown it, ``sightings`` did; ``probability`` says how likely it is there, ``confirmed`` that this is enough.
+    ``views`` are the best few, ``colours`` the names of its colours with their shares, ``room`` the id of its room.
+    """
+
+    id: int
+    label: str
+    labels: tuple[tuple[str, float], ...]
+    position: tuple[float, ...]
+    box_min: tuple[float, ...]
+    box_max: tuple[float, ...]
+    probability: float
+    confirmed: bool
+    sightings: int
+    chances: int
+    first_seen_s: float
+    last_seen_s: float
+    last_looked_s: float
+    views: tuple[View, ...]
+    colours: tuple[tuple[str, float], ...] = ()
+    room: int | None = None
+    aliases: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True)
+class Room:
+    """A room of the floor plan: ``name`` as people call it, ``kind`` by what stands in it, its cells (K, 2) as (row, col)."""
+
+    id: int
+    name: str
+    kind: str
+    cells: npt.NDArray[np.int32] = field(repr=False, compare=False)
+
+
+@dataclass(frozen=True)
+class Inventory:
+    """What a reasoner gets to see of a home: its objects, its rooms, and the best photo of an object."""
+
+    objects: tuple[MapObject, ...]
+    rooms: tuple[Room, ...] = ()
+    photo: Callable[[int], bytes | None] = lambda _: None
+
+    @property
+    def names(self) -> list[str]:
+        """The label of everything confirmed, each once, sorted."""
+        return sorted({thing.label for thing in self.objects if thing.confirmed})
+
+
+@dataclass(frozen=True)
+class RobotModel:
+    """Who drives: the radius of its body and the height of its camera, in metres."""
+
+    radius_m: float = 0.2
+    camera_height_m: float = 1.5
+
+    def __post_init__(self) -> None:
+        _need(0 < self.radius_m <= 5, f"a robot's radius must be more than 0 and at most 5 m, got {self.radius_m}")
+        _need(
+            0 < self.camera_height_m <= 5,
+            f"a camera's height must be more than 0 and at most 5 m, got {self.camera_height_m}",
+        )
+
+
+@dataclass(frozen=True)
 class Place:
     """Where something is: a world position, the frame that shows it, and its image box there.
 
     ``view_yaw`` is set where ``position`` is a *viewpoint* rather than the object: the direction in which it was seen.
-    A place that is not ``sure`` was only glimpsed: too few frames agree on it, or none saw it well enough.
     """
 
     label: str
@@ -197,7 +297,7 @@ class Place:
     box_min: tuple[float, ...] | None = None
     box_max: tuple[float, ...] | None = None
     view_yaw: float | None = None
-    sure: bool = True
+    object_id: int | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "position", _finite(self.position, 3, f"place of {self.label!r}: position"))
@@ -207,19 +307,12 @@ class Place:
                 object.__setattr__(self, name, _finite(value, size, f"place of {self.label!r}: {name}"))
 
     def to_dict(self) -> dict[str, Any]:
+        """The object that stands in ``cartier ask --json``."""
+        box, low, high = (None if v is None else list(v) for v in (self.box_xyxy, self.box_min, self.box_max))
         return {
-            "position": list(self.position),
-            "box_min": _list(self.box_min),
-            "box_max": _list(self.box_max),
-            "frame": self.frame,
-            "box_xyxy": _list(self.box_xyxy),
-            "score": self.score,
-            "sure": self.sure,
-        }
-
-
-def _list(values: Sequence[float] | None) -> list[float] | None:
-    return None if values is None else list(values)
+            "position": list(self.position), "box_min": low, "box_max": high, "frame": self.frame, "box_xyxy": box,
+            "score": self.score, "object_id": self.object_id,
+        }  # fmt: skip
 
 
 @dataclass(frozen=True)

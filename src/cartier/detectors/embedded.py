@@ -70,5 +70,4 @@ class Embedded:
         found = Detections(
             frame.index, boxes[order], scores[order], tuple(self.model.names[int(classes[i])] for i in order)
         )
-        sure = found.scores >= self._threshold
-        return replace(found.keep(sure), glimpsed=found.keep(~sure))
+        return found

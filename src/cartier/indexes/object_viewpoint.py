@@ -1,23 +1,20 @@
-"""ObjectViewpoint: where the camera stood when it saw the largest (perspective-corrected) box; needs no depth."""
+"""ObjectViewpoint: where the camera stood at each name's largest (perspective-corrected) view; needs no depth."""
 
 from __future__ import annotations
 
-from cartier.geometry import view_yaw
-from cartier.indexes._largest_view import LargestView
-from cartier.types import Detections, Frame, Place
+from cartier.indexes._objects import Objects
+from cartier.types import MapObject, Place, View
 
 
-def make(min_views: int = 1) -> ObjectViewpoint:
-    """``min_views`` frames must agree."""
-    return ObjectViewpoint(min_views)
+def make() -> ObjectViewpoint:
+    """It has no options."""
+    return ObjectViewpoint()
 
 
-class ObjectViewpoint(LargestView):
-    """Position = camera position of the winning frame, with the heading in which the box's centre was seen."""
+class ObjectViewpoint(Objects):
+    """Position = camera position of the winning view, with the heading in which its box's centre was seen."""
 
-    def place(self, frame: Frame, detections: Detections, which: int) -> Place:
-        box = detections.boxes_xyxy[which]
-        yaw = view_yaw(frame.world_from_camera, frame.camera, float(box[0] + box[2]) / 2, float(box[1] + box[3]) / 2)
-        position = tuple(frame.world_from_camera[:3, 3].tolist())
-        score = float(detections.scores[which])
-        return Place(detections.labels[which], position, score, frame.index, tuple(box.tolist()), view_yaw=yaw)
+    def place(self, thing: MapObject, view: View) -> Place:
+        return Place(
+            thing.label, view.camera, view.score, view.frame, view.box_xyxy, view_yaw=view.yaw, object_id=thing.id
+        )

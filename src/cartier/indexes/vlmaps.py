@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from typing import Any
 
@@ -15,22 +15,18 @@ from cartier.errors import BackendError, InputError
 from cartier.files import json_bytes, npz_bytes, parse_json, read_npz
 from cartier.indexes._fusion import CELL, FeatureGrid
 from cartier.indexes._label_features import label_features
-from cartier.indexes.object_viewpoint import ObjectViewpoint
-from cartier.types import Array, Detections, Frame, Place
+from cartier.types import Array, Detections, Frame, MapObject, Place
 
 DOMINATES = 0.05  # share of the map's mean energy in one dimension; evenly spread it would be 1 / D, 0.2 % for 512
 
 EQUAL = 1e-3  # cosines this close are the same
 
 
-def make(min_views: int = 1, encoder: str | Encoder = "embedded", cell_m: float = 0.05) -> VLMaps:
-    """``encoder`` is NAME or NAME:MODEL as on the command line, or an Encoder; ``cell_m`` the side of a cell.
-
-    ``min_views`` frames must agree on a thing before its name is listed; any other words can be located as well.
-    """
+def make(encoder: str | Encoder = "embedded", cell_m: float = 0.05) -> VLMaps:
+    """``encoder`` is NAME or NAME:MODEL as on the command line, or an Encoder; ``cell_m`` the side of a cell."""
     if not 0.005 <= cell_m <= 1:
         raise BackendError(f"option cell_m must be from 0.005 to 1 m, got {cell_m}")
-    return VLMaps(min_views, encoder, cell_m)
+    return VLMaps(encoder, cell_m)
 
 
 class VLMaps:
@@ -40,12 +36,10 @@ class VLMaps:
     after dropping the dominating embedding dimensions, the best cell wins. Memory grows with the cells seen, not with frames.
     """
 
-    def __init__(self, min_views: int, encoder: str | Encoder, cell_m: float) -> None:
+    def __init__(self, encoder: str | Encoder, cell_m: float) -> None:
         self._spec = encoder if isinstance(encoder, str) else None
         self._encoder = None if isinstance(encoder, str) else encoder
-        self._names = ObjectViewpoint(
-            min_views
-        )  # which names count is a matter of agreeing views, as for the other indices
+        self._names: list[str] = []
         self._grid = FeatureGrid(cell_m)
         self._search: tuple[npt.NDArray[np.float32], npt.NDArray[np.bool_]] | None = None
         self._texts: dict[str, Array] = {}
@@ -61,7 +55,6 @@ class VLMaps:
         return tuple(getattr(self._encoder, "notes", ()))
 
     def add(self, frame: Frame, detections: Detections) -> None:
-        self._names.add(frame, detections)
         if frame.depth_m is None:
             return
         encoder = self._working_encoder()
@@ -77,8 +70,11 @@ class VLMaps:
             raise BackendError(f"encoder {encoder.name}: {error}") from error
         self._search = None
 
+    def settle(self, objects: Sequence[MapObject]) -> None:
+        self._names = sorted({thing.label for thing in objects if thing.confirmed})
+
     def names(self) -> list[str]:
-        return self._names.names() if len(self._grid.cells) else []
+        return self._names if len(self._grid.cells) else []
 
     def locate(self, name: str) -> Place | None:
         """The cell most similar to any words, at the mean height of what was seen in it; the score is the cosine.
@@ -105,17 +101,15 @@ class VLMaps:
         if not np.isfinite(means).all():
             raise BackendError(f"encoder {self._made_by}: features above 65,504 cannot be stored in half precision")
         # so that a home can be asked for its names without the encoder's model
-        self._vectors([*self.names(), *self._names.glimpsed()])
-        texts = sorted(self._texts)
+        texts = self.names()
         about = {"encoder": self._spec, "made_by": self._made_by, "cell_m": self._grid.cell_m}
-        return self._names.state() | {
+        return {
             "grid.npz": npz_bytes(cells=cells, features=means),
             "texts.npz": npz_bytes(texts=np.array(texts, np.str_), vectors=self._vectors(texts)),
             "vlmaps.json": json_bytes(about),
         }
 
     def restore(self, state: Mapping[str, bytes]) -> None:
-        self._names.restore(state)
         about = parse_json(state["vlmaps.json"], "vlmaps.json")
         grid, texts = read_npz(state["grid.npz"], "grid.npz"), read_npz(state["texts.npz"], "texts.npz")
         try:

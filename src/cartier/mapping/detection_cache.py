@@ -1,4 +1,4 @@
-"""What a detector has seen, kept in a file, so that a mapping that was killed does not detect twice."""
+"""Detections of finished frames, kept in a file, so that a mapping that was killed does not detect twice."""
 
 from __future__ import annotations
 
@@ -16,15 +16,23 @@ from cartier.types import Detections, Frame
 
 
 @contextmanager
-def remembering(detector: Detector, file: Path, settings: dict[str, Any]) -> Iterator[Callable[[Frame], Detections]]:
-    """``detector.detect`` that keeps its boxes in a JSON-lines file and takes finished frames from there."""
-    key = json.dumps({name: settings[name] for name in ("sha256", "detector", "detector_sha256")}) + "\n"
+def cached(detector: Detector, file: Path, fingerprint: str) -> Iterator[Callable[[Frame], Detections]]:
+    """``detector.detect`` that keeps its boxes in a JSON-lines file and takes finished frames from there.
+
+    ``fingerprint`` is the recording's; the detections of another one, or of another detector, are not taken.
+    """
+    made_of = {
+        "sha256": fingerprint,
+        "detector": detector.name,
+        "detector_sha256": getattr(detector, "sha256", Detector.sha256),
+    }
+    key = (json.dumps(made_of) + "\n").encode()
     known: dict[int, Detections] = {}
     lines = file.read_bytes().splitlines(keepends=True) if file.is_file() else []
-    if not lines or lines[0] != key.encode():
-        write_file(file, key.encode())
+    if not lines or lines[0] != key:
+        write_file(file, key)
         lines = []
-    good = len(key.encode())
+    good = len(key)
     for line in lines[1:]:
         try:
             found = _of_row(json.loads(line))
@@ -48,10 +56,9 @@ def remembering(detector: Detector, file: Path, settings: dict[str, Any]) -> Ite
 
 
 def _row(found: Detections) -> dict[str, Any]:
-    row = {"frame": found.frame, "boxes_xyxy": found.boxes_xyxy.tolist(), "scores": found.scores.tolist()}
-    return row | {"labels": found.labels, "glimpsed": None if found.glimpsed is None else _row(found.glimpsed)}
+    boxes, scores = found.boxes_xyxy.tolist(), found.scores.tolist()
+    return {"frame": found.frame, "boxes_xyxy": boxes, "scores": scores, "labels": found.labels}
 
 
 def _of_row(row: Any) -> Detections:
-    glimpsed = None if row.get("glimpsed") is None else _of_row(row["glimpsed"])
-    return Detections(row["frame"], row["boxes_xyxy"], row["scores"], tuple(row["labels"]), glimpsed=glimpsed)
+    return Detections(row["frame"], row["boxes_xyxy"], row["scores"], tuple(row["labels"]))

@@ -1,0 +1,48 @@
+"""What ObjectDepth and ObjectViewpoint share: per name, the largest view of a confirmed object of that name."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+
+from cartier.types import Detections, Frame, MapObject, Place, View
+
+
+class Objects(ABC):
+    """One place per name: of the frame with the largest box, corrected for perspective distortion.
+
+    Source: CARTIER (arXiv 2307.11865), object detection and spatial language index. The map of objects has kept the views.
+    """
+
+    def __init__(self) -> None:
+        self._places: dict[str, Place] = {}
+
+    @abstractmethod
+    def place(self, thing: MapObject, view: View) -> Place | None:
+        """The place that a view of an object gives, or None if it gives none."""
+
+    def add(self, frame: Frame, detections: Detections) -> None:
+        """Nothing to do: the objects come with their views."""
+
+    def settle(self, objects: Sequence[MapObject]) -> None:
+        best: dict[str, tuple[float, Place]] = {}
+        for thing in (thing for thing in objects if thing.confirmed):
+            for view in thing.views:
+                named = view.label == thing.label  # a view under another name only counts where there is none
+                size = view.size_px2 if named else view.size_px2 * 1e-6
+                place = self.place(thing, view) if size > best.get(thing.label, (0.0,))[0] else None
+                if place is not None:
+                    best[thing.label] = size, place
+        self._places = {name: place for name, (_, place) in best.items()}
+
+    def names(self) -> list[str]:
+        return sorted(self._places)
+
+    def locate(self, name: str) -> Place | None:
+        return self._places.get(name)
+
+    def state(self) -> dict[str, bytes]:
+        return {}
+
+    def restore(self, state: Mapping[str, bytes]) -> None:
+        """Nothing to take: ``settle`` brings the objects."""

@@ -1,0 +1,203 @@
+"""Mapping frame by frame: detections become objects, depth a floor plan; a home can be had at any time."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+from collections.abc import Mapping, Sequence
+from copy import deepcopy
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from cartier import plugins
+from cartier.contracts import Detector, Encoder, Recording, SpatialIndex
+from cartier.errors import InputError
+from cartier.files import npz_bytes, read_npz
+from cartier.home import Home
+from cartier.mapping.object_map import ObjectMap
+from cartier.mapping.occupancy import OccupancyMapper
+from cartier.mapping.rooms import find_rooms, room_of
+from cartier.types import Camera, Detections, Frame, MapObject
+
+DEFAULT_INDEXES = ("object_depth", "object_viewpoint")
+JPEG_QUALITY = 88
+COUNTS, FRAMES = "occupancy_counts.npz", "frames.npz"
+
+
+class Mapper:
+    """Grows a map of one home. Frames are taken in one by one and not kept, but for the photos of objects' best views.
+
+    ``indexes`` are names; by default those that need no encoder and that the frames allow. ``encoder``, for those that need one,
+    is NAME, NAME:MODEL or an Encoder. ``onto`` is a home to go on from, by the same detector; its indices and settings stay.
+    """
+
+    def __init__(
+        self,
+        detector: Detector,
+        indexes: Sequence[str] | None = None,
+        *,
+        encoder: str | Encoder = "embedded",
+        onto: Home | None = None,
+    ) -> None:
+        self.detector, self._onto, self._explicit = detector, onto, indexes is not None
+        made_by = {"detector": detector.name, "detector_sha256": getattr(detector, "sha256", Detector.sha256)}
+        self._calibration = getattr(detector, "calibration", Detector.calibration)
+        self._objects, self._floor = ObjectMap(self._calibration), OccupancyMapper()
+        self._seen, self._photos = set[int](), dict[int, bytes]()
+        self._start_xy: tuple[float, float] | None = None
+        self._camera: Camera | None = None
+        self._next_frame = 0
+        self._notes: dict[str, None] = {}
+        if onto is None:
+            self._indexes = {name: _index(name, encoder) for name in indexes or DEFAULT_INDEXES}
+            self._settings: dict[str, Any] = {
+                "recordings": [],
+                **made_by,
+                "indexes": list(self._indexes),
+                "encoder": None,
+            }
+        else:
+            self._go_on(onto, made_by)
+
+    def _go_on(self, home: Home, made_by: Mapping[str, str]) -> None:
+        for what, mine in made_by.items():
+            if home.settings.get(what) != mine:
+                raise InputError(
+                    f"{home.name} was mapped by {home.detector}, not by {self.detector.name}: add with the same detector"
+                )
+        self._settings, self._indexes = deepcopy(dict(home.settings)), deepcopy(dict(home.indexes))
+        self._start_xy, self._camera, self._photos = home.start_xy, home.camera, dict(home.photos)
+        self._notes = dict.fromkeys(home.notes)
+        self._next_frame = sum(int(row["frames"]) for row in self._settings["recordings"])
+        try:
+            self._objects.restore(home.growth)
+            self._seen = set(read_npz(home.growth[FRAMES], FRAMES)["keys"].tolist())
+            if COUNTS in home.growth:
+                self._floor.restore(read_npz(home.growth[COUNTS], COUNTS))
+        except KeyError as error:
+            raise InputError(f"{home.name} keeps no {error.args[0]} to go on from: map it again") from error
+
+    def holds(self, recording: Recording) -> bool:
+        """Whether this very recording is in the map already."""
+        return recording.fingerprint() in (row["sha256"] for row in self._settings["recordings"])
+
+    def add(self, frame: Frame, detections: Detections | None = None) -> npt.NDArray[np.int64]:
+        """Take in one frame; returns the object id of each of its detections, -1 for none.
+
+        ``detections`` are the detector's, where they are known already. A frame that was seen before changes nothing. Raises
+        InputError if the frame does not go with the map, and what the detector raises.
+        """
+        key = _key(frame)
+        detections = self.detector.detect(frame) if detections is None else detections
+        if key in self._seen:
+            return np.full(len(detections), -1)
+        self._seen.add(key)
+        if self._next_frame:
+            frame = replace(frame, index=frame.index + self._next_frame)
+            detections = replace(detections, frame=frame.index)
+        pose = frame.world_from_camera
+        self._start_xy = self._start_xy or (float(pose[0, 3]), float(pose[1, 3]))
+        self._camera = self._camera or frame.camera
+        if frame.depth_m is not None:
+            self._floor.add(frame)
+        ids = self._objects.add(frame, detections)
+        counting = detections.keep(detections.scores >= self._calibration.threshold)
+        for index in self._indexes.values():
+            index.add(frame, counting)
+        self._keep_photo(frame)
+        return ids
+
+    def close(self, recording: Recording) -> None:
+        """All frames of a recording are in: the next ones are of another."""
+        made_of = {"recording": recording.name, "sha256": recording.fingerprint(), "frames": len(recording)}
+        self._settings["recordings"].append(made_of)
+        self._next_frame += len(recording)
+        self._notes |= dict.fromkeys(recording.notes)
+
+    def home(self) -> Home:
+        """What is known so far, as a home that no further frame changes. Raises InputError before the first detection."""
+        if self._start_xy is None or self._camera is None:
+            raise InputError("nothing was mapped yet: the recording holds no frames")
+        tidied = deepcopy(self._objects)
+        tidied.tidy()
+        objects, grid = tidied.objects(), self._floor.grid()
+        if not objects:
+            hint = "is the threshold too high, or are these not the things that it knows?"
+            told = "; ".join(getattr(self.detector, "notes", ())) or hint
+            raise InputError(f"{self.detector.name} found nothing in the {self._looked()} frames: {told}")
+        rooms = find_rooms(grid, objects) if grid is not None else ()
+        objects = tuple(replace(thing, room=room_of(thing, grid, rooms)) for thing in objects)
+        notes = self._notes | dict.fromkeys(getattr(self.detector, "notes", ()))
+        if not self._calibration.measured:
+            notes[f"{self.detector.name} was never measured: how likely its objects are there is a sober guess"] = None
+        if grid is None:
+            notes["the recording has no depth: no occupancy grid, and so no goals"] = None
+        settings = dict(self._settings)
+        indexes = self._usable(objects, settings, notes)
+        names = " + ".join(row["recording"] for row in self._settings["recordings"][:1]) or "live"
+        return Home(
+            self._onto.name if self._onto else names, self.detector.name, self._camera, objects, indexes, grid, self._start_xy,
+            settings, rooms, self._evidence(objects), tuple(notes), self._growth(tidied),
+        )  # fmt: skip
+
+    def _usable(
+        self, objects: Sequence[MapObject], settings: dict[str, Any], notes: dict[str, None]
+    ) -> dict[str, SpatialIndex]:
+        """Copies of the indices that hold anything; one that was asked for by name and stayed empty is an error."""
+        copies = deepcopy(self._indexes)
+        for index in copies.values():
+            index.settle(objects)
+            if made_with := getattr(index, "encoder", ""):
+                settings["encoder"] = made_with
+                notes[f"image features: {made_with}"] = None
+        empty = [name for name, index in copies.items() if not index.names()]
+        if empty and (self._explicit or len(empty) == len(copies)):
+            sure = any(thing.confirmed for thing in objects)
+            why = "no detection has what it needs (object_depth needs depth in the boxes)" if sure else (
+                f"of {len(objects)} possible objects none was seen often and surely enough"
+            )  # fmt: skip
+            raise InputError(f"index {empty[0]} stayed empty: {why}")
+        notes |= dict.fromkeys(f"index {name} is left out: no detection had depth" for name in empty)
+        return {name: index for name, index in copies.items() if name not in empty}
+
+    def _keep_photo(self, frame: Frame) -> None:
+        """Keep the photo of a frame that is one of the best views of something, and forget those that no longer are."""
+        wanted = self._objects.frames()
+        if frame.index in wanted:
+            from PIL import Image
+
+            buffer = io.BytesIO()
+            Image.fromarray(frame.rgb).save(buffer, "JPEG", quality=JPEG_QUALITY)
+            self._photos[frame.index] = buffer.getvalue()
+        for old in self._photos.keys() - wanted:
+            del self._photos[old]
+
+    def _evidence(self, objects: Sequence[MapObject]) -> dict[int, bytes]:
+        """The photos of all views of confirmed objects, and of the best one of the others."""
+        shown = {view.frame for thing in objects for view in thing.views[: None if thing.confirmed else 1]}
+        return {frame: jpeg for frame, jpeg in sorted(self._photos.items()) if frame in shown}
+
+    def _growth(self, objects: ObjectMap) -> dict[str, bytes]:
+        counts = self._floor.counts()
+        return {
+            **objects.state(),
+            FRAMES: npz_bytes(keys=np.array(sorted(self._seen), np.int64)),
+            **({} if counts is None else {COUNTS: npz_bytes(**counts)}),
+        }
+
+    def _looked(self) -> int:
+        return len(self._seen)
+
+
+def _index(name: str, encoder: str | Encoder) -> SpatialIndex:
+    options = {"encoder": encoder} if plugins.takes("indexes", name, "encoder") else {}
+    return plugins.make("indexes", name, **options)
+
+
+def _key(frame: Frame) -> int:
+    """A number that tells frames apart: by pose and by pixels, not by index, so that a copy of a recording is known again."""
+    told = np.round(frame.world_from_camera, 4).tobytes() + np.ascontiguousarray(frame.rgb[::16, ::16]).tobytes()
+    return int.from_bytes(hashlib.blake2b(told, digest_size=8).digest(), "little", signed=True)
