@@ -16,7 +16,7 @@ from cartier.home import Home
 from cartier.language.names import display_name
 from cartier.picture import draw_answer, draw_home, write_photo
 from cartier.pipeline import ask, map_home
-from cartier.types import Answer
+from cartier.types import Answer, RobotModel
 
 SLEEPY = (
     "So much work tonight, and the presentation is still not finished. My colleague sent her slides hours ago, and the meeting is at "
@@ -86,7 +86,7 @@ def run(
             mapped = map_home(recording, detects)
         mapped.save(new / "home")
         there = {display_name(thing.label) for thing in world.objects(home)}
-        say(f"mapped: {_compared(set(mapped.objects), there)}; named by {detects.name}")
+        say(f"mapped: {_compared(set(mapped.names), there)}; named by {detects.name}")
         draw_home(mapped, new / "home.png")
         told = [_tell(mapped, scene, kind, words, new, say) for kind, words in _requests(mapped)]
         write_json(
@@ -111,7 +111,7 @@ def _requests(home: Home) -> list[tuple[str, str]]:
     chosen: dict[str, tuple[str, str]] = {}
     for kind, target, words in sorted(REQUESTS, key=lambda request: request[0] != "conversational"):
         taken = {name for name, _ in chosen.values()}
-        if kind not in chosen and display_name(target) in home.objects and target not in taken:
+        if kind not in chosen and display_name(target) in home.names and target not in taken:
             chosen[kind] = (target, words)
     if not chosen:
         raise InputError(f"the demo has no request for what is in {home.name}: try another --home")
@@ -126,7 +126,7 @@ def _tell(home: Home, scene: Any, kind: str, words: str, folder: Path, say: Call
     say(f"“{words}”")
     say(f"  → {answer.selection.object or answer.selection.status}: {answer.selection.reason}")
     if answer.goal is not None:
-        driven = drive(scene, home.start_xy, answer.goal, home.robot_radius_m)
+        driven = drive(scene, home.start_xy, answer.goal, RobotModel().radius_m)
         arrived, arrival = driven.arrived, f"{kind}_arrival.png"
         write_photo(np.asarray(driven.view), folder / arrival)
         say(f"  → drove {driven.length_m:.1f} m and {'arrived' if arrived else 'bumped into something'}")

@@ -60,13 +60,13 @@ class Home:
 
     @property
     def names(self) -> list[str]:
-        """What an index can locate, each name once, sorted: what the paper's prompt lists."""
-        return sorted({name for index in self.indexes.values() for name in index.names()})
+        """The label of everything confirmed, each once, sorted."""
+        return sorted({thing.label for thing in self.objects if thing.confirmed})
 
-    @property
-    def inventory(self) -> Inventory:
-        """What a reasoner gets to see."""
-        return Inventory(self.objects, self.rooms, self.photo)
+    def inventory(self, index: str | None = None) -> Inventory:
+        """What a reasoner gets to see: the objects; or the names of an index that has others, such as the paper's own."""
+        names = self.index(index)[1].names()
+        return Inventory(self.objects, self.rooms, self.photo) if set(names) <= set(self.names) else Inventory.of(names)
 
     def photo(self, object_id: int) -> bytes | None:
         """The JPEG of an object's best view, None for an unknown id or a photo that was not kept."""
@@ -188,7 +188,9 @@ class _Blobs(Mapping[Key, bytes]):
 
     def __init__(self, store: Store, about: Mapping[str, Any], begin: str, key: Callable[[str], Key]) -> None:
         self._store, self._about = store, about
-        self._names = {key(name[len(begin) :]): name for name in about["blobs"] if name.startswith(begin)}
+        self._names: dict[Key, str] = {
+            key(name[len(begin) :]): name for name in about["blobs"] if name.startswith(begin)
+        }
 
     def __getitem__(self, key: Key) -> bytes:
         return self._store.get(self._names[key], self._about)

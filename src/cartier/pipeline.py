@@ -74,12 +74,12 @@ def ask(
     """
     query = check_query(query)
     reasoner = reasoner or _embedded()
-    home.index(index)  # a name that is not there is said before anybody is asked
+    inventory = home.inventory(index)  # an index that is not there is said before anybody is asked
     timing_ms: dict[str, float] = {}
     with _timed(timing_ms, "select"):
-        selection = reasoner.select(query, home.inventory, dialogue)
+        selection = reasoner.select(query, inventory, dialogue)
     for chosen in (selection, *selection.then):
-        if chosen.object is not None and chosen.object not in home.names:
+        if chosen.object is not None and chosen.object not in inventory.names:
             raise BackendError(
                 f"reasoner {reasoner.name} chose {chosen.object!r}, which is not in the list it was given"
             )

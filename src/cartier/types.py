@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 import operator
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -265,6 +265,13 @@ class Inventory:
     def names(self) -> list[str]:
         """The label of everything confirmed, each once, sorted."""
         return sorted({thing.label for thing in self.objects if thing.confirmed})
+
+    @classmethod
+    def of(cls, names: Iterable[str]) -> Inventory:
+        """Names alone, as objects of which nothing else is known."""
+        here, never = (0.0, 0.0, 0.0), (1.0, True, 1, 1, 0.0, 0.0, 0.0, ())
+        every = enumerate(dict.fromkeys(names))
+        return cls(tuple(MapObject(number, name, ((name, 1.0),), here, here, here, *never) for number, name in every))
 
 
 @dataclass(frozen=True)

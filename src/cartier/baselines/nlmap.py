@@ -12,7 +12,7 @@ from cartier.errors import InputError
 from cartier.home import Home
 from cartier.language.prompts import check_query
 from cartier.pipeline import serve
-from cartier.types import Answer, Selection
+from cartier.types import Answer, Inventory, Selection
 
 
 def ask(
@@ -36,7 +36,7 @@ def ask(
     places = {proposal: searched.locate(proposal) for proposal in reasoner.propose(query)}
     kept = {proposal: place for proposal, place in places.items() if place is not None and place.score >= threshold}
     if kept:
-        chosen = reasoner.select(query, list(kept), dialogue)
+        chosen = reasoner.select(query, Inventory.of(kept), dialogue)
     else:
         said = ", ".join(places) or "nothing"
         chosen = Selection("absent", reason=f"proposed {said}; the map holds none of it")

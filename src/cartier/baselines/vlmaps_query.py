@@ -33,7 +33,7 @@ def ask(
     took = {"locate": (time.perf_counter() - begin) * 1e3}
     if place is None:
         return serve(home, query, Selection("absent", reason="the map is empty"), "none", index=name, from_xy=from_xy)
-    there = {label: known.position for label in home.objects if (known := searched.locate(label)) is not None}
+    there = {label: known.position for label in home.names if (known := searched.locate(label)) is not None}
     nearest = min(there, key=lambda label: sum((a - b) ** 2 for a, b in zip(there[label], place.position, strict=True)))
     chosen = Selection(
         "found", nearest, "nearest to the spot that is most similar to the words", model=searched.encoder

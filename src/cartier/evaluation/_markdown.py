@@ -33,7 +33,6 @@ def report(
         _table_one(methods, head),
         "![Mean distance by method and type of request](distance.png)",
         _spread(methods, head),
-        _glimpsed(rows),
         "## How often the right thing: object match",
         "Share of answers that name an acceptable object, by the published table of synonyms (`evaluation/matching.toml`). The paper has "
         "this as a bar chart judged by hand, without numbers, so it has no column here. *VLMaps, words alone* names nothing itself: the "
@@ -103,19 +102,6 @@ def _beside(summary: Summary, others: Mapping[str, Summary]) -> str:
         "## Side by side\n\nThe same requests, homes and methods; only who found the objects differs. Distances are means over the "
         f"answers that give a place. Each run's own report is in its folder.\n\n{listed}\n\n"
         + _markdown(["method", "type", *columns], body, words=2)
-    )
-
-
-def _glimpsed(rows: Sequence[Row]) -> str:
-    """How many of the answers are hints; nothing where none is."""
-    mine = [row for row in rows if row.method == BASE and row.distance_m is not None]
-    few = [row for row in mine if row.glimpsed]
-    if not few:
-        return ""
-    right = sum(row.distance_m is not None and row.distance_m <= 1 for row in few)
-    return (
-        f"{len(few)} of the {len(mine)} places that {title(BASE)} gives were only *glimpsed*: seen too seldom or too unsurely to be "
-        f"listed, and said to be so. {right} of them lie within 1 m."
     )
 
 

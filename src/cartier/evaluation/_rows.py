@@ -18,6 +18,7 @@ MAX_LINE_BYTES = 2**20
 GROUPS = {
     "the paper's method": {
         "object_depth": "CARTIER, ObjectDepth",
+        "object_depth_paper": "CARTIER, plain ObjectDepth",
         "object_viewpoint": "CARTIER, ObjectViewpoint",
         "vlmaps": "CARTIER, VLMaps",
     },
@@ -48,10 +49,7 @@ Name = Annotated[Text, Field(min_length=1, max_length=200)]
 
 
 class Row(BaseModel):
-    """One answer. Distances in metres, ``position`` is (x, y, z) in the world; null where the method gave no place.
-
-    ``glimpsed``: the place was seen too seldom or too unsurely for its thing to be listed.
-    """
+    """One answer. Distances in metres, ``position`` is (x, y, z) in the world; null where the method gave no place."""
 
     model_config = ConfigDict(extra="ignore", strict=True, frozen=True, allow_inf_nan=False)
 
@@ -76,7 +74,6 @@ class Row(BaseModel):
     accept: Annotated[tuple[Text, ...], Field(strict=False, max_length=1000)] = ()
     position: Annotated[tuple[float, float, float], Field(strict=False)] | None = None
     frame: Annotated[int, Field(ge=0)] | None = None
-    glimpsed: bool = False
     note: Text = ""
 
     @property

@@ -11,7 +11,7 @@ from typing import Any
 
 from cartier.contracts import Reasoner
 from cartier.files import append_line, read_rows
-from cartier.types import Selection
+from cartier.types import Inventory, Selection
 
 
 class Asked:
@@ -23,10 +23,10 @@ class Asked:
         self.spent = {"seconds": 0.0, "calls": 0, "tokens": 0}
         self._known = {json.dumps(row["asked"]): row for row in read_rows(file, ("asked", "reply", "cost"))}
 
-    def select(self, query: str, objects: Sequence[str], dialogue: Sequence[tuple[str, str]] = ()) -> Selection:
+    def select(self, query: str, inventory: Inventory, dialogue: Sequence[tuple[str, str]] = ()) -> Selection:
         reply = self._recall(
-            ["select", query, list(objects), list(dialogue)],
-            lambda: _plain(self._reasoner.select(query, objects, dialogue)),
+            ["select", query, inventory.names, list(dialogue)],
+            lambda: _plain(self._reasoner.select(query, inventory, dialogue)),
         )
         return _selection(reply)
 

@@ -19,9 +19,9 @@ from cartier.home import Home
 from cartier.models import dollhouse_detector
 from cartier.pipeline import map_home
 
-INDEXES = ("object_depth", "object_viewpoint", "vlmaps")
+INDEXES = ("object_depth", "object_depth_paper", "object_viewpoint", "vlmaps")
 PIXELS = "embedded:pixels"
-VERSION = 5  # of what a map holds; a change in mapping that older maps must not survive raises it
+VERSION = 6  # of what a map holds; a change in mapping that older maps must not survive raises it
 
 
 @dataclass(frozen=True)
@@ -65,14 +65,14 @@ class Maps:
         """The evidence photo (H, W, 3) of a frame, if the home's map keeps it."""
         from PIL import Image
 
-        jpeg = Home.load(self._folder_of(home)).keyframes.get(frame)
+        jpeg = Home.load(self._folder_of(home)).photos.get(frame)
         return None if jpeg is None else np.asarray(Image.open(io.BytesIO(jpeg)).convert("RGB"))
 
     def _folder_of(self, home: str) -> Path:
         made_of = asdict(self.settings) | {"home": home, "version": VERSION}
         if encoder_for(self.settings.detector) == PIXELS or self.settings.encoder == PIXELS:
             ours = dollhouse_detector.load()
-            made_of["model"] = [ours.sha256, ours.threshold, ours.min_views]
+            made_of["model"] = [ours.sha256, asdict(ours.calibration)]
         key = json.dumps(made_of, sort_keys=True)
         safe = "".join(c if c.isalnum() or c in "-_" else "_" for c in home)
         return self.folder / f"{safe}-{hashlib.sha256(key.encode()).hexdigest()[:10]}"

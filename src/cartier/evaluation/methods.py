@@ -15,7 +15,7 @@ from cartier.evaluation.metrics import canonical, listed_as
 from cartier.evaluation.queries import Query
 from cartier.home import Home
 from cartier.models.minilm import TextEncoder
-from cartier.types import Answer, Selection
+from cartier.types import Answer, Inventory, Selection
 
 
 @dataclass(frozen=True)
@@ -36,10 +36,9 @@ class RandomObject:
     def __init__(self, seed: int, key: str) -> None:
         self._seed = int.from_bytes(hashlib.sha256(f"{seed} {key}".encode()).digest()[:8], "big")
 
-    def select(self, query: str, objects: Sequence[str], dialogue: Sequence[tuple[str, str]] = ()) -> Selection:
-        return Selection(
-            "found", objects[int(np.random.default_rng(self._seed).integers(len(objects)))], "drawn at random"
-        )
+    def select(self, query: str, inventory: Inventory, dialogue: Sequence[tuple[str, str]] = ()) -> Selection:
+        names = inventory.names
+        return Selection("found", names[int(np.random.default_rng(self._seed).integers(len(names)))], "drawn at random")
 
     def propose(self, query: str) -> list[str]:
         return []
@@ -53,9 +52,10 @@ class NearestName:
     def __init__(self, encode: TextEncoder) -> None:
         self._encode = encode
 
-    def select(self, query: str, objects: Sequence[str], dialogue: Sequence[tuple[str, str]] = ()) -> Selection:
-        cosines = self._encode(list(objects)) @ self._encode([query])[0]
-        return Selection("found", objects[int(cosines.argmax())], f"cosine {cosines.max():.2f}")
+    def select(self, query: str, inventory: Inventory, dialogue: Sequence[tuple[str, str]] = ()) -> Selection:
+        names = inventory.names
+        cosines = self._encode(names) @ self._encode([query])[0]
+        return Selection("found", names[int(cosines.argmax())], f"cosine {cosines.max():.2f}")
 
     def propose(self, query: str) -> list[str]:
         return []
@@ -68,9 +68,9 @@ class WithoutList:
         self._reasoner = reasoner
         self.name = f"{reasoner.name}, without the list"
 
-    def select(self, query: str, objects: Sequence[str], dialogue: Sequence[tuple[str, str]] = ()) -> Selection:
+    def select(self, query: str, inventory: Inventory, dialogue: Sequence[tuple[str, str]] = ()) -> Selection:
         proposals = self.propose(query)
-        first = listed_as(proposals[0], objects) if proposals else None
+        first = listed_as(proposals[0], inventory.names) if proposals else None
         if first is None:
             return Selection("absent", reason=f"proposed {', '.join(proposals) or 'nothing'}")
         return Selection("found", first, f"proposed {proposals[0]}")
@@ -87,8 +87,8 @@ class TrueObject:
     def __init__(self, target: str) -> None:
         self._target = target
 
-    def select(self, query: str, objects: Sequence[str], dialogue: Sequence[tuple[str, str]] = ()) -> Selection:
-        named = listed_as(self._target, objects)
+    def select(self, query: str, inventory: Inventory, dialogue: Sequence[tuple[str, str]] = ()) -> Selection:
+        named = listed_as(self._target, inventory.names)
         if named is None or canonical(named) != canonical(self._target):
             return Selection("absent", reason=f"the detector never found the {self._target}")
         return Selection("found", named, "told")
@@ -112,6 +112,7 @@ def _nlmap(home: Home, query: Query, bench: Bench) -> Answer:
 
 METHODS: dict[str, Callable[[Home, Query, Bench], Answer]] = {
     "object_depth": _cartier("object_depth"),
+    "object_depth_paper": _cartier("object_depth_paper"),
     "object_viewpoint": _cartier("object_viewpoint"),
     "vlmaps": _cartier("vlmaps"),
     "nlmap": _nlmap,

@@ -131,7 +131,7 @@ def _row(
         "detector": answer.detector, "encoder": answer.encoder, "reasoner": answer.reasoner,
         "target": query.target, "accept": accept, "text": query.text, "position": position,
         "frame": None if answer.place is None else answer.place.frame,
-        "glimpsed": answer.place is not None and not answer.place.sure, "note": answer.selection.reason,
+        "note": answer.selection.reason,
     }  # fmt: skip
 
 
@@ -150,7 +150,7 @@ def _threshold(folder: Path, maps: Maps, asked: Sequence[str], progress: Progres
         if not others:
             raise InputError("nlmap's threshold is chosen on homes that are not asked about: leave some out of --homes")
         known = {display_name(t.label) for home in {*others, *all_homes} for t in maps.world.objects(home)}
-        homes = [(home := maps.get(name, progress), set(home.objects)) for name in others]
+        homes = [(home := maps.get(name, progress), set(home.names)) for name in others]
         kept["nlmap_threshold"] = nlmap.calibrate(homes, sorted(known))
         kept["nlmap_calibrated_on"] = [f"{maps.settings.world}:{name}" for name in others]
         write_json(folder / "settings.json", kept)

@@ -21,7 +21,7 @@ class Objects(ABC):
     def place(self, thing: MapObject, view: View) -> Place | None:
         """The place that a view of an object gives, or None if it gives none."""
 
-    def add(self, frame: Frame, detections: Detections) -> None:
+    def add(self, frame: Frame, detections: Detections) -> None:  # noqa: B027
         """Nothing to do: the objects come with their views."""
 
     def settle(self, objects: Sequence[MapObject]) -> None:
@@ -44,5 +44,5 @@ class Objects(ABC):
     def state(self) -> dict[str, bytes]:
         return {}
 
-    def restore(self, state: Mapping[str, bytes]) -> None:
+    def restore(self, state: Mapping[str, bytes]) -> None:  # noqa: B027
         """Nothing to take: ``settle`` brings the objects."""

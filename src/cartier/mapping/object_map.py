@@ -78,7 +78,7 @@ class ObjectMap:
         row[found] = self._matched(boxes, lifted, labels, leader, found, image_boxes, near)
         for d in found:
             if row[d] < 0 and scores[d] >= self.calibration.birth:
-                row[d] = self._begin(lifted, d, frame.time_s)
+                row[d] = self._begin(lifted, int(d), frame.time_s)
         sizes, colours = weak_perspective_size(boxes, frame.camera), colour_shares(frame.rgb, lifted.pixels, lifted.own)
         for d in found[row[found] >= 0]:
             o, shrink = row[d], SHRINK if row[d] >= known or chance[row[d]] else 0  # a part must not make it smaller
@@ -120,7 +120,8 @@ class ObjectMap:
         inside = (u > 0) & (u < camera.width - 1) & (v > 0) & (v < camera.height - 1)  # NaN compares as False
         pixels = np.where(inside, v, 0).astype(np.intp) * camera.width + np.where(inside, u, 0).astype(np.intp)
         measured = frame.depth_m.ravel()[pixels]
-        inside, measured, z, u, v = (a.reshape(len(some), POINTS) for a in (inside, measured, z, u, v))
+        inside = inside.reshape(len(some), POINTS)
+        measured, z, u, v = (a.reshape(len(some), POINTS) for a in (measured, z, u, v))
         known = inside & (measured > 0)
         size, slack = (high - low)[some].max(1, initial=0)[:, None], 0.1 + 0.03 * np.where(known, z, 1)
         hidden = (known & (measured < z - slack - 0.5 * size)).sum(1)

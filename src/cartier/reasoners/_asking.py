@@ -9,7 +9,7 @@ from typing import Any, Protocol
 from cartier.language.prompts import Messages, Schema, check_query, prompt_named, propose_prompt
 from cartier.language.replies import no_answer, parse_list, read_reply
 from cartier.reasoners._cache import Cache, digest
-from cartier.types import Selection
+from cartier.types import Inventory, Selection
 
 PROPOSE_TOKENS = 256
 
@@ -51,9 +51,9 @@ class LanguageModel:
         """Tokens in all, of prompts and replies, as the engine counts them."""
         return self._engine.tokens
 
-    def select(self, query: str, objects: Sequence[str], dialogue: Sequence[tuple[str, str]] = ()) -> Selection:
+    def select(self, query: str, inventory: Inventory, dialogue: Sequence[tuple[str, str]] = ()) -> Selection:
         """The object that the model picks. Raises InputError for an unusable query, ReasonerError if nobody answers."""
-        query = check_query(query)
+        query, objects = check_query(query), inventory.names
         if not objects:
             return Selection("absent", reason="nothing was detected in this home", model=self.name)
         messages = self._prompt.messages(query, objects, dialogue)

@@ -17,7 +17,7 @@ from cartier import plugins
 from cartier.contracts import Reasoner
 from cartier.errors import CartierError, InputError, ReasonerError
 from cartier.language.prompts import check_query, prompt_named
-from cartier.types import Selection
+from cartier.types import Inventory, Selection
 
 REST_S = 60.0
 GRACE_S = 0.5  # so that a model's own complaint about the time, which says more, comes first
@@ -80,12 +80,12 @@ class Auto:
         """The tokens that this took."""
         return int(getattr(self._model, "tokens", 0))
 
-    def select(self, query: str, objects: Sequence[str], dialogue: Sequence[tuple[str, str]] = ()) -> Selection:
+    def select(self, query: str, inventory: Inventory, dialogue: Sequence[tuple[str, str]] = ()) -> Selection:
         """The model's choice, else the embedded reasoner's. ``Selection.model`` says whose it is, ``notes`` why."""
         query = check_query(query)
         return self._first(
-            lambda model: model.select(query, objects, dialogue),
-            lambda: self._embedded.select(query, objects, dialogue),
+            lambda model: model.select(query, inventory, dialogue),
+            lambda: self._embedded.select(query, inventory, dialogue),
         )
 
     def propose(self, query: str) -> list[str]:

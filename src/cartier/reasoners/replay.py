@@ -9,7 +9,7 @@ from pathlib import Path
 from cartier.errors import InputError, ReasonerError
 from cartier.language.prompts import check_query
 from cartier.language.replies import no_answer, parse_list, read_reply
-from cartier.types import Selection
+from cartier.types import Inventory, Selection
 
 MAX_BYTES = 256 * 1024 * 1024
 Key = tuple[str, frozenset[str] | None]
@@ -31,9 +31,10 @@ class Replay:
         self.name = f"replay {path.name}"
         self._path, self._replies = path, _read(path)
 
-    def select(self, query: str, objects: Sequence[str], dialogue: Sequence[tuple[str, str]] = ()) -> Selection:
+    def select(self, query: str, inventory: Inventory, dialogue: Sequence[tuple[str, str]] = ()) -> Selection:
         """What the recorded reply picks from the list. Raises ReasonerError if none is recorded for the query."""
         query = check_query(query)
+        objects = inventory.names
         if not objects:
             return Selection("absent", reason="nothing was detected in this home", model=self.name)
         reply = self._reply(query, (frozenset(objects), None))
