@@ -3,14 +3,21 @@
 from __future__ import annotations
 
 import hashlib
+import io
 import json
+import math
 import shutil
+import stat
+import zipfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
-from cartier.errors import InputError
+import numpy as np
+import numpy.typing as npt
+
+from cartier.errors import InputError, brief
 
 MAX_JSON_BYTES = 256 * 1024 * 1024
 
@@ -18,19 +25,11 @@ MAX_JSON_BYTES = 256 * 1024 * 1024
 def read_json(path: Path) -> Any:
     """The value in a JSON file, or an InputError that names file, line and fault."""
     try:
-        if path.stat().st_size > MAX_JSON_BYTES:
-            raise InputError(f"{path} is larger than {MAX_JSON_BYTES // 2**20} MiB; that is no file of cartier's")
-        return json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError as error:
-        raise InputError(f"{path} is missing") from error
+        return json.loads(read_text(path, MAX_JSON_BYTES))
     except json.JSONDecodeError as error:
         raise InputError(f"{path} line {error.lineno}: not valid JSON ({error.msg})") from error
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path} is not UTF-8 text") from error
     except (RecursionError, ValueError) as error:  # nested without end, or a number of thousands of digits
-        raise InputError(f"{path} is no file of cartier's ({str(error)[:80]})") from error
-    except OSError as error:
-        raise InputError(f"{path} cannot be read: {error.strerror}") from error
+        raise InputError(f"{path} is no file of cartier's ({brief(error)})") from error
 
 
 def write_json(path: Path, value: Any) -> None:
@@ -102,3 +101,111 @@ def read_rows(file: Path, keys: Sequence[str]) -> list[dict[str, Any]]:
                 ) from None
             file.write_text("".join(lines[:-1]), encoding="utf-8")
     return rows
+
+
+def check_file(path: Path, max_bytes: int | None = None) -> None:
+    """Raises InputError where there is no plain file, or a larger one: a pipe or a device may never end."""
+    try:
+        about = path.stat()
+    except FileNotFoundError as error:
+        raise InputError(f"{path} is missing") from error
+    except (OSError, ValueError) as error:  # a name with a null byte in it
+        raise InputError(f"{path} cannot be read ({_why(error)})") from error
+    if not stat.S_ISREG(about.st_mode):
+        what = "a folder" if stat.S_ISDIR(about.st_mode) else "a pipe, a socket or a device"
+        raise InputError(f"{path} is {what}, where a file belongs")
+    if max_bytes is not None and about.st_size > max_bytes:
+        raise InputError(f"{path} is larger than {_size(max_bytes)}, which is more than it should ever hold")
+
+
+def read_bytes(path: Path, max_bytes: int) -> bytes:
+    """The bytes of a plain file no larger than ``max_bytes``, or an InputError."""
+    check_file(path, max_bytes)
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path} cannot be read ({_why(error)})") from error
+
+
+def read_text(path: Path, max_bytes: int) -> str:
+    """The UTF-8 text of a plain file no larger than ``max_bytes``, or an InputError."""
+    data = read_bytes(path, max_bytes)
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = data[: error.start].count(b"\n") + 1
+        raise InputError(f"{path} line {line}: not UTF-8 text") from error
+
+
+NPY_KINDS = "biufSUV"  # of numpy's dtypes; no objects, which only pickle can read
+MAX_ARRAYS_BYTES = 256 * 1024 * 1024
+MAX_ARRAYS = 100
+
+
+def read_npz(source: Path | bytes, max_bytes: int = MAX_ARRAYS_BYTES, where: str = "") -> dict[str, npt.NDArray[Any]]:
+    """The arrays of an NPZ file (or of one in memory, which ``where`` names in errors) by name.
+
+    The headers of all members are checked before the first one is unpacked: the kind of the numbers, the shapes and the
+    sizes, which may come to ``max_bytes`` together. Raises InputError with one line for whatever is wrong.
+    """
+    where = where or (str(source) if isinstance(source, Path) else "the archive of arrays")
+    if isinstance(source, Path):
+        check_file(source, max_bytes)
+    try:
+        with zipfile.ZipFile(source if isinstance(source, Path) else io.BytesIO(source)) as archive:
+            members = archive.infolist()
+            names = [member.filename.removesuffix(".npy") for member in members]
+            if len(set(names)) < len(names) or len(names) > MAX_ARRAYS:
+                raise ValueError(f"{len(names)} members, where up to {MAX_ARRAYS} of different names may be")
+            if any(member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED) for member in members):
+                raise ValueError("a member is packed in a way that numpy does not write")
+            left = max_bytes
+            for member in members:
+                with archive.open(member) as file:
+                    left -= _array_bytes(file, member.file_size)
+                if left < 0:
+                    raise ValueError(f"its arrays claim more than {_size(max_bytes)}")
+            found = {}
+            for name, member in zip(names, members, strict=True):
+                with archive.open(member) as file:
+                    found[name] = np.lib.format.read_array(file, allow_pickle=False)
+                    file.read(1)  # at its end the checksum is compared
+            return found
+    except Exception as error:  # zipfile's, zlib's, tokenize's and numpy's share no base class
+        raise InputError(f"{where} is damaged ({_why(error)})") from error
+
+
+def read_npy(path: Path, max_bytes: int = MAX_ARRAYS_BYTES) -> npt.NDArray[Any]:
+    """The array of an NPY file, its header checked before it is read. Raises InputError for whatever is wrong."""
+    check_file(path, max_bytes)
+    try:
+        with path.open("rb") as file:
+            _array_bytes(file, path.stat().st_size)
+            file.seek(0)
+            return np.asarray(np.lib.format.read_array(file, allow_pickle=False))
+    except Exception as error:  # as in read_npz
+        raise InputError(f"{path} is damaged ({_why(error)})") from error
+
+
+def _array_bytes(file: IO[bytes], size: int) -> int:
+    """How many bytes the array of an NPY stream of ``size`` bytes takes, by its header; ValueError if they are not there."""
+    version = np.lib.format.read_magic(file)
+    readers = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
+    if version not in readers:
+        raise ValueError(f"an array is of version {version}")
+    shape, _, dtype = readers[version](file)
+    if dtype.kind not in NPY_KINDS or dtype.hasobject or not dtype.itemsize:
+        raise ValueError(f"an array holds {brief(dtype, 40)}, which is no number or text")
+    claimed = math.prod(shape) * dtype.itemsize
+    if min(shape, default=0) < 0 or claimed != size - file.tell():
+        raise ValueError(f"an array of the shape {brief(shape, 40)} does not fit its {size} bytes")
+    return claimed
+
+
+def _why(error: BaseException) -> str:
+    """A fault in a few words."""
+    return (error.strerror if isinstance(error, OSError) else None) or brief(error) or type(error).__name__
+
+
+def _size(size: int) -> str:
+    return f"{size // 2**20} MiB" if size >= 2**20 else f"{size} bytes"

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, TextIO
 
 from cartier.contracts import Recording
-from cartier.errors import InputError
+from cartier.errors import InputError, brief
 from cartier.files import read_json, replaced_folder, write_json
 from cartier.recordings import _images
 from cartier.recordings._content import content_hash, names_in
@@ -181,13 +181,13 @@ class _Fields:
     def get(self, field: str, kind: type) -> Any:
         value = self.value.get(field)
         if type(value) is not kind:
-            raise InputError(f"{self.path}: field {field!r} must be of type {kind.__name__}, got {str(value)[:40]!r}")
+            raise InputError(f"{self.path}: field {field!r} must be of type {kind.__name__}, got {brief(value, 40)!r}")
         return value
 
     def number(self, field: str) -> float:
         value: Any = self.value.get(field)
         if type(value) not in (int, float) or not abs(value) <= sys.float_info.max:
-            raise InputError(f"{self.path}: field {field!r} must be a finite number, got {str(value)[:40]!r}")
+            raise InputError(f"{self.path}: field {field!r} must be a finite number, got {brief(value, 40)!r}")
         return float(value)
 
     def texts(self, field: str) -> list[str]:
