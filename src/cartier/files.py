@@ -208,4 +208,4 @@ def _why(error: BaseException) -> str:
 
 
 def _size(size: int) -> str:
-    return f"{size // 2**20} MiB" if size >= 2**20 else f"{size} bytes"
+    return f"{size // 2**30} GiB" if size >= 2**30 else f"{size // 2**20} MiB" if size >= 2**20 else f"{size} bytes"

@@ -7,8 +7,9 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
-from cartier.errors import InputError
-from cartier.language.names import display_name
+from cartier.errors import InputError, brief
+from cartier.files import read_bytes
+from cartier.language.names import MAX_NAME_CHARS, display_name
 
 MAX_BYTES = 4 * 2**20
 COCO80 = Path(__file__).parent / "labels" / "coco80.txt"
@@ -77,12 +78,14 @@ class Sidecar(BaseModel):
             return labels
         sets = {"coco": coco80, "coco91": coco91}
         if labels not in sets:
-            raise ValueError(f'must be a list of names, or "coco" or "coco91", got {labels!r}')
+            raise ValueError(f'must be a list of names, or "coco" or "coco91", got {brief(labels, 40)!r}')
         return sets[labels]()
 
     @field_validator("labels")
     @classmethod
     def _display_names(cls, labels: tuple[str | None, ...]) -> tuple[str | None, ...]:
+        if any(label is not None and len(label) > MAX_NAME_CHARS for label in labels):
+            raise ValueError(f"a label has {MAX_NAME_CHARS} characters at most")
         names = tuple(None if label is None else display_name(label) for label in labels)
         if "" in names:
             raise ValueError(f"label {names.index('')} is empty; a class that means nothing is null")
@@ -110,21 +113,17 @@ def coco91() -> tuple[str | None, ...]:
 def read_sidecar(path: Path) -> Sidecar:
     """The sidecar in a JSON file, or an InputError that names the key that is wrong."""
     try:
-        if path.stat().st_size > MAX_BYTES:
-            raise InputError(f"{path} is larger than {MAX_BYTES // 2**20} MiB, which no sidecar is")
-        return Sidecar.model_validate_json(path.read_bytes())
-    except OSError as error:
-        raise InputError(f"sidecar {path} cannot be read ({error.strerror})") from error
+        return Sidecar.model_validate_json(read_bytes(path, MAX_BYTES))
     except ValidationError as error:
         raise InputError(f"{path}: {_first_fault(error)}") from error
 
 
 def _first_fault(error: ValidationError) -> str:
     fault = error.errors(include_url=False)[0]
-    key = ".".join(str(part) for part in fault["loc"])
+    key = brief(".".join(str(part) for part in fault["loc"]), 80)
     if fault["type"] == "extra_forbidden":
         return f"there is no key {key!r}; the keys are {', '.join(Sidecar.model_fields)}"
     if fault["type"] == "missing":
         return f"the key {key!r} is missing"
-    message = fault["msg"].removeprefix("Value error, ").splitlines()[0]
+    message = brief(fault["msg"].removeprefix("Value error, "), 160)
     return f"{key}: {message}" if key else message

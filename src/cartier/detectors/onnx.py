@@ -11,7 +11,7 @@ from cartier.detectors._boxes import clip, nms
 from cartier.detectors._layouts import ANY_NAME, LAYOUTS, Candidates, Size, recognised
 from cartier.detectors._pixels import to_tensor
 from cartier.detectors._sidecar import Sidecar, read_sidecar
-from cartier.errors import BackendError, InputError
+from cartier.errors import BackendError, InputError, brief
 from cartier.files import sha256_of
 from cartier.models.onnx_session import Session, shape_text
 from cartier.types import Array, Detections, Frame
@@ -97,7 +97,7 @@ class OnnxDetector:
         values = [outputs[name].astype(np.float32, copy=False) for name in self._outputs]
         for name, value in zip(self._outputs, values, strict=True):
             if not np.isfinite(value).all():
-                raise BackendError(f"{self._session.path}: output {name} holds NaN or infinity for {where}")
+                raise BackendError(f"{self._session.path}: output {brief(name, 40)} holds NaN or infinity for {where}")
         found = self._layout.decode(values, self._sidecar, self._size)
         if not len(found.boxes) == len(found.scores) == len(found.classes):
             raise BackendError(
@@ -127,7 +127,7 @@ class OnnxDetector:
             if not _fits(outputs[name].shape, shape):
                 raise InputError(
                     f"{self._session.path}: {what}: layout {self._sidecar.layout} with {len(self._sidecar.labels)} "
-                    f"labels and a {_wxh(self._size)} input needs the output {name} to be {shape_text(shape)}, "
+                    f"labels and a {_wxh(self._size)} input needs the output {brief(name, 40)} to be {shape_text(shape)}, "
                     f"but it is {shape_text(outputs[name].shape)}"
                 )
 
@@ -145,7 +145,7 @@ def _pick_outputs(session: Session, sidecar: Sidecar, described: Path | None) ->
         roles = ", ".join(aliases[0] if aliases else "the one that holds the boxes" for aliases in wanted)
         raise InputError(
             f'{described} does not fit {session.path}: the key "outputs" must name, for layout {sidecar.layout}, '
-            f"{roles}; the model has {', '.join(there)}"
+            f"{roles}; the model has {brief(', '.join(there), 160)}"
         )
     return names
 

@@ -44,7 +44,9 @@ class Folder:
         head = _Fields(read_json(root / HEAD), root / HEAD)
         schema = head.get("schema", int)
         if schema != SCHEMA:
-            raise InputError(f"{root / HEAD} has schema {brief(schema, 20)}, this cartier reads {SCHEMA}: upgrade cartier")
+            raise InputError(
+                f"{root / HEAD} has schema {brief(schema, 20)}, this cartier reads {SCHEMA}: upgrade cartier"
+            )
         self.name = head.line("name")
         self.camera = _camera(_Fields(head.get("camera", dict), root / HEAD))
         self.notes: Sequence[str] = head.lines("notes")
