@@ -115,8 +115,6 @@ class Server:
             except openai.APITimeoutError as error:
                 raise self._too_late() from error
             except openai.APIConnectionError as error:
-                if isinstance(error.__cause__, ReasonerError):  # older SDKs wrap what their transport raises
-                    raise error.__cause__ from error
                 if not (sure and _paused(pauses, deadline)):
                     raise ReasonerError(
                         f"cannot reach {self.where} ({self.brief(error.__cause__ or error)}): is the server running?"
@@ -148,6 +146,10 @@ class Server:
             except Late as late:
                 client.close()  # what is left of the exchange ends with its connection
                 raise self._too_late() from late
+            except openai.APIConnectionError as error:
+                if isinstance(error.__cause__, ReasonerError):  # older SDKs wrap what their transport raises
+                    raise error.__cause__ from None
+                raise
         return self._text(body)
 
     @contextmanager
