@@ -238,7 +238,7 @@ def _floor(store: Store, about: Mapping[str, Any]) -> tuple[OccupancyGrid | None
     if about["grid"] is None:
         return None, ()
     x, y = about["grid"]["origin_xy"]
-    arrays = read_npz(store.get("occupancy.npz", about), "occupancy.npz")
+    arrays = read_npz(store.get("occupancy.npz", about), where="occupancy.npz")
     image = store.get("occupancy.pgm", about)
     grid = grid_from(image, float(about["grid"]["resolution_m"]), (float(x), float(y)), arrays["height_m"])
     rooms = tuple(

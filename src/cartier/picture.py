@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from cartier.atomic import write_file
 from cartier.errors import InputError
-from cartier.files import write_file
 from cartier.home import Home
 from cartier.types import FREE, OCCUPIED, Answer, OccupancyGrid, Place
 

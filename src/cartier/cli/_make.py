@@ -123,7 +123,7 @@ def map_command(
     as_json: AsJson = False,
 ) -> None:
     """Map a recording: detect objects, build the indices and the floor plan, save a home."""
-    from cartier.files import locked
+    from cartier.atomic import locked
     from cartier.home import Home
     from cartier.pipeline import map_home
 

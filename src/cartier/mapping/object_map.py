@@ -354,7 +354,7 @@ class ObjectMap:
         """Take what ``state`` gave into a new map. Raises InputError if it is damaged."""
         about, arrays = (
             parse_json(state["object_map.json"], "object_map.json"),
-            read_npz(state["object_map.npz"], "object_map.npz"),
+            read_npz(state["object_map.npz"], where="object_map.npz"),
         )
         try:
             count = len(arrays["id"])
