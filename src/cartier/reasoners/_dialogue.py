@@ -25,19 +25,20 @@ AGAIN = re.compile(
 NEW = 3  # words that tell something, besides what is refused, are a need of their own
 FEW = 7  # words up to which what follows an answer may belong to it
 REFUSES = re.compile(r"\b(not|without|except|anything but|don t want|instead of)\b")
-NOT = re.compile(r"\b(not|no|without|except|but not|don t want|never|instead of)\b")
+NOT = re.compile(r"\b(not|no|without|except|but not|don t(?! know| mind)|never|instead of)\b")
 
 
 class Turn(NamedTuple):
     """How to take the person's words.
 
-    ``text`` is what to judge, ``only`` the names to choose from (none: all), ``without`` those that are out, and ``picked``
-    the name that was chosen outright.
+    ``text`` is what to judge, ``only`` the names to choose from (none: all), ``without`` those that are out, ``forbidden``
+    those that the robot was told to keep off, and ``picked`` the name that was chosen outright.
     """
 
     text: str
     only: tuple[str, ...] = ()
     without: tuple[str, ...] = ()
+    forbidden: tuple[str, ...] = ()
     picked: str | None = None
 
 

@@ -8,7 +8,7 @@ it learned from requests in many voices (``tools/train_scorer.py``). ``docs/embe
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 from functools import cached_property, lru_cache
 from pathlib import Path
 
@@ -17,8 +17,9 @@ import numpy as np
 from cartier.reasoners._cards import SHIPPED, Deck, bare, read_deck
 from cartier.reasoners._dialogue import Turn, alternatives, understand
 from cartier.reasoners._knowledge import ALIKE
-from cartier.reasoners._listening import MOST_CHARACTERS
+from cartier.reasoners._listening import MOST_CHARACTERS, mentions
 from cartier.reasoners._scorer import Judgement, Scorer
+from cartier.reasoners._speech_acts import Said, sort_out
 from cartier.reasoners._things import Missing, Ranked, Thing, Things, evidence
 from cartier.types import Array, Selection
 
@@ -68,7 +69,13 @@ class Embedded:
         if turn.picked is not None:
             reason = f"'{_short(query)}' means this one"
             return Selection("found", turn.picked, reason=reason, candidates=((turn.picked, 1.0),), model=NAME)
-        either = alternatives(query, [name for name in names if name not in turn.without])
+        if turn == Turn(query):  # what is said about an offer is a correction
+            said = sort_out(self.scorer.hear(query), self._keys(names))
+            if not said.asks:
+                return _told(said)
+            turn = turn._replace(forbidden=self._forbidden(said, names))
+        out = {*turn.without, *turn.forbidden}
+        either = alternatives(query, [name for name in names if name not in out])
         if either is not None:
             question = f"Do you mean the {bare(either[0])} or the {bare(either[1])}?"
             return Selection("clarify", reason="both were named", question=question, model=NAME)
@@ -84,7 +91,7 @@ class Embedded:
     def propose(self, query: str) -> list[str]:
         """The names of up to five cards that serve the words, best first; none if what serves them is nothing that homes have."""
         heard = self.scorer.hear(query)
-        if not heard.sentences:
+        if not heard.sentences or not sort_out(heard, self.deck.by_key).asks:
             return []
         judged = self.scorer.judge(heard, self.deck.by_key.keys())
         things = self._listed(tuple(card.name for card in self.deck.cards if card.at_home))
@@ -93,13 +100,25 @@ class Embedded:
             return []
         return [r.thing.name for r in ranked[:5] if r.logit > judged.nothing]
 
+    def _keys(self, names: tuple[str, ...]) -> Set[str]:
+        """The keys of all names to listen for."""
+        return self.deck.by_key.keys() | self._listed(names).keys
+
+    def _forbidden(self, said: Said, names: tuple[str, ...]) -> tuple[str, ...]:
+        """The listed things that a prohibition names, and nothing else that was said."""
+        if not said.forbidden:
+            return ()
+        off, named = ({m.key for m in mentions(self.scorer.hear(t), self._keys(names))} for t in (said.forbidden, said.rest))
+        cards = {self.deck.by_key.get(key) for key in off - named} - {self.deck.by_key.get(key) for key in named} - {None}
+        return tuple(t.name for t in self._listed(names).all if t.key in off - named or t.card in cards)
+
     def _serve(self, text: str, names: tuple[str, ...], turn: Turn) -> Selection:
         heard = self.scorer.hear(text)
         if not heard.sentences:
             return Selection("clarify", reason="nothing said tells a need", question="What do you need?", model=NAME)
         things = self._listed(names)
-        judged = self.scorer.judge(heard, self.deck.by_key.keys() | things.keys)
-        ranked = [r for r in things.ranked(judged) if r.thing.name not in turn.without]
+        judged = self.scorer.judge(heard, self._keys(names))
+        ranked = [r for r in things.ranked(judged) if r.thing.name not in (*turn.without, *turn.forbidden)]
         if turn.only:
             ranked = [r for r in ranked if r.thing.name in turn.only]
         if not ranked:
@@ -191,6 +210,12 @@ class Embedded:
         if one.card is None or other.card is None:
             return one.key == other.key
         return one.card == other.card or self.scorer.knowledge.likeness(one.card, other.card) > ALIKE
+
+
+def _told(said: Said) -> Selection:
+    """No goal for who asked for nothing, and that this was understood."""
+    reason = f"understood: {_short(said.forbidden)}" if said.forbidden else "understood: nothing was asked for"
+    return Selection("absent", reason=reason, model=NAME)
 
 
 def _named_elsewhere(best: Ranked, named: Missing | None) -> Missing | None:
