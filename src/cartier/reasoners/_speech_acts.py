@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Container, Iterator
+from itertools import pairwise
 from typing import Literal, NamedTuple
 
 from cartier.reasoners._listening import LONGEST_NAME, PAST, Heard
@@ -33,29 +34,30 @@ AFTER = frozenset(words("all any anymore at dear either here me moment more now 
 POINTING = frozenset(words("anything it one that them there these this those"))
 CONTRACTION = re.compile(r"\b(do|does|did|is|are|was|were|would|should|could|must|need|have|has|had|ca|wo)n ?t\b")
 SENTENCE = re.compile(r"[.!?;:\n]")
-BREAK = re.compile(rf"[^\w\s]|\b(?:but|because)\b|\band (?=(?:{'|'.join(sorted(DO))}|i|it|now|then|we|you)\b)")
+BREAK = re.compile(rf"[^\w\s]|\b(?:but|because)\b|\band (?=(?:{'|'.join(sorted(DO))}|i|it|now|then|we|you)\b)|(?= i (?:d|meant?|need|said|want|would)\b)")
 KEEP_OFF = re.compile(
     r"(?:^|\b(?:you|please) )(?:stay|keep|steer|move|go|get) (?:back |far |right |well )?(?:away|clear of|off|out of)\b(?! to\b)"
     r"|^avoid |\bhands off\b|\bleave (?:\w+ ){1,4}(?:alone|be|in peace)$|\brefrain from\b|^(?:stop|quit) \w+ing\b"
     r"|^(?:\w+ ){2,4}(?:off limits|forbidden)(?: (?:for|that|to) you.*)?$|\byou (?:are|re) not allowed\b"
     r"|\b(?:if|rather|prefer|that) you (?:(?:did|do|would) not|stay|leave|keep)\b|\byou (?:do not (?:have|need)|need not)\b"
-    r"|^(?:there is )?no (?:bring|go|need|take|touch)\b"
+    r"|^(?:there is )?no (?:bring|go|need|take|touch)\b|\bnot (?:like|want) you to\b|^(?:nobody|no one) (?:is to|may|must|should)\b"
 )
-UNLESS = re.compile(r"^(?:why|where|what|how)\b|\b(?:until|without|unless|before|except|make me)\b")
+UNLESS = re.compile(r"^(?:why|where|what|how)\b|\b(?:until|without|unless|before|except|forget|make me)\b")
 KIND = (
     r"(?:annoying|awful|beautiful|cheap|cute|elegant|expensive|funny|gorgeous|great|hideous|horrible|lovely|nice|old fashioned|"
     r"pretty|ridiculous|silly|stupid|tasteless|terrible|ugly|wonderful)"
 )
 OF_A_THING = re.compile(
-    r"^(?:i|we|nobody) (?:really )?(?:do not|did not|would not|no longer|never|no|not) (?:really )?"
-    r"(?:need|want|like|fancy|feel like|care for|asked? for) (?:to (?:come|go|have|see|touch|use)\b.* )?(.+)|^not (.+)|^no (.+) thank"
-    r"|^(?:i|we) (?:absolutely |always |just |never |really |so )?(?:adore|ca not stand|dislike|(?:am |m )?(?:sick|tired) of|hated?"
-    r"|loved?|liked?) (?:the|th\w+|my|your|our) (.+)"
+    r"^(?:i|we|nobody|he|she|they) (?:really )?(?:do not|does not|did not|would not|no longer|never|no|not) (?:really )?"
+    r"(?:need|want|like|fancy|feel like|care for|asked? for) (?:to (?:come|go|have|see|touch|use)\b.* )?(.+)|^(?:not|never mind|forget|skip|leave) (.+)"
+    r"|^no (.+) thank|^(?:i|we|he|she|they) (?:must|should) not (?:drink|eat|have|use) (.+)"
+    r"|^(?:i|we|he|she|they) (?:absolutely |always |just |never |really |so )?(?:adores?|ca not stand|dislikes?"
+    r"|(?:am |m |is |s |are |re )?(?:sick|tired) of|hate[ds]?|love[ds]?|like[ds]?) (?:the|th\w+|my|your|our) (.+)"
     rf"|^(?:the|th\w+|my|your|our) (.+?) (?:over there )?(?:is|are|s|was|were|looks?) (?:\w+ ){{0,3}}{KIND}$|^what an? {KIND} (.+)"
 )
 CHAT = re.compile(
     rf"^(?:thanks|thank you|thx|cheers|(?:good|happy) \w+|well done|(?:what an? )?{KIND} (?:day|evening|job|weather|work)|how are you|"
-    r"(?:what s your|your) name|who are you|do you (?:like|love)|i love you|see you|goodbye|bye|never mind|forget (?:it|about)|that s all"
+    r"(?:what s your|your) name|who are you|do you (?:like|love)|i love you|see you|goodbye|bye|never mind|forget (?:it|about)|as if|(?:i|we) (?:have|ve) had enough|no more for me|that s all"
     rf"|(?:abort|cancel|go ahead|stay|stop|nothing|nothing .*thanks|{KIND})$|you (?:are|re|were|look|did)(?! (?:needed|not|to|wanted))"
     r"|(?:i|we) (?:am|m|are|re) (?:fine|full|good|happy)$|(?:i|we|nobody) (?:never |did not )ask(?:ed)?"
     r"|(?:(?:i|we) (?:am|m|are|re)|it (?:is|s)) not (?:\w+ )?(?:bored|cold|dark|hot|hungry|ill|late|sick|thirsty|tired)(?! enough))\b"
@@ -66,6 +68,12 @@ ASKS = re.compile(
     r"|(?:can|could|may) (?:i|we)|could (?:use|do)|instead|said|asked|meant?|time for)\b|\bplease$|^(?:an?|some|something|to) "
 )
 IN_NEED = re.compile(r"^(?:i|we) (?:am|m|are|re|feel|ca not)\b|^my \w+ (?:is|s|are|hurts?|aches?)\b|\bin here$")
+REPORTED = re.compile(
+    r"^(?!i |we |you )(?:(?:the|my|our|his|her) )?\w+ (?:says|said|thinks|(?:tells?|told) (?:me|us)) (?:that )?"
+    r"(?=(?:he|i|it|she|that|the|they|we|you)\b)"
+)
+SAID_TWICE = frozenset(("do", "i", "never", "no", "not"))  # "no, no, don't"
+RUN_ON = frozenset(words("bring fetch get give go show take"))  # where speech recognition hears no comma
 REASON = re.compile(r"^(?:it|they|that|this|he|she|there)\b")
 
 
@@ -80,7 +88,7 @@ class Said(NamedTuple):
 def sort_out(heard: Heard, known: Container[str]) -> Said:
     """Sort the clauses of what was said; ``known`` are the keys of the names of things."""
     clauses = [(clause, begins, _kind(clause, known)) for clause, begins in _clauses(heard.tokens)]
-    kinds = [kind for _, _, kind in clauses if kind != "padding"]
+    kinds = [k for c, begins, k in clauses if k != "padding" and (k != "tells" or begins or not REASON.search(c))]
     forbidden = ", ".join(clause for clause, _, kind in clauses if kind == "forbids")
     rest = ", ".join(clause for clause, _, kind in clauses if kind != "forbids")
     if "asks" in kinds or any(kind == "name" and clause.split()[-1] not in words(forbidden) for clause, _, kind in clauses):
@@ -99,12 +107,17 @@ def _clauses(tokens: list[str]) -> Iterator[tuple[str, bool]]:
     for sentence in SENTENCE.split(text.replace(", thank", " thank")):
         begins = True
         for part in BREAK.split(sentence):
-            said = part.split()
-            while len(said) > 1 and said[0] in OPENING and (said[0] != "no" or said[1] in ("do", "i", "never", "no", "not")):
-                said = said[1:]
-            if said:
-                yield " ".join(said), begins
+            for clause in _run_on(REPORTED.sub("", " ".join(part.split())).split()):
+                while len(clause) > 1 and clause[0] in OPENING and (clause[0] != "no" or clause[1] in SAID_TWICE):
+                    clause = clause[1:]
+                yield " ".join(clause), begins
                 begins = False
+
+
+def _run_on(said: list[str]) -> Iterator[list[str]]:
+    """What stands without a comma: "don't bring the cup bring the glass"."""
+    starts = [i for i in range(1, len(said)) if said[i] in RUN_ON and said[i - 1] not in STOP | AROUND]
+    yield from (said[a:b] for a, b in pairwise([0, *starts, len(said)]) if a < b)
 
 
 def _kind(clause: str, known: Container[str]) -> Kind:
