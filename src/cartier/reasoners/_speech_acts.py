@@ -1,8 +1,9 @@
 """Whether words ask for anything: prohibitions, opinions and thanks are understood, but they are no needs.
 
-Clause by clause. Words that end in a prohibition ask for nothing, unless another clause asks outright or told a need before;
-what else its sentence says is its reason. Without a prohibition, words ask for nothing only if every clause of them turns a
-thing down, says what somebody thinks of it or that nothing is lacking, or is chat.
+A request is sorted clause by clause, by its words. What ends in a prohibition asks for nothing, unless another clause asks
+outright or told a need before; what else its sentence says is its reason. What but turns things down, judges them or chats
+asks for nothing either. In other words that ask for nothing outright a need may be heard, but the things they name are not
+asked for.
 """
 
 from __future__ import annotations
@@ -12,93 +13,120 @@ from collections.abc import Container, Iterator
 from itertools import pairwise
 from typing import Literal, NamedTuple
 
-from cartier.reasoners._listening import LONGEST_NAME, PAST, Heard
+from cartier.reasoners._listening import CUES, LONGEST_NAME, Heard
 from cartier.reasoners._words import STOP, name_key, words
 
-Kind = Literal["forbids", "states", "name", "asks", "padding", "tells"]
+Asked = Literal["outright", "perhaps", "not"]
+Kind = Literal["forbids", "states", "asks", "padding", "tells"]
 
-DO = frozenset(
-    words("""approach block bring bringing carry clean close come cook disturb do drive driving enter fetch fiddle fiddling follow
-    get give go going grab lift make move open park pick play press push put reach run serve show sit start step switch take
-    throw touch touching turn use using vacuum visit wait wake wash water""")
+DO = CUES.union(
+    words("""approach block bringing carry check clean close come cook disturb do driving enter fiddle fiddling follow going guide
+    lead lift light make meet open park pick play point press push put run serve sit start step stop switch throw touch touching
+    trouble turn using vacuum wait wake walk wash water""")
 )
-ROBOT = frozenset(("you", "u", "robot", "nobody"))
-TOLD_TO = ROBOT.union(words("a are better do is just may must need please pls re should so the to well"))  # "you must not"
-AROUND = frozenset(words("about again allowed any be bother dare even ever have need of supposed think to try want you"))
-TOLD = frozenset(words("ask asked asks as better said says tell tells told"))  # "he told you not to go there"
+RUN_ON = frozenset(words("bring fetch get give go show take"))  # where speech recognition hears no comma
+ROBOT = frozenset(words("nobody robot robots u you"))
+TOLD_TO = ROBOT.union(
+    words("a are better do is just may must need please pls re should so the to well")
+)  # "you must not"
+AROUND = frozenset(
+    words("about again allowed any be bother dare even ever have need of supposed think to try want you")
+)
+TELLING = frozenset(words("ask asked asks as better said says tell tells told"))  # "he told you not to go there"
 OPENING = frozenset(
-    words("""ah alright and but darling dear er hello hey hi honestly honey just kindly listen look no now oh ok okay please
+    words("""ah alright and but darling dear er hello hey hi honestly honey just kindly listen look no now oh ok okay only please
     pls plz really robot seriously so sure uh um yeah yes""")
 )
-AFTER = frozenset(words("all any anymore at dear either here me moment more now please thank thanks the today tonight yet you"))
-POINTING = frozenset(words("anything it one that them there these this those"))
+AFTER_NO = frozenset(words("do i never no not"))  # "no, no, don't" opens, "no touch" does not
+AFTER = frozenset(
+    words(
+        """all any anymore at dear either here me moment more now please pls plz thank thanks the today tonight yet you"""
+    )
+)
+NO_NAME = frozenset(
+    words("""about am are be been can ca could did do does enough had has have he i is it like look looks m may might must need
+    never no nobody not nothing re s said seems she should they was we were what whoever will wo would you""")
+)
 CONTRACTION = re.compile(r"\b(do|does|did|is|are|was|were|would|should|could|must|need|have|has|had|ca|wo)n ?t\b")
 SENTENCE = re.compile(r"[.!?;:\n]")
-BREAK = re.compile(rf"[^\w\s]|\b(?:but|because)\b|\band (?=(?:{'|'.join(sorted(DO))}|i|it|now|then|we|you)\b)|(?= i (?:d|meant?|need|said|want|would)\b)")
-KEEP_OFF = re.compile(
-    r"(?:^|\b(?:you|please) )(?:stay|keep|steer|move|go|get) (?:back |far |right |well )?(?:away|clear of|off|out of)\b(?! to\b)"
-    r"|^avoid |\bhands off\b|\bleave (?:\w+ ){1,4}(?:alone|be|in peace)$|\brefrain from\b|^(?:stop|quit) \w+ing\b"
-    r"|^(?:\w+ ){2,4}(?:off limits|forbidden)(?: (?:for|that|to) you.*)?$|\byou (?:are|re) not allowed\b"
-    r"|\b(?:if|rather|prefer|that) you (?:(?:did|do|would) not|stay|leave|keep)\b|\byou (?:do not (?:have|need)|need not)\b"
-    r"|^(?:there is )?no (?:bring|go|need|take|touch)\b|\bnot (?:like|want) you to\b|^(?:nobody|no one) (?:is to|may|must|should)\b"
+BREAK = re.compile(
+    rf"[^\w\s]|\b(?:but|because)\b|\band (?=(?:{'|'.join(sorted(DO))}|i|it|now|then|we|you)\b)"
+    r"|(?= i (?:d|meant?|need|said|want|would)\b)"
 )
-UNLESS = re.compile(r"^(?:why|where|what|how)\b|\b(?:until|without|unless|before|except|forget|make me)\b")
+KEEP_OFF = re.compile(
+    r"(?:^|\b(?:you|please) )(?:get|go|keep|move|stay|steer) (?:back |far |right |well )?(?:away|clear of|off|out of)\b(?! to\b)"
+    r"|^avoid |^(?:hands )?off (?:that|the)\b|\bleave (?:\w+ ){1,4}(?:alone|be|in peace|off)$|^leave (?:it|my|that|the|this)(?: \w+)?$"
+    r"|\brefrain from\b|^(?:quit|stop) \w+ing\b|^(?:\w+ ){2,4}(?:forbidden|off limits|taboo)(?: (?:for|that|to) you.*)?$|\bi forbid\b"
+    r"|\byou (?:are|re) not allowed\b|\b(?:no one|nobody) (?:is to|may|must|should)\b|\bnot (?:like|want) you (?:near|to)\b|\bmind not\b"
+    r"|\b(?:if|prefer|rather|that) you (?:(?:did|do|would) not|keep|kept|leave|left|stay|stayed)\b"
+    r"|\byou (?:do not (?:have|need)|need not)\b|^(?:there is )?no (?:bring|go|need|take|touch)\b"
+)
+UNLESS = re.compile(r"^(?:how|what|where|why)\b|\b(?:before|except|forget|make me|unless|until|without)\b")
+TURNED_DOWN = re.compile(
+    r"^(?:he|i|me|nobody|she|they|we) (?:really )?(?:(?:did|do|does|wo|would) not(?: be)?|never|no|no longer|not) (?:really )?"
+    r"(?:asked? for|care for|fancy|feel like|like|need(?:ing)?|want) (?:to (?:come|go|have|see|touch|use)\b.* )?(.+)"
+    r"|^(?:enough(?: of| with)?|forget|never mind|no more|not|skip) (.+)|^no (.+) thank"
+)
 KIND = (
     r"(?:annoying|awful|beautiful|cheap|cute|elegant|expensive|funny|gorgeous|great|hideous|horrible|lovely|nice|old fashioned|"
     r"pretty|ridiculous|silly|stupid|tasteless|terrible|ugly|wonderful)"
 )
-OF_A_THING = re.compile(
-    r"^(?:i|we|nobody|he|she|they) (?:really )?(?:do not|does not|did not|would not|no longer|never|no|not) (?:really )?"
-    r"(?:need|want|like|fancy|feel like|care for|asked? for) (?:to (?:come|go|have|see|touch|use)\b.* )?(.+)|^(?:not|never mind|forget|skip|leave) (.+)"
-    r"|^no (.+) thank|^(?:i|we|he|she|they) (?:must|should) not (?:drink|eat|have|use) (.+)"
-    r"|^(?:i|we|he|she|they) (?:absolutely |always |just |never |really |so )?(?:adores?|ca not stand|dislikes?"
-    r"|(?:am |m |is |s |are |re )?(?:sick|tired) of|hate[ds]?|love[ds]?|like[ds]?) (?:the|th\w+|my|your|our) (.+)"
-    rf"|^(?:the|th\w+|my|your|our) (.+?) (?:over there )?(?:is|are|s|was|were|looks?) (?:\w+ ){{0,3}}{KIND}$|^what an? {KIND} (.+)"
+OPINION = re.compile(
+    r"^(?:he|i|she|they|we) (?:(?:absolutely|always|am|do|is|just|m|never|really|s|so) )*(?:adores?|dislikes?|hate[ds]?|like[ds]?"
+    r"|love[ds]?|ca not (?:bear|stand)(?: the sight of)?|(?:sick|tired) of) (?:my|our|th\w+|your) (.+)"
+    r"|^(?:my|our|th\w+|your) (.+?) (?:over there )?(?:are|is|looks?|s|was|were) "
+    rf"(?:\w+ ){{0,3}}{KIND}$|^what an? {KIND} (.+)"
 )
 CHAT = re.compile(
-    rf"^(?:thanks|thank you|thx|cheers|(?:good|happy) \w+|well done|(?:what an? )?{KIND} (?:day|evening|job|weather|work)|how are you|"
-    r"(?:what s your|your) name|who are you|do you (?:like|love)|i love you|see you|goodbye|bye|never mind|forget (?:it|about)|as if|(?:i|we) (?:have|ve) had enough|no more for me|that s all"
-    rf"|(?:abort|cancel|go ahead|stay|stop|nothing|nothing .*thanks|{KIND})$|you (?:are|re|were|look|did)(?! (?:needed|not|to|wanted))"
-    r"|(?:i|we) (?:am|m|are|re) (?:fine|full|good|happy)$|(?:i|we|nobody) (?:never |did not )ask(?:ed)?"
-    r"|(?:(?:i|we) (?:am|m|are|re)|it (?:is|s)) not (?:\w+ )?(?:bored|cold|dark|hot|hungry|ill|late|sick|thirsty|tired)(?! enough))\b"
+    r"^(?:thanks|thank you|thx|cheers|well done|(?:good|happy) \w+|(?:what an? )?\w+ (?:day|evening|weather)(?: today)?$|how are you"
+    r"|who are you|(?:what s )?your name|do you (?:know that|like|love)|do me a favour|i love you|see you|goodbye|bye|never mind"
+    r"|forget (?:about|it)|as if|that s all|no more for me|(?:abort|cancel|go ahead|great|nothing(?: .*thanks)?|stay|stop|wonderful)$"
+    r"|you (?:are|look|re|were) (?!(?:needed|not|to|wanted)\b)|(?:i|we) (?:am|are|m|re) (?:fine|full|good|happy)$"
+    r"|(?:i|we) (?:have|ve) had enough|(?:i|nobody|we) (?:did not |never )ask(?:ed)?"
+    r"|(?:(?:i|we) (?:am|are|m|re)|it (?:is|s)) not (?:\w+ )?(?:bored|cold|dark|hot|hungry|ill|late|sick|thirsty|tired)(?! enough))\b"
 )
-LONG_AGO = re.compile(r"\b(?:ate|bought|gave|met|painted|played|read|saw|sold|used to|visited|watched|went)\b")
+UNWISHED = re.compile(r"\b(?:never|no|no longer|no one|nobody|not)(?: \w+)? (?:needs?|wants?)\b")
 ASKS = re.compile(
-    r"\b(?:needs?|wants?|wish|where|fancy|(?:would|d) (?:like|love|rather(?! not| you))|ha(?:ve|s) to|got to|lets?|(?:can|could|will|would) you"
-    r"|(?:can|could|may) (?:i|we)|could (?:use|do)|instead|said|asked|meant?|time for)\b|\bplease$|^(?:an?|some|something|to) "
+    r"\b(?:needs?|wants?|wish|fancy|find|where\w*|which|search|looking|seen|somewhere|missing|vanished|lost|after|instead|anyone|lets?"
+    r"|(?:d|should|would) (?:be|like|love|rather(?! not| you))|ha(?:s|ve) to|got to|(?:can|could|have|will|would) you|(?:whether )?you could"
+    r"|(?:can|could|may|might) (?:i|we)|(?:could|ll|should) (?:just )?(?:do|go|have|take|use)|it (?:s|was) the|it is$|will do$"
+    r"|(?:asked|meant?|said) (?:a|for|my|the)|i said (?!it|no|that)\w+|(?:mind going|not wait) to|long for|time for|might there"
+    r"|you (?:did not|forgot|never)|(?:are|is) there)\b|\b(?:please|pls|plz)(?: and thank you)?$"
+    r"|^(?:an?|some|something|to|towards?|who|who is|you (?:bring|come|go)|why (?:do )?not) "
+    r"|^(?:are|can|could|is|will|wo|would) (?:not )?(?:anybody|it|somebody|there|we|you)\b"
 )
-IN_NEED = re.compile(r"^(?:i|we) (?:am|m|are|re|feel|ca not)\b|^my \w+ (?:is|s|are|hurts?|aches?)\b|\bin here$")
-REPORTED = re.compile(
-    r"^(?!i |we |you )(?:(?:the|my|our|his|her) )?\w+ (?:says|said|thinks|(?:tells?|told) (?:me|us)) (?:that )?"
-    r"(?=(?:he|i|it|she|that|the|they|we|you)\b)"
+IN_NEED = re.compile(
+    r"^(?:i|we) (?:am|are|ca not|feel|m|re)\b|^my \w+ (?:aches?|are|hurts?|is|s)\b|\bin here$|\b(?:must|ought|should)\b"
 )
-SAID_TWICE = frozenset(("do", "i", "never", "no", "not"))  # "no, no, don't"
-RUN_ON = frozenset(words("bring fetch get give go show take"))  # where speech recognition hears no comma
-REASON = re.compile(r"^(?:it|they|that|this|he|she|there)\b")
 
 
 class Said(NamedTuple):
-    """What was forbidden, in the words that forbade it, all else that was said, and whether anything was asked for."""
+    """What was forbidden, in the words that forbade it, all else that was said, and whether anything was asked for.
+
+    ``perhaps`` are words that may tell a need, but in which no clause asks.
+    """
 
     forbidden: str
     rest: str
-    asks: bool
+    asked: Asked
 
 
 def sort_out(heard: Heard, known: Container[str]) -> Said:
     """Sort the clauses of what was said; ``known`` are the keys of the names of things."""
     clauses = [(clause, begins, _kind(clause, known)) for clause, begins in _clauses(heard.tokens)]
-    kinds = [k for c, begins, k in clauses if k != "padding" and (k != "tells" or begins or not REASON.search(c))]
+    kinds = [kind for _, _, kind in clauses]
     forbidden = ", ".join(clause for clause, _, kind in clauses if kind == "forbids")
     rest = ", ".join(clause for clause, _, kind in clauses if kind != "forbids")
-    if "asks" in kinds or any(kind == "name" and clause.split()[-1] not in words(forbidden) for clause, _, kind in clauses):
-        return Said(forbidden, rest, True)
+    outright = any(kind == "asks" and clause.split()[-1] not in words(forbidden) for clause, _, kind in clauses)
+    if outright or set(kinds) <= {"padding"}:
+        return Said(forbidden, rest, "outright")
     if not forbidden:
-        return Said("", rest, not kinds or set(kinds) != {"states"})
-    first = [kind for _, _, kind in clauses].index("forbids")
-    told = any(kind == "tells" and IN_NEED.search(clause) for clause, _, kind in clauses[:first])
-    goes_on = any(kind == "tells" and begins and not REASON.search(clause) for clause, begins, kind in clauses[first:])
-    return Said(forbidden, rest, told or goes_on)
+        said_please: Asked = "outright" if clauses[-1][0] == "please" else "perhaps"
+        return Said("", rest, "not" if set(kinds) <= {"padding", "states"} else said_please)
+    first = kinds.index("forbids")
+    needs = any(kind == "tells" and IN_NEED.search(clause) for clause, _, kind in clauses[:first])
+    goes_on = any(kind == "tells" and begins for _, begins, kind in clauses[first:])
+    return Said(forbidden, rest, "outright" if needs else "perhaps" if goes_on else "not")
 
 
 def _clauses(tokens: list[str]) -> Iterator[tuple[str, bool]]:
@@ -107,8 +135,8 @@ def _clauses(tokens: list[str]) -> Iterator[tuple[str, bool]]:
     for sentence in SENTENCE.split(text.replace(", thank", " thank")):
         begins = True
         for part in BREAK.split(sentence):
-            for clause in _run_on(REPORTED.sub("", " ".join(part.split())).split()):
-                while len(clause) > 1 and clause[0] in OPENING and (clause[0] != "no" or clause[1] in SAID_TWICE):
+            for clause in _run_on(part.split()):
+                while len(clause) > 1 and clause[0] in OPENING and (clause[0] != "no" or clause[1] in AFTER_NO):
                     clause = clause[1:]
                 yield " ".join(clause), begins
                 begins = False
@@ -124,13 +152,15 @@ def _kind(clause: str, known: Container[str]) -> Kind:
     """What a clause does; ``tells`` is what cannot be known so."""
     if _forbids(clause):
         return "forbids"
-    if CHAT.search(clause) or _judges(clause, known) or (PAST.search(clause) and LONG_AGO.search(clause)):
+    judged = TURNED_DOWN.search(clause) or OPINION.search(clause)
+    what = next(filter(None, judged.groups()), "") if judged else ""
+    if CHAT.search(clause) or (what and (_is_name(what, known) or STOP.issuperset(what.split()))):
         return "states"
-    if _is_name(clause, known):
-        return "name"
-    if ASKS.search(clause) or clause.split()[0] in DO:
+    said = clause.split()
+    tells_to = said[0] in DO and (said[1:2] != ["not"] or UNLESS.search(clause))  # "don't forget the coffee"
+    if tells_to or _is_name(clause, known) or ASKS.search(UNWISHED.sub("", clause)):
         return "asks"
-    return "padding" if STOP.issuperset(clause.split()) else "tells"
+    return "padding" if STOP.issuperset(said) else "tells"
 
 
 def _forbids(clause: str) -> bool:
@@ -143,22 +173,15 @@ def _forbids(clause: str) -> bool:
         if word not in ("not", "never") or after not in DO or said[max(i - 2, 0) : i] == ["you", "do"]:
             continue
         subject = max((k for k in range(i) if said[k] in ROBOT), default=0)
-        if TOLD_TO.issuperset(said[subject:i]) or (said[i + 1] == "to" and not TOLD.isdisjoint(said[:i])):
+        if TOLD_TO.issuperset(said[subject:i]) or (said[i + 1] == "to" and not TELLING.isdisjoint(said[:i])):
             return True
     return bool(KEEP_OFF.search(clause))
 
 
-def _judges(clause: str, known: Container[str]) -> bool:
-    """Whether a clause turns a thing down, or says what somebody thinks of it."""
-    found = OF_A_THING.search(clause)
-    what = next(filter(None, found.groups()), "") if found else ""
-    return _is_name(what, known) or (bool(what) and (POINTING | AFTER).issuperset(what.split()))
-
-
 def _is_name(said: str, known: Container[str]) -> bool:
-    """Whether words are no more than the name of a thing: "that old chair here, please"."""
+    """Whether words are no more than the name of a thing: "that old chair, please"."""
     name = said.split()
     while name and name[-1] in AFTER:
         name.pop()
-    sizes = range(max(1, len(name) - 3), min(LONGEST_NAME, len(name)) + 1)
-    return "the" not in name[1:] and any(name_key(" ".join(name[-n:])) in known for n in sizes)
+    known_end = any(name_key(" ".join(name[-n:])) in known for n in range(1, LONGEST_NAME + 1))
+    return known_end and "the" not in name[1:] and len(name) <= LONGEST_NAME + 1 and NO_NAME.isdisjoint(said.split())

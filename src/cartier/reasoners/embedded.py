@@ -71,9 +71,9 @@ class Embedded:
             return Selection("found", turn.picked, reason=reason, candidates=((turn.picked, 1.0),), model=NAME)
         if turn == Turn(query):  # what is said about an offer is a correction
             said = sort_out(self.scorer.hear(query), self._keys(names))
-            if not said.asks:
+            if said.asked == "not":
                 return _told(said)
-            turn = turn._replace(forbidden=self._forbidden(said, names))
+            turn = turn._replace(forbidden=self._forbidden(said, names), outright=said.asked == "outright")
         out = {*turn.without, *turn.forbidden}
         either = alternatives(query, [name for name in names if name not in out])
         if either is not None:
@@ -91,7 +91,7 @@ class Embedded:
     def propose(self, query: str) -> list[str]:
         """The names of up to five cards that serve the words, best first; none if what serves them is nothing that homes have."""
         heard = self.scorer.hear(query)
-        if not heard.sentences or not sort_out(heard, self.deck.by_key).asks:
+        if not heard.sentences or sort_out(heard, self.deck.by_key).asked == "not":
             return []
         judged = self.scorer.judge(heard, self.deck.by_key.keys())
         things = self._listed(tuple(card.name for card in self.deck.cards if card.at_home))
@@ -106,10 +106,9 @@ class Embedded:
 
     def _forbidden(self, said: Said, names: tuple[str, ...]) -> tuple[str, ...]:
         """The listed things that a prohibition names, and nothing else that was said."""
-        if not said.forbidden:
-            return ()
-        off, named = ({m.key for m in mentions(self.scorer.hear(t), self._keys(names))} for t in (said.forbidden, said.rest))
-        cards = {self.deck.by_key.get(key) for key in off - named} - {self.deck.by_key.get(key) for key in named} - {None}
+        keys, by_key = self._keys(names), self.deck.by_key
+        off, named = ({m.key for m in mentions(self.scorer.hear(t), keys)} for t in (said.forbidden, said.rest))
+        cards = {by_key[key] for key in off if key in by_key} - {by_key[key] for key in named if key in by_key}
         return tuple(t.name for t in self._listed(names).all if t.key in off - named or t.card in cards)
 
     def _serve(self, text: str, names: tuple[str, ...], turn: Turn) -> Selection:
@@ -123,12 +122,24 @@ class Embedded:
             ranked = [r for r in ranked if r.thing.name in turn.only]
         if not ranked:
             return Selection("absent", reason="nothing else is listed", model=NAME)
-        candidates = _candidates(ranked, judged)
-        missing = things.missing(judged)
+        chosen = self._pick(ranked, things, judged, turn)
+        named = _named_elsewhere(ranked[0], things.missing(judged)[1])
+        called = named.called if named else ranked[0].called
+        if chosen.object is None or called is None or turn.outright:
+            return chosen
+        reason, question = (
+            f"'{called.mention.said}' was named, but not asked for",
+            f"Shall I go to the {bare(chosen.object)}?",
+        )
+        return Selection("clarify", reason=reason, question=question, candidates=chosen.candidates, model=NAME)
+
+    def _pick(self, ranked: list[Ranked], things: Things, judged: Judgement, turn: Turn) -> Selection:
+        """The best of what is ranked, or what is said instead of it."""
+        candidates, missing = _candidates(ranked, judged), things.missing(judged)
+        named = _named_elsewhere(ranked[0], missing[1])
         # who turns a thing down wants the next best, so that it need only not be hopeless
         unsure = not turn.without and self.scorer.sure(self._evidence(ranked, missing, judged)) < SURE
         doubtful = unsure or ranked[0].logit < judged.nothing - FAR
-        named = _named_elsewhere(ranked[0], missing[1])
         first_time = not turn.only and not turn.without
         if named is not None and first_time:
             return self._twin(named, ranked, candidates) or self._instead(named, things, judged, candidates)
@@ -143,7 +154,7 @@ class Embedded:
         heard, things = self.scorer.hear(text), self._listed(tuple(names))
         if not heard.sentences:
             return None
-        judged = self.scorer.judge(heard, self.deck.by_key.keys() | things.keys)
+        judged = self.scorer.judge(heard, self._keys(tuple(names)))
         return self._evidence(things.ranked(judged), things.missing(judged), judged)
 
     def _evidence(self, ranked: list[Ranked], missing: tuple[Missing, Missing | None], judged: Judgement) -> Array:
