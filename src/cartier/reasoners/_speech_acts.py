@@ -26,15 +26,13 @@ DO = CUES.union(
 )
 RUN_ON = frozenset(words("bring fetch get give go show take"))  # where speech recognition hears no comma
 ROBOT = frozenset(words("nobody robot robots u you"))
-TOLD_TO = ROBOT.union(
-    words("a are better do is just may must need please pls re should so the to well")
-)  # "you must not"
+TOLD_TO = ROBOT.union(words("a are better do is just may must need please pls re should so the to well"))
 AROUND = frozenset(
     words("about again allowed any be bother dare even ever have need of supposed think to try want you")
 )
 TELLING = frozenset(words("ask asked asks as better said says tell tells told"))  # "he told you not to go there"
 OPENING = frozenset(
-    words("""ah alright and but darling dear er hello hey hi honestly honey just kindly listen look no now oh ok okay only please
+    words("""ah alright and but darling dear er first hello hey hi honestly honey just kindly listen look no now oh ok okay only please
     pls plz really robot seriously so sure uh um yeah yes""")
 )
 AFTER_NO = frozenset(words("do i never no not"))  # "no, no, don't" opens, "no touch" does not
@@ -44,8 +42,8 @@ AFTER = frozenset(
     )
 )
 NO_NAME = frozenset(
-    words("""about am are be been can ca could did do does enough had has have he i is it like look looks m may might must need
-    never no nobody not nothing re s said seems she should they was we were what whoever will wo would you""")
+    words("""about am are be been can ca could did do does enough for had has have he i in is it like look looks m may might must need
+    never no nobody not nothing on re s said seems she should they to was we were what whoever will wo would you""")
 )
 CONTRACTION = re.compile(r"\b(do|does|did|is|are|was|were|would|should|could|must|need|have|has|had|ca|wo)n ?t\b")
 SENTENCE = re.compile(r"[.!?;:\n]")
@@ -91,7 +89,7 @@ ASKS = re.compile(
     r"|(?:d|should|would) (?:be|like|love|rather(?! not| you))|ha(?:s|ve) to|got to|(?:can|could|have|will|would) you|(?:whether )?you could"
     r"|(?:can|could|may|might) (?:i|we)|(?:could|ll|should) (?:just )?(?:do|go|have|take|use)|it (?:s|was) the|it is$|will do$"
     r"|(?:asked|meant?|said) (?:a|for|my|the)|i said (?!it|no|that)\w+|(?:mind going|not wait) to|long for|time for|might there"
-    r"|you (?:did not|forgot|never)|(?:are|is) there)\b|\b(?:please|pls|plz)(?: and thank you)?$"
+    r"|you (?:did not|forgot|never)|(?:are|is) there|(?:there (?:are|is|s)|got|ha(?:s|ve)) no)\b|\b(?:please|pls|plz)(?: and thank you)?$"
     r"|^(?:an?|some|something|to|towards?|who|who is|you (?:bring|come|go)|why (?:do )?not) "
     r"|^(?:are|can|could|is|will|wo|would) (?:not )?(?:anybody|it|somebody|there|we|you)\b"
 )
