@@ -22,7 +22,9 @@ LEAST_WEIGHT = 0.02  # even the weakest report says that something was there
 
 def calibration_from(told: Mapping[str, Any]) -> Calibration:
     """A calibration from JSON. Raises TypeError or ValueError for a key that there is not, or a value that makes no sense."""
-    given: dict[str, Any] = {name: tuple(map(float, value)) if isinstance(value, list) else value for name, value in told.items()}
+    given: dict[str, Any] = {
+        name: tuple(map(float, value)) if isinstance(value, list) else value for name, value in told.items()
+    }
     made = Calibration(**given)
     numbers = [
         made.threshold,
