@@ -21,7 +21,7 @@ from cartier.reasoners._listening import MOST_CHARACTERS, mentions
 from cartier.reasoners._scorer import Judgement, Scorer
 from cartier.reasoners._speech_acts import Said, sort_out
 from cartier.reasoners._things import Missing, Ranked, Thing, Things, evidence
-from cartier.types import Array, Selection
+from cartier.types import Array, Inventory, Selection
 
 Candidates = tuple[tuple[str, float], ...]
 
@@ -60,9 +60,9 @@ class Embedded:
         """The learned part, loaded for the first request."""
         return self._given or Scorer(self.deck)
 
-    def select(self, query: str, objects: Sequence[str], dialogue: Sequence[tuple[str, str]] = ()) -> Selection:
+    def select(self, query: str, inventory: Inventory, dialogue: Sequence[tuple[str, str]] = ()) -> Selection:
         """The listed thing that serves the words, in the light of the dialogue; several in ``then`` for several needs."""
-        names = tuple(dict.fromkeys(objects))
+        names = tuple(inventory.names)
         if not names:
             return Selection("absent", reason="nothing was detected in this home", model=NAME)
         turn = understand(query, names, dialogue)
