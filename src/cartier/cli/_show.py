@@ -53,12 +53,16 @@ def show(
         told["objects"] = [row for row in told["objects"] if thing in (row["id"], *row["aliases"])]
         if not told["objects"]:
             raise InputError(f"{home} has no object {thing}: cartier show {home} lists them with their ids")
-    for file, draw in ((plot, "draw_home" if thing is None else "draw_object"), (sheet, "draw_sheet")):
-        if file:
-            from cartier import picture
+    if plot:
+        from cartier.picture import draw_home, draw_object
 
-            picture.__dict__[draw](mapped, file, *([thing] if draw == "draw_object" else []))
-            say(f"picture: {file}")
+        draw_home(mapped, plot) if thing is None else draw_object(mapped, plot, thing)
+        say(f"picture: {plot}")
+    if sheet:
+        from cartier.sheet import draw_sheet
+
+        draw_sheet(mapped, sheet)
+        say(f"picture: {sheet}")
     if as_json:
         print(json.dumps(told, ensure_ascii=False))
     elif thing is not None:

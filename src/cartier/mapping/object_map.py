@@ -259,11 +259,12 @@ class ObjectMap:
         gone, seen, ids = set[int](), rows["sightings"], rows["id"][:n].tolist()
         names = rows["label"][np.arange(n), rows["weight"][:n].argmax(1)]
         changed = np.flatnonzero(rows["changed"][:n])
-        some, every = ([rows[side][which] for side in ("reach_low", "reach_high")] for which in (changed, slice(n)))
-        (space, _, within), back = overlaps(*some, *every, 0.02), overlaps(*every, *some, 0.02)[2].T
-        alike = np.where(
-            names[changed][:, None] == names, (space > 0.3) | (np.maximum(within, back) > 0.7), space > 0.55
-        )
+        low, high = rows["reach_low"][:n], rows["reach_high"][:n]
+        space, part, within = overlaps(low[changed], high[changed], low, high, 0.02)
+        back = overlaps(low, high, low[changed], high[changed], 0.02)[2].T
+        same = (space > 0.3) | (np.maximum(within, back) > 0.7)
+        other = (space > 0.55) | ((space > 0.3) & (part > 0.85))  # another name for it
+        alike = np.where(names[changed][:, None] == names, same, other)
         for i, j in ((int(changed[i]), int(j)) for i, j in np.argwhere(alike)):
             together = self._together.get((ids[min(i, j)], ids[max(i, j)]), 0)
             if i != j and not {i, j} & gone and together <= TOGETHER * min(seen[i], seen[j]):
