@@ -112,6 +112,12 @@ def check_pose(world_from_camera: Array, where: str = "pose") -> npt.NDArray[np.
     return pose
 
 
+def check_radius(radius_m: float) -> float:
+    """A robot's radius, or an InputError for one that no robot has."""
+    _need(0 < radius_m <= 5, f"a robot's radius must be above 0 and at most 5 m, got {radius_m:g}")
+    return float(radius_m)
+
+
 def frame_number(index: int, length: int, name: str) -> int:
     """``index`` if there is such a frame, else an IndexError: a frame's number counts from 0, never from the end."""
     number = operator.index(index)
@@ -391,6 +397,18 @@ class Goal:
     length_m: float
     place: Place
     line_of_sight: bool
+
+    def __post_init__(self) -> None:
+        what = f"goal for the {self.place.label}"
+        _finite((self.x, self.y, self.yaw), 3, f"{what}: x, y and yaw")
+        _need(
+            self.path.ndim == 2
+            and self.path.shape[1] == 2
+            and len(self.path) > 0
+            and bool(np.isfinite(self.path).all()),
+            f"{what}: its path must be (K, 2) finite numbers, got {self.path.shape}",
+        )
+        _need(0 <= self.length_m < math.inf, f"{what}: its path's length must be finite, got {self.length_m}")
 
     def to_dict(self) -> dict[str, Any]:
         path = [[round(x, 4), round(y, 4)] for x, y in self.path.tolist()]

@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from cartier.errors import InputError
 from cartier.geometry import backproject, project, transform
-from cartier.types import FREE, OCCUPIED, UNKNOWN, Frame, OccupancyGrid
+from cartier.types import FREE, OCCUPIED, UNKNOWN, Frame, OccupancyGrid, check_radius
 
 FLOOR_M = 0.10  # points up to this height are floor: depth noise at 4 m is about this large
 BAND_TOP_M = 1.5  # what hangs higher does not stop the robot
@@ -50,7 +50,7 @@ class OccupancyMapper:
 
     def __init__(self, resolution_m: float = 0.05, robot_radius_m: float = 0.2, exact: bool = False) -> None:
         self.resolution_m = resolution_m
-        self.robot_radius_m = robot_radius_m
+        self.robot_radius_m = check_radius(robot_radius_m)
         self.exact = exact
         self._last_xy: npt.NDArray[np.float64] | None = None
         self._reach: tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]] | None = None  # cells from, to (row, col)
