@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from cartier.types import Camera, Detections, Frame, TrueObject
+from cartier.types import Calibration, Camera, Detections, Frame, TrueObject
 
 CAMERA = Camera(160, 120, 120.0, 120.0, 79.5, 59.5)
 ROOM = ((0.0, 0.0, 0.0), (5.0, 4.0, 2.6))
@@ -89,10 +89,10 @@ class RoomRecording:
 
 
 class TrueBoxes:
-    """A detector that reads the instances: the tests' stand-in for eyes, and called ground truth."""
+    """A detector that reads the instances: the tests' stand-in for a detector, and called ground truth."""
 
     name = "ground truth (test)"
-    min_views = 1
+    calibration = Calibration(0.5, birth=0.0, low=0.0, high=0.01, prior=6.0, measured="it is the truth")
 
     def __init__(self, objects: Sequence[TrueObject], with_masks: bool = False) -> None:
         self.labels = {o.id: o.label for o in objects}

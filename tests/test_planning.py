@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from cartier.errors import InputError
 from cartier.geometry import box_distance
 from cartier.planning import NEAREST_M, SNAP_M, line_of_sight, plan, reach
-from cartier.types import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, Place
+from cartier.types import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, Place, RobotModel
 
 RADIUS = 0.2
 
@@ -51,7 +51,7 @@ def test_every_goal_is_free_reachable_and_faces_its_place(data: st.DataObject) -
         for x, y, z in data.draw(st.lists(st.tuples(coordinate, coordinate, st.floats(0.2, 2)), max_size=8))
     ]
     grid, place = world(*boxes), at(data.draw(coordinate), data.draw(coordinate))
-    goal, why_not = plan(grid, place, (data.draw(coordinate), data.draw(coordinate)), RADIUS)
+    goal, why_not = plan(grid, place, (data.draw(coordinate), data.draw(coordinate)), RobotModel(RADIUS))
     assert (goal is None) == bool(why_not)
     if goal is None:
         return
@@ -68,7 +68,7 @@ def test_every_goal_is_free_reachable_and_faces_its_place(data: st.DataObject) -
 def test_the_goal_is_on_the_side_that_sees_the_place() -> None:
     """The shelf hangs on a thin wall; the nearest floor lies behind that wall and sees nothing."""
     grid = world((0, 3, 4, 3.1, 2.2), (1, 2.4, 3, 3, 0.9))
-    goal, _ = plan(grid, Place("cup", (2, 2.95, 1.0), 1.0, 0), (5, 5), RADIUS)
+    goal, _ = plan(grid, Place("cup", (2, 2.95, 1.0), 1.0, 0), (5, 5), RobotModel(RADIUS))
     assert goal is not None and goal.line_of_sight and goal.y < 2.4
 
 
@@ -78,7 +78,7 @@ def test_a_thing_is_faced_from_where_most_of_it_is_seen(height_m: float, half_m:
     """Not from 0.35 m if it is a fridge: 0.45 of its largest side away, and 0.8 m at most."""
     low, high = (3 - half_m, 3 - half_m, 0.0), (3 + half_m, 3 + half_m, height_m)
     place = Place("thing", (3, 3, height_m / 2), 1.0, 0, box_min=low, box_max=high)
-    goal, _ = plan(world(), place, (0.5, 0.5), RADIUS)
+    goal, _ = plan(world(), place, (0.5, 0.5), RobotModel(RADIUS))
     assert goal is not None and goal.line_of_sight
     off_m = float(box_distance(np.array([goal.x, goal.y]), np.array(low[:2]), np.array(high[:2])))
     wanted_m = min(0.45 * max(height_m, 2 * half_m), 0.8)
@@ -94,25 +94,25 @@ def test_a_counter_can_be_looked_over_and_a_cupboard_cannot() -> None:
 
 def test_unreachable_and_far_are_said_and_not_guessed() -> None:
     closed = world((2, 2, 4, 2.1, 2), (2, 3.9, 4, 4, 2), (2, 2, 2.1, 4, 2), (3.9, 2, 4, 4, 2))
-    goal, why_not = plan(closed, at(5.9, 3), (3, 3), RADIUS)
+    goal, why_not = plan(closed, at(5.9, 3), (3, 3), RobotModel(RADIUS))
     assert goal is None and "no pose within" in why_not
     everywhere = OccupancyGrid(np.full((20, 20), UNKNOWN, np.int8), 0.05, (0, 0), np.zeros((20, 20), np.float16))
-    goal, why_not = plan(everywhere, at(0.5, 0.5), (0.5, 0.5), RADIUS)
+    goal, why_not = plan(everywhere, at(0.5, 0.5), (0.5, 0.5), RobotModel(RADIUS))
     assert goal is None and why_not.startswith("there is no known free floor")
 
 
 def test_a_narrow_gap_stops_a_wide_robot_only() -> None:
     grid = world((0, 3, 2.7, 3.2, 2), (3.3, 3, 6, 3.2, 2))
     place = at(3, 5.5)
-    slim, _ = plan(grid, place, (3, 1), 0.2)
-    wide, why_not = plan(grid, place, (3, 1), 0.4)
+    slim, _ = plan(grid, place, (3, 1), RobotModel(0.2))
+    wide, why_not = plan(grid, place, (3, 1), RobotModel(0.4))
     assert slim is not None and slim.y > 3.2
     assert wide is None and why_not
 
 
 def test_a_viewpoint_is_stood_on_and_looked_along() -> None:
     grid = world()
-    goal, _ = plan(grid, Place("tv", (2.02, 3.03, 1.5), 1.0, 0, view_yaw=1.2), (5, 1), RADIUS)
+    goal, _ = plan(grid, Place("tv", (2.02, 3.03, 1.5), 1.0, 0, view_yaw=1.2), (5, 1), RobotModel(RADIUS))
     assert goal is not None and goal.yaw == 1.2
     assert math.hypot(goal.x - 2.02, goal.y - 3.03) < 0.05
 
@@ -125,11 +125,11 @@ def half_mapped(wall: bool) -> OccupancyGrid:
 
 
 def test_no_start_is_moved_through_a_wall() -> None:
-    goal, why_not = plan(half_mapped(wall=True), at(5, 3), (1.8, 3.0), RADIUS)
+    goal, why_not = plan(half_mapped(wall=True), at(5, 3), (1.8, 3.0), RobotModel(RADIUS))
     assert goal is None and why_not.startswith("the start (1.80, 3.00) is cut off by a known obstacle")
-    goal, _ = plan(half_mapped(wall=False), at(5, 3), (1.8, 3.0), RADIUS)
+    goal, _ = plan(half_mapped(wall=False), at(5, 3), (1.8, 3.0), RobotModel(RADIUS))
     assert goal is not None and tuple(goal.path[0]) == pytest.approx((2.025, 3.0), abs=0.03)
-    goal, why_not = plan(half_mapped(wall=False), at(5, 3), (0.8, 3.0), RADIUS)
+    goal, why_not = plan(half_mapped(wall=False), at(5, 3), (0.8, 3.0), RobotModel(RADIUS))
     assert goal is None and f"within {SNAP_M} m of the start" in why_not
 
 
@@ -164,10 +164,10 @@ def test_nothing_known_stands_between_a_start_and_where_its_path_begins(data: st
 @pytest.mark.parametrize("start", [(math.nan, 1.0), (1.0, math.inf), (1.7e308, -1e300), (1.0, 2.0, 3.0), ()])
 def test_a_start_that_is_no_point_is_refused(start: tuple[float, ...]) -> None:
     with pytest.raises(InputError, match="the start must be two numbers, x and y in metres"):
-        plan(world(), at(3, 3), start, RADIUS)
+        plan(world(), at(3, 3), start, RobotModel(RADIUS))
 
 
 @pytest.mark.parametrize("radius", [0.0, -0.2, math.nan, math.inf, 50.0])
 def test_a_radius_that_no_robot_has_is_refused(radius: float) -> None:
     with pytest.raises(InputError, match="radius must be above 0 and at most 5 m"):
-        plan(world(), at(3, 3), (1.0, 1.0), radius)
+        plan(world(), at(3, 3), (1.0, 1.0), RobotModel(radius))

@@ -2,14 +2,31 @@
 
 from cartier.errors import BackendError, CartierError, InputError, MissingExtra, ReasonerError
 from cartier.home import Home
+from cartier.mapper import Mapper
 from cartier.pipeline import ask, map_home
 from cartier.plugins import make, open_recording
-from cartier.types import Answer, Camera, Detections, Frame, Goal, OccupancyGrid, Place, Selection, TrueObject
+from cartier.types import (
+    Answer,
+    Calibration,
+    Camera,
+    Detections,
+    Frame,
+    Goal,
+    Inventory,
+    MapObject,
+    OccupancyGrid,
+    Place,
+    RobotModel,
+    Room,
+    Selection,
+    TrueObject,
+)  # fmt: skip
 
 __version__ = "0.1.0"
 __all__ = [
     "Answer",
     "BackendError",
+    "Calibration",
     "Camera",
     "CartierError",
     "Detections",
@@ -17,10 +34,15 @@ __all__ = [
     "Goal",
     "Home",
     "InputError",
+    "Inventory",
+    "MapObject",
+    "Mapper",
     "MissingExtra",
     "OccupancyGrid",
     "Place",
     "ReasonerError",
+    "RobotModel",
+    "Room",
     "Selection",
     "TrueObject",
     "ask",

@@ -5,15 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
 
 from cartier.errors import InputError
 from cartier.geometry import box_distance, yaw_towards
-from cartier.types import FREE, OCCUPIED, Array, Goal, OccupancyGrid, Place, check_radius
+from cartier.types import FREE, OCCUPIED, Array, Goal, OccupancyGrid, Place, RobotModel, check_radius
 
-EYE_M = 1.5  # height of the robot's camera, as in the paper
+CAMERA_HEIGHT_M = RobotModel.camera_height_m
 NEAREST_M = 0.35  # closer than this there is no telling what the robot faces
 FARTHEST_M = 2.0  # a pose from which the thing is out of anybody's reach is no answer
 WHOLE = 0.45  # how far off a thing is faced, in its largest sides: from nearer a fridge is but a wall
@@ -47,16 +48,17 @@ def traversable(grid: OccupancyGrid, radius_m: float) -> npt.NDArray[np.bool_]:
 
     Unknown cells count as free of obstacles at the robot's rim, but its centre never enters one.
     """
-    from scipy.ndimage import distance_transform_edt
-
-    free: npt.NDArray[np.bool_] = grid.cells == FREE
-    occupied = grid.cells == OCCUPIED
-    if not occupied.any():
-        return free
-    # A cell reaches up to half its diagonal from its centre.
-    between_centres = np.asarray(distance_transform_edt(~occupied), dtype=np.float64)
-    clear_m = (between_centres - math.sqrt(0.5)) * grid.resolution_m
-    return free & (clear_m >= radius_m)
+    occupied: npt.NDArray[np.bool_] = grid.cells == OCCUPIED
+    near_cells = radius_m / grid.resolution_m + math.sqrt(0.5)  # a cell reaches up to half its diagonal from its centre
+    high = math.ceil(near_cells) - 1
+    rows, cols = occupied.shape
+    before = np.cumsum(np.pad(occupied, ((high, high), (high + 1, high))), axis=1, dtype=np.int32)
+    blocked = np.zeros(occupied.shape, bool)
+    for down in range(-high, high + 1):  # the disc, row by row: are there occupied cells so far to either side?
+        wide = math.ceil(math.sqrt(max(near_cells**2 - down**2, 0))) - 1
+        counts = before[high + down : high + down + rows]
+        blocked |= counts[:, high + wide + 1 : high + wide + 1 + cols] > counts[:, high - wide : high - wide + cols]
+    return np.asarray((grid.cells == FREE) & ~blocked)
 
 
 def reach(grid: OccupancyGrid, start_xy: Sequence[float] | Array, radius_m: float) -> Reach | None:
@@ -65,12 +67,17 @@ def reach(grid: OccupancyGrid, start_xy: Sequence[float] | Array, radius_m: floa
     A start where the robot does not fit, or that nobody mapped, is moved to the nearest floor from which no known obstacle
     parts it. Raises InputError for a start that is no point, and for an impossible radius.
     """
+    x, y = _checked(start_xy).tolist()
+    return _reach(grid, (x, y), check_radius(radius_m))
+
+
+@lru_cache(maxsize=8)  # a person asks for many things from one start
+def _reach(grid: OccupancyGrid, start_xy: tuple[float, float], radius_m: float) -> Reach | None:
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import dijkstra
 
-    start_xy = _checked(start_xy)
-    open_cells = traversable(grid, check_radius(radius_m))
-    start = _way_in(grid, start_xy, _near(grid, open_cells, start_xy))
+    open_cells, here = traversable(grid, radius_m), np.array(start_xy)
+    start = _way_in(grid, here, _near(grid, open_cells, here))
     if start is None:
         return None
     number = np.full(open_cells.shape, -1, np.int32)
@@ -97,11 +104,12 @@ def reach(grid: OccupancyGrid, start_xy: Sequence[float] | Array, radius_m: floa
     return Reach(grid, start, length_m, before)
 
 
-def plan(grid: OccupancyGrid, place: Place, start_xy: Sequence[float], radius_m: float) -> tuple[Goal | None, str]:
+def plan(grid: OccupancyGrid, place: Place, start_xy: Sequence[float], robot: RobotModel) -> tuple[Goal | None, str]:
     """A goal for a place, and an empty string; or None and one line that says why there is none.
 
     Raises InputError as ``reach``.
     """
+    radius_m = robot.radius_m
     area = reach(grid, start_xy, radius_m)
     at = f"({start_xy[0]:.2f}, {start_xy[1]:.2f})"
     if area is None:
@@ -109,13 +117,13 @@ def plan(grid: OccupancyGrid, place: Place, start_xy: Sequence[float], radius_m:
         if len(_near(grid, traversable(grid, radius_m), np.asarray(start_xy))):
             return None, f"the start {at} is cut off by a known obstacle from all {fits} within {SNAP_M} m"
         return None, f"there is no {fits} within {SNAP_M} m of the start {at}"
-    goal = goal_for(area, place)
+    goal = goal_for(area, place, robot.camera_height_m)
     if goal is None:
         return None, f"no pose within {FARTHEST_M} m of the {place.label} can be reached from {at}"
     return goal, ""
 
 
-def goal_for(area: Reach, place: Place) -> Goal | None:
+def goal_for(area: Reach, place: Place, camera_height_m: float = CAMERA_HEIGHT_M) -> Goal | None:
     """The reachable pose that sees a place from nearest; or, if none that sees it is hardly farther off, the nearest.
 
     Of a thing whose size is known the nearest is where most of it is in view: ``WHOLE`` of its largest side away.
@@ -142,14 +150,16 @@ def goal_for(area: Reach, place: Place) -> Goal | None:
     if not len(order):
         return None
     near = order[off_m[order] <= off_m[order[0]] + SIGHT_DETOUR_M]
-    seen = next((i for i in near if line_of_sight(grid, xy[i], place)), None)
+    seen = next((i for i in near if line_of_sight(grid, xy[i], place, camera_height_m)), None)
     chosen = near[0] if seen is None else seen
     yaw = yaw_towards(*xy[chosen], *target[:2])
     return _goal(area, tuple(cells[chosen]), yaw, place, seen is not None)
 
 
-def line_of_sight(grid: OccupancyGrid, from_xy: npt.NDArray[np.float64], place: Place) -> bool:
-    """Whether a straight line from the robot's eye to the place passes over everything known, in the 2.5-D grid.
+def line_of_sight(
+    grid: OccupancyGrid, from_xy: npt.NDArray[np.float64], place: Place, camera_height_m: float = CAMERA_HEIGHT_M
+) -> bool:
+    """Whether a straight line from the robot's camera to the place passes over everything known, in the 2.5-D grid.
 
     Within 0.3 m of the place, what is no taller than the thing itself is the thing itself; within 0.1 m nothing hides it.
     """
@@ -162,7 +172,7 @@ def line_of_sight(grid: OccupancyGrid, from_xy: npt.NDArray[np.float64], place: 
         return True
     rows, cols = grid.cell(from_xy + steps[:, None] / length * span).T
     inside = (rows >= 0) & (cols >= 0) & (rows < grid.cells.shape[0]) & (cols < grid.cells.shape[1])
-    line_m = EYE_M + (target[2] - EYE_M) * steps / length + 0.05
+    line_m = camera_height_m + (target[2] - camera_height_m) * steps / length + 0.05
     line_m = np.where(length - steps < 0.3, np.maximum(line_m, own_top_m), line_m)
     return not bool((grid.height_m[rows[inside], cols[inside]] > line_m[inside]).any())
 

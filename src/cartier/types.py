@@ -314,7 +314,7 @@ class RobotModel:
     camera_height_m: float = 1.5
 
     def __post_init__(self) -> None:
-        _need(0 < self.radius_m <= 5, f"a robot's radius must be more than 0 and at most 5 m, got {self.radius_m}")
+        check_radius(self.radius_m)
         _need(
             0 < self.camera_height_m <= 5,
             f"a camera's height must be more than 0 and at most 5 m, got {self.camera_height_m}",

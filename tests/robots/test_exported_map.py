@@ -96,7 +96,7 @@ def test_a_goal_lies_on_free_floor_and_faces_its_object(
     place = home.index()[1].locate(name)
     assert place is not None
     assert home.grid is not None
-    goal, why = plan(home.grid, place, home.start_xy, home.robot_radius_m)
+    goal, why = plan(home.grid, place, home.start_xy, cartier.RobotModel())
     assert goal is not None, why
     assert [server.pixel(x, y) for x, y in goal.path] == [254] * len(goal.path)
     assert server.pixel(goal.x, goal.y) == 254
