@@ -183,6 +183,15 @@ def test_a_stairwell_is_not_free() -> None:
     assert (grid.cells[within(grid, (0.5, 0.5), (3.0, 3.5))] == FREE).mean() > 0.95
 
 
+def test_a_recording_whose_floor_is_elsewhere_has_no_holes() -> None:
+    """A phone that calls its first position the origin: the floor lies 1.5 m below, all over."""
+    recording = walk([])
+    low = [recording[i].world_from_camera - np.array([[0] * 4, [0] * 4, [0, 0, 0, 1.5], [0] * 4]) for i in range(5)]
+    frames = [dataclasses.replace(recording[i], world_from_camera=pose) for i, pose in enumerate(low)]
+    grid = mapped(frames)
+    assert all(grid.value(pose[:2, 3]) == FREE for pose in low)
+
+
 def test_without_holes_the_same_floor_is_free() -> None:
     """The law that keeps the two above honest: it is the missing readings that close the floor, not the walk."""
     grid = mapped(RoomRecording(from_the_left(), []))

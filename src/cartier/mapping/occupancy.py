@@ -244,6 +244,8 @@ class OccupancyMapper:
         to where the last ray met it before the first that reads nothing, or passes below it: (BINS,) m, infinite without one.
         """
         turn, eye_m = frame.world_from_camera[:3, :3].astype(np.float32), np.float32(frame.world_from_camera[2, 3])
+        if eye_m <= FLOOR_M:  # the floor is not at z = 0
+            return np.full(BINS, np.inf, np.float32)
         fall = rays @ turn[2]
         end_m = fall * z + eye_m  # the height at which a ray ends
         lost = np.flatnonzero((fall < 0) & ~((z > 0) & (end_m >= -FLOOR_M)))

@@ -30,6 +30,7 @@ TOLD_TO = ROBOT.union(words("a are better do is just may must need please pls re
 AROUND = frozenset(
     words("about again allowed any be bother dare even ever have need of supposed think to try want you")
 )
+LEADS_ON = STOP | AROUND
 TELLING = frozenset(words("ask asked asks as better said says tell tells told"))  # "he told you not to go there"
 OPENING = frozenset(
     words("""ah alright and but darling dear er first hello hey hi honestly honey just kindly listen look no now oh ok okay only please
@@ -142,7 +143,7 @@ def _clauses(tokens: list[str]) -> Iterator[tuple[str, bool]]:
 
 def _run_on(said: list[str]) -> Iterator[list[str]]:
     """What stands without a comma: "don't bring the cup bring the glass"."""
-    starts = [i for i in range(1, len(said)) if said[i] in RUN_ON and said[i - 1] not in STOP | AROUND]
+    starts = [i for i in range(1, len(said)) if said[i] in RUN_ON and said[i - 1] not in LEADS_ON]
     yield from (said[a:b] for a, b in pairwise([0, *starts, len(said)]) if a < b)
 
 
