@@ -11,7 +11,7 @@ from cartier.conversation import Conversation
 from cartier.errors import InputError, ReasonerError
 from cartier.language.prompts import MAX_QUERY_CHARS, MAX_TURNS
 from cartier.pipeline import map_home
-from cartier.types import Selection
+from cartier.types import Inventory, Selection
 from synthetic import THINGS, TrueBoxes, walk
 
 CHAIR = Selection("found", "chair", "for your feet")
@@ -27,7 +27,7 @@ class Script:
     def __init__(self, *answers: Selection | Exception) -> None:
         self.answers, self.told = list(answers), []
 
-    def select(self, query: str, objects: Sequence[str], dialogue: Sequence[tuple[str, str]] = ()) -> Selection:
+    def select(self, query: str, inventory: Inventory, dialogue: Sequence[tuple[str, str]] = ()) -> Selection:
         self.told.append((query, list(dialogue)))
         answer = self.answers.pop(0)
         if isinstance(answer, Exception):

@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import dataclasses
 import json
 import math
 from collections.abc import Sequence
@@ -15,7 +14,7 @@ from cartier.geometry import box_distance
 from cartier.home import Home
 from cartier.pipeline import map_home
 from cartier.store import Store
-from cartier.types import Detections, Frame, Selection
+from cartier.types import Detections, Frame, Inventory, Selection
 from synthetic import CHAIR, THINGS, RoomRecording, TrueBoxes, walk
 
 
@@ -27,7 +26,7 @@ class Says:
     def __init__(self, choice: str | None) -> None:
         self.choice = choice
 
-    def select(self, query: str, objects: Sequence[str], dialogue: Sequence[tuple[str, str]] = ()) -> Selection:
+    def select(self, query: str, inventory: Inventory, dialogue: Sequence[tuple[str, str]] = ()) -> Selection:
         return Selection("found", self.choice) if self.choice else Selection("absent", reason="nothing fits")
 
     def propose(self, query: str) -> list[str]:
@@ -47,7 +46,7 @@ def test_from_frames_to_a_goal_that_faces_the_chair(home: cartier.Home) -> None:
     assert answer.goal.yaw == pytest.approx(to_chair)
     assert math.hypot(answer.goal.x - 3.85, answer.goal.y - 2.05) < 1.0 and answer.goal.line_of_sight
     assert set(answer.timing_ms) == {"select", "locate", "plan"}
-    assert answer.place.frame in home.keyframes
+    assert answer.place.frame in home.photos
     assert json.loads(json.dumps(answer.to_dict(), allow_nan=False))["object"] == "chair"
 
 
@@ -72,82 +71,6 @@ def test_absent_is_an_answer_without_a_place(home: cartier.Home) -> None:
 def test_a_reasoner_that_leaves_its_list_is_refused(home: cartier.Home) -> None:
     with pytest.raises(BackendError, match="not in the list"):
         cartier.ask(home, "x", Says("unicorn"))
-
-
-class Weighs:
-    """A reasoner that likes things as much as it is told to: the best that is listed, with the shares of all that are."""
-
-    name = "weighs"
-
-    def __init__(self, **shares: float) -> None:
-        self.shares, self.lists = shares, list[list[str]]()
-
-    def select(self, query: str, objects: Sequence[str], dialogue: Sequence[tuple[str, str]] = ()) -> Selection:
-        self.lists.append(list(objects))
-        known = sorted(((name, share) for name, share in self.shares.items() if name in objects), key=lambda n: -n[1])
-        return Selection("found", known[0][0], "liked", candidates=tuple(known)) if known else Selection("absent")
-
-    def propose(self, query: str) -> list[str]:
-        return []
-
-
-class Half:
-    """Eyes that see chairs well, and mugs never well enough."""
-
-    name, min_views = "half blind (test)", 2
-
-    def detect(self, frame: Frame) -> Detections:
-        true = TrueBoxes(THINGS).detect(frame)
-        mugs = np.array(true.labels) == "mug"
-        hints = Detections(frame.index, true.boxes_xyxy[mugs], np.full(mugs.sum(), 0.25), ("mug",) * int(mugs.sum()))
-        return Detections(
-            frame.index, true.boxes_xyxy[~mugs], true.scores[~mugs], tuple(n for n in true.labels if n != "mug"),
-            glimpsed=hints,
-        )  # fmt: skip
-
-
-def test_what_was_only_glimpsed_is_an_answer_where_nothing_listed_serves_as_well(tmp_path: Path) -> None:
-    map_home(walk(), Half(), resume=tmp_path / "seen.jsonl")
-    again = map_home(walk(), Half(), resume=tmp_path / "seen.jsonl")  # of what the file remembers
-    again.save(tmp_path / "home")
-    home = Home.load(tmp_path / "home")
-    assert (home.objects, home.glimpsed) == (["chair", "table"], {"mug": 0.25})
-
-    for index in home.indexes:
-        answer = cartier.ask(home, "a mug, please", Weighs(mug=1.0), index=index)
-        assert answer.selection.object == "mug" and "only glimpsed" in answer.selection.reason
-        assert answer.place is not None and not answer.place.sure and answer.place.frame in home.keyframes
-        assert any("may not be there" in note for note in answer.notes)
-        assert answer.to_dict()["place"]["sure"] is False
-    answer = cartier.ask(home, "a mug, please", Weighs(mug=1.0))
-    assert answer.place is not None and box_distance(answer.place.position, THINGS[1].box_min, THINGS[1].box_max) < 0.05
-
-    much, little = Weighs(mug=0.9, chair=0.05, table=0.05), Weighs(mug=0.6, chair=0.3, table=0.1)
-    assert cartier.ask(home, "x", much).selection.object == "mug"
-    assert cartier.ask(home, "x", little).selection.object == "chair", "what is surely there serves well enough"
-    unsure = Weighs(mug=0.6, chair=0.1)
-    assert cartier.ask(home, "x", unsure).selection.object == "chair", "a glimpse of 0.25 is there but one time in ten"
-    assert much.lists == little.lists == [["chair", "table"], ["chair", "mug", "table"]]
-
-
-def test_who_weighs_nothing_is_asked_again_only_where_nothing_listed_serves() -> None:
-    home = map_home(walk(), Half())
-    certain = Weighs(chair=1.0)
-    assert cartier.ask(home, "x", certain).place.sure and certain.lists == [["chair", "table"]]
-    lost = Weighs()
-    assert cartier.ask(home, "x", lost).selection.status == "absent" and len(lost.lists) == 2
-
-    class Silent(Weighs):
-        def select(self, *asked: object) -> Selection:
-            return dataclasses.replace(super().select(*asked), candidates=())
-
-    assert cartier.ask(home, "x", Silent(mug=1.0)).selection.object == "mug"
-    assert cartier.ask(home, "x", Silent(mug=0.9, chair=0.1)).selection.object == "chair"
-    surely = map_home(walk(), TrueBoxes(THINGS))
-    lost = Weighs()
-    assert cartier.ask(surely, "x", lost).selection.status == "absent" and len(lost.lists) == 1, (
-        "nothing was only glimpsed"
-    )
 
 
 def test_without_depth_the_viewpoint_answers_and_says_why_there_is_no_goal() -> None:
@@ -217,9 +140,9 @@ def test_a_saved_home_is_the_same_home(tmp_path: Path, home: cartier.Home) -> No
     again = cartier.Home.load(tmp_path / "home")
     ours, theirs = (cartier.ask(h, "sit", Says("chair")).to_dict() | {"timing_ms": 0} for h in (home, again))
     assert ours == theirs
-    assert again.id == home.id and again.objects == home.objects and again.table() == home.table()
+    assert again.id == home.id and again.objects == home.objects and again.to_dict() == home.to_dict()
     assert home.grid is not None and again.grid is not None and np.array_equal(again.grid.cells, home.grid.cells)
-    photo = again.keyframe(cartier.ask(again, "sit", Says("chair")).place)
+    photo = again.evidence(cartier.ask(again, "sit", Says("chair")).place)
     assert photo is not None and photo.shape == (120, 160, 3)
 
 
@@ -295,7 +218,7 @@ def test_a_home_grows_by_a_second_recording_as_if_both_were_one(tmp_path: Path) 
             mine, theirs = grown.index(index)[1].locate(label), together.index(index)[1].locate(label)
             assert mine is not None and theirs is not None and mine.frame == theirs.frame
             np.testing.assert_allclose(mine.position, theirs.position, atol=1e-6)
-            assert grown.keyframe(mine) is not None
+            assert grown.evidence(mine) is not None
     assert grown.grid is not None and together.grid is not None
     assert (grown.grid.cells != together.grid.cells).mean() < 0.01, (
         "only the step from one recording to the other differs"

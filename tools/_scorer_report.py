@@ -12,6 +12,7 @@ import numpy as np
 from _scorer_requests import Homes, Request
 
 from cartier.reasoners.embedded import Embedded
+from cartier.types import Inventory
 
 LISTS = 2  # for each request, in which something serves; and one more in which nothing does
 SERVED = ("explicit", "implicit", "conversational")
@@ -52,7 +53,7 @@ def put(mind: Embedded, requests: list[Request], homes: Homes) -> list[Outcome]:
 
 
 def _outcome(mind: Embedded, request: Request, names: list[str], serves: bool) -> Outcome:
-    chosen = mind.select(request.text, names)
+    chosen = mind.select(request.text, Inventory.of(names))
     goals = tuple(part.object for part in (chosen, *chosen.then) if part.object is not None)
     evidence = mind.evidence(request.text, names)
     cards = [mind.deck.card_of(goal) for goal in goals]

@@ -61,7 +61,7 @@ def test_detections_obey(made: tuple[str, dict[str, Any]]) -> None:
         assert found.frame == view.index
         assert ((found.boxes_xyxy >= 0) & (found.boxes_xyxy <= [view.camera.width, view.camera.height] * 2)).all()
         assert (found.boxes_xyxy[:, 2:] - found.boxes_xyxy[:, :2] >= 1).all()
-        assert (found.scores >= 0.3).all()
+        assert (found.scores >= np.float32(detector.calibration.low)).all() and 0 < detector.calibration.low < 0.3
         assert (np.diff(found.scores) <= 0).all()
         assert all(label == display_name(label) for label in found.labels)
         assert np.array_equal(view.rgb, before)
@@ -81,15 +81,16 @@ def test_the_same_frame_gives_the_same_detections_in_any_order(made: tuple[str, 
 def test_name_and_notes_are_lines_and_the_name_says_the_threshold(made: tuple[str, dict[str, Any]]) -> None:
     detector = plugins.make("detectors", made[0], **made[1])
     assert "0.3" in detector.name
-    assert detector.min_views >= 1
+    assert detector.calibration.threshold == pytest.approx(0.3) and detector.calibration.measured == ""
     assert all(isinstance(line, str) and line and "\n" not in line for line in (detector.name, *detector.notes))
 
 
 def test_a_higher_threshold_gives_fewer_of_the_same(made: tuple[str, dict[str, Any]]) -> None:
     name, options = made
-    low, high = (plugins.make("detectors", name, **options | {"threshold": t}).detect(FRAMES[0]) for t in (0.0, 0.5))
-    assert len(high) <= len(low)
-    assert np.array_equal(high.scores, low.scores[low.scores >= 0.5])
+    low, high = (plugins.make("detectors", name, **options | {"threshold": t}) for t in (0.0, 0.5))
+    every, some = low.detect(FRAMES[0]), high.detect(FRAMES[0])
+    assert len(some) <= len(every)
+    assert np.array_equal(some.scores, every.scores[every.scores >= high.calibration.low])
 
 
 @pytest.mark.parametrize("wrong", [{"threshold": -1}, {"threshold": 2}, {"colour": "red"}])

@@ -69,13 +69,13 @@ def test_every_form_says_the_same(form: str, chunk: int, tmp_path: Path, monkeyp
     monkeypatch.setattr(_records, "CHUNK", chunk)
     detector = make(write(tmp_path, *FORMS[form]))
     one = detector.detect(frame(1))
-    assert one.labels == ("mug", "coffee maker")
-    assert one.scores.tolist() == pytest.approx([0.95, 0.85])  # best first; 0.8 is not above 0.8
-    assert one.boxes_xyxy.tolist() == [[0, 40, 8, 48], [10, 20, 40, 30]]
+    assert one.labels == ("mug", "coffee maker", "mug")
+    assert one.scores.tolist() == pytest.approx([0.95, 0.85, 0.8])  # best first
+    assert one.boxes_xyxy.tolist()[:2] == [[0, 40, 8, 48], [10, 20, 40, 30]]
     assert detector.detect(frame(0)).boxes_xyxy.tolist() == [[1, 2, 4, 6]]
     assert len(detector.detect(frame(2))) == 0
-    assert detector.name == "file eva.json (score > 0.8)"
-    assert detector.notes[0] == "eva.json: 3 of 4 detections score above 0.8"
+    assert detector.name == "file eva.json (counts from 0.8)"
+    assert detector.notes[0] == "eva.json: 4 of 4 detections score 0.32 or more"
 
 
 def test_a_list_of_names_counts_from_one_and_says_so(tmp_path: Path) -> None:
@@ -111,13 +111,13 @@ def test_a_file_that_goes_beyond_the_recording_is_noted(tmp_path: Path) -> None:
 
 def test_the_threshold_is_the_users(tmp_path: Path) -> None:
     path = write(tmp_path, lines(OWN))
-    assert len(make(path, threshold=0.92).detect(frame(1))) == 1
-    assert len(make(path, threshold=0).detect(frame(1))) == 3
+    low = make(write(tmp_path, lines([*OWN, OWN[0] | {"score": 0.1}])), threshold=0.0)
+    assert len(low.detect(frame(1))) == 4 and len(make(path, threshold=1.0).detect(frame(1))) == 3
     for threshold in (-0.1, 1.1, float("nan")):
         with pytest.raises(BackendError, match="threshold must be from 0 to 1"):
             make(path, threshold=threshold)
-    with pytest.raises(InputError, match=r"none of its 4 detections scores above 0.99 \(the best has 0.95\): lower"):
-        make(path, threshold=0.99)
+    with pytest.raises(InputError, match=r"none of its 1 detections scores 0.4 or more \(the best has 0.1\): lower"):
+        make(write(tmp_path, lines([OWN[0] | {"score": 0.1}])), threshold=1.0)
 
 
 def test_slivers_are_dropped_with_their_labels(tmp_path: Path) -> None:
@@ -255,5 +255,9 @@ def test_nothing_is_lost_or_mixed_up(tmp_path: Path, drawn: list[tuple[int, str,
             np.round(column.astype(float), 1).tolist() for column in (found.scores, found.boxes_xyxy[:, 0])
         )
         got = list(zip(found.labels, scores, lefts, strict=True))
-        wanted = [(r["label"], r["score"], r["xyxy"][0]) for r in rows if r["frame"] == index and r["score"] > 0.5]
+        wanted = [
+            (r["label"], r["score"], r["xyxy"][0])
+            for r in rows
+            if r["frame"] == index and r["score"] >= detector.calibration.low
+        ]
         assert sorted(got) == sorted(wanted)

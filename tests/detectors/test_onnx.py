@@ -151,7 +151,7 @@ def test_duplicates_go_within_a_class_only(tmp_path: Path) -> None:
         ("cup", pytest.approx(0.9)), ("book", pytest.approx(0.8)), ("cup", pytest.approx(0.6)),
     ]  # fmt: skip
     assert len(detect(model, iou=0.95)) == 4
-    assert len(detect(model, threshold=0.75)) == 2
+    assert len(detect(model, threshold=1.0)) == 3 and len(detect(model, threshold=0.75, iou=0.95)) == 4
 
 
 def test_boxes_are_clipped_and_slivers_dropped(tmp_path: Path) -> None:
@@ -166,11 +166,19 @@ def test_a_null_label_is_dropped(tmp_path: Path) -> None:
     assert detect(model).labels == ("book",)
 
 
-def test_a_sidecar_sets_threshold_and_views(tmp_path: Path) -> None:
-    model = boxes_net(tmp_path / "m.onnx", [[20, 20, 10, 10], [40, 20, 10, 10]], [[0.9, 0], [0, 0.3]])
-    assert (len(detect(model)), plugins.make("detectors", "onnx", model=model).min_views) == (1, 2)
+def test_a_sidecar_sets_the_threshold_or_the_whole_calibration(tmp_path: Path) -> None:
+    model = boxes_net(tmp_path / "m.onnx", [[20, 20, 10, 10], [40, 20, 10, 10]], [[0.9, 0], [0, 0.15]])
+    assert len(detect(model)) == 1 and plugins.make("detectors", "onnx", model=model).calibration.threshold == 0.5
     describe(model, layout="yolov8", labels=["cup", "book"], threshold=0.3, min_views=4)
-    assert (len(detect(model)), plugins.make("detectors", "onnx", model=model).min_views) == (2, 4)
+    assert len(detect(model)) == 2 and plugins.make("detectors", "onnx", model=model).calibration.threshold == 0.3
+    describe(
+        model,
+        layout="yolov8",
+        labels=["cup", "book"],
+        calibration={"low": 0.7, "high": 0.9, "prior": -1, "measured": "here"},
+    )
+    known = plugins.make("detectors", "onnx", model=model).calibration
+    assert len(detect(model)) == 1 and (known.low, known.prior, known.measured) == (0.7, -1, "here")
 
 
 def test_outputs_by_name(tmp_path: Path) -> None:
@@ -204,9 +212,9 @@ def test_without_a_sidecar_proven_shapes_are_taken_and_said(
 
 def test_the_name_says_file_threshold_and_an_unusual_iou(tmp_path: Path) -> None:
     model = red_finder(tmp_path / "eyes.onnx", "yolov8")
-    assert plugins.make("detectors", "onnx", model=model).name == "onnx eyes.onnx (score ≥ 0.5)"
+    assert plugins.make("detectors", "onnx", model=model).name == "onnx eyes.onnx (counts from 0.5)"
     named = plugins.make("detectors", "onnx", model=str(model), threshold=0.25, iou=0.7, threads=1, provider="CPU")
-    assert named.name == "onnx eyes.onnx (score ≥ 0.25, iou 0.7)"
+    assert named.name == "onnx eyes.onnx (counts from 0.25, iou 0.7)"
 
 
 def test_coco_names() -> None:

@@ -56,7 +56,8 @@ BAD_SIDECARS = {
     '{"layout": "yolov8", "labels": ["a"], "mean": [1, 2]}': "mean",
     '{"layout": "yolov8", "labels": ["a"], "std": [1, 0, 1]}': "std: must be positive",
     '{"layout": "yolov8", "labels": ["a"], "threshold": 50}': "threshold: .*less than or equal to 1",
-    '{"layout": "yolov8", "labels": ["a"], "min_views": 0}': "min_views: .*greater than or equal to 1",
+    '{"layout": "yolov8", "labels": ["a"], "calibration": {"low": 2}}': "calibration: scores lie between 0 and 1",
+    '{"layout": "yolov8", "labels": ["a"], "calibration": {"colour": 2}}': "calibration: must hold the fields",
     '{"layout": "yolov8", "labels": ["a"], "input_size": [0, 32]}': r"input_size\.0",
     '{"layout": "yolov8", "labels": ["a"], "input_size": [32.5, 32]}': r"input_size\.0: .*integer",
     '{"layout": "yolov8", "labels": ["a"], "activation": "sigmoid"}': "'activation' belongs to the layout 'detr'",
@@ -247,7 +248,9 @@ def test_a_class_without_a_label(tmp_path: Path) -> None:
     describe(model, layout="exported", labels=LABELS)
     with pytest.raises(BackendError, match="class 2 for frame 7, but its sidecar has labels for 0 to 1"):
         make(model).detect(frame(7))
-    assert len(make(model, threshold=0.7).detect(frame(7))) == 1
+    unsure = constant_net(tmp_path / "n.onnx", outputs | {"scores": np.array([[0.9, 0.1]])})
+    describe(unsure, layout="exported", labels=LABELS)
+    assert len(make(unsure).detect(frame(7))) == 1
 
 
 def test_outputs_of_different_lengths(tmp_path: Path) -> None:

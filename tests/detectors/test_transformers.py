@@ -244,9 +244,9 @@ def test_half_precision_runs_and_gives_scores_like_the_full(
 
 def test_name_views_and_sha256_say_what_was_asked(made: Made) -> None:
     owl, fewer, detr = made("owlv2", threshold=None), made("owlv2", vocabulary=["mug"]), made("detr", threshold=None)
-    assert owl.name == "transformers owlv2 (score ≥ 0.25, 6 names)"
-    assert detr.name == "transformers detr (score ≥ 0.7)"
-    assert (owl.min_views, detr.min_views) == (3, 2)
+    assert owl.name == "transformers owlv2 (counts from 0.25, 6 names)"
+    assert detr.name == "transformers detr (counts from 0.7)"
+    assert (owl.calibration.threshold, detr.calibration.threshold) == (0.25, 0.7)
     assert owl.sha256 != fewer.sha256
     assert owl.sha256 == made("owlv2").sha256
     assert made("detr").sha256 != made("yolos").sha256

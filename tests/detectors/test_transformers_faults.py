@@ -67,7 +67,7 @@ def test_a_model_that_is_downloaded_already_is_found_offline_by_its_id(
     local = make(saved("detr"))
     for model in ("somebody/tiny", "somebody/tiny@v1", f"somebody/tiny@{commit}"):
         detector = make(model)
-        assert detector.name == f"transformers {model} (score ≥ 0.7)"
+        assert detector.name == f"transformers {model} (counts from 0.7)"
         assert detector._loaded.source.where["revision"] == commit
         assert detector.sha256 == local.sha256
         assert detector.detect(VIEW).labels == local.detect(VIEW).labels

@@ -29,7 +29,9 @@ def pixels() -> Any:
 
 def seen(rgb: np.ndarray) -> Frame:
     height, width = rgb.shape[:2]
-    return Frame(0, 0.0, rgb, None, np.eye(4), Camera(width, height, width, width, width / 2, height / 2))
+    return Frame(
+        0, 0.0, rgb, None, np.eye(4), Camera(width, height, max(rgb.shape), max(rgb.shape), width / 2, height / 2)
+    )
 
 
 def test_words_and_images_are_unit_vectors_of_one_space(pixels: Any, walk: Any) -> None:

@@ -360,7 +360,7 @@ def test_broken_markings(tmp_path: Path) -> None:
 
 
 def test_every_table_says_whether_the_objects_come_from_pixels(run: Path, tmp_path: Path) -> None:
-    seen = [row | {"detector": "embedded dollhouse detector (score ≥ 0.3)"} for row in fake_rows()]
+    seen = [row | {"detector": "embedded dollhouse detector (counts from 0.3)"} for row in fake_rows()]
     folder = write_run(tmp_path / "run", seen)
     for sight, other, summary in (
         ("from pixels", "ground truth", write_report(folder)),

@@ -19,7 +19,7 @@ from cartier.evaluation.methods import METHODS
 from cartier.evaluation.queries import OWN, Query
 from cartier.evaluation.run import BenchSettings, run
 from cartier.models import dollhouse_detector
-from cartier.types import Selection
+from cartier.types import Inventory, Selection
 
 WORLD = str(Path(__file__).parent / "room_world.py")
 SEATS = ("chair", "sofa")
@@ -49,7 +49,7 @@ class Words:
         self.tokens += 10
         self.heard.append(question)
 
-    def select(self, query: str, objects: Sequence[str], dialogue: Sequence[tuple[str, str]] = ()) -> Selection:
+    def select(self, query: str, inventory: Inventory, dialogue: Sequence[tuple[str, str]] = ()) -> Selection:
         self._call("select", query, tuple(objects))
         wanted = "chair" if "chair" in query or "feet" in query else "bed" if "tired" in query else "mug"
         return Selection("found", wanted, "heard it") if wanted in objects else Selection("absent", reason="not here")

@@ -14,6 +14,7 @@ import pytest
 
 from cartier import plugins
 from cartier.errors import BackendError, InputError
+from cartier.types import Inventory
 
 OBJECTS = ["chair", "coffee machine", "dining table", "bed", "refrigerator"]
 
@@ -29,7 +30,7 @@ def auto(**options: Any) -> Any:
 
 
 def is_embedded(mind: Any, why: str) -> bool:
-    chosen = mind.select("I am so tired, let me sleep", OBJECTS)
+    chosen = mind.select("I am so tired, let me sleep", Inventory.of(OBJECTS))
     assert len(mind.notes) == 1 and "embedded reasoner answers" in mind.notes[0] and "\n" not in mind.notes[0]
     return chosen.object == "bed" and "embedded" in chosen.model and why in mind.notes[0]
 
@@ -43,7 +44,7 @@ def test_without_a_model_the_embedded_reasoner_answers_and_says_so() -> None:
 def test_a_server_that_answers_is_the_one_that_answers(server: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("OPENAI_BASE_URL", f"{server}/v1")
     mind = auto(model="wrapped")
-    chosen = mind.select("I am so tired, let me sleep", OBJECTS)
+    chosen = mind.select("I am so tired, let me sleep", Inventory.of(OBJECTS))
     assert (chosen.object, mind.notes) == ("chair", ()) and "openai wrapped" in chosen.model and mind.calls > 0
     mind.propose("I am tired")
     assert mind.notes == ()
@@ -74,7 +75,7 @@ def test_notes_are_those_of_ones_own_latest_answer(server: str) -> None:
     mind, seen = auto(base_url=f"{server}/v1", model="wrapped"), []
     assert is_embedded(auto(), "is set")
     thread = threading.Thread(target=lambda: seen.append(mind.notes))
-    mind.select("my feet hurt", OBJECTS)
+    mind.select("my feet hurt", Inventory.of(OBJECTS))
     thread.start()
     thread.join()
     assert seen == [()]
@@ -84,7 +85,7 @@ def test_a_model_file_comes_before_a_key_and_answers_in_this_process(tiny_model:
     monkeypatch.setenv("CARTIER_MODEL", str(tiny_model))
     monkeypatch.setenv("OPENAI_BASE_URL", "http://127.0.0.1:9/v1")
     mind = auto(prompt="paper")
-    chosen = mind.select("my feet hurt", OBJECTS)
+    chosen = mind.select("my feet hurt", Inventory.of(OBJECTS))
     assert chosen.model == "local tiny.gguf" and mind.notes == () and mind.calls == 1
     assert is_embedded(auto(base_url="http://127.0.0.1:9/v1"), "cannot reach")  # what is given comes first
     monkeypatch.setenv("CARTIER_MODEL", str(tiny_model.with_name("gone.gguf")))
@@ -102,18 +103,23 @@ def slow_model(tmp_path_factory: pytest.TempPathFactory, tiny_model: Path) -> Pa
 
 def test_a_model_that_is_late_may_finish_and_answers_the_next_request(slow_model: Path) -> None:
     mind = auto(model=str(slow_model), prompt="paper", timeout_s=0.01)
-    mind._embedded.select("I am so tired", OBJECTS)  # loaded, so that it answers twice while the model is at its first
+    mind._embedded.select(
+        "I am so tired", Inventory.of(OBJECTS)
+    )  # loaded, so that it answers twice while the model is at its first
     assert is_embedded(mind, "local did not answer within 0.01 s")
     assert is_embedded(mind, "local still thinks about an earlier request")
     mind._late.join(60)
     mind._timeout_s = 60
-    assert mind.select("I am so tired, let me sleep", OBJECTS).model == "local slow.gguf" and mind.notes == ()
+    assert (
+        mind.select("I am so tired, let me sleep", Inventory.of(OBJECTS)).model == "local slow.gguf"
+        and mind.notes == ()
+    )
 
 
 def test_a_program_ends_while_a_late_model_still_works(slow_model: Path) -> None:
     code = (
-        f"from cartier import plugins\nmind = plugins.make('reasoners', 'auto', model={str(slow_model)!r},"
-        "timeout_s=0.01)\nprint(mind.select('I am so tired, let me sleep', ['chair', 'bed']).object, mind.notes)"
+        f"from cartier import Inventory, plugins\nmind = plugins.make('reasoners', 'auto', model={str(slow_model)!r},"
+        "timeout_s=0.01)\nprint(mind.select('I am so tired, let me sleep', Inventory.of(['chair', 'bed'])).object, mind.notes)"
     )
     env = {name: value for name, value in os.environ.items() if name != "RUST_LOG"}
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, env=env)
@@ -126,4 +132,4 @@ def test_mistakes_in_its_own_options_are_said_at_once() -> None:
     with pytest.raises(InputError, match="timeout_s must be positive"):
         auto(timeout_s=0)
     with pytest.raises(InputError, match="empty"):
-        auto().select("", OBJECTS)
+        auto().select("", Inventory.of(OBJECTS))

@@ -15,6 +15,7 @@ from cartier.reasoners._cards import SHIPPED, read_deck
 from cartier.reasoners._knowledge import shipped, text_key
 from cartier.reasoners._spelling import Spelling
 from cartier.reasoners._words import name_key, stem
+from cartier.types import Inventory
 
 
 def test_every_shipped_card_is_whole() -> None:
@@ -90,7 +91,7 @@ def test_a_card_file_that_cannot_be_read_gets_one_line(tmp_path: Path) -> None:
 def test_your_own_cards_are_used(tmp_path: Path) -> None:
     (tmp_path / "mine.toml").write_text('[theremin]\nuses = ["eerie music", "wave my hands in the air"]\n')
     mine = embedded.make(cards=tmp_path / "mine.toml")
-    assert mine.select("some eerie music, please", ["cup", "theremin"]).object == "theremin"
+    assert mine.select("some eerie music, please", Inventory.of(["cup", "theremin"])).object == "theremin"
 
 
 @pytest.mark.parametrize(

@@ -15,6 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cartier.reasoners import embedded
+from cartier.types import Inventory
 
 FLOORS = {"explicit": 0.95, "implicit": 0.70, "conversational": 0.80, "absent": 0.70}
 """Under what was measured after tuning on other requests: 20/20, 19/26, 18/21, 6/8."""
@@ -28,7 +29,7 @@ def reasoner() -> embedded.Embedded:
 def test_held_out_accuracy(reasoner: embedded.Embedded) -> None:
     right, asked = Counter[str](), Counter[str]()
     for kind, objects, query, expected in HELD_OUT:
-        chosen = reasoner.select(query, objects)
+        chosen = reasoner.select(query, Inventory.of(objects))
         good = chosen.object in expected.split("|") if expected else chosen.object is None
         asked[kind] += 1
         right[kind] += good
@@ -57,40 +58,41 @@ def test_held_out_accuracy(reasoner: embedded.Embedded) -> None:
     ],
 )
 def test_answers_over_a_kitchen_of_coco_names(reasoner: embedded.Embedded, query: str, expected: str) -> None:
-    chosen = reasoner.select(query, COCO)
+    chosen = reasoner.select(query, Inventory.of(COCO))
     assert chosen.status == "found" and chosen.object in expected.split("|"), chosen
 
 
 @pytest.mark.parametrize("objects", [COCO, THOR, LVIS])
 def test_no_home_has_a_boarding_gate(reasoner: embedded.Embedded, objects: list[str]) -> None:
-    chosen = reasoner.select("Where is the boarding gate for my flight?", objects)
+    chosen = reasoner.select("Where is the boarding gate for my flight?", Inventory.of(objects))
     assert chosen.status == "absent" and "boarding gate" in chosen.reason
 
 
 def test_the_papers_rambling_request_wants_coffee_only_where_there_is_a_machine(reasoner: embedded.Embedded) -> None:
     query = "I have so much work tonight... I am getting really sleepy... we better do something about that"
-    assert reasoner.select(query, THOR).object == "coffee machine"
-    assert reasoner.select(query, [o for o in THOR if o != "coffee machine"]).object != "coffee machine"
+    assert reasoner.select(query, Inventory.of(THOR)).object == "coffee machine"
+    assert reasoner.select(query, Inventory.of([o for o in THOR if o != "coffee machine"])).object != "coffee machine"
 
 
 def test_the_reason_names_the_words_and_the_phrase(reasoner: embedded.Embedded) -> None:
     assert (
-        reasoner.select("My feet hurt so much", ["chair", "cup"]).reason == "'my feet hurt so much' fits: my feet hurt"
+        reasoner.select("My feet hurt so much", Inventory.of(["chair", "cup"])).reason
+        == "'my feet hurt so much' fits: my feet hurt"
     )
-    assert reasoner.select("bring me the cup", ["chair", "cup"]).reason == "'cup' was asked for by name"
+    assert reasoner.select("bring me the cup", Inventory.of(["chair", "cup"])).reason == "'cup' was asked for by name"
 
 
 def test_a_thing_that_is_not_there_is_not_replaced(reasoner: embedded.Embedded) -> None:
     """A fork is no bed."""
-    assert reasoner.select("bring me the fork", ["toilet", "bed", "cup"]).status == "absent"
-    assert reasoner.select("take me to the flux capacitor", THOR).status == "absent"
+    assert reasoner.select("bring me the fork", Inventory.of(["toilet", "bed", "cup"])).status == "absent"
+    assert reasoner.select("take me to the flux capacitor", Inventory.of(THOR)).status == "absent"
 
 
 def test_a_thing_that_is_not_there_is_near_what_it_is_kept_beside(reasoner: embedded.Embedded) -> None:
     """The tamper of the paper's coffee machine."""
-    near = reasoner.select("where is the coffee tamper?", THOR)
+    near = reasoner.select("where is the coffee tamper?", Inventory.of(THOR))
     assert (near.status, near.object) == ("near", "coffee machine") and "tamper" in near.reason
-    assert reasoner.select("where is the coffee tamper?", ["bed", "toilet"]).status == "absent"
+    assert reasoner.select("where is the coffee tamper?", Inventory.of(["bed", "toilet"])).status == "absent"
 
 
 @pytest.mark.parametrize(
@@ -103,9 +105,9 @@ def test_a_thing_that_is_not_there_is_near_what_it_is_kept_beside(reasoner: embe
 def test_a_need_that_nothing_listed_serves_is_not_met_by_what_is_of_another_kind(
     reasoner: embedded.Embedded, query: str, objects: list[str], near: str
 ) -> None:
-    chosen = reasoner.select(query, objects)
+    chosen = reasoner.select(query, Inventory.of(objects))
     assert (chosen.status, chosen.object) == ("near", near) and "what would serve" in chosen.reason
-    assert reasoner.select(query, ["bed", "sofa"]).status == "absent"
+    assert reasoner.select(query, Inventory.of(["bed", "sofa"])).status == "absent"
 
 
 @pytest.mark.parametrize(
@@ -115,7 +117,7 @@ def test_a_thing_asked_for_by_name_is_not_replaced_by_one_that_is_not_like_it(
     reasoner: embedded.Embedded, query: str
 ) -> None:
     home = ["watch", "safe", "light switch", "egg", "stool", "house plant", "bed"]
-    assert reasoner.select(query, home).status == "absent"
+    assert reasoner.select(query, Inventory.of(home)).status == "absent"
 
 
 @pytest.mark.parametrize(
@@ -129,27 +131,31 @@ def test_a_thing_asked_for_by_name_is_not_replaced_by_one_that_is_not_like_it(
 def test_what_is_much_the_same_stands_in(
     reasoner: embedded.Embedded, query: str, objects: list[str], twin: str
 ) -> None:
-    chosen = reasoner.select(query, objects)
+    chosen = reasoner.select(query, Inventory.of(objects))
     assert (chosen.status, chosen.object) == ("found", twin)
 
 
 def test_two_fits_are_asked_about_unless_they_serve_alike(reasoner: embedded.Embedded) -> None:
-    asked = reasoner.select("bring me the cup or the bowl", ["bowl", "cup", "bed"])
+    asked = reasoner.select("bring me the cup or the bowl", Inventory.of(["bowl", "cup", "bed"]))
     assert asked.status == "clarify" and asked.object is None
     assert asked.question in ("Do you mean the bowl or the cup?", "Do you mean the cup or the bowl?")
-    assert reasoner.select("my feet hurt so much", ["armchair", "bench", "stool", "cup"]).status == "found"
+    assert (
+        reasoner.select("my feet hurt so much", Inventory.of(["armchair", "bench", "stool", "cup"])).status == "found"
+    )
 
 
 @pytest.mark.parametrize("nothing", ["", "   ", "hello there, could you help me please?", "?!"])
 def test_nothing_said_is_asked_about(reasoner: embedded.Embedded, nothing: str) -> None:
-    chosen = reasoner.select(nothing, COCO)
+    chosen = reasoner.select(nothing, Inventory.of(COCO))
     assert chosen.status == "clarify" and chosen.question == "What do you need?"
 
 
 def test_the_reply_to_a_question_is_read_in_its_context(reasoner: embedded.Embedded) -> None:
     dialogue = [("I need to cut this string", "Do you mean the knife or the scissors?")]
-    assert reasoner.select("the scissors", ["knife", "scissors"], dialogue).object == "scissors"
-    assert reasoner.select("not the knife, it's dirty", ["knife", "scissors"], dialogue).object == "scissors"
+    assert reasoner.select("the scissors", Inventory.of(["knife", "scissors"]), dialogue).object == "scissors"
+    assert (
+        reasoner.select("not the knife, it's dirty", Inventory.of(["knife", "scissors"]), dialogue).object == "scissors"
+    )
 
 
 @pytest.mark.parametrize(
@@ -163,18 +169,20 @@ def test_the_reply_to_a_question_is_read_in_its_context(reasoner: embedded.Embed
     ],
 )
 def test_names_without_a_card_of_their_own(reasoner: embedded.Embedded, thing: str, query: str) -> None:
-    assert reasoner.select(query, ["toilet", thing, "spoon"]).object == thing
+    assert reasoner.select(query, Inventory.of(["toilet", thing, "spoon"])).object == thing
 
 
 def test_a_verb_is_no_thing(reasoner: embedded.Embedded) -> None:
-    assert reasoner.select("I want to watch a film", ["watch", "television"]).object == "television"
-    packing = reasoner.select("where do my textbooks go, I am off to school", ["book", "backpack", "watch"])
+    assert reasoner.select("I want to watch a film", Inventory.of(["watch", "television"])).object == "television"
+    packing = reasoner.select(
+        "where do my textbooks go, I am off to school", Inventory.of(["book", "backpack", "watch"])
+    )
     assert "backpack" in (packing.object or packing.question or "")
 
 
 def test_a_long_story_does_not_outweigh_the_request(reasoner: embedded.Embedded) -> None:
     story = "The cat sat by the window. My sister read her book and ate cake. We played cards on the bed. " * 20
-    assert reasoner.select(story + "My hands are sticky, I need to wash them.", COCO).object == "sink"
+    assert reasoner.select(story + "My hands are sticky, I need to wash them.", Inventory.of(COCO)).object == "sink"
 
 
 def test_proposals_need_no_list(reasoner: embedded.Embedded) -> None:
@@ -194,15 +202,15 @@ names = st.one_of(st.sampled_from(COCO + THOR + LVIS), st.text(max_size=20))
 )
 def test_never_outside_the_list(query: str, objects: list[str]) -> None:
     reasoner = SHARED
-    chosen = reasoner.select(query, objects)
+    chosen = reasoner.select(query, Inventory.of(objects))
     assert chosen.object is None or chosen.object in objects
     assert {name for name, _ in chosen.candidates} <= set(objects) and all(0 <= s <= 1 for _, s in chosen.candidates)
-    assert chosen == reasoner.select(query, objects)
+    assert chosen == reasoner.select(query, Inventory.of(objects))
     assert (chosen.question is not None) == (chosen.status == "clarify") and "\n" not in (chosen.question or "")
 
 
 def test_the_answer_does_not_hang_on_the_hash_seed() -> None:
-    code = "import sys; from cartier.reasoners import embedded; print(embedded.make().select(sys.argv[1], sys.argv[2].split(',')))"
+    code = "import sys; from cartier import Inventory; from cartier.reasoners import embedded; print(embedded.make().select(sys.argv[1], Inventory.of(sys.argv[2].split(','))))"
     args = [sys.executable, "-c", code, "My feet hurt, something to drink and read please", ",".join(COCO)]
     runs = {
         subprocess.run(args, capture_output=True, text=True, check=True, env={"PYTHONHASHSEED": s}).stdout for s in "12"
@@ -212,6 +220,8 @@ def test_the_answer_does_not_hang_on_the_hash_seed() -> None:
 
 def test_a_megabyte_is_no_trouble(reasoner: embedded.Embedded) -> None:
     assert (
-        reasoner.select("a seat for my tired feet and a cup of tea " * 25_000 + ". Go to the sink.", COCO).object
+        reasoner.select(
+            "a seat for my tired feet and a cup of tea " * 25_000 + ". Go to the sink.", Inventory.of(COCO)
+        ).object
         in COCO
     )

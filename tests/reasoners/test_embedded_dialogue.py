@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from cartier.reasoners import embedded
 from cartier.reasoners._dialogue import Turn, named, understand
+from cartier.types import Inventory
 
 ASKED = [("I need to cut this string", "Do you mean the knife or the scissors?")]
 NAMES = ["knife", "scissors", "sofa", "coffee table", "kettle", "coffee machine"]
@@ -33,60 +34,66 @@ def reasoner() -> embedded.Embedded:
     ],
 )
 def test_the_reply_to_a_question(reasoner: embedded.Embedded, reply: str, expected: str) -> None:
-    chosen = reasoner.select(reply, NAMES, ASKED)
+    chosen = reasoner.select(reply, Inventory.of(NAMES), ASKED)
     assert (chosen.status, chosen.object) == ("found", expected), chosen
 
 
 def test_a_reply_that_tells_the_need(reasoner: embedded.Embedded) -> None:
     dialogue = [("something hot to drink", "Do you mean the kettle or the coffee machine?")]
-    assert reasoner.select("tea please", NAMES, dialogue).object == "kettle"
-    assert reasoner.select("an espresso", NAMES, dialogue).object == "coffee machine"
-    assert reasoner.select("a cup of tea, please", COCO, [("Hello", "What do you need?")]).object is not None
+    assert reasoner.select("tea please", Inventory.of(NAMES), dialogue).object == "kettle"
+    assert reasoner.select("an espresso", Inventory.of(NAMES), dialogue).object == "coffee machine"
+    assert (
+        reasoner.select("a cup of tea, please", Inventory.of(COCO), [("Hello", "What do you need?")]).object is not None
+    )
 
 
 def test_a_reply_by_something_in_the_name(reasoner: embedded.Embedded) -> None:
     names = ["big towel", "small towel", "sink"]
     dialogue = [("I need a towel", "Do you mean the big towel or the small towel?")]
-    assert reasoner.select("the big one", names, dialogue).object == "big towel"
-    assert reasoner.select("the small one", names, dialogue).object == "small towel"
+    assert reasoner.select("the big one", Inventory.of(names), dialogue).object == "big towel"
+    assert reasoner.select("the small one", Inventory.of(names), dialogue).object == "small towel"
 
 
 @pytest.mark.parametrize("no", ["no, the other one", "the other one", "No. The other!"])
 def test_the_other_of_two(reasoner: embedded.Embedded, no: str) -> None:
     dialogue = [*ASKED, ("the first", "knife")]
-    assert reasoner.select(no, NAMES, dialogue).object == "scissors"
+    assert reasoner.select(no, Inventory.of(NAMES), dialogue).object == "scissors"
 
 
 @pytest.mark.parametrize("no", ["no", "not that one", "something else please", "no, not the sofa"])
 def test_what_was_turned_down_is_not_offered_again(reasoner: embedded.Embedded, no: str) -> None:
     names = ["sofa", "armchair", "knife", "toilet paper"]
-    chosen = reasoner.select(no, names, [("I want to sit down comfortably", "sofa")])
+    chosen = reasoner.select(no, Inventory.of(names), [("I want to sit down comfortably", "sofa")])
     assert chosen.object == "armchair", chosen
 
 
 def test_a_correction_names_what_was_meant(reasoner: embedded.Embedded) -> None:
     dialogue = [("take me to the table", "coffee table")]
-    assert reasoner.select("no, I meant the sofa", NAMES, dialogue).object == "sofa"
+    assert reasoner.select("no, I meant the sofa", Inventory.of(NAMES), dialogue).object == "sofa"
 
 
 def test_a_new_need_is_not_read_into_the_old_one(reasoner: embedded.Embedded) -> None:
     dialogue = [("my feet hurt, I want to sit down", "couch")]
-    assert reasoner.select("Now I'd like to warm up my lunch", COCO, dialogue).object == "microwave"
+    assert reasoner.select("Now I'd like to warm up my lunch", Inventory.of(COCO), dialogue).object == "microwave"
 
 
 def test_several_needs_come_in_order(reasoner: embedded.Embedded) -> None:
-    chosen = reasoner.select("Put these dirty clothes in the hamper, then bring me to the bed", THOR)
+    chosen = reasoner.select("Put these dirty clothes in the hamper, then bring me to the bed", Inventory.of(THOR))
     assert chosen.object == "laundry hamper" and [part.object for part in chosen.then] == ["bed"]
-    assert reasoner.select("I want a soak in the tub", THOR).then == ()
+    assert reasoner.select("I want a soak in the tub", Inventory.of(THOR)).then == ()
 
 
 def test_next_to_is_a_place_and_no_second_need(reasoner: embedded.Embedded) -> None:
-    chosen = reasoner.select("Put yourself next to the kettle and wait there.", ["armchair", "bed", "kettle"])
+    chosen = reasoner.select(
+        "Put yourself next to the kettle and wait there.", Inventory.of(["armchair", "bed", "kettle"])
+    )
     assert chosen.object == "kettle" and not chosen.then
 
 
 def test_a_part_that_nothing_serves_does_not_split_a_request(reasoner: embedded.Embedded) -> None:
-    chosen = reasoner.select("I was at the market, then it rained, and now I want to sleep in my bed", THOR)
+    chosen = reasoner.select(
+        "I was at the market, then it rained, and now I want to sleep in my bed", Inventory.of(THOR)
+    )
     assert chosen.object in ("bed", "pillow") and chosen.then == ()
 
 

@@ -11,6 +11,7 @@ import pytest
 from cartier import plugins
 from cartier.contracts import Reasoner
 from cartier.errors import InputError
+from cartier.types import Inventory
 
 NAMES = [b.name for b in plugins.backends("reasoners")]
 LISTS = [
@@ -62,20 +63,20 @@ def mind(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.Mon
 @pytest.mark.parametrize("objects", LISTS)
 def test_no_answer_leaves_the_list(mind: Reasoner, objects: list[str]) -> None:
     for request in REQUESTS[::2] if "openai" in mind.name else REQUESTS:
-        chosen = mind.select(request, objects, [("I was tired", "bed"), ("and now?", "helicopter")])
+        chosen = mind.select(request, Inventory.of(objects), [("I was tired", "bed"), ("and now?", "helicopter")])
         assert chosen.object is None or chosen.object in objects
         assert all(name in objects for name, _ in chosen.candidates)
         assert chosen.reason and (chosen.status != "clarify" or chosen.question)
 
 
 def test_an_empty_list_holds_nothing_that_serves(mind: Reasoner) -> None:
-    assert mind.select("a request that was never recorded", []).status == "absent"
+    assert mind.select("a request that was never recorded", Inventory.of([])).status == "absent"
 
 
 @pytest.mark.parametrize("query", ["", " \n\t", "\x00\x1b", "x" * 1_000_000])
 def test_a_request_that_says_nothing_gets_no_goal(mind: Reasoner, query: str) -> None:
     try:
-        assert mind.select(query, ["bed"]).object is None
+        assert mind.select(query, Inventory.of(["bed"])).object is None
     except InputError as error:
         assert len(str(error)) < 200 and "\n" not in str(error)
 

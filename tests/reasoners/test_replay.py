@@ -10,6 +10,7 @@ import pytest
 
 from cartier import plugins
 from cartier.errors import InputError, ReasonerError
+from cartier.types import Inventory
 
 OBJECTS = ["bed", "coffee machine"]
 
@@ -23,17 +24,17 @@ def replay(folder: Path, *rows: dict[str, Any]) -> Any:
 def test_a_recorded_reply_is_checked_against_the_list(tmp_path: Path) -> None:
     row = {"query": "so\u2028sleepy", "reply": "… the object called `Bed'."}
     mind = replay(tmp_path, row, {"query": "fly", "reply": '{"object": "helicopter"}'})
-    chosen = mind.select("so\u2028sleepy ", OBJECTS)
+    chosen = mind.select("so\u2028sleepy ", Inventory.of(OBJECTS))
     assert (chosen.status, chosen.object, chosen.reply, chosen.model) == ("found", "bed", row["reply"], mind.name)
-    assert mind.select("fly", OBJECTS).status == "clarify"
-    assert mind.select("fly", ["helicopter"]).object == "helicopter"
+    assert mind.select("fly", Inventory.of(OBJECTS)).status == "clarify"
+    assert mind.select("fly", Inventory.of(["helicopter"])).object == "helicopter"
 
 
 def test_the_last_line_counts_and_one_for_this_very_list_before_it(tmp_path: Path) -> None:
     lines = [("mug", None), ("coffee machine", OBJECTS), ("bed", None)]
     mind = replay(tmp_path, *({"query": "tired", "reply": reply, "objects": which} for reply, which in lines))
-    assert mind.select("tired", list(reversed(OBJECTS))).object == "coffee machine"
-    assert mind.select("tired", ["mug", "bed"]).object == "bed"
+    assert mind.select("tired", Inventory.of(list(reversed(OBJECTS)))).object == "coffee machine"
+    assert mind.select("tired", Inventory.of(["mug", "bed"])).object == "bed"
 
 
 def test_proposals_are_recorded_replies_too(tmp_path: Path) -> None:
@@ -43,8 +44,8 @@ def test_proposals_are_recorded_replies_too(tmp_path: Path) -> None:
 def test_a_request_that_was_never_recorded_is_one_clear_line(tmp_path: Path) -> None:
     mind = replay(tmp_path, {"query": "tired", "reply": "bed", "objects": OBJECTS})
     for ask in (
-        lambda: mind.select("hungry", OBJECTS),
-        lambda: mind.select("tired", ["bed"]),
+        lambda: mind.select("hungry", Inventory.of(OBJECTS)),
+        lambda: mind.select("tired", Inventory.of(["bed"])),
         lambda: mind.propose("x"),
     ):
         with pytest.raises(ReasonerError, match=r"replies\.jsonl holds no reply to “\w+”: record one"):

@@ -14,14 +14,14 @@ from nothing_asked import ASKED, FRESH_ASKED, FRESH_TOLD, HOME, LATER_ASKED, LAT
 from cartier.evaluation.queries import load_queries
 from cartier.reasoners import embedded
 from cartier.reasoners._speech_acts import sort_out
-from cartier.types import Selection
+from cartier.types import Inventory, Selection
 
 REASONER = embedded.make()
 REQUESTS = Path(__file__).parents[2] / "tools" / "requests"
 
 
 def answers(sentences: list[str]) -> list[Selection]:
-    return [REASONER.select(sentence, HOME) for sentence in sentences]
+    return [REASONER.select(sentence, Inventory.of(HOME)) for sentence in sentences]
 
 
 def refused(chosen: Selection) -> bool:
@@ -50,20 +50,20 @@ def asked(text: str) -> str:
     ],
 )
 def test_what_asks_for_nothing_is_understood_and_gets_no_goal(words: str, reason: str) -> None:
-    chosen = REASONER.select(words, HOME)
+    chosen = REASONER.select(words, Inventory.of(HOME))
     assert (chosen.status, chosen.object, chosen.reason) == ("absent", None, reason)
     assert REASONER.propose(words) == []
 
 
 def test_what_is_named_but_not_asked_for_is_asked_about() -> None:
     story = "This mug was a gift from my aunt."
-    chosen = REASONER.select(story, HOME)
+    chosen = REASONER.select(story, Inventory.of(HOME))
     assert (chosen.status, chosen.object, chosen.question) == ("clarify", None, "Shall I go to the mug?")
     dialogue = [(story, "Shall I go to the mug?")]
-    assert REASONER.select("yes please", HOME, dialogue).object == "mug"
+    assert REASONER.select("yes please", Inventory.of(HOME), dialogue).object == "mug"
     for no in ("no", "don't go to the mug", "no, not the mug"):
-        assert REASONER.select(no, HOME, dialogue).object is None
-    assert REASONER.select("no, my feet hurt, I need to sit", HOME, dialogue).object in (
+        assert REASONER.select(no, Inventory.of(HOME), dialogue).object is None
+    assert REASONER.select("no, my feet hurt, I need to sit", Inventory.of(HOME), dialogue).object in (
         "armchair",
         "chair",
         "couch",
@@ -86,15 +86,15 @@ def test_what_is_named_but_not_asked_for_is_asked_about() -> None:
     ],
 )
 def test_a_need_is_served_whatever_else_is_forbidden(words: str, expected: str) -> None:
-    assert REASONER.select(words, HOME).object in expected.split("|")
+    assert REASONER.select(words, Inventory.of(HOME)).object in expected.split("|")
 
 
 def test_a_correction_stays_a_correction() -> None:
     served = [("I'm so thirsty", "mug")]
-    assert REASONER.select("not the mug, it's dirty", HOME, served).object not in ("mug", None)
+    assert REASONER.select("not the mug, it's dirty", Inventory.of(HOME), served).object not in ("mug", None)
     either = [("I need to cut this string", "Do you mean the knife or the scissors?")]
     for words in ("not the knife, it's dirty", "I don't want the knife", "don't bring the knife"):
-        assert REASONER.select(words, HOME, either).object == "scissors"
+        assert REASONER.select(words, Inventory.of(HOME), either).object == "scissors"
 
 
 @pytest.mark.parametrize(
@@ -145,5 +145,5 @@ def test_of_eleven_thousand_requests_hardly_any_is_refused() -> None:
 def test_no_words_break_the_sorting(said: list[str]) -> None:
     heard = REASONER.scorer.hear(" ".join(said))
     assert sort_out(heard, REASONER.deck.by_key).asked in ("outright", "perhaps", "not")
-    chosen = REASONER.select(" ".join(said), COCO)
+    chosen = REASONER.select(" ".join(said), Inventory.of(COCO))
     assert chosen.object is None or chosen.object in COCO
