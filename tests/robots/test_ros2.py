@@ -140,5 +140,5 @@ def test_a_domain_in_the_shell_that_is_no_number_is_said(monkeypatch: pytest.Mon
 def test_without_ros_and_without_cyclonedds_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("rclpy", "cyclonedds"):
         monkeypatch.setitem(sys.modules, name, None)
-    with pytest.raises(MissingExtra, match=r"pip install 'cartier\[ros\]'"):
+    with pytest.raises(MissingExtra, match=r"pip install .*\[ros\]'"):
         plugins.make("robots", "ros2")

@@ -377,7 +377,7 @@ def test_no_build_and_no_network(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_without_the_package_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "ai2thor", None)
-    with pytest.raises(MissingExtra, match=r"pip install 'cartier\[thor\]'"):
+    with pytest.raises(MissingExtra, match=r"pip install .*\[thor\]'"):
         plugins.make("worlds", "ai2thor")
 
 
