@@ -94,7 +94,7 @@ def read_rows(file: Path, keys: Sequence[str]) -> list[dict[str, Any]]:
             if not line.endswith("\n") or any(key not in row for key in keys):
                 raise ValueError
             rows.append(row)
-        except (ValueError, TypeError):
+        except (ValueError, TypeError, RecursionError):
             if number < len(lines):
                 raise InputError(
                     f"{file} line {number} is damaged: delete the line, and the run makes it again"

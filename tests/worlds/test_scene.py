@@ -160,7 +160,7 @@ def test_rubbish_is_one_line(text):
 
 
 def test_files_and_names_that_are_not_there(tmp_path):
-    with pytest.raises(InputError, match="cannot read"):
+    with pytest.raises(InputError, match="is missing"):
         load_scene(tmp_path / "none.yaml")
     (tmp_path / "latin.yaml").write_bytes(b"name: caf\xe9\n")
     with pytest.raises(InputError, match="UTF-8"):

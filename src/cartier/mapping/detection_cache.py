@@ -10,6 +10,7 @@ from typing import Any
 
 from cartier.contracts import Detector
 from cartier.errors import InputError
+from cartier.files import check_file
 from cartier.types import Detections, Frame
 
 
@@ -18,13 +19,15 @@ def remembering(detector: Detector, file: Path, settings: dict[str, Any]) -> Ite
     """``detector.detect`` that keeps its boxes in a JSON-lines file and takes finished frames from there."""
     key = json.dumps({name: settings[name] for name in ("sha256", "detector", "detector_sha256")})
     known: dict[int, Detections] = {}
+    if file.exists():
+        check_file(file)
     lines = file.read_text(encoding="utf-8", errors="replace").splitlines() if file.is_file() else []
     if lines and lines[0] == key:
         for line in lines[1:]:
             try:
                 found = _of_row(json.loads(line))
                 known[found.frame] = found
-            except (ValueError, KeyError, TypeError, AttributeError, InputError):
+            except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError, InputError):
                 break  # the line that a kill cut short
     file.parent.mkdir(parents=True, exist_ok=True)
     with file.open("w", encoding="utf-8") as out:

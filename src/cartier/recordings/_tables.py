@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from pathlib import Path, PurePosixPath
 
@@ -32,12 +33,23 @@ def numbers(words: Sequence[object], where: str) -> list[float]:
 
 def inside(root: Path, name: object, where: str) -> str:
     """A file name relative to ``root``, or an InputError if it leads out of it."""
-    if not isinstance(name, str) or not name or "\0" in name or "\\" in name:
+    if not isinstance(name, str) or not _is_name(name):
         raise InputError(f"{where}: {brief(name, 60)!r} is no file name")
-    path = PurePosixPath(name)
-    if path.is_absolute() or ".." in path.parts or not (root / name).resolve().is_relative_to(root.resolve()):
+    path, home = (
+        PurePosixPath(name),
+        Path(os.path.realpath(root)),
+    )  # unlike resolve, it takes links that run in a circle
+    if path.is_absolute() or ".." in path.parts or not Path(os.path.realpath(root / name)).is_relative_to(home):
         raise InputError(f"{where}: {brief(name, 80)!r} leads out of the recording's folder")
     return path.as_posix()
+
+
+def _is_name(name: str) -> bool:
+    try:
+        parts = name.encode().split(b"/")
+    except UnicodeEncodeError:  # half of a character
+        return False
+    return bool(name) and "\0" not in name and "\\" not in name and len(name) < 1000 and max(map(len, parts)) <= 255
 
 
 def read_samples(path: Path) -> npt.NDArray[np.float64]:

@@ -8,12 +8,14 @@ from __future__ import annotations
 
 import difflib
 from importlib import resources
+from itertools import islice
 from pathlib import Path
 
 from cartier.errors import InputError
+from cartier.files import read_text
 from cartier.worlds.dollhouse import clashes
 from cartier.worlds.dollhouse.builder import Builder
-from cartier.worlds.dollhouse.form import MAX_BYTES, Fault, read
+from cartier.worlds.dollhouse.form import MAX_BYTES, MAX_FAULTS, Fault, read
 from cartier.worlds.dollhouse.model import Scene
 
 ROBOT_RADIUS_M = 0.2  # of the robot that must have room at the start
@@ -62,18 +64,7 @@ def load_home(name: str) -> Scene:
 def _text(source: Path | str) -> tuple[str, str]:
     if isinstance(source, str) and "\n" in source:
         return source, "home"
-    path = Path(source)
-    try:
-        with path.open("rb") as file:
-            raw = file.read(MAX_BYTES + 1)
-    except OSError as error:
-        raise InputError(f"cannot read the home file {path}: {error.strerror}") from None
-    if len(raw) > MAX_BYTES:
-        raise InputError(f"{path}: a home file may have {MAX_BYTES >> 20} MiB at most")
-    try:
-        return raw.decode("utf-8"), str(path)
-    except UnicodeDecodeError:
-        raise InputError(f"{path}: a home file must be UTF-8 text") from None
+    return read_text(Path(source), MAX_BYTES), str(source)
 
 
 def _sound(text: str, file: str) -> Scene:
@@ -92,7 +83,10 @@ def _build(text: str) -> tuple[Scene | None, list[Fault]]:
     builder = Builder(found, found.form)
     scene = builder.scene()
     faults = builder.faults
-    faults += [Fault(builder.line_of(thing), reason) for thing, reason in clashes.of_things(scene)]
+    found_clashes = islice(
+        clashes.of_things(scene), MAX_FAULTS
+    )  # of a thousand things in one place, not each with each
+    faults += [Fault(builder.line_of(thing), reason) for thing, reason in found_clashes]
     if not faults and not clashes.start_is_free(scene, ROBOT_RADIUS_M):
         x, y = scene.start_xy
         at = f"start [{x:g}, {y:g}]"
