@@ -34,6 +34,7 @@ VALUES: tuple[Any, ...] = (
 TEXT = (".json", ".jsonl", ".yaml", ".csv", ".txt", ".toml", "", ".pgm")
 TOKEN = re.compile(rb'-?\d+(?:\.\d+)?(?:[eE][+-]?\d+)?|"[^"\n]{0,80}"|[A-Za-z_]{2,40}')
 DEEP = 100_000
+REACH = 200_000
 
 
 def break_something(folder: Path, rng: Random) -> str:
@@ -156,7 +157,7 @@ def become_no_file(file: Path, rng: Random, others: list[Path]) -> None:
 def put_value(file: Path, rng: Random, others: list[Path]) -> None:
     """A hostile number or word in place of some of those that are there."""
     data = file.read_bytes()
-    tokens = list(TOKEN.finditer(data))
+    tokens = list(TOKEN.finditer(data, 0, REACH))
     value = rng.choice(NUMBERS if rng.random() < 0.6 else WORDS).encode("utf-8", "surrogatepass")
     for token in sorted(rng.sample(tokens, min(len(tokens), rng.choice((1, 1, 1, 5)))), key=lambda m: -m.start()):
         quoted = token[0].startswith(b'"') and rng.random() < 0.7
@@ -194,7 +195,7 @@ def _places(value: Any) -> Iterable[tuple[Any, Any]]:
 def nest(file: Path, rng: Random, others: list[Path]) -> None:
     """Brackets without end at some token, in the way of JSON, TOML or YAML."""
     data = file.read_bytes()
-    tokens = list(TOKEN.finditer(data))
+    tokens = list(TOKEN.finditer(data, 0, REACH))
     opened, closed = rng.choice(
         ((b"[", b"]"), (b'{"a":', b"}"), (b"{a: ", b"}"), (b"- ", b""), (b"(", b")"), (b"<", b">"))
     )
@@ -217,7 +218,7 @@ def many_lines(file: Path, rng: Random, others: list[Path]) -> None:
     if lines:
         at = rng.randrange(len(lines))
         lines[at] = lines[at][:2000] * rng.choice((2, 1000, 20_000))
-    file.write_bytes(b"".join(lines)[: 20 << 20])
+    file.write_bytes(b"".join(lines)[: 4 << 20])
 
 
 def claim_a_picture(file: Path, rng: Random, others: list[Path]) -> None:
