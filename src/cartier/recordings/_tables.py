@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from pathlib import Path, PurePosixPath
 
@@ -31,15 +30,12 @@ def numbers(words: Sequence[object], where: str) -> list[float]:
     return values
 
 
-def inside(root: Path, name: object, where: str) -> str:
-    """A file name relative to ``root``, or an InputError if it leads out of it."""
+def inside(name: object, where: str) -> str:
+    """A file name relative to a recording's folder, or an InputError if it leads out of it; ``check_inside`` sees to links."""
     if not isinstance(name, str) or not _is_name(name):
         raise InputError(f"{where}: {brief(name, 60)!r} is no file name")
-    path, home = (
-        PurePosixPath(name),
-        Path(os.path.realpath(root)),
-    )  # unlike resolve, it takes links that run in a circle
-    if path.is_absolute() or ".." in path.parts or not Path(os.path.realpath(root / name)).is_relative_to(home):
+    path = PurePosixPath(name)
+    if path.is_absolute() or ".." in path.parts:
         raise InputError(f"{where}: {brief(name, 80)!r} leads out of the recording's folder")
     return path.as_posix()
 

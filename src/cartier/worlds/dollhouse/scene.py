@@ -8,14 +8,13 @@ from __future__ import annotations
 
 import difflib
 from importlib import resources
-from itertools import islice
 from pathlib import Path
 
 from cartier.errors import InputError
 from cartier.files import read_text
 from cartier.worlds.dollhouse import clashes
 from cartier.worlds.dollhouse.builder import Builder
-from cartier.worlds.dollhouse.form import MAX_BYTES, MAX_FAULTS, Fault, read
+from cartier.worlds.dollhouse.form import MAX_BYTES, Fault, read
 from cartier.worlds.dollhouse.model import Scene
 
 ROBOT_RADIUS_M = 0.2  # of the robot that must have room at the start
@@ -83,10 +82,7 @@ def _build(text: str) -> tuple[Scene | None, list[Fault]]:
     builder = Builder(found, found.form)
     scene = builder.scene()
     faults = builder.faults
-    found_clashes = islice(
-        clashes.of_things(scene), MAX_FAULTS
-    )  # of a thousand things in one place, not each with each
-    faults += [Fault(builder.line_of(thing), reason) for thing, reason in found_clashes]
+    faults += [Fault(builder.line_of(thing), reason) for thing, reason in clashes.of_things(scene)]
     if not faults and not clashes.start_is_free(scene, ROBOT_RADIUS_M):
         x, y = scene.start_xy
         at = f"start [{x:g}, {y:g}]"
