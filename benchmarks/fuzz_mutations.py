@@ -320,6 +320,8 @@ def change_a_row(file: Path, rng: Random, others: list[Path]) -> None:
 
 def _members(file: Path) -> dict[str, bytes]:
     with zipfile.ZipFile(file) as archive:
+        if sum(member.file_size for member in archive.infolist()) > 32 << 20:
+            raise ValueError("a huge member is in it already")
         return {name: archive.read(name) for name in archive.namelist()}
 
 

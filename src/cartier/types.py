@@ -169,8 +169,9 @@ class Detections:
     glimpsed: Detections | None = None
 
     def __post_init__(self) -> None:
-        boxes = np.asarray(self.boxes_xyxy, dtype=np.float32).reshape(-1, 4)
-        scores = np.asarray(self.scores, dtype=np.float32).reshape(-1)
+        with np.errstate(over="ignore"):  # 1e308 becomes infinite, which is refused below
+            boxes = np.asarray(self.boxes_xyxy, dtype=np.float32).reshape(-1, 4)
+            scores = np.asarray(self.scores, dtype=np.float32).reshape(-1)
         object.__setattr__(self, "boxes_xyxy", boxes)
         object.__setattr__(self, "scores", scores)
         object.__setattr__(self, "labels", tuple(self.labels))
