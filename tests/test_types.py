@@ -85,6 +85,9 @@ def test_cameras_places_and_grids_are_checked() -> None:
         Camera(640, 480, 500, 500, -1e30, 240)
     with pytest.raises(InputError, match="3 finite numbers"):
         Place("cup", (1, 2, float("inf")), 1.0, 0)
+    for position in ((1, 2, 10**400), (1, 2, "x"), 7, None, [[1, 2, 3]], "123" * 9):
+        with pytest.raises(InputError, match=r"place of 'cup': position must be 3 finite numbers, got .{1,100}$"):
+            Place("cup", position, 1.0, 0)  # type: ignore[arg-type]
     with pytest.raises(InputError, match="rows, cols"):
         OccupancyGrid(np.zeros((0, 3), np.int8), 0.05, (0, 0), np.zeros((0, 3), np.float16))
     assert CAMERA.scaled(320, 240).fx == 2 * CAMERA.fx

@@ -43,10 +43,13 @@ def _need(ok: bool, message: str) -> None:
 
 
 def _finite(values: Sequence[float] | Array, size: int, what: str) -> tuple[float, ...]:
-    numbers = tuple(float(v) for v in values)
+    try:
+        numbers = tuple(float(v) for v in values)
+    except (TypeError, ValueError, OverflowError):  # no list of numbers, or a number of hundreds of digits
+        numbers = ()
     _need(
         len(numbers) == size and all(map(math.isfinite, numbers)),
-        f"{what} must be {size} finite numbers, got {brief(numbers)}",
+        f"{what} must be {size} finite numbers, got {brief(values)}",
     )
     return numbers
 
