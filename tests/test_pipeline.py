@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -132,6 +133,9 @@ def test_a_killed_run_goes_on_where_it_stopped(tmp_path: Path, home: cartier.Hom
     assert again.id == home.id
     third = Dies(100)
     map_home(walk(with_depth=False), third, resume=resume)
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(InputError, match="is a pipe"):  # and not a wait for ever
+        map_home(walk(), second, resume=tmp_path / "pipe")
     assert third.asked == 20, "another recording takes nothing from the file"
 
 

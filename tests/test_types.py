@@ -35,6 +35,10 @@ def test_a_pose_with_a_projective_row_is_refused() -> None:
     pose[3, 0] = 0.1
     with pytest.raises(InputError, match="last row"):
         check_pose(pose)
+    pose = np.eye(4)
+    pose[1, 3] = -1e30
+    with pytest.raises(InputError, match=r"the pose is 1e\+30 m from the origin, which is no home"):
+        check_pose(pose)
 
 
 @pytest.mark.parametrize(
@@ -43,6 +47,7 @@ def test_a_pose_with_a_projective_row_is_refused() -> None:
         ([[0, 0, 1, 1]], [1, 1], ["a"], "1 boxes, 2 scores, 1 labels"),
         ([[5, 0, 1, 1]], [1], ["a"], "x2 < x1"),
         ([[0, 0, np.nan, 1]], [1], ["a"], "NaN"),
+        ([[0, 0, 1e308, 1]], [1], ["a"], "infinite"),
     ],
 )
 def test_detections_are_checked(boxes: list[list[float]], scores: list[float], labels: list[str], message: str) -> None:
@@ -68,8 +73,21 @@ def test_cameras_places_and_grids_are_checked() -> None:
         Camera(640, 480, 0, 500, 320, 240)
     with pytest.raises(InputError, match="size must be"):
         Camera(0, 480, 500, 500, 320, 240)
+    with pytest.raises(InputError, match=r"size must be 1 to 32768 px, got 1000+…x480$"):
+        Camera(10**4000, 480, 500, 500, 320, 240)
+    with pytest.raises(InputError, match="67 megapixels at most"):
+        Camera(30_000, 30_000, 30_000, 30_000, 0, 0)
+    for far in (1e-30, 6.3, 641_000.0, 1e30):
+        with pytest.raises(InputError, match="are no lens's for images of 640x480 px: they are in pixels"):
+            Camera(640, 480, 500, far, 320, 240)
+        assert Camera(640, 480, 6.5, 639_000, 320, 240)
+    with pytest.raises(InputError, match="principal point"):
+        Camera(640, 480, 500, 500, -1e30, 240)
     with pytest.raises(InputError, match="3 finite numbers"):
         Place("cup", (1, 2, float("inf")), 1.0, 0)
+    for position in ((1, 2, 10**400), (1, 2, "x"), 7, None, [[1, 2, 3]], "123" * 9):
+        with pytest.raises(InputError, match=r"place of 'cup': position must be 3 finite numbers, got .{1,100}$"):
+            Place("cup", position, 1.0, 0)  # type: ignore[arg-type]
     with pytest.raises(InputError, match="rows, cols"):
         OccupancyGrid(np.zeros((0, 3), np.int8), 0.05, (0, 0), np.zeros((0, 3), np.float16))
     assert CAMERA.scaled(320, 240).fx == 2 * CAMERA.fx

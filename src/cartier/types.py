@@ -43,10 +43,13 @@ def _need(ok: bool, message: str) -> None:
 
 
 def _finite(values: Sequence[float] | Array, size: int, what: str) -> tuple[float, ...]:
-    numbers = tuple(float(v) for v in values)
+    try:
+        numbers = tuple(float(v) for v in values)
+    except (TypeError, ValueError, OverflowError):  # no list of numbers, or a number of hundreds of digits
+        numbers = ()
     _need(
         len(numbers) == size and all(map(math.isfinite, numbers)),
-        f"{what} must be {size} finite numbers, got {brief(numbers)}",
+        f"{what} must be {size} finite numbers, got {brief(values)}",
     )
     return numbers
 
@@ -171,8 +174,9 @@ class Detections:
     masks: npt.NDArray[np.bool_] | None = None
 
     def __post_init__(self) -> None:
-        boxes = np.asarray(self.boxes_xyxy, dtype=np.float32).reshape(-1, 4)
-        scores = np.asarray(self.scores, dtype=np.float32).reshape(-1)
+        with np.errstate(over="ignore"):  # 1e308 becomes infinite, which is refused below
+            boxes = np.asarray(self.boxes_xyxy, dtype=np.float32).reshape(-1, 4)
+            scores = np.asarray(self.scores, dtype=np.float32).reshape(-1)
         object.__setattr__(self, "boxes_xyxy", boxes)
         object.__setattr__(self, "scores", scores)
         object.__setattr__(self, "labels", tuple(self.labels))

@@ -122,7 +122,7 @@ def test_what_is_not_there_or_no_list_of_names_is_refused(tmp_path: Path) -> Non
         read_vocabulary(tmp_path / "missing.txt")
     with pytest.raises(InputError, match="is a folder"):
         read_vocabulary(tmp_path)
-    with pytest.raises(InputError, match=r"cannot be read .embedded null byte"):
+    with pytest.raises(InputError, match=r"cannot be read \(embedded null byte"):
         read_vocabulary("a\0b")
     with pytest.raises(InputError, match="this list holds 7"):
         read_vocabulary(["mug", 7])  # type: ignore[list-item]

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 from collections import Counter
 from pathlib import Path
@@ -11,6 +12,7 @@ from hypothesis import strategies as st
 
 from cartier import plugins
 from cartier.errors import InputError
+from cartier.evaluation._rows import read_rows
 from cartier.evaluation.queries import (
     MAX_BYTES,
     MAX_QUERIES,
@@ -237,10 +239,14 @@ def test_a_broken_line_is_named(tmp_path: Path, line: object, reason: str) -> No
 
 
 def test_a_file_that_is_none(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="cannot be read: No such file"):
+    with pytest.raises(InputError, match="is missing"):
         load_file(tmp_path / "mine.jsonl")
-    with pytest.raises(InputError, match="cannot be read"):
+    with pytest.raises(InputError, match="is a folder"):
         load_file(tmp_path)
+    os.mkfifo(tmp_path / "pipe")
+    for read in (load_file, read_rows):
+        with pytest.raises(InputError, match="is a pipe"):
+            read(tmp_path / "pipe")
     with pytest.raises(InputError, match=r"holds no request; a line looks like"):
         load_file(written(tmp_path, "", "  "))
     latin = tmp_path / "latin.jsonl"

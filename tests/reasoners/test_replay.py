@@ -75,6 +75,6 @@ def test_a_broken_line_is_named_by_its_number(line: str, tmp_path: Path) -> None
 
 def test_a_file_that_is_missing_or_no_text_is_one_clear_line(tmp_path: Path) -> None:
     (tmp_path / "b.jsonl").write_bytes(b"\xff\xfe\x00")
-    for name, message in (("a.jsonl", "cannot be read"), ("b.jsonl", "is not UTF-8"), (".", "cannot be read")):
+    for name, message in (("a.jsonl", "is missing"), ("b.jsonl", "line 1: not UTF-8"), (".", "is a folder")):
         with pytest.raises(InputError, match=message):
             plugins.make("reasoners", "replay", path=tmp_path / name)

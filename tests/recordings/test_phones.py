@@ -147,6 +147,19 @@ def test_a_video_that_is_none(tmp_path: Path, content: bytes) -> None:
     assert "\n" not in str(caught.value)
 
 
+def test_a_video_of_a_codec_that_no_phone_writes(tmp_path: Path) -> None:
+    av = pytest.importorskip("av", reason="a video needs PyAV")
+    write_stray(room(), tmp_path / "a", video=True)
+    with av.open(str(tmp_path / "a/rgb.mp4"), "w") as container:
+        stream = container.add_stream("mpeg2video", rate=25)
+        stream.width, stream.height, stream.pix_fmt = 160, 120, "yuv420p"
+        for _ in range(3):
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(np.zeros((120, 160, 3), np.uint8), format="rgb24")))
+        container.mux(stream.encode())
+    with pytest.raises(InputError, match=r"no readable MP4 video .160x120 px of mpeg2video; cartier reads h264"):
+        opened(tmp_path / "a")
+
+
 def test_strays_own_intrinsics_of_each_frame(tmp_path: Path) -> None:
     write_stray(room(), tmp_path / "a")
     rows = (tmp_path / "a/odometry.csv").read_text().splitlines()
@@ -216,6 +229,12 @@ def text(name: str, content: str) -> Callable[[Path], object]:
     return lambda root: (root / name).write_text(content)
 
 
+def write_exr(path: Path, channels: dict[str, np.ndarray]) -> None:
+    import OpenEXR
+
+    OpenEXR.File({}, {name: values.astype(np.float32) for name, values in channels.items()}).write(str(path))
+
+
 DAMAGE: list[tuple[str, Callable[[Path], object], str]] = [
     ("stray", text("camera_matrix.csv", "1,2\n"), r"camera_matrix\.csv must hold 3 lines of 3 numbers"),
     ("stray", text("camera_matrix.csv", "0,0,1\n0,0,1\n0,0,1"), "focal lengths must be positive"),
@@ -239,6 +258,9 @@ DAMAGE: list[tuple[str, Callable[[Path], object], str]] = [
     ("record3d", lambda root: (root / "rgbd/1.depth").unlink(), r"rgbd/1\.depth is missing"),
     ("record3d", lambda root: (root / "rgbd/0.depth").write_bytes(b"bvx2\xff\xff\xff\xff"), r"0\.depth is damaged"),
     ("record3d", lambda root: (root / "rgbd/0.depth").write_bytes(b"bvx2\0\0\0\0junk"), r"0\.depth is damaged"),
+    ("record3d-export", lambda root: write_exr(root / "depth/0.exr", {"R": np.full((60, 80), 1e30)}), "depth reaches beyond 100000 m"),
+    ("record3d-export", lambda root: write_exr(root / "depth/0.exr", dict.fromkeys("RGBAZ", np.ones((9, 9)))), "claims 9x9 px and 5 channels"),
+    ("record3d-export", lambda root: write_exr(root / "depth/0.exr", {"R": np.ones((1, 5000))}), "claims 5000x1 px and 1 channels"),
     ("record3d-export", lambda root: (root / "depth/0.exr").write_bytes(b"v/1\1junk"), "no readable OpenEXR image"),
     ("arcore", text("intrinsics.json", "{}"), "must hold an object with width, height, fx"),
     ("arcore", head(fx="wide"), r"intrinsics\.json: could not convert"),

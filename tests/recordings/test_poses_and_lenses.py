@@ -12,6 +12,7 @@ from cartier.errors import InputError
 from cartier.recordings._interpolate import interpolated
 from cartier.recordings._lens import Lens, resampled
 from cartier.recordings._posed import _rot, _turned, _turns
+from cartier.recordings._register import registered
 from cartier.types import Camera
 from synthetic import THINGS, look, render
 
@@ -65,8 +66,16 @@ def test_outside_of_the_image_there_is_nothing() -> None:
     assert np.isnan(depth[:, :5]).all() and np.isnan(depth[:, 15:]).all() and (depth[:, 5:15] == 1).all()
 
 
+def test_depth_of_a_lens_that_sees_everything_is_refused_and_not_smeared() -> None:
+    """Each of its pixels would cover a million of the colour camera's."""
+    depth, target = np.ones((120, 160), np.float32), Camera(160, 120, 120_000.0, 120_000.0, 79.5, 59.5)
+    with pytest.raises(InputError, match="are the depth camera's intrinsics right"):
+        registered(depth, Camera(160, 120, 2.0, 2.0, 79.5, 59.5), target, np.diag([1e-6, 1e-6, 1.0, 1.0]))
+
+
 @pytest.mark.parametrize(
-    ("model", "numbers"), [("plumb_bob", (1.0,)), ("equidistant", (0.0,) * 5), ("plumb_bob", (np.nan,) * 4)]
+    ("model", "numbers"),
+    [("plumb_bob", (1e9,) * 4), ("plumb_bob", (1.0,)), ("equidistant", (0.0,) * 5), ("plumb_bob", (np.nan,) * 4)],
 )
 def test_a_senseless_distortion_is_refused(model: str, numbers: tuple[float, ...]) -> None:
     with pytest.raises(InputError, match="distortion needs"):

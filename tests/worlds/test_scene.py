@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import os
+import time
 
 import numpy as np
 import pytest
@@ -137,6 +139,17 @@ def test_faults_of_the_house(old, new, line, words):
     assert any(one.startswith(f"my.yaml:{line}: ") and words in one for one in found), found
 
 
+def test_a_thousand_things_in_one_place_are_refused_quickly():
+    """Each with each would be half a million faults; and memory grows with the square of what stands on what."""
+    begin = time.process_time()
+    for kind in ("Table", "Rug"):  # rugs may lie under anything
+        found = check(home(*[f"{{type: {kind}, at: [2, 2]}}"] * 1000), "my.yaml")
+        assert found == [f"my.yaml:12: this {kind} at [2.00, 2.00, 0.00] and 999 more things are in one place"]
+    nested = "{type: Table, at: [2, 2], things: [" + ", ".join(["{type: Mug, at: [0, 0]}"] * 1500) + "]}"
+    assert check(home(nested, nested), "my.yaml") == ["my.yaml:1: a home holds 2000 things at most, got 3002"]
+    assert time.process_time() - begin < 20
+
+
 def test_what_is_on_a_misplaced_thing_is_still_read():
     found = check(home("{type: Table, at: [1, 1], on: desk, things: [{type: Tabel}]}"))
     assert len(found) == 2 and "desk" in found[0] and "Tabel" in found[1]
@@ -160,11 +173,14 @@ def test_rubbish_is_one_line(text):
 
 
 def test_files_and_names_that_are_not_there(tmp_path):
-    with pytest.raises(InputError, match="cannot read"):
+    with pytest.raises(InputError, match="is missing"):
         load_scene(tmp_path / "none.yaml")
     (tmp_path / "latin.yaml").write_bytes(b"name: caf\xe9\n")
     with pytest.raises(InputError, match="UTF-8"):
         load_scene(tmp_path / "latin.yaml")
+    os.mkfifo(tmp_path / "pipe.yaml")
+    with pytest.raises(InputError, match="is a pipe"):
+        load_scene(tmp_path / "pipe.yaml")
     with pytest.raises(InputError, match=f"did you mean '{homes()[0]}'"):
         load_home(homes()[0] + "x")
     with pytest.raises(InputError, match="no home"):

@@ -60,7 +60,7 @@ def _by_id(path: Path, what: str, items: list[Any]) -> list[tuple[int, dict[str,
     for position, item in enumerate(items):
         number = item.get("id") if isinstance(item, dict) else None
         if type(number) is not int or number in seen:
-            fault = "comes twice" if number in seen else "is no whole number"
+            fault = "comes twice" if type(number) is int else "is no whole number"
             raise InputError(f'{path}: "{what}" entry {position}: its id {brief(number, 40)} {fault}')
         seen[number] = item
     return list(seen.items())

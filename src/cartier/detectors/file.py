@@ -10,7 +10,11 @@ import numpy as np
 from cartier.detectors._annotations import Annotations, read_annotations
 from cartier.detectors._boxes import clip
 from cartier.detectors._rows import rows
+<<<<<<< HEAD
 from cartier.errors import InputError
+=======
+from cartier.errors import BackendError, InputError, brief
+>>>>>>> h2
 from cartier.files import sha256_of
 from cartier.mapping.existence import at_threshold
 from cartier.types import Array, Calibration, Detections, Frame
@@ -96,8 +100,8 @@ class DetectionsFile:
             raise InputError(f"{path} lists {len(sizes)} images, but the recording has a frame {frame.index}")
         if sizes[frame.index] not in (None, there):
             raise InputError(
-                f"{path}: image {frame.index} is {sizes[frame.index]} px (width, height), but frame {frame.index} of "
-                f"the recording is {there}"
+                f"{path}: image {frame.index} is {brief(sizes[frame.index], 40)} px (width, height), but frame "
+                f"{frame.index} of the recording is {there}"
             )
 
     def _check_boxes(self, boxes: Array, lines: Array, frame: Frame) -> None:

@@ -9,8 +9,9 @@ from typing import Annotated, Any, NoReturn
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
-from cartier.errors import InputError
+from cartier.errors import InputError, brief
 from cartier.evaluation.queries import TYPES, QueryType
+from cartier.files import check_file
 
 MAX_ROWS = 1_000_000
 MAX_LINE_BYTES = 2**20
@@ -91,6 +92,7 @@ class Row(BaseModel):
 def read_rows(file: Path) -> list[Row]:
     """Every row of a ``results.jsonl``. Raises InputError with the number of the first broken line, or if it is empty."""
     rows = []
+    check_file(file)
     try:
         with file.open("rb") as lines:
             for number in range(1, MAX_ROWS + 2):
@@ -162,7 +164,7 @@ def _parse(line: bytes, where: str) -> Row:
         raise InputError(f"{where}: not UTF-8 text") from error
     except (ValueError, RecursionError) as error:
         raise InputError(
-            f"{where}: not valid JSON ({str(error)[:80]}); delete the line and run the bench again"
+            f"{where}: not valid JSON ({brief(error)}); delete the line and run the bench again"
         ) from error
     return _row(value, where)
 

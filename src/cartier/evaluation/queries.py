@@ -13,7 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, get_args
 
-from cartier.errors import InputError
+from cartier.errors import InputError, brief
+from cartier.files import read_text
 from cartier.language.names import display_name
 from cartier.language.prompts import check_query
 
@@ -117,25 +118,14 @@ def load_file(path: str | Path) -> list[Query]:
 
 
 def _lines(path: Path) -> list[str]:
-    try:
-        with path.open("rb") as file:
-            data = file.read(MAX_BYTES + 1)
-    except OSError as error:
-        raise InputError(f"{path} cannot be read: {error.strerror}") from error
-    if len(data) > MAX_BYTES:
-        raise InputError(f"{path} is larger than {MAX_BYTES // 2**20} MiB; split the file")
-    try:
-        return data.decode("utf-8-sig").split("\n")
-    except UnicodeDecodeError as error:
-        number = data[: error.start].count(b"\n") + 1
-        raise InputError(f"{path} line {number}: not UTF-8 text; save the file as UTF-8") from error
+    return read_text(path, MAX_BYTES).split("\n")
 
 
 def _own(line: str) -> Query:
     try:
         row = json.loads(line)
     except (ValueError, RecursionError) as error:
-        raise InputError(f"not valid JSON ({str(error)[:80]}); a line looks like {FORM}") from error
+        raise InputError(f"not valid JSON ({brief(error)}); a line looks like {FORM}") from error
     if not isinstance(row, dict):
         raise InputError(f"not a JSON object; a line looks like {FORM}")
     missing = [field for field in FIELDS if field not in row]
@@ -143,9 +133,9 @@ def _own(line: str) -> Query:
         raise InputError(f"{missing[0]!r} is missing; a line looks like {FORM}")
     strange = [key for key in row if key not in FIELDS]
     if strange:
-        raise InputError(f"{strange[0][:40]!r} is no key of a request; the keys are {', '.join(FIELDS)}")
+        raise InputError(f"{brief(strange[0], 40)!r} is no key of a request; the keys are {', '.join(FIELDS)}")
     if not isinstance(row["type"], str) or row["type"] not in TYPES:
-        shown = f"{row['type'][:40]!r} is unknown" if isinstance(row["type"], str) else "must be a word"
+        shown = f"{brief(row['type'], 40)!r} is unknown" if isinstance(row["type"], str) else "must be a word"
         raise InputError(f"the type {shown}; the types are {', '.join(TYPES)}")
     if not isinstance(row["accept"], list) or not 1 <= len(row["accept"]) <= MAX_ACCEPTED:
         raise InputError(f"'accept' must be a list of 1 to {MAX_ACCEPTED} object names")

@@ -12,6 +12,7 @@ from typing import Any
 from cartier.atomic import write_file
 from cartier.contracts import Detector
 from cartier.errors import InputError
+from cartier.files import check_file
 from cartier.types import Detections, Frame
 
 
@@ -28,6 +29,8 @@ def cached(detector: Detector, file: Path, fingerprint: str) -> Iterator[Callabl
     }
     key = (json.dumps(made_of) + "\n").encode()
     known: dict[int, Detections] = {}
+    if file.exists():
+        check_file(file)
     lines = file.read_bytes().splitlines(keepends=True) if file.is_file() else []
     if not lines or lines[0] != key:
         write_file(file, key)
@@ -38,7 +41,7 @@ def cached(detector: Detector, file: Path, fingerprint: str) -> Iterator[Callabl
             found = _of_row(json.loads(line))
             known[found.frame] = found
             good += len(line)
-        except (ValueError, KeyError, TypeError, AttributeError, InputError):
+        except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError, InputError):
             break  # the line that a kill cut short
     os.truncate(file, good)
     with file.open("a", encoding="utf-8") as out:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from cartier.errors import InputError, ReasonerError
+from cartier.files import read_text
 from cartier.language.prompts import check_query
 from cartier.language.replies import no_answer, parse_list, read_reply
 from cartier.types import Inventory, Selection
@@ -53,15 +54,7 @@ class Replay:
 
 def _read(path: Path) -> dict[Key, str]:
     replies: dict[Key, str] = {}
-    try:
-        if path.stat().st_size > MAX_BYTES:
-            raise InputError(f"{path} is larger than {MAX_BYTES // 2**20} MiB")
-        lines = path.read_text(encoding="utf-8").split("\n")
-    except OSError as error:
-        raise InputError(f"{path} cannot be read: {error.strerror}") from error
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path} is not UTF-8 text") from error
-    for number, line in enumerate(lines, start=1):
+    for number, line in enumerate(read_text(path, MAX_BYTES).split("\n"), start=1):
         if not line.strip():
             continue
         try:

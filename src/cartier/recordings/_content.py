@@ -25,12 +25,21 @@ def check_inside(root: Path, names: Collection[str]) -> None:
     Who maps a stranger's recording and passes the map on would pass on what such links lead to.
     """
     home = Path(os.path.realpath(root))  # unlike resolve, it takes links that run in a circle
-    for part in {*names, *(parent.as_posix() for name in names for parent in PurePosixPath(name).parents)}:
-        path = root / part
-        if path.is_symlink() and part != "." and not Path(os.path.realpath(path)).is_relative_to(home):
+    parts = set(names)
+    parts |= {
+        parent.as_posix() for folder in {name.rpartition("/")[0] for name in parts} for parent in _to_root(folder)
+    }
+    for path in (root / part for part in parts):
+        if path.is_symlink() and not Path(os.path.realpath(path)).is_relative_to(home):
             raise InputError(
                 f"{path} is a link that leads out of the recording's folder: put the file itself there, not a link to it"
             )
+
+
+def _to_root(folder: str) -> list[PurePosixPath]:
+    """A folder and those above it, without the root."""
+    path = PurePosixPath(folder)
+    return [part for part in (path, *path.parents) if part.parts]
 
 
 def content_hash(settings: str, root: Path, names: Iterable[str]) -> str:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cartier.errors import InputError
+from cartier.errors import InputError, brief
 from cartier.recordings._interpolate import MAX_GAP_S, interpolated
 from cartier.recordings._rosbags import TRANSFORMS, Bag, frame_name
 from cartier.recordings._rostf import Tree, checked_rows
@@ -53,7 +53,7 @@ def camera_poses(
         if len(topics) != 1:
             why = f"the frame {camera!r} hangs on nothing that moves in /tf" if not moving else "an extrinsic was given"
             there = (
-                f"several topics hold poses ({', '.join(topics[:8])})"
+                f"several topics hold poses ({brief(', '.join(topics), 200)})"
                 if topics
                 else "there is no odometry topic either"
             )
@@ -63,7 +63,7 @@ def camera_poses(
         odometry = topics[0]
     name = next((topic for topic in topics if topic.lstrip("/") == odometry.lstrip("/")), None)
     if name is None:
-        there = ", ".join(topics) or "none"
+        there = brief(", ".join(topics), 200) or "none"
         raise InputError(f"{bag.path} has no topic {odometry!r} of type {ODOMETRY} or {POSE}; there are {there}")
     return _from_odometry(bag, name, tree, camera, times_s, body_from_camera)
 

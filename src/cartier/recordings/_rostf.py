@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cartier.errors import InputError
+from cartier.errors import InputError, brief
 from cartier.geometry import invert
 from cartier.recordings._interpolate import interpolated
 from cartier.recordings._poses import matrices
@@ -77,7 +77,7 @@ class Tree:
         while names[-1] in self._edges:
             parent = self._edges[names[-1]].parent
             if parent in names or len(names) > MAX_DEPTH:
-                raise InputError(f"the transforms run in a circle: {' -> '.join([*names[:6], parent])}")
+                raise InputError(f"the transforms run in a circle: {brief(' -> '.join([*names[:6], parent]), 200)}")
             names.append(parent)
         return names
 
@@ -112,7 +112,7 @@ class Tree:
         chain = self.chain(source)
         if target not in chain:
             raise InputError(
-                f"no transform leads from {target!r} to {source!r}: above it are {', '.join(chain[1:]) or 'none'}"
+                f"no transform leads from {target!r} to {source!r}: above it are {brief(', '.join(chain[1:]), 200) or 'none'}"
             )
         total = np.tile(np.eye(4), (len(times_s), 1, 1))
         outside, gaps = np.zeros(len(times_s), bool), np.zeros(len(times_s), bool)

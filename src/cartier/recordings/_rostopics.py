@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from cartier.errors import InputError
+from cartier.errors import InputError, brief
 from cartier.recordings._lens import Lens
 from cartier.recordings._rosbags import Bag, frame_name
 from cartier.recordings._rosfile import Index
@@ -114,7 +114,7 @@ def _pick(
     if wanted is not None:
         found = next((s for s in streams if s.name.lstrip("/") == wanted.lstrip("/")), None)
         if found is None:
-            names = ", ".join(s.name for s in streams[:20])
+            names = brief(", ".join(s.name for s in streams), 300)
             raise InputError(f"there are no images on topic {wanted!r}; the image topics are {names}")
         if found.depth != (what == "depth"):
             raise InputError(f"topic {wanted!r} holds {'depth' if found.depth else 'colour'}, not {what}")
@@ -155,7 +155,7 @@ def _lens(bag: Bag, stream: Stream, infos: dict[str, Any], wanted: str | None, n
         name = next(iter(infos))
         notes.append(f"intrinsics taken from {name}, the only CameraInfo there is; choose with info=TOPIC")
     if name is None or name not in infos:
-        there = ", ".join(infos) or "none"
+        there = brief(", ".join(infos), 300) or "none"
         lack = f"topic {name!r} has no CameraInfo" if name else f"no CameraInfo belongs to {stream.name}"
         raise InputError(f"{bag.path}: {lack}; there are {there}: choose with info=TOPIC")
     described = lens_of(infos[name], stream.rectified, name)

@@ -1,7 +1,7 @@
 """cartier's own format: recording.json, rgb/000000.jpg, depth/000000.png (uint16 mm), trajectory.txt (TUM).
 
-``recording.json`` names no files: the layout is fixed, so nothing in it can lead out of the folder. A simulator's
-recording also holds ``truth.json`` (the true objects with their boxes) and ``instances/000000.png`` (uint16 ids).
+``recording.json`` names no files: the layout is fixed, so nothing in it can lead out of the folder; a link that does is
+refused, as in every format. A simulator's recording also holds ``truth.json`` (the true objects with their boxes) and ``instances/000000.png`` (uint16 ids).
 """
 
 from __future__ import annotations

@@ -78,7 +78,7 @@ def open(path: str | Path, up: Sequence[float] | None = None, floor_m: float | N
 
 def _image(root: Path, name: object, where: str) -> Path | None:
     """The image of a ``file_path``, which may lack its suffix; None if there is none."""
-    path = root / inside(root, name, where)
+    path = root / inside(name, where)
     return next((p for p in (path, *(path.with_name(path.name + s) for s in SUFFIXES)) if p.is_file()), None)
 
 
@@ -103,7 +103,7 @@ def _view(root: Path, head: dict[str, Any], frame: dict[str, Any], number: int, 
     # COLMAP's and nerfstudio's pixel (0, 0) is the corner of the top-left pixel, ours is its centre
     cx, cy = _number(fields, "cx", width / 2, where) - 0.5, _number(fields, "cy", height / 2, where) - 0.5
     depth = fields.get("depth_file_path")
-    measured = None if depth is None else root / inside(root, depth, where)
+    measured = None if depth is None else root / inside(depth, where)
     time_s = _number(frame, "time", number / FRAMES_PER_SECOND, where) if "time" in frame else np.nan
     return View(time_s, colour, _lens(camera_of(width, height, (fx, fy, cx, cy), where), fields, where), measured)
 

@@ -118,8 +118,8 @@ def _camera(root: Path, first_image: Path) -> Camera:
             "(7-Scenes itself gives 585 0 320, 0 585 240, 0 0 1)"
         )
     matrix = read_matrix(path, 3)
-    off = np.abs(matrix - np.diag(np.diag(matrix)))
-    off[:2, 2] = 0  # cx and cy
+    off = matrix.copy()
+    off[[0, 1, 2, 0, 1], [0, 1, 2, 2, 2]] = 0  # fx, fy, 1, cx and cy
     if off.any() or matrix[2, 2] != 1:
         raise InputError(f"{path} must read 'fx 0 cx', '0 fy cy', '0 0 1' (skew is not supported)")
     width, height = image_size(first_image)

@@ -89,7 +89,7 @@ def _listing(path: Path) -> tuple[npt.NDArray[np.float64], list[str]]:
             if len(words) != 2:
                 raise InputError(f"{path} line {number}: expected 'time file', got {line[:60]!r}")
             time_s = numbers(words[:1], f"{path} line {number}")[0]
-            rows.append((time_s, inside(path.parent, words[1].strip(), f"{path} line {number}")))
+            rows.append((time_s, inside(words[1].strip(), f"{path} line {number}")))
     if not rows:
         raise InputError(f"{path} names no image")
     rows.sort()

@@ -20,6 +20,7 @@ from cartier.worlds.dollhouse.place import BAND_M, Plan
 SLACK_M = 0.0101  # 1 cm, and the rounding of float32
 FLAT_M = 0.03  # what is flatter is a rug or a mat: anything may stand on it
 OPEN_M = 1.5  # free height above a surface that nothing encloses
+MAX_TOUCHING = 2000  # pairs whose outlines overlap, some ms each; a furnished home has 20
 DOORWAY_M = 0.3  # from the middle of the wall, to both sides, a doorway must be clear
 
 Points = npt.NDArray[np.float64]
@@ -37,6 +38,11 @@ def of_things(scene: Scene) -> Iterator[tuple[Thing, str]]:
     )
     touching = np.triu(((np.minimum(highs[:, None], highs) - np.maximum(lows[:, None], lows)) > SLACK_M).all(2), 1)
     ordered = list(solids.values())
+    if touching.sum() > MAX_TOUCHING:
+        beside = touching.sum(0) + touching.sum(1)
+        crowded = ordered[int(beside.argmax())].thing
+        yield crowded, f"this {crowded.type} at {_at(crowded)} and {beside.max()} more things are in one place"
+        return
     for i, j in np.argwhere(touching).tolist():
         a, b = ordered[i], ordered[j]
         if not _may_share(a, b) and a.overlaps(b):

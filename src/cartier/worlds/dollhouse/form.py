@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
@@ -13,6 +14,7 @@ from cartier.strict_yaml import Path, YamlFault, read_yaml
 
 MAX_BYTES = 1 << 20
 MAX_FAULTS = 50
+MAX_THINGS = 2000  # with those that stand on others
 Side = Literal["north", "south", "east", "west"]
 DIRECTIONS = {"south": 0.0, "east": math.pi / 2, "north": math.pi, "west": -math.pi / 2}
 """Yaws of things that face a direction; among things on others, directions in the parent's frame (south = its front)."""
@@ -103,7 +105,7 @@ class ThingForm(_Form):
     room: Name | None = None
     wall: Side | None = None
     height: Annotated[float, Field(ge=0, le=10)] | None = None
-    things: tuple[ThingForm, ...] = ()
+    things: Annotated[tuple[ThingForm, ...], Field(max_length=MAX_THINGS)] = ()
 
     @field_validator("face")
     @classmethod
@@ -131,7 +133,7 @@ class HomeForm(_Form):
     doors: Annotated[tuple[DoorForm, ...], Field(max_length=200)] = ()
     windows: Annotated[tuple[WindowForm, ...], Field(max_length=200)] = ()
     front_door: FrontDoorForm | None = None
-    things: Annotated[tuple[ThingForm, ...], Field(max_length=2000)] = ()
+    things: Annotated[tuple[ThingForm, ...], Field(max_length=MAX_THINGS)] = ()
 
 
 def direction(word: str) -> float | None:
@@ -163,11 +165,18 @@ def read(text: str) -> Read:
         data, lines = read_yaml(text)
         if not isinstance(data, dict):
             raise YamlFault(1, "a home file holds `name: …`, `start: …`, `rooms: …` and `things: …`")
-        return Read(HomeForm.model_validate(data), (), lines)
+        form = HomeForm.model_validate(data)
+        if _count(form.things) > MAX_THINGS:
+            raise YamlFault(1, f"a home holds {MAX_THINGS} things at most, got {_count(form.things)}")
+        return Read(form, (), lines)
     except YamlFault as error:
         return Read(None, (Fault(error.line, str(error)),), lines)
     except ValidationError as error:
         return Read(None, tuple(_explained(error, Read(None, (), lines))), lines)
+
+
+def _count(things: Sequence[ThingForm]) -> int:
+    return sum(1 + _count(thing.things) for thing in things)
 
 
 def _explained(error: ValidationError, read: Read) -> list[Fault]:

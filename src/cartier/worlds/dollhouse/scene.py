@@ -11,6 +11,7 @@ from importlib import resources
 from pathlib import Path
 
 from cartier.errors import InputError
+from cartier.files import read_text
 from cartier.worlds.dollhouse import clashes
 from cartier.worlds.dollhouse.builder import Builder
 from cartier.worlds.dollhouse.form import MAX_BYTES, Fault, read
@@ -62,18 +63,7 @@ def load_home(name: str) -> Scene:
 def _text(source: Path | str) -> tuple[str, str]:
     if isinstance(source, str) and "\n" in source:
         return source, "home"
-    path = Path(source)
-    try:
-        with path.open("rb") as file:
-            raw = file.read(MAX_BYTES + 1)
-    except OSError as error:
-        raise InputError(f"cannot read the home file {path}: {error.strerror}") from None
-    if len(raw) > MAX_BYTES:
-        raise InputError(f"{path}: a home file may have {MAX_BYTES >> 20} MiB at most")
-    try:
-        return raw.decode("utf-8"), str(path)
-    except UnicodeDecodeError:
-        raise InputError(f"{path}: a home file must be UTF-8 text") from None
+    return read_text(Path(source), MAX_BYTES), str(source)
 
 
 def _sound(text: str, file: str) -> Scene:
