@@ -175,6 +175,17 @@ def leap(first: int, last: int, way_m: float) -> Callable[[np.ndarray, int], np.
     return change
 
 
+def in_units(per_metre: float) -> Callable[[np.ndarray, int], np.ndarray]:
+    """Positions in another unit than metres."""
+
+    def change(pose: np.ndarray, _: int) -> np.ndarray:
+        there = pose.copy()
+        there[:3, 3] *= per_metre
+        return there
+
+    return change
+
+
 def bad_rotation(pose: np.ndarray, i: int) -> np.ndarray:
     there = pose.copy()
     if i % 7 == 3:
@@ -199,6 +210,8 @@ INJECTED: dict[str, tuple[str, Callable[[Recording], Recording]]] = {
     "mirrored y": ("left_handed", posed(lambda p, i: axes(1, -1, 1) @ p @ axes(-1, 1, 1))),
     "unity": ("left_handed", posed(lambda p, i: UNITY @ p @ axes(1, -1, 1))),
     "determinant -1": ("left_handed", posed(lambda p, i: axes(1, -1, 1) @ p)),
+    "poses in mm": ("pose_scale", posed(in_units(1000))),
+    "poses in cm": ("pose_scale", posed(in_units(100))),
     "depth x 1000": ("depth_scale", deep(lambda d, i: d * np.float32(1000))),
     "depth / 1000": ("depth_scale", deep(lambda d, i: d / np.float32(1000))),
     "depth x 5": ("depth_scale", deep(lambda d, i: d * np.float32(5))),
