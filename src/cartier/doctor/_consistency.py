@@ -17,8 +17,9 @@ from cartier.types import Array, Camera
 
 PER_PAIR, LEAST_SEEN = 300, 20  # pixels of a pair that are compared, and those that a judgement needs
 MOST_BLOCKS, LEAST_BLOCK, ANCHORS = 8, 10, 80
-NEAR_FRAMES, CHANGED, COARSE, TIMES_AS_FAR = 60, 0.5, 6, (1, 2, 4)
-FEWEST_PAIRS = 5
+NEAR_FRAMES, CHANGED, COARSE = 60, 0.5, 6
+PARTNERS, TIMES_AS_FAR, MOST_TURN_DEG = 3, 8, 45.0
+FEWEST_PAIRS = 4
 CAP = 0.06  # of the distance: beyond, two depths do not agree at all
 TOLD_APART, FEWEST_SHARE, ONE_SIDED = 0.05, 0.1, 2
 AGREED, AGREED_SHARE = 0.5, 0.9
@@ -119,8 +120,8 @@ class Verdict:
 
     @property
     def score(self) -> float:
-        """The mean agreement (0 to 1) of the pairs that see the same; 0 if they are too few."""
-        return float(np.nanmean(self.agreed)) if self.seen >= FEWEST_PAIRS else 0.0
+        """The mean agreement (0 to 1) of the pairs that see the same; 0 if there is none."""
+        return float(np.nanmean(self.agreed)) if self.seen else 0.0
 
     @property
     def fit(self) -> float:
@@ -159,9 +160,10 @@ def much_better(new: Verdict, old: Verdict) -> bool:
 def near_pairs(samples: Samples) -> tuple[Numbers, Numbers]:
     """Pairs (P, 2) of frames near in time, both ways round: those that choose a reading, and those that test the choice.
 
-    No frame is in both: every other stretch of the recording chooses. A frame is paired with the first later one whose
-    depth image looks different, and with some that lie a few times as far. That needs no pose, so no reading picks pairs that
-    flatter it; and frames far apart, whose points mostly hide each other, decide nothing.
+    No frame is in both: every other stretch of the recording chooses. A frame is paired with the first later ones whose depth
+    image looks different, up to a few times as far away, and that are turned little. How far two cameras are turned is the
+    same in nearly every reading, so none picks pairs that flatter it; and frames far apart, whose points mostly hide each
+    other, decide nothing.
     """
     blocks = int(np.clip(len(samples) // LEAST_BLOCK, 2, MOST_BLOCKS))
     found = [
@@ -176,6 +178,7 @@ def _pairs_within(samples: Samples, usable: Numbers, most: int) -> Numbers:
     if len(usable) < 2:
         return np.empty((0, 2), np.int64)
     coarse = samples.depth_m[usable, ::COARSE, ::COARSE].reshape(len(usable), -1)
+    turns = np.swapaxes(samples.poses[usable, :3, :3], 1, 2)
     anchors = np.unique(np.linspace(0, len(usable) - 1, most).round().astype(int))
     found: list[tuple[int, int]] = []
     for i in anchors.tolist():
@@ -186,8 +189,10 @@ def _pairs_within(samples: Samples, usable: Numbers, most: int) -> Numbers:
             other = (np.abs(coarse[later] - coarse[i]) > CAP * coarse[i]) & both
         changed = np.flatnonzero(other.sum(axis=1) > CHANGED * np.maximum(both.sum(axis=1), 1))
         if len(changed):
-            steps = [times * (int(changed[0]) + 1) for times in TIMES_AS_FAR]
-            found += [(i, int(later[step - 1])) for step in steps if step <= len(later)]
+            step = int(changed[0]) + 1
+            there = later[step - 1 : TIMES_AS_FAR * step : step]
+            little = turns_deg(turns[there] @ samples.poses[usable[i], :3, :3]) < MOST_TURN_DEG
+            found += [(i, int(j)) for j in there[little][:PARTNERS]]
     pairs = usable[np.array(found, dtype=np.int64).reshape(-1, 2)]
     return np.concatenate([pairs, pairs[:, ::-1]])
 

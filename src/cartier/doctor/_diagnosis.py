@@ -66,7 +66,10 @@ def diagnose(samples: Samples, level: np.ndarray[tuple[int, ...], np.dtype[np.fl
     while len(faults) < MOST_FAULTS and (found := _best(samples, reading, choosing)):
         better, now = (weigh(samples, r, testing) for r in (found[-1].reading, reading))
         if not much_better(better, now):
-            doubts += [f"{h.words}? --fix leaves it, for frames that did not suggest it deny it: {_evidence(better, now)}" for h in found]
+            doubts += [
+                f"{h.words}? --fix leaves it, for frames that did not suggest it deny it: {_evidence(better, now)}"
+                for h in found
+            ]
             break
         faults += [Fault(h.fault, f"{h.words}: {_evidence(better, now)}", h.mend) for h in found]
         reading = found[-1].reading
