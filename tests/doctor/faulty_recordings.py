@@ -1,4 +1,4 @@
-"""Recordings with one fault put in, and the AI2-THOR frames of ../shared: what the doctor is tried on."""
+"""What the doctor is tried on: robots' walks through built-in homes, recordings with one fault put in, AI2-THOR frames of ../shared."""
 
 from __future__ import annotations
 
@@ -15,6 +15,12 @@ from scipy.ndimage import gaussian_filter
 from cartier.contracts import Recording
 from cartier.types import Camera, Frame, TrueObject, frame_number
 from cartier.worlds import _unity
+from cartier.worlds.dollhouse.explore import explore
+from cartier.worlds.dollhouse.recording import EYE_M, DollhouseRecording, look, pinhole
+from cartier.worlds.dollhouse.scene import load_home
+from cartier.worlds.dollhouse.sensor import Sensor
+
+LEVEL_BELOW_M = 0.5  # a camera as low as that looks straight ahead, as a vacuum robot's does
 
 Change = Callable[[Frame, Recording], Frame]
 
@@ -50,6 +56,21 @@ class Thor:
 
     def fingerprint(self) -> str:
         return hashlib.sha256(json.dumps(self.frames).encode()).hexdigest()
+
+
+class Walk:
+    """A robot's walk through a built-in home, to be seen by a camera at any height."""
+
+    def __init__(self, home: str, seed: int = 0, width: int = 160, max_frames: int = 800) -> None:
+        self.seed, self.scene, self.camera = seed, load_home(home), pinhole(width, width * 3 // 4)
+        self.way = explore(self.scene, self.camera, seed=seed, max_frames=max_frames)
+
+    def seen(self, eye_m: float = EYE_M, sensor: bool = False) -> Kept:
+        poses = self.way.poses.copy()
+        poses[:, 2, 3] = eye_m
+        if eye_m < LEVEL_BELOW_M:
+            poses = np.array([look((x, y), yaw, 0.0, eye_m) for x, y, yaw in self.way.track])
+        return Kept(DollhouseRecording(self.scene, self.camera, poses, Sensor(self.seed) if sensor else None))
 
 
 class Faulty:
@@ -99,6 +120,14 @@ class Kept:
 
     def fingerprint(self) -> str:
         return self._fingerprint
+
+
+def joined(*walks: Recording) -> Kept:
+    """Several walks as one recording, one after the other."""
+    whole = Kept(walks[0])
+    whole.frames = [frame for walk in walks for frame in Kept(walk).frames]
+    whole.frames = [replace(frame, index=i, time_s=float(i)) for i, frame in enumerate(whole.frames)]
+    return whole
 
 
 def posed(change: Callable[[np.ndarray, int], np.ndarray]) -> Callable[[Recording], Recording]:
@@ -175,6 +204,17 @@ def leap(first: int, last: int, way_m: float) -> Callable[[np.ndarray, int], np.
     return change
 
 
+def in_units(per_metre: float) -> Callable[[np.ndarray, int], np.ndarray]:
+    """Positions in another unit than metres."""
+
+    def change(pose: np.ndarray, _: int) -> np.ndarray:
+        there = pose.copy()
+        there[:3, 3] *= per_metre
+        return there
+
+    return change
+
+
 def bad_rotation(pose: np.ndarray, i: int) -> np.ndarray:
     there = pose.copy()
     if i % 7 == 3:
@@ -199,6 +239,8 @@ INJECTED: dict[str, tuple[str, Callable[[Recording], Recording]]] = {
     "mirrored y": ("left_handed", posed(lambda p, i: axes(1, -1, 1) @ p @ axes(-1, 1, 1))),
     "unity": ("left_handed", posed(lambda p, i: UNITY @ p @ axes(1, -1, 1))),
     "determinant -1": ("left_handed", posed(lambda p, i: axes(1, -1, 1) @ p)),
+    "poses in mm": ("pose_scale", posed(in_units(1000))),
+    "poses in cm": ("pose_scale", posed(in_units(100))),
     "depth x 1000": ("depth_scale", deep(lambda d, i: d * np.float32(1000))),
     "depth / 1000": ("depth_scale", deep(lambda d, i: d / np.float32(1000))),
     "depth x 5": ("depth_scale", deep(lambda d, i: d * np.float32(5))),

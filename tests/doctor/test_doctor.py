@@ -20,7 +20,7 @@ from cartier.recordings.folder import save
 from cartier.types import check_pose
 
 ONE_OF_EACH = [
-    "inverted", "opengl", "mirrored y", "depth x 1000", "depth 24 px right", "intrinsics x 2", "late by 1", "black depth",
+    "inverted", "opengl", "mirrored y", "poses in mm", "depth x 1000", "depth 24 px right", "intrinsics x 2", "late by 1", "black depth",
     "scaled rotations", "tilted 12 degrees", "jump of one frame", "blurred", "5 frames",
 ]  # fmt: skip
 UNMENDABLE = {"black depth", "blurred", "5 frames"}

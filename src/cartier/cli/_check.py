@@ -65,7 +65,9 @@ def doctor(
     if as_json:
         print(json.dumps(report.to_dict(), ensure_ascii=False))
     else:
-        print(f"{report.name}: {'sound' if report.ok else f'{len(report.faults)} faults'}")
+        count = len(report.faults)
+        found = f"{count} fault{'s' if count > 1 else ''}" if count else "sound" if report.ok else "contradicts itself"
+        print(f"{report.name}: {found}")
         for fault in report.faults:
             print(f"  {fault.fault}\n    seen  {fault.evidence}\n    mend  {fault.mend}")
         for note in report.notes:

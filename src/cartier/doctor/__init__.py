@@ -16,7 +16,7 @@ import numpy.typing as npt
 from cartier import plugins
 from cartier.contracts import Recording
 from cartier.doctor import _checks
-from cartier.doctor._consistency import judge
+from cartier.doctor._consistency import FEWEST_PAIRS, Numbers, Verdict, judge
 from cartier.doctor._diagnosis import Diagnosis, diagnose, small_camera
 from cartier.doctor._edges import Registration, zoomed
 from cartier.doctor._exhibit import exhibit
@@ -27,6 +27,7 @@ from cartier.doctor._readings import SWAP_YZ, Reading
 from cartier.doctor._report import FAULTS, Cure, Fault, Report
 from cartier.doctor._sampling import Samples, is_mirror_fault, is_pose_fault, sample
 from cartier.errors import InputError
+from cartier.types import Camera
 
 __all__ = ["FAULTS", "Fault", "Report", "draw_report", "examine", "mend", "open_for_doctor"]
 
@@ -69,21 +70,22 @@ def examine(recording: Recording, progress: Progress | None = None) -> Report:
     no_depth, without = _checks.empty_depth(samples)
     samples = _checks.without_depth(samples, without) if without else samples
     blur, unsharp = _checks.blurred(samples)
-    faults += [f for f in (no_depth, blur, _checks.few_views(samples)) if f is not None]
+    few = _checks.few_views(samples)
+    faults += [f for f in (no_depth, blur, few) if f is not None]
     level = np.asarray(getattr(recording, "level_from_world", np.eye(4)), dtype=np.float64)
     diagnosis = diagnose(samples, level)
     faults += diagnosis.faults
-    registration, depth_camera = _register(samples, diagnosis, faults)
-    if registration is not None and _as_published(registration, recording):
-        found = next(f for f in faults if f.fault == "depth_not_registered")
-        faults.remove(found)
-        notes.append(f"as this data set is published: {found.evidence}; --fix moves it")
-    kept, strays = _jump(samples, diagnosis.reading, faults)
-    reading, upright = _level(samples, diagnosis, faults, level)
-    if not diagnosis.consistent and samples.has_depth:
-        notes.append(_undecided(diagnosis))
+    cure = Cure(diagnosis.reading)
+    if few is None:
+        cure = _register(samples, diagnosis, recording, faults, notes)
+    registered = samples if cure.registration is None else _registered(samples, cure.registration)
+    kept, strays = _jump(registered, cure, faults)
+    reading, upright = _level(registered, diagnosis, cure, faults)
+    notes += diagnosis.doubts
+    if not diagnosis.mended.consistent and samples.has_depth:
+        notes.append(_undecided(diagnosis.mended))
     left_out |= without | strays | (unsharp if len(unsharp) <= len(samples) // 2 else frozenset())
-    cure = Cure(reading, upright, registration, depth_camera, left_out, kept)
+    cure = replace(cure, reading=reading, level=upright, left_out=left_out, kept=kept)
     ordered = tuple(sorted(faults, key=lambda f: FAULTS.index(f.fault)))
     shown, doubt = exhibit(samples, diagnosis), diagnosis.contradictory
     return Report(recording.name, len(recording), ordered, tuple(notes), cure, shown, doubt)
@@ -96,30 +98,44 @@ def mend(recording: Recording, report: Report) -> Recording:
     """
     if report.cure is None or not report.cure.changes():
         names = ", ".join(f.fault for f in report.faults)
-        raise InputError(
-            f"{recording.name}: nothing to mend"
-            + (f" by a program ({names}): {report.faults[0].mend}" if names else "")
-        )
+        why = [f"not by a program ({names}): {report.faults[0].mend}"] if names else report.notes[1:]
+        raise InputError(f"{recording.name}: nothing to mend; {'; '.join(why) or 'it is sound'}")
     return Mended(recording, report.cure, [f"mended by cartier doctor: {f.fault} ({f.mend})" for f in report.faults])
 
 
-def _register(samples: Samples, diagnosis: Diagnosis, faults: list[Fault]) -> tuple[Registration | None, bool]:
-    """Where the depth must go, and whether the intrinsics must go with it; adds the fault."""
-    found = _checks.unregistered(samples)
+def _register(
+    samples: Samples, diagnosis: Diagnosis, recording: Recording, faults: list[Fault], notes: list[str]
+) -> Cure:
+    """The cure so far, with where the depth must go, and whether the intrinsics go with it; adds the fault or a note."""
+    cure = Cure(diagnosis.reading)
+    found = _checks.unregistered(samples, notes)
     if found is None:
-        return None, False
+        return cure
     fault, registration = found
-    faults.append(fault)
-    reading = diagnosis.reading
-    moved = np.array([zoomed(d, registration.zoom, registration.dx, registration.dy) for d in samples.depth_m])
-    there = replace(samples, depth_m=moved.reshape(samples.depth_m.shape).astype(np.float32))
-    poses = reading.shifted(samples.poses, samples.index)
-    scores = []
-    for depth_camera in (False, True):
-        cure = Cure(reading, registration=registration, depth_camera=depth_camera)
-        camera = small_camera(samples, mended_camera(samples.camera, cure))
-        scores.append(judge(there, poses, reading.depth_scale, camera).score)
-    return registration, scores[1] > scores[0]
+    if _as_published(registration, recording):
+        notes.append(f"as this data set is published: {fault.evidence}; --fix moves it")
+    else:
+        faults.append(fault)
+    there = _registered(samples, registration)
+    poses = cure.reading.shifted(samples.poses, samples.index)
+
+    def score(depth_camera: bool, pairs: Numbers) -> float:
+        small = _small(samples, replace(cure, registration=registration, depth_camera=depth_camera))
+        return judge(there, poses, cure.reading.depth_scale, small, pairs).score
+
+    depth_camera = all(score(True, pairs) > score(False, pairs) for pairs in (diagnosis.choosing, diagnosis.testing))
+    return replace(cure, registration=registration, depth_camera=depth_camera)
+
+
+def _registered(samples: Samples, moved: Registration) -> Samples:
+    """The samples with their depth moved onto the colour."""
+    depth_m = [zoomed(depth, moved.zoom, moved.dx, moved.dy) for depth in samples.depth_m]
+    return replace(samples, depth_m=np.array(depth_m, np.float32).reshape(samples.depth_m.shape))
+
+
+def _small(samples: Samples, cure: Cure) -> Camera:
+    """The camera of the small images once the recording is mended."""
+    return small_camera(samples, mended_camera(samples.camera, cure))
 
 
 def _as_published(found: Registration, recording: Recording) -> bool:
@@ -134,11 +150,10 @@ def _as_published(found: Registration, recording: Recording) -> bool:
     )
 
 
-def _jump(samples: Samples, reading: Reading, faults: list[Fault]) -> tuple[tuple[int, int] | None, frozenset[int]]:
+def _jump(samples: Samples, cure: Cure, faults: list[Fault]) -> tuple[tuple[int, int] | None, frozenset[int]]:
     """The longest piece without a jump, as first and last frame, and single frames that stand elsewhere; adds the fault."""
-    poses = reading.shifted(samples.poses, samples.index)
-    small = small_camera(samples, reading.camera(samples.camera))
-    found = jumps(samples, poses, reading.depth_scale, small) if samples.has_depth else []
+    poses = cure.reading.shifted(samples.poses, samples.index)
+    found = jumps(samples, poses, cure.reading.depth_scale, _small(samples, cure)) if samples.has_depth else []
     fault = _checks.leaps(found)
     if fault is None:
         return None, frozenset()
@@ -154,16 +169,16 @@ def _longest_piece(found: list[Jump], length: int) -> tuple[int, int]:
 
 
 def _level(
-    samples: Samples, diagnosis: Diagnosis, faults: list[Fault], level: npt.NDArray[np.float64]
+    samples: Samples, diagnosis: Diagnosis, cure: Cure, faults: list[Fault]
 ) -> tuple[Reading, npt.NDArray[np.float64] | None]:
     """The reading with the best of the mirrors, and what levels its world; adds the fault where nothing else explains it."""
     reading = diagnosis.reading
     options = [reading]
     if any(f.fault == "left_handed" for f in diagnosis.faults) and reading.before is not None:
         options.append(replace(reading, before=SWAP_YZ))
-    if samples.has_depth and not diagnosis.consistent:
+    if samples.has_depth and not diagnosis.mended.consistent:
         return reading, None
-    small = small_camera(samples, reading.camera(samples.camera))
+    small = _small(samples, cure)
     tilts = [
         (option, _checks.tilt(samples, option.shifted(samples.poses, samples.index), option.depth_scale, small))
         for option in options
@@ -180,11 +195,10 @@ def _level(
     return best, tilt.level
 
 
-def _undecided(diagnosis: Diagnosis) -> str:
-    verdict = diagnosis.mended
-    if not diagnosis.contradictory:
-        return "too few frames share a view by their poses, so poses, scale and intrinsics could not be judged"
+def _undecided(verdict: Verdict) -> str:
+    if verdict.seen < FEWEST_PAIRS:
+        return "too few frames near in time see the same by their poses, so poses, scale and intrinsics could not be judged"
     return (
-        f"overlapping frames disagree by {verdict.off_m:.2f} m and no reading of the numbers mends it: "
-        "were depth, images and poses recorded by the same camera at the same time?"
+        f"{verdict.disagreeing} of {verdict.seen} pairs of frames that see the same disagree about its depth, and no reading "
+        "of the numbers mends it: were depth, images and poses recorded by the same camera at the same time?"
     )

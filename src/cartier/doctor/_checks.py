@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cartier.doctor._consistency import turns_deg
-from cartier.doctor._edges import Registration, registration
+from cartier.doctor._edges import Registration, fits, registration
 from cartier.doctor._jumps import Jump
 from cartier.doctor._report import Fault
 from cartier.doctor._sampling import Samples, is_mirror_fault
@@ -158,19 +158,23 @@ def tilt(samples: Samples, poses: Array, scale: float, small: Camera) -> Tilt | 
     return Tilt(degrees, found.floor_m, "the cameras alone" in up_note, seen, found.level_from_world)
 
 
-def unregistered(samples: Samples) -> tuple[Fault, Registration] | None:
-    """Depth whose edges lie beside those of the colour."""
-    found = registration(samples.fine)
+def unregistered(samples: Samples, doubts: list[str]) -> tuple[Fault, Registration] | None:
+    """Depth whose edges lie beside those of the colour. Every other image chooses where it must go, the rest test it."""
+    chosen, others = samples.fine[::2], samples.fine[1::2]
+    found = registration(chosen)
     if found is None or found.corner_shift() < SHIFTED:
         return None
     if found.fit < OVER_NOISE * found.noise or found.fit < CLEARER * found.fit_as_given:
         return None
+    fit, fit_as_given = fits(others, found) if others else (0.0, 0.0)
     width = samples.camera.width
     evidence = (
         f"the edges of the depth lie on those of the colour if it is zoomed by {found.zoom:.2f} and moved by "
-        f"({found.dx * width:+.0f}, {found.dy * width:+.0f}) px: correlation {found.fit:.2f} there, "
-        f"{found.fit_as_given:.2f} as given"
+        f"({found.dx * width:+.0f}, {found.dy * width:+.0f}) px: correlation {fit:.2f} there, {fit_as_given:.2f} as given"
     )
+    if fit < OVER_NOISE * found.noise or fit < CLEARER * fit_as_given:
+        doubts.append(f"depth_not_registered? --fix leaves it, for frames that did not suggest it deny it: {evidence}")
+        return None
     mend = "record depth registered (aligned) to colour, or warp it so; --fix zooms and moves it"
     return Fault("depth_not_registered", evidence, mend), found
 

@@ -1,7 +1,8 @@
-"""The doctor's tool: do two overlapping frames agree when the depth of one is carried into the other?
+"""The doctor's tool: do two frames that see the same agree when the depth of one is carried into the other?
 
-Every pixel sample of frame a is back-projected, moved into frame b and compared with b's depth there. What is moved is
-``b_from_a``, so any reading of the poses, the depth's unit or the intrinsics can be tried on the same pixels.
+Every pixel sample of frame a is back-projected, moved into frame b and compared with b's depth there. A point that comes to
+lie behind what b sees is hidden, by a wall or a box, and says nothing; one that comes to lie before it contradicts. What is
+moved is ``b_from_a``, so any reading of the poses, the depth's unit or the intrinsics can be tried on the same pixels.
 """
 
 from __future__ import annotations
@@ -14,22 +15,29 @@ import numpy.typing as npt
 from cartier.doctor._sampling import Samples
 from cartier.types import Array, Camera
 
-PER_PAIR, LOOK = 600, 50  # pixels of a pair that are compared, and that tell whether it overlaps at all
-SPREAD, MOST_PAIRS, FEWEST_PAIRS = 36, 80, 5
+PER_PAIR, LEAST_SEEN = 300, 20  # pixels of a pair that are compared, and those that a judgement needs
+MOST_BLOCKS, LEAST_BLOCK, ANCHORS = 8, 10, 80
+NEAR_FRAMES, CHANGED, COARSE = 60, 0.5, 6
+PARTNERS, TIMES_AS_FAR, MOST_TURN_DEG = 3, 8, 45.0
+FEWEST_PAIRS = 4
 CAP = 0.06  # of the distance: beyond, two depths do not agree at all
+TOLD_APART, FEWEST_SHARE, ONE_SIDED = 0.05, 0.1, 2
+AGREED, AGREED_SHARE = 0.5, 0.9
 Floats64 = npt.NDArray[np.float64]
+Numbers = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
 class Agreement:
-    """How well P pairs agree: ``score`` (P,) from 0 to 1, and ``off_m``, the median depth difference where both see.
+    """How well P pairs agree. ``met`` (P,) is the share of a's readings that meet b's depth, from 0 to 1.
 
-    ``landed`` (P,) is the share of the pixels that fall into the other image. A pair without any reading has NaN.
+    ``agreed`` (P,) is that share of those alone which b could see. NaN where too few readings tell. ``off_m`` is the median
+    depth difference where b could see.
     """
 
-    score: Floats64
+    met: Floats64
+    agreed: Floats64
     off_m: float
-    landed: Floats64
 
 
 class Pairs:
@@ -47,28 +55,37 @@ class Pairs:
     def __len__(self) -> int:
         return len(self.pairs)
 
-    def shares(self, b_from_a: Array, scale: float, small: Camera) -> Floats64:
-        """The share (P,) of a's readings that fall into b's image."""
-        inside = self._carry(b_from_a, scale, small)[3]
-        read = np.isfinite(self._z).sum(axis=1)
-        return np.asarray(inside.sum(axis=1) / np.maximum(read, 1), dtype=np.float64)
-
     def agreement(self, b_from_a: Array, scale: float = 1.0, small: Camera | None = None) -> Agreement:
         """The agreement of (P, 4, 4) motions, with the depth times ``scale``, seen by the small camera or another one."""
         camera = small or self.samples.small
         moved, u, v, inside = self._carry(b_from_a, scale, camera)
         there = self.samples.depth_m[self.pairs[:, 1:], v, u] * np.float32(scale)
         with np.errstate(invalid="ignore", divide="ignore"):
-            off = np.abs(moved - there)
-            fits = np.where(inside, 1 - off / (CAP * moved), 0)
-        seen = np.isfinite(self._z) & ~(inside & np.isnan(there))
-        fits = np.clip(np.nan_to_num(fits), 0, 1)
-        count = seen.sum(axis=1)
-        both = seen & inside
-        enough = count >= 30
-        score = np.where(enough, (fits * seen).sum(axis=1) / np.maximum(count, 1), np.nan)
-        off_m = float(np.median(off[both])) if both.any() else float("nan")
-        return Agreement(score, off_m, np.where(enough, both.sum(axis=1) / np.maximum(count, 1), np.nan))
+            behind = np.where(inside, moved - there, 0)
+            meets = np.clip(np.nan_to_num(1 - np.abs(behind) / (CAP * moved)), 0, 1) * inside
+        read = np.isfinite(self._z) & ~(inside & np.isnan(there))
+        both = read & inside
+        met = (meets * both).sum(axis=1)
+        before = ((1 - meets) * (both & (behind < 0))).sum(axis=1)
+        count = np.where(np.isfinite(b_from_a).all(axis=(1, 2)), read.sum(axis=1), 0)
+        visible = both & ((behind < 0) | (meets > 0))
+        return Agreement(
+            np.where(count >= LEAST_SEEN, met / np.maximum(count, 1), np.nan),
+            np.where(met + before >= LEAST_SEEN, met / np.maximum(met + before, 1), np.nan),
+            float(np.median(np.abs(behind[visible]))) if visible.any() else float("nan"),
+        )
+
+    def alike(self, b_from_a: Array, scale: float, small: Camera) -> Floats64:
+        """The correlation (P,) of a's brightness with b's where a's points fall; NaN where too few do."""
+        _, u, v, inside = self._carry(b_from_a, scale, small)
+        grey = self.samples.grey
+        a = np.where(inside, grey[self.pairs[:, :1], self._rows, self._cols], 0)
+        b = np.where(inside, grey[self.pairs[:, 1:], v, u], 0)
+        count = np.maximum(inside.sum(axis=1, keepdims=True), 1)
+        a, b = (np.where(inside, x - x.sum(axis=1, keepdims=True) / count, 0) for x in (a, b))
+        norm = np.sqrt((a * a).sum(axis=1) * (b * b).sum(axis=1))
+        told = (count[:, 0] >= LEAST_SEEN) & (norm > 1e-6)
+        return np.asarray(np.where(told, (a * b).sum(axis=1) / np.maximum(norm, 1e-6), np.nan), dtype=np.float64)
 
     def _carry(self, b_from_a: Array, scale: float, camera: Camera) -> tuple[Array, Array, Array, Array]:
         """z in b (P, n), the pixel there, and whether it lies in the image."""
@@ -89,45 +106,95 @@ class Pairs:
 
 @dataclass(frozen=True, eq=False)
 class Verdict:
-    """How well a reading makes frames agree: the mean ``score`` (0 to 1) of ``pairs`` (P, 2), and the median ``off_m``."""
+    """How well one reading makes ``pairs`` (P, 2) agree: ``met`` (P,), ``agreed`` (P,) and ``off_m`` as in Agreement."""
 
-    score: float
+    met: Floats64
+    agreed: Floats64
     off_m: float
-    pairs: npt.NDArray[np.int64]
+    pairs: Numbers
+
+    @property
+    def seen(self) -> int:
+        """How many of the pairs see the same in this reading."""
+        return int(np.isfinite(self.agreed).sum())
+
+    @property
+    def score(self) -> float:
+        """The mean agreement (0 to 1) of the pairs that see the same; 0 if there is none."""
+        return float(np.nanmean(self.agreed)) if self.seen else 0.0
+
+    @property
+    def fit(self) -> float:
+        """What readings are ranked by: the mean share of readings that meet, whether the pairs see the same or not."""
+        known = self.met[np.isfinite(self.met)]
+        return float(known.mean()) if known.size else 0.0
+
+    @property
+    def disagreeing(self) -> int:
+        """How many of the pairs that see the same disagree."""
+        return int((self.agreed < AGREED).sum())
+
+    @property
+    def consistent(self) -> bool:
+        """Whether nearly all pairs that see the same agree."""
+        return self.seen >= FEWEST_PAIRS and self.disagreeing <= (1 - AGREED_SHARE) * self.seen
 
 
-def judge(samples: Samples, poses: Array, scale: float, small: Camera) -> Verdict:
-    """Let pairs that overlap in this reading of poses (M, 4, 4; NaN = none), depth and camera vote on it.
-
-    Each reading chooses its own pairs: a wrong one may bring other frames together, but they will not agree.
-    """
-    pairs = overlapping(samples, poses, scale, small)
-    if len(pairs) < FEWEST_PAIRS:
-        return Verdict(0.0, float("nan"), pairs)
-    found = Pairs(samples, pairs).agreement(motions(poses, pairs), scale, small)
-    there = found.landed > 0.1
-    score = float(np.mean(found.score[there] / found.landed[there])) if there.sum() >= FEWEST_PAIRS else 0.0
-    return Verdict(score, found.off_m, pairs)
-
-
-def overlapping(samples: Samples, poses: Array, scale: float, small: Camera) -> npt.NDArray[np.int64]:
-    """Pairs (P, 2) of frames that share a view, those first that turn and move most in between: they tell most."""
-    usable = np.flatnonzero(np.isfinite(poses[:, 0, 0]) & (samples.read > 0.05))
-    usable = usable[np.unique(np.linspace(0, len(usable) - 1, SPREAD).round().astype(int))] if len(usable) else usable
-    a, b = (grid.ravel() for grid in np.meshgrid(usable, usable, indexing="ij"))
-    pairs: npt.NDArray[np.int64] = np.stack([a, b], axis=1)[a != b].astype(np.int64)
+def judge(samples: Samples, poses: Array, scale: float, small: Camera, pairs: Numbers) -> Verdict:
+    """What pairs (P, 2) say to a reading of the poses (M, 4, 4; NaN = none), the depth and the camera."""
     if not len(pairs):
-        return pairs
-    motion = motions(poses, pairs)
-    turn, way = turns_deg(motion), np.linalg.norm(motion[:, :3, 3], axis=1)
-    share = Pairs(samples, pairs, LOOK).shares(motion, scale, small)
-    shared = (share > 0.2) & ((turn > 2) | (way > 0.02))
-    pairs, turn, way, share = pairs[shared], turn[shared], way[shared], share[shared]
-    far = np.minimum(way / max(float(np.median(way)), 1e-9), 1) if len(way) else way
-    apart = np.abs(samples.index[pairs[:, 0]] - samples.index[pairs[:, 1]]) / samples.length
-    worth = share + np.minimum(turn / 40, 1) + far / 2 - apart / 2
-    best: npt.NDArray[np.int64] = pairs[np.argsort(-worth, kind="stable")[:MOST_PAIRS]]
-    return best
+        return Verdict(np.empty(0), np.empty(0), float("nan"), pairs)
+    found = Pairs(samples, pairs).agreement(motions(poses, pairs), scale, small)
+    return Verdict(found.met, found.agreed, found.off_m, pairs)
+
+
+def much_better(new: Verdict, old: Verdict) -> bool:
+    """Whether a reading makes the same pairs agree much better than another: nearly all that tell the two apart say so."""
+    known = np.isfinite(new.met) & np.isfinite(old.met)
+    gain = new.met[known] - old.met[known]
+    won, lost = int((gain > TOLD_APART).sum()), int((gain < -TOLD_APART).sum())
+    enough = won >= max(FEWEST_PAIRS, FEWEST_SHARE * len(gain))
+    return enough and won > ONE_SIDED * lost and new.score >= AGREED
+
+
+def near_pairs(samples: Samples) -> tuple[Numbers, Numbers]:
+    """Pairs (P, 2) of frames near in time, both ways round: those that choose a reading, and those that test the choice.
+
+    No frame is in both: every other stretch of the recording chooses. A frame is paired with the first later ones whose depth
+    image looks different, up to a few times as far away, and that are turned little. How far two cameras are turned is the
+    same in nearly every reading, so none picks pairs that flatter it; and frames far apart, whose points mostly hide each
+    other, decide nothing.
+    """
+    blocks = int(np.clip(len(samples) // LEAST_BLOCK, 2, MOST_BLOCKS))
+    found = [
+        _pairs_within(samples, block[samples.read[block] > 0.05], ANCHORS // blocks)
+        for block in np.array_split(np.arange(len(samples)), blocks)
+    ]
+    return np.concatenate(found[::2]), np.concatenate(found[1::2])
+
+
+def _pairs_within(samples: Samples, usable: Numbers, most: int) -> Numbers:
+    """Pairs (P, 2) of ``most`` frames of a stretch, spread over those that are ``usable``."""
+    if len(usable) < 2:
+        return np.empty((0, 2), np.int64)
+    coarse = samples.depth_m[usable, ::COARSE, ::COARSE].reshape(len(usable), -1)
+    turns = np.swapaxes(samples.poses[usable, :3, :3], 1, 2)
+    anchors = np.unique(np.linspace(0, len(usable) - 1, most).round().astype(int))
+    found: list[tuple[int, int]] = []
+    for i in anchors.tolist():
+        near = np.flatnonzero(samples.index[usable] - samples.index[usable[i]] <= NEAR_FRAMES)
+        later = near[near > i]
+        both = np.isfinite(coarse[i]) & np.isfinite(coarse[later])
+        with np.errstate(invalid="ignore"):
+            other = (np.abs(coarse[later] - coarse[i]) > CAP * coarse[i]) & both
+        changed = np.flatnonzero(other.sum(axis=1) > CHANGED * np.maximum(both.sum(axis=1), 1))
+        if len(changed):
+            step = int(changed[0]) + 1
+            there = later[step - 1 : TIMES_AS_FAR * step : step]
+            little = turns_deg(turns[there] @ samples.poses[usable[i], :3, :3]) < MOST_TURN_DEG
+            found += [(i, int(j)) for j in there[little][:PARTNERS]]
+    pairs = usable[np.array(found, dtype=np.int64).reshape(-1, 2)]
+    return np.concatenate([pairs, pairs[:, ::-1]])
 
 
 def motions(poses: Array, pairs: Array) -> Floats64:

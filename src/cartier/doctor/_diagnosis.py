@@ -6,34 +6,39 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cartier.doctor._consistency import FEWEST_PAIRS, Pairs, Verdict, judge, motions
-from cartier.doctor._readings import Hypothesis, Reading, hypotheses, scale_by, shift_by
+from cartier.doctor._checks import tilt
+from cartier.doctor._consistency import FEWEST_PAIRS, Numbers, Pairs, Verdict, judge, motions, much_better, near_pairs
+from cartier.doctor._readings import Hypothesis, Reading, depth_by, hypotheses, positions_by, shift_by
 from cartier.doctor._report import Fault
 from cartier.doctor._sampling import Samples
 from cartier.types import Camera
 
 MOST_FAULTS = 3
-CONSISTENT, BETTER, BETTER_BY = 0.25, 1.25, 0.04
+SETTLED, TIED, LEAN_DEG = 0.8, 0.005, 30
 SCALE_STEPS = [1 + percent / 100 for percent in range(-16, 19)]
+PLAUSIBLE_M = (0.15, 20.0)  # the median depth of a home
 
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
-    """The ``reading`` that fits best, the faults that it mends, and the verdicts on the recording as given and so read."""
+    """The ``reading`` that fits best, the faults that it mends, and the verdicts on the recording as given and so read.
+
+    ``choosing`` and ``testing`` (P, 2) are the pairs of frames that chose the reading and that tested it. ``doubts`` are
+    changes that those which chose ask for, and the others do not.
+    """
 
     reading: Reading
     faults: tuple[Fault, ...]
+    doubts: tuple[str, ...]
     given: Verdict
     mended: Verdict
-
-    @property
-    def consistent(self) -> bool:
-        return self.mended.score >= CONSISTENT
+    choosing: Numbers
+    testing: Numbers
 
     @property
     def contradictory(self) -> bool:
-        """Whether frames that overlap disagree and no reading mends it."""
-        return not self.consistent and len(self.mended.pairs) >= FEWEST_PAIRS
+        """Whether frames that see the same disagree and no reading mends it."""
+        return not self.mended.consistent and self.mended.seen >= FEWEST_PAIRS
 
 
 def small_camera(samples: Samples, camera: Camera) -> Camera:
@@ -44,95 +49,120 @@ def small_camera(samples: Samples, camera: Camera) -> Camera:
     )
 
 
-def weigh(samples: Samples, reading: Reading) -> Verdict:
-    """How well one reading makes the frames agree."""
+def weigh(samples: Samples, reading: Reading, pairs: Numbers) -> Verdict:
+    """How well one reading makes pairs of frames agree."""
     poses = reading.shifted(samples.poses, samples.index)
-    return judge(samples, poses, reading.depth_scale, small_camera(samples, reading.camera(samples.camera)))
+    return judge(samples, poses, reading.depth_scale, small_camera(samples, reading.camera(samples.camera)), pairs)
 
 
 def diagnose(samples: Samples, level: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> Diagnosis:
-    """Take the best single change of reading as long as each makes the frames agree much better."""
+    """Take the best change of reading as long as each makes the frames agree much better, those that did not choose it, too."""
+    choosing, testing = near_pairs(samples)
+    both = np.concatenate([choosing, testing])
     reading = Reading(level)
-    given = now = weigh(samples, reading)
+    given = weigh(samples, reading, both)
     faults: list[Fault] = []
-    for _ in range(MOST_FAULTS):
-        found = _best(samples, reading, now)
-        if found is None:
+    doubts: list[str] = []
+    while len(faults) < MOST_FAULTS and (found := _best(samples, reading, choosing)):
+        better, now = (weigh(samples, r, testing) for r in (found[-1].reading, reading))
+        if not much_better(better, now):
+            doubts += [
+                f"{h.words}? --fix leaves it, for frames that did not suggest it deny it: {_evidence(better, now)}"
+                for h in found
+            ]
             break
-        hypothesis, verdict = found
-        faults.append(Fault(hypothesis.fault, _evidence(hypothesis, verdict, now), hypothesis.mend))
-        reading, now = hypothesis.reading, weigh(samples, hypothesis.reading)
-    return Diagnosis(reading, tuple(faults), given, now)
+        faults += [Fault(h.fault, f"{h.words}: {_evidence(better, now)}", h.mend) for h in found]
+        reading = found[-1].reading
+    return Diagnosis(
+        reading, tuple(faults), tuple(doubts), given, weigh(samples, reading, both), choosing, testing
+    )  # fmt: skip
 
 
-def _best(samples: Samples, reading: Reading, now: Verdict) -> tuple[Hypothesis, Verdict] | None:
-    """The best change and its verdict, or None if none is much better than ``now``.
+def _best(samples: Samples, reading: Reading, pairs: Numbers) -> list[Hypothesis]:
+    """The change that makes the pairs agree best, as one or two steps; empty if that is not much better than ``reading``.
 
-    Where no single change helps, each is tried together with each unit of depth: two faults may hide each other.
+    Where no single change settles it, each of the poses is tried together with each unit of depth: two faults may hide each
+    other. Of changes that fit alike the one is taken whose world stands most upright.
     """
+    if len(pairs) < FEWEST_PAIRS:
+        return []
+    now = weigh(samples, reading, pairs)
     near = len(samples) // 4
     single = [h for h in hypotheses(reading, samples.camera) if abs(h.reading.shift - reading.shift) <= near]
-    best = _pick(samples, single)
-    if best is None:
-        return None
-    if best[1].score < CONSISTENT:
+    best = _fitting(samples, single, pairs)
+    first: dict[Hypothesis, Hypothesis] = {}
+    if max(best[0][1].score, now.score) < SETTLED:
         poses = [h for h in single if h.fault in ("inverted_poses", "opengl_axes", "left_handed")]
-        both = [scale_by(h.reading, scale, h) for h in poses for scale in (1000.0, 1e-3, 5.0, 0.2)]
-        other = _pick(samples, both)
-        if other is not None and other[1].score > best[1].score:  # the unit of depth is found in the next round
-            single_part = next(p for p in poses if p.words == other[0].words)
-            return (single_part, other[1]) if _much_better(other[1], now) else None
-    if not _much_better(best[1], now):
-        return None
-    return _refined(samples, reading, *best)
+        both = {depth_by(h.reading, scale): h for h in poses for scale in (1000.0, 1e-3, 5.0, 0.2)}
+        others = _fitting(samples, list(both), pairs)
+        if others[0][1].fit > best[0][1].fit + TIED:
+            first, best = both, others
+    if not much_better(best[0][1], now):
+        return []
+    found, verdict = best[0] if len(best) == 1 else min(best, key=lambda judged: _lean(samples, judged[0].reading))
+    before = [first[found]] if first else []
+    return [*before, _refined(samples, before[0].reading if before else reading, found, verdict)]
 
 
-def _much_better(verdict: Verdict, now: Verdict) -> bool:
-    return verdict.score >= CONSISTENT and verdict.score > BETTER * now.score + BETTER_BY
+def _fitting(samples: Samples, those: list[Hypothesis], pairs: Numbers) -> list[tuple[Hypothesis, Verdict]]:
+    """The hypotheses that fit best and nearly as well, best first."""
+    judged = [(h, weigh(samples, h.reading, pairs)) for h in those]
+    judged.sort(key=lambda pair: -pair[1].fit)
+    return [pair for pair in judged if pair[1].fit >= judged[0][1].fit - TIED]
 
 
-def _pick(samples: Samples, those: list[Hypothesis]) -> tuple[Hypothesis, Verdict] | None:
-    judged = [(h, weigh(samples, h.reading)) for h in those]
-    return max(judged, key=lambda pair: pair[1].score, default=None)
+def _lean(samples: Samples, reading: Reading) -> int:
+    """How far the world of a reading leans, in coarse steps."""
+    small = small_camera(samples, reading.camera(samples.camera))
+    found = tilt(samples, reading.shifted(samples.poses, samples.index), reading.depth_scale, small)
+    return round((180 if found is None else found.degrees) / LEAN_DEG)
 
 
-def _refined(samples: Samples, reading: Reading, found: Hypothesis, verdict: Verdict) -> tuple[Hypothesis, Verdict]:
+def _refined(samples: Samples, reading: Reading, found: Hypothesis, verdict: Verdict) -> Hypothesis:
     """The same change with a finer factor of depth or number of frames."""
     if found.fault == "depth_scale":
-        return _finer_scale(samples, reading, found, verdict)
+        return _of_poses(samples, reading, _finer_scale(samples, reading, found, verdict))
     if found.fault != "time_offset":
-        return found, verdict
+        return found
     shift = found.reading.shift - reading.shift
-    finer = _pick(samples, [shift_by(reading, shift + step) for step in range(-4, 5) if step and shift + step])
-    return finer if finer is not None and finer[1].score > verdict.score else (found, verdict)
+    steps = [shift_by(reading, shift + step) for step in range(-4, 5) if step and shift + step]
+    finer, fits = _fitting(samples, steps, verdict.pairs)[0]
+    return finer if fits.fit > verdict.fit else found
 
 
-def _finer_scale(samples: Samples, reading: Reading, found: Hypothesis, verdict: Verdict) -> tuple[Hypothesis, Verdict]:
+def _finer_scale(samples: Samples, reading: Reading, found: Hypothesis, verdict: Verdict) -> Hypothesis:
     """The factor that fits the same pairs best; the known one, if it is as good."""
     pairs = Pairs(samples, verdict.pairs)
     motion = motions(found.reading.shifted(samples.poses, samples.index), verdict.pairs)
     small = small_camera(samples, found.reading.camera(samples.camera))
     fits = [
-        float(np.nan_to_num(pairs.agreement(motion, found.reading.depth_scale * step, small).score).mean())
+        float(np.nan_to_num(pairs.agreement(motion, found.reading.depth_scale * step, small).met).mean())
         for step in SCALE_STEPS
     ]
     best = SCALE_STEPS[int(np.argmax(fits))]
     if abs(best - 1) < 0.015:
-        return found, verdict
-    scale = best * found.reading.depth_scale / reading.depth_scale
-    finer = scale_by(reading, scale, found)
-    finer = replace(finer, words=f"the depth is too {'small' if scale > 1 else 'large'}")
-    return finer, weigh(samples, finer.reading)
+        return found
+    return depth_by(reading, best * found.reading.depth_scale / reading.depth_scale)
 
 
-def _evidence(found: Hypothesis, better: Verdict, now: Verdict) -> str:
+def _of_poses(samples: Samples, reading: Reading, found: Hypothesis) -> Hypothesis:
+    """The same change made to the positions instead, where only they can be meant: the depth is that of a home as given."""
+    scale = found.reading.depth_scale / reading.depth_scale
+    median_m = float(np.nanmedian(samples.depth_m)) * reading.depth_scale
+    low, high = PLAUSIBLE_M
+    if low <= median_m <= high and not low <= median_m * scale <= high:
+        return positions_by(reading, 1 / scale)
+    return found
+
+
+def _evidence(better: Verdict, now: Verdict) -> str:
     as_given = (
         f"{_metres(now.off_m)} as given"
-        if len(now.pairs) and np.isfinite(now.off_m)
+        if now.seen >= FEWEST_PAIRS and np.isfinite(now.off_m)
         else "no two frames overlap as given"
     )
     return (
-        f"{found.words}: the depth of overlapping frames agrees to {_metres(better.off_m)} if so read, {as_given} "
+        f"the depth of overlapping frames agrees to {_metres(better.off_m)} if so read, {as_given} "
         f"(agreement {better.score:.2f} against {now.score:.2f}, {len(better.pairs)} pairs of frames)"
     )
 

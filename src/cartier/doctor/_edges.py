@@ -81,10 +81,10 @@ def registration(images: Sequence[tuple[Array, Array]]) -> Registration | None:
     width = images[0][0].shape[1]
     as_given = _correlation(colour, filled, 1.0)
     tried = {1.0: as_given}
-    tried |= {zoom: _correlation(colour[::3], filled[::3], zoom) for zoom in ZOOMS if zoom != 1}
+    tried |= {zoom: _correlation(colour[::2], filled[::2], zoom) for zoom in ZOOMS if zoom != 1}
     coarse = max(tried, key=lambda z: float(tried[z].max()))
     for zoom in (coarse + step / 100 for step in range(-4, 5) if step):
-        tried[round(zoom, 2)] = _correlation(colour[::3], filled[::3], zoom)
+        tried[round(zoom, 2)] = _correlation(colour[::2], filled[::2], zoom)
     best = max(tried, key=lambda z: float(tried[z].max()))
     field = as_given if best == 1 else _correlation(colour, filled, best)
     row, col = np.unravel_index(int(field.argmax()), field.shape)
@@ -93,6 +93,16 @@ def registration(images: Sequence[tuple[Array, Array]]) -> Registration | None:
         return None
     middle = float(as_given[REACH, REACH])
     return Registration(best, (int(col) - REACH) / width, (int(row) - REACH) / width, float(field.max()), middle, noise)
+
+
+def fits(images: Sequence[tuple[Array, Array]], found: Registration) -> tuple[float, float]:
+    """The correlation of edges in other images of that size: there, and as given."""
+    colour = [_colour_edges(grey) for grey, _ in images]
+    filled = [_filled(depth) for _, depth in images]
+    width = images[0][0].shape[1]
+    row, col = REACH + round(found.dy * width), REACH + round(found.dx * width)
+    there = _correlation(colour, filled, found.zoom)[row, col]
+    return float(there), float(_correlation(colour, filled, 1.0)[REACH, REACH])
 
 
 def _correlation(colour: Sequence[Array], depth: Sequence[Array], zoom: float) -> Array:

@@ -20,7 +20,7 @@ def exhibit(samples: Samples, diagnosis: Diagnosis) -> Exhibit | None:
         return None
     motion = motions(reading.shifted(samples.poses, samples.index), pairs)
     small = small_camera(samples, reading.camera(samples.camera))
-    score = np.nan_to_num(Pairs(samples, pairs).agreement(motion, reading.depth_scale, small).score)
+    score = np.nan_to_num(Pairs(samples, pairs).agreement(motion, reading.depth_scale, small).met)
     telling = np.minimum(turns_deg(motion), 30) / 100
     a, b = (int(i) for i in pairs[int((score + telling).argmax())])
     given = _off(samples, Reading(diagnosis.reading.level), a, b)

@@ -16,6 +16,9 @@ PIXELS = 300
 AROUND = 5  # steps on each side that say how fast the camera usually moves here
 TIMES, LEAST_M, LEAST_DEG = 2.0, 0.12, 15.0
 TYPICAL_STEPS, STRAY_FRAMES = 24, 3
+A_VIDEO = 0.3  # of the readings must usually meet from frame to frame, else there is no usual motion
+FITS, TIMES_BETTER, AGREES, DISPUTED = 0.6, 1.7, 0.7, 0.2
+ALIKE, ALIKE_UNSEEN = 0.5, 0.8  # of what is usual; the second where the poses leave the two frames no common view
 
 
 @dataclass(frozen=True)
@@ -33,10 +36,21 @@ class Jump:
     without: float
 
 
-def jumps(samples: Samples, poses: Array, scale: float, small: Camera) -> list[Jump]:
-    """Steps between consecutive frames that are much longer than those around, and that the depth contradicts.
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    """How K motions explain a step, both ways round: ``met`` and ``agreed`` as in Agreement, ``alike`` as in Pairs; (K,)."""
 
-    A true leap (a recording of several walks) shows other things before and after, and no usual motion explains it.
+    met: Array
+    agreed: Array
+    alike: Array
+
+
+def jumps(samples: Samples, poses: Array, scale: float, small: Camera) -> list[Jump]:
+    """Steps between consecutive frames that are much longer than those around, and that the images contradict.
+
+    A usual motion must make the depth of the two frames agree, and better than their poses do. It must make the brightness
+    agree, too, most of all where the poses leave no common view, as after a turn by 90° on the spot: one wall is as far as
+    another.
     """
     known = np.isfinite(poses[:, 0, 0])
     at = np.flatnonzero((np.diff(samples.index) == 1) & known[1:] & known[:-1])
@@ -46,29 +60,37 @@ def jumps(samples: Samples, poses: Array, scale: float, small: Camera) -> list[J
     motion = motions(poses, pairs)
     way, turn = np.linalg.norm(motion[:, :3, 3], axis=1), turns_deg(motion)
     long = (way > np.maximum(TIMES * _usual(way), LEAST_M)) | (turn > np.maximum(TIMES * _usual(turn), LEAST_DEG))
-    found = [int(i) for i in np.flatnonzero(long)]
-    if not found:
-        return []
     normal = np.flatnonzero(~long)
-    if not len(normal):
+    if not long.any() or not len(normal):
         return []
     by_length = normal[np.argsort(way[normal], kind="stable")]
     some = by_length[np.unique(np.linspace(0, len(normal) - 1, 100).astype(int))]
-    typical = _middle(_scores(samples, pairs[some], motion[some], scale, small))
+    typical = _fit(samples, pairs[some], motion[some], scale, small)
+    if _middle(typical.met) < A_VIDEO:
+        return []
     steps = by_length[np.unique(np.linspace(0, len(normal) - 1, TYPICAL_STEPS).astype(int))]
     result = []
-    for i in found:
-        given = _middle(_scores(samples, pairs[i : i + 1], motion[i : i + 1], scale, small))
+    for i in np.flatnonzero(long).tolist():
         others = _usual_motions(motion, [*steps, *(j for j in range(i - 3, i + 4) if j in normal)], i)
-        best = float(
-            np.nan_to_num(
-                _scores(samples, np.repeat(pairs[i : i + 1], len(others), axis=0), others, scale, small)
-            ).max()
-        )
-        if best > 0.6 * typical and best > 1.7 * given:
+        tried = np.concatenate([motion[i : i + 1], others])
+        fit = _fit(samples, np.repeat(pairs[i : i + 1], len(tried), axis=0), tried, scale, small)
+        best = 1 + int(np.nan_to_num(fit.met[1:]).argmax())
+        if _contradicted(fit, best, typical):
             numbers = samples.index[pairs[i]]
-            result.append(Jump(int(numbers[0]), int(numbers[1]), float(way[i]), float(turn[i]), given, best))
+            given, without = float(np.nan_to_num(fit.met[0])), float(fit.met[best])
+            result.append(Jump(int(numbers[0]), int(numbers[1]), float(way[i]), float(turn[i]), given, without))
     return result
+
+
+def _contradicted(fit: _Fit, best: int, typical: _Fit) -> bool:
+    """Whether the motion ``best`` explains the images, and the first one, by the poses, does not."""
+    given, without = np.nan_to_num(fit.met[[0, best]])
+    agreed, agreed_without = fit.agreed[[0, best]]
+    unseen = np.isnan(agreed)
+    disputed = unseen or agreed < agreed_without - DISPUTED
+    fits = without > FITS * _middle(typical.met) and without > TIMES_BETTER * given and agreed_without > AGREES
+    alike = fit.alike[best] > (ALIKE_UNSEEN if unseen else ALIKE) * _middle(typical.alike)
+    return bool(disputed and fits and alike)
 
 
 def _usual(values: Array) -> npt.NDArray[np.float64]:
@@ -91,13 +113,21 @@ def _usual_motions(motion: Array, steps: Sequence[int], i: int) -> Array:
     return np.array(options)
 
 
-def _middle(scores: Array) -> float:
-    known = scores[np.isfinite(scores)]
+def _middle(values: Array) -> float:
+    known = values[np.isfinite(values)]
     return float(np.median(known)) if known.size else 0.0
 
 
-def _scores(samples: Samples, pairs: Array, motion: Array, scale: float, small: Camera) -> Array:
-    return Pairs(samples, pairs, PIXELS).agreement(motion, scale, small).score
+def _fit(samples: Samples, pairs: Array, motion: Array, scale: float, small: Camera) -> _Fit:
+    ways = []
+    for those, there in ((pairs, motion), (pairs[:, ::-1], np.linalg.inv(motion))):
+        carried = Pairs(samples, those, PIXELS)
+        found = carried.agreement(there, scale, small)
+        ways.append((found.met, found.agreed, carried.alike(there, scale, small)))
+    met, agreed, alike = (
+        np.where(np.isnan(a), b, np.where(np.isnan(b), a, (a + b) / 2)) for a, b in zip(*ways, strict=True)
+    )
+    return _Fit(met, agreed, alike)
 
 
 def stray(found: Sequence[Jump], poses: Array, index: Array) -> tuple[frozenset[int], list[Jump]]:

@@ -41,11 +41,9 @@ UNITS = {
     0.3048: "a depth in feet was read as metres",
     2.0: "the depth is half of what it should be",
     0.5: "the depth is twice what it should be",
-    1.4: "the depth is too small",
-    0.7: "the depth is too large",
-    1.15: "the depth is too small",
-    0.87: "the depth is too large",
 }
+FACTORS_OF_DEPTH = (*UNITS, 1.4, 0.7, 1.15, 0.87)
+POSE_UNITS = {1e-3: "millimetres", 1e-2: "centimetres", 1e3: "kilometres"}
 SIZES = ((1, 1), (2, 1.5), (3, 2.25), (1.5, 1.125), (1, 0.75), (1, 4 / 3))  # another aspect as well: 16:9 read as 4:3
 FACTORS = (1 / 4, 1 / 3, 1 / 2, 2 / 3, 3 / 4, 1, 4 / 3, 3 / 2, 2, 3, 4)
 SHIFTS = (1, 2, 3, 4, 5, 6, 8, 10, 12, 15, 18, 22, 26, 30, 36, 42, 50, 60)
@@ -117,10 +115,7 @@ def hypotheses(now: Reading, camera: Camera) -> Iterator[Hypothesis]:
     )  # fmt: skip
     yield from _axes(now)
     yield from _mirrors(now)
-    for scale, why in UNITS.items():
-        yield Hypothesis(
-            "depth_scale", why, f"multiply the depth by {scale:g}", replace(now, depth_scale=now.depth_scale * scale)
-        )
+    yield from (depth_by(now, factor) for factor in FACTORS_OF_DEPTH)
     yield from _cameras(now, camera)
     for shift in (*SHIFTS, *(-s for s in SHIFTS)):
         yield shift_by(now, shift)
@@ -134,11 +129,23 @@ def shift_by(now: Reading, shift: int) -> Hypothesis:
     )  # fmt: skip
 
 
-def scale_by(now: Reading, factor: float, before: Hypothesis) -> Hypothesis:
-    """The same fault as ``before``, with another factor."""
-    return replace(
-        before, mend=f"multiply the depth by {factor:.3g}", reading=replace(now, depth_scale=now.depth_scale * factor)
+def depth_by(now: Reading, factor: float) -> Hypothesis:
+    """Depth times a factor: depth in another unit than metres."""
+    words = UNITS.get(factor, f"the depth is too {'small' if factor > 1 else 'large'}")
+    return Hypothesis(
+        "depth_scale", words, f"multiply the depth by {factor:.3g}", replace(now, depth_scale=now.depth_scale * factor)
     )
+
+
+def positions_by(now: Reading, factor: float) -> Hypothesis:
+    """Positions times a factor: poses in another unit than metres."""
+    unit = next((unit for known, unit in POSE_UNITS.items() if abs(factor / known - 1) < 0.03), None)
+    if unit is None:
+        words = f"the positions are too {'large' if factor < 1 else 'small'} for the depth"
+    else:
+        words = f"poses in {unit} were read as metres"
+    x, y, z = (sign * factor for sign in now.positions)
+    return Hypothesis("pose_scale", words, f"multiply each position by {factor:.3g}", replace(now, positions=(x, y, z)))
 
 
 def _axes(now: Reading) -> Iterator[Hypothesis]:

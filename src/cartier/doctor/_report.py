@@ -12,8 +12,8 @@ from cartier.doctor._edges import Registration
 from cartier.doctor._readings import Reading
 
 FAULTS = (
-    "inverted_poses", "opengl_axes", "left_handed", "depth_scale", "depth_not_registered", "intrinsics_resolution",
-    "time_offset", "no_depth", "bad_rotation", "not_level", "pose_jump", "blur", "too_few_views",
+    "inverted_poses", "opengl_axes", "left_handed", "pose_scale", "depth_scale", "depth_not_registered",
+    "intrinsics_resolution", "time_offset", "no_depth", "bad_rotation", "not_level", "pose_jump", "blur", "too_few_views",
 )  # fmt: skip
 
 

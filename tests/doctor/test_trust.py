@@ -1,0 +1,108 @@
+"""The doctor says nothing against a sound recording, and mends only what frames that did not suggest the mend confirm."""
+
+from __future__ import annotations
+
+import sys
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from faulty_recordings import INJECTED, Faulty, Kept, Walk, deep, joined
+
+from cartier import cli
+from cartier.contracts import Recording
+from cartier.doctor import Report, examine, mend
+from cartier.errors import InputError
+from cartier.recordings.folder import save
+
+
+@cache
+def walk(home: str, seed: int = 0) -> Walk:
+    return Walk(home, seed, max_frames=60)
+
+
+@cache
+def seen(home: str, eye_m: float, sensor: bool = False) -> Kept:
+    return walk(home).seen(eye_m, sensor)
+
+
+def names(report: Report) -> list[str]:
+    return [fault.fault for fault in report.faults]
+
+
+@pytest.mark.parametrize("eye_m", [0.2, 1.5])
+@pytest.mark.parametrize("sensor", [False, True], ids=["exact", "sensor"])
+@pytest.mark.parametrize("home", ["old_couple", "118"])
+def test_no_alarm_over_a_sound_walk_alone_or_joined_with_another(home: str, sensor: bool, eye_m: float) -> None:
+    """A slice of what benchmarks/doctor.py does with all homes and more heights."""
+    one = seen(home, eye_m, sensor)
+    for recording in (one, joined(one, seen("studio", eye_m, sensor))):
+        report = examine(recording)
+        assert report.to_dict() == {"ok": True, "faults": []}
+        assert len(report.notes) == 1, "no doubt either"
+
+
+@pytest.mark.parametrize("eye_m", [0.3, 1.5])
+def test_a_turn_by_90_degrees_on_the_spot_is_no_jump(eye_m: float) -> None:
+    """The first frames turn by 30° each; with two of them left out there is no common view before and after."""
+    for home in ("studio", "118"):
+        whole = seen(home, eye_m)
+        for last in (1, 2, 5):
+            turned = Faulty(whole, numbers=[*range(last + 1), *range(last + 3, len(whole))])
+            assert names(examine(turned)) == []
+
+
+def test_poses_in_millimetres_are_called_that_and_the_depth_is_left_alone() -> None:
+    whole = seen("studio", 1.5)
+    faulty = INJECTED["poses in mm"][1](whole)
+    report = examine(faulty)
+    assert names(report) == ["pose_scale"] and "poses in millimetres" in report.faults[0].evidence
+    mended = mend(faulty, report)
+    assert np.allclose(mended[30].world_from_camera, whole[30].world_from_camera, atol=1e-9)
+    assert np.array_equal(mended[30].depth_m, whole[30].depth_m, equal_nan=True)
+
+
+@pytest.mark.parametrize("injected", ["opengl", "mirrored y"])
+def test_what_a_level_camera_cannot_tell_apart_the_world_that_stands_upright_decides(injected: str) -> None:
+    fault, inject = INJECTED[injected]
+    report = examine(inject(seen("studio", 0.3)))
+    assert names(report) == [fault]
+
+
+def test_jumps_are_looked_for_once_the_depth_lies_on_the_colour() -> None:
+    assert names(examine(INJECTED["depth zoomed 1.1"][1](seen("studio", 0.3)))) == ["depth_not_registered"]
+
+
+def wrong_where_it_is_chosen() -> Recording:
+    """Depth five times too large in the first and last third of 38 frames: those that the doctor lets choose a mend."""
+    whole = seen("104", 1.5)
+    return deep(lambda depth, i: depth * np.float32(1 if i * 3 // len(whole) == 1 else 5))(whole)
+
+
+def test_no_mend_of_the_depth_that_frames_which_did_not_choose_it_deny() -> None:
+    recording = wrong_where_it_is_chosen()
+    report = examine(recording)
+    assert not report.ok and "depth_scale" not in names(report)
+    assert any("--fix leaves it" in note for note in report.notes)
+    with pytest.raises(InputError, match="--fix leaves it"):
+        mend(recording, report)
+
+
+@pytest.mark.parametrize("kind", ["sound", "contradicts itself", "5 frames"])
+def test_fix_without_a_mend_says_so_in_one_line_and_writes_nothing(
+    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    whole = seen("studio", 1.5)
+    numbers = list(range(5)) if kind == "5 frames" else range(len(whole))
+    save(
+        wrong_where_it_is_chosen() if kind == "contradicts itself" else Faulty(whole, numbers=numbers), tmp_path / "in"
+    )
+    words = ("cartier", "doctor", tmp_path / "in", "--fix", "-o", tmp_path / "out")
+    monkeypatch.setattr(sys, "argv", [*map(str, words)])
+    with pytest.raises(SystemExit) as ended:
+        cli.main()
+    out, err = capsys.readouterr()
+    assert ended.value.code == 1 and [path.name for path in tmp_path.iterdir()] == ["in"]
+    said = [line for line in err.splitlines() if line.strip()]
+    assert len(said) == 1 and "nothing to mend" in said[0] and "Traceback" not in out + err
