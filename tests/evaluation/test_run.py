@@ -50,9 +50,13 @@ class Words:
         self.heard.append(question)
 
     def select(self, query: str, inventory: Inventory, dialogue: Sequence[tuple[str, str]] = ()) -> Selection:
-        self._call("select", query, tuple(objects))
+        self._call("select", query, inventory.names)
         wanted = "chair" if "chair" in query or "feet" in query else "bed" if "tired" in query else "mug"
-        return Selection("found", wanted, "heard it") if wanted in objects else Selection("absent", reason="not here")
+        return (
+            Selection("found", wanted, "heard it")
+            if wanted in inventory.names
+            else Selection("absent", reason="not here")
+        )
 
     def propose(self, query: str) -> list[str]:
         self._call("propose", query)

@@ -10,11 +10,7 @@ import numpy as np
 from cartier.detectors._annotations import Annotations, read_annotations
 from cartier.detectors._boxes import clip
 from cartier.detectors._rows import rows
-<<<<<<< HEAD
-from cartier.errors import InputError
-=======
-from cartier.errors import BackendError, InputError, brief
->>>>>>> h2
+from cartier.errors import InputError, brief
 from cartier.files import sha256_of
 from cartier.mapping.existence import at_threshold
 from cartier.types import Array, Calibration, Detections, Frame
