@@ -7,8 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from cartier.errors import InputError
 from cartier.geometry import box_distance
-from cartier.planning import NEAREST_M, line_of_sight, plan
+from cartier.planning import NEAREST_M, SNAP_M, line_of_sight, plan, reach
 from cartier.types import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, Place
 
 RADIUS = 0.2
@@ -97,7 +98,7 @@ def test_unreachable_and_far_are_said_and_not_guessed() -> None:
     assert goal is None and "no pose within" in why_not
     everywhere = OccupancyGrid(np.full((20, 20), UNKNOWN, np.int8), 0.05, (0, 0), np.zeros((20, 20), np.float16))
     goal, why_not = plan(everywhere, at(0.5, 0.5), (0.5, 0.5), RADIUS)
-    assert goal is None and "no known free floor" in why_not
+    assert goal is None and why_not.startswith("there is no known free floor")
 
 
 def test_a_narrow_gap_stops_a_wide_robot_only() -> None:
@@ -114,3 +115,59 @@ def test_a_viewpoint_is_stood_on_and_looked_along() -> None:
     goal, _ = plan(grid, Place("tv", (2.02, 3.03, 1.5), 1.0, 0, view_yaw=1.2), (5, 1), RADIUS)
     assert goal is not None and goal.yaw == 1.2
     assert math.hypot(goal.x - 2.02, goal.y - 3.03) < 0.05
+
+
+def half_mapped(wall: bool) -> OccupancyGrid:
+    """A room of which nobody saw the left 2 m; a wall (or not) where the known part begins."""
+    grid = world((2, 0, 2.1, 6, 2.2)) if wall else world()
+    grid.cells[:, : round(2 / 0.05)] = UNKNOWN
+    return grid
+
+
+def test_no_start_is_moved_through_a_wall() -> None:
+    goal, why_not = plan(half_mapped(wall=True), at(5, 3), (1.8, 3.0), RADIUS)
+    assert goal is None and why_not.startswith("the start (1.80, 3.00) is cut off by a known obstacle")
+    goal, _ = plan(half_mapped(wall=False), at(5, 3), (1.8, 3.0), RADIUS)
+    assert goal is not None and tuple(goal.path[0]) == pytest.approx((2.025, 3.0), abs=0.03)
+    goal, why_not = plan(half_mapped(wall=False), at(5, 3), (0.8, 3.0), RADIUS)
+    assert goal is None and f"within {SNAP_M} m of the start" in why_not
+
+
+def test_a_start_over_a_table_leaves_the_table_and_enters_nothing_else() -> None:
+    table = (2.0, 2.0, 3.0, 3.0, 0.8)
+    area = reach(world(table), (2.2, 2.5), RADIUS)
+    assert area is not None and area.grid.centre(area.start)[0] < 2.0
+    nearer_but_behind = world(table, (1.8, 0, 1.85, 6, 2.2))
+    area = reach(nearer_but_behind, (2.1, 2.5), RADIUS)
+    assert area is None or area.grid.centre(area.start)[0] > 1.85
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.data())
+def test_nothing_known_stands_between_a_start_and_where_its_path_begins(data: st.DataObject) -> None:
+    coordinate = st.floats(0.3, 5.2)
+    boxes = [
+        (x, y, x + 0.5, y + 0.1, 2.0) for x, y in data.draw(st.lists(st.tuples(coordinate, coordinate), max_size=8))
+    ]
+    grid = world(*boxes)
+    grid.cells[:, : data.draw(st.integers(0, 100))] = UNKNOWN
+    for x1, y1, x2, y2, _ in boxes:  # these are known nevertheless
+        grid.cells[round(y1 / 0.05) : round(y2 / 0.05), round(x1 / 0.05) : round(x2 / 0.05)] = OCCUPIED
+    start = np.array([data.draw(coordinate), data.draw(coordinate)])
+    area = reach(grid, start, RADIUS)
+    if area is None or grid.value(start) == OCCUPIED:
+        return
+    way = np.linspace(start, grid.centre(area.start), 500)
+    assert OCCUPIED not in {grid.value(xy) for xy in way}
+
+
+@pytest.mark.parametrize("start", [(math.nan, 1.0), (1.0, math.inf), (1.7e308, -1e300), (1.0, 2.0, 3.0), ()])
+def test_a_start_that_is_no_point_is_refused(start: tuple[float, ...]) -> None:
+    with pytest.raises(InputError, match="the start must be two numbers, x and y in metres"):
+        plan(world(), at(3, 3), start, RADIUS)
+
+
+@pytest.mark.parametrize("radius", [0.0, -0.2, math.nan, math.inf, 50.0])
+def test_a_radius_that_no_robot_has_is_refused(radius: float) -> None:
+    with pytest.raises(InputError, match="radius must be above 0 and at most 5 m"):
+        plan(world(), at(3, 3), (1.0, 1.0), radius)

@@ -12,8 +12,9 @@ from pathlib import Path
 import pytest
 
 import cartier
+from cartier.atomic import append_line, locked, replaced_folder, write_file
 from cartier.errors import InputError
-from cartier.files import append_line, locked, read_rows, replaced_folder, write_file
+from cartier.files import read_rows
 from cartier.recordings import folder as own_format
 from cartier.store import MANIFEST, Store
 from interrupted import KILLED, content, run

@@ -8,7 +8,7 @@ from cartier.contracts import Reasoner
 from cartier.home import Home
 from cartier.language.prompts import check_query, recent
 from cartier.pipeline import ask
-from cartier.types import Answer
+from cartier.types import Answer, RobotModel
 
 
 class Conversation:
@@ -19,9 +19,15 @@ class Conversation:
     """
 
     def __init__(
-        self, home: Home, reasoner: Reasoner, *, index: str | None = None, from_xy: Sequence[float] | None = None
+        self,
+        home: Home,
+        reasoner: Reasoner,
+        *,
+        index: str | None = None,
+        from_xy: Sequence[float] | None = None,
+        robot: RobotModel | None = None,
     ) -> None:
-        self.home, self.reasoner, self.index = home, reasoner, index
+        self.home, self.reasoner, self.index, self.robot = home, reasoner, index, robot
         self.from_xy: Sequence[float] = from_xy or home.start_xy
         self.turns: list[tuple[str, str]] = []
 
@@ -29,7 +35,13 @@ class Conversation:
         """The answer to what the person says next. Raises as ``pipeline.ask``; what raised was not said."""
         words = check_query(words)
         answer = ask(
-            self.home, words, self.reasoner, index=self.index, from_xy=self.from_xy, dialogue=tuple(self.turns)
+            self.home,
+            words,
+            self.reasoner,
+            index=self.index,
+            from_xy=self.from_xy,
+            robot=self.robot,
+            dialogue=self.turns,
         )
         self.turns = recent([*self.turns, (words, robot_turn(answer))])
         goals = [part.goal for part in (answer, *answer.then) if part.goal is not None]

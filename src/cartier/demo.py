@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from cartier import plugins, specs
+from cartier.atomic import replaced_folder, write_json
 from cartier.errors import InputError
-from cartier.files import replaced_folder, write_json
 from cartier.home import Home
 from cartier.language.names import display_name
 from cartier.picture import draw_answer, draw_home, write_photo

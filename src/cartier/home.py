@@ -18,6 +18,7 @@ from cartier.contracts import Searchable, SpatialIndex
 from cartier.errors import InputError
 from cartier.files import json_bytes, npz_bytes, parse_json, read_npz
 from cartier.mapping.map_server import grid_from, pgm, yaml
+from cartier.mapping.relations import supports
 from cartier.store import Store, blob_file, digest_of
 from cartier.types import Answer, Camera, Inventory, MapObject, OccupancyGrid, Place, Room, View
 
@@ -100,6 +101,27 @@ class Home:
             f"{f'index {name}' if name else 'no index of this home'} can be searched with any words; "
             "map it again with --index object_depth,object_viewpoint,vlmaps"
         )
+
+    def to_dict(self) -> dict[str, Any]:
+        """All that was found, as plain JSON values: what ``cartier show --json`` prints. ``on`` is what a thing stands on or in."""
+        standing = supports(self.objects)
+        rows = []
+        for thing in sorted(self.objects, key=lambda thing: (not thing.confirmed, thing.id)):
+            on = standing.get(thing.id)
+            row = {
+                **asdict(thing),
+                "size_m": [round(high - low, 3) for low, high in zip(thing.box_min, thing.box_max, strict=True)],
+            }
+            row["on"] = (
+                None if on is None else {"id": on.object, "relation": on.kind, "probability": round(on.probability, 3)}
+            )
+            rows.append(row)
+        area = self.grid.resolution_m**2 if self.grid else 0.0
+        rooms = [
+            {"id": r.id, "name": r.name, "kind": r.kind, "area_m2": round(len(r.cells) * area, 2)} for r in self.rooms
+        ]
+        about = {"home": self.name, "id": self.id, "detector": self.detector, "objects": rows, "rooms": rooms}
+        return about | {"notes": list(self.notes)}
 
     def remember(self, answer: Answer) -> None:
         """Append an answer to the saved home's ``answers.jsonl``. Raises InputError where that cannot be written."""
@@ -216,7 +238,7 @@ def _floor(store: Store, about: Mapping[str, Any]) -> tuple[OccupancyGrid | None
     if about["grid"] is None:
         return None, ()
     x, y = about["grid"]["origin_xy"]
-    arrays = read_npz(store.get("occupancy.npz", about), "occupancy.npz")
+    arrays = read_npz(store.get("occupancy.npz", about), where="occupancy.npz")
     image = store.get("occupancy.pgm", about)
     grid = grid_from(image, float(about["grid"]["resolution_m"]), (float(x), float(y)), arrays["height_m"])
     rooms = tuple(

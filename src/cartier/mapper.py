@@ -74,9 +74,9 @@ class Mapper:
         self._next_frame = sum(int(row["frames"]) for row in self._settings["recordings"])
         try:
             self._objects.restore(home.growth)
-            self._seen = set(read_npz(home.growth[FRAMES], FRAMES)["keys"].tolist())
+            self._seen = set(read_npz(home.growth[FRAMES], where=FRAMES)["keys"].tolist())
             if COUNTS in home.growth:
-                self._floor.restore(read_npz(home.growth[COUNTS], COUNTS))
+                self._floor.restore(read_npz(home.growth[COUNTS], where=COUNTS))
         except KeyError as error:
             raise InputError(f"{home.name} keeps no {error.args[0]} to go on from: map it again") from error
 

@@ -9,8 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from cartier.errors import InputError
 from cartier.geometry import box_distance, yaw_towards
-from cartier.types import FREE, OCCUPIED, Array, Goal, OccupancyGrid, Place
+from cartier.types import FREE, OCCUPIED, Array, Goal, OccupancyGrid, Place, check_radius
 
 EYE_M = 1.5  # height of the robot's camera, as in the paper
 NEAREST_M = 0.35  # closer than this there is no telling what the robot faces
@@ -19,6 +20,7 @@ WHOLE = 0.45  # how far off a thing is faced, in its largest sides: from nearer 
 WHOLE_M = 0.8  # and at most
 SIGHT_DETOUR_M = 0.75  # how much worse its distance may be if a pose sees the place and the best does not
 OWN_HEIGHT_M = 0.4  # how far a thing of unknown size may reach above its centre
+FARTHEST_START_M = 1e6  # from the map's origin; no NaN either
 SNAP_M = 1.0  # how far the start may lie from floor that the robot fits on
 
 
@@ -58,12 +60,17 @@ def traversable(grid: OccupancyGrid, radius_m: float) -> npt.NDArray[np.bool_]:
 
 
 def reach(grid: OccupancyGrid, start_xy: Sequence[float] | Array, radius_m: float) -> Reach | None:
-    """Shortest paths from a start to everywhere (Dijkstra, 8-connected), or None if no floor fits the robot near it."""
+    """Shortest paths from a start to everywhere (Dijkstra, 8-connected), or None if no floor fits the robot near it.
+
+    A start where the robot does not fit, or that nobody mapped, is moved to the nearest floor from which no known obstacle
+    parts it. Raises InputError for a start that is no point, and for an impossible radius.
+    """
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import dijkstra
 
-    open_cells = traversable(grid, radius_m)
-    start = _nearest_cell(open_cells, grid, start_xy)
+    start_xy = _checked(start_xy)
+    open_cells = traversable(grid, check_radius(radius_m))
+    start = _way_in(grid, start_xy, _near(grid, open_cells, start_xy))
     if start is None:
         return None
     number = np.full(open_cells.shape, -1, np.int32)
@@ -91,19 +98,20 @@ def reach(grid: OccupancyGrid, start_xy: Sequence[float] | Array, radius_m: floa
 
 
 def plan(grid: OccupancyGrid, place: Place, start_xy: Sequence[float], radius_m: float) -> tuple[Goal | None, str]:
-    """A goal for a place, and an empty string; or None and one line that says why there is none."""
+    """A goal for a place, and an empty string; or None and one line that says why there is none.
+
+    Raises InputError as ``reach``.
+    """
     area = reach(grid, start_xy, radius_m)
+    at = f"({start_xy[0]:.2f}, {start_xy[1]:.2f})"
     if area is None:
-        return (
-            None,
-            f"no known free floor fits a robot of radius {radius_m} m within {SNAP_M} m of ({start_xy[0]:.2f}, {start_xy[1]:.2f})",
-        )
+        fits = f"known free floor that fits a robot of radius {radius_m} m"
+        if len(_near(grid, traversable(grid, radius_m), np.asarray(start_xy))):
+            return None, f"the start {at} is cut off by a known obstacle from all {fits} within {SNAP_M} m"
+        return None, f"there is no {fits} within {SNAP_M} m of the start {at}"
     goal = goal_for(area, place)
     if goal is None:
-        return (
-            None,
-            f"no pose within {FARTHEST_M} m of the {place.label} can be reached from ({start_xy[0]:.2f}, {start_xy[1]:.2f})",
-        )
+        return None, f"no pose within {FARTHEST_M} m of the {place.label} can be reached from {at}"
     return goal, ""
 
 
@@ -159,15 +167,40 @@ def line_of_sight(grid: OccupancyGrid, from_xy: npt.NDArray[np.float64], place: 
     return not bool((grid.height_m[rows[inside], cols[inside]] > line_m[inside]).any())
 
 
-def _nearest_cell(
-    open_cells: npt.NDArray[np.bool_], grid: OccupancyGrid, xy: Sequence[float] | Array
-) -> tuple[int, int] | None:
+def _checked(start_xy: Sequence[float] | Array) -> npt.NDArray[np.float64]:
+    start = np.asarray(start_xy, dtype=np.float64)
+    if start.shape != (2,) or not (np.abs(start) <= FARTHEST_START_M).all():
+        raise InputError(f"the start must be two numbers, x and y in metres, got {start.tolist()}")
+    return start
+
+
+def _near(
+    grid: OccupancyGrid, open_cells: npt.NDArray[np.bool_], start_xy: npt.NDArray[np.float64]
+) -> npt.NDArray[np.intp]:
+    """The open cells (N, 2) that a start may be moved to, the nearest first."""
     cells = np.argwhere(open_cells)
-    if not len(cells):
-        return None
-    distance = np.linalg.norm(grid.centre(cells) - np.asarray(xy, dtype=np.float64), axis=1)
-    best = int(np.argmin(distance))
-    return None if distance[best] > SNAP_M else (int(cells[best, 0]), int(cells[best, 1]))
+    distance_m = np.hypot(*(grid.centre(cells) - start_xy).T)
+    order = np.argsort(distance_m, kind="stable")
+    return np.asarray(cells[order[distance_m[order] <= SNAP_M]])
+
+
+def _way_in(
+    grid: OccupancyGrid, start_xy: npt.NDArray[np.float64], cells: npt.NDArray[np.intp]
+) -> tuple[int, int] | None:
+    """The first of some cells to which a straight line from the start crosses nothing that is occupied.
+
+    A start in an obstacle (a camera that was held over a table) may leave that obstacle, and enter no other.
+    """
+    for cell in cells:
+        end = grid.centre(cell)
+        steps = max(2, math.ceil(float(np.linalg.norm(end - start_xy)) / grid.resolution_m * 8))
+        rows, cols = grid.cell(np.linspace(start_xy, end, steps)).T
+        inside = (rows >= 0) & (cols >= 0) & (rows < grid.cells.shape[0]) & (cols < grid.cells.shape[1])
+        met = grid.cells[rows[inside], cols[inside]] == OCCUPIED
+        out = int(np.argmin(met)) if inside[0] else 0  # where the line has left the obstacle that it starts in
+        if not met[out:].any():
+            return int(cell[0]), int(cell[1])
+    return None
 
 
 def _goal(area: Reach, cell: tuple[int, ...], yaw: float, place: Place, seen: bool) -> Goal:

@@ -9,6 +9,7 @@ from cartier import plugins
 from cartier.contracts import Detector, Reasoner, Recording, Robot
 from cartier.errors import InputError
 from cartier.home import Home
+from cartier.types import RobotModel
 
 DETECTOR = "embedded"
 """The detector of the demo and the bench by default: the one that ships inside. ``ground_truth`` shows what a perfect one would do."""
@@ -39,10 +40,10 @@ def reasoner(spec: str, **options: Any) -> Reasoner:
     return plugins.make_from_spec("reasoners", spec, **given)
 
 
-def robot(spec: str, home: Home) -> Robot:
+def robot(spec: str, home: Home, model: RobotModel) -> Robot:
     """A robot by NAME; one that drives in a simulated home is told which and how wide it is, or NAME:PATH says it."""
     name, _, where = spec.partition(":")
-    told = {"home": where or home.name, "radius_m": home.robot_radius_m}
+    told = {"home": where or home.name, "radius_m": model.radius_m}
     return plugins.make("robots", name, **(told if plugins.takes("robots", name, "home") else {}))
 
 

@@ -15,8 +15,9 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from cartier.atomic import append_line, locked, replaced_folder, write_file, write_json
 from cartier.errors import InputError
-from cartier.files import append_line, locked, read_bytes, read_json, replaced_folder, write_file, write_json
+from cartier.files import read_bytes, read_json
 
 MANIFEST = "home.json"
 MAX_BYTES = 2**31

@@ -23,7 +23,7 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from cartier.errors import InputError
+from cartier.errors import InputError, brief
 
 Array = npt.NDArray[Any]
 Floats = npt.NDArray[np.floating[Any]]
@@ -31,6 +31,10 @@ Status = Literal["found", "near", "absent", "clarify"]
 
 FREE, OCCUPIED, UNKNOWN = 0, 100, -1
 """Cell values of an OccupancyGrid: those of ``nav_msgs/OccupancyGrid``."""
+MAX_FAR_M = 1e5
+"""No home is larger; and beyond it, float32 no longer tells centimetres apart."""
+MAX_SIDE_PX, MAX_PIXELS = 1 << 15, 1 << 26
+MIN_FOCAL, MAX_FOCAL = 0.01, 1000.0  # of the image's longer side: a view of 179 degrees, and one of 3.4 minutes of arc
 
 
 def _need(ok: bool, message: str) -> None:
@@ -42,7 +46,7 @@ def _finite(values: Sequence[float] | Array, size: int, what: str) -> tuple[floa
     numbers = tuple(float(v) for v in values)
     _need(
         len(numbers) == size and all(map(math.isfinite, numbers)),
-        f"{what} must be {size} finite numbers, got {numbers}",
+        f"{what} must be {size} finite numbers, got {brief(numbers)}",
     )
     return numbers
 
@@ -60,11 +64,25 @@ class Camera:
 
     def __post_init__(self) -> None:
         _need(
-            0 < self.width <= 1 << 15 and 0 < self.height <= 1 << 15,
-            f"camera size must be 1 to 32768 px, got {self.width}x{self.height}",
+            0 < self.width <= MAX_SIDE_PX and 0 < self.height <= MAX_SIDE_PX,
+            f"camera size must be 1 to {MAX_SIDE_PX} px, got {brief(self.width, 20)}x{brief(self.height, 20)}",
+        )
+        _need(
+            self.width * self.height <= MAX_PIXELS,
+            f"camera images must have {MAX_PIXELS // 10**6} megapixels at most, got {self.width}x{self.height}",
         )
         _finite((self.fx, self.fy, self.cx, self.cy), 4, "camera fx, fy, cx, cy")
         _need(self.fx > 0 and self.fy > 0, f"camera focal lengths must be positive, got fx={self.fx}, fy={self.fy}")
+        side = max(self.width, self.height)
+        _need(
+            all(MIN_FOCAL * side <= f <= MAX_FOCAL * side for f in (self.fx, self.fy)),
+            f"camera focal lengths fx={self.fx:g}, fy={self.fy:g} are no lens's for images of {self.width}x{self.height} "
+            "px: they are in pixels of these images",
+        )
+        _need(
+            abs(self.cx) <= MAX_FOCAL * side and abs(self.cy) <= MAX_FOCAL * side,
+            f"the camera's principal point cx={self.cx:g}, cy={self.cy:g} is nowhere near its {self.width}x{self.height} px",
+        )
 
     def scaled(self, width: int, height: int) -> Camera:
         """The same camera read out at another size (pixel centres stay at whole numbers)."""
@@ -81,6 +99,10 @@ def check_pose(world_from_camera: Array, where: str = "pose") -> npt.NDArray[np.
         bool(np.allclose(pose[3], (0, 0, 0, 1), atol=1e-6)),
         f"{where}: the last row of a pose must be 0 0 0 1, got {pose[3].tolist()}",
     )
+    far = float(np.abs(pose[:3, 3]).max())
+    _need(
+        far <= MAX_FAR_M, f"{where}: the pose is {far:.3g} m from the origin, which is no home: are the units metres?"
+    )
     off = float(np.abs(pose[:3, :3] @ pose[:3, :3].T - np.eye(3)).max())
     _need(off < 1e-2, f"{where}: the rotation is not orthonormal (off by {off:.3g})")
     _need(
@@ -88,6 +110,12 @@ def check_pose(world_from_camera: Array, where: str = "pose") -> npt.NDArray[np.
         f"{where}: the rotation mirrors (determinant -1): is the world left-handed?",
     )
     return pose
+
+
+def check_radius(radius_m: float) -> float:
+    """A robot's radius, or an InputError for one that no robot has."""
+    _need(0 < radius_m <= 5, f"a robot's radius must be above 0 and at most 5 m, got {radius_m:g}")
+    return float(radius_m)
 
 
 def frame_number(index: int, length: int, name: str) -> int:
@@ -125,6 +153,10 @@ class Frame:
                 image is None or image.shape == shape,
                 f"{where}: {name} must be {shape}, got {None if image is None else image.shape}",
             )
+        _need(
+            self.depth_m is None or not bool((np.abs(self.depth_m) > MAX_FAR_M).any()),
+            f"{where}: its depth reaches beyond {MAX_FAR_M:g} m, which is no home: are the units metres?",
+        )
         object.__setattr__(self, "world_from_camera", check_pose(self.world_from_camera, where))
 
 
@@ -365,6 +397,18 @@ class Goal:
     length_m: float
     place: Place
     line_of_sight: bool
+
+    def __post_init__(self) -> None:
+        what = f"goal for the {self.place.label}"
+        _finite((self.x, self.y, self.yaw), 3, f"{what}: x, y and yaw")
+        _need(
+            self.path.ndim == 2
+            and self.path.shape[1] == 2
+            and len(self.path) > 0
+            and bool(np.isfinite(self.path).all()),
+            f"{what}: its path must be (K, 2) finite numbers, got {self.path.shape}",
+        )
+        _need(0 <= self.length_m < math.inf, f"{what}: its path's length must be finite, got {self.length_m}")
 
     def to_dict(self) -> dict[str, Any]:
         path = [[round(x, 4), round(y, 4)] for x, y in self.path.tolist()]

@@ -155,7 +155,7 @@ FAULTS = {
     ROW.replace('"frame": 0', '"frame": -1'): "frame must be a whole number from 0, got -1",
     ROW.replace('"frame": 0', '"frame": 0.5'): "frame must be a whole number from 0, got 0.5",
     ROW.replace('"frame": 0', '"frame": true'): "frame must be a whole number from 0, got True",
-    ROW.replace('"a"', "null"): "'label' must be a name, got nothing",
+    ROW.replace('"a"', "null"): "'label' must be a name of 200 characters at most, got nothing",
     ROW.replace('"a"', '" _ "'): "'label' must be a name",
     ROW.replace("0.9", "90"): "'score' must be a number from 0 to 1, got 90",
     ROW.replace("0.9", '"0.9"'): "'score' must be a number from 0 to 1, got '0.9'",
@@ -207,7 +207,7 @@ def test_categories_that_do_not_fit(categories: Any, row: dict[str, Any], match:
 
 
 def test_files_that_are_missing_large_or_no_text(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(InputError, match=r"nowhere\.jsonl cannot be read"):
+    with pytest.raises(InputError, match=r"nowhere\.jsonl is missing"):
         make(tmp_path / "nowhere.jsonl")
     with pytest.raises(InputError, match=r"nowhere\.json is missing"):
         make(write(tmp_path, lines(OWN)), categories=tmp_path / "nowhere.json")

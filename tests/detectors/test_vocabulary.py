@@ -105,7 +105,7 @@ def test_20000_names_are_refused(tmp_path: Path) -> None:
     [
         (b"", "holds no name"),
         (b"\n \n\t\n# only a comment\n", "holds no name"),
-        (b"mug\nca\xfff\xe9\n", r"not UTF-8 text \(at byte 6\)"),
+        (b"mug\nca\xfff\xe9\n", "line 2: not UTF-8 text"),
         (b"a" * (MAX_BYTES + 1), "larger than 4 MiB"),
     ],
 )
@@ -118,11 +118,11 @@ def test_a_file_that_is_no_vocabulary_is_refused_in_one_line(tmp_path: Path, con
 
 
 def test_what_is_not_there_or_no_list_of_names_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"missing.txt cannot be read \(No such file"):
+    with pytest.raises(InputError, match=r"vocabulary .*missing.txt is missing"):
         read_vocabulary(tmp_path / "missing.txt")
-    with pytest.raises(InputError, match=r"cannot be read \(Is a directory"):
+    with pytest.raises(InputError, match="is a folder"):
         read_vocabulary(tmp_path)
-    with pytest.raises(InputError, match="no path of a file"):
+    with pytest.raises(InputError, match=r"cannot be read .embedded null byte"):
         read_vocabulary("a\0b")
     with pytest.raises(InputError, match="this list holds 7"):
         read_vocabulary(["mug", 7])  # type: ignore[list-item]

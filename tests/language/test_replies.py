@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import random
 import time
+from collections.abc import Callable
 from typing import Any
 
 import pytest
@@ -74,11 +76,37 @@ def test_a_form_that_two_names_share_names_neither() -> None:
     assert parse_object("none", ["none", "bed"]) == "none"
 
 
-@pytest.mark.parametrize("bit", ["'", "bed ", "'a", "{", '{"object":', " ", "“bed” ", "not the ", "<think>", "\n"])
-def test_a_long_reply_is_read_in_no_time(bit: str) -> None:
-    begin = time.perf_counter()
-    parse_object(bit * (1_000_000 // len(bit)), HOME)
-    assert time.perf_counter() - begin < 1
+BITS = [
+    "'", "bed ", "'a", "{", '{"object":', " ", "“bed” ", "not the ", "<think>", "\n", "\t", ".", "?!", ". ", ",", "-", "9", '"', "`",
+    "*", "}", "[", "\\", '\\"', ":", "aA", "\u0301", "\u0301\u0316", "choose the ", "send a a to ", '{"', '{"a":', '{"a":1}',
+    "'object':\"", '"object":"', "'object':'", '"object": [', '"status":', "'status'", '{ "', '"then":[{', "</think>", "\u2028",
+    "🙂", "1,", "( ", "«",
+]  # fmt: skip
+HEADS = ["", '{"object": "bed"', '{"a": "']
+READERS = [lambda reply: read_reply(reply, HOME), lambda reply: parse_object(reply, HOME), parse_list]
+
+
+@pytest.mark.parametrize("bit", BITS)
+def test_the_time_to_read_a_reply_grows_with_its_length_and_no_faster(bit: str) -> None:
+    """Four times the length took sixteen times the time for some: 4 s for 20,000 blanks, and once per form of asking."""
+
+    def cpu_s(read: Callable[[str], object], reply: str) -> float:
+        begin = time.process_time()
+        read(reply)
+        return time.process_time() - begin
+
+    for head, read in itertools.product(HEADS, READERS):
+        for tail in ("", "a}"):
+            whole, quarter = (head + bit * (length // len(bit)) + tail for length in (19_900, 4_975))
+            if cpu_s(read, whole) > 0.1:  # what is quick is not worth a measurement
+                assert min(cpu_s(read, whole) for _ in range(3)) < 8 * min(cpu_s(read, quarter) for _ in range(3))
+
+
+def test_nesting_without_end_stays_inside() -> None:
+    """Python writes out a list with less nesting than it reads one."""
+    for depth in range(10, 1500, 7):
+        assert_inside(f'{{"status": {"[" * depth}{"]" * depth}, "object": "bed"}}', HOME)
+    assert read_reply(f'{{"object": {"[" * 5000}', HOME) is None
 
 
 FOUND = {"reason": "It is soft.", "status": "found", "object": "bed", "question": "", "then": []}

@@ -1,15 +1,19 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
+import numpy.typing as npt
 import pytest
+from numpy.typing import ArrayLike
 
 from cartier.errors import InputError
 from cartier.mapping.map_server import grid_from, pgm, yaml
-from cartier.mapping.occupancy import OccupancyMapper
-from cartier.types import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
-from synthetic import CHAIR, TABLE, walk
+from cartier.mapping.occupancy import MAX_SIDE_M, OccupancyMapper
+from cartier.planning import line_of_sight, reach
+from cartier.types import FREE, OCCUPIED, UNKNOWN, Camera, Frame, OccupancyGrid, Place, TrueObject
+from synthetic import CAMERA, CHAIR, TABLE, RoomRecording, box, look, walk
 
 
 @pytest.fixture(scope="module")
@@ -104,3 +108,182 @@ def test_depth_of_nothing_marks_only_where_the_camera_was() -> None:
     made = mapper.grid()
     assert made is not None and (made.cells == OCCUPIED).sum() == 0
     assert made.value(frame.world_from_camera[:2, 3]) == FREE
+
+
+SOFA = box(4, "black leather sofa", (3.4, 0.9, 0), (4.4, 3.1, 0.8))
+HOLE = np.array([[3.2, 0.8], [4.6, 3.2]])  # corners in x, y of a stairwell
+
+
+def mapped(frames: Iterable[Frame], mapper: OccupancyMapper | None = None) -> OccupancyGrid:
+    mapper = mapper or OccupancyMapper()
+    for frame in frames:
+        mapper.add(frame)
+    made = mapper.grid()
+    assert made is not None
+    return made
+
+
+def within(grid: OccupancyGrid, low: ArrayLike, high: ArrayLike) -> npt.NDArray[np.bool_]:
+    """Cells whose centres lie in a rectangle."""
+    centres = grid.centre(np.argwhere(np.ones(grid.cells.shape, bool)))
+    return ((centres > low) & (centres < high)).all(1).reshape(grid.cells.shape)
+
+
+def from_the_left() -> list[np.ndarray]:
+    """Poses of a camera at 1.5 m that stays in the left of the room and looks all over it."""
+    places = [(0.6, 0.8), (0.6, 3.2), (1.6, 0.6), (1.6, 3.4), (2.6, 2.0), (2.2, 1.2), (2.2, 2.8)]
+    targets = [(4.6, 0.5, 0.3), (4.6, 3.5, 0.3), (3.9, 2.0, 0.4), (2.6, 0.8, 0.0), (2.6, 3.2, 0.0), (1.0, 2.0, 0.0)]
+    return [look((*place, 1.5), target) for place in places for target in targets]
+
+
+def unread(recording: RoomRecording, thing: TrueObject) -> Iterator[Frame]:
+    """Frames in which a thing gives no reading: black leather swallows the light, glass lets it through."""
+    for number in range(len(recording)):
+        frame = recording[number]
+        assert frame.depth_m is not None and frame.instances is not None
+        depth_m = np.where(frame.instances == thing.id, np.float32(np.nan), frame.depth_m)
+        yield dataclasses.replace(frame, depth_m=depth_m)
+
+
+def with_hole(recording: RoomRecording) -> Iterator[Frame]:
+    """Frames of a room with a stairwell: where a ray meets the floor in it, it ends 2.5 m lower down."""
+    for number in range(len(recording)):
+        frame = recording[number]
+        camera, pose = frame.camera, frame.world_from_camera
+        u, v = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
+        rays = (
+            np.stack([(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones(u.shape)], -1) @ pose[:3, :3].T
+        )
+        with np.errstate(divide="ignore"):
+            to_floor = np.where(rays[..., 2] < 0, -pose[2, 3] / rays[..., 2], np.inf)
+        met = pose[:2, 3] + np.where(np.isfinite(to_floor), to_floor, 0)[..., None] * rays[..., :2]
+        assert frame.depth_m is not None
+        falls = np.isfinite(to_floor) & ((met > HOLE[0]) & (met < HOLE[1])).all(-1) & (frame.depth_m > to_floor - 1e-3)
+        deeper = np.where(falls, -(pose[2, 3] + 2.5) / np.minimum(rays[..., 2], -1e-6), frame.depth_m)
+        yield dataclasses.replace(frame, depth_m=deeper.astype(np.float32))
+
+
+def test_what_gives_no_reading_is_not_free() -> None:
+    """Rays above a black sofa see the wall behind it; they do not make it floor."""
+    grid = mapped(unread(RoomRecording(from_the_left(), [SOFA]), SOFA))
+    inside = within(grid, SOFA.box_min[:2], SOFA.box_max[:2])
+    assert not (grid.cells[inside] == FREE).any()
+    area = reach(grid, (1.0, 2.0), 0.2)
+    assert area is not None and not np.isfinite(area.length_m[inside]).any()
+    beside = within(grid, (0.5, 0.5), (3.0, 3.5))
+    assert (grid.cells[beside] == FREE).mean() > 0.95, "floor that was seen stays free"
+
+
+def test_a_stairwell_is_not_free() -> None:
+    grid = mapped(with_hole(RoomRecording(from_the_left(), [])))
+    well = within(grid, HOLE[0] + 0.1, HOLE[1] - 0.1)
+    assert not (grid.cells[well] == FREE).any()
+    area = reach(grid, (1.0, 2.0), 0.2)
+    assert area is not None and not np.isfinite(area.length_m[well]).any()
+    assert (grid.cells[within(grid, (0.5, 0.5), (3.0, 3.5))] == FREE).mean() > 0.95
+
+
+def test_without_holes_the_same_floor_is_free() -> None:
+    """The law that keeps the two above honest: it is the missing readings that close the floor, not the walk."""
+    grid = mapped(RoomRecording(from_the_left(), []))
+    assert (grid.cells[within(grid, HOLE[0], HOLE[1])] == FREE).mean() > 0.95
+
+
+PERSON = box(5, "person", (2.2, 1.8, 0), (2.6, 2.2, 1.75))
+EYE = np.array([0.3, 2.02])
+ACROSS = Place("picture", (4.9, 2.02, 1.2), 1.0, 0)
+
+
+def watched(objects: Sequence[TrueObject], frames: int) -> RoomRecording:
+    return RoomRecording([look((*EYE, 1.5), (4.0, 2.02, 0.9))] * frames, objects)
+
+
+def test_who_walked_through_does_not_stay_in_the_way() -> None:
+    mapper = OccupancyMapper()
+    with_person = mapped(watched([PERSON], 3), mapper)
+    assert not line_of_sight(with_person, EYE, ACROSS)
+    without = mapped(watched([], 13), mapper)
+    assert line_of_sight(without, EYE, ACROSS)
+
+
+def test_who_leaned_over_a_table_leaves_the_table() -> None:
+    table, mapper = box(3, "table", (1.8, 1.5, 0), (3.0, 2.5, 0.8)), OccupancyMapper()
+    mapped(watched([table, PERSON], 3), mapper)
+    grid = mapped(watched([table], 20), mapper)
+    assert line_of_sight(grid, EYE, ACROSS)
+    top = within(grid, (1.9, 1.6), (2.9, 2.4)) & (grid.height_m > 0)
+    assert np.median(grid.height_m[top]) == pytest.approx(0.8, abs=0.05)
+    assert grid.height_m[top].max() <= 1.0
+
+
+def test_heights_do_not_fall_by_themselves() -> None:
+    grid = mapped(watched([TABLE, PERSON], 40))
+    assert grid.height_m[within(grid, (2.15, 1.8), (2.3, 2.2))].max() == pytest.approx(1.75, abs=0.05)
+
+
+def test_one_flying_pixel_hides_nothing() -> None:
+    frame = watched([], 1)[0]
+    assert frame.depth_m is not None
+    grid = mapped([frame])
+    assert line_of_sight(grid, EYE, ACROSS)
+    depth_m = frame.depth_m.copy()
+    depth_m[40, 79] = 2.0  # hangs in the air at about 1.5 m, right in the line
+    flying = mapped([dataclasses.replace(frame, depth_m=depth_m)])
+    assert line_of_sight(flying, EYE, ACROSS)
+    assert np.array_equal(flying.cells == OCCUPIED, grid.cells == OCCUPIED)
+
+
+def corridor(length_m: float, step_m: float = 1.0) -> Iterator[Frame]:
+    """A camera that is carried along x and looks down at the floor, so that it sees hardly farther than its feet."""
+    camera = Camera(32, 24, 24.0, 24.0, 15.5, 11.5)
+    rgb, depth_m = np.zeros((24, 32, 3), np.uint8), np.full((24, 32), 1.5, np.float32)
+    for number, x in enumerate(np.arange(0, length_m + 1e-6, step_m)):
+        pose = np.eye(4)
+        pose[:3, :3] = np.diag([1.0, -1.0, -1.0])
+        pose[:3, 3] = x, 0, 1.5
+        yield Frame(number, float(number), rgb, depth_m, pose, camera)
+
+
+def test_the_largest_map_is_as_large_as_it_says() -> None:
+    """The view reaches 1 m to each side of the camera."""
+    grid = mapped(corridor(MAX_SIDE_M - 2.5))
+    rows, cols = np.array(grid.cells.shape) * grid.resolution_m
+    assert cols <= MAX_SIDE_M + 50 and rows <= 60, "nor does it grow far where nothing is"
+    with pytest.raises(InputError, match="larger than 200 m"):
+        mapped(corridor(MAX_SIDE_M - 1.0))
+
+
+@pytest.mark.parametrize("value", [1e30, 3e38, np.inf, -np.inf, -1.0, 0.0, np.nan])
+def test_depth_that_is_none_is_no_depth(value: float) -> None:
+    """Not a warning, nor a giant map."""
+    frame = walk()[0]
+    assert frame.depth_m is not None
+    depth_m = frame.depth_m.copy()
+    depth_m[::3] = value
+    grid = mapped([dataclasses.replace(frame, depth_m=depth_m)])
+    assert max(grid.cells.shape) * grid.resolution_m < 12
+
+
+@pytest.mark.parametrize("far", [1e6, 1e30, 1e300])
+def test_a_pose_in_another_unit_is_refused_before_it_takes_memory(far: float) -> None:
+    frame = walk()[0]
+    pose = frame.world_from_camera.copy()
+    pose[0, 3] = far
+    with pytest.raises(InputError, match=r"frame 0: its pose .* more than 100 km from the origin"):
+        OccupancyMapper().add(dataclasses.replace(frame, world_from_camera=pose))
+
+
+@pytest.mark.parametrize("lens", [{"fx": 1e-30}, {"fy": 1e-3}, {"cx": 1e300}, {"fx": 1e30, "cx": 1e30}])
+def test_a_lens_that_is_none_is_refused(lens: dict[str, float]) -> None:
+    frame = dataclasses.replace(walk()[0], camera=dataclasses.replace(CAMERA, **lens))
+    with pytest.raises(InputError, match="frame 0: no lens is like fx="):
+        OccupancyMapper().add(frame)
+
+
+def test_a_map_goes_on_from_its_counts() -> None:
+    first, second = OccupancyMapper(), OccupancyMapper()
+    mapped(watched([PERSON], 3), first)
+    counts = first.counts()
+    assert counts is not None
+    second.restore(counts)
+    assert np.array_equal(mapped(watched([], 13), second).height_m, mapped(watched([], 13), first).height_m)

@@ -27,6 +27,7 @@ CANNED = {
     "two-needs": '{"reason": "Muddy clothes want a wash.", "status": "found", "object": "chair", "question": "", "then": ['
     '{"reason": "Then you rest.", "status": "near", "object": "Bed", "question": ""}, '
     '{"reason": "", "status": "found", "object": "helicopter", "question": ""}]}',
+    "blanks": '{"object": "bed"' + " " * 19_000,
     "asks": '{"reason": "Both fit.", "status": "clarify", "object": "nothing", "question": "Chair\\nor bed?", "then": []}',
 }
 REFUSES = {"no-temperature": ("temperature",), "picky": ("max_tokens", "temperature")}
@@ -88,6 +89,7 @@ def serve(model: Path) -> None:
 
     class Face(BaseHTTPRequestHandler):
         seen: ClassVar[dict[str, list[dict[str, Any]]]] = {}
+        dripped: ClassVar[dict[bytes, float]] = {}
 
         def log_message(self, *_: object) -> None:
             pass
@@ -101,17 +103,29 @@ def serve(model: Path) -> None:
             self.wfile.write(body[: len(body) // 2] if cut else body)
             self.close_connection = True
 
-        def send_spaces(self, size: int, pause_s: float = 0.0) -> None:
+        def send_spaces(self, size: int, pause_s: float = 0.0, status: bytes = b"200 OK") -> None:
             """White space before a JSON reply that never comes: some hosts keep a connection alive in this way."""
-            self.wfile.write(b"HTTP/1.0 200 OK\r\ncontent-type: application/json\r\n\r\n")
+            self.wfile.write(b"HTTP/1.0 " + status + b"\r\ncontent-type: application/json\r\n\r\n")
             with contextlib.suppress(OSError):  # until the client has had enough
                 for _ in range(80):
                     self.wfile.write(b" " * size)
                     time.sleep(pause_s)
 
+        def drip(self, head: bytes, line: bytes, pause_s: float) -> None:
+            """One line of a head after another, and never its end."""
+            with contextlib.suppress(OSError):  # until the client has had enough
+                self.wfile.write(head)
+                for _ in range(int(8 / max(pause_s, 0.001))):
+                    self.wfile.write(line)
+                    self.wfile.flush()
+                    time.sleep(pause_s)
+                    self.dripped[line] = time.monotonic()
+
         def do_GET(self) -> None:
-            """What a model was asked, for the tests to look at."""
-            self.send(200, self.seen.get(self.path.strip("/"), []))
+            """What a model was asked, or how long ago a line was dripped, for the tests to look at."""
+            name = self.path.strip("/")
+            dripping = {line.decode().split(":")[0].strip(): time.monotonic() - at for line, at in self.dripped.items()}
+            self.send(200, dripping if name == "dripping" else self.seen.get(name, []))
 
         def do_POST(self) -> None:
             asked = json.loads(self.rfile.read(int(self.headers["content-length"])))
@@ -123,6 +137,18 @@ def serve(model: Path) -> None:
                 time.sleep(8)
             elif name in ("dawdles", "endless"):
                 self.send_spaces(**{"dawdles": {"size": 1, "pause_s": 0.1}, "endless": {"size": 2**16}}[name])
+            elif name.startswith("moves-"):  # moves-308-http://127.0.0.1:1234/v1
+                _, status, target = name.split("-", 2)
+                self.send_response(int(status))
+                self.send_header("location", target)
+                self.send_header("content-length", "0")
+                self.end_headers()
+            elif name == "drips":
+                self.drip(b"HTTP/1.1 200 OK\r\n", b"x-patience: a virtue\r\n", 0.05)
+            elif name == "continues":
+                self.drip(b"", b"HTTP/1.1 100 Continue\r\n\r\n", 0.01)
+            elif name == "endless-500":
+                self.send_spaces(2**16, status=b"500 Sorry")
             elif name.isdigit():
                 self.send(int(name), {"error": {"message": f"you asked for {name}"}})
             elif name == "cut-500":

@@ -164,8 +164,18 @@ DAMAGE: list[tuple[Callable[[Path], object], str]] = [
     (edit("fx", float("nan")), "field 'fx' must be a finite number"),
     (edit("fx", "525"), "field 'fx' must be a finite number"),
     (edit("fy", -525), r"recording\.json: camera focal lengths must be positive"),
+    (
+        edit("fx", 1e-30),
+        r"recording\.json: camera focal lengths fx=1e-30, fy=120 are no lens's for images of 160x120 px",
+    ),
+    (edit("fy", 1e30), r"recording\.json: camera focal lengths fx=120, fy=1e\+30 are no lens's"),
+    (edit("cy", -1e30), r"recording\.json: the camera's principal point cx=79.5, cy=-1e\+30 is nowhere near"),
+    (edit("schema", 10**4000), "has schema 10000+…, this cartier reads 1"),
     (edit("cx", 10**400), "field 'cx' must be a finite number"),
-    (edit("notes", [1]), "field 'notes' must be a list of texts"),
+    (edit("notes", [1]), "field 'notes' must be of type str"),
+    (edit("notes", ["a\nb"]), "field 'notes' must be one line of 1000 characters at most"),
+    (edit("name", "x" * 1001), "field 'name' must be one line"),
+    (edit("name", "\x1b[2J"), "field 'name' must be one line"),
     (lambda root: (root / "trajectory.txt").unlink(), r"trajectory\.txt is missing"),
     (lambda root: (root / "trajectory.txt").write_text("# nothing\n"), "holds no pose"),
     (line(3, "1 2 3 4"), r"trajectory\.txt line 3: .* 8 numbers, got 4"),
@@ -200,6 +210,19 @@ def test_an_image_of_another_size_is_named(tmp_path: Path) -> None:
     edit("width", 200)(tmp_path / "a")
     with pytest.raises(InputError, match=r"000001\.jpg is 160x120 px, but the camera's images are 200x120"):
         plugins.open_recording(tmp_path / "a")[1]
+
+
+def test_a_pose_or_depth_light_years_away_is_refused(tmp_path: Path) -> None:
+    folder.save(room(), tmp_path / "a")
+    line(3, "0 1e30 0 0 0 0 0 1")(tmp_path / "a")
+    recording = plugins.open_recording(tmp_path / "a")
+    with pytest.raises(InputError, match=r"frame 1: the pose is 1e\+30 m from the origin, .* are the units metres\?"):
+        recording[1]
+    view = recording[0]
+    assert view.depth_m is not None
+    for far in (1e30, -1e30, np.inf):
+        with pytest.raises(InputError, match=r"frame 0: its depth reaches beyond 100000 m, .* are the units metres\?"):
+            replace(view, depth_m=np.where(view.depth_m > 1, np.float32(far), np.float32(np.nan)))
 
 
 def test_hidden_files_do_no_harm(tmp_path: Path) -> None:

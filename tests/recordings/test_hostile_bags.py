@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import os
 import sqlite3
 import struct
 import time
 import tracemalloc
 from collections.abc import Iterator
 from contextlib import contextmanager
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
-from bags import START_NS, BagFile, Messages, write_bag
+from bags import FRAME, START_NS, BagFile, Messages, write_bag, write_images
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from layouts import room
@@ -187,16 +189,23 @@ def test_a_million_topics_in_the_metadata(tmp_path: Path) -> None:
     write_bag(room(frames=1), tmp_path / "a")
     with (tmp_path / "a/metadata.yaml").open("a") as file:
         file.writelines(f"    - topic_metadata: {{name: /t{i}}}\n" for i in range(10**6))
-    refused(tmp_path / "a", r"metadata\.yaml is larger than \d+ bytes")
+    refused(tmp_path / "a", r"metadata\.yaml is larger than 4 MiB")
 
 
 @pytest.mark.parametrize(
     ("text", "fault"),
     [
-        ("{", "metadata.yaml is damaged or describes no bag"),
+        ("{", "metadata.yaml line 2: not valid YAML: did not find expected node content"),
+        ("", "metadata.yaml is damaged or describes no bag"),
+        ("rosbag2_bagfile_information: {relative_file_paths: 7}", "metadata.yaml is damaged"),
+        ("rosbag2_bagfile_information: " + "[" * 50_000, "line 1: nested deeper than 40 levels"),
+        (f"rosbag2_bagfile_information: {{{'a: {' * 50_000}", "line 1: nested deeper than 40 levels"),
+        ("\n".join(f"{c}: &{c} [{f'*{b}, ' * 9}x]" for b, c in pairwise("abcdefghijk")), r"line 1: .*alias"),
+        ("- \n" * 250_000, "line 200000: more than 200000 entries"),
+        ("a: 1\na: 2", "line 2: 'a' is given twice"),
         ("just: this", "metadata.yaml is damaged or describes no bag"),
         ("rosbag2_bagfile_information: [1]", "metadata.yaml is damaged"),
-        ("rosbag2_bagfile_information: !!python/object/apply:os.system ['false']", "metadata.yaml is damaged"),
+        ("rosbag2_bagfile_information: !!python/object/apply:os.system ['false']", "the YAML tag .* is not allowed"),
         ("rosbag2_bagfile_information: {compression_mode: FILE}", "holds compressed files: unpack them with 'zstd -d'"),
         (
             "rosbag2_bagfile_information: {relative_file_paths: [../../b_1.mcap]}",
@@ -212,6 +221,93 @@ def test_metadata_that_is_none(tmp_path: Path, text: str, fault: str) -> None:
     write_bag(room(frames=1), tmp_path / "a")
     (tmp_path / "a/metadata.yaml").write_text(text)
     refused(tmp_path / "a", fault)
+
+
+def test_a_number_to_the_base_of_60_is_not_computed(tmp_path: Path) -> None:
+    write_bag(room(frames=1), tmp_path / "a")
+    (tmp_path / "a/metadata.yaml").write_text("rosbag2_bagfile_information: {version: 1" + ":1" * 500_000 + "}")
+    with frugal():
+        assert len(rosbag.open(tmp_path / "a")) == 1
+
+
+def test_pipes_and_links_out_of_a_bag_are_no_files_of_it(tmp_path: Path) -> None:
+    write_bag(room(frames=1), tmp_path / "a")
+    bag = file_of(tmp_path / "a")
+    bag.rename(tmp_path / bag.name)
+    bag.symlink_to(tmp_path / bag.name)
+    refused(tmp_path / "a", "is a link that leads out of the recording's folder")
+    assert len(rosbag.open(bag)) == 1  # a link that the person names is what they mean
+    bag.unlink()
+    (tmp_path / "a/metadata.yaml").unlink()
+    for suffix in (".mcap", ".db3", ".bag"):
+        os.mkfifo(bag.with_suffix(suffix))
+        refused(tmp_path / "a", "is a pipe")
+        bag.with_suffix(suffix).unlink()
+    (tmp_path / bag.name).rename(bag)
+    os.mkfifo(tmp_path / "a/metadata.yaml")
+    refused(tmp_path / "a", "metadata.yaml is a pipe")
+
+
+@pytest.mark.parametrize(
+    ("table", "fault"),
+    [
+        (
+            "CREATE VIEW messages AS WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n) "
+            "SELECT i AS id, 1 AS topic_id, i AS timestamp, x'' AS data FROM n",
+            "holds more than tables and indices",
+        ),
+        (
+            "CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER, data BLOB, "
+            "timestamp TEXT AS (printf('%.*c', 200000000, 'x')))",
+            "columns of its table 'messages' are computed",
+        ),
+        ("CREATE TABLE letters(id INTEGER)", "has no tables 'topics' and 'messages'"),
+    ],
+)
+def test_a_database_that_computes_without_end(tmp_path: Path, table: str, fault: str) -> None:
+    base = sqlite3.connect(tmp_path / "a.db3")
+    base.execute("CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT, serialization_format TEXT)")
+    base.execute(table)
+    base.execute("INSERT INTO topics VALUES(1, '/camera/image', 'sensor_msgs/msg/Image', 'cdr')")
+    base.commit()
+    base.close()
+    refused(tmp_path / "a.db3", fault)
+
+
+def test_chunks_that_share_one_index(tmp_path: Path) -> None:
+    """A hundred thousand chunks with one index of a thousand messages would be more of them than memory holds."""
+    files = {}
+    for kind in ("mcap", "ros1"):
+        with BagFile(tmp_path / kind, kind) as bag:
+            write_images(bag, room(frames=1))
+            for i in range(500):
+                ns = START_NS + i * 10**6
+                bag.put("/tf", ns, bag.messages.transforms((ns, "map", FRAME, np.eye(4))))
+        assert len(rosbag.open(tmp_path / kind)) == 1
+        files[kind] = file_of(tmp_path / kind).read_bytes()
+    mcap = files["mcap"]
+    end = len(mcap) - MCAP_END.size
+    at = int.from_bytes(mcap[end + 9 : end + 17], "little")
+    while mcap[at] != 8:
+        at += 9 + int.from_bytes(mcap[at + 1 : at + 9], "little")
+    chunk = mcap[at : at + 9 + int.from_bytes(mcap[at + 1 : at + 9], "little")]
+    refused(put(tmp_path, "mcap", mcap[:at] + chunk * 2_000 + mcap[at:]), "parts of it lie over each other")
+    bag = files["ros1"]
+    at = int.from_bytes(bag[bag.index(b"index_pos=") + 10 :][:8], "little")
+    while at < len(bag):  # to the last record of all, which is about the chunk
+        last, (head,) = at, struct.unpack_from("<I", bag, at)
+        at += 8 + head + struct.unpack_from("<I", bag, at + 4 + head)[0]
+    count = bag.index(b"chunk_count=") + len(b"chunk_count=")
+    claimed = bag[:count] + struct.pack("<I", 2_000) + bag[count + 4 :]
+    refused(put(tmp_path, "ros1", claimed + bag[last:] * 2_000), "parts of it lie over each other")
+
+
+def test_names_are_names(tmp_path: Path) -> None:
+    m = Messages()
+    for number, (topic, frame) in enumerate([("/a\x1b[2J/image", "cam"), ("/a/image", "x" * 10**6)]):
+        with BagFile(tmp_path / f"{number}") as bag:
+            bag.put(topic, START_NS, m.image(START_NS, frame, np.zeros((8, 8, 3), np.uint8), "rgb8"))
+        refused(tmp_path / f"{number}", "is no name of a topic or a frame")
 
 
 @pytest.mark.parametrize("kind", ["zstd", "lz4", "bz2"])
@@ -238,12 +334,13 @@ def test_an_image_that_claims_more_than_it_holds(tmp_path: Path) -> None:
         for step in (0, 1):
             ns = START_NS + step * 10**8
             bag.put("/tf", ns, m.transforms((ns, "map", "cam", pose)))
-        for topic, width, step in (("/a/image", 30000, 90000), ("/b/image", 8, 1)):
+        for topic, width, step in (("/a/image", 8000, 24000), ("/b/image", 8, 1)):
             image = m.image(START_NS, "cam", np.zeros((8, 8, 3), np.uint8), "rgb8")
-            image.width, image.step, image.height = width, step, 30000
+            image.width, image.step, image.height = width, step, 8000
             bag.put(topic, START_NS, image)
             info = m.info(START_NS, "cam", room().camera)
-            info.width, info.height = width, 30000
+            info.width, info.height = width, 8000
+            info.k[[0, 4]] = 8000
             bag.put(topic.replace("image", "camera_info"), START_NS, info)
     for topic in ("/a/image", "/b/image"):
         with frugal(), pytest.raises(InputError, match="an image has 192 bytes, too few"):

@@ -130,7 +130,10 @@ DAMAGE: list[tuple[Callable[[dict[str, Any]], object], str]] = [
     (lambda head: head.update(fl_x="wide"), "fl_x must be a number"),
     (lambda head: head.update(fl_x=float("nan")), "fl_x: NaN"),
     (lambda head: head.update(fl_y=-1), "focal lengths must be positive"),
-    (lambda head: head.update(depth_unit_scale_factor=0), "depth_unit_scale_factor must be positive"),
+    (
+        lambda head: head.update(depth_unit_scale_factor=0),
+        "depth_unit_scale_factor must be from a millionth to 1 metre",
+    ),
     (lambda head: head["frames"][2].pop("file_path"), "frame 2: 'None' is no file name"),
     (lambda head: head["frames"][2].update(file_path="../x.png"), "frame 2: '../x.png' leads out"),
     (lambda head: head["frames"][2].update(depth_file_path="/x.png"), "frame 2: '/x.png' leads out"),

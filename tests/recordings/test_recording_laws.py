@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 from pathlib import Path
 
@@ -119,13 +120,60 @@ def test_the_fingerprint_covers_every_kind_of_file_and_no_place(layout: Path, tm
     moved = tmp_path / "elsewhere" / "home"
     shutil.copytree(layout, moved)
     assert plugins.open_recording(moved).fingerprint() == before
-    last_of_kind = {(p.parent, *p.suffixes[-2:]): p for p in sorted(layout.rglob("*")) if p.is_file()}
-    for path in last_of_kind.values():
+    for path in one_of_each(layout):
         content = path.read_bytes()
         recording = plugins.open_recording(layout)
         path.write_bytes(content + b" ")
         assert recording.fingerprint() != before, path.name
         path.write_bytes(content)
+    assert plugins.open_recording(layout).fingerprint() == before
+
+
+def one_of_each(layout: Path) -> list[Path]:
+    """One file of each kind."""
+    return list({(p.parent, *p.suffixes[-2:]): p for p in sorted(layout.rglob("*")) if p.is_file()}.values())
+
+
+def test_a_pipe_or_a_folder_in_place_of_a_file_is_as_good_as_none(layout: Path, tmp_path: Path) -> None:
+    """Nothing hangs: who reads a pipe that nobody writes to waits for ever."""
+    before = plugins.open_recording(layout).fingerprint()
+    for path in one_of_each(layout):
+        path.rename(tmp_path / "kept")
+        for other in (os.mkfifo, os.mkdir):
+            other(path)
+            try:
+                recording = plugins.open_recording(layout)  # some formats leave out frames that lack an image
+                assert len(list(recording)) and recording.fingerprint() != before
+            except InputError as error:
+                assert "\n" not in str(error)
+            path.rmdir() if path.is_dir() else path.unlink()
+        (tmp_path / "kept").rename(path)
+    assert plugins.open_recording(layout).fingerprint() == before
+
+
+def test_a_link_out_of_its_folder_is_refused_and_one_within_it_is_read(layout: Path, tmp_path: Path) -> None:
+    """Whoever shares a map of a stranger's recording would share what the links lead to."""
+    before = plugins.open_recording(layout).fingerprint()
+    for path in one_of_each(layout):
+        for target in (tmp_path / path.name, layout / f".{path.name}"):
+            path.rename(target)
+            path.symlink_to(target)
+            if target.parent == layout:
+                assert plugins.open_recording(layout).fingerprint() == before
+            else:
+                with pytest.raises(InputError, match="leads out of the recording's folder"):
+                    plugins.open_recording(layout)
+            path.unlink()
+            target.rename(path)
+    for folder_of in {path.parent for path in one_of_each(layout)} - {layout}:
+        folder_of.rename(tmp_path / folder_of.name)
+        folder_of.symlink_to(tmp_path / folder_of.name)
+        with pytest.raises(InputError, match="leads out of the recording's folder"):
+            plugins.open_recording(layout)
+        folder_of.unlink()
+        (tmp_path / folder_of.name).rename(folder_of)
+    layout.rename(tmp_path / "moved")
+    layout.symlink_to(tmp_path / "moved")  # the person's own link to the whole of it is no link in it
     assert plugins.open_recording(layout).fingerprint() == before
 
 

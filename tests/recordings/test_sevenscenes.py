@@ -44,7 +44,7 @@ DAMAGE: list[tuple[Callable[[Path], object], str]] = [
     (rewrite(POSE, lambda m: m.__imul__([[-1]] * 3 + [[1]])), r"frame-000020\.pose\.txt: the rotation mirrors"),
     (lambda root: (root / POSE).write_text("1 0 0 0\n"), r"frame-000020\.pose\.txt must hold 4 lines of 4 numbers"),
     (lambda root: (root / POSE).write_text("1 0 0 here\n" * 4), r"frame-000020\.pose\.txt line 1: could not convert"),
-    (lambda root: (root / POSE).write_bytes(b"\xff\xfe" * 40), r"frame-000020\.pose\.txt is not text"),
+    (lambda root: (root / POSE).write_bytes(b"\xff\xfe" * 40), r"frame-000020\.pose\.txt line 1: not UTF-8 text"),
     (
         lambda root: (root / POSE).unlink(),
         r"4 colour images but 3 \.pose\.txt files: frame-000020\.pose\.txt is missing",

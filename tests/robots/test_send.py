@@ -157,3 +157,20 @@ def test_a_map_of_another_home_is_refused() -> None:
         plugins.make("robots", "dollhouse", home="kitchen")
     with pytest.raises(BackendError, match="which home"):
         plugins.make("robots", "dollhouse")
+
+
+@pytest.mark.parametrize("wrong", [math.nan, math.inf, -math.inf])
+@pytest.mark.parametrize("field", [0, 1, 2])
+def test_a_goal_that_is_no_pose_never_comes_to_a_robot(field: int, wrong: float) -> None:
+    pose = [1.0, 2.0, 0.5]
+    pose[field] = wrong
+    with pytest.raises(InputError, match="goal for the dining table: x, y and yaw must be 3 finite numbers"):
+        Goal(*pose, np.zeros((1, 2)), 0.0, TABLE, True)
+    with pytest.raises(InputError, match="goal for the dining table: its path must be"):
+        way((1.0, 1.0), (wrong, 2.0), (1.0, 2.2))
+
+
+@pytest.mark.parametrize("radius_m", [0.0, -1.0, math.nan, 50.0])
+def test_the_built_in_robot_has_a_radius(radius_m: float) -> None:
+    with pytest.raises(InputError, match="radius must be above 0 and at most 5 m"):
+        plugins.make("robots", "dollhouse", home="studio", radius_m=radius_m)

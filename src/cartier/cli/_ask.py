@@ -1,4 +1,4 @@
-"""Commands that use a home: ask, show."""
+"""The command that talks to a home: ask."""
 
 from __future__ import annotations
 
@@ -6,18 +6,16 @@ import json
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from cartier import specs
 from cartier.cli._common import AsJson, HomeFolder, IndexName, numbers, say
 from cartier.errors import InputError, ReasonerError
-from cartier.language.prompts import check_query
 from cartier.robots import send
 
 if TYPE_CHECKING:
-    from cartier.home import Home
     from cartier.types import Answer
 
 app = typer.Typer()
@@ -42,6 +40,8 @@ def ask(
         typer.Option("--from", metavar="X,Y", help="Where the robot stands; default: where the recording began."),
     ] = None,
     plot: Annotated[Path | None, typer.Option(help="Draw the answer into this picture.")] = None,
+    radius: Annotated[float, typer.Option(help="The robot's radius in metres.")] = 0.2,
+    camera_height: Annotated[float, typer.Option(help="The height of its camera in metres.")] = 1.5,
     go: Annotated[
         str | None, typer.Option(metavar="ROBOT", help="Send the goal: print, ros2, dollhouse (see 'cartier list').")
     ] = None,
@@ -50,11 +50,13 @@ def ask(
     """Say what you need; get the object that serves it, its place, and a pose to drive to."""
     from cartier.conversation import Conversation
     from cartier.home import Home
+    from cartier.types import RobotModel
 
     mapped = Home.load(home)
     thinks = specs.reasoner(reasoner, model=model, base_url=base_url, path=replies)
-    robot = specs.robot(go, mapped) if go else None
-    talk = Conversation(mapped, thinks, index=index, from_xy=numbers(start, 2, "--from"))
+    model_of_robot = RobotModel(radius, camera_height)
+    robot = specs.robot(go, mapped, model_of_robot) if go else None
+    talk = Conversation(mapped, thinks, index=index, from_xy=numbers(start, 2, "--from"), robot=model_of_robot)
     told: set[str] = set()
     for said in [words] if words is not None else _heard(mapped.name):
         try:
@@ -67,7 +69,7 @@ def ask(
         if plot:
             from cartier.picture import draw_answer
 
-            draw_answer(mapped, answer, plot)
+            draw_answer(mapped, answer, plot, model_of_robot)
             say(f"picture: {plot}")
         print(json.dumps(answer.to_dict(), ensure_ascii=False)) if as_json else _print_answer(answer, told)
         if robot is not None:
@@ -76,66 +78,6 @@ def ask(
             mapped.remember(answer)
         except InputError as error:
             say(f"the answer was not kept: {error}")
-
-
-@app.command()
-def show(
-    home: HomeFolder,
-    index: IndexName = None,
-    plot: Annotated[Path | None, typer.Option(help="Draw the floor plan with the objects into this picture.")] = None,
-    find: Annotated[
-        str | None,
-        typer.Option(
-            metavar="WORDS",
-            help="Where any words fit best, and with --plot how well they fit each place (index vlmaps).",
-        ),
-    ] = None,
-    as_json: AsJson = False,
-) -> None:
-    """Show what is in a home: every kind of object, how often it was seen, and where it is."""
-    from cartier.home import Home
-
-    mapped = Home.load(home)
-    if find is not None:
-        _find(mapped, check_query(find), index, plot, as_json)
-        return
-    rows = mapped.table(index)
-    if plot:
-        from cartier.picture import draw_home
-
-        draw_home(mapped, plot, index)
-        say(f"picture: {plot}")
-    if as_json:
-        about = {"home": mapped.name, "id": mapped.id, "detector": mapped.detector, "index": mapped.index(index)[0]}
-        things = {"objects": rows, "glimpsed": list(mapped.glimpsed), "notes": list(mapped.notes)}
-        print(json.dumps(about | things, ensure_ascii=False))
-    else:
-        _print_table(mapped, rows, mapped.index(index)[0])
-
-
-def _find(home: Home, words: str, index: str | None, plot: Path | None, as_json: bool) -> None:
-    name, searched = home.searchable(index)
-    place = searched.locate(words)
-    assert place is not None  # an index that holds nothing is not saved
-    if plot:
-        from cartier.picture import draw_find
-
-        draw_find(home, words, plot, name)
-    for note in searched.notes:
-        say(note)
-    about = {"home": home.name, "index": name, "encoder": searched.encoder, "detector": home.detector}
-    if as_json:
-        print(
-            json.dumps(
-                about | {"words": words, "place": place.to_dict(), "picture": str(plot) if plot else None},
-                ensure_ascii=False,
-            )
-        )
-        return
-    x, y, z = place.position
-    print(f"best   x {x:.2f}  y {y:.2f}  z {z:.2f} m   (cosine {place.score:.2f}, frame {place.frame})")
-    print(f"  by     {name}, {searched.encoder}, {home.detector}")
-    print(f"  look   {plot}" if plot else "  look   with --plot FILE.png")
 
 
 def _heard(home: str) -> Iterator[str]:
@@ -171,35 +113,3 @@ def _print_answer(answer: Answer, told: set[str]) -> None:
     for further in answer.then:
         print("then ", end="")
         _print_answer(further, told)
-
-
-def _print_table(home: Home, rows: list[dict[str, Any]], index: str) -> None:
-    from rich import box
-    from rich.console import Console
-    from rich.table import Table
-
-    table = Table(
-        "object",
-        "frames",
-        "best score",
-        "x (m)",
-        "y (m)",
-        "z (m)",
-        "evidence",
-        box=box.SIMPLE,
-        title=home.name,
-        title_justify="left",
-    )
-    for row in rows:
-        place = row["place"]
-        where = [f"{v:.2f}" for v in place["position"]] + [f"frame {place['frame']}"] if place else ["–", "–", "–", "–"]
-        table.add_row(row["object"], str(row["frames"]), f"{row['best_score']:.2f}", *where)
-    console = Console(width=None if sys.stdout.isatty() else 100)
-    console.print(table)
-    console.print(
-        f"index: {index}   detector: {home.detector}   robot radius: {home.robot_radius_m} m", highlight=False
-    )
-    if home.glimpsed:
-        console.print(f"only glimpsed, not listed: {', '.join(home.glimpsed)}", highlight=False, markup=False)
-    for note in home.notes:
-        console.print(f"note: {note}", highlight=False, markup=False)

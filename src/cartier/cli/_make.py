@@ -109,10 +109,6 @@ def map_command(
             help="For the index vlmaps: embedded, embedded:pixels, or clip:MODEL, lseg:FILE (a folder or a hub id)."
         ),
     ] = "embedded",
-    min_views: Annotated[
-        int | None, typer.Option(help="How many frames must agree on an object; each detector has its own default.")
-    ] = None,
-    radius: Annotated[float, typer.Option(help="Robot radius in metres, for the goals.")] = 0.2,
     append: Annotated[
         bool,
         typer.Option("--append", help="Add to the HOME that is there: poses in the same frame, the same detector."),
@@ -127,7 +123,7 @@ def map_command(
     as_json: AsJson = False,
 ) -> None:
     """Map a recording: detect objects, build the indices and the floor plan, save a home."""
-    from cartier.files import locked
+    from cartier.atomic import locked
     from cartier.home import Home
     from cartier.pipeline import map_home
 
@@ -141,19 +137,22 @@ def map_command(
     with locked(output, wait_s=A_DAY_S, told=say):
         onto = Home.load(output) if append else None
         with progress("mapping") as step:
-            home = map_home(
-                source, detects, names, encoder=encoder, min_views=min_views, robot_radius_m=radius,
-                onto=onto, resume=unfinished, progress=step,
-            )  # fmt: skip
+            home = map_home(source, detects, names, encoder=encoder, onto=onto, resume=unfinished, progress=step)
         if home is onto:
             say(f"{source.name} is in {output} already: nothing was added")
         home.save(output)
         with suppress(OSError):  # the home is whole without
             unfinished.unlink()
     if as_json:
-        print(json.dumps({"home": str(output), "id": home.id, "objects": home.objects, "notes": list(home.notes)}))
+        sure = sum(thing.confirmed for thing in home.objects)
+        told = {"home": str(output), "id": home.id, "names": home.names, "confirmed": sure, "notes": list(home.notes)}
+        print(json.dumps(told | {"tentative": len(home.objects) - sure}))
     else:
-        print(f"{output}: {len(home.objects)} kinds of object in {len(source)} frames ({home.detector})")
+        for note in home.notes:
+            say(note)
+        sure = sum(thing.confirmed for thing in home.objects)
+        print(f"{output}: {sure} objects of {len(home.names)} kinds in {len(source)} frames ({home.detector})")
+        print(f"see them:          cartier show {output} --plot plan.png --sheet sheet.png")
         print(f'ask it something:  cartier ask {output} "I would love to sit down"')
 
 

@@ -6,9 +6,9 @@ import re
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from cartier.errors import InputError
+from cartier.errors import InputError, brief
 from cartier.files import read_json
-from cartier.language.names import display_name
+from cartier.language.names import MAX_NAME_CHARS, display_name
 
 
 class Annotations(NamedTuple):
@@ -35,13 +35,14 @@ def read_annotations(path: Path) -> Annotations:
     if all(isinstance(item, str) for item in categories):
         categories = [{"id": i, "name": name} for i, name in enumerate(categories, start=1)]
         notes.append(
-            f"{path.name} is a list of names: the first one, {categories[0]['name']!r}, is taken for category 1"
+            f"{path.name} is a list of names: the first one, {brief(categories[0]['name'])!r}, is taken for category 1"
         )
     names = {}
     for number, item in _by_id(path, "categories", categories):
-        name = display_name(item["name"]) if isinstance(item.get("name"), str) else ""
+        given = item.get("name")
+        name = display_name(given) if isinstance(given, str) and len(given) <= MAX_NAME_CHARS else ""
         if not name:
-            raise InputError(f"{path}: category {number} has no name")
+            raise InputError(f"{path}: category {brief(number, 40)} has no name of {MAX_NAME_CHARS} characters at most")
         names[number] = name
     images = value.get("images", []) if isinstance(value, dict) else []
     if not isinstance(images, list):
@@ -60,7 +61,7 @@ def _by_id(path: Path, what: str, items: list[Any]) -> list[tuple[int, dict[str,
         number = item.get("id") if isinstance(item, dict) else None
         if type(number) is not int or number in seen:
             fault = "comes twice" if number in seen else "is no whole number"
-            raise InputError(f'{path}: "{what}" entry {position}: its id {str(number)[:40]} {fault}')
+            raise InputError(f'{path}: "{what}" entry {position}: its id {brief(number, 40)} {fault}')
         seen[number] = item
     return list(seen.items())
 
@@ -71,7 +72,9 @@ def _check_order(path: Path, names: list[Any]) -> None:
     keys = [[part.zfill(20) if part.isdigit() else part for part in re.split(r"(\d+)", name)] for name in names]
     for before, after, name in zip(keys, keys[1:], names[1:], strict=False):
         if after < before:
-            raise InputError(f'{path}: "images" must be in the order of the recording, but {name!r} comes too late')
+            raise InputError(
+                f'{path}: "images" must be in the order of the recording, but {brief(name)!r} comes too late'
+            )
 
 
 def _size(item: dict[str, Any]) -> tuple[int, int] | None:

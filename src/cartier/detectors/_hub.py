@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from cartier.errors import BackendError, InputError
+from cartier.errors import BackendError, InputError, brief
 from cartier.files import sha256_of
 
 HASHED = (".safetensors", ".json", ".txt")  # weights, configuration, tokenizer
@@ -61,7 +61,7 @@ def find(model: str | Path, types: Collection[str]) -> Source:
         ) from error
     if config.model_type not in types:
         raise InputError(
-            f"{model} is no detector that cartier runs: its type is {config.model_type}, and those that run are "
+            f"{model} is no detector that cartier runs: its type is {brief(config.model_type, 40)}, and those that run are "
             f"{', '.join(types)}"
         )
     if not folder:  # every file from one commit; and without "main" transformers never asks the hub to convert pickles

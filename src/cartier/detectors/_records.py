@@ -8,7 +8,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NoReturn, TextIO
 
-from cartier.errors import InputError
+from cartier.errors import InputError, brief
+from cartier.files import check_file
 
 MAX_FILE_BYTES = 2**30
 MAX_RECORD_CHARACTERS = 2**24
@@ -21,6 +22,7 @@ def records(path: Path) -> Iterator[tuple[int, dict[str, Any]]]:
 
     Raises InputError with the line if the file is missing, larger than 1 GiB, damaged, or holds anything but objects.
     """
+    check_file(path)
     try:
         if path.stat().st_size > MAX_FILE_BYTES:
             raise InputError(f"{path} is larger than {MAX_FILE_BYTES // 2**30} GiB: drop the low scores or the masks")
@@ -88,7 +90,7 @@ class _Text:
                     self.line += self.buffer.count("\n", self.at, error.pos)
                     self.fail(f"not valid JSON ({error.msg})")
             except (ValueError, RecursionError) as error:
-                self.fail(f"not a plain JSON object ({error})")
+                self.fail(f"not a plain JSON object ({brief(error)})")
         self._advance(end)
         return dict(value)
 

@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 
 from cartier.detectors._annotations import Annotations
 from cartier.detectors._records import records
-from cartier.errors import InputError
-from cartier.language.names import display_name
+from cartier.errors import InputError, brief
+from cartier.language.names import MAX_NAME_CHARS, display_name
 
 FORMS = 'COCO results {"image_id", "category_id", "bbox", "score"} or {"frame", "label", "score", "xyxy"}'
 MAX_FRAME = 2**31
@@ -53,14 +53,14 @@ def _coco(line: int, record: dict[str, Any], annotations: Annotations | None) ->
     image, category = _whole(record, "image_id"), _whole(record, "category_id")
     if annotations is None:
         raise _Fault(
-            f"category_id {category} needs a name: put the COCO or LVIS annotations (or a list of names) beside the "
+            f"category_id {_short(category)} needs a name: put the COCO or LVIS annotations (or a list of names) beside the "
             "file as NAME.categories.json, or give the option categories"
         )
     if category not in annotations.names:
-        raise _Fault(f"there is no category {category} in {annotations.path}")
+        raise _Fault(f"there is no category {_short(category)} in {annotations.path}")
     frame = annotations.frames.get(image) if annotations.frames else image
     if frame is None:
-        raise _Fault(f"there is no image {image} in {annotations.path}")
+        raise _Fault(f"there is no image {_short(image)} in {annotations.path}")
     x, y, width, height = _four(record, "bbox")
     if width < 0 or height < 0:
         raise _Fault(f"'bbox' must be [x, y, width, height], got {record['bbox']}: is it x1, y1, x2, y2?")
@@ -71,9 +71,9 @@ def _own(line: int, frame: Any, item: Any) -> Row:
     if not isinstance(item, dict):
         raise _Fault(f"a detection must be {FORMS}")
     label = item.get("label")
-    name = _name(label) if isinstance(label, str) else ""
+    name = _name(label) if isinstance(label, str) and len(label) <= MAX_NAME_CHARS else ""
     if not name:
-        raise _Fault(f"'label' must be a name, got {_short(label)}")
+        raise _Fault(f"'label' must be a name of {MAX_NAME_CHARS} characters at most, got {_short(label)}")
     x1, y1, x2, y2 = _four(item, "xyxy")
     if x2 < x1 or y2 < y1:
         raise _Fault(f"'xyxy' must be [x1, y1, x2, y2] with x2 >= x1 and y2 >= y1, got {item['xyxy']}")
@@ -124,4 +124,5 @@ def _is_pixel(value: Any) -> bool:
 
 
 def _short(value: Any) -> str:
-    return "nothing" if value is None else repr(value)[:60]
+    quoted = brief(value, 60)
+    return "nothing" if value is None else repr(quoted) if isinstance(value, str) else quoted

@@ -7,8 +7,11 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
-from cartier.errors import InputError
-from cartier.language.names import display_name
+from cartier.errors import InputError, brief
+from cartier.files import read_bytes
+from cartier.language.names import MAX_NAME_CHARS, display_name
+from cartier.mapping.existence import calibration_from
+from cartier.types import Calibration
 
 MAX_BYTES = 4 * 2**20
 COCO80 = Path(__file__).parent / "labels" / "coco80.txt"
@@ -20,14 +23,11 @@ Side = Annotated[int, Field(ge=1, le=8192)]
 PLAIN: dict[str, Any] = {"mean": (0.0, 0.0, 0.0), "std": (1.0, 1.0, 1.0)}
 IMAGENET: dict[str, Any] = {"mean": (0.485, 0.456, 0.406), "std": (0.229, 0.224, 0.225)}
 DEFAULTS: dict[str, dict[str, Any]] = {
-    # FastestDet on the 7-Scenes kitchen: seen at 0.5 in 3 frames, every name is real (cup, chair, book, tv). In 1 frame
-    # six more come, all wrong (sink, refrigerator, laptop, bed, person, remote); at 0.65 most chairs are lost.
-    "fastestdet": PLAIN | {"channels": "bgr", "scale": 255.0, "resize": "stretch", "threshold": 0.5, "min_views": 3},
-    "yolov8": PLAIN | {"channels": "rgb", "scale": 255.0, "resize": "letterbox", "threshold": 0.5, "min_views": 2},
-    "yolox": PLAIN
-    | {"channels": "bgr", "scale": 1.0, "resize": "letterbox_top_left", "threshold": 0.5, "min_views": 2},
-    "detr": IMAGENET | {"channels": "rgb", "scale": 255.0, "resize": "stretch", "threshold": 0.7, "min_views": 2},
-    "exported": PLAIN | {"channels": "rgb", "scale": 255.0, "resize": "stretch", "threshold": 0.5, "min_views": 2},
+    "fastestdet": PLAIN | {"channels": "bgr", "scale": 255.0, "resize": "stretch", "threshold": 0.5},
+    "yolov8": PLAIN | {"channels": "rgb", "scale": 255.0, "resize": "letterbox", "threshold": 0.5},
+    "yolox": PLAIN | {"channels": "bgr", "scale": 1.0, "resize": "letterbox_top_left", "threshold": 0.5},
+    "detr": IMAGENET | {"channels": "rgb", "scale": 255.0, "resize": "stretch", "threshold": 0.7},
+    "exported": PLAIN | {"channels": "rgb", "scale": 255.0, "resize": "stretch", "threshold": 0.5},
 }
 
 
@@ -48,8 +48,11 @@ class Sidecar(BaseModel):
     """The network is fed (value / scale - mean) / std, per channel in the order of ``channels``."""
     resize: Literal["stretch", "letterbox", "letterbox_top_left"]
     threshold: Annotated[float, Field(ge=0, le=1)]
-    min_views: Annotated[int, Field(ge=1)]
-    """How many frames must agree on an object before it counts."""
+    """The score from which a detection counts by itself."""
+    calibration: Calibration | None = None
+    """What its reports are worth, where that was measured: the fields of ``types.Calibration``, ``measured`` among them."""
+    min_views: int | None = None
+    """Of older sidecars, and without effect: the map weighs each object's evidence."""
     activation: Literal["softmax", "sigmoid"] = "softmax"
     """Layout detr: softmax over labels and a last "no object", or a sigmoid per label."""
     box_units: Literal["pixels", "normalised"] = "pixels"
@@ -77,16 +80,26 @@ class Sidecar(BaseModel):
             return labels
         sets = {"coco": coco80, "coco91": coco91}
         if labels not in sets:
-            raise ValueError(f'must be a list of names, or "coco" or "coco91", got {labels!r}')
+            raise ValueError(f'must be a list of names, or "coco" or "coco91", got {brief(labels, 40)!r}')
         return sets[labels]()
 
     @field_validator("labels")
     @classmethod
     def _display_names(cls, labels: tuple[str | None, ...]) -> tuple[str | None, ...]:
+        if any(label is not None and len(label) > MAX_NAME_CHARS for label in labels):
+            raise ValueError(f"a label has {MAX_NAME_CHARS} characters at most")
         names = tuple(None if label is None else display_name(label) for label in labels)
         if "" in names:
             raise ValueError(f"label {names.index('')} is empty; a class that means nothing is null")
         return names
+
+    @field_validator("calibration", mode="before")
+    @classmethod
+    def _sound(cls, told: Any) -> Any:
+        try:
+            return calibration_from(told) if isinstance(told, dict) else told
+        except TypeError as error:
+            raise ValueError(f"must hold the fields of a calibration ({error})") from error
 
     @field_validator("std")
     @classmethod
@@ -110,21 +123,17 @@ def coco91() -> tuple[str | None, ...]:
 def read_sidecar(path: Path) -> Sidecar:
     """The sidecar in a JSON file, or an InputError that names the key that is wrong."""
     try:
-        if path.stat().st_size > MAX_BYTES:
-            raise InputError(f"{path} is larger than {MAX_BYTES // 2**20} MiB, which no sidecar is")
-        return Sidecar.model_validate_json(path.read_bytes())
-    except OSError as error:
-        raise InputError(f"sidecar {path} cannot be read ({error.strerror})") from error
+        return Sidecar.model_validate_json(read_bytes(path, MAX_BYTES))
     except ValidationError as error:
         raise InputError(f"{path}: {_first_fault(error)}") from error
 
 
 def _first_fault(error: ValidationError) -> str:
     fault = error.errors(include_url=False)[0]
-    key = ".".join(str(part) for part in fault["loc"])
+    key = brief(".".join(str(part) for part in fault["loc"]), 80)
     if fault["type"] == "extra_forbidden":
         return f"there is no key {key!r}; the keys are {', '.join(Sidecar.model_fields)}"
     if fault["type"] == "missing":
         return f"the key {key!r} is missing"
-    message = fault["msg"].removeprefix("Value error, ").splitlines()[0]
+    message = brief(fault["msg"].removeprefix("Value error, "), 160)
     return f"{key}: {message}" if key else message

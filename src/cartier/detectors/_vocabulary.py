@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from cartier.errors import InputError
-from cartier.language.names import display_name
+from cartier.files import read_text
+from cartier.language.names import MAX_NAME_CHARS, display_name
 
 LVIS = Path(__file__).parent / "labels" / "lvis.tsv"
 MAX_NAMES = 10_000  # eight times LVIS; the scores of one OWLv2 frame then take 144 MB
@@ -49,21 +50,16 @@ def read_vocabulary(given: str | Path | Sequence[str] | None = None) -> Vocabula
 def _lines(path: Path) -> Iterable[list[str]]:
     """Each line of a vocabulary file that is no comment, as its name and synonyms."""
     try:
-        if path.stat().st_size > MAX_BYTES:
-            raise InputError(
-                f"vocabulary {path} is larger than {MAX_BYTES // 2**20} MiB; it may hold {MAX_NAMES} names"
-            )
-        text = path.read_bytes().decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise InputError(f"vocabulary {path} is not UTF-8 text (at byte {error.start}): one name a line") from error
-    except OSError as error:
-        raise InputError(f"vocabulary {path} cannot be read ({error.strerror})") from error
-    except ValueError as error:  # a path with a null byte in it
-        raise InputError(f"vocabulary {str(path)!r:.80} is no path of a file") from error
+        text = read_text(path, MAX_BYTES)
+    except InputError as error:
+        raise InputError(f"vocabulary {error}: it is a text file, one name a line") from error
     return [line.split("\t") for line in text.splitlines() if not line.startswith("#")]
 
 
 def _vocabulary(rows: Iterable[Sequence[str]], source: str) -> Vocabulary:
+    rows = list(rows)
+    if any(len(word) > MAX_NAME_CHARS for row in rows for word in row):
+        raise InputError(f"vocabulary {source} holds a name of more than {MAX_NAME_CHARS} characters: write one a line")
     named = [[display_name(word) for word in row] for row in rows]
     count = Counter(row[0] for row in named if row[0])
     if not count:

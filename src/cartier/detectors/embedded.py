@@ -9,6 +9,7 @@ import numpy as np
 
 from cartier.detectors._boxes import clip, nms
 from cartier.errors import BackendError
+from cartier.mapping.existence import at_threshold
 from cartier.models.dollhouse_detector import FOLDER
 from cartier.types import Detections, Frame
 
@@ -16,7 +17,6 @@ if TYPE_CHECKING:
     from cartier.models.dollhouse_detector.inference import Inference
 
 MAX_IOU = 0.5
-GLIMPSED = 0.2  # of the chances that a box is right; what scores less is not even a hint
 FLAT = 6  # levels between the darkest and the brightest value of an image in which nothing can be made out
 
 
@@ -26,15 +26,13 @@ def make(
     provider: str = "cpu",
     threads: int | None = None,
 ) -> Embedded:
-    """``threshold`` is the least score, by default that chosen on generated homes when it was trained.
+    """``threshold`` is the score from which a detection counts by itself, by default that chosen on generated homes.
 
     ``folder`` holds another model of the same make (tools/train_dollhouse_detector.py); ``provider`` is onnxruntime's, such as "cuda";
     ``threads`` is onnxruntime's own choice by default. Raises InputError if the network's file is missing or was changed.
     """
     from cartier.models.dollhouse_detector.inference import open_inference
 
-    if threshold is not None and not 0 <= threshold <= 1:
-        raise BackendError(f"option threshold must be from 0 to 1, got {threshold}")
     if threads is not None and threads < 1:
         raise BackendError(f"option threads must be at least 1, got {threads}")
     return Embedded(threshold, open_inference(Path(folder), provider, threads))
@@ -46,10 +44,9 @@ class Embedded:
     def __init__(self, threshold: float | None, inference: Inference) -> None:
         self._inference = inference
         self.model = inference.model
-        self._threshold = self.model.threshold if threshold is None else threshold
+        self.calibration = at_threshold(self.model.calibration, threshold)
         self.sha256 = self.model.sha256
-        self.min_views = self.model.min_views
-        self.name = f"embedded dollhouse detector (score ≥ {self._threshold:g})"
+        self.name = f"embedded dollhouse detector (counts from {self.calibration.threshold:g})"
         self.notes: tuple[str, ...] = (
             f"the embedded detector knows the dollhouse's types and no photographs: {self.model.trained}",
         )
@@ -57,16 +54,14 @@ class Embedded:
     def detect(self, frame: Frame) -> Detections:
         """Boxes clipped to the frame, best score first; one thing may come with two names.
 
-        Scores under the threshold are ``glimpsed``. Raises BackendError if the network gives what it must not.
+        Raises BackendError if the network gives what it must not.
         """
         boxes, scores, classes = self._inference.detections(frame)
         if np.ptp(frame.rgb) < FLAT:
             return Detections(frame.index, boxes[:0], scores[:0], ())
         boxes, whole = clip(boxes, frame.camera.width, frame.camera.height)
-        chosen = np.flatnonzero(whole & (scores >= min(self._threshold, GLIMPSED)))
+        chosen = np.flatnonzero(whole & (scores >= self.calibration.low))
         boxes, scores, classes = boxes[chosen], scores[chosen], classes[chosen]
         order = nms(boxes, scores, classes, MAX_IOU)
-        found = Detections(
-            frame.index, boxes[order], scores[order], tuple(self.model.names[int(classes[i])] for i in order)
-        )
-        return found
+        names = tuple(self.model.names[int(classes[i])] for i in order)
+        return Detections(frame.index, boxes[order], scores[order], names)

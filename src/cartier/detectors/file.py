@@ -10,9 +10,10 @@ import numpy as np
 from cartier.detectors._annotations import Annotations, read_annotations
 from cartier.detectors._boxes import clip
 from cartier.detectors._rows import rows
-from cartier.errors import BackendError, InputError
+from cartier.errors import InputError
 from cartier.files import sha256_of
-from cartier.types import Array, Detections, Frame
+from cartier.mapping.existence import at_threshold
+from cartier.types import Array, Calibration, Detections, Frame
 
 EVA_THRESHOLD = 0.8
 OVERHANG = 0.1  # detectors that do not clip reach a little over the edge; more means images of another size
@@ -24,13 +25,11 @@ def make(path: str | Path, threshold: float = EVA_THRESHOLD, categories: str | P
     ``path`` holds a JSON list or JSON lines of COCO results (``image_id``, ``category_id``, ``score``, ``bbox``
     x, y, width, height) or of ``{"frame": 0, "label": "cup", "score": 0.9, "xyxy": [x1, y1, x2, y2]}``, or per frame
     ``{"frame": 0, "detections": [{"label", "score", "xyxy"}, …]}``; boxes are in pixels of the recording's frames.
-    Detections that score above ``threshold`` count. ``categories`` names the category ids: a COCO or LVIS annotations
+    Detections that score ``threshold`` or more count by themselves, EVA's own scale; those of two fifths of it are evidence. ``categories`` names the category ids: a COCO or LVIS annotations
     file, or a list of names (the first is id 1), by default ``NAME.categories.json`` beside NAME.json. If it lists
     ``images``, the k-th of them is frame k; else image_id is the frame's number, from 0.
     Raises InputError with the line for whatever is wrong, also if no detection is left.
     """
-    if not 0 <= threshold <= 1:
-        raise BackendError(f"option threshold must be from 0 to 1, got {threshold}")
     path = Path(path)
     beside = path.with_suffix(".categories.json")
     named = Path(categories) if categories else beside if beside.is_file() else None
@@ -38,24 +37,24 @@ def make(path: str | Path, threshold: float = EVA_THRESHOLD, categories: str | P
 
 
 class DetectionsFile:
-    """Obeys the Detector contract. Holds the detections above the threshold, 64 bytes each."""
+    """Obeys the Detector contract. Holds the detections that may mean something, 64 bytes each."""
 
     def __init__(self, path: Path, threshold: float, annotations: Annotations | None) -> None:
-        self.min_views = 1  # as in the paper, where each detection above the threshold counts
-        self.name = f"file {path.name} (score > {threshold:g})"
+        self.calibration = at_threshold(Calibration(), threshold)
+        self.name = f"file {path.name} (counts from {threshold:g})"
         self._path, self._annotations, self._last_asked = path, annotations, -1
         numbers: dict[str, int] = {}
         frames, lines, labels, values = array("q"), array("q"), array("q"), array("d")
         total, best = 0, 0.0
         for row in rows(path, annotations):
             total, best = total + 1, max(best, row.score)
-            if row.score > threshold:
+            if row.score >= self.calibration.low:
                 frames.append(row.frame)
                 lines.append(row.line)
                 labels.append(numbers.setdefault(row.label, len(numbers)))
                 values.extend((*row.xyxy, row.score))
         if not frames:
-            low = f"none of its {total} detections scores above {threshold:g} (the best has {best:g})"
+            low = f"none of its {total} detections scores {self.calibration.low:g} or more (the best has {best:g})"
             raise InputError(f"{path}: {low + ': lower the threshold' if total else 'it holds no detections'}")
         table = np.array(values).reshape(-1, 5)
         order = np.lexsort((-table[:, 4], np.array(frames)))
@@ -63,7 +62,7 @@ class DetectionsFile:
         self._frames, self._lines, self._labels = (np.array(column)[order] for column in (frames, lines, labels))
         self._boxes, self._scores = table[order, :4], table[order, 4]
         self.sha256 = sha256_of(path, *([annotations.path] if annotations else []))
-        self._kept = f"{path.name}: {len(frames)} of {total} detections score above {threshold:g}"
+        self._kept = f"{path.name}: {len(frames)} of {total} detections score {self.calibration.low:g} or more"
 
     @property
     def notes(self) -> tuple[str, ...]:

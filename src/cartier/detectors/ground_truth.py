@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from cartier.errors import BackendError
 from cartier.language.names import display_name
-from cartier.types import Detections, Frame, TrueObject
+from cartier.types import Calibration, Detections, Frame, TrueObject
 
 MIN_PIXELS = 64  # visible pixels below which even an ideal detector sees nothing
 
@@ -39,7 +39,9 @@ def make(
 class GroundTruth:
     """Obeys the Detector contract, with masks where nothing is disturbed. Its name says that it is no detector at all."""
 
-    min_views = 1
+    calibration = Calibration(0.5, birth=0.0, low=0.0, high=0.01, prior=6.0, measured="it is the truth")
+    notes: Sequence[str] = ()
+    sha256 = ""
 
     def __init__(
         self,

@@ -11,10 +11,11 @@ from cartier.detectors._boxes import clip, nms
 from cartier.detectors._layouts import ANY_NAME, LAYOUTS, Candidates, Size, recognised
 from cartier.detectors._pixels import to_tensor
 from cartier.detectors._sidecar import Sidecar, read_sidecar
-from cartier.errors import BackendError, InputError
+from cartier.errors import BackendError, InputError, brief
 from cartier.files import sha256_of
+from cartier.mapping.existence import at_threshold
 from cartier.models.onnx_session import Session, shape_text
-from cartier.types import Array, Detections, Frame
+from cartier.types import Array, Calibration, Detections, Frame
 
 DEFAULT_IOU = 0.5
 MAX_SCORE = 1.001  # half precision rounds a little above 1
@@ -30,14 +31,13 @@ def make(
 ) -> OnnxDetector:
     """A detector from an ONNX file and its sidecar, by default ``MODEL.json`` beside it.
 
-    ``threshold`` is the least score, by default the sidecar's or the layout's; ``iou`` is the overlap above which the
+    ``threshold`` is the score from which a detection counts by itself, by default the sidecar's or the layout's; ``iou`` is the overlap above which the
     weaker of two boxes of a class goes (layouts fastestdet, yolov8, yolox). ``provider`` is onnxruntime's, such as
     "cuda"; ``threads`` is onnxruntime's own choice by default. Raises InputError if the model cannot be loaded, if the
     sidecar is wrong or does not fit it, or if there is none and the model's shapes do not prove what it is.
     """
-    for name, value in (("threshold", threshold), ("iou", iou)):
-        if value is not None and not 0 <= value <= 1:
-            raise BackendError(f"option {name} must be from 0 to 1, got {value}")
+    if not 0 <= iou <= 1:
+        raise BackendError(f"option iou must be from 0 to 1, got {iou}")
     if threads is not None and threads < 1:
         raise BackendError(f"option threads must be at least 1, got {threads}")
     path = Path(model)
@@ -59,11 +59,15 @@ class OnnxDetector:
         self._layout = LAYOUTS[self._sidecar.layout]
         self._outputs = _pick_outputs(session, self._sidecar, described)
         self._check_shapes(trial, f"{described} does not fit it")
-        self._threshold = self._sidecar.threshold if threshold is None else threshold
-        self.min_views = self._sidecar.min_views
+        measured = (
+            at_threshold(Calibration(), self._sidecar.threshold)
+            if self._sidecar.calibration is None
+            else self._sidecar.calibration
+        )
+        self.calibration = at_threshold(measured, threshold)
         file = session.path.name
         overlap = f", iou {iou:g}" if self._layout.nms and iou != DEFAULT_IOU else ""
-        self.name = f"onnx {file} (score ≥ {self._threshold:g}{overlap})"
+        self.name = f"onnx {file} (counts from {self.calibration.threshold:g}{overlap})"
         self.notes: tuple[str, ...] = ()
         if given is None:
             self.notes = (
@@ -81,7 +85,7 @@ class OnnxDetector:
         tensor, placement = to_tensor(frame.rgb, self._size, self._sidecar)
         found = self._decode(self._session.run(tensor, where), where)
         boxes, whole = clip(placement.to_frame(found.boxes), frame.camera.width, frame.camera.height)
-        chosen = np.flatnonzero(whole & (found.scores >= self._threshold))
+        chosen = np.flatnonzero(whole & (found.scores >= self.calibration.low))
         names = self._names(found.classes[chosen], where)
         chosen = chosen[[name is not None for name in names]]
         boxes, scores = boxes[chosen], found.scores[chosen]
@@ -97,7 +101,7 @@ class OnnxDetector:
         values = [outputs[name].astype(np.float32, copy=False) for name in self._outputs]
         for name, value in zip(self._outputs, values, strict=True):
             if not np.isfinite(value).all():
-                raise BackendError(f"{self._session.path}: output {name} holds NaN or infinity for {where}")
+                raise BackendError(f"{self._session.path}: output {brief(name, 40)} holds NaN or infinity for {where}")
         found = self._layout.decode(values, self._sidecar, self._size)
         if not len(found.boxes) == len(found.scores) == len(found.classes):
             raise BackendError(
@@ -127,7 +131,7 @@ class OnnxDetector:
             if not _fits(outputs[name].shape, shape):
                 raise InputError(
                     f"{self._session.path}: {what}: layout {self._sidecar.layout} with {len(self._sidecar.labels)} "
-                    f"labels and a {_wxh(self._size)} input needs the output {name} to be {shape_text(shape)}, "
+                    f"labels and a {_wxh(self._size)} input needs the output {brief(name, 40)} to be {shape_text(shape)}, "
                     f"but it is {shape_text(outputs[name].shape)}"
                 )
 
@@ -145,7 +149,7 @@ def _pick_outputs(session: Session, sidecar: Sidecar, described: Path | None) ->
         roles = ", ".join(aliases[0] if aliases else "the one that holds the boxes" for aliases in wanted)
         raise InputError(
             f'{described} does not fit {session.path}: the key "outputs" must name, for layout {sidecar.layout}, '
-            f"{roles}; the model has {', '.join(there)}"
+            f"{roles}; the model has {brief(', '.join(there), 160)}"
         )
     return names
 

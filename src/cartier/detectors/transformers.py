@@ -15,7 +15,8 @@ from cartier.detectors._boxes import clip, nms
 from cartier.detectors._vocabulary import read_vocabulary
 from cartier.detectors._zero_shot import ClosedSet, Grounding, OmDetTurbo, Owl, Pass
 from cartier.errors import BackendError, CartierError
-from cartier.types import Array, Detections, Floats, Frame
+from cartier.mapping.existence import at_threshold
+from cartier.types import Array, Calibration, Detections, Floats, Frame
 
 EXTRA = "detect"
 BATCH = 8  # images in one forward
@@ -27,11 +28,10 @@ ANY_NAME_IOU = 0.8  # and of two of any names: one thing has one name
 
 @dataclass(frozen=True)
 class Family:
-    """How a type of model is asked, from which score on a box counts, and how many frames must agree on an object."""
+    """How a type of model is asked, and from which score on a detection counts by itself."""
 
     head: type[ClosedSet | Owl | Grounding | OmDetTurbo]
     threshold: float
-    min_views: int
     square: bool = False
     """Boxes are shares of the square that the image was padded to."""
 
@@ -40,16 +40,16 @@ FAMILIES = {
     # Scores of open vocabularies are low even on good boxes, and with 1,203 names some wrong one always scores a little:
     # the thresholds lie above the 0.1 of OWL's own examples and below the 0.4 that Grounding DINO's have for the best
     # token, since ours is the mean over a name's tokens. No published weights were measured here.
-    "owlv2": Family(Owl, 0.25, 3, square=True),
-    "owlvit": Family(Owl, 0.15, 3),
-    "grounding-dino": Family(Grounding, 0.3, 3),
-    "mm-grounding-dino": Family(Grounding, 0.3, 3),  # LLMDet is of this type too
-    "omdet-turbo": Family(OmDetTurbo, 0.3, 3),
-    "detr": Family(ClosedSet, 0.7, 2),
-    "yolos": Family(ClosedSet, 0.7, 2),
-    "rt_detr": Family(ClosedSet, 0.5, 2),
-    "rt_detr_v2": Family(ClosedSet, 0.5, 2),
-    "d_fine": Family(ClosedSet, 0.5, 2),
+    "owlv2": Family(Owl, 0.25, square=True),
+    "owlvit": Family(Owl, 0.15),
+    "grounding-dino": Family(Grounding, 0.3),
+    "mm-grounding-dino": Family(Grounding, 0.3),  # LLMDet is of this type too
+    "omdet-turbo": Family(OmDetTurbo, 0.3),
+    "detr": Family(ClosedSet, 0.7),
+    "yolos": Family(ClosedSet, 0.7),
+    "rt_detr": Family(ClosedSet, 0.5),
+    "rt_detr_v2": Family(ClosedSet, 0.5),
+    "d_fine": Family(ClosedSet, 0.5),
 }
 
 
@@ -61,15 +61,13 @@ def make(
 ) -> TransformersDetector:
     """A detector from a hub id (``google/owlv2-base-patch16-ensemble``), such an id ``@revision``, or a saved folder.
 
-    ``threshold`` is the least score, by default that of FAMILIES. ``vocabulary`` are the names that a zero-shot model is
+    ``threshold`` is the score from which a detection counts by itself, by default that of FAMILIES. ``vocabulary`` are the names that a zero-shot model is
     asked for, a text file or a list; by default LVIS's 1,203. ``device`` is torch's, by default the GPU if there is one;
     there it runs in half precision. Only safetensors are read, and no code from outside runs. Raises InputError if there
     is no such model, if it is damaged or no detector, or if the vocabulary is wrong; BackendError for a wrong option.
 
     Older DETRs take their backbone from timm, which brings torchvision: ``facebook/detr-resnet-50@no_timm`` needs neither.
     """
-    if threshold is not None and not 0 <= threshold <= 1:
-        raise BackendError(f"option threshold must be from 0 to 1, got {threshold}")
     chosen = _hub.best_device(device)
     source = _hub.find(model, FAMILIES)
     family = FAMILIES[source.config.model_type]
@@ -81,21 +79,25 @@ def make(
     with _running(loaded.model, source.name, "its vocabulary"):
         head = family.head(loaded, words.names if words else ())
     notes = [*(words.notes if words else ()), *head.notes]
-    return TransformersDetector(loaded, family, head, family.threshold if threshold is None else threshold, notes)
+    return TransformersDetector(
+        loaded, family, head, at_threshold(at_threshold(Calibration(), family.threshold), threshold), notes
+    )
 
 
 class TransformersDetector:
     """Obeys the Detector contract. ``notes`` say what was cut, merged or assumed."""
 
-    def __init__(self, loaded: _hub.Loaded, family: Family, head: Any, threshold: float, notes: Sequence[str]) -> None:
-        self._loaded, self._family, self._head, self._threshold = loaded, family, head, threshold
+    def __init__(
+        self, loaded: _hub.Loaded, family: Family, head: Any, calibration: Calibration, notes: Sequence[str]
+    ) -> None:
+        self._loaded, self._family, self._head, self.calibration = loaded, family, head, calibration
         self._zero_shot = family.head is not ClosedSet
-        self.min_views, self.sha256 = family.min_views, loaded.sha256
+        self.sha256 = loaded.sha256
         asked = ""
         if self._zero_shot:
             self.sha256, asked = _hub.with_names(loaded.sha256, head.names), f", {len(head.names)} names"
         half = _is_half(loaded.model)
-        self.name = f"transformers {loaded.source.name} (score ≥ {threshold:g}{asked}{', half precision' * half})"
+        self.name = f"transformers {loaded.source.name} (counts from {calibration.threshold:g}{asked}{', half precision' * half})"
         self.notes = tuple(notes)
         self._step = max(1, min(BATCH, BATCH_SCORES // head.scores_per_image))
 
@@ -135,7 +137,7 @@ class TransformersDetector:
         centres, halves = boxes_cxcywh[:, :2], boxes_cxcywh[:, 2:] / 2
         boxes, whole = clip(np.hstack([centres - halves, centres + halves]) * scale, width, height)
         named = np.array([name is not None for name in self._head.names])[classes]
-        best = np.flatnonzero(whole & named & (scores >= self._threshold))
+        best = np.flatnonzero(whole & named & (scores >= self.calibration.low))
         best = best[np.argsort(-scores[best], kind="stable")][:CANDIDATES]
         if self._zero_shot:
             best = best[nms(boxes[best], scores[best], classes[best], SAME_NAME_IOU)]

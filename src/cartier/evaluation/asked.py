@@ -9,8 +9,9 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from cartier.atomic import append_line
 from cartier.contracts import Reasoner
-from cartier.files import append_line, read_rows
+from cartier.files import read_rows
 from cartier.types import Inventory, Selection
 
 

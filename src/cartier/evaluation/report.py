@@ -10,6 +10,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from cartier.atomic import replaced_folder, write_file, write_json
 from cartier.errors import InputError
 from cartier.evaluation._figure import distance_png, match_png
 from cartier.evaluation._markdown import report
@@ -17,7 +18,7 @@ from cartier.evaluation._page import FOLDER, Photo, failure_kind, page, take_pho
 from cartier.evaluation._rows import Row, check_rows, read_rows, sight_of
 from cartier.evaluation._tables import latex, made_by, tidy_csv
 from cartier.evaluation.summary import summarise
-from cartier.files import read_json, replaced_folder, write_file, write_json
+from cartier.files import read_json
 
 PHOTOS_LIST = "photos.json"
 MARK = "served"

@@ -10,6 +10,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from cartier.atomic import locked, write_file, write_json
 from cartier.baselines import nlmap
 from cartier.contracts import Reasoner
 from cartier.errors import InputError
@@ -18,7 +19,7 @@ from cartier.evaluation.maps import Maps, MapSettings
 from cartier.evaluation.methods import METHODS, Bench
 from cartier.evaluation.metrics import distances, matches
 from cartier.evaluation.queries import Query, cases
-from cartier.files import locked, read_json, read_rows, write_file, write_json
+from cartier.files import read_json, read_rows
 from cartier.home import Home
 from cartier.language.names import display_name
 from cartier.models.minilm import TextEncoder

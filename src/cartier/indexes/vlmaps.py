@@ -111,7 +111,7 @@ class VLMaps:
 
     def restore(self, state: Mapping[str, bytes]) -> None:
         about = parse_json(state["vlmaps.json"], "vlmaps.json")
-        grid, texts = read_npz(state["grid.npz"], "grid.npz"), read_npz(state["texts.npz"], "texts.npz")
+        grid, texts = read_npz(state["grid.npz"], where="grid.npz"), read_npz(state["texts.npz"], where="texts.npz")
         try:
             self._spec, self._made_by = about["encoder"], str(about["made_by"])
             if not isinstance(self._spec, str | None):

@@ -5,6 +5,9 @@ from __future__ import annotations
 import re
 import unicodedata
 
+MAX_NAME_CHARS = 200
+"""Of an object's name in any file; the longest of LVIS has 60."""
+
 
 def display_name(label: str) -> str:
     """A detector's label as people write it: ``CoffeeMachine`` and ``coffee_machine`` become ``coffee machine``."""

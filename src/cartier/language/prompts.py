@@ -36,8 +36,10 @@ person is best served now.
 Objects in this home, by their exact names: {objects}
 
 What counts is the need behind the words. People ramble: what happened before, what belongs to others and what is mentioned \
-in passing is no need, and what a person turns down is not the answer. Earlier turns are context for the last words ("no, the \
-other one", "not that, it is dirty", or the answer to your question); what was served before is not served again.
+in passing is no need, and what a person turns down is not the answer. Prohibitions ("don't go to the fridge"), complaints \
+without a need and small talk are no needs: answer "absent", and say in the reason that it was understood. Earlier turns are \
+context for the last words ("no, the other one", "not that, it is dirty", or the answer to your question); what was served \
+before is not served again.
 
 Reply with JSON: {"reason": …, "status": …, "object": …, "question": …, "then": […]}
 - "reason": one short sentence for the person, in their language.

@@ -15,6 +15,7 @@ from cartier.types import Selection, Status
 MAX_REPLY_CHARS = 20_000
 MAX_LINE_CHARS = 300
 MAX_FURTHER = 3
+MAX_ACCENTS = 30
 NOTHING = "nothing"
 """What a model answers when no object of the list serves the person."""
 SAY_AGAIN = "Could you say that in other words?"
@@ -57,7 +58,8 @@ def no_answer(reply: str, *, model: str = "", prompt: str = "") -> Selection:
 
 def _need(row: Mapping[str, Any], names: _Names, model: str) -> Selection | None:
     """One need as a model states it; None if it names what is not listed, or a status that there is not."""
-    status, stated = str(row.get("status", "found")).strip().lower(), row.get("object")
+    status, stated = row.get("status", "found"), row.get("object")
+    status = status.strip().lower() if isinstance(status, str) else ""
     stated = stated[0] if isinstance(stated, list) and len(stated) == 1 else stated
     name = names.lookup(stated) if isinstance(stated, str) else None
     reason, question = _line(row.get("reason")), _line(row.get("question"))
@@ -121,7 +123,7 @@ def parse_object(reply: str, objects: Sequence[str]) -> str | None:
     if _JSON_MEMBER.search(reply):
         stated = [m[2] for m in _JSON_OBJECT.finditer(" ".join(reply.split()))]
         return names.lookup(_unescaped(stated[-1])) if stated else None
-    sentences = [s for s in re.split(r"[.!?;:]+(?:\s+|$)|\n+", reply) if s.strip()]
+    sentences = [s for s in _SENTENCE_END.split(reply) if s.strip()]
     first = re.match(r"[^.!?;:\n]+(?![^.!;:\n])", reply)  # "Bed? No, the sofa." decides nothing
     for part in (reply, reply.rpartition("\n")[2], first[0] if first else ""):
         if (name := names.lookup(part)) is not None:
@@ -137,14 +139,18 @@ def parse_object(reply: str, objects: Sequence[str]) -> str | None:
 def parse_list(reply: str, most: int = 5) -> list[str]:
     """The names in a comma-separated or numbered reply, cleaned, each once."""
     parts = re.split(r"[,\n;]", reply[:MAX_REPLY_CHARS])
-    names = (re.sub(r"^[\s\d.)*\-]+|[\s.]+$", "", part).strip("\"'` ") for part in parts)
+    names = (_LIST_MARKS.sub("", part).strip("\"'` ") for part in parts)
     return list(dict.fromkeys(name.lower() for name in names if 0 < len(name) <= 60))[:most]
 
 
+# Each pattern takes time that grows with a text's length and no faster: what may be long is possessive (*+, ++), and a run
+# is entered at its beginning only.
 _DECODER = json.JSONDecoder()
+_SENTENCE_END = re.compile(r"(?<![.!?;:])[.!?;:]++(?:\s++|$)|\n++")
+_LIST_MARKS = re.compile(r"^[\s\d.)*\-]++|(?<![\s.])[\s.]++$")
 _JSON_BEGIN = re.compile(r"\{(?=\s*\")")
-_JSON_KEY = re.compile(r'\s*,?\s*"((?:[^"\\]|\\.)*)"\s*:\s*')
-_JSON_END = re.compile(r"\s*,?\s*\}")
+_JSON_KEY = re.compile(r'\s*+(?:,\s*+)?"((?:[^"\\]|\\.)*+)"\s*+:\s*+')
+_JSON_END = re.compile(r"\s*+(?:,\s*+)?\}")
 _JSON_MEMBER = re.compile(r"[\"']object[\"'] ?:")
 _JSON_STATUS = re.compile(r"""[\"']status[\"']\s*:\s*[\"'](\w+)[\"']""")
 _JSON_OBJECT = re.compile(r"""[\"']object[\"'] ?: ?\[? ?([\"'])((?:\\.|(?!\1)[^\\])*)\1""")
@@ -212,8 +218,20 @@ def _names(objects: tuple[str, ...]) -> _Names:
 
 
 def _words(text: str) -> list[str]:
-    spaced = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", unicodedata.normalize("NFKC", text))
+    spaced = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", unicodedata.normalize("NFKC", _stream_safe(text)))
     return re.sub(r"[\W_]+", " ", spaced.casefold()).split()
+
+
+def _stream_safe(text: str) -> str:
+    """A text without the accents beyond 30 on one letter (Unicode's annex 15): to sort them takes the square of their number."""
+    if text.isascii():
+        return text
+    kept, accents = [], 0
+    for character in text:
+        accents = accents + 1 if unicodedata.combining(character) else 0
+        if accents <= MAX_ACCENTS:
+            kept.append(character)
+    return "".join(kept)
 
 
 def _fold(words: list[str]) -> str:

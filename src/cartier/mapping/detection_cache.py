@@ -9,9 +9,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from cartier.atomic import write_file
 from cartier.contracts import Detector
 from cartier.errors import InputError
-from cartier.files import write_file
 from cartier.types import Detections, Frame
 
 

@@ -13,16 +13,19 @@ GRID = 15  # samples along either side of a box
 POINTS = 48  # of them that are kept of an object's surface
 LEAST = 6  # samples on the surface under which a box shows nothing
 FLYING = 50  # of so many points one at either end is a flying pixel
+BESIDE = 20  # and without a mask one of so many is of what stands beside or behind
 THIN_M = 0.04  # a surface is at least this deep
 
 
 class Lifted(NamedTuple):
-    """N boxes in space: corners ``low`` and ``high`` (N, 3) of the surface in the world, its ``middle`` (N, 3), ``points``
-    (N, 48, 3) of it, pixels (N, 225) as flat indices into the image with ``own`` (N, 225) for those on the surface, and ``shown``
-    (N,): whether there was enough depth."""
+    """N boxes in space: corners ``low`` and ``high`` (N, 3) of the surface in the world, ``reach_low`` and ``reach_high`` of all
+    that may belong to it, its ``middle`` (N, 3), ``points`` (N, 48, 3) of it, ``pixels`` (N, 225) as flat indices into the image
+    with ``own`` (N, 225) for those on the surface, and ``shown`` (N,): whether there was enough depth."""
 
     low: Array
     high: Array
+    reach_low: Array
+    reach_high: Array
     middle: Array
     points: Array
     pixels: npt.NDArray[np.intp]
@@ -62,20 +65,21 @@ def lift(frame: Frame, boxes_xyxy: Array, masks: npt.NDArray[np.bool_] | None = 
     down = ((rows - camera.cy) / camera.fy).astype(np.float32)[:, :, None].repeat(GRID, 2).reshape(z.shape)
     pose = frame.world_from_camera.astype(np.float32)
     order = np.argsort(~own, axis=1, kind="stable")
-    each, low, high, middle = np.arange(n), np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3))
-    world = []
+    each, corners, middle, world = np.arange(n), np.zeros((4, n, 3)), np.empty((n, 3)), []
+    few = np.stack([count // (FLYING if masks is not None else BESIDE), count // FLYING])
+    last = np.maximum(count - 1, 0) - few
     for axis in range(3):  # one axis at a time: far quicker than products along a short one
         values = (across * pose[axis, 0] + down * pose[axis, 1] + pose[axis, 2]) * z + pose[axis, 3]
         ordered = np.sort(np.where(own, values, np.inf), axis=1)
-        few = count // FLYING
-        low[:, axis] = np.where(count > 0, ordered[each, few], 0)
-        high[:, axis] = np.where(count > 0, ordered[each, np.maximum(count - 1 - few, 0)], 0)
+        corners[:2, :, axis], corners[2:, :, axis] = ordered[each, few], ordered[each, last]
         middle[:, axis] = np.where(own, values, 0).sum(1) / np.maximum(count, 1)
         world.append(values)
+    corners[:, count == 0] = 0
     spread = (np.linspace(0, 1, POINTS) * np.maximum(count - 1, 0)[:, None]).astype(np.intp)
     chosen = np.take_along_axis(order, spread, 1)
     points = np.stack([np.take_along_axis(values, chosen, 1) for values in world], 2)
-    return Lifted(low, high, middle, points, pixels, own, count >= LEAST)
+    low, reach_low, high, reach_high = corners
+    return Lifted(low, high, reach_low, reach_high, middle, points, pixels, own, count >= LEAST)
 
 
 def overlaps(

@@ -34,6 +34,8 @@ TOGETHER = 0.3  # share of its sightings in which two objects must be seen side 
 FEW, MANY = 2, 30  # an object seen at most so often in so many chances is forgotten
 TIDY_EVERY = 10  # frames
 LABELS, VIEWS = 6, 3  # kept per object
+SIDES = {"low": -1, "high": 1, "reach_low": -1, "reach_high": 1}
+"""The corners of an object's box, and of all that may belong to it, by which it is known again; which way is outwards."""
 MOST_DETECTIONS = 60  # per frame
 
 _VIEW = np.dtype(
@@ -41,7 +43,7 @@ _VIEW = np.dtype(
      ("yaw", "f4"), ("surface", "f4", 3), ("worth", "f4")]
 )  # fmt: skip
 _COLUMNS: Mapping[str, tuple[tuple[int, ...], Any]] = {
-    "id": ((), "i8"), "points": ((POINTS, 3), "f4"), "low": ((3,), "f8"), "high": ((3,), "f8"), "label": ((LABELS,), "i2"),
+    "id": ((), "i8"), "points": ((POINTS, 3), "f4"), "low": ((3,), "f8"), "high": ((3,), "f8"), "reach_low": ((3,), "f8"), "reach_high": ((3,), "f8"), "label": ((LABELS,), "i2"),
     "weight": ((LABELS,), "f4"), "sightings": ((), "i4"), "chances": ((), "i4"), "first_s": ((), "f8"), "last_s": ((), "f8"),
     "looked_s": ((), "f8"), "widest_rad": ((), "f4"), "tried": ((STANDPOINTS,), "f4"), "hits": ((STANDPOINTS,), "f4"), "views": ((VIEWS,), _VIEW),
     "colours": ((len(COLOURS),), "f4"), "changed": ((), "?"),
@@ -103,7 +105,7 @@ class ObjectMap:
         assert frame.depth_m is not None
         n, rows, camera, pose = self._count, self._rows, frame.camera, frame.world_from_camera.astype(np.float32)
         chance, boxes = np.zeros(n, bool), np.zeros((n, 4))
-        low, high = rows["low"][:n], rows["high"][:n]
+        low, high = rows["reach_low"][:n], rows["reach_high"][:n]
         radius, ahead = np.linalg.norm(high - low, axis=1) / 2, ((low + high) / 2 - pose[:3, 3]) @ pose[:3, :3]
         tangent = max(camera.width / camera.fx, camera.height / camera.fy)  # generous: twice the half angle
         some = np.flatnonzero(
@@ -151,10 +153,10 @@ class ObjectMap:
         if len(found) and len(near):
             agree = self._agreement(labels, leader, found, near)
             low, high, o_low, o_high = (
-                lifted.low[found],
-                lifted.high[found],
-                self._rows["low"][near],
-                self._rows["high"][near],
+                lifted.reach_low[found],
+                lifted.reach_high[found],
+                self._rows["reach_low"][near],
+                self._rows["reach_high"][near],
             )
             space, part, within = overlaps(low, high, o_low, o_high, 0.02)
             size = (np.linalg.norm(high - low, axis=1)[:, None] + np.linalg.norm(o_high - o_low, axis=1)) / 2
@@ -191,7 +193,9 @@ class ObjectMap:
             time_s,
             lifted.points[d],
         )
-        rows["low"][o], rows["high"][o], rows["views"]["frame"][o] = lifted.low[d], lifted.high[d], -1
+        for side in SIDES:
+            rows[side][o] = getattr(lifted, side)[d]
+        rows["views"]["frame"][o] = -1
         self._next_id, self._count = self._next_id + 1, o + 1
         return o
 
@@ -201,13 +205,14 @@ class ObjectMap:
             count % 8, None, min(1 + count, 8)
         )  # the first views fill the surface, a later one changes an eighth
         rows["points"][o, some] = lifted.points[d, some]
-        self._settle(o, lifted.low[d], lifted.high[d], shrink)
+        self._settle(o, {side: getattr(lifted, side)[d] for side in SIDES}, shrink)
         rows["sightings"][o], rows["last_s"][o], rows["changed"][o] = count + 1, time_s, True
 
-    def _settle(self, o: int, low: Array, high: Array, shrink: float) -> None:
-        own_low, own_high = self._rows["low"][o], self._rows["high"][o]  # changed in place
-        own_low += (low - own_low) * np.where(low < own_low, GROW, shrink)
-        own_high += (high - own_high) * np.where(high > own_high, GROW, shrink)
+    def _settle(self, o: int, seen: Mapping[str, Array], shrink: float) -> None:
+        """Let an object's box, and its reach, follow what a view shows of it."""
+        for side, outwards in SIDES.items():
+            own, way = self._rows[side][o], seen[side] - self._rows[side][o]
+            own += way * np.where(way * outwards > 0, GROW, shrink)
 
     def _keep_view(
         self, o: int, frame: Frame, detections: Detections, d: int, label: int, size_px2: float, surface: Array
@@ -241,7 +246,7 @@ class ObjectMap:
     def _note_together(self, here: npt.NDArray[np.intp]) -> None:
         """Touching objects that one frame shows side by side are two, however alike they are."""
         low, high, ids = (
-            self._rows[name][np.sort(here)] for name in ("low", "high", "id")
+            self._rows[name][np.sort(here)] for name in ("reach_low", "reach_high", "id")
         )  # rows stand in the order of ids
         within = overlaps(low, high, low, high, 0.02)[2]
         for i, j in np.argwhere(np.triu(np.maximum(within, within.T) > 0.1, 1)):
@@ -254,11 +259,12 @@ class ObjectMap:
         gone, seen, ids = set[int](), rows["sightings"], rows["id"][:n].tolist()
         names = rows["label"][np.arange(n), rows["weight"][:n].argmax(1)]
         changed = np.flatnonzero(rows["changed"][:n])
-        some, every = (rows["low"][changed], rows["high"][changed]), (rows["low"][:n], rows["high"][:n])
-        (space, _, within), back = overlaps(*some, *every, 0.02), overlaps(*every, *some, 0.02)[2].T
-        alike = np.where(
-            names[changed][:, None] == names, (space > 0.3) | (np.maximum(within, back) > 0.7), space > 0.55
-        )
+        low, high = rows["reach_low"][:n], rows["reach_high"][:n]
+        space, part, within = overlaps(low[changed], high[changed], low, high, 0.02)
+        back = overlaps(low, high, low[changed], high[changed], 0.02)[2].T
+        same = (space > 0.3) | (np.maximum(within, back) > 0.7)
+        other = (space > 0.55) | ((space > 0.3) & (part > 0.85))  # another name for it
+        alike = np.where(names[changed][:, None] == names, same, other)
         for i, j in ((int(changed[i]), int(j)) for i, j in np.argwhere(alike)):
             together = self._together.get((ids[min(i, j)], ids[max(i, j)]), 0)
             if i != j and not {i, j} & gone and together <= TOGETHER * min(seen[i], seen[j]):
@@ -273,12 +279,8 @@ class ObjectMap:
     def _merge(self, keep: int, drop: int) -> None:
         rows = self._rows
         rows["points"][keep, ::4] = rows["points"][drop, ::4]
-        self._settle(
-            keep,
-            np.minimum(rows["low"][keep], rows["low"][drop]),
-            np.maximum(rows["high"][keep], rows["high"][drop]),
-            0,
-        )
+        better_of = {-1: np.minimum, 1: np.maximum}
+        self._settle(keep, {side: better_of[out](rows[side][keep], rows[side][drop]) for side, out in SIDES.items()}, 0)
         for name, better in (
             ("tried", np.maximum),
             ("widest_rad", max),
@@ -354,7 +356,7 @@ class ObjectMap:
         """Take what ``state`` gave into a new map. Raises InputError if it is damaged."""
         about, arrays = (
             parse_json(state["object_map.json"], "object_map.json"),
-            read_npz(state["object_map.npz"], "object_map.npz"),
+            read_npz(state["object_map.npz"], where="object_map.npz"),
         )
         try:
             count = len(arrays["id"])
@@ -382,7 +384,7 @@ def _leaders(boxes: Array, lifted: Lifted, labels: npt.NDArray[np.intp], exact: 
     if exact:
         return np.where(lifted.shown, np.arange(n), -1)
     image, contained, _ = overlaps(boxes[:, :2], boxes[:, 2:], boxes[:, :2], boxes[:, 2:])
-    nested = overlaps(lifted.low, lifted.high, lifted.low, lifted.high, 0.02)[1]
+    nested = overlaps(lifted.reach_low, lifted.reach_high, lifted.reach_low, lifted.reach_high, 0.02)[1]
     same = (image > SAME_BOX) | ((labels[:, None] == labels) & (nested > NESTED) & (contained > CONTAINED))
     leader = np.full(n, -1)
     for k in range(n):

@@ -11,11 +11,13 @@ import numpy as np
 import numpy.typing as npt
 import onnxruntime
 
-from cartier.errors import BackendError, InputError
+from cartier.errors import BackendError, InputError, brief
+from cartier.files import check_file
 from cartier.types import Array
 
 Size = tuple[int, int]
 """(w, h) in pixels."""
+MAX_SIDE_PX = 8192
 MAX_BYTES = 2**31  # protobuf's own limit: larger models keep their weights in files beside them
 TARGET_SIZES = "orig_target_sizes"  # D-FINE's and RT-DETR's second input: the (w, h) that boxes shall be given in
 FLOATS = {"tensor(float)": np.float32, "tensor(float16)": np.float16}
@@ -37,13 +39,17 @@ class Session:
         self._targets = inputs.pop(TARGET_SIZES, None)
         image = next(iter(inputs.values()), None)
         if image is None or len(inputs) != 1 or not _takes_an_image(image):
-            listed = ", ".join(_describe(node) for node in self._session.get_inputs()) or "none"
+            listed = brief(", ".join(_describe(node) for node in self._session.get_inputs()) or "none", 200)
             raise InputError(f"{path} must have one input of float images 1x3xHxW, but its inputs are {listed}")
         if self._targets is not None and self._targets.type not in INTEGERS:
             raise InputError(f"{path}: the input {TARGET_SIZES} must hold numbers, but it is {self._targets.type}")
         self._image = image
         height, width = image.shape[2:]
         self.size: Size | None = (width, height) if isinstance(width, int) and isinstance(height, int) else None
+        if self.size is not None and not all(0 < side <= MAX_SIDE_PX for side in self.size):
+            raise InputError(
+                f"{path} takes images of {width}x{height} px; cartier makes them 1 to {MAX_SIDE_PX} px a side"
+            )
         self.outputs: tuple[str, ...] = tuple(node.name for node in self._session.get_outputs())
 
     def run(self, tensor: npt.NDArray[np.float32], what: str) -> dict[str, Array]:
@@ -66,7 +72,7 @@ class Session:
     def describe(self, outputs: Mapping[str, Array]) -> str:
         """The input and the outputs with their shapes, for messages."""
         shapes = ", ".join(f"{name} {shape_text(value.shape)}" for name, value in outputs.items())
-        return f"input {_describe(self._image)}; outputs {shapes or ', '.join(self.outputs)}"
+        return brief(f"input {_describe(self._image)}; outputs {shapes or ', '.join(self.outputs)}", 200)
 
 
 def shape_text(shape: tuple[Any, ...]) -> str:
@@ -86,10 +92,9 @@ def _describe(node: Any) -> str:
 
 
 def _open(path: Path, provider: str, threads: int | None) -> onnxruntime.InferenceSession:
-    if not path.is_file():
+    if not path.exists():
         raise InputError(f"ONNX model {path} does not exist")
-    if path.stat().st_size > MAX_BYTES:
-        raise InputError(f"{path} is larger than {MAX_BYTES // 2**30} GiB, which no ONNX file can be")
+    check_file(path, MAX_BYTES)
     options = onnxruntime.SessionOptions()
     options.log_severity_level = FATAL
     if threads is not None:
@@ -117,4 +122,4 @@ def _reason(error: Exception) -> str:
     text = str(error).strip().split("\n")[0].split(" : ", 3)[-1]
     if any(sign in text for sign in NO_MODEL):
         return "it is no ONNX model, or it is truncated"
-    return re.sub(r"^Load model from .*? failed:", "", text)[:300] or type(error).__name__
+    return re.sub(r"^Load model from .*? failed:", "", brief(text, 200)) or type(error).__name__

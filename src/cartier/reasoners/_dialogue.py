@@ -25,19 +25,22 @@ AGAIN = re.compile(
 NEW = 3  # words that tell something, besides what is refused, are a need of their own
 FEW = 7  # words up to which what follows an answer may belong to it
 REFUSES = re.compile(r"\b(not|without|except|anything but|don t want|instead of)\b")
-NOT = re.compile(r"\b(not|no|without|except|but not|don t want|never|instead of)\b")
+NOT = re.compile(r"\b(not|no|without|except|but not|don t(?! know| mind)|never|instead of)\b")
 
 
 class Turn(NamedTuple):
     """How to take the person's words.
 
-    ``text`` is what to judge, ``only`` the names to choose from (none: all), ``without`` those that are out, and ``picked``
-    the name that was chosen outright.
+    ``text`` is what to judge, ``only`` the names to choose from (none: all), ``without`` those that are out, ``forbidden``
+    those that the robot was told to keep off, and ``picked`` the name that was chosen. Without ``outright`` nothing was asked
+    for in so many words, so that what is merely named is not wanted.
     """
 
     text: str
     only: tuple[str, ...] = ()
     without: tuple[str, ...] = ()
+    forbidden: tuple[str, ...] = ()
+    outright: bool = True
     picked: str | None = None
 
 
@@ -88,7 +91,10 @@ def _reply(query: str, said: str, need: str, offered: list[str], names: Sequence
         rest = [n for n in offered if n not in meant]
         if meant and len(rest) == 1:
             return Turn(query, picked=rest[0])
-        if not meant and not [w for w in said.split() if w not in STOP]:  # "neither of them", "no"
+        nothing_else = not [w for w in said.split() if w not in STOP]  # "neither of them", "no"
+        if len(offered) == 1 and (meant or nothing_else):
+            return Turn(query)
+        if not meant and nothing_else:
             return Turn(need, without=tuple(offered))
     elif len(meant) == 1:
         return Turn(query, picked=meant[0])

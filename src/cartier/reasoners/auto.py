@@ -6,22 +6,21 @@ In this order: ``model`` or ``base_url`` as given, a file in CARTIER_MODEL, a se
 from __future__ import annotations
 
 import os
-import queue
 import threading
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from cartier import plugins
 from cartier.contracts import Reasoner
 from cartier.errors import CartierError, InputError, ReasonerError
 from cartier.language.prompts import check_query, prompt_named
+from cartier.reasoners._deadline import Late, Value, within
 from cartier.types import Inventory, Selection
 
 REST_S = 60.0
 GRACE_S = 0.5  # so that a model's own complaint about the time, which says more, comes first
-Value = TypeVar("Value")
 
 
 def make(
@@ -109,26 +108,16 @@ class Auto:
             raise ReasonerError(f"{self._backend} still thinks about an earlier request")
         if (rest_s := self._rest_until - time.monotonic()) > 0:
             raise ReasonerError(f"{self._backend} was late and is asked again in {rest_s:.0f} s")
-        said: queue.SimpleQueue[Value | Exception] = queue.SimpleQueue()
-
-        def work() -> None:
-            try:
-                said.put(ask(self._loaded()))
-            except Exception as error:
-                said.put(error)
-
-        thread, begin = threading.Thread(target=work, daemon=True), time.monotonic()
-        thread.start()
+        begin = time.monotonic()
         try:
-            answer = said.get(timeout=self._timeout_s + GRACE_S)
-        except queue.Empty:
-            self._late = thread
+            return within(self._timeout_s + GRACE_S, lambda: ask(self._loaded()))
+        except Late as late:
+            self._late = late.thread
             raise ReasonerError(f"{self._backend} did not answer within {self._timeout_s:g} s") from None
-        if isinstance(answer, Exception):
+        except Exception:
             if time.monotonic() - begin >= self._timeout_s:
                 self._rest_until = time.monotonic() + REST_S
-            raise answer
-        return answer
+            raise
 
     def _loaded(self) -> Reasoner:
         with self._loading:

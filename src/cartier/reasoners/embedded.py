@@ -8,7 +8,7 @@ it learned from requests in many voices (``tools/train_scorer.py``). ``docs/embe
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 from functools import cached_property, lru_cache
 from pathlib import Path
 
@@ -17,10 +17,11 @@ import numpy as np
 from cartier.reasoners._cards import SHIPPED, Deck, bare, read_deck
 from cartier.reasoners._dialogue import Turn, alternatives, understand
 from cartier.reasoners._knowledge import ALIKE
-from cartier.reasoners._listening import MOST_CHARACTERS
+from cartier.reasoners._listening import MOST_CHARACTERS, mentions
 from cartier.reasoners._scorer import Judgement, Scorer
+from cartier.reasoners._speech_acts import Said, sort_out
 from cartier.reasoners._things import Missing, Ranked, Thing, Things, evidence
-from cartier.types import Array, Selection
+from cartier.types import Array, Inventory, Selection
 
 Candidates = tuple[tuple[str, float], ...]
 
@@ -59,16 +60,22 @@ class Embedded:
         """The learned part, loaded for the first request."""
         return self._given or Scorer(self.deck)
 
-    def select(self, query: str, objects: Sequence[str], dialogue: Sequence[tuple[str, str]] = ()) -> Selection:
+    def select(self, query: str, inventory: Inventory, dialogue: Sequence[tuple[str, str]] = ()) -> Selection:
         """The listed thing that serves the words, in the light of the dialogue; several in ``then`` for several needs."""
-        names = tuple(dict.fromkeys(objects))
+        names = tuple(inventory.names)
         if not names:
             return Selection("absent", reason="nothing was detected in this home", model=NAME)
         turn = understand(query, names, dialogue)
         if turn.picked is not None:
             reason = f"'{_short(query)}' means this one"
             return Selection("found", turn.picked, reason=reason, candidates=((turn.picked, 1.0),), model=NAME)
-        either = alternatives(query, [name for name in names if name not in turn.without])
+        if turn == Turn(query):  # what is said about an offer is a correction
+            said = sort_out(self.scorer.hear(query), self._keys(names))
+            if said.asked == "not":
+                return _told(said)
+            turn = turn._replace(forbidden=self._forbidden(said, names), outright=said.asked == "outright")
+        out = {*turn.without, *turn.forbidden}
+        either = alternatives(query, [name for name in names if name not in out])
         if either is not None:
             question = f"Do you mean the {bare(either[0])} or the {bare(either[1])}?"
             return Selection("clarify", reason="both were named", question=question, model=NAME)
@@ -84,7 +91,7 @@ class Embedded:
     def propose(self, query: str) -> list[str]:
         """The names of up to five cards that serve the words, best first; none if what serves them is nothing that homes have."""
         heard = self.scorer.hear(query)
-        if not heard.sentences:
+        if not heard.sentences or sort_out(heard, self.deck.by_key).asked == "not":
             return []
         judged = self.scorer.judge(heard, self.deck.by_key.keys())
         things = self._listed(tuple(card.name for card in self.deck.cards if card.at_home))
@@ -93,23 +100,46 @@ class Embedded:
             return []
         return [r.thing.name for r in ranked[:5] if r.logit > judged.nothing]
 
+    def _keys(self, names: tuple[str, ...]) -> Set[str]:
+        """The keys of all names to listen for."""
+        return self.deck.by_key.keys() | self._listed(names).keys
+
+    def _forbidden(self, said: Said, names: tuple[str, ...]) -> tuple[str, ...]:
+        """The listed things that a prohibition names, and nothing else that was said."""
+        keys, by_key = self._keys(names), self.deck.by_key
+        off, named = ({m.key for m in mentions(self.scorer.hear(t), keys)} for t in (said.forbidden, said.rest))
+        cards = {by_key[key] for key in off if key in by_key} - {by_key[key] for key in named if key in by_key}
+        return tuple(t.name for t in self._listed(names).all if t.key in off - named or t.card in cards)
+
     def _serve(self, text: str, names: tuple[str, ...], turn: Turn) -> Selection:
         heard = self.scorer.hear(text)
         if not heard.sentences:
             return Selection("clarify", reason="nothing said tells a need", question="What do you need?", model=NAME)
         things = self._listed(names)
-        judged = self.scorer.judge(heard, self.deck.by_key.keys() | things.keys)
-        ranked = [r for r in things.ranked(judged) if r.thing.name not in turn.without]
+        judged = self.scorer.judge(heard, self._keys(names))
+        ranked = [r for r in things.ranked(judged) if r.thing.name not in (*turn.without, *turn.forbidden)]
         if turn.only:
             ranked = [r for r in ranked if r.thing.name in turn.only]
         if not ranked:
             return Selection("absent", reason="nothing else is listed", model=NAME)
-        candidates = _candidates(ranked, judged)
-        missing = things.missing(judged)
+        chosen = self._pick(ranked, things, judged, turn)
+        named = _named_elsewhere(ranked[0], things.missing(judged)[1])
+        called = named.called if named else ranked[0].called
+        if chosen.object is None or called is None or turn.outright:
+            return chosen
+        reason, question = (
+            f"'{called.mention.said}' was named, but not asked for",
+            f"Shall I go to the {bare(chosen.object)}?",
+        )
+        return Selection("clarify", reason=reason, question=question, candidates=chosen.candidates, model=NAME)
+
+    def _pick(self, ranked: list[Ranked], things: Things, judged: Judgement, turn: Turn) -> Selection:
+        """The best of what is ranked, or what is said instead of it."""
+        candidates, missing = _candidates(ranked, judged), things.missing(judged)
+        named = _named_elsewhere(ranked[0], missing[1])
         # who turns a thing down wants the next best, so that it need only not be hopeless
         unsure = not turn.without and self.scorer.sure(self._evidence(ranked, missing, judged)) < SURE
         doubtful = unsure or ranked[0].logit < judged.nothing - FAR
-        named = _named_elsewhere(ranked[0], missing[1])
         first_time = not turn.only and not turn.without
         if named is not None and first_time:
             return self._twin(named, ranked, candidates) or self._instead(named, things, judged, candidates)
@@ -124,7 +154,7 @@ class Embedded:
         heard, things = self.scorer.hear(text), self._listed(tuple(names))
         if not heard.sentences:
             return None
-        judged = self.scorer.judge(heard, self.deck.by_key.keys() | things.keys)
+        judged = self.scorer.judge(heard, self._keys(tuple(names)))
         return self._evidence(things.ranked(judged), things.missing(judged), judged)
 
     def _evidence(self, ranked: list[Ranked], missing: tuple[Missing, Missing | None], judged: Judgement) -> Array:
@@ -191,6 +221,12 @@ class Embedded:
         if one.card is None or other.card is None:
             return one.key == other.key
         return one.card == other.card or self.scorer.knowledge.likeness(one.card, other.card) > ALIKE
+
+
+def _told(said: Said) -> Selection:
+    """No goal for who asked for nothing, and that this was understood."""
+    reason = f"understood: {_short(said.forbidden)}" if said.forbidden else "understood: nothing was asked for"
+    return Selection("absent", reason=reason, model=NAME)
 
 
 def _named_elsewhere(best: Ranked, named: Missing | None) -> Missing | None:

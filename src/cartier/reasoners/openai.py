@@ -4,23 +4,27 @@ from __future__ import annotations
 
 import json
 import os
+import queue
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
-from urllib.parse import urlsplit
+from urllib.parse import urljoin, urlsplit
 
 import openai
 
-from cartier.errors import ReasonerError
+from cartier.errors import ReasonerError, brief
 from cartier.language.prompts import Messages, Schema
 from cartier.reasoners._asking import LanguageModel
+from cartier.reasoners._deadline import Late, within
 from cartier.reasoners._ladder import Form, NotUnderstood, climb
 
 EXTRA = "llm"
 DEFAULT_MODEL = "gpt-4o"
 MAX_REPLY_BYTES = 2**20
 PAUSES_S = (0.5, 1.5)
+KEPT_HEADERS = ("content-type", "retry-after")
 BUSY = (408, 429, 503, 529)
 """Statuses that pass, whatever was asked for."""
 
@@ -71,16 +75,11 @@ class Server:
             raise ReasonerError(f"timeout_s must be positive, got {timeout_s}")
         self.server = base_url or "https://api.openai.com/v1"
         self.where = _without_credentials(self.server)
-        self.client = openai.OpenAI(
-            api_key=self._key,
-            base_url=self.server,
-            timeout=timeout_s,
-            max_retries=0,
-            default_headers={"Accept-Encoding": "identity"},  # so that a small reply cannot unpack to a huge one
-        )
         self.model = model or os.environ.get("OPENAI_MODEL") or DEFAULT_MODEL
         self.name = f"openai {self.model} @ {urlsplit(self.server).hostname}"
         self.timeout_s = timeout_s
+        self._idle: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        self._idle.put(self._connected())
         self.identity = (self.server, self.model, {"temperature": temperature})
         self.calls = self.tokens = 0
         self._temperature = temperature
@@ -118,7 +117,7 @@ class Server:
             except openai.APIConnectionError as error:
                 if not (sure and _paused(pauses, deadline)):
                     raise ReasonerError(
-                        f"cannot reach {self.where} ({self._brief(error.__cause__ or error)}): is the server running?"
+                        f"cannot reach {self.where} ({self.brief(error.__cause__ or error)}): is the server running?"
                     ) from error
             except openai.APIStatusError as error:
                 status = error.status_code
@@ -137,32 +136,40 @@ class Server:
                     raise
 
     def _exchange(self, asked: dict[str, Any], deadline: float) -> str:
-        """One request over the wire, bounded in time and size however the server dawdles."""
-        body = bytearray()
+        """One request over the wire, done at the deadline however the server dawdles."""
         self.calls += 1
-        try:
-            with self.client.chat.completions.with_streaming_response.create(
-                **asked, timeout=max(0.001, deadline - time.monotonic())
-            ) as response:
-                for chunk in response.iter_bytes():
-                    body += chunk
-                    if len(body) > MAX_REPLY_BYTES:
-                        raise ReasonerError(
-                            f"{self.where} answered more than {MAX_REPLY_BYTES} bytes: is it a language model?"
-                        )
-                    if time.monotonic() > deadline:
-                        raise self._too_late()
-        except (openai.OpenAIError, ReasonerError):
-            raise
-        except Exception as error:  # while a body is read the SDK lets the errors of its transport through
-            if not type(error).__module__.startswith("httpx"):
+        left_s = max(0.001, deadline - time.monotonic())
+        with self._client() as client:
+            ask = client.chat.completions.with_raw_response.create
+            try:
+                body = within(left_s, lambda: ask(**asked, timeout=left_s).http_response.content)
+            except Late as late:
+                client.close()  # what is left of the exchange ends with its connection
+                raise self._too_late() from late
+            except openai.APIConnectionError as error:
+                if isinstance(error.__cause__, ReasonerError):  # older SDKs wrap what their transport raises
+                    raise error.__cause__ from None
                 raise
-            if time.monotonic() >= deadline or "Timeout" in type(error).__name__:
-                raise self._too_late() from error
-            raise CutOff(
-                f"{self.where} broke off in the middle of its answer ({self._brief(error)}): ask again"
-            ) from error
-        return self._text(bytes(body))
+        return self._text(body)
+
+    @contextmanager
+    def _client(self) -> Iterator[Any]:
+        """The SDK's client with its open connection, for one request at a time."""
+        try:
+            client = self._idle.get_nowait()
+        except queue.Empty:
+            client = self._connected()
+        try:
+            yield client
+        finally:
+            if not client.is_closed():
+                self._idle.put(client)
+
+    def _connected(self) -> Any:
+        return openai.OpenAI(
+            api_key=self._key, base_url=self.server, timeout=self.timeout_s, max_retries=0, http_client=_OneServer(self),
+            default_headers={"Accept-Encoding": "identity"},  # so that a small reply cannot unpack to a huge one
+        )  # fmt: skip
 
     def _text(self, body: bytes) -> str:
         try:
@@ -171,7 +178,7 @@ class Server:
             calls = message.get("tool_calls")
             text = str(calls[0]["function"]["arguments"] if calls else message.get("content") or "")
         except (ValueError, RecursionError, LookupError, TypeError, AttributeError) as error:
-            begin = self._brief(body[:200].decode(errors="replace"))
+            begin = self.brief(body[:200].decode(errors="replace"))
             raise ReasonerError(
                 f"{self.where} answered something that is no chat completion: {begin!r}; does the base URL end in /v1?"
             ) from error
@@ -181,18 +188,65 @@ class Server:
 
     def _refusal(self, error: openai.APIStatusError) -> ReasonerError:
         status = error.status_code
-        return ReasonerError(f"{self.where} answered {status}: {HINTS.get(status) or self._brief(error)}")
+        return ReasonerError(f"{self.where} answered {status}: {HINTS.get(status) or self.brief(error)}")
 
     def _too_late(self) -> ReasonerError:
         return ReasonerError(
             f"{self.where} did not answer within {self.timeout_s:g} s: is the model loaded? (or raise timeout_s)"
         )
 
-    def _brief(self, fault: object) -> str:
+    def brief(self, fault: object) -> str:
         """One short printable line that does not hold the key, even where the server repeats it."""
         text = str(fault).strip() or type(fault).__name__
-        text = text.replace(self._key, "…") if self._key != "none" else text
-        return "".join(c if c.isprintable() else " " for c in text)[:160]
+        return brief(text.replace(self._key, "…") if self._key != "none" else text, 160)
+
+
+class _OneServer(openai.DefaultHttpxClient):  # type: ignore[misc]
+    """The SDK's transport, which reads a bounded answer of the one server that the person named."""
+
+    def __init__(self, server: Server) -> None:
+        super().__init__(follow_redirects=False, timeout=server.timeout_s)
+        self._server = server
+
+    def send(self, request: Any, **options: Any) -> Any:
+        """A response that is read already. Raises ReasonerError for one that leads elsewhere, breaks off or has no end."""
+        response = super().send(request, **(options | {"stream": True, "follow_redirects": False}))
+        try:
+            if 300 <= response.status_code < 400:
+                raise ReasonerError(self._leads_elsewhere(response))
+            body = self._body(response)
+        finally:
+            response.close()
+        headers = {name: response.headers[name] for name in KEPT_HEADERS if name in response.headers}
+        return type(response)(response.status_code, headers=headers, content=body, request=request)
+
+    def _body(self, response: Any) -> bytes:
+        body = bytearray()
+        try:
+            for chunk in response.iter_bytes():
+                body += chunk
+                if len(body) > MAX_REPLY_BYTES:
+                    raise ReasonerError(
+                        f"{self._server.where} answered more than {MAX_REPLY_BYTES} bytes: is it a language model?"
+                    )
+        except Exception as error:  # httpx's, by whatever name this SDK imports it
+            if isinstance(error, ReasonerError) or "Timeout" in type(error).__name__:
+                raise
+            raise CutOff(
+                f"{self._server.where} broke off in the middle of its answer ({self._server.brief(error)}): ask again"
+            ) from error
+        return bytes(body)
+
+    def _leads_elsewhere(self, response: Any) -> str:
+        """The words and the list go to the server that was named: where it leads to is said, and nothing is sent there."""
+        said = f"{self._server.where} answered {response.status_code}"
+        try:
+            target = urljoin(str(response.request.url), response.headers["location"])
+            target = self._server.brief(_without_credentials(target))
+        except (KeyError, ValueError, ReasonerError):
+            return f"{said}, which leads nowhere: is the base URL right?"
+        base = target.removesuffix("/chat/completions")
+        return f"{said}: it sends the request on to {target}, which is not followed; if you trust it, the base URL is {base}"
 
 
 def _paused(pauses_s: list[float], deadline: float, retry_after: str | None = None) -> bool:

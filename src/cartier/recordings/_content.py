@@ -1,26 +1,14 @@
-"""What all readers do with files: bounded text, the content's hash, and the check of a frame's number."""
+"""What all readers do with files: what lies in a folder, that it lies there, and the content's hash."""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable
-from pathlib import Path
+import os
+from collections.abc import Collection, Iterable
+from pathlib import Path, PurePosixPath
 
 from cartier.errors import InputError
-
-
-def read_text(path: Path, max_bytes: int) -> str:
-    """The UTF-8 text of a file no larger than ``max_bytes``."""
-    try:
-        if path.stat().st_size > max_bytes:
-            raise InputError(f"{path} is larger than {max_bytes} bytes, which is more than it should ever hold")
-        return path.read_text(encoding="utf-8")
-    except FileNotFoundError as error:
-        raise InputError(f"{path} is missing") from error
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path} is not text") from error
-    except OSError as error:
-        raise InputError(f"{path} cannot be read ({error.strerror})") from error
+from cartier.files import check_file
 
 
 def names_in(folder: Path) -> set[str]:
@@ -31,11 +19,26 @@ def names_in(folder: Path) -> set[str]:
         raise InputError(f"{folder} cannot be read ({error.strerror})") from error
 
 
+def check_inside(root: Path, names: Collection[str]) -> None:
+    """Raises InputError if a file of a recording, or a folder on the way to it, is a link that leads out of its folder.
+
+    Who maps a stranger's recording and passes the map on would pass on what such links lead to.
+    """
+    home = Path(os.path.realpath(root))  # unlike resolve, it takes links that run in a circle
+    for part in {*names, *(parent.as_posix() for name in names for parent in PurePosixPath(name).parents)}:
+        path = root / part
+        if path.is_symlink() and part != "." and not Path(os.path.realpath(path)).is_relative_to(home):
+            raise InputError(
+                f"{path} is a link that leads out of the recording's folder: put the file itself there, not a link to it"
+            )
+
+
 def content_hash(settings: str, root: Path, names: Iterable[str]) -> str:
     """sha256 (hex) over the reader's settings and each file's name below ``root``, size and bytes, read in pieces."""
     total = hashlib.sha256(settings.encode())
     for name in names:
         path = root / name
+        check_file(path)
         try:
             with path.open("rb") as file:
                 content = hashlib.file_digest(file, "sha256")

@@ -9,11 +9,12 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from cartier.errors import InputError
+from cartier.errors import InputError, brief
 from cartier.types import Array, Camera
 
 Model = Literal["pinhole", "plumb_bob", "equidistant"]
 Source = npt.NDArray[np.int32]
+MAX_COEFFICIENT = 1e6
 
 
 @dataclass(frozen=True)
@@ -30,8 +31,10 @@ class Lens:
 
     def __post_init__(self) -> None:
         sizes = {"pinhole": (0,), "plumb_bob": (4, 5, 8), "equidistant": (4,)}[self.model]
-        if len(self.coefficients) not in sizes or not np.isfinite(self.coefficients).all():
-            raise InputError(f"{self.model} distortion needs {sizes} finite numbers, got {self.coefficients}")
+        if len(self.coefficients) not in sizes or not all(
+            abs(c) < MAX_COEFFICIENT for c in self.coefficients
+        ):  # or NaN
+            raise InputError(f"{self.model} distortion needs {sizes} sane numbers, got {brief(self.coefficients)}")
 
     def scaled(self, width: int, height: int) -> Lens:
         return Lens(self.camera.scaled(width, height), self.model, self.coefficients)
@@ -62,12 +65,13 @@ def _source(lens: Lens, target: Camera) -> Source:
     """(H, W) int32: which pixel of the lens's image each pixel of the target looks at, counted row by row, or -1."""
     x = (np.arange(target.width) - target.cx) / target.fx
     y = ((np.arange(target.height) - target.cy) / target.fy)[:, None]
-    bent_x, bent_y = _bent(lens, x, y)
     camera = lens.camera
-    columns = np.rint(bent_x * camera.fx + camera.cx)
-    rows = np.rint(bent_y * camera.fy + camera.cy)
-    inside = (columns >= 0) & (columns < camera.width) & (rows >= 0) & (rows < camera.height)
-    return np.where(inside, rows * camera.width + columns, -1).astype(np.int32)
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):  # beyond where the model holds: not inside
+        bent_x, bent_y = _bent(lens, x, y)
+        columns = np.rint(bent_x * camera.fx + camera.cx)
+        rows = np.rint(bent_y * camera.fy + camera.cy)
+        inside = (columns >= 0) & (columns < camera.width) & (rows >= 0) & (rows < camera.height)
+        return np.where(inside, rows * camera.width + columns, -1).astype(np.int32)
 
 
 def _bent(lens: Lens, x: Array, y: Array) -> tuple[Array, Array]:

@@ -16,13 +16,12 @@ import numpy.typing as npt
 
 from cartier.errors import InputError
 from cartier.mapping import gravity
-from cartier.recordings._content import content_hash
-from cartier.recordings._images import image_size, read_depth, read_grey8, read_rgb
+from cartier.recordings._content import check_inside, content_hash
+from cartier.recordings._images import check_depth, read_depth, read_grey8, read_rgb
 from cartier.recordings._lens import Lens, resampled
-from cartier.types import Array, Camera, Frame, TrueObject, frame_number
+from cartier.types import MAX_FAR_M, Array, Camera, Frame, TrueObject, frame_number
 
 MAX_SIDE = 1300  # px; larger images are reduced by a whole factor: no map needs a phone's 12 megapixels
-MAX_FAR_M = 1e5
 Depths = npt.NDArray[np.float32]
 Colours = npt.NDArray[np.uint8]
 
@@ -70,6 +69,7 @@ class PosedImages:
     def __init__(self, source: Source, up: Sequence[float] | None, floor_m: float | None) -> None:
         if not source.views:
             raise InputError(f"{source.root} holds no image with a pose")
+        check_inside(source.root, source.files)
         self.name = source.name
         self._source = source
         self._fingerprint: str | None = None
@@ -142,6 +142,7 @@ class PosedImages:
         if view.depth is None or read is None:
             return None
         depth_m = read(view.depth)
+        check_depth(depth_m, str(view.depth))
         height, width = depth_m.shape
         lens = self._source.depth_lens or view.lens
         if (lens.camera.width, lens.camera.height) != (width, height):
@@ -152,14 +153,14 @@ class PosedImages:
                 )
             lens = lens.scaled(width, height)
         if view.confidence is not None:
-            confidence = read_grey8(view.confidence, Camera(width, height, 1, 1, 0, 0))
+            confidence = read_grey8(view.confidence, (width, height))
             depth_m = np.where(confidence < self._source.min_confidence, np.float32(np.nan), depth_m)
         return np.asarray(resampled(depth_m, lens, self._upright_camera, np.nan), dtype=np.float32)
 
 
 def png_depth(path: Path, per_metre: float = 1000.0) -> Depths:
     """(h, w) float32 metres of a 16-bit PNG of any size, in units of 1/per_metre m."""
-    return read_depth(path, Camera(*image_size(path), 1, 1, 0, 0), per_metre)
+    return read_depth(path, None, per_metre)
 
 
 def _reduced(camera: Camera, factor: int) -> Camera:

@@ -7,11 +7,12 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from cartier.errors import InputError
-from cartier.recordings._content import read_text
+from cartier.errors import InputError, brief
+from cartier.files import read_text
 from cartier.types import Array, check_pose
 
 Matrix = npt.NDArray[np.float64]
+MAX_TABLE_BYTES = 1 << 26  # a pose takes some 150 bytes: two hours at 60 Hz
 MAX_NUMBER = 1e30  # nanoseconds fit, and squares stay finite
 
 
@@ -43,7 +44,7 @@ def read_trajectory(path: Path) -> tuple[npt.NDArray[np.float64], Matrix]:
 def read_trajectory_rows(path: Path) -> Matrix:
     """(N, 8) of a TUM file, as written."""
     rows = []
-    for number, line in enumerate(read_text(path, 1 << 28).splitlines(), 1):
+    for number, line in enumerate(read_text(path, MAX_TABLE_BYTES).splitlines(), 1):
         if line.strip() and not line.startswith("#"):
             rows.append(_tum_row(line, f"{path} line {number}"))
     if not rows:
@@ -73,7 +74,7 @@ def _numbers(words: list[str], where: str) -> list[float]:
     try:
         return [float(word) for word in words]
     except ValueError as error:
-        raise InputError(f"{where}: {error}") from error
+        raise InputError(f"{where}: {brief(error)}") from error
 
 
 def matrices(positions_quaternions: Array) -> Matrix:

@@ -16,6 +16,7 @@ from cartier.recordings._rosfile import (
     Fields,
     File,
     Index,
+    Share,
     Topic,
     by_time,
     check_count,
@@ -26,6 +27,7 @@ from cartier.recordings._rosfile import (
 MAGIC = b"#ROSBAG V2.0\n"
 MESSAGE, BAG, INDEX, CHUNK, CHUNK_INFO, CONNECTION = (bytes([op]) for op in (2, 3, 4, 5, 6, 7))
 MAX_HEADER = 1 << 20
+MAX_BEFORE = 100  # records of other kinds before a message; writers put one
 ENTRY = np.dtype([("s", "<u4"), ("ns", "<u4"), ("offset", "<u4")])
 
 
@@ -67,10 +69,11 @@ class Bag1:
             topics.append(topic)
         self.topics: Sequence[Topic] = topics
         self._chunks: list[Chunk] = []
+        share = Share(self._file)
         for _ in range(chunks):
             head, data, size = self._record(position, CHUNK_INFO)
             count = min(size // 8, _number(head, b"count", path))
-            self._chunks.append(self._chunk(_number(head, b"chunk_pos", path), count))
+            self._chunks.append(self._chunk(_number(head, b"chunk_pos", path), count, share))
             position = data + size
         if position > self._file.size:
             raise InputError(f"{path} is truncated: 'rosbag reindex {path.name}' mends it")
@@ -89,7 +92,9 @@ class Bag1:
 
     def _message(self, at: Callable[[int, int], bytes], base: int, offset: int, room: int, limit: int) -> bytes:
         """The message at ``offset`` of a chunk of ``room`` bytes; connection records before it are passed over."""
-        while 0 <= offset <= room - 8:
+        for _ in range(MAX_BEFORE):
+            if not 0 <= offset <= room - 8:
+                break
             (size,) = Fields(at(base + offset, 4), self._path).numbers("<I")
             if size > room - offset - 8:
                 break
@@ -123,7 +128,7 @@ class Bag1:
         name, kind = (str(value, "utf-8", "replace") for value in (head.get(b"topic", b""), inner.get(b"type", b"")))
         return Topic(name, kind.replace("/", "/msg/", 1), "ros1", _number(head, b"conn", self._path)), data + size
 
-    def _chunk(self, position: int, connections: int) -> Chunk:
+    def _chunk(self, position: int, connections: int, share: Share) -> Chunk:
         head, data, packed = self._record(position, CHUNK)
         size = _number(head, b"size", self._path)
         if max(size, packed) > MAX_BLOCK or data + packed > self._file.size:
@@ -132,6 +137,7 @@ class Bag1:
         indices, place = {}, data + packed
         for _ in range(connections):
             entry, start, length = self._record(place, INDEX)
+            share.take(start + length - place)
             indices[_number(entry, b"conn", self._path)] = place
             place = start + length
         return Chunk(data, packed, compression, size, indices)

@@ -10,12 +10,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from cartier.errors import InputError
-from cartier.recordings._content import names_in, read_text
+from cartier.errors import InputError, brief
+from cartier.files import read_text
+from cartier.recordings._content import check_inside, names_in
 from cartier.recordings._rosbag1 import Bag1
 from cartier.recordings._rosfile import MAX_BLOCK, MAX_TOPICS, WHOLE, Index, Storage, Topic
 from cartier.recordings._rosmcap import Mcap
 from cartier.recordings._rossqlite import Sqlite
+from cartier.strict_yaml import YamlFault, read_yaml
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
@@ -23,7 +25,7 @@ if TYPE_CHECKING:
 METADATA = "metadata.yaml"
 READERS: dict[str, Callable[[Path], Storage]] = {".bag": Bag1, ".mcap": Mcap, ".db3": Sqlite}
 MAX_METADATA = 4 << 20
-MAX_FRAME_NAME = 256
+MAX_NAME = 256  # of a topic or a frame
 TRANSFORMS = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 
 
@@ -49,6 +51,8 @@ class Bag:
     def __init__(self, path: Path) -> None:
         self.path = path
         self.files = files_of(path)
+        if path.is_dir():
+            check_inside(path, [METADATA, *(file.name for file in self.files)])
         self._packed = path.is_dir() and _check_metadata(path, self.files)
         kinds = sorted({file.suffix for file in self.files})
         if len(kinds) != 1:
@@ -60,6 +64,7 @@ class Bag:
         self._topics: dict[str, list[tuple[int, Topic]]] = {}
         for number, storage in enumerate(self._storages):
             for topic in storage.topics:
+                checked_name(topic.name, path)
                 self._topics.setdefault(topic.name, []).append((number, topic))
         if len(self._topics) > MAX_TOPICS:
             raise InputError(f"{path} has {len(self._topics)} topics; cartier reads bags of up to {MAX_TOPICS}")
@@ -76,7 +81,8 @@ class Bag:
         kind, parts = self.type_of(name), []
         for number, topic in self._topics[name]:
             if topic.type != kind:
-                raise InputError(f"{self.path}: topic {name} has two types, {kind} and {topic.type}")
+                kinds = f"{brief(kind, 60)} and {brief(topic.type, 60)}"
+                raise InputError(f"{self.path}: topic {name} has two types, {kinds}")
             part = self._storages[number].index(topic)
             parts.append(np.insert(part, 1, number, axis=1))
         index = np.concatenate(parts)
@@ -91,7 +97,7 @@ class Bag:
 
     def header(self, name: str, row: Index) -> Header:
         """The header that a message begins with, without the rest of it."""
-        data = self.read(row, 16 + MAX_FRAME_NAME)
+        data = self.read(row, 16 + MAX_NAME)
         try:
             if self._encoding(name) == "ros1":
                 _, seconds, nanoseconds, length = struct.unpack_from("<4I", data)
@@ -102,10 +108,10 @@ class Bag:
                 start = 16
         except (struct.error, IndexError) as error:
             raise InputError(f"{self.path}: a message of {name} is too short to have a header") from error
-        if length > MAX_FRAME_NAME:
+        if length > MAX_NAME:
             raise InputError(f"{self.path}: a message of {name} has a frame_id of {length} bytes")
         frame = data[start : start + length].rstrip(b"\0").decode("utf-8", "replace")
-        return Header(seconds * 10**9 + nanoseconds, frame.lstrip("/"))
+        return Header(seconds * 10**9 + nanoseconds, frame_name(frame, self.path))
 
     def decode(self, name: str, data: bytes) -> Any:
         """A message as an object with the fields of its type."""
@@ -113,15 +119,29 @@ class Bag:
 
         kind, encoding = self.type_of(name), self._encoding(name)
         if encoding not in ("cdr", "ros1"):
-            raise InputError(f"{self.path}: topic {name} is encoded as {encoding!r}; cartier reads cdr and ros1")
+            raise InputError(
+                f"{self.path}: topic {name} is encoded as {brief(encoding, 40)!r}; cartier reads cdr and ros1"
+            )
         types = _types(encoding)
         try:
             return types.deserialize_ros1(data, kind) if encoding == "ros1" else types.deserialize_cdr(data, kind)
         except (SerdeError, UnicodeDecodeError, struct.error, ValueError, AssertionError) as error:
-            raise InputError(f"{self.path}: a message of {name} is damaged ({str(error)[:120]})") from error
+            raise InputError(f"{self.path}: a message of {name} is damaged ({brief(error)})") from error
 
     def _encoding(self, name: str) -> str:
         return self._topics[name][0][1].encoding
+
+
+def checked_name(name: str, path: Path) -> str:
+    """The name of a topic or a frame, or an InputError if it is none that a robot would use."""
+    if len(name) > MAX_NAME or not name.isprintable():
+        raise InputError(f"{path} is damaged: {brief(name, 40)!r} is no name of a topic or a frame")
+    return name
+
+
+def frame_name(name: str, path: Path) -> str:
+    """A frame's name without the slash of ROS 1."""
+    return checked_name(name, path).lstrip("/")
 
 
 @cache
@@ -138,27 +158,25 @@ def _types(encoding: str) -> Typestore:
 
 def _check_metadata(folder: Path, files: Sequence[Path]) -> bool:
     """Whether each message is compressed; an InputError if metadata.yaml asks for what is not there."""
-    import yaml
-
-    if not (folder / METADATA).is_file():
+    if not (folder / METADATA).exists():
         return False
     try:
-        loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-        information = yaml.load(read_text(folder / METADATA, MAX_METADATA), loader)["rosbag2_bagfile_information"]
-        mode = str(information.get("compression_mode", "")).lower()
-        names = [Path(str(name)).name for name in information.get("relative_file_paths", [])]
-        form = str(information.get("compression_format", ""))
-    except (yaml.YAMLError, KeyError, TypeError, AttributeError, RecursionError, ValueError) as error:
-        raise InputError(
-            f"{folder / METADATA} is damaged or describes no bag ({str(error).splitlines()[0]})"
-        ) from error
+        value, _ = read_yaml(read_text(folder / METADATA, MAX_METADATA))
+        information = value["rosbag2_bagfile_information"]
+        mode, form = (brief(information.get(f"compression_{what}", "")) for what in ("mode", "format"))
+        names = [Path(str(name)).name for name in information.get("relative_file_paths", ())]
+    except YamlFault as fault:
+        raise InputError(f"{folder / METADATA} line {fault.line}: {fault}") from fault
+    except (KeyError, TypeError, AttributeError) as error:
+        raise InputError(f"{folder / METADATA} is damaged or describes no bag") from error
+    mode = mode.lower()
     if mode == "file":
         raise InputError(
             f"{folder} holds compressed files: unpack them with 'zstd -d', or write it anew with 'ros2 bag convert'"
         )
     missing = sorted(set(names) - {file.name for file in files})
     if missing:
-        raise InputError(f"{folder / missing[0]} is missing, but {METADATA} names it")
+        raise InputError(f"{folder / brief(missing[0])} is missing, but {METADATA} names it")
     if mode == "message" and form != "zstd":
         raise InputError(f"{folder}: messages are compressed with {form!r}; cartier reads zstd")
     return mode == "message"
@@ -170,7 +188,7 @@ def _unpacked(data: bytes, path: Path) -> bytes:
     try:
         plain = bytes(ZstdDecompressor().decompress(data, MAX_BLOCK))
     except (ZstdError, EOFError) as error:
-        raise InputError(f"{path} is damaged: a message cannot be decompressed ({error})") from error
+        raise InputError(f"{path} is damaged: a message cannot be decompressed ({brief(error)})") from error
     if len(plain) == MAX_BLOCK:
         raise InputError(f"{path} is damaged: a message claims more than {MAX_BLOCK} bytes")
     return plain

@@ -15,7 +15,8 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from cartier.errors import InputError
+from cartier.errors import InputError, brief
+from cartier.files import check_file
 
 MAX_BLOCK = 256 << 20  # bytes of one chunk, message or index; a 4K float depth image has 35 MB
 MAX_TOPICS = 10_000
@@ -54,6 +55,7 @@ class File:
 
     def __init__(self, path: Path) -> None:
         self.path = path
+        check_file(path)
         try:
             self._file = path.open("rb", buffering=0)
             self.size = path.stat().st_size
@@ -106,6 +108,21 @@ def check_count(count: int, path: Path) -> None:
         raise InputError(f"{path} claims {count} topics; cartier reads bags of up to {MAX_TOPICS}")
 
 
+class Share:
+    """The bytes of a file that were read to learn where its messages lie; parts that lie over each other run it out.
+
+    Without it, a thousand chunks that share one index would be a million index entries.
+    """
+
+    def __init__(self, file: File) -> None:
+        self._file, self._left = file, file.size
+
+    def take(self, size: int) -> None:
+        self._left -= size
+        if self._left < 0:
+            raise InputError(f"{self._file.path} is damaged: parts of it lie over each other")
+
+
 def unpacked(compression: str, data: bytes, size: int, path: Path) -> bytes:
     """``data`` decompressed; never more than the ``size`` that its header claims, and never more than MAX_BLOCK."""
     if size > MAX_BLOCK:
@@ -113,9 +130,9 @@ def unpacked(compression: str, data: bytes, size: int, path: Path) -> bytes:
     try:
         plain = _decompress(compression, data, size + 1)
     except (ValueError, RuntimeError, OSError, EOFError) as error:
-        raise InputError(f"{path} is damaged: a {compression} chunk cannot be decompressed ({error})") from error
+        raise InputError(f"{path} is damaged: a {compression} chunk cannot be decompressed ({brief(error)})") from error
     except KeyError as error:
-        raise InputError(f"{path} is compressed with {compression!r}, which cartier cannot read") from error
+        raise InputError(f"{path} is compressed with {brief(compression, 40)!r}, which cartier cannot read") from error
     if len(plain) != size:
         raise InputError(f"{path} is damaged: a chunk has not the {size} bytes that it claims")
     return plain

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cartier.errors import InputError
+from cartier.errors import InputError, brief
 from cartier.recordings import _images
 from cartier.recordings._lens import Lens, Model, straight
+from cartier.recordings._tables import camera_of
 from cartier.types import Array, Camera
 
 IMAGE, COMPRESSED, INFO = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/CameraInfo"
@@ -39,15 +40,7 @@ def size_of(message: Any, where: str) -> tuple[int, int]:
     """(width, height) in pixels."""
     if hasattr(message, "encoding"):
         return int(message.width), int(message.height)
-    from io import BytesIO
-
-    from PIL import Image
-
-    try:
-        with Image.open(BytesIO(_payload(message, where)), formats=("JPEG", "PNG")) as image:
-            return image.size
-    except (*_images.DAMAGED, *_images.BOMB) as error:
-        raise InputError(f"{where}: the first image is neither a JPEG nor a PNG ({str(error)[:60]})") from error
+    return _images.decoded_size(_payload(message, where), f"{where}: its first image")
 
 
 def colour(message: Any, camera: Camera, where: str) -> npt.NDArray[np.uint8]:
@@ -56,7 +49,9 @@ def colour(message: Any, camera: Camera, where: str) -> npt.NDArray[np.uint8]:
         return _images.decode_rgb(_payload(message, where), camera, where)
     name = str(message.encoding)
     if name not in COLOURS:
-        raise InputError(f"{where}: images are encoded as {name!r}; cartier reads {', '.join(COLOURS)} and JPEG or PNG")
+        raise InputError(
+            f"{where}: images are encoded as {brief(name, 40)!r}; cartier reads {', '.join(COLOURS)} and JPEG or PNG"
+        )
     pixels = _rows(message, camera, np.dtype(np.uint8), COLOURS[name], where)
     if COLOURS[name] == 1:
         return np.repeat(pixels, 3, axis=2)
@@ -70,7 +65,7 @@ def depth(message: Any, camera: Camera, where: str) -> npt.NDArray[np.float32]:
     name = str(message.encoding)
     if name not in DEPTHS:
         raise InputError(
-            f"{where}: depth is encoded as {name!r}; cartier reads {', '.join(DEPTHS)} and compressedDepth"
+            f"{where}: depth is encoded as {brief(name, 40)!r}; cartier reads {', '.join(DEPTHS)} and compressedDepth"
         )
     kind = np.dtype(DEPTHS[name]).newbyteorder(">" if message.is_bigendian else "<")
     pixels = _rows(message, camera, kind, 1, where)[..., 0]
@@ -79,8 +74,8 @@ def depth(message: Any, camera: Camera, where: str) -> npt.NDArray[np.float32]:
 
 def valid(depth_m: Array) -> npt.NDArray[np.float32]:
     """A copy as float32 with NaN in place of all that is no positive, finite depth."""
-    out = np.array(depth_m, dtype=np.float32)
-    with np.errstate(invalid="ignore"):
+    with np.errstate(invalid="ignore", over="ignore"):
+        out = np.array(depth_m, dtype=np.float32)
         out[~((out > 0) & (out < np.inf))] = np.nan
     return out
 
@@ -93,13 +88,15 @@ def lens_of(info: Any, rectified: bool, where: str) -> Lens:
         matrix = np.asarray(projection, dtype=np.float64).reshape(3, 4)[:, :3]
     if not matrix.any():
         raise InputError(f"{where}: the CameraInfo holds no intrinsics (all zero): calibrate the camera")
-    camera = Camera(int(info.width), int(info.height), *matrix[[0, 1, 0, 1], [0, 1, 2, 2]].tolist())
+    camera = camera_of(int(info.width), int(info.height), matrix[[0, 1, 0, 1], [0, 1, 2, 2]].tolist(), where)
     coefficients = np.asarray(info.d if hasattr(info, "d") else info.D, dtype=np.float64)
     if rectified or not coefficients.any():
         return Lens(camera)
     model = str(info.distortion_model)
     if model not in MODELS:
-        raise InputError(f"{where}: distortion {model!r} is unknown; record rectified images, or {', '.join(MODELS)}")
+        raise InputError(
+            f"{where}: distortion {brief(model, 40)!r} is unknown; record rectified images, or {', '.join(MODELS)}"
+        )
     return straight(camera, MODELS[model], coefficients)
 
 

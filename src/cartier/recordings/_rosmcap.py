@@ -17,6 +17,7 @@ from cartier.recordings._rosfile import (
     Fields,
     File,
     Index,
+    Share,
     Topic,
     by_time,
     check_count,
@@ -144,10 +145,12 @@ class Mcap:
         return chunk
 
     def _indexed(self, key: int) -> Iterator[Index]:
+        share = Share(self._file)
         for number, chunk in enumerate(self._chunks):
             if key not in chunk.indices:
                 continue
             opcode, size = Fields(self._file.at(chunk.indices[key], HEAD), self._path).numbers("<BQ")
+            share.take(size)
             record = Fields(self._file.at(chunk.indices[key] + HEAD, size), self._path)
             if opcode != MESSAGE_INDEX or record.numbers("<H")[0] != key:
                 raise InputError(f"{self._path} is damaged: the index of chunk {number} is not where it should be")
@@ -165,7 +168,7 @@ class Mcap:
             if opcode == CHUNK:
                 raise InputError(f"{self._path} has chunks that its index does not know: mend it with 'mcap recover'")
             if opcode == MESSAGE:
-                key, _, time_ns = Fields(head[HEAD:], self._path).numbers("<HIQ")
+                key, _, time_ns = Fields(head[HEAD:], self._path).numbers("<HIq")
                 found.setdefault(key, []).append((time_ns, position))
             position += HEAD + size
         return {key: by_time(iter([index_part(*_columns(rows))])) for key, rows in found.items()}

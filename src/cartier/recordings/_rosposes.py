@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from cartier.errors import InputError
 from cartier.recordings._interpolate import MAX_GAP_S, interpolated
-from cartier.recordings._rosbags import TRANSFORMS, Bag
+from cartier.recordings._rosbags import TRANSFORMS, Bag, frame_name
 from cartier.recordings._rostf import Tree, checked_rows
 
 ODOMETRY, POSE = "nav_msgs/msg/Odometry", "geometry_msgs/msg/PoseStamped"
@@ -31,7 +31,7 @@ def transform_tree(bag: Bag) -> Tree:
     tree = Tree()
     for name in bag.topics(*TRANSFORMS):
         for row in bag.index(name):
-            tree.add(bag.decode(name, bag.read(row)), static=name.endswith("tf_static"))
+            tree.add(bag.decode(name, bag.read(row)), name.endswith("tf_static"), bag.path)
     return tree
 
 
@@ -108,8 +108,8 @@ def _samples(bag: Bag, name: str) -> tuple[npt.NDArray[np.float64], str, str]:
         pose = message.pose.pose if bag.type_of(name) == ODOMETRY else message.pose
         stamp, t, q = message.header.stamp, pose.position, pose.orientation
         rows.append((stamp.sec + stamp.nanosec * 1e-9, t.x, t.y, t.z, q.x, q.y, q.z, q.w))
-        world = str(message.header.frame_id).lstrip("/")
-        body = str(getattr(message, "child_frame_id", "")).lstrip("/")
+        world = frame_name(str(message.header.frame_id), bag.path)
+        body = frame_name(str(getattr(message, "child_frame_id", "")), bag.path)
     if not rows:
         raise InputError(f"{bag.path}: topic {name} holds no pose")
     table = np.array(rows)

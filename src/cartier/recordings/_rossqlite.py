@@ -10,7 +10,8 @@ from urllib.parse import quote
 
 import numpy as np
 
-from cartier.errors import InputError
+from cartier.errors import InputError, brief
+from cartier.files import check_file
 from cartier.recordings._rosfile import MAX_BLOCK, MAX_TOPICS, WHOLE, Index, Topic, check_count, index_part
 
 MAGIC = b"SQLite format 3\0"
@@ -21,6 +22,7 @@ class Sqlite:
 
     def __init__(self, path: Path) -> None:
         self._path = path
+        check_file(path)
         try:
             with path.open("rb") as file:
                 head = file.read(len(MAGIC))
@@ -32,9 +34,15 @@ class Sqlite:
         self._base.text_factory = lambda data: data.decode("utf-8", "replace")
         self._base.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAX_BLOCK)
         self._ask("PRAGMA trusted_schema = OFF")
-        tables = {name for (name,) in self._ask("SELECT name FROM sqlite_master WHERE type = 'table' LIMIT 1000")}
-        if not {"topics", "messages"} <= tables:
-            raise InputError(f"{path} is no ROS 2 bag: it has no tables 'topics' and 'messages'")
+        plain = " OR ".join(f"sql LIKE 'CREATE {kind}%'" for kind in ("TABLE", "INDEX", "UNIQUE INDEX"))
+        if self._ask(f"SELECT 1 FROM sqlite_master WHERE NOT ({plain}) LIMIT 1"):
+            raise InputError(f"{path} is no ROS 2 bag: it holds more than tables and indices")  # a view may have no end
+        for table in ("topics", "messages"):
+            columns = self._ask(f"SELECT hidden FROM pragma_table_xinfo('{table}')")
+            if not columns:
+                raise InputError(f"{path} is no ROS 2 bag: it has no tables 'topics' and 'messages'")
+            if any(hidden for (hidden,) in columns):
+                raise InputError(f"{path} is no ROS 2 bag: columns of its table {table!r} are computed")
         rows = self._ask(f"SELECT id, name, type, serialization_format FROM topics LIMIT {MAX_TOPICS + 1}")
         check_count(len(rows), path)
         self.topics: Sequence[Topic] = [
@@ -54,10 +62,10 @@ class Sqlite:
             with self._base.blobopen("messages", "data", offset, readonly=True) as blob:
                 return blob.read(len(blob) if limit == WHOLE else min(limit, len(blob)))
         except (sqlite3.Error, OverflowError) as error:
-            raise InputError(f"{self._path} is damaged or truncated: message {offset}: {error}") from error
+            raise InputError(f"{self._path} is damaged or truncated: message {offset}: {brief(error)}") from error
 
     def _ask(self, question: str, *values: int) -> list[tuple[Any, ...]]:
         try:
             return self._base.execute(question, values).fetchall()
         except (sqlite3.Error, OverflowError) as error:
-            raise InputError(f"{self._path} is damaged, truncated or no ROS 2 bag ({error})") from error
+            raise InputError(f"{self._path} is damaged, truncated or no ROS 2 bag ({brief(error)})") from error

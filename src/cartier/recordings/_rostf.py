@@ -5,6 +5,7 @@ from __future__ import annotations
 from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from cartier.errors import InputError
 from cartier.geometry import invert
 from cartier.recordings._interpolate import interpolated
 from cartier.recordings._poses import matrices
+from cartier.recordings._rosbags import frame_name
 from cartier.types import Array
 
 WORLDS = ("map", "odom", "world")
@@ -54,10 +56,10 @@ class Tree:
         self._edges: dict[str, Edge] = {}
         self._torn: dict[str, str] = {}
 
-    def add(self, message: Any, static: bool) -> None:
-        """Take in a TFMessage."""
+    def add(self, message: Any, static: bool, bag: Path) -> None:
+        """Take in a TFMessage of a bag."""
         for item in message.transforms:
-            child, parent = item.child_frame_id.lstrip("/"), item.header.frame_id.lstrip("/")
+            child, parent = frame_name(item.child_frame_id, bag), frame_name(item.header.frame_id, bag)
             edge = self._edges.get(child)
             if edge is None or (static and not edge.static):
                 edge = self._edges[child] = Edge(parent, static)

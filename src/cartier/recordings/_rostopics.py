@@ -8,7 +8,7 @@ from typing import Any
 
 from cartier.errors import InputError
 from cartier.recordings._lens import Lens
-from cartier.recordings._rosbags import Bag
+from cartier.recordings._rosbags import Bag, frame_name
 from cartier.recordings._rosfile import Index
 from cartier.recordings._rosimages import (
     COLOURS,
@@ -98,7 +98,7 @@ def _stream(bag: Bag, name: str) -> Stream | None:
         return None
     message = bag.decode(name, bag.read(index[0]))
     encoding = encoding_of(message)
-    frame = str(message.header.frame_id).lstrip("/")
+    frame = frame_name(str(message.header.frame_id), bag.path)
     depth = is_depth(message) and (encoding != "mono16" or "depth" in name)
     return Stream(name, index, frame, encoding, depth, *size_of(message, f"{bag.path}: topic {name}"))
 

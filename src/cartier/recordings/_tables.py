@@ -8,9 +8,9 @@ from pathlib import Path, PurePosixPath
 import numpy as np
 import numpy.typing as npt
 
-from cartier.errors import InputError
-from cartier.recordings._content import read_text
-from cartier.recordings._poses import MAX_NUMBER, read_trajectory_rows
+from cartier.errors import InputError, brief
+from cartier.files import read_text
+from cartier.recordings._poses import MAX_NUMBER, MAX_TABLE_BYTES, read_trajectory_rows
 from cartier.types import Camera
 
 GL_FROM_OPTICAL = np.diag([1.0, -1.0, -1.0, 1.0])
@@ -24,7 +24,7 @@ def numbers(words: Sequence[object], where: str) -> list[float]:
     try:
         values = [float(word) for word in words]  # type: ignore[arg-type]
     except (TypeError, ValueError, OverflowError) as error:
-        raise InputError(f"{where}: {str(error)[:100]}") from error
+        raise InputError(f"{where}: {brief(error)}") from error
     if not all(abs(value) < MAX_NUMBER for value in values):  # false for NaN too
         raise InputError(f"{where}: NaN, infinity or a senseless size where a number belongs")
     return values
@@ -33,10 +33,10 @@ def numbers(words: Sequence[object], where: str) -> list[float]:
 def inside(root: Path, name: object, where: str) -> str:
     """A file name relative to ``root``, or an InputError if it leads out of it."""
     if not isinstance(name, str) or not name or "\0" in name or "\\" in name:
-        raise InputError(f"{where}: {str(name)[:60]!r} is no file name")
+        raise InputError(f"{where}: {brief(name, 60)!r} is no file name")
     path = PurePosixPath(name)
     if path.is_absolute() or ".." in path.parts or not (root / name).resolve().is_relative_to(root.resolve()):
-        raise InputError(f"{where}: {name[:80]!r} leads out of the recording's folder")
+        raise InputError(f"{where}: {brief(name, 80)!r} leads out of the recording's folder")
     return path.as_posix()
 
 
@@ -59,7 +59,7 @@ def camera_of(width: int, height: int, values: Sequence[float], where: str) -> C
 
 def read_table(path: Path, wanted: Sequence[str]) -> dict[str, npt.NDArray[np.float64]]:
     """The columns of a CSV file by the names in its first line; an InputError if a wanted one is missing."""
-    lines = [line for line in read_text(path, 1 << 28).splitlines() if line.strip()]
+    lines = [line for line in read_text(path, MAX_TABLE_BYTES).splitlines() if line.strip()]
     names = [name.strip() for name in lines[0].split(",")] if lines else []
     lack = [name for name in wanted if name not in names]
     if lack:

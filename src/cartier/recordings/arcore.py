@@ -21,11 +21,11 @@ import numpy as np
 
 from cartier.contracts import Recording
 from cartier.errors import InputError
-from cartier.files import read_json
-from cartier.recordings._content import names_in, read_text
+from cartier.files import read_json, read_text
+from cartier.recordings._content import names_in
 from cartier.recordings._lens import Lens
 from cartier.recordings._posed import PosedImages, Source, View, png_depth
-from cartier.recordings._poses import matrices
+from cartier.recordings._poses import MAX_TABLE_BYTES, matrices
 from cartier.recordings._tables import GL_FROM_OPTICAL, Y_UP, camera_of, numbers, read_table, unit_quaternions
 from cartier.types import Camera
 
@@ -77,7 +77,7 @@ def open(
 
 def _times(path: Path) -> list[int]:
     """The time stamps as whole numbers: a float64 would round nanoseconds."""
-    lines = [line for line in read_text(path, 1 << 28).splitlines() if line.strip()]
+    lines = [line for line in read_text(path, MAX_TABLE_BYTES).splitlines() if line.strip()]
     column = [name.strip() for name in lines[0].split(",")].index("timestamp_ns")
     words = [line.split(",")[column].strip() for line in lines[1:]]
     odd = next((word for word in words if not word.isascii() or not word.isdigit()), None)

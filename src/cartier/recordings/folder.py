@@ -11,16 +11,18 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, TextIO
 
+from cartier.atomic import replaced_folder, write_json
 from cartier.contracts import Recording
-from cartier.errors import InputError
-from cartier.files import read_json, replaced_folder, write_json
+from cartier.errors import InputError, brief
+from cartier.files import read_json
 from cartier.recordings import _images
-from cartier.recordings._content import content_hash, names_in
+from cartier.recordings._content import check_inside, content_hash, names_in
 from cartier.recordings._poses import read_trajectory, trajectory_line
 from cartier.types import Camera, Frame, TrueObject, frame_number
 
 SCHEMA = 1
 HEAD, TRAJECTORY, TRUTH = "recording.json", "trajectory.txt", "truth.json"
+MAX_LINE_CHARS = 1000
 INTRINSICS = ("fx", "fy", "cx", "cy")
 
 
@@ -39,13 +41,16 @@ class Folder:
 
     def __init__(self, root: Path) -> None:
         self._root = root
+        check_inside(root, (HEAD, TRAJECTORY, TRUTH))
         head = _Fields(read_json(root / HEAD), root / HEAD)
         schema = head.get("schema", int)
         if schema != SCHEMA:
-            raise InputError(f"{root / HEAD} has schema {schema}, this cartier reads {SCHEMA}: upgrade cartier")
-        self.name: str = head.get("name", str)
+            raise InputError(
+                f"{root / HEAD} has schema {brief(schema, 20)}, this cartier reads {SCHEMA}: upgrade cartier"
+            )
+        self.name = head.line("name")
         self.camera = _camera(_Fields(head.get("camera", dict), root / HEAD))
-        self.notes: Sequence[str] = head.texts("notes")
+        self.notes: Sequence[str] = head.lines("notes")
         self._times_s, self._poses = read_trajectory(root / TRAJECTORY)
         self._poses.setflags(write=False)
         self._has_depth: bool = head.get("depth", bool)
@@ -57,6 +62,9 @@ class Folder:
         self._images |= {"instances": ".png"} if self._has_instances else {}
         for kind, suffix in self._images.items():
             _check_count(root / kind, suffix, len(self._poses))
+        images = [_image(kind, i, suffix) for kind, suffix in self._images.items() for i in range(len(self))]
+        self._files = [HEAD, TRAJECTORY, *([] if self.truth is None else [TRUTH]), *images]
+        check_inside(root, images)
         self._fingerprint: str | None = None
 
     def __len__(self) -> int:
@@ -77,9 +85,7 @@ class Folder:
 
     def fingerprint(self) -> str:
         if self._fingerprint is None:
-            images = [_image(kind, i, suffix) for kind, suffix in self._images.items() for i in range(len(self))]
-            names = [HEAD, TRAJECTORY, *([] if self.truth is None else [TRUTH]), *images]
-            self._fingerprint = content_hash("folder 1", self._root, names)
+            self._fingerprint = content_hash("folder 1", self._root, self._files)
         return self._fingerprint
 
 
@@ -181,20 +187,23 @@ class _Fields:
     def get(self, field: str, kind: type) -> Any:
         value = self.value.get(field)
         if type(value) is not kind:
-            raise InputError(f"{self.path}: field {field!r} must be of type {kind.__name__}, got {str(value)[:40]!r}")
+            raise InputError(f"{self.path}: field {field!r} must be of type {kind.__name__}, got {brief(value, 40)!r}")
         return value
 
     def number(self, field: str) -> float:
         value: Any = self.value.get(field)
         if type(value) not in (int, float) or not abs(value) <= sys.float_info.max:
-            raise InputError(f"{self.path}: field {field!r} must be a finite number, got {str(value)[:40]!r}")
+            raise InputError(f"{self.path}: field {field!r} must be a finite number, got {brief(value, 40)!r}")
         return float(value)
 
-    def texts(self, field: str) -> list[str]:
-        values = self.get(field, list)
-        if not all(isinstance(value, str) for value in values):
-            raise InputError(f"{self.path}: field {field!r} must be a list of texts")
-        return list(values)
+    def line(self, field: str) -> str:
+        value = self.get(field, str)
+        if len(value) > MAX_LINE_CHARS or not value.isprintable():
+            raise InputError(f"{self.path}: field {field!r} must be one line of {MAX_LINE_CHARS} characters at most")
+        return str(value)
+
+    def lines(self, field: str) -> list[str]:
+        return [_Fields({field: value}, self.path).line(field) for value in self.get(field, list)]
 
     def corner(self, field: str) -> tuple[float, ...]:
         values = self.get(field, list)
@@ -214,6 +223,6 @@ def _camera(fields: _Fields) -> Camera:
 def _read_truth(path: Path) -> list[TrueObject]:
     items = (_Fields(item, path) for item in _Fields(read_json(path), path).get("objects", list))
     return [
-        TrueObject(item.get("id", int), item.get("label", str), item.corner("box_min"), item.corner("box_max"))
+        TrueObject(item.get("id", int), item.line("label"), item.corner("box_min"), item.corner("box_max"))
         for item in items
     ]

@@ -15,14 +15,14 @@ from typing import Any
 import numpy as np
 
 from cartier.contracts import Recording
-from cartier.errors import InputError
+from cartier.errors import InputError, brief
 from cartier.files import read_json
 from cartier.recordings._images import image_size
 from cartier.recordings._lens import Lens, straight
 from cartier.recordings._posed import PosedImages, Source, View, png_depth
 from cartier.recordings._poses import Matrix, rigid
 from cartier.recordings._tables import GL_FROM_OPTICAL, camera_of, inside, numbers
-from cartier.types import Camera
+from cartier.types import MAX_SIDE_PX, Camera
 
 FILE = "transforms.json"
 FRAMES_PER_SECOND = 30.0
@@ -65,8 +65,8 @@ def open(path: str | Path, up: Sequence[float] | None = None, floor_m: float | N
     notes.append("the scale is taken as metres; COLMAP's is arbitrary")
     files = [FILE, *(p.relative_to(root).as_posix() for v in views for p in (v.colour, v.depth) if p is not None)]
     unit_m = _number(head, "depth_unit_scale_factor", DEPTH_UNIT_M, where)
-    if unit_m <= 0:
-        raise InputError(f"{where}: depth_unit_scale_factor must be positive, got {unit_m}")
+    if not 1e-6 <= unit_m <= 1:
+        raise InputError(f"{where}: depth_unit_scale_factor must be from a millionth to 1 metre, got {unit_m:g}")
     views = [_timed(view, number) for number, view in enumerate(views)]
     settings = f"nerfstudio 1 up={up} floor_m={floor_m}"
     poses = np.array([pose for _, pose in there])
@@ -87,11 +87,16 @@ def _view(root: Path, head: dict[str, Any], frame: dict[str, Any], number: int, 
     size = (fields.get("w"), fields.get("h"))
     if not all(type(side) is int or (type(side) is float and side.is_integer()) for side in size):
         size = image_size(colour)
-    width, height = int(size[0] or 0), int(size[1] or 0)
+    width, height = (int(side or 0) for side in size)
+    if not 0 < width <= MAX_SIDE_PX or not 0 < height <= MAX_SIDE_PX:
+        raise InputError(f"{where}: w and h must be 1 to {MAX_SIDE_PX} px, got {brief(size, 40)}")
     if "fl_x" in fields:
         fx = _number(fields, "fl_x", None, where)
     elif "camera_angle_x" in fields:
-        fx = width / 2 / np.tan(_number(fields, "camera_angle_x", None, where) / 2)
+        angle_rad = _number(fields, "camera_angle_x", None, where)
+        if not 0 < angle_rad < np.pi:
+            raise InputError(f"{where}: camera_angle_x must be above 0 and below pi, got {angle_rad:g}")
+        fx = width / 2 / np.tan(angle_rad / 2)
     else:
         raise InputError(f"{where}: there are no intrinsics, neither fl_x nor camera_angle_x")
     fy = _number(fields, "fl_y", fx, where)
@@ -104,7 +109,7 @@ def _view(root: Path, head: dict[str, Any], frame: dict[str, Any], number: int, 
 
 
 def _lens(camera: Camera, fields: dict[str, Any], where: str) -> Lens:
-    fisheye = "FISHEYE" in str(fields.get("camera_model", ""))
+    fisheye = "FISHEYE" in brief(fields.get("camera_model"))
     names = ("k1", "k2", "k3", "k4") if fisheye else ("k1", "k2", "p1", "p2", "k3")
     values = tuple(_number(fields, name, 0.0, where) for name in names)
     if fisheye:  # without coefficients it bends all the same
@@ -128,5 +133,5 @@ def _pose(value: object, where: str) -> Matrix:
 def _number(fields: dict[str, Any], name: str, default: float | None, where: str) -> float:
     value = fields.get(name, default)
     if type(value) not in (int, float, np.float64):
-        raise InputError(f"{where}: {name} must be a number, got {str(value)[:40]!r}")
+        raise InputError(f"{where}: {name} must be a number, got {brief(value, 40)!r}")
     return numbers([value], f"{where}: {name}")[0]

@@ -9,17 +9,15 @@ from __future__ import annotations
 
 import json
 import zipfile
-import zlib
 from collections.abc import Callable, Sequence
-from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from PIL import Image
 
 from cartier.contracts import Recording
-from cartier.errors import InputError, MissingExtra
+from cartier.errors import InputError, MissingExtra, brief
+from cartier.files import read_bytes
 from cartier.recordings import _images
 from cartier.recordings._exr import read_exr
 from cartier.recordings._lens import Lens
@@ -82,8 +80,8 @@ class _Box:
     """The files of a capture, wherever they lie: in a zip, or in a folder packed or exported."""
 
     def __init__(self, path: Path) -> None:
-        self.where, self.name = str(path), path.resolve().stem
-        self._path, self._zip = path, None
+        self.where, path = str(path), path.resolve()
+        self.name, self._path, self._zip = path.stem, path, None
         if path.is_dir():
             self.root = path
             self.packed = (path / "rgbd").is_dir()
@@ -92,8 +90,8 @@ class _Box:
         self.root, self.packed = path.parent, True
         try:
             self._zip = zipfile.ZipFile(path)
-        except (zipfile.BadZipFile, OSError) as error:
-            raise InputError(f"{path} is no readable .r3d file ({error})") from error
+        except Exception as error:  # zipfile's share no base class
+            raise InputError(f"{path} is no readable .r3d file ({brief(error)})") from error
         self._names = set(self._zip.namelist())
 
     @property
@@ -117,33 +115,19 @@ class _Box:
         return [self.head, *names, *(name for name in sure if self.has(name))]
 
     def get(self, name: str) -> bytes:
-        where = f"{self.where}: {name}"
+        if self._zip is None:
+            return read_bytes(self._path / name, MAX_BYTES)
         try:
-            size = (self._path / name).stat().st_size if self._zip is None else self._zip.getinfo(name).file_size
-            if size > MAX_BYTES:
-                raise InputError(f"{where} is larger than {MAX_BYTES} bytes")
-            if self._zip is None:
-                return (self._path / name).read_bytes()
+            if self._zip.getinfo(name).file_size > MAX_BYTES:
+                raise ValueError(f"larger than {MAX_BYTES} bytes")
             with self._zip.open(name) as file:
                 return file.read(MAX_BYTES)
-        except (
-            KeyError,
-            OSError,
-            zipfile.BadZipFile,
-            EOFError,
-            zlib.error,
-            RuntimeError,
-            NotImplementedError,
-        ) as error:
-            raise InputError(f"{where} is missing or damaged ({error})") from error
+        except Exception as error:  # zipfile's and zlib's share no base class
+            raise InputError(f"{self.where}: {name} is missing or damaged ({brief(error)})") from error
 
     def size(self, name: str) -> tuple[int, int]:
         """(width, height) of an image."""
-        try:
-            with Image.open(BytesIO(self.get(name)), formats=("JPEG", "PNG")) as image:
-                return image.size
-        except (*_images.DAMAGED, *_images.BOMB) as error:
-            raise InputError(f"{self.where}: {name} is no JPEG ({str(error)[:60]})") from error
+        return _images.decoded_size(self.get(name), f"{self.where}: {name}")
 
     def read_colour(self, view: View) -> Colours:
         name = view.colour.as_posix()
@@ -171,7 +155,7 @@ class _Box:
             if len(plain) != size:
                 raise ValueError(f"it should unpack to {size} bytes, but it has {len(plain)}")
         except (ValueError, RuntimeError) as error:
-            raise InputError(f"{self.where}: {name} is damaged ({error})") from error
+            raise InputError(f"{self.where}: {name} is damaged ({brief(error)})") from error
         return np.frombuffer(plain, np.uint8)
 
 
@@ -197,7 +181,7 @@ def _head(box: _Box) -> dict[str, Any]:
     try:
         head = json.loads(box.get(box.head))
     except (ValueError, RecursionError) as error:
-        raise InputError(f"{box.where}: {box.head} is not valid JSON ({str(error)[:80]})") from error
+        raise InputError(f"{box.where}: {box.head} is not valid JSON ({brief(error)})") from error
     if not isinstance(head, dict):
         raise InputError(f"{box.where}: {box.head} must hold a JSON object")
     return head
@@ -213,7 +197,7 @@ def _rows(head: dict[str, Any], field: str, length: int, where: str) -> np.ndarr
 def _whole(head: dict[str, Any], field: str, where: str) -> int:
     value = head.get(field)
     if type(value) is not int or not 0 < value <= 1 << 13:
-        raise InputError(f"{where}: the metadata's {field!r} must be a size in pixels, got {str(value)[:40]!r}")
+        raise InputError(f"{where}: the metadata's {field!r} must be a size in pixels, got {brief(value, 40)!r}")
     return value
 
 

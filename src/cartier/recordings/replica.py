@@ -16,12 +16,12 @@ import numpy as np
 
 from cartier.contracts import Recording
 from cartier.errors import InputError
-from cartier.files import read_json
-from cartier.recordings._content import names_in, read_text
+from cartier.files import read_json, read_text
+from cartier.recordings._content import names_in
 from cartier.recordings._images import read_depth
 from cartier.recordings._lens import Lens
 from cartier.recordings._posed import PosedImages, Source, View
-from cartier.recordings._poses import rigid
+from cartier.recordings._poses import MAX_TABLE_BYTES, rigid
 from cartier.recordings._tables import camera_of, numbers
 from cartier.types import Camera
 
@@ -65,7 +65,7 @@ def open(path: str | Path, up: Sequence[float] | None = None, floor_m: float | N
 
 def _poses(path: Path) -> np.ndarray[Any, np.dtype[np.float64]]:
     poses = []
-    for number, line in enumerate(read_text(path, 1 << 28).splitlines(), 1):
+    for number, line in enumerate(read_text(path, MAX_TABLE_BYTES).splitlines(), 1):
         if line.strip():
             values = numbers(line.split(), f"{path} line {number}")
             if len(values) != 16:
@@ -90,6 +90,6 @@ def _camera(root: Path) -> tuple[Camera, float, Path]:
     if lack:
         raise InputError(f"{path}: 'camera' lacks {', '.join(lack)}")
     width, height, *intrinsics, scale = numbers([fields[name] for name in wanted], str(path))
-    if scale <= 0:
-        raise InputError(f"{path}: scale must be positive, got {scale}")
+    if not 1 <= scale <= 1e6:
+        raise InputError(f"{path}: scale must be from 1 to a million depth units per metre, got {scale:g}")
     return camera_of(int(width), int(height), intrinsics, str(path)), scale, path

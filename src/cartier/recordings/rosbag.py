@@ -20,6 +20,7 @@ from cartier.contracts import Recording
 from cartier.errors import InputError
 from cartier.mapping import gravity
 from cartier.recordings._content import content_hash
+from cartier.recordings._images import check_depth
 from cartier.recordings._lens import resampled
 from cartier.recordings._poses import rigid
 from cartier.recordings._register import registered
@@ -148,6 +149,7 @@ class RosBag:
             return None
         message, where = self._message(stream, stream.index[self._partner[i]])
         depth_m = depth_image(message, lens.camera, where)
+        check_depth(depth_m, where)
         if self._colour_from_depth is None:
             return np.asarray(resampled(depth_m, lens, self.camera, np.nan), dtype=np.float32)
         straight = np.asarray(resampled(depth_m, lens, lens.camera, np.nan), dtype=np.float32)

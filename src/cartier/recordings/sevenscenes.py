@@ -15,7 +15,7 @@ import numpy as np
 from cartier.contracts import Recording
 from cartier.errors import InputError
 from cartier.mapping import gravity
-from cartier.recordings._content import content_hash, names_in
+from cartier.recordings._content import check_inside, content_hash, names_in
 from cartier.recordings._images import image_size, read_depth, read_rgb
 from cartier.recordings._poses import read_matrix, rigid
 from cartier.types import Camera, Frame, TrueObject, frame_number
@@ -46,6 +46,9 @@ class SevenScenes:
         self.name = root.resolve().name
         self._root = root
         self._colour, self._stems, self._numbers, self._has_depth = _listing(root)
+        depths = [f"{stem}.depth.png" for stem in self._stems] if self._has_depth else []
+        self._files = [INTRINSICS, *(f"{stem}.pose.txt" for stem in self._stems), *self._colour, *depths]
+        check_inside(root, self._files)
         self._settings = f"sevenscenes 1 up={up} floor_m={floor_m}"
         self._fingerprint: str | None = None
         self.camera = _camera(root, root / self._colour[0])
@@ -75,9 +78,7 @@ class SevenScenes:
 
     def fingerprint(self) -> str:
         if self._fingerprint is None:
-            depth = [f"{s}.depth.png" for s in self._stems] if self._has_depth else []
-            names = [INTRINSICS, *(f"{s}.pose.txt" for s in self._stems), *self._colour, *depth]
-            self._fingerprint = content_hash(self._settings, self._root, names)
+            self._fingerprint = content_hash(self._settings, self._root, self._files)
         return self._fingerprint
 
     def _depth(self, i: int) -> np.ndarray[tuple[int, ...], np.dtype[np.float32]]:

@@ -16,7 +16,8 @@ import numpy as np
 
 from cartier.contracts import Recording
 from cartier.errors import InputError
-from cartier.recordings._content import names_in, read_text
+from cartier.files import read_text
+from cartier.recordings._content import names_in
 from cartier.recordings._images import image_size
 from cartier.recordings._lens import Lens
 from cartier.recordings._posed import Colours, PosedImages, Source, View, png_depth

@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from cartier.contracts import Recording
 from cartier.errors import InputError
-from cartier.recordings._content import read_text
+from cartier.files import read_text
 from cartier.recordings._images import image_size
 from cartier.recordings._interpolate import interpolated
 from cartier.recordings._lens import Lens, straight

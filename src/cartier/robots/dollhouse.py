@@ -8,7 +8,7 @@ from typing import Any
 from cartier import plugins
 from cartier.errors import BackendError, InputError
 from cartier.robots._pose import in_words
-from cartier.types import Goal
+from cartier.types import Goal, check_radius
 
 WORLD = "dollhouse"
 
@@ -16,7 +16,8 @@ WORLD = "dollhouse"
 def make(home: str = "", radius_m: float = 0.2) -> Dollhouse:
     """``home`` is a home of the dollhouse (a name, a whole number or a .yaml file), or the name of a recording of one.
 
-    ``radius_m`` is the robot's radius, best the one the map was planned with. Raises InputError for a home that is none.
+    ``radius_m`` is the robot's radius, best the one the map was planned with. Raises InputError for a home that is none, or an
+    impossible radius.
     """
     if not home:
         raise BackendError("robot dollhouse: which home does it drive in? give option home, for example home=studio")
@@ -30,7 +31,7 @@ def make(home: str = "", radius_m: float = 0.2) -> Dollhouse:
         scene = world.scene(name)
     except InputError as error:
         raise InputError(f"robot dollhouse drives in homes of the dollhouse, and {home!r} is none ({error})") from error
-    return Dollhouse(scene, radius_m)
+    return Dollhouse(scene, check_radius(radius_m))
 
 
 class Dollhouse:

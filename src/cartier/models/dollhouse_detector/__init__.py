@@ -11,7 +11,8 @@ import numpy as np
 
 from cartier.errors import InputError
 from cartier.files import read_json
-from cartier.types import Array
+from cartier.mapping.existence import calibration_from
+from cartier.types import Array, Calibration
 
 FOLDER = Path(__file__).parent
 WIDTH = 384  # of the text encoder's vectors
@@ -23,8 +24,7 @@ class DetectorModel:
     """The file of the network, what it was made to know, and how to read it.
 
     ``size`` is the input's (w, h) in pixels; ``names`` are the classes in the network's order, ``around`` the words for what
-    is no thing; ``threshold`` is the least score and ``min_views`` how many frames must agree, both chosen on generated
-    homes; ``trained`` says on what it was. ``words`` (1 + D, 384): the middle of the names' vectors, and the D directions in
+    is no thing; ``calibration`` says what its reports are worth; ``trained`` says on what it was. ``words`` (1 + D, 384): the middle of the names' vectors, and the D directions in
     which the network's features say how another text vector differs from it.
     """
 
@@ -33,8 +33,7 @@ class DetectorModel:
     size: tuple[int, int]
     names: tuple[str, ...]
     around: tuple[str, ...]
-    threshold: float
-    min_views: int
+    calibration: Calibration
     trained: str
     words: Array
 
@@ -59,14 +58,14 @@ def load(folder: Path = FOLDER) -> DetectorModel:
         width, height = (int(side) for side in told["size"])
         names, around = (tuple(str(name) for name in told[key]) for key in ("names", "around"))
         digests = {file: str(told["sha256"][file]) for file in (MODEL, WORDS)}
-        threshold, min_views, trained = float(told["threshold"]), int(told["min_views"]), str(told["trained"])
+        calibration, trained = calibration_from(told["calibration"]), str(told["trained"])
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(f"{beside} is damaged ({type(error).__name__}: {error}): install cartier again") from error
-    if not (0 < width <= 4096 and 0 < height <= 4096 and names and around and 0 <= threshold <= 1 and min_views >= 1):
-        raise InputError(f"{beside} is damaged (a size, the names, the threshold or min_views): install cartier again")
+    if not (0 < width <= 4096 and 0 < height <= 4096 and names and around):
+        raise InputError(f"{beside} is damaged (a size or the names): install cartier again")
     _same(path, digests[MODEL])
     words = _words(folder / WORDS, _same(folder / WORDS, digests[WORDS]))
-    return DetectorModel(path, digests[MODEL], (width, height), names, around, threshold, min_views, trained, words)
+    return DetectorModel(path, digests[MODEL], (width, height), names, around, calibration, trained, words)
 
 
 def _same(path: Path, digest: str) -> bytes:

@@ -9,8 +9,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from cartier.errors import InputError
+from cartier.strict_yaml import Path
 from cartier.worlds.dollhouse import clashes, openings, shapes
-from cartier.worlds.dollhouse.form import DIRECTIONS, Fault, FrontDoorForm, HomeForm, Path, Read, ThingForm, WindowForm
+from cartier.worlds.dollhouse.form import DIRECTIONS, Fault, FrontDoorForm, HomeForm, Read, ThingForm, WindowForm
 from cartier.worlds.dollhouse.materials import KINDS, colour, material
 from cartier.worlds.dollhouse.model import Opening, Room, Scene, Shape, Surface, Thing, Vec3
 from cartier.worlds.dollhouse.walls import structure

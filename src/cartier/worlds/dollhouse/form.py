@@ -5,16 +5,14 @@ from __future__ import annotations
 import difflib
 import math
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
-import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
+from cartier.strict_yaml import Path, YamlFault, read_yaml
+
 MAX_BYTES = 1 << 20
-MAX_DEPTH = 40
 MAX_FAULTS = 50
-Loader = yaml.CSafeLoader if yaml.__with_libyaml__ else yaml.SafeLoader  # the same, ten times as fast
-Path = tuple[str | int, ...]
 Side = Literal["north", "south", "east", "west"]
 DIRECTIONS = {"south": 0.0, "east": math.pi / 2, "north": math.pi, "west": -math.pi / 2}
 """Yaws of things that face a direction; among things on others, directions in the parent's frame (south = its front)."""
@@ -156,73 +154,20 @@ class Read:
         return self.lines.get(path, 1)
 
 
-_TAGS = ("tag:yaml.org,2002:map", "tag:yaml.org,2002:seq")
-
-
-class _Unreadable(Exception):
-    def __init__(self, line: int, reason: str) -> None:
-        super().__init__(reason)
-        self.line = line
-
-
 def read(text: str) -> Read:
     """The form of a home's text. Never raises for what the text holds."""
     lines: dict[Path, int] = {}
     try:
         if len(text.encode("utf-8", "replace")) > MAX_BYTES:
-            raise _Unreadable(1, f"the file is larger than {MAX_BYTES >> 20} MiB")
-        _check_events(text)
-        loader = Loader(text)
-        try:
-            node = loader.get_single_node()
-            if not isinstance(node, yaml.MappingNode):
-                raise _Unreadable(1, "a home file holds `name: …`, `start: …`, `rooms: …` and `things: …`")
-            data = _value(loader, node, (), lines)
-        finally:
-            loader.dispose()
+            raise YamlFault(1, f"the file is larger than {MAX_BYTES >> 20} MiB")
+        data, lines = read_yaml(text)
+        if not isinstance(data, dict):
+            raise YamlFault(1, "a home file holds `name: …`, `start: …`, `rooms: …` and `things: …`")
         return Read(HomeForm.model_validate(data), (), lines)
-    except _Unreadable as error:
+    except YamlFault as error:
         return Read(None, (Fault(error.line, str(error)),), lines)
-    except yaml.MarkedYAMLError as error:
-        mark: Any = error.problem_mark
-        return Read(None, (Fault(mark.line + 1 if mark else 1, f"not valid YAML: {error.problem}"),), lines)
-    except (yaml.YAMLError, ValueError) as error:
-        if isinstance(error, ValidationError):
-            return Read(None, tuple(_explained(error, Read(None, (), lines))), lines)
-        return Read(None, (Fault(1, f"not valid YAML: {' '.join(str(error).split())}"),), lines)
-
-
-def _check_events(text: str) -> None:
-    """Refuses what would let a small file grow huge in memory: aliases, and nesting without end."""
-    depth = 0
-    for event in yaml.parse(text, Loader=Loader):
-        line = event.start_mark.line + 1 if event.start_mark else 1
-        if isinstance(event, yaml.AliasEvent):
-            raise _Unreadable(line, f"YAML aliases (*{event.anchor}) are not allowed in home files")
-        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
-        if depth > MAX_DEPTH:
-            raise _Unreadable(line, f"nested deeper than {MAX_DEPTH} levels")
-
-
-def _value(loader: yaml.SafeLoader | yaml.CSafeLoader, node: yaml.Node, path: Path, lines: dict[Path, int]) -> Any:
-    """A node as plain values with tuples for lists; notes the line of each entry."""
-    lines[path] = node.start_mark.line + 1
-    if isinstance(node, yaml.CollectionNode) and node.tag not in _TAGS:
-        raise _Unreadable(lines[path], f"the YAML tag {node.tag} is not allowed in home files")
-    if isinstance(node, yaml.MappingNode):
-        held: dict[str, Any] = {}
-        for key, value in node.value:
-            if not isinstance(key, yaml.ScalarNode):
-                raise _Unreadable(key.start_mark.line + 1, "a key must be a word")
-            name = key.value  # as written: YAML 1.1 would read the key `on` as True
-            if name in held:
-                raise _Unreadable(key.start_mark.line + 1, f"{name!r} is given twice")
-            held[name] = _value(loader, value, (*path, name), lines)
-            lines[*path, name] = key.start_mark.line + 1
-        return held
-    if isinstance(node, yaml.SequenceNode):
-        return tuple(_value(loader, value, (*path, i), lines) for i, value in enumerate(node.value))
-    return loader.construct_object(node)
+    except ValidationError as error:
+        return Read(None, tuple(_explained(error, Read(None, (), lines))), lines)
 
 
 def _explained(error: ValidationError, read: Read) -> list[Fault]:

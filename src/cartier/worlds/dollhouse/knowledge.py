@@ -35,7 +35,7 @@ class Knowledge:
 
     def __init__(self, camera: Camera, radius_m: float, eye_m: float) -> None:
         self._camera, self._radius_m, self._eye_m = camera, radius_m, eye_m
-        self._mapper = OccupancyMapper(robot_radius_m=radius_m)
+        self._mapper = OccupancyMapper(robot_radius_m=radius_m, exact=True)
         self._black = np.zeros((camera.height, camera.width, 3), np.uint8)
         self._near = self._tries = self._bumps = np.zeros((0, 0), np.uint8)
         self._at_m = np.arange(0.3, SIGHT_M, STEP_M)

@@ -1,0 +1,142 @@
+"""The command that shows what is in a home: show."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from cartier.cli._common import AsJson, HomeFolder, IndexName, say
+from cartier.errors import InputError
+from cartier.language.prompts import check_query
+
+if TYPE_CHECKING:
+    from cartier.home import Home
+
+app = typer.Typer()
+
+
+@app.command()
+def show(
+    home: HomeFolder,
+    thing: Annotated[
+        int | None,
+        typer.Option("--object", metavar="ID", help="One object: its evidence, and with --plot its best views."),
+    ] = None,
+    everything: Annotated[bool, typer.Option("--all", help="List tentative objects, too.")] = False,
+    plot: Annotated[
+        Path | None, typer.Option(help="Draw the floor plan with rooms and objects into this picture.")
+    ] = None,
+    sheet: Annotated[Path | None, typer.Option(help="Draw a page of evidence photos, one for each object.")] = None,
+    find: Annotated[
+        str | None,
+        typer.Option(
+            metavar="WORDS",
+            help="Where any words fit best, and with --plot how well they fit each place (index vlmaps).",
+        ),
+    ] = None,
+    index: IndexName = None,
+    as_json: AsJson = False,
+) -> None:
+    """Show what is in a home: its objects by room, how sure each is, and the evidence for it."""
+    from cartier.home import Home
+
+    mapped = Home.load(home)
+    if find is not None:
+        _find(mapped, check_query(find), index, plot, as_json)
+        return
+    told = mapped.to_dict()
+    if thing is not None:
+        told["objects"] = [row for row in told["objects"] if thing in (row["id"], *row["aliases"])]
+        if not told["objects"]:
+            raise InputError(f"{home} has no object {thing}: cartier show {home} lists them with their ids")
+    if plot:
+        from cartier.picture import draw_home, draw_object
+
+        draw_home(mapped, plot) if thing is None else draw_object(mapped, plot, thing)
+        say(f"picture: {plot}")
+    if sheet:
+        from cartier.sheet import draw_sheet
+
+        draw_sheet(mapped, sheet)
+        say(f"picture: {sheet}")
+    if as_json:
+        print(json.dumps(told, ensure_ascii=False))
+    elif thing is not None:
+        _print_object(told["objects"][0])
+    else:
+        _print_rooms(told, everything)
+
+
+def _find(home: Home, words: str, index: str | None, plot: Path | None, as_json: bool) -> None:
+    name, searched = home.searchable(index)
+    place = searched.locate(words)
+    assert place is not None  # an index that holds nothing is not saved
+    if plot:
+        from cartier.picture import draw_find
+
+        draw_find(home, words, plot, name)
+    for note in searched.notes:
+        say(note)
+    about = {"home": home.name, "index": name, "encoder": searched.encoder, "detector": home.detector}
+    if as_json:
+        told = {"words": words, "place": place.to_dict(), "picture": str(plot) if plot else None}
+        print(json.dumps(about | told, ensure_ascii=False))
+        return
+    x, y, z = place.position
+    print(f"best   x {x:.2f}  y {y:.2f}  z {z:.2f} m   (cosine {place.score:.2f}, frame {place.frame})")
+    print(f"  by     {name}, {searched.encoder}, {home.detector}")
+    print(f"  look   {plot}" if plot else "  look   with --plot FILE.png")
+
+
+def _print_rooms(told: dict[str, Any], everything: bool) -> None:
+    from rich import box
+    from rich.console import Console
+    from rich.table import Table
+
+    console = Console(width=None if sys.stdout.isatty() else 110)
+    rows = [row for row in told["objects"] if row["confirmed"] or everything]
+    names = {row["id"]: row["label"] for row in told["objects"]}
+    rooms = {room["id"]: f"{room['name']}, {room['area_m2']:.0f} m²" for room in told["rooms"]}
+    columns = ("id", "object", "how sure", "seen", "size (cm)", "colour", "stands", "last seen")
+    for room in [*rooms, None]:
+        here = [row for row in rows if row["room"] == room]
+        if not here:
+            continue
+        title = rooms.get(room, "not in a room" if rooms else told["home"])
+        table = Table(*columns, box=box.SIMPLE, title=title, title_justify="left")
+        for row in sorted(here, key=lambda row: (not row["confirmed"], row["label"], row["id"])):
+            on = row["on"]
+            table.add_row(
+                str(row["id"]), row["label"] + ("" if row["confirmed"] else " ?"), f"{row['probability']:.0%}",
+                f"{row['sightings']} of {row['chances']}", " x ".join(f"{100 * side:.0f}" for side in row["size_m"]),
+                ", ".join(name for name, _ in row["colours"][:2]), "" if on is None else f"{on['relation']} {names[on['id']]}",
+                f"{row['last_seen_s']:.1f} s",
+            )  # fmt: skip
+        console.print(table)
+    sure = sum(row["confirmed"] for row in told["objects"])
+    rest = len(told["objects"]) - sure
+    console.print(
+        f"{sure} objects confirmed, {rest} tentative{'' if everything or not rest else ' (--all lists them)'}"
+    )
+    console.print(f"detector: {told['detector']}", highlight=False, markup=False)
+    for note in told["notes"]:
+        console.print(f"note: {note}", highlight=False, markup=False)
+
+
+def _print_object(row: dict[str, Any]) -> None:
+    state = "confirmed" if row["confirmed"] else "tentative"
+    print(f"{row['label']} {row['id']}: {state}, {row['probability']:.0%} likely there")
+    x, y, z = row["position"]
+    print(f"  place  x {x:.2f}  y {y:.2f}  z {z:.2f} m, {' x '.join(f'{100 * side:.0f}' for side in row['size_m'])} cm")
+    print(
+        f"  seen   in {row['sightings']} of {row['chances']} frames that would have shown it, last at {row['last_seen_s']:.1f} s"
+    )
+    print(f"  named  {', '.join(f'{name} ({weight:.2f})' for name, weight in row['labels'])}")
+    if row["colours"]:
+        print(f"  looks  {', '.join(f'{name} {share:.0%}' for name, share in row['colours'])}")
+    for view in row["views"]:
+        print(f"  view   frame {view['frame']}, score {view['score']:.2f}, box {[round(v) for v in view['box_xyxy']]}")

@@ -1,0 +1,149 @@
+"""No goal leaves that nobody asked for. The sentences are in nothing_asked.py; how they came about is said there."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from held_out import COCO, HELD_OUT
+from hypothesis import given
+from hypothesis import strategies as st
+from nothing_asked import ASKED, FRESH_ASKED, FRESH_TOLD, HOME, LATER_ASKED, LATER_TOLD, TOLD
+
+from cartier.evaluation.queries import load_queries
+from cartier.reasoners import embedded
+from cartier.reasoners._speech_acts import sort_out
+from cartier.types import Selection
+
+REASONER = embedded.make()
+REQUESTS = Path(__file__).parents[2] / "tools" / "requests"
+
+
+def answers(sentences: list[str]) -> list[Selection]:
+    return [REASONER.select(sentence, HOME) for sentence in sentences]
+
+
+def refused(chosen: Selection) -> bool:
+    return chosen.status == "absent" and chosen.reason.startswith("understood: ")
+
+
+def asked(text: str) -> str:
+    return sort_out(REASONER.scorer.hear(text), REASONER.deck.by_key).asked
+
+
+@pytest.mark.parametrize(
+    ("words", "reason"),
+    [
+        ("Don't go to the fridge", "understood: do not go to the fridge"),
+        ("Do not bring me the cup", "understood: do not bring me the cup"),
+        ("Stay away from the stove", "understood: stay away from the stove"),
+        ("Never ever touch the vase, it's from my grandmother.", "understood: never ever touch the vase"),
+        ("dont go to teh fridge", "understood: do not go to the fridge"),
+        ("don't bring me the cup or the bowl", "understood: do not bring me the cup or the bowl"),
+        ("I hate that chair", "understood: nothing was asked for"),
+        ("the sofa is ugly", "understood: nothing was asked for"),
+        ("nice weather today", "understood: nothing was asked for"),
+        ("thank you", "understood: nothing was asked for"),
+        ("you are doing a great job", "understood: nothing was asked for"),
+        ("I don't need the towel.", "understood: nothing was asked for"),
+    ],
+)
+def test_what_asks_for_nothing_is_understood_and_gets_no_goal(words: str, reason: str) -> None:
+    chosen = REASONER.select(words, HOME)
+    assert (chosen.status, chosen.object, chosen.reason) == ("absent", None, reason)
+    assert REASONER.propose(words) == []
+
+
+def test_what_is_named_but_not_asked_for_is_asked_about() -> None:
+    story = "This mug was a gift from my aunt."
+    chosen = REASONER.select(story, HOME)
+    assert (chosen.status, chosen.object, chosen.question) == ("clarify", None, "Shall I go to the mug?")
+    dialogue = [(story, "Shall I go to the mug?")]
+    assert REASONER.select("yes please", HOME, dialogue).object == "mug"
+    for no in ("no", "don't go to the mug", "no, not the mug"):
+        assert REASONER.select(no, HOME, dialogue).object is None
+    assert REASONER.select("no, my feet hurt, I need to sit", HOME, dialogue).object in (
+        "armchair",
+        "chair",
+        "couch",
+        "stool",
+    )
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        ("don't bring me the cup, bring me the glass", "glass"),
+        ("dont bring the cup bring the glass", "glass"),  # as speech recognition writes it
+        ("I don't want to stand any more", "armchair|chair|couch|stool"),
+        ("don't forget the coffee", "coffee machine|mug"),
+        ("why don't you go to the kitchen table?", "dining table"),
+        ("I can't find my phone", "cell phone"),
+        ("my feet hurt", "armchair|chair|couch|slippers|stool"),
+        ("it's freezing in here", "heater|blanket"),
+        ("I'm thirsty, but don't bring me the cup", "glass|mug|fridge|wine glass|sink|teapot"),
+    ],
+)
+def test_a_need_is_served_whatever_else_is_forbidden(words: str, expected: str) -> None:
+    assert REASONER.select(words, HOME).object in expected.split("|")
+
+
+def test_a_correction_stays_a_correction() -> None:
+    served = [("I'm so thirsty", "mug")]
+    assert REASONER.select("not the mug, it's dirty", HOME, served).object not in ("mug", None)
+    either = [("I need to cut this string", "Do you mean the knife or the scissors?")]
+    for words in ("not the knife, it's dirty", "I don't want the knife", "don't bring the knife"):
+        assert REASONER.select(words, HOME, either).object == "scissors"
+
+
+@pytest.mark.parametrize(
+    ("sentences", "most_goals"),
+    [(TOLD[::2], 0.03), (TOLD[1::2], 0.03), (LATER_TOLD, 0.14), (FRESH_TOLD, 0.36)],
+    ids=["even", "odd", "later", "fresh"],
+)
+def test_of_all_that_asks_for_nothing_few_get_a_goal(sentences: list[str], most_goals: float) -> None:
+    """What was measured; before the rule, 0.78, 0.84, 0.88 and 0.82 of them got one."""
+    goals = [s for s, c in zip(sentences, answers(sentences), strict=True) if c.object is not None]
+    assert len(goals) <= most_goals * len(sentences), goals
+
+
+@pytest.mark.parametrize(
+    ("sentences", "most_refused", "most_asked_back"),
+    [(ASKED, 0, 0.04), (LATER_ASKED, 1, 0.07), (FRESH_ASKED, 0, 0.14)],
+    ids=["both halves", "later", "fresh"],
+)
+def test_what_only_sounds_like_it_is_not_refused(
+    sentences: list[str], most_refused: int, most_asked_back: float
+) -> None:
+    chosen = answers(sentences)
+    assert sum(map(refused, chosen)) <= most_refused
+    asked_back = [c for c in chosen if (c.question or "").startswith("Shall I go")]
+    assert len(asked_back) <= most_asked_back * len(sentences), asked_back
+
+
+def test_no_request_of_the_bench_or_of_the_held_out_ones_is_refused() -> None:
+    texts = [query.text for split in ("paper", "extended") for query in load_queries(split)]
+    texts += [text for _, _, text, expected in HELD_OUT if expected]
+    assert [text for text in texts if asked(text) == "not"] == []
+
+
+def test_of_eleven_thousand_requests_hardly_any_is_refused() -> None:
+    rows = [json.loads(line) for file in REQUESTS.glob("*.jsonl") for line in file.read_text("utf-8").splitlines()]
+    texts = [row["text"] for row in rows if row["kind"] != "nothing"]
+    lost = [text for text in texts if asked(text) == "not"]
+    assert len(texts) > 10_000 and len(lost) <= 10, lost
+
+
+@given(
+    st.lists(
+        st.sampled_from(
+            ["don't", "not", "no", "never", "you", "go", "to", "the", "cup", ",", ".", "I", "want", "'", "-"]
+        )
+    )
+)
+def test_no_words_break_the_sorting(said: list[str]) -> None:
+    heard = REASONER.scorer.hear(" ".join(said))
+    assert sort_out(heard, REASONER.deck.by_key).asked in ("outright", "perhaps", "not")
+    chosen = REASONER.select(" ".join(said), COCO)
+    assert chosen.object is None or chosen.object in COCO
