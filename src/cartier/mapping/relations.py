@@ -29,10 +29,12 @@ FLOATS_M, SINKS_M = 0.3, 0.15  # nothing stands on what ends so far below it, or
 FLOOR_M = 0.08  # what begins lower mostly stands on the floor
 NEXT_M, LEVEL_M = 0.5, 0.3  # next to each other is what is closer and neither so far above the other
 BESIDE_M = 0.3  # what is so far off the straight line between two things is not between them
-BLUR_M = 0.08  # standard deviation of distances between boxes
-BLUR_SIZE = 0.2  # and of the logarithms of sizes
+BLUR_M, BLUR = 0.05, 0.13  # standard deviation of distances between boxes: at least, and per metre of the larger one
+OUTGROWN, USUAL_M = 0.1, 0.4  # per metre of it above the usual, boxes from pixels are closer than the things are
+AWRY_M = 0.07  # standard deviation of the middles of boxes
+BLUR_SIZE = 0.15  # and of the logarithms of sizes
 NEARER = 10.0  # log-odds for being the nearest that a metre less is worth
-UNDER = 0.8  # share of what lies below a thing and within its outline that is under it
+UNDER = 0.6  # share of what lies below a thing and within its outline that is under it
 IN_ROOM = 0.98  # share of objects that are in the room which the map says
 LIKELY, LEAST = 0.5, 0.05  # probability from which a support is told, and any other relation
 
@@ -123,32 +125,31 @@ def supports(objects: Sequence[MapObject]) -> dict[int, Relation]:
 
 
 def under(thing: MapObject, objects: Sequence[MapObject]) -> tuple[Relation, ...]:
-    """What lies below a thing, within its outline and not in it, surest first."""
+    """What is below a thing and within its outline, surest first; neither what holds it nor what is in it."""
     objects, low, high, own_low, own_high, apart = _around(thing, objects)
-    if _HOLDERS.get(thing.label) in (_STORE, _VESSEL):
-        same_floor = np.zeros(len(objects), bool)  # what begins where it does is in it
-    else:
-        same_floor = (low[:, 2] < own_low[2] + FLOOR_M) & (high[:, 2] <= own_high[2])
-    below = same_floor | (high[:, 2] <= own_low[2] + PAD_M)
+    own = _HOLDERS.get(thing.label)
+    fits = [own == _TABLE or (own == _SEAT and not _is_furniture(other)) for other in objects]  # between the legs
+    between_legs = np.array(fits, bool) & (low[:, 2] < own_low[2] + FLOOR_M) & (high[:, 2] <= own_high[2])
+    below = (high[:, 2] <= own_low[2] - PAD_M) | between_legs
+    held = supports([thing, *objects])
+    holder = {i: relation.object for i, relation in held.items()}
+    # what has the same holder as the thing is beside it, or a shelf lower
+    free = [holder.get(o.id) is None or holder[o.id] not in (thing.id, holder.get(thing.id)) for o in objects]
     share = _within(low, high, own_low[None], own_high[None])[:, 0]
-    return _told("under", thing, objects, apart, UNDER * below * _chance((share - 0.5) / 0.2))
+    return _told("under", thing, objects, apart, UNDER * (below & np.array(free, bool)) * _chance((share - 0.5) / 0.2))
 
 
 def next_to(thing: MapObject, objects: Sequence[MapObject]) -> tuple[Relation, ...]:
-    """What stands beside a thing in the same room, surest first; what is over, under, on or in it is not beside it."""
+    """What is beside a thing in the same room, surest first; what is over, under, on or in it is not."""
     objects, low, high, own_low, own_high, apart = _around(thing, objects)
-    inside = np.maximum(
+    share = np.maximum(
         _within(low, high, own_low[None], own_high[None])[:, 0], _within(own_low[None], own_high[None], low, high)[0]
     )
     level = np.maximum(low[:, 2] - own_high[2], own_low[2] - high[:, 2]) < LEVEL_M
-    rooms = np.array([None in (thing.room, other.room) or thing.room == other.room for other in objects], bool)
-    return _told(
-        "next to",
-        thing,
-        objects,
-        apart,
-        level * rooms * _chance((NEXT_M - apart) / BLUR_M) * _chance((0.5 - inside) / 0.2),
-    )
+    same_room = np.array([None in (thing.room, other.room) or thing.room == other.room for other in objects], bool)
+    larger = np.maximum((high - low)[:, :2].max(1), (own_high - own_low)[:2].max())
+    close = _chance((NEXT_M - apart - OUTGROWN * (larger - USUAL_M)) / np.hypot(BLUR_M, BLUR * larger))
+    return _told("next to", thing, objects, apart, level * same_room * close * _chance((0.5 - share) / 0.2))
 
 
 def between(a: MapObject, b: MapObject, objects: Sequence[MapObject]) -> tuple[Relation, ...]:
@@ -159,7 +160,7 @@ def between(a: MapObject, b: MapObject, objects: Sequence[MapObject]) -> tuple[R
     length = max(float(np.linalg.norm(end - start)), THIN_M)
     along, across = _components(middles - start, (end - start) / length)
     inside = np.minimum(along, length - along)
-    likely = _chance(inside / BLUR_M) * _chance((max(BESIDE_M, length / 4) - np.abs(across)) / BLUR_M)
+    likely = _chance(inside / AWRY_M) * _chance((max(BESIDE_M, length / 4) - np.abs(across)) / AWRY_M)
     return _told("between", a, objects, np.abs(across), likely, b.id)
 
 
@@ -223,8 +224,12 @@ def _holding(objects: Sequence[MapObject], low: Array, high: Array) -> Array:
 def _standing_alone(objects: Sequence[MapObject], low: Array) -> Array:
     """Log-odds (n,) that nothing holds an object but the floor or a wall."""
     fixed = np.array([thing.label in _FIXED for thing in objects])
-    furniture = [_HOLDERS.get(t.label) in (_TABLE, _SEAT, _STORE) and t.label not in _PORTABLE for t in objects]
-    return np.asarray(3.7 * (low[:, 2] < FLOOR_M) + 4.1 * fixed + 3.9 * np.array(furniture))
+    furniture = np.array([_is_furniture(thing) for thing in objects])
+    return np.asarray(3.7 * (low[:, 2] < FLOOR_M) + 4.1 * fixed + 3.9 * furniture)
+
+
+def _is_furniture(thing: MapObject) -> bool:
+    return _HOLDERS.get(thing.label) in (_TABLE, _SEAT, _STORE) and thing.label not in _PORTABLE
 
 
 def _ranked(
@@ -251,7 +256,7 @@ def _sideways(kind: Kind, thing: MapObject, objects: Sequence[MapObject], seen_f
     middles = (low + high)[:, :2] / 2
     ahead = _components(middles - here, way)[0] > 0
     left = _components(middles - place, way)[1] * (1 if kind == "left of" else -1)
-    return _told(kind, thing, objects, left, ahead * _chance(left / BLUR_M))
+    return _told(kind, thing, objects, left, ahead * _chance(left / AWRY_M))
 
 
 def _told(

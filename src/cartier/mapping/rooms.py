@@ -14,13 +14,15 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from cartier.types import OCCUPIED, UNKNOWN, Array, MapObject, OccupancyGrid, Room
+from cartier.types import FREE, OCCUPIED, UNKNOWN, Array, MapObject, OccupancyGrid, Room
 
 BELOW_M = 0.15  # under the highest that is seen: what reaches so high is a wall, a lintel, or stands before one
+LOW_M = 1.2  # nothing lower is one
 DOOR_M = 1.1  # a narrower passage parts two rooms
 LEAST_M2 = 1.0  # a smaller room is a corner of its neighbour,
-SEEN_M2 = 0.3  # unless it has none: so much is seen through a doorway of a room that nobody entered
-HOLE_M2 = 2.0  # unknown floor of this size inside of a home is hidden by furniture
+SEEN_M2 = 0.4  # unless it has none: so much is seen through a doorway of a room that nobody entered
+OPEN = 0.25  # of a room's floor at least that is free, else it is the inside of a cupboard
+HOLE_M2, GAP_M = 2.0, 0.6  # unknown floor of this size inside of a home, or between what is known, is floor as well
 STEPS_M = np.arange(0.1, 0.65, 0.05)  # from an object towards who sees it
 HALL, HALL_M2 = 2.2, 3.0  # a corridor is so many times as long as wide, and no mere sliver
 TELLING: Mapping[str, Mapping[str, int]] = {
@@ -103,7 +105,7 @@ def _nearest(cell: Array, rooms: Sequence[Room]) -> int:
 
 def _at(places: npt.NDArray[np.int32], cells: Array) -> npt.NDArray[np.int32]:
     """The numbers of the rooms at cells (..., 2), 0 for none."""
-    inside = ((cells >= 0) & (cells < places.shape)).all(-1)
+    inside = np.asarray(((cells >= 0) & (cells < places.shape)).all(-1))
     row, col = np.moveaxis(np.where(inside[..., None], cells, 0), -1, 0)
     return np.asarray(np.where(inside, places[row, col], 0), np.int32)
 
@@ -113,28 +115,34 @@ def _segmented(grid: OccupancyGrid) -> npt.NDArray[np.int32]:
     from scipy import ndimage
 
     cell_m2, margin = grid.resolution_m**2, DOOR_M / 2 / grid.resolution_m
-    floor = _floor(grid)
-    clear = np.asarray(ndimage.distance_transform_edt(np.pad(floor, 1)))[1:-1, 1:-1]
-    wide = clear > margin
+    wall = _walls(grid)
+    floor = ~wall & _seen(grid, wall)
+    wide = floor & (np.asarray(ndimage.distance_transform_edt(~wall)) > margin)  # what nobody saw makes nothing narrow
     reached = np.asarray(ndimage.distance_transform_edt(~wide)) <= margin + 1 if wide.any() else wide
     cores, count = ndimage.label(wide)
     narrow, _ = ndimage.label(floor & ~reached)  # corridors, doorways, and what one sees of a room from outside
     some = np.flatnonzero(np.bincount(narrow.ravel()) * cell_m2 >= SEEN_M2)
     cores = np.where((narrow > 0) & np.isin(narrow, some), narrow + count, cores)
-    return _without_corners(_grown(np.asarray(cores, np.int32), floor), LEAST_M2 / cell_m2)
+    return _without_corners(_grown(np.asarray(cores, np.int32), floor), grid)
 
 
-def _floor(grid: OccupancyGrid) -> npt.NDArray[np.bool_]:
-    """The cells in which one can be, or furniture is: no walls, no lintels, and what furniture hides."""
+def _walls(grid: OccupancyGrid) -> npt.NDArray[np.bool_]:
+    """Walls and lintels: what is nearly as high as the highest that was seen."""
+    heights = grid.height_m[grid.cells == OCCUPIED]
+    highest = float(np.quantile(heights.astype(np.float32), 0.95)) if len(heights) else np.inf
+    return np.asarray(grid.height_m >= max(highest - BELOW_M, LOW_M), bool)
+
+
+def _seen(grid: OccupancyGrid, wall: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+    """The known cells, and the unknown ones between them: under and behind furniture, and where few frames looked."""
     from scipy import ndimage
 
-    heights = grid.height_m[grid.cells == OCCUPIED]
-    tall = grid.height_m >= (float(np.quantile(heights.astype(np.float32), 0.95)) if len(heights) else np.inf) - BELOW_M
-    holes, count = ndimage.label((grid.cells == UNKNOWN) & ~tall)
-    sizes = np.bincount(holes.ravel(), minlength=count + 1) * grid.resolution_m**2
-    hidden = sizes <= HOLE_M2
-    hidden[np.concatenate([[0], holes[0], holes[-1], holes[:, 0], holes[:, -1]])] = False
-    return np.asarray(((grid.cells != UNKNOWN) & ~tall) | hidden[holes], bool)
+    known = grid.cells != UNKNOWN
+    holes, count = ndimage.label(~known & ~wall)
+    small = np.bincount(holes.ravel(), minlength=count + 1) * grid.resolution_m**2 <= HOLE_M2
+    small[np.concatenate([[0], holes[0], holes[-1], holes[:, 0], holes[:, -1]])] = False
+    near = ndimage.binary_closing(known & ~wall, iterations=max(1, round(GAP_M / 2 / grid.resolution_m)))
+    return np.asarray(known | small[holes] | near, bool)
 
 
 def _grown(places: npt.NDArray[np.int32], floor: npt.NDArray[np.bool_]) -> npt.NDArray[np.int32]:
@@ -150,19 +158,22 @@ def _grown(places: npt.NDArray[np.int32], floor: npt.NDArray[np.bool_]) -> npt.N
         empty &= ~new
 
 
-def _without_corners(places: npt.NDArray[np.int32], least: float) -> npt.NDArray[np.int32]:
-    """Rooms of fewer cells than ``least`` go to the neighbour that they touch most."""
+def _without_corners(places: npt.NDArray[np.int32], grid: OccupancyGrid) -> npt.NDArray[np.int32]:
+    """What is too small to be a room, or shows too little free floor, goes to the neighbour that it touches most."""
     from scipy import ndimage
 
-    sizes = np.bincount(places.ravel())
+    sizes = np.bincount(places.ravel()) * grid.resolution_m**2
     for number in np.argsort(sizes, kind="stable"):
         mine = places == number
-        if number == 0 or not 0 < mine.sum() < least:
+        area, open_floor = mine.sum() * grid.resolution_m**2, (grid.cells[mine] == FREE).sum() >= OPEN * mine.sum()
+        if number == 0 or not area or (area >= LEAST_M2 and open_floor):
             continue
         touching = np.bincount(places[ndimage.binary_dilation(mine) & ~mine], minlength=len(sizes))
         touching[0] = 0
         if touching.any():
             places[mine] = touching.argmax()
+        elif area < SEEN_M2 or not open_floor:
+            places[mine] = 0
     return places
 
 
