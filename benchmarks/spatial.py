@@ -341,38 +341,39 @@ def _statements(
     return found
 
 
-def mapped(name: str, detector_name: str, keep: Path) -> tuple[OccupancyGrid, list[MapObject], Array]:
-    """The floor plan and the objects of a home, and in how many pixels each true thing was shown at best; kept in a folder."""
-    scene = plugins.make("worlds", "dollhouse").scene(name)
-    detector = plugins.make(
-        "detectors", detector_name, **({"truth": scene.truth()} if detector_name == "ground_truth" else {})
-    )
-    objects, floor, pixels = ObjectMap(detector.calibration), OccupancyMapper(), np.zeros(0, np.int64)
-    file = keep / f"{Path(name).stem}-{detector_name}"
+def mapped(name: str, keep: Path) -> tuple[OccupancyGrid, Array, dict[str, list[MapObject]]]:
+    """The floor plan of a home, in how many pixels each true thing was shown at best, and its objects by detector; kept in a folder."""
+    world = plugins.make("worlds", "dollhouse")
+    scene, file = world.scene(name), keep / Path(name).stem
+    detectors = {
+        "ground_truth": plugins.make("detectors", "ground_truth", truth=scene.truth(), source=scene.name),
+        "embedded": plugins.make("detectors", "embedded", threads=1),
+    }
+    maps, floor = {key: ObjectMap(detector.calibration) for key, detector in detectors.items()}, OccupancyMapper()
+    pixels = np.zeros(len(scene.things) + 1, np.int64)
     if file.with_suffix(".npz").exists():
-        kept = read_npz(file.with_suffix(".npz").read_bytes())
+        kept = read_npz(file.with_suffix(".npz"))
         pixels = kept.pop("pixels")
-        floor.restore({key.removeprefix("floor_"): array for key, array in kept.items() if key.startswith("floor_")})
-        objects.restore({key: (file.parent / f"{file.name}.{key}").read_bytes() for key in objects.state()})
+        floor.restore(kept)
+        for key, objects in maps.items():
+            objects.restore({part: Path(f"{file}.{key}.{part}").read_bytes() for part in objects.state()})
     else:
-        recording = plugins.make("worlds", "dollhouse").explore(name)
-        pixels = np.zeros(len(scene.things) + 1, np.int64)
+        recording = world.explore(name)
         for number in range(len(recording)):
             frame = recording[number]
-            objects.add(frame, detector.detect(frame))
             floor.add(frame)
-            counts = (
-                np.bincount(frame.instances.ravel(), minlength=len(pixels)) if frame.instances is not None else pixels
-            )
-            pixels = np.maximum(pixels, counts)
-        objects.tidy()
-        for key, blob in objects.state().items():
-            (file.parent / f"{file.name}.{key}").write_bytes(blob)
-        counted = {f"floor_{key}": array for key, array in (floor.counts() or {}).items()}
-        file.with_suffix(".npz").write_bytes(npz_bytes(pixels=pixels, **counted))
+            for key, objects in maps.items():
+                objects.add(frame, detectors[key].detect(frame))
+            assert frame.instances is not None
+            pixels = np.maximum(pixels, np.bincount(frame.instances.ravel(), minlength=len(pixels)))
+        for key, objects in maps.items():
+            objects.tidy()
+            for part, blob in objects.state().items():
+                Path(f"{file}.{key}.{part}").write_bytes(blob)
+        file.with_suffix(".npz").write_bytes(npz_bytes(pixels=pixels, **(floor.counts() or {})))
     grid = floor.grid()
     assert grid is not None
-    return grid, list(objects.objects()), pixels
+    return grid, pixels, {key: list(objects.objects()) for key, objects in maps.items()}
 
 
 def main() -> None:
@@ -388,9 +389,9 @@ def main() -> None:
         for name in options.homes or world.homes():
             scene = world.scene(name)
             contacts = Contacts(scene)
-            for detector_name, of_all in figures.items():
-                of_all.add(Mapped(scene, *mapped(name, detector_name, keep)), contacts)
-            print(f"{name} mapped", flush=True)
+            grid, pixels, found = mapped(name, keep)
+            for key, of_all in figures.items():
+                of_all.add(Mapped(scene, grid, found[key], pixels), contacts)
     for name, title in DETECTORS.items():
         figures[name].print(title)
 

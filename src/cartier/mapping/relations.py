@@ -36,7 +36,7 @@ BLUR_SIZE = 0.15  # and of the logarithms of sizes
 NEARER = 10.0  # log-odds for being the nearest that a metre less is worth
 UNDER = 0.6  # share of what lies below a thing and within its outline that is under it
 IN_ROOM = 0.98  # share of objects that are in the room which the map says
-LIKELY, LEAST = 0.5, 0.05  # probability from which a support is told, and any other relation
+LIKELY, LEAST = 0.5, 0.05  # probability from which a support is told, and most other relations
 
 
 @dataclass(frozen=True)
@@ -165,12 +165,12 @@ def between(a: MapObject, b: MapObject, objects: Sequence[MapObject]) -> tuple[R
 
 
 def nearest(thing: MapObject | Point, objects: Sequence[MapObject]) -> tuple[Relation, ...]:
-    """Objects by how likely each is the nearest to a thing or a point, surest first: two that are as near have one half each."""
+    """All objects by how likely each is the nearest to a thing or a point: of two that are as near, each has one half."""
     return _ranked("nearest", thing, objects, -NEARER)
 
 
 def farthest(thing: MapObject | Point, objects: Sequence[MapObject]) -> tuple[Relation, ...]:
-    """Objects by how likely each is the farthest from a thing or a point, surest first."""
+    """All objects by how likely each is the farthest from a thing or a point."""
     return _ranked("farthest", thing, objects, NEARER)
 
 
@@ -244,7 +244,8 @@ def _ranked(
         apart = _apart(point, point, low[:, :axes], high[:, :axes])[0]
     odds = per_metre * apart + np.log([max(other.probability, 1e-6) for other in objects])
     weights = np.exp(odds - odds.max(initial=-np.inf))
-    return _told(kind, thing if isinstance(thing, MapObject) else None, objects, apart, weights / weights.sum())
+    here = thing if isinstance(thing, MapObject) else None
+    return _told(kind, here, objects, apart, weights / weights.sum(), least=0.0)
 
 
 def _sideways(kind: Kind, thing: MapObject, objects: Sequence[MapObject], seen_from: Point) -> tuple[Relation, ...]:
@@ -260,17 +261,13 @@ def _sideways(kind: Kind, thing: MapObject, objects: Sequence[MapObject], seen_f
 
 
 def _told(
-    kind: Kind,
-    thing: MapObject | None,
-    objects: Sequence[MapObject],
-    metres: Array,
-    likely: Array,
-    other: int | None = None,
-) -> tuple[Relation, ...]:
+    kind: Kind, thing: MapObject | None, objects: Sequence[MapObject], metres: Array, likely: Array,
+    other: int | None = None, least: float = LEAST,
+) -> tuple[Relation, ...]:  # fmt: skip
     """The relations that are likely enough, surest first."""
-    order = [k for k in np.argsort(-likely, kind="stable").tolist() if likely[k] >= LEAST]
-    ids = thing.id if thing is not None else None
-    return tuple(Relation(kind, objects[k].id, ids, float(metres[k]), float(likely[k]), other) for k in order)
+    order = [k for k in np.argsort(-likely, kind="stable").tolist() if likely[k] >= least]
+    own = None if thing is None else thing.id
+    return tuple(Relation(kind, objects[k].id, own, float(metres[k]), float(likely[k]), other) for k in order)
 
 
 def _around(
