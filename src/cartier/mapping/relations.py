@@ -1,45 +1,311 @@
-"""Relations between mapped objects, from their boxes: pure functions, each result with metres and a probability."""
+"""How objects lie to each other: on, in, under, next to, between, nearest, left of … with metres and a probability.
+
+All are pure functions over ``MapObject``s; distances are those between their axis-aligned boxes. These hold what was seen of
+surfaces: a table's box has some of what stands on it, a fridge's begins where the counter before it ends. So nothing needs to fit
+exactly; every relation has a probability instead, whose constants were fitted to generated homes where each contact is known.
+``benchmarks/spatial.py`` prints how well they hold in other homes.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Literal, NamedTuple
 
 import numpy as np
 
-from cartier.types import MapObject
+from cartier.types import Array, MapObject
 
-NEAR_M = 0.12  # a bottom so near to a top stands on it
+Kind = Literal[
+    "on", "in", "under", "next to", "between", "nearest", "farthest", "left of", "right of", "in room", "bigger"
+]
+Point = Sequence[float]
+"""(x, y) or (x, y, z) in metres."""
+
+PAD_M = 0.03  # boxes that touch may miss each other by so much
+THIN_M = 0.02  # no box counts as thinner
+FLOATS_M, SINKS_M = 0.3, 0.15  # nothing stands on what ends so far below it, or begins so far above it
+FLOOR_M = 0.08  # what begins lower mostly stands on the floor
+NEXT_M, LEVEL_M = 0.5, 0.3  # next to each other is what is closer and neither so far above the other
+BESIDE_M = 0.3  # what is so far off the straight line between two things is not between them
+BLUR_M, BLUR = 0.05, 0.13  # standard deviation of distances between boxes: at least, and per metre of the larger one
+OUTGROWN, USUAL_M = 0.1, 0.4  # per metre of it above the usual, boxes from pixels are closer than the things are
+AWRY_M = 0.07  # standard deviation of the middles of boxes
+BLUR_SIZE = 0.15  # and of the logarithms of sizes
+NEARER = 10.0  # log-odds for being the nearest that a metre less is worth
+UNDER = 0.6  # share of what lies below a thing and within its outline that is under it
+IN_ROOM = 0.98  # share of objects that are in the room which the map says
+LIKELY, LEAST = 0.5, 0.05  # probability from which a support is told, and most other relations
 
 
 @dataclass(frozen=True)
 class Relation:
-    """``subject`` stands in a relation of a ``kind`` to ``object`` (ids); ``metres`` between what touches, or apart."""
+    """``subject`` is ``kind`` ``object``: ids of objects, for "in room" that of the room; None for a point.
 
-    kind: str
+    ``metres`` is the distance between the boxes; for left and right, how far to that side; for bigger, by how much the longest
+    side is longer. ``probability`` is from 0 to 1. ``other`` is the second of the two that the subject is between.
+    """
+
+    kind: Kind
     subject: int
-    object: int
+    object: int | None
     metres: float
     probability: float
+    other: int | None = None
+
+
+class _Holder(NamedTuple):
+    """How well a sort of thing holds others: its log-odds, what they lose per metre that the other begins below its top, and gain
+    if the other fits snugly; ``on_from`` is the share of its height above which that is on it, and not in it."""
+
+    bias: float
+    per_metre: float
+    snug: float
+    on_from: float
+
+
+_TABLE = _Holder(2.9, -5.5, 0.0, 0.5)
+_SEAT = _Holder(0.4, -1.9, 0.0, -math.inf)  # its back is higher than what one sits on
+_STORE = _Holder(0.6, 0.0, 0.0, 0.85)
+_VESSEL = _Holder(1.4, -15.6, 3.3, math.inf)  # stands on something itself
+_PLATE = _VESSEL._replace(on_from=-math.inf)
+_OTHER = _Holder(-1.9, -4.8, 0.0, 0.5)
+_HOLDERS = {
+    name: holder
+    for holder, names in (
+        (_TABLE, "table, counter top, countertop, dining table, coffee table, side table, desk, dresser, tv stand, nightstand"),
+        (_TABLE, "shelf, washing machine"),
+        (_SEAT, "bed, sofa, couch, chair, arm chair, armchair, bench, toilet, stool, ottoman, footstool"),
+        (_STORE, "fridge, refrigerator, oven, cabinet, cupboard, bookcase, bookshelf, wardrobe, closet, safe, shelving unit"),
+        (_STORE, "dishwasher, bathtub, garbage can, trash can, bin, laundry hamper, dog bed, microwave, box, basket, cart"),
+        (_VESSEL, "sink, bowl, pot, pan, mug, cup, vase"),
+        (_PLATE, "plate, tray, stove burner, stove"),
+    )
+    for name in names.split(", ")
+}  # fmt: skip
+_PORTABLE = frozenset({"shelf", "microwave", "box", "basket"})  # of the first three; the others stand on the floor
+_FIXED = frozenset({
+    "mirror", "painting", "poster", "picture", "window", "curtain", "curtains", "blinds", "door", "clock", "light switch", "faucet",
+    "tap", "towel", "hand towel", "towel holder", "hand towel holder", "toilet paper hanger", "shower head", "shower curtain",
+    "shower door",
+})  # fmt: skip
+"""Hangs on walls."""
+_BUILT_IN = frozenset({"sink", "faucet", "tap", "stove", "stove burner"})  # into a table
 
 
 def supports(objects: Sequence[MapObject]) -> dict[int, Relation]:
-    """What each thing stands on or in, by its id."""
-    found: dict[int, Relation] = {}
-    for thing in objects:
-        low, high = np.array(thing.box_min), np.array(thing.box_max)
-        for other in objects:
-            o_low, o_high = np.array(other.box_min), np.array(other.box_max)
-            shared = np.minimum(high, o_high)[:2] - np.maximum(low, o_low)[:2]
-            share = float(np.prod(np.maximum(shared, 0)) / max(float(np.prod((high - low)[:2])), 1e-4))
-            gap = float(abs(low[2] - o_high[2]))
-            if (
-                other.id != thing.id
-                and share > 0.5
-                and gap < NEAR_M
-                and np.prod((o_high - o_low)[:2]) > np.prod((high - low)[:2])
-            ):
-                likely = share * (1 - gap / NEAR_M / 2)
-                if thing.id not in found or found[thing.id].probability < likely:
-                    found[thing.id] = Relation("on", thing.id, other.id, gap, min(likely, 1.0))
+    """What each object stands on or in, by its id: at most one of the others, and none of what stands on the floor or hangs.
+
+    All that may hold it and nothing at all are weighed against each other (a conditional logit). No two objects hold each other,
+    not by way of others either.
+    """
+    if len(objects) < 2:
+        return {}
+    low, high = _boxes(objects)
+    odds, alone = _holding(objects, low, high), _standing_alone(objects, low)
+    most = np.maximum(odds.max(1), alone)
+    weights = np.exp(odds - most[:, None])
+    shares = weights / (weights.sum(1) + np.exp(alone - most))[:, None]
+    holder, likely, metres = shares.argmax(1), shares.max(1), _apart(low, high, low, high)
+    held_by: dict[int, int] = {}
+    for s in np.argsort(-likely, kind="stable").tolist():
+        o = int(holder[s])
+        below = o
+        while below in held_by:
+            below = held_by[below]
+        if likely[s] >= LIKELY and below != s:
+            held_by[s] = o
+    found = {}
+    for s, o in sorted(held_by.items()):
+        share = (low[s, 2] - low[o, 2]) / max(high[o, 2] - low[o, 2], THIN_M)
+        kind: Kind = "on" if share >= _HOLDERS.get(objects[o].label, _OTHER).on_from else "in"
+        found[objects[s].id] = Relation(kind, objects[s].id, objects[o].id, float(metres[s, o]), float(likely[s]))
     return found
+
+
+def under(thing: MapObject, objects: Sequence[MapObject]) -> tuple[Relation, ...]:
+    """What is below a thing and within its outline, surest first; neither what holds it nor what is in it."""
+    objects, low, high, own_low, own_high, apart = _around(thing, objects)
+    own = _HOLDERS.get(thing.label)
+    fits = [own == _TABLE or (own == _SEAT and not _is_furniture(other)) for other in objects]  # between the legs
+    between_legs = np.array(fits, bool) & (low[:, 2] < own_low[2] + FLOOR_M) & (high[:, 2] <= own_high[2])
+    below = (high[:, 2] <= own_low[2] - PAD_M) | between_legs
+    held = supports([thing, *objects])
+    holder = {i: relation.object for i, relation in held.items()}
+    # what has the same holder as the thing is beside it, or a shelf lower
+    free = [holder.get(o.id) is None or holder[o.id] not in (thing.id, holder.get(thing.id)) for o in objects]
+    share = _within(low, high, own_low[None], own_high[None])[:, 0]
+    return _told("under", thing, objects, apart, UNDER * (below & np.array(free, bool)) * _chance((share - 0.5) / 0.2))
+
+
+def next_to(thing: MapObject, objects: Sequence[MapObject]) -> tuple[Relation, ...]:
+    """What is beside a thing in the same room, surest first; what is over, under, on or in it is not."""
+    objects, low, high, own_low, own_high, apart = _around(thing, objects)
+    share = np.maximum(
+        _within(low, high, own_low[None], own_high[None])[:, 0], _within(own_low[None], own_high[None], low, high)[0]
+    )
+    level = np.maximum(low[:, 2] - own_high[2], own_low[2] - high[:, 2]) < LEVEL_M
+    same_room = np.array([None in (thing.room, other.room) or thing.room == other.room for other in objects], bool)
+    larger = np.maximum((high - low)[:, :2].max(1), (own_high - own_low)[:2].max())
+    close = _chance((NEXT_M - apart - OUTGROWN * (larger - USUAL_M)) / np.hypot(BLUR_M, BLUR * larger))
+    return _told("next to", thing, objects, apart, level * same_room * close * _chance((0.5 - share) / 0.2))
+
+
+def between(a: MapObject, b: MapObject, objects: Sequence[MapObject]) -> tuple[Relation, ...]:
+    """What stands between two things on the floor plan, surest first; ``metres`` is how far off the line its middle is."""
+    objects = [other for other in objects if other.id not in (a.id, b.id)]
+    low, high = _boxes(objects)
+    (start, end), middles = ((np.add(t.box_min, t.box_max) / 2)[:2] for t in (a, b)), (low + high)[:, :2] / 2
+    length = max(float(np.linalg.norm(end - start)), THIN_M)
+    along, across = _components(middles - start, (end - start) / length)
+    inside = np.minimum(along, length - along)
+    likely = _chance(inside / AWRY_M) * _chance((max(BESIDE_M, length / 4) - np.abs(across)) / AWRY_M)
+    return _told("between", a, objects, np.abs(across), likely, b.id)
+
+
+def nearest(thing: MapObject | Point, objects: Sequence[MapObject]) -> tuple[Relation, ...]:
+    """All objects by how likely each is the nearest to a thing or a point: of two that are as near, each has one half."""
+    return _ranked("nearest", thing, objects, -NEARER)
+
+
+def farthest(thing: MapObject | Point, objects: Sequence[MapObject]) -> tuple[Relation, ...]:
+    """All objects by how likely each is the farthest from a thing or a point."""
+    return _ranked("farthest", thing, objects, NEARER)
+
+
+def left_of(thing: MapObject, objects: Sequence[MapObject], seen_from: Point) -> tuple[Relation, ...]:
+    """What is to the left of a thing, surest first, for who looks at it from (x, y), or stands at (x, y, yaw) and looks ahead."""
+    return _sideways("left of", thing, objects, seen_from)
+
+
+def right_of(thing: MapObject, objects: Sequence[MapObject], seen_from: Point) -> tuple[Relation, ...]:
+    """What is to the right of a thing; see ``left_of``."""
+    return _sideways("right of", thing, objects, seen_from)
+
+
+def in_room(room: int, objects: Iterable[MapObject]) -> tuple[Relation, ...]:
+    """What is in a room, given by its id."""
+    return tuple(Relation("in room", thing.id, room, 0.0, IN_ROOM) for thing in objects if thing.room == room)
+
+
+def bigger(one: MapObject, other: MapObject) -> Relation:
+    """How likely one thing is bigger than another, by its longest side and by its volume."""
+    low, high = _boxes((one, other))
+    sides = np.maximum(high - low, THIN_M)
+    longest, volume = sides.max(1), sides.prod(1)
+    log_ratio = math.log(longest[0] / longest[1]) / 2 + math.log(volume[0] / volume[1]) / 6
+    likely = float(_chance(np.array(log_ratio / BLUR_SIZE)))
+    return Relation("bigger", one.id, other.id, float(longest[0] - longest[1]), likely)
+
+
+def _holding(objects: Sequence[MapObject], low: Array, high: Array) -> Array:
+    """Log-odds (n, n) that the second of each pair holds the first; -inf where that cannot be."""
+    holders = [_HOLDERS.get(thing.label, _OTHER) for thing in objects]
+    bias, per_metre, snug = np.array([holder[:3] for holder in holders]).T
+    above = low[:, None, 2] - high[None, :, 2]
+    rise = low[:, None, 2] - low[None, :, 2]
+    share = _within(low, high, low, high)
+    middles = (low + high)[:, None, :2] / 2
+    outside = np.linalg.norm(np.maximum(0, np.maximum(low[:, :2] - middles, middles - high[:, :2])), axis=2)
+    fit = np.maximum(share, share.T) * np.exp(-((np.maximum(0, np.maximum(-rise, above)) / PAD_M) ** 2))
+    odds = (
+        bias + per_metre * np.clip(-above - PAD_M, 0, 1) + snug * fit
+        + 4.1 * share - 8.9 * np.minimum(outside, 1) - 16.9 * np.maximum(above, 0) - 15.8 * np.maximum(-rise - THIN_M, 0)
+    )  # fmt: skip
+    built_in = np.array([thing.label in _BUILT_IN for thing in objects])
+    never = (
+        (np.maximum(share, share.T) == 0) | (above > FLOATS_M) | (rise < -SINKS_M) | (built_in[:, None] & (snug > 0))
+    )
+    np.fill_diagonal(never, True)
+    return np.where(never, -np.inf, odds)
+
+
+def _standing_alone(objects: Sequence[MapObject], low: Array) -> Array:
+    """Log-odds (n,) that nothing holds an object but the floor or a wall."""
+    fixed = np.array([thing.label in _FIXED for thing in objects])
+    furniture = np.array([_is_furniture(thing) for thing in objects])
+    return np.asarray(3.7 * (low[:, 2] < FLOOR_M) + 4.1 * fixed + 3.9 * furniture)
+
+
+def _is_furniture(thing: MapObject) -> bool:
+    return _HOLDERS.get(thing.label) in (_TABLE, _SEAT, _STORE) and thing.label not in _PORTABLE
+
+
+def _ranked(
+    kind: Kind, thing: MapObject | Point, objects: Sequence[MapObject], per_metre: float
+) -> tuple[Relation, ...]:
+    if isinstance(thing, MapObject):
+        objects, *_, apart = _around(thing, objects)
+    else:
+        low, high = _boxes(objects)
+        point = np.array([thing], dtype=np.float64)
+        axes = point.shape[1]
+        apart = _apart(point, point, low[:, :axes], high[:, :axes])[0]
+    odds = per_metre * apart + np.log([max(other.probability, 1e-6) for other in objects])
+    weights = np.exp(odds - odds.max(initial=-np.inf))
+    here = thing if isinstance(thing, MapObject) else None
+    return _told(kind, here, objects, apart, weights / weights.sum(), least=0.0)
+
+
+def _sideways(kind: Kind, thing: MapObject, objects: Sequence[MapObject], seen_from: Point) -> tuple[Relation, ...]:
+    objects = [other for other in objects if other.id != thing.id]
+    low, high = _boxes(objects)
+    here, place = np.array(seen_from[:2], np.float64), (np.add(thing.box_min, thing.box_max) / 2)[:2]
+    way = place - here if len(seen_from) < 3 else np.array([math.cos(seen_from[2]), math.sin(seen_from[2])])
+    way = way / max(float(np.linalg.norm(way)), 1e-9)
+    middles = (low + high)[:, :2] / 2
+    ahead = _components(middles - here, way)[0] > 0
+    left = _components(middles - place, way)[1] * (1 if kind == "left of" else -1)
+    return _told(kind, thing, objects, left, ahead * _chance(left / AWRY_M))
+
+
+def _told(
+    kind: Kind, thing: MapObject | None, objects: Sequence[MapObject], metres: Array, likely: Array,
+    other: int | None = None, least: float = LEAST,
+) -> tuple[Relation, ...]:  # fmt: skip
+    """The relations that are likely enough, surest first."""
+    order = [k for k in np.argsort(-likely, kind="stable").tolist() if likely[k] >= least]
+    own = None if thing is None else thing.id
+    return tuple(Relation(kind, objects[k].id, own, float(metres[k]), float(likely[k]), other) for k in order)
+
+
+def _around(
+    thing: MapObject, objects: Sequence[MapObject]
+) -> tuple[list[MapObject], Array, Array, Array, Array, Array]:
+    """All objects but a thing itself, their boxes, that of the thing, and how far they are from it."""
+    others = [other for other in objects if other.id != thing.id]
+    low, high = _boxes(others)
+    own_low, own_high = np.array(thing.box_min), np.array(thing.box_max)
+    return others, low, high, own_low, own_high, _apart(own_low[None], own_high[None], low, high)[0]
+
+
+def _boxes(objects: Sequence[MapObject]) -> tuple[Array, Array]:
+    corners = np.array([(thing.box_min, thing.box_max) for thing in objects], np.float64).reshape(-1, 2, 3)
+    return corners[:, 0], corners[:, 1]
+
+
+def _apart(low: Array, high: Array, other_low: Array, other_high: Array) -> Array:
+    """Distances (n, m) between boxes (n, D) and (m, D)."""
+    gaps = np.maximum(low[:, None] - other_high, other_low - high[:, None])
+    return np.asarray(np.linalg.norm(np.maximum(gaps, 0), axis=2))
+
+
+def _within(low: Array, high: Array, other_low: Array, other_high: Array) -> Array:
+    """Shares (n, m) of each outline on the floor plan that lie within each other one or 3 cm beside it."""
+    low, high = low[:, None, :2], high[:, None, :2]
+    own = np.maximum(high - low, THIN_M)
+    shared = np.minimum(high, other_high[:, :2] + PAD_M) - np.maximum(low, other_low[:, :2] - PAD_M)
+    return np.asarray((np.clip(shared, 0, own) / own).prod(2))
+
+
+def _components(vectors: Array, way: Array) -> tuple[Array, Array]:
+    """How far (n,) vectors (n, 2) reach along a direction (2,), and to the left of it."""
+    return vectors @ way, vectors @ np.array([-way[1], way[0]])
+
+
+def _chance(z: Array) -> Array:
+    """The standard normal distribution function."""
+    from scipy.special import ndtr
+
+    return np.asarray(ndtr(z))

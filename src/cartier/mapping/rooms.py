@@ -1,102 +1,194 @@
-"""Rooms from a floor plan: walls part them, doorways are the narrow places between; what stands in a room says its kind."""
+"""Rooms from a floor plan: walls and lintels part them, doorways are the narrow places between; what stands in a room says its kind.
+
+The narrow places are found by distance to the walls, as in "distance transform-based segmentation" (Bormann et al., Room
+segmentation: survey, implementation, and analysis, ICRA 2016), with furniture taken out first: what is lower than a person
+parts no rooms.
+"""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
 
-from cartier.types import UNKNOWN, Array, MapObject, OccupancyGrid, Room
+from cartier.types import FREE, OCCUPIED, UNKNOWN, Array, MapObject, OccupancyGrid, Room
 
-WALL_M = 1.9  # what reaches so high is a wall, or stands before one
+BELOW_M = 0.15  # under the highest that is seen: what reaches so high is a wall, a lintel, or stands before one
+LOW_M = 1.2  # nothing lower is one
 DOOR_M = 1.1  # a narrower passage parts two rooms
-LEAST_M2 = 1.0  # a smaller room is a corner of its neighbour
-HOLE_M2 = 2.0  # unknown floor of this size inside of a home is hidden by furniture
-KINDS = {
-    "bathroom": {"toilet", "bathtub", "shower", "shower door", "shower head", "shower curtain", "toilet paper", "sink", "towel", "hand towel"},
-    "kitchen": {"fridge", "refrigerator", "stove burner", "stove", "oven", "microwave", "toaster", "coffee machine", "kettle", "dish sponge", "sink"},
-    "bedroom": {"bed", "alarm clock", "dresser", "pillow", "wardrobe"},
-    "living room": {"sofa", "couch", "television", "tv", "tv stand", "arm chair", "coffee table", "ottoman"},
-    "study": {"desk", "desktop", "laptop", "keyboard", "mouse"},
-    "dining room": {"dining table"},
+LEAST_M2 = 1.0  # a smaller room is a corner of its neighbour,
+SEEN_M2 = 0.4  # unless it has none: so much is seen through a doorway of a room that nobody entered
+OPEN = 0.25  # of a room's floor at least that is free, else it is the inside of a cupboard
+HOLE_M2, GAP_M = 2.0, 0.6  # unknown floor of this size inside of a home, or between what is known, is floor as well
+STEPS_M = np.arange(0.1, 0.65, 0.05)  # from an object towards who sees it
+HALL, HALL_M2 = 2.2, 3.0  # a corridor is so many times as long as wide, and no mere sliver
+TELLING: Mapping[str, Mapping[str, int]] = {
+    "bathroom": {
+        "toilet": 4, "bathtub": 4, "shower": 4, "shower door": 3, "shower head": 2, "shower curtain": 2, "sink": 1, "towel": 1,
+        "hand towel": 1, "toilet paper": 1, "toothbrush": 1,
+    },
+    "kitchen": {
+        "fridge": 3, "refrigerator": 3, "stove": 3, "stove burner": 3, "oven": 3, "microwave": 2, "toaster": 1, "coffee machine": 1,
+        "kettle": 1, "dish sponge": 1, "sink": 1, "dishwasher": 3,
+    },
+    "bedroom": {"bed": 4, "wardrobe": 2, "dresser": 1, "pillow": 1, "alarm clock": 1, "nightstand": 1},
+    "living room": {
+        "sofa": 3, "couch": 3, "television": 2, "tv": 2, "tv stand": 1, "arm chair": 1, "armchair": 1, "coffee table": 1,
+        "ottoman": 1, "fireplace": 2,
+    },
+    "study": {"desk": 2, "desktop": 1, "laptop": 1, "monitor": 1, "keyboard": 1, "mouse": 1, "printer": 1},
+    "dining room": {"dining table": 2},
 }  # fmt: skip
-TELLING = {"toilet": 3, "bathtub": 3, "shower": 3, "shower door": 3, "bed": 3, "fridge": 3, "refrigerator": 3, "stove burner": 2, "stove": 3, "oven": 3, "sofa": 3,
-           "couch": 3, "television": 2, "tv": 2, "desk": 2, "dining table": 2, "microwave": 2}  # fmt: skip
-"""How much a thing tells more than others."""
+"""How much each thing tells about the room that it stands in."""
 
 
 def find_rooms(grid: OccupancyGrid, objects: Sequence[MapObject]) -> tuple[Room, ...]:
     """The rooms of a floor plan, the largest first, each named after its kind; those of one kind are numbered."""
     places = _segmented(grid)
-    found = [np.argwhere(places == number).astype(np.int32) for number in np.unique(places[places > 0])]
-    found.sort(key=len, reverse=True)
-    unnamed = [Room(number, "", "", cells) for number, cells in enumerate(found)]
-    standing = [room_of(thing, grid, unnamed) if thing.confirmed else None for thing in objects]
-    kinds = [
-        _kind([thing.label for thing, room in zip(objects, standing, strict=True) if room == number])
-        for number in range(len(found))
+    sizes = np.bincount(places.ravel())[1:]
+    order = np.argsort(-sizes, kind="stable")[: int((sizes > 0).sum())] + 1
+    unnamed = [
+        Room(number, "", "", np.argwhere(places == place).astype(np.int32))
+        for number, place in enumerate(order.tolist())
     ]
+    standing = [thing for thing in objects if thing.confirmed]
+    labels: list[set[str]] = [set() for _ in unnamed]
+    for thing, number in zip(standing, rooms_of(standing, grid, unnamed), strict=True):
+        if number is not None:
+            labels[number].add(thing.label)
     rooms, count = [], Counter[str]()
-    for number, (cells, kind) in enumerate(zip(found, kinds, strict=True)):
+    for room, inside in zip(unnamed, labels, strict=True):
+        kind = _kind(inside, _long(room.cells, grid.resolution_m))
         count[kind] += 1
-        rooms.append(Room(number, kind if count[kind] == 1 else f"{kind} {count[kind]}", kind, cells))
+        rooms.append(replace(room, name=kind if count[kind] == 1 else f"{kind} {count[kind]}", kind=kind))
     return tuple(rooms)
 
 
 def room_of(thing: MapObject, grid: OccupancyGrid | None, rooms: Sequence[Room]) -> int | None:
-    """The id of the room whose cells lie nearest to an object's middle, None where there is none."""
+    """The id of the room in which an object is; of what hangs on a wall, that from which it is seen. None without rooms."""
+    return rooms_of([thing], grid, rooms)[0]
+
+
+def rooms_of(objects: Sequence[MapObject], grid: OccupancyGrid | None, rooms: Sequence[Room]) -> list[int | None]:
+    """``room_of`` of many objects, in a fraction of the time.
+
+    Each view votes for the first room that lies between the object's surface and the camera; where there is none, the room
+    nearest to the object is taken.
+    """
     if grid is None or not rooms:
-        return None
-    here = grid.cell(thing.position[:2])
-    nearest = [float(np.abs(room.cells - here).max(1).min()) for room in rooms]
-    return rooms[int(np.argmin(nearest))].id
+        return [None] * len(objects)
+    places = np.zeros(grid.cells.shape, np.int32)
+    for number, room in enumerate(rooms, 1):
+        places[room.cells[:, 0], room.cells[:, 1]] = number
+    seen = [(k, view.surface or thing.position, view) for k, thing in enumerate(objects) for view in thing.views]
+    owners = np.array([k for k, _, _ in seen], np.intp)
+    surfaces = np.array([surface[:2] for _, surface, _ in seen], np.float64).reshape(-1, 2)
+    ways = np.array([view.camera[:2] for _, _, view in seen], np.float64).reshape(-1, 2) - surfaces
+    far = np.maximum(np.linalg.norm(ways, axis=1), 1e-6)[:, None]
+    on_the_way = surfaces[:, None] + np.minimum(STEPS_M / far, 1)[..., None] * ways[:, None]
+    met = _at(places, grid.cell(on_the_way))
+    first = met[np.arange(len(met)), (met > 0).argmax(1)]
+    votes = np.zeros((len(objects), len(rooms) + 1))
+    np.add.at(votes, (owners, first), [view.score for _, _, view in seen])
+    return [
+        rooms[int(row.argmax())].id if row.any() else _nearest(grid.cell(thing.position[:2]), rooms)
+        for row, thing in zip(votes[:, 1:], objects, strict=True)
+    ]
+
+
+def _nearest(cell: Array, rooms: Sequence[Room]) -> int:
+    return rooms[int(np.argmin([np.abs(room.cells - cell).max(1).min() for room in rooms]))].id
+
+
+def _at(places: npt.NDArray[np.int32], cells: Array) -> npt.NDArray[np.int32]:
+    """The numbers of the rooms at cells (..., 2), 0 for none."""
+    inside = np.asarray(((cells >= 0) & (cells < places.shape)).all(-1))
+    row, col = np.moveaxis(np.where(inside[..., None], cells, 0), -1, 0)
+    return np.asarray(np.where(inside, places[row, col], 0), np.int32)
 
 
 def _segmented(grid: OccupancyGrid) -> npt.NDArray[np.int32]:
     """The number of each cell's room (rows, cols), 0 for none."""
     from scipy import ndimage
 
-    area = grid.resolution_m**2
-    wall = grid.height_m >= WALL_M
-    holes, count = ndimage.label((grid.cells == UNKNOWN) & ~wall)
-    sizes = np.bincount(holes.ravel(), minlength=count + 1)
-    edge = np.unique(np.concatenate([holes[0], holes[-1], holes[:, 0], holes[:, -1]]))
-    hidden = (sizes * area <= HOLE_M2) & ~np.isin(np.arange(count + 1), edge)
-    hidden[0] = False
-    inside = ((grid.cells != UNKNOWN) & ~wall) | hidden[holes]
-    clear_m = ndimage.distance_transform_edt(inside) * grid.resolution_m
-    cores, _ = ndimage.label(clear_m > DOOR_M / 2)
-    depth = (clear_m.max(initial=0) - clear_m) / max(float(clear_m.max(initial=0)), 1e-6)
-    markers = np.where(inside, cores, -1)  # -1 floods what is no floor
-    flooded = ndimage.watershed_ift((depth * 60_000).astype(np.uint16), markers.astype(np.int32))
-    places = np.where(inside, np.maximum(flooded, 0), 0)
-    return _without_corners(np.asarray(places, np.int32), area)
+    cell_m2, margin = grid.resolution_m**2, DOOR_M / 2 / grid.resolution_m
+    wall = _walls(grid)
+    floor = ~wall & _seen(grid, wall)
+    wide = floor & (np.asarray(ndimage.distance_transform_edt(~wall)) > margin)  # what nobody saw makes nothing narrow
+    reached = np.asarray(ndimage.distance_transform_edt(~wide)) <= margin + 1 if wide.any() else wide
+    cores, count = ndimage.label(wide)
+    narrow, _ = ndimage.label(floor & ~reached)  # corridors, doorways, and what one sees of a room from outside
+    some = np.flatnonzero(np.bincount(narrow.ravel()) * cell_m2 >= SEEN_M2)
+    cores = np.where((narrow > 0) & np.isin(narrow, some), narrow + count, cores)
+    return _without_corners(_grown(np.asarray(cores, np.int32), floor), grid)
 
 
-def _without_corners(places: npt.NDArray[np.int32], area: float) -> npt.NDArray[np.int32]:
-    """Rooms that are too small go to the neighbour that they touch most."""
-    for number in np.argsort(np.bincount(places.ravel())):
+def _walls(grid: OccupancyGrid) -> npt.NDArray[np.bool_]:
+    """Walls and lintels: what is nearly as high as the highest that was seen."""
+    heights = grid.height_m[grid.cells == OCCUPIED]
+    highest = float(np.quantile(heights.astype(np.float32), 0.95)) if len(heights) else np.inf
+    return np.asarray(grid.height_m >= max(highest - BELOW_M, LOW_M), bool)
+
+
+def _seen(grid: OccupancyGrid, wall: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+    """The known cells, and the unknown ones between them: under and behind furniture, and where few frames looked."""
+    from scipy import ndimage
+
+    known = grid.cells != UNKNOWN
+    holes, count = ndimage.label(~known & ~wall)
+    small = np.bincount(holes.ravel(), minlength=count + 1) * grid.resolution_m**2 <= HOLE_M2
+    small[np.concatenate([[0], holes[0], holes[-1], holes[:, 0], holes[:, -1]])] = False
+    near = ndimage.binary_closing(known & ~wall, iterations=max(1, round(GAP_M / 2 / grid.resolution_m)))
+    return np.asarray(known | small[holes] | near, bool)
+
+
+def _grown(places: npt.NDArray[np.int32], floor: npt.NDArray[np.bool_]) -> npt.NDArray[np.int32]:
+    """Rooms spread over the floor step by step, until they meet."""
+    places = np.pad(places, 1)
+    empty = np.pad(floor, 1) & (places == 0)
+    while True:
+        beside = np.maximum.reduce([np.roll(places, step, axis) for axis in (0, 1) for step in (-1, 1)])
+        new = empty & (beside > 0)
+        if not new.any():
+            return places[1:-1, 1:-1]
+        places[new] = beside[new]
+        empty &= ~new
+
+
+def _without_corners(places: npt.NDArray[np.int32], grid: OccupancyGrid) -> npt.NDArray[np.int32]:
+    """What is too small to be a room, or shows too little free floor, goes to the neighbour that it touches most."""
+    from scipy import ndimage
+
+    sizes = np.bincount(places.ravel()) * grid.resolution_m**2
+    for number in np.argsort(sizes, kind="stable"):
         mine = places == number
-        if number == 0 or not mine.any() or mine.sum() * area >= LEAST_M2:
+        area, open_floor = mine.sum() * grid.resolution_m**2, (grid.cells[mine] == FREE).sum() >= OPEN * mine.sum()
+        if number == 0 or not area or (area >= LEAST_M2 and open_floor):
             continue
-        touching = Counter(_beside(places, mine).tolist())
-        touching.pop(0, None), touching.pop(int(number), None)
-        places[mine] = touching.most_common(1)[0][0] if touching else 0
+        touching = np.bincount(places[ndimage.binary_dilation(mine) & ~mine], minlength=len(sizes))
+        touching[0] = 0
+        if touching.any():
+            places[mine] = touching.argmax()
+        elif area < SEEN_M2 or not open_floor:
+            places[mine] = 0
     return places
 
 
-def _beside(places: Array, mine: Array) -> Array:
-    from scipy import ndimage
+def _long(cells: npt.NDArray[np.int32], resolution_m: float) -> bool:
+    """Whether a room is as long and narrow as a corridor."""
+    narrow, long = np.sort(np.ptp(cells, axis=0) + 1)
+    return bool(long >= HALL * narrow and len(cells) >= max(narrow * long / 2, HALL_M2 / resolution_m**2))
 
-    return np.asarray(places[ndimage.binary_dilation(mine) & ~mine])
 
-
-def _kind(labels: Sequence[str]) -> str:
+def _kind(labels: set[str], long: bool) -> str:
     """What sort of room holds things of these labels; just "room" where nothing tells."""
-    votes = Counter(
-        {kind: sum(TELLING.get(label, 1) for label in labels if label in known) for kind, known in KINDS.items()}
-    )
-    kind, most = votes.most_common(1)[0]
-    return kind if most >= 2 else "room"
+    votes = {kind: sum(telling.get(label, 0) for label in labels) for kind, telling in TELLING.items()}
+    kind = max(votes, key=lambda kind: votes[kind])
+    if votes[kind] < 4 and long:
+        return "hall"
+    if kind == "kitchen" and max(votes["bedroom"], votes["living room"]) >= 3:
+        return "living room"
+    return kind if votes[kind] >= 2 else "room"

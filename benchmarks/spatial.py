@@ -1,0 +1,400 @@
+"""How right rooms and relations are in dollhouse homes: with ground-truth detections and from pixels.
+
+python benchmarks/spatial.py [HOME …] [--keep FOLDER]     (default: the seven built-in homes; a number is a generated one)
+Per detector: rooms (how much they overlap the true ones, their kinds, the share of objects in the right one), what things stand
+on or in, requests for "the X closest to the Y", and the other relations. Of each relation: how many were told with a probability of
+one half or more, which share of them is true, which share of the true ones was told, and how far the probabilities are off.
+What touches what is known from the home's triangles: rays from under each thing meet what holds it. All else is true if it
+holds between the true boxes. FOLDER keeps what was mapped.
+"""
+
+from __future__ import annotations
+
+import os
+
+os.environ["OMP_NUM_THREADS"] = "1"
+
+import argparse
+import itertools
+import tempfile
+import time
+from collections import defaultdict
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from cartier import plugins
+from cartier.files import npz_bytes, read_npz
+from cartier.geometry import box_distance
+from cartier.language.names import display_name
+from cartier.mapping.object_map import ObjectMap
+from cartier.mapping.occupancy import OccupancyMapper
+from cartier.mapping.relations import (
+    LEVEL_M,
+    NEXT_M,
+    Relation,
+    between,
+    bigger,
+    left_of,
+    nearest,
+    next_to,
+    right_of,
+    supports,
+    under,
+)
+from cartier.mapping.rooms import find_rooms, rooms_of
+from cartier.types import Array, MapObject, OccupancyGrid
+from cartier.worlds.dollhouse.model import Scene, Thing, triangles
+from cartier.worlds.dollhouse.trace import Tracer, tracer
+
+DETECTORS = {"ground_truth": "ground-truth detections", "embedded": "from pixels"}
+SAME_M = 0.5  # an object of the map is at most so far from the true thing of its name
+SHOWN_PX = 400  # in some frame, of what one may ask for
+ENTERED = 0.3  # of a room's floor that must be known for it to count
+CLOSEST_M, MARGIN_M = 1.5, 0.3  # "the X closest to the Y": at most so far, any other X so much farther
+TOUCH_M = 0.03  # what holds a thing is at most so far below it; and so far above its lowest point it still stands
+COVERED, WALLED = 0.5, 0.85  # inside is what its holder covers, or surrounds, to such a share
+RAYS = 15  # along each side of an outline
+CLEAR = 0.2  # from one half is the probability with which one thing is bigger than another of its name, at least
+PAIRS = 60  # of things in each home, for "between" and for left and right
+KINDS = {"office": "study"}  # the dollhouse's names for kinds of rooms
+UP, DOWN = np.array([0, 0, 1], np.float32), np.array([0, 0, -1], np.float32)
+Told = list[tuple[float, bool]]
+"""The probability of each relation that was told, and whether it is true."""
+
+
+class Contacts:
+    """What each thing of a scene stands on or in: ``holder`` has (id, "on" or "in") by id; ``covered`` are (id, id of what is
+    above more than half of it)."""
+
+    def __init__(self, scene: Scene) -> None:
+        self._mesh = triangles(scene)
+        self._boxes = {t.id: np.array([t.box_min, t.box_max], np.float32) for t in scene.truth()}
+        self._own = {i: self._tracer(np.flatnonzero(self._mesh.instance == i)) for i in self._boxes}
+        self.holder: dict[int, tuple[int, str]] = {}
+        self.covered: set[tuple[int, int]] = set()
+        for i in self._boxes:
+            self._look_at(i)
+
+    def mapped_holder(self, thing: int, mapped: set[int]) -> tuple[int, str] | None:
+        """What holds a thing; if that is not in the map, what holds that."""
+        found = self.holder.get(thing)
+        while found and found[0] not in mapped:
+            found = self.holder.get(found[0])
+        return found
+
+    def _look_at(self, i: int) -> None:
+        low, high = self._boxes[i]
+        share = (np.arange(RAYS, dtype=np.float32) + 0.5) / RAYS
+        xy = np.stack(np.meshgrid(*(low[:2] + share[:, None] * (high - low)[:2]).T), -1).reshape(-1, 2)
+        rest = self._tracer(self._around(i))
+        bottom = low[2] - 1 + self._far(self._own[i], _at(xy, low[2] - 1), UP)
+        stands = bottom < max(low[2], float(np.nanmin(bottom))) + TOUCH_M
+        feet = _at(xy[stands], bottom[stands] + 0.02)
+        below, far = self._met(rest, feet, DOWN)
+        holder = _most(below[far < 0.02 + TOUCH_M])
+        if holder:
+            roof = _at(feet[:, :2], max(high[2] - 0.005, low[2] + 0.015))
+            turn = np.arange(24) / 24 * 2 * np.pi
+            level = np.stack([np.cos(turn), np.sin(turn), 0 * turn], 1).astype(np.float32)
+            middle = np.tile([*(low + high)[:2] / 2, low[2] + min(0.03, (high[2] - low[2]) / 2)], (24, 1))
+            covers, walls = (
+                np.isfinite(self._far(self._own[holder], *rays)).mean() for rays in ((roof, UP), (middle, level))
+            )
+            self.holder[i] = holder, "in" if covers >= COVERED or walls >= WALLED else "on"
+        top = high[2] + 1 - self._far(self._own[i], _at(xy, high[2] + 1), DOWN)
+        above, _ = self._met(rest, _at(xy, top + 0.005)[np.isfinite(top)], UP)
+        cover = _most(above)
+        if cover and (above == cover).mean() >= COVERED and cover != holder and self.holder.get(cover, (0,))[0] != i:
+            self.covered.add((i, cover))
+
+    def _around(self, i: int) -> Array:
+        """The faces of the structure and of what may touch or cover a thing."""
+        low, high = self._boxes[i]
+        near = [
+            j for j, (a, b) in self._boxes.items() if j != i and (a[:2] <= high[:2]).all() and (b[:2] >= low[:2]).all()
+        ]
+        return np.flatnonzero(np.isin(self._mesh.instance, [0, *near]))
+
+    def _tracer(self, faces: Array) -> Tracer:
+        made = tracer(self._mesh, faces)
+        if made is None:
+            raise SystemExit("the truth is found by tracing rays: this machine has no embreex")
+        return made
+
+    def _far(self, by: Tracer, starts: Array, ways: Array) -> Array:
+        """How far rays reach, NaN where they meet nothing."""
+        triangle, _, _, far = by.hits(starts.astype(np.float32), np.broadcast_to(ways, starts.shape))
+        return np.where(triangle >= 0, far, np.nan)
+
+    def _met(self, by: Tracer, starts: Array, ways: Array) -> tuple[Array, Array]:
+        """Whose triangles rays meet (0: the structure or nothing), and how far off."""
+        triangle, _, _, far = by.hits(starts.astype(np.float32), np.broadcast_to(ways, starts.shape))
+        return np.where(triangle >= 0, self._mesh.instance[triangle], 0), np.where(triangle >= 0, far, np.inf)
+
+
+def _at(xy: Array, z: Array | float) -> Array:
+    return np.column_stack([xy, np.broadcast_to(z, len(xy))])
+
+
+def _most(ids: Array) -> int:
+    """The id that is there most often, 0 without any."""
+    return int(np.bincount(ids).argmax()) if len(ids) else 0
+
+
+class Mapped:
+    """A home as it was mapped, beside the truth; ``is_true`` are the ids of true things by those of the objects that are these."""
+
+    def __init__(self, scene: Scene, grid: OccupancyGrid, objects: Sequence[MapObject], pixels: Array) -> None:
+        self.scene, self.grid = scene, grid
+        sure = [thing for thing in objects if thing.confirmed]
+        begin = time.perf_counter()
+        self.rooms = find_rooms(grid, sure)
+        self.ms = (time.perf_counter() - begin) * 1e3
+        self.objects = [replace(o, room=room) for o, room in zip(sure, rooms_of(sure, grid, self.rooms), strict=True)]
+        self.by_id = {thing.id: thing for thing in self.objects}
+        self.true = {thing.id: self._true(thing) for thing in scene.things}
+        self.shown = {i for i in self.true if i < len(pixels) and pixels[i] >= SHOWN_PX}
+        self.is_true = self._matched([thing for i, thing in self.true.items() if i < len(pixels) and pixels[i] > 0])
+        self.real = [thing for thing in self.objects if thing.id in self.is_true]
+
+    def truth(self, thing: MapObject) -> MapObject:
+        return self.true[self.is_true[thing.id]]
+
+    def _true(self, thing: Thing) -> MapObject:
+        box, boxes = thing.truth(), np.array([room.box for room in self.scene.rooms])
+        low, high, name = box.box_min, box.box_max, display_name(box.label)
+        middle = tuple((np.add(low, high) / 2).tolist())
+        room = int(box_distance(np.array(middle[:2]), boxes[:, :2], boxes[:, 2:]).argmin())
+        return MapObject(thing.id, name, ((name, 1.0),), middle, low, high, 1.0, True, 1, 1, 0, 0, 0, (), (), room)
+
+    def _matched(self, seen: Sequence[MapObject]) -> dict[int, int]:
+        """One to one, by name and place."""
+        cost = np.full((len(self.objects), len(seen)), 1e6)
+        for a, b in itertools.product(range(len(self.objects)), range(len(seen))):
+            middle, true = np.array(self.objects[a].position), seen[b]
+            far = float(box_distance(middle, np.array(true.box_min), np.array(true.box_max)))
+            if self.objects[a].label == true.label and far <= SAME_M:
+                cost[a, b] = far + 0.2 * float(np.linalg.norm(middle - true.position))
+        pairs = zip(*linear_sum_assignment(cost), strict=True)
+        return {self.objects[a].id: seen[b].id for a, b in pairs if cost[a, b] < 1e6}
+
+
+class Figures:
+    """What all homes of one detector come to."""
+
+    def __init__(self) -> None:
+        self.told: dict[str, Told] = defaultdict(list)
+        self.true: dict[str, int] = defaultdict(int)
+        self.overlaps: list[float] = []
+        self.right: dict[str, list[bool]] = defaultdict(list)
+        self.ms: dict[str, list[float]] = defaultdict(list)
+
+    def add(self, home: Mapped, contacts: Contacts) -> None:
+        self._rooms(home)
+        begin = time.perf_counter()
+        found = supports(home.objects)
+        self.ms["supports"].append((time.perf_counter() - begin) * 1e3)
+        self._supports(home, contacts, found)
+        self._closest(home)
+        self._pairs(home, contacts)
+
+    def _rooms(self, home: Mapped) -> None:
+        self.ms["rooms"].append(home.ms)
+        grid, boxes = home.grid, np.array([room.box for room in home.scene.rooms])
+        at = grid.centre(np.argwhere(np.ones(grid.cells.shape, bool))).reshape(*grid.cells.shape, 2)
+        true = [((at > box[:2]) & (at < box[2:])).all(2) for box in boxes]
+        found = [np.zeros(grid.cells.shape, bool) for _ in home.rooms]
+        for mask, room in zip(found, home.rooms, strict=True):
+            mask[tuple(room.cells.T)] = True
+        overlap = np.array([[(a & b).sum() / (a | b).sum() for b in found] for a in true]).reshape(
+            len(true), len(found)
+        )
+        same = dict(zip(*(k.tolist() for k in linear_sum_assignment(-overlap)), strict=True))
+        entered = [a for a, mask in enumerate(true) if (grid.cells[mask] != -1).mean() > ENTERED]
+        self.overlaps += [float(overlap[a, same[a]]) if a in same else 0.0 for a in entered]
+        kinds = [room.kind for room in home.scene.rooms]
+        self.right["kind"] += [a in same and home.rooms[same[a]].kind == KINDS.get(kinds[a], kinds[a]) for a in entered]
+        self.right["room"] += [same.get(home.truth(t).room, -1) == t.room for t in home.real]
+        inside = [max(range(len(true)), key=lambda a: int((true[a] & mask).sum())) for mask in found]
+        self.true["split rooms"] += len(inside) - len(set(inside))
+        self.true["merged rooms"] += sum(sum((a & mask).sum() > 0.2 * a.sum() for a in true) > 1 for mask in found)
+
+    def _supports(self, home: Mapped, contacts: Contacts, found: Mapping[int, Relation]) -> None:
+        mapped = set(home.is_true.values())
+        held = {thing.id: contacts.mapped_holder(home.is_true[thing.id], mapped) for thing in home.real}
+        right = {
+            i: (home.is_true.get(-1 if told.object is None else told.object), told.kind) == held.get(i, (None, None))
+            for i, told in found.items()
+        }
+        told = [(relation.probability, i in held and held[i] is not None and right[i]) for i, relation in found.items()]
+        self.told["on or in"] += told
+        self.told["  of real things"] += [row for row, i in zip(told, found, strict=True) if i in held]
+        for name in ("on or in", "  of real things"):
+            self.true[name] += sum(holder is not None for holder in held.values())
+
+    def _closest(self, home: Mapped) -> None:
+        """ "The X closest to the Y" where it is true of one thing alone: as the truth has it, and as the map says by itself."""
+        known, is_of = _by_label(home.objects), {true: mapped for mapped, true in home.is_true.items()}
+        for y, xs, first in _statements(list(home.true.values())):
+            if {y.id, first} <= home.shown:
+                self.true["closest, asked"] += 1
+                if {y.id, first} <= is_of.keys():
+                    best = nearest(home.by_id[is_of[y.id]], known[xs[0].label])[0]
+                    self.told["closest, asked"].append((best.probability, home.is_true.get(best.subject) == first))
+        every = _by_label(list(home.true.values()))
+        for y, xs, first in _statements(home.objects):
+            right = home.is_true.keys() >= {y.id, first}
+            right = right and nearest(home.truth(y), every[xs[0].label])[0].subject == home.is_true[first]
+            self.told["closest, told"].append((nearest(y, xs)[0].probability, right))
+            self.true["closest, told"] += 1
+
+    def _pairs(self, home: Mapped, contacts: Contacts) -> None:
+        """Relations between things that are real, against the same ones between their true boxes."""
+        real, rng = home.real, np.random.default_rng(0)
+        truth = [home.truth(thing) for thing in real]
+        for thing, true in zip(real, truth, strict=True):
+            beside = {other.id for other in truth if _beside(true, other)}
+            self._judge(
+                "next to", home, next_to(thing, real), lambda r, beside=beside: r.subject in beside, len(beside)
+            )
+            below = {(s, o) for s, o in contacts.covered if o == true.id}
+            self._judge(
+                "under", home, under(thing, real), lambda r, below=below: (r.subject, r.object) in below, len(below)
+            )
+        near = [
+            (i, j) for i, j in itertools.permutations(range(len(real)), 2)
+            if truth[i].room == truth[j].room and 0.5 < np.linalg.norm(np.subtract(truth[i].position, truth[j].position)) < 3
+        ]  # fmt: skip
+        for k in rng.permutation(len(near))[:PAIRS].tolist():
+            i, j = near[k]
+            self._compare("between", home, between(real[i], real[j], real), between(truth[i], truth[j], truth))
+            seen_from = real[i].views[0].camera[:2]
+            for name, side in (("left of", left_of), ("right of", right_of)):
+                self._compare(name, home, side(real[i], [real[j]], seen_from), side(truth[i], [truth[j]], seen_from))
+        for (one, a), (other, b) in itertools.permutations(zip(real, truth, strict=True), 2):
+            if one.label == other.label and abs(bigger(a, b).probability - 0.5) > CLEAR:
+                self._compare("bigger", home, [bigger(one, other)], [bigger(a, b)])
+
+    def _compare(self, name: str, home: Mapped, told: Sequence[Relation], true: Sequence[Relation]) -> None:
+        holds = {relation.subject for relation in true if relation.probability >= 0.5}
+        self._judge(name, home, told, lambda relation: relation.subject in holds, len(holds))
+
+    def _judge(
+        self, name: str, home: Mapped, told: Sequence[Relation], holds: Callable[[Relation], bool], true: int
+    ) -> None:
+        for relation in told:
+            pair = (home.is_true[i] if i is not None else None for i in (relation.subject, relation.object))
+            subject, thing = pair
+            self.told[name].append((relation.probability, holds(replace(relation, subject=subject or 0, object=thing))))
+        self.true[name] += true
+
+    def print(self, title: str) -> None:
+        overlaps, kinds, rooms = np.array(self.overlaps), self.right["kind"], self.right["room"]
+        print(f"{title}\n  rooms: {len(overlaps)} entered, overlap {overlaps.mean():.3f} (least {overlaps.min():.2f}), "
+              f"{self.true['split rooms']} split, {self.true['merged rooms']} merged; kind right {np.mean(kinds):.3f}; "
+              f"{len(rooms)} objects, room right {np.mean(rooms):.3f}")  # fmt: skip
+        for name, told in self.told.items():
+            likely, right = np.array(told, float).reshape(-1, 2).T
+            sure = likely >= 0.5
+            hits, bins = float(right[sure].sum()), np.minimum(likely * 5, 4).astype(int)
+            off = sum(abs(float((likely - right)[bins == k].sum())) for k in range(5)) / max(1, len(told))
+            print(f"  {name:16} {sure.sum():5d} told, {hits / max(1, sure.sum()):.3f} right; {self.true[name]:5d} true, "
+                  f"{hits / max(1, self.true[name]):.3f} told; probabilities off by {off:.3f}")  # fmt: skip
+        times = ", ".join(f"{name} {np.median(ms):.1f} ms (most {max(ms):.0f})" for name, ms in self.ms.items())
+        print(f"  {times}", flush=True)
+
+
+def _beside(one: MapObject, other: MapObject) -> bool:
+    """Whether true boxes are near each other in one room, neither of them mostly over or under the other."""
+    low, high = (np.array([getattr(thing, corner) for thing in (one, other)]) for corner in ("box_min", "box_max"))
+    apart = np.maximum(low.max(0) - high.min(0), 0)
+    shared = np.maximum(high.min(0) - low.max(0), 0)[:2].prod() / (high - low)[:, :2].prod(1).min()
+    return (
+        one.id != other.id
+        and one.room == other.room
+        and bool(np.linalg.norm(apart) < NEXT_M and apart[2] < LEVEL_M and shared < 0.5)
+    )
+
+
+def _by_label(things: Sequence[MapObject]) -> dict[str, list[MapObject]]:
+    found: dict[str, list[MapObject]] = defaultdict(list)
+    for thing in things:
+        found[thing.label].append(thing)
+    return found
+
+
+def _statements(
+    things: Sequence[MapObject], closest_m: float = CLOSEST_M, margin_m: float = MARGIN_M
+) -> list[tuple[MapObject, list[MapObject], int]]:
+    """The Y, the Xs, and the id of the one that is "the X closest to the Y", of all Y that are alone of their name."""
+    found = []
+    for ys, xs in itertools.permutations(_by_label(things).values(), 2):
+        if len(ys) == 1 and len(xs) > 1:
+            first = nearest(ys[0], xs)[0]
+            second = min(r.metres for x in xs if x.id != first.subject for r in nearest(ys[0], [x]))
+            if first.metres <= closest_m and second >= first.metres + margin_m:
+                found.append((ys[0], xs, first.subject))
+    return found
+
+
+def mapped(name: str, keep: Path) -> tuple[OccupancyGrid, Array, dict[str, list[MapObject]]]:
+    """The floor plan of a home, in how many pixels each true thing was shown at best, and its objects by detector; kept in a folder."""
+    world = plugins.make("worlds", "dollhouse")
+    scene, file = world.scene(name), keep / Path(name).stem
+    detectors = {
+        "ground_truth": plugins.make("detectors", "ground_truth", truth=scene.truth(), source=scene.name),
+        "embedded": plugins.make("detectors", "embedded", threads=1),
+    }
+    maps, floor = {key: ObjectMap(detector.calibration) for key, detector in detectors.items()}, OccupancyMapper()
+    pixels = np.zeros(len(scene.things) + 1, np.int64)
+    if file.with_suffix(".npz").exists():
+        kept = read_npz(file.with_suffix(".npz"))
+        pixels = kept.pop("pixels")
+        floor.restore(kept)
+        for key, objects in maps.items():
+            objects.restore({part: Path(f"{file}.{key}.{part}").read_bytes() for part in objects.state()})
+    else:
+        recording = world.explore(name)
+        for number in range(len(recording)):
+            frame = recording[number]
+            floor.add(frame)
+            for key, objects in maps.items():
+                objects.add(frame, detectors[key].detect(frame))
+            assert frame.instances is not None
+            pixels = np.maximum(pixels, np.bincount(frame.instances.ravel(), minlength=len(pixels)))
+        for key, objects in maps.items():
+            objects.tidy()
+            for part, blob in objects.state().items():
+                Path(f"{file}.{key}.{part}").write_bytes(blob)
+        file.with_suffix(".npz").write_bytes(npz_bytes(pixels=pixels, **(floor.counts() or {})))
+    grid = floor.grid()
+    assert grid is not None
+    return grid, pixels, {key: list(objects.objects()) for key, objects in maps.items()}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("homes", nargs="*")
+    parser.add_argument("--keep", type=Path)
+    options = parser.parse_args()
+    world = plugins.make("worlds", "dollhouse")
+    figures = {name: Figures() for name in DETECTORS}
+    with tempfile.TemporaryDirectory() as folder:
+        keep = options.keep or Path(folder)
+        keep.mkdir(parents=True, exist_ok=True)
+        for name in options.homes or world.homes():
+            scene = world.scene(name)
+            contacts = Contacts(scene)
+            grid, pixels, found = mapped(name, keep)
+            for key, of_all in figures.items():
+                of_all.add(Mapped(scene, grid, found[key], pixels), contacts)
+    for name, title in DETECTORS.items():
+        figures[name].print(title)
+
+
+if __name__ == "__main__":
+    main()

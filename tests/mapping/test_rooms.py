@@ -1,0 +1,188 @@
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cartier.mapping.rooms import find_rooms, room_of, rooms_of
+from cartier.types import FREE, OCCUPIED, UNKNOWN, MapObject, OccupancyGrid, View
+
+Box = tuple[float, float, float, float]
+LEFT, RIGHT = (0.0, 0.0, 4.0, 3.0), (4.1, 0.0, 7.0, 3.0)
+DOOR = (4.0, 1.0, 4.1, 1.9)
+
+
+class Plan:
+    """A floor plan of 5 cm cells, drawn box by box (x1, y1, x2, y2); unknown where nothing was drawn."""
+
+    def __init__(self, width: float = 10.0, height: float = 8.0) -> None:
+        self.cells = np.full((round((height + 2) * 20), round((width + 2) * 20)), UNKNOWN, np.int8)
+        self.height_m = np.zeros(self.cells.shape, np.float16)
+
+    def draw(self, box: Box, value: int, height_m: float = 0.0) -> Plan:
+        x1, y1, x2, y2 = (round((v + 1) * 20) for v in box)
+        self.cells[y1:y2, x1:x2], self.height_m[y1:y2, x1:x2] = value, height_m
+        return self
+
+    def rooms(self, *boxes: Box, wall_m: float = 2.2) -> Plan:
+        for x1, y1, x2, y2 in boxes:
+            self.draw((x1 - 0.1, y1 - 0.1, x2 + 0.1, y2 + 0.1), OCCUPIED, wall_m)
+        for box in boxes:
+            self.draw(box, FREE)
+        return self
+
+    def grid(self) -> OccupancyGrid:
+        return OccupancyGrid(self.cells, 0.05, (-1.0, -1.0), self.height_m)
+
+
+def flat(lintel_m: float = 2.15, wall_m: float = 2.2) -> Plan:
+    return Plan().rooms(LEFT, RIGHT, wall_m=wall_m).draw(DOOR, FREE, lintel_m)
+
+
+def thing(label: str, xy: Sequence[float], seen_from: Sequence[tuple[float, float]] = (), id: int = 0) -> MapObject:
+    x, y = xy
+    views = tuple(View(0, (0, 0, 1, 1), 0.9, label, 1.0, (*camera, 1.5), 0.0, (x, y, 1.0)) for camera in seen_from)
+    low, high = (x - 0.1, y - 0.1, 0.0), (x + 0.1, y + 0.1, 0.5)
+    return MapObject(id, label, ((label, 1.0),), (x, y, 0.2), low, high, 0.9, True, 3, 3, 0.0, 0.0, 0.0, views)
+
+
+def covered(grid: OccupancyGrid, cells: np.ndarray, box: Box) -> float:
+    """The share of a box that cells cover."""
+    x, y = grid.centre(cells).T
+    inside = (x > box[0]) & (x < box[2]) & (y > box[1]) & (y < box[3])
+    return float(inside.sum() * grid.resolution_m**2 / ((box[2] - box[0]) * (box[3] - box[1])))
+
+
+@pytest.mark.parametrize("lintel_m", [2.15, 0.0], ids=["with a lintel", "up to the ceiling"])
+def test_a_doorway_parts_two_rooms_and_the_larger_one_comes_first(lintel_m: float) -> None:
+    grid = flat(lintel_m).grid()
+    rooms = find_rooms(grid, ())
+    assert [room.id for room in rooms] == [0, 1]
+    assert [room.name for room in rooms] == ["room", "room 2"]
+    for room, mine, other in zip(rooms, (LEFT, RIGHT), (RIGHT, LEFT), strict=True):
+        assert covered(grid, room.cells, mine) == pytest.approx(1, abs=0.01)
+        assert covered(grid, room.cells, other) == 0
+
+
+def test_rooms_that_are_wide_open_to_each_other_are_one() -> None:
+    (room,) = find_rooms(Plan().rooms(LEFT, RIGHT).draw((4.0, 0.5, 4.1, 2.5), FREE).grid(), ())
+    assert len(room.cells) * 0.05**2 == pytest.approx(12 + 8.7 + 0.2, abs=0.1)
+
+
+def test_furniture_parts_no_room() -> None:
+    grid = Plan().rooms(LEFT).draw((1.8, 0.0, 2.2, 2.6), OCCUPIED, 1.8).grid()
+    (room,) = find_rooms(grid, ())
+    assert covered(grid, room.cells, LEFT) == pytest.approx(1, abs=0.01), "a shelf that leaves 40 cm parts nothing"
+
+
+def test_unknown_floor_under_and_behind_furniture_belongs_to_its_room() -> None:
+    bed = (0.0, 1.0, 1.6, 2.0)
+    grid = flat().draw(bed, UNKNOWN).draw((0.0, 0.95, 1.6, 1.05), OCCUPIED, 0.5).grid()
+    assert covered(grid, find_rooms(grid, ())[0].cells, bed) == pytest.approx(1, abs=0.02)
+
+
+def test_where_nobody_looked_is_no_wall() -> None:
+    strips = Plan().rooms(LEFT).draw((1.0, 0.0, 1.5, 3.0), UNKNOWN).draw((2.5, 1.0, 3.0, 3.0), UNKNOWN)
+    assert len(find_rooms(strips.grid(), ())) == 1
+
+
+def test_what_is_seen_through_a_doorway_is_a_room_of_its_own() -> None:
+    seen = (4.1, 1.0, 5.0, 1.7)
+    plan = Plan().rooms(LEFT).draw(DOOR, FREE, 2.15).draw(seen, FREE)
+    grid = plan.grid()
+    rooms = find_rooms(grid, ())
+    assert len(rooms) == 2
+    assert covered(grid, rooms[1].cells, seen) == pytest.approx(1)
+    speck = Plan().rooms(LEFT).draw(DOOR, FREE, 2.15).draw((4.1, 1.0, 4.4, 1.4), FREE)
+    assert len(find_rooms(speck.grid(), ())) == 1, "a few cells are none"
+
+
+def test_the_inside_of_a_wardrobe_is_no_room() -> None:
+    plan = Plan().rooms(LEFT).draw((0.0, 0.0, 1.5, 1.0), OCCUPIED, 2.2).draw((0.1, 0.1, 1.4, 0.9), OCCUPIED, 1.0)
+    assert len(find_rooms(plan.grid(), ())) == 1
+
+
+def test_a_camera_that_never_looks_up_tells_rooms_apart_by_what_it_saw_of_walls() -> None:
+    assert len(find_rooms(flat(lintel_m=0.0, wall_m=1.5).grid(), ())) == 2
+    tables = Plan().draw(LEFT, FREE).draw((1.9, 0.0, 2.0, 3.0), OCCUPIED, 0.8).grid()
+    assert len(find_rooms(tables, ())) == 1, "a row of tables is no wall, though it is the highest that was seen"
+
+
+@pytest.mark.parametrize("turned", [lambda a: a[::-1], lambda a: a[:, ::-1], lambda a: a.T])
+def test_a_mirrored_home_has_the_mirrored_rooms(turned) -> None:
+    plan = flat().draw((1.0, 1.0, 2.0, 2.0), OCCUPIED, 0.7)
+    grid = plan.grid()
+    mirrored = OccupancyGrid(turned(grid.cells), 0.05, (0.0, 0.0), turned(grid.height_m))
+    for before, after in zip(find_rooms(grid, ()), find_rooms(mirrored, ()), strict=True):
+        mask = np.zeros(grid.cells.shape, bool)
+        mask[tuple(before.cells.T)] = True
+        assert {tuple(cell) for cell in np.argwhere(turned(mask))} == {tuple(cell) for cell in after.cells}
+
+
+def test_nothing_seen_has_no_rooms() -> None:
+    grid = Plan().grid()
+    assert find_rooms(grid, [thing("bed", (1, 1))]) == ()
+    assert room_of(thing("bed", (1, 1)), grid, ()) is None
+    assert room_of(thing("bed", (1, 1)), None, find_rooms(flat().grid(), ())) is None
+
+
+def test_what_hangs_on_a_wall_is_in_the_room_from_which_it_is_seen() -> None:
+    grid = flat().grid()
+    rooms = find_rooms(grid, ())
+    on_the_wall = (4.05, 2.5)
+    assert room_of(thing("painting", on_the_wall, [(2.0, 1.5)]), grid, rooms) == 0
+    assert room_of(thing("painting", on_the_wall, [(6.0, 1.5)]), grid, rooms) == 1
+    assert room_of(thing("painting", on_the_wall, [(6.0, 1.5), (2.0, 1.5), (1.0, 1.5)]), grid, rooms) == 0, (
+        "the majority"
+    )
+
+
+def test_what_is_seen_through_a_doorway_is_where_it_stands() -> None:
+    grid = flat().grid()
+    rooms = find_rooms(grid, ())
+    assert room_of(thing("sofa", (6.5, 1.5), [(1.0, 1.4)]), grid, rooms) == 1
+
+
+def test_without_a_view_the_nearest_room_is_taken() -> None:
+    grid = flat().grid()
+    rooms = find_rooms(grid, ())
+    assert [room_of(thing("cup", xy), grid, rooms) for xy in ((1, 1), (6, 1), (7.4, 1), (-0.9, 2))] == [0, 1, 1, 0]
+
+
+def test_many_at_once_are_as_one_by_one() -> None:
+    grid, rng = flat().grid(), np.random.default_rng(0)
+    rooms = find_rooms(grid, ())
+    things = [thing("cup", rng.uniform(0, 7, 2), rng.uniform(0, 7, (k % 3, 2)).tolist()) for k in range(30)]
+    assert rooms_of(things, grid, rooms) == [room_of(one, grid, rooms) for one in things]
+    assert rooms_of([], grid, rooms) == []
+
+
+@pytest.mark.parametrize(
+    ("labels", "kind"),
+    [
+        (["bed", "pillow", "desk"], "bedroom"), (["sofa", "television", "dining table"], "living room"), (["toilet", "sink"], "bathroom"),
+        (["stove", "fridge", "dining table"], "kitchen"), (["desk", "laptop"], "study"), (["dining table", "chair"], "dining room"),
+        (["stove", "fridge", "bed"], "living room"), (["cup"], "room"), ([], "room"),
+    ],
+)  # fmt: skip
+def test_a_room_is_named_after_what_stands_in_it(labels: list[str], kind: str) -> None:
+    (room,) = find_rooms(Plan().rooms(LEFT).grid(), [thing(label, (2, 1.5), id=k) for k, label in enumerate(labels)])
+    assert (room.kind, room.name) == (kind, kind)
+
+
+def test_four_stools_tell_no_more_than_one_and_what_is_unsure_tells_nothing() -> None:
+    grid = Plan().rooms(LEFT).grid()
+    burners = [thing("stove burner", (2, 1.5), id=k) for k in range(4)]
+    (room,) = find_rooms(grid, [*burners, thing("bed", (1, 1), id=9)])
+    assert room.kind == "bedroom"
+    (room,) = find_rooms(grid, [replace(thing("bed", (1, 1)), confirmed=False)])
+    assert room.kind == "room"
+
+
+def test_rooms_of_one_kind_are_numbered_and_a_corridor_is_a_hall() -> None:
+    hall = (0.0, 3.1, 7.0, 4.1)
+    plan = flat().rooms(hall).draw((1.0, 3.0, 1.9, 3.1), FREE, 2.15).draw((5.0, 3.0, 5.9, 3.1), FREE, 2.15)
+    beds = [thing("bed", (1, 1), id=0), thing("bed", (6, 1), id=1)]
+    assert [room.name for room in find_rooms(plan.grid(), beds)] == ["bedroom", "bedroom 2", "hall"]
