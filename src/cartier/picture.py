@@ -143,9 +143,11 @@ def draw_plan(axes: Axes, home: Home, tinted: bool = True) -> None:
     if home.grid is not None:
         _draw_grid(axes, home.grid, home.rooms if tinted else ())
         for room in home.rooms if tinted else ():
-            y, x = np.median(room.cells, axis=0)
+            row, column = np.median(room.cells, axis=0)
+            x, y = home.grid.centre((row, column)).tolist()
             axes.text(
-                *home.grid.centre((y, x)).tolist(),
+                x,
+                y,
                 room.name,
                 color=INK,
                 alpha=0.45,
