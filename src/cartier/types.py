@@ -156,10 +156,14 @@ class Frame:
                 image is None or image.shape == shape,
                 f"{where}: {name} must be {shape}, got {None if image is None else image.shape}",
             )
-        _need(
-            self.depth_m is None or not bool((np.abs(self.depth_m) > MAX_FAR_M).any()),
-            f"{where}: its depth reaches beyond {MAX_FAR_M:g} m, which is no home: are the units metres?",
-        )
+        if (
+            self.depth_m is not None and (far := np.abs(self.depth_m) > MAX_FAR_M).any()
+        ):  # inf: REP-117's "out of range"
+            _need(
+                2 * int((far & np.isfinite(self.depth_m)).sum()) <= far.size,
+                f"{where}: its depth reaches beyond {MAX_FAR_M:g} m, which is no home: are the units metres?",
+            )
+            object.__setattr__(self, "depth_m", np.where(far, np.float32(np.nan), self.depth_m))
         object.__setattr__(self, "world_from_camera", check_pose(self.world_from_camera, where))
 
 
