@@ -72,9 +72,9 @@ def test_a_second_recording_is_added(run: Run, tmp_path: Path) -> None:
         save(RoomRecording(part, THINGS, name=name), tmp_path / name)
     assert run("map", tmp_path / "one", "--detector", EYES, "-o", tmp_path / "home")[0] == 0
     code, out, err = run("map", tmp_path / "two", "--detector", EYES, "-o", tmp_path / "home", "--append", "--json")
-    assert code == 0 and json.loads(out)["objects"] == ["chair", "mug", "table"], err
+    assert code == 0 and json.loads(out)["names"] == ["chair", "mug", "table"], err
     code, out, err = run("map", tmp_path / "two", "--detector", EYES, "-o", tmp_path / "home", "--append", "--json")
-    assert code == 0 and json.loads(out)["objects"] == ["chair", "mug", "table"], err
+    assert code == 0 and json.loads(out)["names"] == ["chair", "mug", "table"], err
 
 
 def test_convert_and_doctor(run: Run, tmp_path: Path) -> None:

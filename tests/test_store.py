@@ -83,7 +83,7 @@ def test_answers_outlive_growing_and_mapping_again(made: Path, tmp_path: Path) -
 
 def test_a_failed_append_leaves_the_home_that_it_began_from_as_it_was(made: Path) -> None:
     home = cartier.Home.load(made / "home")
-    before = {name: home.index()[1].locate(name) for name in home.objects}
+    before = {name: home.index()[1].locate(name) for name in home.names}
 
     class Fails(TrueBoxes):
         def detect(self, frame: cartier.Frame) -> cartier.Detections:
@@ -93,7 +93,7 @@ def test_a_failed_append_leaves_the_home_that_it_began_from_as_it_was(made: Path
 
     with pytest.raises(InputError, match="the disk is gone"):
         cartier.map_home(cartier.open_recording(made / "second"), Fails(THINGS), onto=home)
-    assert {name: home.index()[1].locate(name) for name in home.objects} == before
+    assert {name: home.index()[1].locate(name) for name in home.names} == before
 
 
 @pytest.mark.parametrize("error", [False, True], ids=["killed", "disk full"])
@@ -119,7 +119,7 @@ def test_interrupted_anywhere_old_or_new_is_left_and_a_second_run_gives_the_same
             if kind == "convert":
                 return cartier.open_recording(target).fingerprint() if target.exists() else None
             home = cartier.Home.load(target)
-            return home.id, home.objects, [home.index()[1].locate(name) for name in home.objects]
+            return home.id, home.objects, [home.index()[1].locate(name) for name in home.names]
         except InputError:
             assert not target.exists()
             return None
