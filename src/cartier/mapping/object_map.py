@@ -328,11 +328,14 @@ class ObjectMap:
         """The frames that show the best views of objects."""
         return set(self._rows["views"]["frame"][: self._count].ravel().tolist()) - {-1}
 
+    def weighed(self) -> tuple[Array, Array, Array]:
+        """The evidence for and against each object (see ``existence.probability``)."""
+        tried, hits, widest_rad = (self._rows[name][: self._count] for name in ("tried", "hits", "widest_rad"))
+        return tried, hits, widest_rad
+
     def objects(self) -> tuple[MapObject, ...]:
         """Every object, confirmed and tentative, by id."""
-        rows, names = self._rows, list(self._labels)
-        tried, hits, widest = (rows[name][: self._count] for name in ("tried", "hits", "widest_rad"))
-        likely = probability(tried, hits, widest, self.calibration).tolist()
+        names, likely = list(self._labels), probability(*self.weighed(), self.calibration).tolist()
         aliases: dict[int, list[int]] = {}
         for old, new in self._aliases.items():
             aliases.setdefault(new, []).append(old)
