@@ -66,6 +66,27 @@ def test_a_goal_leaves_only_with_go(run: Run, home: Path) -> None:
     assert code == 1 and "no 'teleporter' among the robots" in err
 
 
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        ("--from", "nan,nan"),
+        ("--from", "inf,0"),
+        ("--from", "1"),
+        ("--radius", "-1"),
+        ("--radius", "nan"),
+        ("--camera-height", "nan"),
+    ],
+)
+def test_a_start_or_robot_that_there_is_not_is_refused_before_anything_is_sent(
+    run: Run, home: Path, wrong: tuple[str, str]
+) -> None:
+    server = ("--reasoner", "openai", "--model", "m", "--base-url", "http://127.0.0.1:9/v1")  # where nobody listens
+    for words in (["bring me to the chair"], []):
+        code, out, err = run("ask", home, *words, *wrong, *server, "--go", "print", typed="bring me to the chair\n")
+        assert code == 1 and not out and err.startswith("cartier: ") and err.count("\n") == 1, err
+        assert any(word in err for word in ("--from", "radius", "height")), err
+
+
 def test_a_second_recording_is_added(run: Run, tmp_path: Path) -> None:
     poses = walk().poses
     for name, part in (("one", poses[:12]), ("two", poses[12:])):
