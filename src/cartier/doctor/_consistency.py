@@ -19,7 +19,9 @@ PER_PAIR, LEAST_SEEN = 300, 20  # pixels of a pair that are compared, and those 
 MOST_BLOCKS, LEAST_BLOCK, ANCHORS = 8, 10, 80
 NEAR_FRAMES, CHANGED, COARSE = 60, 0.5, 6
 PARTNERS, TIMES_AS_FAR = 3, 8
-MOST_TURN_DEG = 95.0  # beyond, two frames share nothing; a quarter turn tells a mirrored world, which straight ways do not
+MOST_TURN_DEG = (
+    95.0  # beyond, two frames share nothing; a quarter turn tells a mirrored world, which straight ways do not
+)
 FEWEST_PAIRS = 4
 CAP = 0.06  # of the distance: beyond, two depths do not agree at all
 TOLD_APART, FEWEST_SHARE, ONE_SIDED = 0.05, 0.1, 2
