@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import cartier
+from cartier.conversation import Conversation
 from cartier.errors import BackendError, InputError
 from cartier.geometry import box_distance
 from cartier.home import Home
@@ -62,6 +63,43 @@ def test_the_start_decides_the_path(home: cartier.Home) -> None:
     assert a is not None and b is not None and a.length_m > b.length_m + 1
     nowhere = cartier.ask(home, "x", Says("chair"), from_xy=(50, 50))
     assert nowhere.goal is None and "no known free floor" in nowhere.notes[0]
+
+
+class Unasked:
+    """A reasoner that nobody may ask."""
+
+    name = "unasked"
+
+    def select(self, query: str, inventory: Inventory, dialogue: Sequence[tuple[str, str]] = ()) -> Selection:
+        raise AssertionError("asked")
+
+    def propose(self, query: str) -> list[str]:
+        raise AssertionError("asked")
+
+
+@pytest.mark.parametrize(
+    "start", [(math.nan, 1.0), (1.0, math.inf), (1.0,), (1.0, 2.0, 3.0), 7, "ab", [[1], 2], (10**400, 0), (1e7, 0)]
+)
+def test_a_start_that_is_no_point_is_refused_before_anybody_is_asked(home: cartier.Home, start: object) -> None:
+    with pytest.raises(InputError, match="the start must be two finite numbers"):
+        cartier.ask(home, "let me sit down", Unasked(), from_xy=start)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="the start must be two finite numbers"):
+        Conversation(home, Unasked(), from_xy=start)  # type: ignore[arg-type]
+
+
+def test_a_start_may_be_an_array(home: cartier.Home) -> None:
+    there = cartier.ask(home, "x", Says("chair"), from_xy=np.array([3.0, 1.0])).goal
+    same = cartier.ask(home, "x", Says("chair"), from_xy=(3.0, 1.0)).goal
+    assert there is not None and same is not None and there.length_m == same.length_m
+    assert Conversation(home, Says("chair"), from_xy=np.array([3.0, 1.0])).say("x").goal is not None
+
+
+@pytest.mark.parametrize("radius_m", [0.0, -1.0, math.nan, math.inf])
+def test_a_robot_that_there_is_not_is_refused(radius_m: float) -> None:
+    with pytest.raises(InputError, match="radius"):
+        cartier.RobotModel(radius_m=radius_m)
+    with pytest.raises(InputError, match="height"):
+        cartier.RobotModel(camera_height_m=radius_m)
 
 
 def test_absent_is_an_answer_without_a_place(home: cartier.Home) -> None:

@@ -73,15 +73,17 @@ class Mapper:
         self._settings, self._indexes = deepcopy(dict(home.settings)), deepcopy(dict(home.indexes))
         self._start_xy, self._camera, self._photos = home.start_xy, home.camera, dict(home.photos)
         self._notes = dict.fromkeys(home.notes)
-        self._next_frame = sum(int(row["frames"]) for row in self._settings["recordings"])
         try:
             self._objects = ObjectMap(self._calibration) if home.grid is not None else BearingMap(self._calibration)
+            rows = [(row["recording"], row["sha256"], int(row["frames"])) for row in self._settings["recordings"]]
+            self._next_frame = sum(frames for _, _, frames in rows)
             self._objects.restore(home.growth)
             self._seen = set(read_npz(home.growth[FRAMES], where=FRAMES)["keys"].tolist())
             if COUNTS in home.growth:
                 self._floor.restore(read_npz(home.growth[COUNTS], where=COUNTS))
-        except KeyError as error:
-            raise InputError(f"{home.name} keeps no {error.args[0]} to go on from: map it again") from error
+        except (KeyError, TypeError, ValueError, OverflowError) as error:
+            told = error.args[0] if isinstance(error, KeyError) else "sound record of its recordings"
+            raise InputError(f"{home.name} keeps no {told} to go on from: map it again") from error
 
     def holds(self, recording: Recording) -> bool:
         """Whether this very recording is in the map already."""

@@ -253,6 +253,12 @@ class View:
     yaw: float
     surface: tuple[float, ...] | None
 
+    def __post_init__(self) -> None:
+        what = f"view of {self.label!r} in frame {self.frame}"
+        _finite(self.box_xyxy, 4, f"{what}: its box")
+        for point in (self.camera, self.surface):
+            _need(point is None or len(point) == 3, f"{what}: camera and surface are points, got {brief(point)}")
+
 
 @dataclass(frozen=True)
 class MapObject:
@@ -281,6 +287,10 @@ class MapObject:
     colours: tuple[tuple[str, float], ...] = ()
     room: int | None = None
     aliases: tuple[int, ...] = ()
+
+    def __post_init__(self) -> None:
+        for name in ("position", "box_min", "box_max"):
+            _finite(getattr(self, name), 3, f"object {self.id} ({brief(self.label, 40)}): {name}")
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from cartier.errors import InputError
+from cartier.errors import InputError, brief
 from cartier.files import json_bytes, npz_bytes, parse_json, read_npz
 from cartier.geometry import view_yaw, weak_perspective_size
 from cartier.mapping.colours import COLOURS, colour_shares, named_shares
@@ -380,11 +380,14 @@ class ObjectMap:
                 for name in self.columns
             }
             self._labels = {str(name): number for number, name in enumerate(about["labels"])}
+            most = max(int(arrays["label"].max(initial=-1)), int(arrays["views"]["label"].max(initial=-1)))
+            if most >= len(self._labels):
+                raise ValueError(f"label {most} has no name")
             self._count, self._next_id, self._frames = count, int(about["next_id"]), int(about["frames"])
             self._together = {(int(i), int(j)): int(k) for i, j, k in about["together"]}
             self._aliases = {int(old): int(new) for old, new in about["aliases"]}
-        except (KeyError, TypeError, ValueError) as error:
-            raise InputError(f"the map of objects is damaged ({error})") from error
+        except (KeyError, TypeError, ValueError, OverflowError) as error:
+            raise InputError(f"the map of objects is damaged ({brief(error)})") from error
 
 
 def _leaders(boxes: Array, lifted: Lifted, labels: npt.NDArray[np.intp], exact: bool) -> npt.NDArray[np.intp]:
