@@ -22,7 +22,7 @@ from cartier.worlds.dollhouse.place import Plan
 from cartier.worlds.dollhouse.recording import DollhouseRecording, pinhole
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
-from dollhouse_detector import LOW, Sight, match
+from dollhouse_detector import LOW, Outputs, match
 
 T = TypeVar("T")
 FIRST = 90_000
@@ -64,9 +64,9 @@ def _on_walk(
     return work(walk(number, max_frames), detector)
 
 
-def looks_at_shards(shards: Path, eyes: Any) -> Sight:
+def looks_at_shards(shards: Path, eyes: Any) -> Outputs:
     """Every other frame of rendered homes, with things of all types in them, through eyes made with a low threshold."""
-    sight = Sight(str(shards))
+    outputs = Outputs(str(shards))
     for path in sorted(shards.glob("*.npz")):
         with np.load(path, allow_pickle=False) as shard:
             images, boxes, labels, of, pixels = (shard[key] for key in ("images", "boxes", "labels", "frame", "pixels"))
@@ -76,18 +76,18 @@ def looks_at_shards(shards: Path, eyes: Any) -> Sight:
             mine, names = of == i, eyes.model.names
             found = eyes.detect(Frame(i, 0.0, images[i], None, np.eye(4), camera))
             true = Detections(i, boxes[mine], np.ones(mine.sum()), tuple(names[k] for k in labels[mine]))
-            match(found, true, pixels[mine] * (640 / width) ** 2, sight, THERE)
-    return sight
+            match(found, true, pixels[mine] * (640 / width) ** 2, outputs, THERE)
+    return outputs
 
 
-def calibrate(sights: Sequence[Sight], names: Sequence[str]) -> tuple[float, float, list[float]]:
+def calibrate(all_outputs: Sequence[Outputs], names: Sequence[str]) -> tuple[float, float, list[float]]:
     """How to make a score the chance that its thing is there: a slope and a shift of all logits, and an offset per name.
 
     A logistic regression by Newton's method, its offsets held near zero where little was seen (a Gaussian prior). Without
     it, names that are often seen where they are not pass the same threshold as names that never are.
     """
     number = {name: k for k, name in enumerate(names)}
-    rows = [(score, right, number[name]) for s in sights for name, hits in s.hits.items() for score, right in hits]
+    rows = [(score, right, number[name]) for s in all_outputs for name, hits in s.hits.items() for score, right in hits]
     score, right, which = (np.array(column, float) for column in zip(*rows, strict=True))
     logit, which = np.log(score / (1 - score).clip(1e-9)), which.astype(int)
     slope, shift, offset = 1.0, 0.0, np.zeros(len(names))
