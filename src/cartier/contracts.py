@@ -102,6 +102,13 @@ class SpatialIndex(Protocol):
 
 
 @runtime_checkable
+class Instances(Protocol):
+    """A spatial index that tells objects of one name apart."""
+
+    def locate_object(self, thing: MapObject) -> Place | None: ...
+
+
+@runtime_checkable
 class Searchable(Protocol):
     """A spatial index that any words can be looked up in, not only the names of things that were detected."""
 

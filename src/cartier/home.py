@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
@@ -13,13 +13,13 @@ import numpy as np
 import numpy.typing as npt
 
 from cartier import plugins
-from cartier.contracts import Searchable, SpatialIndex
+from cartier.contracts import Instances, Searchable, SpatialIndex
 from cartier.errors import InputError
 from cartier.files import json_bytes, npz_bytes, parse_json, read_npz, typed
 from cartier.mapping.map_server import grid_from, pgm, yaml
 from cartier.mapping.relations import supports
 from cartier.store import Store, blob_file, digest_of
-from cartier.types import Answer, Camera, Inventory, MapObject, OccupancyGrid, Place, Room
+from cartier.types import FREE, Answer, Camera, Inventory, MapObject, OccupancyGrid, Place, Room, Selection
 
 Key = TypeVar("Key", int, str)
 SCHEMA = 2
@@ -63,10 +63,42 @@ class Home:
         """The label of everything confirmed, each once, sorted."""
         return sorted({thing.label for thing in self.objects if thing.confirmed})
 
-    def inventory(self, index: str | None = None) -> Inventory:
-        """What a reasoner gets to see: the objects; or the names of an index that has others, such as the paper's own."""
-        names = self.index(index)[1].names()
-        return Inventory(self.objects, self.rooms, self.photo) if set(names) <= set(self.names) else Inventory.of(names)
+    def inventory(self, index: str | None = None, from_xy: Sequence[float] | None = None) -> Inventory:
+        """What a reasoner gets to see: the objects; or the names of an index that has others, such as the paper's own.
+
+        ``from_xy`` is where the robot stands (m), by default where the recording began.
+        """
+        names, at = self.index(index)[1].names(), tuple(self.start_xy if from_xy is None else from_xy)
+        if set(names) <= set(self.names):
+            return Inventory(self.objects, self.rooms, self.photo, at)
+        return Inventory.of(names)
+
+    def locate(self, chosen: Selection, index: str | None = None) -> Place | None:
+        """Where what was chosen is, as an index says: the very object, else the one of its name; or the middle of a room."""
+        if chosen.object is None:
+            return None
+        if chosen.room is not None:
+            return self._middle(next(room for room in self.rooms if room.id == chosen.room))
+        held = self.index(index)[1]
+        thing = next((o for o in self.objects if o.id == chosen.object_id), None)
+        if thing is None or not isinstance(held, Instances):
+            return held.locate(chosen.object)
+        return held.locate_object(thing)
+
+    def _middle(self, room: Room) -> Place | None:
+        """The point of a room's free floor that is farthest from all else."""
+        if self.grid is None:
+            return None
+        from scipy.ndimage import distance_transform_edt
+
+        free = np.zeros(np.add(self.grid.cells.shape, 2), bool)
+        rows, cols = room.cells.T
+        free[rows + 1, cols + 1] = self.grid.cells[rows, cols] == FREE
+        open_m = np.asarray(distance_transform_edt(free))[1:-1, 1:-1]
+        x, y = self.grid.centre(np.unravel_index(int(open_m.argmax()), open_m.shape)).tolist()
+        views = [view for thing in self.objects if thing.room == room.id for view in thing.views]
+        best = max(views, key=lambda view: view.size_px2, default=None)
+        return Place(room.name, (x, y, 0.0), 1.0, best.frame if best else -1)
 
     def photo(self, object_id: int) -> bytes | None:
         """The JPEG of an object's best view, None for an unknown id or a photo that was not kept."""

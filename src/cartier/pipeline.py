@@ -75,12 +75,12 @@ def ask(
     query = check_query(query)
     from_xy = check_start(home.start_xy if from_xy is None else from_xy)
     reasoner = reasoner or _embedded()
-    inventory = home.inventory(index)  # an index that is not there is said before anybody is asked
+    inventory = home.inventory(index, from_xy)  # an index that is not there is said before anybody is asked
     timing_ms: dict[str, float] = {}
     with _timed(timing_ms, "select"):
         selection = reasoner.select(query, inventory, dialogue)
     for chosen in (selection, *selection.then):
-        if chosen.object is not None and chosen.object not in inventory.names:
+        if not inventory.holds(chosen):
             raise BackendError(
                 f"reasoner {reasoner.name} chose {chosen.object!r}, which is not in the list it was given"
             )
@@ -111,11 +111,13 @@ def serve(
     notes: list[str] = []
     if place is None and selection.object is not None:
         with _timed(timing_ms, "locate"):
-            place = spatial_index.locate(selection.object)
+            place = home.locate(selection, index_name)
         if place is None:
             notes.append(f"{index_name} has no place for the {selection.object}: try another --index")
     goal: Goal | None = None
-    if place is not None and home.grid is None:
+    if selection.status == "told":
+        pass  # an answer in words sends nobody anywhere
+    elif place is not None and home.grid is None:
         notes.append("no goal: without depth the home has no occupancy grid to plan on")
     elif place is not None and home.grid is not None:
         with _timed(timing_ms, "plan"):

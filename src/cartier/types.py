@@ -17,8 +17,8 @@ from __future__ import annotations
 import math
 import operator
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any, Literal
+from dataclasses import asdict, dataclass, field
+from typing import Any, Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -27,7 +27,8 @@ from cartier.errors import InputError, brief
 
 Array = npt.NDArray[Any]
 Floats = npt.NDArray[np.floating[Any]]
-Status = Literal["found", "near", "absent", "clarify"]
+Status = Literal["found", "near", "absent", "clarify", "told"]
+STATUSES: tuple[str, ...] = get_args(Status)
 
 FREE, OCCUPIED, UNKNOWN = 0, 100, -1
 """Cell values of an OccupancyGrid: those of ``nav_msgs/OccupancyGrid``."""
@@ -305,16 +306,29 @@ class Room:
 
 @dataclass(frozen=True)
 class Inventory:
-    """What a reasoner gets to see of a home: its objects, its rooms, and the best photo of an object."""
+    """What a reasoner gets to see: a home's objects and rooms, the best photo of an object, and where the robot stands (m)."""
 
     objects: tuple[MapObject, ...]
     rooms: tuple[Room, ...] = ()
     photo: Callable[[int], bytes | None] = lambda _: None
+    from_xy: tuple[float, ...] | None = None
 
     @property
     def names(self) -> list[str]:
         """The label of everything confirmed, each once, sorted."""
         return sorted({thing.label for thing in self.objects if thing.confirmed})
+
+    def holds(self, chosen: Selection) -> bool:
+        """Whether all that a selection names is here."""
+        objects = {thing.id: thing for thing in self.objects}
+        if chosen.room is not None:
+            return any((room.id, room.name) == (chosen.room, chosen.object) for room in self.rooms)
+        if chosen.object_id is not None and (
+            chosen.object_id not in objects or objects[chosen.object_id].label != chosen.object
+        ):
+            return False
+        told = chosen.fact.objects if chosen.fact else ()
+        return (chosen.object is None or chosen.object in self.names) and objects.keys() >= set(told)
 
     @classmethod
     def of(cls, names: Iterable[str]) -> Inventory:
@@ -373,11 +387,23 @@ class Place:
 
 
 @dataclass(frozen=True)
-class Selection:
-    """What a reasoner chose. ``object`` is one of the listed names for ``found`` and ``near``, else None.
+class Fact:
+    """What a question gets, for programs. ``value`` is a number for ``count``, true or false for ``exists``, a room's name or None
+    for ``where``, names for ``list``, the name of the object that has more of it for ``compare``, a word or metres for ``tell``."""
 
-    ``question`` is what to ask the person when the status is ``clarify``. ``then`` are further needs said in the same breath,
-    in the order in which to serve them. ``prompt``, ``reply`` and ``model`` are the trace.
+    kind: Literal["count", "exists", "where", "list", "compare", "tell"]
+    value: Any
+    objects: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True)
+class Selection:
+    """What a reasoner chose. ``object`` is a listed name for ``found`` and ``near``, or the name of a room, else None.
+
+    ``object_id`` says which of the objects of that name, None whichever its index holds best; ``room`` the id of a room to drive
+    to. ``told`` is an answer in words: ``say`` is the sentence, and for programs ``fact``; it may name the object that it is
+    about, and gives no goal. ``question`` is what to ask the person when the status is ``clarify``. ``then`` are further needs
+    said in the same breath, in the order in which to serve them. ``prompt``, ``reply`` and ``model`` are the trace.
     """
 
     status: Status
@@ -389,16 +415,18 @@ class Selection:
     reply: str = ""
     model: str = ""
     then: tuple[Selection, ...] = ()
+    object_id: int | None = None
+    room: int | None = None
+    say: str = ""
+    fact: Fact | None = None
 
     def __post_init__(self) -> None:
+        _need(self.status in STATUSES, f"selection status {self.status!r} is not one of {', '.join(STATUSES)}")
         _need(
-            self.status in ("found", "near", "absent", "clarify"),
-            f"selection status {self.status!r} is not found, near, absent or clarify",
-        )
-        _need(
-            (self.object is not None) == (self.status in ("found", "near")),
+            self.status == "told" or (self.object is not None) == (self.status in ("found", "near")),
             f"a selection that is {self.status!r} must {'' if self.status in ('found', 'near') else 'not '}name an object",
         )
+        _need(self.object is not None or self.object_id is None, "a selection with an object's id must name the object")
 
 
 @dataclass(frozen=True, eq=False)
@@ -503,7 +531,9 @@ class Answer:
         """The object that ``cartier ask --json`` prints."""
         chosen = self.selection
         return {
-            "query": self.query, "status": chosen.status, "object": chosen.object, "reason": chosen.reason, "question": chosen.question,
+            "query": self.query, "status": chosen.status, "object": chosen.object, "object_id": chosen.object_id, "room": chosen.room,
+            "reason": chosen.reason, "question": chosen.question, "say": chosen.say,
+            "answer": None if chosen.fact is None else asdict(chosen.fact),
             "place": self.place.to_dict() if self.place else None, "goal": self.goal.to_dict() if self.goal else None,
             "candidates": [{"object": name, "score": score} for name, score in chosen.candidates],
             "reasoner": self.reasoner, "index": self.index, "encoder": self.encoder, "detector": self.detector,

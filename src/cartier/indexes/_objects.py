@@ -24,6 +24,11 @@ class Objects(ABC):
     def add(self, frame: Frame, detections: Detections) -> None:  # noqa: B027
         """Nothing to do: the objects come with their views."""
 
+    def locate_object(self, thing: MapObject) -> Place | None:
+        """The place that the largest view of this very object gives."""
+        places = (self.place(thing, view) for view in sorted(thing.views, key=lambda view: -view.size_px2))
+        return next((place for place in places if place is not None), None)
+
     def settle(self, objects: Sequence[MapObject]) -> None:
         best: dict[str, tuple[float, Place]] = {}
         for thing in (thing for thing in objects if thing.confirmed):
