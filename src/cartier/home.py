@@ -95,7 +95,7 @@ class Home:
         rows, cols = room.cells.T
         free[rows + 1, cols + 1] = self.grid.cells[rows, cols] == FREE
         open_m = np.asarray(distance_transform_edt(free))[1:-1, 1:-1]
-        x, y = self.grid.centre(np.unravel_index(int(open_m.argmax()), open_m.shape)).tolist()
+        x, y = self.grid.centre(np.array(np.unravel_index(int(open_m.argmax()), open_m.shape))).tolist()
         views = [view for thing in self.objects if thing.room == room.id for view in thing.views]
         best = max(views, key=lambda view: view.size_px2, default=None)
         return Place(room.name, (x, y, 0.0), 1.0, best.frame if best else -1)
