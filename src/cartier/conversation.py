@@ -54,5 +54,11 @@ class Conversation:
 def robot_turn(answer: Answer) -> str:
     """What the robot has said with an answer: the object's name, its question, or that nothing serves; then the next need's."""
     chosen = answer.selection
-    said = chosen.object or chosen.question or "nothing here serves that"
+    served = chosen.object and chosen.object + ("" if chosen.object_id is None else f" #{chosen.object_id}")
+    told = (
+        chosen.say + (f" #{chosen.object_id}" if chosen.object_id is not None else "")
+        if chosen.status == "told"
+        else ""
+    )
+    said = told or served or chosen.question or "nothing here serves that"
     return ", then ".join([said, *map(robot_turn, answer.then)])

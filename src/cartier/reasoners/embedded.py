@@ -18,6 +18,8 @@ from cartier.reasoners._cards import SHIPPED, Deck, bare, read_deck
 from cartier.reasoners._dialogue import Turn, alternatives, understand
 from cartier.reasoners._knowledge import ALIKE
 from cartier.reasoners._listening import MOST_CHARACTERS, mentions
+from cartier.reasoners._particular import SERVED, Particular, lexicon
+from cartier.reasoners._scene import Scene
 from cartier.reasoners._scorer import Judgement, Scorer
 from cartier.reasoners._speech_acts import Said, sort_out
 from cartier.reasoners._things import Missing, Ranked, Thing, Things, evidence
@@ -65,6 +67,19 @@ class Embedded:
         names = tuple(inventory.names)
         if not names:
             return Selection("absent", reason="nothing was detected in this home", model=NAME)
+        scene = Scene(inventory)
+        if not scene.known:
+            return self._by_name(query, names, [(person, SERVED.sub("", robot)) for person, robot in dialogue])
+        particular = Particular(query, scene, lexicon(self.deck, inventory), dialogue, NAME)
+        said = sort_out(self.scorer.hear(query), self._keys(names))
+        if said.asked != "not" or (particular.asked is not None and particular.asked.kind != "find"):
+            told = particular.answer(lambda need, among: self._serve(need, among, Turn(need)))
+            if told is not None:
+                return told
+        return particular.refined(self._by_name(query, names, [(p, SERVED.sub("", robot)) for p, robot in dialogue]))
+
+    def _by_name(self, query: str, names: tuple[str, ...], dialogue: Sequence[tuple[str, str]]) -> Selection:
+        """The name that serves the words, in the light of the dialogue."""
         turn = understand(query, names, dialogue)
         if turn.picked is not None:
             reason = f"'{_short(query)}' means this one"
@@ -226,7 +241,7 @@ class Embedded:
 def _told(said: Said) -> Selection:
     """No goal for who asked for nothing, and that this was understood."""
     reason = f"understood: {_short(said.forbidden)}" if said.forbidden else "understood: nothing was asked for"
-    return Selection("absent", reason=reason, model=NAME)
+    return Selection("told", reason=reason, say="Understood.", model=NAME)
 
 
 def _named_elsewhere(best: Ranked, named: Missing | None) -> Missing | None:

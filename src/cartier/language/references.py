@@ -1,0 +1,514 @@
+"""References and questions in a person's words: which kind of thing, in what relation to what, and what is to be known of it.
+
+Names are found first; what stands before one (colour, size, "the biggest", "the other") and between two ("next to", "in the")
+says the rest. So it works in the middle of a story, too. What the words mean in a home is in ``reasoners/_scene.py``.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+Kind = Literal[
+    "find", "count", "exists", "where", "list", "compare", "far", "when", "colour", "size", "room", "rooms", "stop", "come", "back"
+]  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Phrase:
+    """A noun phrase. ``labels`` are the listed names that it may mean, none for what is not listed; ``rooms`` the ids of rooms.
+
+    ``generic`` is for "one", "something", "it". ``most`` is a superlative such as "biggest", ``order`` counts from 1.
+    """
+
+    said: str
+    labels: frozenset[str] = frozenset()
+    rooms: tuple[int, ...] | None = None
+    generic: bool = False
+    definite: bool = False
+    plural: bool = False
+    colours: tuple[str, ...] = ()
+    size: str = ""
+    most: str = ""
+    other: bool = False
+    order: int = 0
+    relations: tuple[Constraint, ...] = ()
+
+    @property
+    def bare(self) -> bool:
+        """Whether nothing but the name is said."""
+        return not (self.colours or self.size or self.most or self.other or self.order or self.relations)
+
+
+@dataclass(frozen=True)
+class Constraint:
+    """The thing is ``kind`` (on, in, under, above, next to, near, nearest, farthest, between, left of, right of, with) the target.
+
+    Without a target "nearest" and "farthest" are from where the robot stands.
+    """
+
+    kind: str
+    target: Phrase | None = None
+    other: Phrase | None = None
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What is asked: to be driven there (``find``), or a question about ``head`` (and ``other``, for ``compare``).
+
+    ``need`` are the words without what only says where. ``direct`` is said where the thing is asked for outright.
+    """
+
+    kind: Kind
+    head: Phrase | None = None
+    other: Phrase | None = None
+    by: str = ""
+    need: str = ""
+    direct: bool = False
+
+
+@dataclass(frozen=True)
+class Names:
+    """What may be named: the listed labels that each key of a name stands for (none: known, but not listed), and rooms' ids."""
+
+    things: Mapping[str, frozenset[str]]
+    rooms: Mapping[str, tuple[int, ...]]
+
+
+ARTICLES = frozenset(
+    [
+        "the",
+        "a",
+        "an",
+        "my",
+        "our",
+        "your",
+        "his",
+        "her",
+        "their",
+        "this",
+        "that",
+        "these",
+        "those",
+        "some",
+        "any",
+        "another",
+        "one's",
+    ]
+)
+DEFINITE = frozenset(["the", "my", "our", "your", "his", "her", "their", "this", "that", "these", "those"])
+FILLERS = ARTICLES | frozenset(
+    [
+        "that",
+        "which",
+        "who",
+        "is",
+        "are",
+        "s",
+        "was",
+        "were",
+        "be",
+        "it",
+        "standing",
+        "stands",
+        "stand",
+        "sitting",
+        "sits",
+        "sit",
+        "lying",
+        "lies",
+        "lie",
+        "placed",
+        "located",
+        "right",
+        "just",
+        "over",
+        "there",
+        "directly",
+        "somewhere",
+        "kept",
+        "left-behind",
+        "hanging",
+        "hangs",
+        "currently",
+        "still",
+        "you",
+        "we",
+        "i",
+        "see",
+        "have",
+        "very",
+        "down",
+        "up",
+        "out",
+        "been",
+        "please",
+    ]
+)
+COLOURS = {
+    "black": ("black",), "white": ("white",), "grey": ("grey",), "gray": ("grey",), "red": ("red",), "green": ("green",), "blue": ("blue",),
+    "yellow": ("yellow",), "orange": ("orange",), "brown": ("brown",), "pink": ("pink",), "purple": ("purple",), "violet": ("purple",),
+    "beige": ("brown", "white", "yellow"), "cream": ("white", "yellow"), "navy": ("blue",), "turquoise": ("blue", "green"),
+    "golden": ("yellow", "orange"), "silver": ("grey", "white"), "wooden": ("brown", "orange"), "maroon": ("red", "brown"),
+}  # fmt: skip
+SIZES = {
+    "big": "biggest", "large": "biggest", "huge": "biggest", "small": "smallest", "little": "smallest", "tiny": "smallest", "tall": "tallest",
+    "high": "highest", "low": "lowest", "short": "shortest", "long": "biggest", "bigger": "biggest", "larger": "biggest", "smaller": "smallest",
+    "taller": "tallest", "higher": "highest", "lower": "lowest", "nearer": "nearest", "closer": "nearest", "farther": "farthest",
+    "further": "farthest", "shorter": "shortest",
+}  # fmt: skip
+MOST = {
+    "biggest": "biggest", "largest": "biggest", "longest": "biggest", "widest": "biggest", "smallest": "smallest", "tiniest": "smallest",
+    "littlest": "smallest", "tallest": "tallest", "highest": "highest", "lowest": "lowest", "shortest": "shortest", "nearest": "nearest",
+    "closest": "nearest", "farthest": "farthest", "furthest": "farthest", "leftmost": "leftmost", "rightmost": "rightmost",
+}  # fmt: skip
+ORDER = {"first": 1, "second": 2, "third": 3, "fourth": 4, "former": 1, "latter": 2}
+GENERIC = frozenset(
+    [
+        "one",
+        "ones",
+        "thing",
+        "things",
+        "something",
+        "anything",
+        "it",
+        "them",
+        "they",
+        "stuff",
+        "everything",
+        "object",
+        "objects",
+        "item",
+        "items",
+        "somewhere",
+    ]
+)
+PLURAL = frozenset(["ones", "things", "them", "they", "objects", "items", "everything"])
+RELATIONS = {
+    "on": "on", "on top of": "on", "top of": "on", "upon": "on", "onto": "on", "atop": "on", "off": "on", "from": "on", "in": "in", "inside": "in",
+    "inside of": "in", "within": "in", "into": "in", "under": "under", "underneath": "under", "below": "under", "beneath": "under",
+    "above": "above", "next to": "next to", "beside": "next to", "by": "next to", "alongside": "next to", "near": "near", "near to": "near",
+    "close to": "near", "close by": "near", "nearby": "near", "at": "near", "against": "next to", "opposite": "near", "in front of": "near",
+    "behind": "near", "around": "near", "nearest": "nearest", "nearest to": "nearest", "closest to": "nearest", "closest": "nearest",
+    "farthest from": "farthest", "furthest from": "farthest", "between": "between", "in between": "between", "left of": "left of",
+    "to left of": "left of", "on left of": "left of", "on left side of": "left of", "right of": "right of", "to right of": "right of",
+    "on right of": "right of", "on right side of": "right of", "with": "with", "of": "of", "adjacent to": "next to", "belonging to": "of",
+}  # fmt: skip
+CUE = re.compile(
+    r"\b(?:bring|drive|fetch|find|get|give|go|going|grab|head|lead|locate|move|navigate|need|needs|pass|pick|reach|roll|show|take|want|like|use"
+    r"|point|visit|run|walk|hand|carry|choose|i mean|i meant|over to|toward|towards|prefer|look for|looking for|wheel|guide|bringing|fetching"
+    r"|approach|check|deliver|collect|have|rather|approach|park|stop|wait)\b"
+)
+HURRY = re.compile(
+    r"\b(?:quick|quickly|hurry|asap|immediately|urgent|urgently|fast|right away|at once|no time|whichever|any will do)\b"
+)
+QUESTIONS: tuple[tuple[Kind, re.Pattern[str]], ...] = (
+    ("rooms", re.compile(r"\b(?:which|what|how many|list (?:all )?the|name the) rooms\b(?! (?:is|are|has|have|does) )")),
+    ("count", re.compile(r"\b(?:how many|(?:what is|whats|what s|tell me) the number of|number of|count)\b")),
+    ("compare", re.compile(r"\b(?:which|what)(?: one| of them| thing)?(?: is| s|s)? (?:the )?(bigger|larger|smaller|taller|higher|lower|nearer|closer|farther|further)\b")),
+    ("compare", re.compile(r"^(?:is|are) .* (bigger|larger|smaller|taller|higher|lower|nearer|closer|farther|further)\b.* than\b")),
+    ("far", re.compile(r"\bhow (?:far|many met\w+)\b")),
+    ("when", re.compile(r"\bwhen (?:did|was|were|have|had) \b.*\b(?:see|saw|seen|spot|spotted|look|looked|there)\b")),
+    ("colour", re.compile(r"\b(?:what|which) colou?rs? \b")),
+    ("size", re.compile(r"\bhow (?:big|large|tall|high|wide|long|small) \b")),
+    ("room", re.compile(r"\b(?:which|what) room\b")),
+    ("where", re.compile(r"\b(?:where|wheres|whereabouts)\b(?! (?:should|shall|do i|do we|can i put|could i put|to (?:put|sit|sleep|lie)|i (?:can|could|may)|can (?:i|we) (?!find|get|see)))|\bon what (?:is|are|does)\b|\bany idea where\b")),
+    ("list", re.compile(r"\bwhat(?: (?:else|all|things|objects|stuff|items))?(?: is| are| s|s)? ?(?:there |standing |lying |kept |placed |sitting |stored |to be found |to be seen )?(?:on|in|inside|under|underneath|below|next to|beside|near|by|around|at|behind)\b")),
+    ("list", re.compile(r"\b(?:what|which)(?: (?:things|objects|items|stuff|else))? (?:do|can|did|have|does|could) (?:you|we|i)\b.*\b(?:see|seen|saw|find|found|have|got|know|there|keep)\b|\b(?:list|name|enumerate|tell me|show me) (?:me )?(?:all|everything|every|the things|the objects|the contents|what)\b|\bwhat is (?:here|there)\b")),
+    ("exists", re.compile(r"\b(?:is|are) there\b(?! (?:something|anything|somewhere|anywhere) (?:to|i|we|that)\b)|^(?:do|does|have|has|did) (?:we|i|you|they|it|this \w+|the \w+)\b.*\b(?:have|got|own|see|seen|find|found|spot|spotted|a|an|any)\b|^(?:any|got any|got an?|is any|are any)\b|\bcan you see\b")),
+    ("exists", re.compile(r"^(?:is|are) (?:the|my|our|any|one|a|an|that|those|it|there)\b")),
+)  # fmt: skip
+COME = re.compile(r"^(?:please )?(?:come (?:here|over(?: here)?|to me|back to me|closer)|over here|here boy)\b")
+BACK = re.compile(
+    r"^(?:please )?(?:(?:go|drive|head|roll|move) back|return|back)(?: (?:to )?(?:where you (?:were|started|came from)|the start|your (?:base|dock|place)|home|again))?$"
+)
+STOP_NOW = re.compile(
+    r"^(?:please )?(?:stop|halt|freeze|wait|never mind|nevermind|forget it|cancel|leave it|that is all|abort)(?: (?:it|that|now|there|please|moving))?$"
+)
+POLITE = frozenset(
+    [
+        "please",
+        "thanks",
+        "thank",
+        "you",
+        "robot",
+        "hey",
+        "hi",
+        "hello",
+        "ok",
+        "okay",
+        "so",
+        "well",
+        "oh",
+        "um",
+        "uh",
+        "er",
+        "ah",
+        "now",
+        "then",
+        "and",
+        "but",
+        "could",
+        "can",
+        "would",
+        "will",
+        "kindly",
+        "just",
+        "dear",
+        "tell",
+        "me",
+        "do",
+        "know",
+    ]
+)
+CONTRACTIONS = (
+    (re.compile(r"\b(what|where|there|that|it|who|which|he|she|how)'?s\b"), r"\1 is"), (re.compile(r"\b(\w+)'re\b"), r"\1 are"),
+    (re.compile(r"\bn't\b"), " not"), (re.compile(r"\bwhats\b"), "what is"), (re.compile(r"\bwheres\b"), "where is"),
+)  # fmt: skip
+VERB_BEFORE = frozenset(
+    ["to", "i", "we", "you", "they", "can", "could", "should", "would", "will", "let", "lets", "must", "please", "not"]
+)
+WORD = re.compile(r"[^\W_]+")
+LONGEST = 4
+
+
+@dataclass(frozen=True)
+class _Mention:
+    start: int
+    end: int
+    phrase: Phrase
+
+
+def sentences(text: str) -> list[str]:
+    """The sentences of a lower-case text, contractions written out."""
+    for pattern, full in CONTRACTIONS:
+        text = pattern.sub(full, text)
+    return [part.strip() for part in re.split(r"[.!?;\n]+", text) if WORD.search(part)]
+
+
+def parse(text: str, names: Names, key: object) -> Asked | None:
+    """What a text asks of a home, the last sentence that does; None if it tells a need in other words.
+
+    ``key`` makes a name's key of its words.
+    """
+    best: Asked | None = None
+    for sentence in sentences(text):
+        asked = _sentence(WORD.findall(sentence), names, key)
+        if asked is not None and (best is None or asked.kind != "find" or not _plain(asked)):
+            best = asked
+    return best
+
+
+def _plain(asked: Asked) -> bool:
+    return asked.head is None or asked.head.bare
+
+
+def _sentence(said: list[str], names: Names, key: object) -> Asked | None:
+    text = " ".join(said)
+    polite = list(said)
+    while len(polite) > 1 and polite[0] in POLITE:
+        polite.pop(0)
+    while len(polite) > 1 and polite[-1] in ("please", "thanks", "robot", "now", "dear"):
+        polite.pop()
+    core = " ".join(polite)
+    for kind, pattern in (("come", COME), ("back", BACK), ("stop", STOP_NOW)):
+        if pattern.search(core):
+            return Asked(kind, need=text)  # type: ignore[arg-type]
+    mentions = _mentions(said, names, key)
+    kind, by = _question(core)
+    phrases, used = _joined(said, mentions)
+    if kind == "compare":
+        pair = [phrase for phrase in phrases if phrase.rooms is None][:2]
+        return Asked("compare", pair[0], pair[1], SIZES.get(by, by), text) if len(pair) == 2 else None
+    head = _head(phrases, kind)
+    if kind == "find":
+        if head is None:
+            return None
+        need = " ".join(word for i, word in enumerate(said) if i not in used)
+        first = next((m for m in mentions if m.phrase.rooms is None and not m.phrase.generic), None)
+        before = " ".join(said[: first.start]) if first else text
+        return Asked(
+            "find", head, need=need, direct=bool(CUE.search(before)) or (not CUE.search(text) and _only(said, mentions))
+        )
+    if kind in ("count", "exists") and head is None:
+        unknown = _unknown(core)
+        head = Phrase(unknown) if unknown else None
+    other = next((p for p in phrases if p is not head), None) if kind == "far" else None
+    return Asked(kind, head, other, need=text)
+
+
+def _question(core: str) -> tuple[Kind, str]:
+    for kind, pattern in QUESTIONS:
+        found = pattern.search(core)
+        if found:
+            return kind, found[1] if pattern.groups and found[1] else ""
+    return "find", ""
+
+
+def _head(phrases: Sequence[Phrase], kind: Kind) -> Phrase | None:
+    """The thing that a sentence is about: the first that is one, and of a list also a room."""
+    things = [phrase for phrase in phrases if phrase.rooms is None]
+    named = [phrase for phrase in things if not phrase.generic or not phrase.bare]
+    if kind == "list" and phrases:
+        return next((p for p in things if p.relations), phrases[-1])
+    if kind == "find":
+        asked = [p for p in named if not p.bare] or named
+        return asked[0] if asked else phrases[0] if phrases else None
+    return next(iter(named or things or phrases), None)
+
+
+def _only(said: Sequence[str], mentions: Sequence[_Mention]) -> bool:
+    """Whether a sentence is no more than a phrase: "the cup by the sink"."""
+    return bool(mentions) and all(word in FILLERS or word in POLITE for word in said[: mentions[0].start])
+
+
+def _unknown(core: str) -> str:
+    """What is asked for, of which no name is known: "is there a unicorn"."""
+    found = re.search(
+        r"\b(?:how many|(?:is|are) there(?: any| a| an| some)?|any|have(?: a| an| any)|see(?: a| an| any))((?: \w+){1,3}?)(?: (?:in|on|are|is|at|do|here|there)\b|$)",
+        core,
+    )
+    return found[1].strip() if found else ""
+
+
+def _mentions(said: Sequence[str], names: Names, key: object) -> list[_Mention]:
+    """Names of things and rooms, longest first at each place, with what stands before them."""
+    found, i, free_from = [], 0, 0
+    while i < len(said):
+        for end in range(min(i + LONGEST, len(said)), i, -1):
+            phrase = _named(said, i, end, names, key)
+            if phrase is not None:
+                found.append(_Mention(*_described(said, free_from, i, end, phrase)))
+                i = free_from = end
+                break
+        else:
+            i += 1
+    return found
+
+
+def _named(said: Sequence[str], start: int, end: int, names: Names, key: object) -> Phrase | None:
+    words = " ".join(said[start:end])
+    name = key(words)  # type: ignore[operator]
+    plural = said[end - 1] != name and said[end - 1].endswith("s") and not name.endswith("s")
+    if name in names.rooms:
+        return Phrase(words, rooms=names.rooms[name])
+    if name in names.things:
+        verb = start > 0 and said[start - 1] in VERB_BEFORE and end - start == 1
+        return None if verb else Phrase(words, names.things[name], plural=plural)
+    if (
+        end - start == 1
+        and words in GENERIC
+        and not (words == "one" and end < len(said) and said[end] in ("of", "more"))
+    ):
+        return Phrase(words, generic=True, plural=words in PLURAL)
+    return None
+
+
+def _described(said: Sequence[str], free_from: int, start: int, end: int, phrase: Phrase) -> tuple[int, int, Phrase]:
+    """A name with the adjectives and the article before it, and "on the left" after it."""
+    i, colours = start, list[str]()
+    while i > free_from:
+        word = said[i - 1]
+        if word in COLOURS:
+            colours += COLOURS[word]
+        elif word in MOST:
+            phrase = replace(phrase, most=MOST[word])
+        elif word in SIZES:
+            phrase = replace(phrase, size=SIZES[word])
+        elif word in ORDER and phrase.rooms is None:
+            phrase = replace(phrase, order=ORDER[word])
+        elif word in ("other", "another", "different", "else"):
+            phrase = replace(phrase, other=True)
+        elif (
+            word in ARTICLES
+            or (word == "of" and i - 1 > free_from and said[i - 2] in MOST)
+            or word in ("all", "two", "three")
+        ):
+            phrase = replace(phrase, definite=phrase.definite or word in DEFINITE)
+        else:
+            break
+        i -= 1
+    if colours:
+        phrase = replace(phrase, colours=tuple(dict.fromkeys(colours)))
+    return i, end, phrase
+
+
+def _joined(said: Sequence[str], mentions: Sequence[_Mention]) -> tuple[list[Phrase], set[int]]:
+    """The phrases with their relations, and the words that only say where."""
+    phrases, used, k = list[Phrase](), set[int](), len(mentions) - 1
+    after: Phrase | None = None  # the phrase to the right, with all that belongs to it
+    spare: Phrase | None = None  # the one after it, for "between"
+    for k in range(len(mentions) - 1, -1, -1):
+        here = mentions[k]
+        phrase, gap_end = here.phrase, mentions[k + 1].start if k + 1 < len(mentions) else len(said)
+        kind = _relation(said[here.end : gap_end])
+        if kind == "to" and phrase.most in ("nearest", "farthest"):
+            phrase, kind = replace(phrase, most=""), phrase.most
+        if after is not None and kind == "" and gap_end == here.end and phrase.rooms is not None:
+            after = replace(after, relations=(Constraint("in", phrase), *after.relations))  # the kitchen table
+            used |= set(range(here.start, here.end))
+            continue
+        if after is not None and kind in RELATIONS.values() and not (phrase.rooms is not None):
+            constraint = Constraint(
+                "in" if kind == "of" and after.rooms is not None else kind, after, spare if kind == "between" else None
+            )
+            if kind != "of" or after.rooms is not None:
+                phrase = replace(phrase, relations=(constraint, *phrase.relations))
+                used |= set(range(here.end, mentions[k + 1].end))
+                spare, after = None, phrase
+                continue
+        if after is not None:
+            phrases.insert(0, after)
+        spare = after if _relation(said[here.end : gap_end]) == "and" else None
+        after = _side(phrase, said[here.end : gap_end])
+    if after is not None:
+        before = said[: mentions[0].start] if mentions else []
+        first = _leading(before, after, phrases)
+        phrases.insert(0, first)
+    return _with_rooms(phrases), used
+
+
+def _side(phrase: Phrase, rest: Sequence[str]) -> Phrase:
+    """ "The lamp on the left", "the lamp closest to me", "the one farthest away"."""
+    text = " ".join(word for word in rest if word not in ("the", "that", "is", "which", "one"))
+    found = re.match(
+        r"(?:(?:on|to)(?: my| your)? (left|right)(?: side| hand side)?$|(closest|nearest|farthest|furthest)(?: (?:to|from) (?:me|you|us|here|robot)| away| by)?$|(biggest|smallest|tallest)$)",
+        text,
+    )
+    if not found:
+        return phrase
+    side = {"left": "leftmost", "right": "rightmost"}.get(found[1] or "", "") or MOST.get(
+        found[2] or found[3] or "", ""
+    )
+    return replace(phrase, most=side)
+
+
+def _leading(before: Sequence[str], phrase: Phrase, rest: Sequence[Phrase]) -> Phrase:
+    return phrase
+
+
+def _with_rooms(phrases: list[Phrase]) -> list[Phrase]:
+    """A room that stands by itself says where the others are: "in the kitchen, the lamp"."""
+    rooms = [p for p in phrases if p.rooms is not None]
+    things = [p for p in phrases if p.rooms is None]
+    if (
+        len(rooms) == 1
+        and things
+        and not any(c.target is not None and c.target.rooms is not None for p in things for c in p.relations)
+    ):
+        at = phrases.index(rooms[0])
+        if at == 0 and not things[0].generic:
+            things[0] = replace(things[0], relations=(Constraint("in", rooms[0]), *things[0].relations))
+            return things
+    return phrases
+
+
+def _relation(gap: Sequence[str]) -> str:
+    """The relation that the words between two names tell; "" for no word, "?" for words that tell none."""
+    words = [word for word in gap if word not in FILLERS]
+    text = " ".join(words)
+    if text in RELATIONS:
+        return RELATIONS[text]
+    return text if text in ("", "to", "and") else "?"

@@ -1,0 +1,257 @@
+"""Particular things: a reference or a question in a person's words, in the light of what was said before, over a home's objects."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import lru_cache
+
+from cartier.language.references import HURRY, Asked, Constraint, Names, Phrase, parse, sentences
+from cartier.reasoners._cards import Deck, bare
+from cartier.reasoners._questions import answer
+from cartier.reasoners._scene import Scene
+from cartier.reasoners._words import STOP, name_key, plain, words
+from cartier.types import Inventory, MapObject, Selection
+
+LATEST = 3000  # characters that are read
+SURE = 0.85  # probability of objects that are preferred where any of several will do
+MOST_ASKED = 4  # objects among which a question lets choose
+ROOMS = {
+    "living room": ("lounge", "sitting room", "living area", "parlour", "parlor", "front room"), "bathroom": ("restroom", "washroom", "wc", "loo", "bath room", "shower room"),
+    "hall": ("hallway", "corridor", "entrance", "passage"), "study": ("office", "home office", "workroom"), "bedroom": ("bed room", "sleeping room"),
+    "kitchen": ("kitchenette", "cooking area"), "dining room": ("dining area",),
+}  # fmt: skip
+DRIVES = re.compile(
+    r"\b(?:go|drive|head|navigate|move|take|bring|lead|guide|roll|come|wait|meet|visit|walk|show|get|check|return|run|to)\b"
+)
+SERVED = re.compile(r"#(\d+)")
+FRAGMENT = re.compile(
+    r"^(?:no |not that |i mean |i meant |sorry |rather |actually )*(?:the one )?(?=(?:on|in|at|by|near|next|beside|under|close|closest|nearest|behind|to the|between|with|from)\b)"
+)
+EITHER = re.compile(
+    r"\b(?:either|any|whichever|you choose|your choice|nearest|closest|do not mind|don t mind|don t care|no matter|yes|yeah|ok|okay|sure)\b"
+)
+Serve = Callable[[str, tuple[str, ...]], Selection]
+
+
+def lexicon(deck: Deck, inventory: Inventory) -> Names:
+    """What may be named in a home: its objects by all names that their cards have, what it has not, and its rooms."""
+    rooms = tuple((room.id, room.name, room.kind) for room in inventory.rooms)
+    return _lexicon(deck, tuple(inventory.names), rooms)
+
+
+@lru_cache(maxsize=16)
+def _lexicon(deck: Deck, names: tuple[str, ...], rooms: tuple[tuple[int, str, str], ...]) -> Names:
+    of_card: dict[int, set[str]] = {}
+    own: dict[str, set[str]] = {}
+    ends: dict[str, set[str]] = {}
+    for name in names:
+        parts = words(plain(bare(name)))
+        own.setdefault(name_key(bare(name)), set()).add(name)
+        card = deck.card_of(name)
+        if card is not None:
+            of_card.setdefault(card, set()).add(name)
+        for i in range(1, len(parts)):
+            ends.setdefault(name_key(" ".join(parts[i:])), set()).add(name)
+    things = {
+        key: frozenset(own.get(key) or ends.get(key) or of_card.get(card) or set()) for key, card in deck.by_key.items()
+    }
+    things |= {key: frozenset(found) for key, found in ends.items() if key not in own}
+    things |= {key: frozenset(found) for key, found in own.items()}
+    called: dict[str, tuple[int, ...]] = {}
+    for kind, more in ROOMS.items():
+        of_kind = tuple(number for number, _, room_kind in rooms if room_kind == kind)
+        called |= dict.fromkeys(map(name_key, (kind, *more)), of_kind)
+    called |= {name_key(name): (number,) for number, name, kind in rooms if name != kind}
+    return Names({key: found for key, found in things.items() if key not in called}, called)
+
+
+class Particular:
+    """One request over one scene; ``asked`` is what its words refer to, None if they only tell a need."""
+
+    def __init__(self, query: str, scene: Scene, names: Names, dialogue: Sequence[tuple[str, str]], model: str) -> None:
+        self.scene, self._names, self._model = scene, names, model
+        self.said = plain(query[-LATEST:])
+        self.served = [int(i) for _, robot in dialogue for i in SERVED.findall(robot) if int(i) in scene.by_id]
+        self.last = scene.by_id[self.served[-1]] if self.served else None
+        self.asked = self._in_context(parse(self.said, names, name_key), dialogue)
+
+    def _in_context(self, asked: Asked | None, dialogue: Sequence[tuple[str, str]]) -> Asked | None:
+        """The reply to a question, "the other one", "the one by the window", "what colour is it?"."""
+        if not dialogue or (asked is not None and asked.kind in ("stop", "come", "back")):
+            return asked
+        need, robot = dialogue[-1]
+        before = parse(plain(need[-LATEST:]), self._names, name_key)
+        short = " ".join(words(" ".join(sentences(self.said))))
+        fragment = FRAGMENT.sub("", short)
+        if fragment != short or FRAGMENT.match(short):
+            asked = parse(f"the one {fragment}", self._names, name_key) or asked
+        replying = (
+            robot.rstrip().endswith("?") and before is not None and before.kind == "find" and before.head is not None
+        )
+        if asked is None or asked.head is None or asked.kind != "find":
+            if replying and before is not None and EITHER.search(short) and len(short.split()) <= 6:
+                nearest = replace(before.head, most="nearest") if before.head else None
+                return replace(before, head=nearest, direct=True)
+            return asked
+        head = asked.head
+        if head.rooms is not None and replying and before is not None and before.head is not None:
+            return replace(
+                before, head=_merged(before.head, Phrase("", relations=(Constraint("in", head),))), direct=True
+            )
+        if not head.generic or (head.bare and not replying):
+            same = replying and before is not None and before.head is not None and head.labels & before.head.labels
+            return (
+                replace(asked, head=_merged(before.head, head), direct=True)
+                if same and before and before.head
+                else asked
+            )
+        if replying and before is not None and before.head is not None:
+            return replace(before, head=_merged(before.head, head), direct=True)
+        if self.last is None:
+            return asked
+        kept = frozenset({self.last.label})
+        return replace(
+            asked, head=replace(head, generic=False, labels=kept, said=self.last.label, other=True), direct=True
+        )
+
+    def answer(self, serve: Serve) -> Selection | None:
+        """What is asked for outright or to be known; None for a need in other words. ``serve`` judges a need among names."""
+        asked = self.asked
+        if asked is None:
+            return None
+        if asked.kind in ("stop", "come", "back"):
+            say = {"stop": "All right, I stay where I am.", "come": "I do not know where you are: name a room or a thing beside you.",
+                   "back": "I do not know where back is: name a room or a thing."}[asked.kind]  # fmt: skip
+            return Selection("told", reason=say, say=say, model=self._model)
+        if asked.kind != "find":
+            return answer(asked, self.scene, self.last, self._model)
+        head = asked.head
+        if head is None:
+            return None
+        if head.rooms is not None:
+            return self._room(head, asked)
+        if head.generic:
+            return None if head.bare else self._need(head, asked, serve)
+        return self._found(head) if head.labels and not head.bare and asked.direct else None
+
+    def refined(self, chosen: Selection) -> Selection:
+        """A thing that was chosen by its name, as one of the objects of that name: that which the words tell, else the nearest."""
+        same = [o for o in self.scene.objects if o.label == chosen.object]
+        if chosen.status not in ("found", "near") or chosen.object_id is not None or not same:
+            return chosen
+        if len(same) == 1:
+            return replace(chosen, object_id=same[0].id)
+        head = self.asked.head if self.asked is not None and self.asked.kind == "find" else None
+        if head is None or chosen.object not in head.labels or chosen.status == "near":
+            return chosen
+        meant = [o for o in self.scene.meant(head)[0] if o.label == chosen.object]
+        thing = (meant if not head.bare and meant else self._likely(same))[0]
+        return replace(chosen, object_id=thing.id, say=self._one_of(thing, same))
+
+    def _likely(self, same: Sequence[MapObject]) -> list[MapObject]:
+        """The nearest first, of those that are surely there if any are."""
+        sure = [o for o in same if o.probability >= SURE] or list(same)
+        return sorted(sure, key=self.scene.distance_m)
+
+    def _one_of(self, thing: MapObject, same: Sequence[MapObject]) -> str:
+        where = self.scene.whereabouts(thing)
+        rest = [o for o in same if o.id != thing.id]
+        apart = [f"the {o.label} {self.scene.whereabouts(o)}" for o in self._likely(rest)[:2]]
+        return f"There are {len(same)}; this is the nearest{f', {where}' if where else ''}. Or do you mean {' or '.join(apart)}?"
+
+    def _found(self, head: Phrase) -> Selection:
+        without = self.served if head.other else ()
+        found, emptied = self.scene.meant(head, without)
+        if not found:
+            return self._none(head, emptied is not None)
+        if len(found) > 1 and not (head.other or HURRY.search(self.said) or head.plural):
+            return self._which(found)
+        thing = found[0]
+        say = f"The {thing.label} {self.scene.whereabouts(thing)}."
+        return Selection(
+            "found", thing.label, reason=f"this is {self.scene.whereabouts(thing) or 'the one'}", object_id=thing.id, say=say,
+            candidates=tuple((name, 1.0) for name in dict.fromkeys([thing.label])), model=self._model,
+        )  # fmt: skip
+
+    def _which(self, found: Sequence[MapObject]) -> Selection:
+        """A question that separates those meant; the nearest, and what else there is, where nothing tells them apart."""
+        few = list(found[:MOST_ASKED])
+        apart = self.scene.tell_apart(few)
+        if all(apart):
+            question = f"Which {few[0].label}: {_or([f'the one {words}' if not words.startswith('the ') else words for words in apart])}?"
+            return Selection(
+                "clarify", reason=f"{len(found)} fit what was said", question=question, say=question, model=self._model
+            )
+        thing = self._likely(found)[0]
+        return Selection(
+            "found",
+            thing.label,
+            reason="the nearest of several",
+            object_id=thing.id,
+            say=self._one_of(thing, found),
+            model=self._model,
+        )
+
+    def _none(self, head: Phrase, emptied: bool) -> Selection:
+        others = [o for o in self.scene.objects if o.label in head.labels]
+        if head.other and others:
+            say = f"I know no other {others[0].label}."
+        elif others and emptied:
+            say = f"There is a {others[0].label} {self.scene.whereabouts(others[0])}, but none as you say."
+        else:
+            say = f"I have not seen any {head.said}."
+        return Selection("absent", reason=say, say=say, model=self._model)
+
+    def _room(self, head: Phrase, asked: Asked) -> Selection | None:
+        """To drive to a room, if nothing but that is asked for."""
+        rest = [
+            word
+            for word in words(asked.need)
+            if word not in STOP and word not in head.said.split() and not DRIVES.fullmatch(word)
+        ]
+        if not DRIVES.search(asked.need) or len(rest) > 1:
+            return None
+        rooms = [self.scene.rooms[i] for i in head.rooms or ()]
+        if not rooms:
+            say = f"I know no {head.said} here; there is {_or([f'the {room.name}' for room in self.scene.rooms.values()]) or 'no room that I know'}."
+            return Selection("absent", reason=say, say=say, model=self._model)
+        inside = {room.id: [o for o in self.scene.objects if o.room == room.id] for room in rooms}
+        room = min(rooms, key=lambda room: min(map(self.scene.distance_m, inside[room.id]), default=1e9))
+        return Selection(
+            "found",
+            room.name,
+            reason="the room was asked for",
+            say=f"The {room.name}.",
+            room=room.id,
+            model=self._model,
+        )
+
+    def _need(self, head: Phrase, asked: Asked, serve: Serve) -> Selection | None:
+        """A need and where it is to be served: "something to sit on in the kitchen"."""
+        there, _ = self.scene.meant(head)
+        names = tuple(sorted({o.label for o in there}))
+        rest = [word for word in words(asked.need) if word not in STOP]
+        if not rest:
+            return None
+        if not names:
+            return self._none(head, True)
+        chosen = serve(asked.need, names)
+        fitting = [o for o in there if o.label == chosen.object]
+        if chosen.status != "found" or not fitting:
+            return chosen if chosen.status != "near" else self._none(head, True)
+        thing = self._likely(fitting)[0]
+        return replace(chosen, object_id=thing.id, say=f"The {thing.label} {self.scene.whereabouts(thing)}.")
+
+
+def _merged(before: Phrase, now: Phrase) -> Phrase:
+    """What was asked for, with what was added to it."""
+    return replace(
+        before, relations=(*before.relations, *now.relations), colours=now.colours or before.colours, size=now.size or before.size,
+        most=now.most or before.most, order=now.order or before.order, other=now.other,
+    )  # fmt: skip
+
+
+def _or(parts: Sequence[str]) -> str:
+    return " or ".join(parts) if len(parts) < 3 else f"{', '.join(parts[:-1])} or {parts[-1]}"

@@ -1,0 +1,198 @@
+"""Answers in words to questions about a home: how many, is there, where, what is on it, which is bigger."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+
+from cartier.language.references import Asked, Constraint, Phrase
+from cartier.reasoners._scene import Scene
+from cartier.types import Fact, MapObject, Selection
+
+
+def answer(asked: Asked, scene: Scene, last: MapObject | None, model: str) -> Selection | None:
+    """What a question gets; None if it is about nothing that is known here. ``last`` is what was spoken of before."""
+    head = asked.head
+    if asked.kind == "rooms":
+        rooms = [room.name for room in scene.rooms.values()]
+        return _told(f"I know {_and(rooms) if rooms else 'no rooms'}.", Fact("list", rooms), model)
+    if asked.kind == "compare":
+        return _compared(asked, scene, model)
+    if head is None:
+        return _inventory(scene, model) if asked.kind == "list" else None
+    if head.generic and head.bare and last is not None and asked.kind != "list":
+        found: list[MapObject] = [last]
+    else:
+        found, _ = scene.meant(head)
+    if asked.kind == "count":
+        return _counted(head, found, scene, model)
+    if asked.kind == "list":
+        return _listed(head, scene, model)
+    if asked.kind == "exists":
+        return _exists(head, found, scene, model)
+    if head.rooms is not None:
+        return None
+    if not found:
+        return _told(f"I have not seen {_a(head)}.{_instead(head, scene)}", Fact("where", None), model)
+    return _about(asked, found, scene, model)
+
+
+def _about(asked: Asked, found: Sequence[MapObject], scene: Scene, model: str) -> Selection:
+    """What is to be known of one thing, the nearest of those meant."""
+    thing, room = found[0], scene.room_of(found[0])
+    if asked.kind in ("where", "room"):
+        several = len(found) > 1 and not (asked.head and asked.head.most)
+        if several:
+            places = [scene.whereabouts(o) for o in found[:4]]
+            say = f"I know {len(found)}: {'; '.join(f'one {place}' for place in places)}."
+        else:
+            say = f"The {thing.label} is {scene.whereabouts(thing) or 'where I saw it'}, {scene.distance_m(thing):.1f} m from here."
+        fact = Fact("where", room.name if room else None, tuple(o.id for o in found))
+        return _told(say, fact, model, thing)
+    if asked.kind == "far":
+        other = scene.meant(asked.other)[0] if asked.other is not None and asked.other.labels else []
+        far = scene.distance_m(thing, other[0] if other else None)
+        return _told(
+            f"The {thing.label} is {far:.1f} m from {f'the {other[0].label}' if other else 'here'}.",
+            Fact("tell", round(far, 2), (thing.id,)),
+            model,
+            thing,
+        )
+    if asked.kind == "when":
+        say = f"I saw the {thing.label} last {thing.last_seen_s:.0f} s into the recording, and looked there last at {thing.last_looked_s:.0f} s."
+        return _told(say, Fact("tell", thing.last_seen_s, (thing.id,)), model, thing)
+    if asked.kind == "colour":
+        names = [name for name, share in thing.colours if share >= 0.25][:2] or [name for name, _ in thing.colours[:1]]
+        said = " and ".join(names) or "of no colour that I could tell"
+        return _told(
+            f"The {thing.label} is {said}.", Fact("tell", names[0] if names else None, (thing.id,)), model, thing
+        )
+    size = [round(high - low, 2) for low, high in zip(thing.box_min, thing.box_max, strict=True)]
+    say = f"The {thing.label} is about {size[0]:.2f} m by {size[1]:.2f} m, and {size[2]:.2f} m high."
+    return _told(say, Fact("tell", size, (thing.id,)), model, thing)
+
+
+def _counted(head: Phrase, found: Sequence[MapObject], scene: Scene, model: str) -> Selection:
+    maybe = [o for o in scene.tentative if o.label in head.labels and o.probability >= 0.3] if head.bare else []
+    unsure = f" {'One' if len(maybe) == 1 else len(maybe)} more may be there, hardly seen." if maybe else ""
+    names = Counter(o.label for o in found)
+    if not found:
+        say = f"I have seen no {_name(head)}{_where(head)}.{_instead(head, scene)}{unsure}"
+    else:
+        what = _and([_many(name, count) for name, count in names.items()])
+        say = f"I have seen {what}{_where(head)}.{unsure}"
+    return _told(
+        say, Fact("count", len(found), tuple(o.id for o in found)), model, found[0] if len(names) == 1 else None
+    )
+
+
+def _exists(head: Phrase, found: Sequence[MapObject], scene: Scene, model: str) -> Selection | None:
+    if head.rooms is not None:
+        names = [scene.rooms[i].name for i in head.rooms]
+        return _told(
+            f"Yes, I know the {names[0]}." if names else f"I know no {head.said}.", Fact("exists", bool(names)), model
+        )
+    ids = tuple(o.id for o in found)
+    if found:
+        what = _many(found[0].label, len(found)) if len({o.label for o in found}) == 1 else f"{len(found)} of them"
+        return _told(f"Yes: {what}, {scene.whereabouts(found[0])}.", Fact("exists", True, ids), model, found[0])
+    return _told(f"No, I have not seen {_a(head)}{_where(head)}.{_instead(head, scene)}", Fact("exists", False), model)
+
+
+def _listed(head: Phrase, scene: Scene, model: str) -> Selection | None:
+    """What is on, in, under or near something; or in a room."""
+    if head.rooms is not None:
+        found = [o for o in scene.objects if o.room in head.rooms]
+        where = f"in the {head.said}"
+    elif head.generic and head.relations:
+        found, _ = scene.meant(head)
+        where = _where(head).strip()
+    elif head.generic:
+        return _inventory(scene, model)
+    else:
+        found, where = [o for o in scene.objects if o.label in head.labels], "here"
+    if not found:
+        return _told(f"Nothing that I have seen is {where}.", Fact("list", []), model)
+    names = Counter(o.label for o in found)
+    what = _and([_many(name, count) for name, count in names.most_common(12)]) + (
+        " and more" if len(names) > 12 else ""
+    )
+    ids = tuple(o.id for o in found)
+    return _told(f"I have seen {what} {where}.", Fact("list", sorted(names), ids), model)
+
+
+def _inventory(scene: Scene, model: str) -> Selection:
+    names = Counter(o.label for o in scene.objects)
+    what = _and([_many(name, count) for name, count in names.most_common(15)])
+    say = f"I know {len(scene.objects)} objects of {len(names)} kinds: {what}{' and more' if len(names) > 15 else ''}."
+    return _told(say, Fact("list", sorted(names), tuple(o.id for o in scene.objects)), model)
+
+
+def _compared(asked: Asked, scene: Scene, model: str) -> Selection | None:
+    pair = [scene.meant(phrase)[0][:1] for phrase in (asked.head, asked.other) if phrase is not None]
+    if len(pair) != 2 or not all(pair):
+        return None
+    one, other = pair[0][0], pair[1][0]
+    if one.id == other.id:
+        both = scene.meant(asked.head)[0] if asked.head else []
+        if len(both) < 2:
+            return None
+        one, other = both[0], both[1]
+    more = max((one, other), key=lambda o: scene.measure(o, asked.by))
+    words = {
+        "biggest": "bigger",
+        "smallest": "smaller",
+        "nearest": "nearer",
+        "farthest": "farther",
+        "tallest": "taller",
+        "highest": "higher",
+        "lowest": "lower",
+    }
+    say = f"The {more.label}{f' {scene.whereabouts(more)}' if one.label == other.label else ''} is {words.get(asked.by, asked.by)}."
+    return _told(say, Fact("compare", more.label, (more.id,)), model, more)
+
+
+def _told(say: str, fact: Fact, model: str, thing: MapObject | None = None) -> Selection:
+    name, number = (thing.label, thing.id) if thing is not None else (None, None)
+    return Selection("told", name, reason=say, say=say, fact=fact, model=model, object_id=number)
+
+
+def _instead(head: Phrase, scene: Scene) -> str:
+    """What there is instead of what a phrase asks for."""
+    elsewhere = [o for o in scene.objects if o.label in head.labels]
+    if not elsewhere or head.bare:
+        return ""
+    return f" There is {_one(elsewhere[0].label)} {scene.whereabouts(elsewhere[0])}."
+
+
+def _where(phrase: Phrase) -> str:
+    """The relations of a phrase in words again."""
+    return "".join(f" {_preposition(c)}" for c in phrase.relations)
+
+
+def _preposition(constraint: Constraint) -> str:
+    if constraint.target is None:
+        return constraint.kind
+    return f"{'nearest to' if constraint.kind == 'nearest' else constraint.kind} the {constraint.target.said}"
+
+
+def _name(phrase: Phrase) -> str:
+    return phrase.said if not phrase.generic else "such thing"
+
+
+def _a(phrase: Phrase) -> str:
+    return f"any {_name(phrase)}" if phrase.plural else _one(_name(phrase))
+
+
+def _one(name: str) -> str:
+    return f"{'an' if name[:1] in 'aeiou' else 'a'} {name}"
+
+
+def _many(name: str, count: int) -> str:
+    if count == 1:
+        return _one(name)
+    return f"{count} {name if name.endswith('s') else f'{name}es' if name.endswith(('ch', 'sh', 'x')) else f'{name}s'}"
+
+
+def _and(parts: Sequence[str]) -> str:
+    return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} and {parts[-1]}"
