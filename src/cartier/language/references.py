@@ -205,7 +205,7 @@ HURRY = re.compile(
     r"\b(?:quick|quickly|hurry|asap|immediately|urgent|urgently|fast|right away|at once|no time|whichever|any will do)\b"
 )
 QUESTIONS: tuple[tuple[Kind, re.Pattern[str]], ...] = (
-    ("rooms", re.compile(r"\b(?:which|what|how many|list (?:all )?the|name the) rooms\b(?! (?:is|are|has|have|does) )")),
+    ("rooms", re.compile(r"\b(?:which|what|how many|list (?:all )?the|name the) rooms\b(?! (?:is|are|has|have|does) (?:the|my|our|an?)\b)")),
     ("count", re.compile(r"\b(?:how many|(?:what is|whats|what s|tell me) the number of|number of|count)\b")),
     ("compare", re.compile(r"\b(?:which|what)(?: one| of them| thing)?(?: is| s|s)? (?:the )?(bigger|larger|smaller|taller|higher|lower|nearer|closer|farther|further)\b")),
     ("compare", re.compile(r"^(?:is|are) .* (bigger|larger|smaller|taller|higher|lower|nearer|closer|farther|further)\b.* than\b")),
@@ -250,17 +250,12 @@ POLITE = frozenset(
         "then",
         "and",
         "but",
-        "could",
-        "can",
-        "would",
-        "will",
-        "kindly",
         "just",
         "dear",
-        "tell",
-        "me",
-        "do",
-        "know",
+        "no",
+        "yes",
+        "i",
+        "mean",
     ]
 )
 CONTRACTIONS = (
@@ -269,6 +264,15 @@ CONTRACTIONS = (
 )  # fmt: skip
 VERB_BEFORE = frozenset(
     ["to", "i", "we", "you", "they", "can", "could", "should", "would", "will", "let", "lets", "must", "please", "not"]
+)
+PLACING = frozenset(word for relation in RELATIONS for word in relation.split())
+BEFORE = re.compile(
+    r"^(?:(?:please|hey|hi|hello|ok|okay|so|well|oh|um|uh|er|ah|now|then|and|but|robot|just|dear|excuse me|sorry|yes|yeah|quick question|say|listen|also"
+    r"|(?:can|could|would|will) you(?: please| kindly)?(?: tell me| say| check| let me know)?|tell me|do you know|do you happen to know|let me know"
+    r"|i wonder|i was wondering|i would like to know|i want to know|if|whether|remind me|i ask myself|by the way|kindly)\s+)+(?=\w)"
+)
+AFTER = re.compile(
+    r"(?:\s+(?:please|thanks|thank you|robot|now|dear|by the way|at all|anyway|again|then|here|in this (?:home|house|flat|place)))+$"
 )
 WORD = re.compile(r"[^\W_]+")
 LONGEST = 4
@@ -307,20 +311,20 @@ def _plain(asked: Asked) -> bool:
 
 def _sentence(said: list[str], names: Names, key: object) -> Asked | None:
     text = " ".join(said)
-    polite = list(said)
-    while len(polite) > 1 and polite[0] in POLITE:
-        polite.pop(0)
-    while len(polite) > 1 and polite[-1] in ("please", "thanks", "robot", "now", "dear"):
-        polite.pop()
-    core = " ".join(polite)
+    core = AFTER.sub("", BEFORE.sub("", text))
     for kind, pattern in (("come", COME), ("back", BACK), ("stop", STOP_NOW)):
-        if pattern.search(core):
+        if pattern.search(BEFORE.sub("", text)):
             return Asked(kind, need=text)  # type: ignore[arg-type]
     mentions = _mentions(said, names, key)
     kind, by = _question(core)
     phrases, used = _joined(said, mentions)
+    _put_in_rooms(said, mentions, phrases, used)
+    if kind == "list" and phrases and phrases[0].rooms is None and not phrases[0].generic:
+        relation = _relation(said[_last_verb(said, mentions[0].start) : mentions[0].start])
+        if relation in RELATIONS.values():  # "what is on the table"
+            phrases = [Phrase("things", generic=True, plural=True, relations=(Constraint(relation, phrases[0]),))]
     if kind == "compare":
-        pair = [phrase for phrase in phrases if phrase.rooms is None][:2]
+        pair = [phrase for phrase in phrases if phrase.rooms is None and not phrase.generic][:2]
         return Asked("compare", pair[0], pair[1], SIZES.get(by, by), text) if len(pair) == 2 else None
     head = _head(phrases, kind)
     if kind == "find":
@@ -337,6 +341,35 @@ def _sentence(said: list[str], names: Names, key: object) -> Asked | None:
         head = Phrase(unknown) if unknown else None
     other = next((p for p in phrases if p is not head), None) if kind == "far" else None
     return Asked(kind, head, other, need=text)
+
+
+def _put_in_rooms(said: Sequence[str], mentions: Sequence[_Mention], phrases: list[Phrase], used: set[int]) -> None:
+    """A room that is told by itself says where the thing is: "in the kitchen, the lamp", "something to eat in the kitchen"."""
+    things = [p for p in phrases if p.rooms is None]
+    rooms = [p for p in phrases if p.rooms is not None]
+    if len(rooms) != 1 or not things:
+        return
+    at = next((m for m in mentions if m.phrase.rooms == rooms[0].rooms and m.phrase.said == rooms[0].said), None)
+    before = [word for word in said[: at.start] if word not in ARTICLES][-1:] if at else []
+    if at is None or before not in (["in"], ["inside"], ["from"], ["within"], ["of"]):
+        return
+    first = phrases.index(things[0])
+    phrases[first] = replace(things[0], relations=(Constraint("in", rooms[0]), *things[0].relations))
+    phrases.remove(rooms[0])
+    preposition = max((i for i in range(at.start) if said[i] == before[0]), default=at.start)
+    used |= set(range(preposition, at.end))
+
+
+def _last_verb(said: Sequence[str], end: int) -> int:
+    """Where the words begin that stand between a question's verb and the first name: the place, "on the"."""
+    start = end
+    while (
+        start > 0
+        and (said[start - 1] in FILLERS or said[start - 1] in PLACING)
+        and said[start - 1] not in ("is", "are")
+    ):
+        start -= 1
+    return start
 
 
 def _question(core: str) -> tuple[Kind, str]:
@@ -464,10 +497,8 @@ def _joined(said: Sequence[str], mentions: Sequence[_Mention]) -> tuple[list[Phr
         spare = after if _relation(said[here.end : gap_end]) == "and" else None
         after = _side(phrase, said[here.end : gap_end])
     if after is not None:
-        before = said[: mentions[0].start] if mentions else []
-        first = _leading(before, after, phrases)
-        phrases.insert(0, first)
-    return _with_rooms(phrases), used
+        phrases.insert(0, after)
+    return phrases, used
 
 
 def _side(phrase: Phrase, rest: Sequence[str]) -> Phrase:
@@ -483,26 +514,6 @@ def _side(phrase: Phrase, rest: Sequence[str]) -> Phrase:
         found[2] or found[3] or "", ""
     )
     return replace(phrase, most=side)
-
-
-def _leading(before: Sequence[str], phrase: Phrase, rest: Sequence[Phrase]) -> Phrase:
-    return phrase
-
-
-def _with_rooms(phrases: list[Phrase]) -> list[Phrase]:
-    """A room that stands by itself says where the others are: "in the kitchen, the lamp"."""
-    rooms = [p for p in phrases if p.rooms is not None]
-    things = [p for p in phrases if p.rooms is None]
-    if (
-        len(rooms) == 1
-        and things
-        and not any(c.target is not None and c.target.rooms is not None for p in things for c in p.relations)
-    ):
-        at = phrases.index(rooms[0])
-        if at == 0 and not things[0].generic:
-            things[0] = replace(things[0], relations=(Constraint("in", rooms[0]), *things[0].relations))
-            return things
-    return phrases
 
 
 def _relation(gap: Sequence[str]) -> str:

@@ -134,7 +134,10 @@ class Particular:
             return self._room(head, asked)
         if head.generic:
             return None if head.bare else self._need(head, asked, serve)
-        return self._found(head) if head.labels and not head.bare and asked.direct else None
+        if head.labels and not head.bare and asked.direct:
+            return self._found(head)
+        wanted = asked.direct and not head.bare and asked.need  # what is not listed may be so by another name
+        return self.placed(head, serve(asked.need, ())) if wanted else None
 
     def refined(self, chosen: Selection) -> Selection:
         """A thing that was chosen by its name, as one of the objects of that name: that which the words tell, else the nearest."""
@@ -150,6 +153,14 @@ class Particular:
         thing = (meant if not head.bare and meant else self._likely(same))[0]
         return replace(chosen, object_id=thing.id, say=self._one_of(thing, same))
 
+    def placed(self, head: Phrase, chosen: Selection) -> Selection:
+        """What serves instead of a thing that is not listed, where that was said to be."""
+        same = [o for o in self.scene.objects if o.label == chosen.object]
+        if chosen.status != "found" or not same:
+            return chosen
+        there = self.scene.meant(replace(head, labels=frozenset({o.label for o in same})))[0]
+        return replace(chosen, object_id=there[0].id) if there else self.refined(chosen)
+
     def _likely(self, same: Sequence[MapObject]) -> list[MapObject]:
         """The nearest first, of those that are surely there if any are."""
         sure = [o for o in same if o.probability >= SURE] or list(same)
@@ -158,8 +169,10 @@ class Particular:
     def _one_of(self, thing: MapObject, same: Sequence[MapObject]) -> str:
         where = self.scene.whereabouts(thing)
         rest = [o for o in same if o.id != thing.id]
-        apart = [f"the {o.label} {self.scene.whereabouts(o)}" for o in self._likely(rest)[:2]]
-        return f"There are {len(same)}; this is the nearest{f', {where}' if where else ''}. Or do you mean {' or '.join(apart)}?"
+        others = [self.scene.whereabouts(o) for o in self._likely(rest)]
+        apart = list(dict.fromkeys(words for words in others if words and words != where))[:2]
+        offer = f" Or do you mean {' or '.join(f'the one {words}' for words in apart)}?" if apart else ""
+        return f"There are {len(same)}; this is the nearest{f', {where}' if where else ''}.{offer}"
 
     def _found(self, head: Phrase) -> Selection:
         without = self.served if head.other else ()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from functools import cached_property
 
@@ -33,6 +34,12 @@ class Scene:
     def known(self) -> bool:
         """Whether more than names is known."""
         return any(thing.box_max != thing.box_min for thing in self.objects)
+
+    @cached_property
+    def several(self) -> frozenset[str]:
+        """The labels of more than one object."""
+        counts = Counter(thing.label for thing in self.objects)
+        return frozenset(label for label, count in counts.items() if count > 1)
 
     @cached_property
     def holders(self) -> dict[int, Relation]:
@@ -202,8 +209,8 @@ class Scene:
         """Where a thing is, in words: "on the table in the kitchen"."""
         told = [*self._places(thing)[:1]] if self._places(thing) else []
         room = self.room_of(thing)
-        if room is not None and not (told and told[0] == f"in the {room.name}"):
-            told.append(f"in the {room.name}")
+        if room is not None and not (told and told[0] == _inside(room)):
+            told.append(_inside(room))
         return " ".join(told)
 
     def _places(self, thing: MapObject) -> list[str]:
@@ -212,22 +219,25 @@ class Scene:
         held = self.holders.get(thing.id)
         if held is not None and held.object is not None:
             told.append(f"{held.kind} the {self.by_id[held.object].label}")
-        beside = sorted(
-            (o for o in self.objects if o.label != thing.label and o.id != (held.object if held else None)),
-            key=lambda o: self.distance_m(thing, o),
-        )
+        size = float(np.prod(np.subtract(thing.box_max, thing.box_min)))
+        marks = (
+            o for o in self.objects
+            if o.label != thing.label and o.id != (held.object if held else None)
+            and (o.label not in self.several or held is None) and np.prod(np.subtract(o.box_max, o.box_min)) > max(size / 2, 0.02)
+        )  # fmt: skip
+        beside = sorted(marks, key=lambda o: self.distance_m(thing, o))
         told += [
             f"by the {o.label}" for o in beside[:4] if self.distance_m(thing, o) <= NEAR_M and o.room == thing.room
         ]
         room = self.room_of(thing)
-        return told + ([f"in the {room.name}"] if room is not None else [])
+        return told + ([_inside(room)] if room is not None else [])
 
     def tell_apart(self, found: Sequence[MapObject]) -> list[str]:
         """For each object what none of the others has: room, place, colour or size; "" where nothing does."""
         every = []
         for thing in found:
             room = self.room_of(thing)
-            told = ([f"in the {room.name}"] if room is not None else []) + self._places(thing)
+            told = ([_inside(room)] if room is not None else []) + self._places(thing)
             told += [f"the {thing.colours[0][0]} one"] if thing.colours else []
             every.append(list(dict.fromkeys(told)))
         apart = [
@@ -239,3 +249,8 @@ class Scene:
             if max(big, small) > 1.3 * min(big, small):
                 apart = ["the bigger one", "the smaller one"] if big > small else ["the smaller one", "the bigger one"]
         return apart
+
+
+def _inside(room: Room) -> str:
+    """ "in the kitchen", "in bedroom 2"."""
+    return f"in {room.name}" if room.name[-1:].isdigit() or "'s" in room.name else f"in the {room.name}"

@@ -73,7 +73,7 @@ class Embedded:
         particular = Particular(query, scene, lexicon(self.deck, inventory), dialogue, NAME)
         said = sort_out(self.scorer.hear(query), self._keys(names))
         if said.asked != "not" or (particular.asked is not None and particular.asked.kind != "find"):
-            told = particular.answer(lambda need, among: self._serve(need, among, Turn(need)))
+            told = particular.answer(lambda need, among: self._serve(need, among or names, Turn(need)))
             if told is not None:
                 return told
         return particular.refined(self._by_name(query, names, [(p, SERVED.sub("", robot)) for p, robot in dialogue]))
