@@ -9,7 +9,7 @@ from functools import lru_cache
 
 from cartier.language.references import HURRY, Asked, Constraint, Names, Phrase, parse, sentences
 from cartier.reasoners._cards import Deck, bare
-from cartier.reasoners._questions import answer
+from cartier.reasoners._questions import answer, one
 from cartier.reasoners._scene import Scene
 from cartier.reasoners._words import STOP, name_key, plain, words
 from cartier.types import Inventory, MapObject, Selection
@@ -25,6 +25,7 @@ ROOMS = {
 DRIVES = re.compile(
     r"\b(?:go|drive|head|navigate|move|take|bring|lead|guide|roll|come|wait|meet|visit|walk|show|get|check|return|run|to)\b"
 )
+TURNED_DOWN = re.compile(r"^(?:no|nope|not|wrong)\b")
 SERVED = re.compile(r"#(\d+)")
 FRAGMENT = re.compile(
     r"^(?:no |not that |i mean |i meant |sorry |rather |actually )*(?:the one )?(?=(?:on|in|at|by|near|next|beside|under|close|closest|nearest|behind|to the|between|with|from)\b)"
@@ -64,7 +65,7 @@ def _lexicon(deck: Deck, names: tuple[str, ...], rooms: tuple[tuple[int, str, st
         of_kind = tuple(number for number, _, room_kind in rooms if room_kind == kind)
         called |= dict.fromkeys(map(name_key, (kind, *more)), of_kind)
     called |= {name_key(name): (number,) for number, name, kind in rooms if name != kind}
-    return Names({key: found for key, found in things.items() if key not in called}, called)
+    return Names({key: found for key, found in things.items() if key not in called and key not in STOP}, called)
 
 
 class Particular:
@@ -112,9 +113,9 @@ class Particular:
         if self.last is None:
             return asked
         kept = frozenset({self.last.label})
-        return replace(
-            asked, head=replace(head, generic=False, labels=kept, said=self.last.label, other=True), direct=True
-        )
+        other = head.other or TURNED_DOWN.search(self.said) is not None
+        again = replace(head, generic=False, labels=kept, said=self.last.label, other=other)
+        return replace(asked, head=again, direct=True)
 
     def answer(self, serve: Serve) -> Selection | None:
         """What is asked for outright or to be known; None for a need in other words. ``serve`` judges a need among names."""
@@ -212,7 +213,7 @@ class Particular:
         if head.other and others:
             say = f"I know no other {others[0].label}."
         elif others and emptied:
-            say = f"There is a {others[0].label} {self.scene.whereabouts(others[0])}, but none as you say."
+            say = f"There is {one(others[0].label)} {self.scene.whereabouts(others[0])}, but none as you say."
         else:
             say = f"I have not seen any {head.said}."
         return Selection("absent", reason=say, say=say, model=self._model)

@@ -18,6 +18,8 @@ def answer(asked: Asked, scene: Scene, last: MapObject | None, model: str) -> Se
         return _told(f"I know {_and(rooms) if rooms else 'no rooms'}.", Fact("list", rooms), model)
     if asked.kind == "compare":
         return _compared(asked, scene, model)
+    if (head is None or head.said in ("are", "is", "")) and last is not None and asked.kind != "list":
+        head = Phrase(last.label, frozenset({last.label}), plural=True)
     if head is None:
         return _inventory(scene, model) if asked.kind == "list" else None
     if head.generic and head.bare and last is not None and asked.kind != "list":
@@ -162,7 +164,7 @@ def _instead(head: Phrase, scene: Scene) -> str:
     elsewhere = [o for o in scene.objects if o.label in head.labels]
     if not elsewhere or head.bare:
         return ""
-    return f" There is {_one(elsewhere[0].label)} {scene.whereabouts(elsewhere[0])}."
+    return f" There is {one(elsewhere[0].label)} {scene.whereabouts(elsewhere[0])}."
 
 
 def _where(phrase: Phrase) -> str:
@@ -181,16 +183,16 @@ def _name(phrase: Phrase) -> str:
 
 
 def _a(phrase: Phrase) -> str:
-    return f"any {_name(phrase)}" if phrase.plural else _one(_name(phrase))
+    return f"any {_name(phrase)}" if phrase.plural else one(_name(phrase))
 
 
-def _one(name: str) -> str:
+def one(name: str) -> str:
     return f"{'an' if name[:1] in 'aeiou' else 'a'} {name}"
 
 
 def _many(name: str, count: int) -> str:
     if count == 1:
-        return _one(name)
+        return one(name)
     return f"{count} {name if name.endswith('s') else f'{name}es' if name.endswith(('ch', 'sh', 'x')) else f'{name}s'}"
 
 
