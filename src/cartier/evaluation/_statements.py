@@ -46,7 +46,8 @@ class Words:
 
     def meant(self, word: str) -> set[str]:
         """The types that a word may mean."""
-        return {label for label, words in self.called.items() if word in words} or {word}
+        named = {label for label, words in self.called.items() if word in words} or {word}
+        return named | set(self.texts["also"].get(word, ()))
 
     def pick(self, rng: Random, *path: str) -> str:
         """One of the texts of an entry."""
@@ -101,6 +102,10 @@ class Statements:
     def names(self, label: str) -> list[str]:
         return self.words.called.get(label, [label])
 
+    def so_called(self, word: str, things: Iterable[MapObject]) -> bool:
+        """Whether people call all of some things by a word, rather than that it might mean them."""
+        return all(word in self.names(thing.label) for thing in things)
+
     def only(self, label: str) -> str | None:
         """A word that means a thing of this type alone in this home, which is shown; else None."""
         sole = [word for word in self.names(label) if len(found := self.meant(word)) == 1 and found[0].id in self.shown]
@@ -125,8 +130,13 @@ class Statements:
         """The statement, if the thing was shown and no other of the name is where an answer could stand for both."""
         low, high = np.array(thing.box_min[:2]), np.array(thing.box_max[:2])
         middles = np.array([other.position[:2] for other in things if other.id != thing.id]).reshape(-1, 2)
-        if thing.id in self.shown and (box_distance(middles, low, high) > APART_M).all():
-            yield Statement(kind, word, thing.id, len(things) - 1, **said)
+        if (
+            thing.id in self.shown
+            and self.so_called(word, [thing])
+            and (box_distance(middles, low, high) > APART_M).all()
+        ):
+            others = sum(self.so_called(word, [other]) for other in things) - 1
+            yield Statement(kind, word, thing.id, others, **said)
 
     def _tail(self, how: str, *places: str) -> str:
         return self.words.pick(self.rng, "tails", how).format(**dict(zip("yz", places, strict=False)))
@@ -238,7 +248,7 @@ class Statements:
 
     def _ranked(self, word: str, things: Sequence[MapObject]) -> Iterator[Statement]:
         """The biggest, the smallest and the tallest; the nearest and the farthest from where the person stands."""
-        if len(things) < 2:
+        if len(things) < 2 or not self.so_called(word, things):
             return
         volume, longest, height = sizes(things)
         for how, sign in (("biggest", 1), ("smallest", -1)):

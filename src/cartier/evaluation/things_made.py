@@ -32,6 +32,7 @@ from cartier.types import MapObject
 EACH = 8  # of a kind in a home, at most
 EASY = 2  # finds of a kind in a home may be of what is alone of its name
 SINGLE, NONE = 2, 2  # things that are alone of their name, or that are not there, are counted in a home
+MOST = {"closest": 3, "between": 1}  # of these relations there are so many that they would leave no room for others
 SPREAD_M = 1.5  # two of a name are so far apart, or nobody minds which
 TYPOS, TERSE = 0.04, 0.06  # shares of texts
 LIKE = 40  # times the volume: nobody compares an egg with a bed
@@ -90,6 +91,10 @@ class _Making(Statements):
     def finds(self, kind: str) -> Iterator[Item]:
         """Relations, rooms, attributes and superlatives: mostly where there are several of the name."""
         stated = self.every()[kind]
+        for how, most in MOST.items():
+            some = [statement for statement in stated if statement.how == how]
+            dropped = self.rng.sample(some, max(0, len(some) - most))
+            stated = [statement for statement in stated if statement not in dropped]
         several = [statement for statement in stated if statement.others]
         alone = [statement for statement in stated if not statement.others]
         for statement in several + self.rng.sample(alone, min(len(alone), EASY)):
@@ -111,7 +116,7 @@ class _Making(Statements):
         stated = self.every()
         for statement in itertools.chain(*stated.values()):
             things = self.meant(statement.word)
-            if not statement.others or not _apart(things):
+            if not statement.others or not _apart(things) or not self.so_called(statement.word, things):
                 continue
             if not statement.adjective or not statement.tail:
                 how = "adjective" if statement.adjective else "second"
@@ -136,7 +141,12 @@ class _Making(Statements):
         """Words for two or more shown things that do not stand together."""
         for word in sorted({word for label in self.labels - SAME_PLACE for word in self.names(label)}):
             things = self.meant(word)
-            if len(things) > 1 and _apart(things) and {t.id for t in things} <= self.shown:
+            if (
+                len(things) > 1
+                and self.so_called(word, things)
+                and _apart(things)
+                and {t.id for t in things} <= self.shown
+            ):
                 yield word, things
 
     def bare(self) -> Iterator[Item]:
