@@ -18,11 +18,10 @@ from dataclasses import replace
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
+from cartier.evaluation._statements import closest, is_beside
+from cartier.evaluation.true_home import SHOWN_PX, true_objects
 from cartier.geometry import box_distance
-from cartier.language.names import display_name
 from cartier.mapping.relations import (
-    LEVEL_M,
-    NEXT_M,
     Relation,
     between,
     bigger,
@@ -35,102 +34,17 @@ from cartier.mapping.relations import (
 )
 from cartier.mapping.rooms import find_rooms, rooms_of
 from cartier.types import Array, MapObject, OccupancyGrid
-from cartier.worlds.dollhouse.model import Scene, Thing, triangles
-from cartier.worlds.dollhouse.trace import Tracer, tracer
+from cartier.worlds.dollhouse.contacts import Contacts
+from cartier.worlds.dollhouse.model import Scene
 
 DETECTORS = {"ground_truth": "ground-truth detections", "embedded": "from pixels"}
 SAME_M = 0.5  # an object of the map is at most so far from the true thing of its name
-SHOWN_PX = 400  # in some frame, of what one may ask for
 ENTERED = 0.3  # of a room's floor that must be known for it to count
-CLOSEST_M, MARGIN_M = 1.5, 0.3  # "the X closest to the Y": at most so far, any other X so much farther
-TOUCH_M = 0.03  # what holds a thing is at most so far below it; and so far above its lowest point it still stands
-COVERED, WALLED = 0.5, 0.85  # inside is what its holder covers, or surrounds, to such a share
-RAYS = 15  # along each side of an outline
 CLEAR = 0.2  # from one half is the probability with which one thing is bigger than another of its name, at least
 PAIRS = 60  # of things in each home, for "between" and for left and right
 KINDS = {"office": "study"}  # the dollhouse's names for kinds of rooms
-UP, DOWN = np.array([0, 0, 1], np.float32), np.array([0, 0, -1], np.float32)
 Told = list[tuple[float, bool]]
 """The probability of each relation that was told, and whether it is true."""
-
-
-class Contacts:
-    """What each thing of a scene stands on or in: ``holder`` has (id, "on" or "in") by id; ``covered`` are (id, id of what is
-    above more than half of it)."""
-
-    def __init__(self, scene: Scene) -> None:
-        self._mesh = triangles(scene)
-        self._boxes = {t.id: np.array([t.box_min, t.box_max], np.float32) for t in scene.truth()}
-        self._own = {i: self._tracer(np.flatnonzero(self._mesh.instance == i)) for i in self._boxes}
-        self.holder: dict[int, tuple[int, str]] = {}
-        self.covered: set[tuple[int, int]] = set()
-        for i in self._boxes:
-            self._look_at(i)
-
-    def mapped_holder(self, thing: int, mapped: set[int]) -> tuple[int, str] | None:
-        """What holds a thing; if that is not in the map, what holds that."""
-        found = self.holder.get(thing)
-        while found and found[0] not in mapped:
-            found = self.holder.get(found[0])
-        return found
-
-    def _look_at(self, i: int) -> None:
-        low, high = self._boxes[i]
-        share = (np.arange(RAYS, dtype=np.float32) + 0.5) / RAYS
-        xy = np.stack(np.meshgrid(*(low[:2] + share[:, None] * (high - low)[:2]).T), -1).reshape(-1, 2)
-        rest = self._tracer(self._around(i))
-        bottom = low[2] - 1 + self._far(self._own[i], _at(xy, low[2] - 1), UP)
-        stands = bottom < max(low[2], float(np.nanmin(bottom))) + TOUCH_M
-        feet = _at(xy[stands], bottom[stands] + 0.02)
-        below, far = self._met(rest, feet, DOWN)
-        holder = _most(below[far < 0.02 + TOUCH_M])
-        if holder:
-            roof = _at(feet[:, :2], max(high[2] - 0.005, low[2] + 0.015))
-            turn = np.arange(24) / 24 * 2 * np.pi
-            level = np.stack([np.cos(turn), np.sin(turn), 0 * turn], 1).astype(np.float32)
-            middle = np.tile([*(low + high)[:2] / 2, low[2] + min(0.03, (high[2] - low[2]) / 2)], (24, 1))
-            covers, walls = (
-                np.isfinite(self._far(self._own[holder], *rays)).mean() for rays in ((roof, UP), (middle, level))
-            )
-            self.holder[i] = holder, "in" if covers >= COVERED or walls >= WALLED else "on"
-        top = high[2] + 1 - self._far(self._own[i], _at(xy, high[2] + 1), DOWN)
-        above, _ = self._met(rest, _at(xy, top + 0.005)[np.isfinite(top)], UP)
-        cover = _most(above)
-        if cover and (above == cover).mean() >= COVERED and cover != holder and self.holder.get(cover, (0,))[0] != i:
-            self.covered.add((i, cover))
-
-    def _around(self, i: int) -> Array:
-        """The faces of the structure and of what may touch or cover a thing."""
-        low, high = self._boxes[i]
-        near = [
-            j for j, (a, b) in self._boxes.items() if j != i and (a[:2] <= high[:2]).all() and (b[:2] >= low[:2]).all()
-        ]
-        return np.flatnonzero(np.isin(self._mesh.instance, [0, *near]))
-
-    def _tracer(self, faces: Array) -> Tracer:
-        made = tracer(self._mesh, faces)
-        if made is None:
-            raise SystemExit("the truth is found by tracing rays: this machine has no embreex")
-        return made
-
-    def _far(self, by: Tracer, starts: Array, ways: Array) -> Array:
-        """How far rays reach, NaN where they meet nothing."""
-        triangle, _, _, far = by.hits(starts.astype(np.float32), np.broadcast_to(ways, starts.shape))
-        return np.where(triangle >= 0, far, np.nan)
-
-    def _met(self, by: Tracer, starts: Array, ways: Array) -> tuple[Array, Array]:
-        """Whose triangles rays meet (0: the structure or nothing), and how far off."""
-        triangle, _, _, far = by.hits(starts.astype(np.float32), np.broadcast_to(ways, starts.shape))
-        return np.where(triangle >= 0, self._mesh.instance[triangle], 0), np.where(triangle >= 0, far, np.inf)
-
-
-def _at(xy: Array, z: Array | float) -> Array:
-    return np.column_stack([xy, np.broadcast_to(z, len(xy))])
-
-
-def _most(ids: Array) -> int:
-    """The id that is there most often, 0 without any."""
-    return int(np.bincount(ids).argmax()) if len(ids) else 0
 
 
 class Mapped:
@@ -144,20 +58,13 @@ class Mapped:
         self.ms = (time.perf_counter() - begin) * 1e3
         self.objects = [replace(o, room=room) for o, room in zip(sure, rooms_of(sure, grid, self.rooms), strict=True)]
         self.by_id = {thing.id: thing for thing in self.objects}
-        self.true = {thing.id: self._true(thing) for thing in scene.things}
+        self.true = {thing.id: thing for thing in true_objects(scene)}
         self.shown = {i for i in self.true if i < len(pixels) and pixels[i] >= SHOWN_PX}
         self.is_true = self._matched([thing for i, thing in self.true.items() if i < len(pixels) and pixels[i] > 0])
         self.real = [thing for thing in self.objects if thing.id in self.is_true]
 
     def truth(self, thing: MapObject) -> MapObject:
         return self.true[self.is_true[thing.id]]
-
-    def _true(self, thing: Thing) -> MapObject:
-        box, boxes = thing.truth(), np.array([room.box for room in self.scene.rooms])
-        low, high, name = box.box_min, box.box_max, display_name(box.label)
-        middle = tuple((np.add(low, high) / 2).tolist())
-        room = int(box_distance(np.array(middle[:2]), boxes[:, :2], boxes[:, 2:]).argmin())
-        return MapObject(thing.id, name, ((name, 1.0),), middle, low, high, 1.0, True, 1, 1, 0, 0, 0, (), (), room)
 
     def _matched(self, seen: Sequence[MapObject]) -> dict[int, int]:
         """One to one, by name and place."""
@@ -245,7 +152,7 @@ class Figures:
         real, rng = home.real, np.random.default_rng(0)
         truth = [home.truth(thing) for thing in real]
         for thing, true in zip(real, truth, strict=True):
-            beside = {other.id for other in truth if _beside(true, other)}
+            beside = {other.id for other in truth if is_beside(true, other)}
             self._judge(
                 "next to", home, next_to(thing, real), lambda r, beside=beside: r.subject in beside, len(beside)
             )
@@ -296,18 +203,6 @@ class Figures:
         print(f"  {times}", flush=True)
 
 
-def _beside(one: MapObject, other: MapObject) -> bool:
-    """Whether true boxes are near each other in one room, neither of them mostly over or under the other."""
-    low, high = (np.array([getattr(thing, corner) for thing in (one, other)]) for corner in ("box_min", "box_max"))
-    apart = np.maximum(low.max(0) - high.min(0), 0)
-    shared = np.maximum(high.min(0) - low.max(0), 0)[:2].prod() / (high - low)[:, :2].prod(1).min()
-    return (
-        one.id != other.id
-        and one.room == other.room
-        and bool(np.linalg.norm(apart) < NEXT_M and apart[2] < LEVEL_M and shared < 0.5)
-    )
-
-
 def _by_label(things: Sequence[MapObject]) -> dict[str, list[MapObject]]:
     found: dict[str, list[MapObject]] = defaultdict(list)
     for thing in things:
@@ -315,15 +210,11 @@ def _by_label(things: Sequence[MapObject]) -> dict[str, list[MapObject]]:
     return found
 
 
-def _statements(
-    things: Sequence[MapObject], closest_m: float = CLOSEST_M, margin_m: float = MARGIN_M
-) -> list[tuple[MapObject, list[MapObject], int]]:
+def _statements(things: Sequence[MapObject]) -> list[tuple[MapObject, list[MapObject], int]]:
     """The Y, the Xs, and the id of the one that is "the X closest to the Y", of all Y that are alone of their name."""
     found = []
     for ys, xs in itertools.permutations(_by_label(things).values(), 2):
-        if len(ys) == 1 and len(xs) > 1:
-            first = nearest(ys[0], xs)[0]
-            second = min(r.metres for x in xs if x.id != first.subject for r in nearest(ys[0], [x]))
-            if first.metres <= closest_m and second >= first.metres + margin_m:
-                found.append((ys[0], xs, first.subject))
+        first = closest(ys[0], xs) if len(ys) == 1 else None
+        if first is not None:
+            found.append((ys[0], xs, first))
     return found

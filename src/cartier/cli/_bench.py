@@ -10,6 +10,8 @@ import typer
 
 from cartier import specs
 from cartier.cli._common import AsJson, progress, say
+from cartier.contracts import Reasoner
+from cartier.errors import InputError
 
 app = typer.Typer()
 
@@ -23,9 +25,19 @@ def bench(
         str | None, typer.Option(help="Homes of the world, separated by commas. Default: all that it names.")
     ] = None,
     methods: Annotated[str | None, typer.Option(help="Methods, separated by commas. Default: all.")] = None,
-    queries: Annotated[
-        str, typer.Option(help="paper, extended, or your own FILE.jsonl with id, type, target, accept, text a line.")
+    suite: Annotated[
+        str, typer.Option(help="paper: its evaluation; things: requests and questions about particular things.")
     ] = "paper",
+    queries: Annotated[
+        str | None,
+        typer.Option(
+            help="Suite paper: paper (default), extended, or your own FILE.jsonl with id, type, target, accept, text a line. "
+            "Suite things: all (default), made, written, or a FILE.jsonl as docs/things.md has it."
+        ),
+    ] = None,
+    answers: Annotated[
+        Path | None, typer.Option(help="Suite things: score these answers of any system, as docs/things.md has them.")
+    ] = None,
     reasoner: Annotated[str, typer.Option(help="Any of 'cartier list', or NAME:MODEL.")] = "embedded",
     model: Annotated[str | None, typer.Option(help="The language model's name on its server.")] = None,
     base_url: Annotated[str | None, typer.Option(help="The server's URL; default OPENAI_BASE_URL.")] = None,
@@ -57,6 +69,17 @@ def bench(
     as_json: AsJson = False,
 ) -> None:
     """Repeat the paper's evaluation: every method, every kind of request, in every home; tables, figures, failures."""
+    thinks = specs.reasoner(reasoner, model=model, base_url=base_url, prompt=prompt, path=replies)
+    if suite == "things":
+        _things(
+            output, homes, detector, queries or "all", world, seed, thinks, maps or output / "maps", answers, as_json
+        )
+        return
+    if suite != "paper" or answers is not None:
+        raise InputError(
+            "--answers goes with --suite things" if suite == "paper" else f"there is no suite {suite!r}: paper, things"
+        )
+    queries = queries or "paper"
     from cartier.evaluation import report
     from cartier.evaluation.maps import Maps, MapSettings, encoder_for
     from cartier.evaluation.methods import METHODS
@@ -67,17 +90,16 @@ def bench(
     made_by = [MapSettings(world, one, encoder or encoder_for(one), seed) for one in detectors]
     asked = load_queries(queries) if queries in SPLITS else load_file(queries)
     where = _names(homes) or tuple(Maps(output, made_by[0]).world.homes())
-    thinks = specs.reasoner(reasoner, model=model, base_url=base_url, prompt=prompt, path=replies)
     kept, beside = maps or output / "maps", [output / _folder(one) for one in detectors[1:]]
     every = list(zip([output, *beside], made_by, strict=True))
-    answers = []
+    found = []
     for folder, made in every:
         settings = BenchSettings(where, _names(methods) or tuple(METHODS), queries, made, seed, prompt)
         with _stages() as step:
-            answers.append(run(folder, settings, asked, thinks, kept, step))
+            found.append(run(folder, settings, asked, thinks, kept, step))
     for folder, made in reversed(every):  # the run's own report comes last, since it has them all
         results = report.write_report(folder, Maps(kept, made).photo, beside if folder == output else ())
-    rows = answers[0]
+    rows = found[0]
     if not (output / "marking.csv").exists():  # somebody may have begun to mark it
         report.export_marking(rows, output / "marking.csv")
     if marked is not None:
@@ -88,6 +110,31 @@ def bench(
         return
     say(f"{len(rows)} answers by {len(settings.methods)} methods in {len(where)} homes")
     print(f"read  {output / 'report.md'}\nlook  {output / 'object_match.png'}, {output / 'failures.html'}")
+
+
+def _things(
+    output: Path, homes: str | None, detector: list[str] | None, queries: str, world: str, seed: int, thinks: Reasoner,
+    maps: Path, answers: Path | None, as_json: bool,
+) -> None:  # fmt: skip
+    """Requests and questions about particular things, asked of our own system or answered in a file."""
+    from cartier.evaluation import things_run
+    from cartier.evaluation.things import load_answers
+
+    made_by = tuple(dict.fromkeys(detector or things_run.DETECTORS))
+    settings = things_run.ThingsSettings(_names(homes) or things_run.HOMES, made_by, queries, world, seed)
+    with _stages() as step:
+        items = things_run.requests(settings, maps, step)
+        if answers is not None:
+            rows = things_run.score_answers(output, settings, items, load_answers(answers, items), answers.name)
+        else:
+            rows = things_run.run(output, settings, items, thinks, maps, step)
+    if as_json:
+        print(json.dumps(things_run.shares(rows)))
+        return
+    print(things_run.table(rows))
+    say(
+        f"{len(items)} requests in {len(settings.homes)} homes; read {output / 'report.md'} and {output / 'failures.md'}"
+    )
 
 
 def _folder(detector: str) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import io
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -42,8 +42,8 @@ def encoder_for(detector: str) -> str:
 class Maps:
     """Mapped homes of one world, in ``folder``; a home is explored and mapped when it is first asked for."""
 
-    def __init__(self, folder: Path, settings: MapSettings) -> None:
-        self.folder, self.settings = folder, settings
+    def __init__(self, folder: Path, settings: MapSettings, indexes: Sequence[str] = INDEXES) -> None:
+        self.folder, self.settings, self._indexes = folder, settings, tuple(indexes)
         self.world = plugins.make("worlds", settings.world)
 
     def get(self, home: str, progress: Callable[[str, int, int], None] | None = None) -> Home:
@@ -58,7 +58,7 @@ class Maps:
         recording = self.world.explore(home, **options)
         detector = specs.detector(self.settings.detector, recording)
         step = (lambda done, total: progress(home, done, total)) if progress else None
-        map_home(recording, detector, INDEXES, encoder=self.settings.encoder, progress=step).save(folder)
+        map_home(recording, detector, self._indexes, encoder=self.settings.encoder, progress=step).save(folder)
         return Home.load(folder)
 
     def photo(self, home: str, frame: int) -> npt.NDArray[np.uint8] | None:
@@ -70,6 +70,8 @@ class Maps:
 
     def _folder_of(self, home: str) -> Path:
         made_of = asdict(self.settings) | {"home": home, "version": VERSION}
+        if self._indexes != INDEXES:
+            made_of["indexes"] = self._indexes
         if encoder_for(self.settings.detector) == PIXELS or self.settings.encoder == PIXELS:
             ours = dollhouse_detector.load()
             made_of["model"] = [ours.sha256, asdict(ours.calibration)]

@@ -84,7 +84,7 @@ def _run(
     progress: Progress | None,
 ) -> list[dict[str, Any]]:
     """The rows of a run folder that is ours alone."""
-    _claim(folder, settings, queries, reasoner)
+    claim(folder, settings, queries, reasoner)
     file = folder / "results.jsonl"
     done = {
         (row["home"], row["query_id"], row["method"]): row for row in read_rows(file, ("home", "query_id", "method"))
@@ -158,8 +158,8 @@ def _threshold(folder: Path, maps: Maps, asked: Sequence[str], progress: Progres
     return float(kept["nlmap_threshold"])
 
 
-def _claim(folder: Path, settings: BenchSettings, queries: Iterable[Query], reasoner: Reasoner) -> None:
-    """Make the run folder, or see that it is of the same settings."""
+def claim(folder: Path, settings: Any, queries: Iterable[Any], reasoner: Reasoner) -> None:
+    """Make the run folder, or see that it is of the same settings (a dataclass, as each query is). Raises InputError if not."""
     import hashlib
 
     asked = json.dumps([asdict(query) for query in queries], sort_keys=True)
@@ -178,4 +178,4 @@ def _claim(folder: Path, settings: BenchSettings, queries: Iterable[Query], reas
     if folder.exists() and any(folder.iterdir()):
         raise InputError(f"{folder} is not empty and holds no bench (no settings.json): choose another folder")
     folder.mkdir(parents=True, exist_ok=True)
-    write_json(file, mine | {"versions": packages | {"python": platform.python_version()}, "nlmap_threshold": None})
+    write_json(file, mine | {"versions": packages | {"python": platform.python_version()}})

@@ -1,0 +1,312 @@
+"""``cartier bench --suite things``: ask every request with the map, with names alone and blindly, and tell how many are right."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cartier.atomic import locked, write_file, write_json
+from cartier.contracts import Reasoner, World
+from cartier.conversation import Conversation
+from cartier.errors import BackendError, InputError
+from cartier.evaluation.maps import Maps, MapSettings, encoder_for
+from cartier.evaluation.run import Progress, claim
+from cartier.evaluation.things import ASK, FIND, KINDS, WRITTEN, Given, Item, Score, load_items, score
+from cartier.evaluation.things_made import make_items
+from cartier.evaluation.true_home import true_home
+from cartier.files import read_rows
+from cartier.home import Home
+from cartier.types import Answer, Fact, Inventory, Selection, TrueObject
+
+HOMES = tuple(str(number) for number in range(80001, 80013))
+"""Generated homes that nothing was fitted on; the requests written by hand are about these."""
+DETECTORS = ("ground_truth", "embedded")
+RUNS = ("map", "names only", "blind")
+MADE, OWN = "made", "own"
+GROUPS = {
+    "find the particular thing": FIND, "a bare name of several": ("bare",), "count, exists, where, list": ASK[:4],
+    "compare": ("compare",), "what nothing serves": ("nothing",),
+}  # fmt: skip
+FAILURES = 60  # of each kind, in failures.md
+
+
+@dataclass(frozen=True)
+class ThingsSettings:
+    """What is asked, of whom, where; the run folder keeps it, and goes on only with the same."""
+
+    homes: tuple[str, ...] = HOMES
+    detectors: tuple[str, ...] = DETECTORS
+    queries: str = "all"
+    world: str = "dollhouse"
+    seed: int = 0
+    suite: str = "things"
+
+
+class NamesOnly:
+    """A reasoner that sees the names of a home's objects and nothing else; of several of a name, the index takes one."""
+
+    def __init__(self, reasoner: Reasoner) -> None:
+        self._reasoner, self.name = reasoner, f"{reasoner.name}, names only"
+
+    def select(self, query: str, inventory: Inventory, dialogue: Sequence[tuple[str, str]] = ()) -> Selection:
+        chosen = self._reasoner.select(query, Inventory.of(inventory.names), dialogue)
+        fact = replace(chosen.fact, objects=()) if chosen.fact else None  # its ids are of no map
+        return replace(chosen, object_id=None, fact=fact, then=())
+
+    def propose(self, query: str) -> list[str]:
+        return self._reasoner.propose(query)
+
+
+class Blind:
+    """No reasoner and no map: any of the home's objects; to a question the likeliest answer, or any of its names."""
+
+    name = "blind"
+
+    def __init__(self, item: Item, seed: int) -> None:
+        self._kind = item.kind
+        digest = hashlib.sha256(f"{seed} {item.id}".encode()).digest()
+        self._rng = np.random.default_rng(int.from_bytes(digest[:8], "big"))
+
+    def select(self, query: str, inventory: Inventory, dialogue: Sequence[tuple[str, str]] = ()) -> Selection:
+        things = [thing for thing in inventory.objects if thing.confirmed]
+        thing = things[int(self._rng.integers(len(things)))]
+        rooms = [room.name for room in inventory.rooms] or ["room"]
+        guesses: dict[str, Any] = {
+            "count": 1, "exists": True, "where": rooms[int(self._rng.integers(len(rooms)))], "list": (thing.label,),
+            "compare": thing.label,
+        }  # fmt: skip
+        if self._kind in guesses:
+            return Selection("told", say="a guess", fact=Fact(self._kind, guesses[self._kind]))  # type: ignore[arg-type]
+        return Selection("found", thing.label, "drawn at random", object_id=thing.id)
+
+    def propose(self, query: str) -> list[str]:
+        return []
+
+
+def requests(settings: ThingsSettings, maps_folder: Path, progress: Progress | None = None) -> list[Item]:
+    """What is asked: requests made from the truth of each home, and those written by hand for it; or a file's, in its homes.
+
+    Raises InputError if a file's request is of another home, or accepts what is not in its home.
+    """
+    world = Maps(maps_folder, MapSettings(settings.world)).world
+    if settings.queries not in ("all", MADE, "written"):
+        items = load_items(settings.queries)
+        lost = [item for item in items if item.home not in settings.homes]
+        if lost:
+            raise InputError(
+                f"request {lost[0].id!r} is about {lost[0].home}: add that to --homes ({','.join(settings.homes)})"
+            )
+    else:
+        items = []
+        for home in settings.homes if settings.queries != "written" else ():
+            items += make_items(true_home(world, home, settings.seed, maps_folder, progress), settings.seed)
+        if settings.queries != MADE:
+            items += [item for item in load_items(WRITTEN) if item.home in settings.homes] if WRITTEN.exists() else []
+    for home in settings.homes:
+        known = {thing.id for thing in world.objects(home)}
+        for item in items:
+            strange = set(item.accept_ids) - known if item.home == home else ()
+            if strange:
+                raise InputError(f"request {item.id!r}: {home} has no thing with the id {min(strange)}")
+    if not items:
+        raise InputError(f"there is nothing to ask in {', '.join(settings.homes)}")
+    return items
+
+
+def run(
+    folder: Path, settings: ThingsSettings, items: Sequence[Item], reasoner: Reasoner, maps_folder: Path,
+    progress: Progress | None = None,
+) -> list[dict[str, Any]]:  # fmt: skip
+    """Ask all that is not answered yet and return all rows, by detector, request and run; write tables and failures.
+
+    Raises InputError for a run folder of other settings; what was answered before an error stays.
+    """
+    with locked(folder):
+        claim(folder, settings, items, reasoner)
+        _write_items(folder, items)
+        file = folder / "results.jsonl"
+        done = {_key(row): row for row in read_rows(file, ("detector", "id", "run"))}
+        total = len(settings.detectors) * len(items) * len(RUNS)
+        for detector in settings.detectors:
+            maps = Maps(
+                maps_folder,
+                MapSettings(settings.world, detector, encoder_for(detector), settings.seed),
+                ("object_depth",),
+            )
+            for name in settings.homes:
+                missing = [(i, r) for i in items if i.home == name for r in RUNS if (detector, i.id, r) not in done]
+                if not missing:
+                    continue
+                home, truth = maps.get(name, progress), _truth(maps.world, name)
+                with file.open("a", encoding="utf-8") as out:
+                    for item, how in missing:
+                        row = {"detector": detector, "run": how} | _ask(home, item, how, reasoner, settings.seed, truth)
+                        done[_key(row)] = row
+                        out.write(json.dumps(row, ensure_ascii=False) + "\n")
+                        out.flush()
+                        if progress:
+                            progress("asking", len(done), total)
+        rows = [done[detector, item.id, how] for detector in settings.detectors for item in items for how in RUNS]
+        _write(folder, rows, items, reasoner.name)
+    return rows
+
+
+def score_answers(
+    folder: Path, settings: ThingsSettings, items: Sequence[Item], answers: Mapping[str, Given], name: str
+) -> list[dict[str, Any]]:
+    """Score the answers of any system, a request without one as wrong; write the same files as ``run``."""
+    world = Maps(folder, MapSettings(settings.world)).world
+    truth = {home: _truth(world, home) for home in settings.homes}
+    rows = []
+    for item in items:
+        given = answers.get(item.id, Given(item.id, "none"))
+        rows.append({"detector": name, "run": "answers"} | _row(item, given, truth[item.home]))
+    with locked(folder):
+        _write_items(folder, items)
+        _write(folder, rows, items, name)
+    return rows
+
+
+def _truth(world: World, home: str) -> dict[int, TrueObject]:
+    return {thing.id: thing for thing in world.objects(home)}
+
+
+def _key(row: Mapping[str, Any]) -> tuple[str, str, str]:
+    return row["detector"], row["id"], row["run"]
+
+
+def _ask(
+    home: Home, item: Item, how: str, reasoner: Reasoner, seed: int, truth: Mapping[int, TrueObject]
+) -> dict[str, Any]:
+    thinks = {"map": reasoner, "names only": NamesOnly(reasoner), "blind": Blind(item, seed)}[how]
+    talk, answers = Conversation(home, thinks), list[Answer]()
+    try:
+        for turn in item.turns:
+            answers.append(talk.say(turn))
+    except BackendError as error:  # it chose what it was not shown: wrong, and the run goes on
+        return _row(item, Given(item.id, "refused"), truth) | {"note": str(error)}
+    return _row(item, _given(item, answers, home), truth) | {
+        "object": answers[-1].selection.object, "object_id": answers[-1].selection.object_id,
+        "goal_reachable": None if answers[-1].place is None else answers[-1].goal is not None,
+        "seconds": round(answers[-1].timing_ms.get("select", 0.0) / 1e3, 4), "note": answers[-1].selection.reason,
+    }  # fmt: skip
+
+
+def _given(item: Item, answers: Sequence[Answer], home: Home) -> Given:
+    """Our own answer in the form in which any system's is scored."""
+    last, chosen = answers[-1], answers[-1].selection
+    before = answers[-2].place.position if len(answers) > 1 and answers[-2].place else None
+    at = last.place.position if last.place and chosen.status in ("found", "near") else None
+    words = f"{chosen.question or ''} {chosen.say} {chosen.reason}".strip()
+    told = _value(chosen.fact, home) if chosen.fact and chosen.fact.kind == item.kind else None
+    return Given(item.id, chosen.status, at, told, words, before)
+
+
+def _value(fact: Fact, home: Home) -> Any:
+    """What a fact says; of a thing without a room, the names of what holds it."""
+    if fact.kind == "where" and fact.value is None:
+        labels = {thing.id: thing.label for thing in home.objects}
+        return [labels[i] for i in fact.objects[1:] if i in labels]
+    return list(fact.value) if isinstance(fact.value, tuple) else fact.value
+
+
+def _row(item: Item, given: Given, truth: Mapping[int, TrueObject]) -> dict[str, Any]:
+    result: Score = score(item, given, truth)
+    at = list(given.at) if isinstance(given.at, tuple) else given.at
+    far = None if result.distance_m is None or not np.isfinite(result.distance_m) else round(result.distance_m, 4)
+    return {
+        "id": item.id, "home": item.home, "kind": item.kind, "status": given.status, "right": result.right, "at": at,
+        "answer": given.answer, "words": given.words, "distance_m": far, "f1": result.f1,
+    }  # fmt: skip
+
+
+def _write_items(folder: Path, items: Iterable[Item]) -> None:
+    lines = (json.dumps(item.to_dict(), ensure_ascii=False) + "\n" for item in items)
+    write_file(folder / "requests.jsonl", "".join(lines).encode())
+
+
+def _write(folder: Path, rows: Sequence[Mapping[str, Any]], items: Sequence[Item], who: str) -> None:
+    """All rows in order, the shares of right ones, tables to read, and failures; none of requests that were written by hand."""
+    written = _written()
+    sets = {
+        "made from the truth": [row for row in rows if row["id"] not in written],
+        "written by hand": [row for row in rows if row["id"] in written],
+    }
+    results = {words: shares(some) for words, some in sets.items() if some}
+    parts = [
+        f"# Particular things: {who}",
+        "Share of right answers in percent; n requests. docs/things.md says what is right.",
+    ]
+    parts += [f"## Requests {words}\n\n{table(some)}" for words, some in sets.items() if some]
+    write_file(folder / "results.jsonl", "".join(json.dumps(r, ensure_ascii=False) + "\n" for r in rows).encode())
+    write_json(folder / "results.json", {"reasoner": who} | results)
+    write_file(folder / "report.md", ("\n\n".join(parts) + "\n").encode())
+    write_file(folder / "failures.md", _failures(sets["made from the truth"], items).encode())
+
+
+def _written() -> set[str]:
+    return {item.id for item in load_items(WRITTEN)} if WRITTEN.exists() else set()
+
+
+def shares(rows: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
+    """By kind and by group of kinds: n, and by detector and run the share of right answers (``f1`` for lists too)."""
+    found: dict[str, Any] = {}
+    rows = list(rows)
+    for name, kinds in {**GROUPS, **{kind: (kind,) for kind in KINDS}}.items():
+        some = [row for row in rows if row["kind"] in kinds]
+        if not some:
+            continue
+        ways = dict.fromkeys((row["detector"], row["run"]) for row in some)
+        found[name] = {"n": len({row["id"] for row in some})}
+        for detector, how in ways:
+            here = [row for row in some if (row["detector"], row["run"]) == (detector, how)]
+            lists = [row["f1"] for row in here if row["f1"] is not None]
+            told = {"right": round(float(np.mean([row["right"] for row in here])), 4)}
+            found[name][f"{detector}, {how}"] = told | ({"f1": round(float(np.mean(lists)), 4)} if lists else {})
+    return found
+
+
+def table(rows: Iterable[Mapping[str, Any]]) -> str:
+    """Markdown: groups of kinds, then each kind, by detector and run."""
+    found = shares(rows)
+    ways = list(dict.fromkeys(way for told in found.values() for way in told if way != "n"))
+    lines = [f"| | n | {' | '.join(ways)} |", f"|---|---|{'---|' * len(ways)}"]
+    for name, told in found.items():
+        cells = [_cell(told.get(way)) for way in ways]
+        lines.append(f"| {f'**{name}**' if name in GROUPS else name} | {told['n']} | {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def _cell(told: Mapping[str, float] | None) -> str:
+    if told is None:
+        return ""
+    return f"{told['right']:.0%}".rstrip("%") + (f" (F1 {told['f1']:.2f})" if "f1" in told else "")
+
+
+def _failures(rows: Iterable[Mapping[str, Any]], items: Iterable[Item]) -> str:
+    """What went wrong with the map, kind by kind."""
+    by_id, lines = {item.id: item for item in items}, ["# What went wrong"]
+    wrong = [row for row in rows if not row["right"] and row["run"] in ("map", "answers")]
+    for kind in KINDS:
+        some = [row for row in wrong if row["kind"] == kind][:FAILURES]
+        lines += [f"\n## {kind}\n"] if some else []
+        for row in some:
+            item, said = by_id[row["id"]], row["answer"] if row["status"] == "told" else row.get("object")
+            want = (
+                item.answer
+                if item.answer is not None
+                else f"one of {list(item.accept_ids)}"
+                if item.accept_ids
+                else "no goal"
+            )
+            lines.append(
+                f"- {row['id']} ({row['detector']}): {' / '.join(item.turns)} → {row['status']} {said}, {row['words'][:100]!r}; "
+                f"right: {want}"
+            )
+    return "\n".join(lines) + "\n"

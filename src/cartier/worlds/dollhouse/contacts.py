@@ -1,0 +1,94 @@
+"""What each thing of a home truly stands on or in: rays against the home's triangles say it, whatever the home file meant."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cartier.errors import BackendError
+from cartier.types import Array
+from cartier.worlds.dollhouse.model import Scene, triangles
+from cartier.worlds.dollhouse.trace import Tracer, tracer
+
+TOUCH_M = 0.03  # what holds a thing is at most so far below it; and so far above its lowest point it still stands
+COVERED, WALLED = 0.5, 0.85  # inside is what its holder covers, or surrounds, to such a share
+RAYS = 15  # along each side of an outline
+UP, DOWN = np.array([0, 0, 1], np.float32), np.array([0, 0, -1], np.float32)
+
+
+class Contacts:
+    """What each thing of a scene stands on or in: ``holder`` has (id, "on" or "in") by id; ``covered`` are (id, id of what is
+    above more than half of it)."""
+
+    def __init__(self, scene: Scene) -> None:
+        self._mesh = triangles(scene)
+        self._boxes = {t.id: np.array([t.box_min, t.box_max], np.float32) for t in scene.truth()}
+        self._own = {i: self._tracer(np.flatnonzero(self._mesh.instance == i)) for i in self._boxes}
+        self.holder: dict[int, tuple[int, str]] = {}
+        self.covered: set[tuple[int, int]] = set()
+        for i in self._boxes:
+            self._look_at(i)
+
+    def mapped_holder(self, thing: int, mapped: set[int]) -> tuple[int, str] | None:
+        """What holds a thing; if that is not in the map, what holds that."""
+        found = self.holder.get(thing)
+        while found and found[0] not in mapped:
+            found = self.holder.get(found[0])
+        return found
+
+    def _look_at(self, i: int) -> None:
+        low, high = self._boxes[i]
+        share = (np.arange(RAYS, dtype=np.float32) + 0.5) / RAYS
+        xy = np.stack(np.meshgrid(*(low[:2] + share[:, None] * (high - low)[:2]).T), -1).reshape(-1, 2)
+        rest = self._tracer(self._around(i))
+        bottom = low[2] - 1 + self._far(self._own[i], _at(xy, low[2] - 1), UP)
+        stands = bottom < max(low[2], float(np.nanmin(bottom))) + TOUCH_M
+        feet = _at(xy[stands], bottom[stands] + 0.02)
+        below, far = self._met(rest, feet, DOWN)
+        holder = _most(below[far < 0.02 + TOUCH_M])
+        if holder:
+            roof = _at(feet[:, :2], max(high[2] - 0.005, low[2] + 0.015))
+            turn = np.arange(24) / 24 * 2 * np.pi
+            level = np.stack([np.cos(turn), np.sin(turn), 0 * turn], 1).astype(np.float32)
+            middle = np.tile([*(low + high)[:2] / 2, low[2] + min(0.03, (high[2] - low[2]) / 2)], (24, 1))
+            covers, walls = (
+                np.isfinite(self._far(self._own[holder], *rays)).mean() for rays in ((roof, UP), (middle, level))
+            )
+            self.holder[i] = holder, "in" if covers >= COVERED or walls >= WALLED else "on"
+        top = high[2] + 1 - self._far(self._own[i], _at(xy, high[2] + 1), DOWN)
+        above, _ = self._met(rest, _at(xy, top + 0.005)[np.isfinite(top)], UP)
+        cover = _most(above)
+        if cover and (above == cover).mean() >= COVERED and cover != holder and self.holder.get(cover, (0,))[0] != i:
+            self.covered.add((i, cover))
+
+    def _around(self, i: int) -> Array:
+        """The faces of the structure and of what may touch or cover a thing."""
+        low, high = self._boxes[i]
+        near = [
+            j for j, (a, b) in self._boxes.items() if j != i and (a[:2] <= high[:2]).all() and (b[:2] >= low[:2]).all()
+        ]
+        return np.flatnonzero(np.isin(self._mesh.instance, [0, *near]))
+
+    def _tracer(self, faces: Array) -> Tracer:
+        made = tracer(self._mesh, faces)
+        if made is None:
+            raise BackendError("what stands on what is found by tracing rays: this machine has no embreex")
+        return made
+
+    def _far(self, by: Tracer, starts: Array, ways: Array) -> Array:
+        """How far rays reach, NaN where they meet nothing."""
+        triangle, _, _, far = by.hits(starts.astype(np.float32), np.broadcast_to(ways, starts.shape))
+        return np.where(triangle >= 0, far, np.nan)
+
+    def _met(self, by: Tracer, starts: Array, ways: Array) -> tuple[Array, Array]:
+        """Whose triangles rays meet (0: the structure or nothing), and how far off."""
+        triangle, _, _, far = by.hits(starts.astype(np.float32), np.broadcast_to(ways, starts.shape))
+        return np.where(triangle >= 0, self._mesh.instance[triangle], 0), np.where(triangle >= 0, far, np.inf)
+
+
+def _at(xy: Array, z: Array | float) -> Array:
+    return np.column_stack([xy, np.broadcast_to(z, len(xy))])
+
+
+def _most(ids: Array) -> int:
+    """The id that is there most often, 0 without any."""
+    return int(np.bincount(ids).argmax()) if len(ids) else 0
