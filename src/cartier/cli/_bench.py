@@ -117,7 +117,7 @@ def _things(
     maps: Path, answers: Path | None, as_json: bool,
 ) -> None:  # fmt: skip
     """Requests and questions about particular things, asked of our own system or answered in a file."""
-    from cartier.evaluation import things_run
+    from cartier.evaluation import things_report, things_run
     from cartier.evaluation.things import load_answers
 
     made_by = tuple(dict.fromkeys(detector or things_run.DETECTORS))
@@ -129,9 +129,9 @@ def _things(
         else:
             rows = things_run.run(output, settings, items, thinks, maps, step)
     if as_json:
-        print(json.dumps(things_run.shares(rows)))
+        print(json.dumps(things_report.shares(rows)))
         return
-    print(things_run.table(rows))
+    print(things_report.table(rows))
     say(
         f"{len(items)} requests in {len(settings.homes)} homes; read {output / 'report.md'} and {output / 'failures.md'}"
     )
