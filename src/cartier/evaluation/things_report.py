@@ -45,7 +45,7 @@ def write_report(folder: Path, rows: Sequence[Mapping[str, Any]], items: Sequenc
 
 
 def _written() -> set[str]:
-    return {item.id for item in load_items(WRITTEN)} if WRITTEN.exists() else set()
+    return {item.id for item in load_items(WRITTEN)}
 
 
 def shares(rows: Iterable[Mapping[str, Any]]) -> dict[str, Any]:

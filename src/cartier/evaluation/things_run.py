@@ -29,7 +29,7 @@ HOMES = tuple(str(number) for number in range(80001, 80013))
 """Generated homes that nothing was fitted on; the requests written by hand are about these."""
 DETECTORS = ("ground_truth", "embedded")
 RUNS = ("map", "names only", "blind")
-MADE, OWN = "made", "own"
+SETS = ("all", "made", "written")
 
 
 @dataclass(frozen=True)
@@ -85,13 +85,18 @@ class Blind:
         return []
 
 
+def homes_of(queries: str) -> tuple[str, ...]:
+    """The homes that a set of requests, or a file of them, is about."""
+    return HOMES if queries in SETS else tuple(dict.fromkeys(item.home for item in load_items(queries)))
+
+
 def requests(settings: ThingsSettings, maps_folder: Path, progress: Progress | None = None) -> list[Item]:
     """What is asked: requests made from the truth of each home, and those written by hand for it; or a file's, in its homes.
 
     Raises InputError if a file's request is of another home, or accepts what is not in its home.
     """
     world = Maps(maps_folder, MapSettings(settings.world)).world
-    if settings.queries not in ("all", MADE, "written"):
+    if settings.queries not in SETS:
         items = load_items(settings.queries)
         lost = [item for item in items if item.home not in settings.homes]
         if lost:
@@ -102,8 +107,8 @@ def requests(settings: ThingsSettings, maps_folder: Path, progress: Progress | N
         items = []
         for home in settings.homes if settings.queries != "written" else ():
             items += make_items(true_home(world, home, settings.seed, maps_folder, progress), settings.seed)
-        if settings.queries != MADE:
-            items += [item for item in load_items(WRITTEN) if item.home in settings.homes] if WRITTEN.exists() else []
+        if settings.queries != "made":
+            items += [item for item in load_items(WRITTEN) if item.home in settings.homes]
     for home in settings.homes:
         known = {thing.id for thing in world.objects(home)}
         for item in items:
@@ -124,7 +129,7 @@ def run(
     Raises InputError for a run folder of other settings; what was answered before an error stays.
     """
     with locked(folder):
-        claim(folder, settings, items, reasoner)
+        claim(folder, settings, items, reasoner.name)
         write_requests(folder, items)
         file = folder / "results.jsonl"
         done = {_key(row): row for row in read_rows(file, ("detector", "id", "run"))}
@@ -156,7 +161,7 @@ def run(
 def score_answers(
     folder: Path, settings: ThingsSettings, items: Sequence[Item], answers: Mapping[str, Given], name: str
 ) -> list[dict[str, Any]]:
-    """Score the answers of any system, a request without one as wrong; write the same files as ``run``."""
+    """Score the answers of any system, a request without one as wrong; write the same files as ``run``, or raise as it does."""
     world = Maps(folder, MapSettings(settings.world)).world
     truth = {home: _truth(world, home) for home in settings.homes}
     rows = []
@@ -164,6 +169,7 @@ def score_answers(
         given = answers.get(item.id, Given(item.id, "none"))
         rows.append({"detector": name, "run": "answers"} | _row(item, given, truth[item.home]))
     with locked(folder):
+        claim(folder, settings, items, name)
         write_requests(folder, items)
         write_report(folder, rows, items, name)
     return rows
