@@ -121,20 +121,18 @@ def _things(
     from cartier.evaluation.things import load_answers
 
     made_by = tuple(dict.fromkeys(detector or things_run.DETECTORS))
-    settings = things_run.ThingsSettings(_names(homes) or things_run.HOMES, made_by, queries, world, seed)
+    settings = things_run.ThingsSettings(_names(homes) or things_run.homes_of(queries), made_by, queries, world, seed)
     with _stages() as step:
         items = things_run.requests(settings, maps, step)
         if answers is not None:
-            rows = things_run.score_answers(output, settings, items, load_answers(answers, items), answers.name)
+            things_run.score_answers(output, settings, items, load_answers(answers, items), answers.name)
         else:
-            rows = things_run.run(output, settings, items, thinks, maps, step)
+            things_run.run(output, settings, items, thinks, maps, step)
     if as_json:
-        print(json.dumps(things_run.shares(rows)))
+        print((output / "results.json").read_text("utf-8"))
         return
-    print(things_run.table(rows))
-    say(
-        f"{len(items)} requests in {len(settings.homes)} homes; read {output / 'report.md'} and {output / 'failures.md'}"
-    )
+    print((output / "report.md").read_text("utf-8"))
+    say(f"{len(items)} requests in {len(settings.homes)} homes; look at {output / 'failures.md'} too")
 
 
 def _folder(detector: str) -> str:

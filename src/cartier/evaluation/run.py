@@ -84,7 +84,7 @@ def _run(
     progress: Progress | None,
 ) -> list[dict[str, Any]]:
     """The rows of a run folder that is ours alone."""
-    claim(folder, settings, queries, reasoner)
+    claim(folder, settings, queries, reasoner.name)
     file = folder / "results.jsonl"
     done = {
         (row["home"], row["query_id"], row["method"]): row for row in read_rows(file, ("home", "query_id", "method"))
@@ -158,12 +158,12 @@ def _threshold(folder: Path, maps: Maps, asked: Sequence[str], progress: Progres
     return float(kept["nlmap_threshold"])
 
 
-def claim(folder: Path, settings: Any, queries: Iterable[Any], reasoner: Reasoner) -> None:
+def claim(folder: Path, settings: Any, queries: Iterable[Any], reasoner: str) -> None:
     """Make the run folder, or see that it is of the same settings (a dataclass, as each query is). Raises InputError if not."""
     import hashlib
 
     asked = json.dumps([asdict(query) for query in queries], sort_keys=True)
-    mine = asdict(settings) | {"reasoner": reasoner.name, "queries_sha256": hashlib.sha256(asked.encode()).hexdigest()}
+    mine = asdict(settings) | {"reasoner": reasoner, "queries_sha256": hashlib.sha256(asked.encode()).hexdigest()}
     mine = json.loads(json.dumps(mine))  # tuples become lists, as in the file
     packages = {name: version(name) for name in ("cartier", "numpy", "scipy", "onnxruntime")}
     file = folder / "settings.json"

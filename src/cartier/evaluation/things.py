@@ -39,71 +39,24 @@ ANSWERS = {
     "count": "a whole number", "exists": "true or false", "where": "names that are right", "list": "a list of names",
     "compare": "the name that is right",
 }  # fmt: skip
+
+
+def _words(text: str) -> set[str]:
+    return set(re.findall(r"[a-z]+|\d+", text.lower()))
+
+
+TELLING = _words("""
+    kitchen bedroom bathroom living hall hallway study office room lounge left right nearest closest nearer closer farther farthest near
+    window door wall corner big bigger biggest large larger largest small smaller smallest tall taller low lower high higher black grey
+    gray white red orange yellow green blue purple pink brown first second third metre metres meters m
+""")
+"""Words of a question that tell things apart, besides the names of other things."""
+WHICH = frozenset({"which", "one", "ones"})
+NEAREST = frozenset({"nearest", "closest", "nearer", "closer", "several"})
+"""What says of one of several that it was taken because it is near."""
 Name = Annotated[str, Field(min_length=1, max_length=200)]
 Text = Annotated[str, Field(max_length=4000)]
 Names = Annotated[tuple[Name, ...], Field(strict=False, max_length=MAX_IDS)]
-TELLING = frozenset(
-    [
-        "kitchen",
-        "bedroom",
-        "bathroom",
-        "living",
-        "hall",
-        "study",
-        "office",
-        "room",
-        "lounge",
-        "left",
-        "right",
-        "nearest",
-        "closest",
-        "nearer",
-        "closer",
-        "farther",
-        "farthest",
-        "near",
-        "window",
-        "door",
-        "wall",
-        "corner",
-        "big",
-        "bigger",
-        "biggest",
-        "large",
-        "larger",
-        "largest",
-        "small",
-        "smaller",
-        "smallest",
-        "tall",
-        "taller",
-        "low",
-        "lower",
-        "high",
-        "higher",
-        "black",
-        "grey",
-        "gray",
-        "white",
-        "red",
-        "orange",
-        "yellow",
-        "green",
-        "blue",
-        "purple",
-        "pink",
-        "brown",
-        "first",
-        "second",
-        "third",
-        "other",
-        "metre",
-        "metres",
-        "meters",
-        "m",
-    ]
-)
-"""Words of a question that tell things apart, besides the names of other things."""
 
 
 @dataclass(frozen=True)
@@ -142,7 +95,8 @@ class Given:
     status: str
     at: tuple[float, ...] | int | None = None
     answer: Any = None
-    words: str = ""
+    question: str = ""
+    say: str = ""
     before: tuple[float, ...] | int | None = None
 
 
@@ -159,7 +113,7 @@ def score(item: Item, given: Given, truth: Mapping[int, TrueObject]) -> Score:
     """Whether an answer is right; ``truth`` are the home's things by their ids.
 
     A find is right if its place lies in or within 0.3 m of an accepted thing's box. A bare name of several is right with a
-    question that holds a word that tells them apart, or with the nearest one and words that say more than its name. Questions
+    question that holds a word that tells them apart, or with the nearest one and a word that says so. Answers to questions
     are compared exactly. What nothing serves is right without a place.
     """
     sent = given.at if given.status in ("found", "near") else None
@@ -168,8 +122,8 @@ def score(item: Item, given: Given, truth: Mapping[int, TrueObject]) -> Score:
     if item.kind == "nothing":
         return Score(sent is None)
     if item.kind == "bare":
-        asked = given.status == "clarify" and _separates(given.words, item, truth)
-        return Score(asked or (hit and _says(given.words, item, truth)), distance)
+        asked = given.status == "clarify" and _separates(given.question, item, truth)
+        return Score(asked or (hit and bool(_words(given.say) & NEAREST)), distance)
     if item.kind in FIND:
         again = item.rejects and sent is not None and _same(sent, given.before, item, truth)
         return Score(hit and not again, distance)
@@ -221,28 +175,12 @@ def _same(
     return first == then
 
 
-def _words(text: str) -> list[str]:
-    return re.findall(r"[a-z]+|\d+", text.lower())
-
-
-def _own(item: Item, truth: Mapping[int, TrueObject]) -> set[str]:
-    """The words of the accepted things' own names, and of the request."""
-    named = {word for i in item.accept_ids if i in truth for word in _words(_name(truth[i].label))}
-    return named | {word for turn in item.turns for word in _words(turn)}
-
-
 def _separates(question: str, item: Item, truth: Mapping[int, TrueObject]) -> bool:
-    """Whether a question holds a word that tells things apart, which the person has not said."""
-    names = {word for thing in truth.values() for word in _words(_name(thing.label))}
-    return bool(set(_words(question)) & (TELLING | names) - _own(item, truth))
-
-
-def _says(words: str, item: Item, truth: Mapping[int, TrueObject]) -> bool:
-    """Whether somebody who took one of several says so."""
-    return bool(
-        set(_words(words)) & {"nearest", "closest", "near", "several", "other", "others", "one"}
-        or _separates(words, item, truth)
-    )
+    """Whether a question is about the thing that was named, and holds a word that tells several apart and is new."""
+    named = _words(" ".join(_name(truth[i].label) for i in item.accept_ids if i in truth))
+    others = _words(" ".join(_name(thing.label) for thing in truth.values()))
+    said, asked = named | _words(" ".join(item.turns)), _words(question)
+    return bool(asked & (said | WHICH)) and bool(asked & ((TELLING | others) - said))
 
 
 def load_items(path: str | Path) -> list[Item]:
@@ -275,7 +213,13 @@ def load_answers(path: str | Path, items: Sequence[Item]) -> dict[str, Given]:
         if len(places) > 1:
             raise InputError(f"{where}: one of xy, xyz and object_id is enough")
         found[row.id] = Given(
-            row.id, row.status, places[0] if places else None, row.answer, f"{row.question} {row.say}", row.before_xy
+            row.id,
+            row.status,
+            places[0] if places else None,
+            row.answer,
+            row.question or "",
+            row.say or "",
+            row.before_xy,
         )
     return found
 

@@ -4,21 +4,22 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from cartier.atomic import locked, write_file, write_json
+from cartier.atomic import locked
 from cartier.contracts import Reasoner, World
 from cartier.conversation import Conversation
 from cartier.errors import BackendError, InputError
 from cartier.evaluation.maps import Maps, MapSettings, encoder_for
 from cartier.evaluation.run import Progress, claim
-from cartier.evaluation.things import ASK, FIND, KINDS, WRITTEN, Given, Item, Score, load_items, score
+from cartier.evaluation.things import WRITTEN, Given, Item, Score, load_items, score
 from cartier.evaluation.things_made import make_items
+from cartier.evaluation.things_report import write_report, write_requests
 from cartier.evaluation.true_home import true_home
 from cartier.files import read_rows
 from cartier.home import Home
@@ -28,12 +29,7 @@ HOMES = tuple(str(number) for number in range(80001, 80013))
 """Generated homes that nothing was fitted on; the requests written by hand are about these."""
 DETECTORS = ("ground_truth", "embedded")
 RUNS = ("map", "names only", "blind")
-MADE, OWN = "made", "own"
-GROUPS = {
-    "find the particular thing": FIND, "a bare name of several": ("bare",), "count, exists, where, list": ASK[:4],
-    "compare": ("compare",), "what nothing serves": ("nothing",),
-}  # fmt: skip
-FAILURES = 60  # of each kind, in failures.md
+SETS = ("all", "made", "written")
 
 
 @dataclass(frozen=True)
@@ -89,13 +85,18 @@ class Blind:
         return []
 
 
+def homes_of(queries: str) -> tuple[str, ...]:
+    """The homes that a set of requests, or a file of them, is about."""
+    return HOMES if queries in SETS else tuple(dict.fromkeys(item.home for item in load_items(queries)))
+
+
 def requests(settings: ThingsSettings, maps_folder: Path, progress: Progress | None = None) -> list[Item]:
     """What is asked: requests made from the truth of each home, and those written by hand for it; or a file's, in its homes.
 
     Raises InputError if a file's request is of another home, or accepts what is not in its home.
     """
     world = Maps(maps_folder, MapSettings(settings.world)).world
-    if settings.queries not in ("all", MADE, "written"):
+    if settings.queries not in SETS:
         items = load_items(settings.queries)
         lost = [item for item in items if item.home not in settings.homes]
         if lost:
@@ -106,8 +107,8 @@ def requests(settings: ThingsSettings, maps_folder: Path, progress: Progress | N
         items = []
         for home in settings.homes if settings.queries != "written" else ():
             items += make_items(true_home(world, home, settings.seed, maps_folder, progress), settings.seed)
-        if settings.queries != MADE:
-            items += [item for item in load_items(WRITTEN) if item.home in settings.homes] if WRITTEN.exists() else []
+        if settings.queries != "made":
+            items += [item for item in load_items(WRITTEN) if item.home in settings.homes]
     for home in settings.homes:
         known = {thing.id for thing in world.objects(home)}
         for item in items:
@@ -128,8 +129,8 @@ def run(
     Raises InputError for a run folder of other settings; what was answered before an error stays.
     """
     with locked(folder):
-        claim(folder, settings, items, reasoner)
-        _write_items(folder, items)
+        claim(folder, settings, items, reasoner.name)
+        write_requests(folder, items)
         file = folder / "results.jsonl"
         done = {_key(row): row for row in read_rows(file, ("detector", "id", "run"))}
         total = len(settings.detectors) * len(items) * len(RUNS)
@@ -153,14 +154,14 @@ def run(
                         if progress:
                             progress("asking", len(done), total)
         rows = [done[detector, item.id, how] for detector in settings.detectors for item in items for how in RUNS]
-        _write(folder, rows, items, reasoner.name)
+        write_report(folder, rows, items, reasoner.name)
     return rows
 
 
 def score_answers(
     folder: Path, settings: ThingsSettings, items: Sequence[Item], answers: Mapping[str, Given], name: str
 ) -> list[dict[str, Any]]:
-    """Score the answers of any system, a request without one as wrong; write the same files as ``run``."""
+    """Score the answers of any system, a request without one as wrong; write the same files as ``run``, or raise as it does."""
     world = Maps(folder, MapSettings(settings.world)).world
     truth = {home: _truth(world, home) for home in settings.homes}
     rows = []
@@ -168,8 +169,9 @@ def score_answers(
         given = answers.get(item.id, Given(item.id, "none"))
         rows.append({"detector": name, "run": "answers"} | _row(item, given, truth[item.home]))
     with locked(folder):
-        _write_items(folder, items)
-        _write(folder, rows, items, name)
+        claim(folder, settings, items, name)
+        write_requests(folder, items)
+        write_report(folder, rows, items, name)
     return rows
 
 
@@ -203,9 +205,9 @@ def _given(item: Item, answers: Sequence[Answer], home: Home) -> Given:
     last, chosen = answers[-1], answers[-1].selection
     before = answers[-2].place.position if len(answers) > 1 and answers[-2].place else None
     at = last.place.position if last.place and chosen.status in ("found", "near") else None
-    words = f"{chosen.question or ''} {chosen.say} {chosen.reason}".strip()
     told = _value(chosen.fact, home) if chosen.fact and chosen.fact.kind == item.kind else None
-    return Given(item.id, chosen.status, at, told, words, before)
+    say = f"{chosen.say} {chosen.reason}".strip()
+    return Given(item.id, chosen.status, at, told, chosen.question or "", say, before)
 
 
 def _value(fact: Fact, home: Home) -> Any:
@@ -222,91 +224,5 @@ def _row(item: Item, given: Given, truth: Mapping[int, TrueObject]) -> dict[str,
     far = None if result.distance_m is None or not np.isfinite(result.distance_m) else round(result.distance_m, 4)
     return {
         "id": item.id, "home": item.home, "kind": item.kind, "status": given.status, "right": result.right, "at": at,
-        "answer": given.answer, "words": given.words, "distance_m": far, "f1": result.f1,
+        "answer": given.answer, "question": given.question, "say": given.say, "distance_m": far, "f1": result.f1,
     }  # fmt: skip
-
-
-def _write_items(folder: Path, items: Iterable[Item]) -> None:
-    lines = (json.dumps(item.to_dict(), ensure_ascii=False) + "\n" for item in items)
-    write_file(folder / "requests.jsonl", "".join(lines).encode())
-
-
-def _write(folder: Path, rows: Sequence[Mapping[str, Any]], items: Sequence[Item], who: str) -> None:
-    """All rows in order, the shares of right ones, tables to read, and failures; none of requests that were written by hand."""
-    written = _written()
-    sets = {
-        "made from the truth": [row for row in rows if row["id"] not in written],
-        "written by hand": [row for row in rows if row["id"] in written],
-    }
-    results = {words: shares(some) for words, some in sets.items() if some}
-    parts = [
-        f"# Particular things: {who}",
-        "Share of right answers in percent; n requests. docs/things.md says what is right.",
-    ]
-    parts += [f"## Requests {words}\n\n{table(some)}" for words, some in sets.items() if some]
-    write_file(folder / "results.jsonl", "".join(json.dumps(r, ensure_ascii=False) + "\n" for r in rows).encode())
-    write_json(folder / "results.json", {"reasoner": who} | results)
-    write_file(folder / "report.md", ("\n\n".join(parts) + "\n").encode())
-    write_file(folder / "failures.md", _failures(sets["made from the truth"], items).encode())
-
-
-def _written() -> set[str]:
-    return {item.id for item in load_items(WRITTEN)} if WRITTEN.exists() else set()
-
-
-def shares(rows: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
-    """By kind and by group of kinds: n, and by detector and run the share of right answers (``f1`` for lists too)."""
-    found: dict[str, Any] = {}
-    rows = list(rows)
-    for name, kinds in {**GROUPS, **{kind: (kind,) for kind in KINDS}}.items():
-        some = [row for row in rows if row["kind"] in kinds]
-        if not some:
-            continue
-        ways = dict.fromkeys((row["detector"], row["run"]) for row in some)
-        found[name] = {"n": len({row["id"] for row in some})}
-        for detector, how in ways:
-            here = [row for row in some if (row["detector"], row["run"]) == (detector, how)]
-            lists = [row["f1"] for row in here if row["f1"] is not None]
-            told = {"right": round(float(np.mean([row["right"] for row in here])), 4)}
-            found[name][f"{detector}, {how}"] = told | ({"f1": round(float(np.mean(lists)), 4)} if lists else {})
-    return found
-
-
-def table(rows: Iterable[Mapping[str, Any]]) -> str:
-    """Markdown: groups of kinds, then each kind, by detector and run."""
-    found = shares(rows)
-    ways = list(dict.fromkeys(way for told in found.values() for way in told if way != "n"))
-    lines = [f"| | n | {' | '.join(ways)} |", f"|---|---|{'---|' * len(ways)}"]
-    for name, told in found.items():
-        cells = [_cell(told.get(way)) for way in ways]
-        lines.append(f"| {f'**{name}**' if name in GROUPS else name} | {told['n']} | {' | '.join(cells)} |")
-    return "\n".join(lines)
-
-
-def _cell(told: Mapping[str, float] | None) -> str:
-    if told is None:
-        return ""
-    return f"{told['right']:.0%}".rstrip("%") + (f" (F1 {told['f1']:.2f})" if "f1" in told else "")
-
-
-def _failures(rows: Iterable[Mapping[str, Any]], items: Iterable[Item]) -> str:
-    """What went wrong with the map, kind by kind."""
-    by_id, lines = {item.id: item for item in items}, ["# What went wrong"]
-    wrong = [row for row in rows if not row["right"] and row["run"] in ("map", "answers")]
-    for kind in KINDS:
-        some = [row for row in wrong if row["kind"] == kind][:FAILURES]
-        lines += [f"\n## {kind}\n"] if some else []
-        for row in some:
-            item, said = by_id[row["id"]], row["answer"] if row["status"] == "told" else row.get("object")
-            want = (
-                item.answer
-                if item.answer is not None
-                else f"one of {list(item.accept_ids)}"
-                if item.accept_ids
-                else "no goal"
-            )
-            lines.append(
-                f"- {row['id']} ({row['detector']}): {' / '.join(item.turns)} → {row['status']} {said}, {row['words'][:100]!r}; "
-                f"right: {want}"
-            )
-    return "\n".join(lines) + "\n"
