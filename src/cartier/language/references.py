@@ -58,7 +58,8 @@ class Constraint:
 class Asked:
     """What is asked: to be driven there (``find``), or a question about ``head`` (and ``other``, for ``compare``).
 
-    ``need`` are the words without what only says where. ``direct`` is said where the thing is asked for outright.
+    ``need`` are the words without what only says where. ``direct`` is said where the thing is asked for outright. ``to`` is what
+    the nearer one of two is nearer to.
     """
 
     kind: Kind
@@ -67,6 +68,7 @@ class Asked:
     by: str = ""
     need: str = ""
     direct: bool = False
+    to: Phrase | None = None
 
 
 @dataclass(frozen=True)
@@ -207,17 +209,16 @@ HURRY = re.compile(
 QUESTIONS: tuple[tuple[Kind, re.Pattern[str]], ...] = (
     ("rooms", re.compile(r"\b(?:which|what|how many|list (?:all )?the|name the) rooms\b(?! (?:is|are|has|have|does) (?:the|my|our|an?)\b)")),
     ("count", re.compile(r"\b(?:how many|(?:what is|whats|what s|tell me) the number of|number of|count)\b")),
-    ("compare", re.compile(r"\b(?:which|what)(?: one| of them| thing)?(?: is| s|s)? (?:the )?(bigger|larger|smaller|taller|higher|lower|nearer|closer|farther|further)\b")),
-    ("compare", re.compile(r"^(?:is|are) .* (bigger|larger|smaller|taller|higher|lower|nearer|closer|farther|further)\b.* than\b")),
+    ("compare", re.compile(r"^(?=.*\b(?:or|than)\b).*\b(bigger|larger|smaller|taller|higher|lower|shorter|nearer|closer|farther|further|longer)\b")),
     ("far", re.compile(r"\bhow (?:far|many met\w+)\b")),
     ("when", re.compile(r"\bwhen (?:did|was|were|have|had) \b.*\b(?:see|saw|seen|spot|spotted|look|looked|there)\b")),
     ("colour", re.compile(r"\b(?:what|which) colou?rs? \b")),
     ("size", re.compile(r"\bhow (?:big|large|tall|high|wide|long|small) \b")),
     ("room", re.compile(r"\b(?:which|what) room\b")),
     ("where", re.compile(r"\b(?:where|wheres|whereabouts)\b(?! (?:should|shall|do i|do we|can i put|could i put|to (?:put|sit|sleep|lie)|i (?:can|could|may)|can (?:i|we) (?!find|get|see)))|\bon what (?:is|are|does)\b|\bany idea where\b")),
-    ("list", re.compile(r"\bwhat(?: (?:else|all|things|objects|stuff|items))?(?: is| are| s|s)? ?(?:there |standing |lying |kept |placed |sitting |stored |to be found |to be seen )?(?:on|in|inside|under|underneath|below|next to|beside|near|by|around|at|behind)\b")),
+    ("list", re.compile(r"\b(?:is|are) there anything\b.* what\b|\b(?:what|which)(?: (?:else|all|things|objects|stuff|items|sort of things))?(?: is| are| s|s)? ?(?:all |else )?(?:there |standing |stands |stand |lying |lies |lie |kept |placed |sitting |sits |sit |stored |to be found |to be seen )?(?:on|in|inside|under|underneath|below|next to|beside|near|by|around|at|behind)\b")),
     ("list", re.compile(r"\b(?:what|which)(?: (?:things|objects|items|stuff|else))? (?:do|can|did|have|does|could) (?:you|we|i)\b.*\b(?:see|seen|saw|find|found|have|got|know|there|keep)\b|\b(?:list|name|enumerate|tell me|show me) (?:me )?(?:all|everything|every|the things|the objects|the contents|what)\b|\bwhat is (?:here|there)\b")),
-    ("exists", re.compile(r"\b(?:is|are) there\b(?! (?:something|anything|somewhere|anywhere) (?:to|i|we|that)\b)|^(?:do|does|have|has|did) (?:we|i|you|they|it|this \w+|the \w+)\b.*\b(?:have|got|own|see|seen|find|found|spot|spotted|a|an|any)\b|^(?:any|got any|got an?|is any|are any)\b|\bcan you see\b")),
+    ("exists", re.compile(r"\b(?:is|are) there\b(?! (?:something|anything|somewhere|anywhere) (?:to|i|we|that)\b)|^(?:do|does|have|has|did) (?:we|i|you|they|it|this \w+|the \w+)\b.*\b(?:have|got|own|see|seen|find|found|spot|spotted|a|an|any)\b|^(?:any|got any|got an?|is any|are any)\b|\bcan you see\b|\b(?:if|whether) there (?:is|are)\b|^have i got\b")),
     ("exists", re.compile(r"^(?:is|are) (?:the|my|our|any|one|a|an|that|those|it|there)\b")),
 )  # fmt: skip
 COME = re.compile(r"^(?:please )?(?:come (?:here|over(?: here)?|to me|back to me|closer)|over here|here boy)\b")
@@ -262,6 +263,37 @@ CONTRACTIONS = (
     (re.compile(r"\b(what|where|there|that|it|who|which|he|she|how)'?s\b"), r"\1 is"), (re.compile(r"\b(\w+)'re\b"), r"\1 are"),
     (re.compile(r"\bn't\b"), " not"), (re.compile(r"\bwhats\b"), "what is"), (re.compile(r"\bwheres\b"), "where is"),
 )  # fmt: skip
+AROUND = frozenset(
+    [
+        "quick",
+        "quickly",
+        "off",
+        "right",
+        "left",
+        "to",
+        "me",
+        "us",
+        "over",
+        "way",
+        "for",
+        "at",
+        "now",
+        "with",
+        "of",
+        "on",
+        "in",
+        "up",
+        "it",
+        "i",
+        "you",
+        "we",
+        "here",
+        "there",
+        "straight",
+        "hurry",
+        "then",
+    ]
+)
 VERB_BEFORE = frozenset(
     ["to", "i", "we", "you", "they", "can", "could", "should", "would", "will", "let", "lets", "must", "please", "not"]
 )
@@ -289,6 +321,7 @@ def sentences(text: str) -> list[str]:
     """The sentences of a lower-case text, contractions written out."""
     for pattern, full in CONTRACTIONS:
         text = pattern.sub(full, text)
+    text = re.sub(r"\bfrom where (?:i|we) (?:am|are|stand|sit)\b", "from me", text)
     return [part.strip() for part in re.split(r"[.!?;\n]+", text) if WORD.search(part)]
 
 
@@ -324,8 +357,7 @@ def _sentence(said: list[str], names: Names, key: object) -> Asked | None:
         if relation in RELATIONS.values():  # "what is on the table"
             phrases = [Phrase("things", generic=True, plural=True, relations=(Constraint(relation, phrases[0]),))]
     if kind == "compare":
-        pair = [phrase for phrase in phrases if phrase.rooms is None and not phrase.generic][:2]
-        return Asked("compare", pair[0], pair[1], SIZES.get(by, by), text) if len(pair) == 2 else None
+        return _compared(said, mentions, by, text)
     head = _head(phrases, kind)
     if kind == "find":
         if head is None:
@@ -333,14 +365,29 @@ def _sentence(said: list[str], names: Names, key: object) -> Asked | None:
         need = " ".join(word for i, word in enumerate(said) if i not in used)
         first = next((m for m in mentions if m.phrase.rooms is None and not m.phrase.generic), None)
         before = " ".join(said[: first.start]) if first else text
+        rest = [w for i, w in enumerate(said) if i not in used and not any(m.start <= i < m.end for m in mentions)]
+        telling = [w for w in rest if w not in FILLERS and w not in POLITE and w not in AROUND]
         return Asked(
-            "find", head, need=need, direct=bool(CUE.search(before)) or (not CUE.search(text) and _only(said, mentions))
+            "find", head, need=need, direct=bool(CUE.search(before)) or (len(telling) < 2 and not CUE.search(text))
         )
     if kind in ("count", "exists") and head is None:
         unknown = _unknown(core)
         head = Phrase(unknown) if unknown else None
     other = next((p for p in phrases if p is not head), None) if kind == "far" else None
     return Asked(kind, head, other, need=text)
+
+
+def _compared(said: Sequence[str], mentions: Sequence[_Mention], by: str, text: str) -> Asked | None:
+    """The names on both sides of "or" or "than"; what else is named is what the nearer one is nearer to."""
+    middle = next(i for i, word in enumerate(said) if word in ("or", "than"))
+    things = [m for m in mentions if m.phrase.rooms is None and not m.phrase.generic]
+    left, right = ([m for m in things if (m.end <= middle) == before] for before in (True, False))
+    if not left or not right:
+        return None
+    one, other = left[-1].phrase, right[0].phrase
+    to = next((m.phrase for m in things if m.phrase is not one and m.phrase is not other), None)
+    clean = [replace(phrase, size="", most="") for phrase in (one, other)]
+    return Asked("compare", clean[0], clean[1], SIZES.get(by, by), text, to=to)
 
 
 def _put_in_rooms(said: Sequence[str], mentions: Sequence[_Mention], phrases: list[Phrase], used: set[int]) -> None:
@@ -390,11 +437,6 @@ def _head(phrases: Sequence[Phrase], kind: Kind) -> Phrase | None:
         asked = [p for p in named if not p.bare] or named
         return asked[0] if asked else phrases[0] if phrases else None
     return next(iter(named or things or phrases), None)
-
-
-def _only(said: Sequence[str], mentions: Sequence[_Mention]) -> bool:
-    """Whether a sentence is no more than a phrase: "the cup by the sink"."""
-    return bool(mentions) and all(word in FILLERS or word in POLITE for word in said[: mentions[0].start])
 
 
 def _unknown(core: str) -> str:

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
 
 from cartier.language.references import HURRY, Asked, Constraint, Names, Phrase, parse, sentences
-from cartier.reasoners._cards import Deck, bare
+from cartier.reasoners._cards import bare
 from cartier.reasoners._questions import answer, one
 from cartier.reasoners._scene import Scene
+from cartier.reasoners._scorer import Scorer
 from cartier.reasoners._words import STOP, name_key, plain, words
 from cartier.types import Inventory, MapObject, Selection
 
@@ -22,6 +23,15 @@ ROOMS = {
     "hall": ("hallway", "corridor", "entrance", "passage"), "study": ("office", "home office", "workroom"), "bedroom": ("bed room", "sleeping room"),
     "kitchen": ("kitchenette", "cooking area"), "dining room": ("dining area",),
 }  # fmt: skip
+SORTS = {
+    "seat": frozenset(
+        map(
+            name_key, ("sofa", "couch", "arm chair", "chair", "stool", "bench", "ottoman", "desk chair", "dining chair")
+        )
+    ),
+    "plant": frozenset(map(name_key, ("house plant", "potted plant"))),
+}
+"""General words, and the names of what they mean."""
 DRIVES = re.compile(
     r"\b(?:go|drive|head|navigate|move|take|bring|lead|guide|roll|come|wait|meet|visit|walk|show|get|check|return|run|to)\b"
 )
@@ -36,47 +46,81 @@ EITHER = re.compile(
 Serve = Callable[[str, tuple[str, ...]], Selection]
 
 
-def lexicon(deck: Deck, inventory: Inventory) -> Names:
+class _Things(Mapping[str, frozenset[str]]):
+    """The listed labels that a key stands for: of that name, of names that end so ("lamp"), of the same card, or of one much
+    the same. None of them for what is known and not listed."""
+
+    def __init__(self, scorer: Scorer, names: Sequence[str], not_these: Container[str]) -> None:
+        self._scorer, self._without = scorer, not_these
+        self._own, self._ends = dict[str, set[str]](), dict[str, set[str]]()
+        self._cards = dict[int, set[str]]()
+        for name in names:
+            parts = words(plain(bare(name)))
+            self._own.setdefault(name_key(bare(name)), set()).add(name)
+            card = scorer.deck.card_of(name)
+            if card is not None:
+                self._cards.setdefault(card, set()).add(name)
+            for i in range(1, len(parts)):
+                self._ends.setdefault(name_key(" ".join(parts[i:])), set()).add(name)
+        self._found: dict[str, frozenset[str]] = {}
+
+    def __contains__(self, key: object) -> bool:
+        known = key in self._own or key in self._ends or key in self._scorer.deck.by_key or key in SORTS
+        return known and key not in self._without and key not in STOP
+
+    def __getitem__(self, key: str) -> frozenset[str]:
+        if key not in self._found:
+            self._found[key] = frozenset(self._own.get(key) or self._ends.get(key) or self._by_card(key))
+        return self._found[key]
+
+    def _by_card(self, key: str) -> set[str]:
+        if key in SORTS:
+            return {name for own, found in self._own.items() if own in SORTS[key] for name in found}
+        deck, knowledge = self._scorer.deck, self._scorer.knowledge
+        card = deck.by_key.get(key)
+        if card is None:
+            return set()
+        twins = (found for listed, found in self._cards.items() if knowledge.twins(listed, card))
+        return self._cards.get(card) or set().union(*twins)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter({*self._own, *self._ends, *self._scorer.deck.by_key})
+
+    def __len__(self) -> int:
+        return sum(1 for _ in self)
+
+
+def lexicon(scorer: Scorer, inventory: Inventory) -> Names:
     """What may be named in a home: its objects by all names that their cards have, what it has not, and its rooms."""
-    rooms = tuple((room.id, room.name, room.kind) for room in inventory.rooms)
-    return _lexicon(deck, tuple(inventory.names), rooms)
+    return _lexicon(scorer, tuple(inventory.names), tuple((room.id, room.name, room.kind) for room in inventory.rooms))
 
 
 @lru_cache(maxsize=16)
-def _lexicon(deck: Deck, names: tuple[str, ...], rooms: tuple[tuple[int, str, str], ...]) -> Names:
-    of_card: dict[int, set[str]] = {}
-    own: dict[str, set[str]] = {}
-    ends: dict[str, set[str]] = {}
-    for name in names:
-        parts = words(plain(bare(name)))
-        own.setdefault(name_key(bare(name)), set()).add(name)
-        card = deck.card_of(name)
-        if card is not None:
-            of_card.setdefault(card, set()).add(name)
-        for i in range(1, len(parts)):
-            ends.setdefault(name_key(" ".join(parts[i:])), set()).add(name)
-    things = {
-        key: frozenset(own.get(key) or ends.get(key) or of_card.get(card) or set()) for key, card in deck.by_key.items()
-    }
-    things |= {key: frozenset(found) for key, found in ends.items() if key not in own}
-    things |= {key: frozenset(found) for key, found in own.items()}
+def _lexicon(scorer: Scorer, names: tuple[str, ...], rooms: tuple[tuple[int, str, str], ...]) -> Names:
     called: dict[str, tuple[int, ...]] = {}
     for kind, more in ROOMS.items():
         of_kind = tuple(number for number, _, room_kind in rooms if room_kind == kind)
         called |= dict.fromkeys(map(name_key, (kind, *more)), of_kind)
     called |= {name_key(name): (number,) for number, name, kind in rooms if name != kind}
-    return Names({key: found for key, found in things.items() if key not in called and key not in STOP}, called)
+    return Names(_Things(scorer, names, called), called)
 
 
 class Particular:
     """One request over one scene; ``asked`` is what its words refer to, None if they only tell a need."""
 
-    def __init__(self, query: str, scene: Scene, names: Names, dialogue: Sequence[tuple[str, str]], model: str) -> None:
+    def __init__(self, said: str, scene: Scene, names: Names, dialogue: Sequence[tuple[str, str]], model: str) -> None:
         self.scene, self._names, self._model = scene, names, model
-        self.said = plain(query[-LATEST:])
+        self.said = said[-LATEST:]
         self.served = [int(i) for _, robot in dialogue for i in SERVED.findall(robot) if int(i) in scene.by_id]
         self.last = scene.by_id[self.served[-1]] if self.served else None
-        self.asked = self._in_context(parse(self.said, names, name_key), dialogue)
+        alone = parse(self.said, names, name_key)
+        self.asked = self._in_context(alone, dialogue)
+        self._replied = self.asked is not alone
+
+    @property
+    def outright(self) -> bool:
+        """Whether the words are a question, or a reply to what the robot said: no statement, and no prohibition."""
+        return self.asked is not None and (self.asked.kind != "find" or self._replied)
 
     def _in_context(self, asked: Asked | None, dialogue: Sequence[tuple[str, str]]) -> Asked | None:
         """The reply to a question, "the other one", "the one by the window", "what colour is it?"."""

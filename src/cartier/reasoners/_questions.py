@@ -140,7 +140,11 @@ def _compared(asked: Asked, scene: Scene, model: str) -> Selection | None:
         if len(both) < 2:
             return None
         one, other = both[0], both[1]
-    more = max((one, other), key=lambda o: scene.measure(o, asked.by))
+    to = next(iter(scene.meant(asked.to)[0]), None) if asked.to is not None else None
+    if to is not None and asked.by in ("nearest", "farthest"):
+        more = (min if asked.by == "nearest" else max)((one, other), key=lambda o: scene.distance_m(o, to))
+    else:
+        more = max((one, other), key=lambda o: scene.measure(o, asked.by))
     words = {
         "biggest": "bigger",
         "smallest": "smaller",

@@ -70,9 +70,10 @@ class Embedded:
         scene = Scene(inventory)
         if not scene.known:
             return self._by_name(query, names, [(person, SERVED.sub("", robot)) for person, robot in dialogue])
-        particular = Particular(query, scene, lexicon(self.deck, inventory), dialogue, NAME)
-        said = sort_out(self.scorer.hear(query), self._keys(names))
-        if said.asked != "not" or (particular.asked is not None and particular.asked.kind != "find"):
+        heard = self.scorer.hear(query)
+        text = " ".join(heard.tokens).replace(" ' ", "'")
+        particular = Particular(text, scene, lexicon(self.scorer, inventory), dialogue, NAME)
+        if particular.outright or sort_out(heard, self._keys(names)).asked != "not":
             told = particular.answer(lambda need, among: self._serve(need, among or names, Turn(need)))
             if told is not None:
                 return told
