@@ -79,76 +79,17 @@ class Names:
     rooms: Mapping[str, tuple[int, ...]]
 
 
-ARTICLES = frozenset(
-    [
-        "the",
-        "a",
-        "an",
-        "my",
-        "our",
-        "your",
-        "his",
-        "her",
-        "their",
-        "this",
-        "that",
-        "these",
-        "those",
-        "some",
-        "any",
-        "another",
-        "one's",
-    ]
-)
-DEFINITE = frozenset(["the", "my", "our", "your", "his", "her", "their", "this", "that", "these", "those"])
-FILLERS = ARTICLES | frozenset(
-    [
-        "that",
-        "which",
-        "who",
-        "is",
-        "are",
-        "s",
-        "was",
-        "were",
-        "be",
-        "it",
-        "standing",
-        "stands",
-        "stand",
-        "sitting",
-        "sits",
-        "sit",
-        "lying",
-        "lies",
-        "lie",
-        "placed",
-        "located",
-        "right",
-        "just",
-        "over",
-        "there",
-        "directly",
-        "somewhere",
-        "kept",
-        "left-behind",
-        "hanging",
-        "hangs",
-        "currently",
-        "still",
-        "you",
-        "we",
-        "i",
-        "see",
-        "have",
-        "very",
-        "down",
-        "up",
-        "out",
-        "been",
-        "please",
-    ]
-)
+def _words(text: str) -> frozenset[str]:
+    return frozenset(text.split())
+
+
+ARTICLES = _words("the a an my our your his her their this that these those some any another one's")
+DEFINITE = _words("the my our your his her their this that these those")
+FILLERS = ARTICLES | _words("""
+    that which who is are s was were be it standing stands stand sitting sits sit lying lies lie placed located right
+    just over there directly somewhere kept left-behind hanging hangs currently still you we i see have very down up
+    out been please
+    """)
 COLOURS = {
     "black": ("black",), "white": ("white",), "grey": ("grey",), "gray": ("grey",), "red": ("red",), "green": ("green",), "blue": ("blue",),
     "yellow": ("yellow",), "orange": ("orange",), "brown": ("brown",), "pink": ("pink",), "purple": ("purple",), "violet": ("purple",),
@@ -167,27 +108,10 @@ MOST = {
     "closest": "nearest", "farthest": "farthest", "furthest": "farthest", "leftmost": "leftmost", "rightmost": "rightmost",
 }  # fmt: skip
 ORDER = {"first": 1, "second": 2, "third": 3, "fourth": 4, "former": 1, "latter": 2}
-GENERIC = frozenset(
-    [
-        "one",
-        "ones",
-        "thing",
-        "things",
-        "something",
-        "anything",
-        "it",
-        "them",
-        "they",
-        "stuff",
-        "everything",
-        "object",
-        "objects",
-        "item",
-        "items",
-        "somewhere",
-    ]
-)
-PLURAL = frozenset(["ones", "things", "them", "they", "objects", "items", "everything"])
+GENERIC = _words("""
+    one ones thing things something anything it them they stuff everything object objects item items somewhere
+    """)
+PLURAL = _words("ones things them they objects items everything")
 RELATIONS = {
     "on": "on", "on top of": "on", "top of": "on", "upon": "on", "onto": "on", "atop": "on", "off": "on", "from": "on", "in": "in", "inside": "in",
     "inside of": "in", "within": "in", "into": "in", "under": "under", "underneath": "under", "below": "under", "beneath": "under",
@@ -208,7 +132,7 @@ HURRY = re.compile(
 )
 QUESTIONS: tuple[tuple[Kind, re.Pattern[str]], ...] = (
     ("rooms", re.compile(r"\b(?:which|what|how many|list (?:all )?the|name the) rooms\b(?! (?:is|are|has|have|does) (?:the|my|our|an?)\b)")),
-    ("count", re.compile(r"\b(?:how many|(?:what is|whats|what s|tell me) the number of|number of|count)\b")),
+    ("count", re.compile(r"\b(?:how many|(?:what is|whats|what s|tell me) the number of|number of|count|how much(?= \w+s (?:is|are|do|have)))\b")),
     ("compare", re.compile(r"^(?=.*\b(?:or|than)\b).*\b(bigger|larger|smaller|taller|higher|lower|shorter|nearer|closer|farther|further|longer)\b")),
     ("far", re.compile(r"\bhow (?:far|many met\w+)\b")),
     ("when", re.compile(r"\bwhen (?:did|was|were|have|had) \b.*\b(?:see|saw|seen|spot|spotted|look|looked|there)\b")),
@@ -218,7 +142,7 @@ QUESTIONS: tuple[tuple[Kind, re.Pattern[str]], ...] = (
     ("where", re.compile(r"\b(?:where|wheres|whereabouts)\b(?! (?:should|shall|do i|do we|can i put|could i put|to (?:put|sit|sleep|lie)|i (?:can|could|may)|can (?:i|we) (?!find|get|see)))|\bon what (?:is|are|does)\b|\bany idea where\b")),
     ("list", re.compile(r"\b(?:is|are) there anything\b.* what\b|\b(?:what|which)(?: (?:else|all|things|objects|stuff|items|sort of things))?(?: is| are| s|s)? ?(?:all |else )?(?:there |standing |stands |stand |lying |lies |lie |kept |placed |sitting |sits |sit |stored |to be found |to be seen )?(?:on|in|inside|under|underneath|below|next to|beside|near|by|around|at|behind)\b")),
     ("list", re.compile(r"\b(?:what|which)(?: (?:things|objects|items|stuff|else))? (?:do|can|did|have|does|could) (?:you|we|i)\b.*\b(?:see|seen|saw|find|found|have|got|know|there|keep)\b|\b(?:list|name|enumerate|tell me|show me) (?:me )?(?:all|everything|every|the things|the objects|the contents|what)\b|\bwhat is (?:here|there)\b")),
-    ("exists", re.compile(r"\b(?:is|are) there\b(?! (?:something|anything|somewhere|anywhere) (?:to|i|we|that)\b)|^(?:do|does|have|has|did) (?:we|i|you|they|it|this \w+|the \w+)\b.*\b(?:have|got|own|see|seen|find|found|spot|spotted|a|an|any)\b|^(?:any|got any|got an?|is any|are any)\b|\bcan you see\b|\b(?:if|whether) there (?:is|are)\b|^have i got\b")),
+    ("exists", re.compile(r"\b(?:is|are) there\b(?! (?:something|anything|somewhere|anywhere) (?:to|i|we|that)\b)|^(?:do|does|have|has|did) (?:we|i|you|they|it|this \w+|the \w+)\b.*\b(?:have|got|own|see|seen|find|found|spot|spotted|a|an|any)\b|^(?:any|got any|got an?|is any|are any)\b|\bcan you see\b|^(?:if|whether)\b|^have i got\b")),
     ("exists", re.compile(r"^(?:is|are) (?:the|my|our|any|one|a|an|that|those|it|there)\b")),
 )  # fmt: skip
 COME = re.compile(r"^(?:please )?(?:come (?:here|over(?: here)?|to me|back to me|closer)|over here|here boy)\b")
@@ -228,80 +152,24 @@ BACK = re.compile(
 STOP_NOW = re.compile(
     r"^(?:please )?(?:stop|halt|freeze|wait|never mind|nevermind|forget it|cancel|leave it|that is all|abort)(?: (?:it|that|now|there|please|moving))?$"
 )
-POLITE = frozenset(
-    [
-        "please",
-        "thanks",
-        "thank",
-        "you",
-        "robot",
-        "hey",
-        "hi",
-        "hello",
-        "ok",
-        "okay",
-        "so",
-        "well",
-        "oh",
-        "um",
-        "uh",
-        "er",
-        "ah",
-        "now",
-        "then",
-        "and",
-        "but",
-        "just",
-        "dear",
-        "no",
-        "yes",
-        "i",
-        "mean",
-    ]
-)
+POLITE = _words("""
+    please thanks thank you robot hey hi hello ok okay so well oh um uh er ah now then and but just dear no yes i mean
+    """)
 CONTRACTIONS = (
     (re.compile(r"\b(what|where|there|that|it|who|which|he|she|how)'?s\b"), r"\1 is"), (re.compile(r"\b(\w+)'re\b"), r"\1 are"),
     (re.compile(r"\bn't\b"), " not"), (re.compile(r"\bwhats\b"), "what is"), (re.compile(r"\bwheres\b"), "where is"),
 )  # fmt: skip
-AROUND = frozenset(
-    [
-        "quick",
-        "quickly",
-        "off",
-        "right",
-        "left",
-        "to",
-        "me",
-        "us",
-        "over",
-        "way",
-        "for",
-        "at",
-        "now",
-        "with",
-        "of",
-        "on",
-        "in",
-        "up",
-        "it",
-        "i",
-        "you",
-        "we",
-        "here",
-        "there",
-        "straight",
-        "hurry",
-        "then",
-    ]
-)
-VERB_BEFORE = frozenset(
-    ["to", "i", "we", "you", "they", "can", "could", "should", "would", "will", "let", "lets", "must", "please", "not"]
-)
+AROUND = _words("""
+    quick quickly off right left to me us over way for at now with of on in up it i you we here there straight hurry
+    then
+    """)
+VERB_BEFORE = _words("i we you they can could should would will let lets must")
+WISHING = _words("want wants need needs like love how going have got time trying used wanted")
 PLACING = frozenset(word for relation in RELATIONS for word in relation.split())
 BEFORE = re.compile(
     r"^(?:(?:please|hey|hi|hello|ok|okay|so|well|oh|um|uh|er|ah|now|then|and|but|robot|just|dear|excuse me|sorry|yes|yeah|quick question|say|listen|also"
     r"|(?:can|could|would|will) you(?: please| kindly)?(?: tell me| say| check| let me know)?|tell me|do you know|do you happen to know|let me know"
-    r"|i wonder|i was wondering|i would like to know|i want to know|if|whether|remind me|i ask myself|by the way|kindly)\s+)+(?=\w)"
+    r"|i wonder|i was wondering|i would like to know|i want to know|remind me|i ask myself|by the way|kindly)\s+)+(?=\w)"
 )
 AFTER = re.compile(
     r"(?:\s+(?:please|thanks|thank you|robot|now|dear|by the way|at all|anyway|again|then|here|in this (?:home|house|flat|place)))+$"
@@ -470,14 +338,17 @@ def _named(said: Sequence[str], start: int, end: int, names: Names, key: object)
     if name in names.rooms:
         return Phrase(words, rooms=names.rooms[name])
     if name in names.things:
-        verb = start > 0 and said[start - 1] in VERB_BEFORE and end - start == 1
-        return None if verb else Phrase(words, names.things[name], plural=plural)
+        before = ["", "", *said[:start]][-2:]
+        verb = before[1] in VERB_BEFORE or (before[1] == "to" and before[0] in WISHING)
+        return None if verb and end - start == 1 else Phrase(words, names.things[name], plural=plural)
     if (
         end - start == 1
         and words in GENERIC
         and not (words == "one" and end < len(said) and said[end] in ("of", "more"))
     ):
         return Phrase(words, generic=True, plural=words in PLURAL)
+    if words in ("other", "others", "another") and end == len(said):
+        return Phrase(words, generic=True, other=True)
     return None
 
 
@@ -519,6 +390,8 @@ def _joined(said: Sequence[str], mentions: Sequence[_Mention]) -> tuple[list[Phr
         here = mentions[k]
         phrase, gap_end = here.phrase, mentions[k + 1].start if k + 1 < len(mentions) else len(said)
         kind = _relation(said[here.end : gap_end])
+        if after is not None and after.most in ("nearest", "farthest") and gap_end == here.end and phrase.rooms is None:
+            after, kind = replace(after, most=""), after.most  # "the one nearest the door"
         if kind == "to" and phrase.most in ("nearest", "farthest"):
             phrase, kind = replace(phrase, most=""), phrase.most
         if after is not None and kind == "" and gap_end == here.end and phrase.rooms is not None:

@@ -24,16 +24,20 @@ ROOMS = {
     "kitchen": ("kitchenette", "cooking area"), "dining room": ("dining area",),
 }  # fmt: skip
 SORTS = {
-    "seat": frozenset(
-        map(
-            name_key, ("sofa", "couch", "arm chair", "chair", "stool", "bench", "ottoman", "desk chair", "dining chair")
-        )
-    ),
-    "plant": frozenset(map(name_key, ("house plant", "potted plant"))),
-}
+    name_key(word): frozenset(map(name_key, names.split(", ")))
+    for word, names in {
+        "seat": "sofa, couch, arm chair, chair, stool, bench, ottoman, desk chair, dining chair", "plant": "house plant, potted plant",
+        "cup": "mug", "mug": "cup", "soap": "soap bar, soap bottle", "shelf": "shelving unit, bookcase, bookshelf", "cushion": "pillow",
+        "bookcase": "shelving unit, shelf, bookshelf", "bookshelf": "shelving unit, shelf, bookcase", "light": "floor lamp, desk lamp, table lamp",
+        "shower": "shower head, shower door, shower curtain", "figurine": "statue",
+    }.items()
+}  # fmt: skip
 """General words, and the names of what they mean."""
 DRIVES = re.compile(
     r"\b(?:go|drive|head|navigate|move|take|bring|lead|guide|roll|come|wait|meet|visit|walk|show|get|check|return|run|to)\b"
+)
+TURNING_DOWN = re.compile(
+    r"^(?:(?:no|nope|nah|not (?:that|this)(?: one)?|not it|wrong(?: one)?|i (?:mean|meant|said)|sorry|actually|rather)(?: |$))+"
 )
 TURNED_DOWN = re.compile(r"^(?:no|nope|not|wrong)\b")
 SERVED = re.compile(r"#(\d+)")
@@ -74,14 +78,14 @@ class _Things(Mapping[str, frozenset[str]]):
         return self._found[key]
 
     def _by_card(self, key: str) -> set[str]:
-        if key in SORTS:
-            return {name for own, found in self._own.items() if own in SORTS[key] for name in found}
         deck, knowledge = self._scorer.deck, self._scorer.knowledge
         card = deck.by_key.get(key)
-        if card is None:
-            return set()
-        twins = (found for listed, found in self._cards.items() if knowledge.twins(listed, card))
-        return self._cards.get(card) or set().union(*twins)
+        if card is not None:
+            twins = (found for listed, found in self._cards.items() if knowledge.twins(listed, card))
+            found = self._cards.get(card) or set().union(*twins)
+            if found:
+                return found
+        return {name for own, listed in self._own.items() if own in SORTS.get(key, ()) for name in listed}
 
     def __iter__(self) -> Iterator[str]:
         return iter({*self._own, *self._ends, *self._scorer.deck.by_key})
@@ -128,7 +132,8 @@ class Particular:
             return asked
         need, robot = dialogue[-1]
         before = parse(plain(need[-LATEST:]), self._names, name_key)
-        short = " ".join(words(" ".join(sentences(self.said))))
+        short = TURNING_DOWN.sub("", " ".join(words(" ".join(sentences(self.said)))))
+        asked = parse(short, self._names, name_key) or asked
         fragment = FRAGMENT.sub("", short)
         if fragment != short or FRAGMENT.match(short):
             asked = parse(f"the one {fragment}", self._names, name_key) or asked
@@ -186,6 +191,20 @@ class Particular:
 
     def refined(self, chosen: Selection) -> Selection:
         """A thing that was chosen by its name, as one of the objects of that name: that which the words tell, else the nearest."""
+        asked = self.asked if self.asked is not None and self.asked.kind == "find" else None
+        if chosen.status in ("near", "absent") and asked is not None and asked.head is not None and asked.direct:
+            called = [o for o in self.scene.objects if o.label in asked.head.labels]
+            if called and asked.head.bare and not asked.head.generic:  # a general word for what is listed: "the soap"
+                thing = self._likely(called)[0]
+                say = self._one_of(thing, called) if len(called) > 1 else ""
+                return replace(
+                    chosen,
+                    status="found",
+                    object=thing.label,
+                    object_id=thing.id,
+                    reason=f"'{asked.head.said}' was asked for",
+                    say=say,
+                )
         same = [o for o in self.scene.objects if o.label == chosen.object]
         if chosen.status not in ("found", "near") or chosen.object_id is not None or not same:
             return chosen

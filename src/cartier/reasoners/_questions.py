@@ -133,7 +133,8 @@ def _inventory(scene: Scene, model: str) -> Selection:
 def _compared(asked: Asked, scene: Scene, model: str) -> Selection | None:
     pair = [scene.meant(phrase)[0][:1] for phrase in (asked.head, asked.other) if phrase is not None]
     if len(pair) != 2 or not all(pair):
-        return None
+        gone = [phrase for phrase, found in zip((asked.head, asked.other), pair, strict=True) if phrase and not found]
+        return _told(f"I have not seen {_a(gone[0])}.", Fact("compare", None), model) if gone else None
     one, other = pair[0][0], pair[1][0]
     if one.id == other.id:
         both = scene.meant(asked.head)[0] if asked.head else []

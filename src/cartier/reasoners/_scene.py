@@ -13,7 +13,7 @@ from cartier.language.references import Constraint, Phrase
 from cartier.mapping.relations import Relation, between, left_of, right_of, supports, under
 from cartier.types import Inventory, MapObject, Room
 
-NEXT_M, NEAR_M, LOOSE_M = 0.8, 1.5, 0.25  # "next to", "near", and how much farther than the nearest is as near
+NEXT_M, NEAR_M, LOOSE_M = 0.8, 1.0, 0.25  # "next to", "near", and how much farther than the nearest is as near
 LEAST_SHARE = 0.12  # of an object's surface that has a colour to be called so
 TOUCHING_M = 0.12  # what stands on a thing is so close to it, where nothing better is known of what holds what
 ALIKE = 0.9  # of the biggest: as big
