@@ -100,4 +100,6 @@ def _lines(told: tuple[MapObject, ...], rooms: tuple[Room, ...]) -> dict[int, st
 
 
 def _json(value: object) -> str:
-    return json.dumps(value, ensure_ascii=False)
+    """In letters of any language; what is no printable character, such as an exotic end of a line, is escaped."""
+    text = json.dumps(value, ensure_ascii=False)
+    return text if text.isprintable() else "".join(c if c.isprintable() else json.dumps(c)[1:-1] for c in text)

@@ -157,7 +157,7 @@ def _goal(need: Selection) -> tuple[Any, ...]:
 
 def _named(text: str, names: Sequence[str]) -> str | None:
     """What free text names, with the number of its object if it says one; None if it says two."""
-    name, numbers = parse_object(text, names), set(_NUMBER.findall(text))
+    name, numbers = parse_object(_NUMBER.sub("", text), names), set(_NUMBER.findall(text))
     if name is None or not numbers:
         return name
     return object_ref(name, int(numbers.pop())) if len(numbers) == 1 else None
