@@ -148,7 +148,7 @@ def test_prompts_are_written_once_each_and_what_has_a_reply_is_not_written(tmp_p
         assert writer.select("tired", Inventory.of([])).object is None and writer.propose("tired") == []
         writer.save(tmp_path / "batch.jsonl")
         lines = [json.loads(line) for line in (tmp_path / "batch.jsonl").read_text(encoding="utf-8").splitlines()]
-        assert len(lines) == len(writer)
+        assert len(lines) == len(writer.requests)
         return lines
 
     lines = written(PromptWriter("some-model"))

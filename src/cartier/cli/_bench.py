@@ -92,7 +92,9 @@ def bench(
             with _stages() as step:
                 write(writer, settings, asked, kept, step)
         writer.save(write_prompts)
-        print(f"{len(writer)} prompts in {write_prompts}; nothing was sent. Score what comes back with --replies FILE")
+        print(
+            f"{len(writer.requests)} prompts in {write_prompts}; nothing was sent. Score what comes back with --replies FILE"
+        )
         return
     own_prompt = None if who == "replay" else prompt  # a reply is read alike, whatever prompt it answers
     thinks = specs.reasoner(who, model=model, base_url=base_url, prompt=own_prompt, path=replies)

@@ -27,10 +27,7 @@ class PromptWriter:
 
     def __init__(self, model: str | None = None, prompt: str = "rich", replies: Reasoner | None = None) -> None:
         self._model, self._prompt, self.replies = server_asked(model)[1], prompt_named(prompt), replies
-        self._requests: dict[str, Request] = {}
-
-    def __len__(self) -> int:
-        return len(self._requests)
+        self.requests: dict[str, Request] = {}
 
     def select(self, query: str, inventory: Inventory, dialogue: Sequence[tuple[str, str]] = ()) -> Selection:
         query = check_query(query)
@@ -54,12 +51,12 @@ class PromptWriter:
         return []
 
     def _keep(self, request: Request) -> None:
-        self._requests[request.id] = request
+        self.requests[request.id] = request
 
     def save(self, file: Path) -> None:
         """One request a line: custom_id, method, url and body. Raises InputError if the file cannot be written."""
         lines = [
             {"custom_id": key, "method": "POST", "url": URL, "body": without_bounds(request.body(self._model))}
-            for key, request in self._requests.items()
+            for key, request in self.requests.items()
         ]
         write_file(file, "".join(json.dumps(line, ensure_ascii=False) + "\n" for line in lines).encode())
