@@ -21,8 +21,8 @@ Key = tuple[str, frozenset[str] | None]
 def make(path: str | Path) -> Replay:
     """``path`` holds one {"query": words, "reply": text} a line; the last line of a query counts.
 
-    A line that also has "objects": [names] is the reply to that list alone, and comes before one for any list. A line with
-    "custom_id" is of the output of OpenAI's Batch API for what ``cartier bench --write-prompts`` wrote: the reply to that very
+    A line that also has "objects": [names] is the reply to that list alone; a query that has such lines gets no other's, and its
+    line without them is only what was proposed without sight of a list. A line with "custom_id" is of the output of OpenAI's Batch API for what ``cartier bench --write-prompts`` wrote: the reply to that very
     prompt, and before all others. Raises InputError if the file is missing, too large, or has a line that is not of this form.
     """
     return Replay(Path(path))
@@ -35,32 +35,34 @@ class Replay:
         self.name = f"replay {path.name}"
         self._path = path
         self._replies, self._batch = _read(path)
+        self._to_lists = {query for query, objects in self._replies if objects is not None}
 
     def select(self, query: str, inventory: Inventory, dialogue: Sequence[tuple[str, str]] = ()) -> Selection:
         """What the recorded reply picks from the list. Raises ReasonerError if none is recorded for the query."""
         query = check_query(query)
         if not inventory.names:
             return Selection("absent", reason="nothing was detected in this home", model=self.name)
+        objects = frozenset(inventory.names) if query in self._to_lists else None
         reply = self._reply(
-            query,
-            (frozenset(inventory.names), None),
-            lambda: [prompt.request(query, inventory, dialogue) for prompt in PROMPTS.values()],
+            (query, objects), lambda: [prompt.request(query, inventory, dialogue) for prompt in PROMPTS.values()]
         )
         return read_reply(reply, inventory, model=self.name) or no_answer(reply, model=self.name)
 
     def propose(self, query: str) -> list[str]:
         """The names in the recorded reply. Raises ReasonerError if none is recorded for the query."""
         query = check_query(query)
-        return parse_list(self._reply(query, (None,), lambda: [propose_request(query)]))
+        return parse_list(self._reply((query, None), lambda: [propose_request(query)]))
 
-    def _reply(self, query: str, lists: Sequence[frozenset[str] | None], requests: Callable[[], list[Request]]) -> str:
+    def _reply(self, key: Key, requests: Callable[[], list[Request]]) -> str:
         for request in requests() if self._batch else []:
             if request.id in self._batch:
                 return self._batch[request.id]
-        for objects in lists:
-            if (query, objects) in self._replies:
-                return self._replies[query, objects]
-        raise ReasonerError(f"{self._path} holds no reply to “{query[:80]}”: record one, or ask another reasoner")
+        if key in self._replies:
+            return self._replies[key]
+        raise ReasonerError(
+            f"{self._path} holds no reply to “{key[0][:80]}”{' with this list' if key[1] else ''}: record one, or ask another "
+            "reasoner"
+        )
 
 
 def _read(path: Path) -> tuple[dict[Key, str], dict[str, str]]:
