@@ -14,6 +14,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from cartier import cli
+from cartier.home import Home
+from cartier.language.prompts import prompt_named
 from cartier.pipeline import map_home
 from cartier.recordings.folder import save
 from synthetic import THINGS, RoomRecording, TrueBoxes, walk
@@ -194,3 +196,67 @@ def test_the_bench_leaves_a_report(run: Run, tmp_path: Path) -> None:
     mine.write_text(json.dumps(row) + "\n{\n")
     code, _, err = run(*words)
     assert code == 1 and "line 2" in err and len(err.strip().splitlines()) == 1
+
+
+def test_prompts_are_written_and_what_a_batch_brings_back_is_scored(run: Run, tmp_path: Path) -> None:
+    """Two rounds, as NLMap chooses among what it proposed; whoever answers sees the prompts alone."""
+    rows = [("sit", "chair", "let me sit"), ("drink", "mug", "something hot to hold")]
+    lines = [
+        {"id": key, "type": "implicit", "target": name, "accept": [name], "text": text} for key, name, text in rows
+    ]
+    (tmp_path / "own.jsonl").write_text("\n".join(map(json.dumps, lines)))
+    options = ("--world", WORLD, "--homes", "north", "--queries", tmp_path / "own.jsonl", "--detector", "ground_truth")
+    options = (*options, "--methods", "object_depth,nlmap,true_object", "-o", tmp_path / "run")
+    prompts, back = tmp_path / "prompts.jsonl", tmp_path / "back.jsonl"
+    for count, replies in ((4, ()), (2, ("--replies", back)), (0, ("--replies", back))):
+        code, out, err = run("bench", *options, "--write-prompts", prompts, "--model", "reader", *replies)
+        asked = [json.loads(line) for line in prompts.read_text(encoding="utf-8").splitlines()]
+        assert code == 0 and len(asked) == count and f"{count} prompts in {prompts}; nothing was sent" in out, err
+        with back.open("a", encoding="utf-8") as file:
+            for line in asked:
+                assert (line["method"], line["url"], line["body"]["model"]) == (
+                    "POST",
+                    "/v1/chat/completions",
+                    "reader",
+                )
+                said = line["body"]["messages"][-1]["content"]
+                name = "chair" if "sit" in said else "mug"
+                is_choice = "response_format" in line["body"]
+                content = json.dumps({"status": "found", "object": name}) if is_choice else f"{name}, throne"
+                body = {"choices": [{"message": {"role": "assistant", "content": content}}]}
+                answer = {"custom_id": line["custom_id"], "response": {"status_code": 200, "body": body}, "error": None}
+                file.write(json.dumps(answer) + "\n")
+    code, out, err = run("bench", *options, "--replies", back, "--json")
+    methods = json.loads(out)["methods"]
+    assert code == 0 and {name: methods[name]["implicit"]["match"] for name in methods} == dict.fromkeys(methods, 1), (
+        err
+    )
+    back.write_text("\n".join(back.read_text().splitlines()[1:]))
+    code, out, err = run("bench", *options[:-1], tmp_path / "again", "--replies", back)
+    assert code == 1 and "holds no reply to “let me sit”" in err and err.count("\n") == 1
+
+
+def test_show_prompt_prints_what_would_be_sent_and_sends_nothing(run: Run, home: Path) -> None:
+    code, out, err = run("ask", home, "let me sit", "--show-prompt")
+    assert (code, out) == (0, "nothing leaves this machine\n"), err
+    server = ("--base-url", "http://me:secret@127.0.0.1:9/v1", "--model", "m", "--from", "1,1")  # where nobody listens
+    for reasoner in ("auto", "openai"):
+        code, out, err = run("ask", home, "let me sit", "--show-prompt", "--json", "--reasoner", reasoner, *server)
+        shown = json.loads(out)
+        assert code == 0 and shown["to"] == "http://127.0.0.1:9/v1/chat/completions" and "secret" not in out + err
+        expected = prompt_named("rich").request("let me sit", Home.load(home).inventory(from_xy=(1.0, 1.0))).body("m")
+        assert shown["body"] == expected
+    code, out, err = run("ask", home, "let me sit", "--show-prompt", *server)
+    assert code == 0 and "this goes to http://127.0.0.1:9/v1/chat/completions and nowhere else" in out
+    assert all(message["content"] in out for message in expected["messages"]) and '"json_schema"' in out
+    code, out, err = run("ask", home, "let me sit", "--show-prompt", "--reasoner", "local", "--model", "x.gguf")
+    assert (
+        code == 0 and out.startswith("nothing leaves this machine\nmodel x.gguf") and "<words>let me sit</words>" in out
+    )
+    for reasoner in ("embedded", "replay"):
+        code, out, err = run("ask", home, "let me sit", "--show-prompt", "--reasoner", reasoner, "--json")
+        assert code == 0 and json.loads(out) == {"to": None, "body": None}
+    for words in ((), ("\x00",), ("let me sit", "--reasoner", "./mine.py"), ("let me sit", "--base-url", "file:///x")):
+        code, out, err = run("ask", home, *words, "--show-prompt", "--reasoner", "openai", *words[1:])
+        assert code == 1 and not out and err.startswith("cartier: ") and err.count("\n") == 1, err
+    assert not (home / "answers.jsonl").exists() or "let me sit" not in (home / "answers.jsonl").read_text()

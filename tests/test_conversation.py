@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
+import numpy as np
 import pytest
 
 import cartier
@@ -11,7 +13,7 @@ from cartier.conversation import Conversation
 from cartier.errors import InputError, ReasonerError
 from cartier.language.prompts import MAX_QUERY_CHARS, MAX_TURNS
 from cartier.pipeline import map_home
-from cartier.types import Inventory, Selection
+from cartier.types import FREE, Fact, Inventory, Room, Selection
 from synthetic import THINGS, TrueBoxes, walk
 
 CHAIR = Selection("found", "chair", "for your feet")
@@ -43,6 +45,11 @@ def home() -> cartier.Home:
     return map_home(walk(), TrueBoxes(THINGS))
 
 
+def number_of(home: cartier.Home, name: str) -> str:
+    """The object of a name, as a turn of the robot says it."""
+    return f"{name} #{next(thing.id for thing in home.objects if thing.label == name)}"
+
+
 def test_each_turn_is_told_to_the_next(home: cartier.Home) -> None:
     reasoner = Script(ASKS, CHAIR, ABSENT, CHAIR)
     talk = Conversation(home, reasoner)
@@ -50,7 +57,7 @@ def test_each_turn_is_told_to_the_next(home: cartier.Home) -> None:
         talk.say(words)
     turns = [
         ("let me rest", "The chair or the table?"),
-        ("the chair", "chair"),
+        ("the chair", number_of(home, "chair")),
         ("and my gate?", "nothing here serves that"),
     ]
     assert reasoner.told[-1] == ("thanks", turns) and [len(told) for _, told in reasoner.told] == [0, 1, 2, 3]
@@ -65,7 +72,12 @@ def test_several_needs_are_one_turn_and_the_robot_ends_at_the_last(home: cartier
     assert first.then[0].goal is not None and first.goal is not None
     assert tuple(talk.from_xy) == (first.then[0].goal.x, first.then[0].goal.y)
     second = talk.say("back again")
-    assert reasoner.told[1][1] == [("sit, then the rest", f"chair, then {other}, then nothing here serves that")]
+    assert reasoner.told[1][1] == [
+        (
+            "sit, then the rest",
+            f"{number_of(home, 'chair')}, then {number_of(home, other)}, then nothing here serves that",
+        )
+    ]
     assert second.goal is not None and tuple(second.goal.path[0]) == pytest.approx(tuple(first.then[0].goal.path[-1]))
 
 
@@ -89,3 +101,18 @@ def test_a_long_conversation_stays_bounded(home: cartier.Home) -> None:
     for _ in range(20):
         talk.say("y" * 3000)
     assert len(talk.turns) >= 1 and sum(len(p) + len(r) for p, r in talk.turns) <= MAX_QUERY_CHARS
+
+
+def test_a_turn_says_which_object_which_room_or_the_sentence_that_was_told(home: cartier.Home) -> None:
+    table = next(thing for thing in home.objects if thing.label == "table")
+    room = Room(4, "dining room", "dining room", np.argwhere(home.grid.cells == FREE).astype(np.int32))  # type: ignore[union-attr]
+    there = replace(home, rooms=(room,))
+    told = Selection("told", "table", say="There is one table.", object_id=table.id, fact=Fact("count", 1, (table.id,)))
+    answers = [Selection("found", "table", object_id=table.id), Selection("found", room.name, room=room.id), told]
+    reasoner = Script(*answers, CHAIR)
+    talk = Conversation(there, reasoner)
+    for words in ("the table", "the dining room", "how many tables?", "sit"):
+        answer = talk.say(words)
+        assert (answer.goal is None) == (answer.selection.status == "told")
+    said = [robot for _, robot in reasoner.told[-1][1]]
+    assert said == [f"table #{table.id}", "dining room (room 4)", "There is one table."]

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from cartier.contracts import Reasoner
 from cartier.home import Home
+from cartier.language.names import object_ref, room_ref
 from cartier.language.prompts import check_query, recent
 from cartier.pipeline import ask
 from cartier.planning import check_start
@@ -52,13 +53,20 @@ class Conversation:
 
 
 def robot_turn(answer: Answer) -> str:
-    """What the robot has said with an answer: the object's name, its question, or that nothing serves; then the next need's."""
-    chosen = answer.selection
-    served = chosen.object and chosen.object + ("" if chosen.object_id is None else f" #{chosen.object_id}")
-    told = (
-        chosen.say + (f" #{chosen.object_id}" if chosen.object_id is not None else "")
-        if chosen.status == "told"
-        else ""
-    )
-    said = told or served or chosen.question or "nothing here serves that"
-    return ", then ".join([said, *map(robot_turn, answer.then)])
+    """What the robot has said with an answer, and then with that to the next need: ``cup #12, then kitchen (room 3)``.
+
+    It is the object that was served with its number, or the room; a sentence that was told; the question; or that nothing serves.
+    """
+    return ", then ".join([_said(answer), *map(robot_turn, answer.then)])
+
+
+def _said(answer: Answer) -> str:
+    chosen, place = answer.selection, answer.place
+    if chosen.status == "told":
+        return chosen.say if chosen.object_id is None else f"{chosen.say} (#{chosen.object_id})"
+    if chosen.object is None:
+        return chosen.question or "nothing here serves that"
+    if chosen.room is not None:
+        return room_ref(chosen.object, chosen.room)
+    number = place.object_id if chosen.object_id is None and place is not None else chosen.object_id
+    return chosen.object if number is None else object_ref(chosen.object, number)

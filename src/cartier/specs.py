@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any
 
 from cartier import plugins
 from cartier.contracts import Detector, Reasoner, Recording, Robot
-from cartier.errors import InputError
+from cartier.errors import InputError, brief
 from cartier.home import Home
+from cartier.reasoners._asking import server_asked, without_credentials
+from cartier.reasoners.auto import configured
 from cartier.types import RobotModel
 
 DETECTOR = "embedded"
@@ -38,6 +41,23 @@ def reasoner(spec: str, **options: Any) -> Reasoner:
     """A reasoner by NAME or NAME:MODEL; options that are None are left to it."""
     given = {name: value for name, value in options.items() if value is not None}
     return plugins.make_from_spec("reasoners", spec, **given)
+
+
+def model_asked(spec: str, model: str | None = None, base_url: str | None = None) -> tuple[str, str] | None:
+    """(server's URL, model) of the language model that a reasoner would ask, the URL empty for one in this process, or None.
+
+    Nothing is asked, loaded or needed for that. Raises InputError for a reasoner of somebody else's, which alone knows.
+    """
+    name, _, given = spec.partition(":")
+    model = model or given or None
+    if name not in ("auto", "openai", "local", "embedded", "replay"):
+        raise InputError(f"what the reasoner {brief(name, 60)} sends, only it knows: it is not one of cartier's own")
+    if name == "auto":
+        name = configured(model, base_url) or "embedded"
+    if name == "openai":
+        server, asked = server_asked(model, base_url)
+        return without_credentials(server), asked
+    return ("", model or os.environ.get("CARTIER_MODEL") or "a GGUF file") if name == "local" else None
 
 
 def robot(spec: str, home: Home, model: RobotModel) -> Robot:

@@ -15,9 +15,14 @@ import pytest
 
 from cartier import plugins
 from cartier.errors import InputError, ReasonerError
+from cartier.language.prompts import prompt_named
 from cartier.types import Inventory
+from flat import FLAT
 
 OBJECTS = ["chair", "coffee machine", "dining table", "bed", "refrigerator"]
+OBJECTS_OF_FLAT = [
+    *FLAT.names, "cup #12", "cup #14", "cup #15", "kitchen (room 0)", "bedroom (room 1)", "bedroom (room 2)", "nothing",
+]  # fmt: skip
 Asked = Callable[[str], list[dict[str, Any]]]
 
 
@@ -53,6 +58,24 @@ def test_the_rich_prompt_is_the_default_and_stays_in_the_list_with_one_call(serv
         assert chosen.object is None or chosen.object in OBJECTS
         assert chosen.reply.startswith('{"reason":"')  # random weights may ramble until the limit
     assert len(asked("honest-rich")) == mind.calls == 2 and mind.tokens > 2000
+
+
+def test_what_is_sent_is_what_show_prompt_prints(server: str, asked: Asked) -> None:
+    plugins.make("reasoners", "openai", base_url=f"{server}/v1", model="nothing").select(
+        "a cup", FLAT, [("hi", "bed #20")]
+    )
+    body = prompt_named("rich").request("a cup", FLAT, [("hi", "bed #20")]).body("nothing")
+    assert asked("nothing")[-1] == body and len(json.dumps(body["response_format"])) > 2000
+
+
+def test_a_home_of_objects_and_rooms_stays_within_with_one_call(server: str, asked: Asked) -> None:
+    """A grammar of the whole schema: random weights choose objects by number, rooms, and answers of each kind."""
+    mind = plugins.make("reasoners", "openai", base_url=f"{server}/v1", model="honest-flat")
+    for words in ("how many cups are there?", "the other one", "go to the kitchen"):
+        chosen = mind.select(words, FLAT, [("a cup", "cup #12")])
+        assert all(FLAT.holds(need) for need in (chosen, *chosen.then))
+        assert json.loads(chosen.reply.partition('"question"')[0].rstrip(", ") + "}")["object"] in OBJECTS_OF_FLAT
+    assert len(asked("honest-flat")) >= mind.calls == 3
 
 
 def test_further_needs_come_in_order_and_a_stranger_among_them_is_a_question(server: str) -> None:

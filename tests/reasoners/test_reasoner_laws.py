@@ -12,6 +12,7 @@ from cartier import plugins
 from cartier.contracts import Reasoner
 from cartier.errors import InputError
 from cartier.types import Inventory
+from flat import FLAT
 
 NAMES = [b.name for b in plugins.backends("reasoners")]
 LISTS = [
@@ -67,6 +68,13 @@ def test_no_answer_leaves_the_list(mind: Reasoner, objects: list[str]) -> None:
         assert chosen.object is None or chosen.object in objects
         assert all(name in objects for name, _ in chosen.candidates)
         assert chosen.reason and (chosen.status != "clarify" or chosen.question)
+
+
+def test_no_answer_leaves_a_home_of_objects_and_rooms(mind: Reasoner) -> None:
+    for request in REQUESTS[::2] if "openai" in mind.name else REQUESTS:
+        chosen = mind.select(request, FLAT, [("a cup", "cup #12"), ("where are the plates?", "I saw none.")])
+        assert all(FLAT.holds(need) for need in (chosen, *chosen.then))
+        assert chosen.status != "told" or chosen.say
 
 
 def test_an_empty_list_holds_nothing_that_serves(mind: Reasoner) -> None:

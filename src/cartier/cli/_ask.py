@@ -6,7 +6,7 @@ import json
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -16,6 +16,7 @@ from cartier.errors import InputError, ReasonerError
 from cartier.robots import send
 
 if TYPE_CHECKING:
+    from cartier.home import Home
     from cartier.types import Answer
 
 app = typer.Typer()
@@ -45,6 +46,13 @@ def ask(
     go: Annotated[
         str | None, typer.Option(metavar="ROBOT", help="Send the goal: print, ros2, dollhouse (see 'cartier list').")
     ] = None,
+    show_prompt: Annotated[
+        bool,
+        typer.Option(
+            "--show-prompt",
+            help="Print exactly what would be sent to a language model, and send nothing; no key is needed.",
+        ),
+    ] = False,
     as_json: AsJson = False,
 ) -> None:
     """Say what you need; get the object that serves it, its place, and a pose to drive to."""
@@ -54,6 +62,9 @@ def ask(
 
     from_xy, model_of_robot = numbers(start, 2, "--from"), RobotModel(radius, camera_height)
     mapped = Home.load(home)
+    if show_prompt:
+        _show_prompt(mapped, words, specs.model_asked(reasoner, model, base_url), index, from_xy, as_json)
+        return
     thinks = specs.reasoner(reasoner, model=model, base_url=base_url, path=replies)
     talk = Conversation(mapped, thinks, index=index, from_xy=from_xy, robot=model_of_robot)
     robot = specs.robot(go, mapped, model_of_robot) if go else None
@@ -80,6 +91,35 @@ def ask(
             say(f"the answer was not kept: {error}")
 
 
+def _show_prompt(
+    home: Home, words: str | None, asked: tuple[str, str] | None, index: str | None, from_xy: tuple[float, ...] | None,
+    as_json: bool,
+) -> None:  # fmt: skip
+    """What would be sent to a server, or read by a model in this process."""
+    from cartier.language.prompts import check_query, prompt_named
+    from cartier.planning import check_start
+
+    if words is None:
+        raise InputError('--show-prompt needs the words: cartier ask HOME "I would love to sit down" --show-prompt')
+    words = check_query(words)
+    server, model = asked or ("", "")
+    to = f"{server.rstrip('/')}/chat/completions" if server else None
+    body: dict[str, Any] | None = None
+    if asked is not None:
+        inventory = home.inventory(index, check_start(home.start_xy if from_xy is None else from_xy))
+        body = prompt_named("rich").request(words, inventory).body(model)
+    if as_json:
+        print(json.dumps({"to": to, "body": body}, ensure_ascii=False))
+        return
+    print(f"this goes to {to} and nowhere else" if to else "nothing leaves this machine")
+    if body is None:
+        return
+    print(f"model {model}, temperature {body['temperature']:g}, at most {body['max_tokens']} tokens")
+    for message in body["messages"]:
+        print(f"\n--- {message['role']}\n{message['content']}")
+    print(f"\n--- what a reply may be\n{json.dumps(body['response_format'], ensure_ascii=False)}")
+
+
 def _heard(home: str) -> Iterator[str]:
     """What a person types, line by line, until they end it."""
     say(f"talking to {home}; an empty line or 'bye' ends it")
@@ -95,7 +135,7 @@ def _heard(home: str) -> Iterator[str]:
 
 def _print_answer(answer: Answer, told: set[str]) -> None:
     chosen, place, goal = answer.selection, answer.place, answer.goal
-    print(f"{chosen.status}: {chosen.object or chosen.question or chosen.reason}")
+    print(f"{chosen.status}: {chosen.say or chosen.object or chosen.question or chosen.reason}")
     if chosen.object and chosen.reason:
         print(f"  why    {chosen.reason}")
     if place:

@@ -38,12 +38,22 @@ def bench(
     answers: Annotated[
         Path | None, typer.Option(help="Suite things: score these answers of any system, as docs/things.md has them.")
     ] = None,
-    reasoner: Annotated[str, typer.Option(help="Any of 'cartier list', or NAME:MODEL.")] = "embedded",
+    reasoner: Annotated[
+        str | None, typer.Option(help="Any of 'cartier list', or NAME:MODEL. Default: embedded; replay with --replies.")
+    ] = None,
     model: Annotated[str | None, typer.Option(help="The language model's name on its server.")] = None,
     base_url: Annotated[str | None, typer.Option(help="The server's URL; default OPENAI_BASE_URL.")] = None,
     replies: Annotated[
         Path | None,
-        typer.Option(help="Recorded replies, for --reasoner replay."),
+        typer.Option(help="Score recorded replies: {query, reply} a line, or what came back of --write-prompts."),
+    ] = None,
+    write_prompts: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Write every prompt of the run as a batch file of OpenAI's Batch API, ask nobody, and score nothing. With "
+            "--replies: those that have no reply yet.",
+        ),
     ] = None,
     prompt: Annotated[str | None, typer.Option(help="The language model's prompt: rich (default) or paper.")] = None,
     detector: Annotated[
@@ -69,8 +79,8 @@ def bench(
     as_json: AsJson = False,
 ) -> None:
     """Repeat the paper's evaluation: every method, every kind of request, in every home; tables, figures, failures."""
-    thinks = specs.reasoner(reasoner, model=model, base_url=base_url, prompt=prompt, path=replies)
     if suite == "things":
+        thinks = specs.reasoner(reasoner or "embedded", model=model, base_url=base_url, prompt=prompt, path=replies)
         _things(
             output, homes, detector, queries or "all", world, seed, thinks, maps or output / "maps", answers, as_json
         )
@@ -81,20 +91,38 @@ def bench(
         )
     queries = queries or "paper"
     from cartier.evaluation import report
+    from cartier.evaluation.batch import PromptWriter
     from cartier.evaluation.maps import Maps, MapSettings, encoder_for
     from cartier.evaluation.methods import METHODS
     from cartier.evaluation.queries import SPLITS, load_file, load_queries
     from cartier.evaluation.run import BenchSettings, run
+    from cartier.evaluation.run import write_prompts as write
 
     detectors = list(dict.fromkeys(detector or [specs.DETECTOR]))
     made_by = [MapSettings(world, one, encoder or encoder_for(one), seed) for one in detectors]
     asked = load_queries(queries) if queries in SPLITS else load_file(queries)
     where = _names(homes) or tuple(Maps(output, made_by[0]).world.homes())
+    who = reasoner or ("replay" if replies else "embedded")
     kept, beside = maps or output / "maps", [output / _folder(one) for one in detectors[1:]]
     every = list(zip([output, *beside], made_by, strict=True))
+    runs = [
+        (folder, BenchSettings(where, _names(methods) or tuple(METHODS), queries, made, seed, prompt))
+        for folder, made in every
+    ]
+    if write_prompts is not None:
+        writer = PromptWriter(model, prompt or "rich", specs.reasoner("replay", path=replies) if replies else None)
+        for _, settings in runs:
+            with _stages() as step:
+                write(writer, settings, asked, kept, step)
+        writer.save(write_prompts)
+        print(
+            f"{len(writer.requests)} prompts in {write_prompts}; nothing was sent. Score what comes back with --replies FILE"
+        )
+        return
+    own_prompt = None if who == "replay" else prompt  # a reply is read alike, whatever prompt it answers
+    thinks = specs.reasoner(who, model=model, base_url=base_url, prompt=own_prompt, path=replies)
     found = []
-    for folder, made in every:
-        settings = BenchSettings(where, _names(methods) or tuple(METHODS), queries, made, seed, prompt)
+    for folder, settings in runs:
         with _stages() as step:
             found.append(run(folder, settings, asked, thinks, kept, step))
     for folder, made in reversed(every):  # the run's own report comes last, since it has them all

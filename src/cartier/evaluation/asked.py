@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import time
 from collections.abc import Callable, Sequence
@@ -12,7 +13,7 @@ from typing import Any
 from cartier.atomic import append_line
 from cartier.contracts import Reasoner
 from cartier.files import read_rows
-from cartier.types import Inventory, Selection
+from cartier.types import Fact, Inventory, Selection
 
 
 class Asked:
@@ -26,7 +27,7 @@ class Asked:
 
     def select(self, query: str, inventory: Inventory, dialogue: Sequence[tuple[str, str]] = ()) -> Selection:
         reply = self._recall(
-            ["select", query, inventory.names, list(dialogue)],
+            ["select", query, _digest(inventory), list(dialogue)],
             lambda: _plain(self._reasoner.select(query, inventory, dialogue)),
         )
         return _selection(reply)
@@ -54,6 +55,13 @@ class Asked:
         return row["reply"]
 
 
+def _digest(inventory: Inventory) -> str:
+    """The same for the same objects, rooms, and standpoint of the robot."""
+    rooms = [(room.id, room.name) for room in inventory.rooms]
+    seen = [asdict(thing) for thing in inventory.objects]
+    return hashlib.sha256(json.dumps([seen, rooms, inventory.from_xy]).encode()).hexdigest()[:16]
+
+
 def _plain(selection: Selection) -> dict[str, Any]:
     kept = asdict(selection) | {"prompt": "", "then": [_plain(further) for further in selection.then]}
     return kept
@@ -61,4 +69,6 @@ def _plain(selection: Selection) -> dict[str, Any]:
 
 def _selection(row: dict[str, Any]) -> Selection:
     candidates = tuple((str(name), float(score)) for name, score in row["candidates"])
-    return Selection(**(row | {"candidates": candidates, "then": tuple(map(_selection, row["then"]))}))
+    fact = None if row["fact"] is None else Fact(**(row["fact"] | {"objects": tuple(row["fact"]["objects"])}))
+    further = tuple(map(_selection, row["then"]))
+    return Selection(**(row | {"candidates": candidates, "then": further, "fact": fact}))

@@ -122,3 +122,5 @@ METHODS: dict[str, Callable[[Home, Query, Bench], Answer]] = {
     "llm_without_list": _yardstick(lambda home, query, bench: WithoutList(bench.reasoner)),
     "true_object": _yardstick(lambda home, query, bench: TrueObject(query.target)),
 }
+ASKING = ("object_depth", "object_depth_paper", "object_viewpoint", "vlmaps", "nlmap", "llm_without_list")
+"""Those that ask the reasoner under test."""

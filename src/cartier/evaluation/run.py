@@ -15,8 +15,9 @@ from cartier.baselines import nlmap
 from cartier.contracts import Reasoner
 from cartier.errors import InputError
 from cartier.evaluation.asked import Asked
+from cartier.evaluation.batch import PromptWriter
 from cartier.evaluation.maps import Maps, MapSettings
-from cartier.evaluation.methods import METHODS, Bench
+from cartier.evaluation.methods import ASKING, METHODS, Bench
 from cartier.evaluation.metrics import distances, matches
 from cartier.evaluation.queries import Query, cases
 from cartier.files import read_json, read_rows
@@ -31,6 +32,8 @@ GENERATED = (
     "1003",
 )  # homes of the dollhouse that NLMap's threshold is chosen on: nothing is asked there
 SECONDS = 4  # decimals
+MAPS = "maps"
+"""The mapped homes in a run folder, where they are kept nowhere else."""
 
 Progress = Callable[[str, int, int], None]
 
@@ -60,17 +63,45 @@ def run(
     ``maps_folder`` may be shared between runs; by default it is in the run folder. Raises InputError for an unknown home or
     method, or a run folder of other settings; what was answered before an error stays.
     """
+    maps = Maps(maps_folder or folder / MAPS, settings.maps)
+    truth, asked = _asked(settings, queries, maps)
+    with locked(folder):
+        return _run(folder, settings, queries, asked, truth, reasoner, maps, progress)
+
+
+def write_prompts(
+    writer: PromptWriter,
+    settings: BenchSettings,
+    queries: Sequence[Query],
+    maps_folder: Path,
+    progress: Progress | None = None,
+) -> None:
+    """Let the writer see all that a run would ask a language model. Raises InputError as ``run`` does; no run folder is made."""
+    maps = Maps(maps_folder, settings.maps)
+    _, asked = _asked(settings, queries, maps)
+    depends = "nlmap" in settings.methods and writer.replies is not None  # its choice is among what came back at first
+    threshold = _calibrated(maps, settings.homes, progress)[0] if depends else 0.0
+    bench = Bench(writer, TextEncoder(), threshold, settings.seed)
+    for home_name in settings.homes:
+        home = maps.get(home_name, progress)
+        for query in [query for name, query in asked if name == home_name]:
+            for method in [method for method in settings.methods if method in ASKING]:
+                METHODS[method](home, query, bench)
+
+
+def _asked(
+    settings: BenchSettings, queries: Sequence[Query], maps: Maps
+) -> tuple[dict[str, list[TrueObject]], list[tuple[str, Query]]]:
+    """The true objects of each home, and every (home, request) to be asked."""
     unknown = [method for method in settings.methods if method not in METHODS]
     if unknown:
         raise InputError(f"there is no method {unknown[0]!r}; there are {', '.join(METHODS)}")
-    maps = Maps(maps_folder or folder / "maps", settings.maps)
     truth = {home: maps.world.objects(home) for home in settings.homes}
     names = {home: {display_name(thing.label) for thing in things} for home, things in truth.items()}
     asked = cases(queries, names)
     if not asked:
         raise InputError(f"none of the {len(queries)} requests can be asked in {', '.join(settings.homes)}")
-    with locked(folder):
-        return _run(folder, settings, queries, asked, truth, reasoner, maps, progress)
+    return truth, asked
 
 
 def _run(
@@ -144,18 +175,20 @@ def _threshold(folder: Path, maps: Maps, asked: Sequence[str], progress: Progres
     """NLMap's threshold, chosen on homes of which nothing is asked; kept in the run's settings."""
     kept = read_json(folder / "settings.json")
     if kept.get("nlmap_threshold") is None:
-        all_homes = maps.world.homes()
-        others = (
-            GENERATED if maps.settings.world == "dollhouse" else [home for home in all_homes if home not in asked][:3]
-        )
-        if not others:
-            raise InputError("nlmap's threshold is chosen on homes that are not asked about: leave some out of --homes")
-        known = {display_name(t.label) for home in {*others, *all_homes} for t in maps.world.objects(home)}
-        homes = [(home := maps.get(name, progress), set(home.names)) for name in others]
-        kept["nlmap_threshold"] = nlmap.calibrate(homes, sorted(known))
-        kept["nlmap_calibrated_on"] = [f"{maps.settings.world}:{name}" for name in others]
+        kept["nlmap_threshold"], kept["nlmap_calibrated_on"] = _calibrated(maps, asked, progress)
         write_json(folder / "settings.json", kept)
     return float(kept["nlmap_threshold"])
+
+
+def _calibrated(maps: Maps, asked: Sequence[str], progress: Progress | None) -> tuple[float, list[str]]:
+    """NLMap's threshold and the homes that it is chosen on."""
+    all_homes = maps.world.homes()
+    others = GENERATED if maps.settings.world == "dollhouse" else [home for home in all_homes if home not in asked][:3]
+    if not others:
+        raise InputError("nlmap's threshold is chosen on homes that are not asked about: leave some out of --homes")
+    known = {display_name(t.label) for home in {*others, *all_homes} for t in maps.world.objects(home)}
+    homes = [(home := maps.get(name, progress), set(home.names)) for name in others]
+    return nlmap.calibrate(homes, sorted(known)), [f"{maps.settings.world}:{name}" for name in others]
 
 
 def claim(folder: Path, settings: Any, queries: Iterable[Any], reasoner: str) -> None:
@@ -175,7 +208,9 @@ def claim(folder: Path, settings: Any, queries: Iterable[Any], reasoner: str) ->
                 f"{folder} holds a run of other settings ({', '.join(other)}): choose another folder, or delete that one"
             )
         return
-    if folder.exists() and any(folder.iterdir()):
+    if folder.exists() and any(
+        file.name != MAPS for file in folder.iterdir()
+    ):  # these, whoever wrote the prompts has made
         raise InputError(f"{folder} is not empty and holds no bench (no settings.json): choose another folder")
     folder.mkdir(parents=True, exist_ok=True)
     write_json(file, mine | {"versions": packages | {"python": platform.python_version()}})

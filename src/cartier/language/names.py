@@ -1,4 +1,4 @@
-"""Object names: the form that people and language models read."""
+"""Names of objects and rooms: the forms that people and language models read."""
 
 from __future__ import annotations
 
@@ -14,3 +14,13 @@ def display_name(label: str) -> str:
     spaced = re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", " ", unicodedata.normalize("NFC", label))
     words = re.sub(r"[\s_]+", " ", "".join(c if c.isprintable() else " " for c in spaced)).strip()
     return words.lower()
+
+
+def object_ref(label: str, number: int) -> str:
+    """Which of the objects of a name: ``cup #12``, in prompts, in replies, and in what the robot has said."""
+    return f"{label} #{number}"
+
+
+def room_ref(name: str, number: int) -> str:
+    """Which room: ``kitchen (room 3)``."""
+    return f"{name} (room {number})"

@@ -3,51 +3,52 @@
 from __future__ import annotations
 
 import json
+import math
 import re
-import unicodedata
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import lru_cache
 from typing import Any
 
-from cartier.types import Selection, Status
+from cartier.language.lookup import NOTHING, Listed, Pick, names_of
+from cartier.language.names import object_ref
+from cartier.types import Fact, Inventory, Selection, Status
 
 MAX_REPLY_CHARS = 20_000
 MAX_LINE_CHARS = 300
 MAX_FURTHER = 3
-MAX_ACCENTS = 30
-NOTHING = "nothing"
-"""What a model answers when no object of the list serves the person."""
+MAX_WORD_CHARS = 80
 SAY_AGAIN = "Could you say that in other words?"
 
 
-def read_reply(reply: str, objects: Sequence[str], *, model: str = "", prompt: str = "") -> Selection | None:
-    """A reply to any of the prompts as an answer, or None where it is none: rubbish, cut off, or not of the list.
+def read_reply(reply: str, inventory: Inventory, *, model: str = "", prompt: str = "") -> Selection | None:
+    """A reply to any of the prompts as an answer, or None where it is none: rubbish, cut off, or not of this home.
 
-    The last JSON object with a status or an object counts, as far as it is whole; what it names must be listed. A reply
-    without one is free text, and ``parse_object`` looks for the name. Each of at most ``MAX_FURTHER`` further needs that
-    names nothing in the list becomes a question.
+    The last JSON object with a status or an object counts, as far as it is whole; what it names must be in the inventory: names,
+    numbers of objects with their own names, rooms, and all that an answer for programs holds. A reply without one is free
+    text, and ``parse_object`` looks for the name. Each of at most ``MAX_FURTHER`` further needs that names nothing in the
+    home becomes a question.
     """
     text = reply.rpartition("</think>")[2][-MAX_REPLY_CHARS:]
     if "<think>" in text:  # cut off before the answer
         return None
-    names = _names(tuple(objects))
+    listed = Listed(inventory)
     rows, is_cut = _rows(text)
     if not rows:
         stated = {status.lower() for status in _JSON_STATUS.findall(text)} or {"found"}
         if len(stated) > 1 or (is_cut and not _JSON_MEMBER.search(text)):
             return None
-        rows = [{"status": stated.pop(), "object": parse_object(text, objects)}]
-    first = _need(rows[-1], names, model)
+        rows = [{"status": stated.pop(), "object": _named(text, inventory.names)}]
+    first = _need(rows[-1], listed, model)
     if first is None:
         return None
-    listed = rows[-1].get("then")
+    further = rows[-1].get("then")
     then: list[Selection] = []
-    for row in [row for row in listed if isinstance(row, dict)][:MAX_FURTHER] if isinstance(listed, list) else []:
-        need = _need(row, names, model) or no_answer("", model=model)
-        if need.object is None or all(need.object != earlier.object for earlier in (first, *then)):
+    for row in [row for row in further if isinstance(row, dict)][:MAX_FURTHER] if isinstance(further, list) else []:
+        need = _need(row, listed, model) or no_answer("", model=model)
+        if need.object is None or all(_goal(need) != _goal(earlier) for earlier in (first, *then)):
             then.append(need)  # models repeat themselves
-    return replace(first, then=tuple(then), reply=reply, prompt=prompt)
+    chosen = replace(first, then=tuple(then), reply=reply, prompt=prompt)
+    return chosen if all(map(inventory.holds, (chosen, *then))) else None
 
 
 def no_answer(reply: str, *, model: str = "", prompt: str = "") -> Selection:
@@ -56,21 +57,110 @@ def no_answer(reply: str, *, model: str = "", prompt: str = "") -> Selection:
     return Selection("clarify", reason=reason, question=SAY_AGAIN, reply=reply, model=model, prompt=prompt)
 
 
-def _need(row: Mapping[str, Any], names: _Names, model: str) -> Selection | None:
-    """One need as a model states it; None if it names what is not listed, or a status that there is not."""
+def _need(row: Mapping[str, Any], listed: Listed, model: str) -> Selection | None:
+    """One need as a model states it; None if it names what is not in the home, or a status that there is not."""
     status, stated = row.get("status", "found"), row.get("object")
     status = status.strip().lower() if isinstance(status, str) else ""
     stated = stated[0] if isinstance(stated, list) and len(stated) == 1 else stated
-    name = names.lookup(stated) if isinstance(stated, str) else None
+    pick = listed.find(stated) if isinstance(stated, str) else None
+    is_nothing = pick == Pick(NOTHING) and NOTHING not in listed.names.listed
     reason, question = _line(row.get("reason")), _line(row.get("question"))
+    if status == "told":
+        is_stranger = pick is None and stated not in (None, "")
+        return None if is_stranger else _told(row, listed, None if is_nothing else pick, model)
     if status == "clarify":
         return Selection("clarify", reason=reason or "the model asks back", question=question or SAY_AGAIN, model=model)
-    if status == "absent" or (status in ("found", "near") and name == NOTHING and name not in names.listed):
+    if status == "absent" or (status in ("found", "near") and is_nothing):
         return Selection("absent", reason=reason or "the model says that nothing here serves this", model=model)
-    if status not in ("found", "near") or name is None:
+    if status not in ("found", "near") or pick is None:
         return None
     chosen: Status = "near" if status == "near" else "found"
-    return Selection(chosen, name, reason or "chosen by the model", candidates=((name, 1.0),), model=model)
+    candidates = ((pick.name, 1.0),) if pick.room is None else ()
+    reason = reason or "chosen by the model"
+    return Selection(
+        chosen, pick.name, reason, candidates=candidates, model=model, object_id=pick.object_id, room=pick.room
+    )
+
+
+def _told(row: Mapping[str, Any], listed: Listed, about: Pick | None, model: str) -> Selection | None:
+    """An answer in words; None without a sentence, or where the answer for programs holds what is not in the home."""
+    say, reason = _line(row.get("say")), _line(row.get("reason"))
+    stated = row.get("answer")
+    try:
+        fact = None if stated is None else _fact(stated, listed)
+    except (KeyError, TypeError, ValueError, OverflowError):
+        return None
+    if not (say or reason):
+        return None
+    name, number, room = about or (None, None, None)
+    told = Selection("told", name, reason or "told by the model", object_id=number, room=room, fact=fact)
+    return replace(told, say=say or reason, model=model)
+
+
+def _fact(stated: Any, listed: Listed) -> Fact:
+    """An answer for programs; where an object is says the map, not the model.
+
+    Raises KeyError, TypeError, ValueError or OverflowError for what is no such answer, or not of this home.
+    """
+    kind, value, numbers = stated["kind"], stated.get("value"), stated.get("objects") or []
+    if any(type(number) is not int for number in numbers):
+        raise TypeError("objects are numbers")
+    things = [listed.objects[number] for number in dict.fromkeys(numbers)]
+    rooms = [listed.rooms.get(thing.room) for thing in things if thing.room is not None]
+    if kind == "count":
+        value = _whole(value, len(things), max(len(listed.objects), len(listed.rooms)))
+    elif kind == "exists":
+        if type(value) is not bool:
+            raise TypeError("there is, or there is not")
+    elif kind == "where":
+        value = (rooms[0] if rooms else None) if things or value is None else _listed_as(value, listed)
+    elif kind == "list":
+        if not isinstance(value, list):
+            raise TypeError("names are a list")
+        value = list(dict.fromkeys([_listed_as(name, listed) for name in value] or [thing.label for thing in things]))
+    elif kind == "compare":
+        value = _listed_as(value, listed)
+        if things and value not in [thing.label for thing in things]:
+            raise ValueError("what it names is not among what it compares")
+    elif kind == "tell":
+        value = _line(value)[:MAX_WORD_CHARS] if isinstance(value, str) else _number(value)
+    else:
+        raise ValueError("no kind of answer")
+    return Fact(kind, value, tuple(thing.id for thing in things))
+
+
+def _listed_as(name: Any, listed: Listed) -> str:
+    pick = listed.find(name) if isinstance(name, str) else None
+    if pick is None or (pick == Pick(NOTHING) and NOTHING not in listed.names.listed):
+        raise ValueError("not of this home")
+    return pick.name
+
+
+def _whole(value: Any, least: int, most: int) -> int:
+    number = _number(value)
+    if number != int(number) or not least <= number <= most:
+        raise ValueError("no such number")
+    return int(number)
+
+
+def _number(value: Any) -> float | int:
+    if type(value) not in (int, float) or not math.isfinite(value):
+        raise ValueError("no number")
+    number: float | int = value
+    return number
+
+
+def _goal(need: Selection) -> tuple[Any, ...]:
+    """What tells one need from another."""
+    return need.status == "told", need.object, need.object_id, need.room
+
+
+def _named(text: str, names: Sequence[str]) -> str | None:
+    """What free text names, with the number of its object if it says one; None if it says two."""
+    name, numbers = parse_object(_NUMBER.sub("", text), names), set(_NUMBER.findall(text))
+    if name is None or not numbers:
+        return name
+    return object_ref(name, int(numbers.pop())) if len(numbers) == 1 else None
 
 
 def _line(value: object) -> str:
@@ -117,7 +207,7 @@ def parse_object(reply: str, objects: Sequence[str]) -> str | None:
     plural's s do not matter where that is unambiguous, and "coffee machine" is never taken for "machine".
     """
     reply = reply.rpartition("</think>")[2][-MAX_REPLY_CHARS:].strip()
-    names = _names(tuple(objects))
+    names = names_of(tuple(objects))
     if "<think>" in reply:  # cut off before the answer
         return None
     if _JSON_MEMBER.search(reply):
@@ -153,97 +243,9 @@ _JSON_KEY = re.compile(r'\s*+(?:,\s*+)?"((?:[^"\\]|\\.)*+)"\s*+:\s*+')
 _JSON_END = re.compile(r"\s*+(?:,\s*+)?\}")
 _JSON_MEMBER = re.compile(r"[\"']object[\"'] ?:")
 _JSON_STATUS = re.compile(r"""[\"']status[\"']\s*:\s*[\"'](\w+)[\"']""")
+_NUMBER = re.compile(r"#([0-9]{1,9})(?![0-9])")
 _JSON_OBJECT = re.compile(r"""[\"']object[\"'] ?: ?\[? ?([\"'])((?:\\.|(?!\1)[^\\])*)\1""")
 _QUOTED = re.compile(r"(?<![`'\"“”‘’«*])[`'\"“‘«*]{1,3}([^`'\"“”‘’«»*\n]{1,80})[`'\"”’»*]")
-_CHOSEN = re.compile(
-    r"(?:\b(?:choose|choosing|pick|select|suggest|recommend|called|named|(?:go|drive|head|over) to|send \w+(?: \w+)? to)"
-    r"|\b(?:answer|choice|object|option) (?:is|would be))(?: the| a| an| object)* $"
-)
-_REFUSED = re.compile(
-    r"\b(?:no|(?:not|never|than|except|without|avoid|instead of)(?: (?:go|going|to|use|choose|pick|the|a|an))*) $"
-)
-_NOTHINGS = ("nothing", "none", "none of these", "none of them")
-_PLURALS = {"knives": "knife", "shelves": "shelf", "loaves": "loaf", "leaves": "leaf", "scarves": "scarf"}
-
-
-class _Names:
-    """The listed names, to be found again in what a model writes. A form that two of them share names neither."""
-
-    def __init__(self, objects: Sequence[str]) -> None:
-        self.exact: dict[str, str | None] = {}
-        self.folded: dict[str, str | None] = {}
-        self.joined: dict[str, str | None] = {}
-        self.listed = dict.fromkeys(objects)
-        for name in self.listed:
-            words = _words(name)
-            if words:
-                self.exact.setdefault(" ".join(words), name)
-                for table, key in ((self.folded, _fold(words)), (self.joined, _fold(words).replace(" ", ""))):
-                    table[key] = None if table.get(key, name) != name else name
-        self.lengths = sorted({1, *(len(_words(name)) for name in self.listed)} - {0}, reverse=True)
-
-    def lookup(self, value: str) -> str | None:
-        """The name that a text is, not merely holds; NOTHING for a word that says so and is not itself listed."""
-        value = value.strip()
-        if value in self.listed:
-            return value
-        words = _words(value)
-        for said in (words, words[1:] if words[:1] in (["the"], ["a"], ["an"]) else []):
-            if (name := self._find(said) or self.joined.get(_fold(said).replace(" ", ""))) is not None:
-                return name
-        return NOTHING if " ".join(words) in _NOTHINGS else None
-
-    def mentions(self, sentence: str) -> list[tuple[str, bool]]:
-        """The names in a sentence in their order, and whether a word of choosing stands right before each."""
-        words, found, at = _words(sentence), [], 0
-        while at < len(words):
-            length, name = next(
-                ((n, name) for n in self.lengths if (name := self._find(words[at : at + n])) is not None), (1, None)
-            )
-            before = " ".join(words[max(0, at - 8) : at]) + " "
-            if name is not None and not _REFUSED.search(before):
-                is_offer = words[at + length : at + length + 1] == ["or"]
-                found.append((name, bool(_CHOSEN.search(before)) and not is_offer))
-            at += length
-        return found
-
-    def _find(self, words: list[str]) -> str | None:
-        one_word = self.joined.get(_fold(words)) if len(words) == 1 else None
-        return self.exact.get(" ".join(words)) or self.folded.get(_fold(words)) or one_word
-
-
-@lru_cache(maxsize=8)
-def _names(objects: tuple[str, ...]) -> _Names:
-    return _Names(objects)
-
-
-def _words(text: str) -> list[str]:
-    spaced = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", unicodedata.normalize("NFKC", _stream_safe(text)))
-    return re.sub(r"[\W_]+", " ", spaced.casefold()).split()
-
-
-def _stream_safe(text: str) -> str:
-    """A text without the accents beyond 30 on one letter (Unicode's annex 15): to sort them takes the square of their number."""
-    if text.isascii():
-        return text
-    kept, accents = [], 0
-    for character in text:
-        accents = accents + 1 if unicodedata.combining(character) else 0
-        if accents <= MAX_ACCENTS:
-            kept.append(character)
-    return "".join(kept)
-
-
-def _fold(words: list[str]) -> str:
-    return " ".join(map(_singular, words))
-
-
-def _singular(word: str) -> str:
-    if len(word) < 4 or not word.endswith("s") or word.endswith(("ss", "us", "is")):
-        return word
-    if word.endswith("ies") and len(word) > 4:
-        return word[:-3] + "y"
-    return _PLURALS.get(word, word[:-2] if word.endswith(("xes", "ches", "shes", "sses")) else word[:-1])
 
 
 def _unescaped(literal: str) -> str:

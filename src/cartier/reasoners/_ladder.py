@@ -6,13 +6,10 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 from cartier.errors import ReasonerError
-from cartier.language.prompts import Schema
+from cartier.language.prompts import Schema, json_schema, without_bounds
 
 Form = dict[str, Any]
 _works: dict[tuple[str, str], str] = {}  # (server, model) → the first form that it honoured
-
-BOUNDS = ("maxLength", "maxItems")
-"""What a schema is the better for, but some servers refuse (OpenAI's strict mode)."""
 
 
 class NotUnderstood(Exception):
@@ -21,12 +18,6 @@ class NotUnderstood(Exception):
     def __init__(self, error: ReasonerError) -> None:
         super().__init__(str(error))
         self.error = error
-
-
-def _json_schema(schema: Schema) -> Form:
-    return {
-        "response_format": {"type": "json_schema", "json_schema": {"name": "choice", "strict": True, "schema": schema}}
-    }
 
 
 def _json_object(schema: Schema) -> Form:
@@ -41,16 +32,9 @@ def _tool(schema: Schema) -> Form:
     }
 
 
-def without_bounds(schema: Any) -> Any:
-    """The schema in the dialect that knows no lengths."""
-    if isinstance(schema, dict):
-        return {key: without_bounds(value) for key, value in schema.items() if key not in BOUNDS}
-    return schema
-
-
 LADDER: dict[str, Callable[[Schema], Form]] = {
-    "json_schema": _json_schema,
-    "json_schema without bounds": lambda schema: _json_schema(without_bounds(schema)),
+    "json_schema": json_schema,
+    "json_schema without bounds": lambda schema: json_schema(without_bounds(schema)),
     "json_object": _json_object,
     "tool": lambda schema: _tool(without_bounds(schema)),
     "text": lambda schema: {},

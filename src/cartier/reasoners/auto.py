@@ -35,16 +35,20 @@ def make(
     if not timeout_s > 0:
         raise InputError(f"timeout_s must be positive, got {timeout_s}")
     prompt_named(prompt)
-    file = model if model and model.lower().endswith(".gguf") else None
-    if not (model or base_url):
-        file = os.environ.get("CARTIER_MODEL")
+    backend = configured(model, base_url, api_key)
     options: dict[str, Any] = {"prompt": prompt, "cache": cache}
-    if file:  # it may think on after its time: what it has read by then, it need not read again
-        return Auto("local", options | {"model": file}, timeout_s)
-    if model or base_url or api_key or os.environ.get("OPENAI_BASE_URL") or os.environ.get("OPENAI_API_KEY"):
-        server = {"model": model, "base_url": base_url, "api_key": api_key, "timeout_s": timeout_s}
-        return Auto("openai", options | server, timeout_s)
-    return Auto(None, {}, timeout_s)
+    if backend == "local":  # it may think on after its time: what it has read by then, it need not read again
+        return Auto(backend, options | {"model": model or os.environ["CARTIER_MODEL"]}, timeout_s)
+    server = {"model": model, "base_url": base_url, "api_key": api_key, "timeout_s": timeout_s}
+    return Auto(backend, options | server if backend else {}, timeout_s)
+
+
+def configured(model: str | None = None, base_url: str | None = None, api_key: str | None = None) -> str | None:
+    """The reasoner that is asked first, local or openai; None where no language model is configured."""
+    if (model and model.lower().endswith(".gguf")) or (not (model or base_url) and os.environ.get("CARTIER_MODEL")):
+        return "local"
+    given = model or base_url or api_key or os.environ.get("OPENAI_BASE_URL") or os.environ.get("OPENAI_API_KEY")
+    return "openai" if given else None
 
 
 class Auto:

@@ -16,12 +16,11 @@ import openai
 
 from cartier.errors import ReasonerError, brief
 from cartier.language.prompts import Messages, Schema
-from cartier.reasoners._asking import LanguageModel
+from cartier.reasoners._asking import LanguageModel, server_asked, without_credentials
 from cartier.reasoners._deadline import Late, within
 from cartier.reasoners._ladder import Form, NotUnderstood, climb
 
 EXTRA = "llm"
-DEFAULT_MODEL = "gpt-4o"
 MAX_REPLY_BYTES = 2**20
 PAUSES_S = (0.5, 1.5)
 KEPT_HEADERS = ("content-type", "retry-after")
@@ -63,8 +62,8 @@ class Server:
     def __init__(
         self, model: str | None, base_url: str | None, api_key: str | None, timeout_s: float, temperature: float
     ) -> None:
-        base_url = base_url or os.environ.get("OPENAI_BASE_URL") or None
-        self._key = (api_key or os.environ.get("OPENAI_API_KEY") or ("none" if base_url else "")).strip()
+        own = base_url or os.environ.get("OPENAI_BASE_URL")
+        self._key = (api_key or os.environ.get("OPENAI_API_KEY") or ("none" if own else "")).strip()
         if not self._key:
             raise ReasonerError(
                 "the openai reasoner needs OPENAI_API_KEY, or a server of your own in OPENAI_BASE_URL (--base-url)"
@@ -73,9 +72,8 @@ class Server:
             raise ReasonerError("the API key holds characters that no key has: copy it again (OPENAI_API_KEY)")
         if not timeout_s > 0:
             raise ReasonerError(f"timeout_s must be positive, got {timeout_s}")
-        self.server = base_url or "https://api.openai.com/v1"
-        self.where = _without_credentials(self.server)
-        self.model = model or os.environ.get("OPENAI_MODEL") or DEFAULT_MODEL
+        self.server, self.model = server_asked(model, base_url)
+        self.where = without_credentials(self.server)
         self.name = f"openai {self.model} @ {urlsplit(self.server).hostname}"
         self.timeout_s = timeout_s
         self._idle: queue.SimpleQueue[Any] = queue.SimpleQueue()
@@ -242,7 +240,7 @@ class _OneServer(openai.DefaultHttpxClient):  # type: ignore[misc]
         said = f"{self._server.where} answered {response.status_code}"
         try:
             target = urljoin(str(response.request.url), response.headers["location"])
-            target = self._server.brief(_without_credentials(target))
+            target = self._server.brief(without_credentials(target))
         except (KeyError, ValueError, ReasonerError):
             return f"{said}, which leads nowhere: is the base URL right?"
         base = target.removesuffix("/chat/completions")
@@ -261,14 +259,3 @@ def _paused(pauses_s: list[float], deadline: float, retry_after: str | None = No
         return False
     time.sleep(pause)
     return True
-
-
-def _without_credentials(url: str) -> str:
-    """A base URL as it may be printed: without a user, a password or a query. Raises ReasonerError if it is no URL."""
-    try:
-        parts = urlsplit(url)
-        if parts.scheme not in ("http", "https") or not parts.hostname:
-            raise ValueError("it must begin with http:// or https://")
-        return f"{parts.scheme}://{parts.netloc.rpartition('@')[2]}{parts.path}"
-    except ValueError as error:
-        raise ReasonerError(f"the base URL is not usable ({error}); an example is http://127.0.0.1:11434/v1") from error

@@ -1,26 +1,29 @@
-"""Recorded replies from a JSON-lines file, {"query": …, "reply": …}: a model's answers without the model."""
+"""Recorded replies from a JSON-lines file, {"query": …, "reply": …}, or a batch that came back: a model's answers without the model."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 from cartier.errors import InputError, ReasonerError
 from cartier.files import read_text
-from cartier.language.prompts import check_query
+from cartier.language.prompts import PROMPTS, Request, check_query, propose_request
 from cartier.language.replies import no_answer, parse_list, read_reply
 from cartier.types import Inventory, Selection
 
 MAX_BYTES = 256 * 1024 * 1024
+FORM = '{"query": "…", "reply": "…"}, or a line of a batch\'s output, {"custom_id": "…", "response": {…}}'
 Key = tuple[str, frozenset[str] | None]
 
 
 def make(path: str | Path) -> Replay:
     """``path`` holds one {"query": words, "reply": text} a line; the last line of a query counts.
 
-    A line that also has "objects": [names] is the reply to that list alone, and comes before one for any list.
-    Raises InputError if the file is missing, too large, or has a line that is not of this form.
+    A line that also has "objects": [names] is the reply to that list alone; a query that has such lines gets no other's, and its
+    line without them is only what was proposed without sight of a list. A line with "custom_id" is of the output of OpenAI's Batch API for what ``cartier bench --write-prompts`` wrote: the reply to that very
+    prompt, and before all others. Raises InputError if the file is missing, too large, or has a line that is not of this form.
     """
     return Replay(Path(path))
 
@@ -30,35 +33,50 @@ class Replay:
 
     def __init__(self, path: Path) -> None:
         self.name = f"replay {path.name}"
-        self._path, self._replies = path, _read(path)
+        self._path = path
+        self._replies, self._batch = _read(path)
+        self._to_lists = {query for query, objects in self._replies if objects is not None}
 
     def select(self, query: str, inventory: Inventory, dialogue: Sequence[tuple[str, str]] = ()) -> Selection:
         """What the recorded reply picks from the list. Raises ReasonerError if none is recorded for the query."""
         query = check_query(query)
-        objects = inventory.names
-        if not objects:
+        if not inventory.names:
             return Selection("absent", reason="nothing was detected in this home", model=self.name)
-        reply = self._reply(query, (frozenset(objects), None))
-        return read_reply(reply, objects, model=self.name) or no_answer(reply, model=self.name)
+        objects = frozenset(inventory.names) if query in self._to_lists else None
+        reply = self._reply(
+            (query, objects), lambda: [prompt.request(query, inventory, dialogue) for prompt in PROMPTS.values()]
+        )
+        return read_reply(reply, inventory, model=self.name) or no_answer(reply, model=self.name)
 
     def propose(self, query: str) -> list[str]:
         """The names in the recorded reply. Raises ReasonerError if none is recorded for the query."""
-        return parse_list(self._reply(check_query(query), (None,)))
+        query = check_query(query)
+        return parse_list(self._reply((query, None), lambda: [propose_request(query)]))
 
-    def _reply(self, query: str, lists: Sequence[frozenset[str] | None]) -> str:
-        for objects in lists:
-            if (query, objects) in self._replies:
-                return self._replies[query, objects]
-        raise ReasonerError(f"{self._path} holds no reply to “{query[:80]}”: record one, or ask another reasoner")
+    def _reply(self, key: Key, requests: Callable[[], list[Request]]) -> str:
+        for request in requests() if self._batch else []:
+            if request.id in self._batch:
+                return self._batch[request.id]
+        if key in self._replies:
+            return self._replies[key]
+        raise ReasonerError(
+            f"{self._path} holds no reply to “{key[0][:80]}”{' with this list' if key[1] else ''}: record one, or ask another "
+            "reasoner"
+        )
 
 
-def _read(path: Path) -> dict[Key, str]:
+def _read(path: Path) -> tuple[dict[Key, str], dict[str, str]]:
+    """The recorded replies, and those of a batch by the ids of their requests."""
     replies: dict[Key, str] = {}
+    batch: dict[str, str] = {}
     for number, line in enumerate(read_text(path, MAX_BYTES).split("\n"), start=1):
         if not line.strip():
             continue
         try:
             row = json.loads(line)
+            if "custom_id" in row:
+                batch |= _answered(row)
+                continue
             query, reply, objects = row["query"], row["reply"], row.get("objects")
             if not isinstance(query, str) or not isinstance(reply, str) or not isinstance(objects, list | None):
                 raise TypeError("query and reply must be text, objects a list")
@@ -66,5 +84,16 @@ def _read(path: Path) -> dict[Key, str]:
         except InputError as error:
             raise InputError(f"{path} line {number}: {error}") from error
         except (ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:
-            raise InputError(f'{path} line {number}: expected {{"query": "…", "reply": "…"}}') from error
-    return replies
+            raise InputError(f"{path} line {number}: expected {FORM}") from error
+    return replies, batch
+
+
+def _answered(row: dict[str, Any]) -> dict[str, str]:
+    """A request's id and its reply; nothing for one that failed, which is to be asked again."""
+    response = row["response"]
+    if row.get("error") or response["status_code"] != 200:
+        return {}
+    content = response["body"]["choices"][0]["message"]["content"]
+    if not isinstance(row["custom_id"], str) or not isinstance(content, str | None):
+        raise TypeError("custom_id and content must be text")
+    return {} if content is None else {row["custom_id"]: content}

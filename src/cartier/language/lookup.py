@@ -1,0 +1,145 @@
+"""What a text means of what is in a home: a listed name, however it is spelled, one of its objects, or a room."""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import NamedTuple
+
+from cartier.types import Inventory, MapObject
+
+MAX_ACCENTS = 30
+NOTHING = "nothing"
+"""What a model answers when no object of the list serves the person."""
+
+_CHOSEN = re.compile(
+    r"(?:\b(?:choose|choosing|pick|select|suggest|recommend|called|named|(?:go|drive|head|over) to|send \w+(?: \w+)? to)"
+    r"|\b(?:answer|choice|object|option) (?:is|would be))(?: the| a| an| object)* $"
+)
+_REFUSED = re.compile(
+    r"\b(?:no|(?:not|never|than|except|without|avoid|instead of)(?: (?:go|going|to|use|choose|pick|the|a|an))*) $"
+)
+_NOTHINGS = ("nothing", "none", "none of these", "none of them")
+_PLURALS = {"knives": "knife", "shelves": "shelf", "loaves": "loaf", "leaves": "leaf", "scarves": "scarf"}
+
+
+class Pick(NamedTuple):
+    """What was meant: a listed name or NOTHING, with the id of one of its objects; or a room's name and its id."""
+
+    name: str
+    object_id: int | None = None
+    room: int | None = None
+
+
+class Listed:
+    """All that a prompt lists of a home: names, the numbers of confirmed objects, and rooms."""
+
+    def __init__(self, inventory: Inventory) -> None:
+        self.names = names_of(tuple(inventory.names))
+        self.objects: dict[int, MapObject] = {thing.id: thing for thing in inventory.objects if thing.confirmed}
+        self.rooms = {room.id: room.name for room in inventory.rooms}
+
+    def find(self, text: str) -> Pick | None:
+        """What a text is, not merely holds. None for a stranger, for an unknown number, and for one of another name."""
+        text = text.strip()
+        if text in self.names.listed:
+            return Pick(text)
+        name, mark, number = text.rpartition("#")
+        if mark and _is_number(number):
+            thing = self.objects.get(int(number))
+            return Pick(thing.label, thing.id) if thing and self.names.lookup(name) == thing.label else None
+        name, mark, number = text.removesuffix(")").rpartition(" (room ")
+        if mark and _is_number(number):
+            room = int(number)
+            return Pick(name, room=room) if self.rooms.get(room) == name else None
+        if (listed := self.names.lookup(text)) is not None:
+            return Pick(listed)
+        rooms = [room for room, name in self.rooms.items() if name.casefold() == text.casefold()]
+        return Pick(self.rooms[rooms[0]], room=rooms[0]) if len(rooms) == 1 else None
+
+
+class Names:
+    """The listed names, to be found again in what a model writes. A form that two of them share names neither."""
+
+    def __init__(self, objects: Sequence[str]) -> None:
+        self.exact: dict[str, str | None] = {}
+        self.folded: dict[str, str | None] = {}
+        self.joined: dict[str, str | None] = {}
+        self.listed = dict.fromkeys(objects)
+        for name in self.listed:
+            words = _words(name)
+            if words:
+                self.exact.setdefault(" ".join(words), name)
+                for table, key in ((self.folded, _fold(words)), (self.joined, _fold(words).replace(" ", ""))):
+                    table[key] = None if table.get(key, name) != name else name
+        self.lengths = sorted({1, *(len(_words(name)) for name in self.listed)} - {0}, reverse=True)
+
+    def lookup(self, value: str) -> str | None:
+        """The name that a text is, not merely holds; NOTHING for a word that says so and is not itself listed."""
+        value = value.strip()
+        if value in self.listed:
+            return value
+        words = _words(value)
+        for said in (words, words[1:] if words[:1] in (["the"], ["a"], ["an"]) else []):
+            if (name := self._find(said) or self.joined.get(_fold(said).replace(" ", ""))) is not None:
+                return name
+        return NOTHING if " ".join(words) in _NOTHINGS else None
+
+    def mentions(self, sentence: str) -> list[tuple[str, bool]]:
+        """The names in a sentence in their order, and whether a word of choosing stands right before each."""
+        words, found, at = _words(sentence), [], 0
+        while at < len(words):
+            length, name = next(
+                ((n, name) for n in self.lengths if (name := self._find(words[at : at + n])) is not None), (1, None)
+            )
+            before = " ".join(words[max(0, at - 8) : at]) + " "
+            if name is not None and not _REFUSED.search(before):
+                is_offer = words[at + length : at + length + 1] == ["or"]
+                found.append((name, bool(_CHOSEN.search(before)) and not is_offer))
+            at += length
+        return found
+
+    def _find(self, words: list[str]) -> str | None:
+        one_word = self.joined.get(_fold(words)) if len(words) == 1 else None
+        return self.exact.get(" ".join(words)) or self.folded.get(_fold(words)) or one_word
+
+
+@lru_cache(maxsize=8)
+def names_of(objects: tuple[str, ...]) -> Names:
+    """The names of a list; the last few lists are kept."""
+    return Names(objects)
+
+
+def _is_number(text: str) -> bool:
+    return text.isascii() and text.isdigit() and len(text) < 10
+
+
+def _words(text: str) -> list[str]:
+    spaced = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", unicodedata.normalize("NFKC", _stream_safe(text)))
+    return re.sub(r"[\W_]+", " ", spaced.casefold()).split()
+
+
+def _stream_safe(text: str) -> str:
+    """A text without the accents beyond 30 on one letter (Unicode's annex 15): to sort them takes the square of their number."""
+    if text.isascii():
+        return text
+    kept, accents = [], 0
+    for character in text:
+        accents = accents + 1 if unicodedata.combining(character) else 0
+        if accents <= MAX_ACCENTS:
+            kept.append(character)
+    return "".join(kept)
+
+
+def _fold(words: list[str]) -> str:
+    return " ".join(map(_singular, words))
+
+
+def _singular(word: str) -> str:
+    if len(word) < 4 or not word.endswith("s") or word.endswith(("ss", "us", "is")):
+        return word
+    if word.endswith("ies") and len(word) > 4:
+        return word[:-3] + "y"
+    return _PLURALS.get(word, word[:-2] if word.endswith(("xes", "ches", "shes", "sses")) else word[:-1])
