@@ -321,7 +321,7 @@ def plural(word: str) -> str:
     head, of, rest = word.partition(" of ")
     if head.endswith("s") and not head.endswith("ss"):
         return word
-    if head.endswith(("fe", "lf", "af")):
+    if head.endswith(("ife", "lf", "af")):
         head = head.removesuffix("e")[:-1] + "ves"
     elif head.endswith(("s", "x", "ch", "sh", "to")):
         head += "es"
