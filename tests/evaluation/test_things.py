@@ -93,7 +93,10 @@ def test_what_is_stated_is_true_of_one_thing_alone() -> None:
                 assert place is not None and [t for t in named if HOME.holder.get(t.id, (0,))[0] == place.id] == [one]
             elif statement.how in ("next to", "closest"):
                 assert (
-                    place is not None and one == min(named, key=lambda t: apart(t, place)) and apart(one, place) < 1.5
+                    place is not None
+                    and one == min(named, key=lambda t: apart(t, place))
+                    and apart(one, place) < 1.5
+                    and one.room == place.room
                 )
                 assert all(apart(t, place) - apart(one, place) >= 0.3 for t in named if t != one)
             elif statement.how == "room":
