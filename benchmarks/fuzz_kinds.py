@@ -25,6 +25,7 @@ from cartier.errors import InputError
 from cartier.evaluation._rows import check_rows, read_rows
 from cartier.evaluation.queries import load_file
 from cartier.evaluation.summary import summarise
+from cartier.evaluation.things import load_answers, load_items
 from cartier.files import read_bytes, read_json, read_npz
 from cartier.home import Home
 from cartier.mapper import Mapper
@@ -180,6 +181,17 @@ def write_arrays(path: Path) -> None:
     np.savez_compressed(path / "a.npz", cells=cells, frames=np.arange(9), names=np.array(["mug", "bed"]))
 
 
+THING = {
+    "id": "c",
+    "home": "80001",
+    "kind": "relation",
+    "text": "the cup by the sink",
+    "accept_ids": [3],
+    "answer": None,
+}
+THINGS_MORE: tuple[dict[str, Any], ...] = (
+    {}, {"id": "d", "kind": "list", "answer": ["cup", "bowl"], "maybe": ["pen"]}, {"id": "e", "kind": "count", "answer": 2}
+)  # fmt: skip
 QUERY = {"id": "a", "type": "implicit", "target": "sofa", "accept": ["sofa", "arm chair"], "text": "My feet hurt."}
 REPLY = {"query": "tired", "reply": '{"object": "bed"}', "objects": ["bed", "mug"]}
 CARDS = "[chair]\nsynonyms = ['seat']\nuses = ['sit down', 'rest']\nbeside = ['table']\n\n[mug]\nuses = ['drink tea']\n"
@@ -209,6 +221,16 @@ KINDS |= {
     "queries": Kind(
         lambda p: write_text(p, queries__jsonl=f"{json.dumps(QUERY)}\n{json.dumps(QUERY | {'id': 'b'})}\n"),
         lambda p: load_file(p / "queries.jsonl"),
+    ),
+    "things": Kind(
+        lambda p: write_text(p, things__jsonl="".join(json.dumps(THING | more) + "\n" for more in THINGS_MORE)),
+        lambda p: load_items(p / "things.jsonl"),
+    ),
+    "answers": Kind(
+        lambda p: write_text(
+            p, things__jsonl=f"{json.dumps(THING)}\n", answers__jsonl='{"id": "c", "status": "found", "xy": [1.0, 2.5]}'
+        ),
+        lambda p: load_answers(p / "answers.jsonl", load_items(p / "things.jsonl")),
     ),
     "cards": Kind(lambda p: write_text(p, cards__toml=CARDS), lambda p: read_deck(p / "cards.toml")),
     "dollhouse-home": Kind(lambda p: write_text(p, home__yaml=SCENE), lambda p: load_scene(p / "home.yaml")),

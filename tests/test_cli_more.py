@@ -260,3 +260,42 @@ def test_show_prompt_prints_what_would_be_sent_and_sends_nothing(run: Run, home:
         code, out, err = run("ask", home, *words, "--show-prompt", "--reasoner", "openai", *words[1:])
         assert code == 1 and not out and err.startswith("cartier: ") and err.count("\n") == 1, err
     assert not (home / "answers.jsonl").exists() or "let me sit" not in (home / "answers.jsonl").read_text()
+
+
+def test_the_bench_asks_for_particular_things_and_scores_anybodys_answers(run: Run, tmp_path: Path) -> None:
+    mug = next(thing for thing in THINGS if thing.label.lower() == "mug")
+    rows = [
+        {
+            "id": "m",
+            "home": "south",
+            "kind": "relation",
+            "text": "go to the mug",
+            "accept_ids": [mug.id],
+            "answer": None,
+        },
+        {
+            "id": "n",
+            "home": "south",
+            "kind": "count",
+            "text": "how many mugs are there?",
+            "accept_ids": [mug.id],
+            "answer": 1,
+        },
+    ]
+    mine, theirs = tmp_path / "mine.jsonl", tmp_path / "theirs.jsonl"
+    mine.write_text("".join(json.dumps(row) + "\n" for row in rows))
+    words = ("--suite", "things", "--world", WORLD, "--queries", mine, "--detector", "ground_truth")
+    code, out, err = run("bench", "-o", tmp_path / "run", *words)
+    assert code == 0 and "| **find the particular thing** | 1 | 100 |" in out, err
+    assert [json.loads(line) for line in (tmp_path / "run" / "requests.jsonl").read_text().splitlines()] == rows
+    theirs.write_text(json.dumps({"id": "n", "status": "told", "answer": 1}))
+    code, out, err = run("bench", "-o", tmp_path / "scored", *words, "--answers", theirs, "--json")
+    told = json.loads(out)["made from the truth"]
+    assert code == 0 and [told[kind]["theirs.jsonl, answers"]["right"] for kind in ("relation", "count")] == [0, 1], err
+    for wrong, words_told in (
+        (("--suite", "objects"), "there is no suite 'objects'"),
+        (("--answers", theirs), "--answers goes with --suite things"),
+        (("--suite", "things", "--queries", tmp_path / "none.jsonl"), "is missing"),
+    ):
+        code, _, err = run("bench", "-o", tmp_path / "none", *wrong)
+        assert code == 1 and words_told in err and not (tmp_path / "none").exists(), err

@@ -22,7 +22,19 @@ from pathlib import Path
 import numpy as np
 
 from cartier import plugins
-from cartier.evaluation._statements import APART_M, FAR_APART_M, FIXTURES, LONGER, MARGIN_M, away, gap, is_beside, sizes
+from cartier.evaluation._statements import (
+    APART_M,
+    FAR_APART_M,
+    FIXTURES,
+    LONGER,
+    MARGIN_M,
+    ONE_ROOM,
+    SOMETHING_ELSE,
+    away,
+    gap,
+    is_beside,
+    sizes,
+)
 from cartier.evaluation.things import FIND, WRITTEN, Item, load_items
 from cartier.evaluation.true_home import TrueHome, true_home
 from cartier.geometry import box_distance
@@ -31,8 +43,6 @@ from cartier.types import MapObject
 SOURCE = Path(__file__).with_name("written.txt")
 CLEARLY = 1.2  # times as big as any other
 ROOMS = {"living room": ("living room", "lounge"), "hall": ("hall", "hallway")}
-ONE_ROOM = ("living room", "studio", "bedroom", "kitchen")
-"""What people may call a room where everything stands."""
 
 
 class Fault(Exception):
@@ -81,6 +91,10 @@ class Home:
         held = self.truth.holder.get(thing.id)
         return self.by_id[held[0]] if held else None
 
+    def below(self, thing: MapObject) -> list[MapObject]:
+        holder = self._holder(thing)
+        return [holder, *self.below(holder)] if holder else []
+
     def room(self, thing: MapObject) -> tuple[str, str]:
         return self.truth.rooms[thing.room or 0]
 
@@ -89,7 +103,11 @@ class Home:
         return [t for t in found if (holder := self._holder(t)) and holder.label == of[0]]
 
     def _closest(self, found: list[MapObject], of: list[str]) -> list[MapObject]:
-        return self._first(found, [min(gap(t, o) for o in self._all(of[0]) if o != t) for t in found], MARGIN_M)
+        places = self._all(of[0])
+        first = self._first(found, [min(gap(t, o) for o in places if o != t) for t in found], MARGIN_M)
+        if any(min(places, key=lambda o: gap(t, o)).room != t.room for t in first):
+            raise Fault(f"{of[0]} is in another room")
+        return first
 
     def _between(self, found: list[MapObject], of: list[str]) -> list[MapObject]:
         (a, *_), (b, *_) = self._all(of[0]), self._all(of[1])
@@ -165,12 +183,10 @@ def _alone(home: Home, thing: MapObject) -> None:
 def _placed(home: Home, things: Sequence[MapObject], turns: tuple[str, ...], key: str) -> Item:
     if len(things) != 1:
         raise Fault(f"{len(things)} things, not one")
-    thing, holder, (_, kind) = things[0], home._holder(things[0]), home.room(things[0])
-    odd = kind == "living room" and any(
-        t.label in ("bed", "fridge") and t.room == thing.room for t in home.truth.objects
-    )
+    thing, (_, kind) = things[0], home.room(things[0])
+    odd = kind == "living room" and any(t.label in SOMETHING_ELSE and t.room == thing.room for t in home.truth.objects)
     names = ONE_ROOM if odd else ROOMS.get(kind, (kind,))
-    return Item(key, home.truth.name, "where", turns, (thing.id,), (*names, *((holder.label,) if holder else ())))
+    return Item(key, home.truth.name, "where", turns, (thing.id,), (*names, *(t.label for t in home.below(thing))))
 
 
 def _listed(home: Home, claim: str, turns: tuple[str, ...], key: str) -> Item:
@@ -183,20 +199,13 @@ def _listed(home: Home, claim: str, turns: tuple[str, ...], key: str) -> Item:
         holders = home.things(rest)
         if len(holders) != 1:
             raise Fault(f"{len(holders)} such, not one")
-        inside = [t for t in home.truth.objects if _below(home, t, holders[0])]
+        inside = [t for t in home.truth.objects if holders[0] in home.below(t)]
         sure = [t for t in inside if home._holder(t) == holders[0] and t.id in shown and t.label not in FIXTURES]
     if not sure:
         raise Fault("nothing is there")
     names = tuple(sorted({t.label for t in sure}))
     maybe = tuple(sorted({t.label for t in inside} - set(names)))
     return Item(key, home.truth.name, "list", turns, tuple(t.id for t in sure), names, maybe)
-
-
-def _below(home: Home, thing: MapObject, holder: MapObject) -> bool:
-    below = home._holder(thing)
-    while below is not None and below != holder:
-        below = home._holder(below)
-    return below is not None
 
 
 def _compared(home: Home, claim: str, turns: tuple[str, ...], key: str) -> Item:

@@ -34,7 +34,8 @@ SAME_PLACE = frozenset({"stove burner", "faucet"})  # nobody asks for one of the
 MOTLEY = frozenset(
     {"painting", "poster", "mirror", "book", "television", "key chain", "window"}
 )  # nobody says one colour of these
-SOMETHING_ELSE = frozenset({"bed", "fridge"})  # in a living room: people may call it anything
+SOMETHING_ELSE = frozenset({"bed", "fridge"})  # in a living room: people may call it any of these
+ONE_ROOM = ("living room", "studio", "bedroom", "kitchen")
 
 
 class Words:
@@ -147,8 +148,8 @@ class Statements:
             return
         for label in sorted({self.by_id[self.home.holder[t.id][0]].label for t in things if t.id in self.home.holder}):
             place = self.rng.choice(self.names(label))
-            direct, _ = self.held_by(things, place)
-            if len(direct) != 1 or len(self.held_by(things, place, every=True)[1]) > 1 or label in SAME_PLACE:
+            direct, chain = self.held_by(things, place)
+            if len(direct) != 1 or len(chain) > 1 or label in SAME_PLACE:
                 continue
             thing = direct[0]
             holder, how = self.home.holder[thing.id]
@@ -156,21 +157,20 @@ class Statements:
                 how = "shelf" if label == "shelving unit" else how
                 yield from self._make("relation", word, things, thing, how=how, tail=self._tail(how, place))
 
-    def held_by(
-        self, things: Iterable[MapObject], place: str, every: bool = False
-    ) -> tuple[list[MapObject], list[MapObject]]:
+    def below(self, thing: MapObject) -> list[MapObject]:
+        """What a thing stands on or in, what that does, and so on."""
+        found, held = list[MapObject](), self.home.holder.get(thing.id)
+        while held:
+            found.append(self.by_id[held[0]])
+            held = self.home.holder.get(held[0])
+        return found
+
+    def held_by(self, things: Iterable[MapObject], place: str) -> tuple[list[MapObject], list[MapObject]]:
         """What of some things stands on or in what a word means; and what does so by itself or by way of others."""
         holders = {holder.id for holder in self.meant(place)}
-        direct, chain = [], []
-        for thing in things:
-            below = self.home.holder.get(thing.id)
-            if below and below[0] in holders:
-                direct.append(thing)
-            while below and below[0] not in holders:
-                below = self.home.holder.get(below[0])
-            if below:
-                chain.append(thing)
-        return direct, chain
+        below = [(thing, [other.id for other in self.below(thing)]) for thing in things]
+        direct = [thing for thing, ids in below if ids and ids[0] in holders]
+        return direct, [thing for thing, ids in below if holders.intersection(ids)]
 
     @cached_property
     def landmarks(self) -> list[tuple[str, MapObject]]:
@@ -224,7 +224,8 @@ class Statements:
 
     def _closest(self, word: str, things: Sequence[MapObject]) -> Iterator[Statement]:
         for place, landmark in self.landmarks:
-            if landmark not in things and (first := closest(landmark, things)) is not None:
+            first = closest(landmark, things) if landmark not in things else None
+            if first is not None and self.by_id[first].room == landmark.room:  # nobody means what is behind a wall
                 yield from self._make(
                     "relation", word, things, self.by_id[first], how="closest", tail=self._tail("closest", place)
                 )

@@ -180,7 +180,7 @@ def _separates(question: str, item: Item, truth: Mapping[int, TrueObject]) -> bo
     named = _words(" ".join(_name(truth[i].label) for i in item.accept_ids if i in truth))
     others = _words(" ".join(_name(thing.label) for thing in truth.values()))
     said, asked = named | _words(" ".join(item.turns)), _words(question)
-    return bool(asked & (said | WHICH)) and bool(asked & ((TELLING | others) - said))
+    return bool(asked & (named | WHICH)) and bool(asked & ((TELLING | others) - said))
 
 
 def load_items(path: str | Path) -> list[Item]:

@@ -16,6 +16,7 @@ from cartier.evaluation._statements import (
     LARGER,
     LONGER,
     NOT_NEXT_M,
+    ONE_ROOM,
     SAME_PLACE,
     Statement,
     Statements,
@@ -31,7 +32,7 @@ from cartier.types import MapObject
 
 EACH = 8  # of a kind in a home, at most
 EASY = 2  # finds of a kind in a home may be of what is alone of its name
-SINGLE, NONE = 2, 2  # things that are alone of their name, or that are not there, are counted in a home
+SINGLE, NONE = 1, 1  # things that are alone of their name, or that are not there, are counted in a home
 MOST = {"closest": 3, "between": 1}  # of these relations there are so many that they would leave no room for others
 SPREAD_M = 1.5  # two of a name are so far apart, or nobody minds which
 TYPOS, TERSE = 0.04, 0.06  # shares of texts
@@ -224,21 +225,19 @@ class _Making(Statements):
                     yield word, _where(self._tail("on" if held and carried else "next to", place))
 
     def where(self) -> Iterator[Item]:
-        for word, things in self._exactly():
+        """Its room, or all that it stands on; not in a home of one room, where nobody asks for the room."""
+        for word, things in self._exactly() if len(self.home.rooms) > 1 else ():
             if len(things) != 1 or things[0].room is None:
                 continue
             thing, (_, kind) = things[0], self.home.rooms[things[0].room]
-            holder = self.home.holder.get(thing.id)
-            held = () if holder is None else (self.by_id[holder[0]].label,)
-            rooms = tuple(self.words.texts["rooms"].get(kind, [kind]))
+            held, ids = tuple(other.label for other in self.below(thing)), (thing.id,)
             if thing.room in self.rooms:
-                yield self._item("where", self._say("where", "room", x=word), accept_ids=(thing.id,), answer=rooms)
-            elif not held:
-                continue
-            known = rooms if thing.room in self.rooms else ()
-            yield self._item(
-                "where", self._say("where", "texts", x=word), accept_ids=(thing.id,), answer=(*known, *held)
-            )
+                rooms = tuple(self.words.texts["rooms"][kind])
+                yield self._item("where", self._say("where", "room", x=word), accept_ids=ids, answer=rooms)
+                yield self._item("where", self._say("where", "texts", x=word), accept_ids=ids, answer=(*rooms, *held))
+            elif held:
+                text = self._say("where", "texts", x=word)
+                yield self._item("where", text, accept_ids=ids, answer=(*ONE_ROOM, *held))
 
     def list(self) -> Iterator[Item]:
         for place, landmark in self.landmarks:
@@ -269,7 +268,9 @@ class _Making(Statements):
             volume, longest, height = sizes((a, b))
             if LARGER**2 * volume[1] <= volume[0] <= LIKE * volume[1] and longest[0] >= LONGER * longest[1]:
                 yield self._compared("bigger", (one, a), (other, b), a)
-            if height[0] >= LONGER * height[1] and volume[1] / LIKE <= volume[0] <= LIKE * volume[1]:
+            built_in = FIXTURES & {a.label, b.label}  # is it high because it hangs high?
+            alike = volume[1] / LIKE <= volume[0] <= LIKE * volume[1] and a.box_max[2] > b.box_max[2]
+            if height[0] >= LONGER * height[1] and alike and not built_in:
                 yield self._compared("taller", (one, a), (other, b), a)
             if away(self.home.start_xy, a) + FAR_APART_M <= away(self.home.start_xy, b):
                 yield self._compared("me", (one, a), (other, b), a)
@@ -321,7 +322,7 @@ def plural(word: str) -> str:
     head, of, rest = word.partition(" of ")
     if head.endswith("s") and not head.endswith("ss"):
         return word
-    if head.endswith(("fe", "lf", "af")):
+    if head.endswith(("ife", "lf", "af")):
         head = head.removesuffix("e")[:-1] + "ves"
     elif head.endswith(("s", "x", "ch", "sh", "to")):
         head += "es"
