@@ -340,7 +340,7 @@ def test_an_image_that_claims_more_than_it_holds(tmp_path: Path) -> None:
             bag.put(topic, START_NS, image)
             info = m.info(START_NS, "cam", room().camera)
             info.width, info.height = width, 8000
-            info.k[[0, 4]] = 8000
+            info.k[[0, 4, 2, 5]] = 8000, 8000, width / 2, 4000
             bag.put(topic.replace("image", "camera_info"), START_NS, info)
     for topic in ("/a/image", "/b/image"):
         with frugal(), pytest.raises(InputError, match="an image has 192 bytes, too few"):

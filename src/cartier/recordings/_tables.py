@@ -74,13 +74,14 @@ def camera_of(width: int, height: int, values: Sequence[float], where: str) -> C
 
 def centred(camera: Camera) -> bool:
     """Whether the principal point is as near to the middle as in a whole image, of which nothing was cut off."""
-    off = abs(camera.cx + 0.5 - camera.width / 2) / camera.width, abs(camera.cy + 0.5 - camera.height / 2) / camera.height
+    off = (
+        abs(camera.cx + 0.5 - camera.width / 2) / camera.width,
+        abs(camera.cy + 0.5 - camera.height / 2) / camera.height,
+    )
     return max(off) <= MAX_OFF_CENTRE
 
 
-def read_table(
-    path: Path, wanted: Sequence[str], optional: Sequence[str] = ()
-) -> dict[str, npt.NDArray[np.float64]]:
+def read_table(path: Path, wanted: Sequence[str], optional: Sequence[str] = ()) -> dict[str, npt.NDArray[np.float64]]:
     """The wanted columns of a CSV file by the names in its first line; an InputError if one is missing.
 
     An ``optional`` column is given where it is there and filled in every row. No other column is looked at: the apps add new
