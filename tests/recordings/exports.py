@@ -297,8 +297,36 @@ def packed(values: np.ndarray) -> bytes:
     return zlib.compress(values.tobytes()) + struct.pack("<3i", 1, values.size, kind)
 
 
-def write_rtabmap_database(recording: Recording, path: Path, optimised: bool = True, float_depth: bool = False) -> None:
-    """A database as RTAB-Map writes it, with odometry that is off by a metre where the graph was optimised."""
+def rvl(image: np.ndarray) -> bytes:
+    """A 16-bit depth image as RVL, nibble by nibble, as the paper writes it down."""
+    nibbles: list[int] = []
+
+    def put(value: int) -> None:
+        while value > 7:
+            nibbles.append(value & 7 | 8)
+            value >>= 3
+        nibbles.append(value)
+
+    pixels, before, i = image.ravel().tolist(), 0, 0
+    while i < len(pixels):
+        zeros = next((n for n, v in enumerate(pixels[i:]) if v), len(pixels) - i)
+        others = next((n for n, v in enumerate(pixels[i + zeros :]) if not v), len(pixels) - i - zeros)
+        put(zeros)
+        put(others)
+        for value in pixels[i + zeros : i + zeros + others]:
+            step, before = value - before, value
+            put(2 * step if step >= 0 else -2 * step - 1)
+        i += zeros + others
+    nibbles += [0] * (-len(nibbles) % 8)
+    words = [int("".join(f"{n:x}" for n in nibbles[i : i + 8]), 16) for i in range(0, len(nibbles), 8)]
+    return struct.pack(f"<{len(words)}I", *words)
+
+
+def write_rtabmap_database(recording: Recording, path: Path, optimised: bool = True, depth_as: str = "rvl") -> None:
+    """A database as RTAB-Map writes it, with odometry that is off by a metre where the graph was optimised.
+
+    ``depth_as`` is rvl, which newer versions write by default, png or float.
+    """
     c, base = recording.camera, sqlite3.connect(path)
     base.executescript(
         "CREATE TABLE Node (id INTEGER NOT NULL, map_id INTEGER, stamp FLOAT, pose BLOB, PRIMARY KEY (id));"
@@ -323,9 +351,12 @@ def write_rtabmap_database(recording: Recording, path: Path, optimised: bool = T
         Image.fromarray(frame.rgb).save(colour, "JPEG", quality=95)
         if frame.depth_m is not None:
             whole = np.nan_to_num(frame.depth_m)
+            millimetres = np.rint(whole * 1000).astype(np.uint16)
             channels = np.ascontiguousarray(whole)[..., None].view(np.uint8)[..., [2, 1, 0, 3]]
-            pixels = channels if float_depth else np.rint(whole * 1000).astype(np.uint16)
-            Image.fromarray(pixels).save(depth, "PNG")
+            if depth_as == "rvl":
+                depth.write(b"DEPTHRVL" + struct.pack("<2I", c.width, c.height) + rvl(millimetres))
+            else:
+                Image.fromarray(channels if depth_as == "float" else millimetres).save(depth, "PNG")
         base.execute("INSERT INTO Node VALUES (?, 0, ?, ?)", (key, 1_700_000_000.0 + i / 10, (pose + off).tobytes()))
         row = (key, colour.getvalue(), depth.getvalue() or None, calibration, None)
         base.execute("INSERT INTO Data VALUES (?, ?, ?, ?, ?)", row)

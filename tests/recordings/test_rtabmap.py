@@ -7,12 +7,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from exports import write_rtabmap, write_rtabmap_database
+from exports import rvl, write_rtabmap, write_rtabmap_database
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 from layouts import room
 
 from cartier import plugins
 from cartier.contracts import Recording
 from cartier.errors import InputError
+from cartier.recordings._rvl import unpacked
 
 
 def same(found: Recording, pose_error: float, depth_error: float = 0.00051) -> None:
@@ -36,12 +40,12 @@ def test_an_export_comes_back(tmp_path: Path, by_id: bool, camera_poses: bool) -
 
 
 @pytest.mark.parametrize("optimised", [True, False])
-@pytest.mark.parametrize("float_depth", [True, False])
-def test_a_database_comes_back(tmp_path: Path, optimised: bool, float_depth: bool) -> None:
-    write_rtabmap_database(room(), tmp_path / "home.db", optimised, float_depth)
+@pytest.mark.parametrize("depth_as", ["rvl", "png", "float"])
+def test_a_database_comes_back(tmp_path: Path, optimised: bool, depth_as: str) -> None:
+    write_rtabmap_database(room(), tmp_path / "home.db", optimised, depth_as)
     found = plugins.open_recording(tmp_path / "home.db", floor_m=0)
     assert found.name == "home" and found[0].depth_m is not None
-    same(found, 1e-5, 1e-6 if float_depth else 0.00051)
+    same(found, 1e-5, 1e-6 if depth_as == "float" else 0.00051)
     assert any("optimised graph" in note and ("odometry" in note) != optimised for note in found.notes)
     before = found.fingerprint()
     assert plugins.open_recording(tmp_path / "home.db", floor_m=0).fingerprint() == before
@@ -83,7 +87,13 @@ DAMAGE: list[tuple[Callable[[Path], object], str]] = [
     (edit("UPDATE Data SET image = x'00'"), "image of node 4 is not a JPEG or PNG image"),
     (edit("UPDATE Data SET depth = x'00'"), "depth of node 4 is not a JPEG or PNG image"),
     (edit("UPDATE Data SET depth = image"), "depth of node 4 is a RGB JPEG, which is no depth"),
-    (edit("UPDATE Data SET depth = CAST('DEPTHRVL1234' AS BLOB)"), "depth of node 4 is compressed as RVL: .*reprocess --Mem"),
+    (edit("UPDATE Data SET depth = CAST('DEPTHRVL1234' AS BLOB)"), "depth of node 4 is damaged .unpack_from requires"),
+    (edit("UPDATE Data SET depth = CAST('DEPTHRVL12341234' AS BLOB)"), "depth of node 4 is damaged .it claims 875770417x"),
+    (edit("UPDATE Data SET depth = x'4445505448525641' || image"), "depth of node 4 is not a JPEG or PNG"),
+    (edit("UPDATE Data SET depth = substr(depth, 1, 200)"), "depth of node 4 is damaged .it holds more than 19200"),
+    (edit("UPDATE Data SET depth = substr(depth, 1, 16)"), "depth of node 4 is damaged .it holds no number"),
+    (edit("UPDATE Data SET depth = substr(depth, 1, 16) || zeroblob(16)"), "it ends after 0 of 19200 pixels"),
+    (edit("UPDATE Data SET depth = substr(depth, 1, 16) || x'ffffffffffffffff07000000'"), "a number does not end"),
     (edit("UPDATE Data SET image = NULL"), "holds no node with an image, a pose and a calibration"),
     (edit("UPDATE Node SET stamp = 'soon'"), "node 4: could not convert"),
 ]  # fmt: skip
@@ -107,6 +117,20 @@ def test_a_truncated_database(tmp_path: Path) -> None:
     (tmp_path / "other.db").write_bytes(b"not sqlite at all")
     with pytest.raises(InputError, match="is no recording that cartier knows"):
         plugins.open_recording(tmp_path / "other.db")
+
+
+@given(
+    arrays(
+        np.uint16, st.tuples(st.integers(1, 9), st.integers(1, 9)), elements=st.sampled_from([0, 1, 7, 8, 900, 65535])
+    )
+)
+def test_rvl_comes_back(image: np.ndarray) -> None:
+    assert np.array_equal(unpacked(rvl(image), image.shape[1], image.shape[0]), image)
+
+
+def test_rvl_by_hand() -> None:
+    """Two zeros, three pixels 5, 4, 12 in steps of 5, -1 and 8 (written 10, 1, 16), one zero, no pixel."""
+    assert unpacked(struct.pack("<2I", 0x23A11821, 0), 6, 1).tolist() == [[0, 0, 5, 4, 12, 0]]
 
 
 def text(name: str, change: Callable[[str], str]) -> Callable[[Path], object]:

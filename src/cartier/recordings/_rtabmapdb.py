@@ -9,12 +9,14 @@ from io import BytesIO
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
 from cartier.errors import InputError, brief
 from cartier.recordings._images import GREY16, decoded_size, metres, opened
 from cartier.recordings._posed import Depths
 from cartier.recordings._poses import Matrix
 from cartier.recordings._rosimages import valid
+from cartier.recordings._rvl import unpacked
 from cartier.recordings._sqlite import SqliteFile
 from cartier.recordings._tables import camera_of, numbers
 from cartier.types import Array, Camera
@@ -26,6 +28,7 @@ HEAD = struct.Struct(
 )  # version (3), kind, width, height, and how many numbers K, D, R, P and the local transform have
 MONO = 0
 RVL = b"DEPTHRVL"
+MAX_SIDE = 4096  # px
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,10 +84,10 @@ class Database:
         return {key for (key,) in self._file.ask("SELECT id FROM Data WHERE length(depth) > 0")}
 
     def depth(self, key: int) -> Depths:
-        """(h, w) float32 metres: a 16-bit PNG in millimetres, or a PNG of four channels whose bytes are float32 metres."""
+        """(h, w) float32 metres, of millimetres as RVL or 16-bit PNG, or of a PNG whose four channels are float32 metres."""
         data, where = self._file.blob("Data", "depth", key), f"{self.path}: depth of node {key}"
         if data.startswith(RVL):
-            raise InputError(f"{where} is compressed as RVL: {_anew(self.path, '--Mem/DepthCompressionFormat .png ')}")
+            return metres(_rvl(data, where))
         with opened(BytesIO(data), where) as image:
             image.load()
             pixels = np.asarray(image)
@@ -153,6 +156,17 @@ def _array(data: object, kind: str, where: str) -> Array:
         raise InputError(f"{where} is damaged ({brief(error)})") from error
 
 
+def _rvl(data: bytes, where: str) -> npt.NDArray[np.uint16]:
+    """(h, w) of RTAB-Map's own RVL file: the signature, columns and rows, and the stream."""
+    try:
+        width, height = struct.unpack_from("<2I", data, len(RVL))
+        if not (0 < width <= MAX_SIDE and 0 < height <= MAX_SIDE):
+            raise ValueError(f"it claims {width}x{height} px")
+        return unpacked(data[len(RVL) + 8 :], width, height)
+    except (ValueError, struct.error) as error:
+        raise InputError(f"{where} is damaged ({brief(error)})") from error
+
+
 def _matrix(raw: object, where: str) -> Matrix | None:
     """A 3x4 float32 pose as (4, 4); None for the null pose of a node that was never placed."""
     if not isinstance(raw, bytes) or len(raw) != 48:
@@ -169,5 +183,5 @@ def _rows(values: Array) -> Matrix:
     return matrix
 
 
-def _anew(path: Path, more: str = "") -> str:
-    return f"'rtabmap-reprocess {more}{path.name} NEW.db' writes it anew"
+def _anew(path: Path) -> str:
+    return f"'rtabmap-reprocess {path.name} NEW.db' writes it anew"
