@@ -143,3 +143,13 @@ def test_the_bench_leaves_a_report(run: Run, tmp_path: Path) -> None:
     mine.write_text(json.dumps(row) + "\n{\n")
     code, _, err = run(*words)
     assert code == 1 and "line 2" in err and len(err.strip().splitlines()) == 1
+
+
+def test_a_rerun_file_without_the_package_names_the_extra(
+    run: Run, home: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delitem(sys.modules, "cartier.rerun_file", raising=False)
+    monkeypatch.setitem(sys.modules, "rerun", None)
+    code, _, err = run("show", home, "--rrd", tmp_path / "a.rrd")
+    assert code == 1 and err.startswith("cartier: --rrd needs the package 'rerun-sdk': pip install ") and "[viz]" in err
+    assert not list(tmp_path.glob("*.rrd"))
