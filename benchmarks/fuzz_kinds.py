@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from exports import write_rtabmap_database
 from fake_runs import SETTINGS, fake_rows
 from layouts import LAYOUTS, room
 from tiny_onnx import CHANNELS, frame, red_finder
@@ -138,6 +139,11 @@ def read_detections(path: Path) -> None:
         detector.detect(frame(number))
 
 
+def write_database(path: Path) -> None:
+    path.mkdir()
+    write_rtabmap_database(room(), path / "home.db")
+
+
 def write_onnx(path: Path, layout: str) -> None:
     path.mkdir()
     red_finder(path / "m.onnx", layout)
@@ -206,6 +212,7 @@ KINDS |= {
     f"onnx-{layout}": Kind(lambda p, layout=layout: write_onnx(p, layout), read_onnx, True) for layout in CHANNELS
 }
 KINDS |= {
+    "rtabmap-database": Kind(write_database, lambda p: read_recording(p / "home.db")),
     "detections-own": Kind(lambda p: write_detections(p, True), read_detections),
     "detections-coco": Kind(lambda p: write_detections(p, False), read_detections),
     "vocabulary": Kind(

@@ -129,7 +129,7 @@ def test_ask_can_stand_elsewhere_and_look_elsewhere(run: Run, home: Path) -> Non
         (("ask", "HOME", "a " * 500_000), "long"),
         (("ask", "HOME", "chair", "--index", "vlmap"), "no index 'vlmap'"),
         (("ask", "HOME", "chair", "--reasoner", "opneai"), "did you mean 'openai'"),
-        (("ask", "HOME", "chair", "--from", "here"), "--from needs 2 numbers"),
+        (("ask", "HOME", "chair", "--from", "here"), "--from needs 2 finite numbers"),
         (("ask", "HOME", "chair", "--plot", "x.nonsense"), "cannot draw to x.nonsense"),
         (("ask", "nowhere", "chair"), "no mapped home"),
         (("show", "RECORDING"), "no mapped home"),
@@ -138,7 +138,7 @@ def test_ask_can_stand_elsewhere_and_look_elsewhere(run: Run, home: Path) -> Non
         (("map", "RECORDING", "--detector", "eva", "-o", "x"), "no 'eva' among the detectors"),
         (("map", "RECORDING", "--detector", "gone.onnx", "-o", "x"), "gone.onnx"),
         (("map", "RECORDING", "--detector", EYES, "-o", "x", "--index", "object_dept"), "did you mean 'object_depth'"),
-        (("map", "RECORDING", "--detector", EYES, "-o", "x", "--up", "1,2"), "--up needs 3 numbers"),
+        (("map", "RECORDING", "--detector", EYES, "-o", "x", "--up", "1,2"), "--up needs 3 finite numbers"),
     ],
 )
 def test_mistakes_are_one_line_and_leave_nothing(

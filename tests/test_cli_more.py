@@ -128,7 +128,7 @@ def test_the_doctor_names_the_damaged_files_of_a_home(run: Run, home: Path, tmp_
     assert code == 0 and "room: sound" in out
     assert json.loads(run("doctor", home, "--json")[1]) == {"ok": True, "faults": []}
     shutil.copytree(home, tmp_path / "h")
-    files = sorted(path for path in (tmp_path / "h").rglob("*") if path.is_file())
+    files = sorted(p for p in (tmp_path / "h").rglob("*") if p.is_file() and p.name != "answers.jsonl")
     for file in files:
         whole = file.read_bytes()
         for damage in (whole[:-1] + bytes([whole[-1] ^ 4]), whole[: len(whole) // 2], b"", None):
@@ -299,3 +299,13 @@ def test_the_bench_asks_for_particular_things_and_scores_anybodys_answers(run: R
     ):
         code, _, err = run("bench", "-o", tmp_path / "none", *wrong)
         assert code == 1 and words_told in err and not (tmp_path / "none").exists(), err
+
+
+def test_a_rerun_file_without_the_package_names_the_extra(
+    run: Run, home: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delitem(sys.modules, "cartier.rerun_file", raising=False)
+    monkeypatch.setitem(sys.modules, "rerun", None)
+    code, _, err = run("show", home, "--rrd", tmp_path / "a.rrd")
+    assert code == 1 and err.startswith("cartier: --rrd needs the package 'rerun-sdk': pip install ") and "[viz]" in err
+    assert not list(tmp_path.glob("*.rrd"))

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import re
+
+ADDRESS = re.compile(r" at 0x[0-9a-fA-F]+")  # of an object, as Python prints it: it tells nobody anything
+
 
 class CartierError(Exception):
     """A fault that the user can mend. The command line prints the message alone and exits with 1.
@@ -35,7 +39,7 @@ def brief(foreign: object, most: int = 100) -> str:
         text = foreign[: 4 * most] if isinstance(foreign, str) else str(foreign)
     except (ValueError, RecursionError):  # a number of thousands of digits, a list nested without end
         text = type(foreign).__name__
-    line = " ".join(_printable(text[: 4 * most]).split())
+    line = " ".join(_printable(ADDRESS.sub("", text[: 4 * most])).split())
     return line if len(line) <= most else line[: most - 1] + "…"
 
 

@@ -18,6 +18,7 @@ from cartier.errors import InputError
 from cartier.files import npz_bytes, read_npz
 from cartier.home import Home
 from cartier.mapping.bearings import BearingMap
+from cartier.mapping.conditions import Conditions
 from cartier.mapping.object_map import ObjectMap
 from cartier.mapping.occupancy import OccupancyMapper
 from cartier.mapping.rooms import find_rooms, room_of
@@ -47,7 +48,7 @@ class Mapper:
         made_by = {"detector": detector.name, "detector_sha256": getattr(detector, "sha256", Detector.sha256)}
         self._calibration = getattr(detector, "calibration", Detector.calibration)
         self._objects: ObjectMap | None = None  # with or without depth: the first frame tells
-        self._floor = OccupancyMapper()
+        self._floor, self._conditions = OccupancyMapper(), Conditions()
         self._seen, self._photos = set[int](), dict[int, bytes]()
         self._start_xy: tuple[float, float] | None = None
         self._camera: Camera | None = None
@@ -113,6 +114,7 @@ class Mapper:
             return np.full(len(detections), -1)
         if frame.depth_m is not None:
             self._floor.add(frame)
+        self._conditions.add(frame)
         ids = self._objects.add(frame, detections)
         counting = detections.keep(detections.scores >= self._calibration.threshold)
         for index in self._indexes.values():
@@ -140,7 +142,7 @@ class Mapper:
             raise InputError(f"{self.detector.name} found nothing in the {self._looked()} frames: {told}")
         rooms = find_rooms(grid, objects) if grid is not None else ()
         objects = tuple(replace(thing, room=room_of(thing, grid, rooms)) for thing in objects)
-        notes = self._notes | dict.fromkeys(getattr(self.detector, "notes", ()))
+        notes = self._notes | dict.fromkeys([*self._conditions.notes(), *getattr(self.detector, "notes", ())])
         if not self._calibration.measured:
             notes[f"{self.detector.name} was never measured: how likely its objects are there is a sober guess"] = None
         if grid is None:

@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.ndimage import gaussian_filter
 
-from cartier.doctor._edges import REACH, edge_width_px, registration, zoomed
+from cartier.doctor._edges import REACH, registration, zoomed
+from cartier.mapping.sharpness import edge_width_px
 
 
 def tiles(seed: int, height: int = 120, width: int = 160) -> np.ndarray:

@@ -65,12 +65,12 @@ def test_the_sums_are_those_of_a_loop_over_pixels(seed: int, shape: tuple[int, i
 
 
 def test_the_frame_that_shows_most_of_a_cell_is_its_evidence() -> None:
-    grid = FeatureGrid(20.0)
+    grid = FeatureGrid(1.0)
     few = np.full((30, 40), np.nan, np.float32)
-    few[15, :10] = 1
-    many = np.full((30, 40), 1, np.float32)
+    few[15, :10] = 0.3
+    many = np.full((30, 40), 0.3, np.float32)
     for number, depth_m in enumerate((few, many, few)):
-        grid.add(np.ones((3, 4, 2), np.float32), depth_m, CAMERA, look((5, 5, 1), (9, 5, 1)), number)
+        grid.add(np.ones((3, 4, 2), np.float32), depth_m, CAMERA, look((5.1, 5.5, 1), (9, 5.5, 1)), number)
     assert grid.cells["frame"].tolist() == [1]
 
 

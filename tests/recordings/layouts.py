@@ -79,5 +79,12 @@ LAYOUTS: dict[str, Callable[[Path], None]] = {
     "record3d-export": lambda path: exports.write_record3d_export(room(), path),
     "record3d-without-depth": lambda path: exports.write_record3d(room(with_depth=False), path),
     "arcore": lambda path: exports.write_arcore(room(), path),
+    "polycam": lambda path: exports.write_polycam(room(), path),
+    "polycam-without-depth": lambda path: exports.write_polycam(room(with_depth=False), path),
+    "scannerapp": lambda path: exports.write_scannerapp(room(), path),
+    "colmap": lambda path: exports.write_colmap(room(with_depth=False), path),
+    "colmap-text": lambda path: exports.write_colmap(room(with_depth=False), path, binary=False),
+    "rtabmap": lambda path: exports.write_rtabmap(room(), path),
+    "rtabmap-without-depth": lambda path: exports.write_rtabmap(room(with_depth=False), path, by_id=False),
     "arcore-without-depth": lambda path: exports.write_arcore(room(with_depth=False), path),
 }

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from exports import OPTICAL_FROM_GL, save_colour, save_depth, write_nerfstudio
 from layouts import room
+from PIL import Image
 
 from cartier import plugins
 from cartier.contracts import Recording
@@ -123,6 +124,60 @@ def test_a_fisheye_is_straightened(tmp_path: Path) -> None:
     assert (found == source[0].rgb)[15:-15, 15:-15].mean() > 0.97
 
 
+def test_depth_as_instant_ngp_names_it(tmp_path: Path) -> None:
+    write_nerfstudio(room(), tmp_path / "a")
+    for path in (tmp_path / "a/depth").iterdir():
+        Image.fromarray((np.asarray(Image.open(path)).astype(float) * 2).astype(np.uint16)).save(path)
+
+    def renamed(head: dict[str, Any]) -> None:
+        head["integer_depth_scale"] = 0.0005
+        for frame in head["frames"]:
+            frame["depth_path"] = frame.pop("depth_file_path")
+
+    edit(tmp_path / "a", renamed)
+    found = opened(tmp_path / "a", **LEVEL)[1].depth_m
+    assert found is not None and np.abs(found - room()[1].depth_m).max() < 0.00051
+    edit(tmp_path / "a", lambda head: head.pop("integer_depth_scale"))
+    assert (
+        "transforms.json does not say integer_depth_scale: depth is taken in units of 0.001 m"
+        in opened(tmp_path / "a").notes
+    )
+
+
+def as_npy(root: Path, unit_m: float, kind: type) -> None:
+    for i in range(len(room())):
+        path = root / f"depth/frame_{i + 1:05d}.npy"
+        np.save(path, (room()[i].depth_m / unit_m).astype(kind)[..., None])
+        path.with_suffix(".png").unlink(missing_ok=True)
+
+    def renamed(head: dict[str, Any]) -> None:
+        for frame in head["frames"]:
+            frame["depth_file_path"] = frame["depth_file_path"].replace(".png", ".npy")
+
+    edit(root, renamed)
+
+
+@pytest.mark.parametrize(("unit_m", "kind"), [(0.001, np.uint16), (0.001, np.float32), (1.0, np.float64)])
+def test_depth_as_an_array(tmp_path: Path, unit_m: float, kind: type) -> None:
+    write_nerfstudio(room(), tmp_path / "a")
+    as_npy(tmp_path / "a", unit_m, kind)
+    if unit_m == 1:
+        with pytest.raises(InputError, match=r'npy: its depth is 0\.00\d+ m .* write "depth_unit_scale_factor": 1\.0'):
+            opened(tmp_path / "a", **LEVEL)[0]
+        edit(tmp_path / "a", lambda head: head.update(depth_unit_scale_factor=1.0))
+    found = opened(tmp_path / "a", **LEVEL)[2].depth_m
+    assert found is not None and np.abs(found - room()[2].depth_m).max() < 0.0011
+
+
+def test_an_array_that_is_no_depth(tmp_path: Path) -> None:
+    write_nerfstudio(room(), tmp_path / "a")
+    as_npy(tmp_path / "a", 0.001, np.uint16)
+    for bad, fault in ((np.zeros(9), "must hold an image of depths"), (np.array([object()]), "is damaged")):
+        np.save(tmp_path / "a/depth/frame_00001.npy", bad, allow_pickle=True)
+        with pytest.raises(InputError, match=fault):
+            opened(tmp_path / "a", **LEVEL)[0]
+
+
 DAMAGE: list[tuple[Callable[[dict[str, Any]], object], str]] = [
     (lambda head: head.pop("frames"), "must hold an object with a list 'frames'"),
     (lambda head: head.update(frames=[]), "names 0 frames, but none of their images is there"),
@@ -141,6 +196,16 @@ DAMAGE: list[tuple[Callable[[dict[str, Any]], object], str]] = [
         lambda head: [head.pop("fl_x"), head.update(camera_angle_x=0)],
         "camera_angle_x must be above 0 and below pi, got 0",
     ),
+    (
+        lambda head: head.update(camera_model="EQUIRECTANGULAR"),
+        "camera_model 'EQUIRECTANGULAR' is not read; cartier reads",
+    ),
+    (
+        lambda head: head.update(camera_model="FISHEYE624"),
+        "camera_model 'FISHEYE624' is not read; cartier reads OPENCV,",
+    ),
+    (lambda head: head.update(camera_model=7), "camera_model '7' is not read"),
+    (lambda head: head.update(cx=161), "the principal point 160.5, 59.5 is that of images of some"),
     (lambda head: head.update(k1=1e9), "plumb_bob distortion needs .* sane numbers"),
     (lambda head: head["frames"][2].update(file_path="x" * 300), "frame 2: 'xxxx+…' is no file name"),
     (lambda head: head["frames"][2].update(file_path="\ud800"), "frame 2: ' ?' is no file name"),

@@ -170,6 +170,25 @@ def test_strays_own_intrinsics_of_each_frame(tmp_path: Path) -> None:
     assert "the images' own intrinsics differ; all were resampled to those of the first" in found.notes
 
 
+def test_strays_columns_that_nobody_wants_may_be_empty(tmp_path: Path) -> None:
+    """What the app writes since 2026: the distortion's centre, left empty where the phone does not give it."""
+    write_stray(room(), tmp_path / "a")
+    rows = (tmp_path / "a/odometry.csv").read_text().splitlines()
+    new = [
+        rows[0] + ", fx, fy, cx, cy, distortion_center_x, distortion_center_y",
+        *(f"{row}, 121, 122, 79.5, 59.5, , " for row in rows[1:]),
+    ]
+    (tmp_path / "a/odometry.csv").write_text("\n".join(new) + "\n")
+    assert opened(tmp_path / "a").camera == Camera(160, 120, 121, 122, 79.5, 59.5)
+    new[2] = new[2].replace("121, 122, 79.5, 59.5", ", , , ")
+    (tmp_path / "a/odometry.csv").write_text("\n".join(new) + "\n")
+    assert opened(tmp_path / "a").camera == room().camera, "intrinsics that are not in every row: those of the matrix"
+    new[2] = rows[2].replace(rows[2].split(",")[3], " ", 1) + ", , , , , , "
+    (tmp_path / "a/odometry.csv").write_text("\n".join(new) + "\n")
+    with pytest.raises(InputError, match=r"odometry\.csv line 3: could not convert"):
+        opened(tmp_path / "a")
+
+
 def test_what_lacks_a_part_is_left_out_and_counted(tmp_path: Path) -> None:
     write_stray(room(), tmp_path / "stray")
     (tmp_path / "stray/depth/000001.png").unlink()

@@ -18,7 +18,17 @@ from cartier.recordings import folder
 from cartier.types import TrueObject
 from synthetic import ROOM
 
-COLOURS = ("rgb/*", "*.color.*", "color/*", "results/frame*", "images/*", "rgbd/*.jpg")
+COLOURS = (
+    "rgb/*",
+    "*.color.*",
+    "color/*",
+    "results/frame*",
+    "images/*",
+    "rgbd/*.jpg",
+    "keyframes/images/*",
+    "frame_*.jpg",
+    "*_rgb/*",
+)
 
 
 @pytest.fixture(params=LAYOUTS)
@@ -29,6 +39,27 @@ def layout(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
 
 def test_every_format_is_under_the_laws() -> None:
     assert {b.name for b in plugins.backends("recordings")} == {name.split("-")[0] for name in LAYOUTS}
+
+
+def test_the_readers_take_a_file_of_the_right_name_for_nothing_else(tmp_path: Path) -> None:
+    """Whatever the suffix, asking each format about a file or an empty folder neither raises nor says yes."""
+    names = [
+        "a.db",
+        "a.db3",
+        "a.bag",
+        "a.mcap",
+        "a.r3d",
+        "cameras.txt",
+        "transforms.json",
+        "keyframes",
+        "frame_00000.json",
+    ]
+    for name in names:
+        (tmp_path / name).write_bytes(b"")
+    for path in (tmp_path / "empty", *(tmp_path / name for name in names)):
+        (tmp_path / "empty").mkdir(exist_ok=True)
+        said = [b.name for b in plugins.backends("recordings") if plugins._load("recordings", b.name).matches(path)]
+        assert said in ([], ["rosbag"], ["record3d"])
 
 
 def test_exactly_one_format_recognises_it(layout: Path) -> None:

@@ -211,3 +211,32 @@ def test_intrinsics_of_another_resolution_are_scaled_and_said(tmp_path: Path) ->
     assert (
         "/camera/camera_info is of another resolution than /camera/image_raw; its intrinsics were scaled" in found.notes
     )
+
+
+def test_a_topic_that_cannot_be_read_does_not_stop_the_others(tmp_path: Path) -> None:
+    source = room()
+    with BagFile(tmp_path / "a") as bag:
+        write_images(bag, source)
+        write_transforms(bag, source.poses)
+        m = bag.messages
+        bag.put("/front/image/compressed", START_NS, m.compressed(START_NS, FRAME, b"\0\0\0\1\x67junk", "h264"))
+        bag.put("/rear/image/compressed", START_NS, m.compressed(START_NS, FRAME, b"", "jpeg"))
+        bag.put("/side/image/compressed", START_NS, m.compressed(START_NS, FRAME, b"\xff\xd8junk", "jpeg"))
+    found = opened(tmp_path / "a")
+    same(found, source)
+    left_out = [note for note in found.notes if note.startswith("left out: topic")]
+    assert [note.split(":")[1].split()[1] for note in left_out] == [
+        f"/{where}/image/compressed" for where in ("front", "rear", "side")
+    ]
+    assert "a video stream (h264)" in left_out[0] and "0x" not in " ".join(found.notes)
+    same(opened(tmp_path / "a", colour="/camera/color/image_raw"), source)
+    with pytest.raises(InputError, match="its images are a video stream"):
+        opened(tmp_path / "a", colour="/front/image/compressed")
+
+
+def test_where_no_topic_can_be_read_the_first_says_why(tmp_path: Path) -> None:
+    with BagFile(tmp_path / "a") as bag:
+        m = bag.messages
+        bag.put("/front/image/compressed", START_NS, m.compressed(START_NS, FRAME, b"\0\0\0\1\x67junk", "h264"))
+    with pytest.raises(InputError, match="topic /front/image/compressed: its images are a video"):
+        opened(tmp_path / "a")

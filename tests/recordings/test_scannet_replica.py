@@ -99,3 +99,19 @@ def test_damage_is_one_clear_line(tmp_path: Path, name: str, damage: Callable[[P
     with pytest.raises(InputError, match=fault) as caught:
         plugins.open_recording(tmp_path / "a", format=name)
     assert "\n" not in str(caught.value)
+
+
+def test_resized_colour_takes_the_intrinsics_of_its_size(tmp_path: Path) -> None:
+    """As the 25,000-frame subset has it: colour of 640x480 with the sensor's matrix for 1296x968."""
+    write_scannet(room(), tmp_path / "a")
+    sensor = Camera(1296, 968, 1170.19, 1170.19, 647.75, 483.75)
+    matrix = [[sensor.fx, 0, sensor.cx, 0], [0, sensor.fy, sensor.cy, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
+    np.savetxt(tmp_path / "a/intrinsic/intrinsic_color.txt", matrix)
+    found = plugins.open_recording(tmp_path / "a", **LEVEL)
+    assert found.camera == sensor.scaled(160, 120)
+    assert "intrinsic/intrinsic_color.txt is for images of 1296x968 px; it was scaled to 160x120" in found.notes
+    for cx, cy in ((300.0, 59.5), (79.5, 10.0)):
+        matrix[0][2], matrix[1][2] = cx, cy
+        np.savetxt(tmp_path / "a/intrinsic/intrinsic_color.txt", matrix)
+        with pytest.raises(InputError, match=rf"the principal point {cx:g}, {cy:g} is that of images of some"):
+            plugins.open_recording(tmp_path / "a", **LEVEL)

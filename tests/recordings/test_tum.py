@@ -49,14 +49,45 @@ def test_images_without_a_pose_or_depth_are_left_out_and_counted(tmp_path: Path)
     assert "1 images left out: no depth within 20 ms of them" in found.notes
 
 
+def published(root: Path) -> None:
+    """A sequence without intrinsics of its own, with images of the benchmark's size."""
+    write_tum(room(frames=2), root)
+    (root / "calibration.txt").unlink()
+    for path in (root / "rgb").iterdir():
+        Image.open(path).resize((640, 480)).save(path)
+    for path in (root / "depth").iterdir():
+        Image.fromarray(np.full((480, 640), 10_000, np.uint16)).save(path)
+
+
 def test_the_published_intrinsics_are_taken_by_the_folders_name(tmp_path: Path) -> None:
     root = tmp_path / "rgbd_dataset_freiburg3_long_office_household"
-    write_tum(room(), root)
-    (root / "calibration.txt").unlink()
+    published(root)
     found = opened(root)
-    assert found.camera == Camera(160, 120, 535.4, 539.2, 320.1, 247.6)
+    assert found.camera == Camera(640, 480, 535.4, 539.2, 320.1, 247.6)
     assert "intrinsics of freiburg3 as published, by the folder's name" in found.notes
-    assert opened(root, camera="100,101,80,60").camera == Camera(160, 120, 100, 101, 80, 60)
+    assert opened(root, camera="500,501,320,240").camera == Camera(640, 480, 500, 501, 320, 240)
+
+
+def test_the_published_intrinsics_are_taken_by_the_head_of_the_files(tmp_path: Path) -> None:
+    """Whoever renames the folder still has the benchmark's own comment in line 2 of each list."""
+    published(tmp_path / "desk")
+    with pytest.raises(InputError, match=r"the folder's name or the second line of rgb\.txt has freiburg1"):
+        opened(tmp_path / "desk")
+    heads = ["# color images", "# file: 'rgbd_dataset_freiburg3_desk.bag'", "# timestamp filename"]
+    lines("rgb.txt", lambda rows: [*heads, *rows[1:]])(tmp_path / "desk")
+    found = opened(tmp_path / "desk")
+    assert found.camera == Camera(640, 480, 535.4, 539.2, 320.1, 247.6)
+    assert "intrinsics of freiburg3 as published, by the head of rgb.txt" in found.notes
+
+
+def test_a_pose_may_have_more_columns_but_is_no_matrix(tmp_path: Path) -> None:
+    write_tum(room(), tmp_path / "a")
+    before = opened(tmp_path / "a")
+    lines("groundtruth.txt", lambda rows: [rows[0], *(f"{row} 17 lost" for row in rows[1:])])(tmp_path / "a")
+    assert np.array_equal(opened(tmp_path / "a")[3].world_from_camera, before[3].world_from_camera)
+    lines("groundtruth.txt", lambda rows: [rows[0], *(f"{row} 17 18" for row in rows[1:])])(tmp_path / "a")
+    with pytest.raises(InputError, match="8 numbers, got 12"):
+        opened(tmp_path / "a")
 
 
 DAMAGE: list[tuple[Callable[[Path], object], str]] = [

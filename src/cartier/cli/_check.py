@@ -4,33 +4,34 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from cartier import plugins
 from cartier.cli._common import AsJson, progress, say
+from cartier.cli._reader import NOTHING, reads_recordings
 from cartier.errors import CartierError
 
 if TYPE_CHECKING:
     from cartier.doctor import Report
 
 app = typer.Typer()
-Format = Annotated[str | None, typer.Option("--format", help="The format's name, if the path does not tell it.")]
 
 
 @app.command()
+@reads_recordings
 def convert(
     source: Annotated[Path, typer.Argument(metavar="IN", help="A recording in any format that 'cartier list' shows.")],
     output: Annotated[
         Path, typer.Option("--output", "-o", metavar="OUT", help="The folder to write; it must not exist.")
     ],
-    format: Format = None,
+    reader: dict[str, Any] = NOTHING,
 ) -> None:
     """Write any recording in cartier's own format: plain images, poses and intrinsics."""
     from cartier.recordings.folder import save
 
-    recording = plugins.open_recording(source, format)
+    recording = plugins.open_recording(source, **reader)
     for note in recording.notes:
         say(note)
     with progress("converting") as step:
@@ -40,6 +41,7 @@ def convert(
 
 
 @app.command()
+@reads_recordings
 def doctor(
     source: Annotated[
         Path,
@@ -51,8 +53,8 @@ def doctor(
     fix: Annotated[bool, typer.Option("--fix", help="Write the mended recording to --output.")] = False,
     output: Annotated[Path | None, typer.Option("--output", "-o", metavar="OUT", help="Where --fix writes.")] = None,
     plot: Annotated[Path | None, typer.Option(help="Draw what was found in a recording into this picture.")] = None,
-    format: Format = None,
     as_json: AsJson = False,
+    reader: dict[str, Any] = NOTHING,
 ) -> None:
     """Say what is wrong with a recording's poses, depth and intrinsics, and how to mend it; or which files of a home are damaged.
 
@@ -69,7 +71,7 @@ def doctor(
         raise typer.Exit(0 if report.ok else 1)
     if fix and output is None:
         raise CartierError("--fix needs a folder to write to: cartier doctor RECORDING --fix -o OUT")
-    recording = open_for_doctor(source, format)
+    recording = open_for_doctor(source, **reader)
     if isinstance(recording, Report):
         report = recording
     else:

@@ -10,7 +10,8 @@ from typing import Annotated, Any
 import typer
 
 from cartier import plugins, specs
-from cartier.cli._common import AsJson, numbers, progress, say
+from cartier.cli._common import AsJson, progress, say
+from cartier.cli._reader import NOTHING, reads_recordings
 from cartier.errors import InputError
 
 app = typer.Typer()
@@ -77,6 +78,7 @@ def record(
 
 
 @app.command("map")
+@reads_recordings
 def map_command(
     recording: Annotated[
         Path, typer.Argument(metavar="RECORDING", help="A recording in any format that 'cartier list' shows.")
@@ -113,22 +115,15 @@ def map_command(
         bool,
         typer.Option("--append", help="Add to the HOME that is there: poses in the same frame, the same detector."),
     ] = False,
-    up: Annotated[
-        str | None,
-        typer.Option(help="X,Y,Z: which way is up in the recording's own world, if it is estimated wrongly."),
-    ] = None,
-    floor: Annotated[
-        float | None, typer.Option(help="Height in metres of the floor along up, if it is estimated wrongly.")
-    ] = None,
     as_json: AsJson = False,
+    reader: dict[str, Any] = NOTHING,
 ) -> None:
     """Map a recording: detect objects, build the indices and the floor plan, save a home."""
     from cartier.atomic import locked
     from cartier.home import Home
     from cartier.pipeline import map_home
 
-    level: dict[str, Any] = {"up": numbers(up, 3, "--up"), "floor_m": floor}
-    source = plugins.open_recording(recording, **{name: value for name, value in level.items() if value is not None})
+    source = plugins.open_recording(recording, **reader)
     for note in source.notes:
         say(note)
     detects = specs.detector(detector, source, threshold=threshold, vocabulary=vocabulary)

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from cartier.cli._common import AsJson, HomeFolder, IndexName, say
-from cartier.errors import InputError
+from cartier import plugins
+from cartier.cli._common import AsJson, HomeFolder, IndexName, progress, say
+from cartier.errors import InputError, MissingExtra
 from cartier.language.prompts import check_query
 
 if TYPE_CHECKING:
@@ -31,6 +32,13 @@ def show(
         Path | None, typer.Option(help="Draw the floor plan with rooms and objects into this picture.")
     ] = None,
     sheet: Annotated[Path | None, typer.Option(help="Draw a page of evidence photos, one for each object.")] = None,
+    rrd: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Write all of it on one time line for the viewer of rerun.io (extra viz)."),
+    ] = None,
+    recording: Annotated[
+        Path | None, typer.Option(help="With --rrd: the recording that was mapped; adds its frames, depth and path.")
+    ] = None,
     find: Annotated[
         str | None,
         typer.Option(
@@ -63,12 +71,25 @@ def show(
 
         draw_sheet(mapped, sheet)
         say(f"picture: {sheet}")
+    if rrd:
+        _write_rrd(mapped, rrd, recording)
     if as_json:
         print(json.dumps(told, ensure_ascii=False))
     elif thing is not None:
         _print_object(told["objects"][0])
     else:
         _print_rooms(told, everything)
+
+
+def _write_rrd(home: Home, file: Path, recording: Path | None) -> None:
+    try:
+        from cartier.rerun_file import write_rrd
+    except ModuleNotFoundError as error:
+        raise MissingExtra(f"--rrd needs the package 'rerun-sdk': {plugins.install('viz', 'rerun-sdk')}") from error
+    source = None if recording is None else plugins.open_recording(recording)
+    with progress("writing") as step:
+        write_rrd(home, file, source, step)
+    say(f"look at it: rerun {file}")
 
 
 def _find(home: Home, words: str, index: str | None, plot: Path | None, as_json: bool) -> None:

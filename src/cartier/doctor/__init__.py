@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -46,13 +47,16 @@ CANNOT_LEVEL = "give it with up="  # how cartier.mapping.gravity says that the c
 Progress = Callable[[int, int], None]
 
 
-def open_for_doctor(path: str | Path, format: str | None = None) -> Recording | Report:
-    """The recording at a path, or at once the report if its reader refuses its poses. Other faults raise InputError."""
+def open_for_doctor(path: str | Path, format: str | None = None, **options: Any) -> Recording | Report:
+    """The recording at a path, or at once the report if its reader refuses its poses. Other faults raise InputError.
+
+    ``options`` are the reader's.
+    """
     try:
-        return plugins.open_recording(path, format)
+        return plugins.open_recording(path, format, **options)
     except InputError as error:
         if CANNOT_LEVEL in str(error):  # as it happens with inverted poses: take the world as it is
-            return plugins.open_recording(path, format, up=(0.0, 0.0, 1.0), floor_m=0.0)
+            return plugins.open_recording(path, format, **options | {"up": (0.0, 0.0, 1.0), "floor_m": 0.0})
         if not is_pose_fault(error):
             raise
         fault = "left_handed" if is_mirror_fault(error) else "bad_rotation"

@@ -13,8 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from cartier.contracts import Recording
-from cartier.doctor._edges import edge_width_px
 from cartier.errors import InputError
+from cartier.mapping.sharpness import edge_width_px
 from cartier.types import Array, Camera, Frame
 
 MOST, RUNS = 1000, 10

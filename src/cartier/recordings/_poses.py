@@ -13,6 +13,7 @@ from cartier.types import Array, check_pose
 
 Matrix = npt.NDArray[np.float64]
 MAX_TABLE_BYTES = 1 << 26  # a pose takes some 150 bytes: two hours at 60 Hz
+MATRIX_SIZES = (12, 16)  # a line of as many numbers is a matrix, and no pose with columns of somebody's own behind it
 MAX_NUMBER = 1e30  # nanoseconds fit, and squares stay finite
 
 
@@ -36,7 +37,7 @@ def read_matrix(path: Path, rows: int) -> Matrix:
 
 
 def read_trajectory(path: Path) -> tuple[npt.NDArray[np.float64], Matrix]:
-    """Times (N,) in seconds and world_from_camera (N, 4, 4) of a TUM file: lines of ``t x y z qx qy qz qw``."""
+    """Times (N,) in seconds and world_from_camera (N, 4, 4) of a TUM file: lines of ``t x y z qx qy qz qw [more]``."""
     table = read_trajectory_rows(path)
     return table[:, 0], matrices(table[:, 1:])
 
@@ -59,9 +60,10 @@ def trajectory_line(time_s: float, world_from_camera: Array) -> str:
 
 
 def _tum_row(line: str, where: str) -> list[float]:
-    row = _numbers(line.split(), where)
-    if len(row) != 8:
-        raise InputError(f"{where}: a pose is 't x y z qx qy qz qw', 8 numbers, got {len(row)}")
+    words = line.split()
+    if len(words) < 8 or len(words) in MATRIX_SIZES:
+        raise InputError(f"{where}: a pose is 't x y z qx qy qz qw', 8 numbers, got {len(words)}")
+    row = _numbers(words[:8], where)
     if not all(abs(value) <= MAX_NUMBER for value in row):  # false for NaN too
         raise InputError(f"{where}: the pose holds NaN, infinity or a senseless size")
     norm = float(np.linalg.norm(row[4:]))

@@ -22,6 +22,7 @@ DEPTHS: dict[str, type] = {"16UC1": np.uint16, "mono16": np.uint16, "32FC1": np.
 MODELS: dict[str, Model] = {"plumb_bob": "plumb_bob", "rational_polynomial": "plumb_bob", "equidistant": "equidistant"}
 DEPTH_HEAD = struct.Struct("<i2f")  # compressed_depth_image_transport: format, and the two numbers of inverse depth
 RAW_DEPTH = "compressedDepth"
+VIDEOS = ("h264", "h265", "hevc", "av1", "vp9", "theora", "ffmpeg")
 
 
 def encoding_of(message: Any) -> str:
@@ -118,6 +119,10 @@ def _rows(message: Any, camera: Camera, kind: np.dtype[Any], channels: int, wher
 def _payload(message: Any, where: str) -> bytes:
     """The JPEG or PNG of a CompressedImage."""
     data = np.asarray(message.data, dtype=np.uint8).tobytes()
+    if any(codec in str(message.format).lower() for codec in VIDEOS):
+        raise InputError(
+            f"{where}: its images are a video stream ({brief(message.format, 40)}); cartier reads raw, JPEG and PNG images"
+        )
     if RAW_DEPTH not in str(message.format):
         return data
     if "rvl" in str(message.format).lower():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -66,11 +66,9 @@ class Choice:
 
 def choose(bag: Bag, colour: str | None, depth: str | None, info: str | None) -> Choice:
     """The streams that were asked for, else those that fit best."""
-    streams = [stream for name in bag.topics(IMAGE, COMPRESSED) if (stream := _stream(bag, name)) is not None]
-    if not streams:
-        raise InputError(f"{bag.path} holds no images: it has no message of type {IMAGE} or {COMPRESSED}")
-    infos = _infos(bag)
     notes: list[str] = []
+    streams = _streams(bag, {name.lstrip("/") for name in (colour, depth) if name is not None}, notes)
+    infos = _infos(bag)
     depths = [s for s in streams if s.depth]
     colours = [s for s in streams if not s.depth and s.encoding not in GREY] or [s for s in streams if not s.depth]
     if colour is None and not colours:
@@ -90,6 +88,26 @@ def choose(bag: Bag, colour: str | None, depth: str | None, info: str | None) ->
     colour_lens = _lens(bag, seen, infos, info, notes)
     depth_lens = None if measured is None else _depth_lens(measured, seen, infos, colour_lens)
     return Choice(seen, colour_lens, measured, depth_lens, notes)
+
+
+def _streams(bag: Bag, wanted: Collection[str], notes: list[str]) -> list[Stream]:
+    """Every image topic that can be read; of the others, those that are wanted raise, the rest are noted."""
+    found, faults = [], []
+    for name in bag.topics(IMAGE, COMPRESSED):
+        try:
+            stream = _stream(bag, name)
+        except InputError as error:
+            if name.lstrip("/") in wanted:
+                raise
+            faults.append(error)
+            continue
+        found += [] if stream is None else [stream]
+    if faults and not found:
+        raise faults[0]
+    if not found:
+        raise InputError(f"{bag.path} holds no images: it has no message of type {IMAGE} or {COMPRESSED}")
+    notes += [f"left out: {str(fault).removeprefix(f'{bag.path}: ')}" for fault in faults]
+    return found
 
 
 def _stream(bag: Bag, name: str) -> Stream | None:

@@ -17,6 +17,7 @@ GL_FROM_OPTICAL = np.diag([1.0, -1.0, -1.0, 1.0])
 """OpenGL's camera axes (x right, y up, z backwards) from ours; a matrix of ARKit, ARCore, Blender or nerfstudio times
 this is ours. Its own inverse."""
 Y_UP = (0.0, 1.0, 0.0)
+MAX_OFF_CENTRE = 0.2  # of the side; lenses are off by a few hundredths, intrinsics of images twice as large by a half
 
 
 def numbers(words: Sequence[object], where: str) -> list[float]:
@@ -58,15 +59,34 @@ def read_samples(path: Path) -> npt.NDArray[np.float64]:
 
 
 def camera_of(width: int, height: int, values: Sequence[float], where: str) -> Camera:
-    """A camera of fx, fy, cx, cy, or an InputError that names the file."""
+    """A camera of fx, fy, cx, cy, or an InputError that names the file, also where they belong to images of another size."""
     try:
-        return Camera(width, height, *values)
+        camera = Camera(width, height, *values)
     except InputError as error:
         raise InputError(f"{where}: {error}") from error
+    if not centred(camera):
+        raise InputError(
+            f"{where}: the principal point {camera.cx:g}, {camera.cy:g} is that of images of some {2 * camera.cx:.0f}x"
+            f"{2 * camera.cy:.0f} px, but these have {width}x{height}: scale fx, fy, cx, cy as the images were resized"
+        )
+    return camera
 
 
-def read_table(path: Path, wanted: Sequence[str]) -> dict[str, npt.NDArray[np.float64]]:
-    """The columns of a CSV file by the names in its first line; an InputError if a wanted one is missing."""
+def centred(camera: Camera) -> bool:
+    """Whether the principal point is as near to the middle as in a whole image, of which nothing was cut off."""
+    off = (
+        abs(camera.cx + 0.5 - camera.width / 2) / camera.width,
+        abs(camera.cy + 0.5 - camera.height / 2) / camera.height,
+    )
+    return max(off) <= MAX_OFF_CENTRE
+
+
+def read_table(path: Path, wanted: Sequence[str], optional: Sequence[str] = ()) -> dict[str, npt.NDArray[np.float64]]:
+    """The wanted columns of a CSV file by the names in its first line; an InputError if one is missing.
+
+    An ``optional`` column is given where it is there and filled in every row. No other column is looked at: the apps add new
+    ones, and leave them empty.
+    """
     lines = [line for line in read_text(path, MAX_TABLE_BYTES).splitlines() if line.strip()]
     names = [name.strip() for name in lines[0].split(",")] if lines else []
     lack = [name for name in wanted if name not in names]
@@ -74,15 +94,18 @@ def read_table(path: Path, wanted: Sequence[str]) -> dict[str, npt.NDArray[np.fl
         raise InputError(
             f"{path}: its first line must name the columns {', '.join(wanted)}; {', '.join(lack)} is missing"
         )
-    rows = []
+    cells = []
     for number, line in enumerate(lines[1:], 2):
-        values = numbers(line.split(","), f"{path} line {number}")
+        values = line.split(",")
         if len(values) != len(names):
             raise InputError(f"{path} line {number}: {len(values)} values for {len(names)} columns")
-        rows.append(values)
-    if not rows:
+        cells.append(values)
+    if not cells:
         raise InputError(f"{path} holds no row")
-    return dict(zip(names, np.array(rows).T, strict=True))
+    at = {name: names.index(name) for name in (*wanted, *optional) if name in names}
+    at = {name: i for name, i in at.items() if name in wanted or all(row[i].strip() for row in cells)}
+    rows = [numbers([row[i] for i in at.values()], f"{path} line {number}") for number, row in enumerate(cells, 2)]
+    return dict(zip(at, np.array(rows).T, strict=True))
 
 
 def unit_quaternions(quaternions: npt.NDArray[np.float64], where: str) -> npt.NDArray[np.float64]:

@@ -1,8 +1,9 @@
 """nerfstudio: transforms.json with camera-to-world matrices in OpenGL axes, intrinsics for all or for each frame.
 
 ``ns-process-data`` and instant-ngp write it. Distortion (``k1 k2 p1 p2 k3``, or the fisheye's ``k1``-``k4``) is taken out,
-frames of other intrinsics are resampled to those of the first. Depth is a 16-bit PNG of ``depth_unit_scale_factor``
-metres (0.001 if not said). The scale is whatever made the file: it is metric from a phone's LiDAR, but not from COLMAP.
+frames of other intrinsics are resampled to those of the first. Depth is ``depth_file_path``, a 16-bit PNG or a ``.npy`` in
+units of ``depth_unit_scale_factor`` metres (0.001 if not said), or instant-ngp's ``depth_path`` in units of
+``integer_depth_scale``. The scale is whatever made the file: it is metric from a phone's LiDAR, but not from COLMAP.
 """
 
 from __future__ import annotations
@@ -16,17 +17,22 @@ import numpy as np
 
 from cartier.contracts import Recording
 from cartier.errors import InputError, brief
-from cartier.files import read_json
+from cartier.files import read_json, read_npy
 from cartier.recordings._images import image_size
 from cartier.recordings._lens import Lens, straight
-from cartier.recordings._posed import PosedImages, Source, View, png_depth
+from cartier.recordings._posed import Depths, PosedImages, Source, View, png_depth
 from cartier.recordings._poses import Matrix, rigid
+from cartier.recordings._rosimages import valid
 from cartier.recordings._tables import GL_FROM_OPTICAL, camera_of, inside, numbers
 from cartier.types import MAX_SIDE_PX, Camera
 
 FILE = "transforms.json"
 FRAMES_PER_SECOND = 30.0
 DEPTH_UNIT_M = 0.001
+DEPTH_KEYS = {"depth_file_path": "depth_unit_scale_factor", "depth_path": "integer_depth_scale"}  # and their units
+MODELS = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV_FISHEYE")
+MAX_DEPTH_BYTES = 1 << 28
+NEAR_M = 0.02  # nothing is nearer to a camera that moves through a home
 SUFFIXES = (".png", ".jpg", ".jpeg", ".PNG", ".JPG", ".JPEG")
 
 
@@ -59,21 +65,46 @@ def open(path: str | Path, up: Sequence[float] | None = None, floor_m: float | N
     views = [view for view, _ in there]
     partly = sum(view.depth is None for view in views)
     if 0 < partly < len(views):
-        raise InputError(f"{where}: {partly} of {len(views)} frames have no depth_file_path; give all or none")
+        raise InputError(f"{where}: {partly} of {len(views)} frames have no {_depth_key(frames)}; give all or none")
     if "time" not in frames[0]:
         notes.append(f"times assumed: {FRAMES_PER_SECOND:g} frames per second, in the order of the file names")
     notes.append("the scale is taken as metres; COLMAP's is arbitrary")
     files = [FILE, *(p.relative_to(root).as_posix() for v in views for p in (v.colour, v.depth) if p is not None)]
-    unit_m = _number(head, "depth_unit_scale_factor", DEPTH_UNIT_M, where)
+    unit = DEPTH_KEYS[_depth_key(frames)]
+    unit_m = _number(head, unit, DEPTH_UNIT_M, where)
     if not 1e-6 <= unit_m <= 1:
-        raise InputError(f"{where}: depth_unit_scale_factor must be from a millionth to 1 metre, got {unit_m:g}")
+        raise InputError(f"{where}: {unit} must be from a millionth to 1 metre, got {unit_m:g}")
+    if not partly and unit not in head:
+        notes.append(f"{FILE} does not say {unit}: depth is taken in units of {DEPTH_UNIT_M:g} m")
     views = [_timed(view, number) for number, view in enumerate(views)]
     settings = f"nerfstudio 1 up={up} floor_m={floor_m}"
     poses = np.array([pose for _, pose in there])
     source = Source(
-        root, root.resolve().name, settings, views, poses, files, notes, partial(png_depth, per_metre=1 / unit_m)
+        root, root.resolve().name, settings, views, poses, files, notes, partial(_depth, unit_m=unit_m, unit=unit)
     )
     return PosedImages(source, up, floor_m)
+
+
+def _depth_key(frames: Sequence[dict[str, Any]]) -> str:
+    """The field that names depth images, by the first of nerfstudio's and instant-ngp's that is there."""
+    return next((key for key in DEPTH_KEYS if any(key in frame for frame in frames)), next(iter(DEPTH_KEYS)))
+
+
+def _depth(path: Path, unit_m: float, unit: str) -> Depths:
+    """(h, w) float32 metres of a 16-bit PNG or a .npy."""
+    if path.suffix != ".npy":
+        return png_depth(path, 1 / unit_m)
+    raw = read_npy(path, MAX_DEPTH_BYTES)
+    raw = raw.reshape(raw.shape[:2]) if raw.ndim == 3 and raw.shape[2] == 1 else raw
+    if raw.ndim != 2 or not raw.size or raw.dtype.kind not in "uif":
+        raise InputError(f"{path} must hold an image of depths (height, width), got {raw.shape} {raw.dtype}")
+    depth_m = valid(raw.astype(np.float32) * np.float32(unit_m))
+    if np.isfinite(depth_m).any() and float(np.nanmedian(depth_m)) < NEAR_M:
+        raise InputError(
+            f'{path}: its depth is {float(np.nanmedian(depth_m)):.2g} m in units of {unit_m:g} m: write "{unit}": 1.0 '
+            f"into {FILE} if it is in metres"
+        )
+    return depth_m
 
 
 def _image(root: Path, name: object, where: str) -> Path | None:
@@ -102,14 +133,17 @@ def _view(root: Path, head: dict[str, Any], frame: dict[str, Any], number: int, 
     fy = _number(fields, "fl_y", fx, where)
     # COLMAP's and nerfstudio's pixel (0, 0) is the corner of the top-left pixel, ours is its centre
     cx, cy = _number(fields, "cx", width / 2, where) - 0.5, _number(fields, "cy", height / 2, where) - 0.5
-    depth = fields.get("depth_file_path")
+    depth = frame.get(_depth_key([frame]))
     measured = None if depth is None else root / inside(depth, where)
     time_s = _number(frame, "time", number / FRAMES_PER_SECOND, where) if "time" in frame else np.nan
     return View(time_s, colour, _lens(camera_of(width, height, (fx, fy, cx, cy), where), fields, where), measured)
 
 
 def _lens(camera: Camera, fields: dict[str, Any], where: str) -> Lens:
-    fisheye = "FISHEYE" in brief(fields.get("camera_model"))
+    model = fields.get("camera_model", "OPENCV")
+    if model not in MODELS:
+        raise InputError(f"{where}: camera_model {brief(model, 40)!r} is not read; cartier reads {', '.join(MODELS)}")
+    fisheye = model == "OPENCV_FISHEYE" or fields.get("is_fisheye") is True
     names = ("k1", "k2", "k3", "k4") if fisheye else ("k1", "k2", "p1", "p2", "k3")
     values = tuple(_number(fields, name, 0.0, where) for name in names)
     if fisheye:  # without coefficients it bends all the same

@@ -19,11 +19,12 @@ from cartier.recordings._images import image_size
 from cartier.recordings._lens import Lens
 from cartier.recordings._posed import PosedImages, Source, View, png_depth
 from cartier.recordings._poses import read_matrix, rigid
-from cartier.recordings._tables import camera_of
+from cartier.recordings._tables import camera_of, centred
 from cartier.types import Camera
 
 COLOUR = re.compile(r"(\d{1,9})\.(?:jpg|png)", re.ASCII)
 COLOUR_MATRIX, DEPTH_MATRIX = "intrinsic/intrinsic_color.txt", "intrinsic/intrinsic_depth.txt"
+COLOUR_SIZE = (1296, 968)  # px of the sensor, which the exported intrinsics are for
 FRAMES_PER_SECOND = 30.0
 
 
@@ -38,7 +39,7 @@ def open(path: str | Path, up: Sequence[float] | None = None, floor_m: float | N
     found = sorted((int(m[1]), m[0]) for m in map(COLOUR.fullmatch, names_in(root / "color")) if m)
     if not found:
         raise InputError(f"{root / 'color'} holds no image 0.jpg")
-    colour = _camera(root, COLOUR_MATRIX, root / "color" / found[0][1])
+    colour, notes = _colour_camera(root, root / "color" / found[0][1])
     depths = names_in(root / "depth") if (root / "depth").is_dir() else set()
     poses, views, files = [], [], [COLOUR_MATRIX]
     lost = 0
@@ -53,10 +54,10 @@ def open(path: str | Path, up: Sequence[float] | None = None, floor_m: float | N
         poses.append(rigid(pose, str(root / "pose" / f"{number}.txt")))
         views.append(View(number / FRAMES_PER_SECOND, root / "color" / name, Lens(colour), depth))
         files += [f"color/{name}", f"pose/{number}.txt", *([f"depth/{number}.png"] if depth else [])]
-    notes = [f"{lost} images left out: they have no pose (tracking was lost)"] if lost else []
-    notes.append(f"times assumed: {FRAMES_PER_SECOND:g} frames per second, by frame number")
+    notes += [f"{lost} images left out: they have no pose (tracking was lost)"] if lost else []
     if not views:
-        raise InputError(f"{root}: no image can be used: {notes[0]}")
+        raise InputError(f"{root}: no image can be used: {'; '.join(notes)}")
+    notes.append(f"times assumed: {FRAMES_PER_SECOND:g} frames per second, by frame number")
     depth_lens = None
     if views[0].depth is not None and (root / DEPTH_MATRIX).is_file():
         depth_lens = Lens(_camera(root, DEPTH_MATRIX, views[0].depth))
@@ -68,6 +69,25 @@ def open(path: str | Path, up: Sequence[float] | None = None, floor_m: float | N
     return PosedImages(source, up, floor_m)
 
 
+def _colour_camera(root: Path, image: Path) -> tuple[Camera, list[str]]:
+    """The colour camera; resized colour images often come with the intrinsics of the sensor's own size."""
+    matrix = _intrinsics(root, COLOUR_MATRIX)
+    size = image_size(image)
+    try:
+        return camera_of(*size, matrix, str(root / COLOUR_MATRIX)), []
+    except InputError:
+        whole = Camera(*COLOUR_SIZE, *matrix)
+        if not centred(whole) or abs(size[0] / size[1] / (whole.width / whole.height) - 1) > 0.02:
+            raise
+    return whole.scaled(*size), [
+        f"{COLOUR_MATRIX} is for images of {whole.width}x{whole.height} px; it was scaled to {size[0]}x{size[1]}"
+    ]
+
+
 def _camera(root: Path, name: str, image: Path) -> Camera:
-    matrix = read_matrix(root / name, 4)
-    return camera_of(*image_size(image), matrix[[0, 1, 0, 1], [0, 1, 2, 2]].tolist(), str(root / name))
+    return camera_of(*image_size(image), _intrinsics(root, name), str(root / name))
+
+
+def _intrinsics(root: Path, name: str) -> list[float]:
+    """fx, fy, cx, cy."""
+    return [float(v) for v in read_matrix(root / name, 4)[[0, 1, 0, 1], [0, 1, 2, 2]]]

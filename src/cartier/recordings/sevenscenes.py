@@ -18,6 +18,7 @@ from cartier.mapping import gravity
 from cartier.recordings._content import check_inside, content_hash, names_in
 from cartier.recordings._images import image_size, read_depth, read_rgb
 from cartier.recordings._poses import read_matrix, rigid
+from cartier.recordings._tables import camera_of
 from cartier.types import Camera, Frame, TrueObject, frame_number
 
 COLOUR = re.compile(r"(frame-(\d{1,9}))\.color\.(?:jpg|png)", re.ASCII)
@@ -122,8 +123,4 @@ def _camera(root: Path, first_image: Path) -> Camera:
     off[[0, 1, 2, 0, 1], [0, 1, 2, 2, 2]] = 0  # fx, fy, 1, cx and cy
     if off.any() or matrix[2, 2] != 1:
         raise InputError(f"{path} must read 'fx 0 cx', '0 fy cy', '0 0 1' (skew is not supported)")
-    width, height = image_size(first_image)
-    try:
-        return Camera(width, height, *matrix[[0, 1, 0, 1], [0, 1, 2, 2]].tolist())
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from error
+    return camera_of(*image_size(first_image), matrix[[0, 1, 0, 1], [0, 1, 2, 2]].tolist(), str(path))

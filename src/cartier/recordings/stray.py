@@ -43,7 +43,7 @@ def open(
     """Read a scan; ``confidence`` is the least that depth must have, 0 for all of it."""
     root = Path(path)
     pictures = _pictures(root)
-    rows = read_table(root / ODOMETRY, ("timestamp", "frame", *POSE))
+    rows = read_table(root / ODOMETRY, ("timestamp", "frame", *POSE), INTRINSICS)
     own = all(name in rows for name in INTRINSICS)
     shared = None if own else _matrix(root / MATRIX)
     depths = names_in(root / "depth") if (root / "depth").is_dir() else set()

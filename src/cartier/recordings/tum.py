@@ -2,8 +2,8 @@
 
 Poses are those of the camera's optical frame. An image takes the depth nearest in time, at most 20 ms away as in the
 benchmark's own ``associate.py``, and its pose is interpolated; without a pose on both sides it is left out. The files
-hold no intrinsics: the published ones of freiburg1 to freiburg3 are taken by the folder's name, else give ``camera``, or
-write them as ``calibration.txt`` (``fx fy cx cy [k1 k2 p1 p2 k3]``). Sturm et al., IROS 2012.
+hold no intrinsics: the published ones of freiburg1 to freiburg3 are taken by the sequence's name, which is the folder's or
+stands in the second line of the files, else give ``camera``, or write them as ``calibration.txt`` (``fx fy cx cy [k1 k2 p1 p2 k3]``). Sturm et al., IROS 2012.
 """
 
 from __future__ import annotations
@@ -23,8 +23,7 @@ from cartier.recordings._interpolate import interpolated
 from cartier.recordings._lens import Lens, straight
 from cartier.recordings._posed import PosedImages, Source, View, png_depth
 from cartier.recordings._poses import rigid
-from cartier.recordings._tables import inside, numbers, read_samples
-from cartier.types import Camera
+from cartier.recordings._tables import camera_of, inside, numbers, read_samples
 
 COLOUR, DEPTH, POSES, CALIBRATION = "rgb.txt", "depth.txt", "groundtruth.txt", "calibration.txt"
 PER_METRE = 5000.0
@@ -109,18 +108,26 @@ def _lens(root: Path, first: Path, given: Sequence[float] | str | None) -> tuple
         values = numbers(read_text(root / CALIBRATION, 1 << 16).split(), str(root / CALIBRATION))
         note = f"intrinsics from {CALIBRATION}"
     else:
-        sequence = next((name for name in PUBLISHED if name in root.resolve().name), None)
+        sequence, by = _sequence(root)
         if sequence is None:
             raise InputError(
                 f"{root} holds no intrinsics: write fx fy cx cy to {root / CALIBRATION}, or give camera=fx,fy,cx,cy "
-                f"(they are known for folders named {', '.join(PUBLISHED)})"
+                f"(they are known where the folder's name or the second line of {COLOUR} has {', '.join(PUBLISHED)})"
             )
-        values, note = list(PUBLISHED[sequence]), f"intrinsics of {sequence} as published, by the folder's name"
+        values, note = list(PUBLISHED[sequence]), f"intrinsics of {sequence} as published, by {by}"
     if len(values) not in (4, 8, 9):
         raise InputError(
             f"{root}: the camera needs fx fy cx cy and, if it distorts, k1 k2 p1 p2 [k3], got {len(values)}"
         )
-    try:
-        return straight(Camera(*image_size(first), *values[:4]), "plumb_bob", tuple(values[4:])), note
-    except InputError as error:
-        raise InputError(f"{root}: {error}") from error
+    return straight(camera_of(*image_size(first), values[:4], str(root)), "plumb_bob", tuple(values[4:])), note
+
+
+def _sequence(root: Path) -> tuple[str | None, str]:
+    """The published camera whose sequence this is, and what said so: the folder, or the comments of its files."""
+    says = {"the folder's name": root.resolve().name}
+    says |= {
+        f"the head of {name}": "\n".join(read_text(root / name, 1 << 26).split("\n", 4)[:4])
+        for name in (COLOUR, POSES, DEPTH)
+        if (root / name).is_file()
+    }
+    return next(((name, by) for by, text in says.items() for name in PUBLISHED if name in text), (None, ""))

@@ -1,0 +1,217 @@
+"""COLMAP: a sparse model (cameras and images, .bin or .txt) in sparse/0, sparse or beside images/: poses without scale or depth.
+
+Poses are camera-from-world with optical axes, in a world of any turn and scale: up is estimated, and lengths are COLMAP's own
+units, not metres. Distortion is taken out. The numbers of the camera models and the layouts of the files are those of
+COLMAP's "Output Format". Schönberger and Frahm, CVPR 2016.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from cartier.contracts import Recording
+from cartier.errors import InputError, brief
+from cartier.files import read_text
+from cartier.geometry import invert
+from cartier.recordings._lens import Lens, Model, straight
+from cartier.recordings._posed import PosedImages, Source, View
+from cartier.recordings._poses import matrices
+from cartier.recordings._rosfile import File
+from cartier.recordings._tables import camera_of, inside, numbers, unit_quaternions
+from cartier.types import MAX_SIDE_PX
+
+PLACES = ("", "sparse/0", "sparse", "colmap/sparse/0")
+FRAMES_PER_SECOND = 30.0
+MAX_TEXT_BYTES = 1 << 29  # the points of each image stand in it, too
+MAX_NAME = 1000
+MAX_CAMERAS = 100_000
+POINT_BYTES = 24
+
+
+@dataclass(frozen=True)
+class _Kind:
+    """A camera model: how many focal lengths it has, and what follows them and the principal point."""
+
+    focals: int
+    coefficients: int
+    lens: Model
+
+    @property
+    def size(self) -> int:
+        return self.focals + 2 + self.coefficients
+
+
+KINDS = {
+    "SIMPLE_PINHOLE": _Kind(1, 0, "pinhole"),
+    "PINHOLE": _Kind(2, 0, "pinhole"),
+    "SIMPLE_RADIAL": _Kind(1, 1, "plumb_bob"),
+    "RADIAL": _Kind(1, 2, "plumb_bob"),
+    "OPENCV": _Kind(2, 4, "plumb_bob"),
+    "OPENCV_FISHEYE": _Kind(2, 4, "equidistant"),
+    "FULL_OPENCV": _Kind(2, 8, "plumb_bob"),
+    "SIMPLE_RADIAL_FISHEYE": _Kind(1, 1, "equidistant"),
+    "RADIAL_FISHEYE": _Kind(1, 2, "equidistant"),
+}
+NUMBERS = {0: "SIMPLE_PINHOLE", 1: "PINHOLE", 2: "SIMPLE_RADIAL", 3: "RADIAL", 4: "OPENCV", 5: "OPENCV_FISHEYE"} | {
+    6: "FULL_OPENCV", 8: "SIMPLE_RADIAL_FISHEYE", 9: "RADIAL_FISHEYE",
+}  # fmt: skip
+"""Camera models by their number in cameras.bin."""
+
+
+@dataclass(frozen=True)
+class _Image:
+    """One image of a model: ``pose`` is x y z qx qy qz qw of camera_from_world."""
+
+    name: str
+    camera: int
+    pose: tuple[float, ...]
+
+
+def matches(path: Path) -> bool:
+    """Whether a folder holds a sparse model, and not nerfstudio's transforms.json, which says more."""
+    return _model(path) is not None and not (path / "transforms.json").is_file()
+
+
+def open(path: str | Path, up: Sequence[float] | None = None, floor_m: float | None = None) -> Recording:
+    """Read a model and its images; ``up`` (x, y, z in COLMAP's world) and ``floor_m`` (along up) override the estimates."""
+    root = Path(path)
+    found = _model(root)
+    if found is None:
+        raise InputError(f"{root} holds no cameras and images of a sparse model, .bin or .txt")
+    folder, suffix = found
+    lenses = dict(_cameras(folder / f"cameras{suffix}"))
+    pictures = sorted(_images(folder / f"images{suffix}"), key=lambda image: image.name)
+    where = str(folder / f"images{suffix}")
+    names = [inside(image.name, where) for image in pictures]
+    base = next((b for b in (root / "images", root) if any((b / name).is_file() for name in names)), None)
+    if base is None:
+        first = f", such as {brief(names[0], 60)}" if names else ""
+        raise InputError(
+            f"{where} names {len(names)} images{first}, but none of them is in {root / 'images'}: give the folder that holds "
+            "images/ and sparse/"
+        )
+    kept = [i for i, name in enumerate(names) if (base / name).is_file()]
+    unknown = next((pictures[i].camera for i in kept if pictures[i].camera not in lenses), None)
+    if unknown is not None:
+        raise InputError(f"{where}: camera {unknown} is not in cameras{suffix}")
+    notes = (
+        [f"{len(names) - len(kept)} images of the model left out: they are missing"] if len(kept) < len(names) else []
+    )
+    others = [f"sparse/{n}" for n in range(1, 10) if folder.name == "0" and _pair(folder.parent / str(n))]
+    notes += [f"the model has other parts that do not hang together with it: {', '.join(others)}"] if others else []
+    notes.append(
+        "COLMAP knows no scale: lengths are in units of its own, not metres; and it gives no depth, so no floor plan"
+    )
+    notes.append(f"times assumed: {FRAMES_PER_SECOND:g} frames per second, in the order of the file names")
+    rows = np.array([pictures[i].pose for i in kept])
+    rows[:, 3:] = unit_quaternions(rows[:, 3:], where)
+    views = [View(n / FRAMES_PER_SECOND, base / names[i], lenses[pictures[i].camera]) for n, i in enumerate(kept)]
+    files = [(folder / f"{kind}{suffix}").relative_to(root).as_posix() for kind in ("cameras", "images")]
+    files += [view.colour.relative_to(root).as_posix() for view in views]
+    poses = np.array([invert(pose) for pose in matrices(rows)])
+    settings = f"colmap 1 up={up} floor_m={floor_m}"
+    return PosedImages(Source(root, root.resolve().name, settings, views, poses, files, notes), up, floor_m)
+
+
+def _model(root: Path) -> tuple[Path, str] | None:
+    """The folder of the model, and the suffix of its files."""
+    return next(((root / place, suffix) for place in PLACES if (suffix := _pair(root / place))), None)
+
+
+def _pair(folder: Path) -> str | None:
+    both = (s for s in (".bin", ".txt") if all((folder / f"{kind}{s}").is_file() for kind in ("cameras", "images")))
+    return next(both, None)
+
+
+def _cameras(path: Path) -> Iterator[tuple[int, Lens]]:
+    if path.suffix == ".bin":
+        yield from _binary_cameras(File(path))
+        return
+    for number, line in enumerate(read_text(path, MAX_TEXT_BYTES).splitlines(), 1):
+        words, where = line.split(), f"{path} line {number}"
+        if not words or words[0].startswith("#"):
+            continue
+        if len(words) < 4:
+            raise InputError(f"{where}: a camera is 'ID MODEL WIDTH HEIGHT PARAMETERS', got {brief(line, 60)!r}")
+        key, width, height = numbers((words[0], *words[2:4]), where)
+        yield int(key), _lens(words[1], int(width), int(height), numbers(words[4:], where), where)
+
+
+def _images(path: Path) -> Iterator[_Image]:
+    if path.suffix == ".bin":
+        yield from _binary_images(File(path))
+        return
+    lines = enumerate(read_text(path, MAX_TEXT_BYTES).splitlines(), 1)
+    for number, line in lines:
+        words = line.split(maxsplit=9)
+        if not words or words[0].startswith("#"):
+            continue
+        if len(words) < 10:
+            raise InputError(
+                f"{path} line {number}: an image is 'ID QW QX QY QZ TX TY TZ CAMERA NAME', got {len(words)} words"
+            )
+        _, qw, qx, qy, qz, x, y, z, camera = numbers(words[:9], f"{path} line {number}")
+        yield _Image(words[9].strip(), int(camera), (x, y, z, qx, qy, qz, qw))
+        next(lines, None)  # its points, a line that may be empty
+
+
+def _binary_cameras(file: File) -> Iterator[tuple[int, Lens]]:
+    at = 8
+    (count,) = struct.unpack("<Q", file.at(0, 8))
+    if count > MAX_CAMERAS:
+        raise InputError(f"{file.path} is damaged: it claims {count} cameras")
+    for _ in range(count):
+        key, model, width, height = struct.unpack("<IiQQ", file.at(at, 24))
+        where = f"{file.path}: camera {key}"
+        kind = KINDS.get(NUMBERS.get(model, ""))
+        if kind is None:
+            raise InputError(f"{where} is of model {model}, which cartier does not read: {_undistort()}")
+        values = struct.unpack(f"<{kind.size}d", file.at(at + 24, 8 * kind.size))
+        yield key, _lens(NUMBERS[model], width, height, numbers(values, where), where)
+        at += 24 + 8 * kind.size
+
+
+def _binary_images(file: File) -> Iterator[_Image]:
+    at = 8
+    (count,) = struct.unpack("<Q", file.at(0, 8))
+    for _ in range(count):  # each takes bytes of the file, which ends
+        _, qw, qx, qy, qz, x, y, z, camera = struct.unpack("<I7dI", file.at(at, 64))
+        head = file.at(at + 64, min(MAX_NAME + 1, file.size - at - 64))
+        name, end, _ = head.partition(b"\0")
+        if not end:
+            raise InputError(f"{file.path} is damaged: the name of an image at byte {at + 64} does not end")
+        at += 64 + len(name) + 1
+        (points,) = struct.unpack("<Q", file.at(at, 8))
+        at += 8 + POINT_BYTES * points
+        pose = tuple(
+            numbers((x, y, z, qx, qy, qz, qw), f"{file.path}: image {brief(name.decode(errors='replace'), 60)}")
+        )
+        yield _Image(name.decode("utf-8", "replace"), camera, pose)
+    file.at(at, 0)  # the last image's points are there, too
+
+
+def _lens(model: str, width: int, height: int, values: Sequence[float], where: str) -> Lens:
+    kind = KINDS.get(model)
+    if kind is None:
+        raise InputError(f"{where}: camera model {brief(model, 40)!r} is not read: {_undistort()}")
+    if len(values) != kind.size:
+        raise InputError(f"{where}: {model} has {kind.size} parameters, got {len(values)}")
+    if not 0 < width <= MAX_SIDE_PX or not 0 < height <= MAX_SIDE_PX:
+        raise InputError(f"{where}: images must have 1 to {MAX_SIDE_PX} px a side, got {brief((width, height), 60)}")
+    fx, fy = values[0], values[kind.focals - 1]
+    cx, cy = values[kind.focals] - 0.5, values[kind.focals + 1] - 0.5  # its pixel (0, 0) is the corner of the first one
+    camera = camera_of(width, height, (fx, fy, cx, cy), where)
+    coefficients = tuple(values[kind.focals + 2 :])
+    filled = coefficients + (0.0,) * (4 - len(coefficients))
+    if kind.lens == "equidistant":  # without coefficients it bends all the same
+        return Lens(camera, "equidistant", filled)
+    return straight(camera, "plumb_bob", filled)
+
+
+def _undistort() -> str:
+    return f"cartier reads {', '.join(KINDS)}; 'colmap image_undistorter' writes images and a model of PINHOLE"

@@ -1,0 +1,87 @@
+"""Polycam (iPhone with LiDAR), its "raw data" export: keyframes/images, cameras, depth, confidence, and corrected_images, _cameras.
+
+The corrected images and cameras, which the app makes when it closes loops, are read where they are there. Poses are ARKit's:
+OpenGL camera axes, world with y up. Depth is in millimetres and smaller than colour; depth below ``confidence`` (0, 127 or 255)
+is dropped. Images of a phone held upright are turned upright. The layout is that of Polycam's own polyform.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from cartier.contracts import Recording
+from cartier.errors import InputError
+from cartier.files import read_json
+from cartier.recordings._content import names_in
+from cartier.recordings._images import image_size
+from cartier.recordings._lens import Lens
+from cartier.recordings._posed import PosedImages, Source, View, png_depth
+from cartier.recordings._poses import Matrix, rigid
+from cartier.recordings._tables import GL_FROM_OPTICAL, Y_UP, camera_of, numbers
+from cartier.types import Camera
+
+FOLDER = "keyframes"
+SETS = (("corrected_images", "corrected_cameras"), ("images", "cameras"))
+INTRINSICS = ("width", "height", "fx", "fy", "cx", "cy")
+POSE = tuple(f"t_{row}{column}" for row in range(3) for column in range(4))
+
+
+def matches(path: Path) -> bool:
+    """Whether a folder holds keyframes/images and keyframes/cameras."""
+    return all((path / FOLDER / name).is_dir() for name in SETS[1])
+
+
+def open(
+    path: str | Path, confidence: int = 127, up: Sequence[float] | None = None, floor_m: float | None = None
+) -> Recording:
+    """Read a capture; ``confidence`` is the least that depth must have, 0 for all of it."""
+    root = Path(path)
+    base = root / FOLDER
+    images, cameras = next(pair for pair in SETS if all((base / name).is_dir() for name in pair) or pair == SETS[1])
+    pictures = {name.removesuffix(".jpg") for name in names_in(base / images) if name.endswith(".jpg")}
+    stems = sorted(
+        (name.removesuffix(".json") for name in names_in(base / cameras) if name.endswith(".json")),
+        key=lambda stem: (len(stem), stem),
+    )
+    depths, sure = (names_in(base / name) if (base / name).is_dir() else set() for name in ("depth", "confidence"))
+    kept = [stem for stem in stems if stem in pictures and (not depths or f"{stem}.png" in depths)]
+    odd = next((stem for stem in kept if not (stem.isascii() and stem.isdigit() and len(stem) < 20)), None)
+    if odd is not None:
+        raise InputError(f"{base / cameras / odd}.json: a keyframe is named by its time in microseconds")
+    if not kept:
+        raise InputError(f"{base}: none of its {len(stems)} {cameras} has an image in {images} and depth")
+    left = len(stems) - len(kept)
+    notes = [f"{left} keyframes without an image or depth left out"] if left else []
+    if images == SETS[1][0]:
+        notes.append("there are no corrected cameras: the poses are ARKit's own, which drift in large scans")
+    views, poses, files = [], [], []
+    for stem in kept:
+        camera, pose = _camera(base / cameras / f"{stem}.json", base / images / f"{stem}.jpg")
+        depth = base / "depth" / f"{stem}.png" if depths else None
+        trust = base / "confidence" / f"{stem}.png" if depths and f"{stem}.png" in sure else None
+        views.append(View(int(stem) / 1e6, base / images / f"{stem}.jpg", Lens(camera), depth, trust))
+        poses.append(pose @ GL_FROM_OPTICAL)
+        parts = (base / cameras / f"{stem}.json", views[-1].colour, depth, trust)
+        files += [part.relative_to(root).as_posix() for part in parts if part is not None]
+    settings = f"polycam 1 {confidence} up={up} floor_m={floor_m}"
+    source = Source(
+        root, root.resolve().name, settings, views, np.array(poses), files, notes, png_depth,
+        min_confidence=confidence, known_up=Y_UP, handheld=True,
+    )  # fmt: skip
+    return PosedImages(source, up, floor_m)
+
+
+def _camera(path: Path, image: Path) -> tuple[Camera, Matrix]:
+    """The camera at the size of its image, and world_from_camera (4, 4) with OpenGL axes."""
+    head = read_json(path)
+    lack = [name for name in (*INTRINSICS, *POSE) if not isinstance(head, dict) or name not in head]
+    if lack:
+        raise InputError(f"{path} lacks {', '.join(lack[:6])}: is it a camera of Polycam's raw data?")
+    width, height, *intrinsics = numbers([head[name] for name in INTRINSICS], str(path))
+    matrix = np.eye(4)
+    matrix[:3] = np.reshape(numbers([head[name] for name in POSE], str(path)), (3, 4))
+    camera = camera_of(int(width), int(height), intrinsics, str(path))
+    return camera.scaled(*image_size(image)), rigid(matrix, str(path))

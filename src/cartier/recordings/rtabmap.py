@@ -1,0 +1,164 @@
+"""RTAB-Map: its database (.db), or its export with poses of format 11: NAME_rgb/, NAME_depth/, NAME_calib/, NAME_camera_poses.txt.
+
+``rtabmap-export --images_id --poses_camera --poses_format 11 FILE.db`` writes the export; its images may be named by id or
+by time. Poses are the optimised graph's, else the odometry's; the world has z up. Images are taken to be rectified, as
+RTAB-Map itself takes them. Labbé and Michaud, J. Field Robotics 2019.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cartier.contracts import Recording
+from cartier.errors import InputError, brief
+from cartier.files import read_text
+from cartier.recordings import _images
+from cartier.recordings._content import names_in
+from cartier.recordings._lens import Lens
+from cartier.recordings._posed import Colours, PosedImages, Source, View, png_depth
+from cartier.recordings._poses import MAX_TABLE_BYTES, Matrix, matrices, read_trajectory_rows, rigid
+from cartier.recordings._rtabmapdb import Database
+from cartier.recordings._sqlite import is_sqlite
+from cartier.recordings._tables import camera_of, numbers
+from cartier.strict_yaml import YamlFault, read_yaml
+from cartier.types import Camera
+
+POSES = ("camera_poses.txt", "poses.txt")  # of the camera, and of the robot's base
+PICTURES = (".jpg", ".png")
+Z_UP = (0.0, 0.0, 1.0)
+MAX_CALIBRATION = 1 << 16
+
+
+def matches(path: Path) -> bool:
+    """Whether a path is RTAB-Map's database, or a folder of its export."""
+    if path.is_file():
+        return path.suffix == ".db" and is_sqlite(path)
+    return path.is_dir() and _export(path) is not None
+
+
+def open(path: str | Path, up: Sequence[float] | None = None, floor_m: float | None = None) -> Recording:
+    """Read a database or an export."""
+    root = Path(path)
+    settings = f"rtabmap 1 up={up} floor_m={floor_m}"
+    source = _of_export(root, settings) if root.is_dir() else _of_database(root, settings)
+    return PosedImages(source, up, floor_m)
+
+
+def _of_database(path: Path, settings: str) -> Source:
+    base = Database(path)
+    nodes, notes = base.nodes()
+    deep = base.has_depth()
+    kept = [node for node in nodes if not deep or node.id in deep]
+    if not kept:
+        raise InputError(f"{path} holds no node with an image, a pose and a calibration")
+    notes += [f"{len(nodes) - len(kept)} nodes without depth left out"] if len(kept) < len(nodes) else []
+    views = [
+        View(node.time_s, Path(str(node.id)), Lens(node.camera), Path(str(node.id)) if deep else None) for node in kept
+    ]
+
+    def colour(view: View) -> Colours:
+        return _images.decode_rgb(
+            base.colour(int(view.colour.name)), view.lens.camera, f"{path}: image of node {view.colour}"
+        )
+
+    poses = np.array([rigid(node.world_from_camera, f"{path}: node {node.id}") for node in kept])
+    return Source(
+        path.parent, path.stem, settings, views, poses, [path.name], notes, lambda name: base.depth(int(name.name)),
+        known_up=Z_UP, read_colour=colour, handheld=True,
+    )  # fmt: skip
+
+
+def _export(root: Path) -> tuple[str, str] | None:
+    """The poses' file and the prefix of the folders: '' or 'NAME_'."""
+    names = {name for name in names_in(root) if not name.startswith(".")}
+    found = sorted(name for name in names if name.endswith(POSES[1]))
+    prefixes = sorted(name.removesuffix("rgb") for name in names if name.endswith("rgb") and (root / name).is_dir())
+    prefix = next((p for p in prefixes if f"{p}calib" in names), None)
+    if not found or prefix is None:
+        return None
+    return next((name for name in found if name.endswith(POSES[0])), found[0]), prefix
+
+
+def _of_export(root: Path, settings: str) -> Source:
+    found = _export(root)
+    if found is None:
+        raise InputError(f"{root} is no export of RTAB-Map: it lacks NAME_camera_poses.txt, NAME_rgb/ or NAME_calib/")
+    file, prefix = found
+    rows, names = read_trajectory_rows(root / file), _row_names(root / file)
+    colours, depths, calibrations = (
+        names_in(root / f"{prefix}{kind}") if (root / f"{prefix}{kind}").is_dir() else set()
+        for kind in ("rgb", "depth", "calib")
+    )
+    views, poses, files = [], [], [file]
+    for row, pose, either in zip(rows, matrices(rows[:, 1:]), names, strict=True):
+        stem = next((s for s in either if any(s + suffix in colours for suffix in PICTURES)), None)
+        if stem is None or (depths and f"{stem}.png" not in depths):
+            continue
+        colour = next(stem + suffix for suffix in PICTURES if stem + suffix in colours)
+        calibration = f"{stem}.yaml" if f"{stem}.yaml" in calibrations else min(calibrations, default="none.yaml")
+        camera, base_from_camera = _calibration(root / f"{prefix}calib" / calibration)
+        depth = root / f"{prefix}depth" / f"{stem}.png" if depths else None
+        views.append(View(float(row[0]), root / f"{prefix}rgb" / colour, Lens(camera), depth))
+        poses.append(rigid(pose if file.endswith(POSES[0]) else pose @ base_from_camera, f"{root / file}: pose {stem}"))
+        files += [
+            f"{prefix}rgb/{colour}",
+            f"{prefix}calib/{calibration}",
+            *([f"{prefix}depth/{stem}.png"] if depth else []),
+        ]
+    if not views:
+        raise InputError(f"{root}: none of the {len(rows)} poses in {file} has an image (by id or time) and depth")
+    left = len(rows) - len(views)
+    notes = [f"{left} poses without an image or depth left out"] if left else []
+    if not file.endswith(POSES[0]):
+        notes.append(
+            f"{file} is taken for poses of the robot's base; 'rtabmap-export --poses_camera' gives the camera's"
+        )
+    return Source(
+        root, root.resolve().name, settings, views, np.array(poses), list(dict.fromkeys(files)), notes, png_depth,
+        known_up=Z_UP, handheld=True,
+    )  # fmt: skip
+
+
+def _row_names(path: Path) -> list[tuple[str, str]]:
+    """What the images of each row may be called: by the node's id, or by its time, as it is written."""
+    lines = read_text(path, MAX_TABLE_BYTES).splitlines()
+    words = [line.split() for line in lines if line.strip() and not line.startswith("#")]
+    if any(len(row) != 9 for row in words):
+        raise InputError(f"{path} is not of poses format 11 (t x y z qx qy qz qw id): export with --poses_format 11")
+    return [(row[8], row[0]) for row in words]
+
+
+def _calibration(path: Path) -> tuple[Camera, Matrix]:
+    """The rectified camera, and base_from_camera (4, 4) of a file of OpenCV's kind of YAML."""
+    text = read_text(path, MAX_CALIBRATION)
+    plain = "\n".join(line for line in text.splitlines() if not line.startswith(("%", "---")))
+    try:
+        fields, _ = read_yaml(plain)
+    except YamlFault as fault:
+        raise InputError(f"{path} line {fault.line}: {fault}") from fault
+    if not isinstance(fields, dict):
+        raise InputError(f"{path} must hold a calibration: image_width, image_height, camera_matrix")
+    name = "projection_matrix" if "projection_matrix" in fields else "camera_matrix"
+    matrix = _numbers(fields, name, path).reshape(3, -1)
+    width, height = numbers([fields.get("image_width"), fields.get("image_height")], str(path))
+    camera = camera_of(int(width), int(height), matrix[[0, 1, 0, 1], [0, 1, 2, 2]].tolist(), str(path))
+    moved = np.eye(4)
+    if "local_transform" in fields:
+        moved[:3] = _numbers(fields, "local_transform", path).reshape(3, 4)
+    return camera, moved
+
+
+def _numbers(fields: dict[str, Any], name: str, path: Path) -> np.ndarray[Any, np.dtype[np.float64]]:
+    """The numbers of a matrix of 3 rows."""
+    value = fields.get(name)
+    data = value.get("data") if isinstance(value, dict) else None
+    values = numbers(data, f"{path}: {name}") if isinstance(data, Sequence) and not isinstance(data, str) else []
+    if len(values) != (9 if name == "camera_matrix" else 12):
+        raise InputError(
+            f"{path}: {name} must have data of {9 if name == 'camera_matrix' else 12} numbers, got {brief(data, 60)}"
+        )
+    return np.array(values)

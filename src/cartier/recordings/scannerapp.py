@@ -1,0 +1,83 @@
+"""3D Scanner App (iPhone with LiDAR), its "All Data" export: frame_00000.json and .jpg, depth_00000.png, conf_00000.png.
+
+Each JSON file holds ``cameraPoseARFrame``, 16 numbers row by row, and ``intrinsics``, 9 numbers row by row, in pixels of the
+JPEG. Poses are ARKit's: OpenGL camera axes, world with y up. Colour is kept of some frames only; the others are left out. Depth
+is in millimetres and smaller than colour; depth below ``confidence`` (0, 1 or 2) is dropped.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from cartier.contracts import Recording
+from cartier.errors import InputError, brief
+from cartier.files import read_json
+from cartier.recordings._content import names_in
+from cartier.recordings._images import image_size
+from cartier.recordings._lens import Lens
+from cartier.recordings._posed import PosedImages, Source, View, png_depth
+from cartier.recordings._poses import rigid
+from cartier.recordings._tables import GL_FROM_OPTICAL, Y_UP, camera_of, numbers
+
+FRAME = re.compile(r"frame_(\d{1,9})\.json", re.ASCII)
+FRAMES_PER_SECOND = 60.0
+
+
+def matches(path: Path) -> bool:
+    """Whether a folder holds frame_00000.json and frame_00000.jpg."""
+    if not path.is_dir():
+        return False
+    names = names_in(path)
+    return any(name.removesuffix("json") + "jpg" in names for name in names if FRAME.fullmatch(name))
+
+
+def open(
+    path: str | Path, confidence: int = 1, up: Sequence[float] | None = None, floor_m: float | None = None
+) -> Recording:
+    """Read a scan; ``confidence`` is the least that depth must have, 0 for all of it."""
+    root = Path(path)
+    names = names_in(root)
+    every = sorted((int(m[1]), m[1]) for m in map(FRAME.fullmatch, names) if m)
+    deep = any(f"depth_{digits}.png" in names for _, digits in every)
+    kept = [
+        (number, digits)
+        for number, digits in every
+        if f"frame_{digits}.jpg" in names and (not deep or f"depth_{digits}.png" in names)
+    ]
+    if not kept:
+        raise InputError(f"{root}: none of its {len(every)} frames has an image frame_00000.jpg and depth")
+    size = image_size(root / f"frame_{kept[0][1]}.jpg")
+    views, poses, files, timed = [], [], [], True
+    for number, digits in kept:
+        file = root / f"frame_{digits}.json"
+        head = read_json(file)
+        head = head if isinstance(head, dict) else {}
+        pose, k = (_list(head, name, size, file) for name, size in (("cameraPoseARFrame", 16), ("intrinsics", 9)))
+        timed &= "time" in head
+        time_s = numbers([head.get("time", number / FRAMES_PER_SECOND)], f"{file}: time")[0]
+        lens = Lens(camera_of(*size, (k[0], k[4], k[2], k[5]), str(file)))
+        depth = root / f"depth_{digits}.png" if deep else None
+        sure = root / f"conf_{digits}.png" if deep and f"conf_{digits}.png" in names else None
+        views.append(View(time_s, root / f"frame_{digits}.jpg", lens, depth, sure))
+        poses.append(rigid(np.reshape(pose, (4, 4)), f"{file}: cameraPoseARFrame") @ GL_FROM_OPTICAL)
+        files += [part.name for part in (file, views[-1].colour, depth, sure) if part is not None]
+    left = len(every) - len(kept)
+    notes = [f"{left} frames without an image or depth left out"] if left else []
+    notes += [] if timed else [f"times assumed: {FRAMES_PER_SECOND:g} frames per second, by frame number"]
+    settings = f"scannerapp 1 {confidence} up={up} floor_m={floor_m}"
+    source = Source(
+        root, root.resolve().name, settings, views, np.array(poses), files, notes, png_depth,
+        min_confidence=confidence, known_up=Y_UP, handheld=True,
+    )  # fmt: skip
+    return PosedImages(source, up, floor_m)
+
+
+def _list(head: dict[str, object], name: str, size: int, file: Path) -> list[float]:
+    value = head.get(name)
+    if not isinstance(value, list) or len(value) != size:
+        raise InputError(f"{file}: {name} must be a list of {size} numbers, got {brief(value, 40)}")
+    return numbers(value, f"{file}: {name}")

@@ -1,0 +1,98 @@
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from exports import small_depth, write_polycam, write_scannerapp
+from layouts import room
+from PIL import Image
+
+from cartier import plugins
+from cartier.errors import InputError
+
+WRITERS = {"polycam": write_polycam, "scannerapp": write_scannerapp}
+apps = pytest.mark.parametrize("name", WRITERS)
+
+
+@apps
+def test_poses_and_small_depth_come_back(tmp_path: Path, name: str) -> None:
+    WRITERS[name](room(), tmp_path / "a")
+    found = plugins.open_recording(tmp_path / "a", floor_m=0)
+    assert found.camera == room().camera and len(found) == 4
+    for i, frame in enumerate(found):
+        assert np.abs(frame.world_from_camera - room()[i].world_from_camera).max() < 1e-9
+        assert frame.depth_m is not None
+        whole = np.repeat(np.repeat(small_depth(room(), i), 2, 0), 2, 1)
+        assert np.abs(frame.depth_m - whole).max() < 0.00051
+
+
+def test_polycams_corrected_cameras_are_taken(tmp_path: Path) -> None:
+    write_polycam(room(), tmp_path / "a", corrected=True)
+    found = plugins.open_recording(tmp_path / "a", floor_m=0)
+    assert np.abs(found[2].world_from_camera - room()[2].world_from_camera).max() < 1e-9
+    assert not any("drift" in note for note in found.notes)
+    write_polycam(room(), tmp_path / "b")
+    drifting = "there are no corrected cameras: the poses are ARKit's own, which drift in large scans"
+    assert drifting in plugins.open_recording(tmp_path / "b").notes
+
+
+def test_frames_without_colour_are_left_out_and_counted(tmp_path: Path) -> None:
+    write_scannerapp(room(), tmp_path / "a", every=6)
+    found = plugins.open_recording(tmp_path / "a", floor_m=0)
+    assert [frame.time_s for frame in found] == pytest.approx([0, 0.1, 0.2, 0.3])
+    assert "20 frames without an image or depth left out" in found.notes
+    assert np.abs(found[3].world_from_camera - room()[3].world_from_camera).max() < 1e-9
+
+
+@pytest.mark.parametrize(("name", "levels"), [("polycam", (0, 127, 255)), ("scannerapp", (0, 1, 2))])
+def test_depth_of_low_confidence_is_dropped(tmp_path: Path, name: str, levels: tuple[int, int, int]) -> None:
+    WRITERS[name](room(), tmp_path / "a")
+    sure = np.full((60, 80), levels[2], np.uint8)
+    sure[:20], sure[20:40] = levels[0], levels[1]
+    for path in (*(tmp_path / "a").glob("keyframes/confidence/*"), *(tmp_path / "a").glob("conf_*")):
+        Image.fromarray(sure).save(path)
+    depth = plugins.open_recording(tmp_path / "a", floor_m=0)[0].depth_m
+    assert depth is not None
+    assert np.isnan(depth[:40]).all() and np.isfinite(depth[40:]).all()
+    assert np.isfinite(plugins.open_recording(tmp_path / "a", floor_m=0, confidence=0)[0].depth_m).all()
+
+
+def head(**changes: object) -> Callable[[Path], object]:
+    def apply(root: Path) -> None:
+        path = min((*root.glob("keyframes/cameras/*"), *root.glob("frame_*.json")))
+        fields = {**json.loads(path.read_text()), **changes}
+        path.write_text(json.dumps({name: value for name, value in fields.items() if value is not None}))
+
+    return apply
+
+
+DAMAGE: list[tuple[str, Callable[[Path], object], str]] = [
+    ("polycam", head(t_11=None), "json lacks t_11: is it a camera of Polycam's raw data"),
+    ("polycam", head(fx="wide"), "json: could not convert"),
+    ("polycam", head(cx=1000.0), "the principal point 1000, "),
+    ("polycam", head(t_11=9.0), "the rotation is not orthonormal"),
+    ("polycam", lambda root: min((root / "keyframes/cameras").iterdir()).rename(root / "keyframes/cameras/a.json"), None),
+    ("polycam", lambda root: [p.unlink() for p in (root / "keyframes/images").iterdir()], "none of its 4 cameras has an"),
+    ("scannerapp", head(intrinsics=[1, 2]), "intrinsics must be a list of 9 numbers"),
+    ("scannerapp", head(cameraPoseARFrame=None), "cameraPoseARFrame must be a list of 16 numbers, got None"),
+    ("scannerapp", head(cameraPoseARFrame=[0] * 16), "cameraPoseARFrame: the last row of a pose must be"),
+    ("scannerapp", head(time="soon"), "time: could not convert"),
+    ("scannerapp", lambda root: [(root / f"depth_{i:05d}.png").unlink() for i in (0, 1, 2)] + [(root / "frame_00003.jpg").unlink()], "none of its 4 frames"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "damage", "fault"), DAMAGE)
+def test_damage_is_one_clear_line(
+    tmp_path: Path, name: str, damage: Callable[[Path], object], fault: str | None
+) -> None:
+    WRITERS[name](room(), tmp_path / "a")
+    damage(tmp_path / "a")
+    if fault is None:
+        assert "1 keyframes without an image or depth left out" in plugins.open_recording(tmp_path / "a").notes
+        return
+    with pytest.raises(InputError, match=fault) as caught:
+        plugins.open_recording(tmp_path / "a", format=name)[0]
+    assert "\n" not in str(caught.value)
