@@ -9,7 +9,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from cartier.errors import InputError
+from cartier.errors import InputError, brief
+from cartier.files import read_text
 from cartier.language.names import display_name
 from cartier.reasoners._words import name_key, words
 
@@ -76,17 +77,13 @@ def read_deck(path: Path) -> Deck:
 
 def _read(path: Path, owner: dict[str, str]) -> list[Card]:
     try:
-        if path.stat().st_size > MAX_BYTES:
-            raise InputError(f"{path}: a card file holds at most {MAX_BYTES // 1_000_000} MB")
-        tables = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"{path}: the card file cannot be read ({error.strerror})") from error
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: the card file is not UTF-8 text") from error
+        tables = tomllib.loads(read_text(path, MAX_BYTES))
+    except InputError as error:
+        raise InputError(f"card file {error}") from error
     except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{path}: not valid TOML: {error}") from error
-    except RecursionError as error:
-        raise InputError(f"{path}: the card file is nested too deeply") from error
+        raise InputError(f"{path}: not valid TOML: {brief(error)}") from error
+    except (RecursionError, ValueError) as error:  # nested without end, or a number of thousands of digits
+        raise InputError(f"{path} is no card file, or nested too deeply ({brief(error)})") from error
     if not tables:
         raise InputError(f"{path}: the card file holds no card; those in {SHIPPED.name}/ show what one looks like")
     cards = [_card(path, name, fields) for name, fields in tables.items()]
@@ -94,23 +91,23 @@ def _read(path: Path, owner: dict[str, str]) -> list[Card]:
         for name in card.names:
             key = name_key(name)
             if key in owner:
-                both = "twice" if owner[key] == card.name else f"that card {owner[key]!r} has already"
+                both = "twice" if owner[key] == card.name else f"that card {brief(owner[key])!r} has already"
                 raise InputError(
-                    f"{path}: card {card.name!r} has the name {name!r} {both}; each name belongs to one card"
+                    f"{path}: card {brief(card.name)!r} has the name {brief(name)!r} {both}; each name belongs to one card"
                 )
             owner[key] = card.name
     return cards
 
 
 def _card(path: Path, name: str, fields: Any) -> Card:
-    where = f"{path}: card {name!r}"
+    where = f"{path}: card {brief(name)!r}"
     if not isinstance(fields, dict):
         raise InputError(f"{where}: a card is a table with uses, not a bare value")
     if not words(name.lower()):
         raise InputError(f"{where}: the name of a card holds letters or digits")
     for field, value in fields.items():
         if field not in FIELDS:
-            raise InputError(f"{where}: there is no field {field!r}; a card has {', '.join(FIELDS)}")
+            raise InputError(f"{where}: there is no field {brief(field)!r}; a card has {', '.join(FIELDS)}")
         texts = value if isinstance(value, list) else []
         sort, form = FIELDS[field]
         if not isinstance(value, sort) or not all(isinstance(t, str) and words(t.lower()) for t in texts):
