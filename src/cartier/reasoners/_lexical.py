@@ -5,12 +5,11 @@ from __future__ import annotations
 import math
 from collections import defaultdict
 from collections.abc import Iterable
-from functools import lru_cache
 from typing import NamedTuple
 
 from cartier.reasoners._cards import Deck
 from cartier.reasoners._listening import Mention, Sentence
-from cartier.reasoners._words import STOP, stem, words
+from cartier.reasoners._words import STOP, stem
 
 RAREST = 5.0  # idf of a word that one card knows, whatever the number of cards
 UNSAID, VAGUE = 0.5, 1.6  # what a phrase's unsaid words, and every phrase, cost; in units of idf
@@ -43,12 +42,16 @@ class Lexicon:
     """An inverted index over the stems of the cards' uses."""
 
     def __init__(self, deck: Deck) -> None:
-        texts = [(i, text, telling(text)) for i, card in enumerate(deck.cards) for text in card.uses]
+        texts = [
+            (i, text, stems)
+            for i, card in enumerate(deck.cards)
+            for text, stems in zip(card.uses, deck.telling[i], strict=True)
+        ]
         knowing: defaultdict[str, set[int]] = defaultdict(set)
         for i, _, stems in texts:
             for s in stems:
                 knowing[s].add(i)
-        self.stems = [frozenset(s for p in card.uses for s in telling(p)) for card in deck.cards]
+        self.stems = [frozenset(s for stems in uses for s in stems) for uses in deck.telling]
         scale = RAREST / math.log((len(deck.cards) + 1) / 1.5)
         self.idf = {s: scale * math.log((len(deck.cards) + 1) / (len(known) + 0.5)) for s, known in knowing.items()}
         self.phrases = [Phrase(i, text, stems, sum(self.idf[s] for s in stems)) for i, text, stems in texts]
@@ -81,12 +84,6 @@ class Lexicon:
         cost = UNSAID * (phrase.mass - met) + VAGUE + UNHEARD * min(unheard, ENOUGH)
         met += ALSO * also
         return met / (met + cost)
-
-
-@lru_cache(maxsize=1 << 15)
-def telling(phrase: str) -> tuple[str, ...]:
-    """The stems of the words that tell something, each once, in their order."""
-    return tuple(dict.fromkeys(stem(w) for w in words(phrase.lower()) if w not in STOP))
 
 
 def turned_down(said: Iterable[Mention]) -> frozenset[str]:

@@ -109,3 +109,9 @@ def _tidy(base: str) -> str:
     if len(base) > 3 and base[-1] == base[-2] and base[-1] not in "elsfz":
         return base[:-1]
     return base[:-1] if len(base) > 3 and base[-1] in "ey" else base
+
+
+@lru_cache(maxsize=1 << 15)
+def telling(phrase: str) -> tuple[str, ...]:
+    """The stems of the words that tell something, each once, in their order."""
+    return tuple(dict.fromkeys(stem(w) for w in words(phrase.lower()) if w not in STOP))
