@@ -8,20 +8,26 @@ import sys
 import cartier
 
 
-def main(path: str, detector: str, words: str) -> None:
-    eyes = (
-        cartier.make("detectors", "onnx", model=detector)
-        if detector.endswith(".onnx")
-        else cartier.make("detectors", detector)
-    )
-    home = cartier.map_home(cartier.open_recording(path), eyes)
+def main(path: str, model: str, words: str) -> None:
+    if model.endswith(".onnx"):
+        detector = cartier.make("detectors", "onnx", model=model)
+    else:
+        detector = cartier.make("detectors", model)
+    home = cartier.map_home(cartier.open_recording(path), detector)
     answer = cartier.ask(home, words)
-    print(answer.selection.status, answer.selection.object, "-", answer.selection.reason)
-    if answer.place:
-        print("place", [round(v, 2) for v in answer.place.position])
-    if answer.goal:
-        print(f"goal  x {answer.goal.x:.2f} m, y {answer.goal.y:.2f} m, yaw {answer.goal.yaw:.2f} rad")
+    chosen = answer.selection
+    print(chosen.status, chosen.object or chosen.question or "", "-", chosen.reason)
+    if answer.place is None:  # nothing serves, or a question comes back
+        return
+    print("place", [round(metres, 2) for metres in answer.place.position])
+    if answer.goal is None:  # no depth, or nothing near it can be reached
+        print("no goal:", *answer.notes)
+        return
+    print(f"goal  x {answer.goal.x:.2f} m, y {answer.goal.y:.2f} m, yaw {answer.goal.yaw:.2f} rad")
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:4])
+    try:
+        main(*sys.argv[1:4])
+    except cartier.CartierError as error:
+        sys.exit(f"cartier: {error}")

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from cartier.types import Calibration, Camera, Detections, Frame, TrueObject
+from cartier.types import Calibration, Camera, Detections, Frame, TrueObject, frame_number
 
 CAMERA = Camera(160, 120, 120.0, 120.0, 79.5, 59.5)
 ROOM = ((0.0, 0.0, 0.0), (5.0, 4.0, 2.6))
@@ -72,14 +72,15 @@ class RoomRecording:
         return len(self.poses)
 
     def __getitem__(self, index: int) -> Frame:
-        depth, ids = render(self.poses[index], self.camera, self.objects)
+        pose = self.poses[frame_number(index, len(self), self.name)].copy()
+        depth, ids = render(pose, self.camera, self.objects)
         colours = np.random.default_rng(0).integers(40, 255, (max([o.id for o in self.objects], default=0) + 1, 3))
         return Frame(
             index,
             index / 10,
             colours[ids].astype(np.uint8),
             depth if self.with_depth else None,
-            self.poses[index],
+            pose,
             self.camera,
             ids,
         )

@@ -186,8 +186,8 @@ def test_only_what_is_ours_is_ever_deleted(made: Path, tmp_path: Path) -> None:
 
 
 def test_a_replacement_that_was_killed_between_its_renames_is_finished_by_the_next(tmp_path: Path) -> None:
-    old, half = tmp_path / ".x-1.old", tmp_path / ".x-2.new"
-    for folder, name in ((old, "marker"), (half, ".cartier-temporary")):
+    old, half, whole = tmp_path / ".x-1.old", tmp_path / ".x-2.new", tmp_path / ".x-3.new"
+    for folder, name in ((old, "marker"), (half, ".cartier-temporary"), (whole, "marker")):
         folder.mkdir()
         (folder / name).write_text("")
     with pytest.raises(KeyboardInterrupt), replaced_folder(tmp_path / "x", "marker"):

@@ -147,7 +147,7 @@ def _tidy(target: Path, marker: str) -> None:
                 shutil.rmtree(folder)
             else:
                 folder.replace(target)
-        elif (folder / TEMPORARY).is_file():
+        elif (folder / TEMPORARY).is_file() or (folder / marker).is_file():  # or it was whole, and not yet renamed
             shutil.rmtree(folder)
         elif folder.suffix == ".new" and _is_empty_folder(folder):  # killed before it was marked
             folder.rmdir()

@@ -11,6 +11,7 @@ import stat
 import zipfile
 from collections.abc import Sequence
 from dataclasses import is_dataclass
+from functools import cache
 from pathlib import Path
 from types import NoneType
 from typing import IO, Any, get_args, get_origin, get_type_hints
@@ -50,7 +51,7 @@ def typed(value: Any, kind: Any) -> Any:
     if isinstance(kind, type) and is_dataclass(kind):
         if not isinstance(value, dict):
             raise TypeError(f"{brief(value)} is no {kind.__name__}")
-        kinds = get_type_hints(kind)
+        kinds = _hints(kind)
         return kind(**{name: typed(part, kinds.get(name)) for name, part in value.items()})
     if get_origin(kind) is tuple:
         if not isinstance(value, list) or (parts[-1] is not ... and len(parts) != len(value)):
@@ -66,6 +67,11 @@ def typed(value: Any, kind: Any) -> Any:
     if type(value) is not kind:
         raise TypeError(f"{brief(value)} is no {getattr(kind, '__name__', kind)}")
     return value
+
+
+@cache
+def _hints(kind: type) -> dict[str, Any]:
+    return get_type_hints(kind)
 
 
 def check_file(path: Path, max_bytes: int | None = None) -> None:

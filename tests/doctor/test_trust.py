@@ -53,6 +53,16 @@ def test_a_turn_by_90_degrees_on_the_spot_is_no_jump(eye_m: float) -> None:
             assert names(examine(turned)) == []
 
 
+def test_missing_frames_are_no_jump() -> None:
+    """Where frames were dropped a step takes more time and more way; and by noisy depth alone no step of 0.5 m is a leap."""
+    thinned = Walk("101").seen(0.3)
+    for seed in range(4):
+        kept = np.random.default_rng(seed).permutation(len(thinned))[: int(0.7 * len(thinned))]
+        assert names(examine(Faulty(thinned, numbers=sorted(kept.tolist())))) == []
+    blurred = INJECTED["every 3rd blurred"][1](Walk("old_couple").seen(1.5, sensor=True))
+    assert names(examine(mend(blurred, examine(blurred)))) == []
+
+
 def test_poses_in_millimetres_are_called_that_and_the_depth_is_left_alone() -> None:
     whole = seen("studio", 1.5)
     faulty = INJECTED["poses in mm"][1](whole)

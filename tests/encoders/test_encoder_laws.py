@@ -9,6 +9,7 @@ import pytest
 
 from cartier import plugins
 from cartier.errors import BackendError
+from cartier.testing import check_encoder
 from synthetic import THINGS, TrueBoxes, walk
 
 
@@ -18,6 +19,21 @@ def test_the_embedded_encoder_has_words_only() -> None:
     assert encoder.text(["mug", "bed"]).shape == (2, 384) and encoder.text(["mug"]).dtype == np.float32
     with pytest.raises(BackendError, match="encodes no images"):
         encoder.image(walk()[0])
+
+
+@pytest.mark.parametrize("kind", ["clip", "siglip"])
+def test_encoders_of_images_obey_the_laws(kind: str, tmp_path: Path) -> None:
+    pytest.importorskip("torch", reason="the extra 'detect' (torch) is not installed")
+    pytest.importorskip("transformers", reason="the extra 'detect' (transformers) is not installed")
+    from tiny_clip import save_model
+
+    model = save_model(tmp_path / "model", kind)
+    check_encoder(lambda: plugins.make("encoders", "clip", model=str(model)))
+
+
+@pytest.mark.parametrize("spec", [{}, {"model": "pixels"}])
+def test_the_encoder_that_ships_inside_obeys_the_laws(spec: dict[str, str]) -> None:
+    check_encoder(lambda: plugins.make("encoders", "embedded", **spec))
 
 
 @pytest.mark.parametrize("kind", ["clip", "siglip"])

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import copy
 import dataclasses
 
 import numpy as np
 import pytest
 
 from cartier import plugins
-from cartier.contracts import Searchable, SpatialIndex
+from cartier.contracts import SpatialIndex
 from cartier.errors import BackendError, InputError
 from cartier.geometry import box_distance
 from cartier.mapping.object_map import ObjectMap
+from cartier.testing import check_index
 from cartier.types import Detections, MapObject
 from synthetic import CHAIR, MUG, THINGS, TrueBoxes, box, look, walk
 
@@ -34,38 +34,10 @@ def built(name: str, with_depth: bool = True) -> tuple[SpatialIndex, tuple[MapOb
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_what_was_confirmed_can_be_located_and_nothing_else(name: str) -> None:
-    index, objects = built(name)
-    assert index.names() == sorted({thing.label for thing in objects if thing.confirmed}) == ["chair", "mug", "table"]
-    for label in index.names():
-        place = index.locate(label)
-        assert place is not None and place.label == label and 0 <= place.frame < 20
-    if not isinstance(index, Searchable):
-        assert index.locate("unicorn") is None
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_a_state_given_back_answers_the_same(name: str) -> None:
-    (index, objects), again = built(name), plugins.make("indexes", name)
-    again.restore(index.state())
-    again.settle(objects)
-    assert again.names() == index.names()
-    for label in index.names():
-        place, before = again.locate(label), index.locate(label)
-        assert place is not None and before is not None
-        assert place.score == pytest.approx(before.score, abs=1e-3), "half precision is enough"
-        assert dataclasses.replace(place, score=before.score) == before
-    assert again.state() == index.state()
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_a_copy_is_an_index_of_its_own(name: str) -> None:
-    (index, objects), frame = built(name), walk()[0]
-    kept = copy.deepcopy(index)
-    before = {label: kept.locate(label) for label in kept.names()}
-    index.add(frame, Detections(0, np.array([[0.0, 0, 159, 119]]), np.ones(1), ("chair",)))
-    index.settle([thing for thing in objects if thing.label != "mug"])
-    assert {label: kept.locate(label) for label in kept.names()} == before
+def test_it_obeys_the_laws_of_every_index(name: str) -> None:
+    recording = walk()
+    index = check_index(lambda: plugins.make("indexes", name), [recording[i] for i in range(20)], TrueBoxes(THINGS))
+    assert index.names() == ["chair", "mug", "table"]
 
 
 @pytest.mark.parametrize("name", NAMES)

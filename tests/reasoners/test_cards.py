@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import runpy
 from pathlib import Path
 
 import pytest
@@ -10,7 +11,7 @@ from held_out import COCO
 
 from cartier.errors import InputError
 from cartier.language.names import display_name
-from cartier.reasoners import embedded
+from cartier.reasoners import _cards, embedded
 from cartier.reasoners._cards import SHIPPED, read_deck
 from cartier.reasoners._knowledge import shipped, text_key
 from cartier.reasoners._spelling import Spelling
@@ -127,3 +128,12 @@ def test_slips_of_the_keyboard(typed: str, meant: str) -> None:
 @pytest.mark.parametrize("word", ["sweeping", "dont", "mine", "storm", "a", "", "über", "3rd", "x" * 50])
 def test_words_that_are_no_slips_stay(word: str) -> None:
     assert Spelling({"sweep", "storm"}, ["the", "stove"], ["morning"])(word) == word
+
+
+def test_the_ready_made_cards_are_those_of_the_files(monkeypatch: pytest.MonkeyPatch) -> None:
+    made = runpy.run_path(str(Path(__file__).parents[2] / "tools" / "build_cards.py"))["built"]()
+    assert _cards.BUILT.read_bytes() == made, "run tools/build_cards.py"
+    quick, slow = _cards._built(), _cards.Deck(_cards.read_cards(SHIPPED))
+    assert quick is not None and vars(quick) == vars(slow)
+    monkeypatch.setattr(_cards, "source", lambda: "a card was changed")
+    assert _cards._built() is None

@@ -11,10 +11,10 @@ import pytest
 from layouts import LAYOUTS, room
 
 from cartier import plugins
-from cartier.contracts import Recording
 from cartier.errors import InputError
 from cartier.geometry import backproject, box_distance, transform
 from cartier.recordings import folder
+from cartier.testing import check_recording
 from cartier.types import TrueObject
 from synthetic import ROOM
 
@@ -68,25 +68,9 @@ def test_exactly_one_format_recognises_it(layout: Path) -> None:
     assert len(recognised) == 1
 
 
-def test_frames_are_typed_and_counted(layout: Path) -> None:
-    recording = plugins.open_recording(layout)
-    assert isinstance(recording, Recording)
-    assert recording.name
-    assert all(isinstance(note, str) and "\n" not in note for note in recording.notes)
-    frames = list(recording)
-    assert len(frames) == len(recording) == len(room())
-    for i, frame in enumerate(frames):
-        shape = (recording.camera.height, recording.camera.width)
-        assert frame.index == i
-        assert np.isfinite(frame.time_s)
-        assert frame.camera == recording.camera
-        assert frame.rgb.dtype == np.uint8
-        assert frame.rgb.shape == (*shape, 3)
-        if frame.depth_m is not None:
-            assert frame.depth_m.dtype == np.float32
-            assert np.isnan(frame.depth_m).any() or frame.depth_m.min() > 0
-        if frame.instances is not None:
-            assert frame.instances.dtype == np.int32
+def test_it_obeys_the_laws_of_every_recording(layout: Path) -> None:
+    check_recording(lambda: plugins.open_recording(layout))
+    assert len(plugins.open_recording(layout)) == len(room())
 
 
 def test_what_is_seen_lies_where_the_room_is(layout: Path) -> None:
@@ -132,17 +116,6 @@ def test_it_converts_to_our_own_format(layout: Path, tmp_path: Path) -> None:
 def test_there_is_no_frame_outside(layout: Path, index: int) -> None:
     with pytest.raises(IndexError, match="frames 0 to 3"):
         plugins.open_recording(layout)[index]
-
-
-def test_reading_is_deterministic(layout: Path) -> None:
-    one, two = plugins.open_recording(layout), plugins.open_recording(layout)
-    assert one.fingerprint() == two.fingerprint()
-    for i in (3, 0, 3):
-        a, b = one[i], two[i]
-        assert (a.time_s, a.world_from_camera.tolist()) == (b.time_s, b.world_from_camera.tolist())
-        assert np.array_equal(a.rgb, b.rgb)
-        if a.depth_m is not None and b.depth_m is not None:
-            assert np.array_equal(a.depth_m, b.depth_m, equal_nan=True)
 
 
 def test_the_fingerprint_covers_every_kind_of_file_and_no_place(layout: Path, tmp_path: Path) -> None:

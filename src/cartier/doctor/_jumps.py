@@ -18,6 +18,9 @@ TIMES, LEAST_M, LEAST_DEG = 2.0, 0.12, 15.0
 TYPICAL_STEPS, STRAY_FRAMES = 24, 3
 A_VIDEO = 0.3  # of the readings must usually meet from frame to frame, else there is no usual motion
 FITS, TIMES_BETTER, AGREES, DISPUTED = 0.6, 1.7, 0.7, 0.2
+AS_ALIKE = (
+    0.9  # of the brightness's agreement without: where the poses give as much, only noise in the depth is against them
+)
 ALIKE, ALIKE_UNSEEN = 0.5, 0.8  # of what is usual; the second where the poses leave the two frames no common view
 
 
@@ -59,7 +62,10 @@ def jumps(samples: Samples, poses: Array, scale: float, small: Camera) -> list[J
     pairs = np.stack([at, at + 1], axis=1)
     motion = motions(poses, pairs)
     way, turn = np.linalg.norm(motion[:, :3, 3], axis=1), turns_deg(motion)
-    long = (way > np.maximum(TIMES * _usual(way), LEAST_M)) | (turn > np.maximum(TIMES * _usual(turn), LEAST_DEG))
+    steps_m, steps_deg = (moved / _gaps(samples.times_s[pairs]) for moved in (way, turn))
+    long = (steps_m > np.maximum(TIMES * _usual(steps_m), LEAST_M)) | (
+        steps_deg > np.maximum(TIMES * _usual(steps_deg), LEAST_DEG)
+    )
     normal = np.flatnonzero(~long)
     if not long.any() or not len(normal):
         return []
@@ -90,7 +96,15 @@ def _contradicted(fit: _Fit, best: int, typical: _Fit) -> bool:
     disputed = unseen or agreed < agreed_without - DISPUTED
     fits = without > FITS * _middle(typical.met) and without > TIMES_BETTER * given and agreed_without > AGREES
     alike = fit.alike[best] > (ALIKE_UNSEEN if unseen else ALIKE) * _middle(typical.alike)
-    return bool(disputed and fits and alike)
+    as_alike = not unseen and fit.alike[0] > AS_ALIKE * fit.alike[best]
+    return bool(disputed and fits and alike and not as_alike)
+
+
+def _gaps(times_s: Array) -> npt.NDArray[np.float64]:
+    """How many usual steps' time lies between pairs of frames (P, 2), 1 at least: where a frame is missing, nobody leapt."""
+    spans = np.diff(times_s, axis=1)[:, 0]
+    usual = float(np.median(spans))
+    return np.maximum(spans / usual, 1.0) if usual > 0 else np.ones(len(spans))
 
 
 def _usual(values: Array) -> npt.NDArray[np.float64]:

@@ -9,7 +9,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from cartier.atomic import write_file
 from cartier.contracts import Detector
 from cartier.errors import InputError
 from cartier.files import check_file
@@ -33,7 +32,7 @@ def cached(detector: Detector, file: Path, fingerprint: str) -> Iterator[Callabl
         check_file(file)
     lines = file.read_bytes().splitlines(keepends=True) if file.is_file() else []
     if not lines or lines[0] != key:
-        write_file(file, key)
+        _begin(file, key)
         lines = []
     good = len(key)
     for line in lines[1:]:
@@ -56,6 +55,15 @@ def cached(detector: Detector, file: Path, fingerprint: str) -> Iterator[Callabl
             return found
 
         yield detect
+
+
+def _begin(file: Path, key: bytes) -> None:
+    """In place: a line that a kill cuts short is another recording's, and nothing is left beside."""
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_bytes(key)
+    except OSError as error:
+        raise InputError(f"{file} cannot be written: {error.strerror}") from error
 
 
 def _row(found: Detections) -> dict[str, Any]:

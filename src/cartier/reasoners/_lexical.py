@@ -5,12 +5,11 @@ from __future__ import annotations
 import math
 from collections import defaultdict
 from collections.abc import Iterable
-from functools import lru_cache
 from typing import NamedTuple
 
 from cartier.reasoners._cards import Deck
 from cartier.reasoners._listening import Mention, Sentence
-from cartier.reasoners._words import STOP, stem, words
+from cartier.reasoners._words import STOP, stem
 
 RAREST = 5.0  # idf of a word that one card knows, whatever the number of cards
 UNSAID, VAGUE = 0.5, 1.6  # what a phrase's unsaid words, and every phrase, cost; in units of idf
@@ -23,12 +22,11 @@ ALSO = 0.4  # weight of further words of the sentence that other phrases of the 
 
 
 class Phrase(NamedTuple):
-    """A phrase's telling stems and their summed idf; ``card`` is an index into the deck."""
+    """A phrase and its telling stems; ``card`` is an index into the deck."""
 
     card: int
     text: str
     stems: tuple[str, ...]
-    mass: float
 
 
 class Fit(NamedTuple):
@@ -43,19 +41,20 @@ class Lexicon:
     """An inverted index over the stems of the cards' uses."""
 
     def __init__(self, deck: Deck) -> None:
-        texts = [(i, text, telling(text)) for i, card in enumerate(deck.cards) for text in card.uses]
+        self.phrases = [
+            Phrase(i, text, stems)
+            for i, card in enumerate(deck.cards)
+            for text, stems in zip(card.uses, deck.telling[i], strict=True)
+        ]
         knowing: defaultdict[str, set[int]] = defaultdict(set)
-        for i, _, stems in texts:
-            for s in stems:
-                knowing[s].add(i)
-        self.stems = [frozenset(s for p in card.uses for s in telling(p)) for card in deck.cards]
-        scale = RAREST / math.log((len(deck.cards) + 1) / 1.5)
-        self.idf = {s: scale * math.log((len(deck.cards) + 1) / (len(known) + 0.5)) for s, known in knowing.items()}
-        self.phrases = [Phrase(i, text, stems, sum(self.idf[s] for s in stems)) for i, text, stems in texts]
         self.postings: defaultdict[str, list[int]] = defaultdict(list)
         for p, phrase in enumerate(self.phrases):
             for s in phrase.stems:
+                knowing[s].add(phrase.card)
                 self.postings[s].append(p)
+        self.stems = [frozenset(s for stems in uses for s in stems) for uses in deck.telling]
+        scale = RAREST / math.log((len(deck.cards) + 1) / 1.5)
+        self.idf = {s: scale * math.log((len(deck.cards) + 1) / (len(known) + 0.5)) for s, known in knowing.items()}
 
     def fits(self, said: list[Sentence], turned_down: frozenset[str]) -> dict[int, Fit]:
         """For each card that any word speaks for, the best fit in any sentence."""
@@ -78,15 +77,10 @@ class Lexicon:
         met = sum(self.idf[s] * near.get(s, 0.0) for s in phrase.stems)
         also = sum(self.idf[s] * w for s, w in here.items() if s in known and s not in phrase.stems)
         unheard = sum(self.idf.get(s, RAREST) for s in here if s not in known)
-        cost = UNSAID * (phrase.mass - met) + VAGUE + UNHEARD * min(unheard, ENOUGH)
+        mass = sum(self.idf[s] for s in phrase.stems)
+        cost = UNSAID * (mass - met) + VAGUE + UNHEARD * min(unheard, ENOUGH)
         met += ALSO * also
         return met / (met + cost)
-
-
-@lru_cache(maxsize=1 << 15)
-def telling(phrase: str) -> tuple[str, ...]:
-    """The stems of the words that tell something, each once, in their order."""
-    return tuple(dict.fromkeys(stem(w) for w in words(phrase.lower()) if w not in STOP))
 
 
 def turned_down(said: Iterable[Mention]) -> frozenset[str]:

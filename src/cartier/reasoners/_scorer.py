@@ -8,7 +8,6 @@ Which sentence matters, and whether a name is wanted, is read from the states of
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Container, Sequence
 from functools import cached_property
 from pathlib import Path
@@ -112,9 +111,8 @@ class Scorer:
         self.lexicon = Lexicon(deck)
         self.knowledge = Knowledge(deck, folder / VECTORS.name)
         names = [w for card in deck.cards for n in card.names for w in words(plain(n))]
-        used = Counter(w for card in deck.cards for t in card.uses for w in words(plain(t)))
-        likely = [w for w, n in used.most_common() if n > 1]
-        self._spelling = Spelling(reader().vocabulary | used.keys(), [*sorted(STOP), *names], likely)
+        likely = [w for w, n in deck.used.most_common() if n > 1]
+        self._spelling = Spelling(reader().vocabulary | deck.used.keys(), [*sorted(STOP), *names], likely)
 
     @cached_property
     def _layers(self) -> Any:

@@ -6,16 +6,21 @@ import re
 import unicodedata
 from functools import lru_cache
 
+WORD = re.compile(r"[^\W_]+")
+
 
 def plain(text: str) -> str:
     """Lower-case text in plain letters."""
-    folded = unicodedata.normalize("NFKD", text.lower().replace("’", "'"))
+    lower = text.lower().replace("’", "'")
+    if lower.isascii():
+        return lower
+    folded = unicodedata.normalize("NFKD", lower)
     return "".join(c for c in folded if not unicodedata.combining(c))
 
 
 def words(text: str) -> list[str]:
     """The words of a lower-case text; ``i'd`` becomes ``i d`` and ``don't`` becomes ``don t``."""
-    return re.findall(r"[^\W_]+", text)
+    return WORD.findall(text)
 
 
 STOP = frozenset(
@@ -104,3 +109,9 @@ def _tidy(base: str) -> str:
     if len(base) > 3 and base[-1] == base[-2] and base[-1] not in "elsfz":
         return base[:-1]
     return base[:-1] if len(base) > 3 and base[-1] in "ey" else base
+
+
+@lru_cache(maxsize=1 << 15)
+def telling(phrase: str) -> tuple[str, ...]:
+    """The stems of the words that tell something, each once, in their order."""
+    return tuple(dict.fromkeys(stem(w) for w in words(phrase.lower()) if w not in STOP))

@@ -1,0 +1,22 @@
+"""Write the ready-made knowledge cards: ``python tools/build_cards.py``, after each change of a card. A test says when.
+
+Without it cards are read from their TOML files: the same answers, a fifth of a second later.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+
+from cartier.reasoners._cards import BUILT, SHIPPED, read_cards, source, work_out
+
+
+def built() -> bytes:
+    """The file's bytes, from the TOML files alone."""
+    cards = read_cards(SHIPPED)
+    rows = [dataclasses.astuple(card) for card in cards]
+    return json.dumps({"sha256": source(), "cards": rows, **work_out(cards)}, separators=(",", ":")).encode()
+
+
+if __name__ == "__main__":
+    BUILT.write_bytes(built())
