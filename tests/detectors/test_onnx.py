@@ -48,7 +48,7 @@ def test_the_layouts_defaults_feed_what_its_authors_feed(layout: str, tmp_path: 
     model = red_finder(tmp_path / "m.onnx", layout, brightest=(brightest - mean) / std, zero=-mean / std)
     found = detect(model)
     assert found.scores == pytest.approx([SCORE], abs=1e-4)
-    expected = {"yolox": (255.0, 0.0, 1.0), "detr": (1.0, 0.485, 0.229)}.get(layout, (1.0, 0.0, 1.0))
+    expected = {"yolox": (255.0, 0.0, 1.0), "nanodet": (255.0, 123.675, 58.395), "detr": (1.0, 0.485, 0.229)}.get(layout, (1.0, 0.0, 1.0))
     assert (brightest, mean, std) == expected
 
 
