@@ -23,7 +23,7 @@ Shape = tuple[int | None, ...]
 """None stands for any number."""
 ANY_NAME: tuple[str, ...] = ()
 STRIDES = (8, 16, 32)
-NANODET_STRIDES = (8, 16, 32, 64)
+NANODET_STRIDES: tuple[int, ...] = (8, 16, 32, 64)
 DISTANCES = 8
 """NanoDet and PicoDet tell how far each side is from the cell as a distribution over 0 to 7 strides (their reg_max is 7)."""
 FASTESTDET_STRIDE = 16
