@@ -1,12 +1,12 @@
-"""How well the embedded dollhouse detector see: boxes, lists of objects and distances in homes, and frames per second on one core.
+"""How well the embedded dollhouse detector sees: boxes, lists of objects and distances in homes, and frames per second on one core.
 
 python benchmarks/dollhouse_detector.py [HOME …] [--seed 0] [--max-frames 800] [--sensor] [--sheet FILE]     (default: the seven homes that no training saw)
 Per home: AP50 over its types; recall of the types of which a thing of 400 px or more was seen, and precision, of the list
-that ObjectDepth makes of `min_views` agreeing frames; the mean distance from where a name is located to the nearest true
+of confirmed objects; the mean distance from where a name is located to the nearest true
 thing of that name, from pixels and with ground-truth detections. Goals: AP50 0.5, recall 0.85, precision 0.9, 0.2 m, 8 frames/s.
 Then what the dense features are worth: the share of cells whose nearest name is right, of all and as a mean over types, and how
-far from the nearest true thing VLMaps finds each name that was there to be seen: from pixels, painted with the labels of the
-eyes, painted with the truth.
+far from the nearest true thing VLMaps finds each name that was there to be seen: from pixels, with the labels of the
+detector, with those of the truth.
 """
 
 from __future__ import annotations
@@ -30,13 +30,14 @@ from cartier import plugins
 from cartier.contracts import Recording
 from cartier.detectors._boxes import iou
 from cartier.language.names import display_name
-from cartier.types import Detections, Frame
+from cartier.mapping.object_map import ObjectMap
+from cartier.types import Calibration, Detections, Frame
 
 LOW = 1e-4  # scores from here on make the precision-recall curve
 LEAST_PX = 256  # visible pixels at 640 x 480 that make a true box; of smaller ones neither hits nor misses count
 LISTED_PX = 400
 DENSE_STEP = 3  # every third frame is enough for cells and maps
-MAPS = {"from pixels": "embedded:pixels", "painted by the eyes": "embedded", "painted by the truth": "embedded"}
+MAPS = {"from pixels": "embedded:pixels", "labels of the detector": "embedded", "labels of the truth": "embedded"}
 
 
 class Kept:
@@ -61,8 +62,8 @@ def _no_cells() -> Any:
 
 
 @dataclass
-class Sight:
-    """What eyes saw in a home, beside the truth. ``hits``: per name, (score, right) of boxes; ``boxes``: true ones per name."""
+class Outputs:
+    """What a detector gave in a home, beside the truth. ``hits``: per name, (score, right) of boxes; ``boxes``: true ones per name."""
 
     name: str
     found: list[Detections] = field(default_factory=list)
@@ -74,28 +75,28 @@ class Sight:
     """Per name, how many cells were right and how many there are; "" is what is no thing."""
 
 
-def look(recording: Recording | Kept, eyes: Any, least: float = 0.5) -> Sight:
-    """Every frame of a recording through the eyes (made with a threshold of ``LOW``) and through the truth.
+def look(recording: Recording | Kept, detector: Any, least: float = 0.5) -> Outputs:
+    """Every frame of a recording through a detector (made with a threshold of ``LOW``) and through the truth.
 
     A box is right that overlaps the true one by ``least``.
     """
     truth = plugins.make("detectors", "ground_truth", truth=recording.truth, min_pixels=1)
-    sight = Sight(recording.name)
+    outputs = Outputs(recording.name)
     for number in range(len(recording)):
         frame = recording[number]
-        found, true = eyes.detect(frame), truth.detect(frame)
+        found, true = detector.detect(frame), truth.detect(frame)
         assert true.masks is not None
-        sight.found.append(found)
-        match(found, true, true.masks.sum((1, 2)), sight, least)
-    return sight
+        outputs.found.append(found)
+        match(found, true, true.masks.sum((1, 2)), outputs, least)
+    return outputs
 
 
-def match(found: Detections, true: Detections, pixels: Any, sight: Sight, least: float = 0.5) -> None:
+def match(found: Detections, true: Detections, pixels: Any, outputs: Outputs, least: float = 0.5) -> None:
     """Best score first, each box to the true one of its name that it overlaps most, by ``least``, if none had it before."""
     names, counted = np.array(true.labels), pixels >= LEAST_PX
     for name, count in zip(true.labels, pixels.tolist(), strict=True):
-        sight.boxes[name] += count >= LEAST_PX
-        sight.pixels[name] = max(sight.pixels[name], count)
+        outputs.boxes[name] += count >= LEAST_PX
+        outputs.pixels[name] = max(outputs.pixels[name], count)
     free = np.ones(len(true), bool)
     for box, score, name in zip(found.boxes_xyxy, found.scores.tolist(), found.labels, strict=True):
         overlap = np.where(names == name, iou(box, true.boxes_xyxy), 0) if len(true) else np.zeros(0)
@@ -103,9 +104,9 @@ def match(found: Detections, true: Detections, pixels: Any, sight: Sight, least:
         if len(best) and best.max() >= least:
             free[best.argmax()] = False
             if counted[best.argmax()]:
-                sight.hits[name].append((score, True))
+                outputs.hits[name].append((score, True))
         elif not ((overlap >= 0.3) & ~counted).any():
-            sight.hits[name].append((score, False))
+            outputs.hits[name].append((score, False))
 
 
 def average_precision(hits: Sequence[tuple[float, bool]], boxes: int) -> float:
@@ -118,29 +119,31 @@ def average_precision(hits: Sequence[tuple[float, bool]], boxes: int) -> float:
     return float(np.sum(np.diff(recall, prepend=0) * precision))
 
 
-def ap50(sights: Sequence[Sight]) -> dict[str, float]:
+def ap50(all_outputs: Sequence[Outputs]) -> dict[str, float]:
     """Per name of which there are true boxes."""
     hits, boxes = defaultdict(list), defaultdict(int)
-    for sight in sights:
-        for name, count in sight.boxes.items():
+    for outputs in all_outputs:
+        for name, count in outputs.boxes.items():
             boxes[name] += count
-        for name, some in sight.hits.items():
+        for name, some in outputs.hits.items():
             hits[name] += some
     return {name: average_precision(hits[name], count) for name, count in boxes.items() if count}
 
 
-def index_of(recording: Recording | Kept, found: Sequence[Detections], min_views: int) -> Any:
+def index_of(recording: Recording | Kept, found: Sequence[Detections], calibration: Calibration) -> Any:
     """ObjectDepth of a recording and its detections."""
-    index = plugins.make("indexes", "object_depth", min_views=min_views)
+    objects, index = ObjectMap(calibration), plugins.make("indexes", "object_depth")
     for number, detections in enumerate(found):
-        index.add(recording[number], detections)
+        objects.add(recording[number], detections.keep(detections.scores >= calibration.low))
+    objects.tidy()
+    index.settle(objects.objects())
     return index
 
 
-def listed(sight: Sight, names: Sequence[str]) -> tuple[float, float]:
+def listed(outputs: Outputs, names: Sequence[str]) -> tuple[float, float]:
     """Recall over names of which 400 px or more were seen, and precision: the share of listed names that were there to be seen."""
-    there = {name for name, pixels in sight.pixels.items() if pixels >= LISTED_PX}
-    right = [name for name in names if sight.pixels.get(name, 0) > 0]
+    there = {name for name, pixels in outputs.pixels.items() if pixels >= LISTED_PX}
+    right = [name for name in names if outputs.pixels.get(name, 0) > 0]
     return len(there & set(names)) / max(1, len(there)), len(right) / max(1, len(names))
 
 
@@ -157,10 +160,10 @@ def distances(recording: Recording | Kept, index: Any, names: Sequence[str] | No
     return result
 
 
-def look_closely(recording: Recording | Kept, eyes: Any, sight: Sight, encoder: Any) -> dict[str, Any]:
-    """The cells of every third frame into ``sight``, and the VLMaps index of ``MAPS`` that these frames make."""
-    names = list(eyes.model.names)
-    vectors = encoder.text([*names, *eyes.model.around])
+def look_closely(recording: Recording | Kept, detector: Any, outputs: Outputs, encoder: Any) -> dict[str, Any]:
+    """The cells of every third frame into ``outputs``, and the VLMaps index of ``MAPS`` that these frames make."""
+    names = list(detector.model.names)
+    vectors = encoder.text([*names, *detector.model.around])
     truth = plugins.make("detectors", "ground_truth", truth=recording.truth)
     maps = {name: plugins.make("indexes", "vlmaps", encoder=made_by) for name, made_by in MAPS.items()}
     true_names = {thing.id: display_name(thing.label) for thing in recording.truth or ()}
@@ -176,18 +179,18 @@ def look_closely(recording: Recording | Kept, eyes: Any, sight: Sight, encoder: 
         for thing in np.unique(shown):
             name, mine = true_names.get(int(thing), ""), shown == thing
             right = nearest[mine] == names.index(name) if name else nearest[mine] >= len(names)
-            sight.cells[name] += int(right.sum()), len(right)
-        found = sight.found[number].keep(sight.found[number].scores >= eyes.model.threshold)
+            outputs.cells[name] += int(right.sum()), len(right)
+        found = outputs.found[number].keep(outputs.found[number].scores >= detector.model.calibration.threshold)
         for name, index in maps.items():
-            index.add(frame, truth.detect(frame) if name == "painted by the truth" else found)
+            index.add(frame, truth.detect(frame) if name == "labels of the truth" else found)
     return maps
 
 
-def report_cells(sights: Sequence[Sight], far: dict[str, list[float]]) -> None:
+def report_cells(all_outputs: Sequence[Outputs], far: dict[str, list[float]]) -> None:
     """What the dense features are worth, over all homes."""
     cells: dict[str, Any] = defaultdict(_no_cells)
-    for sight in sights:
-        for name, counts in sight.cells.items():
+    for outputs in all_outputs:
+        for name, counts in outputs.cells.items():
             cells[name] += counts
     shares = {name: right / count for name, (right, count) in cells.items()}
     right, count = np.sum(list(cells.values()), axis=0)
@@ -199,47 +202,44 @@ def report_cells(sights: Sequence[Sight], far: dict[str, list[float]]) -> None:
               f"{np.mean(np.array(metres) <= 1):.0%} within 1 m")  # fmt: skip
 
 
-def report(recordings: Sequence[Recording], eyes: Any) -> None:
+def report(recordings: Sequence[Recording], detector: Any) -> None:
     """The table, one line per home, and the total."""
-    sights, rows = [], []
+    all_outputs, rows = [], []
     encoder = plugins.make("encoders", "embedded", model="pixels", threads=1)
     mapped: dict[str, list[float]] = {name: [] for name in MAPS}
-    print(
-        f"detector: {eyes.name}, threshold {eyes.model.threshold:g}, {eyes.min_views} agreeing frames (sha256 {eyes.sha256[:12]})"
-    )
+    print(f"detector: {detector.name}, (sha256 {detector.sha256[:12]})")
     print("home               frames  AP50  recall  precision  distance  (ground truth)")
     for walk in recordings:
         recording = Kept(walk)
-        sight = look(recording, eyes)
-        sights.append(sight)
-        sure = [found.keep(found.scores >= eyes.model.threshold) for found in sight.found]
-        index = index_of(recording, sure, eyes.min_views)
+        outputs = look(recording, detector)
+        all_outputs.append(outputs)
+        index = index_of(recording, outputs.found, detector.model.calibration)
         exact = plugins.make("detectors", "ground_truth", truth=recording.truth)
-        for name, made in look_closely(recording, eyes, sight, encoder).items():
-            mapped[name] += distances(recording, made, [n for n, px in sight.pixels.items() if px >= LISTED_PX])
-        best = index_of(recording, [exact.detect(recording[i]) for i in range(len(recording))], 1)
-        recall, precision = listed(sight, index.names())
+        for name, made in look_closely(recording, detector, outputs, encoder).items():
+            mapped[name] += distances(recording, made, [n for n, px in outputs.pixels.items() if px >= LISTED_PX])
+        best = index_of(recording, [exact.detect(recording[i]) for i in range(len(recording))], exact.calibration)
+        recall, precision = listed(outputs, index.names())
         far, bound = (float(np.mean(distances(recording, it) or [np.nan])) for it in (index, best))
-        rows.append((float(np.mean(list(ap50([sight]).values()))), recall, precision, far, bound))
+        rows.append((float(np.mean(list(ap50([outputs]).values()))), recall, precision, far, bound))
         print(
             f"{recording.name:18} {len(recording):6}  {rows[-1][0]:.2f}  {recall:6.2f}  {precision:9.2f}  {far:6.2f} m  {bound:8.2f} m",
             flush=True,
         )
-        missed = sorted({n for n, p in sight.pixels.items() if p >= LISTED_PX} - set(index.names()))
+        missed = sorted({n for n, p in outputs.pixels.items() if p >= LISTED_PX} - set(index.names()))
         print(
-            f"    missed: {', '.join(missed) or 'none'}; invented: {', '.join(n for n in index.names() if not sight.pixels.get(n)) or 'none'}"
+            f"    missed: {', '.join(missed) or 'none'}; invented: {', '.join(n for n in index.names() if not outputs.pixels.get(n)) or 'none'}"
         )
-    types = ap50(sights)
+    types = ap50(all_outputs)
     mean = np.nanmean(np.array(rows), axis=0)
     print(f"all: AP50 over {len(types)} types {np.mean(list(types.values())):.3f}; means of homes: recall {mean[1]:.2f}, "
           f"precision {mean[2]:.2f}, distance {mean[3]:.2f} m (ground truth {mean[4]:.2f} m)")  # fmt: skip
     ordered = sorted(types.items(), key=lambda item: item[1])
-    report_cells(sights, mapped)
+    report_cells(all_outputs, mapped)
     print("lowest AP50:", ", ".join(f"{name} {value:.2f}" for name, value in ordered[:25]))
     print("highest AP50:", ", ".join(f"{name} {value:.2f}" for name, value in ordered[:-16:-1]))
 
 
-def sheet(recordings: Sequence[Recording], eyes: Any, path: Path) -> None:
+def sheet(recordings: Sequence[Recording], detector: Any, path: Path) -> None:
     """A picture: of each home the frame in which most is to be seen, found boxes in green, the truth that was missed in red."""
     from PIL import Image, ImageDraw
 
@@ -248,8 +248,8 @@ def sheet(recordings: Sequence[Recording], eyes: Any, path: Path) -> None:
         truth = plugins.make("detectors", "ground_truth", truth=recording.truth, min_pixels=LISTED_PX)
         richest = max(range(0, len(recording), 5), key=lambda i: len(truth.detect(recording[i])))
         frame = recording[richest]
-        found, true = eyes.detect(frame), truth.detect(frame)
-        found = found.keep(found.scores >= eyes.model.threshold)
+        found, true = detector.detect(frame), truth.detect(frame)
+        found = found.keep(found.scores >= detector.model.calibration.threshold)
         image = Image.fromarray(frame.rgb)
         draw = ImageDraw.Draw(image)
         draw.text((6, 4), recording.name.removeprefix("dollhouse "), fill="black", font_size=18)
@@ -269,12 +269,12 @@ def sheet(recordings: Sequence[Recording], eyes: Any, path: Path) -> None:
 
 def speed(frame: Frame) -> float:
     """Frames per second of 640 x 480 on one thread, by the processor's time, the median of thirty."""
-    eyes = plugins.make("detectors", "embedded", threads=1)
+    detector = plugins.make("detectors", "embedded", threads=1)
     times = []
     for _ in range(33):
-        again = replace(frame, rgb=frame.rgb.copy())  # the eyes do not look twice at the same image
+        again = replace(frame, rgb=frame.rgb.copy())  # the outputs for an image are cached
         start = time.process_time()
-        eyes.detect(again)
+        detector.detect(again)
         times.append(time.process_time() - start)
     return 1 / float(np.median(times[3:]))
 
@@ -290,13 +290,13 @@ def main() -> None:
     parser.add_argument("--sheet", type=Path, help="a contact sheet of detections goes there (.jpg, .png)")
     asked = parser.parse_args()
     world = plugins.make("worlds", "dollhouse")
-    eyes = plugins.make("detectors", "embedded", threshold=LOW, threads=1)
+    detector = plugins.make("detectors", "embedded", threshold=LOW, threads=1)
     how = {"seed": asked.seed, "sensor": asked.sensor, "max_frames": asked.max_frames}
     walks = [world.explore(home, **how) for home in asked.homes or world.homes()]
     print(f"{speed(walks[0][0]):.1f} frames/s of 640 x 480 on one thread")
-    report(walks, eyes)
+    report(walks, detector)
     if asked.sheet:
-        sheet(walks, eyes, asked.sheet)
+        sheet(walks, detector, asked.sheet)
 
 
 if __name__ == "__main__":

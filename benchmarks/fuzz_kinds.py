@@ -7,9 +7,11 @@ must be in ``sys.path``, as ``fuzz.py`` puts them there.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+import shutil
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from fake_runs import SETTINGS, fake_rows
@@ -19,14 +21,18 @@ from tiny_onnx import CHANNELS, frame, red_finder
 from cartier import pipeline, plugins
 from cartier.detectors import onnx
 from cartier.detectors._vocabulary import read_vocabulary
+from cartier.errors import InputError
 from cartier.evaluation._rows import check_rows, read_rows
 from cartier.evaluation.queries import load_file
 from cartier.evaluation.summary import summarise
-from cartier.files import read_json, read_npz
+from cartier.files import read_bytes, read_json, read_npz
 from cartier.home import Home
-from cartier.mapping.detection_cache import remembering
+from cartier.mapper import Mapper
+from cartier.mapping.detection_cache import cached
 from cartier.reasoners._cards import read_deck
-from cartier.types import Selection
+from cartier.sheet import draw_sheet
+from cartier.store import NAME, Store
+from cartier.types import Inventory, Selection
 from cartier.worlds.ai2thor import _house
 from cartier.worlds.dollhouse.scene import load_scene
 from synthetic import THINGS, TrueBoxes
@@ -53,25 +59,64 @@ class First:
 
     name = "first"
 
-    def select(self, query: str, objects: Sequence[str], dialogue: object = ()) -> Selection:
-        return Selection("found", objects[0]) if objects else Selection("absent")
+    def select(self, query: str, inventory: Inventory, dialogue: object = ()) -> Selection:
+        return Selection("found", inventory.names[0]) if inventory.names else Selection("absent")
 
     def propose(self, query: str) -> list[str]:
         return []
 
 
-def write_home(path: Path, **options: object) -> None:
-    pipeline.map_home(room(frames=12), TrueBoxes(THINGS), **options).save(path)  # type: ignore[arg-type]
+def write_home(path: Path, **options: Any) -> None:
+    home = pipeline.map_home(room(frames=12), TrueBoxes(THINGS), **options)
+    home.save(path)
+    saved = Home.load(path)
+    saved.remember(pipeline.ask(saved, "I would love to sit down", First()))
 
 
 def read_home(path: Path) -> None:
+    """All that is done with a home: ask and remember, show, find, and map on."""
     home = Home.load(path)
+    json.dumps(home.to_dict(), allow_nan=False)
     for index in home.indexes:
-        home.table(index)
         answer = pipeline.ask(home, "I would love to sit down", First(), index=index)
         json.dumps(answer.to_dict(), allow_nan=False)
         if answer.place is not None:
-            home.keyframe(answer.place)
+            home.evidence(answer.place)
+        home.remember(answer)
+        if index == "vlmaps":
+            home.searchable(index)[1].similarity("something soft")
+    draw_sheet(home, path.with_suffix(".png"))
+    mapper = Mapper(TrueBoxes(THINGS), onto=home)
+    mapper.add(room(frames=13)[12])
+    mapper.home()
+
+
+def write_loose_home(path: Path, **options: Any) -> None:
+    """The parts of a home without their checksums, which who means harm would compute anew."""
+    write_home(path / "whole", **options)
+    store = Store(path / "whole")
+    about = store.manifest()
+    for name in about["blobs"]:
+        (path / name).parent.mkdir(parents=True, exist_ok=True)
+        (path / name).write_bytes(store.get(name, about))
+    about["blobs"] = sorted(about["blobs"])
+    (path / "about.json").write_text(json.dumps(about))
+    shutil.rmtree(path / "whole")
+
+
+def read_loose_home(path: Path) -> None:
+    """Sign the parts as they are, and read that home."""
+    about = read_json(path / "about.json")
+    names = about.get("blobs") if isinstance(about, dict) else None
+    if not isinstance(names, list) or not all(isinstance(name, str) and NAME.fullmatch(name) for name in names):
+        raise InputError("nothing to sign")
+    blobs = {name: read_bytes(path / name, 1 << 28) for name in names}
+    signed = path.with_suffix(".signed")
+    try:
+        Store(signed).put(about, blobs, {})
+    except (RecursionError, ValueError) as error:
+        raise InputError("nothing that could be signed") from error
+    read_home(signed)
 
 
 def write_detections(path: Path, own: bool) -> None:
@@ -123,9 +168,8 @@ def write_resume(path: Path) -> None:
 
 
 def read_resume(path: Path) -> None:
-    settings = {"sha256": "a", "detector": "b", "detector_sha256": "c"}
     recording = room(frames=3)
-    with remembering(TrueBoxes(THINGS), path / "seen.jsonl", settings) as detect:
+    with cached(TrueBoxes(THINGS), path / "seen.jsonl", "a") as detect:
         for number in range(3):
             detect(recording[number])
 
@@ -158,7 +202,9 @@ KINDS |= {
     ),
     "replies": Kind(
         lambda p: write_text(p, replies__jsonl=f"{json.dumps(REPLY)}\n{json.dumps(REPLY)}\n"),
-        lambda p: plugins.make("reasoners", "replay", path=p / "replies.jsonl").select("tired", ["bed", "mug"]),
+        lambda p: plugins.make("reasoners", "replay", path=p / "replies.jsonl").select(
+            "tired", Inventory.of(["bed", "mug"])
+        ),
     ),
     "queries": Kind(
         lambda p: write_text(p, queries__jsonl=f"{json.dumps(QUERY)}\n{json.dumps(QUERY | {'id': 'b'})}\n"),
@@ -171,5 +217,6 @@ KINDS |= {
     "resume": Kind(write_resume, read_resume),
     "arrays": Kind(write_arrays, lambda p: read_npz(p / "a.npz")),
     "home": Kind(write_home, read_home),
-    "home-vlmaps": Kind(lambda p: write_home(p, indexes=["object_depth", "vlmaps"]), read_home),
+    "home-loose": Kind(write_loose_home, read_loose_home),
+    "home-loose-vlmaps": Kind(lambda p: write_loose_home(p, indexes=["object_depth", "vlmaps"]), read_loose_home),
 }

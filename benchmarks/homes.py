@@ -12,6 +12,7 @@ os.environ["OMP_NUM_THREADS"] = "1"
 import statistics
 import sys
 import time
+from dataclasses import replace
 
 import numpy as np
 
@@ -60,17 +61,14 @@ def distances(index: SpatialIndex, recording: Recording) -> list[tuple[float, st
     return sorted(rows, reverse=True)
 
 
-class Both:
-    """Ground truth that also feeds a second index without its masks: what a detector of boxes gives at best."""
+class WithoutMasks:
+    """Ground truth as boxes only: what a detector of boxes gives at best."""
 
-    def __init__(self, eyes: Detector) -> None:
-        self.eyes, self.name, self.min_views = eyes, eyes.name, eyes.min_views
-        self.from_boxes: SpatialIndex = plugins.make("indexes", "object_depth")
+    def __init__(self, truth: Detector) -> None:
+        self.truth, self.name, self.calibration = truth, f"{truth.name}, boxes only", truth.calibration
 
     def detect(self, frame: Frame) -> Detections:
-        found = self.eyes.detect(frame)
-        self.from_boxes.add(frame, Detections(found.frame, found.boxes_xyxy, found.scores, found.labels))
-        return found
+        return replace(self.truth.detect(frame), masks=None)
 
 
 def main() -> None:
@@ -79,20 +77,20 @@ def main() -> None:
         begin = time.perf_counter()
         recording = world.explore(name)
         explored_s = time.perf_counter() - begin
-        eyes = Both(plugins.make("detectors", "ground_truth", truth=recording.truth, source="dollhouse"))
+        truth = plugins.make("detectors", "ground_truth", truth=recording.truth, source="dollhouse")
         begin = time.perf_counter()
-        home = map_home(recording, eyes)
+        home = map_home(recording, truth)
         mapped_s = time.perf_counter() - begin
         good, total, seen = inside_their_boxes(recording)
         print(
-            f"{name}: {len(recording)} frames, explored in {explored_s:.1f} s, mapped in {mapped_s:.1f} s, by {eyes.name}"
+            f"{name}: {len(recording)} frames, explored in {explored_s:.1f} s, mapped in {mapped_s:.1f} s, by {truth.name}"
         )
         print(f"  {recording.notes[-1]}")
         print(
             f"  {len(seen)} of {len(recording.truth)} things seen with {ENOUGH_PX} px or more; {good / total:.4%} of their depth in their true boxes"
         )
-        for what, index in (("masks", home.index("object_depth")[1]), ("boxes only", eyes.from_boxes)):
-            rows = distances(index, recording)
+        for what, made in (("masks", home), ("boxes only", map_home(recording, WithoutMasks(truth)))):
+            rows = distances(made.index("object_depth")[1], recording)
             metres = [row[0] for row in rows]
             mean, median = statistics.mean(metres), statistics.median(metres)
             print(

@@ -126,8 +126,8 @@ def _read(open_it: Callable[[], Any]) -> Any:
     except CartierError as error:
         return f"refused: {error}"
     if isinstance(read, cartier.Home):
-        places = {name: index.locate(thing) for name, index in read.indexes.items() for thing in read.objects}
-        return (read.id, read.objects, places, [len(jpeg) for jpeg in read.keyframes.values()])
+        places = {(name, thing): index.locate(thing) for name, index in read.indexes.items() for thing in read.names}
+        return (read.id, read.objects, places, dict(read.photos), dict(read.growth))
     return read
 
 

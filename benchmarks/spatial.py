@@ -1,37 +1,25 @@
-"""How right rooms and relations are in dollhouse homes: with ground-truth detections and from pixels.
+"""What ``objects.py`` says of rooms and relations in dollhouse homes, against the truth of the simulator.
 
-python benchmarks/spatial.py [HOME …] [--keep FOLDER]     (default: the seven built-in homes; a number is a generated one)
-Per detector: rooms (how much they overlap the true ones, their kinds, the share of objects in the right one), what things stand
-on or in, requests for "the X closest to the Y", and the other relations. Of each relation: how many were told with a probability of
+Rooms: how much they overlap the true ones, their kinds, the share of objects in the right one. Then what things stand on or in,
+requests for "the X closest to the Y", and the other relations. Of each relation: how many were told with a probability of
 one half or more, which share of them is true, which share of the true ones was told, and how far the probabilities are off.
 What touches what is known from the home's triangles: rays from under each thing meet what holds it. All else is true if it
-holds between the true boxes. FOLDER keeps what was mapped.
+holds between the true boxes.
 """
 
 from __future__ import annotations
 
-import os
-
-os.environ["OMP_NUM_THREADS"] = "1"
-
-import argparse
 import itertools
-import tempfile
 import time
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from cartier import plugins
-from cartier.files import npz_bytes, read_npz
 from cartier.geometry import box_distance
 from cartier.language.names import display_name
-from cartier.mapping.object_map import ObjectMap
-from cartier.mapping.occupancy import OccupancyMapper
 from cartier.mapping.relations import (
     LEVEL_M,
     NEXT_M,
@@ -339,62 +327,3 @@ def _statements(
             if first.metres <= closest_m and second >= first.metres + margin_m:
                 found.append((ys[0], xs, first.subject))
     return found
-
-
-def mapped(name: str, keep: Path) -> tuple[OccupancyGrid, Array, dict[str, list[MapObject]]]:
-    """The floor plan of a home, in how many pixels each true thing was shown at best, and its objects by detector; kept in a folder."""
-    world = plugins.make("worlds", "dollhouse")
-    scene, file = world.scene(name), keep / Path(name).stem
-    detectors = {
-        "ground_truth": plugins.make("detectors", "ground_truth", truth=scene.truth(), source=scene.name),
-        "embedded": plugins.make("detectors", "embedded", threads=1),
-    }
-    maps, floor = {key: ObjectMap(detector.calibration) for key, detector in detectors.items()}, OccupancyMapper()
-    pixels = np.zeros(len(scene.things) + 1, np.int64)
-    if file.with_suffix(".npz").exists():
-        kept = read_npz(file.with_suffix(".npz"))
-        pixels = kept.pop("pixels")
-        floor.restore(kept)
-        for key, objects in maps.items():
-            objects.restore({part: Path(f"{file}.{key}.{part}").read_bytes() for part in objects.state()})
-    else:
-        recording = world.explore(name)
-        for number in range(len(recording)):
-            frame = recording[number]
-            floor.add(frame)
-            for key, objects in maps.items():
-                objects.add(frame, detectors[key].detect(frame))
-            assert frame.instances is not None
-            pixels = np.maximum(pixels, np.bincount(frame.instances.ravel(), minlength=len(pixels)))
-        for key, objects in maps.items():
-            objects.tidy()
-            for part, blob in objects.state().items():
-                Path(f"{file}.{key}.{part}").write_bytes(blob)
-        file.with_suffix(".npz").write_bytes(npz_bytes(pixels=pixels, **(floor.counts() or {})))
-    grid = floor.grid()
-    assert grid is not None
-    return grid, pixels, {key: list(objects.objects()) for key, objects in maps.items()}
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("homes", nargs="*")
-    parser.add_argument("--keep", type=Path)
-    options = parser.parse_args()
-    world = plugins.make("worlds", "dollhouse")
-    figures = {name: Figures() for name in DETECTORS}
-    with tempfile.TemporaryDirectory() as folder:
-        keep = options.keep or Path(folder)
-        keep.mkdir(parents=True, exist_ok=True)
-        for name in options.homes or world.homes():
-            scene = world.scene(name)
-            contacts = Contacts(scene)
-            grid, pixels, found = mapped(name, keep)
-            for key, of_all in figures.items():
-                of_all.add(Mapped(scene, grid, found[key], pixels), contacts)
-    for name, title in DETECTORS.items():
-        figures[name].print(title)
-
-
-if __name__ == "__main__":
-    main()

@@ -26,9 +26,10 @@ import numpy as np
 from cartier import plugins
 from cartier.contracts import Recording
 from cartier.geometry import backproject, project, transform
+from cartier.mapping.object_map import ObjectMap
 from cartier.mapping.occupancy import OccupancyMapper
 from cartier.pipeline import map_home
-from cartier.types import Camera, Detections, Frame
+from cartier.types import Calibration, Camera, Detections, Frame
 
 KITCHEN = Path(__file__).parents[2] / "shared" / "recordings" / "kitchen_7scenes"
 BOXES = 30  # detections per frame at most
@@ -38,7 +39,6 @@ class ManyThings:
     """Boxes of things at fixed places in the home, as a busy detector gives them, at no cost: the rest of the line is measured."""
 
     name = "many things (benchmark)"
-    min_views = 2
 
     def __init__(self, recording: Recording) -> None:
         rng, points = np.random.default_rng(0), []
@@ -97,18 +97,16 @@ def milliseconds(action: Callable[..., Any], *args: Any) -> float:
 
 def per_frame(recording: Recording) -> dict[str, float]:
     """Median milliseconds of each step over the frames, three times over."""
-    spent: dict[str, list[float]] = {"decode": [], "object_depth": [], "object_viewpoint": [], "occupancy": []}
+    spent: dict[str, list[float]] = {"decode": [], "objects": [], "occupancy": []}
     detector = ManyThings(recording)
     for _ in range(3):
-        indexes = {name: plugins.make("indexes", name, min_views=2) for name in ("object_depth", "object_viewpoint")}
-        mapper = OccupancyMapper()
+        objects, mapper = ObjectMap(Calibration()), OccupancyMapper()
         for number in range(len(recording)):
             begin = time.perf_counter()
             frame = recording[number]
             spent["decode"].append((time.perf_counter() - begin) * 1e3)
             found = detector.detect(frame)
-            for name, index in indexes.items():
-                spent[name].append(milliseconds(index.add, frame, found))
+            spent["objects"].append(milliseconds(objects.add, frame, found))
             spent["occupancy"].append(milliseconds(mapper.add, frame))
     return {step: statistics.median(values) for step, values in spent.items()}
 

@@ -3,6 +3,7 @@
 import numpy as np
 from scipy.ndimage import find_objects, label
 
+from cartier.contracts import Detector
 from cartier.types import Detections, Frame
 
 
@@ -10,9 +11,7 @@ def make(threshold: float = 0.5, smallest_px: int = 400) -> "RedThings":
     return RedThings(threshold, smallest_px)
 
 
-class RedThings:
-    min_views = 2  # one frame's red blob may be a reflection
-
+class RedThings(Detector):
     def __init__(self, threshold: float, smallest_px: int) -> None:
         self.threshold, self.smallest_px = threshold, smallest_px
         self.name = f"red things (red share ≥ {threshold})"

@@ -57,11 +57,11 @@ def _env() -> dict[str, str]:
 
 def test_map_show_ask_with_pictures(run: Run, recording: Path, tmp_path: Path) -> None:
     code, out, err = run("map", recording, "--detector", EYES, "-o", tmp_path / "home", "--json")
-    assert code == 0 and json.loads(out)["objects"] == ["chair", "mug", "table"], err
+    assert code == 0 and json.loads(out)["names"] == ["chair", "mug", "table"], err
     code, out, _ = run("show", tmp_path / "home", "--json", "--plot", tmp_path / "home.png")
     rows = json.loads(out)["objects"]
     assert (
-        code == 0 and {row["object"] for row in rows} == {"chair", "mug", "table"} and all(row["place"] for row in rows)
+        code == 0 and {row["label"] for row in rows} == {"chair", "mug", "table"} and all(row["views"] for row in rows)
     )
     code, out, _ = run("show", tmp_path / "home")
     assert code == 0 and "chair" in out and "ground truth (test)" in out
@@ -205,7 +205,7 @@ def test_record_saves_what_map_reads_with_ground_truth(run: Run, tmp_path: Path)
     code, out, err = run("record", "dollhouse:2", "-o", tmp_path / "r")
     assert code == 0 and "frames of dollhouse" in out, err
     code, out, err = run("map", tmp_path / "r", "--detector", "ground_truth", "-o", tmp_path / "home", "--json")
-    assert code == 0 and len(json.loads(out)["objects"]) > 5, err
+    assert code == 0 and len(json.loads(out)["names"]) > 5, err
     assert Home.load(tmp_path / "home").detector.startswith("ground truth (dollhouse")
 
 
@@ -228,5 +228,5 @@ def test_kill_leaves_the_old_home_whole_and_the_next_run_finishes(
     if process.returncode != 0 and any(f.name == ".home.unfinished.jsonl" for f in tmp_path.iterdir()):
         assert {f: f.read_bytes() for f in target.rglob("*") if f.is_file()} == before
     subprocess.run(command, env=_env(), check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    assert Home.load(target).objects == sorted(t.label for t in THINGS)
+    assert Home.load(target).names == sorted(t.label for t in THINGS)
     assert sorted(f.name for f in tmp_path.iterdir()) == ["eyes.py", "home"]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import shutil
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -66,15 +67,36 @@ def test_a_goal_leaves_only_with_go(run: Run, home: Path) -> None:
     assert code == 1 and "no 'teleporter' among the robots" in err
 
 
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        ("--from", "nan,nan"),
+        ("--from", "inf,0"),
+        ("--from", "1"),
+        ("--radius", "-1"),
+        ("--radius", "nan"),
+        ("--camera-height", "nan"),
+    ],
+)
+def test_a_start_or_robot_that_there_is_not_is_refused_before_anything_is_sent(
+    run: Run, home: Path, wrong: tuple[str, str]
+) -> None:
+    server = ("--reasoner", "openai", "--model", "m", "--base-url", "http://127.0.0.1:9/v1")  # where nobody listens
+    for words in (["bring me to the chair"], []):
+        code, out, err = run("ask", home, *words, *wrong, *server, "--go", "print", typed="bring me to the chair\n")
+        assert code == 1 and not out and err.startswith("cartier: ") and err.count("\n") == 1, err
+        assert any(word in err for word in ("--from", "radius", "height")), err
+
+
 def test_a_second_recording_is_added(run: Run, tmp_path: Path) -> None:
     poses = walk().poses
     for name, part in (("one", poses[:12]), ("two", poses[12:])):
         save(RoomRecording(part, THINGS, name=name), tmp_path / name)
     assert run("map", tmp_path / "one", "--detector", EYES, "-o", tmp_path / "home")[0] == 0
     code, out, err = run("map", tmp_path / "two", "--detector", EYES, "-o", tmp_path / "home", "--append", "--json")
-    assert code == 0 and json.loads(out)["objects"] == ["chair", "mug", "table"], err
+    assert code == 0 and json.loads(out)["names"] == ["chair", "mug", "table"], err
     code, out, err = run("map", tmp_path / "two", "--detector", EYES, "-o", tmp_path / "home", "--append", "--json")
-    assert code == 0 and json.loads(out)["objects"] == ["chair", "mug", "table"], err
+    assert code == 0 and json.loads(out)["names"] == ["chair", "mug", "table"], err
 
 
 def test_convert_and_doctor(run: Run, tmp_path: Path) -> None:
@@ -97,6 +119,35 @@ def test_convert_and_doctor(run: Run, tmp_path: Path) -> None:
     assert code == 1 and "-o OUT" in err
     assert run("doctor", tmp_path / "inverted", "--fix", "-o", tmp_path / "mended")[0] == 0
     assert (tmp_path / "mended" / "trajectory.txt").is_file()
+
+
+def test_the_doctor_names_the_damaged_files_of_a_home(run: Run, home: Path, tmp_path: Path) -> None:
+    code, out, _ = run("doctor", home)
+    assert code == 0 and "room: sound" in out
+    assert json.loads(run("doctor", home, "--json")[1]) == {"ok": True, "faults": []}
+    shutil.copytree(home, tmp_path / "h")
+    files = sorted(path for path in (tmp_path / "h").rglob("*") if path.is_file())
+    for file in files:
+        whole = file.read_bytes()
+        for damage in (whole[:-1] + bytes([whole[-1] ^ 4]), whole[: len(whole) // 2], b"", None):
+            file.unlink()
+            if damage is not None:
+                file.write_bytes(damage)
+            code, out, err = run("doctor", tmp_path / "h", "--json")
+            if file.name == "home.json" and damage is None:
+                assert code == 1 and "is no recording" in err and err.count("\n") == 1
+            else:
+                faults = json.loads(out)["faults"]
+                assert code == 1 and [fault["fault"] for fault in faults] == ["damaged_file"]
+                assert str(file) in faults[0]["evidence"] and faults[0]["mend"]
+            file.write_bytes(whole)
+    files[1].unlink()
+    files[2].write_bytes(b"")
+    code, out, _ = run("doctor", tmp_path / "h")
+    assert code == 1 and "h: 2 faults" in out and str(files[1]) in out and str(files[2]) in out
+    for option in (["--fix", "-o", tmp_path / "mended"], ["--plot", tmp_path / "x.png"]):
+        code, _, err = run("doctor", home, *option)
+        assert code == 1 and "for recordings" in err and not (tmp_path / str(option[-1])).exists()
 
 
 def test_the_bench_leaves_a_report(run: Run, tmp_path: Path) -> None:

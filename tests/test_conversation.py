@@ -44,8 +44,8 @@ def home() -> cartier.Home:
 
 
 def test_each_turn_is_told_to_the_next(home: cartier.Home) -> None:
-    mind = Script(ASKS, CHAIR, ABSENT, CHAIR)
-    talk = Conversation(home, mind)
+    reasoner = Script(ASKS, CHAIR, ABSENT, CHAIR)
+    talk = Conversation(home, reasoner)
     for words in ("let me rest", "the chair\n", "and my gate?", "thanks"):
         talk.say(words)
     turns = [
@@ -53,36 +53,36 @@ def test_each_turn_is_told_to_the_next(home: cartier.Home) -> None:
         ("the chair", "chair"),
         ("and my gate?", "nothing here serves that"),
     ]
-    assert mind.told[-1] == ("thanks", turns) and [len(told) for _, told in mind.told] == [0, 1, 2, 3]
+    assert reasoner.told[-1] == ("thanks", turns) and [len(told) for _, told in reasoner.told] == [0, 1, 2, 3]
 
 
 def test_several_needs_are_one_turn_and_the_robot_ends_at_the_last(home: cartier.Home) -> None:
-    other = next(name for name in home.objects if name != "chair")
+    other = next(name for name in home.names if name != "chair")
     both = Selection("found", "chair", then=(Selection("near", other), ABSENT))
-    mind = Script(both, CHAIR)
-    talk = Conversation(home, mind, from_xy=(1.0, 1.0))
+    reasoner = Script(both, CHAIR)
+    talk = Conversation(home, reasoner, from_xy=(1.0, 1.0))
     first = talk.say("sit, then the rest")
     assert first.then[0].goal is not None and first.goal is not None
     assert tuple(talk.from_xy) == (first.then[0].goal.x, first.then[0].goal.y)
     second = talk.say("back again")
-    assert mind.told[1][1] == [("sit, then the rest", f"chair, then {other}, then nothing here serves that")]
+    assert reasoner.told[1][1] == [("sit, then the rest", f"chair, then {other}, then nothing here serves that")]
     assert second.goal is not None and tuple(second.goal.path[0]) == pytest.approx(tuple(first.then[0].goal.path[-1]))
 
 
 def test_what_failed_was_not_said(home: cartier.Home) -> None:
-    mind = Script(ReasonerError("cannot reach it"), CHAIR)
-    talk = Conversation(home, mind)
+    reasoner = Script(ReasonerError("cannot reach it"), CHAIR)
+    talk = Conversation(home, reasoner)
     for words, error in (("sit", ReasonerError), (" \x00", InputError), ("x" * 10**6, InputError)):
         with pytest.raises(error):
             talk.say(words)
     assert talk.turns == [] and tuple(talk.from_xy) == tuple(home.start_xy)
     talk.say("sit")
-    assert mind.told[-1] == ("sit", [])
+    assert reasoner.told[-1] == ("sit", [])
 
 
 def test_a_long_conversation_stays_bounded(home: cartier.Home) -> None:
-    mind = Script(*[ABSENT] * 40)
-    talk = Conversation(home, mind)
+    reasoner = Script(*[ABSENT] * 40)
+    talk = Conversation(home, reasoner)
     for number in range(20):
         talk.say(f"request {number}")
     assert [person for person, _ in talk.turns] == [f"request {n}" for n in range(20 - MAX_TURNS, 20)]

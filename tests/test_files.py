@@ -7,6 +7,7 @@ import os
 import socket
 import tracemalloc
 import zipfile
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ import numpy as np
 import pytest
 
 from cartier.errors import CartierError, InputError, brief
-from cartier.files import check_file, read_bytes, read_json, read_npy, read_npz, read_text
+from cartier.files import check_file, read_bytes, read_json, read_npy, read_npz, read_text, typed
 
 ARRAYS = {
     "frames": np.arange(5, dtype=np.int32),
@@ -195,3 +196,31 @@ def test_what_is_quoted_is_brief() -> None:
     assert brief("a\nb" * 9) == "a b" + "a b" * 8
     assert len(brief("x" * 10**6)) == 100 and len(brief(list(range(10**5)), 40)) == 40
     assert brief(10**5000) == "int" and brief(deep) == "list"
+
+
+@dataclass(frozen=True)
+class Row:
+    name: str
+    size_m: float
+    parts: tuple[tuple[str, int], ...] = ()
+    room: int | None = None
+
+
+def test_json_becomes_what_the_types_say() -> None:
+    value = [
+        {"name": "mug", "size_m": 1, "parts": [["ear", 2]], "room": None},
+        {"name": "bed", "size_m": 2.5, "room": 3},
+    ]
+    assert typed(value, tuple[Row, ...]) == (Row("mug", 1.0, (("ear", 2),)), Row("bed", 2.5, (), 3))
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"name": 5}, {"size_m": "1"}, {"size_m": True}, {"size_m": float("nan")}, {"size_m": 10**400}, {"size_m": None}, {"parts": {}},
+        {"parts": [["ear"]]}, {"parts": [["ear", 2, 3]]}, {"parts": [["ear", 2.0]]}, {"room": "kitchen"}, {"room": True}, {"more": 1},
+    ],
+)  # fmt: skip
+def test_json_of_another_type_is_refused(wrong: dict[str, Any]) -> None:
+    with pytest.raises((TypeError, ValueError, OverflowError)):
+        typed({"name": "mug", "size_m": 1.0} | wrong, Row)

@@ -163,7 +163,7 @@ def test_nothing_known_stands_between_a_start_and_where_its_path_begins(data: st
 
 @pytest.mark.parametrize("start", [(math.nan, 1.0), (1.0, math.inf), (1.7e308, -1e300), (1.0, 2.0, 3.0), ()])
 def test_a_start_that_is_no_point_is_refused(start: tuple[float, ...]) -> None:
-    with pytest.raises(InputError, match="the start must be two numbers, x and y in metres"):
+    with pytest.raises(InputError, match="the start must be two finite numbers, x and y in metres"):
         plan(world(), at(3, 3), start, RobotModel(RADIUS))
 
 

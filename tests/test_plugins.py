@@ -17,8 +17,8 @@ def test_every_backend_says_what_it_is_and_loads_or_names_its_extra() -> None:
 def test_unknown_names_teach() -> None:
     with pytest.raises(BackendError, match=r"no 'object_dept' among the indexes; did you mean 'object_depth'"):
         plugins.make("indexes", "object_dept")
-    with pytest.raises(BackendError, match="has no option 'colour'; it has min_views, surface"):
-        plugins.make("indexes", "object_depth", colour="red")
+    with pytest.raises(BackendError, match="has no option 'colour'; it has encoder, cell_m"):
+        plugins.make("indexes", "vlmaps", colour="red")
     with pytest.raises(BackendError, match="kinds are recordings"):
         plugins.backends("sofas")
 

@@ -49,8 +49,8 @@ def test_two_that_append_at_once_both_stay(made: Path, tmp_path: Path) -> None:
     ]
     told = [process.communicate(timeout=120)[1] for process in both]
     assert [process.returncode for process in both] == [0, 0], told
-    added = cartier.Home.load(tmp_path / "h").settings["added"]
-    assert {row["recording"] for row in added} == {"second", "third"}
+    added = cartier.Home.load(tmp_path / "h").settings["recordings"]
+    assert {row["recording"] for row in added} == {"first", "second", "third"}
     assert sorted(path.name for path in tmp_path.iterdir()) == ["h"]
 
 
@@ -83,7 +83,7 @@ def test_answers_outlive_growing_and_mapping_again(made: Path, tmp_path: Path) -
 
 def test_a_failed_append_leaves_the_home_that_it_began_from_as_it_was(made: Path) -> None:
     home = cartier.Home.load(made / "home")
-    before = {name: home.index()[1].locate(name) for name in home.objects}
+    before = {name: home.index()[1].locate(name) for name in home.names}
 
     class Fails(TrueBoxes):
         def detect(self, frame: cartier.Frame) -> cartier.Detections:
@@ -93,7 +93,7 @@ def test_a_failed_append_leaves_the_home_that_it_began_from_as_it_was(made: Path
 
     with pytest.raises(InputError, match="the disk is gone"):
         cartier.map_home(cartier.open_recording(made / "second"), Fails(THINGS), onto=home)
-    assert {name: home.index()[1].locate(name) for name in home.objects} == before
+    assert {name: home.index()[1].locate(name) for name in home.names} == before
 
 
 @pytest.mark.parametrize("error", [False, True], ids=["killed", "disk full"])
@@ -119,7 +119,7 @@ def test_interrupted_anywhere_old_or_new_is_left_and_a_second_run_gives_the_same
             if kind == "convert":
                 return cartier.open_recording(target).fingerprint() if target.exists() else None
             home = cartier.Home.load(target)
-            return home.id, home.objects, [home.index()[1].locate(name) for name in home.objects]
+            return home.id, home.objects, [home.index()[1].locate(name) for name in home.names]
         except InputError:
             assert not target.exists()
             return None
@@ -196,7 +196,7 @@ def test_a_replacement_that_was_killed_between_its_renames_is_finished_by_the_ne
 
 
 def test_a_lock_is_one_at_a_time_and_says_who_has_it(tmp_path: Path) -> None:
-    code = "import sys, time; from pathlib import Path; from cartier.files import locked\n"
+    code = "import sys, time; from pathlib import Path; from cartier.atomic import locked\n"
     code += "with locked(Path(sys.argv[1])):\n    print('mine', flush=True)\n    time.sleep(60)"
     env = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
     other = subprocess.Popen([sys.executable, "-c", code, tmp_path / "h"], stdout=subprocess.PIPE, env=env)

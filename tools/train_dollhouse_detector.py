@@ -1,4 +1,4 @@
-"""Train the eyes that ship inside: `render` homes into shards while `train` learns from what is there; `export`; `choose`.
+"""Train the eyes that ship inside: `render` homes into shards while `train` learns from what is there; `export`.
 
 Usage:  python tools/train_dollhouse_detector.py render DATA/train --first 100000 --homes 2000
         python tools/train_dollhouse_detector.py render DATA/held-back --first 95000 --homes 48
@@ -7,12 +7,12 @@ Usage:  python tools/train_dollhouse_detector.py render DATA/train --first 10000
         python tools/train_dollhouse_detector.py begin RUN src/cartier/models/dollhouse_detector DATA
         python tools/train_dollhouse_detector.py calibrate RUN DATA/held-back
         python tools/train_dollhouse_detector.py export RUN src/cartier/models/dollhouse_detector
-        python tools/train_dollhouse_detector.py choose src/cartier/models/dollhouse_detector
+        python tools/calibrate_existence.py src/cartier/models/dollhouse_detector
 
 The eyes see RGB alone. `closer` trains the look at each place, over trained eyes; `begin` reads exported ones back, to be
 trained on. `calibrate` makes scores chances, name by name; `export` writes the network, the words
-that its features understand, and names.json; `choose` sets threshold and min_views there.
-`calibrate` and `choose` work on generated homes that were held back. All may be stopped and started again; only torch and onnx are
+that its features understand, and names.json; tools/calibrate_existence.py sets there how sure a map may be of what is seen.
+Both calibrations work on generated homes that were held back. All may be stopped and started again; only torch and onnx are
 needed besides cartier. The seven built-in homes are never looked at: benchmarks/dollhouse_detector.py measures on them.
 """
 
@@ -197,7 +197,7 @@ def export_run(run: Path, into: Path) -> None:
         f"the closer look {later['step']} steps, {later['spent'] / 60:.0f} minutes"
     )
     np.save(into / "words.npy", np.vstack([eyes.middle[None], eyes.basis]).astype(np.float32))
-    told = {"size": list(SIZE), "threshold": 0.3, "min_views": 2, "trained": trained}  # until `choose`
+    told = {"size": list(SIZE), "trained": trained}
     _write_names(into, told | {"names": names(), "around": list(AROUND)})
 
 
@@ -206,7 +206,7 @@ def calibrate_run(run: Path, shards: Path, max_frames: int) -> None:
 
     All are of homes with things of all types: one that never holds a plunger would only tell how often one is imagined.
     """
-    from _detector_choice import CHOSEN_FROM, LOW, THERE, calibrate, looks_at_shards, on_walks
+    from _detector_choice import CALIBRATED_TO, LOW, THERE, calibrate, looks_at_shards, on_walks
     from dollhouse_detector import look
 
     from cartier import plugins
@@ -214,20 +214,11 @@ def calibrate_run(run: Path, shards: Path, max_frames: int) -> None:
     (run / "calibration.json").unlink(missing_ok=True)
     export_run(run, run / "plain")
     eyes = plugins.make("detectors", "embedded", threshold=LOW, folder=run / "plain", threads=1)
-    walked = on_walks(partial(look, least=THERE), run / "plain", range(1, CHOSEN_FROM, 2), max_frames)
+    walked = on_walks(partial(look, least=THERE), run / "plain", range(1, CALIBRATED_TO, 2), max_frames)
     slope, shift, offsets = calibrate([looks_at_shards(shards, eyes), *walked], eyes.model.names)
     told = {"slope": slope, "shift": shift, "offsets": offsets}
     (run / "calibration.json").write_text(json.dumps(told) + "\n")
     print(f"slope {slope:.2f}, shift {shift:.2f}")
-
-
-def choose_run(folder: Path, homes: int, max_frames: int) -> None:
-    """Threshold and views into names.json."""
-    from _detector_choice import choose
-
-    threshold, views = choose(folder, homes, max_frames)
-    told = json.loads((folder / "names.json").read_text())
-    _write_names(folder, told | {"threshold": threshold, "min_views": views})
 
 
 def _write_names(folder: Path, told: dict[str, Any]) -> None:
@@ -264,10 +255,6 @@ def main() -> None:
     sub.add_argument("run", type=Path)
     sub.add_argument("shards", type=Path)
     sub.add_argument("--max-frames", type=int, default=130)
-    sub = commands.add_parser("choose")
-    sub.add_argument("folder", type=Path)
-    sub.add_argument("--homes", type=int, default=28)
-    sub.add_argument("--max-frames", type=int, default=400)
     asked = parser.parse_args()
     torch.set_num_threads(getattr(asked, "threads", 1))
     if asked.command == "render":
@@ -282,8 +269,6 @@ def main() -> None:
         export_run(asked.run, asked.folder)
     elif asked.command == "calibrate":
         calibrate_run(asked.run, asked.shards, asked.max_frames)
-    elif asked.command == "choose":
-        choose_run(asked.folder, asked.homes, asked.max_frames)
     else:
         train(asked.data, asked.run, asked.minutes, asked.seed)
 

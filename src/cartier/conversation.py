@@ -8,6 +8,7 @@ from cartier.contracts import Reasoner
 from cartier.home import Home
 from cartier.language.prompts import check_query, recent
 from cartier.pipeline import ask
+from cartier.planning import check_start
 from cartier.types import Answer, RobotModel
 
 
@@ -15,7 +16,7 @@ class Conversation:
     """Remembers what was said, on both sides, and where the robot has been sent.
 
     ``turns`` are the latest (person, robot) turns, oldest first, no more than a reasoner is shown. ``from_xy`` is where the
-    robot stands (m, map frame): the last goal, until somebody who knows better sets it.
+    robot stands (m, map frame): the last goal, until somebody who knows better sets it; InputError for what is no point.
     """
 
     def __init__(
@@ -28,7 +29,7 @@ class Conversation:
         robot: RobotModel | None = None,
     ) -> None:
         self.home, self.reasoner, self.index, self.robot = home, reasoner, index, robot
-        self.from_xy: Sequence[float] = from_xy or home.start_xy
+        self.from_xy: Sequence[float] = check_start(home.start_xy if from_xy is None else from_xy)
         self.turns: list[tuple[str, str]] = []
 
     def say(self, words: str) -> Answer:

@@ -10,8 +10,10 @@ import os
 import stat
 import zipfile
 from collections.abc import Sequence
+from dataclasses import is_dataclass
 from pathlib import Path
-from typing import IO, Any
+from types import NoneType
+from typing import IO, Any, get_args, get_origin, get_type_hints
 
 import numpy as np
 import numpy.typing as npt
@@ -39,6 +41,33 @@ def parse_json(data: bytes, where: Path | str) -> Any:
         raise InputError(f"{where} is no file of cartier's ({brief(error)})") from error
 
 
+def typed(value: Any, kind: Any) -> Any:
+    """A parsed JSON value as what a type says: a dataclass from its fields, a tuple from a list, a finite number.
+
+    Raises TypeError or ValueError for a value of another type.
+    """
+    parts = get_args(kind)
+    if isinstance(kind, type) and is_dataclass(kind):
+        if not isinstance(value, dict):
+            raise TypeError(f"{brief(value)} is no {kind.__name__}")
+        kinds = get_type_hints(kind)
+        return kind(**{name: typed(part, kinds.get(name)) for name, part in value.items()})
+    if get_origin(kind) is tuple:
+        if not isinstance(value, list) or (parts[-1] is not ... and len(parts) != len(value)):
+            raise TypeError(f"{brief(value)} is no list of {kind}")
+        each = parts[:1] * len(value) if parts[-1] is ... else parts
+        return tuple(map(typed, value, each))
+    if NoneType in parts:
+        return None if value is None else typed(value, next(part for part in parts if part is not NoneType))
+    if kind is float and type(value) in (int, float):
+        if not math.isfinite(value):
+            raise ValueError(f"{value} is no finite number")
+        return float(value)
+    if type(value) is not kind:
+        raise TypeError(f"{brief(value)} is no {getattr(kind, '__name__', kind)}")
+    return value
+
+
 def check_file(path: Path, max_bytes: int | None = None) -> None:
     """Raises InputError where there is no plain file, or a larger one: a pipe or a device may never end."""
     try:
@@ -59,7 +88,9 @@ def read_bytes(path: Path, max_bytes: int, follow_link: bool = True) -> bytes:
     check_file(path, max_bytes)
     try:
         with os.fdopen(os.open(path, os.O_RDONLY | (0 if follow_link else getattr(os, "O_NOFOLLOW", 0))), "rb") as file:
-            return file.read(max_bytes)
+            return file.read(
+                min(max_bytes, os.fstat(file.fileno()).st_size)
+            )  # as much as is asked for is set aside first
     except OSError as error:
         raise InputError(f"{path} cannot be read ({_why(error)})") from error
 

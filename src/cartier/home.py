@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import io
 import json
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field
@@ -16,11 +15,11 @@ import numpy.typing as npt
 from cartier import plugins
 from cartier.contracts import Searchable, SpatialIndex
 from cartier.errors import InputError
-from cartier.files import json_bytes, npz_bytes, parse_json, read_npz
+from cartier.files import json_bytes, npz_bytes, parse_json, read_npz, typed
 from cartier.mapping.map_server import grid_from, pgm, yaml
 from cartier.mapping.relations import supports
 from cartier.store import Store, blob_file, digest_of
-from cartier.types import Answer, Camera, Inventory, MapObject, OccupancyGrid, Place, Room, View
+from cartier.types import Answer, Camera, Inventory, MapObject, OccupancyGrid, Place, Room
 
 Key = TypeVar("Key", int, str)
 SCHEMA = 2
@@ -75,11 +74,11 @@ class Home:
         return self.photos.get(thing.views[0].frame) if thing is not None and thing.views else None
 
     def evidence(self, place: Place) -> npt.NDArray[np.uint8] | None:
-        """The photo (H, W, 3) that shows a place."""
-        from PIL import Image
+        """The photo (H, W, 3) that shows a place. Raises InputError if it is damaged."""
+        from cartier.recordings._images import decode_rgb  # Pillow, which asking a home need not load
 
         data = self.photos.get(place.frame)
-        return None if data is None else np.asarray(Image.open(io.BytesIO(data)).convert("RGB"))
+        return None if data is None else decode_rgb(data, None, f"{self.name}'s photo of frame {place.frame}")
 
     def index(self, name: str | None = None) -> tuple[str, SpatialIndex]:
         """An index by name, or the home's first one."""
@@ -180,7 +179,7 @@ class Home:
                 f"this one reads {SCHEMA}): {mend}"
             )
         try:
-            objects = tuple(map(_object, parse_json(store.get("objects.json", about), "objects.json")))
+            objects = typed(parse_json(store.get("objects.json", about), "objects.json"), tuple[MapObject, ...])
             indexes = {name: _index(store, about, name) for name in about["indexes"]}
             for index in indexes.values():
                 index.settle(objects)
@@ -193,14 +192,14 @@ class Home:
                 indexes=indexes,
                 grid=grid,
                 start_xy=(float(about["start_xy"][0]), float(about["start_xy"][1])),
-                settings=about["settings"],
+                settings={**about["settings"]},
                 rooms=rooms,
                 photos=_Blobs(store, about, "photos/", lambda name: int(name.partition(".")[0])),
                 notes=tuple(about["notes"]),
                 growth=_Blobs(store, about, f"{GROWTH}/", str),
                 store=store,
             )
-        except (KeyError, TypeError, ValueError, IndexError, InputError) as error:
+        except (KeyError, TypeError, ValueError, IndexError, OverflowError, InputError) as error:
             told = str(error) if str(folder) in str(error) else f"{folder} is damaged ({type(error).__name__}: {error})"
             raise InputError(told.replace("\n", " ")[:300]) from error
 
@@ -222,16 +221,6 @@ class _Blobs(Mapping[Key, bytes]):
 
     def __len__(self) -> int:
         return len(self._names)
-
-
-def _object(row: Mapping[str, Any]) -> MapObject:
-    """A MapObject from JSON, where tuples are lists."""
-    views = tuple(View(**{name: _tuples(value) for name, value in view.items()}) for view in row["views"])
-    return MapObject(**{name: _tuples(value) for name, value in row.items()} | {"views": views})
-
-
-def _tuples(value: Any) -> Any:
-    return tuple(map(_tuples, value)) if isinstance(value, list) else value
 
 
 def _floor(store: Store, about: Mapping[str, Any]) -> tuple[OccupancyGrid | None, tuple[Room, ...]]:

@@ -17,6 +17,7 @@ from cartier.contracts import Detector, Encoder, Recording, SpatialIndex
 from cartier.errors import InputError
 from cartier.files import npz_bytes, read_npz
 from cartier.home import Home
+from cartier.mapping.bearings import BearingMap
 from cartier.mapping.object_map import ObjectMap
 from cartier.mapping.occupancy import OccupancyMapper
 from cartier.mapping.rooms import find_rooms, room_of
@@ -45,11 +46,12 @@ class Mapper:
         self.detector, self._onto, self._explicit = detector, onto, indexes is not None
         made_by = {"detector": detector.name, "detector_sha256": getattr(detector, "sha256", Detector.sha256)}
         self._calibration = getattr(detector, "calibration", Detector.calibration)
-        self._objects, self._floor = ObjectMap(self._calibration), OccupancyMapper()
+        self._objects: ObjectMap | None = None  # with or without depth: the first frame tells
+        self._floor = OccupancyMapper()
         self._seen, self._photos = set[int](), dict[int, bytes]()
         self._start_xy: tuple[float, float] | None = None
         self._camera: Camera | None = None
-        self._next_frame = 0
+        self._next_frame = self._blind = 0
         self._notes: dict[str, None] = {}
         if onto is None:
             self._indexes = {name: _index(name, encoder) for name in indexes or DEFAULT_INDEXES}
@@ -71,14 +73,17 @@ class Mapper:
         self._settings, self._indexes = deepcopy(dict(home.settings)), deepcopy(dict(home.indexes))
         self._start_xy, self._camera, self._photos = home.start_xy, home.camera, dict(home.photos)
         self._notes = dict.fromkeys(home.notes)
-        self._next_frame = sum(int(row["frames"]) for row in self._settings["recordings"])
         try:
+            self._objects = ObjectMap(self._calibration) if home.grid is not None else BearingMap(self._calibration)
+            rows = [(row["recording"], row["sha256"], int(row["frames"])) for row in self._settings["recordings"]]
+            self._next_frame = sum(frames for _, _, frames in rows)
             self._objects.restore(home.growth)
             self._seen = set(read_npz(home.growth[FRAMES], where=FRAMES)["keys"].tolist())
             if COUNTS in home.growth:
                 self._floor.restore(read_npz(home.growth[COUNTS], where=COUNTS))
-        except KeyError as error:
-            raise InputError(f"{home.name} keeps no {error.args[0]} to go on from: map it again") from error
+        except (KeyError, TypeError, ValueError, OverflowError) as error:
+            told = error.args[0] if isinstance(error, KeyError) else "sound record of its recordings"
+            raise InputError(f"{home.name} keeps no {told} to go on from: map it again") from error
 
     def holds(self, recording: Recording) -> bool:
         """Whether this very recording is in the map already."""
@@ -101,6 +106,11 @@ class Mapper:
         pose = frame.world_from_camera
         self._start_xy = self._start_xy or (float(pose[0, 3]), float(pose[1, 3]))
         self._camera = self._camera or frame.camera
+        if self._objects is None:
+            self._objects = (BearingMap if frame.depth_m is None else ObjectMap)(self._calibration)
+        if frame.depth_m is None and not isinstance(self._objects, BearingMap):
+            self._blind += 1
+            return np.full(len(detections), -1)
         if frame.depth_m is not None:
             self._floor.add(frame)
         ids = self._objects.add(frame, detections)
@@ -119,7 +129,7 @@ class Mapper:
 
     def home(self) -> Home:
         """What is known so far, as a home that no further frame changes. Raises InputError before the first detection."""
-        if self._start_xy is None or self._camera is None:
+        if self._start_xy is None or self._camera is None or self._objects is None:
             raise InputError("nothing was mapped yet: the recording holds no frames")
         tidied = deepcopy(self._objects)
         tidied.tidy()
@@ -134,7 +144,11 @@ class Mapper:
         if not self._calibration.measured:
             notes[f"{self.detector.name} was never measured: how likely its objects are there is a sober guess"] = None
         if grid is None:
-            notes["the recording has no depth: no occupancy grid, and so no goals"] = None
+            notes["the recording has no depth: no occupancy grid, and so no goals; objects lie where bearings meet"] = (
+                None
+            )
+        if self._blind:
+            notes[f"{self._blind} frames without depth add nothing to a map that has depth"] = None
         settings = dict(self._settings)
         indexes = self._usable(objects, settings, notes)
         names = " + ".join(row["recording"] for row in self._settings["recordings"][:1]) or "live"
@@ -165,7 +179,7 @@ class Mapper:
 
     def _keep_photo(self, frame: Frame) -> None:
         """Keep the photo of a frame that is one of the best views of something, and forget those that no longer are."""
-        wanted = self._objects.frames()
+        wanted = self._objects.frames() if self._objects else set()
         if frame.index in wanted:
             from PIL import Image
 

@@ -62,7 +62,7 @@ def draw_answer(home: Home, answer: Answer, file: Path, robot: RobotModel | None
     title = textwrap.fill(f"“{_short(answer.query, 150)}”", 90)
     figure.suptitle(title, fontsize=13, x=0.02, ha="left", weight="bold")
     _caption(figure, home, f"{_outcome(answer)} · reasoner: {answer.reasoner} · index: {answer.index}")
-    _save(figure, file)
+    save_figure(figure, file)
 
 
 def draw_home(home: Home, file: Path) -> None:
@@ -81,7 +81,7 @@ def draw_home(home: Home, file: Path) -> None:
     _caption(figure, home, f"{len(things)} objects of {len(home.names)} kinds, {tentative} more tentative")
     figure.canvas.draw()  # places must be final before names are put beside them
     _name(figure, axes, [(thing.label, thing.position) for thing in things])
-    _save(figure, file)
+    save_figure(figure, file)
 
 
 def draw_object(home: Home, file: Path, object_id: int) -> None:
@@ -101,7 +101,7 @@ def draw_object(home: Home, file: Path, object_id: int) -> None:
         f"{thing.label} {thing.id}: {state}, {thing.probability:.0%}", fontsize=13, x=0.02, ha="left", weight="bold"
     )
     _caption(figure, home, f"seen in {thing.sightings} of {thing.chances} frames that would have shown it")
-    _save(figure, file)
+    save_figure(figure, file)
 
 
 def draw_find(home: Home, words: str, file: Path, index: str | None = None) -> Place:
@@ -133,7 +133,7 @@ def draw_find(home: Home, words: str, file: Path, index: str | None = None) -> P
     figure.canvas.draw()
     things = [thing for thing in home.objects if thing.confirmed]
     _name(figure, axes, [(thing.label, thing.position) for thing in things], all_of_them=False)
-    _save(figure, file)
+    save_figure(figure, file)
     return place
 
 
@@ -303,7 +303,8 @@ def _short(text: str, most: int) -> str:
     return text if len(text) <= most else text[: most - 1] + "…"
 
 
-def _save(figure: Any, file: Path) -> None:
+def save_figure(figure: Any, file: Path) -> None:
+    """Write a figure as a PNG, or as what the suffix names, whole or not at all. Raises InputError if that is not possible."""
     buffer = io.BytesIO()
     try:
         figure.savefig(buffer, format=file.suffix.lstrip(".") or "png")

@@ -20,7 +20,7 @@ from cartier.home import Home
 from cartier.language.prompts import check_query
 from cartier.mapper import Mapper
 from cartier.mapping.detection_cache import cached
-from cartier.planning import plan
+from cartier.planning import check_start, plan
 from cartier.types import Answer, Goal, Place, RobotModel, Selection
 
 
@@ -70,9 +70,10 @@ def ask(
 
     ``reasoner`` is by default the embedded one. ``index`` is one of the home's, by default its first; ``from_xy`` is where the
     ``robot`` stands, by default where the recording began; ``dialogue`` holds earlier (person, robot) turns. Raises InputError
-    for an unusable query, ReasonerError if a language model cannot be reached.
+    for an unusable query or start before anybody is asked, ReasonerError if a language model cannot be reached.
     """
     query = check_query(query)
+    from_xy = check_start(home.start_xy if from_xy is None else from_xy)
     reasoner = reasoner or _embedded()
     inventory = home.inventory(index)  # an index that is not there is said before anybody is asked
     timing_ms: dict[str, float] = {}
@@ -105,7 +106,8 @@ def serve(
     ``place`` is where the object is, if that is known already; else the index says it. ``reasoner`` names who chose.
     """
     index_name, spatial_index = home.index(index)
-    timing_ms, robot, from_xy = {} if timing_ms is None else timing_ms, robot or RobotModel(), from_xy or home.start_xy
+    timing_ms, robot = {} if timing_ms is None else timing_ms, robot or RobotModel()
+    from_xy = home.start_xy if from_xy is None else from_xy
     notes: list[str] = []
     if place is None and selection.object is not None:
         with _timed(timing_ms, "locate"):

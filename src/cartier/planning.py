@@ -10,7 +10,7 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
-from cartier.errors import InputError
+from cartier.errors import InputError, brief
 from cartier.geometry import box_distance, yaw_towards
 from cartier.types import FREE, OCCUPIED, Array, Goal, OccupancyGrid, Place, RobotModel, check_radius
 
@@ -61,14 +61,24 @@ def traversable(grid: OccupancyGrid, radius_m: float) -> npt.NDArray[np.bool_]:
     return np.asarray((grid.cells == FREE) & ~blocked)
 
 
+def check_start(start_xy: Sequence[float] | Array) -> tuple[float, float]:
+    """Where a robot starts, or an InputError for what is no point of any home."""
+    try:
+        start = np.asarray(start_xy, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):  # no numbers, or one of hundreds of digits
+        start = np.empty(0)
+    if start.shape != (2,) or not (np.abs(start) <= FARTHEST_START_M).all():
+        raise InputError(f"the start must be two finite numbers, x and y in metres, got {brief(start_xy)}")
+    return float(start[0]), float(start[1])
+
+
 def reach(grid: OccupancyGrid, start_xy: Sequence[float] | Array, radius_m: float) -> Reach | None:
     """Shortest paths from a start to everywhere (Dijkstra, 8-connected), or None if no floor fits the robot near it.
 
     A start where the robot does not fit, or that nobody mapped, is moved to the nearest floor from which no known obstacle
     parts it. Raises InputError for a start that is no point, and for an impossible radius.
     """
-    x, y = _checked(start_xy).tolist()
-    return _reach(grid, (x, y), check_radius(radius_m))
+    return _reach(grid, check_start(start_xy), check_radius(radius_m))
 
 
 @lru_cache(maxsize=8)  # a person asks for many things from one start
@@ -175,13 +185,6 @@ def line_of_sight(
     line_m = camera_height_m + (target[2] - camera_height_m) * steps / length + 0.05
     line_m = np.where(length - steps < 0.3, np.maximum(line_m, own_top_m), line_m)
     return not bool((grid.height_m[rows[inside], cols[inside]] > line_m[inside]).any())
-
-
-def _checked(start_xy: Sequence[float] | Array) -> npt.NDArray[np.float64]:
-    start = np.asarray(start_xy, dtype=np.float64)
-    if start.shape != (2,) or not (np.abs(start) <= FARTHEST_START_M).all():
-        raise InputError(f"the start must be two numbers, x and y in metres, got {start.tolist()}")
-    return start
 
 
 def _near(

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from cartier.atomic import write_file
 from cartier.errors import InputError
 from cartier.home import Home
+from cartier.recordings._images import decode_rgb
 from cartier.types import View
 
 if TYPE_CHECKING:
@@ -73,7 +74,7 @@ def _tile(home: Home, view: View) -> Image.Image:
     tile = Image.new("RGB", (SIDE, SIDE), (230, 230, 230))
     if jpeg is None:
         return tile
-    photo = Image.open(io.BytesIO(jpeg)).convert("RGB")
+    photo = Image.fromarray(decode_rgb(jpeg, None, f"{home.name}'s photo of frame {view.frame}"))
     x1, y1, x2, y2 = view.box_xyxy
     half = max(x2 - x1, y2 - y1) * (0.5 + AROUND) + LEAST_PX
     middle_x, middle_y = (x1 + x2) / 2, (y1 + y2) / 2

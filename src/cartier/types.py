@@ -156,10 +156,14 @@ class Frame:
                 image is None or image.shape == shape,
                 f"{where}: {name} must be {shape}, got {None if image is None else image.shape}",
             )
-        _need(
-            self.depth_m is None or not bool((np.abs(self.depth_m) > MAX_FAR_M).any()),
-            f"{where}: its depth reaches beyond {MAX_FAR_M:g} m, which is no home: are the units metres?",
-        )
+        if (
+            self.depth_m is not None and (far := np.abs(self.depth_m) > MAX_FAR_M).any()
+        ):  # inf: REP-117's "out of range"
+            _need(
+                2 * int((far & np.isfinite(self.depth_m)).sum()) <= far.size,
+                f"{where}: its depth reaches beyond {MAX_FAR_M:g} m, which is no home: are the units metres?",
+            )
+            object.__setattr__(self, "depth_m", np.where(far, np.float32(np.nan), self.depth_m))
         object.__setattr__(self, "world_from_camera", check_pose(self.world_from_camera, where))
 
 
@@ -249,6 +253,12 @@ class View:
     yaw: float
     surface: tuple[float, ...] | None
 
+    def __post_init__(self) -> None:
+        what = f"view of {self.label!r} in frame {self.frame}"
+        _finite(self.box_xyxy, 4, f"{what}: its box")
+        for point in (self.camera, self.surface):
+            _need(point is None or len(point) == 3, f"{what}: camera and surface are points, got {brief(point)}")
+
 
 @dataclass(frozen=True)
 class MapObject:
@@ -277,6 +287,10 @@ class MapObject:
     colours: tuple[tuple[str, float], ...] = ()
     room: int | None = None
     aliases: tuple[int, ...] = ()
+
+    def __post_init__(self) -> None:
+        for name in ("position", "box_min", "box_max"):
+            _finite(getattr(self, name), 3, f"object {self.id} ({brief(self.label, 40)}): {name}")
 
 
 @dataclass(frozen=True)

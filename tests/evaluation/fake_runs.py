@@ -10,6 +10,7 @@ import numpy as np
 
 METHODS = {  # how often it names the right thing, and how far off its places are (m)
     "object_depth": (0.9, 0.2),
+    "object_depth_paper": (0.9, 0.2),
     "object_viewpoint": (0.9, 1.1),
     "vlmaps": (0.9, 0.6),
     "nlmap": (0.6, 0.6),

@@ -376,21 +376,6 @@ def test_every_table_says_whether_the_objects_come_from_pixels(run: Path, tmp_pa
         assert {line["objects"] for line in lines} == {sight}
 
 
-def test_the_report_counts_what_was_only_glimpsed(tmp_path: Path) -> None:
-    rows = fake_rows()
-    placed = [r for r in rows if r["method"] == "object_depth" and r["distance_m"] is not None]
-    for number, one in enumerate(placed[:5]):
-        one |= {"glimpsed": True, "distance_m": 0.5 if number < 3 else 2.5}
-    folder = write_run(tmp_path / "run", rows)
-    write_report(folder)
-    text = (folder / "report.md").read_text("utf-8")
-    assert f"5 of the {len(placed)} places that CARTIER, ObjectDepth gives were only *glimpsed*" in text
-    assert "3 of them lie within 1 m" in text
-    write_run(tmp_path / "sure", fake_rows())
-    write_report(tmp_path / "sure")
-    assert "glimpsed" not in (tmp_path / "sure" / "report.md").read_text("utf-8")
-
-
 def test_runs_stand_side_by_side(run: Path, tmp_path: Path) -> None:
     folder = write_run(tmp_path / "run", [row | {"detector": "onnx | (mine)"} for row in fake_rows(seed=1)])
     write_report(folder, beside=[run])

@@ -13,7 +13,7 @@ from cartier.mapping.map_server import grid_from, pgm, yaml
 from cartier.mapping.occupancy import MAX_SIDE_M, OccupancyMapper
 from cartier.planning import line_of_sight, reach
 from cartier.types import FREE, OCCUPIED, UNKNOWN, Camera, Frame, OccupancyGrid, Place, TrueObject
-from synthetic import CAMERA, CHAIR, TABLE, RoomRecording, box, look, walk
+from synthetic import CHAIR, TABLE, RoomRecording, box, look, walk
 
 
 @pytest.fixture(scope="module")
@@ -278,15 +278,8 @@ def test_a_pose_in_another_unit_is_refused_before_it_takes_memory(far: float) ->
     frame = walk()[0]
     pose = frame.world_from_camera.copy()
     pose[0, 3] = far
-    with pytest.raises(InputError, match=r"frame 0: its pose .* more than 100 km from the origin"):
+    with pytest.raises(InputError, match=r"frame 0: the pose is .* no home"):
         OccupancyMapper().add(dataclasses.replace(frame, world_from_camera=pose))
-
-
-@pytest.mark.parametrize("lens", [{"fx": 1e-30}, {"fy": 1e-3}, {"cx": 1e300}, {"fx": 1e30, "cx": 1e30}])
-def test_a_lens_that_is_none_is_refused(lens: dict[str, float]) -> None:
-    frame = dataclasses.replace(walk()[0], camera=dataclasses.replace(CAMERA, **lens))
-    with pytest.raises(InputError, match="frame 0: no lens is like fx="):
-        OccupancyMapper().add(frame)
 
 
 def test_a_map_goes_on_from_its_counts() -> None:

@@ -40,9 +40,9 @@ def test_a_dollhouse_home_maps_from_its_bag_as_it_does_directly(tmp_path: Path) 
     direct, from_bag = (
         map_home(source, eyes) for source in (recording, plugins.open_recording(tmp_path / "home.mcap"))
     )
-    assert len(direct.objects) > 15 and from_bag.objects == direct.objects
+    assert len(direct.names) > 15 and from_bag.names == direct.names
     for index in ("object_depth", "object_viewpoint"):
-        for name in direct.objects:
+        for name in direct.names:
             mine, theirs = from_bag.index(index)[1].locate(name), direct.index(index)[1].locate(name)
             assert (mine is None) == (theirs is None)
             if mine is not None and theirs is not None:

@@ -52,11 +52,11 @@ def ask(
     from cartier.home import Home
     from cartier.types import RobotModel
 
+    from_xy, model_of_robot = numbers(start, 2, "--from"), RobotModel(radius, camera_height)
     mapped = Home.load(home)
     thinks = specs.reasoner(reasoner, model=model, base_url=base_url, path=replies)
-    model_of_robot = RobotModel(radius, camera_height)
+    talk = Conversation(mapped, thinks, index=index, from_xy=from_xy, robot=model_of_robot)
     robot = specs.robot(go, mapped, model_of_robot) if go else None
-    talk = Conversation(mapped, thinks, index=index, from_xy=numbers(start, 2, "--from"), robot=model_of_robot)
     told: set[str] = set()
     for said in [words] if words is not None else _heard(mapped.name):
         try:

@@ -1,16 +1,19 @@
-"""Commands that look after recordings: convert, doctor."""
+"""Commands that look after recordings and homes: convert, doctor."""
 
 from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from cartier import plugins
 from cartier.cli._common import AsJson, progress, say
 from cartier.errors import CartierError
+
+if TYPE_CHECKING:
+    from cartier.doctor import Report
 
 app = typer.Typer()
 Format = Annotated[str | None, typer.Option("--format", help="The format's name, if the path does not tell it.")]
@@ -39,18 +42,31 @@ def convert(
 @app.command()
 def doctor(
     source: Annotated[
-        Path, typer.Argument(metavar="RECORDING", help="A recording in any format that 'cartier list' shows.")
+        Path,
+        typer.Argument(
+            metavar="RECORDING|HOME",
+            help="A recording in any format that 'cartier list' shows, or a folder that 'cartier map' made.",
+        ),
     ],
     fix: Annotated[bool, typer.Option("--fix", help="Write the mended recording to --output.")] = False,
     output: Annotated[Path | None, typer.Option("--output", "-o", metavar="OUT", help="Where --fix writes.")] = None,
-    plot: Annotated[Path | None, typer.Option(help="Draw what was found into this picture.")] = None,
+    plot: Annotated[Path | None, typer.Option(help="Draw what was found in a recording into this picture.")] = None,
     format: Format = None,
     as_json: AsJson = False,
 ) -> None:
-    """Say what is wrong with a recording's poses, depth and intrinsics, and how to mend it. Exit code 1 if anything is."""
-    from cartier.doctor import Report, draw_report, examine, mend, open_for_doctor
+    """Say what is wrong with a recording's poses, depth and intrinsics, and how to mend it; or which files of a home are damaged.
+
+    Exit code 1 if anything is wrong.
+    """
+    from cartier.doctor import Report, draw_report, examine, examine_home, is_home, mend, open_for_doctor
     from cartier.recordings.folder import save
 
+    if is_home(source):
+        if fix or plot:
+            raise CartierError(f"{source} is a mapped home: --fix and --plot are for recordings")
+        report = examine_home(source)
+        _print(report, as_json)
+        raise typer.Exit(0 if report.ok else 1)
     if fix and output is None:
         raise CartierError("--fix needs a folder to write to: cartier doctor RECORDING --fix -o OUT")
     recording = open_for_doctor(source, format)
@@ -62,16 +78,7 @@ def doctor(
         if plot:
             draw_report(recording, report, plot)
             say(f"picture: {plot}")
-    if as_json:
-        print(json.dumps(report.to_dict(), ensure_ascii=False))
-    else:
-        count = len(report.faults)
-        found = f"{count} fault{'s' if count > 1 else ''}" if count else "sound" if report.ok else "contradicts itself"
-        print(f"{report.name}: {found}")
-        for fault in report.faults:
-            print(f"  {fault.fault}\n    seen  {fault.evidence}\n    mend  {fault.mend}")
-        for note in report.notes:
-            print(f"  note  {note}")
+    _print(report, as_json)
     if fix and output is not None:
         if isinstance(recording, Report):
             raise CartierError(f"{source} cannot be read far enough to be mended by a program: {report.faults[0].mend}")
@@ -80,3 +87,16 @@ def doctor(
         say(f"mended: {output}")
     elif not report.ok:
         raise typer.Exit(1)
+
+
+def _print(report: Report, as_json: bool) -> None:
+    if as_json:
+        print(json.dumps(report.to_dict(), ensure_ascii=False))
+        return
+    count = len(report.faults)
+    found = f"{count} fault{'s' if count > 1 else ''}" if count else "sound" if report.ok else "contradicts itself"
+    print(f"{report.name}: {found}")
+    for fault in report.faults:
+        print(f"  {fault.fault}\n    seen  {fault.evidence}\n    mend  {fault.mend}")
+    for note in report.notes:
+        print(f"  note  {note}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -10,7 +11,7 @@ from typing import Annotated
 
 import typer
 
-from cartier.errors import InputError
+from cartier.errors import InputError, brief
 
 AsJson = Annotated[
     bool, typer.Option("--json", help="Print one JSON object on standard output; all else goes to standard error.")
@@ -26,8 +27,8 @@ def numbers(text: str | None, count: int, option: str) -> tuple[float, ...] | No
         numbers = tuple(float(part) for part in text.split(","))
     except ValueError:
         numbers = ()
-    if len(numbers) != count:
-        raise InputError(f"{option} needs {count} numbers separated by commas, got {text!r}")
+    if len(numbers) != count or not all(map(math.isfinite, numbers)):
+        raise InputError(f"{option} needs {count} finite numbers separated by commas, got {brief(text)!r}")
     return numbers
 
 

@@ -20,6 +20,7 @@ from cartier.doctor._consistency import FEWEST_PAIRS, Numbers, Verdict, judge
 from cartier.doctor._diagnosis import Diagnosis, diagnose, small_camera
 from cartier.doctor._edges import Registration, zoomed
 from cartier.doctor._exhibit import exhibit
+from cartier.doctor._home import examine_home, is_home
 from cartier.doctor._jumps import Jump, jumps, stray
 from cartier.doctor._mending import Mended, mended_camera
 from cartier.doctor._picture import draw_report
@@ -29,7 +30,17 @@ from cartier.doctor._sampling import Samples, is_mirror_fault, is_pose_fault, sa
 from cartier.errors import InputError
 from cartier.types import Camera
 
-__all__ = ["FAULTS", "Fault", "Report", "draw_report", "examine", "mend", "open_for_doctor"]
+__all__ = [
+    "FAULTS",
+    "Fault",
+    "Report",
+    "draw_report",
+    "examine",
+    "examine_home",
+    "is_home",
+    "mend",
+    "open_for_doctor",
+]
 
 CANNOT_LEVEL = "give it with up="  # how cartier.mapping.gravity says that the cameras do not tell which way is up
 Progress = Callable[[int, int], None]

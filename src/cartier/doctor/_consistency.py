@@ -18,7 +18,10 @@ from cartier.types import Array, Camera
 PER_PAIR, LEAST_SEEN = 300, 20  # pixels of a pair that are compared, and those that a judgement needs
 MOST_BLOCKS, LEAST_BLOCK, ANCHORS = 8, 10, 80
 NEAR_FRAMES, CHANGED, COARSE = 60, 0.5, 6
-PARTNERS, TIMES_AS_FAR, MOST_TURN_DEG = 3, 8, 45.0
+PARTNERS, TIMES_AS_FAR = 3, 8
+MOST_TURN_DEG = (
+    95.0  # beyond, two frames share nothing; a quarter turn tells a mirrored world, which straight ways do not
+)
 FEWEST_PAIRS = 4
 CAP = 0.06  # of the distance: beyond, two depths do not agree at all
 TOLD_APART, FEWEST_SHARE, ONE_SIDED = 0.05, 0.1, 2
@@ -161,9 +164,9 @@ def near_pairs(samples: Samples) -> tuple[Numbers, Numbers]:
     """Pairs (P, 2) of frames near in time, both ways round: those that choose a reading, and those that test the choice.
 
     No frame is in both: every other stretch of the recording chooses. A frame is paired with the first later ones whose depth
-    image looks different, up to a few times as far away, and that are turned little. How far two cameras are turned is the
-    same in nearly every reading, so none picks pairs that flatter it; and frames far apart, whose points mostly hide each
-    other, decide nothing.
+    image looks different, up to a few times as far away, and that are not turned away. How far two cameras are turned is the
+    same in every reading without a shift, so none picks pairs that flatter it; and frames far apart, whose points mostly hide
+    each other, decide nothing.
     """
     blocks = int(np.clip(len(samples) // LEAST_BLOCK, 2, MOST_BLOCKS))
     found = [

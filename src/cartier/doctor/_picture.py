@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import textwrap
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,6 +12,7 @@ from cartier.contracts import Recording
 from cartier.doctor._edges import Registration, zoomed
 from cartier.doctor._report import Exhibit, Report
 from cartier.errors import InputError
+from cartier.picture import save_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -45,7 +45,7 @@ def draw_report(recording: Recording, report: Report, file: Path) -> None:
     title = "\n".join(textwrap.fill(line, 130) for line in words[:4])
     figure.suptitle(title, x=0.02, ha="left", fontsize=11, weight="bold")
     figure.supxlabel(f"{report.name} · {' · '.join(report.notes)}", fontsize=8, color="#555555", x=0.02, ha="left")
-    _save(figure, file)
+    save_figure(figure, file)
 
 
 def _draw_exhibit(figure: Any, axes: Any, shown: Exhibit) -> None:
@@ -87,16 +87,3 @@ def _outline(depth_m: Any) -> Any:
         across = np.abs(np.diff(depth_m, axis=1, prepend=depth_m[:, :1])) > 0.06 * depth_m
         down = np.abs(np.diff(depth_m, axis=0, prepend=depth_m[:1])) > 0.06 * depth_m
     return (across | down).astype(np.uint8)
-
-
-def _save(figure: Any, file: Path) -> None:
-    buffer = io.BytesIO()
-    try:
-        figure.savefig(buffer, format=file.suffix.lstrip(".") or "png", dpi=100)
-    except ValueError as error:
-        raise InputError(f"cannot draw to {file}: {str(error).splitlines()[0]}") from error
-    try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_bytes(buffer.getvalue())
-    except OSError as error:
-        raise InputError(f"cannot write the picture {file}: {error.strerror}") from error

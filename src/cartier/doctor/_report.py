@@ -19,7 +19,7 @@ FAULTS = (
 
 @dataclass(frozen=True)
 class Fault:
-    """One thing that is wrong: its id (one of FAULTS), the figures that show it, and how it is mended, in plain words."""
+    """One thing that is wrong: its id (one of FAULTS; ``damaged_file`` in a home), what shows it, and how it is mended."""
 
     fault: str
     evidence: str
@@ -67,7 +67,7 @@ class Exhibit:
 
 @dataclass(frozen=True, eq=False)
 class Report:
-    """The doctor's findings on ``name``. ``notes`` say what was looked at and what could not be judged.
+    """The doctor's findings on ``name``, of so many ``frames`` (a home has none). ``notes`` say what was looked at and what could not be judged.
 
     ``contradictory`` tells that overlapping frames disagree and nothing was found that explains it: then ``ok`` is False
     although there may be no fault that has a name.

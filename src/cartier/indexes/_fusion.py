@@ -34,6 +34,8 @@ class FeatureGrid:
     """
 
     def __init__(self, cell_m: float = 0.05) -> None:
+        if not 0.005 <= cell_m <= 1:
+            raise BackendError(f"option cell_m must be from 0.005 to 1 m, got {cell_m}")
         self.cell_m = cell_m
         self._used = 0
         self._cells, self._sums = np.zeros(0, CELL), np.zeros((0, 0), np.float32)

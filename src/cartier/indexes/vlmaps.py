@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from cartier import plugins
 from cartier.contracts import Encoder
-from cartier.errors import BackendError, InputError
+from cartier.errors import BackendError, CartierError, InputError
 from cartier.files import json_bytes, npz_bytes, parse_json, read_npz
 from cartier.indexes._fusion import CELL, FeatureGrid
 from cartier.indexes._label_features import label_features
@@ -24,8 +24,6 @@ EQUAL = 1e-3  # cosines this close are the same
 
 def make(encoder: str | Encoder = "embedded", cell_m: float = 0.05) -> VLMaps:
     """``encoder`` is NAME or NAME:MODEL as on the command line, or an Encoder; ``cell_m`` the side of a cell."""
-    if not 0.005 <= cell_m <= 1:
-        raise BackendError(f"option cell_m must be from 0.005 to 1 m, got {cell_m}")
     return VLMaps(encoder, cell_m)
 
 
@@ -126,7 +124,7 @@ class VLMaps:
             if not np.isfinite(vectors).all():
                 raise ValueError("a text's vector holds NaN or infinity")
             self._texts = dict(zip(texts["texts"].tolist(), vectors, strict=True))
-        except (ValueError, KeyError, TypeError, InputError) as error:
+        except (ValueError, KeyError, TypeError, OverflowError, CartierError) as error:
             raise InputError(f"the index vlmaps is damaged ({error})") from error
 
     def __deepcopy__(self, memo: dict[int, Any]) -> VLMaps:

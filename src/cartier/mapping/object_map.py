@@ -8,12 +8,12 @@ shown an object is a chance, every match a sighting (``existence.py``).
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
-from cartier.errors import InputError
+from cartier.errors import InputError, brief
 from cartier.files import json_bytes, npz_bytes, parse_json, read_npz
 from cartier.geometry import view_yaw, weak_perspective_size
 from cartier.mapping.colours import COLOURS, colour_shares, named_shares
@@ -42,7 +42,7 @@ _VIEW = np.dtype(
     [("frame", "i4"), ("box", "f4", 4), ("score", "f4"), ("label", "i2"), ("size_px2", "f4"), ("camera", "f4", 3),
      ("yaw", "f4"), ("surface", "f4", 3), ("worth", "f4")]
 )  # fmt: skip
-_COLUMNS: Mapping[str, tuple[tuple[int, ...], Any]] = {
+COLUMNS: Mapping[str, tuple[tuple[int, ...], Any]] = {
     "id": ((), "i8"), "points": ((POINTS, 3), "f4"), "low": ((3,), "f8"), "high": ((3,), "f8"), "reach_low": ((3,), "f8"), "reach_high": ((3,), "f8"), "label": ((LABELS,), "i2"),
     "weight": ((LABELS,), "f4"), "sightings": ((), "i4"), "chances": ((), "i4"), "first_s": ((), "f8"), "last_s": ((), "f8"),
     "looked_s": ((), "f8"), "widest_rad": ((), "f4"), "tried": ((STANDPOINTS,), "f4"), "hits": ((STANDPOINTS,), "f4"), "views": ((VIEWS,), _VIEW),
@@ -52,12 +52,14 @@ _COLUMNS: Mapping[str, tuple[tuple[int, ...], Any]] = {
 
 
 class ObjectMap:
-    """The objects of one home. Memory depends on what is there, not on the number of frames."""
+    """The objects of one home, of frames with depth. Memory depends on what is there, not on the number of frames."""
+
+    columns: ClassVar = COLUMNS
 
     def __init__(self, calibration: Calibration) -> None:
         self.calibration = calibration
         self._labels: dict[str, int] = {}
-        self._rows = {name: np.zeros((64, *shape), kind) for name, (shape, kind) in _COLUMNS.items()}
+        self._rows = {name: np.zeros((64, *shape), kind) for name, (shape, kind) in self.columns.items()}
         self._count = self._next_id = self._frames = 0
         self._together: dict[
             tuple[int, int], int
@@ -68,16 +70,16 @@ class ObjectMap:
         return self._count
 
     def add(self, frame: Frame, detections: Detections) -> npt.NDArray[np.int64]:
-        """Take in one frame with depth and everything detected in it; returns each detection's object id (N,), -1 for none."""
+        """Take in one frame and everything detected in it; returns each detection's object id (N,), -1 for none."""
         detections = detections.keep(np.argsort(-detections.scores, kind="stable")[:MOST_DETECTIONS])
         boxes, scores = detections.boxes_xyxy.astype(np.float64), detections.scores
         labels = np.array([self._labels.setdefault(name, len(self._labels)) for name in detections.labels], np.intp)
-        lifted = lift(frame, boxes, detections.masks)
+        lifted = self._lift(frame, boxes, detections.masks)
         leader = _leaders(boxes, lifted, labels, exact=detections.masks is not None)
         found = np.flatnonzero(leader == np.arange(len(leader)))
         known, chance, image_boxes, near = self._count, *self._expected(frame)
         row = np.full(len(leader), -1)
-        row[found] = self._matched(boxes, lifted, labels, leader, found, image_boxes, near)
+        row[found] = self._matched(frame, boxes, lifted, labels, leader, found, image_boxes, near)
         for d in found:
             if row[d] < 0 and scores[d] >= self.calibration.birth:
                 row[d] = self._begin(lifted, int(d), frame.time_s)
@@ -96,6 +98,9 @@ class ObjectMap:
             self.tidy()
         ids = np.where(row >= 0, self._rows["id"][row], -1)
         return np.where(leader >= 0, ids[leader], -1)
+
+    def _lift(self, frame: Frame, boxes_xyxy: Array, masks: npt.NDArray[np.bool_] | None) -> Lifted:
+        return lift(frame, boxes_xyxy, masks)
 
     def _expected(self, frame: Frame) -> tuple[npt.NDArray[np.bool_], Array, npt.NDArray[np.intp]]:
         """Which objects (n,) this frame gives a chance to be seen, where each would appear (n, 4), and which may appear at all.
@@ -138,6 +143,7 @@ class ObjectMap:
 
     def _matched(
         self,
+        frame: Frame,
         boxes: Array,
         lifted: Lifted,
         labels: npt.NDArray[np.intp],
@@ -201,12 +207,15 @@ class ObjectMap:
 
     def _sight(self, o: int, lifted: Lifted, d: int, shrink: float, time_s: float) -> None:
         rows, count = self._rows, int(self._rows["sightings"][o])
-        some = slice(
-            count % 8, None, min(1 + count, 8)
-        )  # the first views fill the surface, a later one changes an eighth
-        rows["points"][o, some] = lifted.points[d, some]
-        self._settle(o, {side: getattr(lifted, side)[d] for side in SIDES}, shrink)
+        self._follow(o, lifted, d, shrink)
         rows["sightings"][o], rows["last_s"][o], rows["changed"][o] = count + 1, time_s, True
+
+    def _follow(self, o: int, lifted: Lifted, d: int, shrink: float) -> None:
+        """The first views fill the surface, a later one changes an eighth of it."""
+        count = int(self._rows["sightings"][o])
+        some = slice(count % 8, None, min(1 + count, 8))
+        self._rows["points"][o, some] = lifted.points[d, some]
+        self._settle(o, {side: getattr(lifted, side)[d] for side in SIDES}, shrink)
 
     def _settle(self, o: int, seen: Mapping[str, Array], shrink: float) -> None:
         """Let an object's box, and its reach, follow what a view shows of it."""
@@ -319,18 +328,21 @@ class ObjectMap:
         """The frames that show the best views of objects."""
         return set(self._rows["views"]["frame"][: self._count].ravel().tolist()) - {-1}
 
+    def weighed(self) -> tuple[Array, Array, Array]:
+        """The evidence for and against each object (see ``existence.probability``)."""
+        tried, hits, widest_rad = (self._rows[name][: self._count] for name in ("tried", "hits", "widest_rad"))
+        return tried, hits, widest_rad
+
     def objects(self) -> tuple[MapObject, ...]:
         """Every object, confirmed and tentative, by id."""
-        rows, names = self._rows, list(self._labels)
-        tried, hits, widest = (rows[name][: self._count] for name in ("tried", "hits", "widest_rad"))
-        likely = probability(tried, hits, widest, self.calibration).tolist()
+        names, likely = list(self._labels), probability(*self.weighed(), self.calibration).tolist()
         aliases: dict[int, list[int]] = {}
         for old, new in self._aliases.items():
             aliases.setdefault(new, []).append(old)
         return tuple(self._object(o, likely[o], names, aliases) for o in range(self._count))
 
     def _object(self, o: int, likely: float, names: Sequence[str], aliases: Mapping[int, Sequence[int]]) -> MapObject:
-        row = {name: self._rows[name][o] for name in _COLUMNS}
+        row = {name: column[o] for name, column in self._rows.items()}
         votes = [(names[k], round(float(w), 4)) for k, w in zip(row["label"], row["weight"], strict=True) if k >= 0]
         votes.sort(key=lambda vote: -vote[1])
         best = np.sort(row["views"], order="worth")[::-1]
@@ -360,19 +372,22 @@ class ObjectMap:
         )
         try:
             count = len(arrays["id"])
-            for name, (shape, kind) in _COLUMNS.items():
+            for name, (shape, kind) in self.columns.items():
                 if arrays[name].shape != (count, *shape) or arrays[name].dtype != np.dtype(kind):
                     raise ValueError(f"{name} is of another kind or length")
             self._rows = {
                 name: np.concatenate([arrays[name], np.zeros((64, *arrays[name].shape[1:]), arrays[name].dtype)])
-                for name in _COLUMNS
+                for name in self.columns
             }
             self._labels = {str(name): number for number, name in enumerate(about["labels"])}
+            most = max(int(arrays["label"].max(initial=-1)), int(arrays["views"]["label"].max(initial=-1)))
+            if most >= len(self._labels):
+                raise ValueError(f"label {most} has no name")
             self._count, self._next_id, self._frames = count, int(about["next_id"]), int(about["frames"])
             self._together = {(int(i), int(j)): int(k) for i, j, k in about["together"]}
             self._aliases = {int(old): int(new) for old, new in about["aliases"]}
-        except (KeyError, TypeError, ValueError) as error:
-            raise InputError(f"the map of objects is damaged ({error})") from error
+        except (KeyError, TypeError, ValueError, OverflowError) as error:
+            raise InputError(f"the map of objects is damaged ({brief(error)})") from error
 
 
 def _leaders(boxes: Array, lifted: Lifted, labels: npt.NDArray[np.intp], exact: bool) -> npt.NDArray[np.intp]:

@@ -31,9 +31,6 @@ DROP_M = 0.3  # what lies so far below the floor is seen through a hole in it: s
 FREE_BEATS_OCCUPIED = 4  # frames in which the floor was seen for one in which an obstacle was
 MAX_SIDE_M = 200.0
 SMALL_M2 = 2500.0  # a map smaller than this grows on all sides at once, a larger one only where it must
-FARTHEST_M = 1e5  # from the world's origin: beyond, cells and points in float32 tell nothing any more
-WIDEST = 20.0  # slope of a lens's outermost ray: 87 degrees off its axis
-LONGEST_PX = 1e6  # focal length
 BINS = 720  # azimuth bins of half a degree
 BESIDE = 3  # bins to each side of a ray without a reading that it speaks for, too: about the width of a pixel near by
 LOOKS_THROUGH = 3  # frames that look through a top, without one that sees it, after which it is gone
@@ -66,9 +63,8 @@ class OccupancyMapper:
     def add(self, frame: Frame) -> None:
         """Take in one frame with depth.
 
-        Raises InputError if the pose lies so far from the others that the grid would exceed 200 m, or 100 km from the origin.
+        Raises InputError if the pose lies so far from the others that the grid would exceed 200 m.
         """
-        _check(frame)
         assert frame.depth_m is not None
         stride = max(1, frame.camera.width // COLUMNS)
         depth_m = frame.depth_m[::stride, ::stride]
@@ -294,25 +290,6 @@ class OccupancyMapper:
         crossed = np.zeros(shape, np.bool_)
         crossed[rows[inside], cols[inside]] = True
         self._passed += crossed
-
-
-def _check(frame: Frame) -> None:
-    """Raise InputError for a pose or a lens with which points would lie nowhere."""
-    where, lens = frame.world_from_camera[:3, 3], frame.camera
-    if np.abs(where).max() > FARTHEST_M:
-        raise InputError(
-            f"frame {frame.index}: its pose at ({where[0]:.4g}, {where[1]:.4g}, {where[2]:.4g}) m is more than "
-            f"{FARTHEST_M / 1000:.0f} km from the origin; is it in another unit, or geographic?"
-        )
-    slopes = [
-        max(abs(middle), abs(size - middle)) / focal
-        for size, middle, focal in ((lens.width, lens.cx, lens.fx), (lens.height, lens.cy, lens.fy))
-    ]
-    if not (max(slopes) <= WIDEST and max(lens.fx, lens.fy) <= LONGEST_PX):
-        raise InputError(
-            f"frame {frame.index}: no lens is like fx={lens.fx:.4g}, fy={lens.fy:.4g}, cx={lens.cx:.4g}, cy={lens.cy:.4g} px "
-            f"of {lens.width}x{lens.height}; are they in pixels?"
-        )
 
 
 def _bins(offset: npt.NDArray[np.floating]) -> npt.NDArray[np.intp]:

@@ -40,9 +40,9 @@ def read_rgb(path: Path, camera: Camera) -> npt.NDArray[np.uint8]:
     return _rgb(_read(path, _size(camera)), str(path))
 
 
-def decode_rgb(data: bytes, camera: Camera, where: str) -> npt.NDArray[np.uint8]:
-    """As ``read_rgb``, of a JPEG or PNG in memory; ``where`` names it in errors."""
-    return _rgb(_decode(BytesIO(data), _size(camera), where), where)
+def decode_rgb(data: bytes, camera: Camera | None, where: str) -> npt.NDArray[np.uint8]:
+    """As ``read_rgb``, of a JPEG or PNG in memory, of any size where ``camera`` is None; ``where`` names it in errors."""
+    return _rgb(_decode(BytesIO(data), None if camera is None else _size(camera), where), where)
 
 
 def read_depth(path: Path, camera: Camera | None, per_metre: float = 1000.0) -> npt.NDArray[np.float32]:
