@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from cartier import plugins, specs
-from cartier.cli._common import AsJson, numbers, progress, say
+from cartier.cli._common import AsJson, duration, numbers, progress, say
 from cartier.errors import InputError
 
 app = typer.Typer()
@@ -96,6 +96,11 @@ def map_command(
     threshold: Annotated[
         float | None, typer.Option(help="Least score of a detection; each detector has its own default.")
     ] = None,
+    every: Annotated[
+        int | None,
+        typer.Option("--every", metavar="N", help="Look at each N-th frame. Default: those that show something new."),
+    ] = None,
+    all_frames: Annotated[bool, typer.Option("--all", help="Look at every frame, however alike they are.")] = False,
     vocabulary: Annotated[
         Path | None, typer.Option(help="Text file of names for a zero-shot transformers model; default: LVIS's 1,203.")
     ] = None,
@@ -125,6 +130,7 @@ def map_command(
     """Map a recording: detect objects, build the indices and the floor plan, save a home."""
     from cartier.atomic import locked
     from cartier.home import Home
+    from cartier.mapping.keyframes import Keyframes, forecast
     from cartier.pipeline import map_home
 
     level: dict[str, Any] = {"up": numbers(up, 3, "--up"), "floor_m": floor}
@@ -132,12 +138,20 @@ def map_command(
     for note in source.notes:
         say(note)
     detects = specs.detector(detector, source, threshold=threshold, vocabulary=vocabulary)
+    if all_frames and every is not None:
+        raise InputError("--all and --every exclude each other")
+    every = 1 if all_frames else every
+    Keyframes(every)  # a number that makes no sense is said before anything is done
     names = [name.strip() for name in index.split(",")] if index else None
     unfinished = output.parent / f".{output.name}.unfinished.jsonl"
     with locked(output, wait_s=A_DAY_S, told=say):
         onto = Home.load(output) if append else None
+        looks, seconds = forecast(source, detects.detect, every) if len(source) else (0, 0.0)
+        say(f"about {looks} of {len(source)} frames to look at, in about {duration(seconds)}")
         with progress("mapping") as step:
-            home = map_home(source, detects, names, encoder=encoder, onto=onto, resume=unfinished, progress=step)
+            home = map_home(
+                source, detects, names, encoder=encoder, onto=onto, every=every, resume=unfinished, progress=step
+            )
         if home is onto:
             say(f"{source.name} is in {output} already: nothing was added")
         home.save(output)
@@ -150,8 +164,9 @@ def map_command(
     else:
         for note in home.notes:
             say(note)
-        sure = sum(thing.confirmed for thing in home.objects)
-        print(f"{output}: {sure} objects of {len(home.names)} kinds in {len(source)} frames ({home.detector})")
+        sure, row = sum(thing.confirmed for thing in home.objects), home.settings["recordings"][-1]
+        looked_at = f"{row.get('looked', row['frames'])} of {row['frames']} frames"
+        print(f"{output}: {sure} objects of {len(home.names)} kinds in {looked_at} ({home.detector})")
         print(f"see them:          cartier show {output} --plot plan.png --sheet sheet.png")
         print(f'ask it something:  cartier ask {output} "I would love to sit down"')
 
