@@ -60,6 +60,8 @@ class Mapper:
                 **made_by,
                 "indexes": list(self._indexes),
                 "encoder": None,
+                "knows": list(getattr(detector, "knows", Detector.knows)),
+                "doubts": [],
             }
         else:
             self._go_on(onto, made_by)
@@ -133,6 +135,8 @@ class Mapper:
         made_of = {"recording": recording.name, "sha256": recording.fingerprint(), "frames": len(recording)}
         made_of["looked"] = len(recording) if looked is None else looked
         self._settings["recordings"].append(made_of)
+        doubts = self._settings.setdefault("doubts", [])
+        doubts += [line for line in (doubt(self.detector, recording),) if line and line not in doubts]
         self._next_frame += len(recording)
         self._notes |= dict.fromkeys(recording.notes)
 
@@ -149,7 +153,11 @@ class Mapper:
             raise InputError(f"{self.detector.name} found nothing in the {self._looked()} frames: {told}")
         rooms = find_rooms(grid, objects) if grid is not None else ()
         objects = tuple(replace(thing, room=room_of(thing, grid, rooms)) for thing in objects)
-        notes = self._notes | dict.fromkeys(getattr(self.detector, "notes", ()))
+        notes = (
+            dict.fromkeys(self._settings.get("doubts", ()))
+            | self._notes
+            | dict.fromkeys(getattr(self.detector, "notes", ()))
+        )
         if not self._calibration.measured:
             notes[f"{self.detector.name} was never measured: how likely its objects are there is a sober guess"] = None
         if grid is None:
@@ -213,6 +221,22 @@ class Mapper:
 
     def _looked(self) -> int:
         return len(self._seen)
+
+
+def is_of(recording: Recording, world: str) -> bool:
+    """Whether a recording is a simulator's, as it says itself."""
+    return recording.truth is not None and recording.name.startswith(f"{world} ")
+
+
+def doubt(detector: Detector, recording: Recording) -> str | None:
+    """The line that says that a detector was not made for such a recording, None if it was."""
+    world = getattr(detector, "world", Detector.world)
+    if not world or is_of(recording, world):
+        return None
+    return (
+        f"WRONG DETECTOR: {detector.name} knows only rendered pictures of the {world}, and {recording.name} is none of it: "
+        "what it lists is not there; map again without --detector"
+    )
 
 
 def _index(name: str, encoder: str | Encoder) -> SpatialIndex:

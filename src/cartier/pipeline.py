@@ -22,6 +22,7 @@ from cartier.mapper import Mapper
 from cartier.mapping.detection_cache import cached
 from cartier.mapping.keyframes import Keyframes
 from cartier.planning import check_start, plan
+from cartier.reasoners._nameless import nameless
 from cartier.types import Answer, Goal, Place, RobotModel, Selection
 
 
@@ -92,7 +93,15 @@ def ask(
             )
     who = selection.model or reasoner.name  # of a reasoner that hands over to another, the one that answered
     answer = serve(home, query, selection, who, index=index, from_xy=from_xy, robot=robot, timing_ms=timing_ms)
-    return replace(answer, notes=(*getattr(reasoner, "notes", ()), *answer.notes))
+    return replace(answer, notes=(*getattr(reasoner, "notes", ()), *_doubts(home, query, selection), *answer.notes))
+
+
+def _doubts(home: Home, query: str, selection: Selection) -> Iterator[str]:
+    """Why the home's detector may be to blame: it was made for other pictures, or has no name for what was asked for."""
+    yield from home.settings.get("doubts", ())
+    names = home.settings.get("knows", ())
+    if names and selection.status != "found" and (asked := nameless(query, names)) is not None:
+        yield f"{home.detector}, which mapped this home, knows only {len(names)} names, and {asked} is not among them"
 
 
 def serve(

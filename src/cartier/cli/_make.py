@@ -43,7 +43,7 @@ def demo(
     told = run(home, out, seed, detector, say=print, progress=progress)
     print(f"\nlook at  {', '.join(str(out / t.picture) for t in told)}")
     print(f'ask more:    cartier ask {out / "home"} "I\'d like to read a little" --plot answer.png')
-    print("your own:    cartier map RECORDING --detector MODEL.onnx -o HOME      (cartier list shows the formats)")
+    print("your own:    cartier map RECORDING -o HOME      (cartier list shows the formats)")
 
 
 @app.command()
@@ -73,7 +73,7 @@ def record(
     with progress("saving") as step:
         save(recording, output, step)
     print(f"{output}: {len(recording)} frames of {recording.name}")
-    print(f"map it:  cartier map {output} --detector ground_truth -o HOME")
+    print(f"map it:  cartier map {output} -o HOME")
 
 
 @app.command("map")
@@ -88,11 +88,12 @@ def map_command(
         ),
     ],
     detector: Annotated[
-        str,
+        str | None,
         typer.Option(
-            help="FILE.onnx, detections in FILE.json or FILE.jsonl, transformers:MODEL, ./mine.py, or a name from 'cartier list'."
+            help="FILE.onnx, detections in FILE.json or FILE.jsonl, transformers:MODEL, ./mine.py, or a name from 'cartier list'. "
+            "Default: photos, or embedded for a recording of the dollhouse."
         ),
-    ],
+    ] = None,
     threshold: Annotated[
         float | None, typer.Option(help="Least score of a detection; each detector has its own default.")
     ] = None,
@@ -130,6 +131,7 @@ def map_command(
     """Map a recording: detect objects, build the indices and the floor plan, save a home."""
     from cartier.atomic import locked
     from cartier.home import Home
+    from cartier.mapper import doubt
     from cartier.mapping.keyframes import Keyframes, forecast
     from cartier.pipeline import map_home
 
@@ -137,7 +139,12 @@ def map_command(
     source = plugins.open_recording(recording, **{name: value for name, value in level.items() if value is not None})
     for note in source.notes:
         say(note)
+    if detector is None:
+        detector, why = specs.detector_for(source)
+        say(f"detector: {detector}, {why}; --detector takes another")
     detects = specs.detector(detector, source, threshold=threshold, vocabulary=vocabulary)
+    if (line := doubt(detects, source)) is not None:
+        say(line)
     if all_frames and every is not None:
         raise InputError("--all and --every exclude each other")
     every = 1 if all_frames else every

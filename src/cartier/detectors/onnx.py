@@ -65,6 +65,7 @@ class OnnxDetector:
             else self._sidecar.calibration
         )
         self.calibration = at_threshold(measured, threshold)
+        self.knows = tuple(dict.fromkeys(label for label in self._sidecar.labels if label is not None))
         file = session.path.name
         overlap = f", iou {iou:g}" if self._layout.nms and iou != DEFAULT_IOU else ""
         self.name = f"onnx {file} (counts from {self.calibration.threshold:g}{overlap})"
