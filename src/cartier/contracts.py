@@ -43,13 +43,16 @@ class Detector(Protocol):
     """Finds objects in one frame. ``name`` says which model it is, for every output's provenance.
 
     Who derives from this class may leave out what has a default: what its reports are worth, lines about what it assumed, and
-    the sha256 of the files that it was made from.
+    the sha256 of the files that it was made from; all names that it can give, where they are known; and the simulator whose
+    pictures it was made for, empty for photographs.
     """
 
     name: str
     calibration: Calibration = Calibration()
     notes: Sequence[str] = ()
     sha256: str = ""
+    knows: Sequence[str] = ()
+    world: str = ""
 
     def detect(self, frame: Frame) -> Detections:
         """All detections that may mean something, low scores too; labels are display names (see ``language.names``)."""

@@ -61,6 +61,8 @@ class Mapper:
                 **made_by,
                 "indexes": list(self._indexes),
                 "encoder": None,
+                "knows": list(getattr(detector, "knows", Detector.knows)),
+                "doubts": [],
             }
         else:
             self._go_on(onto, made_by)
@@ -96,25 +98,33 @@ class Mapper:
         ``detections`` are the detector's, where they are known already. A frame that was seen before changes nothing. Raises
         InputError if the frame does not go with the map, and what the detector raises.
         """
-        key = _key(frame)
         detections = self.detector.detect(frame) if detections is None else detections
+        return self.look(frame, detections) if self.measure(frame) else np.full(len(detections), -1)
+
+    def measure(self, frame: Frame) -> bool:
+        """Take in a frame for the floor plan alone; whether it may be looked at too, being new and of the map's kind."""
+        key, pose = _key(frame), frame.world_from_camera
         if key in self._seen:
-            return np.full(len(detections), -1)
+            return False
         self._seen.add(key)
-        if self._next_frame:
-            frame = replace(frame, index=frame.index + self._next_frame)
-            detections = replace(detections, frame=frame.index)
-        pose = frame.world_from_camera
         self._start_xy = self._start_xy or (float(pose[0, 3]), float(pose[1, 3]))
         self._camera = self._camera or frame.camera
         if self._objects is None:
             self._objects = (BearingMap if frame.depth_m is None else ObjectMap)(self._calibration)
-        if frame.depth_m is None and not isinstance(self._objects, BearingMap):
-            self._blind += 1
-            return np.full(len(detections), -1)
         if frame.depth_m is not None:
             self._floor.add(frame)
         self._conditions.add(frame)
+        if frame.depth_m is None and not isinstance(self._objects, BearingMap):
+            self._blind += 1
+            return False
+        return True
+
+    def look(self, frame: Frame, detections: Detections) -> npt.NDArray[np.int64]:
+        """Take in the detections of a frame that was measured; returns the object id of each, -1 for none."""
+        assert self._objects is not None
+        if self._next_frame:
+            frame = replace(frame, index=frame.index + self._next_frame)
+            detections = replace(detections, frame=frame.index)
         ids = self._objects.add(frame, detections)
         counting = detections.keep(detections.scores >= self._calibration.threshold)
         for index in self._indexes.values():
@@ -122,10 +132,13 @@ class Mapper:
         self._keep_photo(frame)
         return ids
 
-    def close(self, recording: Recording) -> None:
-        """All frames of a recording are in: the next ones are of another."""
+    def close(self, recording: Recording, looked: int | None = None) -> None:
+        """All frames of a recording are in: the next ones are of another. ``looked`` is at how many the detector looked, if not at all."""
         made_of = {"recording": recording.name, "sha256": recording.fingerprint(), "frames": len(recording)}
+        made_of["looked"] = len(recording) if looked is None else looked
         self._settings["recordings"].append(made_of)
+        doubts = self._settings.setdefault("doubts", [])
+        doubts += [line for line in (doubt(self.detector, recording),) if line and line not in doubts]
         self._next_frame += len(recording)
         self._notes |= dict.fromkeys(recording.notes)
 
@@ -142,7 +155,13 @@ class Mapper:
             raise InputError(f"{self.detector.name} found nothing in the {self._looked()} frames: {told}")
         rooms = find_rooms(grid, objects) if grid is not None else ()
         objects = tuple(replace(thing, room=room_of(thing, grid, rooms)) for thing in objects)
-        notes = self._notes | dict.fromkeys([*self._conditions.notes(), *getattr(self.detector, "notes", ())])
+        all_notes = (
+            *self._settings.get("doubts", ()),
+            *self._notes,
+            *self._conditions.notes(),
+            *getattr(self.detector, "notes", ()),
+        )
+        notes = dict.fromkeys(all_notes)
         if not self._calibration.measured:
             notes[f"{self.detector.name} was never measured: how likely its objects are there is a sober guess"] = None
         if grid is None:
@@ -206,6 +225,22 @@ class Mapper:
 
     def _looked(self) -> int:
         return len(self._seen)
+
+
+def is_of(recording: Recording, world: str) -> bool:
+    """Whether a recording is a simulator's, as it says itself."""
+    return recording.truth is not None and recording.name.startswith(f"{world} ")
+
+
+def doubt(detector: Detector, recording: Recording) -> str | None:
+    """The line that says that a detector was not made for such a recording, None if it was."""
+    world = getattr(detector, "world", Detector.world)
+    if not world or is_of(recording, world):
+        return None
+    return (
+        f"WRONG DETECTOR: {detector.name} knows only rendered pictures of the {world}, and {recording.name} is none of it: "
+        "what it lists is not there; map again without --detector"
+    )
 
 
 def _index(name: str, encoder: str | Encoder) -> SpatialIndex:

@@ -20,7 +20,9 @@ from cartier.home import Home
 from cartier.language.prompts import check_query
 from cartier.mapper import Mapper
 from cartier.mapping.detection_cache import cached
+from cartier.mapping.keyframes import Keyframes
 from cartier.planning import check_start, plan
+from cartier.reasoners._nameless import nameless
 from cartier.types import Answer, Goal, Place, RobotModel, Selection
 
 
@@ -31,13 +33,14 @@ def map_home(
     *,
     encoder: str | Encoder = "embedded",
     onto: Home | None = None,
+    every: int | None = None,
     resume: Path | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Home:
-    """Map a recording, one frame in memory at a time.
+    """Map a recording, one frame in memory at a time. All frames make the floor plan; the detector sees those that show something new.
 
     ``indexes``, ``encoder`` and ``onto`` are those of ``Mapper``; a home that holds the recording already is given back as it is.
-    ``resume`` is a file that keeps the detections of finished frames, so that a killed run does not detect twice. ``progress``
+    ``every`` is for the detector to see each ``every``-th frame instead, 1 for all. ``resume`` is a file that keeps the detections of finished frames, so that a killed run does not detect twice. ``progress``
     is told (frames done, frames in all). Raises InputError if the recording is empty or broken, if nothing was detected in it,
     or if it does not go with ``onto``.
     """
@@ -46,13 +49,17 @@ def map_home(
     mapper = Mapper(detector, indexes, encoder=encoder, onto=onto)
     if onto is not None and mapper.holds(recording):
         return onto
+    keyframes, looked = Keyframes(every), 0
     with cached(detector, resume, recording.fingerprint()) if resume else nullcontext(detector.detect) as detect:
         for number in range(len(recording)):
             frame = recording[number]
-            mapper.add(frame, detect(frame))
+            chosen = keyframes.offer(frame) if mapper.measure(frame) else []
+            for keyframe in chosen + (keyframes.rest() if number + 1 == len(recording) else []):
+                mapper.look(keyframe, detect(keyframe))
+                looked += 1
             if progress:
                 progress(number + 1, len(recording))
-    mapper.close(recording)
+    mapper.close(recording, looked)
     return mapper.home()
 
 
@@ -86,7 +93,15 @@ def ask(
             )
     who = selection.model or reasoner.name  # of a reasoner that hands over to another, the one that answered
     answer = serve(home, query, selection, who, index=index, from_xy=from_xy, robot=robot, timing_ms=timing_ms)
-    return replace(answer, notes=(*getattr(reasoner, "notes", ()), *answer.notes))
+    return replace(answer, notes=(*getattr(reasoner, "notes", ()), *_doubts(home, query, selection), *answer.notes))
+
+
+def _doubts(home: Home, query: str, selection: Selection) -> Iterator[str]:
+    """Why the home's detector may be to blame: it was made for other pictures, or has no name for what was asked for."""
+    yield from home.settings.get("doubts", ())
+    names = home.settings.get("knows", ())
+    if names and selection.status != "found" and (asked := nameless(query, names)) is not None:
+        yield f"{home.detector}, which mapped this home, knows only {len(names)} names, and {asked} is not among them"
 
 
 def serve(

@@ -10,12 +10,23 @@ from cartier import plugins
 from cartier.contracts import Detector, Reasoner, Recording, Robot
 from cartier.errors import InputError, brief
 from cartier.home import Home
+from cartier.mapper import is_of
 from cartier.reasoners._asking import server_asked, without_credentials
 from cartier.reasoners.auto import configured
 from cartier.types import RobotModel
 
 DETECTOR = "embedded"
 """The detector of the demo and the bench by default: the one that ships inside. ``ground_truth`` shows what a perfect one would do."""
+
+PHOTOS = "photos"
+"""The detector of anything else by default."""
+
+
+def detector_for(recording: Recording) -> tuple[str, str]:
+    """The detector for a recording whose owner names none, and why that one. It is never ground truth."""
+    if is_of(recording, "dollhouse"):
+        return DETECTOR, "since this is a recording of the dollhouse, whose things it knows"
+    return PHOTOS, "which knows household things in photographs"
 
 
 def detector(spec: str, recording: Recording, **options: Any) -> Detector:

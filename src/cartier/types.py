@@ -215,9 +215,9 @@ class Calibration:
     """
 
     threshold: float = 0.5
-    birth: float = 0.25
-    low: float = 0.2
-    high: float = 0.6
+    birth: float = 0.32
+    low: float = 0.32
+    high: float = 0.5
     there: tuple[float, float] = (1.5, 1.25)
     not_there: tuple[float, float] = (0.19, 15.0)
     prior: float = -2.0

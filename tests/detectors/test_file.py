@@ -75,7 +75,7 @@ def test_every_form_says_the_same(form: str, chunk: int, tmp_path: Path, monkeyp
     assert detector.detect(frame(0)).boxes_xyxy.tolist() == [[1, 2, 4, 6]]
     assert len(detector.detect(frame(2))) == 0
     assert detector.name == "file eva.json (counts from 0.8)"
-    assert detector.notes[0] == "eva.json: 4 of 4 detections score 0.32 or more"
+    assert detector.notes[0] == "eva.json: 4 of 4 detections score 0.512 or more"
 
 
 def test_a_list_of_names_counts_from_one_and_says_so(tmp_path: Path) -> None:
@@ -116,7 +116,7 @@ def test_the_threshold_is_the_users(tmp_path: Path) -> None:
     for threshold in (-0.1, 1.1, float("nan")):
         with pytest.raises(BackendError, match="threshold must be from 0 to 1"):
             make(path, threshold=threshold)
-    with pytest.raises(InputError, match=r"none of its 1 detections scores 0.4 or more \(the best has 0.1\): lower"):
+    with pytest.raises(InputError, match=r"none of its 1 detections scores 0.64 or more \(the best has 0.1\): lower"):
         make(write(tmp_path, lines([OWN[0] | {"score": 0.1}])), threshold=1.0)
 
 

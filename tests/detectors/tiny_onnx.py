@@ -19,7 +19,7 @@ RED_BOX = (8, 8, 24, 16)
 BLUE_BOX = (4, 28, 16, 40)
 SCORE = 0.8
 LABELS = ["mug", "CoffeeMachine"]
-CHANNELS = {"fastestdet": "bgr", "yolov8": "rgb", "yolox": "bgr", "detr": "rgb", "exported": "rgb"}
+CHANNELS = {"fastestdet": "bgr", "yolov8": "rgb", "yolox": "bgr", "nanodet": "bgr", "detr": "rgb", "exported": "rgb"}
 
 
 def frame(index: int = 3, width: int = 64, height: int = 48) -> Frame:
@@ -139,6 +139,16 @@ def _yolox(net: Net, box: Sequence[str], score: str, keys: dict[str, Any]) -> En
     return {net("Concat", np.zeros((1, 20, 7)), row, axis=1): "out"}, {}
 
 
+def _nanodet(net: Net, box: Sequence[str], score: str, keys: dict[str, Any]) -> Encoded:
+    """Of the 16 cells at stride 8 the one whose corner is at (8, 8); a side lies between 0 and 7 strides from there."""
+    x1, y1, x2, y2 = (net("Div", side, 8.0) for side in box)
+    away = [net("Sub", 1.0, x1), net("Sub", 1.0, y1), net("Sub", x2, 1.0), net("Sub", y2, 1.0)]
+    shares = [net("Min", net("Max", net("Div", side, 7.0), 1e-6), 1 - 1e-6) for side in away]
+    parts = [part for share in shares for part in (0.0, *[-1e4] * 6, _logit(net, share))]
+    row = _shaped(net, [0.0, score, *parts], (1, 1, 34))
+    return {net("Concat", np.zeros((1, 5, 34)), row, np.zeros((1, 16, 34)), axis=1): "out"}, {}
+
+
 def _detr(net: Net, box: Sequence[str], score: str, keys: dict[str, Any]) -> Encoded:
     if keys.get("activation") == "sigmoid":
         logits = _shaped(net, [-30.0, _logit(net, score)], (1, 1, 2))
@@ -159,5 +169,5 @@ def _exported(net: Net, box: Sequence[str], score: str, keys: dict[str, Any]) ->
 
 
 ENCODERS: dict[str, Callable[[Net, Sequence[str], str, dict[str, Any]], Encoded]] = {
-    "fastestdet": _fastestdet, "yolov8": _yolov8, "yolox": _yolox, "detr": _detr, "exported": _exported,
+    "fastestdet": _fastestdet, "yolov8": _yolov8, "yolox": _yolox, "nanodet": _nanodet, "detr": _detr, "exported": _exported,
 }  # fmt: skip

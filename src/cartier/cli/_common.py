@@ -32,6 +32,17 @@ def numbers(text: str | None, count: int, option: str) -> tuple[float, ...] | No
     return numbers
 
 
+def duration(seconds: float) -> str:
+    """A time as people say it."""
+    return (
+        f"{seconds:.0f} s"
+        if seconds < 100
+        else f"{seconds / 60:.0f} min"
+        if seconds < 6000
+        else f"{seconds / 3600:.1f} h"
+    )
+
+
 def say(line: str) -> None:
     print(line, file=sys.stderr)
 

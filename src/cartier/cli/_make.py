@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from cartier import plugins, specs
-from cartier.cli._common import AsJson, progress, say
+from cartier.cli._common import AsJson, duration, progress, say
 from cartier.cli._reader import NOTHING, reads_recordings
 from cartier.errors import InputError
 
@@ -44,7 +44,7 @@ def demo(
     told = run(home, out, seed, detector, say=print, progress=progress)
     print(f"\nlook at  {', '.join(str(out / t.picture) for t in told)}")
     print(f'ask more:    cartier ask {out / "home"} "I\'d like to read a little" --plot answer.png')
-    print("your own:    cartier map RECORDING --detector MODEL.onnx -o HOME      (cartier list shows the formats)")
+    print("your own:    cartier map RECORDING -o HOME      (cartier list shows the formats)")
 
 
 @app.command()
@@ -74,7 +74,7 @@ def record(
     with progress("saving") as step:
         save(recording, output, step)
     print(f"{output}: {len(recording)} frames of {recording.name}")
-    print(f"map it:  cartier map {output} --detector ground_truth -o HOME")
+    print(f"map it:  cartier map {output} -o HOME")
 
 
 @app.command("map")
@@ -90,14 +90,20 @@ def map_command(
         ),
     ],
     detector: Annotated[
-        str,
+        str | None,
         typer.Option(
-            help="FILE.onnx, detections in FILE.json or FILE.jsonl, transformers:MODEL, ./mine.py, or a name from 'cartier list'."
+            help="FILE.onnx, detections in FILE.json or FILE.jsonl, transformers:MODEL, ./mine.py, or a name from 'cartier list'. "
+            "Default: photos, or embedded for a recording of the dollhouse."
         ),
-    ],
+    ] = None,
     threshold: Annotated[
         float | None, typer.Option(help="Least score of a detection; each detector has its own default.")
     ] = None,
+    every: Annotated[
+        int | None,
+        typer.Option("--every", metavar="N", help="Look at each N-th frame. Default: those that show something new."),
+    ] = None,
+    all_frames: Annotated[bool, typer.Option("--all", help="Look at every frame, however alike they are.")] = False,
     vocabulary: Annotated[
         Path | None, typer.Option(help="Text file of names for a zero-shot transformers model; default: LVIS's 1,203.")
     ] = None,
@@ -121,18 +127,33 @@ def map_command(
     """Map a recording: detect objects, build the indices and the floor plan, save a home."""
     from cartier.atomic import locked
     from cartier.home import Home
+    from cartier.mapper import doubt
+    from cartier.mapping.keyframes import Keyframes, forecast
     from cartier.pipeline import map_home
 
     source = plugins.open_recording(recording, **reader)
     for note in source.notes:
         say(note)
+    if detector is None:
+        detector, why = specs.detector_for(source)
+        say(f"detector: {detector}, {why}; --detector takes another")
     detects = specs.detector(detector, source, threshold=threshold, vocabulary=vocabulary)
+    if (line := doubt(detects, source)) is not None:
+        say(line)
+    if all_frames and every is not None:
+        raise InputError("--all and --every exclude each other")
+    every = 1 if all_frames else every
+    Keyframes(every)  # a number that makes no sense is said before anything is done
     names = [name.strip() for name in index.split(",")] if index else None
     unfinished = output.parent / f".{output.name}.unfinished.jsonl"
     with locked(output, wait_s=A_DAY_S, told=say):
         onto = Home.load(output) if append else None
+        looks, seconds = forecast(source, detects.detect, every) if len(source) else (0, 0.0)
+        say(f"about {looks} of {len(source)} frames to look at, in about {duration(seconds)}")
         with progress("mapping") as step:
-            home = map_home(source, detects, names, encoder=encoder, onto=onto, resume=unfinished, progress=step)
+            home = map_home(
+                source, detects, names, encoder=encoder, onto=onto, every=every, resume=unfinished, progress=step
+            )
         if home is onto:
             say(f"{source.name} is in {output} already: nothing was added")
         home.save(output)
@@ -145,8 +166,9 @@ def map_command(
     else:
         for note in home.notes:
             say(note)
-        sure = sum(thing.confirmed for thing in home.objects)
-        print(f"{output}: {sure} objects of {len(home.names)} kinds in {len(source)} frames ({home.detector})")
+        sure, row = sum(thing.confirmed for thing in home.objects), home.settings["recordings"][-1]
+        looked_at = f"{row.get('looked', row['frames'])} of {row['frames']} frames"
+        print(f"{output}: {sure} objects of {len(home.names)} kinds in {looked_at} ({home.detector})")
         print(f"see them:          cartier show {output} --plot plan.png --sheet sheet.png")
         print(f'ask it something:  cartier ask {output} "I would love to sit down"')
 

@@ -26,6 +26,8 @@ DEFAULTS: dict[str, dict[str, Any]] = {
     "fastestdet": PLAIN | {"channels": "bgr", "scale": 255.0, "resize": "stretch", "threshold": 0.5},
     "yolov8": PLAIN | {"channels": "rgb", "scale": 255.0, "resize": "letterbox", "threshold": 0.5},
     "yolox": PLAIN | {"channels": "bgr", "scale": 1.0, "resize": "letterbox_top_left", "threshold": 0.5},
+    "nanodet": {"channels": "bgr", "scale": 1.0, "mean": (103.53, 116.28, 123.675), "std": (57.375, 57.12, 58.395)}
+    | {"resize": "stretch", "threshold": 0.4},
     "detr": IMAGENET | {"channels": "rgb", "scale": 255.0, "resize": "stretch", "threshold": 0.7},
     "exported": PLAIN | {"channels": "rgb", "scale": 255.0, "resize": "stretch", "threshold": 0.5},
 }
@@ -36,7 +38,7 @@ class Sidecar(BaseModel):
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
 
-    layout: Literal["fastestdet", "yolov8", "yolox", "detr", "exported"]
+    layout: Literal["fastestdet", "yolov8", "yolox", "nanodet", "detr", "exported"]
     labels: Annotated[tuple[str | None, ...], Field(strict=False, min_length=1, max_length=100_000)]
     """Names in the order of the class numbers; null is a class that means nothing. In JSON also "coco" or "coco91"."""
     input_size: Annotated[tuple[Side, Side], AsList] | None = None

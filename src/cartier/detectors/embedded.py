@@ -41,11 +41,13 @@ def make(
 class Embedded:
     """Obeys the Detector contract: a CenterNet (Zhou et al. 2019) with TTFNet's training (Liu et al. 2020) over RGB alone."""
 
+    world = "dollhouse"
+
     def __init__(self, threshold: float | None, inference: Inference) -> None:
         self._inference = inference
         self.model = inference.model
         self.calibration = at_threshold(self.model.calibration, threshold)
-        self.sha256 = self.model.sha256
+        self.sha256, self.knows = self.model.sha256, self.model.names
         self.name = f"embedded dollhouse detector (counts from {self.calibration.threshold:g})"
         self.notes: tuple[str, ...] = (
             f"the embedded detector knows the dollhouse's types and no photographs: {self.model.trained}",

@@ -1,4 +1,4 @@
-"""Any ONNX detector, run by onnxruntime: FastestDet, YOLOv8, YOLOX, DETR or exported with labels, boxes, scores."""
+"""Any ONNX detector, run by onnxruntime: FastestDet, YOLOv8, YOLOX, NanoDet, PicoDet, DETR or exported with labels, boxes, scores."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def make(
     """A detector from an ONNX file and its sidecar, by default ``MODEL.json`` beside it.
 
     ``threshold`` is the score from which a detection counts by itself, by default the sidecar's or the layout's; ``iou`` is the overlap above which the
-    weaker of two boxes of a class goes (layouts fastestdet, yolov8, yolox). ``provider`` is onnxruntime's, such as
+    weaker of two boxes of a class goes (layouts fastestdet, yolov8, yolox, nanodet). ``provider`` is onnxruntime's, such as
     "cuda"; ``threads`` is onnxruntime's own choice by default. Raises InputError if the model cannot be loaded, if the
     sidecar is wrong or does not fit it, or if there is none and the model's shapes do not prove what it is.
     """
@@ -65,6 +65,7 @@ class OnnxDetector:
             else self._sidecar.calibration
         )
         self.calibration = at_threshold(measured, threshold)
+        self.knows = tuple(dict.fromkeys(label for label in self._sidecar.labels if label is not None))
         file = session.path.name
         overlap = f", iou {iou:g}" if self._layout.nms and iou != DEFAULT_IOU else ""
         self.name = f"onnx {file} (counts from {self.calibration.threshold:g}{overlap})"
@@ -126,7 +127,7 @@ class OnnxDetector:
         return [labels[number] for number in numbers]
 
     def _check_shapes(self, outputs: Mapping[str, Array], what: str) -> None:
-        wanted = self._layout.shapes(self._sidecar, self._size)
+        wanted = self._layout.shapes(self._sidecar, self._size, len(self._outputs))
         for name, shape in zip(self._outputs, wanted, strict=True):
             if not _fits(outputs[name].shape, shape):
                 raise InputError(
@@ -138,15 +139,17 @@ class OnnxDetector:
 
 def _pick_outputs(session: Session, sidecar: Sidecar, described: Path | None) -> tuple[str, ...]:
     """The names of the outputs that the layout reads, in its order."""
-    wanted, there = LAYOUTS[sidecar.layout].outputs, session.outputs
+    layout, there = LAYOUTS[sidecar.layout], session.outputs
+    wanted = layout.outputs
     if sidecar.outputs is not None:
         names = sidecar.outputs
-    elif wanted == (ANY_NAME,):
+    elif wanted in ((ANY_NAME,), ()):
         names = there
     else:
         names = tuple(name for aliases in wanted for name in [a for a in aliases if a in there][:1])
-    if len(names) != len(wanted) or not set(names) <= set(there):
+    if len(names) not in (layout.numbers or (len(wanted),)) or not set(names) <= set(there):
         roles = ", ".join(aliases[0] if aliases else "the one that holds the boxes" for aliases in wanted)
+        roles = roles or "its one output, or the scores of three or four strides and then their distances"
         raise InputError(
             f'{described} does not fit {session.path}: the key "outputs" must name, for layout {sidecar.layout}, '
             f"{roles}; the model has {brief(', '.join(there), 160)}"

@@ -98,6 +98,7 @@ class TransformersDetector:
             self.sha256, asked = _hub.with_names(loaded.sha256, head.names), f", {len(head.names)} names"
         half = _is_half(loaded.model)
         self.name = f"transformers {loaded.source.name} (counts from {calibration.threshold:g}{asked}{', half precision' * half})"
+        self.knows = tuple(name for name in head.names if name)
         self.notes = tuple(notes)
         self._step = max(1, min(BATCH, BATCH_SCORES // head.scores_per_image))
 

@@ -58,7 +58,7 @@ class Maps:
         recording = self.world.explore(home, **options)
         detector = specs.detector(self.settings.detector, recording)
         step = (lambda done, total: progress(home, done, total)) if progress else None
-        map_home(recording, detector, self._indexes, encoder=self.settings.encoder, progress=step).save(folder)
+        map_home(recording, detector, self._indexes, encoder=self.settings.encoder, every=1, progress=step).save(folder)
         return Home.load(folder)
 
     def photo(self, home: str, frame: int) -> npt.NDArray[np.uint8] | None:

@@ -1,0 +1,17 @@
+"""What a person asks for by a name that the detector of their home does not have: it could never be in the list."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from cartier.language.names import display_name
+from cartier.reasoners._cards import SHIPPED, read_deck
+from cartier.reasoners._listening import listen, mentions
+
+
+def nameless(query: str, names: Sequence[str]) -> str | None:
+    """The household thing asked for most, as it was said, of which none of a detector's ``names`` is a name; None if all are known."""
+    deck = read_deck(SHIPPED)
+    known = {deck.card_of(display_name(name)) for name in names}
+    said = [m for m in mentions(listen(query), deck.by_key) if not m.unwanted and deck.by_key[m.key] not in known]
+    return max(said, key=lambda mention: mention.score).said if said else None

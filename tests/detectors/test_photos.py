@@ -1,0 +1,143 @@
+"""The photograph detector that ships inside, and the layout that it was exported in before its decoding entered the graph."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import onnx
+import pytest
+from onnx import helper, utils
+from PIL import Image
+from tiny_onnx import constant_net, describe
+from tiny_onnx import frame as red_frame
+
+from cartier import plugins
+from cartier.errors import BackendError, InputError
+from cartier.models import nanodet
+from cartier.types import Camera, Detections, Frame
+
+
+def photo(shared: Path, number: int) -> Frame:
+    path = shared / f"recordings/kitchen_7scenes/frame-{number:06}.color.jpg"
+    if not path.is_file():
+        pytest.skip(f"needs {path.name}")
+    return seen(np.asarray(Image.open(path).convert("RGB")), number)
+
+
+def seen(rgb: np.ndarray, index: int = 0) -> Frame:
+    return Frame(index, 0.0, rgb, None, np.eye(4), Camera(rgb.shape[1], rgb.shape[0], 585, 585, 320, 240))
+
+
+def ungrafted(folder: Path) -> Path:
+    """The shipped network as NanoDet's own export gives it: 80 scores and 4 x 8 distances a cell, undecoded."""
+    whole = onnx.load(nanodet.MODEL)
+    decoded = next(i for i, node in enumerate(whole.graph.node) if node.op_type == "Slice" and node.output == ["sc"])
+    cut = folder / "cut.onnx"
+    utils.extract_model(str(nanodet.MODEL), str(cut), ["data"], [whole.graph.node[decoded].input[0]])
+    model = onnx.load(cut)
+    model.graph.output[0].CopyFrom(helper.make_tensor_value_info(model.graph.output[0].name, 1, [1, 3598, 112]))
+    onnx.save(model, cut)
+    return cut
+
+
+def assert_same(one: Detections, two: Detections) -> None:
+    assert one.labels == two.labels
+    assert one.scores == pytest.approx(two.scores, abs=1e-4)
+    assert one.boxes_xyxy == pytest.approx(two.boxes_xyxy, abs=0.05)
+
+
+def test_a_chair_a_cup_a_table_and_a_screen_are_where_they_are(shared: Path) -> None:
+    detector = plugins.make("detectors", "photos", threads=1)
+    for number, label, box in (
+        (40, "chair", (215, 112, 345, 448)),
+        (220, "tv", (523, 4, 640, 117)),
+        (640, "cup", None),
+        (320, "dining table", None),
+    ):
+        view = photo(shared, number)
+        found = detector.detect(view)
+        found = found.keep(found.scores >= detector.calibration.threshold)
+        assert label in found.labels
+        if box:
+            assert found.boxes_xyxy[found.labels.index(label)] == pytest.approx(box, abs=25)
+
+
+def test_it_keeps_the_laws_on_noise_of_any_size() -> None:
+    detector, low = (plugins.make("detectors", "photos", threshold=t, threads=1) for t in (None, 0.01))
+    assert "counts from 0.45" in detector.name and detector.sha256 and not detector.notes
+    for height, width in ((480, 640), (1, 1), (97, 33), (640, 360)):
+        view = seen(np.random.default_rng(height).integers(0, 255, (height, width, 3), np.uint8))
+        few, many = detector.detect(view), low.detect(view)
+        assert len(few) <= len(many)
+        for found in (few, many):
+            assert ((found.boxes_xyxy >= 0) & (found.boxes_xyxy <= [width, height] * 2)).all()
+            assert (np.diff(found.scores) <= 0).all()
+
+
+def test_what_no_household_holds_has_no_name() -> None:
+    names = {name for name in plugins.make("detectors", "photos", threads=1)._sidecar.labels if name}
+    assert len(names) == 51 and {"cup", "couch", "bed"} <= names and not {"truck", "zebra"} & names
+
+
+def test_a_changed_network_and_wrong_options_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    changed = Path(shutil.copy(nanodet.MODEL, tmp_path / "m.onnx"))
+    changed.write_bytes(changed.read_bytes() + b"!")
+    monkeypatch.setattr(nanodet, "MODEL", changed)
+    with pytest.raises(InputError, match=r"m\.onnx was changed.*install cartier again"):
+        plugins.make("detectors", "photos")
+    changed.unlink()
+    with pytest.raises(InputError, match=r"m\.onnx is missing: install cartier again"):
+        plugins.make("detectors", "photos")
+    for wrong in ({"threshold": 2.0}, {"threads": 0}, {"provider": "abacus"}):
+        monkeypatch.undo()
+        with pytest.raises(BackendError):
+            plugins.make("detectors", "photos", **wrong)
+
+
+def test_the_native_layout_decodes_as_the_graph_does(tmp_path: Path) -> None:
+    """On noise, where low scores are everywhere, so that boxes of every stride are compared."""
+    model = ungrafted(tmp_path)
+    told = nanodet.SIDECAR.read_text(encoding="utf-8").replace('"yolov8"', '"nanodet"')
+    model.with_suffix(".json").write_text(told, encoding="utf-8")
+    native = plugins.make("detectors", "onnx", model=model, threshold=0.01, threads=1)
+    shipped = plugins.make("detectors", "photos", threshold=0.01, threads=1)
+    view = seen(np.random.default_rng(1).integers(0, 255, (48, 64, 3), np.uint8).repeat(10, 0).repeat(10, 1))
+    found = shipped.detect(view)
+    assert len(found) > 100
+    assert_same(native.detect(view), found)
+    model.with_suffix(".json").unlink()
+    assert "nanodet with the 80 COCO labels" in plugins.make("detectors", "onnx", model=model).notes[0]
+
+
+@pytest.mark.parametrize("strides", [(8, 16, 32), (8, 16, 32, 64)])
+def test_nanodet_and_picodet_give_an_output_a_stride(strides: tuple[int, ...], tmp_path: Path) -> None:
+    """One cell of each stride tells a box: its middle, and 1, 0.5, 2 and 3.5 strides to the sides (as sums over 0 to 7)."""
+    side, scores, distances = 128, {}, {}
+    for number, stride in enumerate(strides):
+        cells = (side // stride) ** 2
+        score, sides = np.zeros((1, cells, 2), np.float32), np.full((1, cells, 4, 8), -50, np.float32)
+        score[0, -1, number % 2] = 0.9 - 0.1 * number
+        for direction, bins in enumerate(((1,), (0, 1), (2,), (0, 7))):
+            sides[0, :, direction, bins] = 3.0  # two equal bins: their mean
+        scores[f"scores_{stride}"], distances[f"boxes_{stride}"] = score, sides.reshape(1, cells, 32)
+    model = constant_net(tmp_path / "m.onnx", scores | distances, size=(1, 3, side, side))
+    describe(model, layout="nanodet", labels=["cup", "chair"])
+    found = plugins.make("detectors", "onnx", model=model).detect(red_frame(0, side, side))
+    middles = [(side // s - 0.5) * s for s in strides]
+    expected = [(m - s, m - 0.5 * s, m + 2 * s, m + 3.5 * s) for m, s in zip(middles, strides, strict=True)]
+    assert found.labels == ("cup", "chair", "cup", "chair")[: len(strides)]
+    assert found.boxes_xyxy == pytest.approx(np.clip(expected, 0, side), abs=1e-3)
+
+
+def test_outputs_that_are_no_nanodets_are_refused(tmp_path: Path) -> None:
+    model = constant_net(tmp_path / "m.onnx", {"a": np.zeros((1, 22, 34)), "b": np.zeros((1, 22, 34))})
+    describe(model, layout="nanodet", labels=["cup", "chair"])
+    with pytest.raises(
+        InputError, match="its one output, or the scores of three or four strides and then their distances"
+    ):
+        plugins.make("detectors", "onnx", model=model)
+    model = constant_net(tmp_path / "m.onnx", {"a": np.zeros((1, 21, 34))})
+    with pytest.raises(InputError, match="needs the output a to be 1x22x34, but it is 1x21x34"):
+        plugins.make("detectors", "onnx", model=model)

@@ -1,0 +1,113 @@
+"""Which detector maps a recording when nobody names one, and what is said about a wrong one, when mapping and ever after."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from cartier import plugins, specs
+from cartier.cli import app
+from cartier.home import Home
+from cartier.mapper import doubt, is_of
+from cartier.pipeline import ask, map_home
+from cartier.reasoners._nameless import nameless
+from cartier.recordings.folder import save
+from synthetic import THINGS, RoomRecording, TrueBoxes, walk
+
+
+class Dollhouse(TrueBoxes):
+    name = "a dollhouse detector (test)"
+    world = "dollhouse"
+    knows = ("chair", "mug", "table")
+
+
+def named(name: str, truth: bool = True) -> Any:
+    recording = walk()
+    recording.name = name
+    return recording if truth else Untrue(recording.poses, recording.objects, name=name)
+
+
+class Untrue(RoomRecording):
+    truth = None  # type: ignore[assignment]
+
+
+def test_the_dollhouses_recordings_get_its_detector_and_all_others_the_photographs() -> None:
+    assert specs.detector_for(named("dollhouse studio"))[0] == "embedded"
+    for name, truth in (
+        ("ai2thor FloorPlan1", True),
+        ("kitchen", False),
+        ("dollhouse studio", False),
+        ("dollhouses", True),
+    ):
+        spec, why = specs.detector_for(named(name, truth))
+        assert spec == "photos" and "photographs" in why
+    assert is_of(plugins.make("worlds", "dollhouse", width=64, height=48).explore("studio", max_frames=2), "dollhouse")
+
+
+def test_map_says_which_detector_it_takes(tmp_path: Path) -> None:
+    """An exported home of the dollhouse stays one; photographs of noise hold nothing, which is said with the detector's name."""
+    explored = plugins.make("worlds", "dollhouse", width=160, height=120).explore("studio", max_frames=12)
+    save(explored, tmp_path / "rec")
+    run = CliRunner().invoke(app, ["map", str(tmp_path / "rec"), "-o", str(tmp_path / "home")])
+    assert "detector: embedded, since this is a recording of the dollhouse" in run.stderr
+    assert "of 12 frames to look at, in about" in run.stderr and "WRONG DETECTOR" not in run.stderr
+    head = tmp_path / "rec/recording.json"
+    head.write_text(json.dumps(json.loads(head.read_text()) | {"name": "my flat", "simulator": False}))
+    run = CliRunner().invoke(app, ["map", str(tmp_path / "rec"), "-o", str(tmp_path / "home")])
+    assert "detector: photos, which knows household things in photographs; --detector takes another" in run.stderr
+
+
+def test_a_wrong_choice_is_told_by_map_and_show_and_ask(tmp_path: Path) -> None:
+    flat = named("my flat", truth=False)
+    detector = Dollhouse(THINGS)
+    told = doubt(detector, flat)
+    assert told is not None and told.startswith(
+        "WRONG DETECTOR: a dollhouse detector (test) knows only rendered pictures"
+    )
+    assert doubt(detector, named("dollhouse 7")) is None and doubt(TrueBoxes(THINGS), flat) is None
+    map_home(flat, detector).save(tmp_path / "home")
+    home = Home.load(tmp_path / "home")
+    assert home.notes[0] == told and told in ask(home, "I would love to sit down").notes
+    shown = CliRunner().invoke(app, ["show", str(tmp_path / "home")])
+    assert "note: WRONG DETECTOR" in shown.stdout
+    grown = map_home(RoomRecording(flat.poses[::-1], flat.objects, name="dollhouse 7"), detector, onto=home)
+    assert grown.notes.count(told) == 1, "what one recording was mapped with stays told"
+    right = map_home(named("dollhouse 7"), detector)
+    assert not any("WRONG" in note for note in (*right.notes, *ask(right, "I would love to sit down").notes))
+
+
+@pytest.mark.parametrize(
+    ("query", "names", "expected"),
+    [
+        ("Bring me to the coffee machine", ("cup", "chair"), "coffee machine"),
+        ("Take me to the sofa", ("couch", "chair"), None),
+        ("I can hardly keep my eyes open", ("cup", "chair"), None),
+        ("Where is the toaster?", ("toaster",), None),
+        ("I don't want the toaster", ("cup",), None),
+    ],
+)
+def test_what_a_detector_has_no_name_for(query: str, names: tuple[str, ...], expected: str | None) -> None:
+    assert nameless(query, names) == expected
+
+
+def test_ask_says_that_the_detector_has_no_name_for_what_was_asked() -> None:
+    home = map_home(named("dollhouse 7"), Dollhouse(THINGS))
+    line = (
+        "a dollhouse detector (test), which mapped this home, knows only 3 names, and coffee machine is not among them"
+    )
+    assert line in ask(home, "Bring me to the coffee machine").notes
+    assert line not in ask(home, "Bring me to the chair").notes
+    unknown = map_home(named("dollhouse 7"), TrueBoxes(THINGS))
+    assert not any("knows only" in note for note in ask(unknown, "Bring me to the coffee machine").notes)
+
+
+def test_detectors_tell_their_names() -> None:
+    photos, embedded = (plugins.make("detectors", name, threads=1) for name in ("photos", "embedded"))
+    assert len(photos.knows) == 51 and "cup" in photos.knows
+    assert len(embedded.knows) == 125 and embedded.world == "dollhouse"
+    assert np.all([isinstance(name, str) for name in (*photos.knows, *embedded.knows)])
