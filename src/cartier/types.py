@@ -277,6 +277,8 @@ class MapObject:
     colours: tuple[tuple[str, float], ...] = ()
     room: int | None = None
     aliases: tuple[int, ...] = ()
+    names: tuple[str, ...] = ()
+    """What people call it (``corrections.py``)."""
 
 
 @dataclass(frozen=True)
@@ -299,8 +301,8 @@ class Inventory:
 
     @property
     def names(self) -> list[str]:
-        """The label of everything confirmed, each once, sorted."""
-        return sorted({thing.label for thing in self.objects if thing.confirmed})
+        """The label of everything confirmed, and what people call it, each once, sorted."""
+        return sorted({name for thing in self.objects if thing.confirmed for name in (thing.label, *thing.names)})
 
     @classmethod
     def of(cls, names: Iterable[str]) -> Inventory:

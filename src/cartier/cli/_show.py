@@ -111,7 +111,7 @@ def _print_rooms(told: dict[str, Any], everything: bool) -> None:
         for row in sorted(here, key=lambda row: (not row["confirmed"], row["label"], row["id"])):
             on = row["on"]
             table.add_row(
-                str(row["id"]), row["label"] + ("" if row["confirmed"] else " ?"), f"{row['probability']:.0%}",
+                str(row["id"]), ", ".join([*row["names"], row["label"]]) + ("" if row["confirmed"] else " ?"), f"{row['probability']:.0%}",
                 f"{row['sightings']} of {row['chances']}", " x ".join(f"{100 * side:.0f}" for side in row["size_m"]),
                 ", ".join(name for name, _ in row["colours"][:2]), "" if on is None else f"{on['relation']} {names[on['id']]}",
                 f"{row['last_seen_s']:.1f} s",

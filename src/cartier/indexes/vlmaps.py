@@ -71,7 +71,7 @@ class VLMaps:
         self._search = None
 
     def settle(self, objects: Sequence[MapObject]) -> None:
-        self._names = sorted({thing.label for thing in objects if thing.confirmed})
+        self._names = sorted({name for thing in objects if thing.confirmed for name in (thing.label, *thing.names)})
 
     def names(self) -> list[str]:
         return self._names if len(self._grid.cells) else []
