@@ -283,3 +283,12 @@ def test_from_the_command_line(home: Home, capsys: pytest.CaptureFixture[str], m
         "forget",
         "undo",
     ]
+
+
+def test_the_paper_s_grid_finds_a_named_thing_as_what_it_is(tmp_path: Path) -> None:
+    map_home(walk(), TrueBoxes(THINGS), ["vlmaps"]).save(tmp_path)
+    home, _ = Home.load(tmp_path).correct("name", "mug", name="Grandpa's treasure")
+    index = home.index("vlmaps")[1]
+    named, mug = index.locate("Grandpa's treasure"), index.locate("mug")
+    assert named is not None and mug is not None and named.position == mug.position
+    assert "Grandpa's treasure" in home.inventory("vlmaps").names
