@@ -268,7 +268,7 @@ def _one(found: Sequence[MapObject | Room], text: str, objects: Sequence[MapObje
         which = ", ".join(f"room:{t.id}" if isinstance(t, Room) else str(t.id) for t in found[:8])
         raise InputError(f"{len(found)} things are called {brief(text, 60)!r}: say which by its id ({which})")
     raise InputError(
-        f"nothing in this home is called {brief(text, 60)!r}: 'show' lists all objects and rooms with their ids"
+        f"nothing in this home is called {brief(text, 60)!r}: take an id from the list of objects (show, list_objects)"
     )
 
 

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from cartier import specs
 from cartier.contracts import Reasoner
 from cartier.conversation import robot_turn
 from cartier.corrections import What, find
@@ -30,9 +31,10 @@ from cartier.serving.homes import Homes
 from cartier.store import MANIFEST
 from cartier.types import Answer, Array, Goal, MapObject, Place, RobotModel, Room
 
-PAGE = 8  # objects of a list
-FOUND, RELATIONS, CANDIDATES = 8, 5, 3
+PAGE = 6  # objects of a list: a small model reads it whole
+FOUND, RELATIONS, CANDIDATES = 6, 5, 3
 MAX_CONVERSATIONS, MAX_CONVERSATION_CHARS = 1000, 64
+NO_PLAN = "there is no goal: without depth the home has no floor plan to plan on"
 CROP_PX, MARGIN = 512, 0.35  # of a photo: its longer side, and what is shown around the object in sizes of it
 
 
@@ -167,6 +169,23 @@ class Operations:
         row = _room_row(mapped, one) if isinstance(one, Room) else self._row(mapped, one)
         return self._about(home, mapped) | row | self._goal(mapped, place, _start(mapped, from_x, from_y))
 
+    def goal(self, thing: str, home: str = "", from_x: float | None = None, from_y: float | None = None) -> Goal:
+        """The pose of ``goal_for``. Raises InputError where there is none."""
+        mapped = self.homes.get(home)
+        one = find(thing, mapped.objects, mapped.rooms)
+        if mapped.grid is None:
+            raise InputError(NO_PLAN)
+        place = _room_place(mapped, one) if isinstance(one, Room) else _place(one)
+        goal, why_not = plan(mapped.grid, place, _start(mapped, from_x, from_y), self.robot)
+        if goal is None:
+            raise InputError(why_not)
+        return goal
+
+    def go(self, thing: str, robot: str, home: str = "") -> dict[str, Any]:
+        """Send a robot (as ``--go`` names it) to the pose of ``goal_for``. Whoever calls this has a person's consent."""
+        said = specs.robot(robot, self.homes.get(home), self.robot).go_to(self.goal(thing, home))
+        return self.goal_for(thing, home) | {"sent": said}
+
     def look_at(self, thing: str, view: int = 1, home: str = "") -> tuple[dict[str, Any], bytes]:
         """The evidence for an object: what a view says, and a JPEG of the part of the photo around its box."""
         mapped = self.homes.get(home)
@@ -202,7 +221,7 @@ class Operations:
         return {key: value for key, value in told.items() if key != "next"}
 
     def _about(self, home: str, mapped: Home) -> dict[str, Any]:
-        told = {"home": self.homes.name(home), "home_id": mapped.id}
+        told: dict[str, Any] = {"home": self.homes.name(home), "home_id": mapped.id}
         if mapped.store is not None:
             told["age_h"] = round(max(0.0, time.time() - (mapped.store.folder / MANIFEST).stat().st_mtime) / 3600, 2)
         return told
@@ -219,7 +238,7 @@ class Operations:
 
     def _goal(self, mapped: Home, place: Place, start: Sequence[float]) -> dict[str, Any]:
         if mapped.grid is None:
-            return {"goal": None, "why_no_goal": "without depth the home has no floor plan to plan on"}
+            return {"goal": None, "why_no_goal": NO_PLAN}
         goal, why_not = plan(mapped.grid, place, start, self.robot)
         return {"goal": None, "why_no_goal": why_not} if goal is None else {"goal": _pose(goal)}
 
@@ -284,7 +303,7 @@ def _room_row(home: Home, room: Room) -> dict[str, Any]:
 
 def _evidence(thing: MapObject) -> str:
     frame = f", frame {thing.views[0].frame}" if thing.views else ""
-    return f"seen {thing.sightings} of {thing.chances} times{frame}"
+    return f"seen {thing.sightings} of {thing.chances}{frame}"
 
 
 def _called(home: Home, number: int | None) -> str:
