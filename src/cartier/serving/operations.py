@@ -31,8 +31,8 @@ from cartier.serving.homes import Homes
 from cartier.store import MANIFEST
 from cartier.types import Answer, Array, Goal, MapObject, Place, RobotModel, Room
 
-PAGE = 6  # objects of a list: a small model reads it whole
-FOUND, RELATIONS, CANDIDATES = 6, 5, 3
+PAGE = 5  # objects of a list: a small model reads it whole
+FOUND, RELATIONS, CANDIDATES = 5, 5, 3
 MAX_CONVERSATIONS, MAX_CONVERSATION_CHARS = 1000, 64
 NO_PLAN = "there is no goal: without depth the home has no floor plan to plan on"
 CROP_PX, MARGIN = 512, 0.35  # of a photo: its longer side, and what is shown around the object in sizes of it
@@ -67,7 +67,7 @@ class Operations:
                 self._turns.move_to_end(key)
                 if len(self._turns) > MAX_CONVERSATIONS:
                     self._turns.popitem(last=False)
-        return self._about(home, mapped) | _answer(mapped, answer)
+        return self.about(home, mapped) | _answer(mapped, answer)
 
     def find(self, name: str, home: str = "") -> dict[str, Any]:
         """Objects and rooms by name, the surest first; close spellings where none has the name."""
@@ -96,7 +96,7 @@ class Operations:
             told["next"] = (
                 f"nothing is called {brief(name, 40)!r}: ask understands needs in any words, list_objects shows all"
             )
-        return self._about(home, mapped) | told
+        return self.about(home, mapped) | told
 
     def describe(self, thing: str, home: str = "") -> dict[str, Any]:
         """All that is known of one object or room."""
@@ -105,7 +105,7 @@ class Operations:
         if isinstance(one, Room):
             inside = [t for t in mapped.objects if t.room == one.id and t.confirmed]
             told = _room_row(mapped, one) | {"holds": sorted({t.label for t in inside})[:30]}
-            return self._about(home, mapped) | told | self._goal(mapped, _room_place(mapped, one), mapped.start_xy)
+            return self.about(home, mapped) | told | self._goal(mapped, _room_place(mapped, one), mapped.start_xy)
         held = relations.supports(mapped.objects)
         on = held.get(one.id)
         told = self._row(mapped, one) | {
@@ -117,7 +117,7 @@ class Operations:
             "next_to": [_called(mapped, r.subject) for r in relations.next_to(one, _sure(mapped)) if r.probability >= 0.5][:4],
             "last_seen_s": round(one.last_seen_s, 1), "last_looked_s": round(one.last_looked_s, 1),
         }  # fmt: skip
-        return self._about(home, mapped) | told | self._goal(mapped, _place(one), mapped.start_xy)
+        return self.about(home, mapped) | told | self._goal(mapped, place_of(one), mapped.start_xy)
 
     def list_objects(self, room: str = "", page: int = 1, tentative: bool = False, home: str = "") -> dict[str, Any]:
         """The objects of a home or of one room, page by page."""
@@ -131,12 +131,12 @@ class Operations:
         if not 1 <= page <= pages:
             raise InputError(f"there is no page {page}: call list_objects with page 1 to {pages}")
         shown = [self._row(mapped, t) for t in rows[(page - 1) * PAGE : page * PAGE]]
-        return self._about(home, mapped) | {"total": len(rows), "page": page, "pages": pages, "objects": shown}
+        return self.about(home, mapped) | {"total": len(rows), "page": page, "pages": pages, "objects": shown}
 
     def list_rooms(self, home: str = "") -> dict[str, Any]:
         """The rooms of a home; without a home that is the only one, the homes to choose from."""
         mapped = self.homes.get(home)
-        return self._about(home, mapped) | {"rooms": [_room_row(mapped, r) for r in mapped.rooms]}
+        return self.about(home, mapped) | {"rooms": [_room_row(mapped, r) for r in mapped.rooms]}
 
     def relate(self, thing: str, other: str, home: str = "") -> dict[str, Any]:
         """How two objects lie to each other, seen from where one would stand before the second."""
@@ -144,7 +144,7 @@ class Operations:
         a, b = (_an_object(find(each, mapped.objects, mapped.rooms)) for each in (thing, other))
         if a.id == b.id:
             raise InputError(f"{brief(thing, 40)} and {brief(other, 40)} are the same object {a.id}: relate needs two")
-        goal = plan(mapped.grid, _place(b), mapped.start_xy, self.robot)[0] if mapped.grid is not None else None
+        goal = plan(mapped.grid, place_of(b), mapped.start_xy, self.robot)[0] if mapped.grid is not None else None
         seen_from = (goal.x, goal.y) if goal is not None else mapped.start_xy
         found = [r for k, r in relations.supports(_sure(mapped, a, b)).items() if {k, r.object} == {a.id, b.id}]
         for each in (relations.under(b, [a]), relations.next_to(b, [a])):
@@ -154,7 +154,7 @@ class Operations:
         rows = sorted((r for r in found if r.probability >= 0.5), key=lambda r: -r.probability)[:RELATIONS]
         told = [f"{_called(mapped, r.subject)} is {_than(r.kind)} {_called(mapped, r.object)}" for r in rows]
         gap = np.maximum(0, np.maximum(np.subtract(a.box_min, b.box_max), np.subtract(b.box_min, a.box_max)))
-        return self._about(home, mapped) | {
+        return self.about(home, mapped) | {
             "relations": told, "certainty": [round(r.probability, 2) for r in rows], "apart_m": round(float(np.linalg.norm(gap)), 2),
             "same_room": a.room == b.room, "seen_from": [round(v, 2) for v in seen_from], "evidence": [_evidence(a), _evidence(b)],
         }  # fmt: skip
@@ -165,9 +165,9 @@ class Operations:
         """A pose that can be reached from a start, and faces an object or lies in a room."""
         mapped = self.homes.get(home)
         one = find(thing, mapped.objects, mapped.rooms)
-        place = _room_place(mapped, one) if isinstance(one, Room) else _place(one)
+        place = _room_place(mapped, one) if isinstance(one, Room) else place_of(one)
         row = _room_row(mapped, one) if isinstance(one, Room) else self._row(mapped, one)
-        return self._about(home, mapped) | row | self._goal(mapped, place, _start(mapped, from_x, from_y))
+        return self.about(home, mapped) | row | self._goal(mapped, place, _start(mapped, from_x, from_y))
 
     def goal(self, thing: str, home: str = "", from_x: float | None = None, from_y: float | None = None) -> Goal:
         """The pose of ``goal_for``. Raises InputError where there is none."""
@@ -175,7 +175,7 @@ class Operations:
         one = find(thing, mapped.objects, mapped.rooms)
         if mapped.grid is None:
             raise InputError(NO_PLAN)
-        place = _room_place(mapped, one) if isinstance(one, Room) else _place(one)
+        place = _room_place(mapped, one) if isinstance(one, Room) else place_of(one)
         goal, why_not = plan(mapped.grid, place, _start(mapped, from_x, from_y), self.robot)
         if goal is None:
             raise InputError(why_not)
@@ -196,9 +196,9 @@ class Operations:
         if not 1 <= view <= len(views):
             raise InputError(f"object {one.id} has the views 1 to {len(views)}, not {view}")
         seen = views[view - 1]
-        jpeg, box = _crop(mapped.photos[seen.frame], seen.box_xyxy)
+        jpeg, box = crop(mapped.photos[seen.frame], seen.box_xyxy)
         told = {"frame": seen.frame, "box_in_picture": box, "score": round(seen.score, 2), "views": len(views)}
-        return self._about(home, mapped) | self._row(mapped, one) | told, jpeg
+        return self.about(home, mapped) | self._row(mapped, one) | told, jpeg
 
     def correct(
         self,
@@ -213,14 +213,15 @@ class Operations:
         """Put something right: name an object or a room, forget an object, move an object to x, y, or undo the latest."""
         mapped, to_xy = self.homes.get(home), () if x is None or y is None else (x, y)
         _, told = mapped.correct(what, thing, name=name, to_xy=to_xy, who=who)
-        return self._about(home, self.homes.get(home)) | {"done": told, "next": "undo takes it back"}
+        return self.about(home, self.homes.get(home)) | {"done": told, "next": "undo takes it back"}
 
     def undo(self, home: str = "", who: str = "somebody") -> dict[str, Any]:
         """Take back the latest correction that holds."""
         told = self.correct("undo", home=home, who=who)
         return {key: value for key, value in told.items() if key != "next"}
 
-    def _about(self, home: str, mapped: Home) -> dict[str, Any]:
+    def about(self, home: str, mapped: Home) -> dict[str, Any]:
+        """Which home it is, and how old its map."""
         told: dict[str, Any] = {"home": self.homes.name(home), "home_id": mapped.id}
         if mapped.store is not None:
             told["age_h"] = round(max(0.0, time.time() - (mapped.store.folder / MANIFEST).stat().st_mtime) / 3600, 2)
@@ -230,7 +231,7 @@ class Operations:
         x, y, z = (round(v, 2) for v in thing.position)
         room = next((r.name for r in mapped.rooms if r.id == thing.room), None)
         named = {"name": thing.names[0]} if thing.names else {}
-        goal = plan(mapped.grid, _place(thing), mapped.start_xy, self.robot)[0] if mapped.grid is not None else None
+        goal = plan(mapped.grid, place_of(thing), mapped.start_xy, self.robot)[0] if mapped.grid is not None else None
         return {
             "id": thing.id, "label": thing.label, **named, "room": room, "x": x, "y": y, "z": z,
             "certainty": round(thing.probability, 2), "evidence": _evidence(thing), "reachable": goal is not None,
@@ -240,7 +241,7 @@ class Operations:
         if mapped.grid is None:
             return {"goal": None, "why_no_goal": NO_PLAN}
         goal, why_not = plan(mapped.grid, place, start, self.robot)
-        return {"goal": None, "why_no_goal": why_not} if goal is None else {"goal": _pose(goal)}
+        return {"goal": None, "why_no_goal": why_not} if goal is None else {"goal": pose(goal)}
 
 
 def _answer(home: Home, answer: Answer) -> dict[str, Any]:
@@ -257,13 +258,14 @@ def _answer(home: Home, answer: Answer) -> dict[str, Any]:
         told |= {"id": one.id, "room": room, "certainty": round(one.probability, 2), "evidence": _evidence(one)}
     if place is not None:
         told |= {axis: round(v, 2) for axis, v in zip("xyz", place.position, strict=True)}
-    told["goal"] = None if goal is None else _pose(goal)
+    told["goal"] = None if goal is None else pose(goal)
     notes = [note for note in answer.notes if "embedded reasoner answers" not in note]
     told |= {"notes": notes} if notes else {}
     return told | ({"then": [_answer(home, further) for further in answer.then]} if answer.then else {})
 
 
-def _pose(goal: Goal) -> dict[str, Any]:
+def pose(goal: Goal) -> dict[str, Any]:
+    """A goal with the corners of its path."""
     return {
         "x": round(goal.x, 3), "y": round(goal.y, 3), "yaw": round(goal.yaw, 3), "length_m": round(goal.length_m, 2),
         "sees_it": goal.line_of_sight, "path": _corners(goal.path),
@@ -279,7 +281,8 @@ def _corners(path: Array) -> list[list[float]]:
     return [[round(float(x), 3), round(float(y), 3)] for x, y in path]
 
 
-def _place(thing: MapObject) -> Place:
+def place_of(thing: MapObject) -> Place:
+    """Where an object is, to plan for."""
     view = thing.views[0] if thing.views else None
     return Place(
         thing.label, thing.position, thing.probability, view.frame if view else -1, view.box_xyxy if view else None,
@@ -333,7 +336,7 @@ def _start(home: Home, from_x: float | None, from_y: float | None) -> Sequence[f
     return home.start_xy if from_x is None or from_y is None else (from_x, from_y)
 
 
-def _crop(jpeg: bytes, box_xyxy: Sequence[float]) -> tuple[bytes, list[int]]:
+def crop(jpeg: bytes, box_xyxy: Sequence[float], side_px: int = CROP_PX, quality: int = 85) -> tuple[bytes, list[int]]:
     """The part of a photo around a box, as JPEG, and the box in its pixels."""
     from PIL import Image
 
@@ -342,10 +345,10 @@ def _crop(jpeg: bytes, box_xyxy: Sequence[float]) -> tuple[bytes, list[int]]:
         margin = MARGIN * max(x2 - x1, y2 - y1, 40.0)
         left, top = (max(0, math.floor(v - margin)) for v in (x1, y1))
         right, bottom = min(photo.width, math.ceil(x2 + margin)), min(photo.height, math.ceil(y2 + margin))
-        crop = photo.convert("RGB").crop((left, top, right, bottom))
-    scale = min(1.0, CROP_PX / max(crop.size))
+        part = photo.convert("RGB").crop((left, top, right, bottom))
+    scale = min(1.0, side_px / max(part.size))
     if scale < 1:
-        crop = crop.resize((max(1, round(crop.width * scale)), max(1, round(crop.height * scale))))
+        part = part.resize((max(1, round(part.width * scale)), max(1, round(part.height * scale))))
     buffer = io.BytesIO()
-    crop.save(buffer, "JPEG", quality=85)
+    part.save(buffer, "JPEG", quality=quality)
     return buffer.getvalue(), [round((v - o) * scale) for v, o in zip(box_xyxy, (left, top, left, top), strict=True)]
