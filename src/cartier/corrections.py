@@ -95,7 +95,7 @@ def apply(
     """A map with all corrections that hold. One whose object or room is no longer found becomes a note."""
     things, places = {thing.id: thing for thing in objects}, {room.id: room for room in rooms}
     notes = []
-    for entry in _in_force(log):
+    for entry in in_force(log):
         subject = cast(Subject, entry.subject)
         number = _find_room(subject, rooms, grid) if subject.kind == "room" else _find_object(subject, objects)
         if number is None:
@@ -143,7 +143,7 @@ def make(
     """A new entry for a home's log; see ``Home.correct``. Raises InputError for one that the home cannot take."""
     about: dict[str, Any] = {}
     if what == "undo":
-        holding = _in_force(known.log)
+        holding = in_force(known.log)
         if not holding:
             raise InputError("there is no correction to undo")
         about["undoes"] = holding[-1].id
@@ -196,7 +196,8 @@ def _on_the_plan(to_xy: Sequence[float], grid: OccupancyGrid | None) -> tuple[fl
     return x, y
 
 
-def _in_force(log: Iterable[Correction]) -> list[Correction]:
+def in_force(log: Iterable[Correction]) -> list[Correction]:
+    """The corrections that nobody took back, oldest first."""
     entries = list(log)
     undone = {entry.undoes for entry in entries if entry.what == "undo"}
     return [entry for entry in entries if entry.what != "undo" and entry.id not in undone]

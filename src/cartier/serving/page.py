@@ -13,11 +13,12 @@ from typing import Any
 
 import numpy as np
 
+from cartier.corrections import in_force
 from cartier.home import Home
 from cartier.mapping.relations import supports
 from cartier.planning import plan
 from cartier.serving.operations import Operations, crop, place_of, pose
-from cartier.types import FREE, OCCUPIED, MapObject, RobotModel
+from cartier.types import FREE, OCCUPIED, Array, MapObject, RobotModel
 
 WEB = Path(__file__).with_name("web")
 SCRIPTS = ("data.js", "plan.js", "scene.js", "app.js")
@@ -43,7 +44,7 @@ def view(home: Home) -> dict[str, Any]:
     held = supports(home.objects)
     about: dict[str, Any] = {
         "title": home.name, "home_id": home.id, "detector": home.detector, "start": _rounded(home.start_xy),
-        "notes": home.to_dict()["notes"], "corrections": len(home.corrected.log) if home.corrected else 0,
+        "notes": home.to_dict()["notes"], "corrections": len(in_force(home.corrected.log)) if home.corrected else 0,
         "objects": [_object(thing, held) for thing in home.objects], "rooms": [], "grid": None,
     }  # fmt: skip
     grid = home.grid
@@ -52,7 +53,7 @@ def view(home: Home) -> dict[str, Any]:
         code[grid.cells == FREE], code[grid.cells == OCCUPIED] = 1, 2
         for number, room in enumerate(home.rooms):
             code[tuple(room.cells.T)] += 3 * (number + 1)
-            middle = room.cells[np.argmin(np.abs(room.cells - room.cells.mean(0)).sum(1))]
+            middle = _middle(grid.cells, room.cells)
             area = round(len(room.cells) * grid.resolution_m**2, 1)
             row = {"id": room.id, "name": room.name, "kind": room.kind, "area": area}
             about["rooms"].append(row | {"at": _rounded(grid.centre(middle).tolist())})
@@ -104,6 +105,17 @@ def _object(thing: MapObject, held: Any) -> dict[str, Any]:
         "colours": [n for n, _ in thing.colours[:3]], "last_s": round(thing.last_seen_s, 1), "views": len(thing.views),
         "on": None if on is None else [on.kind, on.object],
     }  # fmt: skip
+
+
+def _middle(cells: Array, room: Array) -> Array:
+    """The cell (row, col) of a room that is farthest from all that stands in it: there is room for its name."""
+    from scipy.ndimage import distance_transform_edt
+
+    floor = np.zeros(np.add(cells.shape, 2), bool)
+    floor[tuple(room.T + 1)] = cells[tuple(room.T)] == FREE
+    if not floor.any():
+        return np.asarray(room[0])
+    return np.array(np.unravel_index(int(np.argmax(distance_transform_edt(floor))), floor.shape)) - 1
 
 
 def _runs(values: np.ndarray[Any, Any]) -> list[int]:

@@ -228,7 +228,7 @@ listen();
 safely(async () => {
   const homes = await source.homes();
   source.home = homes[0];
-  el("homes").hidden = homes.length < 2;
+  el("homes").hidden = homes.length < 2; el("title").classList.toggle("hidden", homes.length > 1);
   el("homes").replaceChildren(...homes.map((h) => make("option", {}, h)));
   await reload();
   say("robot", make("p", {}, stored ? "Which thing are you looking for?" : "What do you need? Say it as you like."));

@@ -1,6 +1,7 @@
 "use strict";
 // The floor plan as SVG, in metres: x to the right, y upwards.
 
+const WALL_M = 1.5; // what is higher is drawn as a wall
 const SVG = "http://www.w3.org/2000/svg";
 const shape = (name, attributes = {}, text) => {
   const made = document.createElementNS(SVG, name);
@@ -83,21 +84,21 @@ class Plan {
     this.fit();
   }
   ground(data, css) {
-    const { rows, cols, side, origin, cells: runs } = data.grid, cells = expand(runs, rows * cols), canvas = document.createElement("canvas");
+    const { rows, cols, side, origin, cells: runs } = data.grid, cells = expand(runs, rows * cols), heights = expand(data.grid.heights, rows * cols), canvas = document.createElement("canvas");
     canvas.width = cols; canvas.height = rows;
     const context = canvas.getContext("2d"), image = context.createImageData(cols, rows), rgb = (name) => css(name).match(/\w\w/g).map((h) => parseInt(h, 16));
-    const base = [rgb("--unknown"), rgb("--floor"), rgb("--wall")];
+    const base = [rgb("--unknown"), rgb("--floor"), rgb("--wall")], low = rgb("--low"); // walls are dark, what stands on the floor is not
     const tints = [[77, 148, 204], [224, 158, 70], [96, 168, 92], [168, 110, 190], [190, 172, 60], [214, 106, 120], [70, 170, 170], [130, 130, 150]];
     let [x0, y0, x1, y1] = [cols, rows, 0, 0];
     for (let i = 0; i < cells.length; i++) {
       const kind = cells[i] % 3, room = Math.floor(cells[i] / 3), row = Math.floor(i / cols), col = i % cols, at = ((rows - 1 - row) * cols + col) * 4;
-      const tint = room && kind < 2 ? tints[(room - 1) % tints.length] : null, mix = 0.16, from = room && kind === 0 ? base[1] : base[kind];
+      const wall = kind === 2 && heights[i] * data.grid.step > WALL_M, tint = room && !wall ? tints[(room - 1) % tints.length] : null, mix = 0.16, from = kind === 2 && !wall ? low : room && kind === 0 ? base[1] : base[kind];
       for (let c = 0; c < 3; c++) image.data[at + c] = tint ? from[c] * (1 - mix) + tint[c] * mix : from[c];
       image.data[at + 3] = 255;
       if (kind) { x0 = Math.min(x0, col); x1 = Math.max(x1, col + 1); y0 = Math.min(y0, row); y1 = Math.max(y1, row + 1); }
     }
     context.putImageData(image, 0, 0);
-    const drawn = shape("image", { x: origin[0], y: -(origin[1] + rows * side), width: cols * side, height: rows * side, href: canvas.toDataURL(), preserveAspectRatio: "none", style: "image-rendering: pixelated" });
+    const drawn = shape("image", { x: origin[0], y: -(origin[1] + rows * side), width: cols * side, height: rows * side, href: canvas.toDataURL(), preserveAspectRatio: "none", class: "ground" });
     return { image: drawn, known: [origin[0] + x0 * side, origin[1] + y0 * side, origin[0] + x1 * side, origin[1] + y1 * side] };
   }
   // Names go where they hide no other: rooms first, then the chosen one, then what people named, then the large.

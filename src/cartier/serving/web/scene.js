@@ -1,6 +1,7 @@
 "use strict";
 // The home in 3-D with plain WebGL2: what the floor plan knows as columns, every object as a box in its colour.
 
+const CUT_M = 1.2; // walls are drawn so high
 const VERTEX = `#version 300 es
 in vec3 corner; in vec3 normal; in vec3 low; in vec3 size; in vec4 colour;
 uniform mat4 view; uniform vec3 sun; out vec4 shade;
@@ -62,7 +63,7 @@ class Scene {
   draw(data, css, whole) {
     this.data = data; this.css = css;
     this.middle = [whole.x + whole.w / 2, -(whole.y + whole.h / 2), 0.4];
-    this.fitted = this.far = Math.max(whole.w, whole.h) * 1.15;
+    this.fitted = this.far = Math.hypot(whole.w, whole.h) * 1.2;
     this.paint();
   }
   fit() { this.far = this.fitted; this.turn = -0.9; this.tilt = 0.85; this.paint(); }
@@ -81,6 +82,23 @@ class Scene {
     const a = (far + near) / (near - far), b = (2 * far * near) / (near - far), fx = f / Math.max(aspect, 1), fy = fx * aspect;
     const rows = [[...right, -dot(right)].map((v) => v * fx), [...up, -dot(up)].map((v) => v * fy), [...back, -dot(back)].map((v, i) => v * a + (i === 3 ? b : 0)), [...back, -dot(back)].map((v) => -v)];
     return new Float32Array([0, 1, 2, 3].flatMap((c) => rows.map((r) => r[c])));
+  }
+  patches(grid) { // equal cells as few rectangles: column, row, how many across and down, kind
+    if (this.patched && this.patched.grid === grid) return this.patched.list;
+    const { rows, cols } = grid, cells = expand(grid.cells, rows * cols), heights = expand(grid.heights, rows * cols), list = [];
+    const code = cells.map((v, i) => (v === 0 ? 0 : v % 3 === 2 && heights[i] * grid.step > WALL_M ? 2 : 1)), done = new Uint8Array(rows * cols);
+    for (let r = 0; r < rows; r++) for (let c = 0; c < cols; c++) {
+      const i = r * cols + c, kind = code[i];
+      if (!kind || done[i]) continue;
+      let across = 1, down = 1;
+      while (c + across < cols && code[i + across] === kind && !done[i + across]) across++;
+      const same = (row) => { for (let k = 0; k < across; k++) if (code[row * cols + c + k] !== kind || done[row * cols + c + k]) return false; return true; };
+      while (r + down < rows && same(r + down)) down++;
+      for (let k = 0; k < down; k++) done.fill(1, (r + k) * cols + c, (r + k) * cols + c + across);
+      list.push([c, r, across, down, kind]);
+    }
+    this.patched = { grid, list };
+    return list;
   }
   project(point) { const m = this.matrix(), p = [...point, 1], out = [0, 1, 2, 3].map((r) => p.reduce((sum, v, c) => sum + m[c * 4 + r] * v, 0)), box = this.canvas.getBoundingClientRect(); return [box.left + (out[0] / out[3] + 1) / 2 * box.width, box.top + (1 - out[1] / out[3]) / 2 * box.height]; }
   under(e) { // the nearest box that the ray through the pointer meets
@@ -101,15 +119,10 @@ class Scene {
     const gl = this.gl, ratio = Math.min(window.devicePixelRatio || 1, 2), rgb = (name) => this.css(name).match(/\w\w/g).map((h) => parseInt(h, 16) / 255), put = (list, low, high, colour, alpha = 1) => list.push(...low, high[0] - low[0], high[1] - low[1], high[2] - low[2], ...colour, alpha);
     this.canvas.width = Math.max(1, Math.round(this.canvas.clientWidth * ratio)); this.canvas.height = Math.max(1, Math.round(this.canvas.clientHeight * ratio));
     const solid = [], clear = [], grid = this.data.grid;
-    if (grid) { // runs of equal cells become one box each; walls are cut at 1.2 m, so that one sees in
-      const cells = expand(grid.cells, grid.rows * grid.cols), heights = expand(grid.heights, grid.rows * grid.cols), floor = rgb("--floor"), wall = rgb("--wall"), s = grid.side;
-      for (let r = 0; r < grid.rows; r++) for (let c = 0, end; c < grid.cols; c = end) {
-        const i = r * grid.cols + c, kind = cells[i] % 3, h = Math.min(heights[i] * grid.step, 1.2);
-        for (end = c + 1; end < grid.cols && cells[r * grid.cols + end] % 3 === kind && Math.min(heights[r * grid.cols + end] * grid.step, 1.2) === h; ) end++;
-        const low = [grid.origin[0] + c * s, grid.origin[1] + r * s, -0.02], high = [grid.origin[0] + end * s, grid.origin[1] + (r + 1) * s, 0];
-        if (kind || cells[i]) put(solid, low, high, floor);
-        if (kind === 2 && heights[i] * grid.step > 1.5) put(solid, [low[0], low[1], 0], [high[0], high[1], h], wall);
-      }
+    if (grid) for (const [c, r, across, down, kind] of this.patches(grid)) { // walls are cut, so that one sees in
+      const s = grid.side, low = [grid.origin[0] + c * s, grid.origin[1] + r * s], high = [low[0] + across * s, low[1] + down * s];
+      put(solid, [...low, -0.02], [...high, 0], rgb("--floor"));
+      if (kind === 2) put(solid, [...low, 0], [...high, CUT_M], rgb("--wall"));
     }
     for (const t of this.data.objects) {
       const chosen = t.id === this.chosen, dim = this.only && !this.only.has(t.id) && !chosen;
