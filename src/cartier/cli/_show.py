@@ -31,6 +31,10 @@ def show(
         Path | None, typer.Option(help="Draw the floor plan with rooms and objects into this picture.")
     ] = None,
     sheet: Annotated[Path | None, typer.Option(help="Draw a page of evidence photos, one for each object.")] = None,
+    html: Annotated[
+        Path | None,
+        typer.Option(help="Write the home as one page that opens from disk: plan, 3-D, objects, photos, a search."),
+    ] = None,
     find: Annotated[
         str | None,
         typer.Option(
@@ -63,6 +67,12 @@ def show(
 
         draw_sheet(mapped, sheet)
         say(f"picture: {sheet}")
+    if html:
+        from cartier.atomic import write_file
+        from cartier.serving.page import one_file
+
+        write_file(html, one_file(mapped))
+        say(f"page: {html}")
     if as_json:
         print(json.dumps(told, ensure_ascii=False))
     elif thing is not None:

@@ -17,6 +17,7 @@ from cartier.corrections import in_force
 from cartier.home import Home
 from cartier.mapping.relations import supports
 from cartier.planning import plan
+from cartier.reasoners._cards import SHIPPED, read_deck
 from cartier.serving.operations import Operations, crop, place_of, pose
 from cartier.types import FREE, OCCUPIED, Array, MapObject, RobotModel
 
@@ -73,7 +74,7 @@ def view_json(operations: Operations, home: str) -> bytes:
 
 def one_file(home: Home, robot: RobotModel | None = None) -> bytes:
     """The page with a home in it: opens from disk, and may load nothing from anywhere (its own policy says so)."""
-    told = view(home) | {"goals": {}, "photos": {}, "home": home.name}
+    told = view(home) | {"goals": {}, "photos": {}, "home": home.name, "uses": _uses(home)}
     for thing in home.objects:
         if home.grid is not None:
             goal, _ = plan(home.grid, place_of(thing), home.start_xy, robot or RobotModel())
@@ -94,6 +95,15 @@ def one_file(home: Home, robot: RobotModel | None = None) -> bytes:
         f'{head}<meta http-equiv="Content-Security-Policy" content="{policy}">\n<style>{style}</style>{body}'
         f'<script type="application/json" id="home-data">{data}</script>\n<script>{script}</script>\n</body>\n</html>\n'
     ).encode()
+
+
+def _uses(home: Home) -> dict[str, list[str]]:
+    """What the confirmed things of a home are good for, by label: the phrases of the shipped knowledge cards."""
+    deck = read_deck(SHIPPED)
+    cards = {label: deck.card_of(label) for label in {thing.label for thing in home.objects if thing.confirmed}}
+    return {
+        label: [*deck.cards[k].synonyms, *deck.cards[k].uses] for label, k in sorted(cards.items()) if k is not None
+    }
 
 
 def _object(thing: MapObject, held: Any) -> dict[str, Any]:

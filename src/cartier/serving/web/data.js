@@ -65,9 +65,21 @@ class Stored {
       if (worth > most) { best = []; most = worth; }
       if (worth === most) best.push(thing);
     }
-    if (!best.length) return { status: "absent", reason: "No object here has such a name. This file holds no reasoner: ask for a thing by its name, or serve the home to ask for anything.", goal: null };
+    if (!best.length) {
+      const label = this.serves(asked);
+      best = this.data.objects.filter((t) => t.confirmed && t.label === label);
+    }
+    if (!best.length) return { status: "absent", reason: "Nothing here has such a name or use. This file only compares words: serve the home to ask for anything.", goal: null };
     if (/\bhow many\b/i.test(words)) return { status: "told", say: `${best.length} × ${best[0].label}`, ids: best.map((t) => t.id), goal: null };
     if (best.length > 1) return { status: "clarify", question: `There are ${best.length}. Which one?`, ids: best.map((t) => t.id), goal: null };
     return { status: "found", object: called(best[0]), id: best[0].id, goal: this.data.goals[best[0].id] };
+  }
+  // The label one of whose uses shares the rarest words with what was asked, null where that says too little.
+  serves(asked) {
+    const split = (text) => new Set(plain(text).split(" ")), phrases = Object.entries(this.data.uses).flatMap(([label, uses]) => uses.map((u) => [label, split(u)])), count = new Map();
+    for (const [, words] of phrases) for (const w of words) count.set(w, (count.get(w) || 0) + 1);
+    const worth = (w) => Math.log(phrases.length / count.get(w)), wanted = [...new Set(asked)].filter((w) => count.has(w));
+    const scored = phrases.map(([label, words]) => [wanted.filter((w) => words.has(w)).reduce((sum, w) => sum + worth(w), 0) / Math.sqrt(words.size), label]).sort((a, b) => b[0] - a[0]);
+    return scored.length && scored[0][0] > 1.8 ? scored[0][1] : null;
   }
 }
