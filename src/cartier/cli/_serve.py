@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from cartier import plugins, specs
-from cartier.cli._common import say
+from cartier.cli._common import HomeFolder, say
 from cartier.errors import InputError, MissingExtra
 
 if TYPE_CHECKING:
@@ -89,6 +89,22 @@ def mcp(
     _listen(
         server.streamable_http_app(transport_security=checked), host, port, name or [], token_file, (tls_cert, tls_key)
     )
+
+
+@app.command()
+def export(
+    home: HomeFolder,
+    to: Annotated[
+        Path,
+        typer.Option("--to", metavar="FILE", help="FILE.glb, .ply, .mcap, .geojson, .csv or .json says the format."),
+    ],
+) -> None:
+    """Write a home for other programs: Blender, MeshLab, Lichtblick, QGIS, a spreadsheet."""
+    from cartier.exports import export as write
+    from cartier.home import Home
+
+    for file in write(Home.load(home), to):
+        print(file)
 
 
 def _operations(homes: list[Path], reasoner: str, model: str | None, memory_mb: int) -> Operations:
