@@ -5,15 +5,16 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
-from cartier import plugins
+from cartier import corrections, plugins
 from cartier.contracts import Instances, Searchable, SpatialIndex
+from cartier.corrections import Corrected
 from cartier.errors import InputError
 from cartier.files import json_bytes, npz_bytes, parse_json, read_npz, typed
 from cartier.mapping.map_server import grid_from, pgm, yaml
@@ -51,6 +52,8 @@ class Home:
     growth: Mapping[str, bytes] = field(default_factory=dict)
     store: Store | None = None
     """Where it was loaded from."""
+    corrected: Corrected | None = None
+    """What people put right in it: ``objects`` and ``rooms`` are with, those of ``corrected.mapped_…`` without."""
 
     @property
     def id(self) -> str:
@@ -60,8 +63,8 @@ class Home:
 
     @property
     def names(self) -> list[str]:
-        """The label of everything confirmed, each once, sorted."""
-        return sorted({thing.label for thing in self.objects if thing.confirmed})
+        """The label of everything confirmed, and what people call it, each once, sorted."""
+        return Inventory(self.objects).names
 
     def inventory(self, index: str | None = None, from_xy: Sequence[float] | None = None) -> Inventory:
         """What a reasoner gets to see: the objects; or the names of an index that has others, such as the paper's own.
@@ -152,7 +155,28 @@ class Home:
             {"id": r.id, "name": r.name, "kind": r.kind, "area_m2": round(len(r.cells) * area, 2)} for r in self.rooms
         ]
         about = {"home": self.name, "id": self.id, "detector": self.detector, "objects": rows, "rooms": rooms}
-        return about | {"notes": list(self.notes)}
+        return about | {"notes": [*self.notes, *(self.corrected.notes if self.corrected else ())]}
+
+    def correct(
+        self,
+        what: corrections.What,
+        thing: int | str = "",
+        *,
+        name: str = "",
+        to_xy: Sequence[float] = (),
+        who: str = "somebody",
+    ) -> tuple[Home, str]:
+        """Put something right, as a line in the saved home's log: gives the home anew, and in words what was done.
+
+        ``what`` is "name" (an object or a room, with ``name``), "forget" (an object), "move" (an object, its middle to ``to_xy``
+        in metres, map frame) or "undo" (the latest correction that holds). ``thing`` is an object's id, ``room:ID``, a name, or a
+        label that only one has. Raises InputError for a home that was not saved, a thing that is not there or not told apart.
+        """
+        if self.store is None or self.corrected is None:
+            raise InputError(f"{self.name} was not loaded from a folder: save it, load it, and correct it then")
+        entry = corrections.make(self.corrected, self.grid, what, str(thing), name, to_xy, who)
+        self.store.append(corrections.LOG, corrections.line_of(entry))
+        return Home.load(self.store.folder), corrections.in_words(entry, self.corrected.log)
 
     def remember(self, answer: Answer) -> None:
         """Append an answer to the saved home's ``answers.jsonl``. Raises InputError where that cannot be written."""
@@ -162,7 +186,10 @@ class Home:
     def save(self, folder: str | Path) -> None:
         """Write the home whole or not at all; an older home in that place stays until the new one is complete."""
         camera, grid = self.camera, self.grid
-        blobs = {"objects.json": json_bytes([asdict(thing) for thing in self.objects])}
+        as_mapped = (
+            self.corrected.mapped_objects if self.corrected else self.objects
+        )  # the log is applied when it is loaded
+        blobs = {"objects.json": json_bytes([asdict(thing) for thing in as_mapped])}
         for name, index in self.indexes.items():
             blobs |= {f"indexes/{name}/{part}": data for part, data in index.state().items()}
         blobs |= {f"{GROWTH}/{part}": data for part, data in self.growth.items()}
@@ -176,12 +203,14 @@ class Home:
             "schema": SCHEMA, "id": self.id, "name": self.name, "detector": self.detector,
             "camera": [camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy], "indexes": list(self.indexes),
             "grid": None if grid is None else {"resolution_m": grid.resolution_m, "origin_xy": list(grid.origin_xy)},
-            "rooms": [[room.id, room.name, room.kind] for room in self.rooms], "start_xy": list(self.start_xy),
+            "rooms": [[r.id, r.name, r.kind] for r in (self.corrected.mapped_rooms if self.corrected else self.rooms)], "start_xy": list(self.start_xy),
             "settings": dict(self.settings), "notes": list(self.notes),
         }  # fmt: skip
         files = {}
         if grid is not None:  # for Nav2, which wants a name that stays
             files["occupancy.yaml"] = yaml(grid, blob_file("occupancy.pgm", digest_of(blobs["occupancy.pgm"])))
+        if self.corrected and self.corrected.log and not (Path(folder) / corrections.LOG).exists():
+            files[corrections.LOG] = "".join(f"{corrections.line_of(entry)}\n" for entry in self.corrected.log).encode()
         Store(folder).put(about, blobs, files)
 
     @classmethod
@@ -212,24 +241,27 @@ class Home:
             )
         try:
             objects = typed(parse_json(store.get("objects.json", about), "objects.json"), tuple[MapObject, ...])
+            grid, rooms = _floor(store, about)
+            log, faults = corrections.read_log(folder)
+            corrected = corrections.apply(log, objects, rooms, grid)
             indexes = {name: _index(store, about, name) for name in about["indexes"]}
             for index in indexes.values():
-                index.settle(objects)
-            grid, rooms = _floor(store, about)
+                index.settle(corrected.objects)
             return cls(
                 name=str(about["name"]),
                 detector=str(about["detector"]),
                 camera=Camera(*about["camera"]),
-                objects=objects,
+                objects=corrected.objects,
                 indexes=indexes,
                 grid=grid,
                 start_xy=(float(about["start_xy"][0]), float(about["start_xy"][1])),
                 settings={**about["settings"]},
-                rooms=rooms,
+                rooms=corrected.rooms,
                 photos=_Blobs(store, about, "photos/", lambda name: int(name.partition(".")[0])),
                 notes=tuple(about["notes"]),
                 growth=_Blobs(store, about, f"{GROWTH}/", str),
                 store=store,
+                corrected=replace(corrected, notes=(*faults, *corrected.notes)),
             )
         except (KeyError, TypeError, ValueError, IndexError, OverflowError, InputError) as error:
             told = str(error) if str(folder) in str(error) else f"{folder} is damaged ({type(error).__name__}: {error})"

@@ -288,6 +288,8 @@ class MapObject:
     colours: tuple[tuple[str, float], ...] = ()
     room: int | None = None
     aliases: tuple[int, ...] = ()
+    names: tuple[str, ...] = ()
+    """What people call it (``corrections.py``)."""
 
     def __post_init__(self) -> None:
         for name in ("position", "box_min", "box_max"):
@@ -315,8 +317,8 @@ class Inventory:
 
     @property
     def names(self) -> list[str]:
-        """The label of everything confirmed, each once, sorted."""
-        return sorted({thing.label for thing in self.objects if thing.confirmed})
+        """The label of everything confirmed, and what people call it, each once, sorted."""
+        return sorted({name for thing in self.objects if thing.confirmed for name in (thing.label, *thing.names)})
 
     def holds(self, chosen: Selection) -> bool:
         """Whether all that a selection names is here."""

@@ -39,6 +39,10 @@ def show(
     recording: Annotated[
         Path | None, typer.Option(help="With --rrd: the recording that was mapped; adds its frames, depth and path.")
     ] = None,
+    html: Annotated[
+        Path | None,
+        typer.Option(help="Write the home as one page that opens from disk: plan, 3-D, objects, photos, a search."),
+    ] = None,
     find: Annotated[
         str | None,
         typer.Option(
@@ -73,6 +77,12 @@ def show(
         say(f"picture: {sheet}")
     if rrd:
         _write_rrd(mapped, rrd, recording)
+    if html:
+        from cartier.atomic import write_file
+        from cartier.serving.page import one_file
+
+        write_file(html, one_file(mapped))
+        say(f"page: {html}")
     if as_json:
         print(json.dumps(told, ensure_ascii=False))
     elif thing is not None:
@@ -132,7 +142,7 @@ def _print_rooms(told: dict[str, Any], everything: bool) -> None:
         for row in sorted(here, key=lambda row: (not row["confirmed"], row["label"], row["id"])):
             on = row["on"]
             table.add_row(
-                str(row["id"]), row["label"] + ("" if row["confirmed"] else " ?"), f"{row['probability']:.0%}",
+                str(row["id"]), ", ".join([*row["names"], row["label"]]) + ("" if row["confirmed"] else " ?"), f"{row['probability']:.0%}",
                 f"{row['sightings']} of {row['chances']}", " x ".join(f"{100 * side:.0f}" for side in row["size_m"]),
                 ", ".join(name for name, _ in row["colours"][:2]), "" if on is None else f"{on['relation']} {names[on['id']]}",
                 f"{row['last_seen_s']:.1f} s",

@@ -35,9 +35,10 @@ class Objects(ABC):
             for view in thing.views:
                 named = view.label == thing.label  # a view under another name only counts where there is none
                 size = view.size_px2 if named else view.size_px2 * 1e-6
-                place = self.place(thing, view) if size > best.get(thing.label, (0.0,))[0] else None
-                if place is not None:
-                    best[thing.label] = size, place
+                for name in (thing.label, *thing.names):
+                    place = self.place(thing, view) if size > best.get(name, (0.0,))[0] else None
+                    if place is not None:
+                        best[name] = size, place
         self._places = {name: place for name, (_, place) in best.items()}
 
     def names(self) -> list[str]:

@@ -38,6 +38,7 @@ class VLMaps:
         self._spec = encoder if isinstance(encoder, str) else None
         self._encoder = None if isinstance(encoder, str) else encoder
         self._names: list[str] = []
+        self._called: dict[str, str] = {}
         self._grid = FeatureGrid(cell_m)
         self._search: tuple[npt.NDArray[np.float32], npt.NDArray[np.bool_]] | None = None
         self._texts: dict[str, Array] = {}
@@ -69,10 +70,12 @@ class VLMaps:
         self._search = None
 
     def settle(self, objects: Sequence[MapObject]) -> None:
-        self._names = sorted({thing.label for thing in objects if thing.confirmed})
+        sure = [thing for thing in objects if thing.confirmed]
+        self._names = sorted({thing.label for thing in sure})
+        self._called = {name: thing.label for thing in sure for name in thing.names}  # no picture shows whose it is
 
     def names(self) -> list[str]:
-        return self._names if len(self._grid.cells) else []
+        return sorted({*self._names, *self._called}) if len(self._grid.cells) else []
 
     def locate(self, name: str) -> Place | None:
         """The cell most similar to any words, at the mean height of what was seen in it; the score is the cosine.
@@ -82,7 +85,7 @@ class VLMaps:
         cells = self._grid.cells
         if not len(cells):
             return None
-        cosines = self._cosines(name)
+        cosines = self._cosines(self._called.get(name, name))
         best = int(np.where(cosines >= cosines.max() - EQUAL, cells["pixels"], 0).argmax())
         x, y = (cells["xy"][best] + 0.5) * self._grid.cell_m
         z = cells["height_sum"][best] / cells["pixels"][best]
@@ -99,7 +102,7 @@ class VLMaps:
         if not np.isfinite(means).all():
             raise BackendError(f"encoder {self._made_by}: features above 65,504 cannot be stored in half precision")
         # so that a home can be asked for its names without the encoder's model
-        texts = self.names()
+        texts = self._names if len(self._grid.cells) else []
         about = {"encoder": self._spec, "made_by": self._made_by, "cell_m": self._grid.cell_m}
         return {
             "grid.npz": npz_bytes(cells=cells, features=means),

@@ -1,0 +1,72 @@
+"""Commands with which people put a home right: name, forget, move, undo."""
+
+from __future__ import annotations
+
+import getpass
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from cartier.cli._common import HomeFolder, numbers
+
+if TYPE_CHECKING:
+    from cartier.corrections import What
+
+app = typer.Typer()
+Thing = Annotated[
+    str, typer.Argument(metavar="OBJECT", help="Its id, its name, or its label if there is only one ('cartier show').")
+]
+Who = Annotated[str | None, typer.Option("--who", help="Who says so; default: the user of this machine.")]
+
+
+@app.command()
+def name(
+    home: HomeFolder,
+    thing: Annotated[
+        str, typer.Argument(metavar="ROOM_OR_OBJECT", help="An object's id or label, a room's name, or room:ID.")
+    ],
+    called: Annotated[str, typer.Argument(metavar="NAME", help='What people call it, for example "Ayo\'s room".')],
+    who: Who = None,
+) -> None:
+    """Give an object or a room the name that people call it by."""
+    _correct(home, "name", thing, name=called, who=who)
+
+
+@app.command()
+def forget(home: HomeFolder, thing: Thing, who: Who = None) -> None:
+    """Take an object out of the home that is not there."""
+    _correct(home, "forget", thing, who=who)
+
+
+@app.command(context_settings={"ignore_unknown_options": True})  # -1,2 is a place
+def move(
+    home: HomeFolder,
+    thing: Thing,
+    to: Annotated[str, typer.Argument(metavar="X,Y", help="Where its middle is now, in metres of the floor plan.")],
+    who: Who = None,
+) -> None:
+    """Say where an object stands now."""
+    _correct(home, "move", thing, to_xy=numbers(to, 2, "X,Y") or (), who=who)
+
+
+@app.command()
+def undo(home: HomeFolder, who: Who = None) -> None:
+    """Take back the latest correction that holds."""
+    _correct(home, "undo", who=who)
+
+
+def _correct(
+    home: Path, what: What, thing: str = "", *, name: str = "", to_xy: Sequence[float] = (), who: str | None
+) -> None:
+    from cartier.home import Home
+
+    print(Home.load(home).correct(what, thing, name=name, to_xy=to_xy, who=who or _user())[1])
+
+
+def _user() -> str:
+    try:
+        return getpass.getuser()
+    except (KeyError, OSError):  # a number without an account, as in a container
+        return "somebody"

@@ -1,0 +1,36 @@
+"""A home for other programs: GLB and PLY to look at, MCAP to replay, GeoJSON, CSV and JSON to work with."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from cartier import plugins
+from cartier.atomic import write_file
+from cartier.errors import InputError, MissingExtra
+from cartier.exports import _glb, _mcap, _ply, _tables
+from cartier.home import Home
+
+WRITERS: Mapping[str, Callable[[Home], bytes]] = {
+    ".glb": _glb.write, ".ply": _ply.write, ".mcap": _mcap.write, ".geojson": _tables.geojson, ".csv": _tables.csv, ".json": _tables.json,
+}  # fmt: skip
+
+
+def export(home: Home, file: Path) -> list[Path]:
+    """Write a home as the file's suffix says; gives the files that were written. Raises InputError for another suffix.
+
+    Beside an MCAP lies the layout with which Lichtblick or Foxglove shows it.
+    """
+    writer = WRITERS.get(file.suffix.lower())
+    if writer is None:
+        raise InputError(f"{file} has no suffix that tells a format: there are {', '.join(WRITERS)}")
+    try:
+        data = writer(home)
+    except ModuleNotFoundError as error:
+        raise MissingExtra(f"{file.suffix} needs the package 'mcap': {plugins.install('export', 'mcap')}") from error
+    write_file(file, data)
+    if writer is not _mcap.write:
+        return [file]
+    layout = file.with_suffix(".layout.json")
+    write_file(layout, _mcap.layout())
+    return [file, layout]

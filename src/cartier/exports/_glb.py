@@ -1,0 +1,106 @@
+"""GLB (glTF 2.0): one node for each object, with its name and what is known of it, and the floor and walls; y up, metres."""
+
+from __future__ import annotations
+
+import json
+import struct
+from typing import Any
+
+import numpy as np
+
+from cartier.exports._scene import FACES, Box, boxes, corners
+from cartier.home import Home
+
+FLOAT, ARRAY_BUFFER = 5126, 34962
+JSON_CHUNK, BINARY_CHUNK = 0x4E4F534A, 0x004E4942
+
+
+def write(home: Home) -> bytes:
+    """The file's bytes."""
+    every = boxes(home)
+    unit = _flat(corners(Box("", (-0.5, -0.5, -0.5), (0.5, 0.5, 0.5), (0, 0, 0))), FACES)
+    colours = {rgb: k for k, rgb in enumerate(dict.fromkeys(box.rgb for box in every))}
+    parts: list[bytes] = []
+    about: dict[str, Any] = {
+        "asset": {"version": "2.0", "generator": "cartier"}, "scene": 0, "scenes": [{"name": home.name, "nodes": [0]}],
+        "nodes": [{"name": "map", "children": []}], "meshes": [], "accessors": [], "bufferViews": [], "buffers": [],
+        "materials": [_material(rgb) for rgb in colours],
+    }  # fmt: skip
+    unit_at = _add(about, parts, *unit)
+    by_colour: dict[tuple[int, int, int], int] = {}
+    for box in every:
+        if box.thing is None:
+            continue
+        if box.rgb not in by_colour:
+            by_colour[box.rgb] = _mesh(about, unit_at, colours[box.rgb])
+        low, high = np.array(box.low), np.array(box.high)
+        _node(about, box, by_colour[box.rgb], _up((low + high) / 2), np.maximum(high - low, 1e-4)[[0, 2, 1]])
+    for kind in ("floor", "wall"):
+        same = [box for box in every if box.thing is None and box.name == kind]
+        if same:
+            faces = np.concatenate([8 * k + FACES for k in range(len(same))])
+            at = _add(about, parts, *_flat(np.concatenate([corners(box) for box in same]), faces))
+            about["nodes"].append({"name": kind, "mesh": _mesh(about, at, colours[same[0].rgb])})
+            about["nodes"][0]["children"].append(len(about["nodes"]) - 1)
+    binary = b"".join(parts)
+    about["buffers"].append({"byteLength": len(binary)})
+    text = json.dumps(about, separators=(",", ":")).encode()
+    text += b" " * (-len(text) % 4)
+    chunks = struct.pack("<II", len(text), JSON_CHUNK) + text + struct.pack("<II", len(binary), BINARY_CHUNK) + binary
+    return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
+
+
+def _up(points: Any) -> Any:
+    """Points (..., 3) of the map frame (z up) in that of glTF (y up)."""
+    points = np.asarray(points)
+    return np.stack([points[..., 0], points[..., 2], -points[..., 1]], axis=-1)
+
+
+def _flat(points: Any, faces: Any) -> tuple[Any, Any]:
+    """Vertices (3F, 3) and normals (3F, 3) with which each triangle has its own shade."""
+    vertices = _up(points)[faces].astype(np.float32)
+    normals = np.cross(vertices[:, 1] - vertices[:, 0], vertices[:, 2] - vertices[:, 0])
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+    return vertices.reshape(-1, 3), np.repeat(normals, 3, axis=0).astype(np.float32)
+
+
+def _add(about: dict[str, Any], parts: list[bytes], vertices: Any, normals: Any) -> tuple[int, int]:
+    """The numbers of the accessors of vertices and normals that were added."""
+    numbers = []
+    for values in (vertices, normals):
+        offset = sum(map(len, parts))
+        parts.append(np.ascontiguousarray(values, "<f4").tobytes())
+        about["bufferViews"].append(
+            {"buffer": 0, "byteOffset": offset, "byteLength": len(parts[-1]), "target": ARRAY_BUFFER}
+        )
+        view = len(about["bufferViews"]) - 1
+        low, high = values.min(0).tolist(), values.max(0).tolist()
+        about["accessors"].append({"bufferView": view, "componentType": FLOAT, "count": len(values), "type": "VEC3", "min": low, "max": high})  # fmt: skip
+        numbers.append(len(about["accessors"]) - 1)
+    return numbers[0], numbers[1]
+
+
+def _mesh(about: dict[str, Any], at: tuple[int, int], material: int) -> int:
+    about["meshes"].append({"primitives": [{"attributes": {"POSITION": at[0], "NORMAL": at[1]}, "material": material}]})
+    return len(about["meshes"]) - 1
+
+
+def _node(about: dict[str, Any], box: Box, mesh: int, middle: Any, size: Any) -> None:
+    thing = box.thing
+    assert thing is not None
+    extras = {
+        "id": thing.id,
+        "label": thing.label,
+        "names": list(thing.names),
+        "probability": thing.probability,
+        "room": thing.room,
+    }
+    about["nodes"].append(
+        {"name": box.name, "mesh": mesh, "translation": middle.tolist(), "scale": size.tolist(), "extras": extras}
+    )
+    about["nodes"][0]["children"].append(len(about["nodes"]) - 1)
+
+
+def _material(rgb: tuple[int, int, int]) -> dict[str, Any]:
+    linear = [round((v / 255) ** 2.2, 4) for v in rgb]  # glTF's factors are linear
+    return {"pbrMetallicRoughness": {"baseColorFactor": [*linear, 1.0], "metallicFactor": 0.0, "roughnessFactor": 0.9}}

@@ -1,0 +1,147 @@
+"""MCAP with Foxglove's well-known schemas as JSON: objects, rooms, the floor plan, and a transform, for Lichtblick or Foxglove.
+
+Without a transform such viewers know no frame and show nothing; without a layout they hide the topics: both are written.
+"""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+from typing import Any
+
+import numpy as np
+
+from cartier.exports._scene import Box, boxes, called
+from cartier.files import json_bytes
+from cartier.home import Home
+from cartier.types import OCCUPIED, UNKNOWN
+
+FRAME, START = "map", "start"
+TOPICS = {
+    "/tf": "foxglove.FrameTransforms",
+    "/objects": "foxglove.SceneUpdate",
+    "/rooms": "foxglove.SceneUpdate",
+    "/floor_plan": "foxglove.Grid",
+}
+UINT8 = 1  # of foxglove.NumericType
+
+
+def write(home: Home) -> bytes:
+    """The file's bytes. Raises ModuleNotFoundError without the package mcap."""
+    from mcap.writer import Writer
+
+    buffer = io.BytesIO()
+    writer = Writer(buffer)
+    writer.start(profile="", library="cartier")
+    time_ns = round(max((thing.last_looked_s for thing in home.objects), default=0.0) * 1e9)
+    stamp = {"sec": time_ns // 10**9, "nsec": time_ns % 10**9}
+    messages = {"/tf": _transforms(home, stamp), "/objects": _objects(home, stamp), "/rooms": _rooms(home, stamp)}
+    if home.grid is not None:
+        messages["/floor_plan"] = _floor_plan(home, stamp)
+    for topic, message in messages.items():
+        schema = json.dumps({"title": TOPICS[topic], "type": "object", "properties": _properties(message)}).encode()
+        number = writer.register_schema(name=TOPICS[topic], encoding="jsonschema", data=schema)
+        channel = writer.register_channel(topic=topic, message_encoding="json", schema_id=number)
+        data = json.dumps(message, ensure_ascii=False).encode()
+        writer.add_message(channel_id=channel, log_time=max(time_ns, 0), publish_time=max(time_ns, 0), data=data)
+    writer.add_metadata("cartier", {"home": home.name, "home_id": home.id, "detector": home.detector})
+    writer.finish()
+    return buffer.getvalue()
+
+
+def layout() -> bytes:
+    """A layout for Lichtblick or Foxglove: one 3-D panel in the map frame, all topics visible."""
+    panel = {
+        "cameraState": {"perspective": True, "distance": 14, "phi": 40, "thetaOffset": 45, "targetOffset": [0, 0, 0]},
+        "followMode": "follow-none", "followTf": FRAME, "scene": {}, "transforms": {}, "publish": {},
+        "topics": {topic: {"visible": True} for topic in TOPICS if topic != "/tf"},
+        "layers": {"grid": {"layerId": "foxglove.Grid", "visible": True, "frameId": FRAME, "size": 20, "divisions": 20}},
+    }  # fmt: skip
+    about = {"configById": {"3D!home": panel}, "globalVariables": {}, "userNodes": {}, "layout": "3D!home"}
+    return json_bytes(about)
+
+
+def _transforms(home: Home, stamp: dict[str, int]) -> dict[str, Any]:
+    x, y = home.start_xy
+    move = {"translation": {"x": x, "y": y, "z": 0.0}, "rotation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}}
+    return {"transforms": [{"timestamp": stamp, "parent_frame_id": FRAME, "child_frame_id": START, **move}]}
+
+
+def _objects(home: Home, stamp: dict[str, int]) -> dict[str, Any]:
+    entities = []
+    for box in boxes(home):
+        if box.thing is None:
+            continue
+        cube = {
+            "pose": _pose(np.add(box.low, box.high) / 2),
+            "size": _xyz(np.subtract(box.high, box.low)),
+            "color": _colour(box),
+        }
+        top = (*(np.add(box.low, box.high) / 2)[:2], box.high[2] + 0.08)
+        about = {"id": box.thing.id, "label": box.thing.label, "probability": box.thing.probability}
+        notes = [{"key": key, "value": str(value)} for key, value in about.items()]
+        entity = _entity(f"object {box.thing.id}", stamp) | {"metadata": notes, "cubes": [cube]}
+        entities.append(entity | {"texts": [_text(top, called(box.thing), 0.09)]})
+    return {"deletions": [], "entities": entities}
+
+
+def _rooms(home: Home, stamp: dict[str, int]) -> dict[str, Any]:
+    entities = []
+    for room in home.rooms if home.grid is not None else ():
+        assert home.grid is not None
+        x, y = home.grid.centre(np.median(room.cells, axis=0)).tolist()
+        entities.append(_entity(f"room {room.id}", stamp) | {"texts": [_text((x, y, 0.05), room.name, 0.25)]})
+    return {"deletions": [], "entities": entities}
+
+
+def _floor_plan(home: Home, stamp: dict[str, int]) -> dict[str, Any]:
+    grid = home.grid
+    assert grid is not None
+    shade = np.full((*grid.cells.shape, 4), (250, 250, 247, 255), np.uint8)
+    shade[grid.cells == OCCUPIED] = (74, 78, 89, 255)
+    shade[grid.cells == UNKNOWN] = (0, 0, 0, 0)
+    fields = [{"name": name, "offset": k, "type": UINT8} for k, name in enumerate(("red", "green", "blue", "alpha"))]
+    return {
+        "timestamp": stamp, "frame_id": FRAME, "pose": _pose((*grid.origin_xy, -0.01)), "column_count": grid.cells.shape[1],
+        "cell_size": {"x": grid.resolution_m, "y": grid.resolution_m}, "row_stride": 4 * grid.cells.shape[1], "cell_stride": 4,
+        "fields": fields, "data": base64.b64encode(shade.tobytes()).decode(),
+    }  # fmt: skip
+
+
+def _entity(name: str, stamp: dict[str, int]) -> dict[str, Any]:
+    lists = ("arrows", "cubes", "spheres", "cylinders", "lines", "triangles", "texts", "models", "metadata")
+    kept = {"lifetime": {"sec": 0, "nsec": 0}, "frame_locked": True}
+    return {"timestamp": stamp, "frame_id": FRAME, "id": name, **kept, **{key: [] for key in lists}}
+
+
+def _text(at: Any, text: str, size_m: float) -> dict[str, Any]:
+    ink = {"r": 0.1, "g": 0.12, "b": 0.16, "a": 1.0}
+    return {
+        "pose": _pose(at),
+        "billboard": True,
+        "font_size": size_m,
+        "scale_invariant": False,
+        "color": ink,
+        "text": text,
+    }
+
+
+def _pose(at: Any) -> dict[str, Any]:
+    return {"position": _xyz(at), "orientation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}}
+
+
+def _xyz(values: Any) -> dict[str, float]:
+    return {axis: float(v) for axis, v in zip("xyz", values, strict=True)}
+
+
+def _colour(box: Box) -> dict[str, float]:
+    return {**{name: round(v / 255, 4) for name, v in zip("rgb", box.rgb, strict=True)}, "a": 0.85}
+
+
+def _properties(message: dict[str, Any]) -> dict[str, Any]:
+    kinds: dict[type, str] = {dict: "object", list: "array", str: "string", int: "integer", float: "number"}
+    return {
+        key: {"type": kinds[type(value)]} | ({"contentEncoding": "base64"} if key == "data" else {})
+        for key, value in message.items()
+    }

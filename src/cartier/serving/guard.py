@@ -1,0 +1,259 @@
+"""Who may speak to a server of homes, how much and how fast: checked before anything else sees the request.
+
+``docs/serving.md`` has the list of what is checked, after OWASP's Application Security Verification Standard.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import hmac
+import ipaddress
+import json
+import os
+import time
+from collections import OrderedDict
+from collections.abc import Awaitable, Callable, Iterable, MutableMapping
+from pathlib import Path
+from typing import Any
+
+import anyio
+
+from cartier.errors import InputError
+from cartier.files import read_text
+
+Scope = MutableMapping[str, Any]
+Message = MutableMapping[str, Any]
+Receive = Callable[[], Awaitable[Message]]
+Send = Callable[[Message], Awaitable[None]]
+App = Callable[[Scope, Receive, Send], Awaitable[None]]
+
+TOKEN_VARIABLE = "CARTIER_TOKEN"
+MIN_TOKEN_CHARS, MAX_TOKEN_CHARS = 20, 4096
+MAX_BODY, MAX_TARGET = 64 * 1024, 4096  # bytes of a request's body, and of its path with the query
+BODY_S, SEND_S = 10.0, 30.0  # for a body to arrive, and for a piece of an answer to leave
+MAX_IN_FLIGHT = 256
+RATE, BURST = 50.0, 200.0  # requests per second of one address that is not this machine's, and at once
+WRONG_TOKENS, WRONG_S = 20, 60.0  # from one address, in so many seconds
+MAX_ADDRESSES = 10_000
+HEADERS = (
+    (b"x-content-type-options", b"nosniff"),
+    (b"x-frame-options", b"DENY"),
+    (b"referrer-policy", b"no-referrer"),
+    (b"cross-origin-opener-policy", b"same-origin"),
+    (b"cross-origin-resource-policy", b"same-origin"),
+    (b"permissions-policy", b"camera=(), geolocation=(), payment=(), usb=(), microphone=(self)"),
+    (
+        b"content-security-policy",
+        b"default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; connect-src 'self'; "
+        b"base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
+    ),
+)
+
+
+def is_loopback(host: str) -> bool:
+    """Whether an address to listen on is this machine's own and nobody else's."""
+    try:
+        return host == "localhost" or ipaddress.ip_address(host.strip("[]")).is_loopback
+    except ValueError:
+        return False
+
+
+def host_names(host: str, port: int, more: Iterable[str] = ()) -> frozenset[str]:
+    """The Host headers that a server goes by; the port may be left out where it is the scheme's own."""
+    names = {"localhost", "127.0.0.1", "[::1]"} if is_loopback(host) else set[str]()
+    if host not in ("0.0.0.0", "::"):
+        names.add(f"[{host}]" if ":" in host else host)
+    names.update(more)
+    if not names:
+        raise InputError(f"who listens on {host} must say by which names it is called: --name kitchen-robot.local")
+    return frozenset(
+        f"{name.lower()}{end}" for name in names for end in (f":{port}", *([""] if port in (80, 443) else []))
+    )
+
+
+def read_token(host: str, file: Path | None) -> str | None:
+    """The token from a file, else from the environment; none is needed on loopback.
+
+    Raises InputError if one is needed and missing, too short to be safe, or in a file that others may read.
+    """
+    token = None
+    if file is not None:
+        token = read_text(file, MAX_TOKEN_CHARS).strip()
+        if os.name == "posix" and file.stat().st_mode & 0o077:
+            raise InputError(f"{file} can be read by others: chmod 600 {file}")
+    elif TOKEN_VARIABLE in os.environ:
+        token = os.environ[TOKEN_VARIABLE].strip()
+    if token is None:
+        if is_loopback(host):
+            return None
+        raise InputError(
+            f"{host} can be reached from other machines: give a token in a file (--token-file) or in {TOKEN_VARIABLE}, for "
+            'example from: python -c "import secrets; print(secrets.token_urlsafe(32))"'
+        )
+    if len(token) < MIN_TOKEN_CHARS or not token.isascii() or not token.isprintable() or " " in token:
+        raise InputError(f"the token needs {MIN_TOKEN_CHARS} or more printable ASCII characters without blanks")
+    return token
+
+
+class Guard:
+    """An ASGI layer around an app. ``hosts`` are the names that this server goes by, as a Host header has them, with the port.
+
+    ``open_paths`` (the page itself, which holds no data) need no token.
+    """
+
+    def __init__(
+        self,
+        app: App,
+        hosts: Iterable[str],
+        token: str | None = None,
+        *,
+        tls: bool = False,
+        open_paths: Iterable[str] = (),
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._app, self._hosts, self._scheme = app, frozenset(h.lower() for h in hosts), "https" if tls else "http"
+        self._token = None if token is None else hashlib.sha256(token.encode()).digest()
+        self._open, self._clock, self._in_flight = frozenset(open_paths), clock, 0
+        self._buckets: OrderedDict[str, tuple[float, float]] = OrderedDict()  # of each address: tokens left, and when
+        self._wrong: OrderedDict[str, list[float]] = OrderedDict()  # of each address: when wrong tokens came
+        self._headers = HEADERS + (((b"strict-transport-security", b"max-age=31536000"),) if tls else ())
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] == "lifespan":
+            await self._app(scope, receive, send)
+            return
+        if scope["type"] != "http":  # no websockets
+            return
+        begun = False
+
+        async def safe_send(message: Message) -> None:
+            nonlocal begun
+            if message["type"] == "http.response.start":
+                begun = True
+                kept = [(k, v) for k, v in message.get("headers", ()) if not k.lower().startswith(b"access-control-")]
+                cache = [] if any(k.lower() == b"cache-control" for k, _ in kept) else [(b"cache-control", b"no-store")]
+                message = {**message, "headers": [*kept, *cache, *self._headers]}
+            with anyio.fail_after(SEND_S):  # who does not read does not keep a place
+                await send(message)
+
+        refused = self._refusal(scope)
+        if refused is None and self._in_flight >= MAX_IN_FLIGHT:
+            refused = (503, "too many requests at once: try again in a second")
+        if refused is not None:
+            await _answer(safe_send, *refused)
+            return
+        self._in_flight += 1
+        try:
+            body = await _body(receive)
+            if isinstance(body, tuple):
+                await _answer(safe_send, *body)
+                return
+            await self._app(scope, _replayed(body, receive), safe_send)
+        except TimeoutError:
+            if not begun:
+                await _answer(safe_send, 503, "the answer took too long: try again")
+        finally:
+            self._in_flight -= 1
+
+    def _refusal(self, scope: Scope) -> tuple[int, str] | None:
+        """Status and line for a request that goes no further."""
+        headers: dict[bytes, list[str]] = {}
+        for key, value in scope["headers"]:
+            headers.setdefault(key.lower(), []).append(value.decode("latin-1"))
+        host, origin = headers.get(b"host", [""]), headers.get(b"origin", [])
+        address = (scope.get("client") or ("unknown", 0))[0]
+        if len(host) != 1 or host[0].lower() not in self._hosts:
+            return 421, "this server does not go by that name (Host)"
+        if any(o.lower() != f"{self._scheme}://{host[0].lower()}" for o in origin):
+            return 403, "requests from other sites are refused (Origin)"
+        if (
+            headers.get(b"sec-fetch-site", ["none"])[0] not in ("none", "same-origin")
+            and scope["path"] not in self._open
+        ):
+            return 403, "requests from other sites are refused (Sec-Fetch-Site)"
+        if len(scope.get("raw_path") or b"") + len(scope.get("query_string") or b"") > MAX_TARGET:
+            return 414, f"the address is longer than {MAX_TARGET} bytes"
+        if scope["method"] not in ("GET", "HEAD", "POST", "DELETE"):
+            return 405, f"{scope['method']} is not used here"
+        if b"content-encoding" in headers:
+            return 415, "packed bodies are not read"
+        length = headers.get(b"content-length", ["0"])[0]
+        if not length.isdecimal() or int(length[:20]) > MAX_BODY:
+            return 413, f"a body has {MAX_BODY} bytes at most"
+        kind = headers.get(b"content-type", [""])[0].partition(";")[0].strip().lower()
+        if scope["method"] == "POST" and kind != "application/json":
+            return 415, "a body is application/json"
+        if not self._in_rate(address):
+            return 429, "too many requests from this address: wait a second"
+        if self._token is not None and scope["path"] not in self._open:
+            return self._refused_token(address, headers.get(b"authorization", []))
+        return None
+
+    def _refused_token(self, address: str, given: list[str]) -> tuple[int, str] | None:
+        now = self._clock()
+        wrong = [t for t in self._wrong.get(address, ()) if now - t < WRONG_S]
+        if len(wrong) >= WRONG_TOKENS:
+            return 429, "too many wrong tokens from this address: wait a minute"
+        kind, _, token = given[0].partition(" ") if len(given) == 1 else ("", "", "")
+        told = hashlib.sha256(token.strip().encode("latin-1")).digest()
+        if kind.lower() == "bearer" and hmac.compare_digest(told, self._token or b""):
+            return None
+        if given:
+            self._wrong[address] = [*wrong, now]
+            _trim(self._wrong)
+        return 401, "a token is needed: Authorization: Bearer TOKEN"
+
+    def _in_rate(self, address: str) -> bool:
+        if is_loopback(address):
+            return True
+        now = self._clock()
+        left, before = self._buckets.pop(address, (BURST, now))
+        left = min(BURST, left + (now - before) * RATE)
+        self._buckets[address] = (max(left - 1, 0.0), now)
+        _trim(self._buckets)
+        return left >= 1
+
+
+def _trim(addresses: OrderedDict[str, Any]) -> None:
+    while len(addresses) > MAX_ADDRESSES:
+        addresses.popitem(last=False)
+
+
+async def _body(receive: Receive) -> bytes | tuple[int, str]:
+    """The whole body, or status and line if it is too long or too slow."""
+    parts, size = [], 0
+    with anyio.move_on_after(BODY_S):
+        while True:
+            message = await receive()
+            if message["type"] == "http.disconnect":
+                return 400, "the request ended early"
+            parts.append(message.get("body", b""))
+            size += len(parts[-1])
+            if size > MAX_BODY:
+                return 413, f"a body has {MAX_BODY} bytes at most"
+            if not message.get("more_body", False):
+                return b"".join(parts)
+    return 408, f"the body did not arrive within {BODY_S:.0f} s"
+
+
+def _replayed(body: bytes, receive: Receive) -> Receive:
+    told = False
+
+    async def again() -> Message:
+        nonlocal told
+        if told:
+            return await receive()
+        told = True
+        return {"type": "http.request", "body": body, "more_body": False}
+
+    return again
+
+
+async def _answer(send: Send, status: int, line: str) -> None:
+    body = json.dumps({"error": line}).encode()
+    headers = [(b"content-type", b"application/json"), (b"content-length", str(len(body)).encode())]
+    headers += [(b"connection", b"close")] if status in (408, 413) else []
+    headers += [(b"www-authenticate", b"Bearer")] if status == 401 else []
+    headers += [(b"retry-after", b"1")] if status in (429, 503) else []
+    await send({"type": "http.response.start", "status": status, "headers": headers})
+    await send({"type": "http.response.body", "body": body})

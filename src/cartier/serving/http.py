@@ -1,0 +1,187 @@
+"""The operations as an HTTP API with OpenAPI, and the page that uses it."""
+
+# Annotations stay real: FastAPI reads those of functions within functions.
+
+import asyncio
+import functools
+import json
+import logging
+from collections.abc import AsyncIterator, Callable
+from importlib.metadata import version
+from typing import Annotated, Any, Literal
+
+import anyio
+import anyio.to_thread
+from fastapi import FastAPI, Header, Query, Request
+from fastapi.exceptions import RequestValidationError
+from fastapi.responses import JSONResponse, Response, StreamingResponse
+from pydantic import BaseModel, ConfigDict, Field
+from starlette.exceptions import HTTPException
+
+from cartier.errors import CartierError, InputError
+from cartier.serving import page
+from cartier.serving.operations import Operations
+
+THREADS = 4  # that may work on one home at a time: a slow one holds up nobody else's
+BEAT_S = 1.0  # between two signs of life, while an answer takes its time
+
+Text = Annotated[str, Field(max_length=4000)]
+Short = Annotated[str, Field(max_length=200)]
+Metres = Annotated[float | None, Field(ge=-1e5, le=1e5)]
+ShortQuery = Annotated[str, Query(max_length=200)]
+MetresQuery = Annotated[float | None, Query(ge=-1e5, le=1e5)]
+
+
+class Asked(BaseModel):
+    """What a person says; ``conversation`` is the same text for as long as it is the same talk."""
+
+    model_config = ConfigDict(extra="forbid")
+    words: Text
+    conversation: Annotated[str, Field(max_length=64)] = ""
+    from_x: Metres = None
+    from_y: Metres = None
+
+
+class Put(BaseModel):
+    """What is put right, and by whom."""
+
+    model_config = ConfigDict(extra="forbid")
+    what: Literal["name", "forget", "move"]
+    thing: Short
+    name: Short = ""
+    x: Metres = None
+    y: Metres = None
+    who: Short = "somebody"
+
+
+class Who(BaseModel):
+    """Who takes something back."""
+
+    model_config = ConfigDict(extra="forbid")
+    who: Short = "somebody"
+
+
+def make(operations: Operations) -> FastAPI:
+    """The app, without any guard: whoever serves it puts a ``Guard`` around it."""
+    app = FastAPI(
+        title="cartier", version=version("cartier"), docs_url=None, redoc_url=None, openapi_url="/openapi.json",
+        summary="Talk to mapped homes: where things are, how sure, and poses to reach them.",
+    )  # fmt: skip
+    limits = {name: anyio.CapacityLimiter(THREADS) for name in operations.homes.names}
+    _add_faults(app)
+    _add_page(app)
+    _add_reading(app, operations, functools.partial(_run, operations, limits))
+    _add_writing(app, operations, functools.partial(_run, operations, limits))
+    return app
+
+
+async def _run(
+    operations: Operations, limits: dict[str, anyio.CapacityLimiter], home: str, work: Callable[..., Any], *given: Any
+) -> Any:
+    """Work on a home in a thread of its own, as one of a few."""
+    name = operations.homes.name(home)
+    return await anyio.to_thread.run_sync(functools.partial(work, *given), limiter=limits[name])
+
+
+def _add_faults(app: FastAPI) -> None:
+    @app.exception_handler(CartierError)
+    async def mistake(request: Request, error: CartierError) -> JSONResponse:
+        missing = isinstance(error, InputError) and str(error).startswith(("there is no home", "nothing in this home"))
+        return JSONResponse({"error": str(error)}, 404 if missing else 400)
+
+    @app.exception_handler(RequestValidationError)
+    async def malformed(request: Request, error: RequestValidationError) -> JSONResponse:
+        first = error.errors()[0]
+        where = ".".join(str(part) for part in first["loc"][1:])
+        return JSONResponse({"error": f"{where or 'the request'}: {first['msg']}"}, 422)
+
+    @app.exception_handler(HTTPException)
+    async def unknown(request: Request, error: HTTPException) -> JSONResponse:
+        return JSONResponse({"error": str(error.detail)}, error.status_code)
+
+    @app.exception_handler(Exception)
+    async def broken(request: Request, error: Exception) -> JSONResponse:
+        logging.getLogger("cartier").error("a request to %s failed", request.url.path, exc_info=error)
+        return JSONResponse({"error": "the server failed: its log says why"}, 500)
+
+
+def _add_page(app: FastAPI) -> None:
+    for path, (kind, data) in page.files().items():
+
+        def send(kind: str = kind, data: bytes = data) -> Response:
+            return Response(data, media_type=kind, headers={"cache-control": "no-cache"})
+
+        app.add_api_route(path, send, include_in_schema=False, response_model=None)
+
+
+def _add_reading(app: FastAPI, ops: Operations, run: Callable[..., Any]) -> None:
+    @app.get("/api/homes", summary="The homes that are served")
+    async def homes() -> dict[str, list[str]]:
+        return {"homes": ops.homes.names}
+
+    @app.post(
+        "/api/homes/{home}/ask", summary="What serves a person's words; as server-sent events if they are accepted"
+    )
+    async def ask(home: str, asked: Asked, accept: Annotated[str, Header()] = "") -> Any:
+        given = (home, ops.ask, asked.words, home, asked.conversation, asked.from_x, asked.from_y)
+        if "text/event-stream" not in accept:
+            return await run(*given)
+        return StreamingResponse(_events(functools.partial(run, *given)), media_type="text/event-stream")
+
+    @app.get("/api/homes/{home}/view", summary="All that the page draws: floor plan, rooms, objects")
+    async def view(home: str) -> Any:
+        return Response(await run(home, page.view_json, ops, home), media_type="application/json")
+
+    @app.get("/api/homes/{home}/find", summary="Objects and rooms by name")
+    async def find(home: str, name: ShortQuery) -> Any:
+        return await run(home, ops.find, name, home)
+
+    @app.get("/api/homes/{home}/objects", summary="The objects of a home or of one room, paged")
+    async def objects(
+        home: str, room: ShortQuery = "", page: Annotated[int, Query(ge=1, le=100_000)] = 1, tentative: bool = False
+    ) -> Any:
+        return await run(home, ops.list_objects, room, page, tentative, home)
+
+    @app.get("/api/homes/{home}/rooms", summary="The rooms of a home")
+    async def rooms(home: str) -> Any:
+        return await run(home, ops.list_rooms, home)
+
+    @app.get("/api/homes/{home}/describe", summary="All that is known of one object or room")
+    async def describe(home: str, thing: ShortQuery) -> Any:
+        return await run(home, ops.describe, thing, home)
+
+    @app.get("/api/homes/{home}/relate", summary="How two objects lie to each other")
+    async def relate(home: str, thing: ShortQuery, other: ShortQuery) -> Any:
+        return await run(home, ops.relate, thing, other, home)
+
+    @app.get("/api/homes/{home}/goal", summary="A reachable pose that faces an object or lies in a room")
+    async def goal(home: str, thing: ShortQuery, from_x: MetresQuery = None, from_y: MetresQuery = None) -> Any:
+        return await run(home, ops.goal_for, thing, home, from_x, from_y)
+
+    @app.get("/api/homes/{home}/photo", summary="The evidence for an object, as JPEG", response_class=Response)
+    async def photo(home: str, thing: ShortQuery, view: Annotated[int, Query(ge=1, le=100)] = 1) -> Response:
+        told, jpeg = await run(home, ops.look_at, thing, view, home)
+        return Response(jpeg, media_type="image/jpeg", headers={"x-box": json.dumps(told["box_in_picture"])})
+
+
+def _add_writing(app: FastAPI, ops: Operations, run: Callable[..., Any]) -> None:
+    @app.post("/api/homes/{home}/corrections", summary="Name, forget or move")
+    async def correct(home: str, put: Put) -> Any:
+        return await run(home, ops.correct, put.what, put.thing, put.name, put.x, put.y, home, put.who)
+
+    @app.post("/api/homes/{home}/undo", summary="Take back the latest correction that holds")
+    async def undo(home: str, by: Who) -> Any:
+        return await run(home, ops.undo, home, by.who)
+
+
+async def _events(work: Callable[[], Any]) -> AsyncIterator[str]:
+    """Signs of life, then the answer or the fault, as server-sent events."""
+    task = asyncio.ensure_future(work())
+    try:
+        while not (await asyncio.wait({task}, timeout=BEAT_S))[0]:
+            yield "event: thinking\ndata: {}\n\n"
+        yield f"event: answer\ndata: {json.dumps(task.result(), ensure_ascii=False)}\n\n"
+    except CartierError as error:
+        yield f"event: fault\ndata: {json.dumps({'error': str(error)})}\n\n"
+    finally:
+        task.cancel()

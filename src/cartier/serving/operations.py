@@ -1,0 +1,354 @@
+"""What can be done with homes from outside, once: flat typed arguments in, plain JSON values out.
+
+Every result names the home, its id and its age; what is about an object says how certain it is, what the evidence is, and
+from where it can be reached. A fault is an InputError whose line says what to call next.
+"""
+
+from __future__ import annotations
+
+import io
+import math
+import threading
+import time
+from collections import OrderedDict
+from collections.abc import Sequence
+from difflib import get_close_matches
+from typing import Any
+
+import numpy as np
+
+from cartier import specs
+from cartier.contracts import Reasoner
+from cartier.conversation import robot_turn
+from cartier.corrections import What, find
+from cartier.errors import InputError, brief
+from cartier.home import Home
+from cartier.language.prompts import check_query, recent
+from cartier.mapping import relations
+from cartier.pipeline import ask
+from cartier.planning import plan
+from cartier.serving.homes import Homes
+from cartier.store import MANIFEST
+from cartier.types import Answer, Array, Goal, MapObject, Place, RobotModel, Room
+
+PAGE = 5  # objects of a list: a small model reads it whole
+FOUND, RELATIONS, CANDIDATES = 5, 5, 3
+MAX_CONVERSATIONS, MAX_CONVERSATION_CHARS = 1000, 64
+NO_PLAN = "there is no goal: without depth the home has no floor plan to plan on"
+CROP_PX, MARGIN = 512, 0.35  # of a photo: its longer side, and what is shown around the object in sizes of it
+
+
+class Operations:
+    """The operations over some homes, for one kind of robot. Safe to be called from many threads at once."""
+
+    def __init__(self, homes: Homes, reasoner: Reasoner, robot: RobotModel | None = None) -> None:
+        self.homes, self.reasoner, self.robot = homes, reasoner, robot or RobotModel()
+        self._turns: OrderedDict[tuple[str, str], list[tuple[str, str]]] = OrderedDict()
+        self._lock = threading.Lock()
+
+    def ask(
+        self,
+        words: str,
+        home: str = "",
+        conversation: str = "",
+        from_x: float | None = None,
+        from_y: float | None = None,
+    ) -> dict[str, Any]:
+        """What serves a person's words, in the light of what was said in the ``conversation`` (any short text) before."""
+        words, mapped = check_query(words), self.homes.get(home)
+        key = (self.homes.name(home), conversation.strip()[:MAX_CONVERSATION_CHARS])
+        with self._lock:
+            turns = list(self._turns.get(key, ()))
+        start = _start(mapped, from_x, from_y)
+        answer = ask(mapped, words, self.reasoner, from_xy=start, robot=self.robot, dialogue=turns)
+        if key[1]:
+            with self._lock:
+                self._turns[key] = recent([*turns, (words, robot_turn(answer))])
+                self._turns.move_to_end(key)
+                if len(self._turns) > MAX_CONVERSATIONS:
+                    self._turns.popitem(last=False)
+        return self.about(home, mapped) | _answer(mapped, answer)
+
+    def find(self, name: str, home: str = "") -> dict[str, Any]:
+        """Objects and rooms by name, the surest first; close spellings where none has the name."""
+        mapped, wanted = self.homes.get(home), " ".join(name.casefold().split())
+        if not wanted:
+            raise InputError("find needs a name: call list_objects to see all")
+        called = {
+            thing.id: [n.casefold() for n in (*thing.names, thing.label, *(n for n, _ in thing.labels))]
+            for thing in mapped.objects
+        }
+        hits = [t for t in mapped.objects if any(wanted in each for each in called[t.id])]
+        close = []
+        if not hits:
+            close = get_close_matches(wanted, sorted({n for names in called.values() for n in names}), 3, 0.75)
+            hits = [t for t in mapped.objects if set(close) & set(called[t.id])]
+        hits.sort(key=lambda t: (wanted not in called[t.id][: 1 + len(t.names)], not t.confirmed, -t.probability, t.id))
+        rooms = [{"room": f"room:{r.id}", "name": r.name} for r in mapped.rooms if wanted in r.name.casefold()]
+        told: dict[str, Any] = {
+            "total": len(hits),
+            "objects": [self._row(mapped, t) for t in hits[:FOUND]],
+            "rooms": rooms,
+        }
+        if close:
+            told["spelt"] = close
+        if not hits and not rooms:
+            told["next"] = (
+                f"nothing is called {brief(name, 40)!r}: ask understands needs in any words, list_objects shows all"
+            )
+        return self.about(home, mapped) | told
+
+    def describe(self, thing: str, home: str = "") -> dict[str, Any]:
+        """All that is known of one object or room."""
+        mapped = self.homes.get(home)
+        one = find(thing, mapped.objects, mapped.rooms)
+        if isinstance(one, Room):
+            inside = [t for t in mapped.objects if t.room == one.id and t.confirmed]
+            told = _room_row(mapped, one) | {"holds": sorted({t.label for t in inside})[:30]}
+            return self.about(home, mapped) | told | self._goal(mapped, _room_place(mapped, one), mapped.start_xy)
+        held = relations.supports(mapped.objects)
+        on = held.get(one.id)
+        told = self._row(mapped, one) | {
+            "size_m": [round(high - low, 2) for low, high in zip(one.box_min, one.box_max, strict=True)],
+            "colours": [name for name, _ in one.colours[:3]],
+            "also_called": [name for name, _ in one.labels if name != one.label][:3],
+            "stands": None if on is None else f"{on.kind} {_called(mapped, on.object)}",
+            "holds": [_called(mapped, k) for k, r in held.items() if r.object == one.id][:6],
+            "next_to": [_called(mapped, r.subject) for r in relations.next_to(one, _sure(mapped)) if r.probability >= 0.5][:4],
+            "last_seen_s": round(one.last_seen_s, 1), "last_looked_s": round(one.last_looked_s, 1),
+        }  # fmt: skip
+        return self.about(home, mapped) | told | self._goal(mapped, place_of(one), mapped.start_xy)
+
+    def list_objects(self, room: str = "", page: int = 1, tentative: bool = False, home: str = "") -> dict[str, Any]:
+        """The objects of a home or of one room, page by page."""
+        mapped = self.homes.get(home)
+        rows = [t for t in mapped.objects if t.confirmed or tentative]
+        if room:
+            one = find(room, (), mapped.rooms)
+            rows = [t for t in rows if t.room == one.id]
+        rows.sort(key=lambda t: (t.label, t.id))
+        pages = max(1, math.ceil(len(rows) / PAGE))
+        if not 1 <= page <= pages:
+            raise InputError(f"there is no page {page}: call list_objects with page 1 to {pages}")
+        shown = [self._row(mapped, t) for t in rows[(page - 1) * PAGE : page * PAGE]]
+        return self.about(home, mapped) | {"total": len(rows), "page": page, "pages": pages, "objects": shown}
+
+    def list_rooms(self, home: str = "") -> dict[str, Any]:
+        """The rooms of a home; without a home that is the only one, the homes to choose from."""
+        mapped = self.homes.get(home)
+        return self.about(home, mapped) | {"rooms": [_room_row(mapped, r) for r in mapped.rooms]}
+
+    def relate(self, thing: str, other: str, home: str = "") -> dict[str, Any]:
+        """How two objects lie to each other, seen from where one would stand before the second."""
+        mapped = self.homes.get(home)
+        a, b = (_an_object(find(each, mapped.objects, mapped.rooms)) for each in (thing, other))
+        if a.id == b.id:
+            raise InputError(f"{brief(thing, 40)} and {brief(other, 40)} are the same object {a.id}: relate needs two")
+        goal = plan(mapped.grid, place_of(b), mapped.start_xy, self.robot)[0] if mapped.grid is not None else None
+        seen_from = (goal.x, goal.y) if goal is not None else mapped.start_xy
+        found = [r for k, r in relations.supports(_sure(mapped, a, b)).items() if {k, r.object} == {a.id, b.id}]
+        for each in (relations.under(b, [a]), relations.next_to(b, [a])):
+            found += each
+        found += relations.left_of(b, [a], seen_from) + relations.right_of(b, [a], seen_from)
+        found += [relations.bigger(a, b)]
+        rows = sorted((r for r in found if r.probability >= 0.5), key=lambda r: -r.probability)[:RELATIONS]
+        told = [f"{_called(mapped, r.subject)} is {_than(r.kind)} {_called(mapped, r.object)}" for r in rows]
+        gap = np.maximum(0, np.maximum(np.subtract(a.box_min, b.box_max), np.subtract(b.box_min, a.box_max)))
+        return self.about(home, mapped) | {
+            "relations": told, "certainty": [round(r.probability, 2) for r in rows], "apart_m": round(float(np.linalg.norm(gap)), 2),
+            "same_room": a.room == b.room, "seen_from": [round(v, 2) for v in seen_from], "evidence": [_evidence(a), _evidence(b)],
+        }  # fmt: skip
+
+    def goal_for(
+        self, thing: str, home: str = "", from_x: float | None = None, from_y: float | None = None
+    ) -> dict[str, Any]:
+        """A pose that can be reached from a start, and faces an object or lies in a room."""
+        mapped = self.homes.get(home)
+        one = find(thing, mapped.objects, mapped.rooms)
+        place = _room_place(mapped, one) if isinstance(one, Room) else place_of(one)
+        row = _room_row(mapped, one) if isinstance(one, Room) else self._row(mapped, one)
+        return self.about(home, mapped) | row | self._goal(mapped, place, _start(mapped, from_x, from_y))
+
+    def goal(self, thing: str, home: str = "", from_x: float | None = None, from_y: float | None = None) -> Goal:
+        """The pose of ``goal_for``. Raises InputError where there is none."""
+        mapped = self.homes.get(home)
+        one = find(thing, mapped.objects, mapped.rooms)
+        if mapped.grid is None:
+            raise InputError(NO_PLAN)
+        place = _room_place(mapped, one) if isinstance(one, Room) else place_of(one)
+        goal, why_not = plan(mapped.grid, place, _start(mapped, from_x, from_y), self.robot)
+        if goal is None:
+            raise InputError(why_not)
+        return goal
+
+    def go(self, thing: str, robot: str, home: str = "") -> dict[str, Any]:
+        """Send a robot (as ``--go`` names it) to the pose of ``goal_for``. Whoever calls this has a person's consent."""
+        said = specs.robot(robot, self.homes.get(home), self.robot).go_to(self.goal(thing, home))
+        return self.goal_for(thing, home) | {"sent": said}
+
+    def look_at(self, thing: str, view: int = 1, home: str = "") -> tuple[dict[str, Any], bytes]:
+        """The evidence for an object: what a view says, and a JPEG of the part of the photo around its box."""
+        mapped = self.homes.get(home)
+        one = _an_object(find(thing, mapped.objects, mapped.rooms))
+        views = [v for v in one.views if v.frame in mapped.photos]
+        if not views:
+            raise InputError(f"the home keeps no photo of object {one.id}: call describe for all that is known")
+        if not 1 <= view <= len(views):
+            raise InputError(f"object {one.id} has the views 1 to {len(views)}, not {view}")
+        seen = views[view - 1]
+        jpeg, box = crop(mapped.photos[seen.frame], seen.box_xyxy)
+        told = {"frame": seen.frame, "box_in_picture": box, "score": round(seen.score, 2), "views": len(views)}
+        return self.about(home, mapped) | self._row(mapped, one) | told, jpeg
+
+    def correct(
+        self,
+        what: What,
+        thing: str = "",
+        name: str = "",
+        x: float | None = None,
+        y: float | None = None,
+        home: str = "",
+        who: str = "somebody",
+    ) -> dict[str, Any]:
+        """Put something right: name an object or a room, forget an object, move an object to x, y, or undo the latest."""
+        mapped, to_xy = self.homes.get(home), () if x is None or y is None else (x, y)
+        _, told = mapped.correct(what, thing, name=name, to_xy=to_xy, who=who)
+        return self.about(home, self.homes.get(home)) | {"done": told, "next": "undo takes it back"}
+
+    def undo(self, home: str = "", who: str = "somebody") -> dict[str, Any]:
+        """Take back the latest correction that holds."""
+        told = self.correct("undo", home=home, who=who)
+        return {key: value for key, value in told.items() if key != "next"}
+
+    def about(self, home: str, mapped: Home) -> dict[str, Any]:
+        """Which home it is, and how old its map."""
+        told: dict[str, Any] = {"home": self.homes.name(home), "home_id": mapped.id}
+        if mapped.store is not None:
+            told["age_h"] = round(max(0.0, time.time() - (mapped.store.folder / MANIFEST).stat().st_mtime) / 3600, 2)
+        return told
+
+    def _row(self, mapped: Home, thing: MapObject) -> dict[str, Any]:
+        x, y, z = (round(v, 2) for v in thing.position)
+        room = next((r.name for r in mapped.rooms if r.id == thing.room), None)
+        named = {"name": thing.names[0]} if thing.names else {}
+        goal = plan(mapped.grid, place_of(thing), mapped.start_xy, self.robot)[0] if mapped.grid is not None else None
+        return {
+            "id": thing.id, "label": thing.label, **named, "room": room, "x": x, "y": y, "z": z,
+            "certainty": round(thing.probability, 2), "evidence": _evidence(thing), "reachable": goal is not None,
+        }  # fmt: skip
+
+    def _goal(self, mapped: Home, place: Place, start: Sequence[float]) -> dict[str, Any]:
+        if mapped.grid is None:
+            return {"goal": None, "why_no_goal": NO_PLAN}
+        goal, why_not = plan(mapped.grid, place, start, self.robot)
+        return {"goal": None, "why_no_goal": why_not} if goal is None else {"goal": pose(goal)}
+
+
+def _answer(home: Home, answer: Answer) -> dict[str, Any]:
+    chosen, place, goal = answer.selection, answer.place, answer.goal
+    one = None
+    if place is not None:
+        one = next((t for t in home.objects if t.id == place.object_id), None)
+    told: dict[str, Any] = {"status": chosen.status, "object": chosen.object}
+    told |= {key: value for key in ("say", "question", "reason") if (value := getattr(chosen, key, None))}
+    if chosen.candidates:
+        told["candidates"] = [[name, round(score, 2)] for name, score in chosen.candidates[:CANDIDATES]]
+    if one is not None:
+        room = next((r.name for r in home.rooms if r.id == one.room), None)
+        told |= {"id": one.id, "room": room, "certainty": round(one.probability, 2), "evidence": _evidence(one)}
+    if place is not None:
+        told |= {axis: round(v, 2) for axis, v in zip("xyz", place.position, strict=True)}
+    told["goal"] = None if goal is None else pose(goal)
+    notes = [note for note in answer.notes if "embedded reasoner answers" not in note]
+    told |= {"notes": notes} if notes else {}
+    return told | ({"then": [_answer(home, further) for further in answer.then]} if answer.then else {})
+
+
+def pose(goal: Goal) -> dict[str, Any]:
+    """A goal with the corners of its path."""
+    return {
+        "x": round(goal.x, 3), "y": round(goal.y, 3), "yaw": round(goal.yaw, 3), "length_m": round(goal.length_m, 2),
+        "sees_it": goal.line_of_sight, "path": _corners(goal.path),
+    }  # fmt: skip
+
+
+def _corners(path: Array) -> list[list[float]]:
+    """A path (K, 2) without the points between which it goes straight on."""
+    if len(path) > 2:
+        steps = np.diff(path, axis=0)
+        turns = np.abs(steps[1:] - steps[:-1]).max(1) > 1e-6
+        path = path[np.concatenate([[True], turns, [True]])]
+    return [[round(float(x), 3), round(float(y), 3)] for x, y in path]
+
+
+def place_of(thing: MapObject) -> Place:
+    """Where an object is, to plan for."""
+    view = thing.views[0] if thing.views else None
+    return Place(
+        thing.label, thing.position, thing.probability, view.frame if view else -1, view.box_xyxy if view else None,
+        thing.box_min, thing.box_max, object_id=thing.id,
+    )  # fmt: skip
+
+
+def _room_place(home: Home, room: Room) -> Place:
+    assert home.grid is not None  # there are no rooms without
+    middle = room.cells[np.argmin(np.abs(room.cells - room.cells.mean(0)).sum(1))]
+    x, y = home.grid.centre(middle).tolist()
+    return Place(room.name, (x, y, 0.0), 1.0, -1)
+
+
+def _room_row(home: Home, room: Room) -> dict[str, Any]:
+    assert home.grid is not None
+    count = sum(t.room == room.id and t.confirmed for t in home.objects)
+    area = round(len(room.cells) * home.grid.resolution_m**2, 1)
+    return {"room": f"room:{room.id}", "name": room.name, "kind": room.kind, "area_m2": area, "objects": count}
+
+
+def _evidence(thing: MapObject) -> str:
+    frame = f", frame {thing.views[0].frame}" if thing.views else ""
+    return f"seen {thing.sightings} of {thing.chances}{frame}"
+
+
+def _called(home: Home, number: int | None) -> str:
+    thing = next(t for t in home.objects if t.id == number)
+    return f"{thing.names[0] if thing.names else thing.label} {thing.id}"
+
+
+def _than(kind: str) -> str:
+    return {"bigger": "bigger than"}.get(kind, kind)
+
+
+def _sure(home: Home, *more: MapObject) -> list[MapObject]:
+    return [t for t in home.objects if t.confirmed or t in more]
+
+
+def _an_object(thing: MapObject | Room) -> MapObject:
+    if isinstance(thing, Room):
+        raise InputError(
+            f"{thing.name} is a room: pass an object; list_objects with room={thing.name!r} shows what is in it"
+        )
+    return thing
+
+
+def _start(home: Home, from_x: float | None, from_y: float | None) -> Sequence[float]:
+    if (from_x is None) != (from_y is None):
+        raise InputError("a start needs both from_x and from_y, in metres of the map")
+    return home.start_xy if from_x is None or from_y is None else (from_x, from_y)
+
+
+def crop(jpeg: bytes, box_xyxy: Sequence[float], side_px: int = CROP_PX, quality: int = 85) -> tuple[bytes, list[int]]:
+    """The part of a photo around a box, as JPEG, and the box in its pixels."""
+    from PIL import Image
+
+    with Image.open(io.BytesIO(jpeg)) as photo:
+        x1, y1, x2, y2 = box_xyxy
+        margin = MARGIN * max(x2 - x1, y2 - y1, 40.0)
+        left, top = (max(0, math.floor(v - margin)) for v in (x1, y1))
+        right, bottom = min(photo.width, math.ceil(x2 + margin)), min(photo.height, math.ceil(y2 + margin))
+        part = photo.convert("RGB").crop((left, top, right, bottom))
+    scale = min(1.0, side_px / max(part.size))
+    if scale < 1:
+        part = part.resize((max(1, round(part.width * scale)), max(1, round(part.height * scale))))
+    buffer = io.BytesIO()
+    part.save(buffer, "JPEG", quality=quality)
+    return buffer.getvalue(), [round((v - o) * scale) for v, o in zip(box_xyxy, (left, top, left, top), strict=True)]

@@ -1,0 +1,147 @@
+"""What the page draws: a home as one JSON value; the page's own files; and both together as one file that opens from disk."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import itertools
+import json
+from collections.abc import Iterable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cartier.corrections import in_force
+from cartier.home import Home
+from cartier.mapping.relations import supports
+from cartier.planning import plan
+from cartier.reasoners._cards import SHIPPED, read_deck
+from cartier.serving.operations import Operations, crop, place_of, pose
+from cartier.types import FREE, OCCUPIED, Array, MapObject, RobotModel
+
+WEB = Path(__file__).with_name("web")
+SCRIPTS = ("data.js", "plan.js", "scene.js", "app.js")
+KINDS = {
+    ".html": "text/html; charset=utf-8",
+    ".css": "text/css; charset=utf-8",
+    ".js": "text/javascript; charset=utf-8",
+}
+THUMB_PX, THUMB_QUALITY = 300, 72
+HEIGHT_M = 0.05  # step of the heights that are drawn
+
+
+@cache
+def files() -> dict[str, tuple[str, bytes]]:
+    """The page's files by the path they are served under: media type and bytes. No other path is ever read."""
+    names = ("index.html", "style.css", *SCRIPTS)
+    told = {f"/{name}": (KINDS[Path(name).suffix], (WEB / name).read_bytes()) for name in names}
+    return {"/": told["/index.html"]} | told
+
+
+def view(home: Home) -> dict[str, Any]:
+    """Floor plan, rooms and objects of a home as plain JSON values; the cells as runs of (code, how many), row by row."""
+    held = supports(home.objects)
+    about: dict[str, Any] = {
+        "title": home.name, "home_id": home.id, "detector": home.detector, "start": _rounded(home.start_xy),
+        "notes": home.to_dict()["notes"], "corrections": len(in_force(home.corrected.log)) if home.corrected else 0,
+        "objects": [_object(thing, held) for thing in home.objects], "rooms": [], "grid": None,
+    }  # fmt: skip
+    grid = home.grid
+    if grid is not None:
+        code = np.zeros(grid.cells.shape, np.int64)
+        code[grid.cells == FREE], code[grid.cells == OCCUPIED] = 1, 2
+        for number, room in enumerate(home.rooms):
+            code[tuple(room.cells.T)] += 3 * (number + 1)
+            middle = _middle(grid.cells, room.cells)
+            area = round(len(room.cells) * grid.resolution_m**2, 1)
+            row = {"id": room.id, "name": room.name, "kind": room.kind, "area": area}
+            about["rooms"].append(row | {"at": _rounded(grid.centre(middle).tolist())})
+        steps = np.round(np.clip(grid.height_m.astype(np.float32), 0, 4) / HEIGHT_M).astype(np.int64)
+        about["grid"] = {
+            "rows": grid.cells.shape[0], "cols": grid.cells.shape[1], "side": grid.resolution_m, "origin": _rounded(grid.origin_xy),
+            "cells": _runs(code), "heights": _runs(np.where(grid.cells == OCCUPIED, steps, 0)), "step": HEIGHT_M,
+        }  # fmt: skip
+    return about
+
+
+def view_json(operations: Operations, home: str) -> bytes:
+    """``view`` of a served home, with its name and age."""
+    mapped = operations.homes.get(home)
+    return _json(operations.about(home, mapped) | view(mapped)).encode()
+
+
+def one_file(home: Home, robot: RobotModel | None = None) -> bytes:
+    """The page with a home in it: opens from disk, and may load nothing from anywhere (its own policy says so)."""
+    told = view(home) | {"goals": {}, "photos": {}, "home": home.name, "uses": _uses(home)}
+    for thing in home.objects:
+        if home.grid is not None:
+            goal, _ = plan(home.grid, place_of(thing), home.start_xy, robot or RobotModel())
+            told["goals"][thing.id] = None if goal is None else pose(goal)
+        best = next((v for v in thing.views if v.frame in home.photos), None)
+        if best is not None and thing.confirmed:
+            jpeg, box = crop(home.photos[best.frame], best.box_xyxy, THUMB_PX, THUMB_QUALITY)
+            told["photos"][thing.id] = {"jpeg": base64.b64encode(jpeg).decode(), "box": box}
+    style = (WEB / "style.css").read_text(encoding="utf-8")
+    script = "\n".join((WEB / name).read_text(encoding="utf-8") for name in SCRIPTS)
+    policy = f"default-src 'none'; img-src data: blob:; style-src '{_sha(style)}'; script-src '{_sha(script)}'; base-uri 'none'; form-action 'none'"
+    html = (WEB / "index.html").read_text(encoding="utf-8")
+    head, _, rest = html.partition("<!-- head -->")
+    _, _, body = rest.partition("<!-- /head -->")
+    body, _, _ = body.partition("<!-- scripts -->")
+    data = _json(told).replace("<", "\\u003c")  # nothing in it ends the element
+    return (
+        f'{head}<meta http-equiv="Content-Security-Policy" content="{policy}">\n<style>{style}</style>{body}'
+        f'<script type="application/json" id="home-data">{data}</script>\n<script>{script}</script>\n</body>\n</html>\n'
+    ).encode()
+
+
+def _uses(home: Home) -> dict[str, list[str]]:
+    """What the confirmed things of a home are good for, by label: the phrases of the shipped knowledge cards."""
+    deck = read_deck(SHIPPED)
+    cards = {label: deck.card_of(label) for label in {thing.label for thing in home.objects if thing.confirmed}}
+    return {
+        label: [*deck.cards[k].synonyms, *deck.cards[k].uses] for label, k in sorted(cards.items()) if k is not None
+    }
+
+
+def _object(thing: MapObject, held: Any) -> dict[str, Any]:
+    on = held.get(thing.id)
+    return {
+        "id": thing.id, "label": thing.label, "names": list(thing.names), "also": [n for n, _ in thing.labels[1:4]],
+        "room": thing.room, "at": _rounded(thing.position), "low": _rounded(thing.box_min), "high": _rounded(thing.box_max),
+        "sure": round(thing.probability, 3), "confirmed": thing.confirmed, "seen": thing.sightings, "of": thing.chances,
+        "colours": [n for n, _ in thing.colours[:3]], "last_s": round(thing.last_seen_s, 1), "views": len(thing.views),
+        "on": None if on is None else [on.kind, on.object],
+    }  # fmt: skip
+
+
+def _middle(cells: Array, room: Array) -> Array:
+    """The cell (row, col) of a room that is farthest from all that stands in it: there is room for its name."""
+    from scipy.ndimage import distance_transform_edt
+
+    floor = np.zeros(np.add(cells.shape, 2), bool)
+    floor[tuple(room.T + 1)] = cells[tuple(room.T)] == FREE
+    if not floor.any():
+        return np.asarray(room[0])
+    return np.array(np.unravel_index(int(np.argmax(distance_transform_edt(floor))), floor.shape)) - 1
+
+
+def _runs(values: np.ndarray[Any, Any]) -> list[int]:
+    """Equal values in a row as value, count, value, count …"""
+    return list(
+        itertools.chain.from_iterable((k, sum(1 for _ in run)) for k, run in itertools.groupby(values.ravel().tolist()))
+    )
+
+
+def _rounded(values: Iterable[float]) -> list[float]:
+    return [round(float(v), 3) for v in values]
+
+
+def _json(value: Any) -> str:
+    return json.dumps(value, ensure_ascii=False, separators=(",", ":"), allow_nan=False)
+
+
+def _sha(text: str) -> str:
+    return "sha256-" + base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()

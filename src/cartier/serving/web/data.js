@@ -1,0 +1,85 @@
+"use strict";
+// Where the page's data come from: a server, or the value that is written into the file itself.
+
+const COLOURS = { black: "#26262a", white: "#f4f4f0", grey: "#8d9096", red: "#c8403a", orange: "#d9823b", brown: "#8a5f3c", yellow: "#dcc04c", green: "#5b9a52", blue: "#4a78b8", purple: "#80609f", pink: "#d893ae", beige: "#d8c6a2", turquoise: "#4fa9a4" };
+const called = (thing) => thing.names[0] || thing.label;
+const plain = (text) => text.toLowerCase().normalize("NFKD").replace(/[^\p{L}\p{N} ]+/gu, " ").replace(/\s+/g, " ").trim();
+
+function expand(runs, size) {
+  const cells = new Int32Array(size);
+  for (let i = 0, at = 0; i + 1 < runs.length; at += runs[i + 1], i += 2) cells.fill(runs[i], at, at + runs[i + 1]);
+  return cells;
+}
+
+class Served {
+  constructor() { this.home = ""; this.token = sessionStorage.getItem("cartier-token") || ""; this.talk = Array.from(crypto.getRandomValues(new Uint8Array(12)), (b) => b.toString(16).padStart(2, "0")).join(""); }
+  get canCorrect() { return true; }
+  async call(path, body) {
+    const headers = this.token ? { authorization: `Bearer ${this.token}` } : {};
+    if (body) headers["content-type"] = "application/json";
+    const got = await fetch(path, { method: body ? "POST" : "GET", headers, body: body && JSON.stringify(body), credentials: "omit" });
+    if (got.status === 401) { await this.unlock(); return this.call(path, body); }
+    if (!got.ok) throw new Error((await got.json().catch(() => ({}))).error || `the server answered ${got.status}`);
+    return got;
+  }
+  unlock() {
+    const box = document.getElementById("key"), token = document.getElementById("token");
+    token.value = "";
+    return new Promise((done) => {
+      box.addEventListener("close", () => { this.token = token.value.trim(); sessionStorage.setItem("cartier-token", this.token); done(); }, { once: true });
+      box.showModal();
+    });
+  }
+  json(path, body) { return this.call(path, body).then((got) => got.json()); }
+  at(rest) { return `api/homes/${encodeURIComponent(this.home)}/${rest}`; }
+  async homes() { return (await this.json("api/homes")).homes; }
+  view() { return this.json(this.at("view")); }
+  ask(words) { return this.json(this.at("ask"), { words, conversation: this.talk }); }
+  async goal(thing) { const told = await this.json(this.at(`goal?thing=${thing.id}`)); return told.goal || { why: told.why_no_goal }; }
+  async photo(thing, view) {
+    const got = await this.call(this.at(`photo?thing=${thing.id}&view=${view}`));
+    return { src: URL.createObjectURL(await got.blob()), box: JSON.parse(got.headers.get("x-box")) };
+  }
+  correct(what, thing, more) { return this.json(this.at("corrections"), { what, thing: String(thing), who: "the page", ...more }); }
+  undo() { return this.json(this.at("undo"), { who: "the page" }); }
+}
+
+class Stored {
+  constructor(data) { this.data = data; this.home = data.home; }
+  get canCorrect() { return false; }
+  async homes() { return [this.data.home]; }
+  async view() { return this.data; }
+  async goal(thing) { return this.data.goals[thing.id] || { why: "no pose near it can be reached" }; }
+  async photo(thing) { const p = this.data.photos[thing.id]; return p && { src: `data:image/jpeg;base64,${p.jpeg}`, box: p.box }; }
+  // Without a server nobody reasons: words are looked up among names, labels, rooms and colours.
+  async ask(words) {
+    const asked = plain(words).split(" ").map((w) => w.replace(/(ss)$|(?<!s)s$/, "$1")), said = ` ${asked.join(" ")} `;
+    const key = (name) => plain(name).split(" ").map((w) => w.replace(/(ss)$|(?<!s)s$/, "$1")).join(" ");
+    const rooms = new Map(this.data.rooms.map((r) => [r.id, r]));
+    let best = [], most = 0;
+    for (const thing of this.data.objects.filter((t) => t.confirmed)) {
+      const names = [...thing.names, thing.label, ...thing.also].map(key), hit = names.filter((n) => n && said.includes(` ${n} `)).sort((a, b) => b.length - a.length)[0];
+      if (!hit) continue;
+      const room = rooms.get(thing.room), extra = (room && said.includes(` ${key(room.name)} `) ? 5 : 0) + thing.colours.filter((c) => asked.includes(c)).length * 3;
+      const worth = hit.length + (names.indexOf(hit) < thing.names.length + 1 ? 2 : 0) + extra;
+      if (worth > most) { best = []; most = worth; }
+      if (worth === most) best.push(thing);
+    }
+    if (!best.length) {
+      const label = this.serves(asked);
+      best = this.data.objects.filter((t) => t.confirmed && t.label === label);
+    }
+    if (!best.length) return { status: "absent", reason: "Nothing here has such a name or use. This file only compares words: serve the home to ask for anything.", goal: null };
+    if (/\bhow many\b/i.test(words)) return { status: "told", say: `${best.length} × ${best[0].label}`, ids: best.map((t) => t.id), goal: null };
+    if (best.length > 1) return { status: "clarify", question: `There are ${best.length}. Which one?`, ids: best.map((t) => t.id), goal: null };
+    return { status: "found", object: called(best[0]), id: best[0].id, goal: this.data.goals[best[0].id] };
+  }
+  // The label one of whose uses shares the rarest words with what was asked, null where that says too little.
+  serves(asked) {
+    const split = (text) => new Set(plain(text).split(" ")), phrases = Object.entries(this.data.uses).flatMap(([label, uses]) => uses.map((u) => [label, split(u)])), count = new Map();
+    for (const [, words] of phrases) for (const w of words) count.set(w, (count.get(w) || 0) + 1);
+    const worth = (w) => Math.log(phrases.length / count.get(w)), wanted = [...new Set(asked)].filter((w) => count.has(w));
+    const scored = phrases.map(([label, words]) => [wanted.filter((w) => words.has(w)).reduce((sum, w) => sum + worth(w), 0) / Math.sqrt(words.size), label]).sort((a, b) => b[0] - a[0]);
+    return scored.length && scored[0][0] > 1.8 ? scored[0][1] : null;
+  }
+}

@@ -1,0 +1,419 @@
+"""The HTTP API as it is used, and each attack on it once, against a server in another process."""
+
+from __future__ import annotations
+
+import asyncio
+import hmac
+import json
+import os
+import re
+import signal
+import socket
+import ssl
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("fastapi", reason="needs cartier[serve]")
+pytest.importorskip("uvicorn", reason="needs cartier[serve]")
+httpx = pytest.importorskip("httpx")
+
+from cartier.corrections import LOG, read_log  # noqa: E402
+from cartier.errors import InputError  # noqa: E402
+from cartier.home import Home  # noqa: E402
+from cartier.serving import guard, http  # noqa: E402
+from cartier.serving.guard import Guard, host_names, read_token  # noqa: E402
+from cartier.serving.homes import Homes  # noqa: E402
+from cartier.serving.operations import Operations  # noqa: E402
+from cartier.types import Inventory, Selection  # noqa: E402
+from serving.conftest import Server, starting  # noqa: E402
+
+TOKEN = "correct-horse-battery-staple-42"
+JSON = {"content-type": "application/json"}
+
+
+@pytest.fixture(scope="module")
+def server(mapped: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
+    with starting(tmp_path_factory.mktemp("http")) as begin:
+        yield begin("serve", mapped)
+
+
+@pytest.fixture(scope="module")
+def locked(mapped: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
+    with starting(tmp_path_factory.mktemp("locked")) as begin:
+        yield begin("serve", mapped, CARTIER_TOKEN=TOKEN)
+
+
+def raw(server: Server, data: bytes, wait_s: float = 5.0) -> bytes:
+    """What the server says to these bytes, until it closes or says no more."""
+    with socket.create_connection(("127.0.0.1", server.port), timeout=wait_s) as line:
+        line.sendall(data)
+        got = b""
+        try:
+            while part := line.recv(65536):
+                got += part
+                if b"\r\n\r\n" in got and got.endswith((b"}", b"\n")):
+                    break
+        except TimeoutError:
+            pass
+        return got
+
+
+# --- as it is used -------------------------------------------------------------------------------------------------
+
+
+def test_ask_goal_photo_over_http(server: Server) -> None:
+    with httpx.Client(base_url=server.url) as web:
+        assert web.get("/api/homes").json() == {"homes": ["room"]}
+        told = web.post("/api/homes/room/ask", json={"words": "let me sit down"}).json()
+        assert told["object"] == "chair" and told["goal"]["path"] and told["certainty"] > 0.5
+        assert web.get("/api/homes/room/goal", params={"thing": "mug"}).json()["goal"]
+        photo = web.get("/api/homes/room/photo", params={"thing": "chair"})
+        assert photo.content[:2] == b"\xff\xd8" and len(json.loads(photo.headers["x-box"])) == 4
+        assert web.get("/api/homes/room/objects", params={"room": "room:0"}).json()["total"] == 3
+        assert web.get("/api/homes/room/relate", params={"thing": "mug", "other": "table"}).json()["relations"]
+        assert len(web.get("/api/homes/room/view").json()["objects"]) >= 3
+
+
+def test_openapi_describes_every_path(server: Server) -> None:
+    paths = httpx.get(f"{server.url}/openapi.json").json()["paths"]
+    assert len(paths) == 12 and all("summary" in verb for path in paths.values() for verb in path.values())
+
+
+def test_long_work_sends_signs_of_life(mapped: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(http, "BEAT_S", 0.05)
+
+    async def told() -> list[str]:
+        def work() -> dict[str, str]:
+            time.sleep(0.3)
+            return {"status": "found"}
+
+        return [event async for event in http._events(lambda: asyncio.to_thread(work))]
+
+    events = asyncio.run(told())
+    assert events[0].startswith("event: thinking") and len(events) >= 3
+    assert events[-1] == 'event: answer\ndata: {"status": "found"}\n\n'
+
+
+def test_events_over_http(server: Server) -> None:
+    got = httpx.post(
+        f"{server.url}/api/homes/room/ask", json={"words": "a mug"}, headers={"accept": "text/event-stream"}
+    )
+    assert got.headers["content-type"].startswith("text/event-stream") and "event: answer\ndata: {" in got.text
+
+
+def test_corrections_last_and_are_seen_by_all(home: Path, start: Callable[..., Server]) -> None:
+    web = httpx.Client(base_url=start("serve", home).url)
+    named = web.post(
+        "/api/homes/room/corrections", json={"what": "name", "thing": "mug", "name": "Ayo's", "who": "Ayo"}
+    )
+    assert named.json()["done"].endswith("is called Ayo's")
+    assert "Ayo's" in Home.load(home).names
+    assert read_log(home)[0][0].who == "Ayo"
+    Home.load(home).correct("forget", "chair")
+    assert web.get("/api/homes/room/objects").json()["total"] == 2
+    assert "forgotten" in web.post("/api/homes/room/undo", json={}).json()["done"]
+    assert web.get("/api/homes/room/objects").json()["total"] == 3
+
+
+def test_kill_and_restart_leave_whole_corrections(home: Path, start: Callable[..., Server]) -> None:
+    done = 0
+    for kill_s in (0.05, 0.2, 0.35):
+        server = start("serve", home)
+
+        def rename(at: Server = server) -> None:
+            nonlocal done
+            with httpx.Client(base_url=at.url) as web:
+                for number in range(10_000):
+                    try:
+                        body = {"what": "name", "thing": "mug", "name": f"mug {number} é"}
+                        done += web.post("/api/homes/room/corrections", json=body).status_code == 200
+                    except httpx.HTTPError:
+                        return
+
+        busy = threading.Thread(target=rename)
+        busy.start()
+        time.sleep(kill_s)
+        os.kill(server.process.pid, signal.SIGKILL)
+        busy.join(30)
+        entries, faults = read_log(home)
+        assert len(entries) >= done and not faults[1:], "what was answered is on the disk"
+        assert Home.load(home).objects
+    assert done
+
+
+def test_a_slow_home_holds_up_no_other(home: Path, tmp_path: Path) -> None:
+    import shutil
+
+    class Slow:
+        name = "slow"
+
+        def select(self, query: str, inventory: Inventory, dialogue: Sequence[tuple[str, str]] = ()) -> Selection:
+            if "slowly" in query:
+                time.sleep(3)
+            return Selection("found", "mug")
+
+        def propose(self, query: str) -> list[str]:
+            return []
+
+    app = http.make(Operations(Homes([home, Path(shutil.copytree(home, tmp_path / "other"))]), Slow()))
+
+    async def both() -> float:
+        async with httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url="http://x") as web:
+            slow = [asyncio.ensure_future(web.post("/api/homes/room/ask", json={"words": "slowly"})) for _ in range(60)]
+            await asyncio.sleep(0.3)
+            begin = time.perf_counter()
+            for _ in range(5):
+                assert (await web.post("/api/homes/other/ask", json={"words": "now"})).json()["object"] == "mug"
+            took = time.perf_counter() - begin
+            for each in slow:
+                each.cancel()
+            return took
+
+    assert asyncio.run(both()) < 2.0
+
+
+# --- attacks -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["evil.example", "127.0.0.1", "localhost.evil.example", "", "127.0.0.1:1"])
+def test_dns_rebinding_meets_a_check_of_the_host(server: Server, name: str) -> None:
+    got = httpx.get(f"{server.url}/api/homes", headers={"host": name or "x"})
+    assert got.status_code == 421 and "homes" not in got.json()
+
+
+def test_two_hosts_are_none(server: Server) -> None:
+    line = f"GET /api/homes HTTP/1.1\r\nHost: 127.0.0.1:{server.port}\r\nHost: evil.example\r\n\r\n"
+    assert b"200" not in raw(server, line.encode()).partition(b"\r\n")[0]
+
+
+@pytest.mark.parametrize(
+    "headers",
+    [
+        {"origin": "https://evil.example"}, {"origin": "null"}, {"sec-fetch-site": "cross-site"}, {"sec-fetch-site": "same-site"},
+        {"content-type": "text/plain"}, {"content-type": "application/x-www-form-urlencoded"},
+    ],
+)  # fmt: skip
+def test_cross_site_posts_do_nothing(server: Server, mapped: Path, headers: dict[str, str]) -> None:
+    body = b'{"what": "forget", "thing": "mug"}'
+    got = httpx.post(f"{server.url}/api/homes/room/corrections", content=body, headers=JSON | headers)
+    assert got.status_code in (403, 415) and not (mapped / LOG).exists()
+
+
+def test_no_other_site_may_read(server: Server) -> None:
+    for method in ("GET", "OPTIONS"):
+        headers = {"origin": "https://evil.example", "access-control-request-method": "POST"}
+        got = httpx.request(method, f"{server.url}/api/homes", headers=headers)
+        assert got.status_code in (403, 405) and not any("access-control" in key for key in got.headers)
+
+
+def test_every_answer_has_the_security_headers(server: Server) -> None:
+    for path in ("/", "/app.js", "/api/homes", "/api/homes/attic/rooms", "/nothing", "/openapi.json"):
+        headers = httpx.get(server.url + path).headers
+        policy = headers["content-security-policy"]
+        assert "default-src 'none'" in policy and "unsafe" not in policy and "frame-ancestors 'none'" in policy
+        assert headers["x-content-type-options"] == "nosniff" and headers["referrer-policy"] == "no-referrer"
+        assert "server" not in headers and headers["cache-control"] in ("no-store", "no-cache")
+
+
+PATHS = [
+    "/../../../../etc/passwd", "/..%2f..%2fetc/passwd", "/%2e%2e/%2e%2e/etc/passwd", "//etc/passwd", "/app.js/../../../page.py", "/.git/config",
+    "/api/homes/..%2f..%2f..%2fetc/rooms", "/api/homes/%2e%2e/view", "/api/homes/room%00/view", "/api/homes/room/../../x", "/page.py", "/api/homes//view",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("path", PATHS)
+def test_no_path_leads_to_a_file(server: Server, path: str) -> None:
+    got = raw(server, f"GET {path} HTTP/1.1\r\nHost: 127.0.0.1:{server.port}\r\nConnection: close\r\n\r\n".encode())
+    status = int(got.split()[1])
+    assert status in (400, 404) and b"root:" not in got and b"import" not in got
+
+
+def test_a_body_of_ten_megabytes_is_refused_unread(server: Server) -> None:
+    begin = time.perf_counter()
+    got = httpx.post(f"{server.url}/api/homes/room/ask", content=json.dumps({"words": "x" * 10_000_000}), headers=JSON)
+    assert got.status_code == 413 and time.perf_counter() - begin < 5
+
+
+def test_an_endless_body_is_cut_off(server: Server) -> None:
+    with socket.create_connection(("127.0.0.1", server.port), timeout=10) as line:
+        head = f"POST /api/homes/room/ask HTTP/1.1\r\nHost: 127.0.0.1:{server.port}\r\nContent-Type: application/json\r\nTransfer-Encoding: chunked\r\n\r\n"
+        line.sendall(head.encode())
+        sent = 0
+        try:
+            while sent < 50_000_000:
+                line.sendall(b"1000\r\n" + b"x" * 4096 + b"\r\n")
+                sent += 4096
+        except OSError:
+            pass
+        assert sent < 20_000_000
+    assert httpx.get(f"{server.url}/api/homes").status_code == 200
+
+
+@pytest.mark.parametrize(
+    ("path", "body"),
+    [
+        ("ask", b"[" * 60_000), ("ask", b'{"words": ' + b"1" * 5000 + b"}"), ("ask", b'{"words": NaN}'), ("ask", b"\xff\xfe"), ("ask", b""),
+        ("ask", b'{"words": "x", "topic": "/cmd_vel"}'), ("ask", json.dumps({"words": "x" * 5000}).encode()), ("ask", b'{"words": "x", "from_x": 1e999, "from_y": 0}'),
+        ("ask", b'{"words": "x", "from_x": 1}'), ("ask", b'{"words": "\\ud800"}'), ("ask", b'{"words": "   "}'),
+        ("corrections", b'{"what": "delete", "thing": "mug"}'), ("corrections", b'{"what": "undo", "thing": "mug"}'),
+        ("corrections", b'{"what": "move", "thing": "mug", "x": 1e9, "y": 0}'), ("corrections", b'{"what": "name", "thing": "mug", "name": "a\\u0000b"}'),
+        ("corrections", b'{"what": "name", "thing": "mug", "name": "\\ud800"}'),
+    ],
+)  # fmt: skip
+def test_hostile_json_is_one_line(server: Server, mapped: Path, path: str, body: bytes) -> None:
+    got = httpx.post(f"{server.url}/api/homes/room/{path}", content=body, headers=JSON)
+    assert got.status_code in (400, 404, 413, 422), got.text
+    assert set(got.json()) == {"error"} and "Traceback" not in got.text and not (mapped / LOG).exists()
+
+
+def test_slow_bodies_and_slow_readers_keep_no_place(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(guard, "BODY_S", 0.2)
+    monkeypatch.setattr(guard, "SEND_S", 0.2)
+    sent: list[dict[str, Any]] = []
+
+    async def never() -> dict[str, Any]:
+        await asyncio.sleep(60)
+        raise AssertionError
+
+    async def stuck(message: dict[str, Any]) -> None:
+        await asyncio.sleep(60)
+
+    async def keep(message: dict[str, Any]) -> None:
+        sent.append(message)
+
+    async def app(scope: Any, receive: Any, send: Any) -> None:
+        await send({"type": "http.response.start", "status": 200, "headers": []})
+
+    async def empty() -> dict[str, Any]:
+        return {"type": "http.request", "body": b"", "more_body": False}
+
+    guarded = Guard(app, ["x"])
+    scope = {"type": "http", "method": "GET", "path": "/", "headers": [(b"host", b"x")], "client": ("127.0.0.1", 1)}
+    asyncio.run(asyncio.wait_for(guarded(scope, never, keep), 5))
+    assert sent[0]["status"] == 408
+    asyncio.run(asyncio.wait_for(guarded(scope, empty, stuck), 5))
+    assert guarded._in_flight == 0
+    lines = [socket.create_connection(("127.0.0.1", server.port)) for _ in range(150)]
+    for line in lines:  # who asks and never reads, and who never ends asking
+        line.sendall(f"GET /api/homes/room/view HTTP/1.1\r\nHost: 127.0.0.1:{server.port}\r\n".encode())
+    begin = time.perf_counter()
+    assert httpx.get(f"{server.url}/api/homes").status_code == 200 and time.perf_counter() - begin < 3
+    for line in lines:
+        line.close()
+
+
+def call(guarded: Guard, headers: dict[str, str], address: str = "10.0.0.9", path: str = "/api/homes") -> int:
+    """The status of one request to a guard, without a network."""
+    statuses: list[int] = []
+
+    async def receive() -> dict[str, Any]:
+        return {"type": "http.request", "body": b"", "more_body": False}
+
+    async def send(message: dict[str, Any]) -> None:
+        statuses.append(message.get("status", 0))
+
+    told = [(key.encode(), value.encode("latin-1")) for key, value in headers.items()]
+    scope = {"type": "http", "method": "GET", "path": path, "headers": told, "client": (address, 1)}
+    asyncio.run(guarded(scope, receive, send))  # type: ignore[arg-type]
+    return statuses[0]
+
+
+async def nothing(scope: Any, receive: Any, send: Any) -> None:
+    await send({"type": "http.response.start", "status": 200, "headers": []})
+
+
+def test_ten_thousand_wrong_tokens(monkeypatch: pytest.MonkeyPatch) -> None:
+    compared: list[tuple[int, int]] = []
+    real = hmac.compare_digest
+    monkeypatch.setattr(guard.hmac, "compare_digest", lambda a, b: (compared.append((len(a), len(b))), real(a, b))[1])
+    now = [0.0]
+    guarded = Guard(nothing, ["x"], TOKEN, clock=lambda: now[0])
+    host = {"host": "x"}
+    statuses: dict[int, int] = {}
+    for number in range(10_000):
+        now[0] += 0.01
+        wrong = {"authorization": f"Bearer {TOKEN[:-1]}{number}"[: 8 + number % 40]}
+        status = call(guarded, host | wrong)
+        statuses[status] = statuses.get(status, 0) + 1
+    assert set(statuses) == {401, 429} and statuses[401] <= 20 * (100 / 60 + 1)
+    assert set(compared) == {(32, 32)}, "digests of one length: the time says nothing about the token"
+    assert call(guarded, host | {"authorization": f"Bearer {TOKEN}"}, "10.0.0.10") == 200, "others are not locked out"
+    for wrong in ({}, {"authorization": TOKEN}, {"authorization": f"Basic {TOKEN}"}, {"authorization": "Bearer \xff"}):
+        assert call(guarded, host | wrong, "10.0.0.11") == 401
+
+
+def test_one_address_has_its_rate() -> None:
+    now = [0.0]
+    guarded = Guard(nothing, ["x"], clock=lambda: now[0])
+    statuses = [call(guarded, {"host": "x"}) for _ in range(300)]
+    assert statuses.count(200) == guard.BURST and set(statuses) == {200, 429}
+    assert call(guarded, {"host": "x"}, "10.0.0.10") == 200
+    now[0] += 1
+    assert [call(guarded, {"host": "x"}) for _ in range(60)].count(200) == guard.RATE
+
+
+def test_with_a_token_only_the_empty_page_is_open(locked: Server) -> None:
+    for path in ("/api/homes", "/api/homes/room/view", "/openapi.json", "/nothing"):
+        assert httpx.get(locked.url + path).status_code == 401
+        got = httpx.get(locked.url + path, headers={"authorization": f"Bearer {TOKEN}"})
+        assert got.status_code == (404 if path == "/nothing" else 200)
+    assert httpx.get(locked.url + f"/api/homes?token={TOKEN}").status_code == 401
+    page = httpx.get(f"{locked.url}/")
+    assert page.status_code == 200 and "mug" not in page.text
+
+
+def test_no_secret_and_no_word_of_a_person_is_logged(locked: Server) -> None:
+    for token in (TOKEN, TOKEN + "x"):
+        headers = {"authorization": f"Bearer {token}"}
+        httpx.post(f"{locked.url}/api/homes/room/ask", json={"words": "my secret illness"}, headers=headers)
+        httpx.post(f"{locked.url}/api/homes/attic/ask", content=b"{", headers=headers | JSON)
+    log = locked.log.read_text()
+    assert TOKEN[:10] not in log and "illness" not in log
+
+
+def test_other_machines_need_a_token_and_names(mapped: Path, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="give a token in a file"):
+        read_token("0.0.0.0", None)
+    with pytest.raises(InputError, match="by which names"):
+        host_names("0.0.0.0", 80)
+    assert host_names("0.0.0.0", 443, ["Home.local"]) == {"home.local:443", "home.local"}
+    assert read_token("127.0.0.1", None) is None
+    file = tmp_path / "token"
+    file.write_text("short\n")
+    file.chmod(0o600)
+    with pytest.raises(InputError, match="20 or more"):
+        read_token("127.0.0.1", file)
+    file.write_text(TOKEN + "\n")
+    assert read_token("0.0.0.0", file) == TOKEN
+    file.chmod(0o644)
+    with pytest.raises(InputError, match="chmod 600"):
+        read_token("0.0.0.0", file)
+    command = [sys.executable, "-m", "cartier", "serve", str(mapped), "--host", "0.0.0.0"]
+    ended = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert ended.returncode == 1 and "Traceback" not in ended.stderr and "token" in ended.stderr
+    said = subprocess.run([*command, "--help"], capture_output=True, text=True, timeout=60).stdout
+    assert not re.search(r"--token\b(?!-file)", said), "a command line is seen by all on the machine"
+
+
+def test_tls_is_spoken_where_a_certificate_is_given(home: Path, tmp_path: Path, start: Callable[..., Server]) -> None:
+    import shutil
+
+    if shutil.which("openssl") is None:
+        pytest.skip("needs openssl to make a certificate")
+    subprocess.run(
+        ["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-keyout", tmp_path / "key.pem", "-out", tmp_path / "cert.pem",
+         "-days", "1", "-subj", "/CN=localhost", "-addext", "subjectAltName=DNS:localhost"],
+        check=True, capture_output=True,
+    )  # fmt: skip
+    server = start("serve", home, "--tls-cert", tmp_path / "cert.pem", "--tls-key", tmp_path / "key.pem")
+    got = httpx.get(
+        f"https://localhost:{server.port}/api/homes", verify=ssl.create_default_context(cafile=tmp_path / "cert.pem")
+    )
+    assert got.status_code == 200 and "max-age" in got.headers["strict-transport-security"]

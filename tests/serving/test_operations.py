@@ -1,0 +1,191 @@
+"""One set of operations for every door: flat arguments in, plain values out, evidence and a reachable pose with each."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import threading
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import cartier
+from cartier.errors import InputError
+from cartier.geometry import box_distance
+from cartier.serving import homes
+from cartier.serving.homes import Homes
+from cartier.serving.operations import Operations
+from cartier.types import Inventory, Selection
+from synthetic import CHAIR, MUG
+
+
+class Echo:
+    """A reasoner that takes the listed name that was said, and tells how many turns came before."""
+
+    name = "echo"
+
+    def select(self, query: str, inventory: Inventory, dialogue: Sequence[tuple[str, str]] = ()) -> Selection:
+        name = next((n for n in inventory.names if n in query), None)
+        return Selection("found" if name else "absent", name, reason=f"{len(dialogue)} turns")
+
+    def propose(self, query: str) -> list[str]:
+        return []
+
+
+@pytest.fixture
+def ops(home: Path) -> Operations:
+    return Operations(Homes([home]), Echo())
+
+
+CALLS: dict[str, Callable[[Operations], Any]] = {
+    "ask": lambda ops: ops.ask("the mug"),
+    "find": lambda ops: ops.find("mug"),
+    "describe": lambda ops: ops.describe("mug"),
+    "describe room": lambda ops: ops.describe("room:0"),
+    "list_objects": lambda ops: ops.list_objects(),
+    "list_rooms": lambda ops: ops.list_rooms(),
+    "relate": lambda ops: ops.relate("mug", "table"),
+    "goal_for": lambda ops: ops.goal_for("chair"),
+    "look_at": lambda ops: ops.look_at("chair")[0],
+    "correct": lambda ops: ops.correct("name", "mug", "Ayo's mug"),
+    "undo": lambda ops: (ops.correct("forget", "mug"), ops.undo())[1],
+}
+
+
+@pytest.mark.parametrize("call", CALLS)
+def test_every_answer_is_plain_and_says_of_which_map_it_is(ops: Operations, call: str) -> None:
+    told = CALLS[call](ops)
+    assert told["home"] == "room" and len(told["home_id"]) == 12 and 0 <= told["age_h"] < 1
+    assert json.loads(json.dumps(told, allow_nan=False)) == told
+
+
+def test_ask_tells_certainty_evidence_and_a_pose_near_it(ops: Operations) -> None:
+    told = ops.ask("bring me the mug")
+    assert told["status"] == "found" and 0.5 < told["certainty"] <= 1 and told["evidence"].startswith("seen ")
+    goal = told["goal"]
+    assert box_distance((goal["x"], goal["y"], 0.8), MUG.box_min, MUG.box_max) < 1.5
+    assert goal["path"][-1] == [goal["x"], goal["y"]]
+    ends = sum(
+        ((a - c) ** 2 + (b - d) ** 2) ** 0.5 for (a, b), (c, d) in zip(goal["path"], goal["path"][1:], strict=False)
+    )
+    assert ends == pytest.approx(goal["length_m"], abs=0.02), "the corners of a path are the whole path"
+
+
+def test_talks_are_kept_apart(ops: Operations) -> None:
+    for turn in range(3):
+        for talk in ("a", "b"):
+            assert ops.ask("the mug", conversation=talk)["reason"] == f"{turn} turns"
+    assert ops.ask("the mug")["reason"] == "0 turns"
+
+
+def test_find_knows_names_close_spellings_and_what_to_do_next(ops: Operations) -> None:
+    assert [row["label"] for row in ops.find("MUG")["objects"]] == ["mug"]
+    assert ops.find("tabel")["spelt"] == ["table"]
+    assert "list_objects" in ops.find("zebra")["next"]
+    ops.correct("name", "chair", "Grandpa's throne")
+    assert ops.find("throne")["objects"][0]["name"] == "Grandpa's throne"
+
+
+def test_a_list_is_paged_and_says_so(ops: Operations, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("cartier.serving.operations.PAGE", 2)
+    pages = [ops.list_objects(page=page) for page in (1, 2)]
+    assert [row["label"] for page in pages for row in page["objects"]] == ["chair", "mug", "table"]
+    assert all(page["total"] == 3 and page["pages"] == 2 for page in pages)
+    with pytest.raises(InputError, match="page 1 to 2"):
+        ops.list_objects(page=3)
+
+
+def test_relations_are_told_both_ways(ops: Operations) -> None:
+    one = ops.relate("mug", "table")
+    assert any(line.startswith("mug") and " on table" in line for line in one["relations"]) and one["apart_m"] < 0.1
+    assert any("table" in line and "bigger than mug" in line for line in ops.relate("table", "mug")["relations"])
+    with pytest.raises(InputError, match="relate needs two"):
+        ops.relate("mug", "mug")
+
+
+def test_a_crop_shows_the_box(ops: Operations) -> None:
+    from io import BytesIO
+
+    from PIL import Image
+
+    told, jpeg = ops.look_at("chair")
+    x1, y1, x2, y2 = told["box_in_picture"]
+    picture = Image.open(BytesIO(jpeg))
+    assert 0 <= x1 < x2 <= picture.width and 0 <= y1 < y2 <= picture.height
+    with pytest.raises(InputError, match="views 1 to"):
+        ops.look_at("chair", view=99)
+
+
+def test_the_goal_starts_where_the_robot_says_it_is(ops: Operations) -> None:
+    there = ops.goal_for("chair", from_x=3.0, from_y=3.0)["goal"]
+    assert abs(there["path"][0][0] - 3.0) < 0.2
+    assert box_distance((there["x"], there["y"], 0.4), CHAIR.box_min, CHAIR.box_max) < 1.0
+    with pytest.raises(InputError, match="both"):
+        ops.goal_for("chair", from_x=3.0)
+
+
+def test_which_home_is_asked_with_the_names(home: Path, tmp_path: Path) -> None:
+    shutil.copytree(home, tmp_path / "other" / "room")
+    many = Homes([home, tmp_path / "other" / "room"])
+    assert many.names == ["room", "room-2"]
+    for wrong in ("", "attic", "../room"):
+        with pytest.raises(InputError, match="pass home as one of room, room-2"):
+            many.get(wrong)
+    assert many.get(f"room@{many.get('room').id}") is many.get("room")
+    with pytest.raises(InputError, match="mapped again"):
+        many.get("room@000000000000")
+
+
+def test_a_home_is_read_again_when_somebody_else_corrected_it(home: Path) -> None:
+    served = Homes([home])
+    before = served.get()
+    cartier.Home.load(home).correct("forget", "mug")
+    assert "mug" in before.names and "mug" not in served.get().names
+    assert served.get() is served.get()
+
+
+def test_memory_is_bounded_by_putting_homes_away(home: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folders = [home, *(shutil.copytree(home, tmp_path / f"home-{k}") for k in range(4))]
+    served = Homes(folders, max_bytes=1)
+    loads: list[Path] = []
+    real = homes.Home.load.__func__  # type: ignore[attr-defined]
+    monkeypatch.setattr(homes.Home, "load", classmethod(lambda cls, at: (loads.append(at), real(cls, at))[1]))
+    for name in served.names * 2:
+        served.get(name)
+        assert sum(slot.home is not None for slot in served._slots.values()) == 1
+    assert len(loads) == 10
+    roomy = Homes(folders)
+    for name in roomy.names * 2:
+        roomy.get(name)
+    assert len(loads) == 15
+
+
+def test_a_slow_load_of_one_home_holds_up_no_other(home: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    served = Homes([home, Path(shutil.copytree(home, tmp_path / "slow"))])
+    served.get("room")
+    go, real = threading.Event(), homes.Home.load.__func__  # type: ignore[attr-defined]
+    monkeypatch.setattr(homes.Home, "load", classmethod(lambda cls, at: (go.wait(10), real(cls, at))[1]))
+    waiting = threading.Thread(target=served.get, args=("slow",))
+    waiting.start()
+    assert served.get("room").name and waiting.is_alive()
+    go.set()
+    waiting.join(10)
+
+
+def test_forty_threads_get_their_own_answers(ops: Operations) -> None:
+    wrong: list[Any] = []
+
+    def client(name: str) -> None:
+        for _ in range(5):
+            told = ops.ask(f"the {name}", conversation=str(threading.get_ident()))
+            if told["object"] != name:
+                wrong.append((name, told))
+
+    clients = [threading.Thread(target=client, args=(("mug", "chair", "table")[k % 3],)) for k in range(40)]
+    for each in clients:
+        each.start()
+    for each in clients:
+        each.join()
+    assert not wrong

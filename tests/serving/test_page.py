@@ -1,0 +1,306 @@
+"""The page as people use it: in Debian's Chromium, by mouse, by keyboard alone, on a phone, and as one file from disk."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import re
+import shutil
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cartier.home import Home
+from cartier.serving import page
+from cartier.serving.page import one_file, view
+from serving.conftest import Server
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
+STYLE = (page.WEB / "style.css").read_text()
+
+
+# --- without a browser -----------------------------------------------------------------------------------------------
+
+
+def luminance(hexadecimal: str) -> float:
+    parts = [int(hexadecimal[k : k + 2], 16) / 255 for k in (1, 3, 5)]
+    r, g, b = (c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in parts)
+    return 0.2126 * r + 0.7152 * g + 0.0722 * b
+
+
+@pytest.mark.parametrize("theme", [":root", ":root.dark"])
+def test_contrasts_are_those_of_wcag_aa(theme: str) -> None:
+    block = STYLE[STYLE.index(theme + " {") :].partition("}")[0]
+    colours = dict(re.findall(r"--([\w-]+): (#[0-9a-f]{6})", block))
+    texts = {"ink": ("page", "panel", "tint"), "muted": ("page", "panel", "tint"), "accent": ("panel",), "on-accent": ("accent",), "label": ("floor", "low"), "panel": ("ink",)}  # fmt: skip
+    marks = {"field": ("panel",), "way": ("floor",), "chosen": ("floor",), "wall": ("floor",), "accent": ("page",)}
+    for least, pairs in ((4.5, texts), (3.0, marks)):
+        for one, others in pairs.items():
+            for other in others:
+                light, dark = sorted((luminance(colours[one]), luminance(colours[other])), reverse=True)
+                assert (light + 0.05) / (dark + 0.05) >= least, (one, other)
+
+
+def test_the_view_holds_what_the_home_holds(home: Path) -> None:
+    mapped = Home.load(home)
+    told = json.loads(json.dumps(view(mapped), allow_nan=False))
+    grid = told["grid"]
+    cells = list(
+        itertools.chain.from_iterable([code] * count for code, count in zip(*[iter(grid["cells"])] * 2, strict=True))
+    )
+    assert mapped.grid is not None
+    kinds = {-1: 0, 0: 1, 100: 2}
+    assert [code % 3 for code in cells] == [kinds[int(v)] for v in mapped.grid.cells.ravel()]
+    assert sum(code >= 3 for code in cells) == sum(len(room.cells) for room in mapped.rooms)
+    assert {row["id"] for row in told["objects"]} == {thing.id for thing in mapped.objects}
+
+
+def test_one_file_is_whole_and_may_load_nothing(home: Path) -> None:
+    evil = "</script><script>alert(1)</script>"
+    named, _ = Home.load(home).correct("name", "mug", name=evil)
+    html = one_file(named).decode()
+    assert evil not in html and "\\u003c/script>" in html
+    policy = re.search(r'Content-Security-Policy" content="([^"]+)"', html)
+    assert (
+        policy is not None
+        and "default-src 'none'" in policy[1]
+        and "unsafe" not in policy[1]
+        and "connect-src" not in policy[1]
+    )
+    assert not re.search(r"(?:src|href)=\"(?!data:|#)", html) and html.count("<script") == 2
+    assert set(re.findall(r"https?://[\w./]+", html)) <= {"http://www.w3.org/2000/svg"}
+    assert len(html) < 3_000_000
+
+
+def test_no_file_of_the_page_names_another_machine() -> None:
+    for _, data in page.files().values():
+        assert set(re.findall(rb"https?://[\w./]+", data)) <= {b"http://www.w3.org/2000/svg"}
+        assert b"innerHTML" not in data and b"eval(" not in data and b"document.write" not in data
+
+
+def test_a_home_without_a_floor_plan_is_shown_too(home: Path) -> None:
+    from dataclasses import replace
+
+    bare = replace(Home.load(home), grid=None, rooms=())
+    assert view(bare)["grid"] is None and b"home-data" in one_file(bare)
+
+
+# --- in Chromium -----------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    if CHROMIUM is None:
+        pytest.skip("needs Chromium: apt-get install chromium")
+    playwright = pytest.importorskip("playwright.sync_api", reason="needs playwright")
+    with playwright.sync_playwright() as running:
+        flags = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+        opened = running.chromium.launch(executable_path=CHROMIUM, args=flags)
+        yield opened
+        opened.close()
+
+
+@pytest.fixture
+def visit(browser: Any) -> Iterator[Callable[..., Any]]:
+    """Opens a page; when the test ends, its console must be empty and every request have gone where the page came from."""
+    opened: list[tuple[Any, list[str], list[str], str]] = []
+
+    def open_page(url: str, **options: Any) -> Any:
+        tab = browser.new_context(**{"viewport": {"width": 1280, "height": 800}} | options).new_page()
+        said: list[str] = []
+        asked: list[str] = []
+        tab.on("console", lambda message: said.append(message.text))
+        tab.on("pageerror", lambda error: said.append(str(error)))
+        tab.on("request", lambda request: asked.append(request.url))
+        tab.goto(url)
+        tab.wait_for_selector("html[data-ready]")
+        opened.append((tab, said, asked, url))
+        tab.asked = asked
+        return tab
+
+    yield open_page
+    for tab, said, asked, url in opened:
+        assert not [line for line in said if "401" not in line], said
+        own = url if url.startswith("file:") else url.rstrip("/") + "/"
+        assert all(each.startswith((own, "data:", "blob:")) for each in asked), asked
+        tab.context.close()
+
+
+def card(tab: Any) -> str:
+    return str(tab.inner_text("#card h2"))
+
+
+def test_ask_and_see_goal_path_and_photo(home: Path, start: Callable[..., Server], visit: Callable[..., Any]) -> None:
+    tab = visit(start("serve", home).url)
+    tab.fill("#words", "my feet hurt, let me sit down")
+    tab.press("#words", "Enter")
+    tab.wait_for_selector("#card .photo i")
+    assert card(tab).startswith("chair") and "chair" in tab.inner_text("#turns li:last-child")
+    assert tab.locator("#plan .way").count() == 1 and tab.locator("#plan .thing.chosen").count() == 1
+    mark, photo = (tab.locator(f"#card .photo {part}").bounding_box() for part in ("i", "img"))
+    assert mark["x"] >= photo["x"] - 1 and mark["x"] + mark["width"] <= photo["x"] + photo["width"] + 1
+
+
+def test_click_rename_move_forget_undo_and_reload(
+    home: Path, start: Callable[..., Server], visit: Callable[..., Any]
+) -> None:
+    tab = visit(start("serve", home).url)
+
+    def choose(label: str) -> None:
+        number = next(t.id for t in Home.load(home).objects if t.label == label)
+        tab.locator(f'#plan .thing[data-id="{number}"]').click(position={"x": 2, "y": 2})
+        tab.wait_for_function("label => document.querySelector('#card h2')?.textContent.includes(label)", arg=label)
+
+    assert tab.locator("#undo").is_hidden()
+    choose("chair")
+    tab.click("text=Rename")
+    tab.keyboard.type("Grandpa's <b>throne</b>")
+    tab.keyboard.press("Enter")
+    tab.wait_for_selector("#toast:has-text('is called')")
+    assert card(tab).startswith("Grandpa's <b>throne</b>") and Home.load(home).objects[0].names == (
+        "Grandpa's <b>throne</b>",
+    )
+    tab.click("text=Move")
+    box = tab.locator("#plan").bounding_box()
+    tab.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    tab.wait_for_selector("#toast:has-text('stands at')")
+    x, y = tab.evaluate("[plan.view.x + plan.view.w / 2, -(plan.view.y + plan.view.h / 2)]")
+    moved = next(t for t in Home.load(home).objects if t.names)
+    assert abs(moved.position[0] - x) < 0.03 and abs(moved.position[1] - y) < 0.03, "the pixel that was clicked"
+    tab.click("text=Forget")
+    tab.wait_for_selector("#toast:has-text('is forgotten')")
+    assert "chair" not in Home.load(home).names and tab.locator("#card").is_hidden()
+    tab.reload()
+    tab.wait_for_selector("html[data-ready]")
+    assert tab.inner_text("#count") == "2"
+    for left in ("3", "3", "3"):
+        tab.evaluate("document.getElementById('toast').hidden = true")
+        tab.click("#undo")
+        tab.wait_for_selector("#toast:has-text('undone')")
+        assert tab.inner_text("#count") == left
+    assert tab.locator("#undo").is_hidden() and not Home.load(home).objects[0].names
+
+
+def test_the_keyboard_alone_suffices(home: Path, start: Callable[..., Server], visit: Callable[..., Any]) -> None:
+    tab = visit(start("serve", home).url)
+    keys = tab.keyboard
+
+    def walk_to(selector: str) -> None:
+        for _ in range(40):
+            if tab.evaluate("s => document.activeElement?.matches(s)", selector):
+                outline = tab.evaluate("getComputedStyle(document.activeElement).outlineStyle")
+                assert outline == "solid", f"the focus of {selector} is seen"
+                return
+            keys.press("Tab")
+        raise AssertionError(f"no way to {selector} by keyboard")
+
+    keys.press("Tab")
+    keys.press("Enter")  # the skip link
+    assert tab.evaluate("document.activeElement.id") == "words"
+    walk_to("#tab-talk")
+    keys.press("ArrowRight")
+    walk_to("#search")
+    keys.type("mug")
+    walk_to("#list button[data-id]")
+    keys.press("Enter")
+    tab.wait_for_function("document.querySelector('#card h2')?.textContent.startsWith('mug')")
+    walk_to("#card .doing button")
+    keys.press("Enter")
+    keys.type("Ayo's mug")
+    keys.press("Enter")
+    tab.wait_for_selector("#toast:has-text('is called')")
+    walk_to("#undo")
+    keys.press("Enter")
+    tab.wait_for_selector("#toast:has-text('undone')")
+    walk_to("#plan")
+    before = tab.get_attribute("#plan", "viewBox")
+    keys.press("+")
+    keys.press("ArrowLeft")
+    assert tab.get_attribute("#plan", "viewBox") != before
+    keys.press("Escape")
+    assert tab.locator("#card").is_hidden()
+    unnamed = tab.evaluate(
+        "[...document.querySelectorAll('button, input, select')].filter(e => !(e.getAttribute('aria-label') || e.textContent.trim()"
+        " || e.labels?.length)).map(e => e.outerHTML)"
+    )
+    assert unnamed == [], "a screen reader has a name for everything"
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_a_phone_s_width_and_its_scheme(
+    mapped: Path, start: Callable[..., Server], visit: Callable[..., Any], scheme: str
+) -> None:
+    tab = visit(start("serve", mapped).url, viewport={"width": 360, "height": 740}, color_scheme=scheme, has_touch=True)
+    assert tab.evaluate("document.documentElement.classList.contains('dark')") is (scheme == "dark")
+    tab.click("#tab-things")
+    tab.locator("#list button[data-id]").first.click()
+    tab.wait_for_selector("#card .photo img")
+    assert tab.evaluate("document.documentElement.scrollWidth") <= 360
+    small = tab.evaluate(
+        "[...document.querySelectorAll('button:not(.pen), select')].map(e => e.getBoundingClientRect()).filter(r => r.width && r.height < 34).length"
+    )
+    assert small == 0, "fingers are wide"
+
+
+def test_a_name_from_the_outside_is_only_text(
+    home: Path, start: Callable[..., Server], visit: Callable[..., Any]
+) -> None:
+    Home.load(home).correct("name", "mug", name="<img src=x onerror=alert(1)>")
+    tab = visit(start("serve", home).url)
+    tab.click("#tab-things")
+    assert tab.locator("#list img").count() == 0 and "<img src=x" in tab.inner_text("#list")
+
+
+def test_a_server_with_a_token_asks_for_it(mapped: Path, start: Callable[..., Server], browser: Any) -> None:
+    token = "correct-horse-battery-staple-42"
+    server = start("serve", mapped, CARTIER_TOKEN=token)
+    tab = browser.new_context().new_page()
+    tab.goto(server.url)
+    for given in ("wrong", token):
+        tab.wait_for_selector("#key[open]")
+        tab.fill("#token", given)
+        tab.keyboard.press("Enter")
+    tab.wait_for_selector("html[data-ready]")
+    assert tab.inner_text("#count") == "3" and token not in tab.url
+    tab.context.close()
+
+
+def test_one_file_from_disk_shows_finds_and_asks_nobody(home: Path, tmp_path: Path, visit: Callable[..., Any]) -> None:
+    file = tmp_path / "home.html"
+    file.write_bytes(one_file(Home.load(home)))
+    tab = visit(file.as_uri())
+    for words, expected in (("where is the mug?", "mug"), ("my feet hurt", "chair"), ("how many tables are there", "1 × table"), ("zzz", "Nothing")):  # fmt: skip
+        tab.fill("#words", words)
+        tab.press("#words", "Enter")
+        tab.wait_for_function("() => !document.querySelector('#turns li:last-child').textContent.startsWith('…')")
+        assert expected in tab.inner_text("#turns li:last-child")
+    tab.fill("#words", "mug")
+    tab.press("#words", "Enter")
+    tab.wait_for_selector("#card .photo i")
+    assert tab.locator("#plan .way").count() == 1 and tab.locator("text=Rename").count() == 0
+    assert [url for url in tab.asked if not url.startswith("data:")] == [file.as_uri()]
+    painted = tab.evaluate("performance.getEntriesByName('first-contentful-paint')[0].startTime")
+    assert painted < 1500
+
+
+def test_an_object_in_3d_has_its_colour_where_it_should_be(
+    home: Path, tmp_path: Path, visit: Callable[..., Any]
+) -> None:
+    file = tmp_path / "home.html"
+    file.write_bytes(one_file(Home.load(home)))
+    tab = visit(file.as_uri())
+    tab.click("#solid")
+    tab.wait_for_function("scene.gl && scene.canvas.width > 10")
+    top = """id => { const t = byId(id), [x, y] = scene.project([(t.low[0] + t.high[0]) / 2, (t.low[1] + t.high[1]) / 2, t.high[2]]),
+      box = scene.canvas.getBoundingClientRect(), k = scene.canvas.width / box.width, pixel = new Uint8Array(4);
+      scene.gl.readPixels(Math.round((x - box.left) * k), scene.canvas.height - 1 - Math.round((y - box.top) * k), 1, 1, scene.gl.RGBA, scene.gl.UNSIGNED_BYTE, pixel);
+      return { x, y, pixel: [...pixel], colour: COLOURS[t.colours[0]] }; }"""
+    table = next(t for t in Home.load(home).objects if t.label == "chair")
+    seen = tab.evaluate(top, table.id)
+    wanted = [int(seen["colour"][k : k + 2], 16) for k in (1, 3, 5)]
+    shade = 0.62 + 0.38 * 0.9
+    assert all(abs(got - shade * want) <= 12 for got, want in zip(seen["pixel"][:3], wanted, strict=True)), seen
+    tab.mouse.click(seen["x"], seen["y"])
+    assert card(tab).startswith("chair"), "what is drawn there is what is chosen there"
