@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import time
 from collections.abc import Callable, Sequence
@@ -12,7 +13,7 @@ from typing import Any
 from cartier.atomic import append_line
 from cartier.contracts import Reasoner
 from cartier.files import read_rows
-from cartier.types import Inventory, Selection
+from cartier.types import Fact, Inventory, Selection
 
 
 class Asked:
@@ -26,7 +27,7 @@ class Asked:
 
     def select(self, query: str, inventory: Inventory, dialogue: Sequence[tuple[str, str]] = ()) -> Selection:
         reply = self._recall(
-            ["select", query, inventory.names, list(dialogue)],
+            ["select", query, _shown(inventory), list(dialogue)],
             lambda: _plain(self._reasoner.select(query, inventory, dialogue)),
         )
         return _selection(reply)
@@ -54,6 +55,12 @@ class Asked:
         return row["reply"]
 
 
+def _shown(inventory: Inventory) -> str:
+    """The same for the same objects and rooms, seen from the same point: two homes of the same names are not one."""
+    shown = repr((inventory.objects, inventory.rooms, inventory.from_xy))
+    return hashlib.sha256(shown.encode()).hexdigest()[:16]
+
+
 def _plain(selection: Selection) -> dict[str, Any]:
     kept = asdict(selection) | {"prompt": "", "then": [_plain(further) for further in selection.then]}
     return kept
@@ -61,4 +68,11 @@ def _plain(selection: Selection) -> dict[str, Any]:
 
 def _selection(row: dict[str, Any]) -> Selection:
     candidates = tuple((str(name), float(score)) for name, score in row["candidates"])
-    return Selection(**(row | {"candidates": candidates, "then": tuple(map(_selection, row["then"]))}))
+    told = row["fact"]
+    fact = None if told is None else Fact(told["kind"], _frozen(told["value"]), tuple(told["objects"]))
+    return Selection(**(row | {"candidates": candidates, "fact": fact, "then": tuple(map(_selection, row["then"]))}))
+
+
+def _frozen(value: Any) -> Any:
+    """A JSON list as the tuple that it was."""
+    return tuple(value) if isinstance(value, list) else value
