@@ -16,7 +16,7 @@ from fake_runs import SETTINGS, fake_rows
 from layouts import LAYOUTS, room
 from tiny_onnx import CHANNELS, frame, red_finder
 
-from cartier import pipeline, plugins
+from cartier import corrections, pipeline, plugins
 from cartier.detectors import onnx
 from cartier.detectors._vocabulary import read_vocabulary
 from cartier.evaluation._rows import check_rows, read_rows
@@ -72,6 +72,21 @@ def read_home(path: Path) -> None:
         json.dumps(answer.to_dict(), allow_nan=False)
         if answer.place is not None:
             home.keyframe(answer.place)
+
+
+def write_corrections(path: Path) -> None:
+    home = path.parent / f"{path.name}-home"
+    write_home(home)
+    for what, about in (("name", {"name": "Ayo’s"}), ("move", {"to_xy": (1.0, 1.0)}), ("forget", {}), ("undo", {})):
+        Home.load(home).correct(what, Home.load(home).objects[0].id if what != "undo" else "", **about)  # type: ignore[arg-type]
+    path.mkdir()
+    (home / corrections.LOG).rename(path / corrections.LOG)
+
+
+def read_corrections(path: Path) -> None:
+    log, notes = corrections.read_log(path)
+    known = corrections.apply(log, (), (), None)
+    json.dumps([*notes, *known.notes], ensure_ascii=False).encode()
 
 
 def write_detections(path: Path, own: bool) -> None:
@@ -170,6 +185,7 @@ KINDS |= {
     "bench-run": Kind(write_bench, read_bench),
     "resume": Kind(write_resume, read_resume),
     "arrays": Kind(write_arrays, lambda p: read_npz(p / "a.npz")),
+    "corrections": Kind(write_corrections, read_corrections),
     "home": Kind(write_home, read_home),
     "home-vlmaps": Kind(lambda p: write_home(p, indexes=["object_depth", "vlmaps"]), read_home),
 }
