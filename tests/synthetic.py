@@ -10,7 +10,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from cartier.types import Calibration, Camera, Detections, Frame, TrueObject, frame_number
+from cartier.checks import frame_number
+from cartier.types import Calibration, Camera, Detections, Frame, TrueObject
 
 CAMERA = Camera(160, 120, 120.0, 120.0, 79.5, 59.5)
 ROOM = ((0.0, 0.0, 0.0), (5.0, 4.0, 2.6))

@@ -17,9 +17,10 @@ from typing import Any, Literal, cast, get_args
 
 import numpy as np
 
+from cartier.checks import MAX_FAR_M
 from cartier.errors import InputError, brief
 from cartier.files import read_bytes
-from cartier.types import MAX_FAR_M, MapObject, OccupancyGrid, Room, View
+from cartier.types import MapObject, OccupancyGrid, Room, View
 
 LOG = "corrections.jsonl"
 MAX_BYTES, MAX_NAME_CHARS, MAX_WHO_CHARS, MAX_LABEL_CHARS = 2**24, 60, 60, 200

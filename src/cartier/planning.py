@@ -10,9 +10,10 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
+from cartier.checks import check_radius
 from cartier.errors import InputError, brief
 from cartier.geometry import box_distance, yaw_towards
-from cartier.types import FREE, OCCUPIED, Array, Goal, OccupancyGrid, Place, RobotModel, check_radius
+from cartier.types import FREE, OCCUPIED, Array, Goal, OccupancyGrid, Place, RobotModel
 
 CAMERA_HEIGHT_M = RobotModel.camera_height_m
 NEAREST_M = 0.35  # closer than this there is no telling what the robot faces

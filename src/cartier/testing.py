@@ -15,11 +15,12 @@ from functools import cache
 import numpy as np
 
 from cartier import plugins
+from cartier.checks import check_pose
 from cartier.contracts import Detector, Encoder, Reasoner, Recording, Robot, Searchable, SpatialIndex, World
 from cartier.errors import CartierError
 from cartier.language.names import display_name
 from cartier.mapping.object_map import ObjectMap
-from cartier.types import Array, Calibration, Detections, Frame, Goal, Inventory, Place, check_pose
+from cartier.types import Array, Calibration, Detections, Frame, Goal, Inventory, Place
 
 REQUESTS = (
     "my feet hurt",

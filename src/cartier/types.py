@@ -15,7 +15,6 @@ Only the recording readers and the AI2-THOR adapter convert other conventions to
 from __future__ import annotations
 
 import math
-import operator
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any, Literal, get_args
@@ -23,7 +22,8 @@ from typing import Any, Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
-from cartier.errors import InputError, brief
+from cartier.checks import check_camera, check_pose, check_radius, finite, need, without_far
+from cartier.errors import brief
 
 Array = npt.NDArray[Any]
 Floats = npt.NDArray[np.floating[Any]]
@@ -32,27 +32,6 @@ STATUSES: tuple[str, ...] = get_args(Status)
 
 FREE, OCCUPIED, UNKNOWN = 0, 100, -1
 """Cell values of an OccupancyGrid: those of ``nav_msgs/OccupancyGrid``."""
-MAX_FAR_M = 1e5
-"""No home is larger; and beyond it, float32 no longer tells centimetres apart."""
-MAX_SIDE_PX, MAX_PIXELS = 1 << 15, 1 << 26
-MIN_FOCAL, MAX_FOCAL = 0.01, 1000.0  # of the image's longer side: a view of 179 degrees, and one of 3.4 minutes of arc
-
-
-def _need(ok: bool, message: str) -> None:
-    if not ok:
-        raise InputError(message)
-
-
-def _finite(values: Sequence[float] | Array, size: int, what: str) -> tuple[float, ...]:
-    try:
-        numbers = tuple(float(v) for v in values)
-    except (TypeError, ValueError, OverflowError):  # no list of numbers, or a number of hundreds of digits
-        numbers = ()
-    _need(
-        len(numbers) == size and all(map(math.isfinite, numbers)),
-        f"{what} must be {size} finite numbers, got {brief(values)}",
-    )
-    return numbers
 
 
 @dataclass(frozen=True)
@@ -67,67 +46,12 @@ class Camera:
     cy: float
 
     def __post_init__(self) -> None:
-        _need(
-            0 < self.width <= MAX_SIDE_PX and 0 < self.height <= MAX_SIDE_PX,
-            f"camera size must be 1 to {MAX_SIDE_PX} px, got {brief(self.width, 20)}x{brief(self.height, 20)}",
-        )
-        _need(
-            self.width * self.height <= MAX_PIXELS,
-            f"camera images must have {MAX_PIXELS // 10**6} megapixels at most, got {self.width}x{self.height}",
-        )
-        _finite((self.fx, self.fy, self.cx, self.cy), 4, "camera fx, fy, cx, cy")
-        _need(self.fx > 0 and self.fy > 0, f"camera focal lengths must be positive, got fx={self.fx}, fy={self.fy}")
-        side = max(self.width, self.height)
-        _need(
-            all(MIN_FOCAL * side <= f <= MAX_FOCAL * side for f in (self.fx, self.fy)),
-            f"camera focal lengths fx={self.fx:g}, fy={self.fy:g} are no lens's for images of {self.width}x{self.height} "
-            "px: they are in pixels of these images",
-        )
-        _need(
-            abs(self.cx) <= MAX_FOCAL * side and abs(self.cy) <= MAX_FOCAL * side,
-            f"the camera's principal point cx={self.cx:g}, cy={self.cy:g} is nowhere near its {self.width}x{self.height} px",
-        )
+        check_camera(self.width, self.height, (self.fx, self.fy, self.cx, self.cy))
 
     def scaled(self, width: int, height: int) -> Camera:
         """The same camera read out at another size (pixel centres stay at whole numbers)."""
         sx, sy = width / self.width, height / self.height
         return Camera(width, height, self.fx * sx, self.fy * sy, (self.cx + 0.5) * sx - 0.5, (self.cy + 0.5) * sy - 0.5)
-
-
-def check_pose(world_from_camera: Array, where: str = "pose") -> npt.NDArray[np.float64]:
-    """A (4, 4) rigid transform as float64, or an InputError that says what is wrong with it."""
-    pose = np.asarray(world_from_camera, dtype=np.float64)
-    _need(pose.shape == (4, 4), f"{where}: a pose must be 4x4, got {pose.shape}")
-    _need(bool(np.isfinite(pose).all()), f"{where}: the pose holds NaN or infinity")
-    _need(
-        bool(np.allclose(pose[3], (0, 0, 0, 1), atol=1e-6)),
-        f"{where}: the last row of a pose must be 0 0 0 1, got {pose[3].tolist()}",
-    )
-    far = float(np.abs(pose[:3, 3]).max())
-    _need(
-        far <= MAX_FAR_M, f"{where}: the pose is {far:.3g} m from the origin, which is no home: are the units metres?"
-    )
-    off = float(np.abs(pose[:3, :3] @ pose[:3, :3].T - np.eye(3)).max())
-    _need(off < 1e-2, f"{where}: the rotation is not orthonormal (off by {off:.3g})")
-    _need(
-        float(np.linalg.det(pose[:3, :3])) > 0,
-        f"{where}: the rotation mirrors (determinant -1): is the world left-handed?",
-    )
-    return pose
-
-
-def check_radius(radius_m: float) -> float:
-    """A robot's radius, or an InputError for one that no robot has."""
-    _need(0 < radius_m <= 5, f"a robot's radius must be above 0 and at most 5 m, got {radius_m:g}")
-    return float(radius_m)
-
-
-def frame_number(index: int, length: int, name: str) -> int:
-    """``index`` if there is such a frame, else an IndexError: a frame's number counts from 0, never from the end."""
-    number = operator.index(index)
-    if not 0 <= number < length:
-        raise IndexError(f"{name} has frames 0 to {length - 1}, not {number}")
-    return number
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,24 +71,18 @@ class Frame:
 
     def __post_init__(self) -> None:
         shape, where = (self.camera.height, self.camera.width), f"frame {self.index}"
-        _need(math.isfinite(self.time_s), f"{where}: time_s must be finite, got {self.time_s}")
-        _need(
+        need(math.isfinite(self.time_s), f"{where}: time_s must be finite, got {self.time_s}")
+        need(
             self.rgb.shape == (*shape, 3) and self.rgb.dtype == np.uint8,
             f"{where}: rgb must be {(*shape, 3)} uint8, got {self.rgb.shape} {self.rgb.dtype}",
         )
         for name, image in (("depth_m", self.depth_m), ("instances", self.instances)):
-            _need(
+            need(
                 image is None or image.shape == shape,
                 f"{where}: {name} must be {shape}, got {None if image is None else image.shape}",
             )
-        if (
-            self.depth_m is not None and (far := np.abs(self.depth_m) > MAX_FAR_M).any()
-        ):  # inf: REP-117's "out of range"
-            _need(
-                2 * int((far & np.isfinite(self.depth_m)).sum()) <= far.size,
-                f"{where}: its depth reaches beyond {MAX_FAR_M:g} m, which is no home: are the units metres?",
-            )
-            object.__setattr__(self, "depth_m", np.where(far, np.float32(np.nan), self.depth_m))
+        if self.depth_m is not None:
+            object.__setattr__(self, "depth_m", without_far(self.depth_m, where))
         object.__setattr__(self, "world_from_camera", check_pose(self.world_from_camera, where))
 
 
@@ -186,11 +104,11 @@ class Detections:
         object.__setattr__(self, "scores", scores)
         object.__setattr__(self, "labels", tuple(self.labels))
         n, where = len(self.labels), f"detections of frame {self.frame}"
-        _need(len(boxes) == len(scores) == n, f"{where}: {len(boxes)} boxes, {len(scores)} scores, {n} labels")
+        need(len(boxes) == len(scores) == n, f"{where}: {len(boxes)} boxes, {len(scores)} scores, {n} labels")
         finite = bool(np.isfinite(boxes).all() and np.isfinite(scores).all())
-        _need(finite, f"{where}: a box or score is NaN or infinite")
-        _need(bool((boxes[:, 2:] >= boxes[:, :2]).all()), f"{where}: a box has x2 < x1 or y2 < y1")
-        _need(self.masks is None or len(self.masks) == n, f"{where}: as many masks as boxes are needed")
+        need(finite, f"{where}: a box or score is NaN or infinite")
+        need(bool((boxes[:, 2:] >= boxes[:, :2]).all()), f"{where}: a box has x2 < x1 or y2 < y1")
+        need(self.masks is None or len(self.masks) == n, f"{where}: as many masks as boxes are needed")
 
     def __len__(self) -> int:
         return len(self.labels)
@@ -256,9 +174,9 @@ class View:
 
     def __post_init__(self) -> None:
         what = f"view of {self.label!r} in frame {self.frame}"
-        _finite(self.box_xyxy, 4, f"{what}: its box")
+        finite(self.box_xyxy, 4, f"{what}: its box")
         for point in (self.camera, self.surface):
-            _need(point is None or len(point) == 3, f"{what}: camera and surface are points, got {brief(point)}")
+            need(point is None or len(point) == 3, f"{what}: camera and surface are points, got {brief(point)}")
 
 
 @dataclass(frozen=True)
@@ -293,7 +211,7 @@ class MapObject:
 
     def __post_init__(self) -> None:
         for name in ("position", "box_min", "box_max"):
-            _finite(getattr(self, name), 3, f"object {self.id} ({brief(self.label, 40)}): {name}")
+            finite(getattr(self, name), 3, f"object {self.id} ({brief(self.label, 40)}): {name}")
 
 
 @dataclass(frozen=True)
@@ -349,7 +267,7 @@ class RobotModel:
 
     def __post_init__(self) -> None:
         check_radius(self.radius_m)
-        _need(
+        need(
             0 < self.camera_height_m <= 5,
             f"a camera's height must be more than 0 and at most 5 m, got {self.camera_height_m}",
         )
@@ -373,11 +291,11 @@ class Place:
     object_id: int | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "position", _finite(self.position, 3, f"place of {self.label!r}: position"))
+        object.__setattr__(self, "position", finite(self.position, 3, f"place of {self.label!r}: position"))
         for name, size in (("box_xyxy", 4), ("box_min", 3), ("box_max", 3)):
             value = getattr(self, name)
             if value is not None:
-                object.__setattr__(self, name, _finite(value, size, f"place of {self.label!r}: {name}"))
+                object.__setattr__(self, name, finite(value, size, f"place of {self.label!r}: {name}"))
 
     def to_dict(self) -> dict[str, Any]:
         """The object that stands in ``cartier ask --json``."""
@@ -423,12 +341,12 @@ class Selection:
     fact: Fact | None = None
 
     def __post_init__(self) -> None:
-        _need(self.status in STATUSES, f"selection status {self.status!r} is not one of {', '.join(STATUSES)}")
-        _need(
+        need(self.status in STATUSES, f"selection status {self.status!r} is not one of {', '.join(STATUSES)}")
+        need(
             self.status == "told" or (self.object is not None) == (self.status in ("found", "near")),
             f"a selection that is {self.status!r} must {'' if self.status in ('found', 'near') else 'not '}name an object",
         )
-        _need(self.object is not None or self.object_id is None, "a selection with an object's id must name the object")
+        need(self.object is not None or self.object_id is None, "a selection with an object's id must name the object")
 
 
 @dataclass(frozen=True, eq=False)
@@ -448,15 +366,15 @@ class Goal:
 
     def __post_init__(self) -> None:
         what = f"goal for the {self.place.label}"
-        _finite((self.x, self.y, self.yaw), 3, f"{what}: x, y and yaw")
-        _need(
+        finite((self.x, self.y, self.yaw), 3, f"{what}: x, y and yaw")
+        need(
             self.path.ndim == 2
             and self.path.shape[1] == 2
             and len(self.path) > 0
             and bool(np.isfinite(self.path).all()),
             f"{what}: its path must be (K, 2) finite numbers, got {self.path.shape}",
         )
-        _need(0 <= self.length_m < math.inf, f"{what}: its path's length must be finite, got {self.length_m}")
+        need(0 <= self.length_m < math.inf, f"{what}: its path's length must be finite, got {self.length_m}")
 
     def to_dict(self) -> dict[str, Any]:
         path = [[round(x, 4), round(y, 4)] for x, y in self.path.tolist()]
@@ -484,15 +402,15 @@ class OccupancyGrid:
     height_m: npt.NDArray[np.float16]
 
     def __post_init__(self) -> None:
-        _need(
+        need(
             self.cells.ndim == 2 and self.cells.size > 0,
             f"an occupancy grid needs (rows, cols) cells, got {self.cells.shape}",
         )
-        _need(
+        need(
             self.height_m.shape == self.cells.shape,
             f"grid heights must be {self.cells.shape}, got {self.height_m.shape}",
         )
-        _need(self.resolution_m > 0, f"grid resolution must be positive, got {self.resolution_m}")
+        need(self.resolution_m > 0, f"grid resolution must be positive, got {self.resolution_m}")
 
     def cell(self, xy: Sequence[float] | Array) -> npt.NDArray[np.int64]:
         """(row, col) of points (..., 2); may lie outside of the grid."""

@@ -12,8 +12,9 @@ import numpy as np
 from PIL import Image
 from scipy.ndimage import gaussian_filter
 
+from cartier.checks import frame_number
 from cartier.contracts import Recording
-from cartier.types import Camera, Frame, TrueObject, frame_number
+from cartier.types import Camera, Frame, TrueObject
 from cartier.worlds import _unity
 from cartier.worlds.dollhouse.explore import explore
 from cartier.worlds.dollhouse.recording import EYE_M, DollhouseRecording, look, pinhole

@@ -12,12 +12,12 @@ import pytest
 from faulty_recordings import INJECTED, Faulty, Kept, Thor, leap, posed
 
 from cartier import plugins
+from cartier.checks import check_pose
 from cartier.contracts import Recording
 from cartier.doctor import FAULTS, Report, draw_report, examine, mend, open_for_doctor
 from cartier.doctor._sampling import MOST, chosen, is_mirror_fault, is_pose_fault
 from cartier.errors import InputError
 from cartier.recordings.folder import save
-from cartier.types import check_pose
 
 ONE_OF_EACH = [
     "inverted", "opengl", "mirrored y", "poses in mm", "depth x 1000", "depth 24 px right", "intrinsics x 2", "late by 1", "black depth",

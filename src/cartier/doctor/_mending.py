@@ -8,11 +8,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from cartier.checks import frame_number
 from cartier.contracts import Recording
 from cartier.doctor._edges import zoomed
 from cartier.doctor._report import Cure
 from cartier.errors import InputError
-from cartier.types import Camera, Frame, TrueObject, frame_number
+from cartier.types import Camera, Frame, TrueObject
 
 
 class Mended:

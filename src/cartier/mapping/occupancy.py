@@ -15,9 +15,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from cartier.checks import check_radius
 from cartier.errors import InputError
 from cartier.geometry import backproject, project, transform
-from cartier.types import FREE, OCCUPIED, UNKNOWN, Frame, OccupancyGrid, check_radius
+from cartier.types import FREE, OCCUPIED, UNKNOWN, Frame, OccupancyGrid
 
 FLOOR_M = 0.10  # points up to this height are floor: depth noise at 4 m is about this large
 BAND_TOP_M = 1.5  # what hangs higher does not stop the robot

@@ -11,9 +11,10 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image, UnidentifiedImageError
 
+from cartier.checks import MAX_FAR_M, MAX_PIXELS
 from cartier.errors import InputError, brief
 from cartier.files import check_file
-from cartier.types import MAX_FAR_M, MAX_PIXELS, Array, Camera
+from cartier.types import Array, Camera
 
 JPEG_QUALITY = 95
 PNG_LEVEL = 3  # twice as fast to write as Pillow's 6, a sixth larger, and as fast to read

@@ -14,12 +14,13 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from cartier.checks import MAX_FAR_M, frame_number
 from cartier.errors import InputError
 from cartier.mapping import gravity
 from cartier.recordings._content import check_inside, content_hash
 from cartier.recordings._images import check_depth, read_depth, read_grey8, read_rgb
 from cartier.recordings._lens import Lens, resampled
-from cartier.types import MAX_FAR_M, Array, Camera, Frame, TrueObject, frame_number
+from cartier.types import Array, Camera, Frame, TrueObject
 
 MAX_SIDE = 1300  # px; larger images are reduced by a whole factor: no map needs a phone's 12 megapixels
 Depths = npt.NDArray[np.float32]

@@ -7,9 +7,10 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from cartier.checks import check_pose
 from cartier.errors import InputError, brief
 from cartier.files import read_text
-from cartier.types import Array, check_pose
+from cartier.types import Array
 
 Matrix = npt.NDArray[np.float64]
 MAX_TABLE_BYTES = 1 << 26  # a pose takes some 150 bytes: two hours at 60 Hz

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from cartier.checks import MAX_PIXELS
 from cartier.errors import InputError, brief
 from cartier.files import check_file
-from cartier.types import MAX_PIXELS
 
 CODECS = (
     "h264",

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from cartier.checks import MAX_SIDE_PX
 from cartier.contracts import Recording
 from cartier.errors import InputError, brief
 from cartier.files import read_text
@@ -23,7 +24,6 @@ from cartier.recordings._posed import PosedImages, Source, View
 from cartier.recordings._poses import matrices
 from cartier.recordings._rosfile import File
 from cartier.recordings._tables import camera_of, inside, numbers, unit_quaternions
-from cartier.types import MAX_SIDE_PX
 
 PLACES = ("", "sparse/0", "sparse", "colmap/sparse/0")
 FRAMES_PER_SECOND = 30.0

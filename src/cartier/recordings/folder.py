@@ -12,13 +12,14 @@ from pathlib import Path
 from typing import Any, TextIO
 
 from cartier.atomic import replaced_folder, write_json
+from cartier.checks import frame_number
 from cartier.contracts import Recording
 from cartier.errors import InputError, brief
 from cartier.files import read_json
 from cartier.recordings import _images
 from cartier.recordings._content import check_inside, content_hash, names_in
 from cartier.recordings._poses import read_trajectory, trajectory_line
-from cartier.types import Camera, Frame, TrueObject, frame_number
+from cartier.types import Camera, Frame, TrueObject
 
 SCHEMA = 1
 HEAD, TRAJECTORY, TRUTH = "recording.json", "trajectory.txt", "truth.json"

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from cartier.checks import MAX_SIDE_PX
 from cartier.contracts import Recording
 from cartier.errors import InputError, brief
 from cartier.files import read_json, read_npy
@@ -24,7 +25,7 @@ from cartier.recordings._posed import Depths, PosedImages, Source, View, png_dep
 from cartier.recordings._poses import Matrix, rigid
 from cartier.recordings._rosimages import valid
 from cartier.recordings._tables import GL_FROM_OPTICAL, camera_of, inside, numbers
-from cartier.types import MAX_SIDE_PX, Camera
+from cartier.types import Camera
 
 FILE = "transforms.json"
 FRAMES_PER_SECOND = 30.0

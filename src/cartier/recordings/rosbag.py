@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from cartier.checks import frame_number
 from cartier.contracts import Recording
 from cartier.errors import InputError
 from cartier.mapping import gravity
@@ -31,7 +32,7 @@ from cartier.recordings._rosimages import depth as depth_image
 from cartier.recordings._rosposes import camera_poses, transform_tree
 from cartier.recordings._rostf import Tree, extrinsic_matrix
 from cartier.recordings._rostopics import Choice, Stream, choose
-from cartier.types import Camera, Frame, TrueObject, frame_number
+from cartier.types import Camera, Frame, TrueObject
 
 EXTRA = "ros"
 DEFAULT_PERIOD_S = 0.1

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from cartier.checks import frame_number
 from cartier.contracts import Recording
 from cartier.errors import InputError
 from cartier.mapping import gravity
@@ -19,7 +20,7 @@ from cartier.recordings._content import check_inside, content_hash, names_in
 from cartier.recordings._images import image_size, read_depth, read_rgb
 from cartier.recordings._poses import read_matrix, rigid
 from cartier.recordings._tables import camera_of
-from cartier.types import Camera, Frame, TrueObject, frame_number
+from cartier.types import Camera, Frame, TrueObject
 
 COLOUR = re.compile(r"(frame-(\d{1,9}))\.color\.(?:jpg|png)", re.ASCII)
 INTRINSICS = "camera-intrinsics.txt"

@@ -6,9 +6,10 @@ import math
 from typing import Any
 
 from cartier import plugins
+from cartier.checks import check_radius
 from cartier.errors import BackendError, InputError
 from cartier.robots._pose import in_words
-from cartier.types import Goal, check_radius
+from cartier.types import Goal
 
 WORLD = "dollhouse"
 

@@ -12,9 +12,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from cartier.checks import check_pose
 from cartier.errors import BackendError
 from cartier.geometry import ray_slopes
-from cartier.types import Array, Camera, check_pose
+from cartier.types import Array, Camera
 from cartier.worlds.dollhouse import light as lights
 from cartier.worlds.dollhouse.atlas import make_atlas
 from cartier.worlds.dollhouse.materials import material
