@@ -24,7 +24,7 @@ from _detector_network import NECK, STRIDE, Conv, Network
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-FAR = 0.6  # of the size of the first look is the second
+FAR = 0.6  # of the size of the first pass is the second
 PLACES_OF_CROP = 16
 BATCH, PEAK, DECAY, SAVE_S = 10, 2e-3, 0.02, 120
 PLACES = 32  # of a frame that are looked at closely
@@ -38,7 +38,7 @@ MEND = 2.0  # weight of the boxes' loss
 
 
 class Closer(nn.Module):
-    """Patches (N, 3, 40, 40), their boxes' widths and heights (N, 2), what the first look's heads saw there (N, 48) and its
+    """Patches (N, 3, 40, 40), their boxes' widths and heights (N, 2), what the first stage's heads saw there (N, 48) and its
     logits (N, C), to logits (N, C) and changes (N, C, 4) of the box for each name: of its middle, in sides, and of their
     logarithms."""
 
@@ -53,7 +53,7 @@ class Closer(nn.Module):
         self.mend = nn.Conv2d(128, 4 * classes, 1)
         self.trust = nn.Conv2d(classes, classes, 1, groups=classes)
         for fresh in (self.name.weight, self.name.bias, self.mend.weight, self.mend.bias, self.trust.bias):
-            nn.init.zeros_(fresh)  # at first all stays as the first look has it
+            nn.init.zeros_(fresh)  # at first all stays as the first stage has it
         nn.init.ones_(self.trust.weight)
 
     def forward(self, patches: Tensor, sizes: Tensor, around: Tensor, first: Tensor) -> tuple[Tensor, Tensor]:
@@ -113,7 +113,7 @@ def sizes(boxes: Tensor) -> Tensor:
 
 
 @torch.no_grad()
-def looked(network: Network, images: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+def two_passes(network: Network, images: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """Logits and boxes as the exported network has them, the mean over the images and over them made smaller; and
     what the heads of the former see."""
     up = network.neck(images)
@@ -157,7 +157,7 @@ def lesson(network: Network, true: Batch) -> tuple[Tensor, ...]:
     """What a closer network is shown of a batch, its boxes (N, 4), which names (N, C) those have, which of them count, and
     the true boxes as ``wanted`` has them."""
     images = torch.from_numpy(true.images)
-    boxes, around, own = places(*looked(network, images), PLACES_OF_CROP)
+    boxes, around, own = places(*two_passes(network, images), PLACES_OF_CROP)
     shown = patches(images, boxes), sizes(boxes), around.flatten(0, 1), own.flatten(0, 1)
     names, counts, right = wanted(boxes, true, own.shape[2])
     return *shown, boxes.flatten(0, 1), names.flatten(0, 1), counts.flatten(0, 1), right

@@ -18,7 +18,7 @@ from _detector_closer import (
     PLACES,
     SIDE,
     Closer,
-    looked,
+    two_passes,
     mended,
     places,
 )
@@ -29,7 +29,7 @@ from onnx import TensorProto, helper, numpy_helper
 from torch.nn.functional import interpolate
 
 SIZE = (640, 480)
-FAR_SIZE = (384, 288)  # of the second look, in which large things are as small as training showed them
+FAR_SIZE = (384, 288)  # of the second pass, in which large things are as small as training showed them
 MOST = 100  # boxes per image
 
 
@@ -46,7 +46,7 @@ class Graph:
         return list(self._constants.values())
 
     def constant(self, values: Any, kind: Any = np.float32) -> str:
-        """Equal ones are kept once: both looks share their weights."""
+        """Equal ones are kept once: both passes share their weights."""
         array = np.asarray(values, kind)
         key = (array.dtype, array.shape, array.tobytes())
         if key not in self._constants:
@@ -117,8 +117,8 @@ def export(network: Network, closer: Closer, path: Path) -> None:
     """Input ``image`` (1, 3, h, w) float32, 0 to 1, of ``SIZE`` (w, h); outputs ``boxes`` (100, 4) xyxy in its pixels,
     ``scores`` and ``classes`` (100), best first, and ``features`` (1, D, h/4, w/4), unit vectors for every cell.
 
-    The maps are the mean over two looks: at the image, and at its mirror image made smaller, for large things. That takes
-    1.5 times as long as the first alone, and finds more than two looks at one size do. ``closer`` then names each place.
+    The maps are the mean over two passes: over the image, and over its mirror image made smaller, for large things. That takes
+    1.5 times as long as the first alone, and finds more than two passes at one size do. ``closer`` then names each place.
     """
     network, closer = network.eval(), closer.eval()
     graph = Graph()
@@ -134,7 +134,7 @@ def export(network: Network, closer: Closer, path: Path) -> None:
         far[1] = graph.add("Gather", far[1], graph.constant([2, 1, 0, 3], np.int64), axis=1)  # left and right
         far[1] = graph.add("Add", far[1], graph.constant(math.log(SIZE[0] / FAR_SIZE[0])))
         seen, sides, painted = (graph.add("Add", a, b) for a, b in zip(near, far, strict=True))
-        # the mean of the looks' logits: the names' convolution is linear, so that once for both will do
+        # the mean of the passes' logits: the names' convolution is linear, so that once for both will do
         names = (network.names * network.scale / 2)[..., None, None]
         logits = graph.conv(seen, names.numpy(), network.bias.numpy())
         sides, features = graph.add("Mul", sides, graph.constant(0.5)), graph.unit(painted, depth)
@@ -234,7 +234,7 @@ def _patches(graph: Graph, boxes: str) -> str:
 
 
 def named(graph: Graph, closer: Closer, patches: str, sizes: str, around: str, own: str) -> tuple[str, str]:
-    """The closer look at each place: logits (K, C, 1, 1) and changes of the boxes (K, 4 C, 1, 1)."""
+    """The second stage, at each place: logits (K, C, 1, 1) and changes of the boxes (K, 4 C, 1, 1)."""
     x = graph.add("Mul", graph.add("Sub", patches, graph.constant(0.5)), graph.constant(4.0))
     for layer in closer.body:
         x = graph.layer(x, layer)
@@ -284,7 +284,7 @@ def compare(network: Network, closer: Closer, path: Path, image: Any) -> float:
         network(interpolate(tensor, FAR_SIZE[::-1], mode="bilinear").flip(3))[2], near.shape[2:], mode="bilinear"
     )
     painted = torch.nn.functional.normalize(near + far.flip(3), dim=1)
-    found, around, own = places(*looked(network, tensor), PLACES)
+    found, around, own = places(*two_passes(network, tensor), PLACES)
     told, changes = closer(cut_out(tensor, found), sizes_of(found), around[0], own[0])
     best, where = told.flatten().topk(MOST)
     kinds = (where % told.shape[1]).numpy()

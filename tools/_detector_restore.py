@@ -60,8 +60,8 @@ def restore(network: Network, closer: Closer, path: Path, batches: list[Batch]) 
     reading = Reading(path)
     maps_of(reading, network, "", SIZE)
     while len((held := reading.left.pop(0))[0]) != len(network.names):
-        pass  # the second look has the first one's weights
-    network.scale.fill_(2 * held[0][0].float().norm())  # the mean of two looks halves it
+        pass  # the second pass has the first one's weights
+    network.scale.fill_(2 * held[0][0].float().norm())  # the mean of two passes halves it
     network.bias.copy_(held[1])
     reading.conv()  # the length of the features
     named(reading, closer, "", "", "", "")

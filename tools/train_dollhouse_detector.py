@@ -201,7 +201,7 @@ def export_run(run: Path, into: Path) -> None:
     )
     trained = (
         f"{state['step']} steps on rendered views of generated homes, {state['spent'] / 60:.0f} minutes by the clock; "
-        f"the closer look {later['step']} steps, {later['spent'] / 60:.0f} minutes"
+        f"the second stage {later['step']} steps, {later['spent'] / 60:.0f} minutes"
     )
     np.save(into / "words.npy", np.vstack([network.middle[None], network.basis]).astype(np.float32))
     told = {"size": list(SIZE), "trained": trained}
@@ -214,14 +214,14 @@ def calibrate_run(run: Path, shards: Path, max_frames: int) -> None:
     All are of homes with things of all types: one that never holds a plunger would only tell how often one is imagined.
     """
     from _detector_choice import CALIBRATED_TO, LOW, THERE, calibrate, on_walks, outputs_on_shards
-    from dollhouse_detector import look
+    from dollhouse_detector import run_detector
 
     from cartier import plugins
 
     (run / "calibration.json").unlink(missing_ok=True)
     export_run(run, run / "plain")
     detector = plugins.make("detectors", "embedded", threshold=LOW, folder=run / "plain", threads=1)
-    walked = on_walks(partial(look, least=THERE), run / "plain", range(1, CALIBRATED_TO, 2), max_frames)
+    walked = on_walks(partial(run_detector, least=THERE), run / "plain", range(1, CALIBRATED_TO, 2), max_frames)
     slope, shift, offsets = calibrate([outputs_on_shards(shards, detector), *walked], detector.model.names)
     told = {"slope": slope, "shift": shift, "offsets": offsets}
     (run / "calibration.json").write_text(json.dumps(told) + "\n")
