@@ -18,9 +18,9 @@ from _detector_closer import (
     PLACES,
     SIDE,
     Closer,
-    two_passes,
     mended,
     places,
+    two_passes,
 )
 from _detector_closer import patches as cut_out
 from _detector_closer import sizes as sizes_of
