@@ -19,7 +19,7 @@ from fake_runs import SETTINGS, fake_rows
 from layouts import LAYOUTS, room
 from tiny_onnx import CHANNELS, frame, red_finder
 
-from cartier import pipeline, plugins
+from cartier import corrections, pipeline, plugins
 from cartier.detectors import onnx
 from cartier.detectors._vocabulary import read_vocabulary
 from cartier.errors import InputError
@@ -119,6 +119,21 @@ def read_loose_home(path: Path) -> None:
     except (RecursionError, ValueError) as error:
         raise InputError("nothing that could be signed") from error
     read_home(signed)
+
+
+def write_corrections(path: Path) -> None:
+    home = path.parent / f"{path.name}-home"
+    write_home(home)
+    for what, about in (("name", {"name": "Ayo’s"}), ("move", {"to_xy": (1.0, 1.0)}), ("forget", {}), ("undo", {})):
+        Home.load(home).correct(what, Home.load(home).objects[0].id if what != "undo" else "", **about)  # type: ignore[arg-type]
+    path.mkdir()
+    (home / corrections.LOG).rename(path / corrections.LOG)
+
+
+def read_corrections(path: Path) -> None:
+    log, notes = corrections.read_log(path)
+    known = corrections.apply(log, (), (), None)
+    json.dumps([*notes, *known.notes], ensure_ascii=False).encode()
 
 
 def write_detections(path: Path, own: bool) -> None:
@@ -245,6 +260,7 @@ KINDS |= {
     "bench-run": Kind(write_bench, read_bench),
     "resume": Kind(write_resume, read_resume),
     "arrays": Kind(write_arrays, lambda p: read_npz(p / "a.npz")),
+    "corrections": Kind(write_corrections, read_corrections),
     "home": Kind(write_home, read_home),
     "home-loose": Kind(write_loose_home, read_loose_home),
     "home-loose-vlmaps": Kind(lambda p: write_loose_home(p, indexes=["object_depth", "vlmaps"]), read_loose_home),

@@ -37,7 +37,7 @@ def test_the_page_is_what_the_code_says() -> None:
     [
         ("bring me to the red thing", r"^found red thing - .*\nplace \[.*\]\ngoal  x"),
         ("I want to play the trombone", r"^(absent|clarify) .*\n$"),
-        ("don't go to the red thing", r"^told Understood\. - understood.*\n$"),
+        ("don't go to the red thing", r"^told .*\n$"),
     ],
 )
 def test_the_sample_survives_what_is_not_found(

@@ -115,4 +115,4 @@ def test_a_turn_says_which_object_which_room_or_the_sentence_that_was_told(home:
         answer = talk.say(words)
         assert (answer.goal is None) == (answer.selection.status == "told")
     said = [robot for _, robot in reasoner.told[-1][1]]
-    assert said == [f"table #{table.id}", "dining room (room 4)", "There is one table."]
+    assert said == [f"table #{table.id}", "dining room (room 4)", f"There is one table. (#{table.id})"]

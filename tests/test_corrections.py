@@ -10,6 +10,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 import cartier
 from cartier import cli, corrections
@@ -292,3 +294,23 @@ def test_the_paper_s_grid_finds_a_named_thing_as_what_it_is(tmp_path: Path) -> N
     named, mug = index.locate("Grandpa's treasure"), index.locate("mug")
     assert named is not None and mug is not None and named.position == mug.position
     assert "Grandpa's treasure" in home.inventory("vlmaps").names
+
+
+@settings(deadline=None, max_examples=300, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.data())
+def test_a_log_broken_anyhow_is_read_or_its_lines_are_left_out(tmp_path: Path, data: st.DataObject) -> None:
+    good = "".join(
+        corrections.line_of(entry(thing(k, "mug", 1.0), what)) + "\n" for k, what in enumerate(("name", "forget"))
+    )
+    broken = bytearray(good.encode() + json.dumps(ROW).encode())
+    for _ in range(data.draw(st.integers(1, 6))):
+        at = data.draw(st.integers(0, len(broken) - 1))
+        broken[at : at + data.draw(st.integers(0, 9))] = data.draw(
+            st.binary(max_size=9) | st.sampled_from([b"1e999", b"null", b"\\ud800", b"-9" * 30])
+        )
+        broken = broken or bytearray(b"x")
+    (tmp_path / LOG).write_bytes(bytes(broken))
+    log, notes = read_log(tmp_path)
+    fixed = apply(log, (thing(1, "mug", 1.0), thing(2, "mug", 1.2)), (), None)
+    assert len(log) + len(notes) == sum(bool(line.strip()) for line in bytes(broken).split(b"\n"))
+    json.dumps([corrections.line_of(each) for each in log] + [*notes, *fixed.notes], ensure_ascii=False).encode()

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 import cartier
-from cartier.atomic import append_line, locked, replaced_folder, write_file
+from cartier.atomic import append_line, locked, replaced_folder, sweep_parts, write_file
 from cartier.errors import InputError
 from cartier.files import read_rows
 from cartier.recordings import folder as own_format
@@ -193,6 +193,20 @@ def test_a_replacement_that_was_killed_between_its_renames_is_finished_by_the_ne
     with pytest.raises(KeyboardInterrupt), replaced_folder(tmp_path / "x", "marker"):
         raise KeyboardInterrupt
     assert [path.name for path in tmp_path.iterdir()] == ["x"]
+
+
+def test_what_a_killed_write_left_is_swept_and_nothing_else(tmp_path: Path) -> None:
+    for name in (
+        ".settings.json-0123abcd.part",
+        ".settings.json-mine.part",
+        ".other.json-0123abcd.part",
+        "settings.json",
+    ):
+        (tmp_path / name).write_text("")
+    sweep_parts(tmp_path / "settings.json")
+    left = {".settings.json-mine.part", ".other.json-0123abcd.part", "settings.json"}
+    assert {path.name for path in tmp_path.iterdir()} == left
+    sweep_parts(tmp_path / "none" / "settings.json")
 
 
 def test_a_lock_is_one_at_a_time_and_says_who_has_it(tmp_path: Path) -> None:

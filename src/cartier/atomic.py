@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import secrets
 import shutil
 import stat
@@ -17,6 +18,18 @@ from cartier.files import json_bytes
 
 TEMPORARY = ".cartier-temporary"
 """The file that says of a folder that it is a half-written one of ours, which may be deleted."""
+
+
+PART = re.compile(r"\..+-[0-9a-f]{8}\.part")
+"""The names under which ``write_file`` writes."""
+
+
+def sweep_parts(file: Path) -> None:
+    """Delete what killed ``write_file``s of this file left beside it; whoever else may write it must be locked out."""
+    left = file.parent.iterdir() if file.parent.is_dir() else ()
+    for path in [path for path in left if PART.fullmatch(path.name) and path.name.startswith(f".{file.name[:80]}-")]:
+        with suppress(OSError):
+            path.unlink()
 
 
 def write_json(path: Path, value: Any) -> None:

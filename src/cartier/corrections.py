@@ -290,9 +290,9 @@ def _entry(row: Mapping[str, Any]) -> Correction:
         return Correction(number, when, who, what, undoes=_clean(row["undoes"], MAX_WHO_CHARS, "undoes"))
     about = row["subject"]
     position = _floats(about["position"], {"object": 3, "room": 2}[about["kind"]])
-    if about["kind"] == "room" and what != "name":
+    if (about["kind"] == "room" and what != "name") or not isinstance(about["id"], int):
         raise ValueError(about)
-    subject = Subject(about["kind"], int(about["id"]), _clean(about["label"], MAX_LABEL_CHARS, "label"), position)
+    subject = Subject(about["kind"], about["id"], _clean(about["label"], MAX_LABEL_CHARS, "label"), position)
     if what == "move":
         x, y = _floats(row["to_xy"], 2)
         return Correction(number, when, who, what, subject, to_xy=(x, y))

@@ -239,7 +239,7 @@ def doubt(detector: Detector, recording: Recording) -> str | None:
         return None
     return (
         f"WRONG DETECTOR: {detector.name} knows only rendered pictures of the {world}, and {recording.name} is none of it: "
-        "what it lists is not there; map again without --detector"
+        "trust nothing that it lists; map again without --detector"
     )
 
 

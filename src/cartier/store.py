@@ -15,7 +15,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from cartier.atomic import append_line, locked, replaced_folder, write_file, write_json
+from cartier.atomic import PART, append_line, locked, replaced_folder, write_file, write_json
 from cartier.errors import InputError
 from cartier.files import read_bytes, read_json
 
@@ -23,7 +23,6 @@ MANIFEST = "home.json"
 MAX_BYTES = 2**31
 NAME = re.compile(r"[a-z0-9_]+(?:/[a-z0-9_]+)*\.[a-z0-9]+")
 BLOB = re.compile(r".+-([0-9a-f]{12})\.[a-z0-9]+")
-PART = re.compile(r"\..+-[0-9a-f]{8}\.part")  # half-written by write_file
 
 
 class Store:

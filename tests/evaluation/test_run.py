@@ -14,12 +14,13 @@ import pytest
 from cartier import specs
 from cartier.baselines import nlmap
 from cartier.errors import InputError, ReasonerError
+from cartier.evaluation.asked import Asked
 from cartier.evaluation.maps import Maps, MapSettings
 from cartier.evaluation.methods import METHODS
 from cartier.evaluation.queries import OWN, Query
 from cartier.evaluation.run import BenchSettings, run
 from cartier.models import dollhouse_detector
-from cartier.types import Calibration, Inventory, Selection
+from cartier.types import Calibration, Fact, Inventory, Selection
 
 WORLD = str(Path(__file__).parent / "room_world.py")
 SEATS = ("chair", "sofa")
@@ -188,3 +189,19 @@ def test_another_detector_makes_another_map(
     monkeypatch.setattr(dollhouse_detector, "load", lambda: other)
     after = [maps._folder_of("south") for maps in (told, seen)]
     assert after[0] == before[0] and after[1] != before[1]
+
+
+def test_what_was_answered_is_remembered_whole_and_for_its_own_home(tmp_path: Path) -> None:
+    class Telling(Words):
+        def select(self, query: str, inventory: Inventory, dialogue: Sequence[tuple[str, str]] = ()) -> Selection:
+            self._call("select", query)
+            ids = tuple(thing.id for thing in inventory.objects)
+            return Selection("told", say="two", fact=Fact("list", ("chair", "mug"), ids), then=(Selection("absent"),))
+
+    here = Inventory.of(["chair", "mug"])
+    there = replace(here, objects=tuple(replace(thing, id=thing.id + 7) for thing in here.objects))
+    reasoner = Telling()
+    first = [Asked(reasoner, tmp_path / "asked.jsonl").select("how many?", home) for home in (here, there)]
+    again = [Asked(reasoner, tmp_path / "asked.jsonl").select("how many?", home) for home in (here, there)]
+    assert again == first and reasoner.calls == 2
+    assert all(home.holds(chosen) for home, chosen in zip((here, there), first, strict=True))

@@ -43,4 +43,4 @@ def test_an_option_of_another_format_is_one_line(tmp_path: Path, command: str) -
     done = CliRunner().invoke(app, [command, str(tmp_path / "a"), "--odometry", "/odom", *args])
     assert "'sevenscenes' has no option 'odometry'; it has up, floor_m" in str(done.exception)
     done = CliRunner().invoke(app, [command, str(tmp_path / "a"), "--up", "0,0", *args])
-    assert isinstance(done.exception, InputError) and "--up needs 3 numbers" in str(done.exception)
+    assert isinstance(done.exception, InputError) and "--up needs 3 finite numbers" in str(done.exception)

@@ -144,8 +144,8 @@ def _listen(
     )  # fmt: skip
 
 
-def _missing(extra: str, error: ModuleNotFoundError) -> Exception:
+def _missing(extra: str, error: ModuleNotFoundError) -> MissingExtra:
     package = (error.name or "").split(".")[0]
-    if package in ("", "cartier"):
-        return error
+    if package in ("", "cartier"):  # a broken import of our own is a bug and keeps its traceback
+        raise error
     return MissingExtra(f"this needs the package {package!r}: {plugins.install(extra, package)}")

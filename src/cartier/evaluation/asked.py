@@ -69,6 +69,11 @@ def _plain(selection: Selection) -> dict[str, Any]:
 
 def _selection(row: dict[str, Any]) -> Selection:
     candidates = tuple((str(name), float(score)) for name, score in row["candidates"])
-    fact = None if row["fact"] is None else Fact(**(row["fact"] | {"objects": tuple(row["fact"]["objects"])}))
-    further = tuple(map(_selection, row["then"]))
-    return Selection(**(row | {"candidates": candidates, "then": further, "fact": fact}))
+    told = row["fact"]
+    fact = None if told is None else Fact(told["kind"], _frozen(told["value"]), tuple(told["objects"]))
+    return Selection(**(row | {"candidates": candidates, "fact": fact, "then": tuple(map(_selection, row["then"]))}))
+
+
+def _frozen(value: Any) -> Any:
+    """A JSON list as the tuple that it was."""
+    return tuple(value) if isinstance(value, list) else value

@@ -10,7 +10,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from cartier.atomic import locked, write_file, write_json
+from cartier.atomic import locked, sweep_parts, write_file, write_json
 from cartier.baselines import nlmap
 from cartier.contracts import Reasoner
 from cartier.errors import InputError
@@ -200,6 +200,8 @@ def claim(folder: Path, settings: Any, queries: Iterable[Any], reasoner: str) ->
     mine = json.loads(json.dumps(mine))  # tuples become lists, as in the file
     packages = {name: version(name) for name in ("cartier", "numpy", "scipy", "onnxruntime")}
     file = folder / "settings.json"
+    sweep_parts(file)
+    sweep_parts(folder / "results.jsonl")
     if file.exists():
         kept = read_json(file)
         other = [name for name, value in mine.items() if kept.get(name) != value]

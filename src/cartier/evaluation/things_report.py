@@ -70,7 +70,8 @@ def table(rows: Iterable[Mapping[str, Any]]) -> str:
     """Markdown: groups of kinds, then each kind, by detector and run."""
     found = shares(rows)
     ways = list(dict.fromkeys(way for told in found.values() for way in told if way != "n"))
-    lines = [f"| | n | {' | '.join(ways)} |", f"|---|---|{'---|' * len(ways)}"]
+    titles = [way.replace("ground_truth", "ground truth").replace("embedded", "pixels") for way in ways]
+    lines = [f"| | n | {' | '.join(titles)} |", f"|---|---|{'---|' * len(ways)}"]
     for name, told in found.items():
         cells = [_cell(told.get(way)) for way in ways]
         lines.append(f"| {f'**{name}**' if name in GROUPS else name} | {told['n']} | {' | '.join(cells)} |")

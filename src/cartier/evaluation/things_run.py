@@ -60,7 +60,7 @@ class NamesOnly:
 
 
 class Blind:
-    """No reasoner and no map: any of the home's objects; to a question the likeliest answer, or any of its names."""
+    """No reasoner and no map: any of the home's objects; to a question the likeliest answer, or any of the names it could be."""
 
     name = "blind"
 
@@ -73,9 +73,10 @@ class Blind:
         things = [thing for thing in inventory.objects if thing.confirmed]
         thing = things[int(self._rng.integers(len(things)))]
         rooms = [room.name for room in inventory.rooms] or ["room"]
+        named = [name for name in inventory.names if name in query] or [thing.label]
         guesses: dict[str, Any] = {
             "count": 1, "exists": True, "where": rooms[int(self._rng.integers(len(rooms)))], "list": (thing.label,),
-            "compare": thing.label,
+            "compare": named[int(self._rng.integers(len(named)))],
         }  # fmt: skip
         if self._kind in guesses:
             return Selection("told", say="a guess", fact=Fact(self._kind, guesses[self._kind]))  # type: ignore[arg-type]

@@ -121,8 +121,8 @@ class Scene {
     const solid = [], clear = [], grid = this.data.grid;
     if (grid) for (const [c, r, across, down, kind] of this.patches(grid)) { // walls are cut, so that one sees in
       const s = grid.side, low = [grid.origin[0] + c * s, grid.origin[1] + r * s], high = [low[0] + across * s, low[1] + down * s];
-      put(solid, [...low, -0.02], [...high, 0], rgb("--floor"));
-      if (kind === 2) put(solid, [...low, 0], [...high, CUT_M], rgb("--wall"));
+      put(solid, [...low, -0.002], [...high, 0], rgb("--floor"));
+      if (kind === 2) put(solid, [...low, 0], [...high, CUT_M], rgb("--solid"));
     }
     for (const t of this.data.objects) {
       const chosen = t.id === this.chosen, dim = this.only && !this.only.has(t.id) && !chosen;

@@ -1,0 +1,110 @@
+"""Load on ``cartier serve``: many clients on loopback, each checks that every answer is its own; latencies and memory.
+
+python benchmarks/serving.py HOME [--clients 200] [--seconds 60]
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import json
+import os
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import httpx
+import numpy as np
+
+from cartier.home import Home
+
+
+async def client(
+    number: int, base: str, home: str, labels: dict[str, int], until: float, took: dict[str, list[float]]
+) -> list[str]:
+    """One client's requests until the time is over; returns what was wrong."""
+    wrong, names = [], sorted(labels)
+    async with httpx.AsyncClient(base_url=base, timeout=60) as web:
+        turn = number
+        while time.perf_counter() < until:
+            name, kind = names[turn % len(names)], ("goal", "find", "ask", "describe")[turn % 4]
+            begin = time.perf_counter()
+            if kind == "ask":
+                got = await web.post(
+                    f"/api/homes/{home}/ask", json={"words": f"go to the {name}", "conversation": f"{number}-{turn}"}
+                )
+            elif kind == "find":
+                got = await web.get(f"/api/homes/{home}/find", params={"name": name})
+            else:
+                got = await web.get(f"/api/homes/{home}/{kind}", params={"thing": str(labels[name])})
+            took.setdefault(kind, []).append(time.perf_counter() - begin)
+            told = got.json()
+            said = {"ask": told.get("object"), "find": told.get("objects", [{}])[0].get("label")}.get(
+                kind, told.get("label")
+            )
+            if got.status_code != 200 or said != name:
+                wrong.append(f"{kind} {name}: {got.status_code} {json.dumps(told)[:200]}")
+            turn += 1
+    return wrong
+
+
+def resident_mb(process: int) -> float:
+    """The memory of a process (Linux)."""
+    line = next(row for row in Path(f"/proc/{process}/status").read_text().splitlines() if row.startswith("VmRSS"))
+    return int(line.split()[1]) / 1024
+
+
+async def load(base: str, home: str, labels: dict[str, int], clients: int, seconds: float, process: int) -> None:
+    took: dict[str, list[float]] = {}
+    await client(0, base, home, labels, time.perf_counter() + 2, {})  # warm
+    memory = [resident_mb(process)]
+    until = time.perf_counter() + seconds
+
+    async def watch() -> list[str]:
+        while time.perf_counter() < until:
+            await asyncio.sleep(seconds / 6)
+            memory.append(resident_mb(process))
+        return []
+
+    runs = await asyncio.gather(watch(), *(client(k, base, home, labels, until, took) for k in range(clients)))
+    wrong = [line for run in runs for line in run]
+    every = np.concatenate([np.array(times) for times in took.values()])
+    print(
+        f"{clients} clients, {seconds:g} s: {len(every)} answers, {len(every) / seconds:.0f} a second, {len(wrong)} wrong"
+    )
+    for kind, times in [*sorted(took.items()), ("all", every.tolist())]:
+        middle, high = np.percentile(times, (50, 99)) * 1e3
+        print(f"  {kind:9} {len(times):6}  median {middle:7.1f} ms  p99 {high:7.1f} ms  ({high / middle:.1f} x)")
+    print("  memory    " + " ".join(f"{mb:.0f}" for mb in memory) + " MB")
+    print("\n".join(wrong[:5]))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("home", type=Path)
+    parser.add_argument("--clients", type=int, default=200)
+    parser.add_argument("--seconds", type=float, default=60.0)
+    asked = parser.parse_args()
+    objects = [thing for thing in Home.load(asked.home).objects if thing.confirmed]
+    single = {t.label: t.id for t in objects if sum(o.label == t.label for o in objects) == 1}
+    single = {name: k for name, k in single.items() if not any(name in o.label and name != o.label for o in objects)}
+    with socket.socket() as listening:
+        listening.bind(("127.0.0.1", 0))
+        port = listening.getsockname()[1]
+    line = [sys.executable, "-m", "cartier", "serve", str(asked.home), "--port", str(port)]
+    server = subprocess.Popen(line, env=os.environ | {"OMP_NUM_THREADS": "1"}, stderr=subprocess.DEVNULL)
+    try:
+        for _ in range(200):
+            with socket.socket() as asking:
+                if asking.connect_ex(("127.0.0.1", port)) == 0:
+                    break
+            time.sleep(0.1)
+        asyncio.run(load(f"http://127.0.0.1:{port}", asked.home.name, single, asked.clients, asked.seconds, server.pid))
+    finally:
+        server.terminate()
+
+
+if __name__ == "__main__":
+    main()
