@@ -75,7 +75,7 @@ class Outputs:
     """Per name, how many cells were right and how many there are; "" is what is no thing."""
 
 
-def look(recording: Recording | Kept, detector: Any, least: float = 0.5) -> Outputs:
+def run_detector(recording: Recording | Kept, detector: Any, least: float = 0.5) -> Outputs:
     """Every frame of a recording through a detector (made with a threshold of ``LOW``) and through the truth.
 
     A box is right that overlaps the true one by ``least``.
@@ -160,7 +160,7 @@ def distances(recording: Recording | Kept, index: Any, names: Sequence[str] | No
     return result
 
 
-def look_closely(recording: Recording | Kept, detector: Any, outputs: Outputs, encoder: Any) -> dict[str, Any]:
+def dense_features(recording: Recording | Kept, detector: Any, outputs: Outputs, encoder: Any) -> dict[str, Any]:
     """The cells of every third frame into ``outputs``, and the VLMaps index of ``MAPS`` that these frames make."""
     names = list(detector.model.names)
     vectors = encoder.text([*names, *detector.model.around])
@@ -211,11 +211,11 @@ def report(recordings: Sequence[Recording], detector: Any) -> None:
     print("home               frames  AP50  recall  precision  distance  (ground truth)")
     for walk in recordings:
         recording = Kept(walk)
-        outputs = look(recording, detector)
+        outputs = run_detector(recording, detector)
         all_outputs.append(outputs)
         index = index_of(recording, outputs.found, detector.model.calibration)
         exact = plugins.make("detectors", "ground_truth", truth=recording.truth)
-        for name, made in look_closely(recording, detector, outputs, encoder).items():
+        for name, made in dense_features(recording, detector, outputs, encoder).items():
             mapped[name] += distances(recording, made, [n for n, px in outputs.pixels.items() if px >= LISTED_PX])
         best = index_of(recording, [exact.detect(recording[i]) for i in range(len(recording))], exact.calibration)
         recall, precision = listed(outputs, index.names())

@@ -16,8 +16,8 @@ def main(path: str, model: str, words: str) -> None:
     home = cartier.map_home(cartier.open_recording(path), detector)
     answer = cartier.ask(home, words)
     chosen = answer.selection
-    print(chosen.status, chosen.object or chosen.question or "", "-", chosen.reason)
-    if answer.place is None:  # nothing serves, or a question comes back
+    print(chosen.status, chosen.object or chosen.question or chosen.say, "-", chosen.reason)
+    if answer.place is None:  # nothing serves, a question comes back, or there are only words to say
         return
     print("place", [round(metres, 2) for metres in answer.place.position])
     if answer.goal is None:  # no depth, or nothing near it can be reached

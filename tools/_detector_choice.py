@@ -64,8 +64,8 @@ def _on_walk(
     return work(walk(number, max_frames), detector)
 
 
-def looks_at_shards(shards: Path, eyes: Any) -> Outputs:
-    """Every other frame of rendered homes, with things of all types in them, through eyes made with a low threshold."""
+def outputs_on_shards(shards: Path, detector: Any) -> Outputs:
+    """Every other frame of rendered homes, with things of all types in them, through a detector made with a low threshold."""
     outputs = Outputs(str(shards))
     for path in sorted(shards.glob("*.npz")):
         with np.load(path, allow_pickle=False) as shard:
@@ -73,8 +73,8 @@ def looks_at_shards(shards: Path, eyes: Any) -> Outputs:
         height, width = images.shape[1:3]
         camera = Camera(width, height, width, width, width / 2, height / 2)
         for i in range(0, len(images), 2):
-            mine, names = of == i, eyes.model.names
-            found = eyes.detect(Frame(i, 0.0, images[i], None, np.eye(4), camera))
+            mine, names = of == i, detector.model.names
+            found = detector.detect(Frame(i, 0.0, images[i], None, np.eye(4), camera))
             true = Detections(i, boxes[mine], np.ones(mine.sum()), tuple(names[k] for k in labels[mine]))
             match(found, true, pixels[mine] * (640 / width) ** 2, outputs, THERE)
     return outputs

@@ -1,4 +1,4 @@
-"""The closer look: of each place where the eyes see something, whatever it is, a patch of the image is named by itself.
+"""The second stage: of each place where the first sees something, whatever it is, a patch of the image is named by itself.
 
 A heatmap of all names at once learns thin and small things badly: knives were not told from the table in any frame of the
 training, though their places stood out. As in Faster R-CNN (Ren et al. 2015), naming is left to a second network, which
@@ -20,11 +20,11 @@ import numpy as np
 import torch
 from _detector_batches import SMALL, Batch, batch
 from _detector_loss import follow, giou
-from _detector_network import NECK, STRIDE, Conv, Eyes
+from _detector_network import NECK, STRIDE, Conv, Network
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-FAR = 0.6  # of the size of the first look is the second
+FAR = 0.6  # of the size of the first pass is the second
 PLACES_OF_CROP = 16
 BATCH, PEAK, DECAY, SAVE_S = 10, 2e-3, 0.02, 120
 PLACES = 32  # of a frame that are looked at closely
@@ -38,7 +38,7 @@ MEND = 2.0  # weight of the boxes' loss
 
 
 class Closer(nn.Module):
-    """Patches (N, 3, 40, 40), their boxes' widths and heights (N, 2), what the first look's heads saw there (N, 48) and its
+    """Patches (N, 3, 40, 40), their boxes' widths and heights (N, 2), what the first stage's heads saw there (N, 48) and its
     logits (N, C), to logits (N, C) and changes (N, C, 4) of the box for each name: of its middle, in sides, and of their
     logarithms."""
 
@@ -53,7 +53,7 @@ class Closer(nn.Module):
         self.mend = nn.Conv2d(128, 4 * classes, 1)
         self.trust = nn.Conv2d(classes, classes, 1, groups=classes)
         for fresh in (self.name.weight, self.name.bias, self.mend.weight, self.mend.bias, self.trust.bias):
-            nn.init.zeros_(fresh)  # at first all stays as the first look has it
+            nn.init.zeros_(fresh)  # at first all stays as the first stage has it
         nn.init.ones_(self.trust.weight)
 
     def forward(self, patches: Tensor, sizes: Tensor, around: Tensor, first: Tensor) -> tuple[Tensor, Tensor]:
@@ -113,13 +113,13 @@ def sizes(boxes: Tensor) -> Tensor:
 
 
 @torch.no_grad()
-def looked(eyes: Eyes, images: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """Logits and boxes as the exported eyes have them, the mean of a look at the images and one at them made smaller; and
+def two_passes(network: Network, images: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """Logits and boxes as the exported network has them, the mean over the images and over them made smaller; and
     what the heads of the former see."""
-    up = eyes.neck(images)
-    logits, sides = eyes.heat(up)
+    up = network.neck(images)
+    logits, sides = network.heat(up)
     small = F.interpolate(images, scale_factor=FAR, mode="bilinear").flip(3)
-    turned, far_sides = eyes.heat(eyes.neck(small))
+    turned, far_sides = network.heat(network.neck(small))
     turned, far_sides = (F.interpolate(m, logits.shape[2:], mode="bilinear").flip(3) for m in (turned, far_sides))
     return (logits + turned) / 2, (sides + far_sides[:, [2, 1, 0, 3]] - math.log(FAR)) / 2, up
 
@@ -153,11 +153,11 @@ def wanted(boxes: Tensor, true: Batch, classes: int) -> tuple[Tensor, Tensor, Te
 
 
 @torch.no_grad()
-def lesson(eyes: Eyes, true: Batch) -> tuple[Tensor, ...]:
+def lesson(network: Network, true: Batch) -> tuple[Tensor, ...]:
     """What a closer network is shown of a batch, its boxes (N, 4), which names (N, C) those have, which of them count, and
     the true boxes as ``wanted`` has them."""
     images = torch.from_numpy(true.images)
-    boxes, around, own = places(*looked(eyes, images), PLACES_OF_CROP)
+    boxes, around, own = places(*two_passes(network, images), PLACES_OF_CROP)
     shown = patches(images, boxes), sizes(boxes), around.flatten(0, 1), own.flatten(0, 1)
     names, counts, right = wanted(boxes, true, own.shape[2])
     return *shown, boxes.flatten(0, 1), names.flatten(0, 1), counts.flatten(0, 1), right
@@ -185,11 +185,11 @@ def save_closer(run: Path, closer: Closer, mean: Closer, optimizer: Any, step: i
     part.replace(run / "closer.pt")
 
 
-def train_closer(eyes: Eyes, pool: Any, run: Path, minutes: float, seed: int) -> None:
-    """Learn to name places, the eyes being left as they are; RUN/closer.pt keeps the averaged weights, and can be gone on from."""
+def train_closer(network: Network, pool: Any, run: Path, minutes: float, seed: int) -> None:
+    """Learn to name places, the first stage being left as it is; RUN/closer.pt keeps the averaged weights, and can be gone on from."""
     torch.manual_seed(seed)
-    eyes.eval()
-    closer, mean = Closer(len(eyes.names)), Closer(len(eyes.names))
+    network.eval()
+    closer, mean = Closer(len(network.names)), Closer(len(network.names))
     optimizer = optimizer_of(closer)
     path, step, spent = run / "closer.pt", 0, 0.0
     if path.exists():
@@ -200,9 +200,9 @@ def train_closer(eyes: Eyes, pool: Any, run: Path, minutes: float, seed: int) ->
     mean.load_state_dict(state["mean"] if step else closer.state_dict())
 
     def prepared(number: int) -> tuple[Tensor, ...]:
-        return lesson(eyes, batch(pool, BATCH, np.random.default_rng((seed, number, 2))))
+        return lesson(network, batch(pool, BATCH, np.random.default_rng((seed, number, 2))))
 
-    ahead = ThreadPoolExecutor(2)  # the eyes look at the next ones while the latest is learnt
+    ahead = ThreadPoolExecutor(2)  # the first stage runs on the next ones while the latest is learnt
     made = deque(ahead.submit(prepared, step + k) for k in range(3))
     start, saved, costs = time.time() - spent, time.time(), []
     while True:

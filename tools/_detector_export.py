@@ -1,4 +1,4 @@
-"""The trained eyes as one ONNX file, written node by node: batch norms folded in, peaks and boxes picked inside the graph."""
+"""The trained detector as one ONNX file, written node by node: batch norms folded in, peaks and boxes picked inside the graph."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ from _detector_closer import (
     PLACES,
     SIDE,
     Closer,
-    looked,
     mended,
     places,
+    two_passes,
 )
 from _detector_closer import patches as cut_out
 from _detector_closer import sizes as sizes_of
-from _detector_network import NECK, STRIDE, Conv, Eyes
+from _detector_network import NECK, STRIDE, Conv, Network
 from onnx import TensorProto, helper, numpy_helper
 from torch.nn.functional import interpolate
 
 SIZE = (640, 480)
-FAR_SIZE = (384, 288)  # of the second look, in which large things are as small as training showed them
+FAR_SIZE = (384, 288)  # of the second pass, in which large things are as small as training showed them
 MOST = 100  # boxes per image
 
 
@@ -46,7 +46,7 @@ class Graph:
         return list(self._constants.values())
 
     def constant(self, values: Any, kind: Any = np.float32) -> str:
-        """Equal ones are kept once: both looks share their weights."""
+        """Equal ones are kept once: both passes share their weights."""
         array = np.asarray(values, kind)
         key = (array.dtype, array.shape, array.tobytes())
         if key not in self._constants:
@@ -113,34 +113,34 @@ class Graph:
         return str(self.add("Div", x, self.add("Max", length, self.constant(1e-12))))
 
 
-def export(eyes: Eyes, closer: Closer, path: Path) -> None:
+def export(network: Network, closer: Closer, path: Path) -> None:
     """Input ``image`` (1, 3, h, w) float32, 0 to 1, of ``SIZE`` (w, h); outputs ``boxes`` (100, 4) xyxy in its pixels,
     ``scores`` and ``classes`` (100), best first, and ``features`` (1, D, h/4, w/4), unit vectors for every cell.
 
-    The maps are the mean over two looks: at the image, and at its mirror image made smaller, for large things. That takes
-    1.5 times as long as the first alone, and finds more than two looks at one size do. ``closer`` then names each place.
+    The maps are the mean over two passes: over the image, and over its mirror image made smaller, for large things. That takes
+    1.5 times as long as the first alone, and finds more than two passes at one size do. ``closer`` then names each place.
     """
-    eyes, closer = eyes.eval(), closer.eval()
+    network, closer = network.eval(), closer.eval()
     graph = Graph()
     cells = (SIZE[0] // STRIDE, SIZE[1] // STRIDE)
-    depth = len(eyes.basis)
+    depth = len(network.basis)
     with torch.no_grad():
-        up, *near = maps_of(graph, eyes, "image", SIZE)
+        up, *near = maps_of(graph, network, "image", SIZE)
         small = graph.mirrored(graph.resized("image", 3, FAR_SIZE))
         far = [
             graph.resized(graph.mirrored(values), channels, cells)  # in this order, as mirroring is slow
-            for values, channels in zip(maps_of(graph, eyes, small, FAR_SIZE)[1:], (depth, 4, depth), strict=True)
+            for values, channels in zip(maps_of(graph, network, small, FAR_SIZE)[1:], (depth, 4, depth), strict=True)
         ]
         far[1] = graph.add("Gather", far[1], graph.constant([2, 1, 0, 3], np.int64), axis=1)  # left and right
         far[1] = graph.add("Add", far[1], graph.constant(math.log(SIZE[0] / FAR_SIZE[0])))
         seen, sides, painted = (graph.add("Add", a, b) for a, b in zip(near, far, strict=True))
-        # the mean of the looks' logits: the names' convolution is linear, so that once for both will do
-        names = (eyes.names * eyes.scale / 2)[..., None, None]
-        logits = graph.conv(seen, names.numpy(), eyes.bias.numpy())
+        # the mean of the passes' logits: the names' convolution is linear, so that once for both will do
+        names = (network.names * network.scale / 2)[..., None, None]
+        logits = graph.conv(seen, names.numpy(), network.bias.numpy())
         sides, features = graph.add("Mul", sides, graph.constant(0.5)), graph.unit(painted, depth)
-        boxes, around, own = _places(graph, logits, sides, up, len(eyes.names))
+        boxes, around, own = _places(graph, logits, sides, up, len(network.names))
         told, changes = named(graph, closer, _patches(graph, boxes), _sizes(graph, boxes), around, own)
-    _best(graph, told, changes, boxes, len(eyes.names))
+    _best(graph, told, changes, boxes, len(network.names))
     graph.nodes.append(helper.make_node("Identity", [features], ["features"]))
     image = helper.make_tensor_value_info("image", TensorProto.FLOAT, [1, 3, SIZE[1], SIZE[0]])
     outputs = [
@@ -149,39 +149,39 @@ def export(eyes: Eyes, closer: Closer, path: Path) -> None:
             ("boxes", TensorProto.FLOAT, [MOST, 4]),
             ("scores", TensorProto.FLOAT, [MOST]),
             ("classes", TensorProto.INT64, [MOST]),
-            ("features", TensorProto.FLOAT, [1, len(eyes.basis), *cells[::-1]]),
+            ("features", TensorProto.FLOAT, [1, len(network.basis), *cells[::-1]]),
         )
     ]
-    made = helper.make_graph(graph.nodes, "eyes", [image], outputs, graph.constants)
+    made = helper.make_graph(graph.nodes, "detector", [image], outputs, graph.constants)
     model = helper.make_model(made, opset_imports=[helper.make_opsetid("", 17)], ir_version=9)
     onnx.checker.check_model(model, full_check=True)
     path.write_bytes(model.SerializeToString())
 
 
-def maps_of(graph: Graph, eyes: Eyes, image: str, size: tuple[int, int]) -> tuple[str, str, str, str]:
+def maps_of(graph: Graph, network: Network, image: str, size: tuple[int, int]) -> tuple[str, str, str, str]:
     """What all heads see, what the heatmap's logits are made of, the boxes and the features of all cells of an image of a
     size (w, h)."""
     x = graph.add("Mul", graph.add("Sub", image, graph.constant(0.5)), graph.constant(4.0))
-    for layer in eyes.stem:
+    for layer in network.stem:
         x = graph.layer(x, layer)
-    steps = [graph.block(x, eyes.s4)]
-    for stage in ([*eyes.s8], [*eyes.s16, eyes.more16], [*eyes.s32, eyes.more32]):
+    steps = [graph.block(x, network.s4)]
+    for stage in ([*network.s8], [*network.s16, network.more16], [*network.s32, network.more32]):
         x = steps[-1]
         for block in stage:
             x = graph.block(x, block)
         steps.append(x)
-    room = graph.add("Relu", graph.layer(graph.add("GlobalAveragePool", x), eyes.room[0]))
-    steps[-1] = graph.add("Add", x, graph.layer(room, eyes.room[2]))
-    sides = [graph.layer(x, lateral) for x, lateral in zip(steps, eyes.lateral, strict=True)]
+    room = graph.add("Relu", graph.layer(graph.add("GlobalAveragePool", x), network.room[0]))
+    steps[-1] = graph.add("Add", x, graph.layer(room, network.room[2]))
+    sides = [graph.layer(x, lateral) for x, lateral in zip(steps, network.lateral, strict=True)]
     shapes = [(-(-size[1] // stride), -(-size[0] // stride)) for stride in (4, 8, 16, 32)]
     up = sides[3]
-    for level, smooth in ((2, eyes.smooth16), (1, eyes.smooth8), (0, eyes.smooth4)):
+    for level, smooth in ((2, network.smooth16), (1, network.smooth8), (0, network.smooth4)):
         up = graph.layer(graph.add("Add", sides[level], graph.enlarged(up, shapes[level + 1], shapes[level])), smooth)
         if level == 1:
-            up = graph.block(up, eyes.refine)
-    depth = len(eyes.basis)
-    box = graph.layer(graph.layer(up, eyes.box[0]), eyes.box[1])
-    return up, graph.unit(graph.layer(up, eyes.see), depth), box, graph.unit(graph.layer(up, eyes.paint), depth)
+            up = graph.block(up, network.refine)
+    depth = len(network.basis)
+    box = graph.layer(graph.layer(up, network.box[0]), network.box[1])
+    return up, graph.unit(graph.layer(up, network.see), depth), box, graph.unit(graph.layer(up, network.paint), depth)
 
 
 def _places(graph: Graph, logits: str, sides: str, up: str, classes: int) -> tuple[str, str, str]:
@@ -234,7 +234,7 @@ def _patches(graph: Graph, boxes: str) -> str:
 
 
 def named(graph: Graph, closer: Closer, patches: str, sizes: str, around: str, own: str) -> tuple[str, str]:
-    """The closer look at each place: logits (K, C, 1, 1) and changes of the boxes (K, 4 C, 1, 1)."""
+    """The second stage, at each place: logits (K, C, 1, 1) and changes of the boxes (K, 4 C, 1, 1)."""
     x = graph.add("Mul", graph.add("Sub", patches, graph.constant(0.5)), graph.constant(4.0))
     for layer in closer.body:
         x = graph.layer(x, layer)
@@ -270,7 +270,7 @@ def _best(graph: Graph, told: str, changes: str, boxes: str, classes: int) -> No
 
 
 @torch.no_grad()
-def compare(eyes: Eyes, closer: Closer, path: Path, image: Any) -> float:
+def compare(network: Network, closer: Closer, path: Path, image: Any) -> float:
     """The largest difference of a score, a feature or a box (in image widths) to torch's, for an image (h, w, 3) uint8."""
     import onnxruntime
 
@@ -278,13 +278,13 @@ def compare(eyes: Eyes, closer: Closer, path: Path, image: Any) -> float:
     session = onnxruntime.InferenceSession(str(path), providers=["CPUExecutionProvider"])
     wanted = ["scores", "features", "boxes", "classes"]
     scores, features, boxes, classes = session.run(wanted, {"image": tensor.numpy()})
-    eyes, closer = eyes.eval(), closer.eval()
-    near = eyes(tensor)[2]
+    network, closer = network.eval(), closer.eval()
+    near = network(tensor)[2]
     far = interpolate(
-        eyes(interpolate(tensor, FAR_SIZE[::-1], mode="bilinear").flip(3))[2], near.shape[2:], mode="bilinear"
+        network(interpolate(tensor, FAR_SIZE[::-1], mode="bilinear").flip(3))[2], near.shape[2:], mode="bilinear"
     )
     painted = torch.nn.functional.normalize(near + far.flip(3), dim=1)
-    found, around, own = places(*looked(eyes, tensor), PLACES)
+    found, around, own = places(*two_passes(network, tensor), PLACES)
     told, changes = closer(cut_out(tensor, found), sizes_of(found), around[0], own[0])
     best, where = told.flatten().topk(MOST)
     kinds = (where % told.shape[1]).numpy()

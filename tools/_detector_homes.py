@@ -1,4 +1,4 @@
-"""Homes to train the eyes in: generated ones with more clutter, laid tables and other colours."""
+"""Homes to train the dollhouse detector in: generated ones with more clutter, laid tables and other colours."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ LEFT_OUT = ("Window", "Blinds", "Curtains", "ShowerHead", "Sink", "Faucet", "Sto
 
 
 def names() -> list[str]:
-    """The display names of all types of the dollhouse: the classes of the eyes, in the order of the types."""
+    """The display names of all types of the dollhouse: the classes of the detector, in the order of the types."""
     return [display_name(kind) for kind in shapes.types()]
 
 

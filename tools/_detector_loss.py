@@ -1,4 +1,4 @@
-"""What the eyes are trained to make small: CenterNet's focal loss, the boxes' GIoU loss, and LSeg's cross-entropy of cells."""
+"""What the dollhouse detector is trained to make small: CenterNet's focal loss, the boxes' GIoU loss, and LSeg's cross-entropy of cells."""
 
 from __future__ import annotations
 
@@ -7,19 +7,21 @@ from typing import Any
 import numpy as np
 import torch
 from _detector_batches import STRIDE, Batch
-from _detector_network import Eyes
+from _detector_network import Network
 from torch import Tensor, nn
 
 HALF = torch.cpu.get_capabilities().get("avx512_bf16", False)  # elsewhere bfloat16 takes three times as long as float32
 AROUND_WEIGHT = 0.4  # of cells that show no thing: there are so many
 
 
-def loss_of(eyes: Eyes, images: Tensor, true: Batch, weights: Tensor, rng: np.random.Generator) -> tuple[Tensor, ...]:
+def loss_of(
+    network: Network, images: Tensor, true: Batch, weights: Tensor, rng: np.random.Generator
+) -> tuple[Tensor, ...]:
     """CenterNet's focal loss with rare names weighted up, the GIoU loss of the boxes, and LSeg's cross-entropy of cells."""
     corner = (int(rng.integers(2)), int(rng.integers(2)))
     with torch.autocast("cpu", torch.bfloat16, enabled=HALF):
-        logits, sides, features = eyes(images, (*corner, 2))
-        painted = eyes.painted(features)
+        logits, sides, features = network(images, (*corner, 2))
+        painted = network.painted(features)
     count = max(1, len(true.hits))
     heat_loss = Focal.apply(logits, *(torch.from_numpy(a) for a in (true.spots, true.heat, true.hits)), weights) / count
     target, sides = torch.from_numpy(true.boxes), sides.float()

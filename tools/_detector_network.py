@@ -1,4 +1,4 @@
-"""The eyes' network: a small residual backbone, a feature pyramid, and CenterNet's heads over vectors of names."""
+"""The dollhouse detector's network: a small residual backbone, a feature pyramid, and CenterNet's heads over vectors of names."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Block(nn.Module):
         return F.relu(self.body(x) + self.skip(x))
 
 
-class Eyes(nn.Module):
+class Network(nn.Module):
     """RGB (N, 3, H, W), 0 to 1, to name logits (N, C, H/4, W/4), boxes (N, 4, …) and unit features (N, D, …).
 
     Two heads speak the language of names: the first only in the middles of things, where the logits have their peaks,

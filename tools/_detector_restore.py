@@ -11,7 +11,7 @@ from _detector_batches import Batch
 from _detector_closer import Closer, lesson
 from _detector_export import SIZE, Graph, maps_of, named
 from _detector_loss import paint_loss
-from _detector_network import Conv, Eyes
+from _detector_network import Conv, Network
 from onnx import numpy_helper
 from torch import Tensor, nn
 
@@ -51,37 +51,37 @@ class Reading(Graph):
 
 
 @torch.no_grad()
-def restore(eyes: Eyes, closer: Closer, path: Path, batches: list[Batch]) -> None:
+def restore(network: Network, closer: Closer, path: Path, batches: list[Batch]) -> None:
     """The weights of an exported file into new networks, which then see the same, calibration and all.
 
     Batch norms get the mean and spread that these crops have there, so that training finds them as it left them; the scale
     of the cells' logits, which no file holds, is that under which the crops are explained best.
     """
     reading = Reading(path)
-    maps_of(reading, eyes, "", SIZE)
-    while len((held := reading.left.pop(0))[0]) != len(eyes.names):
-        pass  # the second look has the first one's weights
-    eyes.scale.fill_(2 * held[0][0].float().norm())  # the mean of two looks halves it
-    eyes.bias.copy_(held[1])
+    maps_of(reading, network, "", SIZE)
+    while len((held := reading.left.pop(0))[0]) != len(network.names):
+        pass  # the second pass has the first one's weights
+    network.scale.fill_(2 * held[0][0].float().norm())  # the mean of two passes halves it
+    network.bias.copy_(held[1])
     reading.conv()  # the length of the features
     named(reading, closer, "", "", "", "")
-    eyes.eval(), closer.eval()
+    network.eval(), closer.eval()
     sums: dict[nn.Module, list[Tensor]] = {}
 
     def gather(norm: nn.Module, inputs: tuple[Tensor, ...]) -> None:
         of_one = torch.stack([inputs[0].mean((0, 2, 3)), (inputs[0] ** 2).mean((0, 2, 3))])
         sums.setdefault(norm, []).append(of_one)
 
-    norms = [part for net in (eyes, closer) for part in net.modules() if isinstance(part, nn.BatchNorm2d)]
+    norms = [part for net in (network, closer) for part in net.modules() if isinstance(part, nn.BatchNorm2d)]
     hooks = [norm.register_forward_pre_hook(gather) for norm in norms]
     costs = torch.zeros(len(SCALES))
     for true in batches:
-        features = eyes(torch.from_numpy(true.images))[2]
-        closer(*lesson(eyes, true)[:4])
+        features = network(torch.from_numpy(true.images))[2]
+        closer(*lesson(network, true)[:4])
         for k, scale in enumerate(SCALES):
-            eyes.paint_scale.fill_(scale)
-            costs[k] += paint_loss(eyes.painted(features), true.kinds, len(eyes.names))
-    eyes.paint_scale.fill_(SCALES[int(costs.argmin())])
+            network.paint_scale.fill_(scale)
+            costs[k] += paint_loss(network.painted(features), true.kinds, len(network.names))
+    network.paint_scale.fill_(SCALES[int(costs.argmin())])
     for hook in hooks:
         hook.remove()
     for norm in norms:

@@ -18,7 +18,7 @@ LISTS = 2  # for each request, in which something serves; and one more in which 
 SERVED = ("explicit", "implicit", "conversational")
 WEIGHTS = {"nothing": 8.0, "removed": 0.02}
 """Of outcomes where nothing serves, against 1 where something does. What is left of a list without the right things may
-still serve in somebody's eyes, so that counts little."""
+still serve somebody, so that counts little."""
 
 
 @dataclass(frozen=True)
@@ -41,23 +41,23 @@ class Outcome:
     evidence: tuple[float, ...]
 
 
-def put(mind: Embedded, requests: list[Request], homes: Homes) -> list[Outcome]:
+def put(reasoner: Embedded, requests: list[Request], homes: Homes) -> list[Outcome]:
     """Every request put to a reasoner with a few lists."""
     found = []
     for request in requests:
         for number in range(LISTS + 1):
             serves = number < LISTS and request.kind != "nothing"
             names = homes.sample(request, random.Random(f"{request.text}{number}"), serves)
-            found.append(_outcome(mind, request, names, serves))
+            found.append(_outcome(reasoner, request, names, serves))
     return found
 
 
-def _outcome(mind: Embedded, request: Request, names: list[str], serves: bool) -> Outcome:
-    chosen = mind.select(request.text, Inventory.of(names))
+def _outcome(reasoner: Embedded, request: Request, names: list[str], serves: bool) -> Outcome:
+    chosen = reasoner.select(request.text, Inventory.of(names))
     goals = tuple(part.object for part in (chosen, *chosen.then) if part.object is not None)
-    evidence = mind.evidence(request.text, names)
-    cards = [mind.deck.card_of(goal) for goal in goals]
-    first = mind.deck.card_of(chosen.candidates[0][0]) if chosen.candidates else None
+    evidence = reasoner.evidence(request.text, names)
+    cards = [reasoner.deck.card_of(goal) for goal in goals]
+    first = reasoner.deck.card_of(chosen.candidates[0][0]) if chosen.candidates else None
     return Outcome(
         text=request.text,
         style=request.style,
@@ -67,7 +67,7 @@ def _outcome(mind: Embedded, request: Request, names: list[str], serves: bool) -
         goals=goals,
         right=len(cards) == len(request.needs) and all(c in n for c, n in zip(cards, request.needs, strict=True)),
         top=bool(request.needs) and first in request.needs[0],
-        wanted=tuple(mind.deck.cards[need[0]].name for need in request.needs),
+        wanted=tuple(reasoner.deck.cards[need[0]].name for need in request.needs),
         candidates=chosen.candidates[:3],
         evidence=() if evidence is None else tuple(evidence.tolist()),
     )

@@ -1,4 +1,4 @@
-"""Train the eyes that ship inside: `render` homes into shards while `train` learns from what is there; `export`.
+"""Train the dollhouse detector that ships inside: `render` homes into shards while `train` learns from what is there; `export`.
 
 Usage:  python tools/train_dollhouse_detector.py render DATA/train --first 100000 --homes 2000
         python tools/train_dollhouse_detector.py render DATA/held-back --first 95000 --homes 48
@@ -9,7 +9,7 @@ Usage:  python tools/train_dollhouse_detector.py render DATA/train --first 10000
         python tools/train_dollhouse_detector.py export RUN src/cartier/models/dollhouse_detector
         python tools/calibrate_existence.py src/cartier/models/dollhouse_detector
 
-The eyes see RGB alone. `closer` trains the look at each place, over trained eyes; `begin` reads exported ones back, to be
+It sees RGB alone. `closer` trains the second stage, which names each place, over a trained network; `begin` reads exported ones back, to be
 trained on. `calibrate` makes scores chances, name by name; `export` writes the network, the words
 that its features understand, and names.json; tools/calibrate_existence.py sets there how sure a map may be of what is seen.
 Both calibrations work on generated homes that were held back. All may be stopped and started again; only torch and onnx are
@@ -37,7 +37,7 @@ from _detector_batches import Batch, Pool, batch
 from _detector_closer import Closer, optimizer_of, save_closer
 from _detector_homes import names
 from _detector_loss import follow, loss_of
-from _detector_network import Eyes
+from _detector_network import Network
 from torch import Tensor
 
 DIMENSIONS = 64  # of the features: name vectors are told apart by so many principal directions
@@ -48,7 +48,7 @@ AROUND = ("wall and floor",)  # what a cell shows where no thing is
 ROOM = 4 << 30  # bytes of frames in memory
 
 
-def new_eyes() -> Eyes:
+def new_network() -> Network:
     """The untrained network over the vectors of the names.
 
     Principal directions are scaled by the root of their spread (half whitened): else names as near as "pan lid" and "pot
@@ -61,16 +61,16 @@ def new_eyes() -> Eyes:
     middle = vectors.mean(0)
     _, spread, directions = np.linalg.svd(vectors - middle, full_matrices=False)
     basis = directions[:DIMENSIONS] / np.sqrt(spread[:DIMENSIONS, None])
-    return Eyes(*(torch.tensor(a, dtype=torch.float32) for a in (vectors, around, middle, basis)))
+    return Network(*(torch.tensor(a, dtype=torch.float32) for a in (vectors, around, middle, basis)))
 
 
 def train(data: Path, run: Path, minutes: float, seed: int) -> None:
     """Train until the time is over; the learning rate follows the clock, so that it always ends at zero."""
     torch.manual_seed(seed)
     run.mkdir(parents=True, exist_ok=True)
-    eyes, mean = new_eyes().to(memory_format=torch.channels_last), new_eyes()
-    optimizer = _optimizer(eyes)
-    step, spent = _resumed(run, eyes, mean, optimizer)
+    network, mean = new_network().to(memory_format=torch.channels_last), new_network()
+    optimizer = _optimizer(network)
+    step, spent = _resumed(run, network, mean, optimizer)
     first = step
     rng = np.random.default_rng((seed, step))
     pool = Pool(data / "train", ROOM)
@@ -86,27 +86,27 @@ def train(data: Path, run: Path, minutes: float, seed: int) -> None:
         true, weights = made.result()
         made = ahead.submit(next, batches)  # the next one is made while this one is learnt
         images = torch.from_numpy(true.images).contiguous(memory_format=torch.channels_last)
-        losses = loss_of(eyes, images, true, weights, rng)
+        losses = loss_of(network, images, true, weights, rng)
         optimizer.zero_grad(set_to_none=True)
         (losses[0] + BOX_WEIGHT * losses[1] + PAINT_WEIGHT * losses[2]).backward()
-        torch.nn.utils.clip_grad_norm_(eyes.parameters(), 20.0)
+        torch.nn.utils.clip_grad_norm_(network.parameters(), 20.0)
         optimizer.step()
         step += 1
-        follow(mean, eyes, min(0.999, (1 + step) / (10 + step)))
+        follow(mean, network, min(0.999, (1 + step) / (10 + step)))
         sums += [loss.item() for loss in losses]
         if step % 25 == 0:
             print(f"{spent:.0f} s step {step} lr {rate:.5f} heat {sums[0] / 25:.3f} box {sums[1] / 25:.3f} "
-                  f"paint {sums[2] / 25:.3f} scale {eyes.scale.item():.1f} frames {len(pool.frames)}", flush=True)  # fmt: skip
+                  f"paint {sums[2] / 25:.3f} scale {network.scale.item():.1f} frames {len(pool.frames)}", flush=True)  # fmt: skip
             sums[:] = 0
         if time.time() - saved > SAVE_S:
             saved = time.time()
-            _save(run, eyes, mean, optimizer, step, spent)
-    _save(run, eyes, mean, optimizer, step, spent)
+            _save(run, network, mean, optimizer, step, spent)
+    _save(run, network, mean, optimizer, step, spent)
 
 
-def _optimizer(eyes: Eyes) -> torch.optim.Optimizer:
-    fast = [p for p in eyes.parameters() if p.ndim < 2]
-    slow = [p for p in eyes.parameters() if p.ndim >= 2]
+def _optimizer(network: Network) -> torch.optim.Optimizer:
+    fast = [p for p in network.parameters() if p.ndim < 2]
+    slow = [p for p in network.parameters() if p.ndim >= 2]
     return torch.optim.AdamW([{"params": slow, "weight_decay": DECAY}, {"params": fast, "weight_decay": 0.0}])
 
 
@@ -125,28 +125,28 @@ def _weights(pool: Pool) -> Tensor:
     return torch.tensor(np.clip((np.median(counts) / counts) ** 0.4, 0.6, 3.0), dtype=torch.float32)
 
 
-def _save(run: Path, eyes: Eyes, mean: Eyes, optimizer: Any, step: int, spent: float) -> None:
+def _save(run: Path, network: Network, mean: Network, optimizer: Any, step: int, spent: float) -> None:
     part = run / "checkpoint.part"
-    state = {"eyes": eyes.state_dict(), "mean": mean.state_dict(), "optimizer": optimizer.state_dict()}
+    state = {"network": network.state_dict(), "mean": mean.state_dict(), "optimizer": optimizer.state_dict()}
     torch.save(state | {"step": step, "spent": spent}, part)
     part.replace(run / "checkpoint.pt")
     print(f"saved at step {step}", flush=True)
 
 
-def _resumed(run: Path, eyes: Eyes, mean: Eyes, optimizer: Any) -> tuple[int, float]:
+def _resumed(run: Path, network: Network, mean: Network, optimizer: Any) -> tuple[int, float]:
     """Steps and seconds so far."""
     path = run / "checkpoint.pt"
     if not path.exists():
         return 0, 0.0
     state = torch.load(path, weights_only=True)
-    eyes.load_state_dict(state["eyes"])
+    network.load_state_dict(state["network"])
     mean.load_state_dict(state["mean"])
     optimizer.load_state_dict(state["optimizer"])
     return int(state["step"]), float(state["spent"])
 
 
 def begin(run: Path, folder: Path, data: Path) -> None:
-    """Checkpoints in RUN from exported eyes; only the optimizers' memory is lost."""
+    """Checkpoints in RUN from an exported network; only the optimizers' memory is lost."""
     from _detector_restore import restore
 
     if (run / "checkpoint.pt").exists():
@@ -154,32 +154,37 @@ def begin(run: Path, folder: Path, data: Path) -> None:
     if not any((data / "train").glob("*.npz")):
         raise SystemExit(f"{data / 'train'} holds no frames: `render` some first")
     run.mkdir(parents=True, exist_ok=True)
-    eyes, closer, pool, rng = new_eyes(), Closer(len(names())), Pool(data / "train", ROOM), np.random.default_rng(0)
+    network, closer, pool, rng = (
+        new_network(),
+        Closer(len(names())),
+        Pool(data / "train", ROOM),
+        np.random.default_rng(0),
+    )
     pool.refresh(40)
-    restore(eyes, closer, folder / "detector.onnx", [batch(pool, BATCH, rng) for _ in range(40)])
+    restore(network, closer, folder / "detector.onnx", [batch(pool, BATCH, rng) for _ in range(40)])
     told = json.loads((folder / "names.json").read_text())["trained"]
     steps, minutes, closer_steps, closer_minutes = (int(number) for number in re.findall(r"\d+", told))
-    _save(run, eyes, eyes, _optimizer(eyes), steps, 60.0 * minutes)
+    _save(run, network, network, _optimizer(network), steps, 60.0 * minutes)
     save_closer(run, closer, closer, optimizer_of(closer), closer_steps, 60.0 * closer_minutes)
 
 
 def closer_run(data: Path, run: Path, minutes: float, seed: int) -> None:
-    """RUN/closer.pt: the second look at each place, over the eyes as RUN/checkpoint.pt has them."""
+    """RUN/closer.pt: the second stage, over the network as RUN/checkpoint.pt has them."""
     from _detector_closer import train_closer
 
-    eyes, pool = new_eyes(), Pool(data / "train", ROOM)
-    eyes.load_state_dict(torch.load(run / "checkpoint.pt", weights_only=True)["mean"])
+    network, pool = new_network(), Pool(data / "train", ROOM)
+    network.load_state_dict(torch.load(run / "checkpoint.pt", weights_only=True)["mean"])
     pool.refresh()
-    train_closer(eyes, pool, run, minutes, seed)
+    train_closer(network, pool, run, minutes, seed)
 
 
 def export_run(run: Path, into: Path) -> None:
     """The averaged weights as ONNX, calibrated if there is something to calibrate them with, and what belongs beside it."""
     from _detector_export import SIZE, compare, export
 
-    eyes, closer = new_eyes(), Closer(len(names()))
+    network, closer = new_network(), Closer(len(names()))
     state, later = (torch.load(run / file, weights_only=True) for file in ("checkpoint.pt", "closer.pt"))
-    eyes.load_state_dict(state["mean"])
+    network.load_state_dict(state["mean"])
     closer.load_state_dict(later["mean"])
     if (run / "calibration.json").exists():
         told = json.loads((run / "calibration.json").read_text())
@@ -189,14 +194,16 @@ def export_run(run: Path, into: Path) -> None:
             closer.name.bias += told["shift"] + torch.tensor(told["offsets"])
     into.mkdir(parents=True, exist_ok=True)
     path = into / "detector.onnx"
-    export(eyes, closer, path)
+    export(network, closer, path)
     image = np.kron(np.random.default_rng(0).integers(0, 256, (SIZE[1] // 32, SIZE[0] // 32, 3)), np.ones((32, 32, 1)))
-    print(f"largest difference to torch: {compare(eyes, closer, path, image):.1e}; {path.stat().st_size / 1e6:.1f} MB")
+    print(
+        f"largest difference to torch: {compare(network, closer, path, image):.1e}; {path.stat().st_size / 1e6:.1f} MB"
+    )
     trained = (
         f"{state['step']} steps on rendered views of generated homes, {state['spent'] / 60:.0f} minutes by the clock; "
-        f"the closer look {later['step']} steps, {later['spent'] / 60:.0f} minutes"
+        f"the second stage {later['step']} steps, {later['spent'] / 60:.0f} minutes"
     )
-    np.save(into / "words.npy", np.vstack([eyes.middle[None], eyes.basis]).astype(np.float32))
+    np.save(into / "words.npy", np.vstack([network.middle[None], network.basis]).astype(np.float32))
     told = {"size": list(SIZE), "trained": trained}
     _write_names(into, told | {"names": names(), "around": list(AROUND)})
 
@@ -206,16 +213,16 @@ def calibrate_run(run: Path, shards: Path, max_frames: int) -> None:
 
     All are of homes with things of all types: one that never holds a plunger would only tell how often one is imagined.
     """
-    from _detector_choice import CALIBRATED_TO, LOW, THERE, calibrate, looks_at_shards, on_walks
-    from dollhouse_detector import look
+    from _detector_choice import CALIBRATED_TO, LOW, THERE, calibrate, on_walks, outputs_on_shards
+    from dollhouse_detector import run_detector
 
     from cartier import plugins
 
     (run / "calibration.json").unlink(missing_ok=True)
     export_run(run, run / "plain")
-    eyes = plugins.make("detectors", "embedded", threshold=LOW, folder=run / "plain", threads=1)
-    walked = on_walks(partial(look, least=THERE), run / "plain", range(1, CALIBRATED_TO, 2), max_frames)
-    slope, shift, offsets = calibrate([looks_at_shards(shards, eyes), *walked], eyes.model.names)
+    detector = plugins.make("detectors", "embedded", threshold=LOW, folder=run / "plain", threads=1)
+    walked = on_walks(partial(run_detector, least=THERE), run / "plain", range(1, CALIBRATED_TO, 2), max_frames)
+    slope, shift, offsets = calibrate([outputs_on_shards(shards, detector), *walked], detector.model.names)
     told = {"slope": slope, "shift": shift, "offsets": offsets}
     (run / "calibration.json").write_text(json.dumps(told) + "\n")
     print(f"slope {slope:.2f}, shift {shift:.2f}")
@@ -246,7 +253,7 @@ def main() -> None:
         sub.add_argument("--threads", type=int, default=1)
     sub = commands.add_parser("begin")
     sub.add_argument("run", type=Path)
-    sub.add_argument("folder", type=Path, help="of exported eyes")
+    sub.add_argument("folder", type=Path, help="of an exported network")
     sub.add_argument("data", type=Path)
     sub = commands.add_parser("export")
     sub.add_argument("run", type=Path)

@@ -362,18 +362,20 @@ def test_broken_markings(tmp_path: Path) -> None:
 def test_every_table_says_whether_the_objects_come_from_pixels(run: Path, tmp_path: Path) -> None:
     seen = [row | {"detector": "embedded dollhouse detector (counts from 0.3)"} for row in fake_rows()]
     folder = write_run(tmp_path / "run", seen)
-    for sight, other, summary in (
+    for objects_from, other, summary in (
         ("from pixels", "ground truth", write_report(folder)),
         ("ground truth", "from pixels", write_report(run, photo)),
     ):
-        of = folder if sight == "from pixels" else run
-        assert summary["sight"] == sight
+        of = folder if objects_from == "from pixels" else run
+        assert summary["objects_from"] == objects_from
         tables = re.findall(r"(?:^\|.*\n)+", (of / "report.md").read_text("utf-8"), re.M)
         assert len(tables) > 8
-        assert all(f"({sight})" in table and f"({other})" not in table for table in tables[1:])  # the first is the head
-        assert f"Objects: {sight}." in (of / "table.tex").read_text("utf-8")
+        assert all(
+            f"({objects_from})" in table and f"({other})" not in table for table in tables[1:]
+        )  # the first is the head
+        assert f"Objects: {objects_from}." in (of / "table.tex").read_text("utf-8")
         lines = csv.DictReader(io.StringIO((of / "tables.csv").read_text("utf-8")))
-        assert {line["objects"] for line in lines} == {sight}
+        assert {line["objects"] for line in lines} == {objects_from}
 
 
 def test_runs_stand_side_by_side(run: Path, tmp_path: Path) -> None:

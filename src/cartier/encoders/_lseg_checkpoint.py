@@ -18,7 +18,7 @@ from cartier.errors import InputError
 Tensors = dict[str, torch.Tensor]
 
 TEXT = "clip_pretrained."
-# The classifier, CLIP's own eyes, the unit that the coarsest fusion never calls, training counters.
+# The classifier, CLIP's own image tower, the unit that the coarsest fusion never calls, training counters.
 UNUSED = re.compile(
     r"pretrained\.model\.(norm|head)\.|clip_pretrained\.(visual\.|logit_scale$)|scratch\.refinenet4\.resConfUnit1\."
     r"|.*\.num_batches_tracked$"

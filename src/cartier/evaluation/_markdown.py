@@ -21,7 +21,7 @@ def report(
     summary: Summary, rows: Sequence[Row], settings: Mapping[str, Any], failed: int, others: Mapping[str, Summary]
 ) -> str:
     """The whole ``report.md``; ``others`` are the summaries of runs that stand beside this one, by their folder's name."""
-    methods, head = summary["methods"], f"method ({summary['sight']})"
+    methods, head = summary["methods"], f"method ({summary['objects_from']})"
     parts = [
         "# The paper's evaluation: a run",
         _head(settings, rows),
@@ -81,10 +81,10 @@ def _beside(summary: Summary, others: Mapping[str, Summary]) -> str:
     if not others:
         return ""
     runs = {"this run": summary, **others}
-    sights = [one["sight"] for one in runs.values()]
+    origins = [one["objects_from"] for one in runs.values()]
     heads = [
-        _cell(sight if sights.count(sight) == 1 else f"{sight}, {name}")
-        for sight, name in zip(sights, runs, strict=True)
+        _cell(origin if origins.count(origin) == 1 else f"{origin}, {name}")
+        for origin, name in zip(origins, runs, strict=True)
     ]
     body = []
     for method in ordered({name for one in runs.values() for name in one["methods"]}):
@@ -96,7 +96,7 @@ def _beside(summary: Summary, others: Mapping[str, Summary]) -> str:
             body.append(line)
     columns = [f"{what} ({head})" for what in ("match", "within 1 m", "distance, m") for head in heads]
     listed = "\n".join(
-        f"- {_cell(name)}: {one['sight']}, {_cell(one['made_by']['detector'])}" for name, one in runs.items()
+        f"- {_cell(name)}: {one['objects_from']}, {_cell(one['made_by']['detector'])}" for name, one in runs.items()
     )
     return (
         "## Side by side\n\nThe same requests, homes and methods; only who found the objects differs. Distances are means over the "
@@ -197,7 +197,7 @@ def _paired(summary: Summary) -> str:
         "(negative: ObjectDepth is nearer; over the pairs in which both gave a place). **Bold** where the interval excludes zero.\n\n"
         + _markdown(
             [
-                f"against ({summary['sight']})",
+                f"against ({summary['objects_from']})",
                 "type",
                 "pairs",
                 "match (points)",

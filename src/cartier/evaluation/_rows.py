@@ -136,7 +136,7 @@ def check_rows(rows: Iterable[Mapping[str, Any] | Row]) -> list[Row]:
     return sorted(checked, key=lambda row: (places[row.method], TYPES.index(row.type), row.query_id, row.home))
 
 
-def sight_of(rows: Iterable[Row]) -> str:
+def objects_from(rows: Iterable[Row]) -> str:
     """Whether a run's objects were found in images or given away by a simulator; for every table to say."""
     given = {row.made_by("detector").startswith("ground truth") for row in rows}
     return " and ".join(

@@ -30,7 +30,7 @@ Summary = Mapping[str, Any]
 def tidy_csv(summary: Summary) -> str:
     """One line per method and type: whence the objects come, every number of the summary and the paper's mean, with a header."""
     lines = [
-        {"objects": summary["sight"]} | _tidy(name, kind, x)
+        {"objects": summary["objects_from"]} | _tidy(name, kind, x)
         for name, kinds in summary["methods"].items()
         for kind, x in kinds.items()
     ]
@@ -63,7 +63,7 @@ def latex(summary: Summary, rows: Iterable[Row]) -> str:
         "\\begin{table}",
         "\\centering",
         "\\caption{Mean distance $d$ in metres to the nearest acceptable object with its 95\\,\\% bootstrap interval over requests, share $s$ "
-        f"of answers within 1\\,m, and share $m$ that name an acceptable object. Objects: {_tex(summary['sight'])}. {_tex(by)}.}}",
+        f"of answers within 1\\,m, and share $m$ that name an acceptable object. Objects: {_tex(summary['objects_from'])}. {_tex(by)}.}}",
         "\\begin{tabular}{l" + "rrr" * len(TYPES) + "}",
         "\\toprule",
         " & ".join(["", *(f"\\multicolumn{{3}}{{c}}{{{kind}}}" for kind in TYPES)]) + " \\\\",

@@ -15,7 +15,7 @@ from cartier.errors import InputError
 from cartier.evaluation._figure import distance_png, match_png
 from cartier.evaluation._markdown import report
 from cartier.evaluation._page import FOLDER, Photo, failure_kind, page, take_photos
-from cartier.evaluation._rows import Row, check_rows, read_rows, sight_of
+from cartier.evaluation._rows import Row, check_rows, objects_from, read_rows
 from cartier.evaluation._tables import latex, made_by, tidy_csv
 from cartier.evaluation.summary import summarise
 from cartier.files import read_json
@@ -44,7 +44,7 @@ def write_report(folder: Path, photo: Photo | None = None, beside: Sequence[Path
     if type(seed) is not int or seed < 0:
         raise InputError(f"{folder / 'settings.json'}: the seed must be a whole number from 0 on")
     who = made_by(rows)
-    summary = {"made_by": who, "sight": sight_of(rows)} | summarise(rows, seed)
+    summary = {"made_by": who, "objects_from": objects_from(rows)} | summarise(rows, seed)
     others = {other.name: read_json(other / "results.json") for other in beside}
     failed = [row for row in rows if failure_kind(row)]
     photos = take_photos(failed, photo)

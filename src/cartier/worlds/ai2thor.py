@@ -194,7 +194,7 @@ class Thor:
             begin = _unity.point(_unity.field(start, "agent"), "position")
             truth, ids, notes = _unity.things(_unity.field(start, "objects"))
             if re.match(r"FloorPlan_(Train|Val)", home):
-                notes.append("a RoboTHOR scene, seen with the eyes of the default agent: LoCoBot's camera hangs lower")
+                notes.append("a RoboTHOR scene, seen with the default agent's camera: LoCoBot's camera hangs lower")
             self._scenes[home] = Scene(_unity.camera(start), truth, ids, notes, begin, np.array(places))
         return self._scenes[home]
 
