@@ -93,7 +93,7 @@ def frame_number(index: int, length: int, name: str) -> int:
     return number
 
 
-def without_far(depth_m: npt.NDArray[np.float32], where: str) -> npt.NDnpt.NDArray[Any][np.float32]:
+def without_far(depth_m: npt.NDArray[np.float32], where: str) -> npt.NDArray[np.float32]:
     """Depth (H, W) whose readings beyond any home are NaN, as infinity is: "out of range" (REP-117)."""
     far = np.abs(depth_m) > MAX_FAR_M
     if not far.any():

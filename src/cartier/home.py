@@ -138,7 +138,7 @@ class Home:
 
     def to_dict(self) -> dict[str, Any]:
         """All that was found, as plain JSON values: what ``cartier show --json`` prints. ``on`` is what a thing stands on or in."""
-        standing = supports(self.objects)
+        standing = supports([thing for thing in self.objects if thing.confirmed])
         rows = []
         for thing in sorted(self.objects, key=lambda thing: (not thing.confirmed, thing.id)):
             on = standing.get(thing.id)
