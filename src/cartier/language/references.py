@@ -16,6 +16,9 @@ Kind = Literal[
 ]  # fmt: skip
 
 
+FIND: Kind = "find"
+
+
 @dataclass(frozen=True)
 class Phrase:
     """A noun phrase. ``labels`` are the listed names that it may mean, none for what is not listed; ``rooms`` the ids of rooms.
@@ -109,7 +112,7 @@ MOST = {
 }  # fmt: skip
 ORDER = {"first": 1, "second": 2, "third": 3, "fourth": 4, "former": 1, "latter": 2}
 GENERIC = _words("""
-    one ones thing things something anything it them they stuff everything object objects item items somewhere
+    one ones thing things something anything it them they stuff everything object objects item items somewhere place spot anywhere
     """)
 PLURAL = _words("ones things them they objects items everything")
 RELATIONS = {
@@ -122,6 +125,7 @@ RELATIONS = {
     "to left of": "left of", "on left of": "left of", "on left side of": "left of", "right of": "right of", "to right of": "right of",
     "on right of": "right of", "on right side of": "right of", "with": "with", "of": "of", "adjacent to": "next to", "belonging to": "of",
 }  # fmt: skip
+NEED = re.compile(r"\b(?:something|anything|somewhere|anywhere|(?:a|any) (?:place|spot)|someplace)\b")
 CUE = re.compile(
     r"\b(?:bring|drive|fetch|find|get|give|go|going|grab|head|lead|locate|move|navigate|need|needs|pass|pick|reach|roll|show|take|want|like|use"
     r"|point|visit|run|walk|hand|carry|choose|i mean|i meant|over to|toward|towards|prefer|look for|looking for|wheel|guide|bringing|fetching"
@@ -138,7 +142,7 @@ QUESTIONS: tuple[tuple[Kind, re.Pattern[str]], ...] = (
     ("when", re.compile(r"\bwhen (?:did|was|were|have|had) \b.*\b(?:see|saw|seen|spot|spotted|look|looked|there)\b")),
     ("colour", re.compile(r"\b(?:what|which) colou?rs? \b")),
     ("size", re.compile(r"\bhow (?:big|large|tall|high|wide|long|small) \b")),
-    ("room", re.compile(r"\b(?:which|what) room\b")),
+    ("room", re.compile(r"\b(?:which|what) room\b|\b(?:tell me|name) the room\b")),
     ("where", re.compile(r"\b(?:where|wheres|whereabouts)\b(?! (?:should|shall|do i|do we|can i put|could i put|to (?:put|sit|sleep|lie)|i (?:can|could|may)|can (?:i|we) (?!find|get|see)))|\bon what (?:is|are|does)\b|\bany idea where\b")),
     ("list", re.compile(r"\b(?:is|are) there anything\b.* what\b|\b(?:what|which)(?: (?:else|all|things|objects|stuff|items|sort of things))?(?: is| are| s|s)? ?(?:all |else )?(?:there |standing |stands |stand |lying |lies |lie |kept |placed |sitting |sits |sit |stored |to be found |to be seen )?(?:on|in|inside|under|underneath|below|next to|beside|near|by|around|at|behind)\b")),
     ("list", re.compile(r"\b(?:what|which)(?: (?:things|objects|items|stuff|else))? (?:do|can|did|have|does|could) (?:you|we|i)\b.*\b(?:see|seen|saw|find|found|have|got|know|there|keep)\b|\b(?:list|name|enumerate|tell me|show me) (?:me )?(?:all|everything|every|the things|the objects|the contents|what)\b|\bwhat is (?:here|there)\b")),
@@ -189,8 +193,8 @@ def sentences(text: str) -> list[str]:
     """The sentences of a lower-case text, contractions written out."""
     for pattern, full in CONTRACTIONS:
         text = pattern.sub(full, text)
-    text = re.sub(r"\bfrom where (?:i|we) (?:am|are|stand|sit)\b", "from me", text)
-    return [part.strip() for part in re.split(r"[.!?;\n]+", text) if WORD.search(part)]
+    text = re.sub(r"\b(from|to) where (?:i|we) (?:am|are|stand|sit)\b", r"\1 me", text)
+    return [part.strip() for part in re.split(r"[.!?;:\n]+", text) if WORD.search(part)]
 
 
 def parse(text: str, names: Names, key: object) -> Asked | None:
@@ -201,13 +205,17 @@ def parse(text: str, names: Names, key: object) -> Asked | None:
     best: Asked | None = None
     for sentence in sentences(text):
         asked = _sentence(WORD.findall(sentence), names, key)
-        if asked is not None and (best is None or asked.kind != "find" or not _plain(asked)):
-            best = asked
+        if asked is None or (best is not None and _says_less(asked, best)):
+            continue
+        best = asked
     return best
 
 
-def _plain(asked: Asked) -> bool:
-    return asked.head is None or asked.head.bare
+def _says_less(asked: Asked, before: Asked) -> bool:
+    """Whether a later sentence adds nothing: "how many chairs are there? How many is it?", "is there a bed? Take me there"."""
+    plain = asked.head is None or asked.head.bare
+    pronoun = asked.head is None or (asked.head.generic and asked.head.bare)
+    return (asked.kind == "find" and plain) or (asked.kind == before.kind and pronoun)
 
 
 def _sentence(said: list[str], names: Names, key: object) -> Asked | None:
@@ -227,6 +235,9 @@ def _sentence(said: list[str], names: Names, key: object) -> Asked | None:
     if kind == "compare":
         return _compared(said, mentions, by, text)
     head = _head(phrases, kind)
+    if kind == "exists" and head is not None and (head.generic or head.rooms is not None) and NEED.search(core):
+        kind = FIND  # "is there something to sit on in the kitchen"
+        head = _head(phrases, kind)
     if kind == "find":
         if head is None:
             return None
@@ -335,12 +346,18 @@ def _named(said: Sequence[str], start: int, end: int, names: Names, key: object)
     words = " ".join(said[start:end])
     name = key(words)  # type: ignore[operator]
     plural = said[end - 1] != name and said[end - 1].endswith("s") and not name.endswith("s")
+    if end - start == 1 and words in COLOURS:
+        return None
     if name in names.rooms:
         return Phrase(words, rooms=names.rooms[name])
     if name in names.things:
         before = ["", "", *said[:start]][-2:]
         verb = before[1] in VERB_BEFORE or (before[1] == "to" and before[0] in WISHING)
-        return None if verb and end - start == 1 else Phrase(words, names.things[name], plural=plural)
+        labels = names.things[name]
+        last = key(said[end - 1])  # type: ignore[operator]
+        if not labels and last in names.things:  # a wine bottle is a bottle
+            labels = names.things[last]
+        return None if verb and end - start == 1 else Phrase(words, labels, plural=plural)
     if (
         end - start == 1
         and words in GENERIC

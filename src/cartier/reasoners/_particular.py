@@ -19,7 +19,7 @@ LATEST = 3000  # characters that are read
 SURE = 0.85  # probability of objects that are preferred where any of several will do
 MOST_ASKED = 4  # objects among which a question lets choose
 ROOMS = {
-    "living room": ("lounge", "sitting room", "living area", "parlour", "parlor", "front room"), "bathroom": ("restroom", "washroom", "wc", "loo", "bath room", "shower room"),
+    "living room": ("lounge", "sitting room", "living area", "parlour", "parlor", "front room"), "bathroom": ("restroom", "washroom", "bath room", "shower room"),
     "hall": ("hallway", "corridor", "entrance", "passage"), "study": ("office", "home office", "workroom"), "bedroom": ("bed room", "sleeping room"),
     "kitchen": ("kitchenette", "cooking area"), "dining room": ("dining area",),
 }  # fmt: skip
@@ -29,7 +29,8 @@ SORTS = {
         "seat": "sofa, couch, arm chair, chair, stool, bench, ottoman, desk chair, dining chair", "plant": "house plant, potted plant",
         "cup": "mug", "mug": "cup", "soap": "soap bar, soap bottle", "shelf": "shelving unit, bookcase, bookshelf", "cushion": "pillow",
         "bookcase": "shelving unit, shelf, bookshelf", "bookshelf": "shelving unit, shelf, bookcase", "light": "floor lamp, desk lamp, table lamp",
-        "shower": "shower head, shower door, shower curtain", "figurine": "statue",
+        "shower": "shower head, shower door, shower curtain", "figurine": "statue", "table lamp": "desk lamp", "desk lamp": "table lamp", "standing lamp": "floor lamp",
+        "computer": "laptop, desktop", "rug": "carpet", "picture": "painting, poster", "bin": "garbage can, trash can",
     }.items()
 }  # fmt: skip
 """General words, and the names of what they mean."""
@@ -40,6 +41,7 @@ TURNING_DOWN = re.compile(
     r"^(?:(?:no|nope|nah|not (?:that|this)(?: one)?|not it|wrong(?: one)?|i (?:mean|meant|said)|sorry|actually|rather)(?: |$))+"
 )
 TURNED_DOWN = re.compile(r"^(?:no|nope|not|wrong)\b")
+OTHER = re.compile(r"\b(?:other|others|another|else|different)\b")
 SERVED = re.compile(r"#(\d+)")
 FRAGMENT = re.compile(
     r"^(?:no |not that |i mean |i meant |sorry |rather |actually )*(?:the one )?(?=(?:on|in|at|by|near|next|beside|under|close|closest|nearest|behind|to the|between|with|from)\b)"
@@ -80,12 +82,13 @@ class _Things(Mapping[str, frozenset[str]]):
     def _by_card(self, key: str) -> set[str]:
         deck, knowledge = self._scorer.deck, self._scorer.knowledge
         card = deck.by_key.get(key)
-        if card is not None:
+        sort = {name for own, listed in self._own.items() if own in SORTS.get(key, ()) for name in listed}
+        if card is not None and not sort:
             twins = (found for listed, found in self._cards.items() if knowledge.twins(listed, card))
             found = self._cards.get(card) or set().union(*twins)
             if found:
                 return found
-        return {name for own, listed in self._own.items() if own in SORTS.get(key, ()) for name in listed}
+        return sort
 
     def __iter__(self) -> Iterator[str]:
         return iter({*self._own, *self._ends, *self._scorer.deck.by_key})
@@ -192,7 +195,12 @@ class Particular:
     def refined(self, chosen: Selection) -> Selection:
         """A thing that was chosen by its name, as one of the objects of that name: that which the words tell, else the nearest."""
         asked = self.asked if self.asked is not None and self.asked.kind == "find" else None
-        if chosen.status in ("near", "absent") and asked is not None and asked.head is not None and asked.direct:
+        if (
+            chosen.status in ("near", "absent", "clarify")
+            and asked is not None
+            and asked.head is not None
+            and asked.direct
+        ):
             called = [o for o in self.scene.objects if o.label in asked.head.labels]
             if called and asked.head.bare and not asked.head.generic:  # a general word for what is listed: "the soap"
                 thing = self._likely(called)[0]
@@ -206,6 +214,17 @@ class Particular:
                     say=say,
                 )
         same = [o for o in self.scene.objects if o.label == chosen.object]
+        if (
+            asked is not None
+            and asked.head is not None
+            and asked.head.bare
+            and chosen.status == "found"
+            and chosen.object in asked.head.labels
+        ):
+            same = [
+                o for o in self.scene.objects if o.label in asked.head.labels
+            ]  # "the lamp", of floor lamps and desk lamps
+            chosen = replace(chosen, object=self._likely(same)[0].label)
         if chosen.status not in ("found", "near") or chosen.object_id is not None or not same:
             return chosen
         if len(same) == 1:
@@ -213,7 +232,7 @@ class Particular:
         head = self.asked.head if self.asked is not None and self.asked.kind == "find" else None
         if head is None or chosen.object not in head.labels or chosen.status == "near":
             return chosen
-        meant = [o for o in self.scene.meant(head)[0] if o.label == chosen.object]
+        meant = [o for o in self.scene.meant(head)[0] if o.label == chosen.object] if not head.bare else []
         thing = (meant if not head.bare and meant else self._likely(same))[0]
         return replace(chosen, object_id=thing.id, say=self._one_of(thing, same))
 
@@ -241,6 +260,8 @@ class Particular:
     def _found(self, head: Phrase) -> Selection:
         without = self.served if head.other else ()
         found, emptied = self.scene.meant(head, without)
+        if not found and not OTHER.search(self.said):  # "no, the one in the kitchen" may be the same again
+            found, emptied = self.scene.meant(head)
         if not found:
             return self._none(head, emptied is not None)
         if len(found) > 1 and not (head.other or HURRY.search(self.said) or head.plural):

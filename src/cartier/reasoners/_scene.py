@@ -16,6 +16,13 @@ from cartier.types import Inventory, MapObject, Room
 NEXT_M, NEAR_M, LOOSE_M = 0.8, 1.0, 0.25  # "next to", "near", and how much farther than the nearest is as near
 LEAST_SHARE = 0.12  # of an object's surface that has a colour to be called so
 TOUCHING_M = 0.12  # what stands on a thing is so close to it, where nothing better is known of what holds what
+CLEARLY = 1.3  # how much more of a colour than the next a thing has that is meant by it
+BESIDE = {
+    "white": ("grey", "yellow"), "black": ("grey", "brown"), "grey": ("white", "black"), "brown": ("orange", "red", "black", "yellow"),
+    "yellow": ("orange", "brown"), "orange": ("brown", "red", "yellow"), "red": ("brown", "orange", "pink"), "pink": ("red", "purple"),
+    "blue": ("purple", "grey"), "green": ("blue", "yellow"), "purple": ("blue", "pink"),
+}  # fmt: skip
+"""What a colour is taken for in warm light or in shadow."""
 ALIKE = 0.9  # of the biggest: as big
 HERE_M = 0.3  # what is as near as the nearest
 
@@ -76,13 +83,12 @@ class Scene:
                 return [], constraint
             found = left
         if phrase.colours and found:
-            of = {o.id: sum(share for name, share in o.colours if name in phrase.colours) for o in found}
-            most = max(of.values())
-            coloured = [o for o in found if of[o.id] >= max(LEAST_SHARE, most / 3)]
+            of = {o.id: _coloured(o, phrase.colours) for o in found}
+            coloured = sorted((o for o in found if of[o.id] >= LEAST_SHARE), key=lambda o: -of[o.id])
             if not coloured and len(found) > 1:
                 return [], Constraint("colour")
-            found = sorted(coloured or found, key=lambda o: -of[o.id])
-            if len(found) > 1 and of[found[0].id] > 2 * of[found[1].id]:
+            found = coloured or found
+            if len(found) > 1 and of[found[0].id] > CLEARLY * of[found[1].id]:
                 found = found[:1]
         wish = phrase.most or (phrase.size if len(found) > 1 else "")
         if wish and found:
@@ -254,3 +260,12 @@ class Scene:
 def _inside(room: Room) -> str:
     """ "in the kitchen", "in bedroom 2"."""
     return f"in {room.name}" if room.name[-1:].isdigit() or "'s" in room.name else f"in the {room.name}"
+
+
+def _coloured(thing: MapObject, colours: Sequence[str]) -> float:
+    """How much of a thing has one of the colours, or, for a third of that, one beside it."""
+    near = {other for colour in colours for other in BESIDE.get(colour, ())} - set(colours)
+    return (
+        sum(share for name, share in thing.colours if name in colours)
+        + sum(share for name, share in thing.colours if name in near) / 3
+    )
