@@ -210,9 +210,12 @@ def claim(folder: Path, settings: Any, queries: Iterable[Any], reasoner: str) ->
                 f"{folder} holds a run of other settings ({', '.join(other)}): choose another folder, or delete that one"
             )
         return
-    if folder.exists() and any(
-        file.name != MAPS for file in folder.iterdir()
-    ):  # these, whoever wrote the prompts has made
+    strange = (
+        (file for file in folder.iterdir() if file.name != MAPS and not file.name.startswith("."))
+        if folder.exists()
+        else ()
+    )
+    if any(strange):  # maps are made first by whoever writes prompts, and a kill leaves temporary files
         raise InputError(f"{folder} is not empty and holds no bench (no settings.json): choose another folder")
     folder.mkdir(parents=True, exist_ok=True)
     write_json(file, mine | {"versions": packages | {"python": platform.python_version()}})
