@@ -99,6 +99,7 @@ COLOURS = {
     "beige": ("brown", "white", "yellow"), "cream": ("white", "yellow"), "navy": ("blue",), "turquoise": ("blue", "green"),
     "golden": ("yellow", "orange"), "silver": ("grey", "white"), "wooden": ("brown", "orange"), "maroon": ("red", "brown"),
 }  # fmt: skip
+SIDES = _words("top side left right front back middle bottom")  # "on top of", "the left side"
 SIZES = {
     "big": "biggest", "large": "biggest", "huge": "biggest", "small": "smallest", "little": "smallest", "tiny": "smallest", "tall": "tallest",
     "high": "highest", "low": "lowest", "short": "shortest", "long": "biggest", "bigger": "biggest", "larger": "biggest", "smaller": "smallest",
@@ -142,7 +143,7 @@ QUESTIONS: tuple[tuple[Kind, re.Pattern[str]], ...] = (
     ("when", re.compile(r"\bwhen (?:did|was|were|have|had) \b.*\b(?:see|saw|seen|spot|spotted|look|looked|there)\b")),
     ("colour", re.compile(r"\b(?:what|which) colou?rs? \b")),
     ("size", re.compile(r"\bhow (?:big|large|tall|high|wide|long|small) \b")),
-    ("room", re.compile(r"\b(?:which|what) room\b|\b(?:tell me|name) the room\b")),
+    ("room", re.compile(r"\b(?:which|what) room\b|^(?:tell me |name )?the room (?:that|where|in which|of)\b")),
     ("where", re.compile(r"\b(?:where|wheres|whereabouts)\b(?! (?:should|shall|do i|do we|can i put|could i put|to (?:put|sit|sleep|lie)|i (?:can|could|may)|can (?:i|we) (?!find|get|see)))|\bon what (?:is|are|does)\b|\bany idea where\b")),
     ("list", re.compile(r"\b(?:is|are) there anything\b.* what\b|\b(?:what|which)(?: (?:else|all|things|objects|stuff|items|sort of things))?(?: is| are| s|s)? ?(?:all |else )?(?:there |standing |stands |stand |lying |lies |lie |kept |placed |sitting |sits |sit |stored |to be found |to be seen )?(?:on|in|inside|under|underneath|below|next to|beside|near|by|around|at|behind)\b")),
     ("list", re.compile(r"\b(?:what|which)(?: (?:things|objects|items|stuff|else))? (?:do|can|did|have|does|could) (?:you|we|i)\b.*\b(?:see|seen|saw|find|found|have|got|know|there|keep)\b|\b(?:list|name|enumerate|tell me|show me) (?:me )?(?:all|everything|every|the things|the objects|the contents|what)\b|\bwhat is (?:here|there)\b")),
@@ -205,6 +206,8 @@ def parse(text: str, names: Names, key: object) -> Asked | None:
     best: Asked | None = None
     for sentence in sentences(text):
         asked = _sentence(WORD.findall(sentence), names, key)
+        if asked is not None and asked.head is None and best is not None and best.head is not None:
+            asked = replace(asked, head=best.head)  # "the alarm clock … where?"
         if asked is None or (best is not None and _says_less(asked, best)):
             continue
         best = asked
@@ -346,7 +349,7 @@ def _named(said: Sequence[str], start: int, end: int, names: Names, key: object)
     words = " ".join(said[start:end])
     name = key(words)  # type: ignore[operator]
     plural = said[end - 1] != name and said[end - 1].endswith("s") and not name.endswith("s")
-    if end - start == 1 and words in COLOURS:
+    if end - start == 1 and (words in COLOURS or words in SIDES):
         return None
     if name in names.rooms:
         return Phrase(words, rooms=names.rooms[name])
@@ -356,7 +359,7 @@ def _named(said: Sequence[str], start: int, end: int, names: Names, key: object)
         labels = names.things[name]
         last = key(said[end - 1])  # type: ignore[operator]
         if not labels and last in names.things:  # a wine bottle is a bottle
-            labels = names.things[last]
+            labels = frozenset(label for label in names.things[last] if key(label) == last)  # type: ignore[operator]
         return None if verb and end - start == 1 else Phrase(words, labels, plural=plural)
     if (
         end - start == 1

@@ -34,6 +34,7 @@ SORTS = {
     }.items()
 }  # fmt: skip
 """General words, and the names of what they mean."""
+NO_ENDS = frozenset(words("top head bar stand can holder hanger machine paper control bag board"))
 DRIVES = re.compile(
     r"\b(?:go|drive|head|navigate|move|take|bring|lead|guide|roll|come|wait|meet|visit|walk|show|get|check|return|run|to)\b"
 )
@@ -67,7 +68,9 @@ class _Things(Mapping[str, frozenset[str]]):
             if card is not None:
                 self._cards.setdefault(card, set()).add(name)
             for i in range(1, len(parts)):
-                self._ends.setdefault(name_key(" ".join(parts[i:])), set()).add(name)
+                end = name_key(" ".join(parts[i:]))
+                if end in scorer.deck.by_key and end not in NO_ENDS:  # a floor lamp is a lamp; a counter top is no top
+                    self._ends.setdefault(end, set()).add(name)
         self._found: dict[str, frozenset[str]] = {}
 
     def __contains__(self, key: object) -> bool:
@@ -164,7 +167,8 @@ class Particular:
             return replace(before, head=_merged(before.head, head), direct=True)
         if self.last is None:
             return asked
-        kept = frozenset({self.last.label})
+        kind = before.head.labels if before is not None and before.head is not None else frozenset()
+        kept = kind if self.last.label in kind else frozenset({self.last.label})
         other = head.other or TURNED_DOWN.search(self.said) is not None
         again = replace(head, generic=False, labels=kept, said=self.last.label, other=other)
         return replace(asked, head=again, direct=True)
