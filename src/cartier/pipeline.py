@@ -81,7 +81,7 @@ def ask(
     """
     query = check_query(query)
     from_xy = check_start(home.start_xy if from_xy is None else from_xy)
-    reasoner = reasoner or _embedded()
+    reasoner = _embedded() if reasoner is None else reasoner
     inventory = home.inventory(index, from_xy)  # an index that is not there is said before anybody is asked
     timing_ms: dict[str, float] = {}
     with _timed(timing_ms, "select"):

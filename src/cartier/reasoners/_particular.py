@@ -266,6 +266,10 @@ class Particular:
         found, emptied = self.scene.meant(head, without)
         if not found and not OTHER.search(self.said):  # "no, the one in the kitchen" may be the same again
             found, emptied = self.scene.meant(head)
+        if not found:  # "the cup by the sink" may be a mug
+            like = SORTS.get(name_key(head.said), frozenset())
+            labels = frozenset(o.label for o in self.scene.objects if name_key(o.label) in like)
+            found = self.scene.meant(replace(head, labels=labels), without)[0] if labels else []
         if not found:
             return self._none(head, emptied is not None)
         if len(found) > 1 and not (head.other or HURRY.search(self.said) or head.plural):
