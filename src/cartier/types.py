@@ -243,9 +243,8 @@ class Inventory:
         objects = {thing.id: thing for thing in self.objects}
         if chosen.room is not None:
             return any((room.id, room.name) == (chosen.room, chosen.object) for room in self.rooms)
-        if chosen.object_id is not None and (
-            chosen.object_id not in objects or objects[chosen.object_id].label != chosen.object
-        ):
+        thing = objects.get(-1 if chosen.object_id is None else chosen.object_id)
+        if chosen.object_id is not None and (thing is None or chosen.object not in (thing.label, *thing.names)):
             return False
         told = chosen.fact.objects if chosen.fact else ()
         return (chosen.object is None or chosen.object in self.names) and objects.keys() >= set(told)

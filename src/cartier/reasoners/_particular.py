@@ -10,7 +10,7 @@ from functools import lru_cache
 from cartier.language.references import HURRY, Asked, Constraint, Names, Phrase, parse, sentences
 from cartier.reasoners._cards import bare
 from cartier.reasoners._questions import answer, one
-from cartier.reasoners._scene import Scene
+from cartier.reasoners._scene import Scene, called
 from cartier.reasoners._scorer import Scorer
 from cartier.reasoners._words import STOP, name_key, plain, words
 from cartier.types import Inventory, MapObject, Selection
@@ -205,10 +205,10 @@ class Particular:
             and asked.head is not None
             and asked.direct
         ):
-            called = [o for o in self.scene.objects if o.label in asked.head.labels]
-            if called and asked.head.bare and not asked.head.generic:  # a general word for what is listed: "the soap"
-                thing = self._likely(called)[0]
-                say = self._one_of(thing, called) if len(called) > 1 else ""
+            here = [o for o in self.scene.objects if called(o, asked.head.labels)]
+            if here and asked.head.bare and not asked.head.generic:  # a general word for what is listed: "the soap"
+                thing = self._likely(here)[0]
+                say = self._one_of(thing, here) if len(here) > 1 else ""
                 return replace(
                     chosen,
                     status="found",
@@ -217,7 +217,7 @@ class Particular:
                     reason=f"'{asked.head.said}' was asked for",
                     say=say,
                 )
-        same = [o for o in self.scene.objects if o.label == chosen.object]
+        same = [o for o in self.scene.objects if called(o, [chosen.object or ""])]
         if (
             asked is not None
             and asked.head is not None
@@ -226,9 +226,10 @@ class Particular:
             and chosen.object in asked.head.labels
         ):
             same = [
-                o for o in self.scene.objects if o.label in asked.head.labels
+                o for o in self.scene.objects if called(o, asked.head.labels)
             ]  # "the lamp", of floor lamps and desk lamps
-            chosen = replace(chosen, object=self._likely(same)[0].label)
+            best = self._likely(same)[0]
+            chosen = chosen if called(best, [chosen.object or ""]) else replace(chosen, object=best.label)
         if chosen.status not in ("found", "near") or chosen.object_id is not None or not same:
             return chosen
         if len(same) == 1:
@@ -236,13 +237,13 @@ class Particular:
         head = self.asked.head if self.asked is not None and self.asked.kind == "find" else None
         if head is None or chosen.object not in head.labels or chosen.status == "near":
             return chosen
-        meant = [o for o in self.scene.meant(head)[0] if o.label == chosen.object] if not head.bare else []
+        meant = [o for o in self.scene.meant(head)[0] if called(o, [chosen.object or ""])] if not head.bare else []
         thing = (meant if not head.bare and meant else self._likely(same))[0]
         return replace(chosen, object_id=thing.id, say=self._one_of(thing, same))
 
     def placed(self, head: Phrase, chosen: Selection) -> Selection:
         """What serves instead of a thing that is not listed, where that was said to be."""
-        same = [o for o in self.scene.objects if o.label == chosen.object]
+        same = [o for o in self.scene.objects if called(o, [chosen.object or ""])]
         if chosen.status != "found" or not same:
             return chosen
         there = self.scene.meant(replace(head, labels=frozenset({o.label for o in same})))[0]
@@ -301,7 +302,7 @@ class Particular:
         )
 
     def _none(self, head: Phrase, emptied: bool) -> Selection:
-        others = [o for o in self.scene.objects if o.label in head.labels]
+        others = [o for o in self.scene.objects if called(o, head.labels)]
         if head.other and others:
             say = f"I know no other {others[0].label}."
         elif others and emptied:
@@ -344,7 +345,7 @@ class Particular:
         if not names:
             return self._none(head, True)
         chosen = serve(asked.need, names)
-        fitting = [o for o in there if o.label == chosen.object]
+        fitting = [o for o in there if called(o, [chosen.object or ""])]
         if chosen.status != "found" or not fitting:
             return chosen if chosen.status != "near" else self._none(head, True)
         thing = self._likely(fitting)[0]

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Sequence
 
 from cartier.language.references import Asked, Constraint, Phrase
-from cartier.reasoners._scene import Scene
+from cartier.reasoners._scene import Scene, called
 from cartier.types import Fact, MapObject, Selection
 
 
@@ -75,7 +75,7 @@ def _about(asked: Asked, found: Sequence[MapObject], scene: Scene, model: str) -
 
 
 def _counted(head: Phrase, found: Sequence[MapObject], scene: Scene, model: str) -> Selection:
-    maybe = [o for o in scene.tentative if o.label in head.labels and o.probability >= 0.3] if head.bare else []
+    maybe = [o for o in scene.tentative if called(o, head.labels) and o.probability >= 0.3] if head.bare else []
     unsure = f" {'One' if len(maybe) == 1 else len(maybe)} more may be there, hardly seen." if maybe else ""
     names = Counter(o.label for o in found)
     if not found:
@@ -112,7 +112,7 @@ def _listed(head: Phrase, scene: Scene, model: str) -> Selection | None:
     elif head.generic:
         return _inventory(scene, model)
     else:
-        found, where = [o for o in scene.objects if o.label in head.labels], "here"
+        found, where = [o for o in scene.objects if called(o, head.labels)], "here"
     if not found:
         return _told(f"Nothing that I have seen is {where}.", Fact("list", []), model)
     names = Counter(o.label for o in found)
@@ -166,7 +166,7 @@ def _told(say: str, fact: Fact, model: str, thing: MapObject | None = None) -> S
 
 def _instead(head: Phrase, scene: Scene) -> str:
     """What there is instead of what a phrase asks for."""
-    elsewhere = [o for o in scene.objects if o.label in head.labels]
+    elsewhere = [o for o in scene.objects if called(o, head.labels)]
     if not elsewhere or head.bare:
         return ""
     return f" There is {one(elsewhere[0].label)} {scene.whereabouts(elsewhere[0])}."

@@ -27,6 +27,11 @@ ALIKE = 0.9  # of the biggest: as big
 HERE_M = 0.3  # what is as near as the nearest
 
 
+def called(thing: MapObject, names: Iterable[str]) -> bool:
+    """Whether a thing has one of the names, by its label or from people."""
+    return not set(names).isdisjoint((thing.label, *thing.names))
+
+
 class Scene:
     """The confirmed objects of an inventory, with what holds what."""
 
@@ -75,7 +80,7 @@ class Scene:
     def meant(self, phrase: Phrase, without: Iterable[int] = ()) -> tuple[list[MapObject], Constraint | None]:
         """The objects that a phrase may mean, best first; without any, also what emptied the list."""
         out = set(without)
-        found = [o for o in self.objects if (phrase.generic or o.label in phrase.labels) and o.id not in out]
+        found = [o for o in self.objects if (phrase.generic or called(o, phrase.labels)) and o.id not in out]
         found.sort(key=self.distance_m)
         for constraint in phrase.relations:
             left = self._related(found, constraint)
