@@ -1,0 +1,94 @@
+"""The map of objects: laws that hold for any order of frames, and its evidence for and against."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+import pytest
+
+from cartier.errors import InputError
+from cartier.mapping.bearings import BearingMap
+from cartier.mapping.existence import probability
+from cartier.mapping.object_map import ObjectMap
+from cartier.types import Calibration, MapObject, TrueObject
+from synthetic import THINGS, RoomRecording, TrueBoxes, box, walk
+
+TWO_MUGS = (box(21, "mug", (2.0, 2.0, 0.6), (2.1, 2.1, 0.75)), box(22, "mug", (2.25, 2.0, 0.6), (2.35, 2.1, 0.75)))
+
+
+def mapped(recording: RoomRecording, objects: Sequence[TrueObject] = THINGS, order: Iterable[int] = ()) -> ObjectMap:
+    detector, made = TrueBoxes(objects), ObjectMap(TrueBoxes.calibration)
+    for number in order or range(len(recording)):
+        made.add(recording[number], detector.detect(recording[number]))
+    made.tidy()
+    return made
+
+
+def told(objects: Iterable[MapObject]) -> list[tuple[str, bool]]:
+    return sorted((thing.label, thing.confirmed) for thing in objects)
+
+
+def test_each_thing_is_one_object_where_it_is() -> None:
+    objects = mapped(walk()).objects()
+    assert sorted(thing.label for thing in objects) == sorted(thing.label for thing in THINGS)
+    for thing in objects:
+        true = next(t for t in THINGS if t.label == thing.label)
+        assert np.linalg.norm(np.subtract(thing.position, np.add(true.box_min, true.box_max) / 2)) < 0.4
+        assert thing.confirmed and 0 < thing.sightings <= thing.chances
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_order_of_frames_and_seeing_them_twice_change_nothing(seed: int) -> None:
+    recording = walk()
+    shuffled = np.random.default_rng(seed).permutation(len(recording)).tolist()
+    once = told(mapped(recording).objects())
+    assert told(mapped(recording, order=shuffled).objects()) == once
+    assert told(mapped(recording, order=[*range(len(recording))] * 2).objects()) == once
+
+
+def test_two_alike_side_by_side_stay_two() -> None:
+    recording = walk()
+    both = RoomRecording(recording.poses, TWO_MUGS, name="two")
+    assert [thing.label for thing in mapped(both, TWO_MUGS).objects()] == ["mug", "mug"]
+
+
+def test_what_is_looked_at_and_not_seen_again_is_doubted() -> None:
+    cautious = Calibration(there=(2.0, 1.0), not_there=(0.3, 6.0), prior=-1.0)
+    detector, made, recording = TrueBoxes(THINGS), ObjectMap(cautious), walk()
+    first = detector.detect(recording[0])
+    made.add(recording[0], first)
+    at_once = {thing.label: thing.probability for thing in made.objects()}
+    for number in range(1, len(recording)):
+        made.add(recording[number], detector.detect(recording[number]).keep(np.zeros(0, int)))
+    assert all(thing.probability < at_once[thing.label] for thing in made.objects() if thing.chances > 5)
+
+
+def test_many_frames_from_one_standpoint_are_hardly_more_than_one() -> None:
+    cautious = Calibration(there=(2.0, 1.0), not_there=(0.3, 6.0), prior=-1.0)
+    tried = np.zeros((2, 36), np.float32)
+    tried[:, 0] = 1, 1000
+    few, many = probability(tried, tried, np.full(2, 0.1), cautious)
+    assert many < 1 - (1 - few) / 6
+
+
+@pytest.mark.parametrize("kind", [ObjectMap, BearingMap])
+def test_the_state_goes_on_as_if_nothing_had_been(kind: type[ObjectMap]) -> None:
+    detector, recording = TrueBoxes(THINGS), walk(with_depth=kind is ObjectMap)
+    whole, half, rest = (kind(TrueBoxes.calibration) for _ in range(3))
+    for number in range(len(recording)):
+        if number == 10:
+            rest.restore(half.state())
+        frame = recording[number]
+        whole.add(frame, detector.detect(frame))
+        (half if number < 10 else rest).add(frame, detector.detect(frame))
+    assert rest.objects() == whole.objects()
+    with pytest.raises(InputError, match="damaged"):
+        kind(TrueBoxes.calibration).restore(half.state() | {"object_map.json": b"{}"})
+
+
+def test_memory_is_that_of_the_objects() -> None:
+    recording = walk()
+    once, often = (mapped(recording, order=[*range(len(recording))] * times) for times in (1, 10))
+    sizes = [sum(map(len, made.state().values())) / len(made) for made in (once, often)]
+    assert sizes[1] < 1.2 * sizes[0]

@@ -1,0 +1,96 @@
+"""References and questions over a made-up flat: which one, where, how many, and what nobody can say."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from cartier import plugins
+from cartier.contracts import Reasoner
+from cartier.types import Selection
+from flat import FLAT
+
+SINK_CUP, TABLE_CUP, BED_CUP = 14, 12, 15
+
+
+@pytest.fixture(scope="module")
+def embedded() -> Reasoner:
+    made: Reasoner = plugins.make("reasoners", "embedded")
+    return made
+
+
+def ask(reasoner: Reasoner, words: str, *turns: tuple[str, str]) -> Selection:
+    chosen = reasoner.select(words, FLAT, turns)
+    assert FLAT.holds(chosen) and all(FLAT.holds(need) for need in chosen.then)
+    return chosen
+
+
+@pytest.mark.parametrize(
+    ("words", "number"),
+    [
+        ("bring me the cup by the sink", SINK_CUP),
+        ("the cup on the table, please", TABLE_CUP),
+        ("Could you fetch me the red cup?", SINK_CUP),
+        ("I need the cup closest to the bed", BED_CUP),
+        ("take me to the farthest cup", BED_CUP),
+        ("the nearest cup", TABLE_CUP),
+        ("go to the cup that's next to the sink", SINK_CUP),
+    ],
+)
+def test_the_very_thing_is_found(embedded: Reasoner, words: str, number: int) -> None:
+    chosen = ask(embedded, words)
+    assert (chosen.status, chosen.object, chosen.object_id) == ("found", "cup", number)
+
+
+def test_a_bare_name_of_several_is_the_nearest_and_says_so(embedded: Reasoner) -> None:
+    chosen = ask(embedded, "bring me to the cup")
+    assert chosen.object_id == TABLE_CUP and "nearest" in chosen.say and "There are 3" in chosen.say
+
+
+@pytest.mark.parametrize(
+    ("words", "number"),
+    [("no, the other one by the sink", SINK_CUP), ("the red one", SINK_CUP), ("the one closest to the bed", BED_CUP)],
+)
+def test_what_follows_is_understood_by_what_was_served(embedded: Reasoner, words: str, number: int) -> None:
+    assert ask(embedded, words, ("bring me to the cup", f"cup #{TABLE_CUP}")).object_id == number
+
+
+def test_one_that_is_not_there_is_not_replaced(embedded: Reasoner) -> None:
+    chosen = ask(embedded, "bring me the cup under the bed")
+    assert chosen.status == "absent" and "none as you say" in chosen.say
+    assert ask(embedded, "drive to the washing machine").status != "found"
+
+
+@pytest.mark.parametrize(
+    ("words", "kind", "value"),
+    [
+        ("how many cups are there?", "count", 3),
+        ("how many cups are in the kitchen?", "count", 2),
+        ("is there a cup on the table?", "exists", True),
+        ("is there a piano?", "exists", False),
+        ("do we have any vases?", "exists", False),
+        ("what is on the table?", "list", ["cup"]),
+        ("where is the sink?", "where", "kitchen"),
+        ("which room is the table in?", "where", "kitchen"),
+        ("which is bigger, the bed or the cup?", "compare", "bed"),
+        ("is the sink or the bed nearer to the table?", "compare", "sink"),
+        ("what colour is the table?", "tell", "brown"),
+    ],
+)
+def test_questions_get_words_and_no_goal(embedded: Reasoner, words: str, kind: str, value: Any) -> None:
+    chosen = ask(embedded, words)
+    assert chosen.status == "told" and chosen.say and chosen.fact is not None
+    assert (chosen.fact.kind, chosen.fact.value) == (kind, value)
+
+
+def test_a_room_is_a_goal(embedded: Reasoner) -> None:
+    chosen = ask(embedded, "go to the kitchen")
+    assert (chosen.status, chosen.object, chosen.room) == ("found", "kitchen", 0)
+    assert ask(embedded, "take me to the garage").room is None
+
+
+@pytest.mark.parametrize("words", ["stop", "never mind", "come here", "don't bring me the cup by the sink"])
+def test_what_is_no_request_gets_words(embedded: Reasoner, words: str) -> None:
+    chosen = ask(embedded, words)
+    assert chosen.status == "told" and chosen.object is None and chosen.say
