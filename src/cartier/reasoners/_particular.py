@@ -15,6 +15,7 @@ from cartier.reasoners._scorer import Scorer
 from cartier.reasoners._words import STOP, name_key, plain, words
 from cartier.types import Inventory, MapObject, Selection
 
+STORY = 30  # words from which on a need is told, and what is named in passing asks for nothing
 LATEST = 3000  # characters that are read
 SURE = 0.85  # probability of objects that are preferred where any of several will do
 MOST_ASKED = 4  # objects among which a question lets choose
@@ -123,9 +124,17 @@ class Particular:
         self.said = said[-LATEST:]
         self.served = [int(i) for _, robot in dialogue for i in SERVED.findall(robot) if int(i) in scene.by_id]
         self.last = scene.by_id[self.served[-1]] if self.served else None
-        alone = parse(self.said, names, name_key)
+        alone = self._told_outright() if len(words(self.said)) > STORY else parse(self.said, names, name_key)
         self.asked = self._in_context(alone, dialogue)
         self._replied = self.asked is not alone
+
+    def _told_outright(self) -> Asked | None:
+        """What the last sentence of a story asks for by name; all else in it is what the need is judged by."""
+        last = (sentences(self.said) or [""])[-1]
+        asked = parse(last, self._names, name_key) if len(last.split()) <= STORY else None
+        if asked is None or asked.head is None or not asked.head.labels:
+            return None
+        return asked if asked.kind != "find" or (asked.direct and not asked.head.bare) else None
 
     @property
     def outright(self) -> bool:
