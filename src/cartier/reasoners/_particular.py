@@ -15,6 +15,7 @@ from cartier.reasoners._scorer import Scorer
 from cartier.reasoners._words import STOP, name_key, plain, words
 from cartier.types import Inventory, MapObject, Selection
 
+PRONOUNS = ("it", "them", "they")
 STORY = 30  # words from which on a need is told, and what is named in passing asks for nothing
 LATEST = 3000  # characters that are read
 SURE = 0.85  # probability of objects that are preferred where any of several will do
@@ -199,7 +200,7 @@ class Particular:
         if head.rooms is not None:
             return self._room(head, asked)
         if head.generic:
-            return None if head.bare else self._need(head, asked, serve)
+            return None if head.bare or head.said in PRONOUNS else self._need(head, asked, serve)
         if head.labels and not head.bare and asked.direct:
             return self._found(head)
         wanted = asked.direct and not head.bare and asked.need  # what is not listed may be so by another name
@@ -317,7 +318,7 @@ class Particular:
         elif others and emptied:
             say = f"There is {one(others[0].label)} {self.scene.whereabouts(others[0])}, but none as you say."
         else:
-            say = f"I have not seen any {head.said}."
+            say = f"I have not seen any {head.said if not head.generic else 'such thing'}."
         return Selection("absent", reason=say, say=say, model=self._model)
 
     def _room(self, head: Phrase, asked: Asked) -> Selection | None:
