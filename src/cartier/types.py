@@ -72,15 +72,11 @@ class Frame:
     def __post_init__(self) -> None:
         shape, where = (self.camera.height, self.camera.width), f"frame {self.index}"
         need(math.isfinite(self.time_s), f"{where}: time_s must be finite, got {self.time_s}")
-        need(
-            self.rgb.shape == (*shape, 3) and self.rgb.dtype == np.uint8,
-            f"{where}: rgb must be {(*shape, 3)} uint8, got {self.rgb.shape} {self.rgb.dtype}",
-        )
+        right = self.rgb.shape == (*shape, 3) and self.rgb.dtype == np.uint8
+        need(right, f"{where}: rgb must be {(*shape, 3)} uint8, got {self.rgb.shape} {self.rgb.dtype}")
         for name, image in (("depth_m", self.depth_m), ("instances", self.instances)):
-            need(
-                image is None or image.shape == shape,
-                f"{where}: {name} must be {shape}, got {None if image is None else image.shape}",
-            )
+            if image is not None:
+                need(image.shape == shape, f"{where}: {name} must be {shape}, got {image.shape}")
         if self.depth_m is not None:
             object.__setattr__(self, "depth_m", without_far(self.depth_m, where))
         object.__setattr__(self, "world_from_camera", check_pose(self.world_from_camera, where))
@@ -266,10 +262,8 @@ class RobotModel:
 
     def __post_init__(self) -> None:
         check_radius(self.radius_m)
-        need(
-            0 < self.camera_height_m <= 5,
-            f"a camera's height must be more than 0 and at most 5 m, got {self.camera_height_m}",
-        )
+        height_m = self.camera_height_m
+        need(0 < height_m <= 5, f"a camera's height must be more than 0 and at most 5 m, got {height_m}")
 
 
 @dataclass(frozen=True)
@@ -366,13 +360,9 @@ class Goal:
     def __post_init__(self) -> None:
         what = f"goal for the {self.place.label}"
         finite((self.x, self.y, self.yaw), 3, f"{what}: x, y and yaw")
-        need(
-            self.path.ndim == 2
-            and self.path.shape[1] == 2
-            and len(self.path) > 0
-            and bool(np.isfinite(self.path).all()),
-            f"{what}: its path must be (K, 2) finite numbers, got {self.path.shape}",
-        )
+        points = self.path.ndim == 2 and self.path.shape[1] == 2 and len(self.path) > 0
+        finite_points = points and bool(np.isfinite(self.path).all())
+        need(finite_points, f"{what}: its path must be (K, 2) finite numbers, got {self.path.shape}")
         need(0 <= self.length_m < math.inf, f"{what}: its path's length must be finite, got {self.length_m}")
 
     def to_dict(self) -> dict[str, Any]:
@@ -401,21 +391,15 @@ class OccupancyGrid:
     height_m: npt.NDArray[np.float16]
 
     def __post_init__(self) -> None:
-        need(
-            self.cells.ndim == 2 and self.cells.size > 0,
-            f"an occupancy grid needs (rows, cols) cells, got {self.cells.shape}",
-        )
-        need(
-            self.height_m.shape == self.cells.shape,
-            f"grid heights must be {self.cells.shape}, got {self.height_m.shape}",
-        )
+        shape, heights = self.cells.shape, self.height_m.shape
+        need(len(shape) == 2 and self.cells.size > 0, f"an occupancy grid needs (rows, cols) cells, got {shape}")
+        need(heights == shape, f"grid heights must be {shape}, got {heights}")
         need(self.resolution_m > 0, f"grid resolution must be positive, got {self.resolution_m}")
 
     def cell(self, xy: Sequence[float] | Array) -> npt.NDArray[np.int64]:
         """(row, col) of points (..., 2); may lie outside of the grid."""
-        return np.floor((np.asarray(xy, dtype=np.float64) - self.origin_xy) / self.resolution_m).astype(np.int64)[
-            ..., ::-1
-        ]
+        cells = np.floor((np.asarray(xy, dtype=np.float64) - self.origin_xy) / self.resolution_m)
+        return cells.astype(np.int64)[..., ::-1]
 
     def centre(self, cell: Sequence[int] | Array) -> npt.NDArray[np.float64]:
         """Map-frame xy of the centres of cells (..., 2) given as (row, col)."""
