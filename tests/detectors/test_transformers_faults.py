@@ -171,7 +171,7 @@ def test_a_missing_library_is_an_extra_to_install(
 ) -> None:
     folder = saved("yolos")
     monkeypatch.setitem(sys.modules, gone, None)
-    with pytest.raises(MissingExtra, match=rf"needs the package '{gone}': pip install 'cartier\[detect\]'"):
+    with pytest.raises(MissingExtra, match=rf"needs the package '{gone}': pip install .*\[detect\]'"):
         plugins.make("detectors", "transformers", model=folder)
 
 
@@ -196,7 +196,7 @@ def test_a_wrong_vocabulary_is_refused_before_the_model_is_loaded(
 
 @pytest.mark.parametrize("family", ZERO_SHOT)
 def test_names_longer_than_the_text_encoder_reads_are_cut_and_said(saved: Callable[[str], Path], family: str) -> None:
-    long = " ".join(["very"] * 60) + " long"
+    long = " ".join(["so"] * 60) + " long"
     detector = make(saved(family), vocabulary=["mug", long, "mug"], threshold=0, device="cpu")
     limit = {"owlv2": 48, "owlvit": 48, "omdet-turbo": 40}.get(family, TEXT_LIMIT - 3)
     assert f"1 names are cut to the text encoder's {limit} tokens" in "; ".join(detector.notes)
@@ -239,7 +239,7 @@ def test_a_model_that_gives_nan_is_told_in_one_line(copied: Callable[[str], Path
 def test_frames_of_odd_sizes_give_detections_or_one_line(
     saved: Callable[[str], Path], family: str, size: tuple[int, int]
 ) -> None:
-    view = Frame(1, 0.0, np.zeros((*size, 3), np.uint8), None, np.eye(4), Camera(size[1], size[0], 9.0, 9.0, 0.0, 0.0))
+    view = Frame(1, 0.0, np.zeros((*size, 3), np.uint8), None, np.eye(4), Camera(size[1], size[0], max(9.0, *size), max(9.0, *size), 0.0, 0.0))
     words = {"vocabulary": ["mug"]} if family in ZERO_SHOT else {}
     try:
         found = make(saved(family), threshold=0, **words).detect(view)

@@ -46,10 +46,8 @@ def test_a_map_of_image_features_is_saved_and_searched(kind: str, tmp_path: Path
     index, recording = plugins.make("indexes", "vlmaps", encoder=spec), walk()
     for number in range(4):
         index.add(recording[number], TrueBoxes(THINGS).detect(recording[number]))
-    (tmp_path / "index").mkdir()
-    index.save(tmp_path / "index")
     again = plugins.make("indexes", "vlmaps")
-    again.load(tmp_path / "index")
+    again.restore(index.state())
     assert again.encoder == index.encoder and "painted" not in again.encoder
     centres, cosines, _ = again.similarity("a phrase that nobody asked before")  # the saved home names its encoder
     assert len(centres) == len(cosines) > 50 and np.abs(cosines).max() <= 1 + 1e-5
