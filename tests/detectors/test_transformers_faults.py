@@ -239,7 +239,14 @@ def test_a_model_that_gives_nan_is_told_in_one_line(copied: Callable[[str], Path
 def test_frames_of_odd_sizes_give_detections_or_one_line(
     saved: Callable[[str], Path], family: str, size: tuple[int, int]
 ) -> None:
-    view = Frame(1, 0.0, np.zeros((*size, 3), np.uint8), None, np.eye(4), Camera(size[1], size[0], max(9.0, *size), max(9.0, *size), 0.0, 0.0))
+    view = Frame(
+        1,
+        0.0,
+        np.zeros((*size, 3), np.uint8),
+        None,
+        np.eye(4),
+        Camera(size[1], size[0], max(9.0, *size), max(9.0, *size), 0.0, 0.0),
+    )
     words = {"vocabulary": ["mug"]} if family in ZERO_SHOT else {}
     try:
         found = make(saved(family), threshold=0, **words).detect(view)
