@@ -63,17 +63,7 @@ def cases(made: Path) -> dict[str, Case]:
 
     detector = ["--detector", made / "truth.py"]
     maps = ["map", made / "second", *detector, "-o"]
-    bench = [
-        "bench",
-        "--homes",
-        "studio",
-        "--methods",
-        "object_depth",
-        "--detector",
-        "ground_truth",
-        "--maps",
-        made / "maps",
-    ]
+    bench = bench_of(made)
     return {
         "map": Case(lambda w: ["map", made / "first", *detector, "-o", w / "h"], nothing, home),
         "map-over": Case(lambda w: [*maps, w / "h"], with_home, home),
@@ -94,6 +84,12 @@ class Inverted(RoomRecording):
         return replace(frame, world_from_camera=np.linalg.inv(frame.world_from_camera))
 
 
+def bench_of(made: Path) -> list[str | Path]:
+    """A bench of one home by one index."""
+    words = "bench --homes studio --methods object_depth --detector ground_truth --maps"
+    return [*words.split(), made / "maps"]
+
+
 def prepare(made: Path) -> None:
     whole = walk()
     for name, poses in (("first", whole.poses[:8]), ("second", whole.poses[8:])):
@@ -105,18 +101,7 @@ def prepare(made: Path) -> None:
     asked = {"id": "a", "type": "explicit", "target": "bed", "accept": ["bed"], "text": "go to the bed"}
     (made / "ask.jsonl").write_text(json.dumps(asked) + "\n")
     assert run(["map", made / "first", "--detector", made / "truth.py", "-o", made / "home"], made)[0] == 0
-    one = [
-        "bench",
-        "--homes",
-        "studio",
-        "--methods",
-        "object_depth",
-        "--detector",
-        "ground_truth",
-        "--maps",
-        made / "maps",
-    ]
-    assert run([*one, "--queries", made / "ask.jsonl", "-o", made / "warm"], made)[0] == 0
+    assert run([*bench_of(made), "--queries", made / "ask.jsonl", "-o", made / "warm"], made)[0] == 0
 
 
 def _read(open_it: Callable[[], Any]) -> Any:

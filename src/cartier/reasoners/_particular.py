@@ -3,40 +3,22 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Container, Iterator, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import lru_cache
 
-from cartier.language.references import HURRY, Asked, Constraint, Names, Phrase, parse, sentences
-from cartier.reasoners._cards import bare
+from cartier.language.reference_words import HURRY
+from cartier.language.references import Asked, Constraint, Names, Phrase, parse, sentences
+from cartier.reasoners._lexicon import SORTS
 from cartier.reasoners._questions import answer, one
 from cartier.reasoners._scene import Scene, called
-from cartier.reasoners._scorer import Scorer
 from cartier.reasoners._words import STOP, name_key, plain, words
-from cartier.types import Inventory, MapObject, Selection
+from cartier.types import MapObject, Selection
 
 PRONOUNS = ("it", "them", "they")
 STORY = 30  # words from which on a need is told, and what is named in passing asks for nothing
 LATEST = 3000  # characters that are read
 SURE = 0.85  # probability of objects that are preferred where any of several will do
 MOST_ASKED = 4  # objects among which a question lets choose
-ROOMS = {
-    "living room": ("lounge", "sitting room", "living area", "parlour", "parlor", "front room"), "bathroom": ("restroom", "washroom", "bath room", "shower room"),
-    "hall": ("hallway", "corridor", "entrance", "passage"), "study": ("office", "home office", "workroom"), "bedroom": ("bed room", "sleeping room"),
-    "kitchen": ("kitchenette", "cooking area"), "dining room": ("dining area",),
-}  # fmt: skip
-SORTS = {
-    name_key(word): frozenset(map(name_key, names.split(", ")))
-    for word, names in {
-        "seat": "sofa, couch, arm chair, chair, stool, bench, ottoman, desk chair, dining chair", "plant": "house plant, potted plant",
-        "cup": "mug", "mug": "cup", "soap": "soap bar, soap bottle", "shelf": "shelving unit, bookcase, bookshelf", "cushion": "pillow",
-        "bookcase": "shelving unit, shelf, bookshelf", "bookshelf": "shelving unit, shelf, bookcase", "light": "floor lamp, desk lamp, table lamp",
-        "shower": "shower head, shower door, shower curtain", "figurine": "statue", "table lamp": "desk lamp", "desk lamp": "table lamp", "standing lamp": "floor lamp",
-        "computer": "laptop, desktop", "rug": "carpet", "picture": "painting, poster", "bin": "garbage can, trash can",
-    }.items()
-}  # fmt: skip
-"""General words, and the names of what they mean."""
-NO_ENDS = frozenset(words("top head bar stand can holder hanger machine paper control bag board"))
 DRIVES = re.compile(
     r"\b(?:go|drive|head|navigate|move|take|bring|lead|guide|roll|come|wait|meet|visit|walk|show|get|check|return|run|to)\b"
 )
@@ -53,68 +35,6 @@ EITHER = re.compile(
     r"\b(?:either|any|whichever|you choose|your choice|nearest|closest|do not mind|don t mind|don t care|no matter|yes|yeah|ok|okay|sure)\b"
 )
 Serve = Callable[[str, tuple[str, ...]], Selection]
-
-
-class _Things(Mapping[str, frozenset[str]]):
-    """The listed labels that a key stands for: of that name, of names that end so ("lamp"), of the same card, or of one much
-    the same. None of them for what is known and not listed."""
-
-    def __init__(self, scorer: Scorer, names: Sequence[str], not_these: Container[str]) -> None:
-        self._scorer, self._without = scorer, not_these
-        self._own, self._ends = dict[str, set[str]](), dict[str, set[str]]()
-        self._cards = dict[int, set[str]]()
-        for name in names:
-            parts = words(plain(bare(name)))
-            self._own.setdefault(name_key(bare(name)), set()).add(name)
-            card = scorer.deck.card_of(name)
-            if card is not None:
-                self._cards.setdefault(card, set()).add(name)
-            for i in range(1, len(parts)):
-                end = name_key(" ".join(parts[i:]))
-                if end in scorer.deck.by_key and end not in NO_ENDS:  # a floor lamp is a lamp; a counter top is no top
-                    self._ends.setdefault(end, set()).add(name)
-        self._found: dict[str, frozenset[str]] = {}
-
-    def __contains__(self, key: object) -> bool:
-        known = key in self._own or key in self._ends or key in self._scorer.deck.by_key or key in SORTS
-        return known and key not in self._without and key not in STOP
-
-    def __getitem__(self, key: str) -> frozenset[str]:
-        if key not in self._found:
-            self._found[key] = frozenset(self._own.get(key) or self._ends.get(key) or self._by_card(key))
-        return self._found[key]
-
-    def _by_card(self, key: str) -> set[str]:
-        deck, knowledge = self._scorer.deck, self._scorer.knowledge
-        card = deck.by_key.get(key)
-        sort = {name for own, listed in self._own.items() if own in SORTS.get(key, ()) for name in listed}
-        if card is not None and not sort:
-            twins = (found for listed, found in self._cards.items() if knowledge.twins(listed, card))
-            found = self._cards.get(card) or set().union(*twins)
-            if found:
-                return found
-        return sort
-
-    def __iter__(self) -> Iterator[str]:
-        return iter({*self._own, *self._ends, *self._scorer.deck.by_key})
-
-    def __len__(self) -> int:
-        return sum(1 for _ in self)
-
-
-def lexicon(scorer: Scorer, inventory: Inventory) -> Names:
-    """What may be named in a home: its objects by all names that their cards have, what it has not, and its rooms."""
-    return _lexicon(scorer, tuple(inventory.names), tuple((room.id, room.name, room.kind) for room in inventory.rooms))
-
-
-@lru_cache(maxsize=16)
-def _lexicon(scorer: Scorer, names: tuple[str, ...], rooms: tuple[tuple[int, str, str], ...]) -> Names:
-    called: dict[str, tuple[int, ...]] = {}
-    for kind, more in ROOMS.items():
-        of_kind = tuple(number for number, _, room_kind in rooms if room_kind == kind)
-        called |= dict.fromkeys(map(name_key, (kind, *more)), of_kind)
-    called |= {name_key(name): (number,) for number, name, kind in rooms if name != kind}
-    return Names(_Things(scorer, names, called), called)
 
 
 class Particular:

@@ -24,7 +24,6 @@ BESIDE = {
 }  # fmt: skip
 """What a colour is taken for in warm light or in shadow."""
 ALIKE = 0.9  # of the biggest: as big
-HERE_M = 0.3  # what is as near as the nearest
 
 
 def called(thing: MapObject, names: Iterable[str]) -> bool:

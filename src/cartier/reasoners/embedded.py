@@ -17,8 +17,9 @@ import numpy as np
 from cartier.reasoners._cards import SHIPPED, Deck, bare, read_deck
 from cartier.reasoners._dialogue import Turn, alternatives, understand
 from cartier.reasoners._knowledge import ALIKE
+from cartier.reasoners._lexicon import lexicon
 from cartier.reasoners._listening import MOST_CHARACTERS, mentions
-from cartier.reasoners._particular import SERVED, Particular, lexicon
+from cartier.reasoners._particular import SERVED, Particular
 from cartier.reasoners._scene import Scene
 from cartier.reasoners._scorer import Judgement, Scorer
 from cartier.reasoners._speech_acts import Said, sort_out
@@ -72,7 +73,7 @@ class Embedded:
             return self._by_name(query, names, [(person, SERVED.sub("", robot)) for person, robot in dialogue])
         heard = self.scorer.hear(query)
         text = " ".join(heard.tokens).replace(" ' ", "'")
-        particular = Particular(text, scene, lexicon(self.scorer, inventory), dialogue, NAME)
+        particular = Particular(text, scene, lexicon(self.deck, inventory), dialogue, NAME)
         if particular.outright or sort_out(heard, self._keys(names)).asked != "not":
             told = particular.answer(lambda need, among: self._serve(need, among or names, Turn(need)))
             if told is not None:
