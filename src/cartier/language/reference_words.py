@@ -1,0 +1,109 @@
+"""The words of references and questions: what tells a colour, a size, a relation, a question; tables and patterns only."""
+
+from __future__ import annotations
+
+import re
+from typing import Literal
+
+Kind = Literal[
+    "find", "count", "exists", "where", "list", "compare", "far", "when", "colour", "size", "room", "rooms", "stop", "come", "back"
+]  # fmt: skip
+FIND: Kind = "find"
+
+
+def _words(text: str) -> frozenset[str]:
+    return frozenset(text.split())
+
+
+ARTICLES = _words("the a an my our your his her their this that these those some any another one's")
+DEFINITE = _words("the my our your his her their this that these those")
+FILLERS = ARTICLES | _words("""
+    that which who is are s was were be it standing stands stand sitting sits sit lying lies lie placed located right
+    just over there directly somewhere kept left-behind hanging hangs currently still you we i see have very down up
+    out been please
+    """)
+COLOURS = {
+    "black": ("black",), "white": ("white",), "grey": ("grey",), "gray": ("grey",), "red": ("red",), "green": ("green",), "blue": ("blue",),
+    "yellow": ("yellow",), "orange": ("orange",), "brown": ("brown",), "pink": ("pink",), "purple": ("purple",), "violet": ("purple",),
+    "beige": ("brown", "white", "yellow"), "cream": ("white", "yellow"), "navy": ("blue",), "turquoise": ("blue", "green"),
+    "golden": ("yellow", "orange"), "silver": ("grey", "white"), "wooden": ("brown", "orange"), "maroon": ("red", "brown"),
+}  # fmt: skip
+SIDES = _words("top side left right front back middle bottom")  # "on top of", "the left side"
+SIZES = {
+    "big": "biggest", "large": "biggest", "huge": "biggest", "small": "smallest", "little": "smallest", "tiny": "smallest", "tall": "tallest",
+    "high": "highest", "low": "lowest", "short": "shortest", "long": "biggest", "bigger": "biggest", "larger": "biggest", "smaller": "smallest",
+    "taller": "tallest", "higher": "highest", "lower": "lowest", "nearer": "nearest", "closer": "nearest", "farther": "farthest",
+    "further": "farthest", "shorter": "shortest",
+}  # fmt: skip
+MOST = {
+    "biggest": "biggest", "largest": "biggest", "longest": "biggest", "widest": "biggest", "smallest": "smallest", "tiniest": "smallest",
+    "littlest": "smallest", "tallest": "tallest", "highest": "highest", "lowest": "lowest", "shortest": "shortest", "nearest": "nearest",
+    "closest": "nearest", "farthest": "farthest", "furthest": "farthest", "leftmost": "leftmost", "rightmost": "rightmost",
+}  # fmt: skip
+ORDER = {"first": 1, "second": 2, "third": 3, "fourth": 4, "former": 1, "latter": 2}
+GENERIC = _words("""
+    one ones thing things something anything it them they stuff everything object objects item items somewhere place spot anywhere
+    """)
+PLURAL = _words("ones things them they objects items everything")
+RELATIONS = {
+    "on": "on", "on top of": "on", "top of": "on", "upon": "on", "onto": "on", "atop": "on", "off": "on", "from": "on", "in": "in", "inside": "in",
+    "inside of": "in", "within": "in", "into": "in", "under": "under", "underneath": "under", "below": "under", "beneath": "under",
+    "above": "above", "next to": "next to", "beside": "next to", "by": "next to", "alongside": "next to", "near": "near", "near to": "near",
+    "close to": "near", "close by": "near", "nearby": "near", "at": "near", "against": "next to", "opposite": "near", "in front of": "near",
+    "behind": "near", "around": "near", "nearest": "nearest", "nearest to": "nearest", "closest to": "nearest", "closest": "nearest",
+    "farthest from": "farthest", "furthest from": "farthest", "between": "between", "in between": "between", "left of": "left of",
+    "to left of": "left of", "on left of": "left of", "on left side of": "left of", "right of": "right of", "to right of": "right of",
+    "on right of": "right of", "on right side of": "right of", "with": "with", "of": "of", "adjacent to": "next to", "belonging to": "of",
+}  # fmt: skip
+NEED = re.compile(r"\b(?:something|anything|somewhere|anywhere|(?:a|any) (?:place|spot)|someplace)\b")
+CUE = re.compile(
+    r"\b(?:bring|drive|fetch|find|get|give|go|going|grab|head|lead|locate|move|navigate|need|needs|pass|pick|reach|roll|show|take|want|like|use"
+    r"|point|visit|run|walk|hand|carry|choose|i mean|i meant|over to|toward|towards|prefer|look for|looking for|wheel|guide|bringing|fetching"
+    r"|approach|check|deliver|collect|have|rather|approach|park|stop|wait)\b"
+)
+HURRY = re.compile(
+    r"\b(?:quick|quickly|hurry|asap|immediately|urgent|urgently|fast|right away|at once|no time|whichever|any will do)\b"
+)
+QUESTIONS: tuple[tuple[Kind, re.Pattern[str]], ...] = (
+    ("rooms", re.compile(r"\b(?:which|what|how many|list (?:all )?the|name the) rooms\b(?! (?:is|are|has|have|does) (?:the|my|our|an?)\b)")),
+    ("count", re.compile(r"\b(?:how many|(?:what is|whats|what s|tell me) the number of|number of|count|how much(?= \w+s (?:is|are|do|have)))\b")),
+    ("compare", re.compile(r"^(?=.*\b(?:or|than)\b).*\b(bigger|larger|smaller|taller|higher|lower|shorter|nearer|closer|farther|further|longer)\b")),
+    ("far", re.compile(r"\bhow (?:far|many met\w+)\b")),
+    ("when", re.compile(r"\bwhen (?:did|was|were|have|had) \b.*\b(?:see|saw|seen|spot|spotted|look|looked|there)\b")),
+    ("colour", re.compile(r"\b(?:what|which) colou?rs? \b")),
+    ("size", re.compile(r"\bhow (?:big|large|tall|high|wide|long|small) \b")),
+    ("room", re.compile(r"\b(?:which|what) room\b|^(?:tell me |name )?the room (?:that|where|in which|of)\b")),
+    ("where", re.compile(r"\b(?:where|wheres|whereabouts)\b(?! (?:should|shall|do i|do we|can i put|could i put|to (?:put|sit|sleep|lie)|i (?:can|could|may)|can (?:i|we) (?!find|get|see)))|\bon what (?:is|are|does)\b|\bany idea where\b")),
+    ("list", re.compile(r"\b(?:is|are) there anything\b.* what\b|\b(?:what|which)(?: (?:else|all|things|objects|stuff|items|sort of things))?(?: is| are| s|s)? ?(?:all |else )?(?:there |standing |stands |stand |lying |lies |lie |kept |placed |sitting |sits |sit |stored |to be found |to be seen )?(?:on|in|inside|under|underneath|below|next to|beside|near|by|around|at|behind)\b")),
+    ("list", re.compile(r"\b(?:what|which)(?: (?:things|objects|items|stuff|else))? (?:do|can|did|have|does|could) (?:you|we|i)\b.*\b(?:see|seen|saw|find|found|have|got|know|there|keep)\b|\b(?:list|name|enumerate|tell me|show me) (?:me )?(?:all|everything|every|the things|the objects|the contents|what)\b|\bwhat is (?:here|there)\b")),
+    ("exists", re.compile(r"\b(?:is|are) there\b(?! (?:something|anything|somewhere|anywhere) (?:to|i|we|that)\b)|^(?:do|does|have|has|did) (?:we|i|you|they|it|this \w+|the \w+)\b.*\b(?:have|got|own|see|seen|find|found|spot|spotted|a|an|any)\b|^(?:any|got any|got an?|is any|are any)\b|\bcan you see\b|^(?:if|whether)\b|^have i got\b")),
+    ("exists", re.compile(r"^(?:is|are) (?:the|my|our|any|one|a|an|that|those|it|there)\b")),
+)  # fmt: skip
+COMMANDS: tuple[tuple[Kind, re.Pattern[str]], ...] = (
+    ("come", re.compile(r"^(?:please )?(?:come (?:here|over(?: here)?|to me|back to me|closer)|over here|here boy)\b")),
+    ("back", re.compile(r"^(?:please )?(?:(?:go|drive|head|roll|move) back|return|back)(?: (?:to )?(?:where you (?:were|started|came from)|the start|your (?:base|dock|place)|home|again))?$")),
+    ("stop", re.compile(r"^(?:please )?(?:stop|halt|freeze|wait|never mind|nevermind|forget it|cancel|leave it|that is all|abort)(?: (?:it|that|now|there|please|moving))?$")),
+)  # fmt: skip
+POLITE = _words("""
+    please thanks thank you robot hey hi hello ok okay so well oh um uh er ah now then and but just dear no yes i mean
+    """)
+CONTRACTIONS = (
+    (re.compile(r"\b(what|where|there|that|it|who|which|he|she|how)'?s\b"), r"\1 is"), (re.compile(r"\b(\w+)'re\b"), r"\1 are"),
+    (re.compile(r"\bn't\b"), " not"), (re.compile(r"\bwhats\b"), "what is"), (re.compile(r"\bwheres\b"), "where is"),
+)  # fmt: skip
+AROUND = _words("""
+    quick quickly off right left to me us over way for at now with of on in up it i you we here there straight hurry
+    then
+    """)
+VERB_BEFORE = _words("i we you they can could should would will let lets must")
+WISHING = _words("want wants need needs like love how going have got time trying used wanted")
+PLACING = frozenset(word for relation in RELATIONS for word in relation.split())
+BEFORE = re.compile(
+    r"^(?:(?:please|hey|hi|hello|ok|okay|so|well|oh|um|uh|er|ah|now|then|and|but|robot|just|dear|excuse me|sorry|yes|yeah|quick question|say|listen|also"
+    r"|(?:can|could|would|will) you(?: please| kindly)?(?: tell me| say| check| let me know)?|tell me|do you know|do you happen to know|let me know"
+    r"|i wonder|i was wondering|i would like to know|i want to know|remind me|i ask myself|by the way|kindly)\s+)+(?=\w)"
+)
+AFTER = re.compile(
+    r"(?:\s+(?:please|thanks|thank you|robot|now|dear|by the way|at all|anyway|again|then|here|in this (?:home|house|flat|place)))+$"
+)
+WORD = re.compile(r"[^\W_]+")
