@@ -237,13 +237,14 @@ class Inventory:
     def holds(self, chosen: Selection) -> bool:
         """Whether all that a selection names is here."""
         objects = {thing.id: thing for thing in self.objects}
+        if not objects.keys() >= set(chosen.fact.objects if chosen.fact else ()):
+            return False
         if chosen.room is not None:
             return any((room.id, room.name) == (chosen.room, chosen.object) for room in self.rooms)
-        thing = objects.get(-1 if chosen.object_id is None else chosen.object_id)
-        if chosen.object_id is not None and (thing is None or chosen.object not in (thing.label, *thing.names)):
-            return False
-        told = chosen.fact.objects if chosen.fact else ()
-        return (chosen.object is None or chosen.object in self.names) and objects.keys() >= set(told)
+        if chosen.object_id is not None:
+            thing = objects.get(chosen.object_id)
+            return thing is not None and chosen.object in (thing.label, *thing.names)
+        return chosen.object is None or chosen.object in self.names
 
     @classmethod
     def of(cls, names: Iterable[str]) -> Inventory:

@@ -94,3 +94,18 @@ def test_a_room_is_a_goal(embedded: Reasoner) -> None:
 def test_what_is_no_request_gets_words(embedded: Reasoner, words: str) -> None:
     chosen = ask(embedded, words)
     assert chosen.status == "told" and chosen.object is None and chosen.say
+
+
+def test_what_was_seen_too_seldom_is_offered_and_served_to_who_says_yes(embedded: Reasoner) -> None:
+    offered = ask(embedded, "bring me the vase")
+    assert (offered.status, offered.object) == ("clarify", None) and "may have seen a vase" in str(offered.question)
+    before = ("bring me the vase", str(offered.question))
+    chosen = ask(embedded, "yes please", before)
+    assert (chosen.status, chosen.object, chosen.object_id) == ("found", "vase", 32)
+    assert ask(embedded, "no", before).status == "told"
+    assert ask(embedded, "no, the sink", before).object == "sink"
+    assert "may have seen one" in ask(embedded, "where is the vase?").say
+
+
+def test_a_verb_at_the_beginning_is_no_name(embedded: Reasoner) -> None:
+    assert ask(embedded, "Light the way to the sink").object == "sink"

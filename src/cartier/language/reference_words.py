@@ -95,6 +95,9 @@ AROUND = _words("""
     quick quickly off right left to me us over way for at now with of on in up it i you we here there straight hurry
     then
     """)
+VERBS = _words(
+    "light book water iron watch plant box table chair dish mirror vacuum park place bin cup fan screen plate"
+)
 VERB_BEFORE = _words("i we you they can could should would will let lets must")
 WISHING = _words("want wants need needs like love how going have got time trying used wanted")
 PLACING = frozenset(word for relation in RELATIONS for word in relation.split())

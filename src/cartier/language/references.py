@@ -34,6 +34,7 @@ from cartier.language.reference_words import (
     SIDES,
     SIZES,
     VERB_BEFORE,
+    VERBS,
     WISHING,
     WORD,
     Kind,
@@ -282,6 +283,7 @@ def _named(said: Sequence[str], start: int, end: int, names: Names, key: Key) ->
     if name in names.things:
         before = ["", "", *said[:start]][-2:]
         verb = before[1] in VERB_BEFORE or (before[1] == "to" and before[0] in WISHING)
+        verb = verb or (start == 0 and words in VERBS and "".join(said[end : end + 1]) in ARTICLES)  # light the way
         labels = names.things[name]
         last = key(said[end - 1])
         if not labels and last in names.things:  # a wine bottle is a bottle

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 from cartier.language.references import Asked, Constraint, Phrase
 from cartier.reasoners._scene import Scene, called
+from cartier.reasoners._words import name_key
 from cartier.types import Fact, MapObject, Selection
 
 
@@ -75,7 +76,7 @@ def _about(asked: Asked, found: Sequence[MapObject], scene: Scene, model: str) -
 
 
 def _counted(head: Phrase, found: Sequence[MapObject], scene: Scene, model: str) -> Selection:
-    maybe = [o for o in scene.tentative if called(o, head.labels) and o.probability >= 0.3] if head.bare else []
+    maybe = [o for o in scene.maybe if called(o, head.labels) and o.probability >= 0.3] if head.bare else []
     unsure = f" {'One' if len(maybe) == 1 else len(maybe)} more may be there, hardly seen." if maybe else ""
     names = Counter(o.label for o in found)
     if not found:
@@ -167,9 +168,10 @@ def _told(say: str, fact: Fact, model: str, thing: MapObject | None = None) -> S
 def _instead(head: Phrase, scene: Scene) -> str:
     """What there is instead of what a phrase asks for."""
     elsewhere = [o for o in scene.objects if called(o, head.labels)]
-    if not elsewhere or head.bare:
-        return ""
-    return f" There is {one(elsewhere[0].label)} {scene.whereabouts(elsewhere[0])}."
+    if elsewhere:
+        return "" if head.bare else f" There is {one(elsewhere[0].label)} {scene.whereabouts(elsewhere[0])}."
+    maybe = [o for o in scene.maybe if name_key(o.label) == name_key(head.said)]
+    return f" I may have seen one {scene.whereabouts(maybe[0])}, but too seldom to be sure." if maybe else ""
 
 
 def _where(phrase: Phrase) -> str:

@@ -16,6 +16,7 @@ from cartier.types import Inventory, MapObject, Room
 NEXT_M, NEAR_M, LOOSE_M = 0.8, 1.0, 0.25  # "next to", "near", and how much farther than the nearest is as near
 LEAST_SHARE = 0.12  # of an object's surface that has a colour to be called so
 TOUCHING_M = 0.12  # what stands on a thing is so close to it, where nothing better is known of what holds what
+LEAST = 0.1  # probability under which a thing is not even named
 CLEARLY = 1.3  # how much more of a colour than the next a thing has that is meant by it
 BESIDE = {
     "white": ("grey", "yellow"), "black": ("grey", "brown"), "grey": ("white", "black"), "brown": ("orange", "red", "black", "yellow"),
@@ -37,7 +38,10 @@ class Scene:
     def __init__(self, inventory: Inventory) -> None:
         self.rooms = {room.id: room for room in inventory.rooms}
         self.objects = [thing for thing in inventory.objects if thing.confirmed]
-        self.tentative = [thing for thing in inventory.objects if not thing.confirmed]
+        maybe = [o for o in inventory.objects if not o.confirmed and o.probability >= LEAST]
+        self.maybe = sorted(
+            maybe, key=lambda o: -o.probability
+        )  # what is tentative: named in words, never served unasked
         self.by_id = {thing.id: thing for thing in self.objects} | {a: t for t in self.objects for a in t.aliases}
         self.from_xy = inventory.from_xy
 

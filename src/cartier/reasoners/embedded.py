@@ -20,11 +20,12 @@ from cartier.reasoners._knowledge import ALIKE
 from cartier.reasoners._lexicon import lexicon
 from cartier.reasoners._listening import MOST_CHARACTERS, mentions
 from cartier.reasoners._particular import SERVED, Particular
-from cartier.reasoners._scene import Scene
+from cartier.reasoners._perhaps import accepted, offer, perhaps
+from cartier.reasoners._scene import Scene, called
 from cartier.reasoners._scorer import Judgement, Scorer
 from cartier.reasoners._speech_acts import Said, sort_out
 from cartier.reasoners._things import Missing, Ranked, Thing, Things, evidence
-from cartier.types import Array, Inventory, Selection
+from cartier.types import Array, Inventory, MapObject, Selection
 
 Candidates = tuple[tuple[str, float], ...]
 
@@ -71,6 +72,29 @@ class Embedded:
         scene = Scene(inventory)
         if not scene.known:
             return self._by_name(query, names, [(person, SERVED.sub("", robot)) for person, robot in dialogue])
+        agreed = accepted(query, dialogue)
+        if agreed is False:
+            return Selection("told", reason="the offer was turned down", say="All right.", model=NAME)
+        if agreed and (maybe := self._maybe(dialogue[-1][0], scene)) is not None:
+            reason, say = "it may be there: seen too seldom to be sure", f"I look for the {maybe.label}."
+            return Selection("found", maybe.label, reason=reason, object_id=maybe.id, say=say, model=NAME)
+        chosen = self._among(query, inventory, scene, dialogue)
+        if chosen.status in ("absent", "near") and (maybe := self._maybe(query, scene)) is not None:
+            return offer(maybe, scene, NAME)
+        return chosen
+
+    def _maybe(self, query: str, scene: Scene) -> MapObject | None:
+        """What would serve the words, if it is there."""
+        maybe = perhaps(scene)
+        names = tuple(sorted({thing.label for thing in maybe}))
+        chosen = self._by_name(query, names, ()) if names else None
+        return next(
+            (o for o in maybe if chosen and chosen.status == "found" and called(o, [chosen.object or ""])), None
+        )
+
+    def _among(self, query: str, inventory: Inventory, scene: Scene, dialogue: Sequence[tuple[str, str]]) -> Selection:
+        """What serves the words among all that is surely there."""
+        names = tuple(inventory.names)
         heard = self.scorer.hear(query)
         text = " ".join(heard.tokens).replace(" ' ", "'")
         particular = Particular(text, scene, lexicon(self.deck, inventory), dialogue, NAME)

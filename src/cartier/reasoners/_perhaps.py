@@ -1,0 +1,38 @@
+"""Things that were seen too seldom to be sure of: never served unasked, only offered, and served to who says yes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from cartier.reasoners._dialogue import FEW, NO, YES
+from cartier.reasoners._questions import one
+from cartier.reasoners._scene import Scene, called
+from cartier.reasoners._words import plain, words
+from cartier.types import MapObject, Selection
+
+MOST_REFUSING = 2  # words; "no, the sink" asks for something else
+OFFER = "Shall I look there?"
+
+
+def perhaps(scene: Scene) -> list[MapObject]:
+    """What may be there, and is not listed by its name; the likeliest first."""
+    listed = {name for thing in scene.objects for name in (thing.label, *thing.names)}
+    return [thing for thing in scene.maybe if not called(thing, listed)]
+
+
+def offer(thing: MapObject, scene: Scene, model: str) -> Selection:
+    """A question instead of a goal."""
+    where = scene.whereabouts(thing)
+    question = f"I may have seen {one(thing.label)}{f' {where}' if where else ''}, but too seldom to be sure. {OFFER}"
+    reason = f"seen in {thing.sightings} of {thing.chances} frames that could show it"
+    return Selection("clarify", reason=reason, question=question, say=question, model=model)
+
+
+def accepted(query: str, dialogue: Sequence[tuple[str, str]]) -> bool | None:
+    """Whether the person wants what was offered in the turn before; None if nothing was, or something else is said."""
+    said = words(plain(query))
+    if not dialogue or not dialogue[-1][1].endswith(OFFER) or not 0 < len(said) <= FEW:
+        return None
+    if NO.search(" ".join(said)):
+        return None if len(said) > MOST_REFUSING else False
+    return True if said[0] in YES else None
