@@ -61,6 +61,9 @@ CUE = re.compile(
     r"|point|visit|run|walk|hand|carry|choose|i mean|i meant|over to|toward|towards|prefer|look for|looking for|wheel|guide|bringing|fetching"
     r"|approach|check|deliver|collect|have|rather|approach|park|stop|wait)\b"
 )
+GO_THERE = re.compile(
+    r"^(?!.*\b(?:do not|not|never)\b)(?:.*\b)?(?:go|drive|take me|bring me|lead me|guide me|head|roll|stand|get|fetch|show me)\b.*\b(?:there|it|them|one|that)\b"
+)
 HURRY = re.compile(
     r"\b(?:quick|quickly|hurry|asap|immediately|urgent|urgently|fast|right away|at once|no time|whichever|any will do)\b"
 )
@@ -72,10 +75,10 @@ QUESTIONS: tuple[tuple[Kind, re.Pattern[str]], ...] = (
     ("when", re.compile(r"\bwhen (?:did|was|were|have|had) \b.*\b(?:see|saw|seen|spot|spotted|look|looked|there)\b")),
     ("colour", re.compile(r"\b(?:what|which) colou?rs? \b")),
     ("size", re.compile(r"\bhow (?:big|large|tall|high|wide|long|small) \b")),
-    ("room", re.compile(r"\b(?:which|what) room\b|^(?:tell me |name )?the room (?:that|where|in which|of)\b")),
+    ("room", re.compile(r"\b(?:which|what) room\b|^(?:tell me |name )?(?:the )?room (?:that|where|in which|of)\b")),
     ("where", re.compile(r"\b(?:where|wheres|whereabouts)\b(?! (?:should|shall|do i|do we|can i put|could i put|to (?:put|sit|sleep|lie)|i (?:can|could|may)|can (?:i|we) (?!find|get|see)))|\bon what (?:is|are|does)\b|\bany idea where\b")),
     ("list", re.compile(r"\b(?:is|are) there anything\b.* what\b|\b(?:what|which)(?: (?:else|all|things|objects|stuff|items|sort of things))?(?: is| are| s|s)? ?(?:all |else )?(?:there |standing |stands |stand |lying |lies |lie |kept |placed |sitting |sits |sit |stored |to be found |to be seen )?(?:on|in|inside|under|underneath|below|next to|beside|near|by|around|at|behind)\b")),
-    ("list", re.compile(r"\b(?:what|which)(?: (?:things|objects|items|stuff|else))? (?:do|can|did|have|does|could) (?:you|we|i)\b.*\b(?:see|seen|saw|find|found|have|got|know|there|keep)\b|\b(?:list|name|enumerate|tell me|show me) (?:me )?(?:all|everything|every|the things|the objects|the contents|what)\b|\bwhat is (?:here|there)\b")),
+    ("list", re.compile(r"\b(?:what|which)(?: (?:things|objects|items|stuff|else))? (?:do|can|did|have|does|could) (?:you|we|i)\b.*\b(?:see|seen|saw|find|found|have|got|know|there|keep)\b|\binventory of\b|\b(?:list|name|enumerate|tell me|show me) (?:me )?(?:all|everything|every|the things|the objects|the contents|what)\b|\bwhat is (?:here|there)\b")),
     ("exists", re.compile(r"\b(?:is|are) there\b(?! (?:something|anything|somewhere|anywhere) (?:to|i|we|that)\b)|^(?:do|does|have|has|did) (?:we|i|you|they|it|this \w+|the \w+)\b.*\b(?:have|got|own|see|seen|find|found|spot|spotted|a|an|any)\b|^(?:any|got any|got an?|is any|are any)\b|\bcan you see\b|^(?:if|whether)\b|^have i got\b")),
     ("exists", re.compile(r"^(?:is|are) (?:the|my|our|any|one|a|an|that|those|it|there)\b")),
 )  # fmt: skip
@@ -95,6 +98,10 @@ AROUND = _words("""
     quick quickly off right left to me us over way for at now with of on in up it i you we here there straight hurry
     then
     """)
+WHICH_IS = _words("that which is are s it over right just there standing lying sitting located")
+NEEDY = _words(
+    "something anything everything somewhere anywhere place spot"
+)  # a need of its own follows, no word for what was said before
 VERBS = _words(
     "light book water iron watch plant box table chair dish mirror vacuum park place bin cup fan screen plate"
 )

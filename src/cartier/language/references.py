@@ -23,8 +23,10 @@ from cartier.language.reference_words import (
     FILLERS,
     FIND,
     GENERIC,
+    GO_THERE,
     MOST,
     NEED,
+    NEEDY,
     ORDER,
     PLACING,
     PLURAL,
@@ -35,6 +37,7 @@ from cartier.language.reference_words import (
     SIZES,
     VERB_BEFORE,
     VERBS,
+    WHICH_IS,
     WISHING,
     WORD,
     Kind,
@@ -101,10 +104,14 @@ class Asked:
 
 @dataclass(frozen=True)
 class Names:
-    """What may be named: the listed labels that each key of a name stands for (none: known, but not listed), and rooms' ids."""
+    """What may be named: the listed labels that each key of a name stands for (none: known, but not listed), and rooms' ids.
+
+    ``like`` gives the labels that a name may mean where nothing of the very name fits.
+    """
 
     things: Mapping[str, frozenset[str]]
     rooms: Mapping[str, tuple[int, ...]]
+    like: Callable[[str], frozenset[str]] = lambda _: frozenset()
 
 
 LONGEST = 4
@@ -122,7 +129,7 @@ def sentences(text: str) -> list[str]:
     for pattern, full in CONTRACTIONS:
         text = pattern.sub(full, text)
     text = re.sub(r"\b(from|to) where (?:i|we) (?:am|are|stand|sit)\b", r"\1 me", text)
-    return [part.strip() for part in re.split(r"[.!?;:\n]+", text) if WORD.search(part)]
+    return [part.strip() for part in re.split(r"[.!?;\n]+", text) if WORD.search(part)]
 
 
 def parse(text: str, names: Names, key: Key) -> Asked | None:
@@ -133,6 +140,11 @@ def parse(text: str, names: Names, key: Key) -> Asked | None:
     best: Asked | None = None
     for sentence in sentences(text):
         asked = _sentence(WORD.findall(sentence), names, key)
+        there = GO_THERE.search(sentence) and (asked is None or _pronoun(asked))
+        if there and best is not None and best.head is not None:
+            if best.kind != "find":  # "is there a bed? Take me there"
+                best = Asked("find", best.head, need=best.head.said, direct=True)
+            continue
         if asked is not None and asked.head is None and best is not None and best.head is not None:
             asked = replace(asked, head=best.head)  # "the alarm clock … where?"
         if asked is None or (best is not None and _says_less(asked, best)):
@@ -142,10 +154,13 @@ def parse(text: str, names: Names, key: Key) -> Asked | None:
 
 
 def _says_less(asked: Asked, before: Asked) -> bool:
-    """Whether a later sentence adds nothing: "how many chairs are there? How many is it?", "is there a bed? Take me there"."""
+    """Whether a later sentence adds nothing: "how many chairs are there? How many is it?"."""
     plain = asked.head is None or asked.head.bare
-    pronoun = asked.head is None or (asked.head.generic and asked.head.bare)
-    return (asked.kind == "find" and plain) or (asked.kind == before.kind and pronoun)
+    return (asked.kind == "find" and plain) or (asked.kind == before.kind and _pronoun(asked))
+
+
+def _pronoun(asked: Asked) -> bool:
+    return asked.head is None or (asked.head.generic and asked.head.bare)
 
 
 def _sentence(said: list[str], names: Names, key: Key) -> Asked | None:
@@ -171,7 +186,7 @@ def _sentence(said: list[str], names: Names, key: Key) -> Asked | None:
     if kind == "find":
         if head is None:
             return None
-        need = " ".join(word for i, word in enumerate(said) if i not in used)
+        need = _need(said, used)
         first = next((m for m in mentions if m.phrase.rooms is None and not m.phrase.generic), None)
         before = " ".join(said[: first.start]) if first else text
         rest = [w for i, w in enumerate(said) if i not in used and not any(m.start <= i < m.end for m in mentions)]
@@ -184,6 +199,16 @@ def _sentence(said: list[str], names: Names, key: Key) -> Asked | None:
         head = Phrase(unknown) if unknown else None
     other = next((p for p in phrases if p is not head), None) if kind == "far" else None
     return Asked(kind, head, other, need=text)
+
+
+def _need(said: Sequence[str], used: set[int]) -> str:
+    """The words without what only says where, and without "that is" before that."""
+    out = set(used)
+    for i in sorted(used, reverse=True):
+        while i - 1 not in used and i > 0 and said[i - 1] in WHICH_IS:
+            i -= 1
+            out.add(i)
+    return " ".join(word for i, word in enumerate(said) if i not in out)
 
 
 def _compared(said: Sequence[str], mentions: Sequence[_Mention], by: str, text: str) -> Asked | None:
@@ -276,13 +301,13 @@ def _named(said: Sequence[str], start: int, end: int, names: Names, key: Key) ->
     words = " ".join(said[start:end])
     name = key(words)
     plural = said[end - 1] != name and said[end - 1].endswith("s") and not name.endswith("s")
-    if end - start == 1 and (words in COLOURS or words in SIDES):
+    if (end - start == 1 and (words in COLOURS or words in SIDES)) or (end - start > 1 and said[start] in AROUND):
         return None
     if name in names.rooms:
         return Phrase(words, rooms=names.rooms[name])
     if name in names.things:
         before = ["", "", *said[:start]][-2:]
-        verb = before[1] in VERB_BEFORE or (before[1] == "to" and before[0] in WISHING)
+        verb = before[1] in VERB_BEFORE or (before[1] == "to" and before[0] in WISHING | NEEDY)
         verb = verb or (start == 0 and words in VERBS and "".join(said[end : end + 1]) in ARTICLES)  # light the way
         labels = names.things[name]
         last = key(said[end - 1])

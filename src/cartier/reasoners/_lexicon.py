@@ -23,6 +23,7 @@ SORTS = {
         "bookcase": "shelving unit, shelf, bookshelf", "bookshelf": "shelving unit, shelf, bookcase", "light": "floor lamp, desk lamp, table lamp",
         "shower": "shower head, shower door, shower curtain", "figurine": "statue", "table lamp": "desk lamp", "desk lamp": "table lamp", "standing lamp": "floor lamp",
         "computer": "laptop, desktop", "rug": "carpet", "picture": "painting, poster", "bin": "garbage can, trash can",
+        "saucepan": "pot, pan", "frying pan": "pan", "salad": "lettuce", "hob": "stove burner", "glass": "cup", "wall clock": "clock", "freezer": "fridge",
     }.items()
 }  # fmt: skip
 """General words, and the names of what they mean."""
@@ -55,13 +56,15 @@ class _Things(Mapping[str, frozenset[str]]):
 
     def __getitem__(self, key: str) -> frozenset[str]:
         if key not in self._found:
-            self._found[key] = frozenset(self._own.get(key) or self._ends.get(key) or self._by_card(key))
+            card = self._deck.by_key.get(key)
+            of_card = self._cards.get(card, ()) if card is not None else ()
+            self._found[key] = frozenset(self._own.get(key) or self._ends.get(key) or self.like(key) or of_card)
         return self._found[key]
 
-    def _by_card(self, key: str) -> set[str]:
+    def like(self, key: str) -> frozenset[str]:
+        """What may be meant where nothing of the very name fits: a mug for a cup, an arm chair for a chair."""
         sort = {name for own, listed in self._own.items() if own in SORTS.get(key, ()) for name in listed}
-        card = self._deck.by_key.get(key)
-        return sort or (self._cards.get(card, set()) if card is not None else set())
+        return frozenset(self._ends.get(key, set()) | sort)
 
     def __iter__(self) -> Iterator[str]:
         return iter({*self._own, *self._ends, *self._deck.by_key})
@@ -82,4 +85,5 @@ def _lexicon(deck: Deck, names: tuple[str, ...], rooms: tuple[tuple[int, str, st
         of_kind = tuple(number for number, _, room_kind in rooms if room_kind == kind)
         called |= dict.fromkeys(map(name_key, (kind, *more)), of_kind)
     called |= {name_key(name): (number,) for number, name, kind in rooms if name != kind}
-    return Names(_Things(deck, names, called), called)
+    things = _Things(deck, names, called)
+    return Names(things, called, things.like)

@@ -6,9 +6,8 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-from cartier.language.reference_words import HURRY
+from cartier.language.reference_words import HURRY, NEEDY
 from cartier.language.references import Asked, Constraint, Names, Phrase, parse, sentences
-from cartier.reasoners._lexicon import SORTS
 from cartier.reasoners._questions import answer, one
 from cartier.reasoners._scene import Scene, called
 from cartier.reasoners._words import STOP, name_key, plain, words
@@ -95,7 +94,7 @@ class Particular:
             )
         if replying and before is not None and before.head is not None:
             return replace(before, head=_merged(before.head, head), direct=True)
-        if self.last is None:
+        if self.last is None or head.said in NEEDY:
             return asked
         kind = before.head.labels if before is not None and before.head is not None else frozenset()
         kept = kind if self.last.label in kind else frozenset({self.last.label})
@@ -176,8 +175,9 @@ class Particular:
         same = [o for o in self.scene.objects if called(o, [chosen.object or ""])]
         if chosen.status != "found" or not same:
             return chosen
-        there = self.scene.meant(replace(head, labels=frozenset({o.label for o in same})))[0]
-        return replace(chosen, object_id=there[0].id) if there else self.refined(chosen)
+        meant = replace(head, labels=frozenset({o.label for o in same}))
+        there = self.scene.meant(meant)[0]
+        return replace(chosen, object_id=there[0].id) if there else self._none(meant, True)
 
     def _likely(self, same: Sequence[MapObject]) -> list[MapObject]:
         """The nearest first, of those that are surely there if any are."""
@@ -197,10 +197,8 @@ class Particular:
         found, emptied = self.scene.meant(head, without)
         if not found and not OTHER.search(self.said):  # "no, the one in the kitchen" may be the same again
             found, emptied = self.scene.meant(head)
-        if not found:  # "the cup by the sink" may be a mug
-            like = SORTS.get(name_key(head.said), frozenset())
-            labels = frozenset(o.label for o in self.scene.objects if name_key(o.label) in like)
-            found = self.scene.meant(replace(head, labels=labels), without)[0] if labels else []
+        if not found and (like := self._names.like(name_key(head.said))):  # "the cup by the sink" may be a mug
+            found = self.scene.meant(replace(head, labels=like), without)[0]
         if not found:
             return self._none(head, emptied is not None)
         if len(found) > 1 and not (head.other or HURRY.search(self.said) or head.plural):
@@ -269,8 +267,7 @@ class Particular:
         """A need and where it is to be served: "something to sit on in the kitchen"."""
         there, _ = self.scene.meant(head)
         names = tuple(sorted({o.label for o in there}))
-        rest = [word for word in words(asked.need) if word not in STOP]
-        if not rest:
+        if all(word in STOP for word in words(asked.need)):
             return None
         if not names:
             return self._none(head, True)

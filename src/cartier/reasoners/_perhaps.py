@@ -1,8 +1,9 @@
-"""Things that were seen too seldom to be sure of: never served unasked, only offered, and served to who says yes."""
+"""What nobody is sure of, a thing seen too seldom or its usual place: never served unasked, only offered, and served to who says yes."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from cartier.reasoners._dialogue import FEW, NO, YES
 from cartier.reasoners._questions import one
@@ -26,6 +27,12 @@ def offer(thing: MapObject, scene: Scene, model: str) -> Selection:
     question = f"I may have seen {one(thing.label)}{f' {where}' if where else ''}, but too seldom to be sure. {OFFER}"
     reason = f"seen in {thing.sightings} of {thing.chances} frames that could show it"
     return Selection("clarify", reason=reason, question=question, say=question, model=model)
+
+
+def usual_place(near: Selection) -> Selection:
+    """A question instead of driving to where a thing that was never seen is usually kept."""
+    question = f"{near.reason[:1].upper()}{near.reason[1:]}. {OFFER}"
+    return replace(near, status="clarify", object=None, object_id=None, question=question, say=question)
 
 
 def accepted(query: str, dialogue: Sequence[tuple[str, str]]) -> bool | None:

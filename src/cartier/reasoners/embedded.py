@@ -20,7 +20,7 @@ from cartier.reasoners._knowledge import ALIKE
 from cartier.reasoners._lexicon import lexicon
 from cartier.reasoners._listening import MOST_CHARACTERS, mentions
 from cartier.reasoners._particular import SERVED, Particular
-from cartier.reasoners._perhaps import accepted, offer, perhaps
+from cartier.reasoners._perhaps import accepted, offer, perhaps, usual_place
 from cartier.reasoners._scene import Scene, called
 from cartier.reasoners._scorer import Judgement, Scorer
 from cartier.reasoners._speech_acts import Said, sort_out
@@ -66,22 +66,27 @@ class Embedded:
 
     def select(self, query: str, inventory: Inventory, dialogue: Sequence[tuple[str, str]] = ()) -> Selection:
         """The listed thing that serves the words, in the light of the dialogue; several in ``then`` for several needs."""
-        names = tuple(inventory.names)
-        if not names:
+        if not inventory.names:
             return Selection("absent", reason="nothing was detected in this home", model=NAME)
         scene = Scene(inventory)
-        if not scene.known:
-            return self._by_name(query, names, [(person, SERVED.sub("", robot)) for person, robot in dialogue])
         agreed = accepted(query, dialogue)
+        if agreed:
+            return self._anyway(dialogue[-1][0], inventory, scene, dialogue[:-1])
         if agreed is False:
             return Selection("told", reason="the offer was turned down", say="All right.", model=NAME)
-        if agreed and (maybe := self._maybe(dialogue[-1][0], scene)) is not None:
-            reason, say = "it may be there: seen too seldom to be sure", f"I look for the {maybe.label}."
-            return Selection("found", maybe.label, reason=reason, object_id=maybe.id, say=say, model=NAME)
         chosen = self._among(query, inventory, scene, dialogue)
         if chosen.status in ("absent", "near") and (maybe := self._maybe(query, scene)) is not None:
             return offer(maybe, scene, NAME)
-        return chosen
+        return usual_place(chosen) if chosen.status == "near" else chosen
+
+    def _anyway(self, query: str, inventory: Inventory, scene: Scene, dialogue: Sequence[tuple[str, str]]) -> Selection:
+        """What was offered, to who wants it."""
+        chosen = self._among(query, inventory, scene, dialogue)
+        maybe = self._maybe(query, scene) if chosen.status in ("absent", "near") else None
+        if maybe is None:
+            return chosen
+        reason, say = "it may be there: seen too seldom to be sure", f"I look for the {maybe.label}."
+        return Selection("found", maybe.label, reason=reason, object_id=maybe.id, say=say, model=NAME)
 
     def _maybe(self, query: str, scene: Scene) -> MapObject | None:
         """What would serve the words, if it is there."""
@@ -95,6 +100,8 @@ class Embedded:
     def _among(self, query: str, inventory: Inventory, scene: Scene, dialogue: Sequence[tuple[str, str]]) -> Selection:
         """What serves the words among all that is surely there."""
         names = tuple(inventory.names)
+        if not scene.known:
+            return self._by_name(query, names, [(person, SERVED.sub("", robot)) for person, robot in dialogue])
         heard = self.scorer.hear(query)
         text = " ".join(heard.tokens).replace(" ' ", "'")
         particular = Particular(text, scene, lexicon(self.deck, inventory), dialogue, NAME)
