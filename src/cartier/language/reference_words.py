@@ -44,6 +44,7 @@ ORDER = {"first": 1, "second": 2, "third": 3, "fourth": 4, "former": 1, "latter"
 GENERIC = _words("""
     one ones thing things something anything it them they stuff everything object objects item items somewhere place spot anywhere
     """)
+STANDS_FOR = _words("it them they one ones")  # what was named before
 PLURAL = _words("ones things them they objects items everything")
 RELATIONS = {
     "on": "on", "on top of": "on", "top of": "on", "upon": "on", "onto": "on", "atop": "on", "off": "on", "from": "on", "in": "in", "inside": "in",
@@ -53,7 +54,7 @@ RELATIONS = {
     "behind": "near", "around": "near", "nearest": "nearest", "nearest to": "nearest", "closest to": "nearest", "closest": "nearest",
     "farthest from": "farthest", "furthest from": "farthest", "between": "between", "in between": "between", "left of": "left of",
     "to left of": "left of", "on left of": "left of", "on left side of": "left of", "right of": "right of", "to right of": "right of",
-    "on right of": "right of", "on right side of": "right of", "with": "with", "of": "of", "adjacent to": "next to", "belonging to": "of",
+    "on right of": "right of", "has": "with", "have": "with", "having": "with", "holding": "with", "carrying": "with", "where": "with", "on which": "with", "in which": "with", "on right side of": "right of", "with": "with", "of": "of", "adjacent to": "next to", "belonging to": "of",
 }  # fmt: skip
 NEED = re.compile(r"\b(?:something|anything|somewhere|anywhere|(?:a|any) (?:place|spot)|someplace)\b")
 CUE = re.compile(
@@ -63,6 +64,10 @@ CUE = re.compile(
 )
 GO_THERE = re.compile(
     r"^(?!.*\b(?:do not|not|never)\b)(?:.*\b)?(?:go|drive|take me|bring me|lead me|guide me|head|roll|stand|get|fetch|show me)\b.*\b(?:there|it|them|one|that)\b"
+)
+PUTTING = re.compile(r"\b(?:put|throw|drop|place|lay|hang|pour|toss|dump|stick|leave|chuck)\b")
+NOT_THAT = re.compile(
+    r",? \b(?:and not|but not|not|rather than|instead of|except)(?= (?:for |on |in |at |from )?(?:the|a|an|my|that|this|those|our) )[^,.!?;\n]*"
 )
 HURRY = re.compile(
     r"\b(?:quick|quickly|hurry|asap|immediately|urgent|urgently|fast|right away|at once|no time|whichever|any will do)\b"
@@ -76,8 +81,9 @@ QUESTIONS: tuple[tuple[Kind, re.Pattern[str]], ...] = (
     ("colour", re.compile(r"\b(?:what|which) colou?rs? \b")),
     ("size", re.compile(r"\bhow (?:big|large|tall|high|wide|long|small) \b")),
     ("room", re.compile(r"\b(?:which|what) room\b|^(?:tell me |name )?(?:the )?room (?:that|where|in which|of)\b")),
-    ("where", re.compile(r"\b(?:where|wheres|whereabouts)\b(?! (?:should|shall|do i|do we|can i put|could i put|to (?:put|sit|sleep|lie)|i (?:can|could|may)|can (?:i|we) (?!find|get|see)))|\bon what (?:is|are|does)\b|\bany idea where\b")),
-    ("list", re.compile(r"\b(?:is|are) there anything\b.* what\b|\b(?:what|which)(?: (?:else|all|things|objects|stuff|items|sort of things))?(?: is| are| s|s)? ?(?:all |else )?(?:there |standing |stands |stand |lying |lies |lie |kept |placed |sitting |sits |sit |stored |to be found |to be seen )?(?:on|in|inside|under|underneath|below|next to|beside|near|by|around|at|behind)\b")),
+    ("where", re.compile(r"\b(?:where|wheres|whereabouts)\b(?! (?:in the \w+ )?(?:should|shall|(?:do i|do we)(?! (?:usually )?(?:keep|have|store))|can i put|could i put|to (?:put|sit|sleep|lie)|i (?:can|could|may)|can (?:i|we) (?!find|get|see)))|\bon what (?:is|are|does)\b|\bany idea where\b")),
+    ("list", re.compile(r"\b(?:is|are) there anything\b.* what\b|\b(?:what|which)(?: (?:else|all|things|objects|stuff|items|sort of things))?(?: is| are| s|s)? ?(?:all |else )?(?:there |standing |stands |stand |lying (?:around )?|lies |lie |kept |placed |sitting |sits |sit |stored |to be found |to be seen )?(?:on|in|inside|under|underneath|below|next to|beside|near|by|around|at|behind)\b")),
+    ("list", re.compile(r"^(?:all )?(?:the |your )?(?:things|stuff|items|objects|everything|contents)(?: that| which)?(?: is| are| stands?| lies?)? (?:on|in|inside|under|of)\b")),
     ("list", re.compile(r"\b(?:what|which)(?: (?:things|objects|items|stuff|else))? (?:do|can|did|have|does|could) (?:you|we|i)\b.*\b(?:see|seen|saw|find|found|have|got|know|there|keep)\b|\binventory of\b|\b(?:list|name|enumerate|tell me|show me) (?:me )?(?:all|everything|every|the things|the objects|the contents|what)\b|\bwhat is (?:here|there)\b")),
     ("exists", re.compile(r"\b(?:is|are) there\b(?! (?:something|anything|somewhere|anywhere) (?:to|i|we|that)\b)|^(?:do|does|have|has|did) (?:we|i|you|they|it|this \w+|the \w+)\b.*\b(?:have|got|own|see|seen|find|found|spot|spotted|a|an|any)\b|^(?:any|got any|got an?|is any|are any)\b|\bcan you see\b|^(?:if|whether)\b|^have i got\b")),
     ("exists", re.compile(r"^(?:is|are) (?:the|my|our|any|one|a|an|that|those|it|there)\b")),
@@ -91,7 +97,9 @@ POLITE = _words("""
     please thanks thank you robot hey hi hello ok okay so well oh um uh er ah now then and but just dear no yes i mean
     """)
 CONTRACTIONS = (
+    (re.compile(r"\b(?:you know|you see|i guess|i think|i mean it|kind of|sort of|um+|uh+|erm?|hmm+)\b"), " "),
     (re.compile(r"\b(what|where|there|that|it|who|which|he|she|how)'?s\b"), r"\1 is"), (re.compile(r"\b(\w+)'re\b"), r"\1 are"),
+    (re.compile(r"\b(?:that |which )?(?:it is|its|it s) (?:standing |sitting |lying )?(?:on|in|inside)(?= *(?:$|[.!?;\n]))"), "with it"),
     (re.compile(r"\bn't\b"), " not"), (re.compile(r"\bwhats\b"), "what is"), (re.compile(r"\bwheres\b"), "where is"),
 )  # fmt: skip
 AROUND = _words("""
@@ -115,5 +123,9 @@ BEFORE = re.compile(
 )
 AFTER = re.compile(
     r"(?:\s+(?:please|thanks|thank you|robot|now|dear|by the way|at all|anyway|again|then|here|in this (?:home|house|flat|place)))+$"
+)
+SIDE = re.compile(
+    r"(?:(?:on|to)(?: my| your)? (left|right)(?: side| hand side)?$"
+    r"|(closest|nearest|farthest|furthest)(?: away)?(?: by)?(?: (?:to|from) (?:me|you|us|here|robot))?(?! (?:to|from))\b|(biggest|smallest|tallest)\b)"
 )
 WORD = re.compile(r"[^\W_]+")

@@ -27,14 +27,18 @@ from cartier.language.reference_words import (
     MOST,
     NEED,
     NEEDY,
+    NOT_THAT,
     ORDER,
     PLACING,
     PLURAL,
     POLITE,
+    PUTTING,
     QUESTIONS,
     RELATIONS,
+    SIDE,
     SIDES,
     SIZES,
+    STANDS_FOR,
     VERB_BEFORE,
     VERBS,
     WHICH_IS,
@@ -51,7 +55,8 @@ Key = Callable[[str], str]
 class Phrase:
     """A noun phrase. ``labels`` are the listed names that it may mean, none for what is not listed; ``rooms`` the ids of rooms.
 
-    ``generic`` is for "one", "something", "it". ``most`` is a superlative such as "biggest", ``order`` counts from 1.
+    ``generic`` is for "one", "something", "it". ``most`` is a superlative such as "biggest", ``order`` counts from 1, ``thing``
+    is the id of an object that was spoken of before.
     """
 
     said: str
@@ -66,11 +71,13 @@ class Phrase:
     other: bool = False
     order: int = 0
     relations: tuple[Constraint, ...] = ()
+    thing: int | None = None
 
     @property
     def bare(self) -> bool:
         """Whether nothing but the name is said."""
-        return not (self.colours or self.size or self.most or self.other or self.order or self.relations)
+        told = self.colours or self.size or self.most or self.other or self.order or self.relations
+        return not told and self.thing is None
 
 
 @dataclass(frozen=True)
@@ -138,19 +145,34 @@ def parse(text: str, names: Names, key: Key) -> Asked | None:
     ``key`` makes a name's key of its words.
     """
     best: Asked | None = None
-    for sentence in sentences(text):
+    for sentence in sentences(NOT_THAT.sub("", text)) or sentences(text):
         asked = _sentence(WORD.findall(sentence), names, key)
-        there = GO_THERE.search(sentence) and (asked is None or _pronoun(asked))
-        if there and best is not None and best.head is not None:
+        before = best.head if best is not None and best.head is not None and not best.head.generic else None
+        if (
+            GO_THERE.search(sentence)
+            and (asked is None or _pronoun(asked))
+            and best is not None
+            and best.head is not None
+        ):
             if best.kind != "find":  # "is there a bed? Take me there"
                 best = Asked("find", best.head, need=best.head.said, direct=True)
             continue
-        if asked is not None and asked.head is None and best is not None and best.head is not None:
-            asked = replace(asked, head=best.head)  # "the alarm clock … where?"
+        if asked is not None and before is not None and asked.kind != "list" and _pronoun(asked):
+            asked = replace(asked, head=before)  # "the alarm clock … where?", "has anybody seen my phone? Where is it?"
+        elif asked is not None and before is not None and asked.head is not None and asked.head.said in STANDS_FOR:
+            asked = replace(asked, head=merged(before, asked.head), direct=True)  # "the remote! The one on the table"
         if asked is None or (best is not None and _says_less(asked, best)):
             continue
         best = asked
     return best
+
+
+def merged(before: Phrase, now: Phrase) -> Phrase:
+    """What was asked for, with what was added to it."""
+    return replace(
+        before, relations=(*before.relations, *now.relations), colours=now.colours or before.colours, size=now.size or before.size,
+        most=now.most or before.most, order=now.order or before.order, other=now.other,
+    )  # fmt: skip
 
 
 def _says_less(asked: Asked, before: Asked) -> bool:
@@ -170,9 +192,15 @@ def _sentence(said: list[str], names: Names, key: Key) -> Asked | None:
         if pattern.search(BEFORE.sub("", text)):
             return Asked(command, need=text)
     mentions = _mentions(said, names, key)
-    kind, by = _question(core)
+    kind, by, at = _question(core)
+    start = len(text[: len(text) - len(BEFORE.sub("", text)) + at].split())  # the question's first word
+    if kind in ("where", "list") and _tells_which(said, start, mentions):
+        kind = FIND
+    elif kind == "where" and any(m.start > start and not m.phrase.generic for m in mentions):
+        mentions = [m for m in mentions if m.start > start]
     phrases, used = _joined(said, mentions)
     _put_in_rooms(said, mentions, phrases, used)
+    phrases = _with_what_it_is(phrases)
     if kind == "list" and phrases and phrases[0].rooms is None and not phrases[0].generic:
         relation = _relation(said[_last_verb(said, mentions[0].start) : mentions[0].start])
         if relation in RELATIONS.values():  # "what is on the table"
@@ -186,6 +214,9 @@ def _sentence(said: list[str], names: Names, key: Key) -> Asked | None:
     if kind == "find":
         if head is None:
             return None
+        if PUTTING.search(text) and head.relations and head.relations[0].kind in ("on", "in"):
+            target = head.relations[0].target
+            head = target if target is not None and target.labels else head  # "throw my socks in the laundry basket"
         need = _need(said, used)
         first = next((m for m in mentions if m.phrase.rooms is None and not m.phrase.generic), None)
         before = " ".join(said[: first.start]) if first else text
@@ -224,6 +255,17 @@ def _compared(said: Sequence[str], mentions: Sequence[_Mention], by: str, text: 
     return Asked("compare", clean[0], clean[1], SIZES.get(by, by), text, to=to)
 
 
+def _with_what_it_is(phrases: Sequence[Phrase]) -> list[Phrase]:
+    """What is said of "it" or "one" belongs to what was named before: "my mug, I left it on the desk"."""
+    told: list[Phrase] = []
+    for phrase in phrases:
+        if told and phrase.said in STANDS_FOR and not phrase.bare and not told[-1].generic and told[-1].rooms is None:
+            told[-1] = merged(told[-1], phrase)
+        else:
+            told.append(phrase)
+    return told
+
+
 def _put_in_rooms(said: Sequence[str], mentions: Sequence[_Mention], phrases: list[Phrase], used: set[int]) -> None:
     """A room that is told by itself says where the thing is: "in the kitchen, the lamp", "something to eat in the kitchen"."""
     things = [p for p in phrases if p.rooms is None]
@@ -253,12 +295,20 @@ def _last_verb(said: Sequence[str], end: int) -> int:
     return start
 
 
-def _question(core: str) -> tuple[Kind, str]:
+def _tells_which(said: Sequence[str], start: int, mentions: Sequence[_Mention]) -> bool:
+    """Whether a question word only tells a thing apart: "the shelf where the statue is", "the table which is near the sink"."""
+    word, after = said[start : start + 1], said[start + 1 : start + 2]
+    named = any(m.end == start and m.phrase.rooms is None for m in mentions)
+    return named and (word == ["which"] or (word == ["where"] and after not in (["is"], ["are"])))
+
+
+def _question(core: str) -> tuple[Kind, str, int]:
+    """What a sentence asks to know, by what measure, and where in it the question begins."""
     for kind, pattern in QUESTIONS:
         found = pattern.search(core)
         if found:
-            return kind, found[1] if pattern.groups and found[1] else ""
-    return "find", ""
+            return kind, found[1] if pattern.groups and found[1] else "", found.start()
+    return "find", "", 0
 
 
 def _head(phrases: Sequence[Phrase], kind: Kind) -> Phrase | None:
@@ -305,6 +355,9 @@ def _named(said: Sequence[str], start: int, end: int, names: Names, key: Key) ->
         return None
     if name in names.rooms:
         return Phrase(words, rooms=names.rooms[name])
+    room_first = end - start > 1 and any(key(" ".join(said[start:k])) in names.rooms for k in range(start + 1, end))
+    if room_first and name not in map(key, names.things.get(name, ())):
+        return None  # the bathroom sink is a sink in the bathroom
     if name in names.things:
         before = ["", "", *said[:start]][-2:]
         verb = before[1] in VERB_BEFORE or (before[1] == "to" and before[0] in WISHING | NEEDY)
@@ -392,10 +445,7 @@ def _joined(said: Sequence[str], mentions: Sequence[_Mention]) -> tuple[list[Phr
 def _side(phrase: Phrase, rest: Sequence[str]) -> Phrase:
     """ "The lamp on the left", "the lamp closest to me", "the one farthest away"."""
     text = " ".join(word for word in rest if word not in ("the", "that", "is", "which", "one"))
-    found = re.match(
-        r"(?:(?:on|to)(?: my| your)? (left|right)(?: side| hand side)?$|(closest|nearest|farthest|furthest)(?: (?:to|from) (?:me|you|us|here|robot)| away| by)?$|(biggest|smallest|tallest)$)",
-        text,
-    )
+    found = SIDE.match(text)
     if not found:
         return phrase
     side = {"left": "leftmost", "right": "rightmost"}.get(found[1] or "", "") or MOST.get(

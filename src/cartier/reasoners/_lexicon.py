@@ -23,7 +23,7 @@ SORTS = {
         "bookcase": "shelving unit, shelf, bookshelf", "bookshelf": "shelving unit, shelf, bookcase", "light": "floor lamp, desk lamp, table lamp",
         "shower": "shower head, shower door, shower curtain", "figurine": "statue", "table lamp": "desk lamp", "desk lamp": "table lamp", "standing lamp": "floor lamp",
         "computer": "laptop, desktop", "rug": "carpet", "picture": "painting, poster", "bin": "garbage can, trash can",
-        "saucepan": "pot, pan", "frying pan": "pan", "salad": "lettuce", "hob": "stove burner", "glass": "cup", "wall clock": "clock", "freezer": "fridge",
+        "saucepan": "pot, pan", "frying pan": "pan", "salad": "lettuce", "hob": "stove burner, stove", "stove": "stove burner, hob", "cooker": "stove burner, stove", "glass": "cup", "wall clock": "clock", "freezer": "fridge",
     }.items()
 }  # fmt: skip
 """General words, and the names of what they mean."""

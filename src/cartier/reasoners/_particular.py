@@ -6,33 +6,21 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-from cartier.language.reference_words import HURRY, NEEDY
-from cartier.language.references import Asked, Constraint, Names, Phrase, parse, sentences
+from cartier.language.reference_words import HURRY, STANDS_FOR
+from cartier.language.references import Asked, Names, Phrase, parse, sentences
+from cartier.reasoners._follow_ups import LATEST, SERVED, in_context
 from cartier.reasoners._questions import answer, one
 from cartier.reasoners._scene import Scene, called
-from cartier.reasoners._words import STOP, name_key, plain, words
+from cartier.reasoners._words import STOP, name_key, words
 from cartier.types import MapObject, Selection
 
-PRONOUNS = ("it", "them", "they")
 STORY = 30  # words from which on a need is told, and what is named in passing asks for nothing
-LATEST = 3000  # characters that are read
 SURE = 0.85  # probability of objects that are preferred where any of several will do
 MOST_ASKED = 4  # objects among which a question lets choose
 DRIVES = re.compile(
     r"\b(?:go|drive|head|navigate|move|take|bring|lead|guide|roll|come|wait|meet|visit|walk|show|get|check|return|run|to)\b"
 )
-TURNING_DOWN = re.compile(
-    r"^(?:(?:no|nope|nah|not (?:that|this)(?: one)?|not it|wrong(?: one)?|i (?:mean|meant|said)|sorry|actually|rather)(?: |$))+"
-)
-TURNED_DOWN = re.compile(r"^(?:no|nope|not|wrong)\b")
 OTHER = re.compile(r"\b(?:other|others|another|else|different)\b")
-SERVED = re.compile(r"#(\d+)")
-FRAGMENT = re.compile(
-    r"^(?:no |not that |i mean |i meant |sorry |rather |actually )*(?:the one )?(?=(?:on|in|at|by|near|next|beside|under|close|closest|nearest|behind|to the|between|with|from)\b)"
-)
-EITHER = re.compile(
-    r"\b(?:either|any|whichever|you choose|your choice|nearest|closest|do not mind|don t mind|don t care|no matter|yes|yeah|ok|okay|sure)\b"
-)
 Serve = Callable[[str, tuple[str, ...]], Selection]
 
 
@@ -44,13 +32,14 @@ class Particular:
         self.said = said[-LATEST:]
         self.served = [int(i) for _, robot in dialogue for i in SERVED.findall(robot) if int(i) in scene.by_id]
         self.last = scene.by_id[self.served[-1]] if self.served else None
-        alone = self._told_outright() if len(words(self.said)) > STORY else parse(self.said, names, name_key)
-        self.asked = self._in_context(alone, dialogue)
-        self._replied = self.asked is not alone
+        self.asked = in_context(self.said, dialogue, self._parsed, scene.by_id)
+        self._replied = self.asked != self._parsed(self.said)
 
-    def _told_outright(self) -> Asked | None:
-        """What the last sentence of a story asks for by name; all else in it is what the need is judged by."""
-        last = (sentences(self.said) or [""])[-1]
+    def _parsed(self, said: str) -> Asked | None:
+        """What words ask for by themselves; of a story only what its last sentence asks for by name."""
+        if len(words(said)) <= STORY:
+            return parse(said, self._names, name_key)
+        last = (sentences(said) or [""])[-1]
         asked = parse(last, self._names, name_key) if len(last.split()) <= STORY else None
         if asked is None or asked.head is None or not asked.head.labels:
             return None
@@ -61,52 +50,14 @@ class Particular:
         """Whether the words are a question, or a reply to what the robot said: no statement, and no prohibition."""
         return self.asked is not None and (self.asked.kind != "find" or self._replied)
 
-    def _in_context(self, asked: Asked | None, dialogue: Sequence[tuple[str, str]]) -> Asked | None:
-        """The reply to a question, "the other one", "the one by the window", "what colour is it?"."""
-        if not dialogue or (asked is not None and asked.kind in ("stop", "come", "back")):
-            return asked
-        need, robot = dialogue[-1]
-        before = parse(plain(need[-LATEST:]), self._names, name_key)
-        short = TURNING_DOWN.sub("", " ".join(words(" ".join(sentences(self.said)))))
-        asked = parse(short, self._names, name_key) or asked
-        fragment = FRAGMENT.sub("", short)
-        if fragment != short or FRAGMENT.match(short):
-            asked = parse(f"the one {fragment}", self._names, name_key) or asked
-        replying = (
-            robot.rstrip().endswith("?") and before is not None and before.kind == "find" and before.head is not None
-        )
-        if asked is None or asked.head is None or asked.kind != "find":
-            if replying and before is not None and EITHER.search(short) and len(short.split()) <= 6:
-                nearest = replace(before.head, most="nearest") if before.head else None
-                return replace(before, head=nearest, direct=True)
-            return asked
-        head = asked.head
-        if head.rooms is not None and replying and before is not None and before.head is not None:
-            return replace(
-                before, head=_merged(before.head, Phrase("", relations=(Constraint("in", head),))), direct=True
-            )
-        if not head.generic or (head.bare and not replying):
-            same = replying and before is not None and before.head is not None and head.labels & before.head.labels
-            return (
-                replace(asked, head=_merged(before.head, head), direct=True)
-                if same and before and before.head
-                else asked
-            )
-        if replying and before is not None and before.head is not None:
-            return replace(before, head=_merged(before.head, head), direct=True)
-        if self.last is None or head.said in NEEDY:
-            return asked
-        kind = before.head.labels if before is not None and before.head is not None else frozenset()
-        kept = kind if self.last.label in kind else frozenset({self.last.label})
-        other = head.other or TURNED_DOWN.search(self.said) is not None
-        again = replace(head, generic=False, labels=kept, said=self.last.label, other=other)
-        return replace(asked, head=again, direct=True)
-
     def answer(self, serve: Serve) -> Selection | None:
         """What is asked for outright or to be known; None for a need in other words. ``serve`` judges a need among names."""
         asked = self.asked
         if asked is None:
             return None
+        if asked.kind == "back" and len(dict.fromkeys(self.served)) > 1:
+            before = self.scene.by_id[list(dict.fromkeys(reversed(self.served)))[1]]
+            return self._found(Phrase(before.label, frozenset({before.label}), thing=before.id))
         if asked.kind in ("stop", "come", "back"):
             say = {"stop": "All right, I stay where I am.", "come": "I do not know where you are: name a room or a thing beside you.",
                    "back": "I do not know where back is: name a room or a thing."}[asked.kind]  # fmt: skip
@@ -119,7 +70,7 @@ class Particular:
         if head.rooms is not None:
             return self._room(head, asked)
         if head.generic:
-            return None if head.bare or head.said in PRONOUNS else self._need(head, asked, serve)
+            return None if head.bare or head.said in STANDS_FOR else self._need(head, asked, serve)
         if head.labels and not head.bare and asked.direct:
             return self._found(head)
         wanted = asked.direct and not head.bare and asked.need  # what is not listed may be so by another name
@@ -141,6 +92,7 @@ class Particular:
                 return replace(
                     chosen,
                     status="found",
+                    question=None,
                     object=thing.label,
                     object_id=thing.id,
                     reason=f"'{asked.head.said}' was asked for",
@@ -277,14 +229,6 @@ class Particular:
             return chosen if chosen.status != "near" else self._none(head, True)
         thing = self._likely(fitting)[0]
         return replace(chosen, object_id=thing.id, say=f"The {thing.label} {self.scene.whereabouts(thing)}.")
-
-
-def _merged(before: Phrase, now: Phrase) -> Phrase:
-    """What was asked for, with what was added to it."""
-    return replace(
-        before, relations=(*before.relations, *now.relations), colours=now.colours or before.colours, size=now.size or before.size,
-        most=now.most or before.most, order=now.order or before.order, other=now.other,
-    )  # fmt: skip
 
 
 def _or(parts: Sequence[str]) -> str:

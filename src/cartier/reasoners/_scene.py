@@ -82,6 +82,8 @@ class Scene:
 
     def meant(self, phrase: Phrase, without: Iterable[int] = ()) -> tuple[list[MapObject], Constraint | None]:
         """The objects that a phrase may mean, best first; without any, also what emptied the list."""
+        if phrase.thing is not None:
+            return [self.by_id[phrase.thing]] if phrase.thing in self.by_id else [], None
         out = set(without)
         found = [o for o in self.objects if (phrase.generic or called(o, phrase.labels)) and o.id not in out]
         found.sort(key=self.distance_m)

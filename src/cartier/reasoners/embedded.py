@@ -16,10 +16,11 @@ import numpy as np
 
 from cartier.reasoners._cards import SHIPPED, Deck, bare, read_deck
 from cartier.reasoners._dialogue import Turn, alternatives, understand
+from cartier.reasoners._follow_ups import SERVED
 from cartier.reasoners._knowledge import ALIKE
 from cartier.reasoners._lexicon import lexicon
 from cartier.reasoners._listening import MOST_CHARACTERS, mentions
-from cartier.reasoners._particular import SERVED, Particular
+from cartier.reasoners._particular import Particular
 from cartier.reasoners._perhaps import accepted, offer, perhaps, usual_place
 from cartier.reasoners._scene import Scene, called
 from cartier.reasoners._scorer import Judgement, Scorer
