@@ -97,14 +97,14 @@ POLITE = _words("""
     please thanks thank you robot hey hi hello ok okay so well oh um uh er ah now then and but just dear no yes i mean
     """)
 CONTRACTIONS = (
-    (re.compile(r"\b(?:you know|you see|i guess|i think|i mean it|kind of|sort of|um+|uh+|erm?|hmm+)\b"), " "),
+    (re.compile(r"\b(?:i guess|i think|kind of|sort of|um+|uh+|erm?|hmm+)\b|(?:^|,) ?you (?:know|see)(?= ?(?:,|$))"), " "),
     (re.compile(r"\b(what|where|there|that|it|who|which|he|she|how)'?s\b"), r"\1 is"), (re.compile(r"\b(\w+)'re\b"), r"\1 are"),
     (re.compile(r"\b(?:that |which )?(?:it is|its|it s) (?:standing |sitting |lying )?(?:on|in|inside)(?= *(?:$|[.!?;\n]))"), "with it"),
     (re.compile(r"\bn't\b"), " not"), (re.compile(r"\bwhats\b"), "what is"), (re.compile(r"\bwheres\b"), "where is"),
 )  # fmt: skip
 AROUND = _words("""
     quick quickly off right left to me us over way for at now with of on in up it i you we here there straight hurry
-    then
+    then away
     """)
 WHICH_IS = _words("that which is are s it over right just there standing lying sitting located")
 NEEDY = _words(
@@ -128,4 +128,5 @@ SIDE = re.compile(
     r"(?:(?:on|to)(?: my| your)? (left|right)(?: side| hand side)?$"
     r"|(closest|nearest|farthest|furthest)(?: away)?(?: by)?(?: (?:to|from) (?:me|you|us|here|robot))?(?! (?:to|from))\b|(biggest|smallest|tallest)\b)"
 )
+ENDS = re.compile(r"[.!?;\n]+|:(?= *(?:do|does|did|is|are|have|has|how|where|what|which|who|can|could)\b)")
 WORD = re.compile(r"[^\W_]+")

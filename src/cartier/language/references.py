@@ -20,6 +20,7 @@ from cartier.language.reference_words import (
     CONTRACTIONS,
     CUE,
     DEFINITE,
+    ENDS,
     FILLERS,
     FIND,
     GENERIC,
@@ -136,7 +137,7 @@ def sentences(text: str) -> list[str]:
     for pattern, full in CONTRACTIONS:
         text = pattern.sub(full, text)
     text = re.sub(r"\b(from|to) where (?:i|we) (?:am|are|stand|sit)\b", r"\1 me", text)
-    return [part.strip() for part in re.split(r"[.!?;\n]+", text) if WORD.search(part)]
+    return [part.strip() for part in ENDS.split(text) if WORD.search(part)]
 
 
 def parse(text: str, names: Names, key: Key) -> Asked | None:
@@ -146,7 +147,7 @@ def parse(text: str, names: Names, key: Key) -> Asked | None:
     """
     best: Asked | None = None
     for sentence in sentences(NOT_THAT.sub("", text)) or sentences(text):
-        asked = _sentence(WORD.findall(sentence), names, key)
+        asked = _sentence(sentence, names, key)
         before = best.head if best is not None and best.head is not None and not best.head.generic else None
         if (
             GO_THERE.search(sentence)
@@ -185,7 +186,9 @@ def _pronoun(asked: Asked) -> bool:
     return asked.head is None or (asked.head.generic and asked.head.bare)
 
 
-def _sentence(said: list[str], names: Names, key: Key) -> Asked | None:
+def _sentence(sentence: str, names: Names, key: Key) -> Asked | None:
+    said = WORD.findall(sentence)
+    clauses = [k for k, part in enumerate(sentence.split(",")) for _ in WORD.findall(part)]
     text = " ".join(said)
     core = AFTER.sub("", BEFORE.sub("", text))
     for command, pattern in COMMANDS:
@@ -202,7 +205,9 @@ def _sentence(said: list[str], names: Names, key: Key) -> Asked | None:
     _put_in_rooms(said, mentions, phrases, used)
     phrases = _with_what_it_is(phrases)
     if kind == "list" and phrases and phrases[0].rooms is None and not phrases[0].generic:
-        relation = _relation(said[_last_verb(said, mentions[0].start) : mentions[0].start])
+        place = said[_last_verb(said, mentions[0].start) : mentions[0].start]
+        told = (_relation(place[k:]) for k in range(len(place)))  # "lying around on the"
+        relation = next((kind for kind in told if kind in RELATIONS.values()), "")
         if relation in RELATIONS.values():  # "what is on the table"
             phrases = [Phrase("things", generic=True, plural=True, relations=(Constraint(relation, phrases[0]),))]
     if kind == "compare":
@@ -220,8 +225,10 @@ def _sentence(said: list[str], names: Names, key: Key) -> Asked | None:
         need = _need(said, used)
         first = next((m for m in mentions if m.phrase.rooms is None and not m.phrase.generic), None)
         before = " ".join(said[: first.start]) if first else text
-        rest = [w for i, w in enumerate(said) if i not in used and not any(m.start <= i < m.end for m in mentions)]
-        telling = [w for w in rest if w not in FILLERS and w not in POLITE and w not in AROUND]
+        names_in = {i for m in mentions for i in range(m.start, m.end)}
+        here = [i for i in range(len(said)) if first is None or clauses[i] == clauses[first.start]]
+        rest = [said[i] for i in here if i not in used and i not in names_in]
+        telling = [w for w in rest if w not in FILLERS and w not in POLITE and w not in AROUND and w not in MOST]
         return Asked(
             "find", head, need=need, direct=bool(CUE.search(before)) or (len(telling) < 2 and not CUE.search(text))
         )
@@ -299,7 +306,7 @@ def _tells_which(said: Sequence[str], start: int, mentions: Sequence[_Mention]) 
     """Whether a question word only tells a thing apart: "the shelf where the statue is", "the table which is near the sink"."""
     word, after = said[start : start + 1], said[start + 1 : start + 2]
     named = any(m.end == start and m.phrase.rooms is None for m in mentions)
-    return named and (word == ["which"] or (word == ["where"] and after not in (["is"], ["are"])))
+    return named and (word == ["which"] or (word == ["where"] and ARTICLES.issuperset(after)))
 
 
 def _question(core: str) -> tuple[Kind, str, int]:
