@@ -6,7 +6,8 @@ import re
 from typing import Literal
 
 Kind = Literal[
-    "find", "count", "exists", "where", "list", "compare", "far", "when", "colour", "size", "room", "rooms", "stop", "come", "back"
+    "find", "count", "exists", "where", "list", "compare", "far", "when", "colour", "size", "room", "rooms", "which", "sure",
+    "stop", "come", "back", "follow", "able", "thanks", "bye",
 ]  # fmt: skip
 FIND: Kind = "find"
 
@@ -47,7 +48,7 @@ GENERIC = _words("""
 STANDS_FOR = _words("it them they one ones")  # what was named before
 PLURAL = _words("ones things them they objects items everything")
 RELATIONS = {
-    "on": "on", "on top of": "on", "top of": "on", "upon": "on", "onto": "on", "atop": "on", "off": "on", "from": "on", "in": "in", "inside": "in",
+    "on": "on", "on top of": "on", "top of": "on", "upon": "on", "onto": "on", "atop": "on", "off": "on", "from": "from", "in": "in", "inside": "in",
     "inside of": "in", "within": "in", "into": "in", "under": "under", "underneath": "under", "below": "under", "beneath": "under",
     "above": "above", "next to": "next to", "beside": "next to", "by": "next to", "alongside": "next to", "near": "near", "near to": "near",
     "close to": "near", "close by": "near", "nearby": "near", "at": "near", "against": "next to", "opposite": "near", "in front of": "near",
@@ -76,6 +77,8 @@ QUESTIONS: tuple[tuple[Kind, re.Pattern[str]], ...] = (
     ("rooms", re.compile(r"\b(?:which|what|how many|list (?:all )?the|name the) rooms\b(?! (?:is|are|has|have|does) (?:the|my|our|an?)\b)")),
     ("count", re.compile(r"\b(?:how many|(?:what is|whats|what s|tell me) the number of|number of|count|how much(?= \w+s (?:is|are|do|have)))\b")),
     ("compare", re.compile(r"^(?=.*\b(?:or|than)\b).*\b(bigger|larger|smaller|taller|higher|lower|shorter|nearer|closer|farther|further|longer)\b")),
+    ("sure", re.compile(r"\b(?:are you (?:really |quite |very |absolutely )?(?:sure|certain|positive)|how (?:sure|certain) are you|how do you know)\b")),
+    ("which", re.compile(r"^which (?:one |of them |of those |of these |of the \w+ |\w+ )?(?:is|are) (?:the )?(?:bigg|small|larg|tall|high|low|short|near|clos|far|furth|left|right)\w*\b(?!.* or )")),
     ("far", re.compile(r"\bhow (?:far|many met\w+)\b")),
     ("when", re.compile(r"\bwhen (?:did|was|were|have|had) \b.*\b(?:see|saw|seen|spot|spotted|look|looked|there)\b")),
     ("colour", re.compile(r"\b(?:what|which) colou?rs? \b")),
@@ -84,14 +87,22 @@ QUESTIONS: tuple[tuple[Kind, re.Pattern[str]], ...] = (
     ("where", re.compile(r"\b(?:where|wheres|whereabouts)\b(?! (?:in the \w+ )?(?:should|shall|(?:do i|do we)(?! (?:usually )?(?:keep|have|store))|can i put|could i put|to (?:put|sit|sleep|lie)|i (?:can|could|may)|can (?:i|we) (?!find|get|see)))|\bon what (?:is|are|does)\b|\bany idea where\b")),
     ("list", re.compile(r"\b(?:is|are) there anything\b.* what\b|\b(?:what|which)(?: (?:else|all|things|objects|stuff|items|sort of things))?(?: is| are| s|s)? ?(?:all |else )?(?:there |standing |stands |stand |lying (?:around )?|lies |lie |kept |placed |sitting |sits |sit |stored |to be found |to be seen )?(?:on|in|inside|under|underneath|below|next to|beside|near|by|around|at|behind)\b")),
     ("list", re.compile(r"^(?:all )?(?:the |your )?(?:things|stuff|items|objects|everything|contents)(?: that| which)?(?: is| are| stands?| lies?)? (?:on|in|inside|under|of)\b")),
-    ("list", re.compile(r"\b(?:what|which)(?: (?:things|objects|items|stuff|else))? (?:do|can|did|have|does|could) (?:you|we|i)\b.*\b(?:see|seen|saw|find|found|have|got|know|there|keep)\b|\binventory of\b|\b(?:list|name|enumerate|tell me|show me) (?:me )?(?:all|everything|every|the things|the objects|the contents|what)\b|\bwhat is (?:here|there)\b")),
+    ("list", re.compile(r"\b(?:what|which)(?: (?:things|objects|items|stuff|else))? (?:do|can|did|have|does|could) (?:you|we|i)\b.*\b(?:see|seen|saw|find|found|have|got|know|there|keep)\b|\binventory of\b|\b(?:list|name|enumerate|tell me|show me) (?:me )?(?:all|everything|every|the things|the objects|the contents|what)\b|\bwhat is (?:here|there)\b(?! to\b)")),
     ("exists", re.compile(r"\b(?:is|are) there\b(?! (?:something|anything|somewhere|anywhere) (?:to|i|we|that)\b)|^(?:do|does|have|has|did) (?:we|i|you|they|it|this \w+|the \w+)\b.*\b(?:have|got|own|see|seen|find|found|spot|spotted|a|an|any)\b|^(?:any|got any|got an?|is any|are any)\b|\bcan you see\b|^(?:if|whether)\b|^have i got\b")),
     ("exists", re.compile(r"^(?:is|are) (?:the|my|our|any|one|a|an|that|those|it|there)\b")),
 )  # fmt: skip
 COMMANDS: tuple[tuple[Kind, re.Pattern[str]], ...] = (
     ("come", re.compile(r"^(?:please )?(?:come (?:here|over(?: here)?|to me|back to me|closer)|over here|here boy)\b")),
     ("back", re.compile(r"^(?:please )?(?:(?:go|drive|head|roll|move) back|return|back)(?: (?:to )?(?:where you (?:were|started|came from)|the start|your (?:base|dock|place)|home|again))?$")),
-    ("stop", re.compile(r"^(?:please )?(?:stop|halt|freeze|wait|never mind|nevermind|forget it|cancel|leave it|that is all|abort)(?: (?:it|that|now|there|please|moving))?$")),
+    ("stop", re.compile(
+        r"^(?=.*\b(?:stop|halt|freeze|wait|never ?mind|forget it|cancel|leave it|that is all|abort|changed my mind)\b)"
+        r"(?:(?:stop|halt|freeze|wait|never ?mind|forget it|cancel|leave it|that is all|abort|i(?: have| ve)? changed my mind|it|that|now|there|here|please|moving"
+        r"|thanks|thank you|ah|oh|no|ok|okay|robot|a moment|a second) ?)+$"
+    )),
+    ("follow", re.compile(r"^(?:please )?(?:follow|come with|stay with|come along with) (?:me|us|him|her)\b")),
+    ("able", re.compile(r"^(?:what (?:can|do) you do|what is your name|who are you|what are you|how can you help(?: me)?|help|what are you (?:able to do|for))$")),
+    ("bye", re.compile(r"^(?:thanks |thank you |ok |okay )*(?:bye(?: bye)?|goodbye|good night|see you(?: later| soon)?|that was all)$")),
+    ("thanks", re.compile(r"^(?:ok |okay |great |good |perfect )*(?:thanks|thank you|thank you so much|many thanks|cheers)(?: a lot| so much| very much| robot| dear| you are .*)?$")),
 )  # fmt: skip
 POLITE = _words("""
     please thanks thank you robot hey hi hello ok okay so well oh um uh er ah now then and but just dear no yes i mean
@@ -111,8 +122,10 @@ NEEDY = _words(
     "something anything everything somewhere anywhere place spot"
 )  # a need of its own follows, no word for what was said before
 VERBS = _words(
-    "light book water iron watch plant box table chair dish mirror vacuum park place bin cup fan screen plate"
+    "light book water iron watch plant box table chair dish mirror vacuum park place bin cup fan screen plate switch sink"
 )
+UP_OR_DOWN = (["on"], ["off"], ["into"], ["up"], ["down"], ["away"])
+STATED = re.compile(r"^(?:it|that|this|there|here|they|those|these) (?:is|are|was|were)\b")
 VERB_BEFORE = _words("i we you they can could should would will let lets must")
 WISHING = _words("want wants need needs like love how going have got time trying used wanted")
 PLACING = frozenset(word for relation in RELATIONS for word in relation.split())
@@ -126,7 +139,7 @@ AFTER = re.compile(
 )
 SIDE = re.compile(
     r"(?:(?:on|to)(?: my| your)? (left|right)(?: side| hand side)?$"
-    r"|(closest|nearest|farthest|furthest)(?: away)?(?: by)?(?: (?:to|from) (?:me|you|us|here|robot))?(?! (?:to|from))\b|(biggest|smallest|tallest)\b)"
+    r"|(closest|nearest|farthest|furthest)(?: away)?(?: by)?(?: (?:to|from) (?:me|you|us|here|robot))?(?! (?:to|from))\b|(biggest|bigger|largest|larger|smallest|smaller|tallest|taller|highest|higher|lowest|lower)\b)"
 )
 ENDS = re.compile(r"[.!?;\n]+|:(?= *(?:do|does|did|is|are|have|has|how|where|what|which|who|can|could)\b)")
 WORD = re.compile(r"[^\W_]+")

@@ -40,6 +40,8 @@ from cartier.language.reference_words import (
     SIDES,
     SIZES,
     STANDS_FOR,
+    STATED,
+    UP_OR_DOWN,
     VERB_BEFORE,
     VERBS,
     WHICH_IS,
@@ -123,6 +125,9 @@ class Names:
 
 
 LONGEST = 4
+ABOUT = frozenset(
+    {"find", "count", "exists", "where", "far", "when", "colour", "size", "room", "which", "sure"}
+)  # a thing
 
 
 @dataclass(frozen=True)
@@ -158,11 +163,11 @@ def parse(text: str, names: Names, key: Key) -> Asked | None:
             if best.kind != "find":  # "is there a bed? Take me there"
                 best = Asked("find", best.head, need=best.head.said, direct=True)
             continue
-        if asked is not None and before is not None and asked.kind != "list" and _pronoun(asked):
+        if asked is not None and before is not None and asked.kind in ABOUT and _pronoun(asked):
             asked = replace(asked, head=before)  # "the alarm clock … where?", "has anybody seen my phone? Where is it?"
         elif asked is not None and before is not None and asked.head is not None and asked.head.said in STANDS_FOR:
             asked = replace(asked, head=merged(before, asked.head), direct=True)  # "the remote! The one on the table"
-        if asked is None or (best is not None and _says_less(asked, best)):
+        if asked is None or (best is not None and (asked.kind in ("thanks", "bye", "able") or _says_less(asked, best))):
             continue
         best = asked
     return best
@@ -230,7 +235,10 @@ def _sentence(sentence: str, names: Names, key: Key) -> Asked | None:
         rest = [said[i] for i in here if i not in used and i not in names_in]
         telling = [w for w in rest if w not in FILLERS and w not in POLITE and w not in AROUND and w not in MOST]
         return Asked(
-            "find", head, need=need, direct=bool(CUE.search(before)) or (len(telling) < 2 and not CUE.search(text))
+            "find",
+            head,
+            need=need,
+            direct=bool(CUE.search(before)) or (len(telling) < 2 and not CUE.search(text) and not STATED.search(core)),
         )
     if kind in ("count", "exists") and head is None:
         unknown = _unknown(core)
@@ -266,7 +274,8 @@ def _with_what_it_is(phrases: Sequence[Phrase]) -> list[Phrase]:
     """What is said of "it" or "one" belongs to what was named before: "my mug, I left it on the desk"."""
     told: list[Phrase] = []
     for phrase in phrases:
-        if told and phrase.said in STANDS_FOR and not phrase.bare and not told[-1].generic and told[-1].rooms is None:
+        stands = phrase.said in STANDS_FOR and (phrase.definite or not phrase.said.startswith("one"))
+        if told and stands and not phrase.bare and not told[-1].generic and told[-1].rooms is None:
             told[-1] = merged(told[-1], phrase)
         else:
             told.append(phrase)
@@ -345,6 +354,9 @@ def _mentions(said: Sequence[str], names: Names, key: Key) -> list[_Mention]:
     while i < len(said):
         for end in range(min(i + LONGEST, len(said)), i, -1):
             phrase = _named(said, i, end, names, key)
+            if phrase is not None and i > 1 and said[i - 1] == "no":  # "tonight no television"
+                i = free_from = end
+                break
             if phrase is not None:
                 found.append(_Mention(*_described(said, free_from, i, end, phrase)))
                 i = free_from = end
@@ -369,6 +381,7 @@ def _named(said: Sequence[str], start: int, end: int, names: Names, key: Key) ->
         before = ["", "", *said[:start]][-2:]
         verb = before[1] in VERB_BEFORE or (before[1] == "to" and before[0] in WISHING | NEEDY)
         verb = verb or (start == 0 and words in VERBS and "".join(said[end : end + 1]) in ARTICLES)  # light the way
+        verb = verb or (words in ("switch", "sink") and said[end : end + 1] in UP_OR_DOWN)  # switch on, sink into
         labels = names.things[name]
         last = key(said[end - 1])
         if not labels and last in names.things:  # a wine bottle is a bottle
@@ -378,6 +391,7 @@ def _named(said: Sequence[str], start: int, end: int, names: Names, key: Key) ->
         end - start == 1
         and words in GENERIC
         and not (words == "one" and end < len(said) and said[end] in ("of", "more"))
+        and not (words == "it" and said[max(start - 1, 0)] == "of")
     ):
         return Phrase(words, generic=True, plural=words in PLURAL)
     if words in ("other", "others", "another") and end == len(said):
@@ -455,7 +469,7 @@ def _side(phrase: Phrase, rest: Sequence[str]) -> Phrase:
     found = SIDE.match(text)
     if not found:
         return phrase
-    side = {"left": "leftmost", "right": "rightmost"}.get(found[1] or "", "") or MOST.get(
+    side = {"left": "leftmost", "right": "rightmost"}.get(found[1] or "", "") or {**SIZES, **MOST}.get(
         found[2] or found[3] or "", ""
     )
     return replace(phrase, most=side)

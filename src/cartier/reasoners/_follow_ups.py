@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-from cartier.language.reference_words import GO_THERE, NEEDY, STANDS_FOR
+from cartier.language.reference_words import COMMANDS, GO_THERE, NEEDY, STANDS_FOR
 from cartier.language.references import Asked, Constraint, Phrase, merged, sentences
 from cartier.reasoners._words import plain, words
 from cartier.types import MapObject
@@ -27,6 +27,11 @@ GO_ON = re.compile(
     r"^(?:(?:ok|okay|yes|yeah|great|good|fine|super|perfect|nice|please|then|now|so|and|thanks|robot|can you|could you) )*"
     r"(?:go|drive|bring me|take me|lead me|show me|head)(?: (?:there|to it|to that(?: one)?|over))?(?: (?:please|now|then|quick|quickly))*$"
 )
+REFUSED = re.compile(
+    r"^(?:no |nope |sorry |also )*(?:that s |that is |this is |this s |it s |it is )?(?:not (?:it|that|this|that one|this one|the one|the right one)|wrong(?: \w+)?)$"
+    r"|^(?:no|nope)(?: (?:that|this|it) (?:is|s) (?:not it|wrong|not the one))?$"
+)
+COMMANDED = frozenset(kind for kind, _ in COMMANDS)
 SHORT = 6  # words of a reply that says which
 Parse = Callable[[str], Asked | None]
 
@@ -50,7 +55,7 @@ def in_context(
 def _resolved(
     said: str, asked: Asked | None, before: Asked | None, robot: str, last: MapObject | None, parse: Parse
 ) -> Asked | None:
-    if not robot or (asked is not None and asked.kind in ("stop", "come", "back")):
+    if not robot or (asked is not None and asked.kind in COMMANDED):
         return asked
     short = TURNING_DOWN.sub("", said)
     asked = parse(short) or asked
@@ -62,6 +67,10 @@ def _resolved(
     there = (GO_THERE.search(short) and (asked is None or _pronoun(asked.head))) or GO_ON.search(said)
     if last is not None and there and not replying:
         return Asked("find", _same(last), need=last.label, direct=True)
+    if last is not None and meant is not None and not replying and last.label in meant.labels and REFUSED.search(said):
+        return Asked("find", replace(meant, other=True, thing=None), need=last.label, direct=True)
+    if asked is not None and asked.kind in ("which", "sure"):
+        return replace(asked, head=_asked_of(asked.head, meant, last))
     if asked is None or asked.head is None or asked.kind != "find":
         if (
             replying
@@ -90,6 +99,15 @@ def _resolved(
     other = head.other or TURNED_DOWN.search(said) is not None
     again = replace(_beside_it(head, last), generic=False, labels=kept, said=last.label, other=other)
     return replace(asked, head=again, direct=True)
+
+
+def _asked_of(head: Phrase | None, meant: Phrase | None, last: MapObject | None) -> Phrase | None:
+    """What "which is bigger" and "are you sure" are about."""
+    if head is not None and not _pronoun(replace(head, most="")):
+        return head
+    if head is not None and head.most and meant is not None:
+        return merged(meant, head)
+    return _same(last) if last is not None else meant or head
 
 
 def _pronoun(head: Phrase | None) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 from cartier.language.reference_words import HURRY, STANDS_FOR
@@ -21,6 +21,12 @@ DRIVES = re.compile(
     r"\b(?:go|drive|head|navigate|move|take|bring|lead|guide|roll|come|wait|meet|visit|walk|show|get|check|return|run|to)\b"
 )
 OTHER = re.compile(r"\b(?:other|others|another|else|different)\b")
+SAID: Mapping[str, str] = {
+    "stop": "All right.", "come": "I do not know where you are: name a room or a thing beside you.",
+    "back": "I do not know where back is: name a room or a thing.", "follow": "I cannot follow anybody: name a room or a thing.",
+    "able": "I know where things are in this home: ask me where something is, or tell me what you need.",
+    "thanks": "You are welcome.", "bye": "Goodbye.",
+}  # fmt: skip
 Serve = Callable[[str, tuple[str, ...]], Selection]
 
 
@@ -58,10 +64,8 @@ class Particular:
         if asked.kind == "back" and len(dict.fromkeys(self.served)) > 1:
             before = self.scene.by_id[list(dict.fromkeys(reversed(self.served)))[1]]
             return self._found(Phrase(before.label, frozenset({before.label}), thing=before.id))
-        if asked.kind in ("stop", "come", "back"):
-            say = {"stop": "All right, I stay where I am.", "come": "I do not know where you are: name a room or a thing beside you.",
-                   "back": "I do not know where back is: name a room or a thing."}[asked.kind]  # fmt: skip
-            return Selection("told", reason=say, say=say, model=self._model)
+        if asked.kind in SAID:
+            return Selection("told", reason=SAID[asked.kind], say=SAID[asked.kind], model=self._model)
         if asked.kind != "find":
             return answer(asked, self.scene, self.last, self._model)
         head = asked.head
@@ -73,7 +77,8 @@ class Particular:
             return None if head.bare or head.said in STANDS_FOR else self._need(head, asked, serve)
         if head.labels and not head.bare and asked.direct:
             return self._found(head)
-        wanted = asked.direct and not head.bare and asked.need  # what is not listed may be so by another name
+        placed = any(c.kind != "from" for c in head.relations)
+        wanted = asked.direct and placed and asked.need  # what is not listed may be so by another name
         return self.placed(head, serve(asked.need, ())) if wanted else None
 
     def refined(self, chosen: Selection) -> Selection:
@@ -221,8 +226,8 @@ class Particular:
         names = tuple(sorted({o.label for o in there}))
         if all(word in STOP for word in words(asked.need)):
             return None
-        if not names:
-            return self._none(head, True)
+        if not names:  # "drink something from a cup" is no place
+            return self._none(head, True) if any(c.target and c.target.rooms for c in head.relations) else None
         chosen = serve(asked.need, names)
         fitting = [o for o in there if called(o, [chosen.object or ""])]
         if chosen.status != "found" or not fitting:

@@ -10,6 +10,11 @@ from cartier.reasoners._scene import Scene, called
 from cartier.reasoners._words import name_key
 from cartier.types import Fact, MapObject, Selection
 
+NUMBERS = {1: "one", 2: "two", 3: "three"}
+PLURALS = (
+    ("ss", "sses"), ("s", "s"), ("ch", "ches"), ("sh", "shes"), ("x", "xes"), ("ato", "atoes"), ("fe", "ves"), ("lf", "lves"),
+)  # fmt: skip
+
 
 def answer(asked: Asked, scene: Scene, last: MapObject | None, model: str) -> Selection | None:
     """What a question gets; None if it is about nothing that is known here. ``last`` is what was spoken of before."""
@@ -46,8 +51,8 @@ def _about(asked: Asked, found: Sequence[MapObject], scene: Scene, model: str) -
     if asked.kind in ("where", "room"):
         several = len(found) > 1 and not (asked.head and asked.head.most)
         if several:
-            places = [scene.whereabouts(o) for o in found[:4]]
-            say = f"I know {len(found)}: {'; '.join(f'one {place}' for place in places)}."
+            places = Counter(scene.whereabouts(o) or "somewhere" for o in found).most_common()
+            say = f"I know {len(found)}: {'; '.join(f'{NUMBERS.get(n, n)} {place}' for place, n in places[:5])}{' and more' if len(places) > 5 else ''}."
         else:
             say = f"The {thing.label} is {scene.whereabouts(thing) or 'where I saw it'}, {scene.distance_m(thing):.1f} m from here."
         fact = Fact("where", room.name if room else None, tuple(o.id for o in found))
@@ -61,6 +66,17 @@ def _about(asked: Asked, found: Sequence[MapObject], scene: Scene, model: str) -
             model,
             thing,
         )
+    if asked.kind == "which":
+        where = scene.whereabouts(thing)
+        return _told(
+            f"The {thing.label} {where}." if where else f"One {thing.label}.",
+            Fact("tell", thing.label, (thing.id,)),
+            model,
+            thing,
+        )
+    if asked.kind == "sure":
+        say = f"I saw the {thing.label} in {thing.sightings} of {thing.chances} frames that could show it, and am {thing.probability:.0%} sure of it: it is {scene.whereabouts(thing) or 'where I saw it'}."
+        return _told(say, Fact("tell", thing.probability, (thing.id,)), model, thing)
     if asked.kind == "when":
         say = f"I saw the {thing.label} last {thing.last_seen_s:.0f} s into the recording, and looked there last at {thing.last_looked_s:.0f} s."
         return _told(say, Fact("tell", thing.last_seen_s, (thing.id,)), model, thing)
@@ -200,7 +216,10 @@ def one(name: str) -> str:
 def _many(name: str, count: int) -> str:
     if count == 1:
         return one(name)
-    return f"{count} {name if name.endswith('s') else f'{name}es' if name.endswith(('ch', 'sh', 'x')) else f'{name}s'}"
+    for end, plural in PLURALS:
+        if name.endswith(end):
+            return f"{count} {name[: len(name) - len(end)]}{plural}"
+    return f"{count} {name}s"
 
 
 def _and(parts: Sequence[str]) -> str:

@@ -147,6 +147,7 @@ class Scene:
             return []
         ways: dict[str, Callable[[], list[MapObject]]] = {
             "on": lambda: self._on(found, beside), "in": lambda: self._on(found, beside),
+            "from": lambda: self._on(found, beside),
             "under": lambda: self._under(found, beside), "above": lambda: self._above(found, beside),
             "with": lambda: self._with(found, beside), "between": lambda: self._between(found, beside, constraint),
             "next to": lambda: self._close(found, beside, NEXT_M), "near": lambda: self._close(found, beside, NEAR_M),

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence, Set
+from dataclasses import replace
 from functools import cached_property, lru_cache
 from pathlib import Path
 
@@ -40,9 +41,15 @@ UNLIKE = 0.7  # cosine of two cards up to which they are good for different thin
 TIE = 0.12  # two unlike things whose logits are closer than this are asked about
 MOST_NEEDS, LONGEST_PART = 4, 30  # needs in one breath, and words of each
 THEN = re.compile(
-    r"[,;.]?\s+(?:and\s+)?(?:then|afterwards|after\s+that|after\s+which|next(?!\s+to\b))\b[,\s]*|\s*;\s*|[,.]?\s+(?:and|n)\s+then\b[,\s]*",
+    r"[,;.]?\s+(?:and\s+)?(?:then|afterwards|after\s+that|after\s+which|next(?!\s+to\b))\b[,\s]*|\s*;\s*|[,.]?\s+(?:and|n)\s+then\b[,\s]*"
+    r"|[,;.]?\s+(?:and\s+)?also\b[,\s]*",
     re.IGNORECASE,
 )
+AND = re.compile(
+    r"[,;.]?\s+(?:plus\b|as\s+well\s+as\b|and\s+(?=(?:something|somewhere|i\s+(?:need|want)|(?:my|the|an?|some)\s+\w+)\b))[,\s]*",
+    re.IGNORECASE,
+)
+BETWEEN = re.compile(r"\b(?:between|both|either)\b", re.IGNORECASE)  # what "and" joins here is one
 OPENING = re.compile(r"^\s*(?:first(?:ly)?(?: of all)?|and|then|so|also|finally)\b[,\s]*", re.IGNORECASE)
 
 
@@ -100,6 +107,20 @@ class Embedded:
 
     def _among(self, query: str, inventory: Inventory, scene: Scene, dialogue: Sequence[tuple[str, str]]) -> Selection:
         """What serves the words among all that is surely there."""
+        needs = _parts(query)
+        if len(needs) > 1 and (THEN.search(query) or self._asks(needs[0])):
+            chosen = [self._one(need, inventory, scene, dialogue) for need in needs]
+            goals = [(c.object, c.object_id, c.room) for c in chosen]
+            if all(c.status in ("found", "near") for c in chosen) and len(set(goals)) == len(goals):
+                first, *rest = chosen
+                return replace(first, then=tuple(rest))
+        return self._one(query, inventory, scene, dialogue)
+
+    def _asks(self, words: str) -> bool:
+        return sort_out(self.scorer.hear(words), self.deck.by_key).asked == "outright"
+
+    def _one(self, query: str, inventory: Inventory, scene: Scene, dialogue: Sequence[tuple[str, str]]) -> Selection:
+        """What serves one need."""
         names = tuple(inventory.names)
         if not scene.known:
             return self._by_name(query, names, [(person, SERVED.sub("", robot)) for person, robot in dialogue])
@@ -128,13 +149,6 @@ class Embedded:
         if either is not None:
             question = f"Do you mean the {bare(either[0])} or the {bare(either[1])}?"
             return Selection("clarify", reason="both were named", question=question, model=NAME)
-        needs = _parts(turn.text)
-        if len(needs) > 1:
-            chosen = [self._serve(need, names, turn) for need in needs]
-            goals = [c.object for c in chosen]
-            if None not in goals and len(set(goals)) == len(goals):
-                first, *rest = chosen
-                return Selection(**{**vars(first), "then": tuple(rest)})
         return self._serve(turn.text, names, turn)
 
     def propose(self, query: str) -> list[str]:
@@ -297,7 +311,12 @@ def _candidates(ranked: list[Ranked], judged: Judgement) -> Candidates:
 
 def _parts(text: str) -> list[str]:
     """The needs of one breath: what "then", "after that" or a semicolon separates."""
-    parts = [OPENING.sub("", part).strip(" ,.;") for part in THEN.split(text[-MOST_CHARACTERS:])]
+    if BETWEEN.search(text):
+        return [text]
+    parts = [
+        OPENING.sub("", part).strip(" ,.;")
+        for part in (THEN if THEN.search(text) else AND).split(text[-MOST_CHARACTERS:])
+    ]
     parts = [part for part in parts if part]
     few = len(parts) <= MOST_NEEDS and all(len(part.split()) <= LONGEST_PART for part in parts)
     return parts if few else [text]
