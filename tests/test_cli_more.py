@@ -236,6 +236,44 @@ def test_prompts_are_written_and_what_a_batch_brings_back_is_scored(run: Run, tm
     assert code == 1 and "holds no reply to “let me sit”" in err and err.count("\n") == 1
 
 
+def test_prompts_of_the_things_are_written_turn_by_turn(run: Run, tmp_path: Path) -> None:
+    """A follow-up is written when the turn before it has its reply."""
+    item = {
+        "id": "f",
+        "home": "north",
+        "kind": "nothing",
+        "turns": ["let me sit", "no"],
+        "accept_ids": [],
+        "answer": None,
+    }
+    (tmp_path / "own.jsonl").write_text(json.dumps(item))
+    options = ("--suite", "things", "--world", WORLD, "--queries", tmp_path / "own.jsonl", "--detector", "ground_truth")
+    prompts, back = tmp_path / "prompts.jsonl", tmp_path / "back.jsonl"
+    for turns in (1, 3, 0):  # messages after the rules
+        replies = ("--replies", back) if back.exists() else ()
+        code, _, err = run("bench", *options, "-o", tmp_path / "run", "--write-prompts", prompts, *replies)
+
+        asked = [json.loads(line) for line in prompts.read_text(encoding="utf-8").splitlines()]
+        assert code == 0 and [len(line["body"]["messages"]) - 1 for line in asked] == [turns] * bool(turns), err
+        for line in asked:
+            reply = {
+                "status": "absent",
+                "object": "nothing",
+                "reason": "",
+                "question": "",
+                "say": "",
+                "answer": None,
+                "then": [],
+            }
+            body = {"choices": [{"message": {"content": json.dumps(reply)}}]}
+            with back.open("a", encoding="utf-8") as file:
+                file.write(
+                    json.dumps({"custom_id": line["custom_id"], "response": {"status_code": 200, "body": body}}) + "\n"
+                )
+    code, out, err = run("bench", *options, "-o", tmp_path / "scored", "--replies", back, "--json")
+    assert code == 0 and "replay" in out, err
+
+
 def test_show_prompt_prints_what_would_be_sent_and_sends_nothing(run: Run, home: Path) -> None:
     code, out, err = run("ask", home, "let me sit", "--show-prompt")
     assert (code, out) == (0, "nothing leaves this machine\n"), err

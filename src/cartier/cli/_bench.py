@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -12,6 +12,9 @@ from cartier import specs
 from cartier.cli._common import AsJson, progress, say
 from cartier.contracts import Reasoner
 from cartier.errors import InputError
+
+if TYPE_CHECKING:
+    from cartier.evaluation.batch import PromptWriter
 
 app = typer.Typer()
 
@@ -79,11 +82,18 @@ def bench(
     as_json: AsJson = False,
 ) -> None:
     """Repeat the paper's evaluation: every method, every kind of request, in every home; tables, figures, failures."""
+    from cartier.evaluation.batch import PromptWriter
+
+    answered = specs.reasoner("replay", path=replies) if replies and write_prompts else None
+    writer = PromptWriter(model, prompt or "rich", answered) if write_prompts is not None else None
+    who = reasoner or ("replay" if replies else "embedded")
+    own_prompt = None if who == "replay" else prompt  # a reply is read alike, whatever prompt it answers
     if suite == "things":
-        thinks = specs.reasoner(reasoner or "embedded", model=model, base_url=base_url, prompt=prompt, path=replies)
+        thinks = writer or specs.reasoner(who, model=model, base_url=base_url, prompt=own_prompt, path=replies)
         _things(
             output, homes, detector, queries or "all", world, seed, thinks, maps or output / "maps", answers, as_json
         )
+        _save(writer, write_prompts)
         return
     if suite != "paper" or answers is not None:
         raise InputError(
@@ -91,7 +101,6 @@ def bench(
         )
     queries = queries or "paper"
     from cartier.evaluation import report
-    from cartier.evaluation.batch import PromptWriter
     from cartier.evaluation.maps import Maps, MapSettings, encoder_for
     from cartier.evaluation.methods import METHODS
     from cartier.evaluation.queries import SPLITS, load_file, load_queries
@@ -102,24 +111,18 @@ def bench(
     made_by = [MapSettings(world, one, encoder or encoder_for(one), seed) for one in detectors]
     asked = load_queries(queries) if queries in SPLITS else load_file(queries)
     where = _names(homes) or tuple(Maps(output, made_by[0]).world.homes())
-    who = reasoner or ("replay" if replies else "embedded")
     kept, beside = maps or output / "maps", [output / _folder(one) for one in detectors[1:]]
     every = list(zip([output, *beside], made_by, strict=True))
     runs = [
         (folder, BenchSettings(where, _names(methods) or tuple(METHODS), queries, made, seed, prompt))
         for folder, made in every
     ]
-    if write_prompts is not None:
-        writer = PromptWriter(model, prompt or "rich", specs.reasoner("replay", path=replies) if replies else None)
+    if writer is not None:
         for _, settings in runs:
             with _stages() as step:
                 write(writer, settings, asked, kept, step)
-        writer.save(write_prompts)
-        print(
-            f"{len(writer.requests)} prompts in {write_prompts}; nothing was sent. Score what comes back with --replies FILE"
-        )
+        _save(writer, write_prompts)
         return
-    own_prompt = None if who == "replay" else prompt  # a reply is read alike, whatever prompt it answers
     thinks = specs.reasoner(who, model=model, base_url=base_url, prompt=own_prompt, path=replies)
     found = []
     for folder, settings in runs:
@@ -146,12 +149,20 @@ def _things(
 ) -> None:  # fmt: skip
     """Requests and questions about particular things, asked of our own system or answered in a file."""
     from cartier.evaluation import things_run
+    from cartier.evaluation.batch import PromptWriter
     from cartier.evaluation.things import load_answers
 
     made_by = tuple(dict.fromkeys(detector or things_run.DETECTORS))
-    settings = things_run.ThingsSettings(_names(homes) or things_run.homes_of(queries), made_by, queries, world, seed)
+    replayed = thinks.name.startswith("replay ")  # replies are to the prompts with the map
+    settings = things_run.ThingsSettings(
+        _names(homes) or things_run.homes_of(queries), made_by, queries, world, seed,
+        runs=("map", "blind") if replayed else things_run.RUNS,
+    )  # fmt: skip
     with _stages() as step:
         items = things_run.requests(settings, maps, step)
+        if isinstance(thinks, PromptWriter):
+            things_run.write_prompts(settings, items, thinks, maps, step)
+            return
         if answers is not None:
             things_run.score_answers(output, settings, items, load_answers(answers, items), answers.name)
         else:
@@ -161,6 +172,12 @@ def _things(
         return
     print((output / "report.md").read_text("utf-8"))
     say(f"{len(items)} requests in {len(settings.homes)} homes; look at {output / 'failures.md'} too")
+
+
+def _save(writer: PromptWriter | None, file: Path | None) -> None:
+    if writer is not None and file is not None:
+        writer.save(file)
+        print(f"{len(writer.requests)} prompts in {file}; nothing was sent. Score what comes back with --replies FILE")
 
 
 def _folder(detector: str) -> str:

@@ -13,6 +13,7 @@ from cartier.language.prompts import Request, check_query, prompt_named, propose
 from cartier.reasoners._asking import server_asked
 from cartier.types import Inventory, Selection
 
+UNASKED = Selection("absent", reason="nobody was asked")
 URL = "/v1/chat/completions"
 
 
@@ -38,7 +39,7 @@ class PromptWriter:
                 pass
         if inventory.names:
             self._keep(self._prompt.request(query, inventory, dialogue))
-        return Selection("absent", reason="nobody was asked")
+        return UNASKED
 
     def propose(self, query: str) -> list[str]:
         query = check_query(query)

@@ -15,6 +15,7 @@ from cartier.atomic import locked
 from cartier.contracts import Reasoner, World
 from cartier.conversation import Conversation
 from cartier.errors import BackendError, InputError
+from cartier.evaluation.batch import UNASKED, PromptWriter
 from cartier.evaluation.maps import Maps, MapSettings, encoder_for
 from cartier.evaluation.run import Progress, claim
 from cartier.evaluation.things import WRITTEN, Given, Item, Score, load_items, score
@@ -42,6 +43,7 @@ class ThingsSettings:
     world: str = "dollhouse"
     seed: int = 0
     suite: str = "things"
+    runs: tuple[str, ...] = RUNS
 
 
 class NamesOnly:
@@ -134,7 +136,7 @@ def run(
         write_requests(folder, items)
         file = folder / "results.jsonl"
         done = {_key(row): row for row in read_rows(file, ("detector", "id", "run"))}
-        total = len(settings.detectors) * len(items) * len(RUNS)
+        total = len(settings.detectors) * len(items) * len(settings.runs)
         for detector in settings.detectors:
             maps = Maps(
                 maps_folder,
@@ -142,7 +144,9 @@ def run(
                 ("object_depth",),
             )
             for name in settings.homes:
-                missing = [(i, r) for i in items if i.home == name for r in RUNS if (detector, i.id, r) not in done]
+                missing = [
+                    (i, r) for i in items if i.home == name for r in settings.runs if (detector, i.id, r) not in done
+                ]
                 if not missing:
                     continue
                 home, truth = maps.get(name, progress), _truth(maps.world, name)
@@ -154,9 +158,29 @@ def run(
                         out.flush()
                         if progress:
                             progress("asking", len(done), total)
-        rows = [done[detector, item.id, how] for detector in settings.detectors for item in items for how in RUNS]
+        rows = [
+            done[detector, item.id, how] for detector in settings.detectors for item in items for how in settings.runs
+        ]
         write_report(folder, rows, items, reasoner.name)
     return rows
+
+
+def write_prompts(
+    settings: ThingsSettings,
+    items: Sequence[Item],
+    writer: PromptWriter,
+    maps_folder: Path,
+    progress: Progress | None = None,
+) -> None:
+    """Let the writer see all that a run would ask a language model with the map; of a conversation the first turn that has no reply yet."""
+    for detector in settings.detectors:
+        made_by = MapSettings(settings.world, detector, encoder_for(detector), settings.seed)
+        maps = Maps(maps_folder, made_by, ("object_depth",))
+        for name in settings.homes:
+            home = maps.get(name, progress)
+            for item in (item for item in items if item.home == name):
+                talk = Conversation(home, writer)
+                any(talk.say(turn).selection.reason == UNASKED.reason for turn in item.turns)
 
 
 def score_answers(
