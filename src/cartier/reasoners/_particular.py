@@ -9,6 +9,7 @@ from dataclasses import replace
 from cartier.language.reference_words import HURRY, STANDS_FOR
 from cartier.language.references import Asked, Names, Phrase, parse, sentences
 from cartier.reasoners._follow_ups import LATEST, SERVED, in_context
+from cartier.reasoners._perhaps import maybe_there, offer
 from cartier.reasoners._questions import answer, one
 from cartier.reasoners._scene import Scene, called
 from cartier.reasoners._words import STOP, name_key, words
@@ -31,10 +32,21 @@ Serve = Callable[[str, tuple[str, ...]], Selection]
 
 
 class Particular:
-    """One request over one scene; ``asked`` is what its words refer to, None if they only tell a need."""
+    """One request over one scene; ``asked`` is what its words refer to, None if they only tell a need.
 
-    def __init__(self, said: str, scene: Scene, names: Names, dialogue: Sequence[tuple[str, str]], model: str) -> None:
-        self.scene, self._names, self._model = scene, names, model
+    ``wanted``: the person wants even what nobody is sure of.
+    """
+
+    def __init__(
+        self,
+        said: str,
+        scene: Scene,
+        names: Names,
+        dialogue: Sequence[tuple[str, str]],
+        model: str,
+        wanted: bool = False,
+    ) -> None:
+        self.scene, self._names, self._model, self._wanted = scene, names, model, wanted
         self.said = said[-LATEST:]
         self.served = [int(i) for _, robot in dialogue for i in SERVED.findall(robot) if int(i) in scene.by_id]
         self.last = scene.by_id[self.served[-1]] if self.served else None
@@ -156,6 +168,8 @@ class Particular:
             found, emptied = self.scene.meant(head)
         if not found and (like := self._names.like(name_key(head.said))):  # "the cup by the sink" may be a mug
             found = self.scene.meant(replace(head, labels=like), without)[0]
+        if not found and not head.other and (maybe := self.scene.perhaps(head)) is not None:
+            return maybe_there(maybe, self._model) if self._wanted else offer(maybe, self.scene, self._model)
         if not found:
             return self._none(head, emptied is not None)
         if len(found) > 1 and not (head.other or HURRY.search(self.said) or head.plural):

@@ -29,6 +29,12 @@ def offer(thing: MapObject, scene: Scene, model: str) -> Selection:
     return Selection("clarify", reason=reason, question=question, say=question, model=model)
 
 
+def maybe_there(thing: MapObject, model: str) -> Selection:
+    """What was offered, to who wants it."""
+    reason, say = "it may be there: seen too seldom to be sure", f"I look for the {thing.label}."
+    return Selection("found", thing.label, reason=reason, object_id=thing.id, say=say, model=model)
+
+
 def usual_place(near: Selection) -> Selection:
     """A question instead of driving to where a thing that was never seen is usually kept."""
     question = f"{near.reason[:1].upper()}{near.reason[1:]}. {OFFER}"

@@ -11,11 +11,13 @@ import numpy as np
 
 from cartier.language.references import Constraint, Phrase
 from cartier.mapping.relations import Relation, between, left_of, right_of, supports, under
+from cartier.reasoners._words import name_key
 from cartier.types import Inventory, MapObject, Room
 
 NEXT_M, NEAR_M, LOOSE_M = 0.8, 1.0, 0.25  # "next to", "near", and how much farther than the nearest is as near
 LEAST_SHARE = 0.12  # of an object's surface that has a colour to be called so
 TOUCHING_M = 0.12  # what stands on a thing is so close to it, where nothing better is known of what holds what
+LIKELY = 0.3  # probability from which what is tentative may tell others apart
 LEAST = 0.1  # probability under which a thing is not even named
 CLEARLY = 1.3  # how much more of a colour than the next a thing has that is meant by it
 BESIDE = {
@@ -107,6 +109,19 @@ class Scene:
             found = found[phrase.order - 1 : phrase.order]
         return found, None
 
+    def _perhaps_there(self, landmark: Phrase) -> list[MapObject]:
+        """What is tentative, and may still tell apart what is sure."""
+        key = name_key(landmark.said)
+        return [o for o in self.maybe if o.probability >= LIKELY and name_key(o.label) == key]
+
+    def perhaps(self, phrase: Phrase) -> MapObject | None:
+        """The likeliest tentative object that a phrase may mean, relations and all."""
+        key = name_key(phrase.said)
+        found = [o for o in self.maybe if called(o, phrase.labels) or name_key(o.label) == key]
+        for constraint in phrase.relations:
+            found = self._related(found, constraint)
+        return max(found, key=lambda o: o.probability, default=None)
+
     def most(self, found: Sequence[MapObject], wish: str) -> list[MapObject]:
         """Those that are the biggest, highest, nearest …: more than one only where they are as good as equal."""
         of = {o.id: self.measure(o, wish) for o in found}
@@ -142,7 +157,7 @@ class Scene:
             rooms = set(target.rooms)
             inside = [o for o in found if o.room in rooms]
             return inside if kind != "farthest" else [o for o in found if o.room not in rooms]
-        beside, _ = self.meant(target)
+        beside = self.meant(target)[0] or self._perhaps_there(target)
         if not beside:
             return []
         ways: dict[str, Callable[[], list[MapObject]]] = {

@@ -22,7 +22,7 @@ from cartier.reasoners._knowledge import ALIKE
 from cartier.reasoners._lexicon import lexicon
 from cartier.reasoners._listening import MOST_CHARACTERS, mentions
 from cartier.reasoners._particular import Particular
-from cartier.reasoners._perhaps import accepted, offer, perhaps, usual_place
+from cartier.reasoners._perhaps import accepted, maybe_there, offer, perhaps, usual_place
 from cartier.reasoners._scene import Scene, called
 from cartier.reasoners._scorer import Judgement, Scorer
 from cartier.reasoners._speech_acts import Said, sort_out
@@ -89,12 +89,9 @@ class Embedded:
 
     def _anyway(self, query: str, inventory: Inventory, scene: Scene, dialogue: Sequence[tuple[str, str]]) -> Selection:
         """What was offered, to who wants it."""
-        chosen = self._among(query, inventory, scene, dialogue)
+        chosen = self._among(query, inventory, scene, dialogue, wanted=True)
         maybe = self._maybe(query, scene) if chosen.status in ("absent", "near") else None
-        if maybe is None:
-            return chosen
-        reason, say = "it may be there: seen too seldom to be sure", f"I look for the {maybe.label}."
-        return Selection("found", maybe.label, reason=reason, object_id=maybe.id, say=say, model=NAME)
+        return chosen if maybe is None else maybe_there(maybe, NAME)
 
     def _maybe(self, query: str, scene: Scene) -> MapObject | None:
         """What would serve the words, if it is there."""
@@ -105,7 +102,9 @@ class Embedded:
             (o for o in maybe if chosen and chosen.status == "found" and called(o, [chosen.object or ""])), None
         )
 
-    def _among(self, query: str, inventory: Inventory, scene: Scene, dialogue: Sequence[tuple[str, str]]) -> Selection:
+    def _among(
+        self, query: str, inventory: Inventory, scene: Scene, dialogue: Sequence[tuple[str, str]], wanted: bool = False
+    ) -> Selection:
         """What serves the words among all that is surely there."""
         needs = _parts(query)
         if len(needs) > 1 and (THEN.search(query) or self._asks(needs[0])):
@@ -114,19 +113,21 @@ class Embedded:
             if all(c.status in ("found", "near") for c in chosen) and len(set(goals)) == len(goals):
                 first, *rest = chosen
                 return replace(first, then=tuple(rest))
-        return self._one(query, inventory, scene, dialogue)
+        return self._one(query, inventory, scene, dialogue, wanted)
 
     def _asks(self, words: str) -> bool:
         return sort_out(self.scorer.hear(words), self.deck.by_key).asked == "outright"
 
-    def _one(self, query: str, inventory: Inventory, scene: Scene, dialogue: Sequence[tuple[str, str]]) -> Selection:
+    def _one(
+        self, query: str, inventory: Inventory, scene: Scene, dialogue: Sequence[tuple[str, str]], wanted: bool = False
+    ) -> Selection:
         """What serves one need."""
         names = tuple(inventory.names)
         if not scene.known:
             return self._by_name(query, names, [(person, SERVED.sub("", robot)) for person, robot in dialogue])
         heard = self.scorer.hear(query)
         text = " ".join(heard.tokens).replace(" ' ", "'")
-        particular = Particular(text, scene, lexicon(self.deck, inventory), dialogue, NAME)
+        particular = Particular(text, scene, lexicon(self.deck, inventory), dialogue, NAME, wanted)
         if particular.outright or sort_out(heard, self._keys(names)).asked != "not":
             told = particular.answer(lambda need, among: self._serve(need, among or names, Turn(need)))
             if told is not None:
