@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import base64
 import hmac
 import json
 import os
@@ -79,11 +80,13 @@ def test_ask_goal_photo_over_http(server: Server) -> None:
         assert web.get("/api/homes/room/objects", params={"room": "room:0"}).json()["total"] == 3
         assert web.get("/api/homes/room/relate", params={"thing": "mug", "other": "table"}).json()["relations"]
         assert len(web.get("/api/homes/room/view").json()["objects"]) >= 3
+        cloud = web.get("/api/homes/room/cloud").json()["cloud"]
+        assert len(base64.b64decode(cloud["points"])) == 9 * cloud["count"] > 0
 
 
 def test_openapi_describes_every_path(server: Server) -> None:
     paths = httpx.get(f"{server.url}/openapi.json").json()["paths"]
-    assert len(paths) == 12 and all("summary" in verb for path in paths.values() for verb in path.values())
+    assert len(paths) == 13 and all("summary" in verb for path in paths.values() for verb in path.values())
 
 
 def test_long_work_sends_signs_of_life(mapped: Path, monkeypatch: pytest.MonkeyPatch) -> None:

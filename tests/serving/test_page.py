@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from cartier.home import Home
@@ -292,7 +293,8 @@ def test_an_object_in_3d_has_its_colour_where_it_should_be(
     file.write_bytes(one_file(Home.load(home)))
     tab = visit(file.as_uri())
     tab.click("#solid")
-    tab.wait_for_function("scene.gl && scene.canvas.width > 10")
+    tab.wait_for_function("() => scene.gl && scene.canvas.width > 10")
+    tab.uncheck("#points")
     top = """id => { const t = byId(id), [x, y] = scene.project([(t.low[0] + t.high[0]) / 2, (t.low[1] + t.high[1]) / 2, t.high[2]]),
       box = scene.canvas.getBoundingClientRect(), k = scene.canvas.width / box.width, pixel = new Uint8Array(4);
       scene.gl.readPixels(Math.round((x - box.left) * k), scene.canvas.height - 1 - Math.round((y - box.top) * k), 1, 1, scene.gl.RGBA, scene.gl.UNSIGNED_BYTE, pixel);
@@ -304,3 +306,46 @@ def test_an_object_in_3d_has_its_colour_where_it_should_be(
     assert all(abs(got - shade * want) <= 12 for got, want in zip(seen["pixel"][:3], wanted, strict=True)), seen
     tab.mouse.click(seen["x"], seen["y"])
     assert card(tab).startswith("chair"), "what is drawn there is what is chosen there"
+
+
+def test_the_points_are_where_depth_showed_them_and_can_be_switched_off(
+    home: Path, start: Callable[..., Server], visit: Callable[..., Any]
+) -> None:
+    tab = visit(start("serve", home).url)
+    assert tab.locator("#points").is_hidden() and not any("cloud" in url for url in tab.asked), (
+        "not before they are seen"
+    )
+    tab.click("#solid")
+    tab.wait_for_function("() => scene.cloud && scene.canvas.width > 10")
+    seen = Home.load(home).cloud()
+    assert seen is not None and tab.evaluate("scene.cloud.count") == int(
+        (seen.xyz_m[:, 2] <= tab.evaluate("CUT_M") + 1e-9).sum()
+    ), "nothing here is taller than the cut"
+    floor = seen.xyz_m[:, 2] < 0.01
+    middle = seen.xyz_m[floor][np.abs(seen.xyz_m[floor][:, :2] - (2.5, 1.5)).sum(1).argmin()]
+    pixel = """p => { scene.fit(); scene.rotate(0, 1); const [x, y] = scene.project(p), box = scene.canvas.getBoundingClientRect(),
+      k = scene.canvas.width / box.width, pixel = new Uint8Array(4);
+      scene.gl.readPixels(Math.round((x - box.left) * k), scene.canvas.height - 1 - Math.round((y - box.top) * k), 1, 1, scene.gl.RGBA, scene.gl.UNSIGNED_BYTE, pixel);
+      return [...pixel]; }"""
+    colour = seen.rgb[floor][0]
+    assert np.abs(np.array(tab.evaluate(pixel, middle.tolist())[:3]) - colour).max() < 12
+    tab.uncheck("#points")
+    assert np.abs(np.array(tab.evaluate(pixel, middle.tolist())[:3]) - colour).max() > 30
+    tab.click("#flat")
+    assert tab.locator("#points").is_hidden()
+    assert sum("cloud" in url for url in tab.asked) == 1
+
+
+def test_a_home_of_an_older_cartier_has_no_points_and_opens_as_before(
+    home: Path, tmp_path: Path, visit: Callable[..., Any]
+) -> None:
+    from dataclasses import replace
+
+    older = Home.load(home)
+    replace(older, growth={k: v for k, v in older.growth.items() if k != "cloud.npz"}).save(tmp_path / "older")
+    file = tmp_path / "home.html"
+    file.write_bytes(one_file(Home.load(tmp_path / "older")))
+    tab = visit(file.as_uri())
+    tab.click("#solid")
+    tab.wait_for_function("() => scene.gl && scene.canvas.width > 10")
+    assert tab.locator("#points").is_hidden() and tab.evaluate("scene.cloud") is None

@@ -15,6 +15,7 @@ import numpy as np
 
 from cartier.corrections import in_force
 from cartier.home import Home
+from cartier.mapping.cloud import STEP_M
 from cartier.mapping.relations import supports
 from cartier.planning import plan
 from cartier.reasoners._cards import SHIPPED, read_deck
@@ -66,6 +67,23 @@ def view(home: Home) -> dict[str, Any]:
     return about
 
 
+def cloud(home: Home) -> dict[str, Any] | None:
+    """The point cloud for the page: ``points`` is base64 of x, y, z as uint16 in ``step`` metres from ``low``, then red, green, blue."""
+    seen = home.cloud()
+    if seen is None:
+        return None
+    low = seen.xyz_m.min(0)
+    data = np.round((seen.xyz_m - low) / STEP_M).astype("<u2").tobytes() + seen.rgb.tobytes()
+    about = {"count": len(seen.rgb), "low": _rounded(low), "step": STEP_M, "side": round(seen.side_m, 4)}
+    return about | {"points": base64.b64encode(data).decode()}
+
+
+def cloud_json(operations: Operations, home: str) -> bytes:
+    """``cloud`` of a served home, with its name and age."""
+    mapped = operations.homes.get(home)
+    return _json(operations.about(home, mapped) | {"cloud": cloud(mapped)}).encode()
+
+
 def view_json(operations: Operations, home: str) -> bytes:
     """``view`` of a served home, with its name and age."""
     mapped = operations.homes.get(home)
@@ -74,7 +92,7 @@ def view_json(operations: Operations, home: str) -> bytes:
 
 def one_file(home: Home, robot: RobotModel | None = None) -> bytes:
     """The page with a home in it: opens from disk, and may load nothing from anywhere (its own policy says so)."""
-    told = view(home) | {"goals": {}, "photos": {}, "home": home.name, "uses": _uses(home)}
+    told = view(home) | {"goals": {}, "photos": {}, "home": home.name, "uses": _uses(home), "cloud": cloud(home)}
     for thing in home.objects:
         if home.grid is not None:
             goal, _ = plan(home.grid, place_of(thing), home.start_xy, robot or RobotModel())

@@ -171,6 +171,7 @@ async function reload(keep) {
   el("room").replaceChildren(make("option", { value: "" }, "all rooms"), ...data.rooms.map((r) => make("option", { value: String(r.id) }, r.name)));
   el("room").value = room;
   plan.draw(data, css); scene.draw(data, css, plan.whole);
+  loadPoints();
   listThings();
   choose(keep !== undefined && keep !== null && byId(keep) ? keep : null);
 }
@@ -182,7 +183,20 @@ function show(solid) {
   el("plan").toggleAttribute("hidden", solid); el("scene").hidden = !solid;
   el("flat").setAttribute("aria-pressed", String(!solid)); el("solid").setAttribute("aria-pressed", String(solid));
   stopPlacing();
-  if (solid) scene.paint(); else plan.name();
+  el("points-on").hidden = !solid || !scene.cloud;
+  if (solid) { scene.paint(); loadPoints(); } else plan.name();
+}
+function loadPoints() { // when somebody looks at them, and not before
+  const of = `${source.home}@${data.home_id}`;
+  if (el("scene").hidden || loadPoints.of === of) return;
+  loadPoints.of = of;
+  scene.load(null);
+  safely(async () => {
+    const cloud = await source.cloud();
+    if (loadPoints.of !== of) return;
+    scene.load(cloud);
+    el("points-on").hidden = el("scene").hidden || !cloud;
+  });
 }
 function theme(dark) {
   document.documentElement.classList.toggle("dark", dark);
@@ -210,6 +224,7 @@ for (const name of ["talk", "things"]) {
   el(`tab-${name}`).addEventListener("keydown", (e) => { if (e.key === "ArrowLeft" || e.key === "ArrowRight") { const other = name === "talk" ? "things" : "talk"; tab(other); el(`tab-${other}`).focus(); } });
 }
 el("flat").addEventListener("click", () => show(false));
+el("points").addEventListener("input", () => { scene.shown = el("points").checked; scene.paint(); });
 el("solid").addEventListener("click", () => show(true));
 el("in").addEventListener("click", () => current().zoom(0.7));
 el("out").addEventListener("click", () => current().zoom(1.4));

@@ -34,6 +34,7 @@ class Served {
   at(rest) { return `api/homes/${encodeURIComponent(this.home)}/${rest}`; }
   async homes() { return (await this.json("api/homes")).homes; }
   view() { return this.json(this.at("view")); }
+  async cloud() { return (await this.json(this.at("cloud"))).cloud; }
   ask(words) { return this.json(this.at("ask"), { words, conversation: this.talk }); }
   async goal(thing) { const told = await this.json(this.at(`goal?thing=${thing.id}`)); return told.goal || { why: told.why_no_goal }; }
   async photo(thing, view) {
@@ -49,6 +50,7 @@ class Stored {
   get canCorrect() { return false; }
   async homes() { return [this.data.home]; }
   async view() { return this.data; }
+  async cloud() { return this.data.cloud; }
   async goal(thing) { return this.data.goals[thing.id] || { why: "no pose near it can be reached" }; }
   async photo(thing) { const p = this.data.photos[thing.id]; return p && { src: `data:image/jpeg;base64,${p.jpeg}`, box: p.box }; }
   // Without a server nobody reasons: words are looked up among names, labels, rooms and colours.
