@@ -349,3 +349,60 @@ def test_a_home_of_an_older_cartier_has_no_points_and_opens_as_before(
     tab.click("#solid")
     tab.wait_for_function("() => scene.gl && scene.canvas.width > 10")
     assert tab.locator("#points").is_hidden() and tab.evaluate("scene.cloud") is None
+
+
+HOST = """async ([html, result]) => {
+  const frame = document.createElement("iframe"), seen = [];
+  frame.sandbox = "allow-scripts"; frame.srcdoc = html; frame.style = "width: 100%; height: 420px; border: 0";
+  window.addEventListener("message", (e) => {
+    if (!frame.contentWindow || e.source !== frame.contentWindow) return;
+    const said = e.data, send = (message) => frame.contentWindow.postMessage({ jsonrpc: "2.0", ...message }, "*");
+    seen.push(said);
+    if (said.method === "ui/initialize") send({ id: said.id, result: { protocolVersion: "2026-01-26", hostInfo: { name: "test", version: "1" },
+      hostCapabilities: {}, hostContext: { theme: "dark", containerDimensions: { maxHeight: 600 } } } });
+    if (said.method === "ui/notifications/initialized") { send({ method: "ui/notifications/tool-input", params: { arguments: {} } }); send({ method: "ui/notifications/tool-result", params: result }); }
+    if (said.method === "ui/message") send({ id: said.id, result: {} });
+  });
+  window.seen = seen;
+  document.body.replaceChildren(frame);
+}"""
+
+
+def test_a_host_for_mcp_apps_shows_the_answer(home: Path, visit: Callable[..., Any], tmp_path: Path) -> None:
+    """A host as the specification says: a sandbox of another origin, and JSON-RPC with it by messages."""
+    pytest.importorskip("mcp", reason="needs cartier[mcp]")
+    from cartier.serving.homes import Homes
+    from cartier.serving.operations import Operations
+    from serving.test_operations import Echo
+
+    ops = Operations(Homes([home]), Echo())
+    told = ops.ask("chair")
+    clarify = {key: told[key] for key in ("home", "home_id", "age_h")} | {"status": "clarify", "question": "Which one?"}
+    clarify |= {"candidates": [["mug", 0.5], ["table", 0.4]], "goal": None}
+    blank = tmp_path / "blank.html"
+    blank.write_text("<!doctype html><html data-ready><body>")
+    tab = visit(blank.as_uri())
+
+    def shown(result: dict[str, Any]) -> Any:
+        tab.evaluate(HOST, [page.answer_page(), {"content": [], "_meta": {"cartier/answer": page.answer(ops, result)}}])
+        frame = tab.frame_locator("iframe")
+        frame.locator("#plan .thing").first.wait_for()
+        return frame
+
+    frame = shown(told)
+    frame.locator("#photo i").wait_for()
+    assert frame.locator("#plan .way").count() == 1 and frame.locator("#plan .thing.chosen").count() == 1
+    assert frame.locator("#what").inner_text() == "chair" and "m to drive" in frame.locator("#way").inner_text()
+    assert "dark" in (frame.locator("html").get_attribute("class") or "") and frame.locator("#this").is_hidden()
+    assert any(
+        m["method"] == "ui/notifications/size-changed" and m["params"]["height"] > 100 for m in tab.evaluate("seen")
+    )
+    frame = shown(clarify)
+    assert frame.locator("#what").inner_text() == "Which one?" and frame.locator("#plan .thing:not(.dim)").count() == 2
+    mug = next(t for t in Home.load(home).objects if t.label == "mug")
+    frame.locator(f'#plan .thing[data-id="{mug.id}"]').click()
+    frame.locator("#this").click()
+    tab.wait_for_function("() => seen.some((m) => m.method === 'ui/message')")
+    said = next(m for m in tab.evaluate("seen") if m["method"] == "ui/message")["params"]
+    assert said == {"role": "user", "content": [{"type": "text", "text": f"The mug {mug.id}."}]}
+    assert [url for url in tab.asked if not url.startswith(("data:", "about:"))] == [blank.as_uri()], "no network"

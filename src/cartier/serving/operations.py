@@ -187,8 +187,13 @@ class Operations:
         return self.goal_for(thing, home) | {"sent": said}
 
     def look_at(self, thing: str, view: int = 1, home: str = "") -> tuple[dict[str, Any], bytes]:
-        """The evidence for an object: what a view says, and a JPEG of the part of the photo around its box."""
+        """The evidence for an object: what a view says, and a JPEG of the part of the photo around its box.
+
+        View 0 is the floor plan with the object or room and the way there.
+        """
         mapped = self.homes.get(home)
+        if view == 0:
+            return self._plan(find(thing, mapped.objects, mapped.rooms), home, mapped)
         one = _an_object(find(thing, mapped.objects, mapped.rooms))
         views = [v for v in one.views if v.frame in mapped.photos]
         if not views:
@@ -199,6 +204,18 @@ class Operations:
         jpeg, box = crop(mapped.photos[seen.frame], seen.box_xyxy)
         told = {"frame": seen.frame, "box_in_picture": box, "score": round(seen.score, 2), "views": len(views)}
         return self.about(home, mapped) | self._row(mapped, one) | told, jpeg
+
+    def _plan(self, one: MapObject | Room, home: str, mapped: Home) -> tuple[dict[str, Any], bytes]:
+        from cartier.picture import plan_jpeg  # matplotlib, which all else does without
+
+        if mapped.grid is None:
+            raise InputError("the home has no floor plan: it was mapped without depth; view 1 is the photo")
+        place = _room_place(mapped, one) if isinstance(one, Room) else place_of(one)
+        row = _room_row(mapped, one) if isinstance(one, Room) else self._row(mapped, one)
+        goal, _ = plan(mapped.grid, place, mapped.start_xy, self.robot)
+        return self.about(home, mapped) | row | {"picture": "floor plan, x to the right, y up"}, plan_jpeg(
+            mapped, place, goal, self.robot
+        )
 
     def correct(
         self,

@@ -1,30 +1,13 @@
 "use strict";
 // The page: a conversation and a list beside the plan; what is chosen in one is chosen in all. Texts are only ever set as text.
 
-const el = (id) => document.getElementById(id);
-const make = (name, attributes = {}, ...inside) => {
-  const made = document.createElement(name);
-  for (const [key, value] of Object.entries(attributes)) { if (key.startsWith("on")) made.addEventListener(key.slice(2), value); else if (value !== null) made.setAttribute(key, value); }
-  made.append(...inside.filter((i) => i !== null && i !== undefined));
-  return made;
-};
 const stored = el("home-data"), source = stored ? new Stored(JSON.parse(stored.textContent)) : new Served();
 let data = null, chosen = null, offered = null, busy = false;
-const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 const on = { choose: (t) => choose(t ? t.id : null), hover: tip };
 const plan = new Plan(el("plan"), on), scene = new Scene(el("scene"), on), views = [plan, scene];
 const byId = (id) => data.objects.find((t) => t.id === id);
 const roomOf = (thing) => data.rooms.find((r) => r.id === thing.room);
 
-function tip(thing, e) {
-  const box = el("tip");
-  box.hidden = !thing;
-  if (!thing) return;
-  box.textContent = `${called(thing)}${thing.names.length ? ` (${thing.label})` : ""} · ${Math.round(thing.sure * 100)} %`;
-  const stage = el("stage").getBoundingClientRect();
-  box.style.left = `${Math.min(e.clientX - stage.left + 14, stage.width - box.offsetWidth - 6)}px`;
-  box.style.top = `${Math.max(e.clientY - stage.top - 34, 4)}px`;
-}
 function toast(text) {
   const box = el("toast");
   box.textContent = text; box.hidden = false;
@@ -44,10 +27,6 @@ function choose(id, goal) {
   showCard(goal);
   if (id !== null && goal === undefined) safely(async () => { const found = await source.goal(byId(id)); if (chosen === id) { for (const v of views) v.walk(found); el("way").textContent = inWords(found); } });
 }
-function inWords(goal) {
-  if (!goal) return "…";
-  return goal.path ? `${goal.length_m.toFixed(1)} m to drive, to x ${goal.x.toFixed(2)} y ${goal.y.toFixed(2)}${goal.sees_it === false ? ", something in between" : ""}` : goal.why || "none";
-}
 
 function showCard(goal) {
   const card = el("card"), thing = chosen === null ? null : byId(chosen);
@@ -63,19 +42,6 @@ function showCard(goal) {
   card.replaceChildren(make("div", { class: "top" }, make("h2", {}, called(thing), make("span", { class: "muted" }, ` ${thing.id}`)), make("button", { type: "button", "aria-label": "Close", onclick: () => { choose(null); el("words").focus(); } }, "×")), photo, dl, doing);
   if (thing.views) safely(async () => showPhoto(photo, await source.photo(thing, 1), thing));
 }
-function showPhoto(into, photo, thing) {
-  if (!photo) return;
-  const image = make("img", { src: photo.src, alt: `The photo that shows the ${called(thing)}, with its box` });
-  image.addEventListener("load", () => {
-    const [x1, y1, x2, y2] = photo.box, w = image.naturalWidth, h = image.naturalHeight, mark = make("i"), low = (v, m) => Math.max(0, v) / m * 100;
-    Object.assign(mark.style, { left: `${low(x1, w)}%`, top: `${low(y1, h)}%`, width: `${(Math.min(x2, w) - Math.max(0, x1)) / w * 100}%`, height: `${(Math.min(y2, h) - Math.max(0, y1)) / h * 100}%` });
-    into.append(mark);
-    if (photo.src.startsWith("blob:")) URL.revokeObjectURL(photo.src);
-  });
-  into.replaceChildren(image);
-  into.hidden = false;
-}
-const button = (text, onclick, kind) => make("button", { type: "button", onclick, class: kind || null }, text);
 function form(doing, idle, fields, send) {
   const made = make("form", { class: "doing", onsubmit: (e) => { e.preventDefault(); send(); } }, ...fields, make("button", { class: "main" }, "Save"), button("Cancel", () => { stopPlacing(); idle(); }));
   doing.replaceChildren(made);

@@ -1,15 +1,7 @@
 "use strict";
 // Where the page's data come from: a server, or the value that is written into the file itself.
 
-const COLOURS = { black: "#26262a", white: "#f4f4f0", grey: "#8d9096", red: "#c8403a", orange: "#d9823b", brown: "#8a5f3c", yellow: "#dcc04c", green: "#5b9a52", blue: "#4a78b8", purple: "#80609f", pink: "#d893ae", beige: "#d8c6a2", turquoise: "#4fa9a4" };
-const called = (thing) => thing.names[0] || thing.label;
 const plain = (text) => text.toLowerCase().normalize("NFKD").replace(/[^\p{L}\p{N} ]+/gu, " ").replace(/\s+/g, " ").trim();
-
-function expand(runs, size) {
-  const cells = new Int32Array(size);
-  for (let i = 0, at = 0; i + 1 < runs.length; at += runs[i + 1], i += 2) cells.fill(runs[i], at, at + runs[i + 1]);
-  return cells;
-}
 
 class Served {
   constructor() { this.home = ""; this.token = sessionStorage.getItem("cartier-token") || ""; this.talk = Array.from(crypto.getRandomValues(new Uint8Array(12)), (b) => b.toString(16).padStart(2, "0")).join(""); }
