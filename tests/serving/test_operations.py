@@ -14,10 +14,11 @@ import pytest
 import cartier
 from cartier.errors import InputError
 from cartier.geometry import box_distance
+from cartier.home import Home
 from cartier.serving import homes
 from cartier.serving.homes import Homes
 from cartier.serving.operations import Operations
-from cartier.types import Inventory, Selection
+from cartier.types import Fact, Inventory, Selection
 from synthetic import CHAIR, MUG
 
 
@@ -189,3 +190,34 @@ def test_forty_threads_get_their_own_answers(ops: Operations) -> None:
     for each in clients:
         each.join()
     assert not wrong
+
+
+class Asks(Echo):
+    """A reasoner that asks back, or tells."""
+
+    def __init__(self, chosen: Selection) -> None:
+        self.chosen = chosen
+
+    def select(self, query: str, inventory: Inventory, dialogue: Sequence[tuple[str, str]] = ()) -> Selection:
+        return self.chosen
+
+
+@pytest.mark.parametrize(
+    ("chosen", "labels"),
+    [
+        (Selection("clarify", question="Which mug: the red one or the blue one?"), {"mug"}),
+        (Selection("clarify", question="Do you mean the CHAIR or the table?", candidates=(("mug", 0.4),)), {"chair", "table"}),
+        (Selection("clarify", question="What do you need?"), set()),
+        (Selection("clarify", question="Which carpet, and what for?"), set()),
+    ],
+)  # fmt: skip
+def test_what_a_question_names_can_be_pointed_at(home: Path, chosen: Selection, labels: set[str]) -> None:
+    told = Operations(Homes([home]), Asks(chosen)).ask("that one")
+    objects = {t.id: t.label for t in Home.load(home).objects if t.confirmed}
+    assert {objects[k] for k in told.get("ids", [])} == labels
+
+
+def test_what_an_answer_in_words_is_about_can_be_shown(home: Path) -> None:
+    some = tuple(t.id for t in Home.load(home).objects[:2])
+    told = Operations(Homes([home]), Asks(Selection("told", say="Two.", fact=Fact("count", 2, some)))).ask("how many?")
+    assert told["ids"] == list(some)

@@ -160,7 +160,7 @@ def _add_reading(server: MCPServer, ops: Operations) -> None:
         return _told(ops.look_at, thing, view, home)
 
     for tool, says in (
-        (ask, "Which object serves a need, where, and a pose to reach it; may ask back. 'I'm sleepy' -> bed"),
+        (ask, "Which object serves a need, where, and a pose to reach it; may ask back. 'my feet hurt' -> chair"),
         (find, "Objects and rooms by name, surest first"),
         (describe, "All about one object or room: size, colours, neighbours, pose"),
         (list_objects, "Objects of home or room, paged"),

@@ -23,16 +23,17 @@ from cartier.conversation import robot_turn
 from cartier.corrections import What, find
 from cartier.errors import InputError, brief
 from cartier.home import Home
+from cartier.language.lookup import names_of
 from cartier.language.prompts import check_query, recent
 from cartier.mapping import relations
 from cartier.pipeline import ask
 from cartier.planning import plan
 from cartier.serving.homes import Homes
 from cartier.store import MANIFEST
-from cartier.types import Answer, Array, Goal, MapObject, Place, RobotModel, Room
+from cartier.types import Answer, Array, Goal, MapObject, Place, RobotModel, Room, Selection
 
 PAGE = 5  # objects of a list: a small model reads it whole
-FOUND, RELATIONS, CANDIDATES = 5, 5, 3
+FOUND, RELATIONS, CANDIDATES, MEANT = 5, 5, 3, 12
 MAX_CONVERSATIONS, MAX_CONVERSATION_CHARS = 1000, 64
 NO_PLAN = "there is no goal: without depth the home has no floor plan to plan on"
 CROP_PX, MARGIN = 512, 0.35  # of a photo: its longer side, and what is shown around the object in sizes of it
@@ -268,6 +269,8 @@ def _answer(home: Home, answer: Answer) -> dict[str, Any]:
         one = next((t for t in home.objects if t.id == place.object_id), None)
     told: dict[str, Any] = {"status": chosen.status, "object": chosen.object}
     told |= {key: value for key in ("say", "question", "reason") if (value := getattr(chosen, key, None))}
+    if ids := _meant(home, chosen):
+        told["ids"] = ids
     if chosen.candidates:
         told["candidates"] = [[name, round(score, 2)] for name, score in chosen.candidates[:CANDIDATES]]
     if one is not None:
@@ -279,6 +282,14 @@ def _answer(home: Home, answer: Answer) -> dict[str, Any]:
     notes = [note for note in answer.notes if "embedded reasoner answers" not in note]
     told |= {"notes": notes} if notes else {}
     return told | ({"then": [_answer(home, further) for further in answer.then]} if answer.then else {})
+
+
+def _meant(home: Home, chosen: Selection) -> list[int]:
+    """The objects that an answer in words is about, or that a question names: who shows them lets a person point at one."""
+    if chosen.status != "clarify":
+        return list(chosen.fact.objects[:MEANT]) if chosen.fact else []
+    named = {name for name, _ in names_of(tuple(home.names)).mentions(chosen.question or "")}
+    return [t.id for t in home.objects if t.confirmed and named & {t.label, *t.names}][:MEANT]
 
 
 def pose(goal: Goal) -> dict[str, Any]:

@@ -38,8 +38,9 @@ function show(result) {
   chosen = told.id === undefined ? null : told.id;
   el("stage").hidden = false;
   const rooms = plan.data.rooms.length > 1 ? ` in the ${told.room}` : "";
-  el("what").textContent = told.say || told.question || (told.object || told.label ? `${told.name || told.object || told.label}${told.room ? rooms : ""}` : told.objects ? `${told.total} found` : "");
-  el("why").textContent = [told.reason, told.certainty === undefined ? "" : `${Math.round(told.certainty * 100)} % sure, ${told.evidence}`].filter(Boolean).join(" ");
+  el("what").textContent = told.say || told.question || (told.object || told.label ? `${told.name || told.object || told.label}${told.room ? rooms : ""}` : "");
+  el("why").textContent = told.reason || "";
+  el("sure").textContent = told.certainty === undefined ? "" : `${Math.round(told.certainty * 100)} % sure: ${told.evidence}`;
   el("way").textContent = told.goal ? inWords(told.goal) : told.why_no_goal || "";
   if (about.photo) showPhoto(el("photo"), { src: `data:image/jpeg;base64,${about.photo.jpeg}`, box: about.photo.box }, thingOf(chosen));
   draw();
@@ -54,7 +55,7 @@ function choose(id) {
 }
 function about() { // the objects that the answer is about, null for all
   const names = told.status === "clarify" ? (told.candidates || []).map(([name]) => name) : [];
-  const ids = told.objects ? told.objects.map((row) => row.id) : plan.data.objects.filter((t) => t.confirmed && (names.includes(t.label) || t.names.some((n) => names.includes(n)))).map((t) => t.id);
+  const ids = told.ids || plan.data.objects.filter((t) => t.confirmed && (names.includes(t.label) || t.names.some((n) => names.includes(n)))).map((t) => t.id);
   return ids.length ? new Set(ids) : null;
 }
 el("this").addEventListener("click", () => request("ui/message", { role: "user", content: [{ type: "text", text: `The ${called(thingOf(chosen))} ${chosen}.` }] }).catch((error) => { el("why").textContent = error.message; }));

@@ -91,11 +91,22 @@ function answer(into, told) {
   const ids = (told.ids || []).map(byId).filter(Boolean), names = told.status === "clarify" ? (told.candidates || []).map(([n]) => n) : [];
   const options = ids.length ? ids : data.objects.filter((t) => t.confirmed && (names.includes(t.label) || t.names.some((n) => names.includes(n))));
   offered = options.length ? new Set(options.map((t) => t.id)) : null;
-  if (options.length) parts.push(make("div", { class: "choices" }, ...options.slice(0, 12).map((t) => button(`${called(t)}${roomOf(t) && data.rooms.length > 1 ? ` · ${roomOf(t).name}` : ""}${options.filter((o) => called(o) === called(t)).length > 1 ? ` (${t.id})` : ""}`, () => choose(t.id)))));
+  if (options.length) parts.push(make("div", { class: "choices" }, ...options.slice(0, 12).map((t) => { const b = button(apart(t, options), () => choose(t.id)); b.prepend(dot(t)); return b; })));
   into.replaceChildren(...parts.filter(Boolean));
   if (told.id !== undefined) choose(told.id, told.goal || undefined); else choose(null);
   for (const further of told.then || []) answer(say("robot", ""), further);
   if (el("mic").dataset.used) speechSynthesis.speak(new SpeechSynthesisUtterance(head));
+}
+function apart(thing, others) { // its name, and what tells it from those of the same name
+  const same = others.filter((o) => called(o) === called(thing)), room = roomOf(thing), tells = (of) => new Set(same.map(of)).size === same.length;
+  const colour = (t) => t.colours[0] || "", place = (t) => (roomOf(t) || { name: "" }).name;
+  if (same.length === 1) return `${called(thing)}${room && data.rooms.length > 1 ? ` · ${room.name}` : ""}`;
+  return `${called(thing)} · ${tells(place) ? place(thing) : tells(colour) ? colour(thing) : `${place(thing)} (${thing.id})`}`;
+}
+function dot(thing) {
+  const made = make("span", { class: "dot", "aria-hidden": "true" });
+  made.style.background = COLOURS[thing.colours[0]] || "#4a78b8";
+  return made;
 }
 
 function listThings() {
@@ -107,9 +118,7 @@ function listThings() {
     if (!here.length) continue;
     rows.push(make("li", {}, make("h2", {}, `${place.name}${place.area ? `, ${place.area} m²` : ""} `, source.canCorrect && place.id !== null ? make("button", { type: "button", class: "pen", "aria-label": `Rename ${place.name}`, onclick: () => renameRoom(place) }, "✎︎") : null)));
     for (const t of here) {
-      const dot = make("span", { class: "dot", "aria-hidden": "true" });
-      dot.style.background = COLOURS[t.colours[0]] || "#4a78b8";
-      const row = make("button", { type: "button", "aria-current": String(t.id === chosen), onclick: () => choose(t.id) }, dot, `${called(t)}${t.confirmed ? "" : " ?"}`, make("span", { class: "muted" }, `${Math.round(t.sure * 100)} %`));
+      const row = make("button", { type: "button", "aria-current": String(t.id === chosen), onclick: () => choose(t.id) }, dot(t), `${called(t)}${t.confirmed ? "" : " ?"}`, make("span", { class: "muted" }, `${Math.round(t.sure * 100)} %`));
       row.dataset.id = t.id;
       rows.push(make("li", {}, row));
     }
