@@ -275,6 +275,7 @@ def _answer(home: Home, answer: Answer) -> dict[str, Any]:
         told["candidates"] = [[name, round(score, 2)] for name, score in chosen.candidates[:CANDIDATES]]
     if one is not None:
         room = next((r.name for r in home.rooms if r.id == one.room), None)
+        told |= {"name": one.names[0]} if one.names else {}
         told |= {"id": one.id, "room": room, "certainty": round(one.probability, 2), "evidence": _evidence(one)}
     if place is not None:
         told |= {axis: round(v, 2) for axis, v in zip("xyz", place.position, strict=True)}

@@ -20,7 +20,7 @@ from cartier.mapping.relations import supports
 from cartier.planning import plan
 from cartier.reasoners._cards import SHIPPED, read_deck
 from cartier.serving.operations import Operations, crop, place_of, pose
-from cartier.types import FREE, OCCUPIED, Array, MapObject, RobotModel
+from cartier.types import FREE, OCCUPIED, Array, MapObject, PointCloud, RobotModel
 
 WEB = Path(__file__).with_name("web")
 SCRIPTS = ("parts.js", "data.js", "plan.js", "scene.js", "app.js")
@@ -75,8 +75,17 @@ def cloud(home: Home) -> dict[str, Any] | None:
         return None
     low = seen.xyz_m.min(0)
     data = np.round((seen.xyz_m - low) / STEP_M).astype("<u2").tobytes() + seen.rgb.tobytes()
-    about = {"count": len(seen.rgb), "low": _rounded(low), "step": STEP_M, "side": round(seen.side_m, 4)}
+    about = {"count": len(seen.rgb), "low": _rounded(low), "step": STEP_M, "width": _width(seen)}
     return about | {"points": base64.b64encode(data).decode()}
+
+
+def _width(seen: PointCloud) -> float:
+    """How wide (m) points must be drawn to close most surfaces: a short recording leaves wider gaps than its voxels."""
+    from scipy.spatial import cKDTree
+
+    some = seen.xyz_m[:: max(1, len(seen.xyz_m) // 3000)]
+    far = cKDTree(seen.xyz_m).query(some, k=min(5, len(seen.xyz_m)))[0].reshape(len(some), -1)[:, -1]
+    return round(float(np.clip(1.2 * np.percentile(far, 95), seen.side_m, 3 * seen.side_m)), 3)
 
 
 def cloud_json(operations: Operations, home: str) -> bytes:

@@ -48,7 +48,7 @@ function form(doing, idle, fields, send) {
   fields[0].focus();
 }
 function rename(thing, doing, idle) {
-  const name = make("input", { "aria-label": "New name", maxlength: "60", value: thing.names[0] || "" });
+  const name = make("input", { "aria-label": "New name", placeholder: "What do you call it?", maxlength: "60", value: thing.names[0] || "" });
   form(doing, idle, [name], () => correct("name", thing, { name: name.value }));
 }
 function move(thing, doing, idle) {
@@ -86,7 +86,7 @@ async function ask(words) {
 }
 function answer(into, told) {
   const parts = [], goalText = told.goal ? make("small", {}, inWords(told.goal)) : null;
-  const head = told.say || (told.object ? `${told.status === "near" ? "Likely near the " : ""}${told.object}${told.room ? `, in the ${told.room}` : ""}.` : told.question || "Nothing here serves that.");
+  const head = told.say || (told.object ? `${told.status === "near" ? "Likely near the " : ""}${told.name || told.object}${told.room ? `, in the ${told.room}` : ""}.` : told.question || "Nothing here serves that.");
   parts.push(make("p", {}, head), told.reason ? make("small", {}, told.reason) : null, goalText, ...(told.notes || []).map((n) => make("small", {}, n)));
   const ids = (told.ids || []).map(byId).filter(Boolean), names = told.status === "clarify" ? (told.candidates || []).map(([n]) => n) : [];
   const options = ids.length ? ids : data.objects.filter((t) => t.confirmed && (names.includes(t.label) || t.names.some((n) => names.includes(n))));
@@ -211,6 +211,7 @@ document.addEventListener("keydown", (e) => {
   if (e.key === "/" && !/INPUT|SELECT/.test(document.activeElement.tagName)) { e.preventDefault(); el("words").focus(); }
 });
 el("homes").addEventListener("change", () => safely(async () => { source.home = el("homes").value; el("turns").replaceChildren(); await reload(); }));
+new ResizeObserver(() => { el("turns").scrollTop = el("turns").scrollHeight; }).observe(el("turns")); // the card takes its room from the talk
 theme(matchMedia("(prefers-color-scheme: dark)").matches);
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", (e) => theme(e.matches));
 tab("talk");

@@ -188,7 +188,7 @@ class Scene {
     if (dots) {
       gl.useProgram(this.dots); gl.bindVertexArray(this.dotsArray);
       gl.uniformMatrix4fv(this.dotsWhere.view, false, view); gl.uniform3f(this.dotsWhere.low, ...this.cloud.low); gl.uniform1f(this.dotsWhere.step_m, this.cloud.step);
-      gl.uniform1f(this.dotsWhere.width, this.cloud.side * 1.6 * this.canvas.height / 2 * Math.hypot(view[1], view[5], view[9]));
+      gl.uniform1f(this.dotsWhere.width, this.cloud.width * this.canvas.height / 2 * Math.hypot(view[1], view[5], view[9]));
       gl.drawArrays(gl.POINTS, 0, this.cloud.count);
       gl.bindVertexArray(null);
     }
