@@ -84,7 +84,7 @@ def _width(seen: PointCloud) -> float:
     from scipy.spatial import cKDTree
 
     some = seen.xyz_m[:: max(1, len(seen.xyz_m) // 3000)]
-    far = cKDTree(seen.xyz_m).query(some, k=min(5, len(seen.xyz_m)))[0].reshape(len(some), -1)[:, -1]
+    far = cKDTree(seen.xyz_m).query(some, k=[min(5, len(seen.xyz_m))])[0]
     return round(float(np.clip(1.2 * np.percentile(far, 95), seen.side_m, 3 * seen.side_m)), 3)
 
 

@@ -87,7 +87,7 @@ async function ask(words) {
 function answer(into, told) {
   const parts = [], goalText = told.goal ? make("small", {}, inWords(told.goal)) : null;
   const head = told.say || (told.object ? `${told.status === "near" ? "Likely near the " : ""}${told.name || told.object}${told.room ? `, in the ${told.room}` : ""}.` : told.question || "Nothing here serves that.");
-  parts.push(make("p", {}, head), told.reason ? make("small", {}, told.reason) : null, goalText, ...(told.notes || []).map((n) => make("small", {}, n)));
+  parts.push(make("p", {}, head[0].toUpperCase() + head.slice(1)), told.reason ? make("small", {}, told.reason) : null, goalText, ...(told.notes || []).map((n) => make("small", {}, n)));
   const ids = (told.ids || []).map(byId).filter(Boolean), names = told.status === "clarify" ? (told.candidates || []).map(([n]) => n) : [];
   const options = ids.length ? ids : data.objects.filter((t) => t.confirmed && (names.includes(t.label) || t.names.some((n) => names.includes(n))));
   offered = options.length ? new Set(options.map((t) => t.id)) : null;
