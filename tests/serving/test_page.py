@@ -138,7 +138,7 @@ def test_ask_and_see_goal_path_and_photo(home: Path, start: Callable[..., Server
     tab.fill("#words", "my feet hurt, let me sit down")
     tab.press("#words", "Enter")
     tab.wait_for_selector("#card .photo i")
-    assert card(tab).startswith("chair") and "chair" in tab.inner_text("#turns li:last-child")
+    assert card(tab).startswith("chair") and "Chair" in tab.inner_text("#turns li:last-child")
     assert tab.locator("#plan .way").count() == 1 and tab.locator("#plan .thing.chosen").count() == 1
     mark, photo = (tab.locator(f"#card .photo {part}").bounding_box() for part in ("i", "img"))
     assert mark["x"] >= photo["x"] - 1 and mark["x"] + mark["width"] <= photo["x"] + photo["width"] + 1
@@ -272,7 +272,7 @@ def test_one_file_from_disk_shows_finds_and_asks_nobody(home: Path, tmp_path: Pa
     file = tmp_path / "home.html"
     file.write_bytes(one_file(Home.load(home)))
     tab = visit(file.as_uri())
-    for words, expected in (("where is the mug?", "mug"), ("my feet hurt", "chair"), ("how many tables are there", "1 × table"), ("zzz", "Nothing")):  # fmt: skip
+    for words, expected in (("where is the mug?", "Mug"), ("my feet hurt", "Chair"), ("how many tables are there", "1 × table"), ("zzz", "Nothing")):  # fmt: skip
         tab.fill("#words", words)
         tab.press("#words", "Enter")
         tab.wait_for_function("() => !document.querySelector('#turns li:last-child').textContent.startsWith('…')")

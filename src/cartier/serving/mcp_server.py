@@ -273,7 +273,7 @@ def _told(operation: Callable[..., Any], *arguments: Any) -> CallToolResult:
     except CartierError as error:
         raise ToolError(str(error)) from error
     told, jpeg = told if isinstance(told, tuple) else (told, None)
-    short = _without_path(told)
+    short = {key: value for key, value in _without_path(told).items() if value is not None}  # as the schemas promise
     text = json.dumps(short, ensure_ascii=False, separators=(",", ":"))
     content: list[Any] = [TextContent(text=text)]
     if jpeg is not None:
