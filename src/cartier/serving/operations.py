@@ -71,7 +71,10 @@ class Operations:
         return self.about(home, mapped) | _answer(mapped, answer)
 
     def find(self, name: str, home: str = "") -> dict[str, Any]:
-        """Objects and rooms by name, the surest first; close spellings where none has the name."""
+        """Objects and rooms by name, the surest first; close spellings where none has the name.
+
+        ``maybe`` are the ids of what is not sure to be there, or that only some frames call so.
+        """
         mapped, wanted = self.homes.get(home), " ".join(name.casefold().split())
         if not wanted:
             raise InputError("find needs a name: call list_objects to see all")
@@ -86,11 +89,18 @@ class Operations:
             hits = [t for t in mapped.objects if set(close) & set(called[t.id])]
         hits.sort(key=lambda t: (wanted not in called[t.id][: 1 + len(t.names)], not t.confirmed, -t.probability, t.id))
         rooms = [{"room": f"room:{r.id}", "name": r.name} for r in mapped.rooms if wanted in r.name.casefold()]
+        named = {
+            t.id: any(n in each for each in called[t.id][: 1 + len(t.names)] for n in (wanted, *close)) for t in hits
+        }
+        sure = [t for t in hits if t.confirmed and named[t.id]]
+        sure = sure or [t for t in hits if t.confirmed] or hits
         told: dict[str, Any] = {
-            "total": len(hits),
-            "objects": [self._row(mapped, t) for t in hits[:FOUND]],
+            "total": len(sure),
+            "objects": [self._row(mapped, t) for t in sure[:FOUND]],
             "rooms": rooms,
         }
+        if len(hits) > len(sure):
+            told["maybe"] = [t.id for t in hits if t not in sure][:MEANT]
         if close:
             told["spelt"] = close
         if not hits and not rooms:
@@ -230,6 +240,8 @@ class Operations:
     ) -> dict[str, Any]:
         """Put something right: name an object or a room, forget an object, move an object to x, y, or undo the latest."""
         mapped, to_xy = self.homes.get(home), () if x is None or y is None else (x, y)
+        if what == "move" and not to_xy:
+            raise InputError("move needs x and y, in metres of the map: describe tells where a thing is now")
         _, told = mapped.correct(what, thing, name=name, to_xy=to_xy, who=who)
         return self.about(home, self.homes.get(home)) | {"done": told, "next": "undo takes it back"}
 
@@ -268,17 +280,19 @@ def _answer(home: Home, answer: Answer) -> dict[str, Any]:
     if place is not None:
         one = next((t for t in home.objects if t.id == place.object_id), None)
     told: dict[str, Any] = {"status": chosen.status, "object": chosen.object}
-    told |= {key: value for key in ("say", "question", "reason") if (value := getattr(chosen, key, None))}
+    words = {getattr(chosen, key): key for key in ("reason", "say", "question")}  # the same text once
+    told |= {key: text for text, key in reversed(words.items()) if text}
     if ids := _meant(home, chosen):
         told["ids"] = ids
-    if chosen.candidates:
-        told["candidates"] = [[name, round(score, 2)] for name, score in chosen.candidates[:CANDIDATES]]
+    if candidates := [[name, round(score, 2)] for name, score in chosen.candidates[:CANDIDATES] if score >= 0.01]:
+        told["candidates"] = candidates
     if one is not None:
         room = next((r.name for r in home.rooms if r.id == one.room), None)
         told |= {"name": one.names[0]} if one.names else {}
         told |= {"id": one.id, "room": room, "certainty": round(one.probability, 2), "evidence": _evidence(one)}
-    if place is not None:
-        told |= {axis: round(v, 2) for axis, v in zip("xyz", place.position, strict=True)}
+    if place is not None:  # the object's middle, as all else tells it; not the surface that the index aims at
+        position = place.position if one is None else one.position
+        told |= {axis: round(v, 2) for axis, v in zip("xyz", position, strict=True)}
     told["goal"] = None if goal is None else pose(goal)
     notes = [note for note in answer.notes if "embedded reasoner answers" not in note]
     told |= {"notes": notes} if notes else {}
