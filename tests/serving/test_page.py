@@ -212,9 +212,11 @@ def test_the_keyboard_alone_suffices(home: Path, start: Callable[..., Server], v
     keys.type("Ayo's mug")
     keys.press("Enter")
     tab.wait_for_selector("#toast:has-text('is called')")
+    assert tab.evaluate("document.activeElement.textContent") == "Rename", "the focus stays where one was"
     walk_to("#undo")
     keys.press("Enter")
     tab.wait_for_selector("#toast:has-text('undone')")
+    assert tab.evaluate("document.activeElement.id") == "flat"
     walk_to("#plan")
     before = tab.get_attribute("#plan", "viewBox")
     keys.press("+")

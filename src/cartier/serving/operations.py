@@ -73,7 +73,7 @@ class Operations:
     def find(self, name: str, home: str = "") -> dict[str, Any]:
         """Objects and rooms by name, the surest first; close spellings where none has the name.
 
-        ``maybe`` are the ids of what is not sure to be there, or that only some frames call so.
+        ``maybe`` says how many more are not sure to be there, or are called so by some frames only.
         """
         mapped, wanted = self.homes.get(home), " ".join(name.casefold().split())
         if not wanted:
@@ -100,7 +100,7 @@ class Operations:
             "rooms": rooms,
         }
         if len(hits) > len(sure):
-            told["maybe"] = [t.id for t in hits if t not in sure][:MEANT]
+            told["maybe"] = len(hits) - len(sure)
         if close:
             told["spelt"] = close
         if not hits and not rooms:

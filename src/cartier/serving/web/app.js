@@ -65,7 +65,7 @@ function correct(what, thing, more) {
     stopPlacing();
     await reload(what === "forget" ? null : thing.id);
     toast(`${told.done}. Undo takes it back.`);
-    if (what === "forget") el("undo").focus();
+    (what === "forget" ? el("undo") : document.querySelector("#card .doing button")).focus(); // the form that had the focus is gone
   });
 }
 
@@ -205,7 +205,7 @@ el("in").addEventListener("click", () => current().zoom(0.7));
 el("out").addEventListener("click", () => current().zoom(1.4));
 el("fit").addEventListener("click", () => current().fit());
 el("theme").addEventListener("click", () => theme(!document.documentElement.classList.contains("dark")));
-el("undo").addEventListener("click", () => safely(async () => { const told = await source.undo(); await reload(chosen); toast(told.done); }));
+el("undo").addEventListener("click", () => safely(async () => { const told = await source.undo(); await reload(chosen); toast(told.done); if (el("undo").hidden) el("flat").focus(); }));
 document.addEventListener("keydown", (e) => {
   if (e.key === "Escape" && !el("key").open) { stopPlacing(); choose(null); }
   if (e.key === "/" && !/INPUT|SELECT/.test(document.activeElement.tagName)) { e.preventDefault(); el("words").focus(); }
