@@ -13,7 +13,7 @@ from cartier.mapper import Mapper
 from cartier.mapping import cloud
 from cartier.mapping.cloud import CloudMapper, read_cloud
 from cartier.pipeline import map_home
-from cartier.types import PointCloud
+from cartier.types import Camera, Frame, PointCloud
 from synthetic import CHAIR, ROOM, TABLE, THINGS, RoomRecording, TrueBoxes, look, walk
 
 COLOURS = np.random.default_rng(0).integers(40, 255, (max(t.id for t in THINGS) + 1, 3))  # as the recording paints them
@@ -105,10 +105,21 @@ def test_without_depth_there_is_no_cloud() -> None:
     assert CloudMapper().state() is None
 
 
+@pytest.mark.parametrize("size", [(1, 1), (2, 2), (3, 200), (200, 3), (641, 2)])
+def test_images_of_any_shape_are_taken(size: tuple[int, int]) -> None:
+    width, height = size
+    camera = Camera(width, height, 100.0, 100.0, width / 2, height / 2)
+    grown = CloudMapper()
+    for number in range(5):
+        rgb, depth = np.full((height, width, 3), 9, np.uint8), np.full((height, width), 1.0, np.float32)
+        grown.add(Frame(number, float(number), rgb, depth, look((0, 0, 1.0), (1, 0, 1.0)), camera))
+    assert (grown.state() is None) == (min(size) < 2)
+
+
 @pytest.mark.parametrize(
     "change",
     [
-        {"xyz": None}, {"rgb": np.zeros((3, 3), np.uint8)}, {"weight": np.zeros(1, np.uint8)}, {"low_m": np.array([np.nan, 0, 0])},
+        {"xyz": None}, {"rgb": np.zeros((3, 3), np.uint8)}, {"weight": np.zeros(1, np.uint8)}, {"low_m": np.array([np.nan, 0, 0])}, {"low_m": np.array([1e300, 0, 0])},
         {"side_m": np.array(np.inf)}, {"side_m": np.array([1, 2])}, {"xyz": np.zeros((0, 3), np.uint16)}, {"low_m": np.array(["x", "y", "z"])},
     ],
 )  # fmt: skip

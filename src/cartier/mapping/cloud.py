@@ -25,6 +25,7 @@ FLYING = 0.05  # a pixel whose neighbour's depth differs by more of its own lies
 PENDING = 150_000  # samples that wait until they are merged all at once
 STEP_M = 0.005  # of saved positions: 16 bits of them reach 327 m
 MAX_WEIGHT = 255
+FAR_M = 1e8  # no map lies farther from its origin
 
 
 class CloudMapper:
@@ -126,7 +127,7 @@ def _read(data: bytes) -> tuple[PointCloud, npt.NDArray[np.uint8], npt.NDArray[n
         count = len(xyz)
         shapes = xyz.shape == rgb.shape == (count, 3) and weight.shape == (count,) and low.shape == (3,)
         kinds = xyz.dtype == np.uint16 and rgb.dtype == weight.dtype == np.uint8
-        if not (shapes and kinds and 0 < count <= MAX_POINTS and np.isfinite(low).all() and SIDE_M <= side < 100):
+        if not (shapes and kinds and 0 < count <= MAX_POINTS and np.abs(low).max() <= FAR_M and SIDE_M <= side < 100):
             raise ValueError("arrays of another kind")
         if not weight.all():
             raise ValueError("points of no samples")
