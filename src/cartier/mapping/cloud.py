@@ -63,14 +63,13 @@ class CloudMapper:
     ) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp], npt.NDArray[np.float32]]:
         """Rows, columns and depths of a lattice of pixels, another one in each frame, without those on edges."""
         stride = max(1, depth_m.shape[1] // COLUMNS)
-        first = [int(self._frames * step % 1 * stride) for step in (0.7549, 0.5698)]  # even over two dimensions
-        part = np.s_[first[0] : -1 : stride, first[1] : -1 : stride]
-        z, right, below = depth_m[part], depth_m[:, 1:][part], depth_m[1:][part]
-        z, right, below = (each[: len(below), : right.shape[1]] for each in (z, right, below))
+        shifts = (int(self._frames * step % 1 * stride) for step in (0.7549, 0.5698))  # even over two dimensions
+        rows, cols = (np.arange(first, size - 1, stride) for first, size in zip(shifts, depth_m.shape, strict=True))
+        z, right, below = (depth_m[np.ix_(rows + down, cols + across)] for down, across in ((0, 0), (0, 1), (1, 0)))
         with np.errstate(invalid="ignore"):  # NaN is no depth
             whole = (z > 0) & (z <= RANGE_M) & (abs(right - z) <= FLYING * z) & (abs(below - z) <= FLYING * z)
         row, col = np.nonzero(whole)
-        return row * stride + first[0], col * stride + first[1], z[whole]
+        return rows[row], cols[col], z[whole]
 
     def _merge(self) -> None:
         """The samples that wait become part of the points."""
