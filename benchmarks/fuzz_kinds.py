@@ -79,6 +79,7 @@ def read_home(path: Path) -> None:
     """All that is done with a home: ask and remember, show, find, and map on."""
     home = Home.load(path)
     json.dumps(home.to_dict(), allow_nan=False)
+    home.cloud()
     for index in home.indexes:
         answer = pipeline.ask(home, "I would love to sit down", First(), index=index)
         json.dumps(answer.to_dict(), allow_nan=False)

@@ -85,9 +85,45 @@ def test_glb_in_pygltflib_is_well_formed(home: Home, tmp_path: Path) -> None:
     assert set(about) == set(sure) and all(about[k].extras["label"] == sure[k].label for k in sure)
     for accessor in gltf.accessors:
         view = gltf.bufferViews[accessor.bufferView]
-        assert view.byteOffset % 4 == 0 and view.byteLength == 12 * accessor.count
+        size = {"VEC3": 3, "VEC4": 4}[accessor.type] * {5126: 4, 5123: 2}[accessor.componentType]
+        assert view.byteOffset % 4 == 0 and view.byteLength == size * accessor.count
+        if accessor.componentType != 5126:
+            linear = (
+                np.frombuffer(gltf.binary_blob(), "<u2", 4 * accessor.count, view.byteOffset).reshape(-1, 4) / 65535
+            )
+            cloud = home.cloud()
+            assert accessor.normalized and cloud is not None
+            np.testing.assert_allclose(255 * linear[:, :3] ** (1 / 2.2), cloud.rgb, atol=1)
+            continue
         data = np.frombuffer(gltf.binary_blob(), "<f4", 3 * accessor.count, view.byteOffset).reshape(-1, 3)
         np.testing.assert_allclose([data.min(0), data.max(0)], [accessor.min, accessor.max], rtol=1e-6)
+
+
+def test_the_point_cloud_is_in_ply_glb_and_mcap(home: Home, tmp_path: Path) -> None:
+    trimesh, mcap = pytest.importorskip("trimesh"), pytest.importorskip("mcap.reader")
+    cloud = home.cloud()
+    assert cloud is not None
+    mesh, beside = export(home, tmp_path / "home.ply")
+    assert (mesh.name, beside.name) == ("home.ply", "home.points.ply")
+    points = trimesh.load(beside, process=False)
+    np.testing.assert_allclose(points.vertices, cloud.xyz_m, atol=1e-5)
+    np.testing.assert_array_equal(points.colors[:, :3], cloud.rgb)
+    scene = trimesh.load(export(home, tmp_path / "home.glb")[0], process=False)
+    transform, geometry = scene.graph["points"]
+    up = trimesh.transform_points(scene.geometry[geometry].vertices, transform)
+    np.testing.assert_allclose(up, cloud.xyz_m[:, [0, 2, 1]] * (1, 1, -1), atol=1e-5)
+    with export(home, tmp_path / "home.mcap")[0].open("rb") as opened:
+        told = next(json.loads(m.data) for _, c, m in mcap.make_reader(opened).iter_messages() if c.topic == "/points")
+    rows = np.frombuffer(base64.b64decode(told["data"]), np.uint8).reshape(-1, told["point_stride"])
+    at = {field["name"]: field["offset"] for field in told["fields"]}
+    np.testing.assert_allclose(rows[:, at["z"] : at["z"] + 4].copy().view("<f4")[:, 0], cloud.xyz_m[:, 2], atol=1e-5)
+    np.testing.assert_array_equal(rows[:, at["green"]], cloud.rgb[:, 1])
+
+
+def test_a_home_without_points_is_exported_as_before(tmp_path: Path) -> None:
+    blind = map_home(walk(with_depth=False), TrueBoxes(THINGS))
+    assert export(blind, tmp_path / "home.ply") == [tmp_path / "home.ply"]
+    assert b"points" not in export(blind, tmp_path / "home.glb")[0].read_bytes()
 
 
 def test_mcap_in_its_own_reader_has_transforms_and_a_layout(home: Home, tmp_path: Path) -> None:

@@ -17,17 +17,18 @@ from cartier.contracts import Instances, Searchable, SpatialIndex
 from cartier.corrections import Corrected
 from cartier.errors import InputError
 from cartier.files import json_bytes, npz_bytes, parse_json, read_npz, typed
+from cartier.mapping.cloud import read_cloud
 from cartier.mapping.map_server import grid_from, pgm, yaml
 from cartier.mapping.relations import supports
 from cartier.store import Store, blob_file, digest_of
-from cartier.types import FREE, Answer, Camera, Inventory, MapObject, OccupancyGrid, Place, Room, Selection
+from cartier.types import FREE, Answer, Camera, Inventory, MapObject, OccupancyGrid, Place, PointCloud, Room, Selection
 
 Key = TypeVar("Key", int, str)
 SCHEMA = 2
 ANSWERS = "answers.jsonl"
 TRIES = 5  # to read a home that others replace meanwhile
-GROWTH = "growth"
-"""The folder of what only growing needs."""
+GROWTH, CLOUD = "growth", "cloud.npz"
+"""The folder of what growing needs and asking does not; the point cloud lies there, too."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,6 +115,11 @@ class Home:
 
         data = self.photos.get(place.frame)
         return None if data is None else decode_rgb(data, None, f"{self.name}'s photo of frame {place.frame}")
+
+    def cloud(self) -> PointCloud | None:
+        """The points that depth showed, as frames saw them; None without depth, or from an older cartier. Raises InputError if damaged."""
+        data = self.growth.get(CLOUD)
+        return None if data is None else read_cloud(data)
 
     def index(self, name: str | None = None) -> tuple[str, SpatialIndex]:
         """An index by name, or the home's first one."""

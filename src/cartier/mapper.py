@@ -16,8 +16,9 @@ from cartier import plugins
 from cartier.contracts import Detector, Encoder, Recording, SpatialIndex
 from cartier.errors import InputError
 from cartier.files import npz_bytes, read_npz
-from cartier.home import Home
+from cartier.home import CLOUD, Home
 from cartier.mapping.bearings import BearingMap
+from cartier.mapping.cloud import CloudMapper
 from cartier.mapping.conditions import Conditions
 from cartier.mapping.object_map import ObjectMap
 from cartier.mapping.occupancy import OccupancyMapper
@@ -48,7 +49,7 @@ class Mapper:
         made_by = {"detector": detector.name, "detector_sha256": getattr(detector, "sha256", Detector.sha256)}
         self._calibration = getattr(detector, "calibration", Detector.calibration)
         self._objects: ObjectMap | None = None  # with or without depth: the first frame tells
-        self._floor, self._conditions = OccupancyMapper(), Conditions()
+        self._floor, self._cloud, self._conditions = OccupancyMapper(), CloudMapper(), Conditions()
         self._seen, self._photos = set[int](), dict[int, bytes]()
         self._start_xy: tuple[float, float] | None = None
         self._camera: Camera | None = None
@@ -84,6 +85,8 @@ class Mapper:
             self._seen = set(read_npz(home.growth[FRAMES], where=FRAMES)["keys"].tolist())
             if COUNTS in home.growth:
                 self._floor.restore(read_npz(home.growth[COUNTS], where=COUNTS))
+            if CLOUD in home.growth:
+                self._cloud.restore(home.growth[CLOUD])
         except (KeyError, TypeError, ValueError, OverflowError) as error:
             told = error.args[0] if isinstance(error, KeyError) else "sound record of its recordings"
             raise InputError(f"{home.name} keeps no {told} to go on from: map it again") from error
@@ -113,6 +116,7 @@ class Mapper:
             self._objects = (BearingMap if frame.depth_m is None else ObjectMap)(self._calibration)
         if frame.depth_m is not None:
             self._floor.add(frame)
+            self._cloud.add(frame)
         self._conditions.add(frame)
         if frame.depth_m is None and not isinstance(self._objects, BearingMap):
             self._blind += 1
@@ -216,11 +220,12 @@ class Mapper:
         return {frame: jpeg for frame, jpeg in sorted(self._photos.items()) if frame in shown}
 
     def _growth(self, objects: ObjectMap) -> dict[str, bytes]:
-        counts = self._floor.counts()
+        counts, cloud = self._floor.counts(), self._cloud.state()
         return {
             **objects.state(),
             FRAMES: npz_bytes(keys=np.array(sorted(self._seen), np.int64)),
             **({} if counts is None else {COUNTS: npz_bytes(**counts)}),
+            **({} if cloud is None else {CLOUD: cloud}),
         }
 
     def _looked(self) -> int:

@@ -15,7 +15,7 @@ import numpy.typing as npt
 from cartier.atomic import write_file
 from cartier.errors import InputError
 from cartier.home import Home
-from cartier.types import FREE, OCCUPIED, Answer, MapObject, OccupancyGrid, Place, RobotModel, Room
+from cartier.types import FREE, OCCUPIED, Answer, Goal, MapObject, OccupancyGrid, Place, RobotModel, Room
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -44,17 +44,8 @@ def draw_answer(home: Home, answer: Answer, file: Path, robot: RobotModel | None
     figure, (left, right) = _figure(2, (14.0, 5.4))
     place, goal = answer.place, answer.goal
     draw_plan(left, home)
-    if goal is not None:
-        left.plot(*goal.path.T, color=PATH, lw=2.5, zorder=4)
-        left.plot(*goal.path[0], "o", color=PATH, ms=7, zorder=4)
-        _draw_robot(left, goal.x, goal.y, goal.yaw, (robot or RobotModel()).radius_m)
+    _draw_way(left, place, goal, robot or RobotModel())
     if place is not None:
-        left.plot(place.position[0], place.position[1], "*", color=CHOSEN, ms=20, mec="white", zorder=6)
-        kind = "seen from here" if place.view_yaw is not None else place.label
-        left.annotate(
-            kind, (place.position[0], place.position[1]), (9, 9), textcoords="offset points", color=CHOSEN, weight="bold", zorder=7,
-            bbox={"fc": "white", "ec": "none", "alpha": 0.8, "pad": 1.5}, annotation_clip=False,
-        )  # fmt: skip
         _draw_evidence(right, home, place)
     else:
         right.axis("off")
@@ -63,6 +54,18 @@ def draw_answer(home: Home, answer: Answer, file: Path, robot: RobotModel | None
     figure.suptitle(title, fontsize=13, x=0.02, ha="left", weight="bold")
     _caption(figure, home, f"{_outcome(answer)} · reasoner: {answer.reasoner} · index: {answer.index}")
     save_figure(figure, file)
+
+
+def plan_jpeg(home: Home, place: Place, goal: Goal | None, robot: RobotModel) -> bytes:
+    """The floor plan with a place, and the goal pose and path to it, as JPEG of 700 pixels at most."""
+    left, right, low, high = _extent(home)
+    scale = 6.3 / max(right - left, high - low)
+    figure, (axes,) = _figure(1, ((right - left) * scale, (high - low) * scale))
+    draw_plan(axes, home)
+    _draw_way(axes, place, goal, robot)
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="jpeg")
+    return buffer.getvalue()
 
 
 def draw_home(home: Home, file: Path) -> None:
@@ -257,6 +260,20 @@ def _fits(
 ) -> bool:
     inside = frame.x0 < x and x + wide < frame.x1 and frame.y0 < y and y + tall < frame.y1
     return inside and all(x + wide < a or c < x or y + tall < b or d < y for a, b, c, d in taken)
+
+
+def _draw_way(axes: Axes, place: Place | None, goal: Goal | None, robot: RobotModel) -> None:
+    if goal is not None:
+        axes.plot(*goal.path.T, color=PATH, lw=2.5, zorder=4)
+        axes.plot(*goal.path[0], "o", color=PATH, ms=7, zorder=4)
+        _draw_robot(axes, goal.x, goal.y, goal.yaw, robot.radius_m)
+    if place is not None:
+        axes.plot(place.position[0], place.position[1], "*", color=CHOSEN, ms=20, mec="white", zorder=6)
+        kind = "seen from here" if place.view_yaw is not None else place.label
+        axes.annotate(
+            kind, (place.position[0], place.position[1]), (9, 9), textcoords="offset points", color=CHOSEN, weight="bold", zorder=7,
+            bbox={"fc": "white", "ec": "none", "alpha": 0.8, "pad": 1.5}, annotation_clip=False,
+        )  # fmt: skip
 
 
 def _draw_robot(axes: Axes, x: float, y: float, yaw: float, radius_m: float) -> None:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import base64
+import contextlib
 import hmac
 import json
 import os
@@ -27,12 +29,12 @@ httpx = pytest.importorskip("httpx")
 from cartier.corrections import LOG, read_log  # noqa: E402
 from cartier.errors import InputError  # noqa: E402
 from cartier.home import Home  # noqa: E402
-from cartier.serving import guard, http  # noqa: E402
+from cartier.serving import connections, guard, http  # noqa: E402
 from cartier.serving.guard import Guard, host_names, read_token  # noqa: E402
 from cartier.serving.homes import Homes  # noqa: E402
 from cartier.serving.operations import Operations  # noqa: E402
 from cartier.types import Inventory, Selection  # noqa: E402
-from serving.conftest import Server, starting  # noqa: E402
+from serving.conftest import Server, free_port, starting  # noqa: E402
 
 TOKEN = "correct-horse-battery-staple-42"
 JSON = {"content-type": "application/json"}
@@ -79,11 +81,13 @@ def test_ask_goal_photo_over_http(server: Server) -> None:
         assert web.get("/api/homes/room/objects", params={"room": "room:0"}).json()["total"] == 3
         assert web.get("/api/homes/room/relate", params={"thing": "mug", "other": "table"}).json()["relations"]
         assert len(web.get("/api/homes/room/view").json()["objects"]) >= 3
+        cloud = web.get("/api/homes/room/cloud").json()["cloud"]
+        assert len(base64.b64decode(cloud["points"])) == 9 * cloud["count"] > 0
 
 
 def test_openapi_describes_every_path(server: Server) -> None:
     paths = httpx.get(f"{server.url}/openapi.json").json()["paths"]
-    assert len(paths) == 12 and all("summary" in verb for path in paths.values() for verb in path.values())
+    assert len(paths) == 13 and all("summary" in verb for path in paths.values() for verb in path.values())
 
 
 def test_long_work_sends_signs_of_life(mapped: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -307,6 +311,78 @@ def test_slow_bodies_and_slow_readers_keep_no_place(server: Server, monkeypatch:
     assert httpx.get(f"{server.url}/api/homes").status_code == 200 and time.perf_counter() - begin < 3
     for line in lines:
         line.close()
+
+
+def test_heads_that_drip_are_cut_off_and_others_are_served(server: Server) -> None:
+    """Three clients that keep a connection busy: a head byte by byte, the same after a whole request, and silence."""
+    ask = f"GET /api/homes HTTP/1.1\r\nHost: 127.0.0.1:{server.port}\r\n\r\n".encode()
+    head = b"GET / HTTP/1.1\r\nX-" + b"a" * 60
+    lasted: dict[str, float] = {}
+
+    def drip(name: str, whole: bytes, dripped: bytes) -> None:
+        with socket.create_connection(("127.0.0.1", server.port), timeout=1.0) as line:
+            if whole:
+                line.sendall(whole)
+                assert b"200 OK" in line.recv(65536)
+            begin = time.perf_counter()
+            for byte in dripped:
+                try:
+                    if byte != ord("-"):
+                        line.sendall(bytes([byte]))
+                    if line.recv(1) == b"":
+                        break
+                except TimeoutError:
+                    continue  # a second without an answer
+                except OSError:
+                    break
+            lasted[name] = time.perf_counter() - begin
+
+    clients = [
+        threading.Thread(target=drip, args=each)
+        for each in (("drips", b"", head), ("drips later", ask, head), ("says nothing", b"", b"-" * 30))
+    ]
+    for each in clients:
+        each.start()
+    served = 0
+    while any(each.is_alive() for each in clients):
+        begin = time.perf_counter()
+        assert httpx.get(f"{server.url}/api/homes").status_code == 200 and time.perf_counter() - begin < 2
+        served += 1
+        time.sleep(0.3)
+    assert served >= 5 and set(lasted) == {"drips", "drips later", "says nothing"}
+    assert all(connections.HEAD_S - 1 < took < connections.HEAD_S + 4 for took in lasted.values()), lasted
+
+
+def test_a_slow_answer_is_no_slow_head_and_connections_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    import uvicorn
+
+    monkeypatch.setattr(connections, "HEAD_S", 0.2)
+    monkeypatch.setattr(connections, "MAX_CONNECTIONS", 3)
+
+    async def slow(scope: Any, receive: Any, send: Any) -> None:
+        await asyncio.sleep(0.8)
+        await nothing(scope, receive, send)
+        await send({"type": "http.response.body", "body": b"done"})
+
+    async def run() -> None:
+        config = uvicorn.Config(slow, port=free_port(), http=connections.Connection, lifespan="off", log_level="error")
+        server = uvicorn.Server(config)
+        serving = asyncio.ensure_future(server.serve())
+        while not server.started:
+            await asyncio.sleep(0.02)
+        async with httpx.AsyncClient(base_url=f"http://127.0.0.1:{config.port}") as web:
+            for _ in range(2):  # the second on the same connection
+                assert (await web.get("/")).text == "done"
+        held = [await asyncio.open_connection("127.0.0.1", config.port) for _ in range(3)]
+        one_more, _ = await asyncio.open_connection("127.0.0.1", config.port)
+        with contextlib.suppress(ConnectionResetError):
+            assert await asyncio.wait_for(one_more.read(), 0.15) == b"", "at once, and not when its head is late"
+        for _, writer in held:
+            writer.close()
+        server.should_exit = True
+        await serving
+
+    asyncio.run(run())
 
 
 def call(guarded: Guard, headers: dict[str, str], address: str = "10.0.0.9", path: str = "/api/homes") -> int:

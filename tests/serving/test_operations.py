@@ -6,6 +6,7 @@ import json
 import shutil
 import threading
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +15,11 @@ import pytest
 import cartier
 from cartier.errors import InputError
 from cartier.geometry import box_distance
+from cartier.home import Home
 from cartier.serving import homes
 from cartier.serving.homes import Homes
 from cartier.serving.operations import Operations
-from cartier.types import Inventory, Selection
+from cartier.types import Fact, Inventory, Selection
 from synthetic import CHAIR, MUG
 
 
@@ -86,6 +88,43 @@ def test_find_knows_names_close_spellings_and_what_to_do_next(ops: Operations) -
     assert "list_objects" in ops.find("zebra")["next"]
     ops.correct("name", "chair", "Grandpa's throne")
     assert ops.find("throne")["objects"][0]["name"] == "Grandpa's throne"
+
+
+def test_find_keeps_apart_what_is_only_maybe_so(home: Path) -> None:
+    about = json.loads((home / "home.json").read_text())
+    mapped = Home.load(home)
+    objects = [
+        replace(t, confirmed=False) if t.label == "mug" else replace(t, labels=((t.label, 2.0), ("mug", 0.1))) if t.label == "chair" else replace(t, label="mug table")
+        for t in mapped.objects
+    ]  # fmt: skip
+    replace(mapped, objects=tuple(objects), corrected=None).save(home)
+    assert json.loads((home / "home.json").read_text())["sha256"] != about["sha256"]
+    told = Operations(Homes([home]), Echo()).find("mug")
+    assert [row["label"] for row in told["objects"]] == ["mug table"] and (told["total"], told["maybe"]) == (1, 2)
+
+
+def test_a_place_is_told_the_same_wherever_it_is_told(ops: Operations) -> None:
+    asked, described = ops.ask("mug"), ops.describe("mug")
+    assert [asked[axis] for axis in "xyz"] == [described[axis] for axis in "xyz"]
+
+
+def test_a_move_to_nowhere_says_what_it_needs(ops: Operations) -> None:
+    with pytest.raises(InputError, match=r"needs x and y.*describe"):
+        ops.correct("move", "mug")
+
+
+def test_nothing_is_said_twice(home: Path) -> None:
+    asks = Selection(
+        "clarify", question="Which?", say="Which?", reason="2 fit", candidates=(("mug", 0.9), ("chair", 0.001))
+    )
+    told = Operations(Homes([home]), Asks(asks)).ask("it")
+    assert (told["question"], told["reason"], told["candidates"]) == (
+        "Which?",
+        "2 fit",
+        [["mug", 0.9]],
+    ) and "say" not in told
+    told = Operations(Homes([home]), Asks(Selection("told", say="Two.", reason="Two."))).ask("it")
+    assert told["say"] == "Two." and "reason" not in told
 
 
 def test_a_list_is_paged_and_says_so(ops: Operations, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -189,3 +228,34 @@ def test_forty_threads_get_their_own_answers(ops: Operations) -> None:
     for each in clients:
         each.join()
     assert not wrong
+
+
+class Asks(Echo):
+    """A reasoner that asks back, or tells."""
+
+    def __init__(self, chosen: Selection) -> None:
+        self.chosen = chosen
+
+    def select(self, query: str, inventory: Inventory, dialogue: Sequence[tuple[str, str]] = ()) -> Selection:
+        return self.chosen
+
+
+@pytest.mark.parametrize(
+    ("chosen", "labels"),
+    [
+        (Selection("clarify", question="Which mug: the red one or the blue one?"), {"mug"}),
+        (Selection("clarify", question="Do you mean the CHAIR or the table?", candidates=(("mug", 0.4),)), {"chair", "table"}),
+        (Selection("clarify", question="What do you need?"), set()),
+        (Selection("clarify", question="Which carpet, and what for?"), set()),
+    ],
+)  # fmt: skip
+def test_what_a_question_names_can_be_pointed_at(home: Path, chosen: Selection, labels: set[str]) -> None:
+    told = Operations(Homes([home]), Asks(chosen)).ask("that one")
+    objects = {t.id: t.label for t in Home.load(home).objects if t.confirmed}
+    assert {objects[k] for k in told.get("ids", [])} == labels
+
+
+def test_what_an_answer_in_words_is_about_can_be_shown(home: Path) -> None:
+    some = tuple(t.id for t in Home.load(home).objects[:2])
+    told = Operations(Homes([home]), Asks(Selection("told", say="Two.", fact=Fact("count", 2, some)))).ask("how many?")
+    assert told["ids"] == list(some)

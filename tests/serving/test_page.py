@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from cartier.home import Home
@@ -137,7 +138,7 @@ def test_ask_and_see_goal_path_and_photo(home: Path, start: Callable[..., Server
     tab.fill("#words", "my feet hurt, let me sit down")
     tab.press("#words", "Enter")
     tab.wait_for_selector("#card .photo i")
-    assert card(tab).startswith("chair") and "chair" in tab.inner_text("#turns li:last-child")
+    assert card(tab).startswith("chair") and "Chair" in tab.inner_text("#turns li:last-child")
     assert tab.locator("#plan .way").count() == 1 and tab.locator("#plan .thing.chosen").count() == 1
     mark, photo = (tab.locator(f"#card .photo {part}").bounding_box() for part in ("i", "img"))
     assert mark["x"] >= photo["x"] - 1 and mark["x"] + mark["width"] <= photo["x"] + photo["width"] + 1
@@ -211,9 +212,11 @@ def test_the_keyboard_alone_suffices(home: Path, start: Callable[..., Server], v
     keys.type("Ayo's mug")
     keys.press("Enter")
     tab.wait_for_selector("#toast:has-text('is called')")
+    assert tab.evaluate("document.activeElement.textContent") == "Rename", "the focus stays where one was"
     walk_to("#undo")
     keys.press("Enter")
     tab.wait_for_selector("#toast:has-text('undone')")
+    assert tab.evaluate("document.activeElement.id") == "flat"
     walk_to("#plan")
     before = tab.get_attribute("#plan", "viewBox")
     keys.press("+")
@@ -271,7 +274,7 @@ def test_one_file_from_disk_shows_finds_and_asks_nobody(home: Path, tmp_path: Pa
     file = tmp_path / "home.html"
     file.write_bytes(one_file(Home.load(home)))
     tab = visit(file.as_uri())
-    for words, expected in (("where is the mug?", "mug"), ("my feet hurt", "chair"), ("how many tables are there", "1 × table"), ("zzz", "Nothing")):  # fmt: skip
+    for words, expected in (("where is the mug?", "Mug"), ("my feet hurt", "Chair"), ("how many tables are there", "1 × table"), ("zzz", "Nothing")):  # fmt: skip
         tab.fill("#words", words)
         tab.press("#words", "Enter")
         tab.wait_for_function("() => !document.querySelector('#turns li:last-child').textContent.startsWith('…')")
@@ -292,7 +295,8 @@ def test_an_object_in_3d_has_its_colour_where_it_should_be(
     file.write_bytes(one_file(Home.load(home)))
     tab = visit(file.as_uri())
     tab.click("#solid")
-    tab.wait_for_function("scene.gl && scene.canvas.width > 10")
+    tab.wait_for_function("() => scene.gl && scene.canvas.width > 10")
+    tab.uncheck("#points")
     top = """id => { const t = byId(id), [x, y] = scene.project([(t.low[0] + t.high[0]) / 2, (t.low[1] + t.high[1]) / 2, t.high[2]]),
       box = scene.canvas.getBoundingClientRect(), k = scene.canvas.width / box.width, pixel = new Uint8Array(4);
       scene.gl.readPixels(Math.round((x - box.left) * k), scene.canvas.height - 1 - Math.round((y - box.top) * k), 1, 1, scene.gl.RGBA, scene.gl.UNSIGNED_BYTE, pixel);
@@ -304,3 +308,103 @@ def test_an_object_in_3d_has_its_colour_where_it_should_be(
     assert all(abs(got - shade * want) <= 12 for got, want in zip(seen["pixel"][:3], wanted, strict=True)), seen
     tab.mouse.click(seen["x"], seen["y"])
     assert card(tab).startswith("chair"), "what is drawn there is what is chosen there"
+
+
+def test_the_points_are_where_depth_showed_them_and_can_be_switched_off(
+    home: Path, start: Callable[..., Server], visit: Callable[..., Any]
+) -> None:
+    tab = visit(start("serve", home).url)
+    assert tab.locator("#points").is_hidden() and not any("cloud" in url for url in tab.asked), (
+        "not before they are seen"
+    )
+    tab.click("#solid")
+    tab.wait_for_function("() => scene.cloud && scene.canvas.width > 10")
+    seen = Home.load(home).cloud()
+    assert seen is not None and tab.evaluate("scene.cloud.count") == int(
+        (seen.xyz_m[:, 2] <= tab.evaluate("CUT_M") + 1e-9).sum()
+    ), "nothing here is taller than the cut"
+    floor = seen.xyz_m[:, 2] < 0.01
+    middle = seen.xyz_m[floor][np.abs(seen.xyz_m[floor][:, :2] - (2.5, 1.5)).sum(1).argmin()]
+    pixel = """p => { scene.fit(); scene.rotate(0, 1); const [x, y] = scene.project(p), box = scene.canvas.getBoundingClientRect(),
+      k = scene.canvas.width / box.width, pixel = new Uint8Array(4);
+      scene.gl.readPixels(Math.round((x - box.left) * k), scene.canvas.height - 1 - Math.round((y - box.top) * k), 1, 1, scene.gl.RGBA, scene.gl.UNSIGNED_BYTE, pixel);
+      return [...pixel]; }"""
+    colour = seen.rgb[floor][0]
+    assert np.abs(np.array(tab.evaluate(pixel, middle.tolist())[:3]) - colour).max() < 12
+    tab.uncheck("#points")
+    assert np.abs(np.array(tab.evaluate(pixel, middle.tolist())[:3]) - colour).max() > 30
+    tab.click("#flat")
+    assert tab.locator("#points").is_hidden()
+    assert sum("cloud" in url for url in tab.asked) == 1
+
+
+def test_a_home_of_an_older_cartier_has_no_points_and_opens_as_before(
+    home: Path, tmp_path: Path, visit: Callable[..., Any]
+) -> None:
+    from dataclasses import replace
+
+    older = Home.load(home)
+    replace(older, growth={k: v for k, v in older.growth.items() if k != "cloud.npz"}).save(tmp_path / "older")
+    file = tmp_path / "home.html"
+    file.write_bytes(one_file(Home.load(tmp_path / "older")))
+    tab = visit(file.as_uri())
+    tab.click("#solid")
+    tab.wait_for_function("() => scene.gl && scene.canvas.width > 10")
+    assert tab.locator("#points").is_hidden() and tab.evaluate("scene.cloud") is None
+
+
+HOST = """async ([html, result]) => {
+  const frame = document.createElement("iframe"), seen = [];
+  frame.sandbox = "allow-scripts"; frame.srcdoc = html; frame.style = "width: 100%; height: 420px; border: 0";
+  window.addEventListener("message", (e) => {
+    if (!frame.contentWindow || e.source !== frame.contentWindow) return;
+    const said = e.data, send = (message) => frame.contentWindow.postMessage({ jsonrpc: "2.0", ...message }, "*");
+    seen.push(said);
+    if (said.method === "ui/initialize") send({ id: said.id, result: { protocolVersion: "2026-01-26", hostInfo: { name: "test", version: "1" },
+      hostCapabilities: {}, hostContext: { theme: "dark", containerDimensions: { maxHeight: 600 } } } });
+    if (said.method === "ui/notifications/initialized") { send({ method: "ui/notifications/tool-input", params: { arguments: {} } }); send({ method: "ui/notifications/tool-result", params: result }); }
+    if (said.method === "ui/message") send({ id: said.id, result: {} });
+  });
+  window.seen = seen;
+  document.body.replaceChildren(frame);
+}"""
+
+
+def test_a_host_for_mcp_apps_shows_the_answer(home: Path, visit: Callable[..., Any], tmp_path: Path) -> None:
+    """A host as the specification says: a sandbox of another origin, and JSON-RPC with it by messages."""
+    pytest.importorskip("mcp", reason="needs cartier[mcp]")
+    from cartier.serving.homes import Homes
+    from cartier.serving.operations import Operations
+    from serving.test_operations import Echo
+
+    ops = Operations(Homes([home]), Echo())
+    told = ops.ask("chair")
+    clarify = {key: told[key] for key in ("home", "home_id", "age_h")} | {"status": "clarify", "question": "Which one?"}
+    clarify |= {"candidates": [["mug", 0.5], ["table", 0.4]], "goal": None}
+    blank = tmp_path / "blank.html"
+    blank.write_text("<!doctype html><html data-ready><body>")
+    tab = visit(blank.as_uri())
+
+    def shown(result: dict[str, Any]) -> Any:
+        tab.evaluate(HOST, [page.answer_page(), {"content": [], "_meta": {"cartier/answer": page.answer(ops, result)}}])
+        frame = tab.frame_locator("iframe")
+        frame.locator("#plan .thing").first.wait_for()
+        return frame
+
+    frame = shown(told)
+    frame.locator("#photo i").wait_for()
+    assert frame.locator("#plan .way").count() == 1 and frame.locator("#plan .thing.chosen").count() == 1
+    assert frame.locator("#what").inner_text() == "chair" and "m to drive" in frame.locator("#way").inner_text()
+    assert "dark" in (frame.locator("html").get_attribute("class") or "") and frame.locator("#this").is_hidden()
+    assert any(
+        m["method"] == "ui/notifications/size-changed" and m["params"]["height"] > 100 for m in tab.evaluate("seen")
+    )
+    frame = shown(clarify)
+    assert frame.locator("#what").inner_text() == "Which one?" and frame.locator("#plan .thing:not(.dim)").count() == 2
+    mug = next(t for t in Home.load(home).objects if t.label == "mug")
+    frame.locator(f'#plan .thing[data-id="{mug.id}"]').click()
+    frame.locator("#this").click()
+    tab.wait_for_function("() => seen.some((m) => m.method === 'ui/message')")
+    said = next(m for m in tab.evaluate("seen") if m["method"] == "ui/message")["params"]
+    assert said == {"role": "user", "content": [{"type": "text", "text": f"The mug {mug.id}."}]}
+    assert [url for url in tab.asked if not url.startswith(("data:", "about:"))] == [blank.as_uri()], "no network"

@@ -120,6 +120,7 @@ def _listen(
 ) -> None:  # fmt: skip
     import uvicorn
 
+    from cartier.serving.connections import Connection
     from cartier.serving.guard import Guard, host_names, read_token
 
     if (tls[0] is None) != (tls[1] is None):
@@ -140,7 +141,7 @@ def _listen(
     uvicorn.run(
         guarded, host=host, port=port, ssl_certfile=tls[0], ssl_keyfile=tls[1], log_level="warning", access_log=False,
         server_header=False, timeout_keep_alive=15, timeout_graceful_shutdown=5, backlog=512, ws="none", proxy_headers=False,
-        h11_max_incomplete_event_size=16_384,
+        http=Connection, h11_max_incomplete_event_size=16_384,
     )  # fmt: skip
 
 

@@ -14,12 +14,15 @@ from cartier.home import Home
 WRITERS: Mapping[str, Callable[[Home], bytes]] = {
     ".glb": _glb.write, ".ply": _ply.write, ".mcap": _mcap.write, ".geojson": _tables.geojson, ".csv": _tables.csv, ".json": _tables.json,
 }  # fmt: skip
+BESIDE: Mapping[str, tuple[str, Callable[[Home], bytes | None]]] = {
+    ".mcap": (".layout.json", lambda home: _mcap.layout()), ".ply": (".points.ply", _ply.points),
+}  # fmt: skip
 
 
 def export(home: Home, file: Path) -> list[Path]:
     """Write a home as the file's suffix says; gives the files that were written. Raises InputError for another suffix.
 
-    Beside an MCAP lies the layout with which Lichtblick or Foxglove shows it.
+    Beside an MCAP lies the layout with which Lichtblick or Foxglove shows it, beside a PLY the point cloud where the home has one.
     """
     writer = WRITERS.get(file.suffix.lower())
     if writer is None:
@@ -29,8 +32,9 @@ def export(home: Home, file: Path) -> list[Path]:
     except ModuleNotFoundError as error:
         raise MissingExtra(f"{file.suffix} needs the package 'mcap': {plugins.install('export', 'mcap')}") from error
     write_file(file, data)
-    if writer is not _mcap.write:
+    suffix, also = BESIDE.get(file.suffix.lower(), ("", lambda home: None))
+    if (more := also(home)) is None:
         return [file]
-    layout = file.with_suffix(".layout.json")
-    write_file(layout, _mcap.layout())
-    return [file, layout]
+    beside = file.with_suffix(suffix)
+    write_file(beside, more)
+    return [file, beside]

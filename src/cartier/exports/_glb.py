@@ -1,4 +1,4 @@
-"""GLB (glTF 2.0): one node for each object, with its name and what is known of it, and the floor and walls; y up, metres."""
+"""GLB (glTF 2.0): one node for each object, with its name and what is known of it, the floor and walls, the point cloud; y up, metres."""
 
 from __future__ import annotations
 
@@ -10,8 +10,9 @@ import numpy as np
 
 from cartier.exports._scene import FACES, Box, boxes, corners
 from cartier.home import Home
+from cartier.types import PointCloud
 
-FLOAT, ARRAY_BUFFER = 5126, 34962
+FLOAT, UNSIGNED_SHORT, ARRAY_BUFFER, POINTS = 5126, 5123, 34962, 0
 JSON_CHUNK, BINARY_CHUNK = 0x4E4F534A, 0x004E4942
 
 
@@ -42,6 +43,8 @@ def write(home: Home) -> bytes:
             at = _add(about, parts, *_flat(np.concatenate([corners(box) for box in same]), faces))
             about["nodes"].append({"name": kind, "mesh": _mesh(about, at, colours[same[0].rgb])})
             about["nodes"][0]["children"].append(len(about["nodes"]) - 1)
+    if (cloud := home.cloud()) is not None:
+        _points(about, parts, cloud)
     binary = b"".join(parts)
     about["buffers"].append({"byteLength": len(binary)})
     text = json.dumps(about, separators=(",", ":")).encode()
@@ -64,20 +67,46 @@ def _flat(points: Any, faces: Any) -> tuple[Any, Any]:
     return vertices.reshape(-1, 3), np.repeat(normals, 3, axis=0).astype(np.float32)
 
 
+def _points(about: dict[str, Any], parts: list[bytes], cloud: PointCloud) -> None:
+    """Add the point cloud as a node of its own, which viewers can hide; its colours need no light."""
+    linear = np.ones((len(cloud.rgb), 4))
+    linear[:, :3] = (cloud.rgb / 255) ** 2.2
+    places, colours = _up(cloud.xyz_m).astype("<f4"), np.round(linear * 65535).astype("<u2")
+    about["materials"].append({"extensions": {"KHR_materials_unlit": {}}})
+    about["extensionsUsed"] = ["KHR_materials_unlit"]
+    at = {
+        "POSITION": _accessor(about, parts, places, FLOAT),
+        "COLOR_0": _accessor(about, parts, colours, UNSIGNED_SHORT),
+    }
+    about["meshes"].append(
+        {"primitives": [{"attributes": at, "mode": POINTS, "material": len(about["materials"]) - 1}]}
+    )
+    about["nodes"].append({"name": "points", "mesh": len(about["meshes"]) - 1})
+    about["nodes"][0]["children"].append(len(about["nodes"]) - 1)
+
+
 def _add(about: dict[str, Any], parts: list[bytes], vertices: Any, normals: Any) -> tuple[int, int]:
     """The numbers of the accessors of vertices and normals that were added."""
-    numbers = []
-    for values in (vertices, normals):
-        offset = sum(map(len, parts))
-        parts.append(np.ascontiguousarray(values, "<f4").tobytes())
-        about["bufferViews"].append(
-            {"buffer": 0, "byteOffset": offset, "byteLength": len(parts[-1]), "target": ARRAY_BUFFER}
-        )
-        view = len(about["bufferViews"]) - 1
-        low, high = values.min(0).tolist(), values.max(0).tolist()
-        about["accessors"].append({"bufferView": view, "componentType": FLOAT, "count": len(values), "type": "VEC3", "min": low, "max": high})  # fmt: skip
-        numbers.append(len(about["accessors"]) - 1)
-    return numbers[0], numbers[1]
+    one, other = (_accessor(about, parts, values.astype("<f4"), FLOAT) for values in (vertices, normals))
+    return one, other
+
+
+def _accessor(about: dict[str, Any], parts: list[bytes], values: Any, kind: int) -> int:
+    """The number of the accessor of values (N, 3 or 4) that was added."""
+    offset = sum(map(len, parts))
+    parts.append(np.ascontiguousarray(values).tobytes())
+    about["bufferViews"].append(
+        {"buffer": 0, "byteOffset": offset, "byteLength": len(parts[-1]), "target": ARRAY_BUFFER}
+    )
+    accessor = {
+        "bufferView": len(about["bufferViews"]) - 1,
+        "componentType": kind,
+        "count": len(values),
+        "type": f"VEC{values.shape[1]}",
+    }
+    bounds = {"min": values.min(0).tolist(), "max": values.max(0).tolist()} if kind == FLOAT else {"normalized": True}
+    about["accessors"].append(accessor | bounds)
+    return len(about["accessors"]) - 1
 
 
 def _mesh(about: dict[str, Any], at: tuple[int, int], material: int) -> int:

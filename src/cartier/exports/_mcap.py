@@ -15,7 +15,7 @@ import numpy as np
 from cartier.exports._scene import Box, boxes, called
 from cartier.files import json_bytes
 from cartier.home import Home
-from cartier.types import OCCUPIED, UNKNOWN
+from cartier.types import OCCUPIED, UNKNOWN, PointCloud
 
 FRAME, START = "map", "start"
 TOPICS = {
@@ -23,8 +23,9 @@ TOPICS = {
     "/objects": "foxglove.SceneUpdate",
     "/rooms": "foxglove.SceneUpdate",
     "/floor_plan": "foxglove.Grid",
+    "/points": "foxglove.PointCloud",
 }
-UINT8 = 1  # of foxglove.NumericType
+UINT8, FLOAT32 = 1, 7  # of foxglove.NumericType
 
 
 def write(home: Home) -> bytes:
@@ -39,6 +40,8 @@ def write(home: Home) -> bytes:
     messages = {"/tf": _transforms(home, stamp), "/objects": _objects(home, stamp), "/rooms": _rooms(home, stamp)}
     if home.grid is not None:
         messages["/floor_plan"] = _floor_plan(home, stamp)
+    if (cloud := home.cloud()) is not None:
+        messages["/points"] = _points(cloud, stamp)
     for topic, message in messages.items():
         schema = json.dumps({"title": TOPICS[topic], "type": "object", "properties": _properties(message)}).encode()
         number = writer.register_schema(name=TOPICS[topic], encoding="jsonschema", data=schema)
@@ -107,6 +110,23 @@ def _floor_plan(home: Home, stamp: dict[str, int]) -> dict[str, Any]:
         "cell_size": {"x": grid.resolution_m, "y": grid.resolution_m}, "row_stride": 4 * grid.cells.shape[1], "cell_stride": 4,
         "fields": fields, "data": base64.b64encode(shade.tobytes()).decode(),
     }  # fmt: skip
+
+
+def _points(cloud: PointCloud, stamp: dict[str, int]) -> dict[str, Any]:
+    rows = np.zeros(len(cloud.rgb), [("xyz", "<f4", 3), ("rgba", "u1", 4)])
+    rows["xyz"], rows["rgba"][:, :3], rows["rgba"][:, 3] = cloud.xyz_m, cloud.rgb, 255
+    fields = [{"name": name, "offset": 4 * k, "type": FLOAT32} for k, name in enumerate("xyz")]
+    fields += [
+        {"name": name, "offset": 12 + k, "type": UINT8} for k, name in enumerate(("red", "green", "blue", "alpha"))
+    ]
+    about = {
+        "timestamp": stamp,
+        "frame_id": FRAME,
+        "pose": _pose((0, 0, 0)),
+        "point_stride": rows.itemsize,
+        "fields": fields,
+    }
+    return about | {"data": base64.b64encode(rows.tobytes()).decode()}
 
 
 def _entity(name: str, stamp: dict[str, int]) -> dict[str, Any]:

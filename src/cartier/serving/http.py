@@ -132,6 +132,10 @@ def _add_reading(app: FastAPI, ops: Operations, run: Callable[..., Any]) -> None
     async def view(home: str) -> Any:
         return Response(await run(home, page.view_json, ops, home), media_type="application/json")
 
+    @app.get("/api/homes/{home}/cloud", summary="The coloured points of the 3-D view, null where a home has none")
+    async def cloud(home: str) -> Any:
+        return Response(await run(home, page.cloud_json, ops, home), media_type="application/json")
+
     @app.get("/api/homes/{home}/find", summary="Objects and rooms by name")
     async def find(home: str, name: ShortQuery) -> Any:
         return await run(home, ops.find, name, home)

@@ -23,16 +23,17 @@ from cartier.conversation import robot_turn
 from cartier.corrections import What, find
 from cartier.errors import InputError, brief
 from cartier.home import Home
+from cartier.language.lookup import names_of
 from cartier.language.prompts import check_query, recent
 from cartier.mapping import relations
 from cartier.pipeline import ask
 from cartier.planning import plan
 from cartier.serving.homes import Homes
 from cartier.store import MANIFEST
-from cartier.types import Answer, Array, Goal, MapObject, Place, RobotModel, Room
+from cartier.types import Answer, Array, Goal, MapObject, Place, RobotModel, Room, Selection
 
 PAGE = 5  # objects of a list: a small model reads it whole
-FOUND, RELATIONS, CANDIDATES = 5, 5, 3
+FOUND, RELATIONS, CANDIDATES, MEANT = 5, 5, 3, 12
 MAX_CONVERSATIONS, MAX_CONVERSATION_CHARS = 1000, 64
 NO_PLAN = "there is no goal: without depth the home has no floor plan to plan on"
 CROP_PX, MARGIN = 512, 0.35  # of a photo: its longer side, and what is shown around the object in sizes of it
@@ -70,7 +71,10 @@ class Operations:
         return self.about(home, mapped) | _answer(mapped, answer)
 
     def find(self, name: str, home: str = "") -> dict[str, Any]:
-        """Objects and rooms by name, the surest first; close spellings where none has the name."""
+        """Objects and rooms by name, the surest first; close spellings where none has the name.
+
+        ``maybe`` says how many more are not sure to be there, or are called so by some frames only.
+        """
         mapped, wanted = self.homes.get(home), " ".join(name.casefold().split())
         if not wanted:
             raise InputError("find needs a name: call list_objects to see all")
@@ -85,11 +89,18 @@ class Operations:
             hits = [t for t in mapped.objects if set(close) & set(called[t.id])]
         hits.sort(key=lambda t: (wanted not in called[t.id][: 1 + len(t.names)], not t.confirmed, -t.probability, t.id))
         rooms = [{"room": f"room:{r.id}", "name": r.name} for r in mapped.rooms if wanted in r.name.casefold()]
+        named = {
+            t.id: any(n in each for each in called[t.id][: 1 + len(t.names)] for n in (wanted, *close)) for t in hits
+        }
+        sure = [t for t in hits if t.confirmed and named[t.id]]
+        sure = sure or [t for t in hits if t.confirmed] or hits
         told: dict[str, Any] = {
-            "total": len(hits),
-            "objects": [self._row(mapped, t) for t in hits[:FOUND]],
+            "total": len(sure),
+            "objects": [self._row(mapped, t) for t in sure[:FOUND]],
             "rooms": rooms,
         }
+        if len(hits) > len(sure):
+            told["maybe"] = len(hits) - len(sure)
         if close:
             told["spelt"] = close
         if not hits and not rooms:
@@ -187,8 +198,13 @@ class Operations:
         return self.goal_for(thing, home) | {"sent": said}
 
     def look_at(self, thing: str, view: int = 1, home: str = "") -> tuple[dict[str, Any], bytes]:
-        """The evidence for an object: what a view says, and a JPEG of the part of the photo around its box."""
+        """The evidence for an object: what a view says, and a JPEG of the part of the photo around its box.
+
+        View 0 is the floor plan with the object or room and the way there.
+        """
         mapped = self.homes.get(home)
+        if view == 0:
+            return self._plan(find(thing, mapped.objects, mapped.rooms), home, mapped)
         one = _an_object(find(thing, mapped.objects, mapped.rooms))
         views = [v for v in one.views if v.frame in mapped.photos]
         if not views:
@@ -199,6 +215,18 @@ class Operations:
         jpeg, box = crop(mapped.photos[seen.frame], seen.box_xyxy)
         told = {"frame": seen.frame, "box_in_picture": box, "score": round(seen.score, 2), "views": len(views)}
         return self.about(home, mapped) | self._row(mapped, one) | told, jpeg
+
+    def _plan(self, one: MapObject | Room, home: str, mapped: Home) -> tuple[dict[str, Any], bytes]:
+        from cartier.picture import plan_jpeg  # matplotlib, which all else does without
+
+        if mapped.grid is None:
+            raise InputError("the home has no floor plan: it was mapped without depth; view 1 is the photo")
+        place = _room_place(mapped, one) if isinstance(one, Room) else place_of(one)
+        row = _room_row(mapped, one) if isinstance(one, Room) else self._row(mapped, one)
+        goal, _ = plan(mapped.grid, place, mapped.start_xy, self.robot)
+        return self.about(home, mapped) | row | {"picture": "floor plan, x to the right, y up"}, plan_jpeg(
+            mapped, place, goal, self.robot
+        )
 
     def correct(
         self,
@@ -212,6 +240,8 @@ class Operations:
     ) -> dict[str, Any]:
         """Put something right: name an object or a room, forget an object, move an object to x, y, or undo the latest."""
         mapped, to_xy = self.homes.get(home), () if x is None or y is None else (x, y)
+        if what == "move" and not to_xy:
+            raise InputError("move needs x and y, in metres of the map: describe tells where a thing is now")
         _, told = mapped.correct(what, thing, name=name, to_xy=to_xy, who=who)
         return self.about(home, self.homes.get(home)) | {"done": told, "next": "undo takes it back"}
 
@@ -250,18 +280,31 @@ def _answer(home: Home, answer: Answer) -> dict[str, Any]:
     if place is not None:
         one = next((t for t in home.objects if t.id == place.object_id), None)
     told: dict[str, Any] = {"status": chosen.status, "object": chosen.object}
-    told |= {key: value for key in ("say", "question", "reason") if (value := getattr(chosen, key, None))}
-    if chosen.candidates:
-        told["candidates"] = [[name, round(score, 2)] for name, score in chosen.candidates[:CANDIDATES]]
+    words = {getattr(chosen, key): key for key in ("reason", "say", "question")}  # the same text once
+    told |= {key: text for text, key in reversed(words.items()) if text}
+    if ids := _meant(home, chosen):
+        told["ids"] = ids
+    if candidates := [[name, round(score, 2)] for name, score in chosen.candidates[:CANDIDATES] if score >= 0.01]:
+        told["candidates"] = candidates
     if one is not None:
         room = next((r.name for r in home.rooms if r.id == one.room), None)
+        told |= {"name": one.names[0]} if one.names else {}
         told |= {"id": one.id, "room": room, "certainty": round(one.probability, 2), "evidence": _evidence(one)}
-    if place is not None:
-        told |= {axis: round(v, 2) for axis, v in zip("xyz", place.position, strict=True)}
+    if place is not None:  # the object's middle, as all else tells it; not the surface that the index aims at
+        position = place.position if one is None else one.position
+        told |= {axis: round(v, 2) for axis, v in zip("xyz", position, strict=True)}
     told["goal"] = None if goal is None else pose(goal)
     notes = [note for note in answer.notes if "embedded reasoner answers" not in note]
     told |= {"notes": notes} if notes else {}
     return told | ({"then": [_answer(home, further) for further in answer.then]} if answer.then else {})
+
+
+def _meant(home: Home, chosen: Selection) -> list[int]:
+    """The objects that an answer in words is about, or that a question names: who shows them lets a person point at one."""
+    if chosen.status != "clarify":
+        return list(chosen.fact.objects[:MEANT]) if chosen.fact else []
+    named = {name for name, _ in names_of(tuple(home.names)).mentions(chosen.question or "")}
+    return [t.id for t in home.objects if t.confirmed and named & {t.label, *t.names}][:MEANT]
 
 
 def pose(goal: Goal) -> dict[str, Any]:

@@ -15,14 +15,16 @@ import numpy as np
 
 from cartier.corrections import in_force
 from cartier.home import Home
+from cartier.mapping.cloud import STEP_M
 from cartier.mapping.relations import supports
 from cartier.planning import plan
 from cartier.reasoners._cards import SHIPPED, read_deck
 from cartier.serving.operations import Operations, crop, place_of, pose
-from cartier.types import FREE, OCCUPIED, Array, MapObject, RobotModel
+from cartier.types import FREE, OCCUPIED, Array, MapObject, PointCloud, RobotModel
 
 WEB = Path(__file__).with_name("web")
-SCRIPTS = ("data.js", "plan.js", "scene.js", "app.js")
+SCRIPTS = ("parts.js", "data.js", "plan.js", "scene.js", "app.js")
+ANSWER_SCRIPTS = ("parts.js", "plan.js", "answer.js")
 KINDS = {
     ".html": "text/html; charset=utf-8",
     ".css": "text/css; charset=utf-8",
@@ -66,6 +68,32 @@ def view(home: Home) -> dict[str, Any]:
     return about
 
 
+def cloud(home: Home) -> dict[str, Any] | None:
+    """The point cloud for the page: ``points`` is base64 of x, y, z as uint16 in ``step`` metres from ``low``, then red, green, blue."""
+    seen = home.cloud()
+    if seen is None:
+        return None
+    low = seen.xyz_m.min(0)
+    data = np.round((seen.xyz_m - low) / STEP_M).astype("<u2").tobytes() + seen.rgb.tobytes()
+    about = {"count": len(seen.rgb), "low": _rounded(low), "step": STEP_M, "width": _width(seen)}
+    return about | {"points": base64.b64encode(data).decode()}
+
+
+def _width(seen: PointCloud) -> float:
+    """How wide (m) points must be drawn to close most surfaces: a short recording leaves wider gaps than its voxels."""
+    from scipy.spatial import cKDTree
+
+    some = seen.xyz_m[:: max(1, len(seen.xyz_m) // 3000)]
+    far = cKDTree(seen.xyz_m).query(some, k=[min(5, len(seen.xyz_m))])[0]
+    return round(float(np.clip(1.2 * np.percentile(far, 95), seen.side_m, 3 * seen.side_m)), 3)
+
+
+def cloud_json(operations: Operations, home: str) -> bytes:
+    """``cloud`` of a served home, with its name and age."""
+    mapped = operations.homes.get(home)
+    return _json(operations.about(home, mapped) | {"cloud": cloud(mapped)}).encode()
+
+
 def view_json(operations: Operations, home: str) -> bytes:
     """``view`` of a served home, with its name and age."""
     mapped = operations.homes.get(home)
@@ -74,19 +102,16 @@ def view_json(operations: Operations, home: str) -> bytes:
 
 def one_file(home: Home, robot: RobotModel | None = None) -> bytes:
     """The page with a home in it: opens from disk, and may load nothing from anywhere (its own policy says so)."""
-    told = view(home) | {"goals": {}, "photos": {}, "home": home.name, "uses": _uses(home)}
+    told = view(home) | {"goals": {}, "photos": {}, "home": home.name, "uses": _uses(home), "cloud": cloud(home)}
     for thing in home.objects:
         if home.grid is not None:
             goal, _ = plan(home.grid, place_of(thing), home.start_xy, robot or RobotModel())
             told["goals"][thing.id] = None if goal is None else pose(goal)
-        best = next((v for v in thing.views if v.frame in home.photos), None)
-        if best is not None and thing.confirmed:
-            jpeg, box = crop(home.photos[best.frame], best.box_xyxy, THUMB_PX, THUMB_QUALITY)
-            told["photos"][thing.id] = {"jpeg": base64.b64encode(jpeg).decode(), "box": box}
-    style = (WEB / "style.css").read_text(encoding="utf-8")
-    script = "\n".join((WEB / name).read_text(encoding="utf-8") for name in SCRIPTS)
+        if thing.confirmed and (photo := _photo(home, thing)) is not None:
+            told["photos"][thing.id] = photo
+    style, script = _text("style.css"), _text(*SCRIPTS)
     policy = f"default-src 'none'; img-src data: blob:; style-src '{_sha(style)}'; script-src '{_sha(script)}'; base-uri 'none'; form-action 'none'"
-    html = (WEB / "index.html").read_text(encoding="utf-8")
+    html = _text("index.html")
     head, _, rest = html.partition("<!-- head -->")
     _, _, body = rest.partition("<!-- /head -->")
     body, _, _ = body.partition("<!-- scripts -->")
@@ -95,6 +120,35 @@ def one_file(home: Home, robot: RobotModel | None = None) -> bytes:
         f'{head}<meta http-equiv="Content-Security-Policy" content="{policy}">\n<style>{style}</style>{body}'
         f'<script type="application/json" id="home-data">{data}</script>\n<script>{script}</script>\n</body>\n</html>\n'
     ).encode()
+
+
+@cache
+def answer_page() -> str:
+    """The page that draws one answer inside of a host for MCP Apps: one document, which loads nothing."""
+    html, style, script = _text("answer.html"), _text("style.css"), _text(*ANSWER_SCRIPTS)
+    return html.replace("<!-- style -->", f"<style>{style}</style>").replace(
+        "<!-- scripts -->", f"<script>{script}</script>"
+    )
+
+
+def answer(operations: Operations, told: dict[str, Any]) -> dict[str, Any]:
+    """What that page draws: the home as it is now, what an operation told of it, and the photo of its object."""
+    home = operations.homes.get(told["home"])
+    thing = next((t for t in home.objects if t.id == told.get("id")), None)
+    return {"view": view(home), "told": told, "photo": None if thing is None else _photo(home, thing)}
+
+
+def _photo(home: Home, thing: MapObject) -> dict[str, Any] | None:
+    """A small photo of an object with its box, None where none was kept."""
+    best = next((v for v in thing.views if v.frame in home.photos), None)
+    if best is None:
+        return None
+    jpeg, box = crop(home.photos[best.frame], best.box_xyxy, THUMB_PX, THUMB_QUALITY)
+    return {"jpeg": base64.b64encode(jpeg).decode(), "box": box}
+
+
+def _text(*names: str) -> str:
+    return "\n".join((WEB / name).read_text(encoding="utf-8") for name in names)
 
 
 def _uses(home: Home) -> dict[str, list[str]]:

@@ -1,30 +1,13 @@
 "use strict";
 // The page: a conversation and a list beside the plan; what is chosen in one is chosen in all. Texts are only ever set as text.
 
-const el = (id) => document.getElementById(id);
-const make = (name, attributes = {}, ...inside) => {
-  const made = document.createElement(name);
-  for (const [key, value] of Object.entries(attributes)) { if (key.startsWith("on")) made.addEventListener(key.slice(2), value); else if (value !== null) made.setAttribute(key, value); }
-  made.append(...inside.filter((i) => i !== null && i !== undefined));
-  return made;
-};
 const stored = el("home-data"), source = stored ? new Stored(JSON.parse(stored.textContent)) : new Served();
 let data = null, chosen = null, offered = null, busy = false;
-const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 const on = { choose: (t) => choose(t ? t.id : null), hover: tip };
 const plan = new Plan(el("plan"), on), scene = new Scene(el("scene"), on), views = [plan, scene];
 const byId = (id) => data.objects.find((t) => t.id === id);
 const roomOf = (thing) => data.rooms.find((r) => r.id === thing.room);
 
-function tip(thing, e) {
-  const box = el("tip");
-  box.hidden = !thing;
-  if (!thing) return;
-  box.textContent = `${called(thing)}${thing.names.length ? ` (${thing.label})` : ""} · ${Math.round(thing.sure * 100)} %`;
-  const stage = el("stage").getBoundingClientRect();
-  box.style.left = `${Math.min(e.clientX - stage.left + 14, stage.width - box.offsetWidth - 6)}px`;
-  box.style.top = `${Math.max(e.clientY - stage.top - 34, 4)}px`;
-}
 function toast(text) {
   const box = el("toast");
   box.textContent = text; box.hidden = false;
@@ -44,10 +27,6 @@ function choose(id, goal) {
   showCard(goal);
   if (id !== null && goal === undefined) safely(async () => { const found = await source.goal(byId(id)); if (chosen === id) { for (const v of views) v.walk(found); el("way").textContent = inWords(found); } });
 }
-function inWords(goal) {
-  if (!goal) return "…";
-  return goal.path ? `${goal.length_m.toFixed(1)} m to drive, to x ${goal.x.toFixed(2)} y ${goal.y.toFixed(2)}${goal.sees_it === false ? ", something in between" : ""}` : goal.why || "none";
-}
 
 function showCard(goal) {
   const card = el("card"), thing = chosen === null ? null : byId(chosen);
@@ -63,26 +42,13 @@ function showCard(goal) {
   card.replaceChildren(make("div", { class: "top" }, make("h2", {}, called(thing), make("span", { class: "muted" }, ` ${thing.id}`)), make("button", { type: "button", "aria-label": "Close", onclick: () => { choose(null); el("words").focus(); } }, "×")), photo, dl, doing);
   if (thing.views) safely(async () => showPhoto(photo, await source.photo(thing, 1), thing));
 }
-function showPhoto(into, photo, thing) {
-  if (!photo) return;
-  const image = make("img", { src: photo.src, alt: `The photo that shows the ${called(thing)}, with its box` });
-  image.addEventListener("load", () => {
-    const [x1, y1, x2, y2] = photo.box, w = image.naturalWidth, h = image.naturalHeight, mark = make("i"), low = (v, m) => Math.max(0, v) / m * 100;
-    Object.assign(mark.style, { left: `${low(x1, w)}%`, top: `${low(y1, h)}%`, width: `${(Math.min(x2, w) - Math.max(0, x1)) / w * 100}%`, height: `${(Math.min(y2, h) - Math.max(0, y1)) / h * 100}%` });
-    into.append(mark);
-    if (photo.src.startsWith("blob:")) URL.revokeObjectURL(photo.src);
-  });
-  into.replaceChildren(image);
-  into.hidden = false;
-}
-const button = (text, onclick, kind) => make("button", { type: "button", onclick, class: kind || null }, text);
 function form(doing, idle, fields, send) {
   const made = make("form", { class: "doing", onsubmit: (e) => { e.preventDefault(); send(); } }, ...fields, make("button", { class: "main" }, "Save"), button("Cancel", () => { stopPlacing(); idle(); }));
   doing.replaceChildren(made);
   fields[0].focus();
 }
 function rename(thing, doing, idle) {
-  const name = make("input", { "aria-label": "New name", maxlength: "60", value: thing.names[0] || "" });
+  const name = make("input", { "aria-label": "New name", placeholder: "What do you call it?", maxlength: "60", value: thing.names[0] || "" });
   form(doing, idle, [name], () => correct("name", thing, { name: name.value }));
 }
 function move(thing, doing, idle) {
@@ -99,7 +65,7 @@ function correct(what, thing, more) {
     stopPlacing();
     await reload(what === "forget" ? null : thing.id);
     toast(`${told.done}. Undo takes it back.`);
-    if (what === "forget") el("undo").focus();
+    (what === "forget" ? el("undo") : document.querySelector("#card .doing button")).focus(); // the form that had the focus is gone
   });
 }
 
@@ -120,16 +86,27 @@ async function ask(words) {
 }
 function answer(into, told) {
   const parts = [], goalText = told.goal ? make("small", {}, inWords(told.goal)) : null;
-  const head = told.say || (told.object ? `${told.status === "near" ? "Likely near the " : ""}${told.object}${told.room ? `, in the ${told.room}` : ""}.` : told.question || "Nothing here serves that.");
-  parts.push(make("p", {}, head), told.reason ? make("small", {}, told.reason) : null, goalText, ...(told.notes || []).map((n) => make("small", {}, n)));
+  const head = told.say || (told.object ? `${told.status === "near" ? "Likely near the " : ""}${told.name || told.object}${told.room ? `, in the ${told.room}` : ""}.` : told.question || "Nothing here serves that.");
+  parts.push(make("p", {}, head[0].toUpperCase() + head.slice(1)), told.reason ? make("small", {}, told.reason) : null, goalText, ...(told.notes || []).map((n) => make("small", {}, n)));
   const ids = (told.ids || []).map(byId).filter(Boolean), names = told.status === "clarify" ? (told.candidates || []).map(([n]) => n) : [];
   const options = ids.length ? ids : data.objects.filter((t) => t.confirmed && (names.includes(t.label) || t.names.some((n) => names.includes(n))));
   offered = options.length ? new Set(options.map((t) => t.id)) : null;
-  if (options.length) parts.push(make("div", { class: "choices" }, ...options.slice(0, 12).map((t) => button(`${called(t)}${roomOf(t) && data.rooms.length > 1 ? ` · ${roomOf(t).name}` : ""}${options.filter((o) => called(o) === called(t)).length > 1 ? ` (${t.id})` : ""}`, () => choose(t.id)))));
+  if (options.length) parts.push(make("div", { class: "choices" }, ...options.slice(0, 12).map((t) => { const b = button(apart(t, options), () => choose(t.id)); b.prepend(dot(t)); return b; })));
   into.replaceChildren(...parts.filter(Boolean));
   if (told.id !== undefined) choose(told.id, told.goal || undefined); else choose(null);
   for (const further of told.then || []) answer(say("robot", ""), further);
   if (el("mic").dataset.used) speechSynthesis.speak(new SpeechSynthesisUtterance(head));
+}
+function apart(thing, others) { // its name, and what tells it from those of the same name
+  const same = others.filter((o) => called(o) === called(thing)), room = roomOf(thing), tells = (of) => new Set(same.map(of)).size === same.length;
+  const colour = (t) => t.colours[0] || "", place = (t) => (roomOf(t) || { name: "" }).name;
+  if (same.length === 1) return `${called(thing)}${room && data.rooms.length > 1 ? ` · ${room.name}` : ""}`;
+  return `${called(thing)} · ${tells(place) ? place(thing) : tells(colour) ? colour(thing) : `${place(thing)} (${thing.id})`}`;
+}
+function dot(thing) {
+  const made = make("span", { class: "dot", "aria-hidden": "true" });
+  made.style.background = COLOURS[thing.colours[0]] || "#4a78b8";
+  return made;
 }
 
 function listThings() {
@@ -141,9 +118,7 @@ function listThings() {
     if (!here.length) continue;
     rows.push(make("li", {}, make("h2", {}, `${place.name}${place.area ? `, ${place.area} m²` : ""} `, source.canCorrect && place.id !== null ? make("button", { type: "button", class: "pen", "aria-label": `Rename ${place.name}`, onclick: () => renameRoom(place) }, "✎︎") : null)));
     for (const t of here) {
-      const dot = make("span", { class: "dot", "aria-hidden": "true" });
-      dot.style.background = COLOURS[t.colours[0]] || "#4a78b8";
-      const row = make("button", { type: "button", "aria-current": String(t.id === chosen), onclick: () => choose(t.id) }, dot, `${called(t)}${t.confirmed ? "" : " ?"}`, make("span", { class: "muted" }, `${Math.round(t.sure * 100)} %`));
+      const row = make("button", { type: "button", "aria-current": String(t.id === chosen), onclick: () => choose(t.id) }, dot(t), `${called(t)}${t.confirmed ? "" : " ?"}`, make("span", { class: "muted" }, `${Math.round(t.sure * 100)} %`));
       row.dataset.id = t.id;
       rows.push(make("li", {}, row));
     }
@@ -171,6 +146,7 @@ async function reload(keep) {
   el("room").replaceChildren(make("option", { value: "" }, "all rooms"), ...data.rooms.map((r) => make("option", { value: String(r.id) }, r.name)));
   el("room").value = room;
   plan.draw(data, css); scene.draw(data, css, plan.whole);
+  loadPoints();
   listThings();
   choose(keep !== undefined && keep !== null && byId(keep) ? keep : null);
 }
@@ -182,7 +158,20 @@ function show(solid) {
   el("plan").toggleAttribute("hidden", solid); el("scene").hidden = !solid;
   el("flat").setAttribute("aria-pressed", String(!solid)); el("solid").setAttribute("aria-pressed", String(solid));
   stopPlacing();
-  if (solid) scene.paint(); else plan.name();
+  el("points-on").hidden = !solid || !scene.cloud;
+  if (solid) { scene.paint(); loadPoints(); } else plan.name();
+}
+function loadPoints() { // when somebody looks at them, and not before
+  const of = `${source.home}@${data.home_id}`;
+  if (el("scene").hidden || loadPoints.of === of) return;
+  loadPoints.of = of;
+  scene.load(null);
+  safely(async () => {
+    const cloud = await source.cloud();
+    if (loadPoints.of !== of) return;
+    scene.load(cloud);
+    el("points-on").hidden = el("scene").hidden || !cloud;
+  });
 }
 function theme(dark) {
   document.documentElement.classList.toggle("dark", dark);
@@ -210,17 +199,19 @@ for (const name of ["talk", "things"]) {
   el(`tab-${name}`).addEventListener("keydown", (e) => { if (e.key === "ArrowLeft" || e.key === "ArrowRight") { const other = name === "talk" ? "things" : "talk"; tab(other); el(`tab-${other}`).focus(); } });
 }
 el("flat").addEventListener("click", () => show(false));
+el("points").addEventListener("input", () => { scene.shown = el("points").checked; scene.paint(); });
 el("solid").addEventListener("click", () => show(true));
 el("in").addEventListener("click", () => current().zoom(0.7));
 el("out").addEventListener("click", () => current().zoom(1.4));
 el("fit").addEventListener("click", () => current().fit());
 el("theme").addEventListener("click", () => theme(!document.documentElement.classList.contains("dark")));
-el("undo").addEventListener("click", () => safely(async () => { const told = await source.undo(); await reload(chosen); toast(told.done); }));
+el("undo").addEventListener("click", () => safely(async () => { const told = await source.undo(); await reload(chosen); toast(told.done); if (el("undo").hidden) el("flat").focus(); }));
 document.addEventListener("keydown", (e) => {
   if (e.key === "Escape" && !el("key").open) { stopPlacing(); choose(null); }
   if (e.key === "/" && !/INPUT|SELECT/.test(document.activeElement.tagName)) { e.preventDefault(); el("words").focus(); }
 });
 el("homes").addEventListener("change", () => safely(async () => { source.home = el("homes").value; el("turns").replaceChildren(); await reload(); }));
+new ResizeObserver(() => { el("turns").scrollTop = el("turns").scrollHeight; }).observe(el("turns")); // the card takes its room from the talk
 theme(matchMedia("(prefers-color-scheme: dark)").matches);
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", (e) => theme(e.matches));
 tab("talk");

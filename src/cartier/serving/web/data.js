@@ -1,15 +1,7 @@
 "use strict";
 // Where the page's data come from: a server, or the value that is written into the file itself.
 
-const COLOURS = { black: "#26262a", white: "#f4f4f0", grey: "#8d9096", red: "#c8403a", orange: "#d9823b", brown: "#8a5f3c", yellow: "#dcc04c", green: "#5b9a52", blue: "#4a78b8", purple: "#80609f", pink: "#d893ae", beige: "#d8c6a2", turquoise: "#4fa9a4" };
-const called = (thing) => thing.names[0] || thing.label;
 const plain = (text) => text.toLowerCase().normalize("NFKD").replace(/[^\p{L}\p{N} ]+/gu, " ").replace(/\s+/g, " ").trim();
-
-function expand(runs, size) {
-  const cells = new Int32Array(size);
-  for (let i = 0, at = 0; i + 1 < runs.length; at += runs[i + 1], i += 2) cells.fill(runs[i], at, at + runs[i + 1]);
-  return cells;
-}
 
 class Served {
   constructor() { this.home = ""; this.token = sessionStorage.getItem("cartier-token") || ""; this.talk = Array.from(crypto.getRandomValues(new Uint8Array(12)), (b) => b.toString(16).padStart(2, "0")).join(""); }
@@ -34,6 +26,7 @@ class Served {
   at(rest) { return `api/homes/${encodeURIComponent(this.home)}/${rest}`; }
   async homes() { return (await this.json("api/homes")).homes; }
   view() { return this.json(this.at("view")); }
+  async cloud() { return (await this.json(this.at("cloud"))).cloud; }
   ask(words) { return this.json(this.at("ask"), { words, conversation: this.talk }); }
   async goal(thing) { const told = await this.json(this.at(`goal?thing=${thing.id}`)); return told.goal || { why: told.why_no_goal }; }
   async photo(thing, view) {
@@ -49,6 +42,7 @@ class Stored {
   get canCorrect() { return false; }
   async homes() { return [this.data.home]; }
   async view() { return this.data; }
+  async cloud() { return this.data.cloud; }
   async goal(thing) { return this.data.goals[thing.id] || { why: "no pose near it can be reached" }; }
   async photo(thing) { const p = this.data.photos[thing.id]; return p && { src: `data:image/jpeg;base64,${p.jpeg}`, box: p.box }; }
   // Without a server nobody reasons: words are looked up among names, labels, rooms and colours.

@@ -1,5 +1,6 @@
 "use strict";
-// The home in 3-D with plain WebGL2: what the floor plan knows as columns, every object as a box in its colour.
+// The home in 3-D with plain WebGL2: what the floor plan knows as columns, every object as a box in its colour; or the points that depth
+// showed, with the boxes as glass around them.
 
 const CUT_M = 1.2; // walls are drawn so high
 const VERTEX = `#version 300 es
@@ -11,10 +12,32 @@ void main() {
 }`;
 const FRAGMENT = `#version 300 es
 precision mediump float; in vec4 shade; out vec4 drawn; void main() { drawn = vec4(shade.rgb * shade.a, shade.a); }`;
+const POINT_VERTEX = `#version 300 es
+in vec3 place; in vec3 tint; uniform mat4 view; uniform vec3 low; uniform float step_m; uniform float width; out vec3 shade;
+void main() { gl_Position = view * vec4(low + place * step_m, 1.0); gl_PointSize = clamp(width / gl_Position.w, 1.5, 40.0); shade = tint; }`;
+const POINT_FRAGMENT = `#version 300 es
+precision mediump float; in vec3 shade; out vec4 drawn; void main() { vec2 off = gl_PointCoord - 0.5; if (dot(off, off) > 0.25) discard; drawn = vec4(shade, 1.0); }`;
+
+function built(gl, vertex, fragment) {
+  const program = gl.createProgram();
+  for (const [kind, source] of [[gl.VERTEX_SHADER, vertex], [gl.FRAGMENT_SHADER, fragment]]) { const s = gl.createShader(kind); gl.shaderSource(s, source); gl.compileShader(s); gl.attachShader(program, s); }
+  gl.linkProgram(program);
+  return program;
+}
+
+function* edges(thing, thick) { // the edges of its box as thin boxes
+  const ends = [thing.low, thing.high];
+  for (let axis = 0; axis < 3; axis++) for (const u of [0, 1]) for (const v of [0, 1]) {
+    const low = [0, 0, 0], high = [0, 0, 0], [i, j] = [(axis + 1) % 3, (axis + 2) % 3];
+    low[axis] = thing.low[axis] - thick; high[axis] = thing.high[axis] + thick;
+    for (const [k, end] of [[i, u], [j, v]]) { low[k] = ends[end][k] - thick; high[k] = ends[end][k] + thick; }
+    yield [low, high];
+  }
+}
 
 class Scene {
   constructor(canvas, on) {
-    this.canvas = canvas; this.on = on; this.turn = -0.9; this.tilt = 0.85; this.far = 10; this.middle = [0, 0, 0.4]; this.chosen = null; this.only = null; this.goal = null;
+    this.canvas = canvas; this.on = on; this.turn = -0.9; this.tilt = 0.85; this.far = 10; this.middle = [0, 0, 0.4]; this.chosen = null; this.only = null; this.goal = null; this.cloud = null; this.shown = true;
     canvas.addEventListener("wheel", (e) => { e.preventDefault(); this.zoom(Math.exp(e.deltaY * 0.0015)); }, { passive: false });
     canvas.addEventListener("keydown", (e) => {
       const to = { ArrowLeft: [-0.15, 0], ArrowRight: [0.15, 0], ArrowUp: [0, 0.1], ArrowDown: [0, -0.1] }[e.key];
@@ -40,9 +63,13 @@ class Scene {
     if (this.gl) return true;
     const gl = this.canvas.getContext("webgl2", { antialias: true, preserveDrawingBuffer: true });
     if (!gl) return false;
-    const program = gl.createProgram();
-    for (const [kind, source] of [[gl.VERTEX_SHADER, VERTEX], [gl.FRAGMENT_SHADER, FRAGMENT]]) { const s = gl.createShader(kind); gl.shaderSource(s, source); gl.compileShader(s); gl.attachShader(program, s); }
-    gl.linkProgram(program); gl.useProgram(program);
+    const program = built(gl, VERTEX, FRAGMENT), dots = built(gl, POINT_VERTEX, POINT_FRAGMENT);
+    this.program = program; this.dots = dots;
+    this.dotsWhere = Object.fromEntries(["view", "low", "step_m", "width"].map((name) => [name, gl.getUniformLocation(dots, name)]));
+    this.dotsArray = gl.createVertexArray(); this.places = gl.createBuffer(); this.tints = gl.createBuffer();
+    gl.bindVertexArray(this.dotsArray);
+    for (const [buffer, name, kind, normal] of [[this.places, "place", gl.UNSIGNED_SHORT, false], [this.tints, "tint", gl.UNSIGNED_BYTE, true]]) { gl.bindBuffer(gl.ARRAY_BUFFER, buffer); const at = gl.getAttribLocation(dots, name); gl.enableVertexAttribArray(at); gl.vertexAttribPointer(at, 3, kind, normal, 0, 0); }
+    gl.bindVertexArray(null);
     const faces = [];
     for (let axis = 0; axis < 3; axis++) for (const end of [0, 1]) {
       const u = (axis + 1) % 3, v = (axis + 2) % 3, normal = [0, 0, 0]; normal[axis] = end ? 1 : -1;
@@ -59,6 +86,25 @@ class Scene {
     gl.enable(gl.DEPTH_TEST); gl.enable(gl.BLEND); gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
     this.gl = gl;
     return true;
+  }
+  load(cloud) { // null for none
+    this.cloud = null;
+    if (cloud) {
+      const bytes = Uint8Array.from(atob(cloud.points), (c) => c.charCodeAt(0)), n = cloud.count, kept = this.below(cloud, new Uint16Array(bytes.buffer, 0, 3 * n)), gl = this.gl;
+      const places = new Uint16Array(3 * kept.length), tints = new Uint8Array(3 * kept.length), all = new Uint16Array(bytes.buffer, 0, 3 * n);
+      kept.forEach((from, to) => { for (let i = 0; i < 3; i++) { places[3 * to + i] = all[3 * from + i]; tints[3 * to + i] = bytes[6 * n + 3 * from + i]; } });
+      for (const [buffer, values] of [[this.places, places], [this.tints, tints]]) { gl.bindBuffer(gl.ARRAY_BUFFER, buffer); gl.bufferData(gl.ARRAY_BUFFER, values, gl.STATIC_DRAW); }
+      this.cloud = { ...cloud, points: null, count: kept.length };
+    }
+    this.paint();
+  }
+  below(cloud, places) { // the points to draw: walls and lintels are cut as high as without points, objects are whole
+    const kept = [], whole = this.data.objects.filter((t) => t.confirmed && t.high[2] > CUT_M);
+    for (let k = 0; k < cloud.count; k++) {
+      const p = [0, 1, 2].map((i) => cloud.low[i] + places[3 * k + i] * cloud.step);
+      if (p[2] <= CUT_M || whole.some((t) => p.every((v, i) => v > t.low[i] - 0.05 && v < t.high[i] + 0.05))) kept.push(k);
+    }
+    return kept;
   }
   draw(data, css, whole) {
     this.data = data; this.css = css;
@@ -118,17 +164,18 @@ class Scene {
     if (!this.data || this.canvas.hidden || !this.start()) return;
     const gl = this.gl, ratio = Math.min(window.devicePixelRatio || 1, 2), rgb = (name) => this.css(name).match(/\w\w/g).map((h) => parseInt(h, 16) / 255), put = (list, low, high, colour, alpha = 1) => list.push(...low, high[0] - low[0], high[1] - low[1], high[2] - low[2], ...colour, alpha);
     this.canvas.width = Math.max(1, Math.round(this.canvas.clientWidth * ratio)); this.canvas.height = Math.max(1, Math.round(this.canvas.clientHeight * ratio));
-    const solid = [], clear = [], grid = this.data.grid;
+    const solid = [], clear = [], grid = this.data.grid, dots = this.cloud && this.shown;
     if (grid) for (const [c, r, across, down, kind] of this.patches(grid)) { // walls are cut, so that one sees in
       const s = grid.side, low = [grid.origin[0] + c * s, grid.origin[1] + r * s], high = [low[0] + across * s, low[1] + down * s];
-      put(solid, [...low, -0.002], [...high, 0], rgb("--floor"));
-      if (kind === 2) put(solid, [...low, 0], [...high, CUT_M], rgb("--solid"));
+      put(solid, [...low, dots ? -0.05 : -0.002], [...high, dots ? -0.048 : 0], rgb("--floor")); // below the points of the floor
+      if (kind === 2 && !dots) put(solid, [...low, 0], [...high, CUT_M], rgb("--solid"));
     }
     for (const t of this.data.objects) {
       const chosen = t.id === this.chosen, dim = this.only && !this.only.has(t.id) && !chosen;
       if (!t.confirmed && !chosen) continue;
       const hex = COLOURS[t.colours[0]] || "#4a78b8", colour = chosen ? rgb("--chosen") : hex.match(/\w\w/g).map((h) => parseInt(h, 16) / 255);
-      put(dim ? clear : solid, t.low, t.high, colour, dim ? 0.12 : 1);
+      if (!dots || chosen) put(dim || dots ? clear : solid, t.low, t.high, colour, dim ? 0.12 : dots ? 0.35 : 1);
+      if (dots && !dim) for (const [low, high] of edges(t, chosen || this.only ? 0.012 : 0.006)) put(solid, low, high, this.only ? rgb("--chosen") : colour);
     }
     if (this.goal && this.goal.path) {
       const way = rgb("--way"), path = this.goal.path;
@@ -137,7 +184,16 @@ class Scene {
     }
     gl.viewport(0, 0, this.canvas.width, this.canvas.height);
     gl.clearColor(...rgb("--unknown"), 1); gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
-    gl.uniformMatrix4fv(this.where.view, false, this.matrix()); gl.uniform3f(this.where.sun, 0.35, -0.25, 0.9);
+    const view = this.matrix();
+    if (dots) {
+      gl.useProgram(this.dots); gl.bindVertexArray(this.dotsArray);
+      gl.uniformMatrix4fv(this.dotsWhere.view, false, view); gl.uniform3f(this.dotsWhere.low, ...this.cloud.low); gl.uniform1f(this.dotsWhere.step_m, this.cloud.step);
+      gl.uniform1f(this.dotsWhere.width, this.cloud.width * this.canvas.height / 2 * Math.hypot(view[1], view[5], view[9]));
+      gl.drawArrays(gl.POINTS, 0, this.cloud.count);
+      gl.bindVertexArray(null);
+    }
+    gl.useProgram(this.program);
+    gl.uniformMatrix4fv(this.where.view, false, view); gl.uniform3f(this.where.sun, 0.35, -0.25, 0.9);
     for (const [list, write] of [[solid, true], [clear, false]]) {
       gl.depthMask(write); gl.bindBuffer(gl.ARRAY_BUFFER, this.boxes); gl.bufferData(gl.ARRAY_BUFFER, new Float32Array(list), gl.DYNAMIC_DRAW);
       gl.drawArraysInstanced(gl.TRIANGLES, 0, 36, list.length / 10);
