@@ -55,10 +55,13 @@ Reply with JSON: {"reason": …, "status": …, "object": …, "question": …, 
 "absent" and "nothing" if nothing listed serves the need or leads to it; \
 "clarify" and "nothing" only if no need was said, or if two objects fit so equally that you would have to toss a coin; \
 "told" if the words ask about the home (how many, is there, where, what is on, in or beside something, which is bigger or \
-nearer) and for nothing to be served, and the object that the answer is about, or "nothing".
+nearer), "where is …" always, unless they also ask to be taken there, and the object that the answer is about, or "nothing".
 - If several objects have the name, choose the one that the words mean, with its number: "cup #12". If the words fit several, \
-take the nearest and say so in the reason, or, where it matters which, "clarify" with a question that tells them apart ("the \
-one by the sink or the one on the table?").
+take the nearest and say in the reason that there are others, or "clarify" with a question that tells them apart ("the one by \
+the sink or the one on the table?"). Colours are what a camera saw: brown may be called red or orange, grey white, black or blue; \
+of several take the one that comes closest.
+- If a thing is asked for by its name at a place ("the kettle on the desk", "the bathtub in the bedroom") and there is none at \
+that place, answer "absent", and say in the reason where there is one.
 - "question": for "clarify" one short question in the person's language, else "".
 - "say": for "told" the answer in one sentence in the person's language, by the list alone, where what is not listed was not \
 seen; else "".

@@ -87,11 +87,15 @@ class Particular:
             return self._room(head, asked)
         if head.generic:
             return None if head.bare or head.said in STANDS_FOR else self._need(head, asked, serve)
-        if head.labels and not head.bare and asked.direct:
+        if head.labels and asked.direct and not (head.bare and self._common(head)):
             return self._found(head)
         placed = any(c.kind != "from" for c in head.relations)
         wanted = asked.direct and placed and asked.need  # what is not listed may be so by another name
         return self.placed(head, serve(asked.need, ())) if wanted else None
+
+    def _common(self, head: Phrase) -> bool:
+        """Whether a name is that of a kind, and not one that people gave to a particular thing."""
+        return not any(head.labels & set(thing.names) for thing in self.scene.objects)
 
     def refined(self, chosen: Selection) -> Selection:
         """A thing that was chosen by its name, as one of the objects of that name: that which the words tell, else the nearest."""

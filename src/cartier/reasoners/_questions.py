@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from typing import Any
 
 from cartier.language.references import Asked, Constraint, Phrase
 from cartier.reasoners._scene import Scene, called
@@ -47,48 +48,41 @@ def answer(asked: Asked, scene: Scene, last: MapObject | None, model: str) -> Se
 
 def _about(asked: Asked, found: Sequence[MapObject], scene: Scene, model: str) -> Selection:
     """What is to be known of one thing, the nearest of those meant."""
-    thing, room = found[0], scene.room_of(found[0])
-    if asked.kind in ("where", "room"):
-        several = len(found) > 1 and not (asked.head and asked.head.most)
-        if several:
-            places = Counter(scene.whereabouts(o) or "somewhere" for o in found).most_common()
-            say = f"I know {len(found)}: {'; '.join(f'{NUMBERS.get(n, n)} {place}' for place, n in places[:5])}{' and more' if len(places) > 5 else ''}."
-        else:
-            say = f"The {thing.label} is {scene.whereabouts(thing) or 'where I saw it'}, {scene.distance_m(thing):.1f} m from here."
-        fact = Fact("where", room.name if room else None, tuple(o.id for o in found))
-        return _told(say, fact, model, thing)
+    thing = found[0]
+    it = next((name for name in thing.names if asked.head and name in asked.head.labels), f"the {thing.label}")
+    where = scene.whereabouts(thing) or "where I saw it"
+    if asked.kind not in ("where", "room"):
+        say, value = _known(asked, thing, it, where, scene)
+        return _told(f"{say[:1].upper()}{say[1:]}.", Fact("tell", value, (thing.id,)), model, thing)
+    room = scene.room_of(thing)
+    if len(found) > 1 and not (asked.head and asked.head.most):
+        places = Counter(scene.whereabouts(o) or "somewhere" for o in found).most_common()
+        told = "; ".join(f"{NUMBERS.get(n, n)} {place}" for place, n in places[:5])
+        say = f"I know {len(found)}: {told}{' and more' if len(places) > 5 else ''}."
+    else:
+        say = f"{it[:1].upper()}{it[1:]} is {where}, {scene.distance_m(thing):.1f} m from here."
+    return _told(say, Fact("where", room.name if room else None, tuple(o.id for o in found)), model, thing)
+
+
+def _known(asked: Asked, thing: MapObject, it: str, where: str, scene: Scene) -> tuple[str, Any]:
+    """A sentence about one thing, without its full stop, and what it says for programs."""
     if asked.kind == "far":
         other = scene.meant(asked.other)[0] if asked.other is not None and asked.other.labels else []
         far = scene.distance_m(thing, other[0] if other else None)
-        return _told(
-            f"The {thing.label} is {far:.1f} m from {f'the {other[0].label}' if other else 'here'}.",
-            Fact("tell", round(far, 2), (thing.id,)),
-            model,
-            thing,
-        )
+        return f"{it} is {far:.1f} m from {f'the {other[0].label}' if other else 'here'}", round(far, 2)
     if asked.kind == "which":
-        where = scene.whereabouts(thing)
-        return _told(
-            f"The {thing.label} {where}." if where else f"One {thing.label}.",
-            Fact("tell", thing.label, (thing.id,)),
-            model,
-            thing,
-        )
+        return f"{it} {where}", thing.label
     if asked.kind == "sure":
-        say = f"I saw the {thing.label} in {thing.sightings} of {thing.chances} frames that could show it, and am {thing.probability:.0%} sure of it: it is {scene.whereabouts(thing) or 'where I saw it'}."
-        return _told(say, Fact("tell", thing.probability, (thing.id,)), model, thing)
+        looks = f"I saw {it} in {thing.sightings} of {thing.chances} frames that could show it"
+        return f"{looks}, and am {thing.probability:.0%} sure of it: it is {where}", thing.probability
     if asked.kind == "when":
-        say = f"I saw the {thing.label} last {thing.last_seen_s:.0f} s into the recording, and looked there last at {thing.last_looked_s:.0f} s."
-        return _told(say, Fact("tell", thing.last_seen_s, (thing.id,)), model, thing)
+        looked = f"and looked there last at {thing.last_looked_s:.0f} s"
+        return f"I saw {it} last {thing.last_seen_s:.0f} s into the recording, {looked}", thing.last_seen_s
     if asked.kind == "colour":
         names = [name for name, share in thing.colours if share >= 0.25][:2] or [name for name, _ in thing.colours[:1]]
-        said = " and ".join(names) or "of no colour that I could tell"
-        return _told(
-            f"The {thing.label} is {said}.", Fact("tell", names[0] if names else None, (thing.id,)), model, thing
-        )
+        return f"{it} is {' and '.join(names) or 'of no colour that I could tell'}", names[0] if names else None
     size = [round(high - low, 2) for low, high in zip(thing.box_min, thing.box_max, strict=True)]
-    say = f"The {thing.label} is about {size[0]:.2f} m by {size[1]:.2f} m, and {size[2]:.2f} m high."
-    return _told(say, Fact("tell", size, (thing.id,)), model, thing)
+    return f"{it} is about {size[0]:.2f} m by {size[1]:.2f} m, and {size[2]:.2f} m high", size
 
 
 def _counted(head: Phrase, found: Sequence[MapObject], scene: Scene, model: str) -> Selection:
