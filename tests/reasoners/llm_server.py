@@ -44,7 +44,7 @@ def write_tiny_llama(
     tokens = [t.encode() for t in ["<unk>", "<s>", "</s>", *(f"<0x{i:02X}>" for i in range(256)), *printable]]
     kind = gguf.TokenType
     kinds = [kind.UNKNOWN, kind.CONTROL, kind.CONTROL] + [kind.BYTE] * 256 + [kind.NORMAL] * len(printable)
-    writer.add_context_length(8192)
+    writer.add_context_length(4096)
     writer.add_embedding_length(width)
     writer.add_block_count(layers)
     writer.add_feed_forward_length(hidden)
