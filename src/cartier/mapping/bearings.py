@@ -100,7 +100,11 @@ class BearingMap(ObjectMap):
         self._rows["extent"][o], self._rows["odds"][o] = extent, usual / usual.sum()
         return o
 
-    def _follow(self, o: int, lifted: Lifted, d: int, shrink: float) -> None:
+    def _follow(self, objects: npt.NDArray[np.intp], lifted: Lifted, seen: npt.NDArray[np.intp], shrink: Array) -> None:
+        for o in objects:
+            self._stretch(int(o))
+
+    def _stretch(self, o: int) -> None:
         """The box: as large as the object is at its likeliest distance, over all of the ray where it may well be."""
         rows = self._rows
         below = np.cumsum(rows["odds"][o])

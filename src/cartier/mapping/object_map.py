@@ -84,9 +84,12 @@ class ObjectMap:
             if row[d] < 0 and scores[d] >= self.calibration.birth:
                 row[d] = self._begin(lifted, int(d), frame.time_s)
         sizes, colours = weak_perspective_size(boxes, frame.camera), colour_shares(frame.rgb, lifted.pixels, lifted.own)
-        for d in found[row[found] >= 0]:
-            o, shrink = row[d], SHRINK if row[d] >= known or chance[row[d]] else 0  # a part must not make it smaller
-            self._sight(o, lifted, d, shrink, frame.time_s)
+        seen = found[row[found] >= 0]
+        whole = np.append(chance, np.ones(self._count - known, bool))[row[seen]]
+        self._follow(row[seen], lifted, seen, np.where(whole, SHRINK, 0))  # a part must not make it smaller
+        self._sight(row[seen], frame.time_s)
+        for d in seen:
+            o = row[d]
             self._keep_view(o, frame, detections, d, labels[d], float(sizes[d]), lifted.middle[d])
             self._rows["colours"][o] += colours[d] * scores[d]
             for k in np.flatnonzero(leader == d):
@@ -185,7 +188,8 @@ class ObjectMap:
         """How far the names of each detection's box (n, m) agree with the votes of each object, 0 to 1."""
         votes, weights = self._rows["label"][near], self._rows["weight"][near]
         agree = np.zeros((len(leader), len(near)))
-        led = np.flatnonzero(leader >= 0)
+        agree[found] = np.einsum("ms,nms->nm", weights, votes == labels[found, None, None])
+        led = np.flatnonzero((leader >= 0) & (leader != np.arange(len(leader))))
         np.maximum.at(agree, leader[led], np.einsum("ms,nms->nm", weights, votes == labels[led, None, None]))
         return np.asarray(np.minimum(1, 1.5 * agree[found] / (weights.sum(1) + 1e-9)))
 
@@ -205,23 +209,24 @@ class ObjectMap:
         self._next_id, self._count = self._next_id + 1, o + 1
         return o
 
-    def _sight(self, o: int, lifted: Lifted, d: int, shrink: float, time_s: float) -> None:
-        rows, count = self._rows, int(self._rows["sightings"][o])
-        self._follow(o, lifted, d, shrink)
-        rows["sightings"][o], rows["last_s"][o], rows["changed"][o] = count + 1, time_s, True
+    def _sight(self, objects: npt.NDArray[np.intp], time_s: float) -> None:
+        self._rows["sightings"][objects] += 1
+        self._rows["last_s"][objects], self._rows["changed"][objects] = time_s, True
 
-    def _follow(self, o: int, lifted: Lifted, d: int, shrink: float) -> None:
-        """The first views fill the surface, a later one changes an eighth of it."""
-        count = int(self._rows["sightings"][o])
-        some = slice(count % 8, None, min(1 + count, 8))
-        self._rows["points"][o, some] = lifted.points[d, some]
-        self._settle(o, {side: getattr(lifted, side)[d] for side in SIDES}, shrink)
+    def _follow(self, objects: npt.NDArray[np.intp], lifted: Lifted, seen: npt.NDArray[np.intp], shrink: Array) -> None:
+        """The first views fill the surface of each object (k,), a later one changes an eighth of it."""
+        points, count = self._rows["points"], self._rows["sightings"][objects, None]
+        first, each = count % 8, np.arange(POINTS)
+        some = (each >= first) & ((each - first) % np.minimum(1 + count, 8) == 0)
+        points[objects] = np.where(some[..., None], lifted.points[seen], points[objects])
+        self._settle(objects, {side: getattr(lifted, side)[seen] for side in SIDES}, shrink[:, None])
 
-    def _settle(self, o: int, seen: Mapping[str, Array], shrink: float) -> None:
-        """Let an object's box, and its reach, follow what a view shows of it."""
+    def _settle(self, objects: npt.NDArray[np.intp] | int, seen: Mapping[str, Array], shrink: Array | float) -> None:
+        """Let objects' boxes, and their reach, follow what a view shows of them."""
         for side, outwards in SIDES.items():
-            own, way = self._rows[side][o], seen[side] - self._rows[side][o]
-            own += way * np.where(way * outwards > 0, GROW, shrink)
+            own = self._rows[side][objects]
+            way = seen[side] - own
+            self._rows[side][objects] = own + way * np.where(way * outwards > 0, GROW, shrink)
 
     def _keep_view(
         self, o: int, frame: Frame, detections: Detections, d: int, label: int, size_px2: float, surface: Array
