@@ -53,6 +53,25 @@ def test_two_alike_side_by_side_stay_two() -> None:
     assert [thing.label for thing in mapped(both, TWO_MUGS).objects()] == ["mug", "mug"]
 
 
+def test_a_chair_seen_from_both_sides_of_a_table_is_one() -> None:
+    """What shows of it never touches; but together it is as large as the other chairs, and no frame shows both."""
+    whole = tuple(box(40 + k, "chair", (1.0 + k, 3.0, 0.0), (1.45 + k, 3.5, 0.9)) for k in range(3))
+    front, back = (
+        box(50, "chair", (4.0, 3.0, 0.0), (4.45, 3.06, 0.3)),
+        box(51, "chair", (4.0, 3.44, 0.3), (4.45, 3.5, 0.9)),
+    )
+    poses, made = walk().poses, ObjectMap(TrueBoxes.calibration)
+    shown = [0]
+    for half in (front, back):
+        things = (*whole, half)
+        for frame in RoomRecording(poses, things, name="half"):
+            seen = TrueBoxes(things).detect(frame)
+            shown[-1] += "chair" in seen.labels
+            made.add(frame, seen)
+    made.tidy()
+    assert shown[0] and [thing.label for thing in made.objects()] == ["chair"] * 4
+
+
 def test_what_is_looked_at_and_not_seen_again_is_doubted() -> None:
     cautious = Calibration(there=(2.0, 1.0), not_there=(0.3, 6.0), prior=-1.0)
     detector, made, recording = TrueBoxes(THINGS), ObjectMap(cautious), walk()

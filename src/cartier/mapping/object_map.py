@@ -32,6 +32,9 @@ GROW, SHRINK = 0.5, 0.05  # how fast a box follows a view outwards and inwards
 LEAST_ANGLE = 0.03  # what appears smaller (rad) gives no chance to be seen
 TOGETHER = 0.3  # share of its sightings in which two objects must be seen side by side to stay two
 FEW, MANY = 2, 30  # an object seen at most so often in so many chances is forgotten
+USUAL = 0.6  # quantile of the sizes of all of a name, by sightings, that one of them has
+WHOLE = 1.1  # how many times that the union of two halves may be
+LARGE_M = 0.4  # what is smaller is not hidden by halves
 TIDY_EVERY = 10  # frames
 LABELS, VIEWS = 6, 3  # kept per object
 SIDES = {"low": -1, "high": 1, "reach_low": -1, "reach_high": 1}
@@ -278,7 +281,8 @@ class ObjectMap:
         back = overlaps(low, high, low[changed], high[changed], 0.02)[2].T
         same = (space > 0.3) | (np.maximum(within, back) > 0.7)
         other = (space > 0.55) | ((space > 0.3) & (part > 0.85))  # another name for it
-        alike = np.where(names[changed][:, None] == names, same, other)
+        equal = names[changed][:, None] == names
+        alike = np.where(equal, same, other) | (equal & self._halves(changed, names))
         for i, j in ((int(changed[i]), int(j)) for i, j in np.argwhere(alike)):
             together = self._together.get((ids[min(i, j)], ids[max(i, j)]), 0)
             if i != j and not {i, j} & gone and together <= TOGETHER * min(seen[i], seen[j]):
@@ -289,6 +293,22 @@ class ObjectMap:
         gone.update(np.flatnonzero((seen[:n] <= FEW) & (rows["chances"][:n] >= MANY)).tolist())
         if gone:
             self._remove(gone)
+
+    def _halves(self, changed: npt.NDArray[np.intp], names: Array) -> npt.NDArray[np.bool_]:
+        """Which two (k, n) make up one object as large as others of their name: what shows on either side of a table of a chair."""
+        low, high, seen = (self._rows[name][: self._count] for name in ("reach_low", "reach_high", "sightings"))
+        whole = np.zeros((self._count, 3))
+        for name in np.unique(names[changed]):
+            of = np.flatnonzero(names == name)
+            size = (high - low)[of]
+            size = np.stack([size[:, :2].min(1), size[:, :2].max(1), size[:, 2]], axis=1)
+            order = np.argsort(size, axis=0)
+            share = np.cumsum(seen[of][order], axis=0) / max(seen[of].sum(), 1)
+            whole[of] = np.take_along_axis(size, np.take_along_axis(order, (share >= USUAL).argmax(0)[None], 0), 0)
+        both = np.maximum(high[changed][:, None], high) - np.minimum(low[changed][:, None], low)
+        both = np.stack([both[..., :2].min(2), both[..., :2].max(2), both[..., 2]], axis=2)
+        fits = (both <= WHOLE * whole).all(2) & (whole.max(1) >= LARGE_M)
+        return np.asarray(fits)
 
     def _merge(self, keep: int, drop: int) -> None:
         rows = self._rows
