@@ -88,8 +88,12 @@ QUESTIONS: tuple[tuple[Kind, re.Pattern[str]], ...] = (
     ("list", re.compile(r"\b(?:is|are) there anything\b.* what\b|\b(?:what|which)(?: (?:else|all|things|objects|stuff|items|sort of things))?(?: is| are| s|s)? ?(?:all |else )?(?:there |standing |stands |stand |lying (?:around )?|lies |lie |kept |placed |sitting |sits |sit |stored |to be found |to be seen )?(?:on|in|inside|under|underneath|below|next to|beside|near|by|around|at|behind)\b")),
     ("list", re.compile(r"^(?:all )?(?:the |your )?(?:things|stuff|items|objects|everything|contents)(?: that| which)?(?: is| are| stands?| lies?)? (?:on|in|inside|under|of)\b")),
     ("list", re.compile(r"\b(?:what|which)(?: (?:things|objects|items|stuff|else))? (?:do|can|did|have|does|could) (?:you|we|i)\b.*\b(?:see|seen|saw|find|found|have|got|know|there|keep)\b|\binventory of\b|\b(?:list|name|enumerate|tell me|show me) (?:me )?(?:all|everything|every|the things|the objects|the contents|what)\b|\bwhat is (?:here|there)\b(?! to\b)")),
-    ("exists", re.compile(r"\b(?:is|are) there\b(?! (?:something|anything|somewhere|anywhere) (?:to|i|we|that)\b)|^(?:do|does|have|has|did) (?:we|i|you|they|it|this \w+|the \w+)\b.*\b(?:have|got|own|see|seen|find|found|spot|spotted|a|an|any)\b|^(?:any|got any|got an?|is any|are any)\b|\bcan you see\b|^(?:if|whether)\b|^have i got\b")),
-    ("exists", re.compile(r"^(?:is|are) (?:the|my|our|any|one|a|an|that|those|it|there)\b")),
+    ("exists", re.compile(r"\b(?:(?:is|are|was|were) there|(?:would|could|might|should|will) there be)\b(?! (?:something|anything|somewhere|anywhere) (?:to|i|we|that)\b)")),
+    ("exists", re.compile(r"^(?:do|does|have|has|did) (?:we|i|you|they|it|this \w+|the \w+|any\w*|some\w*|an? \w+|my \w+)\b.*\b(?:have|got|own|see|seen|find|found|spot|spotted|come|put|leave|left|keep|stand|lie|a|an|any)\b")),
+    ("exists", re.compile(r"^(?:any|got any|got an?|is any|are any)\b|\bcan you see\b|^(?:if|whether)\b|^have i got\b|^am i right\b|^(?:can|could|will|would|might) (?:i|we) (?:find|see|have)\b")),
+    ("exists", re.compile(r"\b(?:know|wonder|sure|remember|check|check for me|find out|tell me|like to know|ask myself|true) (?:if|whether|that) (?:there|we|you|i|the|my|an?|any)\b|\bhappen to (?:know|see|have)\b")),
+    ("exists", re.compile(r"\b(?:is it(?: not)?|isn t it|are they|aren t they|is there(?: not)?|isn t there|do we(?: not)?|don t we|have (?:we|you)(?: not)?|haven t (?:we|you)|has it|hasn t it|does it|doesn t it|yes or no|is that (?:right|true|correct)|am i right)$")),
+    ("exists", re.compile(r"^(?:is|are|was|were) (?:the|my|our|any\w*|something|nothing|one|an?|that|those|it|there|all)\b")),
 )  # fmt: skip
 COMMANDS: tuple[tuple[Kind, re.Pattern[str]], ...] = (
     ("come", re.compile(r"^(?:please )?(?:come (?:here|over(?: here)?|to me|back to me|closer)|over here|here boy)\b")),
@@ -125,6 +129,9 @@ VERBS = _words(
     "light book water iron watch plant box table chair dish mirror vacuum park place bin cup fan screen plate switch sink"
 )
 UP_OR_DOWN = (["on"], ["off"], ["into"], ["up"], ["down"], ["away"])
+OPEN_STATEMENT = re.compile(
+    r"^(?:there (?:is|are)|(?:you|we|i|they) (?:have|got|have got|own|saw)|(?:the|my|our|your) )\b(?!.*\b(?:right|left)$)"
+)
 STATED = re.compile(r"^(?:it|that|this|there|here|they|those|these) (?:is|are|was|were)\b")
 VERB_BEFORE = _words("i we you they can could should would will let lets must")
 WISHING = _words("want wants need needs like love how going have got time trying used wanted")
@@ -141,5 +148,5 @@ SIDE = re.compile(
     r"(?:(?:on|to)(?: my| your)? (left|right)(?: side| hand side)?$"
     r"|(closest|nearest|farthest|furthest)(?: away)?(?: by)?(?: (?:to|from) (?:me|you|us|here|robot))?(?! (?:to|from))\b|(biggest|bigger|largest|larger|smallest|smaller|tallest|taller|highest|higher|lowest|lower)\b)"
 )
-ENDS = re.compile(r"[.!?;\n]+|:(?= *(?:do|does|did|is|are|have|has|how|where|what|which|who|can|could)\b)")
+ENDS = re.compile(r"(?<=\?)|[.!;\n]+|:(?= *(?:do|does|did|is|are|have|has|how|where|what|which|who|can|could)\b)")
 WORD = re.compile(r"[^\W_]+")

@@ -29,6 +29,7 @@ from cartier.language.reference_words import (
     NEED,
     NEEDY,
     NOT_THAT,
+    OPEN_STATEMENT,
     ORDER,
     PLACING,
     PLURAL,
@@ -201,6 +202,8 @@ def _sentence(sentence: str, names: Names, key: Key) -> Asked | None:
             return Asked(command, need=text)
     mentions = _mentions(said, names, key)
     kind, by, at = _question(core)
+    if kind == "find" and sentence.rstrip().endswith("?") and OPEN_STATEMENT.search(core) and not CUE.search(core):
+        kind = "exists"  # "there is a cup in the kitchen?"
     start = len(text[: len(text) - len(BEFORE.sub("", text)) + at].split())  # the question's first word
     if kind in ("where", "list") and _tells_which(said, start, mentions):
         kind = FIND
