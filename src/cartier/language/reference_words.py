@@ -21,7 +21,7 @@ DEFINITE = _words("the my our your his her their this that these those")
 FILLERS = ARTICLES | _words("""
     that which who is are s was were be it standing stands stand sitting sits sit lying lies lie placed located right
     just over there directly somewhere kept left-behind hanging hangs currently still you we i see have very down up
-    out been please
+    out been please should must may might could would will ought be somebody someone anybody people put placed forgot keeps keep kept
     """)
 COLOURS = {
     "black": ("black",), "white": ("white",), "grey": ("grey",), "gray": ("grey",), "red": ("red",), "green": ("green",), "blue": ("blue",),
@@ -55,7 +55,7 @@ RELATIONS = {
     "behind": "near", "around": "near", "nearest": "nearest", "nearest to": "nearest", "closest to": "nearest", "closest": "nearest",
     "farthest from": "farthest", "furthest from": "farthest", "between": "between", "in between": "between", "left of": "left of",
     "to left of": "left of", "on left of": "left of", "on left side of": "left of", "right of": "right of", "to right of": "right of",
-    "on right of": "right of", "has": "with", "have": "with", "having": "with", "holding": "with", "carrying": "with", "where": "with", "on which": "with", "in which": "with", "on right side of": "right of", "with": "with", "of": "of", "adjacent to": "next to", "belonging to": "of",
+    "on right of": "right of", "further from": "farthest", "farther from": "farthest", "closer to": "nearest", "nearer to": "nearest", "not in": "not in", "not on": "not on", "has": "with", "have": "with", "having": "with", "holding": "with", "carrying": "with", "where": "with", "on which": "with", "in which": "with", "on right side of": "right of", "with": "with", "of": "of", "adjacent to": "next to", "belonging to": "of",
 }  # fmt: skip
 NEED = re.compile(r"\b(?:something|anything|somewhere|anywhere|(?:a|any) (?:place|spot)|someplace)\b")
 CUE = re.compile(
@@ -70,6 +70,8 @@ PUTTING = re.compile(r"\b(?:put|throw|drop|place|lay|hang|pour|toss|dump|stick|l
 NOT_THAT = re.compile(
     r",? \b(?:and not|but not|not|rather than|instead of|except)(?= (?:for |on |in |at |from )?(?:the|a|an|my|that|this|those|our) )[^,.!?;\n]*"
 )
+NOT_FIRST = re.compile(r"^(?:no )?not ((?:the|that|my) [^,.;]+?) ?[,.;] ?(?=(?:the|that|my) )")
+SOMEBODY = _words("somebody someone i we you people they")
 HURRY = re.compile(
     r"\b(?:quick|quickly|hurry|asap|immediately|urgent|urgently|fast|right away|at once|no time|whichever|any will do)\b"
 )
@@ -92,7 +94,7 @@ QUESTIONS: tuple[tuple[Kind, re.Pattern[str]], ...] = (
     ("exists", re.compile(r"^(?:do|does|have|has|did) (?:we|i|you|they|it|this \w+|the \w+|any\w*|some\w*|an? \w+|my \w+)\b.*\b(?:have|got|own|see|seen|find|found|spot|spotted|come|put|leave|left|keep|stand|lie|a|an|any)\b")),
     ("exists", re.compile(r"^(?:any|got any|got an?|is any|are any)\b|\bcan you see\b|^(?:if|whether)\b|^have i got\b|^am i right\b|^(?:can|could|will|would|might) (?:i|we) (?:find|see|have)\b")),
     ("exists", re.compile(r"\b(?:know|wonder|sure|remember|check|check for me|find out|tell me|like to know|ask myself|true) (?:if|whether|that) (?:there|we|you|i|the|my|an?|any)\b|\bhappen to (?:know|see|have)\b")),
-    ("exists", re.compile(r"\b(?:is it(?: not)?|isn t it|are they|aren t they|is there(?: not)?|isn t there|do we(?: not)?|don t we|have (?:we|you)(?: not)?|haven t (?:we|you)|has it|hasn t it|does it|doesn t it|yes or no|is that (?:right|true|correct)|am i right)$")),
+    ("exists", re.compile(r"^(?!how|what|who|when|where|why|which)(?=.*\b(?:is it(?: not)?|(?:is|are|do|does|have|has) not (?:it|there|we|you|they|i)|isn t it|are they|aren t they|is there(?: not)?|isn t there|do we(?: not)?|don t we|have (?:we|you)(?: not)?|haven t (?:we|you)|has it|hasn t it|does it|doesn t it|yes or no|is that (?:right|true|correct)|am i right)$)")),
     ("exists", re.compile(r"^(?:is|are|was|were) (?:the|my|our|any\w*|something|nothing|one|an?|that|those|it|there|all)\b")),
 )  # fmt: skip
 COMMANDS: tuple[tuple[Kind, re.Pattern[str]], ...] = (
@@ -115,7 +117,8 @@ CONTRACTIONS = (
     (re.compile(r"\b(?:i guess|i think|kind of|sort of|um+|uh+|erm?|hmm+)\b|(?:^|,) ?you (?:know|see)(?= ?(?:,|$))"), " "),
     (re.compile(r"\b(what|where|there|that|it|who|which|he|she|how)'?s\b"), r"\1 is"), (re.compile(r"\b(\w+)'re\b"), r"\1 are"),
     (re.compile(r"\b(?:that |which )?(?:it is|its|it s) (?:standing |sitting |lying )?(?:on|in|inside)(?= *(?:$|[.!?;\n]))"), "with it"),
-    (re.compile(r"\bn't\b"), " not"), (re.compile(r"\bwhats\b"), "what is"), (re.compile(r"\bwheres\b"), "where is"),
+    (re.compile(r"n't\b|\b(?<=isn) t\b|\b(?<=aren) t\b"), " not"), (re.compile(r"\b(?:is|are|wa)n not\b"), "is not"),
+    (re.compile(r"\bmost distant\b"), "farthest"), (re.compile(r"\bpieces? of furniture\b"), "thing"), (re.compile(r"\bwhats\b"), "what is"), (re.compile(r"\bwheres\b"), "where is"),
 )  # fmt: skip
 AROUND = _words("""
     quick quickly off right left to me us over way for at now with of on in up it i you we here there straight hurry
@@ -144,9 +147,12 @@ BEFORE = re.compile(
 AFTER = re.compile(
     r"(?:\s+(?:please|thanks|thank you|robot|now|dear|by the way|at all|anyway|again|then|here|in this (?:home|house|flat|place)))+$"
 )
+LEFT = re.compile(r"\bleft (?!of\b|side\b)(?=\w)")  # "that somebody left by the sink"
 SIDE = re.compile(
     r"(?:(?:on|to)(?: my| your)? (left|right)(?: side| hand side)?$"
     r"|(closest|nearest|farthest|furthest)(?: away)?(?: by)?(?: (?:to|from) (?:me|you|us|here|robot))?(?! (?:to|from))\b|(biggest|bigger|largest|larger|smallest|smaller|tallest|taller|highest|higher|lowest|lower)\b)"
 )
-ENDS = re.compile(r"(?<=\?)|[.!;\n]+|:(?= *(?:do|does|did|is|are|have|has|how|where|what|which|who|can|could)\b)")
+ENDS = re.compile(
+    r"(?<=\?)|[.!;\n]+|:(?= *(?:do|does|did|is|are|have|has|how|where|what|which|who|can|could|take|bring|go|drive|show|find|get|fetch|please)\b)"
+)
 WORD = re.compile(r"[^\W_]+")

@@ -25,9 +25,11 @@ from cartier.language.reference_words import (
     FIND,
     GENERIC,
     GO_THERE,
+    LEFT,
     MOST,
     NEED,
     NEEDY,
+    NOT_FIRST,
     NOT_THAT,
     OPEN_STATEMENT,
     ORDER,
@@ -40,6 +42,7 @@ from cartier.language.reference_words import (
     SIDE,
     SIDES,
     SIZES,
+    SOMEBODY,
     STANDS_FOR,
     STATED,
     UP_OR_DOWN,
@@ -152,6 +155,13 @@ def parse(text: str, names: Names, key: Key) -> Asked | None:
     ``key`` makes a name's key of its words.
     """
     best: Asked | None = None
+    refused = NOT_FIRST.match(text)
+    if refused is not None:  # "not the cup on the table, the one at the sink"
+        best = parse(refused[1], names, key)
+        best = (
+            replace(best, head=replace(best.head, relations=())) if best is not None and best.head is not None else None
+        )
+        text = text[refused.end() :]
     for sentence in sentences(NOT_THAT.sub("", text)) or sentences(text):
         asked = _sentence(sentence, names, key)
         before = best.head if best is not None and best.head is not None and not best.head.generic else None
@@ -318,7 +328,9 @@ def _tells_which(said: Sequence[str], start: int, mentions: Sequence[_Mention]) 
     """Whether a question word only tells a thing apart: "the shelf where the statue is", "the table which is near the sink"."""
     word, after = said[start : start + 1], said[start + 1 : start + 2]
     named = any(m.end == start and m.phrase.rooms is None for m in mentions)
-    return named and (word == ["which"] or (word == ["where"] and ARTICLES.issuperset(after)))
+    if word == ["where"] and said[start - 1 : start] in (["to"], ["from"]):
+        return True  # "closest to where I sleep"
+    return named and (word == ["which"] or (word == ["where"] and (ARTICLES | SOMEBODY).issuperset(after)))
 
 
 def _question(core: str) -> tuple[Kind, str, int]:
@@ -440,10 +452,15 @@ def _joined(said: Sequence[str], mentions: Sequence[_Mention]) -> tuple[list[Phr
         here = mentions[k]
         phrase, gap_end = here.phrase, mentions[k + 1].start if k + 1 < len(mentions) else len(said)
         kind = _relation(said[here.end : gap_end])
-        if after is not None and after.most in ("nearest", "farthest") and gap_end == here.end and phrase.rooms is None:
+        if after is not None and after.most in ("nearest", "farthest") and kind == "" and phrase.rooms is None:
             after, kind = replace(after, most=""), after.most  # "the one nearest the door"
         if kind == "to" and phrase.most in ("nearest", "farthest"):
             phrase, kind = replace(phrase, most=""), phrase.most
+        gap, last = said[here.end : gap_end], 0
+        if kind == "?" and phrase.said in NEEDY:  # "something to drink from on the table"
+            ends = (k for k in range(1, len(gap)) if _relation(gap[k:]) in RELATIONS and gap[k - 1] in PLACING)
+            last = next(ends, 0)
+            kind = _relation(gap[last:]) if last else kind
         if after is not None and kind == "" and gap_end == here.end and phrase.rooms is not None:
             after = replace(after, relations=(Constraint("in", phrase), *after.relations))  # the kitchen table
             used |= set(range(here.start, here.end))
@@ -454,7 +471,7 @@ def _joined(said: Sequence[str], mentions: Sequence[_Mention]) -> tuple[list[Phr
             )
             if kind != "of" or after.rooms is not None:
                 phrase = replace(phrase, relations=(constraint, *phrase.relations))
-                used |= set(range(here.end, mentions[k + 1].end))
+                used |= set(range(here.end + last, mentions[k + 1].end))
                 spare, after = None, phrase
                 continue
         if after is not None:
@@ -471,7 +488,8 @@ def _side(phrase: Phrase, rest: Sequence[str]) -> Phrase:
     text = " ".join(word for word in rest if word not in ("the", "that", "is", "which", "one"))
     found = SIDE.match(text)
     if not found:
-        return phrase
+        colour = re.match(r"(?:in |of )?(\w+)(?: colou?r)?$", text)
+        return replace(phrase, colours=COLOURS[colour[1]]) if colour and colour[1] in COLOURS else phrase
     side = {"left": "leftmost", "right": "rightmost"}.get(found[1] or "", "") or {**SIZES, **MOST}.get(
         found[2] or found[3] or "", ""
     )
@@ -481,7 +499,7 @@ def _side(phrase: Phrase, rest: Sequence[str]) -> Phrase:
 def _relation(gap: Sequence[str]) -> str:
     """The relation that the words between two names tell; "" for no word, "?" for words that tell none."""
     words = [word for word in gap if word not in FILLERS]
-    text = " ".join(words)
+    text = LEFT.sub("", " ".join(words))
     if text in RELATIONS:
         return RELATIONS[text]
     return text if text in ("", "to", "and") else "?"

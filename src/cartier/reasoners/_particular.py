@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
-from cartier.language.reference_words import HURRY, STANDS_FOR
+from cartier.language.reference_words import HURRY, NEEDY, STANDS_FOR
 from cartier.language.references import Asked, Names, Phrase, parse, sentences
 from cartier.reasoners._follow_ups import LATEST, SERVED, in_context
 from cartier.reasoners._perhaps import maybe_there, offer
@@ -85,6 +85,8 @@ class Particular:
             return None
         if head.rooms is not None:
             return self._room(head, asked)
+        if head.generic and head.most and head.said not in NEEDY and asked.direct:  # the biggest thing in the bedroom
+            return self._found(head)
         if head.generic:
             return None if head.bare or head.said in STANDS_FOR else self._need(head, asked, serve)
         if head.labels and asked.direct and not (head.bare and self._common(head)):

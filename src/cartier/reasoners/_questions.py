@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import Any
 
+from cartier.language.reference_words import STANDS_FOR
 from cartier.language.references import Asked, Constraint, Phrase
 from cartier.reasoners._scene import Scene, called
 from cartier.reasoners._words import name_key
@@ -29,6 +30,8 @@ def answer(asked: Asked, scene: Scene, last: MapObject | None, model: str) -> Se
         head = Phrase(last.label, frozenset({last.label}), plural=True)
     if head is None:
         return _inventory(scene, model) if asked.kind == "list" else None
+    if head.said in STANDS_FOR and head.bare and last is None:
+        return None
     if head.generic and head.bare and last is not None and asked.kind != "list":
         found: list[MapObject] = [last]
     else:

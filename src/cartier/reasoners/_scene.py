@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -153,6 +154,9 @@ class Scene:
         kind, target = constraint.kind, constraint.target
         if target is None:
             return self.most(found, kind) if found else []
+        if kind.startswith("not "):
+            there = {o.id for o in self._related(found, replace(constraint, kind=kind[4:]))}
+            return [o for o in found if o.id not in there]
         if target.rooms is not None:
             rooms = set(target.rooms)
             inside = [o for o in found if o.room in rooms]
