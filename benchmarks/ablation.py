@@ -27,6 +27,7 @@ sys.path[:0] = [str(ROOT / "tools"), str(ROOT / "tests/reasoners")]
 
 from _scorer_report import SERVED, put  # noqa: E402
 from _scorer_requests import Homes, read_requests  # noqa: E402
+from fit_decision import REPORTED  # noqa: E402
 from nothing_asked import ASKED, FRESH_ASKED, FRESH_TOLD, HOME, LATER_ASKED, LATER_TOLD, TOLD  # noqa: E402
 
 from cartier.evaluation import things_run  # noqa: E402
@@ -35,33 +36,23 @@ from cartier.evaluation.metrics import matches  # noqa: E402
 from cartier.evaluation.queries import cases, load_queries  # noqa: E402
 from cartier.evaluation.things import FIND  # noqa: E402
 from cartier.language.names import display_name  # noqa: E402
-from cartier.reasoners import _listening, _scorer, _spelling, _things, embedded  # noqa: E402
+from cartier.reasoners import _decision, _listening, _scorer, _spelling, _things, embedded  # noqa: E402
 from cartier.reasoners._cards import SHIPPED, read_deck  # noqa: E402
 from cartier.reasoners._reading import Reader, reader  # noqa: E402
 from cartier.reasoners._scorer import Scorer  # noqa: E402
-from cartier.types import Inventory, Selection  # noqa: E402
+from cartier.types import Inventory  # noqa: E402
 
-STYLES = ("grumpy", "newcomer", "others_past")  # REPORTED in tools/train_scorer.py, which needs torch
 SENTENCE = _listening._sentence
 RULES: dict[str, tuple[tuple[Any, str, Any], ...]] = {
     "nothing": (),
     "spelling": ((_spelling.Spelling, "__call__", lambda self, word: word),),
-    "either or": ((embedded, "alternatives", lambda query, names: None),),
-    "kin": ((_things, "KIN", 9.0),),
-    "mates": ((_things, "MATE", 0.0),),
-    "details": ((_things, "DETAIL", 0.0),),
-    "kin's APART": ((_scorer, "APART", 0.0),),
     "sentence weights": ((_listening, "_sentence", lambda tokens, part, weight: SENTENCE(tokens, part, 1.0)),),
     "rule features": ((_scorer, "context", lambda mention: [0.5, 0.1, 0.5, 0.2, 0.1]),),
     "alone": ((_scorer, "ALONE", 0.0),),
     "word matching": ((_scorer.Lexicon, "fits", lambda self, said, out: {}),),
-    "much better elsewhere": ((embedded, "BETTER", np.inf),),
-    "twins": ((embedded.Embedded, "_twin", lambda *args: None),),
-    "named elsewhere": ((embedded, "_named_elsewhere", lambda *args: None),),
-    "sure": ((embedded, "SURE", 0.0),),
-    "far": ((embedded, "FAR", np.inf),),
-    "tie": ((embedded, "TIE", 0.0),),
-    "beside": ((embedded.Embedded, "_beside", lambda *args: Selection("absent")),),
+    "general words": ((_things.Things, "_ends", lambda *args: ()),),
+    "twins": ((_things.Things, "twins", lambda *args: frozenset()),),
+    "the decision": ((_decision.Choice, "decide", lambda *args: "found"),),
     "several needs": ((embedded, "_parts", lambda text: [text]),),
     "speech acts": ((embedded, "sort_out", lambda heard, known: embedded.Said("", "", "outright")),),
 }  # fmt: skip
@@ -91,7 +82,7 @@ class Measures:
         self.homes = {name: kept.get(name).inventory() for name in kept.world.homes()}
         self.truth = {n: {display_name(t.label) for t in kept.world.objects(n)} for n in self.homes}
         self.lists = Homes(self.deck, reference)
-        self.requests = [r for r in read_requests(self.deck) if r.style in STYLES]
+        self.requests = [r for r in read_requests(self.deck) if r.style in REPORTED]
         self.things, self.settings = things, things_run.ThingsSettings(detectors=("ground_truth",), queries="made")
         self.items = things_run.requests(self.settings, things)
 
@@ -111,7 +102,9 @@ class Measures:
         removed = [bool(o.goals) for o in told if o.kind in SERVED and not o.serves]
         yield f"{_percents(*right)} | {_percents(nothing, removed)}"
         tells, asks = ([*TOLD, *LATER_TOLD, *FRESH_TOLD], [*ASKED, *LATER_ASKED, *FRESH_ASKED])
-        goal = [[reasoner.select(words, Inventory.of(HOME)).object is not None for words in some] for some in (tells, asks)]
+        goal = [
+            [reasoner.select(words, Inventory.of(HOME)).object is not None for words in some] for some in (tells, asks)
+        ]
         yield _percents(goal[0], [not g for g in goal[1]])
 
     def _bench(self, reasoner: embedded.Embedded, split: str) -> str:
@@ -134,7 +127,9 @@ def main() -> None:
     options = parser.parse_args()
     measures, reasoner = Measures(options.reference, options.maps, options.things), embedded.make()
     Remembered(reasoner.scorer)
-    print("| without | paper | extended | things: find, nothing | voices | nothing, removed | told, asked |", flush=True)
+    print(
+        "| without | paper | extended | things: find, nothing | voices | nothing, removed | told, asked |", flush=True
+    )
     print("|---|---|---|---|---|---|---|")
     for rule in options.rules or RULES:
         reasoner._listed.cache_clear()

@@ -185,8 +185,8 @@ def _padded(rows: np.ndarray, starts: np.ndarray) -> tuple[Tensor, Tensor]:
     return torch.tensor(padded), torch.tensor(there)
 
 
-def save(network: Network, folder: Path, sure: dict[str, list[float]]) -> None:
-    """scorer.onnx (the trained layers, int8), scorer.npz (the heads, and when it is sure) and vectors.npz (the cards)."""
+def save(network: Network, folder: Path) -> None:
+    """scorer.onnx (the trained layers, int8), scorer.npz (the heads) and vectors.npz (the cards)."""
     weights = {name.replace("/", "."): value.detach().numpy() for name, value in network.weights.items()}
     graph, x = Graph(weights, exact=False), "states"
     for i in range(FROZEN, LAYERS):
@@ -206,7 +206,6 @@ def save(network: Network, folder: Path, sure: dict[str, list[float]]) -> None:
         linear = getattr(network, name)
         heads[f"{name}.weight"], heads[f"{name}.bias"] = linear.weight.T.squeeze(-1), linear.bias.squeeze()
     arrays = {name: tensor.detach().numpy().astype(np.float32) for name, tensor in heads.items()}
-    arrays |= {f"sure.{name}": np.array(values, np.float32).squeeze() for name, values in sure.items()}
     np.savez(folder / "scorer.npz", **arrays, **_guess(network))
     _save_vectors(network, folder / "vectors.npz")
 

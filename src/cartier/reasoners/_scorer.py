@@ -8,7 +8,7 @@ Which sentence matters, and whether a name is wanted, is read from the states of
 from __future__ import annotations
 
 import math
-from collections.abc import Container, Sequence
+from collections.abc import Container
 from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -30,7 +30,6 @@ MOST_SENTENCES = 9
 ALONE = (
     4.0  # logits that the only name in a request of one sentence weighs more, or less if turned down; of several: half
 )
-APART = 12.0  # logits per cosine that a likeness of names falls short
 
 
 class Tokens(NamedTuple):
@@ -168,20 +167,13 @@ class Scorer:
         logits: Array = heads["scale"] * soft_max(met, sharp, axis=0)
         return logits
 
-    def sure(self, evidence: Array) -> float:
-        """How probable it is that the best thing of a list serves, by the numbers of ``_things.evidence``."""
-        heads = self._heads
-        scaled = (evidence - heads["sure.mean"]) / heads["sure.spread"]
-        return float(1 / (1 + np.exp(-(scaled @ heads["sure.weight"] + heads["sure.bias"]))))
-
-    def strange(self, judged: Judgement, name: Array, kin: Sequence[tuple[int, float]]) -> float:
-        """The logit of a thing without a card, by its name's vector and the cards of things that are called alike."""
+    def strange(self, judged: Judgement, name: Array) -> float:
+        """The logit of a thing without a card, by its name's vector."""
         heads = self._heads
         sharp = float(heads["sharpness"])
         named = judged.queries @ name
         met = heads["guess.name"] * named + heads["guess.bias"] + judged.lean
-        logit = float(heads["scale"] * soft_max(met, sharp))
-        return max([logit, *(float(judged.logits[c]) - APART * (1 - cosine) for c, cosine in kin)])
+        return float(heads["scale"] * soft_max(met, sharp))
 
     def why(self, judged: Judgement, card: int) -> tuple[str, str]:
         """The sentence that called for a card's thing, and the use that it meets best."""
