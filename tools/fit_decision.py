@@ -90,7 +90,7 @@ def _named(reasoner: embedded.Embedded, homes: Homes, rng: random.Random) -> Ite
         request = Request(words, "explicit", "", needs, (other,))
         names = homes.sample(request, rng, sort != "named")
         if sort == "named":
-            names = [n for n in names if likeness(deck.card_of(n) or 0, card) < ALIKE]
+            names = [n for n in names if likeness(card)[deck.card_of(n)] < ALIKE]
         yield _case(reasoner.weigh(words, names), request, sort)
 
 

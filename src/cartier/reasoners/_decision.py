@@ -29,7 +29,7 @@ class Choice:
         self.ranked, self.best, self.judged, self.outright = ranked, ranked[0], judged, outright
         self._knowledge = things.scorer.knowledge
         self.rival = next((r for r in ranked[1:] if not self._alike(r)), None)
-        self.missing = things.missing(judged)
+        self.missing = things.missing(judged, self.best.thing)
         self.at_home = things.scorer.deck.cards[self.missing.card].at_home
         kept = things.kept_beside(self.missing.card)
         self.near = kept if any(r.thing.name == kept for r in ranked) else None
@@ -38,19 +38,18 @@ class Choice:
         one, two = self.best.thing, other.thing
         if one.card is None or two.card is None:
             return one.key == two.key
-        return one.card == two.card or self._knowledge.likeness(one.card, two.card) > ALIKE
+        return one.card == two.card or bool(self._knowledge.likeness(one.card)[two.card] > ALIKE)
 
     def features(self) -> Array:
-        """(11,) what the decision is made from."""
+        """(10,) what the decision is made from."""
         card, logit, nothing = self.best.thing.card, self.best.logit, self.judged.nothing
         better = max(self.missing.logit - logit, LEAST)
-        unlike = 0.0 if card is None else 1 - self._knowledge.likeness(card, self.missing.card)
         fit = self.judged.fits.get(-1 if card is None else card)
         ahead = MOST if self.rival is None else min(logit - self.rival.logit, MOST)
         called, elsewhere = (_called(r) for r in (self.best, self.missing))
         also = _called(self.rival) if self.rival else 0.0
         return np.array([
-            logit, logit - nothing, ahead, better, max(better, 0.0) * unlike, called, elsewhere, also,
+            logit, logit - nothing, ahead, better, called, elsewhere, also,
             float(not self.at_home), fit.score if fit else 0.0, float(not self.outright),
         ])  # fmt: skip
 

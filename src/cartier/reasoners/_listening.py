@@ -22,6 +22,9 @@ JOINING = frozenset(words("and or the a an my some your our"))  # "the cup or th
 SUBJECTS = frozenset(words("can could he i let lets might must please she should they we will would you"))
 PLACING = frozenset(words("can could do does should to"))  # "where do my shirts go", "where should I put this book"
 STORING = frozenset(words("belong drop go hang keep leave put store throw"))
+VERBS = frozenset(words("book brush check clock comb fan hammer hang iron light mop plant ring screen tape vacuum watch water"))
+OBJECTS = frozenset(words("a an her his how if it me my on our that the their them this what whether your"))
+LEADING = frozenset(words("and go just now please then"))
 WISH = re.compile(
     r"\b(need|want|please|where|should|must|fancy|have to|got to|lets?|(would|d) (like|love)|(can|could) (you|i|we))\b"
 )
@@ -129,7 +132,7 @@ def _mentions(sentence: Sentence, known: Container[str], last: bool) -> Iterator
     while i < len(said):
         for end in range(min(i + LONGEST_NAME, len(said)), i, -1):
             key = _key(said[i:end])
-            if key in known and not all(w in STOP for w in said[i:end]):
+            if key in known and not all(w in STOP for w in said[i:end]) and not _is_verb(said, free_from, i, end):
                 if not (strength and free_from < i and JOINING.issuperset(said[free_from:i])):
                     strength = _asked_for(said, max(free_from, sentence.clauses[i]), i, end) * sentence.weight
                 unwanted = sentence.negated[i] or _useless(said, i, end)
@@ -149,10 +152,8 @@ def _key(part: list[str]) -> str:
 
 
 def _asked_for(said: list[str], free_from: int, start: int, end: int) -> float:
-    """How strongly a name is asked for: ``take me to the sofa``, but not ``the book on the sofa`` or ``to book``."""
+    """How strongly a name is asked for: ``take me to the sofa``, but not ``the book on the sofa``."""
     before = said[free_from:start]
-    if before and (before[-1] in SUBJECTS or (before[-1] == "to" and (len(before) < 2 or before[-2] not in MOTION))):
-        return MENTIONED / 3  # a verb: "we should book", "I want to iron"
     if all(w in STOP for w in said[:start] + said[end:]):
         return ASKED_FOR
     cue = next((i for i in range(len(before) - 1, -1, -1) if _is_cue(before, i)), None)
@@ -165,6 +166,14 @@ def _asked_for(said: list[str], free_from: int, start: int, end: int) -> float:
     if not other:
         return ASKED_FOR
     return MENTIONED if "to" in between or len(other) > 2 else ASKED_FOR - 0.1 * len(other)
+
+
+def _is_verb(said: list[str], free_from: int, start: int, end: int) -> bool:
+    """Whether what may be a name is what is to be done: "we should book", "I want to iron", "check the oven"."""
+    before, after = said[free_from:start], said[end : end + 1]
+    if before and (before[-1] in SUBJECTS or (before[-1] == "to" and (len(before) < 2 or before[-2] not in MOTION))):
+        return True
+    return said[start] in VERBS and OBJECTS.issuperset(after[:1] or ["?"]) and LEADING.issuperset(before[-1:])
 
 
 def _is_cue(said: list[str], i: int) -> bool:

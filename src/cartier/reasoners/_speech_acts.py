@@ -46,6 +46,10 @@ NO_NAME = frozenset(
     words("""about am are be been can ca could did do does enough for had has have he i in is it like look looks m may might must need
     never no nobody not nothing on re s said seems she should they to was we were what whoever will wo would you""")
 )
+WHOLE = re.compile(
+    r"(?P<thing>(?:an?|my|our|that|the|your)(?: \w+){1,3}?) "
+    r"(?:of (?P<of>(?:my|our|the|your) [\w ]+)|(?:s|(?:(?:that )?(?:is|lies|s|stands) )?(?:above|behind|beside|by|in|near|next to|on|under) the) \w+(?: \w+)?)"
+)
 CONTRACTION = re.compile(r"\b(do|does|did|is|are|was|were|would|should|could|must|need|have|has|had|ca|wo)n ?t\b")
 SENTENCE = re.compile(r"[.!?;:\n]")
 BREAK = re.compile(
@@ -178,7 +182,10 @@ def _forbids(clause: str) -> bool:
 
 
 def _is_name(said: str, known: Container[str]) -> bool:
-    """Whether words are no more than the name of a thing: "that old chair, please"."""
+    """Whether words are no more than the name of a thing, its part or its place: "that old chair, please", "the bin's lid"."""
+    whole = WHOLE.fullmatch(said)
+    if whole:
+        return len(said.split()) <= 2 * LONGEST_NAME and _is_name(whole["of"] or whole["thing"], known)
     name = said.split()
     while name and name[-1] in AFTER:
         name.pop()

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cartier.reasoners._cards import bare
+from cartier.reasoners._knowledge import UNLIKE
 from cartier.reasoners._particular import NO_ENDS
 from cartier.reasoners._reading import reader
 from cartier.reasoners._scorer import Judgement, Scorer, Spoken
@@ -76,12 +77,14 @@ class Things:
             found, key=lambda r: (-r.logit, -len(said.intersection(map(singular, words(plain(r.thing.name))))))
         )
 
-    def missing(self, judged: Judgement) -> Missing:
-        """What the request calls for most that is not listed, nor much the same as what is."""
+    def missing(self, judged: Judgement, best: Thing) -> Missing:
+        """What is called for most by name, or else is good for something else than the best, and nothing listed is much the same."""
         by_card = {card: s for card, s in self._by_card(judged).items() if s.mention.key not in self.keys}
         logits = judged.logits.copy()
+        if best.card is not None:
+            logits[self.scorer.knowledge.likeness(best.card) > UNLIKE] = -np.inf
         for card, spoken in by_card.items():
-            logits[card] += spoken.weight
+            logits[card] = judged.logits[card] + spoken.weight
         logits[[*self.cards, *(card for card in by_card if self.twins(card))]] = -np.inf
         card = int(logits.argmax())
         return Missing(card, float(logits[card]), by_card.get(card))

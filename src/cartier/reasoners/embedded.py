@@ -99,7 +99,8 @@ class Embedded:
             return []
         judged = self.scorer.judge(heard, self.deck.by_key.keys())
         things = self._listed(tuple(card.name for card in self.deck.cards if card.at_home))
-        ranked, most = things.ranked(judged), things.missing(judged)
+        ranked = things.ranked(judged)
+        most = things.missing(judged, ranked[0].thing)
         if most.logit > ranked[0].logit and not self.deck.cards[most.card].at_home:
             return []
         return [r.thing.name for r in ranked[:5] if r.logit > judged.nothing]
