@@ -28,10 +28,10 @@ from cartier.worlds.dollhouse import make
 FITTED = ("hosts", "transcript", "wheels")  # styles that the scorer was not trained on, but this is
 REPORTED = ("grumpy", "newcomer", "others_past")  # styles that only validate
 HOMES = [str(number) for number in range(1001, 1013)]
-LISTS, NAMED = 2, 800  # lists in which something serves, for each request; names asked for
+LISTS, NAMED = 2, 1000  # lists in which something serves, for each request; names asked for
 WEIGHTS = {"removed": 0.2, "nothing": 4.0, "listed": 0.5, "named": 0.5, "either": 0.2}
 """Against 1 for what is served. What is left of a list may still serve somebody, so that such lists count little."""
-RIDGE = 0.01
+RIDGE = 0.003
 
 
 class Case(NamedTuple):
@@ -82,10 +82,12 @@ def _named(reasoner: embedded.Embedded, homes: Homes, rng: random.Random) -> Ite
     for number in range(NAMED):
         card, other = (found[0] for found in rng.sample(homes.thor if number % 8 < 6 else homes.lvis, 2))
         name, also = (rng.choice(deck.cards[c].names) for c in (card, other))
-        sort = ("listed", "named", "listed", "either")[number % 4]
+        sort = ("listed", "named", "either", "listed", "listed")[number % 5]
         words = rng.choice(FRAMES["solo"]).format(y=f"{name} or the {also}" if sort == "either" else name)
-        if number % 4 == 2:
+        if number % 5 == 3:
             words = rng.choice(FRAMES["pairs"]).format(y=name, x=also)
+        elif number % 5 == 4:
+            words = f"{rng.choice(FRAMES['before']).format(x=also)} {words}"
         needs = ((card,), (other,)) if sort == "either" else ((card,),)
         request = Request(words, "explicit", "", needs, (other,))
         names = homes.sample(request, rng, sort != "named")
