@@ -55,8 +55,9 @@ class Choice:
 
     @property
     def possible(self) -> tuple[Status, ...]:
-        """Near needs something beside which the missing thing is kept, and a question two things."""
-        never = {"near": self.near is None, "clarify": self.rival is None}
+        """Near needs something beside which the missing thing is kept, not only named in passing; a question needs two things."""
+        in_passing = not self.outright and self.missing.called is not None
+        never = {"near": self.near is None or in_passing, "clarify": self.rival is None}
         return tuple(status for status in OUTCOMES if not never.get(status))
 
     def decide(self, among: Container[Status] = OUTCOMES) -> Status:

@@ -22,7 +22,9 @@ JOINING = frozenset(words("and or the a an my some your our"))  # "the cup or th
 SUBJECTS = frozenset(words("can could he i let lets might must please she should they we will would you"))
 PLACING = frozenset(words("can could do does should to"))  # "where do my shirts go", "where should I put this book"
 STORING = frozenset(words("belong drop go hang keep leave put store throw"))
-VERBS = frozenset(words("book brush check clock comb fan hammer hang iron light mop plant ring screen tape vacuum watch water"))
+VERBS = frozenset(
+    words("book brush check clock comb fan hammer hang iron light mop plant ring screen tape vacuum watch water")
+)
 OBJECTS = frozenset(words("a an her his how if it me my on our that the their them this what whether your"))
 LEADING = frozenset(words("and go just now please then"))
 WISH = re.compile(
@@ -135,7 +137,7 @@ def _mentions(sentence: Sentence, known: Container[str], last: bool) -> Iterator
             if key in known and not all(w in STOP for w in said[i:end]) and not _is_verb(said, free_from, i, end):
                 if not (strength and free_from < i and JOINING.issuperset(said[free_from:i])):
                     strength = _asked_for(said, max(free_from, sentence.clauses[i]), i, end) * sentence.weight
-                unwanted = sentence.negated[i] or _useless(said, i, end)
+                unwanted = sentence.negated[i] or _useless(said, i, end) or _put_away(said[free_from:i], said[end:])
                 where = sentence.at[i], sentence.at[end - 1] + 1
                 yield Mention(key, " ".join(said[i:end]), strength, unwanted, *where, last)
                 i = free_from = end
@@ -160,12 +162,16 @@ def _asked_for(said: list[str], free_from: int, start: int, end: int) -> float:
     if cue is None:
         return MENTIONED
     between = before[cue + 1 :]
-    if before[cue] == "where" and between and between[0] in PLACING and STORING & {*between, *said[end:]}:
-        return MENTIONED
     other = [w for w in between if w not in STOP]
     if not other:
         return ASKED_FOR
     return MENTIONED if "to" in between or len(other) > 2 else ASKED_FOR - 0.1 * len(other)
+
+
+def _put_away(before: list[str], after: list[str]) -> bool:
+    """Whether a place for a thing is asked for: "where do my shirts go"."""
+    asked = before[before.index("where") + 1 :] if "where" in before else []
+    return bool(asked) and asked[0] in PLACING and not STORING.isdisjoint((*asked, *after))
 
 
 def _is_verb(said: list[str], free_from: int, start: int, end: int) -> bool:

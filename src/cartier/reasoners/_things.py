@@ -25,11 +25,12 @@ class Thing(NamedTuple):
 
 
 class Ranked(NamedTuple):
-    """A listed thing with its logit and the name by which it was called."""
+    """A listed thing with its logit, the name by which it was called, and whether that is of something much the same."""
 
     thing: Thing
     logit: float
     called: Spoken | None
+    stands_in: bool
 
 
 class Missing(NamedTuple):
@@ -102,12 +103,12 @@ class Things:
         """A thing is called by its name, the end of it, another name of its card, or the name of what is much the same."""
         called = next((judged.spoken[key] for key in (thing.key, *thing.ends) if key in judged.spoken), None)
         if thing.card is None:
-            logit = self.scorer.strange(judged, self._vectors[thing.name])
+            logit, same = self.scorer.strange(judged, self._vectors[thing.name]), None
         else:
-            logit = float(judged.logits[thing.card])
-            same = (spoken for card, spoken in by_card.items() if card == thing.card or thing.card in self.twins(card))
-            called = called or next(same, None)
-        return Ranked(thing, logit + (called.weight if called else 0.0), called)
+            logit, called = float(judged.logits[thing.card]), called or by_card.get(thing.card)
+            same = next((spoken for card, spoken in by_card.items() if thing.card in self.twins(card)), None)
+        spoken = called or same
+        return Ranked(thing, logit + (spoken.weight if spoken else 0.0), spoken, called is None and same is not None)
 
     def kept_beside(self, card: int) -> str | None:
         """The listed thing that a card's is kept beside first of all, or what is much the same as that.

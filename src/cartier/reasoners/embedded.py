@@ -84,7 +84,8 @@ class Embedded:
                 return _told(said)
             turn = turn._replace(forbidden=self._forbidden(said, names), outright=said.asked == "outright")
         needs = _parts(turn.text)
-        if len(needs) > 1:
+        asked = (sort_out(self.scorer.hear(need), self._keys(names)).asked for need in needs)
+        if len(needs) > 1 and all(how == "outright" for how in asked):
             chosen = [self._serve(need, names, turn) for need in needs]
             goals = [c.object for c in chosen]
             if None not in goals and len(set(goals)) == len(goals):
@@ -142,19 +143,16 @@ class Embedded:
         """A decision in words."""
         best, second, missing, judged = choice.best, choice.rival, choice.missing, choice.judged
         chosen = {"found": best.thing.name, "near": choice.near}.get(status)
-        called = missing.called if status == "near" and missing.called else best.called
+        called = best.called if status == "found" and not best.stands_in else None
         reason, question = self._reason(best, judged), None
         if chosen is not None and called is not None and not turn.outright:
-            reason, question = (
-                f"'{called.mention.said}' was named, but not asked for",
-                f"Shall I go to the {bare(chosen)}?",
-            )
-            chosen, status = None, "clarify"
+            reason = f"'{called.mention.said}' was named, but not asked for"
+            question, chosen, status = f"Shall I go to the {bare(chosen)}?", None, "clarify"
         elif status == "clarify" and second is not None:
             reason = f"{reason}, but also {self._reason(second, judged)}"
             question = f"Do you mean the {bare(best.thing.name)} or the {bare(second.thing.name)}?"
-        elif status == "near":
-            reason = f"{self._not_seen(missing)}, but usually kept beside the {bare(choice.near)}"
+        elif status == "near" and chosen is not None:
+            reason = f"{self._not_seen(missing)}, but usually kept beside the {bare(chosen)}"
         elif status == "absent":
             reason = self._not_seen(missing) if missing.logit > judged.nothing else "nothing here serves that"
         return Selection(
@@ -162,16 +160,18 @@ class Embedded:
         )
 
     def _not_seen(self, missing: Missing) -> str:
-        if missing.called:
+        if missing.called is not None and missing.called.weight > 0:
             return f"no {missing.called.mention.said} to be seen here"
         return f"what would serve ({self.deck.cards[missing.card].name}) was not seen here"
 
     def _reason(self, ranked: Ranked, judged: Judgement) -> str:
         if ranked.called is not None and ranked.called.weight > 0:
-            card = self.deck.by_key.get(ranked.called.mention.key)
-            if card is None or ranked.thing.card in (None, card) or ranked.called.mention.key in ranked.thing.ends:
-                return f"'{ranked.called.mention.said}' was asked for by name"
-            return f"no {ranked.called.mention.said} to be seen here, but this is much the same"
+            said = ranked.called.mention.said
+            return (
+                f"no {said} to be seen here, but this is much the same"
+                if ranked.stands_in
+                else f"'{said}' was asked for by name"
+            )
         if ranked.thing.card is None:
             return f"'{_short(judged.sentences[0])}' fits the name {bare(ranked.thing.name)}"
         sentence, use = self.scorer.why(judged, ranked.thing.card)
