@@ -47,7 +47,6 @@ RULES: dict[str, tuple[tuple[Any, str, Any], ...]] = {
     "nothing": (),
     "spelling": ((_spelling.Spelling, "__call__", lambda self, word: word),),
     "sentence weights": ((_listening, "_sentence", lambda tokens, part, weight: SENTENCE(tokens, part, 1.0)),),
-    "rule features": ((_scorer, "context", lambda mention: [0.5, 0.1, 0.5, 0.2, 0.1]),),
     "alone": ((_scorer, "ALONE", 0.0),),
     "word matching": ((_scorer.Lexicon, "fits", lambda self, said, out: {}),),
     "general words": ((_things.Things, "_ends", lambda *args: ()),),

@@ -58,18 +58,6 @@ def tokenise(heard: Heard) -> Tokens:
     return Tokens([*ids, END], at, first)
 
 
-def context(mention: Mention) -> list[float]:
-    """What is known of a name's place by rule, for the learned judgement beside the states of its tokens."""
-    few = mention.score < 0.3
-    return [
-        mention.score,
-        float(mention.unwanted),
-        float(mention.last),
-        float(few),
-        float(mention.end - mention.start > 1),
-    ]
-
-
 class Spoken(NamedTuple):
     """A name that was said, and how strongly it speaks for its thing, or against."""
 
@@ -137,7 +125,7 @@ class Scorer:
         for mention in said:
             span = tokens.span(mention.start, mention.end)
             if span is not None:
-                weight = _wanted(states[slice(*span)].mean(0), mention, heads)
+                weight = _wanted(states[slice(*span)].mean(0), heads)
                 weight += -alone if mention.unwanted else alone
                 if mention.key not in spoken or weight > spoken[mention.key].weight:
                     spoken[mention.key] = Spoken(mention, weight)
@@ -189,8 +177,8 @@ def _by_card(cosines: Array, starts: Array, sharp: float) -> Array:
     return np.log(np.add.reduceat(np.exp(sharp * cosines), starts, axis=1)) / sharp
 
 
-def _wanted(state: Array, mention: Mention, heads: dict[str, Array]) -> float:
+def _wanted(state: Array, heads: dict[str, Array]) -> float:
     """How strongly a name is asked for, by the states of its tokens."""
-    inner = np.concatenate([state, context(mention)]) @ heads["wanted1.weight"] + heads["wanted1.bias"]
+    inner = state @ heads["wanted1.weight"] + heads["wanted1.bias"]
     gelu = 0.5 * inner * (1 + np.vectorize(math.erf)(inner / math.sqrt(2)))
     return float(gelu @ heads["wanted2.weight"] + heads["wanted2.bias"])

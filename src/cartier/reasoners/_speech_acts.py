@@ -13,16 +13,18 @@ from collections.abc import Container, Iterator
 from itertools import pairwise
 from typing import Literal, NamedTuple
 
-from cartier.reasoners._listening import CUES, LONGEST_NAME, Heard
+from cartier.reasoners._listening import LONGEST_NAME, Heard
 from cartier.reasoners._words import STOP, name_key, words
 
 Asked = Literal["outright", "perhaps", "not"]
 Kind = Literal["forbids", "states", "asks", "padding", "tells"]
 
-DO = CUES.union(
-    words("""approach block bringing carry check clean close come cook disturb do driving enter fiddle fiddling follow going guide
-    lead lift light make meet open park pick play point press push put run serve sit start step stop switch throw touch touching
-    trouble turn using vacuum wait wake walk wash water""")
+DO = frozenset(
+    words("""approach block bring bringing carry check clean close come cook disturb do drive driving enter fetch fiddle
+    fiddling find follow get give go going grab guide hand head heading lead lift light locate look looking make meet move
+    navigate need open park pass pick play point prefer press push put reach roll run search see serve show sit stand
+    start step stop switch take throw touch touching trouble turn use using vacuum visit wait wake walk want wash water
+    where wheres""")
 )
 RUN_ON = frozenset(words("bring fetch get give go show take"))  # where speech recognition hears no comma
 ROBOT = frozenset(words("nobody robot robots u you"))
