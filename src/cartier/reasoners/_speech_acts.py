@@ -98,6 +98,7 @@ ASKS = re.compile(
     r"|(?:asked|meant?|said) (?:a|for|my|the)|i said (?!it|no|that)\w+|(?:mind going|not wait) to|long for|time for|might there"
     r"|you (?:did not|forgot|never)|(?:are|is) there|(?:there (?:are|is|s)|got|ha(?:s|ve)) no)\b|\b(?:please|pls|plz)(?: and thank you)?$"
     r"|^(?:an?|some|something|to|towards?|who|who is|you (?:bring|come|go)|why (?:do )?not) "
+    r"|\bnot (?:\w+ ){1,6}without (?:an?|any|my|some|the) "
     r"|^(?:are|can|could|is|will|wo|would) (?:not )?(?:anybody|it|somebody|there|we|you)\b"
 )
 IN_NEED = re.compile(
