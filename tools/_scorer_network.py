@@ -18,19 +18,18 @@ from torch import Tensor, nn
 from cartier.reasoners._knowledge import pack
 from cartier.reasoners._lexical import turned_down
 from cartier.reasoners._listening import mentions
-from cartier.reasoners._scorer import MOST_SENTENCES, Scorer, context, tokenise
+from cartier.reasoners._scorer import MOST_SENTENCES, Scorer, tokenise
 
 FROZEN = 2  # layers of the shipped encoder that stay as they are; _reading.HALF_WAY is the last one's output
-CONTEXT = 5  # numbers that _scorer.context gives
-DROPOUT, UNSEEN = 0.1, 0.3
+DROPOUT = 0.1
 NOWHERE = -1e9
 
 
 class Read(NamedTuple):
-    """A text as the network sees it: ids, names said (card, begin, end, context), sentences (begin, end), lexical fits."""
+    """A text as the network sees it: ids, names said (card, begin, end), sentences (begin, end), lexical fits."""
 
     ids: list[int]
-    names: list[tuple[int, int, int, list[float]]]
+    names: list[tuple[int, int, int]]
     sentences: list[tuple[int, int]]
     fits: dict[int, float]
 
@@ -47,7 +46,7 @@ class Texts:
         heard = self.scorer.hear(text)
         tokens = tokenise(heard)
         said = {m: tokens.span(m.start, m.end) for m in mentions(heard, deck.by_key)}
-        names = [(deck.by_key[m.key], *span, context(m)) for m, span in said.items() if span]
+        names = [(deck.by_key[m.key], *span) for m, span in said.items() if span]
         last = heard.sentences[-MOST_SENTENCES:] if len(heard.sentences) > 1 else []
         spans = [tokens.span(s.at[0], s.at[-1] + 1) for s in last]
         fits = self.scorer.lexicon.fits(heard.sentences, turned_down(said))
@@ -71,7 +70,7 @@ class Network(nn.Module):
         self.pool = nn.Parameter(torch.zeros(WIDTH))
         self.turn = nn.Parameter(torch.eye(WIDTH))
         self.lean, self.nothing = nn.Linear(WIDTH, 1), nn.Linear(WIDTH, 1)
-        self.wanted1, self.wanted2 = nn.Linear(WIDTH + CONTEXT, 32), nn.Linear(32, 1)
+        self.wanted1, self.wanted2 = nn.Linear(WIDTH, 32), nn.Linear(32, 1)
         self.sharpness, self.scale = nn.Parameter(torch.tensor(3.0)), nn.Parameter(torch.tensor(3.0))  # logarithms
         self.name, self.lexical = nn.Parameter(torch.tensor(0.5)), nn.Parameter(torch.tensor(2.0))
         for linear, bias in ((self.lean, -0.1), (self.nothing, 8.0), (self.wanted2, 6.0)):
@@ -95,7 +94,7 @@ class Network(nn.Module):
             if read.fits and sample.use is None:  # a use would meet itself
                 fits[i, list(read.fits)] = torch.tensor(list(read.fits.values()))
         logits = logits + self.lexical * fits
-        called = [(i, card, begin, end, about) for i, r in enumerate(reads) for card, begin, end, about in r.names]
+        called = [(i, *name) for i, r in enumerate(reads) for name in r.names]
         if called:
             logits = self._called(logits, states, called)
         return logits, self.nothing(whole)[:, 0]
@@ -157,12 +156,10 @@ class Network(nn.Module):
         table = torch.tensor([rows + [n] * (most - len(rows)) for rows in of_sample])
         return self.scale.exp() * torch.logsumexp(met[table] * sharp, 1) / sharp
 
-    def _called(self, logits: Tensor, states: Tensor, called: list[tuple[int, int, int, int, list[float]]]) -> Tensor:
+    def _called(self, logits: Tensor, states: Tensor, called: list[tuple[int, int, int, int]]) -> Tensor:
         """The logits with the names that were said; of several that mean one card, the strongest."""
-        seen = torch.stack([states[i, begin:end].mean(0) for i, _, begin, end, _ in called])
-        about = torch.tensor([about for *_, about in called])
-        seen = fn.dropout(seen, UNSEEN, self.training)  # else the rules beside it are never learned
-        weights = self.wanted2(fn.gelu(self.wanted1(torch.cat([seen, about], 1))))[:, 0]
+        seen = torch.stack([states[i, begin:end].mean(0) for i, _, begin, end in called])
+        weights = self.wanted2(fn.gelu(self.wanted1(seen)))[:, 0]
         best: dict[tuple[int, int], int] = {}
         for k, (i, card, *_) in enumerate(called):
             if (i, card) not in best or weights[k] > weights[best[i, card]]:
@@ -185,8 +182,8 @@ def _padded(rows: np.ndarray, starts: np.ndarray) -> tuple[Tensor, Tensor]:
     return torch.tensor(padded), torch.tensor(there)
 
 
-def save(network: Network, folder: Path, sure: dict[str, list[float]]) -> None:
-    """scorer.onnx (the trained layers, int8), scorer.npz (the heads, and when it is sure) and vectors.npz (the cards)."""
+def save(network: Network, folder: Path) -> None:
+    """scorer.onnx (the trained layers, int8), scorer.npz (the heads) and vectors.npz (the cards)."""
     weights = {name.replace("/", "."): value.detach().numpy() for name, value in network.weights.items()}
     graph, x = Graph(weights, exact=False), "states"
     for i in range(FROZEN, LAYERS):
@@ -206,7 +203,6 @@ def save(network: Network, folder: Path, sure: dict[str, list[float]]) -> None:
         linear = getattr(network, name)
         heads[f"{name}.weight"], heads[f"{name}.bias"] = linear.weight.T.squeeze(-1), linear.bias.squeeze()
     arrays = {name: tensor.detach().numpy().astype(np.float32) for name, tensor in heads.items()}
-    arrays |= {f"sure.{name}": np.array(values, np.float32).squeeze() for name, values in sure.items()}
     np.savez(folder / "scorer.npz", **arrays, **_guess(network))
     _save_vectors(network, folder / "vectors.npz")
 

@@ -1,4 +1,4 @@
-"""What a reasoner made of requests that validate: the outcomes, the table of them, and the fit of when it is sure."""
+"""What a reasoner made of requests that validate: the outcomes, and the table of them."""
 
 from __future__ import annotations
 
@@ -16,9 +16,6 @@ from cartier.types import Inventory
 
 LISTS = 2  # for each request, in which something serves; and one more in which nothing does
 SERVED = ("explicit", "implicit", "conversational")
-WEIGHTS = {"nothing": 8.0, "removed": 0.02}
-"""Of outcomes where nothing serves, against 1 where something does. What is left of a list without the right things may
-still serve somebody, so that counts little."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +35,6 @@ class Outcome:
     top: bool
     wanted: tuple[str, ...]
     candidates: tuple[tuple[str, float], ...]
-    evidence: tuple[float, ...]
 
 
 def put(reasoner: Embedded, requests: list[Request], homes: Homes) -> list[Outcome]:
@@ -55,7 +51,6 @@ def put(reasoner: Embedded, requests: list[Request], homes: Homes) -> list[Outco
 def _outcome(reasoner: Embedded, request: Request, names: list[str], serves: bool) -> Outcome:
     chosen = reasoner.select(request.text, Inventory.of(names))
     goals = tuple(part.object for part in (chosen, *chosen.then) if part.object is not None)
-    evidence = reasoner.evidence(request.text, names)
     cards = [reasoner.deck.card_of(goal) for goal in goals]
     first = reasoner.deck.card_of(chosen.candidates[0][0]) if chosen.candidates else None
     return Outcome(
@@ -69,24 +64,7 @@ def _outcome(reasoner: Embedded, request: Request, names: list[str], serves: boo
         top=bool(request.needs) and first in request.needs[0],
         wanted=tuple(reasoner.deck.cards[need[0]].name for need in request.needs),
         candidates=chosen.candidates[:3],
-        evidence=() if evidence is None else tuple(evidence.tolist()),
     )
-
-
-def fit_sure(outcomes: list[Outcome]) -> dict[str, list[float]]:
-    """A logistic judgement of whether the best of a list serves, fitted to where it did and where nothing could."""
-    used = [o for o in outcomes if o.evidence and o.kind != "several" and (o.top or not o.serves)]
-    x = np.array([o.evidence for o in used])
-    y = np.array([float(o.serves) for o in used])
-    weight = np.array([1.0 if o.serves else WEIGHTS["nothing" if o.kind == "nothing" else "removed"] for o in used])
-    mean, spread = x.mean(0), x.std(0)
-    z = np.c_[(x - mean) / spread, np.ones(len(x))]
-    w = np.zeros(z.shape[1])
-    for _ in range(50):  # Newton's steps on a convex loss
-        p = 1 / (1 + np.exp(-z @ w))
-        slope = z.T @ (weight * (p - y)) + 0.01 * w
-        w -= np.linalg.solve((z * (weight * p * (1 - p))[:, None]).T @ z + 0.01 * np.eye(len(w)), slope)
-    return {"mean": mean.tolist(), "spread": spread.tolist(), "weight": w[:-1].tolist(), "bias": w[-1:].tolist()}
 
 
 def table(outcomes: list[Outcome]) -> str:

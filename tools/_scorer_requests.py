@@ -96,11 +96,11 @@ class Homes:
         world = make()
         types = json.loads((reference / "thor_object_types.json").read_text(encoding="utf-8"))["SimObjType"]
         rows = json.loads((reference / "lvis_v1_categories.json").read_text(encoding="utf-8"))
-        self.houses = [self._named({thing.label for thing in world.objects(home)}) for home in world.homes()]
-        self.thor = self._named(set(types) - NO_THINGS)
-        self.lvis = self._named({row["name"] for row in rows if row["frequency"] != "r"})
+        self.houses = [self.named({thing.label for thing in world.objects(home)}) for home in world.homes()]
+        self.thor = self.named(set(types) - NO_THINGS)
+        self.lvis = self.named({row["name"] for row in rows if row["frequency"] != "r"})
 
-    def _named(self, labels: set[str]) -> list[tuple[int, str]]:
+    def named(self, labels: set[str]) -> list[tuple[int, str]]:
         """(card, name) of labels, one for each card."""
         cards: dict[int, str] = {}
         for label in sorted(labels):

@@ -4,23 +4,24 @@ REFERENCE holds thor_object_types.json and lvis_v1_categories.json, from which l
 folder with model.safetensors of all-MiniLM-L6-v2 (see build_text_encoder.py). Without it nothing is trained: what ships is
 put to the test anew. Needs torch, onnx, safetensors.
 
-Whole styles are held back: what ships is fitted on some of them to know when nothing serves, and put to the others, which
+Whole styles are held back: what ships is fitted on some of them to know when nothing serves (fit_decision.py), and put to the others, which
 no training saw, for the table of docs/embedded.md.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 import random
 import time
 from pathlib import Path
 
+import fit_decision
 import numpy as np
 import torch
 from _scorer_network import NOWHERE, Network, save
-from _scorer_report import Outcome, fit_sure, put, summary, table, write
+from _scorer_report import Outcome, put, summary, table, write
 from _scorer_requests import Homes, Request, Sample, Variations, read_requests
+from fit_decision import FITTED, REPORTED
 from safetensors.numpy import load_file
 
 from cartier.reasoners._cards import SHIPPED, Deck, read_deck
@@ -31,9 +32,6 @@ from cartier.reasoners.embedded import Embedded
 PASSES, BATCH, NAMES = 2, 32, 2000
 RATE, HEAD_RATE, CARD_RATE, DECAY = 3e-4, 3e-3, 3e-5, 0.01
 WARM_UP = 40  # steps
-FITTED = ("hosts", "transcript", "wheels")  # styles that only tell when nothing serves
-REPORTED = ("grumpy", "newcomer", "others_past")  # styles that only validate
-SURE = Path(__file__).parent / "scorer_sure.json"
 DOCS = Path(__file__).parents[1] / "docs/embedded.md"
 
 
@@ -123,12 +121,6 @@ def _batches(samples: list[Sample], rng: random.Random) -> list[list[Sample]]:
     return batches
 
 
-def read_sure() -> dict[str, list[float]]:
-    """The judgement of when it is sure, as the latest validation left it."""
-    found: dict[str, list[float]] = json.loads(SURE.read_text(encoding="utf-8"))
-    return found
-
-
 def write_docs(outcomes: list[Outcome]) -> None:
     """Put the table between its marks into docs/embedded.md."""
     begin, end = "<!-- table -->", "<!-- end of table -->"
@@ -151,10 +143,8 @@ def main() -> None:
     if options.minilm:
         trainer = Trainer(options.minilm, deck, homes)
         network = trainer.train([r for r in requests if r.style not in (*FITTED, *REPORTED)])
-        save(network, PACKAGE, read_sure())
-        fitted = put(_shipped(deck), [r for r in requests if r.style in FITTED], homes)
-        SURE.write_text(json.dumps(fit_sure(fitted), indent=1) + "\n", encoding="utf-8")
-        save(network, PACKAGE, read_sure())
+        save(network, PACKAGE)
+        fit_decision.write(_shipped(deck), options.reference)
     outcomes = put(_shipped(deck), [r for r in requests if r.style in REPORTED], homes)
     if options.outcomes:
         write(outcomes, options.outcomes)

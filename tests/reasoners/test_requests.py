@@ -27,7 +27,7 @@ def test_the_counts_are_those_of_the_files() -> None:
 
 
 def test_what_is_held_back_is_what_the_training_holds_back() -> None:
-    tree = ast.parse((TOOLS / "train_scorer.py").read_text(encoding="utf-8"))
+    tree = ast.parse((TOOLS / "fit_decision.py").read_text(encoding="utf-8"))
     told = {
         node.targets[0].id: ast.literal_eval(node.value)
         for node in tree.body

@@ -131,7 +131,7 @@ NEEDY = _words(
 VERBS = _words(
     "light book water iron watch plant box table chair dish mirror vacuum park place bin cup fan screen plate switch sink"
 )
-UP_OR_DOWN = (["on"], ["off"], ["into"], ["up"], ["down"], ["away"])
+UP_OR_DOWN = (["over"], ["to"], ["on"], ["off"], ["into"], ["up"], ["down"], ["away"])
 OPEN_STATEMENT = re.compile(
     r"^(?:there (?:is|are)|(?:you|we|i|they) (?:have|got|have got|own|saw)|(?:the|my|our|your) )\b(?!.*\b(?:right|left)$)"
 )

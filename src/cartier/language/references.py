@@ -396,7 +396,9 @@ def _named(said: Sequence[str], start: int, end: int, names: Names, key: Key) ->
         before = ["", "", *said[:start]][-2:]
         verb = before[1] in VERB_BEFORE or (before[1] == "to" and before[0] in WISHING | NEEDY)
         verb = verb or (start == 0 and words in VERBS and "".join(said[end : end + 1]) in ARTICLES)  # light the way
-        verb = verb or (words in ("switch", "sink") and said[end : end + 1] in UP_OR_DOWN)  # switch on, sink into
+        verb = verb or (
+            words in ("switch", "sink", "roll") and said[end : end + 1] in UP_OR_DOWN
+        )  # switch on, sink into
         labels = names.things[name]
         last = key(said[end - 1])
         if not labels and last in names.things:  # a wine bottle is a bottle

@@ -129,13 +129,6 @@ def _corrected(dialogue: Sequence[tuple[str, str]], names: Sequence[str]) -> lis
     return found
 
 
-def alternatives(query: str, names: Sequence[str]) -> tuple[str, str] | None:
-    """Two listed names that an "or" stands between: who says so is asked which."""
-    left, found, right = " ".join(words(plain(query))).partition(" or ")
-    one, other = named(" ".join(left.split()[-3:]), names)[-1:], named(" ".join(right.split()[:4]), names)[:1]
-    return (one[0], other[0]) if found and one and other and one != other else None
-
-
 def named(text: str, names: Sequence[str]) -> list[str]:
     """The listed names that occur in a text, longest first at each place, in their order."""
     said = [singular(w) for w in words(plain(text))]

@@ -15,6 +15,7 @@ from cartier.reasoners._reading import reader
 from cartier.types import Array
 
 VECTORS = Path(__file__).with_name("vectors.npz")
+UNLIKE = 0.7  # cosine of two cards up to which their things are good for different things
 ALIKE = 0.8  # cosine of two cards from which their things serve alike
 MUCH_ALIKE = 0.83  # that from which they may stand for each other, if they are called alike, too
 CALLED_ALIKE = 0.6  # cosine of two names that say about the same
@@ -48,13 +49,14 @@ class Knowledge:
         self.uses = self.vectors(self.use_texts)
         self.names = self.vectors([t for card in deck.cards for t in card.names])
 
-    def likeness(self, one: int, other: int) -> float:
-        """The cosine of what two cards are good for."""
-        return float(self._means[one] @ self._means[other])
+    def likeness(self, card: int) -> Array:
+        """(n,) the cosines of what a card and each card are good for."""
+        likeness: Array = self._means @ self._means[card]
+        return likeness
 
     def twins(self, one: int, other: int) -> bool:
         """Whether two cards are much the same: called alike and good for the same, such as a pan and a frying pan."""
-        if self.likeness(one, other) <= MUCH_ALIKE:
+        if self._means[one] @ self._means[other] <= MUCH_ALIKE:
             return False
         mine, others = (self.names[start:end] for start, end in (self._span(one), self._span(other)))
         return float((mine @ others.T).max()) > CALLED_ALIKE

@@ -8,20 +8,19 @@ from typing import NamedTuple
 
 from cartier.reasoners._words import STOP, name_key, plain, words
 
-ASKED_FOR, MENTIONED = 0.95, 0.4  # how strongly a name that is asked for, or merely occurs, speaks for its thing
 LONGEST_NAME = 4  # words
 MOST_CHARACTERS = 8000  # the last ones, for there the request is
 NEGATION_REACHES = 4  # words
 
-CUES = frozenset(
-    words("""bring drive fetch find get give go grab hand head heading locate look looking move navigate need pass prefer
-    reach roll search see show stand take use visit want where wheres""")
-)
 MOTION = frozenset(words("back closer drive go head heading me move navigate next over ride roll straight us walk"))
-JOINING = frozenset(words("and or the a an my some your our"))  # "the cup or the bowl"
 SUBJECTS = frozenset(words("can could he i let lets might must please she should they we will would you"))
 PLACING = frozenset(words("can could do does should to"))  # "where do my shirts go", "where should I put this book"
 STORING = frozenset(words("belong drop go hang keep leave put store throw"))
+VERBS = frozenset(
+    words("book brush check clock comb fan hammer hang iron light mop plant ring screen tape vacuum watch water")
+)
+OBJECTS = frozenset(words("a an her his how if it me my on our that the their them this what whether your"))
+LEADING = frozenset(words("and go just now please then"))
 WISH = re.compile(
     r"\b(need|want|please|where|should|must|fancy|have to|got to|lets?|(would|d) (like|love)|(can|could) (you|i|we))\b"
 )
@@ -60,11 +59,10 @@ class Heard(NamedTuple):
 
 
 class Mention(NamedTuple):
-    """A name that occurred: its key, as said, how strongly it was asked for, whether it was turned down, and its tokens."""
+    """A name that occurred: its key, as said, whether it was turned down, its tokens, and whether in the last sentence."""
 
     key: str
     said: str
-    score: float
     unwanted: bool
     start: int
     end: int
@@ -125,16 +123,13 @@ def mentions(heard: Heard, known: Container[str]) -> Iterator[Mention]:
 
 def _mentions(sentence: Sentence, known: Container[str], last: bool) -> Iterator[Mention]:
     said = sentence.words
-    i, free_from, strength = 0, 0, 0.0
+    i = free_from = 0
     while i < len(said):
         for end in range(min(i + LONGEST_NAME, len(said)), i, -1):
-            key = _key(said[i:end])
-            if key in known and not all(w in STOP for w in said[i:end]):
-                if not (strength and free_from < i and JOINING.issuperset(said[free_from:i])):
-                    strength = _asked_for(said, max(free_from, sentence.clauses[i]), i, end) * sentence.weight
-                unwanted = sentence.negated[i] or _useless(said, i, end)
-                where = sentence.at[i], sentence.at[end - 1] + 1
-                yield Mention(key, " ".join(said[i:end]), strength, unwanted, *where, last)
+            key, before, after = _key(said[i:end]), said[max(free_from, sentence.clauses[i]) : i], said[end:]
+            if key in known and not all(w in STOP for w in said[i:end]) and not _is_verb(before, said[i], after):
+                unwanted = sentence.negated[i] or _useless(said, i, end) or _put_away(before, after)
+                yield Mention(key, " ".join(said[i:end]), unwanted, sentence.at[i], sentence.at[end - 1] + 1, last)
                 i = free_from = end
                 break
         else:
@@ -148,31 +143,19 @@ def _key(part: list[str]) -> str:
     return name_key(" ".join(part))
 
 
-def _asked_for(said: list[str], free_from: int, start: int, end: int) -> float:
-    """How strongly a name is asked for: ``take me to the sofa``, but not ``the book on the sofa`` or ``to book``."""
-    before = said[free_from:start]
+def _put_away(before: list[str], after: list[str]) -> bool:
+    """Whether a place for a thing is asked for: "where do my shirts go"."""
+    asked = before[before.index("where") + 1 :] if "where" in before else []
+    return bool(asked) and asked[0] in PLACING and not STORING.isdisjoint((*asked, *after))
+
+
+def _is_verb(before: list[str], word: str, after: list[str]) -> bool:
+    """Whether what may be a name is what is to be done: "we should book", "I want to iron", "check the oven"."""
     if before and (before[-1] in SUBJECTS or (before[-1] == "to" and (len(before) < 2 or before[-2] not in MOTION))):
-        return MENTIONED / 3  # a verb: "we should book", "I want to iron"
-    if all(w in STOP for w in said[:start] + said[end:]):
-        return ASKED_FOR
-    cue = next((i for i in range(len(before) - 1, -1, -1) if _is_cue(before, i)), None)
-    if cue is None:
-        return MENTIONED
-    between = before[cue + 1 :]
-    if before[cue] == "where" and between and between[0] in PLACING and STORING & {*between, *said[end:]}:
-        return MENTIONED
-    other = [w for w in between if w not in STOP]
-    if not other:
-        return ASKED_FOR
-    return MENTIONED if "to" in between or len(other) > 2 else ASKED_FOR - 0.1 * len(other)
-
-
-def _is_cue(said: list[str], i: int) -> bool:
-    if said[i] in ("like", "love"):
-        return i > 0 and said[i - 1] in ("d", "would")
-    if said[i] == "have":
-        return i > 1 and said[i - 1] in ("i", "we") and said[i - 2] in ("can", "could", "may")
-    return said[i] in CUES
+        return True
+    if word in MOTION and after[:1] and after[0] in MOTION | {"to"}:  # "roll over to the sofa"
+        return True
+    return word in VERBS and OBJECTS.issuperset(after[:1] or ["?"]) and LEADING.issuperset(before[-1:])
 
 
 def _useless(said: list[str], start: int, end: int) -> bool:

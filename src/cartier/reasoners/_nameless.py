@@ -10,8 +10,8 @@ from cartier.reasoners._listening import listen, mentions
 
 
 def nameless(query: str, names: Sequence[str]) -> str | None:
-    """The household thing asked for most, as it was said, of which none of a detector's ``names`` is a name; None if all are known."""
+    """The household thing named first in the last sentence with one, as it was said, of which none of a detector's ``names`` is a name; None if all are known."""
     deck = read_deck(SHIPPED)
     known = {deck.card_of(display_name(name)) for name in names}
     said = [m for m in mentions(listen(query), deck.by_key) if not m.unwanted and deck.by_key[m.key] not in known]
-    return max(said, key=lambda mention: mention.score).said if said else None
+    return max(said, key=lambda mention: mention.last).said if said else None

@@ -8,7 +8,7 @@ Which sentence matters, and whether a name is wanted, is read from the states of
 from __future__ import annotations
 
 import math
-from collections.abc import Container, Sequence
+from collections.abc import Container
 from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -30,7 +30,6 @@ MOST_SENTENCES = 9
 ALONE = (
     4.0  # logits that the only name in a request of one sentence weighs more, or less if turned down; of several: half
 )
-APART = 12.0  # logits per cosine that a likeness of names falls short
 
 
 class Tokens(NamedTuple):
@@ -57,18 +56,6 @@ def tokenise(heard: Heard) -> Tokens:
         ids.extend(pieces)
         at.append(len(ids))
     return Tokens([*ids, END], at, first)
-
-
-def context(mention: Mention) -> list[float]:
-    """What is known of a name's place by rule, for the learned judgement beside the states of its tokens."""
-    few = mention.score < 0.3
-    return [
-        mention.score,
-        float(mention.unwanted),
-        float(mention.last),
-        float(few),
-        float(mention.end - mention.start > 1),
-    ]
 
 
 class Spoken(NamedTuple):
@@ -138,7 +125,7 @@ class Scorer:
         for mention in said:
             span = tokens.span(mention.start, mention.end)
             if span is not None:
-                weight = _wanted(states[slice(*span)].mean(0), mention, heads)
+                weight = _wanted(states[slice(*span)].mean(0), heads)
                 weight += -alone if mention.unwanted else alone
                 if mention.key not in spoken or weight > spoken[mention.key].weight:
                     spoken[mention.key] = Spoken(mention, weight)
@@ -168,20 +155,13 @@ class Scorer:
         logits: Array = heads["scale"] * soft_max(met, sharp, axis=0)
         return logits
 
-    def sure(self, evidence: Array) -> float:
-        """How probable it is that the best thing of a list serves, by the numbers of ``_things.evidence``."""
-        heads = self._heads
-        scaled = (evidence - heads["sure.mean"]) / heads["sure.spread"]
-        return float(1 / (1 + np.exp(-(scaled @ heads["sure.weight"] + heads["sure.bias"]))))
-
-    def strange(self, judged: Judgement, name: Array, kin: Sequence[tuple[int, float]]) -> float:
-        """The logit of a thing without a card, by its name's vector and the cards of things that are called alike."""
+    def strange(self, judged: Judgement, name: Array) -> float:
+        """The logit of a thing without a card, by its name's vector."""
         heads = self._heads
         sharp = float(heads["sharpness"])
         named = judged.queries @ name
         met = heads["guess.name"] * named + heads["guess.bias"] + judged.lean
-        logit = float(heads["scale"] * soft_max(met, sharp))
-        return max([logit, *(float(judged.logits[c]) - APART * (1 - cosine) for c, cosine in kin)])
+        return float(heads["scale"] * soft_max(met, sharp))
 
     def why(self, judged: Judgement, card: int) -> tuple[str, str]:
         """The sentence that called for a card's thing, and the use that it meets best."""
@@ -197,8 +177,8 @@ def _by_card(cosines: Array, starts: Array, sharp: float) -> Array:
     return np.log(np.add.reduceat(np.exp(sharp * cosines), starts, axis=1)) / sharp
 
 
-def _wanted(state: Array, mention: Mention, heads: dict[str, Array]) -> float:
+def _wanted(state: Array, heads: dict[str, Array]) -> float:
     """How strongly a name is asked for, by the states of its tokens."""
-    inner = np.concatenate([state, context(mention)]) @ heads["wanted1.weight"] + heads["wanted1.bias"]
+    inner = state @ heads["wanted1.weight"] + heads["wanted1.bias"]
     gelu = 0.5 * inner * (1 + np.vectorize(math.erf)(inner / math.sqrt(2)))
     return float(gelu @ heads["wanted2.weight"] + heads["wanted2.bias"])

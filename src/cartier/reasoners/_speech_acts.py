@@ -13,16 +13,18 @@ from collections.abc import Container, Iterator
 from itertools import pairwise
 from typing import Literal, NamedTuple
 
-from cartier.reasoners._listening import CUES, LONGEST_NAME, Heard
+from cartier.reasoners._listening import LONGEST_NAME, Heard
 from cartier.reasoners._words import STOP, name_key, words
 
 Asked = Literal["outright", "perhaps", "not"]
 Kind = Literal["forbids", "states", "asks", "padding", "tells"]
 
-DO = CUES.union(
-    words("""approach block bringing carry check clean close come cook disturb do driving enter fiddle fiddling follow going guide
-    lead lift light make meet open park pick play point press push put run serve sit start step stop switch throw touch touching
-    trouble turn using vacuum wait wake walk wash water""")
+DO = frozenset(
+    words("""approach block bring bringing carry check clean close come cook disturb do drive driving enter fetch fiddle
+    fiddling find follow get give go going grab guide hand head heading lead lift light locate look looking make meet move
+    navigate need open park pass pick play point prefer press push put reach roll run search see serve show sit stand
+    start step stop switch take throw touch touching trouble turn use using vacuum visit wait wake walk want wash water
+    where wheres""")
 )
 RUN_ON = frozenset(words("bring fetch get give go show take"))  # where speech recognition hears no comma
 ROBOT = frozenset(words("nobody robot robots u you"))
@@ -45,6 +47,10 @@ AFTER = frozenset(
 NO_NAME = frozenset(
     words("""about am are be been can ca could did do does enough for had has have he i in is it like look looks m may might must need
     never no nobody not nothing on re s said seems she should they to was we were what whoever will wo would you""")
+)
+WHOLE = re.compile(
+    r"(?P<thing>(?:an?|my|our|that|the|your)(?: \w+){1,3}?) "
+    r"(?:of (?P<of>(?:my|our|the|your) [\w ]+)|(?:s|(?:(?:that )?(?:is|lies|s|stands) )?(?:above|behind|beside|by|in|near|next to|on|under) the) \w+(?: \w+)?)"
 )
 CONTRACTION = re.compile(r"\b(do|does|did|is|are|was|were|would|should|could|must|need|have|has|had|ca|wo)n ?t\b")
 SENTENCE = re.compile(r"[.!?;:\n]")
@@ -92,6 +98,7 @@ ASKS = re.compile(
     r"|(?:asked|meant?|said) (?:a|for|my|the)|i said (?!it|no|that)\w+|(?:mind going|not wait) to|long for|time for|might there"
     r"|you (?:did not|forgot|never)|(?:are|is) there|(?:there (?:are|is|s)|got|ha(?:s|ve)) no)\b|\b(?:please|pls|plz)(?: and thank you)?$"
     r"|^(?:an?|some|something|to|towards?|who|who is|you (?:bring|come|go)|why (?:do )?not) "
+    r"|\bnot (?:\w+ ){1,6}without (?:an?|any|my|some|the) "
     r"|^(?:are|can|could|is|will|wo|would) (?:not )?(?:anybody|it|somebody|there|we|you)\b"
 )
 IN_NEED = re.compile(
@@ -178,7 +185,10 @@ def _forbids(clause: str) -> bool:
 
 
 def _is_name(said: str, known: Container[str]) -> bool:
-    """Whether words are no more than the name of a thing: "that old chair, please"."""
+    """Whether words are no more than the name of a thing, its part or its place: "that old chair, please", "the bin's lid"."""
+    whole = WHOLE.fullmatch(said)
+    if whole:
+        return len(said.split()) <= 2 * LONGEST_NAME and _is_name(whole["of"] or whole["thing"], known)
     name = said.split()
     while name and name[-1] in AFTER:
         name.pop()

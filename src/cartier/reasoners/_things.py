@@ -8,42 +8,29 @@ from typing import NamedTuple
 import numpy as np
 
 from cartier.reasoners._cards import bare
+from cartier.reasoners._knowledge import UNLIKE
+from cartier.reasoners._lexicon import NO_ENDS
 from cartier.reasoners._reading import reader
 from cartier.reasoners._scorer import Judgement, Scorer, Spoken
-from cartier.reasoners._words import name_key, words
-from cartier.types import Array
-
-MATE = 0.5  # logits that it costs a thing to be called by another name of its card
-DETAIL = 1.0  # logits for a word that tells a thing from others of its card
-KIN = 0.55  # cosine of a name without a card to one with, from which it is taken to be good for the same
-LEAST = -4.0  # how far behind a thing that is not listed counts
-MOST = 6.0  # how far ahead of the second the best counts
+from cartier.reasoners._words import name_key, plain, singular, words
 
 
 class Thing(NamedTuple):
-    """A listed name: its key, its card, and for a name without one the cards like it with their cosines.
-
-    ``details`` are the words that tell it from other things of its card: ``blue`` of a ``blue armchair``.
-    """
+    """A listed name with its key, its card, and the keys of general words for it, as a floor lamp is a lamp."""
 
     name: str
     key: str
     card: int | None
-    kin: tuple[tuple[int, float], ...]
-    details: frozenset[str]
-
-    @property
-    def cards(self) -> tuple[int, ...]:
-        """Its card, or those like it."""
-        return tuple(card for card, _ in self.kin) if self.card is None else (self.card,)
+    ends: tuple[str, ...]
 
 
 class Ranked(NamedTuple):
-    """A listed thing with its logit and the name by which it was called."""
+    """A listed thing with its logit, the name by which it was called, and whether that is of something much the same."""
 
     thing: Thing
     logit: float
     called: Spoken | None
+    stands_in: bool
 
 
 class Missing(NamedTuple):
@@ -59,45 +46,49 @@ class Things:
 
     def __init__(self, scorer: Scorer, names: Sequence[str]) -> None:
         self.scorer = scorer
-        deck = scorer.deck
-        listed = list(dict.fromkeys(names))
-        cards = {name: deck.card_of(name) for name in listed}
-        strange = [name for name in listed if cards[name] is None]
-        vectors = reader().vectors([bare(name) for name in strange])
-        self._vectors: dict[str, Array] = dict(zip(strange, vectors, strict=True))
-        kin = {name: self._kin(vector) for name, vector in self._vectors.items()}
-        self.all = [Thing(n, name_key(bare(n)), cards[n], kin.get(n, ()), self._details(n, cards[n])) for n in listed]
-        self.keys = frozenset(thing.key for thing in self.all)
-        self.cards = frozenset(thing.card for thing in self.all if thing.card is not None)
+        cards = {name: scorer.deck.card_of(name) for name in dict.fromkeys(names)}
+        self.cards = frozenset(card for card in cards.values() if card is not None)
+        own = frozenset(name_key(bare(name)) for name in cards)
+        self.all = [Thing(name, name_key(bare(name)), card, self._ends(name, own)) for name, card in cards.items()]
+        self.keys = own.union(key for thing in self.all for key in thing.ends)
+        strange = [thing.name for thing in self.all if thing.card is None]
+        self._vectors = dict(zip(strange, reader().vectors([bare(name) for name in strange]), strict=True))
+        self._twins: dict[int, frozenset[int]] = {}
 
-    def _details(self, name: str, card: int | None) -> frozenset[str]:
-        """The words of a name before the one that its card has."""
-        parts = words(bare(name))
-        first = next((i for i in range(len(parts)) if name_key(" ".join(parts[i:])) in self.scorer.deck.by_key), 0)
-        return frozenset(parts[:first]) if card is not None else frozenset()
+    def _ends(self, name: str, own: frozenset[str]) -> tuple[str, ...]:
+        """The general words for a thing that are not the name of another listed thing."""
+        parts, by_key = words(plain(bare(name))), self.scorer.deck.by_key
+        ends = (name_key(" ".join(parts[i:])) for i in range(1, len(parts)))
+        known = (end for end in ends if end in by_key and end not in NO_ENDS and end not in own)
+        return tuple(end for end in known if by_key[end] not in self.cards)
 
-    def _kin(self, vector: Array) -> tuple[tuple[int, float], ...]:
-        knowledge = self.scorer.knowledge
-        cosines = np.maximum.reduceat(knowledge.names @ vector, knowledge.name_starts)
-        return tuple((int(c), float(cosines[c])) for c in np.argsort(-cosines)[:3] if cosines[c] >= KIN)
+    def twins(self, card: int) -> frozenset[int]:
+        """The cards of listed things that are much the same as a card that is not listed."""
+        if card not in self._twins:
+            same = (other for other in self.cards if self.scorer.knowledge.twins(card, other))
+            self._twins[card] = frozenset() if card in self.cards else frozenset(same)
+        return self._twins[card]
 
     def ranked(self, judged: Judgement) -> list[Ranked]:
-        """All things, the one that the request calls for most first."""
+        """All things, the one that the request calls for most first; of equal ones that whose name was said."""
         by_card = self._by_card(judged)
-        said = frozenset(judged.sentences[0].split())
-        return sorted((self._rank(thing, judged, by_card, said) for thing in self.all), key=lambda r: -r.logit)
+        said = {singular(word) for word in judged.sentences[0].split()}
+        found = [self._rank(thing, judged, by_card) for thing in self.all]
+        return sorted(
+            found, key=lambda r: (-r.logit, -len(said.intersection(map(singular, words(plain(r.thing.name))))))
+        )
 
-    def missing(self, judged: Judgement) -> tuple[Missing, Missing | None]:
-        """What the request calls for most that is not listed, and what it calls for most by name."""
+    def missing(self, judged: Judgement, best: Thing) -> Missing:
+        """What is called for most by name, or else is good for something else than the best, and nothing listed is much the same."""
         by_card = {card: s for card, s in self._by_card(judged).items() if s.mention.key not in self.keys}
         logits = judged.logits.copy()
+        if best.card is not None:
+            logits[self.scorer.knowledge.likeness(best.card) > UNLIKE] = -np.inf
         for card, spoken in by_card.items():
-            logits[card] += spoken.weight
-        logits[list(self.cards)] = -np.inf
+            logits[card] = judged.logits[card] + spoken.weight
+        logits[[*self.cards, *(card for card in by_card if self.twins(card))]] = -np.inf
         card = int(logits.argmax())
-        named = max((c for c in by_card if c not in self.cards), key=lambda c: float(logits[c]), default=None)
-        most = Missing(card, float(logits[card]), by_card.get(card))
-        return most, None if named is None else Missing(named, float(logits[named]), by_card[named])
+        return Missing(card, float(logits[card]), by_card.get(card))
 
     def _by_card(self, judged: Judgement) -> dict[int, Spoken]:
         """For each card whose name was said, the strongest."""
@@ -108,33 +99,23 @@ class Things:
                 found[card] = spoken
         return found
 
-    def _rank(self, thing: Thing, judged: Judgement, by_card: dict[int, Spoken], said: frozenset[str]) -> Ranked:
-        called = judged.spoken.get(thing.key)
-        mate = None if thing.card is None else by_card.get(thing.card)
-        if called is None and mate is not None:
-            called = mate._replace(weight=mate.weight - MATE) if mate.mention.key in self.keys else mate
-        if thing.card is not None:
-            logit = float(judged.logits[thing.card]) + DETAIL * len(thing.details & said)
+    def _rank(self, thing: Thing, judged: Judgement, by_card: dict[int, Spoken]) -> Ranked:
+        """A thing is called by its name, the end of it, another name of its card, or the name of what is much the same."""
+        called = next((judged.spoken[key] for key in (thing.key, *thing.ends) if key in judged.spoken), None)
+        if thing.card is None:
+            logit, same = self.scorer.strange(judged, self._vectors[thing.name]), None
         else:
-            logit = self.scorer.strange(judged, self._vectors[thing.name], thing.kin)
-        return Ranked(thing, logit + (called.weight if called else 0.0), called)
+            logit, called = float(judged.logits[thing.card]), called or by_card.get(thing.card)
+            same = next((spoken for card, spoken in by_card.items() if thing.card in self.twins(card)), None)
+        spoken = called or same
+        return Ranked(thing, logit + (spoken.weight if spoken else 0.0), spoken, called is None and same is not None)
 
+    def kept_beside(self, card: int) -> str | None:
+        """The listed thing that a card's is kept beside first of all, or what is much the same as that.
 
-def evidence(ranked: Sequence[Ranked], missing: tuple[Missing, Missing | None], nothing: float, home: bool) -> Array:
-    """What tells whether the best of a list serves (7,), for the learned judgement in ``Scorer.sure``.
-
-    ``home`` is whether what is most missing is a thing that homes have.
-    """
-    best, most, named = ranked[0], *missing
-    second = ranked[1].logit if len(ranked) > 1 else best.logit - MOST
-    return np.array(
-        [
-            best.logit,
-            best.logit - nothing,
-            min(best.logit - second, MOST),
-            max(most.logit - best.logit, LEAST),
-            max(named.logit - best.logit, LEAST) if named else LEAST,
-            best.called.weight if best.called else 0.0,
-            float(not home),
-        ]
-    )
+        In generated homes a thing was within a metre of it in 71 % of 379 cases, of what comes second on its card in 45 %,
+        of the third in 23 %, and of any thing in 20 %.
+        """
+        first = self.scorer.deck.card_of(next(iter(self.scorer.deck.cards[card].beside), ""))
+        same = () if first is None else (first, *self.twins(first))
+        return next((thing.name for thing in self.all if thing.card in same), None)

@@ -16,9 +16,9 @@ from pathlib import Path
 import numpy as np
 
 from cartier.reasoners._cards import SHIPPED, Deck, bare, read_deck
-from cartier.reasoners._dialogue import Turn, alternatives, understand
+from cartier.reasoners._decision import OUTCOMES, Choice
+from cartier.reasoners._dialogue import Turn, understand
 from cartier.reasoners._follow_ups import SERVED
-from cartier.reasoners._knowledge import ALIKE
 from cartier.reasoners._lexicon import lexicon
 from cartier.reasoners._listening import MOST_CHARACTERS, mentions
 from cartier.reasoners._particular import Particular
@@ -26,19 +26,12 @@ from cartier.reasoners._perhaps import accepted, maybe_there, offer, perhaps, us
 from cartier.reasoners._scene import Scene, called
 from cartier.reasoners._scorer import Judgement, Scorer
 from cartier.reasoners._speech_acts import Said, sort_out
-from cartier.reasoners._things import Missing, Ranked, Thing, Things, evidence
-from cartier.types import Array, Inventory, MapObject, Selection
+from cartier.reasoners._things import Missing, Ranked, Things
+from cartier.types import Inventory, MapObject, Selection, Status
 
 Candidates = tuple[tuple[str, float], ...]
 
 NAME = "embedded (knowledge cards, MiniLM, learned scorer)"
-ASKED_FOR = 8.0  # weight from which a name counts as asked for
-IN_PASSING = 3.0  # weight up to which a name was hardly said to have the thing
-SURE = 0.4  # probability that the best thing serves under which nothing does
-FAR = 5.0  # logits under "nothing" from which the best is no answer, however sure it is among its like
-BETTER = 4.0  # logits by which what is not listed, and unlike the best, must serve better for the best to be no answer
-UNLIKE = 0.7  # cosine of two cards up to which they are good for different things
-TIE = 0.12  # two unlike things whose logits are closer than this are asked about
 MOST_NEEDS, LONGEST_PART = 4, 30  # needs in one breath, and words of each
 THEN = re.compile(
     r"[,;.]?\s+(?:and\s+)?(?:then|afterwards|after\s+that|after\s+which|next(?!\s+to\b))\b[,\s]*|\s*;\s*|[,.]?\s+(?:and|n)\s+then\b[,\s]*"
@@ -107,7 +100,7 @@ class Embedded:
     ) -> Selection:
         """What serves the words among all that is surely there."""
         needs = _parts(query)
-        if len(needs) > 1 and (THEN.search(query) or self._asks(needs[0])):
+        if len(needs) > 1 and all(map(self._asks, needs if THEN.search(query) else needs[:1])):
             chosen = [self._one(need, inventory, scene, dialogue) for need in needs]
             goals = [(c.object, c.object_id, c.room) for c in chosen]
             if all(c.status in ("found", "near") for c in chosen) and len(set(goals)) == len(goals):
@@ -145,11 +138,6 @@ class Embedded:
             if said.asked == "not":
                 return _told(said)
             turn = turn._replace(forbidden=self._forbidden(said, names), outright=said.asked == "outright")
-        out = {*turn.without, *turn.forbidden}
-        either = alternatives(query, [name for name in names if name not in out])
-        if either is not None:
-            question = f"Do you mean the {bare(either[0])} or the {bare(either[1])}?"
-            return Selection("clarify", reason="both were named", question=question, model=NAME)
         return self._serve(turn.text, names, turn)
 
     def propose(self, query: str) -> list[str]:
@@ -159,7 +147,8 @@ class Embedded:
             return []
         judged = self.scorer.judge(heard, self.deck.by_key.keys())
         things = self._listed(tuple(card.name for card in self.deck.cards if card.at_home))
-        ranked, (most, _) = things.ranked(judged), things.missing(judged)
+        ranked = things.ranked(judged)
+        most = things.missing(judged, ranked[0].thing)
         if most.logit > ranked[0].logit and not self.deck.cards[most.card].at_home:
             return []
         return [r.thing.name for r in ranked[:5] if r.logit > judged.nothing]
@@ -176,115 +165,64 @@ class Embedded:
         return tuple(t.name for t in self._listed(names).all if t.key in off - named or t.card in cards)
 
     def _serve(self, text: str, names: tuple[str, ...], turn: Turn) -> Selection:
-        heard = self.scorer.hear(text)
+        """The thing that serves a need, or what is said instead."""
+        heard, things = self.scorer.hear(text), self._listed(names)
         if not heard.sentences:
             return Selection("clarify", reason="nothing said tells a need", question="What do you need?", model=NAME)
-        things = self._listed(names)
         judged = self.scorer.judge(heard, self._keys(names))
-        ranked = [r for r in things.ranked(judged) if r.thing.name not in (*turn.without, *turn.forbidden)]
-        if turn.only:
-            ranked = [r for r in ranked if r.thing.name in turn.only]
-        if not ranked:
+        out = {*turn.without, *turn.forbidden}
+        allowed = [r for r in things.ranked(judged) if r.thing.name in (turn.only or names) and r.thing.name not in out]
+        if not allowed:
             return Selection("absent", reason="nothing else is listed", model=NAME)
-        chosen = self._pick(ranked, things, judged, turn)
-        named = _named_elsewhere(ranked[0], things.missing(judged)[1])
-        called = named.called if named else ranked[0].called
-        if chosen.object is None or called is None or turn.outright:
-            return chosen
-        reason, question = (
-            f"'{called.mention.said}' was named, but not asked for",
-            f"Shall I go to the {bare(chosen.object)}?",
-        )
-        return Selection("clarify", reason=reason, question=question, candidates=chosen.candidates, model=NAME)
+        choice = Choice(allowed, things, judged, turn.outright)
+        # who chooses from what was offered is not asked again, and who turns a thing down wants the next best
+        only: tuple[Status, ...] = ("found",) if turn.only else ("found", "absent") if turn.without else OUTCOMES
+        return self._say(choice, choice.decide(only), turn)
 
-    def _pick(self, ranked: list[Ranked], things: Things, judged: Judgement, turn: Turn) -> Selection:
-        """The best of what is ranked, or what is said instead of it."""
-        candidates, missing = _candidates(ranked, judged), things.missing(judged)
-        named = _named_elsewhere(ranked[0], missing[1])
-        # who turns a thing down wants the next best, so that it need only not be hopeless
-        unsure = not turn.without and self.scorer.sure(self._evidence(ranked, missing, judged)) < SURE
-        doubtful = unsure or ranked[0].logit < judged.nothing - FAR
-        first_time = not turn.only and not turn.without
-        if named is not None and first_time:
-            return self._twin(named, ranked, candidates) or self._instead(named, things, judged, candidates)
-        if doubtful and not turn.only:
-            return self._instead(missing[1], things, judged, candidates)
-        if first_time and self._much_better(missing[0], ranked[0]):
-            return self._beside(missing[0], things, candidates)
-        return self._choose(ranked, judged, candidates, ask=not turn.only)
-
-    def evidence(self, text: str, names: Sequence[str]) -> Array | None:
-        """The numbers from which it is judged whether the best of a list serves, to fit that judgement; None for no words."""
+    def weigh(self, text: str, names: Sequence[str]) -> Choice | None:
+        """What is decided from, to fit the decision (tools/fit_decision.py); None for no words."""
         heard, things = self.scorer.hear(text), self._listed(tuple(names))
-        if not heard.sentences:
-            return None
-        judged = self.scorer.judge(heard, self._keys(tuple(names)))
-        return self._evidence(things.ranked(judged), things.missing(judged), judged)
+        judged = self.scorer.judge(heard, self._keys(tuple(names))) if heard.sentences else None
+        outright = sort_out(heard, self._keys(tuple(names))).asked == "outright"
+        return Choice(things.ranked(judged), things, judged, outright) if judged and things.all else None
 
-    def _evidence(self, ranked: list[Ranked], missing: tuple[Missing, Missing | None], judged: Judgement) -> Array:
-        return evidence(ranked, missing, judged.nothing, self.deck.cards[missing[0].card].at_home)
-
-    def _much_better(self, missing: Missing, best: Ranked) -> bool:
-        """Whether what is not listed serves so much better, and is so unlike the best of the list, that this is no answer."""
-        if best.thing.card is None or (best.called is not None and best.called.weight > IN_PASSING):
-            return False
-        unlike = self.scorer.knowledge.likeness(best.thing.card, missing.card) <= UNLIKE
-        return unlike and missing.logit - best.logit > BETTER
-
-    def _twin(self, named: Missing, ranked: list[Ranked], candidates: Candidates) -> Selection | None:
-        """What is much the same as a thing that was asked for by name and is not listed."""
-        twins = self.scorer.knowledge.twins
-        for r in ranked:
-            if any(twins(card, named.card) for card in r.thing.cards):
-                reason = f"{self._not_seen(named)}, but this is much the same"
-                return Selection("found", r.thing.name, reason=reason, candidates=candidates, model=NAME)
-        return None
-
-    def _choose(self, ranked: list[Ranked], judged: Judgement, candidates: Candidates, ask: bool) -> Selection:
-        """The best, or a question if another that is unlike it is called for as much."""
-        best, reason = ranked[0], self._reason(ranked[0], judged)
-        equal = (r for r in ranked[1:] if best.logit - r.logit < TIE and not self._alike(best.thing, r.thing))
-        second = next(equal, None) if ask else None
-        if second is None:
-            return Selection("found", best.thing.name, reason=reason, candidates=candidates, model=NAME)
-        question = f"Do you mean the {bare(best.thing.name)} or the {bare(second.thing.name)}?"
-        reason = f"{reason}, but also {self._reason(second, judged)}"
-        return Selection("clarify", reason=reason, question=question, candidates=candidates, model=NAME)
-
-    def _instead(self, named: Missing | None, things: Things, judged: Judgement, candidates: Candidates) -> Selection:
-        """Where what was asked for by name is usually kept; else that nothing serves."""
-        if named is None or named.called is None or named.called.weight < ASKED_FOR or named.logit < judged.nothing:
-            return Selection("absent", reason="nothing here serves that", candidates=candidates, model=NAME)
-        return self._beside(named, things, candidates)
-
-    def _beside(self, missing: Missing, things: Things, candidates: Candidates) -> Selection:
-        """The first of what a missing thing is kept beside that is listed; else that it was not seen."""
-        reason = self._not_seen(missing)
-        for neighbour in self.deck.cards[missing.card].beside:
-            beside = self.deck.card_of(neighbour)
-            near = next((t.name for t in things.all if t.card is not None and t.card == beside), None)
-            if near is not None:
-                reason = f"{reason}, but usually kept beside the {bare(near)}"
-                return Selection("near", near, reason=reason, candidates=candidates, model=NAME)
-        return Selection("absent", reason=reason, candidates=candidates, model=NAME)
+    def _say(self, choice: Choice, status: Status, turn: Turn) -> Selection:
+        """A decision in words."""
+        best, second, missing, judged = choice.best, choice.rival, choice.missing, choice.judged
+        chosen = {"found": best.thing.name, "near": choice.near}.get(status)
+        called = best.called if status == "found" and not best.stands_in else None
+        reason, question = self._reason(best, judged), None
+        if chosen is not None and called is not None and not turn.outright:
+            reason = f"'{called.mention.said}' was named, but not asked for"
+            question, chosen, status = f"Shall I go to the {bare(chosen)}?", None, "clarify"
+        elif status == "clarify" and second is not None:
+            reason = f"{reason}, but also {self._reason(second, judged)}"
+            question = f"Do you mean the {bare(best.thing.name)} or the {bare(second.thing.name)}?"
+        elif status == "near" and chosen is not None:
+            reason = f"{self._not_seen(missing)}, but usually kept beside the {bare(chosen)}"
+        elif status == "absent":
+            reason = self._not_seen(missing) if missing.logit > judged.nothing else "nothing here serves that"
+        return Selection(
+            status, chosen, reason=reason, question=question, candidates=_candidates(choice.ranked, judged), model=NAME
+        )
 
     def _not_seen(self, missing: Missing) -> str:
-        if missing.called:
+        if missing.called is not None and missing.called.weight > 0:
             return f"no {missing.called.mention.said} to be seen here"
         return f"what would serve ({self.deck.cards[missing.card].name}) was not seen here"
 
     def _reason(self, ranked: Ranked, judged: Judgement) -> str:
-        if ranked.called is not None and ranked.called.weight > ASKED_FOR:
-            return f"'{ranked.called.mention.said}' was asked for by name"
+        if ranked.called is not None and ranked.called.weight > 0:
+            said = ranked.called.mention.said
+            return (
+                f"no {said} to be seen here, but this is much the same"
+                if ranked.stands_in
+                else f"'{said}' was asked for by name"
+            )
         if ranked.thing.card is None:
             return f"'{_short(judged.sentences[0])}' fits the name {bare(ranked.thing.name)}"
         sentence, use = self.scorer.why(judged, ranked.thing.card)
         return f"'{_short(sentence)}' fits: {use}"
-
-    def _alike(self, one: Thing, other: Thing) -> bool:
-        if one.card is None or other.card is None:
-            return one.key == other.key
-        return one.card == other.card or self.scorer.knowledge.likeness(one.card, other.card) > ALIKE
 
 
 def _told(said: Said) -> Selection:
@@ -293,14 +231,7 @@ def _told(said: Said) -> Selection:
     return Selection("told", reason=reason, say="Understood.", model=NAME)
 
 
-def _named_elsewhere(best: Ranked, named: Missing | None) -> Missing | None:
-    """What was asked for by name and is not listed, if the best was not named, too."""
-    if named is None or named.called is None or named.called.weight < ASKED_FOR:
-        return None
-    return named if best.called is None or best.called.weight <= IN_PASSING else None
-
-
-def _candidates(ranked: list[Ranked], judged: Judgement) -> Candidates:
+def _candidates(ranked: Sequence[Ranked], judged: Judgement) -> Candidates:
     """The five best with their shares of the probability, the rest of which is with the others and with nothing."""
     logits = np.array([judged.nothing, *(r.logit for r in ranked)])
     shares = np.exp(logits - logits.max())

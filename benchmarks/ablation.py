@@ -1,0 +1,142 @@
+"""What each rule of the embedded reasoner is worth: all that it is measured by, with one rule taken away at a time.
+
+python benchmarks/ablation.py REFERENCE MAPS THINGS_MAPS [RULE …]
+
+REFERENCE as for tools/train_scorer.py; MAPS and THINGS_MAPS are folders of mapped homes, as ``cartier bench --maps`` keeps them (made
+where they are missing). Per line: the bench's paper and extended splits over the built-in homes (ground truth, explicit / implicit /
+conversational, % right), the requests of ``--suite things`` made from the truth (% of finds right, of "nothing serves" with a goal),
+the held-back voices (% right; with a goal where nothing serves, and where all that serves was taken away), and the sentences of
+tests/reasoners/nothing_asked.py (a goal for what asks for nothing; no goal for what asks).
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+from unittest.mock import patch
+
+import numpy as np
+
+ROOT = Path(__file__).parents[1]
+sys.path[:0] = [str(ROOT / "tools"), str(ROOT / "tests/reasoners")]
+
+from _scorer_report import SERVED, put  # noqa: E402
+from _scorer_requests import Homes, read_requests  # noqa: E402
+from fit_decision import REPORTED  # noqa: E402
+from nothing_asked import ASKED, FRESH_ASKED, FRESH_TOLD, HOME, LATER_ASKED, LATER_TOLD, TOLD  # noqa: E402
+
+from cartier.evaluation import things_run  # noqa: E402
+from cartier.evaluation.maps import Maps, MapSettings  # noqa: E402
+from cartier.evaluation.metrics import matches  # noqa: E402
+from cartier.evaluation.queries import cases, load_queries  # noqa: E402
+from cartier.evaluation.things import FIND  # noqa: E402
+from cartier.language.names import display_name  # noqa: E402
+from cartier.reasoners import _decision, _listening, _scorer, _spelling, _things, embedded  # noqa: E402
+from cartier.reasoners._cards import SHIPPED, read_deck  # noqa: E402
+from cartier.reasoners._reading import Reader, reader  # noqa: E402
+from cartier.reasoners._scorer import Scorer  # noqa: E402
+from cartier.types import Inventory  # noqa: E402
+
+SENTENCE = _listening._sentence
+RULES: dict[str, tuple[tuple[Any, str, Any], ...]] = {
+    "nothing": (),
+    "spelling": ((_spelling.Spelling, "__call__", lambda self, word: word),),
+    "sentence weights": ((_listening, "_sentence", lambda tokens, part, weight: SENTENCE(tokens, part, 1.0)),),
+    "alone": ((_scorer, "ALONE", 0.0),),
+    "word matching": ((_scorer.Lexicon, "fits", lambda self, said, out: {}),),
+    "general words": ((_things.Things, "_ends", lambda *args: ()),),
+    "twins": ((_things.Things, "twins", lambda *args: frozenset()),),
+    "the decision": ((_decision.Choice, "decide", lambda *args: "found"),),
+    "several needs": ((embedded, "_parts", lambda text: [text]),),
+    "speech acts": ((embedded, "sort_out", lambda heard, known: embedded.Said("", "", "outright")),),
+}  # fmt: skip
+
+
+class Remembered:
+    """The encoder, run once for the same words."""
+
+    def __init__(self, scorer: Scorer) -> None:
+        self._layers, self._states, self._known = scorer._layers, Reader.states, dict[tuple[int, ...], Any]()
+        Reader.states = lambda reader, ids: ids  # type: ignore[method-assign, assignment, return-value]
+        vars(scorer)["_layers"] = self
+
+    def run(self, names: None, given: dict[str, Any]) -> Any:
+        ids = tuple(given["states"])
+        if ids not in self._known:
+            self._known[ids] = self._layers.run(names, {"states": self._states(reader(), ids)})
+        return self._known[ids]
+
+
+class Measures:
+    """All that a reasoner is measured by, ready to be asked."""
+
+    def __init__(self, reference: Path, maps: Path, things: Path) -> None:
+        self.deck = read_deck(SHIPPED)
+        kept = Maps(maps, MapSettings())
+        self.homes = {name: kept.get(name).inventory() for name in kept.world.homes()}
+        self.truth = {n: {display_name(t.label) for t in kept.world.objects(n)} for n in self.homes}
+        self.lists = Homes(self.deck, reference)
+        self.requests = [r for r in read_requests(self.deck) if r.style in REPORTED]
+        self.things, self.settings = things, things_run.ThingsSettings(detectors=("ground_truth",), queries="made")
+        self.items = things_run.requests(self.settings, things)
+
+    def of(self, reasoner: embedded.Embedded) -> Iterator[str]:
+        for split in ("paper", "extended"):
+            yield self._bench(reasoner, split)
+        with tempfile.TemporaryDirectory() as folder:
+            rows = things_run.run(Path(folder) / "run", self.settings, self.items, reasoner, self.things)
+        rows = [row for row in rows if row["run"] == "map"]
+        yield _percents(
+            [row["right"] for row in rows if row["kind"] in FIND],
+            [not row["right"] for row in rows if row["kind"] == "nothing"],
+        )
+        told = put(reasoner, self.requests, self.lists)
+        right = [[o.right for o in told if o.kind == kind and o.serves] for kind in SERVED]
+        nothing = [bool(o.goals) for o in told if o.kind == "nothing"]
+        removed = [bool(o.goals) for o in told if o.kind in SERVED and not o.serves]
+        yield f"{_percents(*right)} | {_percents(nothing, removed)}"
+        tells, asks = ([*TOLD, *LATER_TOLD, *FRESH_TOLD], [*ASKED, *LATER_ASKED, *FRESH_ASKED])
+        goal = [
+            [reasoner.select(words, Inventory.of(HOME)).object is not None for words in some] for some in (tells, asks)
+        ]
+        yield _percents(goal[0], [not g for g in goal[1]])
+
+    def _bench(self, reasoner: embedded.Embedded, split: str) -> str:
+        right: dict[str, list[bool]] = {kind: [] for kind in SERVED}
+        for home, query in cases(load_queries(split), self.truth):
+            chosen = reasoner.select(query.text, self.homes[home])
+            right[query.type].append(matches(chosen.object, set(query.accept) & self.truth[home]))
+        return _percents(*right.values())
+
+
+def _percents(*groups: list[bool]) -> str:
+    return " / ".join(f"{100 * float(np.mean(group)):.1f}" for group in groups)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    for name in ("reference", "maps", "things"):
+        parser.add_argument(name, type=Path)
+    parser.add_argument("rules", nargs="*", metavar="rule", help=", ".join(RULES))
+    options = parser.parse_args()
+    measures, reasoner = Measures(options.reference, options.maps, options.things), embedded.make()
+    Remembered(reasoner.scorer)
+    print(
+        "| without | paper | extended | things: find, nothing | voices | nothing, removed | told, asked |", flush=True
+    )
+    print("|---|---|---|---|---|---|---|")
+    for rule in options.rules or RULES:
+        reasoner._listed.cache_clear()
+        with ExitStack() as stack:
+            for where, name, value in RULES[rule]:
+                stack.enter_context(patch.object(where, name, value))
+            print(f"| {rule} | {' | '.join(measures.of(reasoner))} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()
