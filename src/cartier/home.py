@@ -17,11 +17,11 @@ from cartier.contracts import Instances, Searchable, SpatialIndex
 from cartier.corrections import Corrected
 from cartier.errors import InputError
 from cartier.files import json_bytes, npz_bytes, parse_json, read_npz, typed
-from cartier.mapping.cloud import read_cloud
+from cartier.mapping.cloud import PointCloud, read_cloud
 from cartier.mapping.map_server import grid_from, pgm, yaml
 from cartier.mapping.relations import supports
 from cartier.store import Store, blob_file, digest_of
-from cartier.types import FREE, Answer, Camera, Inventory, MapObject, OccupancyGrid, Place, PointCloud, Room, Selection
+from cartier.types import FREE, Answer, Camera, Inventory, MapObject, OccupancyGrid, Place, Room, Selection
 
 Key = TypeVar("Key", int, str)
 SCHEMA = 2

@@ -220,15 +220,6 @@ class Room:
     cells: npt.NDArray[np.int32] = field(repr=False, compare=False)
 
 
-@dataclass(frozen=True, eq=False)
-class PointCloud:
-    """What depth showed of a home, to look at: ``xyz_m`` (N, 3) in the map frame, ``rgb`` (N, 3) uint8, one point a voxel of ``side_m``."""
-
-    xyz_m: npt.NDArray[np.float64]
-    rgb: npt.NDArray[np.uint8]
-    side_m: float
-
-
 @dataclass(frozen=True)
 class Inventory:
     """What a reasoner gets to see: a home's objects and rooms, the best photo of an object, and where the robot stands (m)."""

@@ -11,9 +11,9 @@ from cartier.geometry import box_distance
 from cartier.home import CLOUD, Home
 from cartier.mapper import Mapper
 from cartier.mapping import cloud
-from cartier.mapping.cloud import CloudMapper, read_cloud
+from cartier.mapping.cloud import CloudMapper, PointCloud, read_cloud
 from cartier.pipeline import map_home
-from cartier.types import Camera, Frame, PointCloud
+from cartier.types import Camera, Frame
 from synthetic import CHAIR, ROOM, TABLE, THINGS, RoomRecording, TrueBoxes, look, walk
 
 COLOURS = np.random.default_rng(0).integers(40, 255, (max(t.id for t in THINGS) + 1, 3))  # as the recording paints them

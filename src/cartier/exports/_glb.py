@@ -10,7 +10,7 @@ import numpy as np
 
 from cartier.exports._scene import FACES, Box, boxes, corners
 from cartier.home import Home
-from cartier.types import PointCloud
+from cartier.mapping.cloud import PointCloud
 
 FLOAT, UNSIGNED_SHORT, ARRAY_BUFFER, POINTS = 5126, 5123, 34962, 0
 JSON_CHUNK, BINARY_CHUNK = 0x4E4F534A, 0x004E4942

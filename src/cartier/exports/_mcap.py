@@ -15,7 +15,8 @@ import numpy as np
 from cartier.exports._scene import Box, boxes, called
 from cartier.files import json_bytes
 from cartier.home import Home
-from cartier.types import OCCUPIED, UNKNOWN, PointCloud
+from cartier.mapping.cloud import PointCloud
+from cartier.types import OCCUPIED, UNKNOWN
 
 FRAME, START = "map", "start"
 TOPICS = {

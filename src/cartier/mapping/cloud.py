@@ -6,6 +6,7 @@ Points above door height are left out, so that no ceiling hides the room below i
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -13,7 +14,7 @@ import numpy.typing as npt
 from cartier.errors import InputError
 from cartier.files import npz_bytes, read_npz
 from cartier.geometry import ray_slopes, transform
-from cartier.types import Frame, PointCloud
+from cartier.types import Frame
 
 MAX_POINTS = 60_000
 SIDE_M = 0.03  # of a voxel at first
@@ -26,6 +27,15 @@ PENDING = 150_000  # samples that wait until they are merged all at once
 STEP_M = 0.005  # of saved positions: 16 bits of them reach 327 m
 MAX_WEIGHT = 255
 FAR_M = 1e8  # no map lies farther from its origin
+
+
+@dataclass(frozen=True, eq=False)
+class PointCloud:
+    """What depth showed of a home, to look at: ``xyz_m`` (N, 3) in the map frame, ``rgb`` (N, 3) uint8, one point a voxel of ``side_m``."""
+
+    xyz_m: npt.NDArray[np.float64]
+    rgb: npt.NDArray[np.uint8]
+    side_m: float
 
 
 class CloudMapper:

@@ -15,12 +15,12 @@ import numpy as np
 
 from cartier.corrections import in_force
 from cartier.home import Home
-from cartier.mapping.cloud import STEP_M
+from cartier.mapping.cloud import STEP_M, PointCloud
 from cartier.mapping.relations import supports
 from cartier.planning import plan
 from cartier.reasoners._cards import SHIPPED, read_deck
 from cartier.serving.operations import Operations, crop, place_of, pose
-from cartier.types import FREE, OCCUPIED, Array, MapObject, PointCloud, RobotModel
+from cartier.types import FREE, OCCUPIED, Array, MapObject, RobotModel
 
 WEB = Path(__file__).with_name("web")
 SCRIPTS = ("parts.js", "data.js", "plan.js", "scene.js", "app.js")
