@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 
 from cartier.reasoners import embedded
 from cartier.types import Inventory, Selection
+from flat import FLAT
 
 FLOORS = {"explicit": 0.95, "implicit": 0.70, "conversational": 0.80, "absent": 0.70}
 """Under what was measured after tuning on other requests: 20/20, 19/26, 18/21, 6/8."""
@@ -214,6 +215,19 @@ def test_what_is_asked_for_by_name_is_not_lost(reasoner: embedded.Embedded, quer
 @pytest.mark.parametrize("query", ["could you check the time?", "check how late it is", "I have to check my mail"])
 def test_nobody_who_checks_something_looks_for_a_cheque(reasoner: embedded.Embedded, query: str) -> None:
     assert "no check" not in reasoner.select(query, Inventory.of(PLAIN)).reason
+
+
+@pytest.mark.parametrize(
+    ("query", "expected"),
+    [
+        ("Where can our puppy and I sleep tonight?", "bed"),
+        ("where do you keep what I can drink tea from", "cup"),
+        ("where do these muddy carrots get washed?", "sink"),
+    ],
+)
+def test_a_need_in_the_words_of_a_question_is_served(reasoner: embedded.Embedded, query: str, expected: str) -> None:
+    assert reasoner.select(query, FLAT).object == expected
+    assert reasoner.select("where is the piano?", FLAT).status == "told"
 
 
 def test_a_verb_is_no_thing(reasoner: embedded.Embedded) -> None:

@@ -32,6 +32,7 @@ from cartier.types import Inventory, MapObject, Selection, Status
 Candidates = tuple[tuple[str, float], ...]
 
 NAME = "embedded (knowledge cards, MiniLM, learned scorer)"
+FITS = " fits: "  # in the reason of what serves a need, not named
 MOST_NEEDS, LONGEST_PART = 4, 30  # needs in one breath, and words of each
 THEN = re.compile(
     r"[,;.]?\s+(?:and\s+)?(?:then|afterwards|after\s+that|after\s+which|next(?!\s+to\b))\b[,\s]*|\s*;\s*|[,.]?\s+(?:and|n)\s+then\b[,\s]*"
@@ -123,8 +124,11 @@ class Embedded:
         particular = Particular(text, scene, lexicon(self.deck, inventory), dialogue, NAME, wanted)
         if particular.outright or sort_out(heard, self._keys(names)).asked != "not":
             told = particular.answer(lambda need, among: self._serve(need, among or names, Turn(need)))
-            if told is not None:
+            if told is not None and not _nowhere(told):
                 return told
+            if told is not None:
+                served = self._by_name(query, names, [])
+                return particular.refined(served) if served.status == "found" and FITS in served.reason else told
         return particular.refined(self._by_name(query, names, [(p, SERVED.sub("", robot)) for p, robot in dialogue]))
 
     def _by_name(self, query: str, names: tuple[str, ...], dialogue: Sequence[tuple[str, str]]) -> Selection:
@@ -222,7 +226,12 @@ class Embedded:
         if ranked.thing.card is None:
             return f"'{_short(judged.sentences[0])}' fits the name {bare(ranked.thing.name)}"
         sentence, use = self.scorer.why(judged, ranked.thing.card)
-        return f"'{_short(sentence)}' fits: {use}"
+        return f"'{_short(sentence)}'{FITS}{use}"
+
+
+def _nowhere(told: Selection) -> bool:
+    """Whether a thing or its place was asked for, as it seems, and there is none: a need may have been told in such words."""
+    return told.status == "absent" or (told.fact is not None and told.fact.kind == "where" and not told.fact.objects)
 
 
 def _told(said: Said) -> Selection:
