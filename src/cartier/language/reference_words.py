@@ -133,7 +133,7 @@ VERBS = _words(
 )
 UP_OR_DOWN = (["over"], ["to"], ["on"], ["off"], ["into"], ["up"], ["down"], ["away"])
 OPEN_STATEMENT = re.compile(
-    r"^(?:there (?:is|are)|(?:you|we|i|they) (?:have|got|have got|own|saw)|(?:the|my|our|your) )\b(?!.*\b(?:right|left)$)"
+    r"^(?:there (?:is|are)|(?:you|we|i|they) (?:have|got|have got|own|saw)|(?:the|my|our|your) .*\b(?:is|are|has|have)\b)(?!.*\b(?:right|left)$)"
 )
 STATED = re.compile(r"^(?:it|that|this|there|here|they|those|these) (?:is|are|was|were)\b")
 VERB_BEFORE = _words("i we you they can could should would will let lets must")

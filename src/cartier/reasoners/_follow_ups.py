@@ -58,7 +58,8 @@ def _resolved(
     if not robot or (asked is not None and asked.kind in COMMANDED):
         return asked
     short = TURNING_DOWN.sub("", said)
-    asked = parse(short) or asked
+    if short != said:
+        asked = parse(short) or asked
     fragment = FRAGMENT.sub("", short)
     if fragment != short or FRAGMENT.match(short):
         asked = parse(f"the one {fragment}") or asked
@@ -68,7 +69,7 @@ def _resolved(
     if last is not None and there and not replying:
         return Asked("find", _same(last), need=last.label, direct=True)
     if last is not None and meant is not None and not replying and last.label in meant.labels and REFUSED.search(said):
-        return Asked("find", replace(meant, other=True, thing=None), need=last.label, direct=True)
+        return Asked("find", replace(meant, other=True, thing=None, relations=()), need=last.label, direct=True)
     if asked is not None and asked.kind in ("which", "sure"):
         return replace(asked, head=_asked_of(asked.head, meant, last))
     if asked is None or asked.head is None or asked.kind != "find":

@@ -170,7 +170,9 @@ class Particular:
     def _found(self, head: Phrase) -> Selection:
         without = self.served if head.other else ()
         found, emptied = self.scene.meant(head, without)
-        if not found and not OTHER.search(self.said):  # "no, the one in the kitchen" may be the same again
+        if (
+            not found and head.relations and not OTHER.search(self.said)
+        ):  # "no, the one in the kitchen" may be the same again
             found, emptied = self.scene.meant(head)
         if not found and (like := self._names.like(name_key(head.said))):  # "the cup by the sink" may be a mug
             found = self.scene.meant(replace(head, labels=like), without)[0]
@@ -180,11 +182,12 @@ class Particular:
             return self._none(head, emptied is not None)
         if len(found) > 1 and not (head.other or HURRY.search(self.said) or head.plural):
             return self._which(found)
-        thing = found[0]
-        say = f"The {thing.label} {self.scene.whereabouts(thing)}."
+        thing, where = found[0], self.scene.whereabouts(found[0])
+        name = next((name for name in thing.names if name in head.labels), thing.label)
+        say = f"{name if name in thing.names else f'The {name}'}{f' {where}' if where else ''}."
         return Selection(
-            "found", thing.label, reason=f"this is {self.scene.whereabouts(thing) or 'the one'}", object_id=thing.id, say=say,
-            candidates=tuple((name, 1.0) for name in dict.fromkeys([thing.label])), model=self._model,
+            "found", name, reason=f"this is {where or 'the one'}", object_id=thing.id, say=say,
+            candidates=((name, 1.0),), model=self._model,
         )  # fmt: skip
 
     def _which(self, found: Sequence[MapObject]) -> Selection:

@@ -35,14 +35,14 @@ NAME = "embedded (knowledge cards, MiniLM, learned scorer)"
 FITS = " fits: "  # in the reason of what serves a need, not named
 MOST_NEEDS, LONGEST_PART = 4, 30  # needs in one breath, and words of each
 THEN = re.compile(
-    r"[,;.]?\s+(?:and\s+)?(?:then|afterwards|after\s+that|after\s+which|next(?!\s+to\b))\b[,\s]*|\s*;\s*|[,.]?\s+(?:and|n)\s+then\b[,\s]*"
-    r"|[,;.]?\s+(?:and\s+)?also\b[,\s]*",
+    r"[,;.]?\s+(?:and\s+)?(?:then|afterwards|after\s+that|after\s+which|next(?!\s+to\b))\b[,\s]*|\s*;\s*|[,.]?\s+(?:and|n)\s+then\b[,\s]*",
     re.IGNORECASE,
 )
 AND = re.compile(
-    r"[,;.]?\s+(?:plus\b|as\s+well\s+as\b|and\s+(?=(?:something|somewhere|i\s+(?:need|want)|(?:my|the|an?|some)\s+\w+)\b))[,\s]*",
+    r"[,;.]?\s+(?:(?:and\s+)?also\b|plus\b|as\s+well\s+as\b|and\s+(?=(?:something|somewhere|i\s+(?:need|want)|(?:my|the|an?|some)\s+\w+)\b))[,\s]*",
     re.IGNORECASE,
 )
+ALSO = re.compile(r"\balso\b", re.IGNORECASE)
 BETWEEN = re.compile(r"\b(?:between|both|either)\b", re.IGNORECASE)  # what "and" joins here is one
 OPENING = re.compile(r"^\s*(?:first(?:ly)?(?: of all)?|and|then|so|also|finally)\b[,\s]*", re.IGNORECASE)
 
@@ -101,7 +101,8 @@ class Embedded:
     ) -> Selection:
         """What serves the words among all that is surely there."""
         needs = _parts(query)
-        if len(needs) > 1 and all(map(self._asks, needs if THEN.search(query) else needs[:1])):
+        outright = needs if THEN.search(query) else needs[:1] if not ALSO.search(query) else ()
+        if len(needs) > 1 and all(map(self._asks, outright)):
             chosen = [self._one(need, inventory, scene, dialogue) for need in needs]
             goals = [(c.object, c.object_id, c.room) for c in chosen]
             if all(c.status in ("found", "near") for c in chosen) and len(set(goals)) == len(goals):
