@@ -68,6 +68,11 @@ class Particular:
         """Whether the words are a question, or a reply to what the robot said: no statement, and no prohibition."""
         return self.asked is not None and (self.asked.kind != "find" or self._replied)
 
+    @property
+    def anywhere(self) -> bool:
+        """Whether nothing was said of where the thing is."""
+        return self.asked is None or self.asked.head is None or not self.asked.head.relations
+
     def answer(self, serve: Serve) -> Selection | None:
         """What is asked for outright or to be known; None for a need in other words. ``serve`` judges a need among names."""
         asked = self.asked

@@ -125,7 +125,7 @@ class Embedded:
         particular = Particular(text, scene, lexicon(self.deck, inventory), dialogue, NAME, wanted)
         if particular.outright or sort_out(heard, self._keys(names)).asked != "not":
             told = particular.answer(lambda need, among: self._serve(need, among or names, Turn(need)))
-            if told is not None and not _nowhere(told):
+            if told is not None and not (_nowhere(told) and particular.anywhere):
                 return told
             if told is not None:
                 served = self._by_name(query, names, [])
