@@ -6,8 +6,9 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
+from cartier.language.phrases import Asked, Constraint, Phrase, merged
 from cartier.language.reference_words import COMMANDS, GO_THERE, NEEDY, STANDS_FOR
-from cartier.language.references import Asked, Constraint, Phrase, merged, sentences
+from cartier.language.references import sentences
 from cartier.reasoners._words import plain, words
 from cartier.types import MapObject
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Container, Iterator, Mapping, Sequence
 from functools import lru_cache
 
-from cartier.language.references import Names
+from cartier.language.phrases import Names
 from cartier.reasoners._cards import Deck, bare
 from cartier.reasoners._words import STOP, name_key, plain, words
 from cartier.types import Inventory

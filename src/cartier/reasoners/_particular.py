@@ -6,8 +6,9 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
+from cartier.language.phrases import Asked, Names, Phrase
 from cartier.language.reference_words import HURRY, NEEDY, STANDS_FOR
-from cartier.language.references import Asked, Names, Phrase, parse, sentences
+from cartier.language.references import parse, sentences
 from cartier.reasoners._follow_ups import LATEST, SERVED, in_context
 from cartier.reasoners._perhaps import maybe_there, offer
 from cartier.reasoners._questions import answer, one

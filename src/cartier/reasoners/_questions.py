@@ -6,8 +6,8 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import Any
 
+from cartier.language.phrases import Asked, Constraint, Phrase
 from cartier.language.reference_words import STANDS_FOR
-from cartier.language.references import Asked, Constraint, Phrase
 from cartier.reasoners._scene import Scene, called
 from cartier.reasoners._words import name_key
 from cartier.types import Fact, MapObject, Selection

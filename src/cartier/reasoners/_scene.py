@@ -10,7 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
-from cartier.language.references import Constraint, Phrase
+from cartier.language.phrases import Constraint, Phrase
 from cartier.mapping.relations import Relation, between, left_of, right_of, supports, under
 from cartier.reasoners._words import name_key
 from cartier.types import Inventory, MapObject, Room
