@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import threading
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -91,7 +92,9 @@ def test_a_detector_that_breaks_a_law_is_told_which(change: Callable[[], Any], t
 
 @pytest.mark.parametrize(
     ("attribute", "value"),
-    [("name", ""), ("name", "a\nb"), ("notes", "one"), ("sha256", "x"), ("calibration", Calibration(low=0.6)), ("calibration", 0.5)],
+    [("name", ""), ("name", "a\nb"), ("notes", "one"), ("sha256", "x"), ("calibration", Calibration(low=0.6)), ("calibration", 0.5),
+     ("batch", 0), ("detect_batch", lambda frames: [TrueBoxes(THINGS).detect(f) for f in reversed(frames)]),
+     ("detect_batch", lambda frames: [TrueBoxes(THINGS).detect(f).keep(np.zeros(0, int)) for f in frames])],
 )  # fmt: skip
 def test_what_a_detector_says_of_itself_is_checked(attribute: str, value: object) -> None:
     detector = TrueBoxes(THINGS)
@@ -219,7 +222,7 @@ def test_a_reasoner_that_breaks_a_law_is_told_which(fault: str) -> None:
 class Recorded(RoomRecording):
     """A recording with one fault."""
 
-    fault = ""
+    fault, readers = "", 2
 
     def __getitem__(self, index: int) -> Frame:
         if self.fault == "IndexError":
@@ -235,6 +238,8 @@ class Recorded(RoomRecording):
         if self.fault == "another order":
             self.calls = getattr(self, "calls", 0) + 1
             return replace(frame, time_s=float(self.calls))
+        if self.fault == "2 threads" and threading.current_thread() is not threading.main_thread():
+            return replace(frame, rgb=frame.rgb[::-1])
         return frame
 
     def fingerprint(self) -> str:
@@ -248,7 +253,8 @@ class Recorded(RoomRecording):
 
 
 @pytest.mark.parametrize(
-    "fault", ["IndexError", "says that it is", "must be NaN", "float32", "another order", "sha256", "opened again"]
+    "fault",
+    ["IndexError", "says that it is", "must be NaN", "float32", "another order", "sha256", "opened again", "2 threads"],
 )
 def test_a_recording_that_breaks_a_law_is_told_which(fault: str) -> None:
     testing.check_recording(lambda: Recorded(walk().poses, THINGS))

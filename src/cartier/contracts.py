@@ -22,7 +22,10 @@ from cartier.types import (
 
 @runtime_checkable
 class Recording(Protocol):
-    """Frames of one home, read lazily: nothing but the frame asked for is held in memory."""
+    """Frames of one home, read lazily: nothing but the frame asked for is held in memory.
+
+    It may have ``readers``, how many threads may ask for frames at once; without, only the one that opened it.
+    """
 
     name: str
     camera: Camera
@@ -43,8 +46,8 @@ class Detector(Protocol):
     """Finds objects in one frame. ``name`` says which model it is, for every output's provenance.
 
     Who derives from this class may leave out what has a default: what its reports are worth, lines about what it assumed, and
-    the sha256 of the files that it was made from; all names that it can give, where they are known; and the simulator whose
-    pictures it was made for, empty for photographs.
+    the sha256 of the files that it was made from; all names that it can give, where they are known; the simulator whose
+    pictures it was made for, empty for photographs; and how many frames it likes best at once.
     """
 
     name: str
@@ -53,10 +56,15 @@ class Detector(Protocol):
     sha256: str = ""
     knows: Sequence[str] = ()
     world: str = ""
+    batch: int = 1
 
     def detect(self, frame: Frame) -> Detections:
         """All detections that may mean something, low scores too; labels are display names (see ``language.names``)."""
         ...
+
+    def detect_batch(self, frames: Sequence[Frame]) -> list[Detections]:
+        """The same for several frames, in their order."""
+        return [self.detect(frame) for frame in frames]
 
 
 class Encoder(Protocol):

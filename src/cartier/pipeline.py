@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -19,11 +19,12 @@ from cartier.errors import BackendError, InputError
 from cartier.home import Home
 from cartier.language.prompts import check_query
 from cartier.mapper import Mapper
+from cartier.mapping.ahead import at_once, frames_ahead
 from cartier.mapping.detection_cache import cached
 from cartier.mapping.keyframes import Keyframes
 from cartier.planning import check_start, plan
 from cartier.reasoners._nameless import nameless
-from cartier.types import Answer, Goal, Place, RobotModel, Selection
+from cartier.types import Answer, Frame, Goal, Place, RobotModel, Selection
 
 
 def map_home(
@@ -37,7 +38,7 @@ def map_home(
     resume: Path | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Home:
-    """Map a recording, one frame in memory at a time. All frames make the floor plan; the detector sees those that show something new.
+    """Map a recording, a few frames in memory at a time. All frames make the floor plan; the detector sees those that show something new.
 
     ``indexes``, ``encoder`` and ``onto`` are those of ``Mapper``; a home that holds the recording already is given back as it is.
     ``every`` is for the detector to see each ``every``-th frame instead, 1 for all. ``resume`` is a file that keeps the detections of finished frames, so that a killed run does not detect twice. ``progress``
@@ -49,16 +50,17 @@ def map_home(
     mapper = Mapper(detector, indexes, encoder=encoder, onto=onto)
     if onto is not None and mapper.holds(recording):
         return onto
-    keyframes, looked = Keyframes(every), 0
-    with cached(detector, resume, recording.fingerprint()) if resume else nullcontext(detector.detect) as detect:
-        for number in range(len(recording)):
-            frame = recording[number]
-            chosen = keyframes.offer(frame) if mapper.measure(frame) else []
-            for keyframe in chosen + (keyframes.rest() if number + 1 == len(recording) else []):
-                mapper.look(keyframe, detect(keyframe))
-                looked += 1
+    keyframes, looked, waiting, together = Keyframes(every), 0, list[Frame](), at_once(detector, recording.camera)
+    with cached(detector, resume, recording.fingerprint()) as detect:
+        for done, frame in enumerate(frames_ahead(recording, together), 1):
+            waiting += keyframes.offer(frame) if mapper.measure(frame) else []
+            waiting += keyframes.rest() if done == len(recording) else []
+            if len(waiting) >= together or done == len(recording):
+                for keyframe, detections in zip(waiting, detect(waiting), strict=True):
+                    mapper.look(keyframe, detections)
+                looked, waiting = looked + len(waiting), []
             if progress:
-                progress(number + 1, len(recording))
+                progress(done, len(recording))
     mapper.close(recording, looked)
     return mapper.home()
 

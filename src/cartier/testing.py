@@ -9,6 +9,7 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import cache
 
@@ -19,6 +20,7 @@ from cartier.checks import check_pose
 from cartier.contracts import Detector, Encoder, Reasoner, Recording, Robot, Searchable, SpatialIndex, World
 from cartier.errors import CartierError
 from cartier.language.names import display_name
+from cartier.mapping.detection_cache import detecting
 from cartier.mapping.object_map import ObjectMap
 from cartier.types import Array, Calibration, Detections, Frame, Goal, Inventory, Place
 
@@ -42,7 +44,10 @@ LISTS = (
 
 
 def check_recording(open_it: Callable[[], Recording], most: int = 20) -> None:
-    """Frames are typed, counted from 0 and the same in any order; the fingerprint and the poses stay. Reads ``most`` frames."""
+    """Frames are typed, counted from 0 and the same in any order; the fingerprint and the poses stay. Reads ``most`` frames.
+
+    One with ``readers`` gives as many threads the same frames.
+    """
     recording, again = open_it(), open_it()
     _check(isinstance(recording, Recording), "it has not all that cartier.contracts.Recording has")
     _line(recording.name, "its name")
@@ -64,6 +69,12 @@ def check_recording(open_it: Callable[[], Recording], most: int = 20) -> None:
         if frame.world_from_camera.flags.writeable:
             frame.world_from_camera[0, 3] += 9
         _check(np.array_equal(recording[number].world_from_camera, before), f"frame {number}: who has it can move it")
+    if (readers := getattr(recording, "readers", 0)) > 0:
+        with ThreadPoolExecutor(readers) as pool:
+            same = [*pool.map(lambda number: _same_frame(again[number], frames[number]), chosen)]
+        _check(
+            all(same), f"frame {chosen[same.index(False)] if False in same else 0} is another one to {readers} threads"
+        )
     ids = [thing.id for thing in recording.truth or ()]
     _check(len(set(ids)) == len(ids) and 0 not in ids, "the ids of its true objects must differ, and 0 is none")
     sha = recording.fingerprint()
@@ -107,7 +118,18 @@ def check_detector(make: Callable[[], Detector], frames: Sequence[Frame] | None 
             and np.array_equal(same.scores, seen.scores),
             f"frame {frame.index}: another one, asked in another order, finds something else",
         )
+    _check_batch(again, frames, found)
     return found
+
+
+def _check_batch(detector: Detector, frames: Sequence[Frame], alone: Sequence[Detections]) -> None:
+    together = detecting(detector)(frames)
+    _check([seen.frame for seen in together] == [frame.index for frame in frames], "detect_batch: frames out of order")
+    for one, other in zip(alone, together, strict=True):
+        same = sorted(one.labels) == sorted(other.labels) and np.allclose(one.scores, other.scores, atol=0.01)
+        _check(same, f"frame {one.frame}: detect_batch finds something else than detect")
+    size = getattr(detector, "batch", Detector.batch)
+    _check(isinstance(size, int) and size >= 1, f"batch must be an integer from 1 on, got {size!r}")
 
 
 def check_encoder(make: Callable[[], Encoder]) -> None:

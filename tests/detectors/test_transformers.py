@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -15,6 +16,7 @@ from cartier import plugins
 from cartier.detectors._boxes import iou
 from cartier.detectors.transformers import FAMILIES as KNOWN
 from cartier.detectors.transformers import TransformersDetector, make
+from cartier.errors import BackendError
 from cartier.language.names import display_name
 from cartier.types import Camera, Detections, Frame
 
@@ -156,7 +158,7 @@ def test_boxes_are_where_the_models_own_post_processing_puts_them(made: Made, fa
     """Ours are fewer: one name per query, clipped, without duplicates. Each must be among theirs, with their best."""
     detector = made(family)
     found = detector.detect(view)
-    pixels = pixels_of(detector, view)
+    pixels = detector._images([view.rgb])
     with torch.inference_mode():
         if family in ZERO_SHOT:
             scores, boxes = stock_owl(detector, pixels, [display_name(name) for name in NAMES])
@@ -258,3 +260,70 @@ def test_lvis_is_the_default_vocabulary(made: Made) -> None:
     detector = made("owlvit", vocabulary=None)
     assert "1203 names" in detector.name
     assert set(detector.detect(FRAMES[0]).labels) <= set(detector._head.names)
+
+
+SIZES = [(480, 640), (640, 480), (97, 33), (200, 300)]
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_images_are_prepared_on_the_device_as_the_models_own_processor_prepares_them(made: Made, family: str) -> None:
+    """Photograph-like images, smaller and larger than the input, one and many; at most rounding may differ."""
+    images = made(family)._images
+    for height, width in SIZES:
+        y, x = np.mgrid[:height, :width] / 17
+        view = (
+            (127 + 90 * np.sin(x[None] + np.arange(3)[:, None, None]) * np.cos(y)).transpose(1, 2, 0).astype(np.uint8)
+        )
+        views = [view, view[::-1].copy(), np.zeros_like(view)]
+        ours, theirs = images(views)["pixel_values"], images._theirs(views)["pixel_values"]
+        assert ours.shape == theirs.shape and ours.dtype == theirs.dtype == torch.float32
+        assert float((ours - theirs).abs().mean()) < 0.001 * float(theirs.max() - theirs.min())
+    assert images.notes == []
+
+
+@pytest.mark.parametrize(
+    ("family", "unlike"),
+    [
+        ("d_fine", {"resample": 0}),
+        ("d_fine", {"resample": 1}),
+        ("owlvit", {"do_center_crop": True, "crop_size": {"height": 32, "width": 32}}),
+        ("detr", {"pad_size": {"height": 200, "width": 200}}),
+    ],
+)
+def test_a_processor_that_does_more_than_is_known_of_it_does_the_work_itself(
+    folder: Callable[[str], Path], tmp_path: Path, family: str, unlike: dict[str, Any]
+) -> None:
+    import shutil
+
+    shutil.copytree(folder(family), tmp_path / "model")
+    told = tmp_path / "model" / "preprocessor_config.json"
+    told.write_text(json.dumps(json.loads(told.read_text()) | unlike))
+    words = {"vocabulary": NAMES} if family in ZERO_SHOT else {}
+    images = make(tmp_path / "model", device="cpu", **words)._images
+    views = [frame(number).rgb for number in (0, 3)]
+    given, theirs = images(views), images._theirs(views)
+    assert all(torch.equal(given[key], theirs[key]) for key in theirs)
+    images(views)
+    assert len(images.notes) == 1 and "100x70 px are prepared on the CPU, which is slow" in images.notes[0]
+
+
+def test_a_batch_that_does_not_fit_in_memory_is_halved(made: Made, monkeypatch: pytest.MonkeyPatch) -> None:
+    detector = made("d_fine")
+    views = [frame(number) for number in range(7)]
+    alone, passes, asked = [detector.detect(view) for view in views], detector._head.passes, []
+
+    def full(pixels: Any) -> Any:
+        asked.append(len(pixels["pixel_values"]))
+        if asked[-1] > 2:
+            raise torch.OutOfMemoryError("CUDA out of memory. Tried to allocate 20.00 MiB")
+        return passes(pixels)
+
+    monkeypatch.setattr(detector._head, "passes", full)
+    together = detector.detect_batch(views)
+    assert [found.frame for found in together] == list(range(7))
+    assert all(np.allclose(a.scores, b.scores, atol=1e-5) for a, b in zip(alone, together, strict=True))
+    detector.detect_batch(views)
+    assert max(asked[-3:]) <= 2, "what did not fit is not tried again"
+    monkeypatch.setattr(detector._head, "passes", lambda pixels: full({"pixel_values": range(3)}))
+    with pytest.raises(BackendError, match="failed on frame 0: CUDA out of memory"):
+        detector.detect(views[0])

@@ -98,11 +98,11 @@ def test_a_quarter_of_a_dense_recording_at_most_is_looked_at_and_gives_the_same_
 def test_the_forecast_tells_about_how_many_frames_and_how_long() -> None:
     recording = dense(6)
     looked = map_home(recording, TrueBoxes(THINGS)).settings["recordings"][0]["looked"]
-    looks, seconds = forecast(recording, TrueBoxes(THINGS).detect)
+    looks, seconds = forecast(recording, TrueBoxes(THINGS))
     assert looked / 2 <= looks <= 2 * looked and 0 < seconds < 60
-    assert forecast(recording, TrueBoxes(THINGS).detect, 1)[0] == len(recording)
-    assert forecast(recording, TrueBoxes(THINGS).detect, 50)[0] == 4
+    assert forecast(recording, TrueBoxes(THINGS), 1)[0] == len(recording)
+    assert forecast(recording, TrueBoxes(THINGS), 50)[0] == 4
     one = RoomRecording(recording.poses[:1], THINGS)
-    assert forecast(one, TrueBoxes(THINGS).detect)[0] == 1
+    assert forecast(one, TrueBoxes(THINGS))[0] == 1
     gaps = [b - a for a, b in itertools.pairwise(picked([recording[i] for i in range(len(recording))]))]
     assert max(gaps) < 30

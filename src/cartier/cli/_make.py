@@ -148,7 +148,7 @@ def map_command(
     unfinished = output.parent / f".{output.name}.unfinished.jsonl"
     with locked(output, wait_s=A_DAY_S, told=say):
         onto = Home.load(output) if append else None
-        looks, seconds = forecast(source, detects.detect, every) if len(source) else (0, 0.0)
+        looks, seconds = forecast(source, detects, every) if len(source) else (0, 0.0)
         say(f"about {looks} of {len(source)} frames to look at, in about {duration(seconds)}")
         with progress("mapping") as step:
             home = map_home(

@@ -8,22 +8,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from cartier.detectors import _hub
-from cartier.detectors._boxes import clip, nms
+from cartier.detectors._device_boxes import best_first, to_pixels, without_duplicates
+from cartier.detectors._device_images import DeviceImages
 from cartier.detectors._vocabulary import read_vocabulary
 from cartier.detectors._zero_shot import ClosedSet, Grounding, OmDetTurbo, Owl, Pass
 from cartier.errors import BackendError, CartierError
 from cartier.mapping.existence import at_threshold
-from cartier.types import Array, Calibration, Detections, Floats, Frame
+from cartier.types import Calibration, Detections, Floats, Frame
 
 EXTRA = "detect"
-BATCH = 8  # images in one forward
-BATCH_SCORES = 40_000_000  # and fewer where their scores would be more than this many numbers (160 MB)
-CANDIDATES = 1000  # the best so many boxes of a frame enter the suppression of duplicates
-SAME_NAME_IOU = 0.5  # of two boxes of one name that overlap by more, the weaker goes
-ANY_NAME_IOU = 0.8  # and of two of any names: one thing has one name
+BATCH = 32  # images in one forward
+BATCH_SCORES = 80_000_000  # and fewer where their scores would be more than this many numbers (320 MB)
+BATCH_PIXELS = 16 * 1920 * 1080  # and fewer of images larger than that
 
 
 @dataclass(frozen=True)
@@ -90,6 +87,8 @@ class TransformersDetector:
     def __init__(
         self, loaded: _hub.Loaded, family: Family, head: Any, calibration: Calibration, notes: Sequence[str]
     ) -> None:
+        import torch
+
         self._loaded, self._family, self._head, self.calibration = loaded, family, head, calibration
         self._zero_shot = family.head is not ClosedSet
         self.sha256 = loaded.sha256
@@ -99,8 +98,19 @@ class TransformersDetector:
         half = _is_half(loaded.model)
         self.name = f"transformers {loaded.source.name} (counts from {calibration.threshold:g}{asked}{', half precision' * half})"
         self.knows = tuple(name for name in head.names if name)
-        self.notes = tuple(notes)
-        self._step = max(1, min(BATCH, BATCH_SCORES // head.scores_per_image))
+        self._notes = tuple(notes)
+        self._images = DeviceImages(loaded.images, loaded.model.device, family.square)
+        self._named = torch.tensor([name is not None for name in head.names], device=loaded.model.device)
+        self._most = max(1, min(BATCH, BATCH_SCORES // head.scores_per_image))
+
+    @property
+    def notes(self) -> Sequence[str]:
+        return (*self._notes, *self._images.notes)
+
+    @property
+    def batch(self) -> int:
+        """On a CPU many frames take as long together as one by one."""
+        return self._most if _is_half(self._loaded.model) else 1
 
     def detect(self, frame: Frame) -> Detections:
         """Boxes clipped to the frame, best score first. Raises BackendError if the model fails on it or gives NaN."""
@@ -110,46 +120,63 @@ class TransformersDetector:
         """The same for many frames, in their order. Frames of one size share a forward; sizes may change freely."""
         sizes: dict[tuple[int, ...], list[int]] = {}
         for number, frame in enumerate(frames):
-            sizes.setdefault(frame.rgb.shape, []).append(number)
+            sizes.setdefault(frame.rgb.shape[:2], []).append(number)
         found: dict[int, Detections] = {}
-        for numbers in sizes.values():
-            for start in range(0, len(numbers), self._step):
-                some = numbers[start : start + self._step]
+        for (height, width), numbers in sizes.items():
+            while numbers:
+                step = max(1, min(self._most, BATCH_PIXELS // (height * width)))
+                some, numbers = numbers[:step], numbers[step:]
                 found |= zip(some, self._detect([frames[i] for i in some]), strict=True)
         return [found[number] for number in range(len(frames))]
 
     def _detect(self, frames: Sequence[Frame]) -> list[Detections]:
-        """Detections in frames of one size."""
-        model, where = self._loaded.model, ", ".join(f"frame {frame.index}" for frame in frames)
-        with _running(model, self._loaded.source.name, where):
-            given = self._loaded.images(
-                images=[frame.rgb for frame in frames], return_tensors="pt", input_data_format="channels_last"
-            )
-            pixels = {key: given[key].to(model.device) for key in ("pixel_values", "pixel_mask") if key in given}
-            passes = [_best_names(answer) for answer in self._head.passes(pixels)]
-        scores, classes, boxes = (np.concatenate(parts, axis=1) for parts in zip(*passes, strict=True))
-        if not (np.isfinite(scores).all() and np.isfinite(boxes).all()):
-            raise BackendError(f"{self._loaded.source.name} gives NaN or infinity for {where}")
-        return [self._chosen(frame, *of) for frame, *of in zip(frames, scores, classes, boxes, strict=True)]
+        """Detections in frames of one size; where they do not fit in memory together, in halves of them."""
+        import torch
 
-    def _chosen(self, frame: Frame, scores: Floats, classes: Array, boxes_cxcywh: Floats) -> Detections:
-        width, height = frame.camera.width, frame.camera.height
-        scale = (max(width, height),) * 4 if self._family.square else (width, height) * 2
-        centres, halves = boxes_cxcywh[:, :2], boxes_cxcywh[:, 2:] / 2
-        boxes, whole = clip(np.hstack([centres - halves, centres + halves]) * scale, width, height)
-        named = np.array([name is not None for name in self._head.names])[classes]
-        best = np.flatnonzero(whole & named & (scores >= self.calibration.low))
-        best = best[np.argsort(-scores[best], kind="stable")][:CANDIDATES]
-        if self._zero_shot:
-            best = best[nms(boxes[best], scores[best], classes[best], SAME_NAME_IOU)]
-            best = best[nms(boxes[best], scores[best], np.zeros(len(best)), ANY_NAME_IOU)]
-        return Detections(frame.index, boxes[best], scores[best], tuple(self._head.names[i] for i in classes[best]))
+        try:
+            found = self._forward(frames)
+        except BackendError as error:
+            if len(frames) == 1 or not isinstance(error.__cause__, torch.OutOfMemoryError):
+                raise
+            found = None  # and what the forward held is free again once this block is left
+        if found is None:
+            half = self._most = len(frames) // 2
+            return [*self._detect(frames[:half]), *self._detect(frames[half:])]
+        names = self._head.names
+        return [
+            Detections(frame.index, rows[:, 2:], rows[:, 0], tuple(names[i] for i in rows[:, 1].astype(int)))
+            for frame, rows in zip(frames, found, strict=True)
+        ]
+
+    def _forward(self, frames: Sequence[Frame]) -> list[Floats]:
+        """For each frame rows (n, 6), best first: score, number of the name, box xyxy in pixels."""
+        import torch
+
+        model, name, camera = self._loaded.model, self._loaded.source.name, frames[0].camera
+        where = ", ".join(f"frame {frame.index}" for frame in frames)
+        with _running(model, name, where):
+            passes = [_best_names(answer) for answer in self._head.passes(self._images([f.rgb for f in frames]))]
+            scores, classes, shares = (torch.cat(parts, dim=1) for parts in zip(*passes, strict=True))
+            sound = scores.isfinite().all() & shares.isfinite().all()
+            boxes = to_pixels(shares, camera.width, camera.height, self._family.square)
+            best, stays = best_first(scores, self._named[classes] & (scores >= self.calibration.low), boxes)
+            scores, classes = scores.gather(1, best), classes.gather(1, best)
+            boxes = boxes.gather(1, best[..., None].expand(-1, -1, 4))
+            if self._zero_shot:
+                stays = without_duplicates(boxes, classes, stays)
+            columns = scores, classes.float(), boxes, stays.float(), sound.float().expand_as(scores)
+            rows = torch.cat([c if c.ndim == 3 else c[..., None] for c in columns], dim=-1).cpu().numpy()
+        if not rows[..., 7].all():
+            raise BackendError(f"{name} gives NaN or infinity for {where}")
+        return [of[of[:, 6] > 0, :6] for of in rows]
 
 
-def _best_names(answer: Pass) -> tuple[Floats, Array, Floats]:
+def _best_names(answer: Pass) -> tuple[Any, Any, Any]:
     """Scores (B, Q) and numbers (B, Q) of each query's best name, and boxes (B, Q, 4), of one pass."""
+    import torch
+
     scores, best = answer.scores.max(-1)
-    return scores.cpu().numpy(), np.asarray(answer.names)[best.cpu().numpy()], answer.boxes.cpu().numpy()
+    return scores, torch.tensor(answer.names, device=best.device)[best], answer.boxes
 
 
 def _is_half(model: Any) -> bool:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,13 +15,24 @@ from cartier.errors import InputError
 from cartier.files import check_file
 from cartier.types import Detections, Frame
 
+Detect = Callable[[Sequence[Frame]], list[Detections]]
+
+
+def detecting(detector: Detector) -> Detect:
+    """The detector's ``detect_batch``, or that of the contract for one that has none."""
+    given: Detect | None = getattr(detector, "detect_batch", None)
+    return given or partial(Detector.detect_batch, detector)
+
 
 @contextmanager
-def cached(detector: Detector, file: Path, fingerprint: str) -> Iterator[Callable[[Frame], Detections]]:
-    """``detector.detect`` that keeps its boxes in a JSON-lines file and takes finished frames from there.
+def cached(detector: Detector, file: Path | None, fingerprint: str) -> Iterator[Detect]:
+    """``detector.detect_batch`` that keeps its boxes in a JSON-lines file, if one is named, and takes finished frames from there.
 
     ``fingerprint`` is the recording's; the detections of another one, or of another detector, are not taken.
     """
+    if file is None:
+        yield detecting(detector)
+        return
     made_of = {
         "sha256": fingerprint,
         "detector": detector.name,
@@ -45,14 +57,14 @@ def cached(detector: Detector, file: Path, fingerprint: str) -> Iterator[Callabl
     os.truncate(file, good)
     with file.open("a", encoding="utf-8") as out:
 
-        def detect(frame: Frame) -> Detections:
-            if frame.index in known:
-                return known[frame.index]
-            found = detector.detect(frame)
-            if found.masks is None:  # masks come from simulators, where asking again costs nothing
-                out.write(json.dumps(_row(found)) + "\n")
-                out.flush()
-            return found
+        def detect(frames: Sequence[Frame]) -> list[Detections]:
+            new = [frame for frame in frames if frame.index not in known]
+            found = {seen.frame: seen for seen in (detecting(detector)(new) if new else [])}
+            for seen in found.values():
+                if seen.masks is None:  # masks come from simulators, where asking again costs nothing
+                    out.write(json.dumps(_row(seen)) + "\n")
+            out.flush()
+            return [found[i] if i in found else known[i] for i in (frame.index for frame in frames)]
 
         yield detect
 

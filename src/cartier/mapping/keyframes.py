@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
-from cartier.contracts import Recording
+from cartier.contracts import Detector, Recording
 from cartier.errors import InputError
+from cartier.mapping.ahead import at_once
+from cartier.mapping.detection_cache import detecting
 from cartier.mapping.occupancy import OccupancyMapper
-from cartier.types import Array, Detections, Frame
+from cartier.types import Array, Frame
 
 FAR_M, FAR_RAD = 0.15, np.deg2rad(10)  # from the last keyframe on, a view is another one; a sixth of it is new
 NEAR_M = 1.0  # what is nearer than this moves more in the image, and less way makes another view
@@ -97,9 +98,7 @@ def sharpness(rgb: Array) -> float:
     )
 
 
-def forecast(
-    recording: Recording, detect: Callable[[Frame], Detections], every: int | None = None
-) -> tuple[int, float]:
+def forecast(recording: Recording, detector: Detector, every: int | None = None) -> tuple[int, float]:
     """About how many frames of a recording will be looked at, and how many seconds mapping it will take, from a few of its frames."""
     length, ways, floor = len(recording), [], OccupancyMapper()
     begin, sampled = time.perf_counter(), 0
@@ -112,10 +111,11 @@ def forecast(
         one, two = _pose(pair[0]), _pose(pair[-1])
         ways.append(1.0 if change(one, two, STEP_M, STEP_RAD) >= 1 else min(change(one, two) / USUAL_WAY, 1.0))
     a_frame = (time.perf_counter() - begin) / sampled
-    detect(pair[0])  # the first time is the longest
+    together = [pair[-1]] * at_once(detector, recording.camera)
+    detecting(detector)(together)  # the first time is the longest
     begin = time.perf_counter()
-    detect(pair[-1])
-    a_look = time.perf_counter() - begin
+    detecting(detector)(together)
+    a_look = (time.perf_counter() - begin) / len(together)
     looks = -(-length // every) if every else max(round(length * float(np.mean(ways))), 1)
     return looks, length * a_frame + looks * a_look
 

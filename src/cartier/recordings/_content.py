@@ -10,6 +10,8 @@ from pathlib import Path, PurePosixPath
 from cartier.errors import InputError
 from cartier.files import check_file
 
+READERS = 4  # threads that may ask a reader of files for frames at once: each opens files of its own
+
 
 def names_in(folder: Path) -> set[str]:
     """The names in a folder, or an InputError."""

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from cartier.checks import MAX_FAR_M, frame_number
 from cartier.errors import InputError
 from cartier.mapping import gravity
-from cartier.recordings._content import check_inside, content_hash
+from cartier.recordings._content import READERS, check_inside, content_hash
 from cartier.recordings._images import check_depth, read_depth, read_grey8, read_rgb
 from cartier.recordings._lens import Lens, resampled
 from cartier.types import Array, Camera, Frame, TrueObject
@@ -44,7 +44,8 @@ class Source:
 
     ``world_from_camera`` (N, 4, 4) is in the source's world, camera axes optical. ``depth_lens`` is the depth camera's,
     if it is not the colour camera's at the depth's own size. ``read_depth(path)`` gives (h, w) float32 metres, NaN for
-    no reading. ``known_up`` is the source's up where its makers say so; ``files`` are hashed for the fingerprint.
+    no reading. ``known_up`` is the source's up where its makers say so; ``files`` are hashed for the fingerprint. ``readers``
+    threads may call these at once; a video is read by one, in order.
     """
 
     root: Path
@@ -60,6 +61,7 @@ class Source:
     known_up: tuple[float, float, float] | None = None
     read_colour: Callable[[View], Colours] | None = None
     handheld: bool = False
+    readers: int = READERS
 
 
 class PosedImages:
@@ -71,7 +73,7 @@ class PosedImages:
         if not source.views:
             raise InputError(f"{source.root} holds no image with a pose")
         check_inside(source.root, source.files)
-        self.name = source.name
+        self.name, self.readers = source.name, source.readers
         self._source = source
         self._fingerprint: str | None = None
         first = source.views[0].lens.camera

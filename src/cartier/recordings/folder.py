@@ -17,7 +17,7 @@ from cartier.contracts import Recording
 from cartier.errors import InputError, brief
 from cartier.files import read_json
 from cartier.recordings import _images
-from cartier.recordings._content import check_inside, content_hash, names_in
+from cartier.recordings._content import READERS, check_inside, content_hash, names_in
 from cartier.recordings._poses import read_trajectory, trajectory_line
 from cartier.types import Camera, Frame, TrueObject
 
@@ -39,6 +39,8 @@ def open(path: str | Path) -> Recording:
 
 class Folder:
     """A recording in cartier's own format. Poses are read when it is opened, images when a frame is asked for."""
+
+    readers = READERS
 
     def __init__(self, root: Path) -> None:
         self._root = root

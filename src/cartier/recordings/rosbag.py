@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from threading import Lock
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,7 @@ from cartier.checks import frame_number
 from cartier.contracts import Recording
 from cartier.errors import InputError
 from cartier.mapping import gravity
-from cartier.recordings._content import content_hash
+from cartier.recordings._content import READERS, content_hash
 from cartier.recordings._images import check_depth
 from cartier.recordings._lens import resampled
 from cartier.recordings._poses import rigid
@@ -73,6 +74,7 @@ class RosBag:
     """A bag's images with poses. The index, stamps and transforms are read when it is opened, images when asked for."""
 
     truth: Sequence[TrueObject] | None = None
+    readers = READERS
 
     def __init__(
         self,
@@ -88,6 +90,7 @@ class RosBag:
         self.name = bag.path.resolve().name
         self.camera: Camera = choice.colour_lens.camera
         self._bag, self._choice, self._settings = bag, choice, settings
+        self._reading = Lock()  # of the bag's bytes; images are decoded side by side
         self._fingerprint: str | None = None
         notes = list(choice.notes)
         tree = transform_tree(bag)
@@ -142,7 +145,8 @@ class RosBag:
 
     def _message(self, stream: Stream, row: Index) -> tuple[Any, str]:
         where = f"{self._bag.path}: topic {stream.name} at {int(row[0]) / 1e9:.3f} s"
-        return self._bag.decode(stream.name, self._bag.read(row)), where
+        with self._reading:
+            return self._bag.decode(stream.name, self._bag.read(row)), where
 
     def _depth(self, i: int) -> npt.NDArray[np.float32] | None:
         stream, lens = self._choice.depth, self._choice.depth_lens

@@ -16,7 +16,7 @@ from cartier.checks import frame_number
 from cartier.contracts import Recording
 from cartier.errors import InputError
 from cartier.mapping import gravity
-from cartier.recordings._content import check_inside, content_hash, names_in
+from cartier.recordings._content import READERS, check_inside, content_hash, names_in
 from cartier.recordings._images import image_size, read_depth, read_rgb
 from cartier.recordings._poses import read_matrix, rigid
 from cartier.recordings._tables import camera_of
@@ -41,6 +41,7 @@ class SevenScenes:
     """A 7-Scenes sequence, levelled. Poses are read when it is opened, images when a frame is asked for."""
 
     truth: Sequence[TrueObject] | None = None
+    readers = READERS
     known_registration = (0.91, -8.0, -2.0)
     """Its depth is published raw, not moved onto the colour: there it would be zoomed and moved so far (px, at 2 m)."""
 

@@ -17,7 +17,7 @@ import numpy as np
 from cartier.contracts import Recording
 from cartier.errors import InputError
 from cartier.files import read_text
-from cartier.recordings._content import names_in
+from cartier.recordings._content import READERS, names_in
 from cartier.recordings._images import image_size
 from cartier.recordings._lens import Lens
 from cartier.recordings._posed import Colours, PosedImages, Source, View, png_depth
@@ -73,6 +73,7 @@ def open(
     source = Source(
         root, root.resolve().name, settings, views, matrices(poses), files, notes, png_depth,
         min_confidence=confidence, known_up=Y_UP, read_colour=pictures.read, handheld=True,
+        readers=1 if pictures.video else READERS,
     )  # fmt: skip
     return PosedImages(source, up, floor_m)
 

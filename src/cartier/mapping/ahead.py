@@ -1,0 +1,46 @@
+"""Frames read ahead by other threads, and how many of them a detector is given at once."""
+
+from __future__ import annotations
+
+import os
+from collections import deque
+from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+
+from cartier.contracts import Detector, Recording
+from cartier.types import Camera, Frame
+
+MOST_PIXELS = (
+    16 * 1920 * 1080
+)  # of the frames that wait for the detector, and of those that are read ahead: with depth 250 MB each
+
+
+def frames_ahead(recording: Recording, together: int = 1) -> Iterator[Frame]:
+    """All frames in order. While one is worked on, other threads read the next few, where the recording's ``readers`` allow it.
+
+    At most two frames per thread are held, or as many as will be worked on ``together``. Raises what reading a frame raises,
+    when it is that frame's turn.
+    """
+    cores = os.cpu_count() or 1
+    threads = min(cores, getattr(recording, "readers", 0))
+    if cores == 1 or threads < 1:
+        yield from (recording[number] for number in range(len(recording)))
+        return
+    waiting, most = deque[Future[Frame]](), max(2 * threads, together)
+    with ThreadPoolExecutor(threads, "cartier reader") as pool:
+        try:
+            for number in range(len(recording)):
+                waiting.append(pool.submit(recording.__getitem__, number))
+                if len(waiting) >= most:
+                    yield waiting.popleft().result()
+            while waiting:
+                yield waiting.popleft().result()
+        finally:  # whoever stops early need not wait for what nobody asks for
+            for future in waiting:
+                future.cancel()
+
+
+def at_once(detector: Detector, camera: Camera) -> int:
+    """How many frames of a camera the detector is given together: as many as it likes best, fewer of large ones."""
+    most = max(1, MOST_PIXELS // (camera.width * camera.height))
+    return min(int(getattr(detector, "batch", Detector.batch)), most)
