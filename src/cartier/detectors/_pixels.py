@@ -34,9 +34,8 @@ def to_tensor(
     planes = image.split()[:: -1 if sidecar.channels == "bgr" else 1]  # one by one: numpy is slow on every third byte
     std = np.array(sidecar.std, np.float32)[:, None, None]
     mean = np.array(sidecar.mean, np.float32)[:, None, None]
-    tensor = np.stack([np.asarray(plane) for plane in planes]) * (1 / (np.float32(sidecar.scale) * std))
-    tensor -= mean / std
-    return tensor[None], placement
+    pixels = np.stack([np.asarray(plane, np.float32) for plane in planes])
+    return (pixels * (1 / (np.float32(sidecar.scale) * std)) - mean / std)[None], placement
 
 
 def _resized(image: Image.Image, size: tuple[int, int], resize: str) -> tuple[Image.Image, Placement]:
