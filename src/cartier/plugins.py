@@ -209,7 +209,9 @@ def _call(kind: str, name: str, function: str, args: tuple[Any, ...], options: d
         lacking = [name for name in required if name not in options]
         if lacking:
             raise BackendError(
-                f"{name} needs the option {lacking[0]!r}: cartier.make({kind!r}, {name!r}, {lacking[0]}=…)"
+                f"{name} needs the option {lacking[0]!r}: {name}:MODEL on the command line, {lacking[0]}=… in Python"
+                if lacking[0] == "model"
+                else f"{name} needs the option {lacking[0]!r}: cartier.make({kind!r}, {name!r}, {lacking[0]}=…)"
             )
         unknown = [] if open_ended else [o for o in options if o not in parameters]
         if unknown:

@@ -6,6 +6,7 @@ import importlib.util
 import json
 import pickle
 import shutil
+import socket
 import sys
 from collections.abc import Callable
 from functools import cache
@@ -72,6 +73,19 @@ def test_a_model_that_is_downloaded_already_is_found_offline_by_its_id(
         assert detector.sha256 == local.sha256
         assert detector.detect(VIEW).labels == local.detect(VIEW).labels
     refused(InputError, "is neither a folder here", "somebody/tiny@v2")
+
+
+def test_without_a_network_a_hub_id_is_refused_at_once_with_the_way_out(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    def no_address(*_: Any, **__: Any) -> None:
+        raise socket.gaierror(-2, "Name or service not known")
+
+    monkeypatch.setattr("huggingface_hub.constants.HF_HUB_OFFLINE", False)
+    monkeypatch.setattr("cartier.models.hub.getproxies", dict)
+    monkeypatch.setattr("socket.getaddrinfo", no_address)
+    refused(InputError, "no way to the hub: fetch it where there is a network", "nobody/nothing")
+    assert "Retrying" not in "".join(capfd.readouterr())
 
 
 def test_a_folder_that_is_not_there_or_holds_no_model_is_refused(tmp_path: Path) -> None:

@@ -131,19 +131,18 @@ def map_command(
     from cartier.mapping.keyframes import Keyframes, forecast
     from cartier.pipeline import map_home
 
-    source = plugins.open_recording(recording, **reader)
-    for note in source.notes:
-        say(note)
-    if detector is None:
-        detector, why = specs.detector_for(source)
-        say(f"detector: {detector}, {why}; --detector takes another")
-    detects = specs.detector(detector, source, threshold=threshold, vocabulary=vocabulary)
-    if (line := doubt(detects, source)) is not None:
-        say(line)
     if all_frames and every is not None:
         raise InputError("--all and --every exclude each other")
     every = 1 if all_frames else every
     Keyframes(every)  # a number that makes no sense is said before anything is done
+    source = plugins.open_recording(recording, **reader)
+    chosen, why = specs.detector_for(source) if detector is None else (detector, "")
+    detects = specs.detector(chosen, source, threshold=threshold, vocabulary=vocabulary)
+    first = [*source.notes, *(line for line in (doubt(detects, source),) if line)]
+    for note in first:
+        say(note)
+    if detector is None:
+        say(f"detector: {chosen}, {why}; --detector takes another")
     names = [name.strip() for name in index.split(",")] if index else None
     unfinished = output.parent / f".{output.name}.unfinished.jsonl"
     with locked(output, wait_s=A_DAY_S, told=say):
@@ -164,7 +163,7 @@ def map_command(
         told = {"home": str(output), "id": home.id, "names": home.names, "confirmed": sure, "notes": list(home.notes)}
         print(json.dumps(told | {"tentative": len(home.objects) - sure}))
     else:
-        for note in home.notes:
+        for note in (note for note in home.notes if note not in first):
             say(note)
         sure, row = sum(thing.confirmed for thing in home.objects), home.settings["recordings"][-1]
         looked_at = f"{row.get('looked', row['frames'])} of {row['frames']} frames"

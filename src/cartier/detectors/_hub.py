@@ -11,6 +11,7 @@ from typing import Any
 
 from cartier.errors import BackendError, InputError, brief
 from cartier.files import sha256_of
+from cartier.models import hub
 
 HASHED = (".safetensors", ".json", ".txt")  # weights, configuration, tokenizer
 
@@ -50,14 +51,21 @@ def find(model: str | Path, types: Collection[str]) -> Source:
     where: dict[str, Any] = {"pretrained_model_name_or_path": name, "trust_remote_code": False}
     if revision:
         where["revision"] = revision
+    cut_off = not folder and hub.offline()
+    if cut_off:
+        where["local_files_only"] = True
     try:
         config = AutoConfig.from_pretrained(**where)
     except Exception as error:  # the hub's, JSON's and transformers' errors share no base class
         if folder:
             raise InputError(f"{model}: its config.json cannot be read ({line_of(error)})") from error
+        why = (
+            f"there is no way to the hub: {hub.FETCH}"
+            if cut_off
+            else f"the hub does not give it out ({line_of(error)})"
+        )
         raise InputError(
-            f"{str(model)!r:.120} is neither a folder here nor a model that is downloaded already or that the hub gives out "
-            f"({line_of(error)})"
+            f"{str(model)!r:.120} is neither a folder here nor a model that is downloaded already, and {why}"
         ) from error
     if config.model_type not in types:
         raise InputError(

@@ -14,6 +14,7 @@ import transformers
 from PIL import Image
 
 from cartier.errors import BackendError, InputError
+from cartier.models import hub
 
 Loaded = TypeVar("Loaded")
 
@@ -53,13 +54,18 @@ def from_hub(load: Callable[..., Loaded], model: str, what: str, **options: Any)
     """
     folder = Path(model).is_dir()
     name, _, revision = (model, "", "") if folder else model.partition("@")
-    where = {"revision": revision} if revision else {}
+    where: dict[str, Any] = {"revision": revision} if revision else {}
+    if cut_off := not folder and hub.offline():
+        where["local_files_only"] = True
     with _quiet():
         try:
             return load(name, trust_remote_code=False, **where, **options)
         except ImportError as error:
             raise BackendError(f"the {what} of {model!r} needs another package: {first_line(error)}") from error
         except Exception as error:  # transformers, huggingface_hub and safetensors share no base class
+            if cut_off:
+                gone = "it is neither a folder here nor downloaded already, and there is no way to the hub"
+                raise InputError(f"the {what} of {model!r} cannot be loaded: {gone}: {hub.FETCH}") from error
             place = "this folder" if folder else "neither a folder here nor the hub has it, or it is damaged"
             raise InputError(f"the {what} of {model!r} cannot be loaded ({place}): {first_line(error)}") from error
 
