@@ -6,11 +6,11 @@ from cartier.types import Detections, Frame
 from synthetic import THINGS, TrueBoxes
 
 
-def make(threshold: float = 0.0, pause_s: float = 0.0) -> "SlowEyes":
-    return SlowEyes(pause_s)
+def make(threshold: float = 0.0, pause_s: float = 0.0) -> "SlowDetector":
+    return SlowDetector(pause_s)
 
 
-class SlowEyes(TrueBoxes):
+class SlowDetector(TrueBoxes):
     def __init__(self, pause_s: float) -> None:
         super().__init__(THINGS)
         self.pause_s = pause_s

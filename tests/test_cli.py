@@ -16,7 +16,7 @@ from cartier.home import Home
 from cartier.recordings.folder import save
 from synthetic import THINGS, walk
 
-EYES = str(Path(__file__).parent / "slow_detector.py")
+DETECTOR = str(Path(__file__).parent / "slow_detector.py")
 Run = Callable[..., tuple[int, str, str]]
 
 
@@ -46,7 +46,9 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def home(recording: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("homes") / "room"
     subprocess.run(
-        [sys.executable, "-m", "cartier", "map", recording, "--detector", EYES, "-o", folder], check=True, env=_env()
+        [sys.executable, "-m", "cartier", "map", recording, "--detector", DETECTOR, "-o", folder],
+        check=True,
+        env=_env(),
     )
     return folder
 
@@ -56,7 +58,7 @@ def _env() -> dict[str, str]:
 
 
 def test_map_show_ask_with_pictures(run: Run, recording: Path, tmp_path: Path) -> None:
-    code, out, err = run("map", recording, "--detector", EYES, "-o", tmp_path / "home", "--json")
+    code, out, err = run("map", recording, "--detector", DETECTOR, "-o", tmp_path / "home", "--json")
     assert code == 0 and json.loads(out)["names"] == ["chair", "mug", "table"], err
     code, out, _ = run("show", tmp_path / "home", "--json", "--plot", tmp_path / "home.png")
     rows = json.loads(out)["objects"]
@@ -92,7 +94,7 @@ def test_map_show_ask_with_pictures(run: Run, recording: Path, tmp_path: Path) -
 
 def test_any_words_are_found_in_a_home_with_vlmaps(run: Run, recording: Path, home: Path, tmp_path: Path) -> None:
     folder, picture = tmp_path / "home", tmp_path / "find.png"
-    code, _, err = run("map", recording, "--detector", EYES, "-o", folder, "--index", "object_depth,vlmaps")
+    code, _, err = run("map", recording, "--detector", DETECTOR, "-o", folder, "--index", "object_depth,vlmaps")
     assert code == 0, err
     code, out, _ = run("show", folder, "--find", "somewhere to sit", "--plot", picture, "--json")
     found = json.loads(out)
@@ -133,12 +135,15 @@ def test_ask_can_stand_elsewhere_and_look_elsewhere(run: Run, home: Path) -> Non
         (("ask", "HOME", "chair", "--plot", "x.nonsense"), "cannot draw to x.nonsense"),
         (("ask", "nowhere", "chair"), "no mapped home"),
         (("show", "RECORDING"), "no mapped home"),
-        (("map", "nowhere", "--detector", EYES, "-o", "x"), "does not exist"),
-        (("map", "HOME", "--detector", EYES, "-o", "x"), "no recording that cartier knows"),
+        (("map", "nowhere", "--detector", DETECTOR, "-o", "x"), "does not exist"),
+        (("map", "HOME", "--detector", DETECTOR, "-o", "x"), "no recording that cartier knows"),
         (("map", "RECORDING", "--detector", "eva", "-o", "x"), "no 'eva' among the detectors"),
         (("map", "RECORDING", "--detector", "gone.onnx", "-o", "x"), "gone.onnx"),
-        (("map", "RECORDING", "--detector", EYES, "-o", "x", "--index", "object_dept"), "did you mean 'object_depth'"),
-        (("map", "RECORDING", "--detector", EYES, "-o", "x", "--up", "1,2"), "--up needs 3 finite numbers"),
+        (
+            ("map", "RECORDING", "--detector", DETECTOR, "-o", "x", "--index", "object_dept"),
+            "did you mean 'object_depth'",
+        ),
+        (("map", "RECORDING", "--detector", DETECTOR, "-o", "x", "--up", "1,2"), "--up needs 3 finite numbers"),
     ],
 )
 def test_mistakes_are_one_line_and_leave_nothing(
@@ -215,7 +220,7 @@ def test_kill_leaves_the_old_home_whole_and_the_next_run_finishes(
 ) -> None:
     """20 frames at 30 ms each after about 0.6 s of start-up: the kills fall before, into and after the frames."""
     eyes = tmp_path / "eyes.py"
-    eyes.write_text(Path(EYES).read_text().replace("pause_s: float = 0.0", "pause_s: float = 0.03"))
+    eyes.write_text(Path(DETECTOR).read_text().replace("pause_s: float = 0.0", "pause_s: float = 0.03"))
     target = tmp_path / "home"
     subprocess.run(["cp", "-r", home, target], check=True)
     before = {f: f.read_bytes() for f in target.rglob("*") if f.is_file()}
