@@ -22,7 +22,7 @@ from synthetic import THINGS, RoomRecording, TrueBoxes, walk
 
 Run = Callable[..., tuple[int, str, str]]
 HERE = Path(__file__).parent
-EYES = str(HERE / "slow_detector.py")
+DETECTOR = str(HERE / "slow_detector.py")
 WORLD = str(HERE / "evaluation" / "room_world.py")
 
 
@@ -94,10 +94,10 @@ def test_a_second_recording_is_added(run: Run, tmp_path: Path) -> None:
     poses = walk().poses
     for name, part in (("one", poses[:12]), ("two", poses[12:])):
         save(RoomRecording(part, THINGS, name=name), tmp_path / name)
-    assert run("map", tmp_path / "one", "--detector", EYES, "-o", tmp_path / "home")[0] == 0
-    code, out, err = run("map", tmp_path / "two", "--detector", EYES, "-o", tmp_path / "home", "--append", "--json")
+    assert run("map", tmp_path / "one", "--detector", DETECTOR, "-o", tmp_path / "home")[0] == 0
+    code, out, err = run("map", tmp_path / "two", "--detector", DETECTOR, "-o", tmp_path / "home", "--append", "--json")
     assert code == 0 and json.loads(out)["names"] == ["chair", "mug", "table"], err
-    code, out, err = run("map", tmp_path / "two", "--detector", EYES, "-o", tmp_path / "home", "--append", "--json")
+    code, out, err = run("map", tmp_path / "two", "--detector", DETECTOR, "-o", tmp_path / "home", "--append", "--json")
     assert code == 0 and json.loads(out)["names"] == ["chair", "mug", "table"], err
 
 
