@@ -73,6 +73,11 @@ def test_a_table_whose_box_has_some_of_what_stands_on_it_still_holds_it(high_m: 
     assert found[MUG.id].probability == pytest.approx(supports((TABLE, MUG))[MUG.id].probability, abs=0.1)
 
 
+def test_a_chair_of_which_only_the_back_shows_above_a_table_does_not_stand_on_it() -> None:
+    back = thing("chair", (0.5, 0.5, 0.72), (0.95, 0.85, 0.95), 20)
+    assert supports([TABLE, back, MUG]) == supports([TABLE, MUG]) != {}
+
+
 def test_a_thing_that_floats_higher_is_held_less_surely_until_it_is_not() -> None:
     chances = []
     for lift in (0.0, 0.05, 0.1, 0.2, 0.4):

@@ -214,9 +214,11 @@ def _holding(objects: Sequence[MapObject], low: Array, high: Array) -> Array:
         + 4.1 * share - 8.9 * np.minimum(outside, 1) - 16.9 * np.maximum(above, 0) - 15.8 * np.maximum(-rise - THIN_M, 0)
     )  # fmt: skip
     built_in = np.array([thing.label in _BUILT_IN for thing in objects])
-    never = (
-        (np.maximum(share, share.T) == 0) | (above > FLOATS_M) | (rise < -SINKS_M) | (built_in[:, None] & (snug > 0))
-    )
+    furniture = np.array([_is_furniture(thing) for thing in objects])
+    table = np.array([holder == _TABLE for holder in holders])
+    never = (np.maximum(share, share.T) == 0) | (above > FLOATS_M) | (rise < -SINKS_M)
+    never |= built_in[:, None] & (snug > 0)
+    never |= furniture[:, None] & table  # a chair whose legs a table hides begins where its top ends
     np.fill_diagonal(never, True)
     return np.where(never, -np.inf, odds)
 
