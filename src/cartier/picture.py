@@ -146,8 +146,7 @@ def draw_plan(axes: Axes, home: Home, tinted: bool = True) -> None:
     if home.grid is not None:
         _draw_grid(axes, home.grid, home.rooms if tinted else ())
         for room in home.rooms if tinted else ():
-            row, column = np.median(room.cells, axis=0)
-            x, y = home.grid.centre((row, column)).tolist()
+            x, y = home.grid.centre(_widest(home.grid, room)).tolist()
             axes.text(
                 x,
                 y,
@@ -162,6 +161,18 @@ def draw_plan(axes: Axes, home: Home, tinted: bool = True) -> None:
     else:
         axes.text(0.02, 0.98, "no floor plan: the recording has no depth", transform=axes.transAxes, va="top")
     axes.set(xlim=(left, right), ylim=(low, high), aspect="equal", xlabel="x (m)", ylabel="y (m)")
+
+
+def _widest(grid: OccupancyGrid, room: Room) -> tuple[int, int]:
+    """The cell of a room that is farthest from all that is not free: there its name hides least."""
+    from scipy.ndimage import distance_transform_edt
+
+    free = np.zeros((grid.cells.shape[0] + 2, grid.cells.shape[1] + 2), bool)
+    rows, columns = room.cells.T
+    free[rows + 1, columns + 1] = grid.cells[rows, columns] == FREE
+    room_m = distance_transform_edt(free)[1:-1, 1:-1]
+    at = int(room_m[rows, columns].argmax())
+    return int(rows[at]), int(columns[at])
 
 
 def write_photo(rgb: npt.NDArray[np.uint8], file: Path) -> None:
@@ -226,6 +237,9 @@ def _name(figure: Figure, axes: Axes, names: Sequence[tuple[str, Sequence[float]
 
     Where not even far off there is room, the name goes smaller; without ``all_of_them`` it is left out.
     """
+    from matplotlib.patheffects import withStroke
+
+    halo = [withStroke(linewidth=2, foreground="white")]  # to be read on dark cells too
     frame = axes.get_window_extent()
     taken: list[tuple[float, float, float, float]] = []
     renderer: Any = figure.canvas.get_renderer()  # type: ignore[attr-defined]
@@ -233,7 +247,7 @@ def _name(figure: Figure, axes: Axes, names: Sequence[tuple[str, Sequence[float]
     for name, position in sorted(names, key=lambda named: -len(named[0])):
         at = axes.transData.transform(tuple(position[:2]))
         for size in (7.5, 6.0, 5.0) if all_of_them else (7.5,):
-            text = axes.text(0, 0, name, fontsize=size, color="#1f3f66", zorder=8)
+            text = axes.text(0, 0, name, fontsize=size, color="#1f3f66", zorder=8, path_effects=halo)
             box = text.get_window_extent(renderer)
             wide, tall = box.width + 2, box.height + 1
             spots = (

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 SIDE, CAPTION, GAP, COLUMNS = 132, 30, 8, 10  # pixels, and tiles in a row
 AROUND = 0.35  # of the box's size that is shown beside it, and at least so many pixels
 LEAST_PX = 24
+UNLIKELY = 0.05  # what is less probable is counted, not shown: in photographs there are dozens
 BOX, SURE, UNSURE = (209, 73, 91), (30, 30, 30), (150, 110, 20)
 
 
@@ -34,9 +35,11 @@ def draw_sheet(home: Home, file: Path) -> None:
         key=lambda thing: (rooms.get(thing.room if thing.room is not None else -1, len(rooms)), thing.label, thing.id)
     )
     rest = sorted((o for o in home.objects if not o.confirmed and o.views), key=lambda thing: -thing.probability)
+    shown = [thing for thing in rest if thing.probability >= UNLIKELY]
+    less = f", {len(rest) - len(shown)} of them below {UNLIKELY:.0%} and not shown" if len(shown) < len(rest) else ""
     groups = [
         (f"{home.name}: {len(sure)} confirmed objects (detector: {home.detector})", sure),
-        (f"{len(rest)} tentative", rest),
+        (f"{len(rest)} tentative{less}", shown),
     ]
     tall = (
         sum(CAPTION + -(-len(things) // COLUMNS) * (SIDE + CAPTION + GAP) for _, things in groups if things) + 2 * GAP
