@@ -80,6 +80,8 @@ def read_home(path: Path) -> None:
     home = Home.load(path)
     json.dumps(home.to_dict(), allow_nan=False)
     home.cloud()
+    if (log := home.detections()) is not None:
+        log.looked()
     for index in home.indexes:
         answer = pipeline.ask(home, "I would love to sit down", First(), index=index)
         json.dumps(answer.to_dict(), allow_nan=False)

@@ -16,10 +16,11 @@ from cartier import plugins
 from cartier.contracts import Detector, Encoder, Recording, SpatialIndex
 from cartier.errors import InputError
 from cartier.files import npz_bytes, read_npz
-from cartier.home import CLOUD, Home
+from cartier.home import CLOUD, DETECTIONS, Home
 from cartier.mapping.bearings import BearingMap
 from cartier.mapping.cloud import CloudMapper
 from cartier.mapping.conditions import Conditions
+from cartier.mapping.detection_log import DetectionLog
 from cartier.mapping.object_map import ObjectMap
 from cartier.mapping.occupancy import OccupancyMapper
 from cartier.mapping.rooms import find_rooms, room_of
@@ -50,7 +51,7 @@ class Mapper:
         self._calibration = getattr(detector, "calibration", Detector.calibration)
         self._objects: ObjectMap | None = None  # with or without depth: the first frame tells
         self._floor, self._cloud, self._conditions = OccupancyMapper(), CloudMapper(), Conditions()
-        self._seen, self._photos = set[int](), dict[int, bytes]()
+        self._seen, self._photos, self._log = set[int](), dict[int, bytes](), DetectionLog()
         self._start_xy: tuple[float, float] | None = None
         self._camera: Camera | None = None
         self._next_frame = self._blind = 0
@@ -83,6 +84,7 @@ class Mapper:
             self._next_frame = sum(frames for _, _, frames in rows)
             self._objects.restore(home.growth)
             self._seen = set(read_npz(home.growth[FRAMES], where=FRAMES)["keys"].tolist())
+            self._log.restore(home.growth[DETECTIONS])
             if COUNTS in home.growth:
                 self._floor.restore(read_npz(home.growth[COUNTS], where=COUNTS))
             if CLOUD in home.growth:
@@ -130,6 +132,7 @@ class Mapper:
             frame = replace(frame, index=frame.index + self._next_frame)
             detections = replace(detections, frame=frame.index)
         ids = self._objects.add(frame, detections)
+        self._log.add(detections, ids)
         counting = detections.keep(detections.scores >= self._calibration.threshold)
         for index in self._indexes.values():
             index.add(frame, counting)
@@ -224,6 +227,7 @@ class Mapper:
         return {
             **objects.state(),
             FRAMES: npz_bytes(keys=np.array(sorted(self._seen), np.int64)),
+            DETECTIONS: self._log.state(),
             **({} if counts is None else {COUNTS: npz_bytes(**counts)}),
             **({} if cloud is None else {CLOUD: cloud}),
         }
