@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import io
+import json
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from dataclasses import replace
@@ -141,8 +142,15 @@ class Mapper:
 
     def close(self, recording: Recording, looked: int | None = None) -> None:
         """All frames of a recording are in: the next ones are of another. ``looked`` is at how many the detector looked, if not at all."""
-        made_of = {"recording": recording.name, "sha256": recording.fingerprint(), "frames": len(recording)}
+        made_of: dict[str, Any] = {
+            "recording": recording.name,
+            "sha256": recording.fingerprint(),
+            "frames": len(recording),
+        }
         made_of["looked"] = len(recording) if looked is None else looked
+        if read_with := getattr(recording, "read_with", None):  # so that it can be read again as it was
+            plain = {name: np.asarray(value).tolist() for name, value in read_with.items()}
+            made_of["read_with"] = json.loads(json.dumps(plain, default=str))
         self._settings["recordings"].append(made_of)
         doubts = self._settings.setdefault("doubts", [])
         doubts += [line for line in (doubt(self.detector, recording),) if line and line not in doubts]

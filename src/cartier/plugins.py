@@ -14,6 +14,7 @@ import inspect
 import json
 import urllib.parse
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from difflib import get_close_matches
 from functools import cache
@@ -101,8 +102,9 @@ def takes(kind: str, name: str, option: str) -> bool:
 
 
 def open_recording(path: str | Path, format: str | None = None, **options: Any) -> Recording:
-    """Open a recording in the format that recognises the path, or in the one named."""
+    """Open a recording in the format that recognises the path, or in the one named; its ``read_with`` are all options given."""
     path = Path(path)
+    options = {n: tuple(v) if isinstance(v, list) else v for n, v in options.items()}  # as fingerprints have them
     if not path.exists():
         raise InputError(f"{path} does not exist")
     names = [format] if format else _formats_of(path)
@@ -111,6 +113,9 @@ def open_recording(path: str | Path, format: str | None = None, **options: Any) 
     if len(names) > 1:
         raise InputError(f"{path} may be one of {', '.join(names)}: say which with --format (in Python, format=…)")
     recording: Recording = _call("recordings", names[0], "open", (path,), options)
+    given = {"format": format, **options}
+    with suppress(AttributeError):  # of somebody else's reader, which has slots
+        recording.read_with = {n: v for n, v in given.items() if v is not None}  # type: ignore[attr-defined]
     return recording
 
 

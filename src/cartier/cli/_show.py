@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -11,10 +12,12 @@ import typer
 
 from cartier import plugins
 from cartier.cli._common import AsJson, HomeFolder, IndexName, progress, say
-from cartier.errors import InputError, MissingExtra
+from cartier.cli._reader import remembered
+from cartier.errors import CartierError, InputError, MissingExtra
 from cartier.language.prompts import check_query
 
 if TYPE_CHECKING:
+    from cartier.contracts import Recording
     from cartier.home import Home
 
 app = typer.Typer()
@@ -57,6 +60,8 @@ def show(
     from cartier.home import Home
 
     mapped = Home.load(home)
+    if recording is not None and rrd is None:
+        raise InputError("--recording is for --rrd FILE, which it adds frames, depth and path to: give both")
     if find is not None:
         _find(mapped, check_query(find), index, plot, as_json)
         return
@@ -96,10 +101,24 @@ def _write_rrd(home: Home, file: Path, recording: Path | None) -> None:
         from cartier.rerun_file import write_rrd
     except ModuleNotFoundError as error:
         raise MissingExtra(f"--rrd needs the package 'rerun-sdk': {plugins.install('viz', 'rerun-sdk')}") from error
-    source = None if recording is None else plugins.open_recording(recording)
+    source = None if recording is None else _as_mapped(home, recording)
     with progress("writing") as step:
         write_rrd(home, file, source, step)
     say(f"look at it: rerun {file}")
+
+
+def _as_mapped(home: Home, path: Path) -> Recording:
+    """A recording, read with the options that the home was mapped with; without any where none gives what was mapped."""
+    tried: list[dict[str, Any]] = []
+    for row in home.settings["recordings"]:
+        reader = remembered(row.get("read_with"))
+        if reader not in tried:
+            tried.append(reader)
+            with suppress(CartierError):  # the options of another recording of this home
+                source = plugins.open_recording(path, **reader)
+                if source.fingerprint() in (row["sha256"] for row in home.settings["recordings"]):
+                    return source
+    return plugins.open_recording(path)
 
 
 def _find(home: Home, words: str, index: str | None, plot: Path | None, as_json: bool) -> None:
