@@ -28,6 +28,7 @@ from cartier.mapping.rooms import find_rooms, room_of
 from cartier.types import Camera, Detections, Frame, MapObject
 
 DEFAULT_INDEXES = ("object_depth", "object_viewpoint")
+DOLLHOUSE = "dollhouse"  # the simulator whose pictures a detector of ours was made for
 JPEG_QUALITY = 88
 COUNTS, FRAMES = "occupancy_counts.npz", "frames.npz"
 
@@ -250,8 +251,13 @@ def is_of(recording: Recording, world: str) -> bool:
 
 
 def doubt(detector: Detector, recording: Recording) -> str | None:
-    """The line that says that a detector was not made for such a recording, None if it was."""
+    """The line that says that a detector was not made for such a recording, None if it was, or if nobody knows."""
     world = getattr(detector, "world", Detector.world)
+    if world == "" and is_of(recording, DOLLHOUSE):
+        return (
+            f"WRONG DETECTOR: {detector.name} knows photographs, and {recording.name} is rendered: the {DOLLHOUSE} has a "
+            "detector of its own, which fits; map again without --detector"
+        )
     if not world or is_of(recording, world):
         return None
     return (

@@ -35,6 +35,11 @@ NO_POSES = (
     "no camera poses and no intrinsics: COLMAP or nerfstudio's ns-process-data work them out from pictures (without depth "
     "and scale), and Record3D, Stray Scanner, Polycam and RTAB-Map record them with depth (docs/phone.md)"
 )
+POSES = ("*pose*.json", "*pose*.txt", "*pose*.csv", "*traj*.json", "*traj*.txt", "*traj*.csv")
+OWN_LAYOUT = (
+    "in a layout of their own: write them as transforms.json (nerfstudio) or as the four plain files of the README, or name "
+    "a reader of your own, --format ./mine.py (CONTRIBUTING.md)"
+)
 MOST_LOOKED_AT = 100
 
 
@@ -140,7 +145,9 @@ def _what_else(path: Path) -> str:
         )
     pictures = [file for file in inside if file.suffix.lower() in (*PICTURES, *VIDEOS)]
     if pictures:
-        return f"it holds pictures such as {pictures[0].name}, but {NO_POSES}"
+        poses = next((file.name for name in POSES for file in sorted(path.glob(name))), None)
+        but = f"but {NO_POSES}" if poses is None else f"and {poses}, {OWN_LAYOUT}"
+        return f"it holds pictures such as {pictures[0].name}, {but}"
     known = ", ".join(b.name for b in backends("recordings"))
     return f"the formats are {known}, and 'cartier list' says what each one looks like"
 
