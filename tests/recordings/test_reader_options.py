@@ -68,6 +68,17 @@ def test_a_home_remembers_what_its_recording_was_read_with(tmp_path: Path) -> No
     assert again.fingerprint() == source.fingerprint() != plugins.open_recording(tmp_path / "a").fingerprint()
 
 
+def test_what_a_reader_of_ones_own_read_needs_its_format_again(tmp_path: Path) -> None:
+    mine = tmp_path / "mine.py"
+    mine.write_text("from cartier.recordings.sevenscenes import open\n")
+    write_sevenscenes(room(), tmp_path / "a")
+    pipeline.map_home(plugins.open_recording(tmp_path / "a", format=str(mine)), Told(THINGS)).save(tmp_path / "home")
+    mapped = Home.load(tmp_path / "home")
+    assert mapped.settings["recordings"][0]["read_with"] == {"format": str(mine)}
+    assert _as_mapped(mapped, tmp_path / "a", str(mine)).read_with == {"format": str(mine)}
+    assert _as_mapped(mapped, tmp_path / "a").read_with == {}, "the home's word for a file of code is not enough"
+
+
 def test_a_strangers_home_gives_a_reader_nothing_but_plain_options(tmp_path: Path) -> None:
     evil = tmp_path / "evil.py"
     evil.write_text("raise SystemExit('it ran')")
