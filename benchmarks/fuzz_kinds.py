@@ -196,7 +196,7 @@ def read_resume(path: Path) -> None:
     recording = room(frames=3)
     with cached(TrueBoxes(THINGS), path / "seen.jsonl", "a") as detect:
         for number in range(3):
-            detect(recording[number])
+            detect([recording[number]])
 
 
 def write_arrays(path: Path) -> None:
