@@ -80,6 +80,8 @@ def read_home(path: Path) -> None:
     home = Home.load(path)
     json.dumps(home.to_dict(), allow_nan=False)
     home.cloud()
+    if (log := home.detections()) is not None:
+        log.looked()
     for index in home.indexes:
         answer = pipeline.ask(home, "I would love to sit down", First(), index=index)
         json.dumps(answer.to_dict(), allow_nan=False)
@@ -194,7 +196,7 @@ def read_resume(path: Path) -> None:
     recording = room(frames=3)
     with cached(TrueBoxes(THINGS), path / "seen.jsonl", "a") as detect:
         for number in range(3):
-            detect(recording[number])
+            detect([recording[number]])
 
 
 def write_arrays(path: Path) -> None:

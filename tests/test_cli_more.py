@@ -347,3 +347,5 @@ def test_a_rerun_file_without_the_package_names_the_extra(
     code, _, err = run("show", home, "--rrd", tmp_path / "a.rrd")
     assert code == 1 and err.startswith("cartier: --rrd needs the package 'rerun-sdk': pip install ") and "[viz]" in err
     assert not list(tmp_path.glob("*.rrd"))
+    code, _, err = run("show", home, "--recording", tmp_path)
+    assert code == 1 and err.startswith("cartier: --recording is for --rrd FILE")

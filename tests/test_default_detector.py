@@ -81,6 +81,19 @@ def test_a_wrong_choice_is_told_by_map_and_show_and_ask(tmp_path: Path) -> None:
     assert not any("WRONG" in note for note in (*right.notes, *ask(right, "I would love to sit down").notes))
 
 
+def test_a_photograph_detector_is_told_of_the_dollhouses_own(tmp_path: Path) -> None:
+    doll, flat = named("dollhouse studio"), named("my flat", truth=False)
+    photos = plugins.make("detectors", "photos", threads=1)
+    told = doubt(photos, doll)
+    assert told is not None and "\n" not in told and told.startswith("WRONG DETECTOR: photos NanoDet")
+    assert "the dollhouse has a detector of its own, which fits; map again without --detector" in told
+    assert doubt(photos, flat) is None and doubt(photos, named("ai2thor FloorPlan1")) is None
+    assert doubt(plugins.make("detectors", "embedded", threads=1), doll) is None
+    assert doubt(specs.detector("ground_truth", doll), doll) is None, "it was made for any simulator"
+    (tmp_path / "a.jsonl").write_text('{"frame": 0, "label": "cup", "score": 0.9, "xyxy": [0, 0, 5, 5]}\n')
+    assert doubt(specs.detector(str(tmp_path / "a.jsonl"), doll), doll) is None, "nobody knows what made it"
+
+
 @pytest.mark.parametrize(
     ("query", "names", "expected"),
     [
@@ -89,6 +102,13 @@ def test_a_wrong_choice_is_told_by_map_and_show_and_ask(tmp_path: Path) -> None:
         ("I can hardly keep my eyes open", ("cup", "chair"), None),
         ("Where is the toaster?", ("toaster",), None),
         ("I don't want the toaster", ("cup",), None),
+        ("I want a coffee from the coffee machine", ("cup", "chair"), "coffee machine"),
+        ("I want a coffee from the coffee machine", ("coffee machine",), None),
+        ("I want a coffee", ("cup",), "coffee"),
+        ("switch on the lamp", ("cup",), "lamp"),
+        ("Please switch the lamp off", ("cup",), "lamp"),
+        ("and then switch off the radio", ("cup",), "radio"),
+        ("Where is the switch of the lamp?", ("lamp",), "switch"),
     ],
 )
 def test_what_a_detector_has_no_name_for(query: str, names: tuple[str, ...], expected: str | None) -> None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from collections import defaultdict
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +15,12 @@ from cartier.errors import InputError
 from cartier.home import Home
 from cartier.pipeline import map_home
 from cartier.recordings.folder import save
+from cartier.types import Detections, Frame
 from synthetic import THINGS, TrueBoxes, walk
 
 rr = pytest.importorskip("rerun", reason="a Rerun file needs cartier[viz]")
 FRAMES = len(walk())
+UNSEEN = (176, 176, 172)
 
 
 @pytest.fixture(scope="module")
@@ -49,22 +53,81 @@ def of(kind: str, entries: list[tuple[int | None, Any]]) -> list[tuple[int | Non
     return [(frame, one) for frame, one in entries if type(one).__name__ == kind]
 
 
+def arrays(one: Any) -> np.ndarray:
+    return np.array(one.as_arrow_array().to_pylist())
+
+
 def test_a_home_alone_shows_its_evidence(home: Home, tmp_path: Path, logged: dict[str, Any]) -> None:
     from cartier.rerun_file import write_rrd
 
     write_rrd(home, tmp_path / "a.rrd")
     assert (tmp_path / "a.rrd").read_bytes()[:3] == b"RRF"
     assert [path.name for path in tmp_path.iterdir()] == ["a.rrd"]
-    boxes = of("Boxes3D", logged["home/objects/confirmed"])
-    sure = [thing for thing in home.objects if thing.confirmed]
-    (((frame, one),), middles) = boxes, np.array([thing.position for thing in sure])
-    assert frame is None and np.abs(np.array(one.centers.as_arrow_array().to_pylist()) - middles).max() < 1e-3
     frames = {view.frame for thing in home.objects for view in thing.views}
-    assert {frame for frame, _ in of("Boxes2D", logged["camera/image/boxes"])} == frames
+    assert {frame for frame, _ in of("LineStrips3D", logged["home/sight"])} == frames
     assert {frame for frame, _ in of("EncodedImage", logged["camera/image"])} == frames & home.photos.keys()
-    assert {frame for frame, _ in of("Clear", logged["camera/image/boxes"])} == {frame + 1 for frame in frames}
-    assert of("Mesh3D", logged["home/floor_plan"]) and of("TextDocument", logged["about"])
+    assert [frame for frame, _ in of("Mesh3D", logged["home/floor_plan"])] == [0] and of(
+        "TextDocument", logged["about"]
+    )
     assert "camera" not in logged and "home/path" not in logged
+
+
+def test_every_box_of_every_frame_that_was_looked_at_is_there(tmp_path: Path, logged: dict[str, Any]) -> None:
+    from cartier.rerun_file import write_rrd
+
+    class Blinking(TrueBoxes):
+        """Reports nothing in one of the frames that it looks at, and in another what is not there."""
+
+        def detect(self, frame: Frame) -> Detections:
+            found = super().detect(frame)
+            if frame.index == 6:
+                return found.keep(np.zeros(len(found), bool))
+            if frame.index == 9:
+                return Detections(9, np.array([[0, 0, 2, 2]]), np.array([0.1]), ("ghost",))
+            return found
+
+    detector = Blinking(THINGS)
+    detector.calibration = replace(TrueBoxes.calibration, birth=0.2)
+    home = map_home(walk(), detector, every=3)
+    write_rrd(home, tmp_path / "a.rrd")
+    asked = {number: detector.detect(walk()[number]) for number in range(0, FRAMES, 3)}
+    shown = dict(of("Boxes2D", logged["camera/image/boxes"]))
+    assert shown.keys() == {number for number, found in asked.items() if len(found)} and 6 not in shown
+    for number, boxes in shown.items():
+        assert sorted(arrays(boxes.half_sizes).tolist()) == sorted(
+            ((box[2:] - box[:2]) / 2).tolist() for box in asked[number].boxes_xyxy
+        )
+        if number != 9:
+            labels = boxes.labels.as_arrow_array().to_pylist()
+            for label, _, owner in (re.fullmatch(r"(.+) (\d\.\d\d), object (\d+)", text).groups() for text in labels):
+                assert next(thing for thing in home.objects if thing.id == int(owner)).label == label
+    assert shown[9].labels.as_arrow_array().to_pylist() == ["ghost 0.10, no object"]
+    texts = {frame: arrays(one.text)[0] for frame, one in of("TextDocument", logged["looked"])}
+    told = {frame: text.startswith("looked at") for frame, text in texts.items()}
+    assert told == {n: n % 3 == 0 for n in range(FRAMES) if n % 3 < 2}, "what is said holds until the next is"
+    assert texts[6] == "looked at in frame 6: 0 boxes, 0 of objects of this home"
+    cleared = {frame for frame, _ in of("Clear", logged["camera/image/boxes"])}
+    assert cleared == {n for n in told if n not in shown}
+
+
+def test_objects_appear_with_their_first_box_and_rooms_are_areas(home: Home, tmp_path: Path, logged: Any) -> None:
+    from cartier.rerun_file import write_rrd
+
+    write_rrd(home, tmp_path / "a.rrd")
+    first: dict[str, int] = {}
+    for number in reversed(range(FRAMES)):
+        first |= dict.fromkeys(TrueBoxes(THINGS).detect(walk()[number]).labels, number)
+    for thing in home.objects:
+        ((frame, one),) = logged[f"home/objects/{'confirmed' if thing.confirmed else 'tentative'}/{thing.id}"]
+        assert frame == first[thing.label] and np.abs(arrays(one.centers)[0] - thing.position).max() < 1e-3
+    ((_, plan),) = logged["home/floor_plan"]
+    assert home.grid is not None and home.rooms
+    picture = arrays(plan.albedo_texture_buffer)[0].reshape(*home.grid.cells.shape, 3)
+    colourful = np.ptp(picture.astype(int), axis=2) > 20
+    inside = np.zeros(home.grid.cells.shape, bool)
+    for room in home.rooms:
+        inside[tuple(room.cells.T)] = True
+    assert (colourful == inside).all()
 
 
 def test_with_its_recording_every_frame_is_there(home: Home, tmp_path: Path, logged: dict[str, Any]) -> None:
@@ -75,9 +138,17 @@ def test_with_its_recording_every_frame_is_there(home: Home, tmp_path: Path, log
     for entity, kind in (("camera", "Transform3D"), ("camera/image", "EncodedImage"), ("camera/depth", "DepthImage")):
         assert [frame for frame, _ in of(kind, logged[entity])] == list(range(FRAMES))
     assert seen[-1] == (FRAMES, FRAMES)
-    ((_, path),) = of("LineStrips3D", logged["home/path"])
-    strip = np.array(path.strips.as_arrow_array().to_pylist()[0])
-    assert np.abs(strip - np.array([pose[:3, 3] for pose in walk().poses])).max() < 1e-5
+    places = np.array([pose[:3, 3] for pose in walk().poses])
+    for frame, path in of("LineStrips3D", logged["home/path"]):
+        assert np.abs(np.array(arrays(path.strips)[0]) - places[: frame + 1]).max() < 1e-5
+    plans = of("Mesh3D", logged["home/floor_plan"])
+    known = [(arrays(one.albedo_texture_buffer)[0].reshape(-1, 3) != UNSEEN).any(axis=1).sum() for _, one in plans]
+    assert [frame for frame, _ in plans] == list(range(FRAMES)) and known[0] < 0.8 * known[-1]
+    at_once = defaultdict(list, logged)
+    logged.clear()
+    write_rrd(home, tmp_path / "a.rrd")
+    alone, last = (of("Mesh3D", calls["home/floor_plan"])[-1][1] for calls in (logged, at_once))
+    assert (arrays(alone.albedo_texture_buffer) == arrays(last.albedo_texture_buffer)).all()
 
 
 def test_another_recording_and_a_folder_that_is_not_there_are_one_line(home: Home, tmp_path: Path) -> None:
@@ -86,8 +157,11 @@ def test_another_recording_and_a_folder_that_is_not_there_are_one_line(home: Hom
     save(walk(with_depth=False), tmp_path / "other")
     from cartier.recordings import folder
 
-    with pytest.raises(InputError, match="was not mapped from synthetic room as it is read now, but from"):
+    with pytest.raises(InputError, match="was mapped from synthetic room, but its files are others now"):
         write_rrd(home, tmp_path / "a.rrd", folder.open(tmp_path / "other"))
+    elsewhere = replace(walk(with_depth=False), name="elsewhere")
+    with pytest.raises(InputError, match="was not mapped from elsewhere, but from synthetic room: give that"):
+        write_rrd(home, tmp_path / "a.rrd", elsewhere)
     with pytest.raises(InputError, match=r"a\.rrd cannot be written \(No such file or directory\)"):
         write_rrd(home, tmp_path / "nowhere" / "a.rrd")
     assert [path.name for path in tmp_path.iterdir()] == ["other"]

@@ -24,7 +24,8 @@ from cartier.types import (
 class Recording(Protocol):
     """Frames of one home, read lazily: nothing but the frame asked for is held in memory.
 
-    It may have ``readers``, how many threads may ask for frames at once; without, only the one that opened it.
+    It may have ``readers``, how many threads may ask for frames at once; without, only the one that opened it. Who opens it by
+    ``open_recording`` finds the options given in ``read_with``.
     """
 
     name: str
@@ -47,7 +48,7 @@ class Detector(Protocol):
 
     Who derives from this class may leave out what has a default: what its reports are worth, lines about what it assumed, and
     the sha256 of the files that it was made from; all names that it can give, where they are known; the simulator whose
-    pictures it was made for, empty for photographs; and how many frames it likes best at once.
+    pictures it was made for, empty for photographs, None if it works on any; and how many frames it likes best at once.
     """
 
     name: str
@@ -55,7 +56,7 @@ class Detector(Protocol):
     notes: Sequence[str] = ()
     sha256: str = ""
     knows: Sequence[str] = ()
-    world: str = ""
+    world: str | None = ""
     batch: int = 1
 
     def detect(self, frame: Frame) -> Detections:

@@ -18,6 +18,7 @@ from cartier.corrections import Corrected
 from cartier.errors import InputError
 from cartier.files import json_bytes, npz_bytes, parse_json, read_npz, typed
 from cartier.mapping.cloud import PointCloud, read_cloud
+from cartier.mapping.detection_log import DetectionLog
 from cartier.mapping.map_server import grid_from, pgm, yaml
 from cartier.mapping.relations import supports
 from cartier.store import Store, blob_file, digest_of
@@ -27,8 +28,8 @@ Key = TypeVar("Key", int, str)
 SCHEMA = 2
 ANSWERS = "answers.jsonl"
 TRIES = 5  # to read a home that others replace meanwhile
-GROWTH, CLOUD = "growth", "cloud.npz"
-"""The folder of what growing needs and asking does not; the point cloud lies there, too."""
+GROWTH, CLOUD, DETECTIONS = "growth", "cloud.npz", "detections.npz"
+"""The folder of what growing needs and asking does not; the point cloud and what the detector reported lie there, too."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,6 +121,14 @@ class Home:
         """The points that depth showed, as frames saw them; None without depth, or from an older cartier. Raises InputError if damaged."""
         data = self.growth.get(CLOUD)
         return None if data is None else read_cloud(data)
+
+    def detections(self) -> DetectionLog | None:
+        """What the detector reported in each frame that it looked at; None from an older cartier. Raises InputError if damaged."""
+        if (data := self.growth.get(DETECTIONS)) is None:
+            return None
+        log = DetectionLog()
+        log.restore(data)
+        return log
 
     def index(self, name: str | None = None) -> tuple[str, SpatialIndex]:
         """An index by name, or the home's first one."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import io
+import json
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from dataclasses import replace
@@ -16,16 +17,18 @@ from cartier import plugins
 from cartier.contracts import Detector, Encoder, Recording, SpatialIndex
 from cartier.errors import InputError
 from cartier.files import npz_bytes, read_npz
-from cartier.home import CLOUD, Home
+from cartier.home import CLOUD, DETECTIONS, Home
 from cartier.mapping.bearings import BearingMap
 from cartier.mapping.cloud import CloudMapper
 from cartier.mapping.conditions import Conditions
+from cartier.mapping.detection_log import DetectionLog
 from cartier.mapping.object_map import ObjectMap
 from cartier.mapping.occupancy import OccupancyMapper
 from cartier.mapping.rooms import find_rooms, room_of
 from cartier.types import Camera, Detections, Frame, MapObject
 
 DEFAULT_INDEXES = ("object_depth", "object_viewpoint")
+DOLLHOUSE = "dollhouse"  # the simulator whose pictures a detector of ours was made for
 JPEG_QUALITY = 88
 COUNTS, FRAMES = "occupancy_counts.npz", "frames.npz"
 
@@ -50,7 +53,7 @@ class Mapper:
         self._calibration = getattr(detector, "calibration", Detector.calibration)
         self._objects: ObjectMap | None = None  # with or without depth: the first frame tells
         self._floor, self._cloud, self._conditions = OccupancyMapper(), CloudMapper(), Conditions()
-        self._seen, self._photos = set[int](), dict[int, bytes]()
+        self._seen, self._photos, self._log = set[int](), dict[int, bytes](), DetectionLog()
         self._start_xy: tuple[float, float] | None = None
         self._camera: Camera | None = None
         self._next_frame = self._blind = 0
@@ -83,6 +86,7 @@ class Mapper:
             self._next_frame = sum(frames for _, _, frames in rows)
             self._objects.restore(home.growth)
             self._seen = set(read_npz(home.growth[FRAMES], where=FRAMES)["keys"].tolist())
+            self._log.restore(home.growth[DETECTIONS])
             if COUNTS in home.growth:
                 self._floor.restore(read_npz(home.growth[COUNTS], where=COUNTS))
             if CLOUD in home.growth:
@@ -130,6 +134,7 @@ class Mapper:
             frame = replace(frame, index=frame.index + self._next_frame)
             detections = replace(detections, frame=frame.index)
         ids = self._objects.add(frame, detections)
+        self._log.add(detections, ids)
         counting = detections.keep(detections.scores >= self._calibration.threshold)
         for index in self._indexes.values():
             index.add(frame, counting)
@@ -138,8 +143,15 @@ class Mapper:
 
     def close(self, recording: Recording, looked: int | None = None) -> None:
         """All frames of a recording are in: the next ones are of another. ``looked`` is at how many the detector looked, if not at all."""
-        made_of = {"recording": recording.name, "sha256": recording.fingerprint(), "frames": len(recording)}
+        made_of: dict[str, Any] = {
+            "recording": recording.name,
+            "sha256": recording.fingerprint(),
+            "frames": len(recording),
+        }
         made_of["looked"] = len(recording) if looked is None else looked
+        if read_with := getattr(recording, "read_with", None):  # so that it can be read again as it was
+            plain = {name: np.asarray(value).tolist() for name, value in read_with.items()}
+            made_of["read_with"] = json.loads(json.dumps(plain, default=str))
         self._settings["recordings"].append(made_of)
         doubts = self._settings.setdefault("doubts", [])
         doubts += [line for line in (doubt(self.detector, recording),) if line and line not in doubts]
@@ -224,6 +236,7 @@ class Mapper:
         return {
             **objects.state(),
             FRAMES: npz_bytes(keys=np.array(sorted(self._seen), np.int64)),
+            DETECTIONS: self._log.state(),
             **({} if counts is None else {COUNTS: npz_bytes(**counts)}),
             **({} if cloud is None else {CLOUD: cloud}),
         }
@@ -238,8 +251,13 @@ def is_of(recording: Recording, world: str) -> bool:
 
 
 def doubt(detector: Detector, recording: Recording) -> str | None:
-    """The line that says that a detector was not made for such a recording, None if it was."""
+    """The line that says that a detector was not made for such a recording, None if it was, or if nobody knows."""
     world = getattr(detector, "world", Detector.world)
+    if world == "" and is_of(recording, DOLLHOUSE):
+        return (
+            f"WRONG DETECTOR: {detector.name} knows photographs, and {recording.name} is rendered: the {DOLLHOUSE} has a "
+            "detector of its own, which fits; map again without --detector"
+        )
     if not world or is_of(recording, world):
         return None
     return (

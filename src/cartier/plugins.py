@@ -14,6 +14,7 @@ import inspect
 import json
 import urllib.parse
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from difflib import get_close_matches
 from functools import cache
@@ -33,6 +34,11 @@ VIDEOS, PICTURES = (".mp4", ".mov", ".avi", ".mkv", ".m4v", ".webm"), (".jpg", "
 NO_POSES = (
     "no camera poses and no intrinsics: COLMAP or nerfstudio's ns-process-data work them out from pictures (without depth "
     "and scale), and Record3D, Stray Scanner, Polycam and RTAB-Map record them with depth (docs/phone.md)"
+)
+POSES = ("*pose*.json", "*pose*.txt", "*pose*.csv", "*traj*.json", "*traj*.txt", "*traj*.csv")
+OWN_LAYOUT = (
+    "in a layout of their own: write them as transforms.json (nerfstudio) or as the four plain files of the README, or name "
+    "a reader of your own, --format ./mine.py (CONTRIBUTING.md)"
 )
 MOST_LOOKED_AT = 100
 
@@ -101,8 +107,9 @@ def takes(kind: str, name: str, option: str) -> bool:
 
 
 def open_recording(path: str | Path, format: str | None = None, **options: Any) -> Recording:
-    """Open a recording in the format that recognises the path, or in the one named."""
+    """Open a recording in the format that recognises the path, or in the one named; its ``read_with`` are all options given."""
     path = Path(path)
+    options = {n: tuple(v) if isinstance(v, list) else v for n, v in options.items()}  # as fingerprints have them
     if not path.exists():
         raise InputError(f"{path} does not exist")
     names = [format] if format else _formats_of(path)
@@ -111,6 +118,9 @@ def open_recording(path: str | Path, format: str | None = None, **options: Any) 
     if len(names) > 1:
         raise InputError(f"{path} may be one of {', '.join(names)}: say which with --format (in Python, format=…)")
     recording: Recording = _call("recordings", names[0], "open", (path,), options)
+    given = {"format": format, **options}
+    with suppress(AttributeError):  # of somebody else's reader, which has slots
+        recording.read_with = {n: v for n, v in given.items() if v is not None}  # type: ignore[attr-defined]
     return recording
 
 
@@ -135,7 +145,9 @@ def _what_else(path: Path) -> str:
         )
     pictures = [file for file in inside if file.suffix.lower() in (*PICTURES, *VIDEOS)]
     if pictures:
-        return f"it holds pictures such as {pictures[0].name}, but {NO_POSES}"
+        poses = next((file.name for name in POSES for file in sorted(path.glob(name))), None)
+        but = f"but {NO_POSES}" if poses is None else f"and {poses}, {OWN_LAYOUT}"
+        return f"it holds pictures such as {pictures[0].name}, {but}"
     known = ", ".join(b.name for b in backends("recordings"))
     return f"the formats are {known}, and 'cartier list' says what each one looks like"
 

@@ -10,7 +10,7 @@ from cartier import plugins
 from cartier.contracts import Detector, Reasoner, Recording, Robot
 from cartier.errors import InputError, brief
 from cartier.home import Home
-from cartier.mapper import is_of
+from cartier.mapper import DOLLHOUSE, is_of
 from cartier.reasoners._asking import server_asked, without_credentials
 from cartier.reasoners.auto import configured
 from cartier.types import RobotModel
@@ -24,7 +24,7 @@ PHOTOS = "photos"
 
 def detector_for(recording: Recording) -> tuple[str, str]:
     """The detector for a recording whose owner names none, and why that one. It is never ground truth."""
-    if is_of(recording, "dollhouse"):
+    if is_of(recording, DOLLHOUSE):
         return DETECTOR, "since this is a recording of the dollhouse, whose things it knows"
     return PHOTOS, "which knows household things in photographs"
 

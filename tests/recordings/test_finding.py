@@ -45,3 +45,10 @@ def test_a_folder_of_two_formats_asks_which(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="may be one of arcore, tum: say which with --format"):
         plugins.open_recording(tmp_path / "a")
     assert len(plugins.open_recording(tmp_path / "a", format="tum")) == 4
+
+
+def test_poses_in_a_layout_of_ones_own_are_seen_and_the_ways_are_said(tmp_path: Path) -> None:
+    for name in ("0014_rgb.png", "0014_depth.png", "poses.json"):
+        (tmp_path / name).write_bytes(b"{}")
+    with pytest.raises(InputError, match=r"such as 0014_depth\.png, and poses\.json, in a layout of .*--format"):
+        plugins.open_recording(tmp_path)

@@ -9,10 +9,14 @@ import pytest
 from layouts import room, write_sevenscenes
 from typer.testing import CliRunner
 
-from cartier import plugins
+from cartier import pipeline, plugins
 from cartier.cli import app
-from cartier.cli._reader import OPTIONS
+from cartier.cli._reader import OPTIONS, remembered
+from cartier.cli._show import _as_mapped
 from cartier.errors import InputError
+from cartier.home import Home
+from cartier.types import Detections, Frame
+from synthetic import THINGS, TrueBoxes
 
 COMMANDS = ("map", "doctor", "convert")
 
@@ -44,3 +48,42 @@ def test_an_option_of_another_format_is_one_line(tmp_path: Path, command: str) -
     assert "'sevenscenes' has no option 'odometry'; it has up, floor_m" in str(done.exception)
     done = CliRunner().invoke(app, [command, str(tmp_path / "a"), "--up", "0,0", *args])
     assert isinstance(done.exception, InputError) and "--up needs 3 finite numbers" in str(done.exception)
+
+
+class Told(TrueBoxes):
+    """The true boxes of what a format without instances kept of the room."""
+
+    def detect(self, frame: Frame) -> Detections:
+        return super().detect(room()[frame.index])
+
+
+def test_a_home_remembers_what_its_recording_was_read_with(tmp_path: Path) -> None:
+    write_sevenscenes(room(), tmp_path / "a")
+    home = tmp_path / "home"
+    source = plugins.open_recording(tmp_path / "a", format="sevenscenes", up=[0, 0, 1], floor_m=-0.5)
+    pipeline.map_home(source, Told(THINGS)).save(home)
+    mapped = Home.load(home)
+    assert mapped.settings["recordings"][0]["read_with"] == {"format": "sevenscenes", "up": [0, 0, 1], "floor_m": -0.5}
+    again = _as_mapped(mapped, tmp_path / "a")
+    assert again.fingerprint() == source.fingerprint() != plugins.open_recording(tmp_path / "a").fingerprint()
+
+
+def test_what_a_reader_of_ones_own_read_needs_its_format_again(tmp_path: Path) -> None:
+    mine = tmp_path / "mine.py"
+    mine.write_text("from cartier.recordings.sevenscenes import open\n")
+    write_sevenscenes(room(), tmp_path / "a")
+    pipeline.map_home(plugins.open_recording(tmp_path / "a", format=str(mine)), Told(THINGS)).save(tmp_path / "home")
+    mapped = Home.load(tmp_path / "home")
+    assert mapped.settings["recordings"][0]["read_with"] == {"format": str(mine)}
+    assert _as_mapped(mapped, tmp_path / "a", str(mine)).read_with == {"format": str(mine)}
+    assert _as_mapped(mapped, tmp_path / "a").read_with == {}, "the home's word for a file of code is not enough"
+
+
+def test_a_strangers_home_gives_a_reader_nothing_but_plain_options(tmp_path: Path) -> None:
+    evil = tmp_path / "evil.py"
+    evil.write_text("raise SystemExit('it ran')")
+    assert remembered({"format": str(evil), "root": "/", "confidence": "x", "up": "abc", "camera": [[1]]}) == {}
+    assert remembered({"floor_m": 1, "camera": [1.5, 2], "up": [0, 0, 1], "confidence": 0, "format": "tum"}) == {
+        "floor_m": 1, "camera": [1.5, 2], "up": [0, 0, 1], "confidence": 0, "format": "tum",
+    }  # fmt: skip
+    assert remembered(None) == remembered([1]) == {}

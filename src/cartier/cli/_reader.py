@@ -27,6 +27,22 @@ OPTIONS: dict[str, tuple[str, type, str]] = {
 """By the name of the parameter of the readers' ``open``: the option, its type, its help."""
 
 NOTHING: dict[str, Any] = {}
+MOST_NUMBERS = 9  # of one option
+
+
+def remembered(told: Any) -> dict[str, Any]:
+    """Of the options that a saved home says its recording was read with, those that are safe to use: no path to code, no odd value."""
+    from cartier import plugins
+
+    formats = [backend.name for backend in plugins.backends("recordings")]
+    kept = {}
+    for name, (_, kind, _) in OPTIONS.items():
+        value = told.get(name) if isinstance(told, dict) else None
+        listed = isinstance(value, list) and len(value) <= MOST_NUMBERS and all(type(v) in (int, float) for v in value)
+        plain = type(value) is kind or (kind is float and type(value) is int)
+        if value in formats if name == "format" else listed if name == "up" else plain or (kind is str and listed):
+            kept[name] = value
+    return kept
 
 
 def reads_recordings(command: Callable[..., None]) -> Callable[..., None]:

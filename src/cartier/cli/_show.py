@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -11,10 +12,12 @@ import typer
 
 from cartier import plugins
 from cartier.cli._common import AsJson, HomeFolder, IndexName, progress, say
-from cartier.errors import InputError, MissingExtra
+from cartier.cli._reader import remembered
+from cartier.errors import CartierError, InputError, MissingExtra
 from cartier.language.prompts import check_query
 
 if TYPE_CHECKING:
+    from cartier.contracts import Recording
     from cartier.home import Home
 
 app = typer.Typer()
@@ -39,6 +42,9 @@ def show(
     recording: Annotated[
         Path | None, typer.Option(help="With --rrd: the recording that was mapped; adds its frames, depth and path.")
     ] = None,
+    format: Annotated[
+        str | None, typer.Option(help="With --recording: its format, if a reader of your own read it, as for map.")
+    ] = None,
     html: Annotated[
         Path | None,
         typer.Option(help="Write the home as one page that opens from disk: plan, 3-D, objects, photos, a search."),
@@ -57,6 +63,8 @@ def show(
     from cartier.home import Home
 
     mapped = Home.load(home)
+    if recording is not None and rrd is None:
+        raise InputError("--recording is for --rrd FILE, which it adds frames, depth and path to: give both")
     if find is not None:
         _find(mapped, check_query(find), index, plot, as_json)
         return
@@ -76,7 +84,7 @@ def show(
         draw_sheet(mapped, sheet)
         say(f"picture: {sheet}")
     if rrd:
-        _write_rrd(mapped, rrd, recording)
+        _write_rrd(mapped, rrd, recording, format)
     if html:
         from cartier.atomic import write_file
         from cartier.serving.page import one_file
@@ -91,15 +99,30 @@ def show(
         _print_rooms(told, everything)
 
 
-def _write_rrd(home: Home, file: Path, recording: Path | None) -> None:
+def _write_rrd(home: Home, file: Path, recording: Path | None, format: str | None) -> None:
     try:
         from cartier.rerun_file import write_rrd
     except ModuleNotFoundError as error:
         raise MissingExtra(f"--rrd needs the package 'rerun-sdk': {plugins.install('viz', 'rerun-sdk')}") from error
-    source = None if recording is None else plugins.open_recording(recording)
+    source = None if recording is None else _as_mapped(home, recording, format)
     with progress("writing") as step:
         write_rrd(home, file, source, step)
     say(f"look at it: rerun {file}")
+
+
+def _as_mapped(home: Home, path: Path, format: str | None = None) -> Recording:
+    """A recording, read with the options that the home was mapped with; without any where none gives what was mapped."""
+    tried: list[dict[str, Any]] = []
+    own = {"format": format} if format else {}
+    for row in home.settings["recordings"]:
+        reader = remembered(row.get("read_with")) | own
+        if reader not in tried:
+            tried.append(reader)
+            with suppress(CartierError):  # the options of another recording of this home
+                source = plugins.open_recording(path, **reader)
+                if source.fingerprint() in (row["sha256"] for row in home.settings["recordings"]):
+                    return source
+    return plugins.open_recording(path, **own)
 
 
 def _find(home: Home, words: str, index: str | None, plot: Path | None, as_json: bool) -> None:

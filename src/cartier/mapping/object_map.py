@@ -74,7 +74,9 @@ class ObjectMap:
 
     def add(self, frame: Frame, detections: Detections) -> npt.NDArray[np.int64]:
         """Take in one frame and everything detected in it; returns each detection's object id (N,), -1 for none."""
-        detections = detections.keep(np.argsort(-detections.scores, kind="stable")[:MOST_DETECTIONS])
+        given = np.full(len(detections), -1)
+        order = np.argsort(-detections.scores, kind="stable")[:MOST_DETECTIONS]
+        detections = detections.keep(order)
         boxes, scores = detections.boxes_xyxy.astype(np.float64), detections.scores
         labels = np.array([self._labels.setdefault(name, len(self._labels)) for name in detections.labels], np.intp)
         lifted = self._lift(frame, boxes, detections.masks)
@@ -103,7 +105,8 @@ class ObjectMap:
         if self._frames % TIDY_EVERY == 0:
             self.tidy()
         ids = np.where(row >= 0, self._rows["id"][row], -1)
-        return np.where(leader >= 0, ids[leader], -1)
+        given[order] = np.where(leader >= 0, ids[leader], -1)
+        return given
 
     def _lift(self, frame: Frame, boxes_xyxy: Array, masks: npt.NDArray[np.bool_] | None) -> Lifted:
         return lift(frame, boxes_xyxy, masks)

@@ -17,7 +17,7 @@ SUBJECTS = frozenset(words("can could he i let lets might must please she should
 PLACING = frozenset(words("can could do does should to"))  # "where do my shirts go", "where should I put this book"
 STORING = frozenset(words("belong drop go hang keep leave put store throw"))
 VERBS = frozenset(
-    words("book brush check clock comb fan hammer hang iron light mop plant ring screen tape vacuum watch water")
+    words("book brush check clock comb fan hammer hang iron light mop plant ring screen switch tape vacuum watch water")
 )
 OBJECTS = frozenset(words("a an her his how if it me my on our that the their them this what whether your"))
 LEADING = frozenset(words("and go just now please then"))
@@ -155,7 +155,9 @@ def _is_verb(before: list[str], word: str, after: list[str]) -> bool:
         return True
     if word in MOTION and after[:1] and after[0] in MOTION | {"to"}:  # "roll over to the sofa"
         return True
-    return word in VERBS and OBJECTS.issuperset(after[:1] or ["?"]) and LEADING.issuperset(before[-1:])
+    if not LEADING.issuperset(before[-1:]):
+        return False
+    return [word, *after[:1]] == ["switch", "off"] or (word in VERBS and OBJECTS.issuperset(after[:1] or ["?"]))
 
 
 def _useless(said: list[str], start: int, end: int) -> bool:

@@ -10,8 +10,13 @@ from cartier.reasoners._listening import listen, mentions
 
 
 def nameless(query: str, names: Sequence[str]) -> str | None:
-    """The household thing named first in the last sentence with one, as it was said, of which none of a detector's ``names`` is a name; None if all are known."""
+    """The household thing named first in the last sentence with one, as it was said, of which none of a detector's ``names`` is a name; None if all are known.
+
+    What another thing is named after is not what is asked for: the coffee, where a coffee machine is named.
+    """
     deck = read_deck(SHIPPED)
     known = {deck.card_of(display_name(name)) for name in names}
-    said = [m for m in mentions(listen(query), deck.by_key) if not m.unwanted and deck.by_key[m.key] not in known]
+    wanted = [m for m in mentions(listen(query), deck.by_key) if not m.unwanted]
+    own = [m for m in wanted if not any(set(m.said.split()) < set(other.said.split()) for other in wanted)]
+    said = [m for m in own if deck.by_key[m.key] not in known]
     return max(said, key=lambda mention: mention.last).said if said else None
