@@ -48,7 +48,7 @@ class Detector(Protocol):
 
     Who derives from this class may leave out what has a default: what its reports are worth, lines about what it assumed, and
     the sha256 of the files that it was made from; all names that it can give, where they are known; the simulator whose
-    pictures it was made for, empty for photographs, None if it works on any; and how many frames it likes best at once.
+    pictures it was made for, empty for photographs, None where nobody knows; and how many frames it likes best at once.
     """
 
     name: str
@@ -56,7 +56,7 @@ class Detector(Protocol):
     notes: Sequence[str] = ()
     sha256: str = ""
     knows: Sequence[str] = ()
-    world: str | None = ""
+    world: str | None = None
     batch: int = 1
 
     def detect(self, frame: Frame) -> Detections:

@@ -39,8 +39,6 @@ def make(path: str | Path, threshold: float = EVA_THRESHOLD, categories: str | P
 class DetectionsFile:
     """Obeys the Detector contract. Holds the detections that may mean something, 64 bytes each."""
 
-    world = None  # what made them is not known
-
     def __init__(self, path: Path, threshold: float, annotations: Annotations | None) -> None:
         self.calibration = at_threshold(Calibration(), threshold)
         self.name = f"file {path.name} (counts from {threshold:g})"

@@ -42,7 +42,6 @@ class GroundTruth:
     calibration = Calibration(0.5, birth=0.0, low=0.0, high=0.01, prior=6.0, measured="it is the truth")
     notes: Sequence[str] = ()
     sha256 = ""
-    world = None
 
     def __init__(
         self,

@@ -49,6 +49,8 @@ def make(
 class OnnxDetector:
     """Obeys the Detector contract. ``notes`` says what was assumed because no sidecar says it."""
 
+    world = ""
+
     def __init__(self, session: Session, described: Path | None, threshold: float | None, iou: float) -> None:
         given = read_sidecar(described) if described else None
         self.sha256 = sha256_of(session.path, *([described] if described else []))

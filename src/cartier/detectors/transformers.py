@@ -84,6 +84,8 @@ def make(
 class TransformersDetector:
     """Obeys the Detector contract. ``notes`` say what was cut, merged or assumed."""
 
+    world = ""
+
     def __init__(
         self, loaded: _hub.Loaded, family: Family, head: Any, calibration: Calibration, notes: Sequence[str]
     ) -> None:
