@@ -86,8 +86,7 @@ class Mapper:
             self._next_frame = sum(frames for _, _, frames in rows)
             self._objects.restore(home.growth)
             self._seen = set(read_npz(home.growth[FRAMES], where=FRAMES)["keys"].tolist())
-            if DETECTIONS in home.growth:  # not of an older cartier
-                self._log.restore(home.growth[DETECTIONS])
+            self._log.restore(home.growth[DETECTIONS])
             if COUNTS in home.growth:
                 self._floor.restore(read_npz(home.growth[COUNTS], where=COUNTS))
             if CLOUD in home.growth:
