@@ -20,6 +20,7 @@ from cartier.mapping import gravity
 from cartier.recordings._content import READERS, check_inside, content_hash
 from cartier.recordings._images import check_depth, read_depth, read_grey8, read_rgb
 from cartier.recordings._lens import Lens, resampled
+from cartier.recordings._tables import off_centre_notes
 from cartier.types import Array, Camera, Frame, TrueObject
 
 MAX_SIDE = 1300  # px; larger images are reduced by a whole factor: no map needs a phone's 12 megapixels
@@ -80,7 +81,7 @@ class PosedImages:
         self._factor = -(-max(first.width, first.height) // MAX_SIDE)
         self._upright_camera = _reduced(first, self._factor)
         self._turns = 0
-        notes = list(source.notes)
+        notes = [*source.notes, *off_centre_notes(first)]
         poses = np.asarray(source.world_from_camera, dtype=np.float64)
         far = np.abs(poses[:, :3, 3]).max(axis=1)
         if far.max() > MAX_FAR_M:

@@ -17,7 +17,11 @@ GL_FROM_OPTICAL = np.diag([1.0, -1.0, -1.0, 1.0])
 """OpenGL's camera axes (x right, y up, z backwards) from ours; a matrix of ARKit, ARCore, Blender or nerfstudio times
 this is ours. Its own inverse."""
 Y_UP = (0.0, 1.0, 0.0)
-MAX_OFF_CENTRE = 0.2  # of the side; lenses are off by a few hundredths, intrinsics of images twice as large by a half
+USUAL_OFF_CENTRE, MAX_OFF_CENTRE = 0.05, 0.2
+"""How far from the middle of an image, in shares of its side, a principal point lies: a real camera's by a few hundredths, that
+of an image with a strip cut off by half the strip's share (which is noted), one beyond the second is that of other images."""
+RESIZED, SAME_RATIO = 0.1, 0.08
+"""A principal point that is off by one factor (to 8 %) of 10 % or more in both directions is that of images of another size."""
 
 
 def numbers(words: Sequence[object], where: str) -> list[float]:
@@ -64,7 +68,9 @@ def camera_of(width: int, height: int, values: Sequence[float], where: str) -> C
         camera = Camera(width, height, *values)
     except InputError as error:
         raise InputError(f"{where}: {error}") from error
-    if not centred(camera):
+    ratios = (2 * (camera.cx + 0.5) / width, 2 * (camera.cy + 0.5) / height)
+    resized = min(abs(ratio - 1) for ratio in ratios) >= RESIZED and abs(ratios[0] / ratios[1] - 1) <= SAME_RATIO
+    if resized or off_centre((width, height), (camera.cx, camera.cy)) > MAX_OFF_CENTRE:
         raise InputError(
             f"{where}: the principal point {camera.cx:g}, {camera.cy:g} is that of images of some {2 * camera.cx:.0f}x"
             f"{2 * camera.cy:.0f} px, but these have {width}x{height}: scale fx, fy, cx, cy as the images were resized"
@@ -72,13 +78,20 @@ def camera_of(width: int, height: int, values: Sequence[float], where: str) -> C
     return camera
 
 
-def centred(camera: Camera) -> bool:
-    """Whether the principal point is as near to the middle as in a whole image, of which nothing was cut off."""
-    off = (
-        abs(camera.cx + 0.5 - camera.width / 2) / camera.width,
-        abs(camera.cy + 0.5 - camera.height / 2) / camera.height,
-    )
-    return max(off) <= MAX_OFF_CENTRE
+def off_centre(size: tuple[int, int], centre: tuple[float, float]) -> float:
+    """How far a principal point is from the middle of images (width, height), in shares of the side that it is further off on."""
+    return max(abs(c + 0.5 - side / 2) / side for c, side in zip(centre, size, strict=True))
+
+
+def off_centre_notes(camera: Camera) -> list[str]:
+    """The line to say where the principal point is further from the middle than a whole image's ever is."""
+    off = off_centre((camera.width, camera.height), (camera.cx, camera.cy))
+    if off <= USUAL_OFF_CENTRE:
+        return []
+    return [
+        f"the principal point {camera.cx:g}, {camera.cy:g} lies {off:.0%} of the side off the middle of the images "
+        f"({camera.width}x{camera.height} px): right if they were cropped, wrong if they were resized"
+    ]
 
 
 def read_table(path: Path, wanted: Sequence[str], optional: Sequence[str] = ()) -> dict[str, npt.NDArray[np.float64]]:
