@@ -6,7 +6,7 @@ import inspect
 from pathlib import Path
 
 import pytest
-from layouts import room, write_sevenscenes
+from layouts import LAYOUTS, room, write_sevenscenes
 from typer.testing import CliRunner
 
 from cartier import plugins
@@ -44,3 +44,24 @@ def test_an_option_of_another_format_is_one_line(tmp_path: Path, command: str) -
     assert "'sevenscenes' has no option 'odometry'; it has up, floor_m" in str(done.exception)
     done = CliRunner().invoke(app, [command, str(tmp_path / "a"), "--up", "0,0", *args])
     assert isinstance(done.exception, InputError) and "--up needs 3 finite numbers" in str(done.exception)
+
+
+@pytest.mark.parametrize(("name", "highest"), [("stray", 2), ("scannerapp", 2), ("polycam", 255), ("arcore", 255)])
+def test_a_confidence_that_the_format_does_not_have_is_refused(tmp_path: Path, name: str, highest: int) -> None:
+    LAYOUTS[name](tmp_path / "a")
+    for wrong in (-1, highest + 1):
+        with pytest.raises(InputError, match=f"--confidence {wrong}: .* has confidences of 0 to {highest}$"):
+            plugins.open_recording(tmp_path / "a", confidence=wrong)
+    assert len(plugins.open_recording(tmp_path / "a", confidence=highest)) == 4
+
+
+@pytest.mark.parametrize("name", ["stray", "sevenscenes", "rosbag-mcap"])
+def test_a_floor_above_every_camera_is_refused(tmp_path: Path, name: str) -> None:
+    if name == "rosbag-mcap":
+        pytest.importorskip("rosbags")
+    LAYOUTS[name](tmp_path / "a")
+    highest_m = max(pose[2, 3] for pose in room().poses)
+    up = {} if name == "stray" else {"up": (0, 0, 1)}
+    with pytest.raises(InputError, match=f"--floor 99 lies above every camera: the highest is at {highest_m:.2f} m"):
+        plugins.open_recording(tmp_path / "a", floor_m=99, **up)
+    assert len(plugins.open_recording(tmp_path / "a", floor_m=highest_m - 0.01, **up)) == 4

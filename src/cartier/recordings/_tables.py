@@ -94,6 +94,22 @@ def off_centre_notes(camera: Camera) -> list[str]:
     ]
 
 
+def check_confidence(confidence: int, highest: int) -> None:
+    """Raises InputError for a least confidence of depth that the format does not have."""
+    if not 0 <= confidence <= highest:
+        raise InputError(f"--confidence {confidence}: this format's depth has confidences of 0 to {highest}")
+
+
+def check_floor(level_from_camera: npt.NDArray[np.float64], floor_m: float | None) -> None:
+    """Raises InputError where a floor that the user gave, z = 0 of levelled poses (N, 4, 4), lies above every camera."""
+    highest_m = float(level_from_camera[:, 2, 3].max())
+    if floor_m is not None and highest_m <= 0:
+        raise InputError(
+            f"--floor {floor_m:g} lies above every camera: the highest is at {floor_m + highest_m:.2f} m along up in the "
+            "recording's own world"
+        )
+
+
 def read_table(path: Path, wanted: Sequence[str], optional: Sequence[str] = ()) -> dict[str, npt.NDArray[np.float64]]:
     """The wanted columns of a CSV file by the names in its first line; an InputError if one is missing.
 

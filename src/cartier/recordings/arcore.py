@@ -26,7 +26,15 @@ from cartier.recordings._content import names_in
 from cartier.recordings._lens import Lens
 from cartier.recordings._posed import PosedImages, Source, View, png_depth
 from cartier.recordings._poses import MAX_TABLE_BYTES, matrices
-from cartier.recordings._tables import GL_FROM_OPTICAL, Y_UP, camera_of, numbers, read_table, unit_quaternions
+from cartier.recordings._tables import (
+    GL_FROM_OPTICAL,
+    Y_UP,
+    camera_of,
+    check_confidence,
+    numbers,
+    read_table,
+    unit_quaternions,
+)
 from cartier.types import Camera
 
 POSES, CAMERA = "poses.csv", "intrinsics.json"
@@ -44,6 +52,7 @@ def open(
     path: str | Path, confidence: int = 77, up: Sequence[float] | None = None, floor_m: float | None = None
 ) -> Recording:
     """Read such a folder; ``confidence``, 0 to 255, is the least that depth must have (77 is 0.3, as in Google's samples)."""
+    check_confidence(confidence, 255)
     root = Path(path)
     rows = read_table(root / POSES, ("timestamp_ns", *COLUMNS))
     times = _times(root / POSES)

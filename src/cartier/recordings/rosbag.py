@@ -33,6 +33,7 @@ from cartier.recordings._rosimages import depth as depth_image
 from cartier.recordings._rosposes import camera_poses, transform_tree
 from cartier.recordings._rostf import Tree, extrinsic_matrix
 from cartier.recordings._rostopics import Choice, Stream, choose
+from cartier.recordings._tables import check_floor
 from cartier.types import Camera, Frame, TrueObject
 
 EXTRA = "ros"
@@ -111,6 +112,7 @@ class RosBag:
             levelling = gravity.level(poses, self.camera, None, up or (0, 0, 1), 0.0 if floor_m is None else floor_m)
             self.level_from_world = levelling.level_from_world  # so that the doctor sees the poses as they were given
             poses = levelling.level_from_world @ poses
+            check_floor(poses, floor_m)
             notes += levelling.notes
         else:
             notes.append(f"the floor is taken to be z = 0 of frame {found.world!r}; override with floor_m=…")

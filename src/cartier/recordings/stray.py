@@ -22,7 +22,7 @@ from cartier.recordings._images import image_size
 from cartier.recordings._lens import Lens
 from cartier.recordings._posed import Colours, PosedImages, Source, View, png_depth
 from cartier.recordings._poses import matrices
-from cartier.recordings._tables import Y_UP, camera_of, numbers, read_table, unit_quaternions
+from cartier.recordings._tables import Y_UP, camera_of, check_confidence, numbers, read_table, unit_quaternions
 from cartier.recordings._video import Video
 
 EXTRA = "phone"
@@ -41,6 +41,7 @@ def open(
     path: str | Path, confidence: int = 1, up: Sequence[float] | None = None, floor_m: float | None = None
 ) -> Recording:
     """Read a scan; ``confidence`` is the least that depth must have, 0 for all of it."""
+    check_confidence(confidence, 2)
     root = Path(path)
     pictures = _pictures(root)
     rows = read_table(root / ODOMETRY, ("timestamp", "frame", *POSE), INTRINSICS)
