@@ -51,7 +51,7 @@ def test_poses_and_small_depth_come_back(tmp_path: Path, name: str) -> None:
     WRITERS[name](room(), tmp_path / "a")
     found = opened(tmp_path / "a", floor_m=0)
     assert found.camera == room().camera
-    assert "up is (0.0, 1.0, 0.0) in this format's world; override with up=x,y,z" in found.notes
+    assert "up is (0.0, 1.0, 0.0) in this format's world; override with --up X,Y,Z" in found.notes
     for i, frame in enumerate(found):
         assert np.abs(frame.world_from_camera - room()[i].world_from_camera).max() < 1e-9
         small = small_depth(room(), i)

@@ -103,7 +103,7 @@ class PosedImages:
         check_floor(poses, floor_m)
         up_note, floor_note = levelling.notes
         if up is None and source.known_up is not None:
-            up_note = f"up is {source.known_up} in this format's world; override with up=x,y,z"
+            up_note = f"up is {source.known_up} in this format's world; override with --up X,Y,Z"
         notes += [up_note, floor_note]
         if source.handheld:
             self._turns = _turns(poses)

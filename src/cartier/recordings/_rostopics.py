@@ -143,7 +143,9 @@ def _pick(
     best = min(fitting, key=rank)
     others = sorted({s.camera_name for s in fitting} - {best.camera_name})
     if others:
-        notes.append(f"{what} taken from {best.name}; there are also {', '.join(others[:6])}: choose with {what}=TOPIC")
+        notes.append(
+            f"{what} taken from {best.name}; there are also {', '.join(others[:6])}: choose with --{what} TOPIC"
+        )
     return best
 
 
@@ -174,11 +176,11 @@ def _lens(bag: Bag, stream: Stream, infos: dict[str, Any], wanted: str | None, n
     name = wanted or _named(stream, infos)
     if name is None and len(infos) == 1:
         name = next(iter(infos))
-        notes.append(f"intrinsics taken from {name}, the only CameraInfo there is; choose with info=TOPIC")
+        notes.append(f"intrinsics taken from {name}, the only CameraInfo there is; choose with --info TOPIC")
     if name is None or name not in infos:
         there = brief(", ".join(infos), 300) or "none"
         lack = f"topic {name!r} has no CameraInfo" if name else f"no CameraInfo belongs to {stream.name}"
-        raise InputError(f"{bag.path}: {lack}; there are {there}: choose with info=TOPIC")
+        raise InputError(f"{bag.path}: {lack}; there are {there}: choose with --info TOPIC")
     lens = _of_info(infos[name], stream, name, notes)
     notes += off_centre_notes(lens.camera)
     if lens.model != "pinhole":

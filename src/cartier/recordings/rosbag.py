@@ -115,7 +115,7 @@ class RosBag:
             check_floor(poses, floor_m)
             notes += levelling.notes
         else:
-            notes.append(f"the floor is taken to be z = 0 of frame {found.world!r}; override with floor_m=…")
+            notes.append(f"the floor is taken to be z = 0 of frame {found.world!r}; override with --floor M")
         self._poses = poses
         self._poses.setflags(write=False)
         self.notes: Sequence[str] = notes
