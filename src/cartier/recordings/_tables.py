@@ -110,31 +110,44 @@ def check_floor(level_from_camera: npt.NDArray[np.float64], floor_m: float | Non
         )
 
 
-def read_table(path: Path, wanted: Sequence[str], optional: Sequence[str] = ()) -> dict[str, npt.NDArray[np.float64]]:
+def read_cells(path: Path, notes: list[str]) -> tuple[list[str], list[tuple[int, list[str]]]]:
+    """The names in a CSV file's first line, and each row's line number and cells, as many as there are names.
+
+    A row of more or fewer cells, such as the last of an app that was stopped, is left out and counted in ``notes``.
+    """
+    every = enumerate(read_text(path, MAX_TABLE_BYTES).splitlines(), 1)
+    lines = [(number, line.split(",")) for number, line in every if line.strip()]
+    names = [name.strip() for name in lines[0][1]] if lines else []
+    rows = [(number, cells) for number, cells in lines[1:] if len(cells) == len(names)]
+    if len(lines) > 1 and len(rows) < len(lines) - 1:
+        number, cells = next((number, cells) for number, cells in lines[1:] if len(cells) != len(names))
+        says = f"line {number} has {len(cells)} values for {len(names)} columns"
+        if not rows:
+            raise InputError(f"{path}: none of its {len(lines) - 1} rows fits its first line: {says}")
+        notes.append(f"{len(lines) - 1 - len(rows)} rows of {path.name} left out: {says}")
+    return names, rows
+
+
+def read_table(
+    path: Path, wanted: Sequence[str], optional: Sequence[str], notes: list[str]
+) -> dict[str, npt.NDArray[np.float64]]:
     """The wanted columns of a CSV file by the names in its first line; an InputError if one is missing.
 
     An ``optional`` column is given where it is there and filled in every row. No other column is looked at: the apps add new
-    ones, and leave them empty.
+    ones, and leave them empty. ``notes`` gets what ``read_cells`` says.
     """
-    lines = [line for line in read_text(path, MAX_TABLE_BYTES).splitlines() if line.strip()]
-    names = [name.strip() for name in lines[0].split(",")] if lines else []
+    names, rows = read_cells(path, notes)
     lack = [name for name in wanted if name not in names]
     if lack:
         raise InputError(
             f"{path}: its first line must name the columns {', '.join(wanted)}; {', '.join(lack)} is missing"
         )
-    cells = []
-    for number, line in enumerate(lines[1:], 2):
-        values = line.split(",")
-        if len(values) != len(names):
-            raise InputError(f"{path} line {number}: {len(values)} values for {len(names)} columns")
-        cells.append(values)
-    if not cells:
+    if not rows:
         raise InputError(f"{path} holds no row")
     at = {name: names.index(name) for name in (*wanted, *optional) if name in names}
-    at = {name: i for name, i in at.items() if name in wanted or all(row[i].strip() for row in cells)}
-    rows = [numbers([row[i] for i in at.values()], f"{path} line {number}") for number, row in enumerate(cells, 2)]
-    return dict(zip(at, np.array(rows).T, strict=True))
+    at = {name: i for name, i in at.items() if name in wanted or all(cells[i].strip() for _, cells in rows)}
+    values = [numbers([cells[i] for i in at.values()], f"{path} line {number}") for number, cells in rows]
+    return dict(zip(at, np.array(values).T, strict=True))
 
 
 def unit_quaternions(quaternions: npt.NDArray[np.float64], where: str) -> npt.NDArray[np.float64]:
