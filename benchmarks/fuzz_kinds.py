@@ -31,6 +31,7 @@ from cartier.files import read_bytes, read_json, read_npz
 from cartier.home import Home
 from cartier.mapper import Mapper
 from cartier.mapping.detection_cache import cached
+from cartier.nearby import what_else
 from cartier.reasoners._cards import read_deck
 from cartier.sheet import draw_sheet
 from cartier.store import NAME, Store
@@ -162,6 +163,22 @@ def write_database(path: Path) -> None:
     write_rtabmap_database(room(), path / "home.db")
 
 
+def write_archives(path: Path) -> None:
+    """A recording as somebody downloads it."""
+    path.mkdir()
+    LAYOUTS["arcore-without-depth"](path / "scan")
+    for kind in ("zip", "gztar"):
+        shutil.make_archive(str(path / "packed"), kind, path / "scan")
+    shutil.rmtree(path / "scan")
+
+
+def read_archives(path: Path) -> None:
+    """Only to say whether a recording is in it: as what is near a path that is none."""
+    for file in (path, *path.glob("packed.*")):
+        if file.exists() and not plugins._formats_of(file):
+            what_else(file, plugins._formats_of)
+
+
 def write_onnx(path: Path, layout: str) -> None:
     path.mkdir()
     red_finder(path / "m.onnx", layout)
@@ -231,6 +248,7 @@ KINDS |= {
 }
 KINDS |= {
     "rtabmap-database": Kind(write_database, lambda p: read_recording(p / "home.db")),
+    "archives": Kind(write_archives, read_archives),
     "detections-own": Kind(lambda p: write_detections(p, True), read_detections),
     "detections-coco": Kind(lambda p: write_detections(p, False), read_detections),
     "vocabulary": Kind(

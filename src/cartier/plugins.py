@@ -24,23 +24,13 @@ from typing import TYPE_CHECKING, Any, Literal, overload
 
 from cartier.contracts import Detector, Encoder, Reasoner, Recording, Robot, SpatialIndex, World
 from cartier.errors import BackendError, InputError, MissingExtra
+from cartier.nearby import what_else
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoints
 
 KINDS = ("recordings", "detectors", "encoders", "indexes", "reasoners", "robots", "worlds")
 PACKAGE = Path(__file__).parent
-VIDEOS, PICTURES = (".mp4", ".mov", ".avi", ".mkv", ".m4v", ".webm"), (".jpg", ".jpeg", ".png", ".heic")
-NO_POSES = (
-    "no camera poses and no intrinsics: COLMAP or nerfstudio's ns-process-data work them out from pictures (without depth "
-    "and scale), and Record3D, Stray Scanner, Polycam and RTAB-Map record them with depth (docs/phone.md)"
-)
-POSES = ("*pose*.json", "*pose*.txt", "*pose*.csv", "*traj*.json", "*traj*.txt", "*traj*.csv")
-OWN_LAYOUT = (
-    "in a layout of their own: write them as transforms.json (nerfstudio) or as the four plain files of the README, or name "
-    "a reader of your own, --format ./mine.py (CONTRIBUTING.md)"
-)
-MOST_LOOKED_AT = 100
 
 
 @dataclass(frozen=True)
@@ -114,7 +104,9 @@ def open_recording(path: str | Path, format: str | None = None, **options: Any) 
         raise InputError(f"{path} does not exist")
     names = [format] if format else _formats_of(path)
     if not names:
-        raise InputError(f"{path} is no recording that cartier knows: {_what_else(path)}")
+        known = ", ".join(b.name for b in backends("recordings"))
+        generic = f"the formats are {known}, and 'cartier list' says what each one looks like"
+        raise InputError(f"{path} is no recording that cartier knows: {what_else(path, _formats_of) or generic}")
     if len(names) > 1:
         raise InputError(f"{path} may be one of {', '.join(names)}: say which with --format (in Python, format=…)")
     recording: Recording = _call("recordings", names[0], "open", (path,), options)
@@ -126,30 +118,6 @@ def open_recording(path: str | Path, format: str | None = None, **options: Any) 
 
 def _formats_of(path: Path) -> list[str]:
     return [b.name for b in backends("recordings") if _load("recordings", b.name).matches(path)]
-
-
-def _what_else(path: Path) -> str:
-    """What a path is that is no recording, and what to do about it."""
-    if path.suffix.lower() == ".zip":
-        return f"it is a zip file: unpack it, and give the folder (unzip {path} -d {path.with_suffix('')})"
-    if path.suffix.lower() in VIDEOS:
-        return f"a video alone has {NO_POSES}"
-    inside = sorted(path.iterdir())[:MOST_LOOKED_AT] if path.is_dir() else []
-    near = next((other for other in (*inside, path.absolute().parent) if other.exists() and _formats_of(other)), None)
-    if near is not None:
-        return f"but {near} is one ({_formats_of(near)[0]}): give that"
-    zips = [file for file in inside if file.suffix.lower() == ".zip"]
-    if zips:
-        return (
-            f"it holds {zips[0].name}: unpack that, and give its folder (unzip {zips[0]} -d {zips[0].with_suffix('')})"
-        )
-    pictures = [file for file in inside if file.suffix.lower() in (*PICTURES, *VIDEOS)]
-    if pictures:
-        poses = next((file.name for name in POSES for file in sorted(path.glob(name))), None)
-        but = f"but {NO_POSES}" if poses is None else f"and {poses}, {OWN_LAYOUT}"
-        return f"it holds pictures such as {pictures[0].name}, {but}"
-    known = ", ".join(b.name for b in backends("recordings"))
-    return f"the formats are {known}, and 'cartier list' says what each one looks like"
 
 
 @cache  # opening a recording asks every format

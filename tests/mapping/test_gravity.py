@@ -147,5 +147,5 @@ def test_what_is_given_is_not_estimated() -> None:
 
 def test_cameras_that_look_every_way_give_no_up() -> None:
     over = np.diag([1.0, -1.0, -1.0, 1.0])
-    with pytest.raises(InputError, match="give it with up="):
+    with pytest.raises(InputError, match="give it with --up X,Y,Z"):
         level(np.array([np.eye(4), over]), CAMERA)

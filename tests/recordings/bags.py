@@ -49,7 +49,7 @@ class Messages:
         return self("std_msgs/msg/Header", **seq, stamp=stamp, frame_id=frame)
 
     def image(self, ns: int, frame: str, pixels: np.ndarray, encoding: str, padding: int = 0) -> Any:
-        rows = np.ascontiguousarray(pixels).view(np.uint8).reshape(len(pixels), -1)
+        rows = np.ascontiguousarray(pixels).view(np.uint8).reshape(len(pixels), -1 if pixels.size else 0)
         rows = np.pad(rows, ((0, 0), (0, padding)))
         height, width = pixels.shape[:2]
         fields = {"height": height, "width": width, "encoding": encoding, "is_bigendian": 0, "step": rows.shape[1]}

@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import shlex
+import shutil
+import subprocess
+import tarfile
+import zipfile
 from pathlib import Path
 
 import pytest
@@ -22,19 +27,100 @@ def test_a_recording_nearby_is_named(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "says"),
     [
-        ("scan.zip", r"it is a zip file: unpack it, and give the folder \(unzip .*scan\.zip -d .*/scan\)"),
+        (
+            "scan.zip",
+            r"scan\.zip is no .*: by its name it is an archive, but it is none, or it is damaged .*: fetch it",
+        ),
+        ("scan.tar.gz", "by its name it is an archive, but it is none"),
+        ("download/scan.zip", r"it holds scan\.zip: by its name it is an archive, but it is none"),
         ("walk.MOV", "a video alone has no camera poses and no intrinsics: COLMAP or nerfstudio"),
-        ("photos/IMG_1.JPG", r"it holds pictures such as IMG_1\.JPG, but no camera poses .*docs/phone\.md"),
-        ("download/scan.zip", r"it holds scan\.zip: unpack that, and give its folder"),
+        ("IMG_1.jpg", "a picture alone has no camera poses and no intrinsics: COLMAP or nerfstudio"),
+        ("photos/IMG_1.JPG", r"it holds a picture, IMG_1\.JPG, but no camera poses .*docs/phone\.md"),
+        ("photos/IMG_1.dng", r"it holds a picture, IMG_1\.dng, but no camera poses"),
+        ("room/images/0001.jpg", r"it holds a picture, images/0001\.jpg, but no camera poses .*COLMAP"),
+        ("room/walk.mp4", r"it holds a video, walk\.mp4, but no camera poses"),
         ("letters/a.txt", "the formats are arcore, .*'cartier list' says what each one looks like"),
     ],
 )
 def test_what_is_nearly_a_recording_is_said(tmp_path: Path, name: str, says: str) -> None:
-    (tmp_path / name).parent.mkdir(exist_ok=True)
+    (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
     (tmp_path / name).write_bytes(b"x")
     with pytest.raises(InputError, match=says) as caught:
         plugins.open_recording(tmp_path / name.split("/")[0])
     assert "\n" not in str(caught.value)
+
+
+def pack(folder: Path, archive: Path) -> None:
+    if archive.suffix == ".zip":
+        with zipfile.ZipFile(archive, "w") as packed:
+            for file in folder.rglob("*"):
+                packed.write(file, file.relative_to(folder))
+    else:
+        with tarfile.open(archive, "w:gz") as packed_tar:
+            packed_tar.add(folder, ".")
+
+
+@pytest.mark.parametrize("name", ["My Scan.zip", "My Scan.tar.gz"])
+def test_archives_are_looked_into_and_the_printed_command_unpacks_them(tmp_path: Path, name: str) -> None:
+    (tmp_path / "to pack").mkdir()
+    LAYOUTS["arcore-without-depth"](tmp_path / "to pack" / "scan")
+    (tmp_path / "down load").mkdir()
+    archive = tmp_path / "down load" / name
+    pack(tmp_path / "to pack", archive)
+    (tmp_path / "down load" / "IMG_1.jpg").write_bytes(b"x")
+    with pytest.raises(
+        InputError, match=r"a recording \(arcore\) is in it: unpack it \((.*)\), and give '.*My Scan/scan'$"
+    ):
+        plugins.open_recording(archive)
+    with pytest.raises(InputError, match=f"it holds {name}: a recording .arcore. is in it: unpack it") as caught:
+        plugins.open_recording(tmp_path / "down load")
+    command, _, folder = str(caught.value).partition("unpack it (")[2].partition("), and give ")
+    if name.endswith(".gz") or shutil.which("unzip"):
+        subprocess.run(command, shell=True, check=True, capture_output=True)
+        assert len(plugins.open_recording(*shlex.split(folder))) == 4
+
+
+def test_an_archive_without_a_recording_is_not_said_to_hold_one(tmp_path: Path) -> None:
+    (tmp_path / "in").mkdir()
+    (tmp_path / "in/readme.txt").write_text("a")
+    pack(tmp_path / "in", tmp_path / "a.zip")
+    with pytest.raises(InputError, match=r"by its 1 names no recording is in it \(such as readme\.txt\)$"):
+        plugins.open_recording(tmp_path / "a.zip")
+    (tmp_path / "in/1.jpg").write_text("a")
+    pack(tmp_path / "in", tmp_path / "a.tgz")
+    with pytest.raises(
+        InputError, match=r"no recording is in it, only pictures such as \./1\.jpg, with no camera poses"
+    ):
+        plugins.open_recording(tmp_path / "a.tgz")
+
+
+def test_names_in_an_archive_lead_nowhere(tmp_path: Path) -> None:
+    """They are tried as empty files in a folder of their own; those that would lead out of it are not."""
+    with zipfile.ZipFile(tmp_path / "a.zip", "w") as packed:
+        for name in (
+            "../rgb.txt",
+            "../groundtruth.txt",
+            str(tmp_path / "b/c.txt"),
+            "d/" * 50 + "e",
+            "x" * 300,
+            "f/g",
+            "f",
+        ):
+            packed.writestr(name, "")
+    before = sorted(tmp_path.rglob("*"))
+    with pytest.raises(InputError, match="by its 7 names no recording is in it"):
+        plugins.open_recording(tmp_path / "a.zip")
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_pictures_come_before_a_recording_above(tmp_path: Path) -> None:
+    LAYOUTS["tum"](tmp_path / "scan")
+    (tmp_path / "scan/trip").mkdir()
+    (tmp_path / "scan/trip/IMG_1.jpg").write_bytes(b"x")
+    with pytest.raises(
+        InputError, match=r"it holds a picture, IMG_1\.jpg: but .*scan is one \(tum\): give that if it is its"
+    ):
+        plugins.open_recording(tmp_path / "scan/trip")
 
 
 def test_a_folder_of_two_formats_asks_which(tmp_path: Path) -> None:
@@ -50,5 +136,5 @@ def test_a_folder_of_two_formats_asks_which(tmp_path: Path) -> None:
 def test_poses_in_a_layout_of_ones_own_are_seen_and_the_ways_are_said(tmp_path: Path) -> None:
     for name in ("0014_rgb.png", "0014_depth.png", "poses.json"):
         (tmp_path / name).write_bytes(b"{}")
-    with pytest.raises(InputError, match=r"such as 0014_depth\.png, and poses\.json, in a layout of .*--format"):
+    with pytest.raises(InputError, match=r"a picture, 0014_depth\.png, and poses\.json, in a layout of .*--format"):
         plugins.open_recording(tmp_path)

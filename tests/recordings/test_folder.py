@@ -133,6 +133,25 @@ def test_an_empty_recording_is_refused(tmp_path: Path) -> None:
         folder.save(replace(room(), poses=[]), tmp_path / "a")
 
 
+@pytest.mark.parametrize("with_depth", [True, False])
+def test_a_head_of_schema_name_and_camera_is_enough(tmp_path: Path, with_depth: bool) -> None:
+    """As the README describes it; what truth.json holds is only true where recording.json says so."""
+    folder.save(room(with_depth), tmp_path / "a")
+    head = json.loads((tmp_path / "a/recording.json").read_text())
+    short = {name: head[name] for name in ("schema", "name", "camera")}
+    (tmp_path / "a/recording.json").write_text(json.dumps(short))
+    found = folder.open(tmp_path / "a")
+    assert (found.truth, tuple(found.notes)) == (None, ())
+    for i in range(len(found)):
+        depth_m, true_m = found[i].depth_m, room(with_depth)[i].depth_m
+        assert (depth_m is None) == (true_m is None) == (not with_depth)
+        if depth_m is not None and true_m is not None:
+            assert np.abs(depth_m - true_m).max() < 0.00051
+        assert np.array_equal(found[i].instances, room()[i].instances)
+    (tmp_path / "a/recording.json").write_text(json.dumps(short | {"instances": False}))
+    assert folder.open(tmp_path / "a")[0].instances is None
+
+
 def edit(field: str, value: object) -> Callable[[Path], None]:
     def change(root: Path) -> None:
         head = json.loads((root / "recording.json").read_text())
@@ -172,6 +191,8 @@ DAMAGE: list[tuple[Callable[[Path], object], str]] = [
     (edit("cy", -1e30), r"recording\.json: the camera's principal point cx=79.5, cy=-1e\+30 is nowhere near"),
     (edit("schema", 10**4000), "has schema 10000+…, this cartier reads 1"),
     (edit("cx", 10**400), "field 'cx' must be a finite number"),
+    (edit("notes", None), "field 'notes' must be of type list"),
+    (edit("depth", "yes"), "field 'depth' must be of type bool"),
     (edit("notes", [1]), "field 'notes' must be of type str"),
     (edit("notes", ["a\nb"]), "field 'notes' must be one line of 1000 characters at most"),
     (edit("name", "x" * 1001), "field 'name' must be one line"),

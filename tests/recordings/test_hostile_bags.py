@@ -304,10 +304,15 @@ def test_chunks_that_share_one_index(tmp_path: Path) -> None:
 
 def test_names_are_names(tmp_path: Path) -> None:
     m = Messages()
-    for number, (topic, frame) in enumerate([("/a\x1b[2J/image", "cam"), ("/a/image", "x" * 10**6)]):
+    cases = [
+        ("/a\x1b[2J/image", "cam", "is no name of a topic or a frame"),
+        ("/a/image", "x" * 10**6, "has a frame_id of 1000001 bytes"),
+        ("/a/image", "\x1b[2J", "is no name of a topic or a frame"),
+    ]
+    for number, (topic, frame, fault) in enumerate(cases):
         with BagFile(tmp_path / f"{number}") as bag:
             bag.put(topic, START_NS, m.image(START_NS, frame, np.zeros((8, 8, 3), np.uint8), "rgb8"))
-        refused(tmp_path / f"{number}", "is no name of a topic or a frame")
+        refused(tmp_path / f"{number}", fault)
 
 
 @pytest.mark.parametrize("kind", ["zstd", "lz4", "bz2"])

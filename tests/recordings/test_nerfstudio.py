@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -14,7 +15,7 @@ from PIL import Image
 
 from cartier import plugins
 from cartier.contracts import Recording
-from cartier.errors import InputError
+from cartier.errors import InputError, MissingExtra
 from cartier.types import Camera
 
 LEVEL = {"up": (0, 0, 1), "floor_m": 0}
@@ -169,6 +170,29 @@ def test_depth_as_an_array(tmp_path: Path, unit_m: float, kind: type) -> None:
     assert found is not None and np.abs(found - room()[2].depth_m).max() < 0.0011
 
 
+def test_depth_as_exr(tmp_path: Path) -> None:
+    exr = pytest.importorskip("OpenEXR", reason="EXR depth needs OpenEXR")
+    write_nerfstudio(room(), tmp_path / "a")
+
+    def renamed(head: dict[str, Any]) -> None:
+        head["depth_unit_scale_factor"] = 1.0
+        for i, frame in enumerate(head["frames"]):
+            frame["depth_file_path"] = f"depth/{i}.exr"
+            exr.File({}, {"Y": np.nan_to_num(room()[i].depth_m)}).write(str(tmp_path / f"a/depth/{i}.exr"))
+
+    edit(tmp_path / "a", renamed)
+    found = opened(tmp_path / "a", **LEVEL)[2].depth_m
+    assert found is not None and np.array_equal(found, room()[2].depth_m)
+
+
+def test_exr_depth_without_its_package_is_one_line_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_nerfstudio(room(), tmp_path / "a")
+    edit(tmp_path / "a", lambda head: [frame.update(depth_file_path="depth/a.exr") for frame in head["frames"]])
+    monkeypatch.setitem(sys.modules, "OpenEXR", None)
+    with pytest.raises(MissingExtra, match="'nerfstudio' needs the package 'OpenEXR': pip install 'OpenEXR'"):
+        opened(tmp_path / "a", **LEVEL)
+
+
 def test_an_array_that_is_no_depth(tmp_path: Path) -> None:
     write_nerfstudio(room(), tmp_path / "a")
     as_npy(tmp_path / "a", 0.001, np.uint16)
@@ -198,7 +222,7 @@ DAMAGE: list[tuple[Callable[[dict[str, Any]], object], str]] = [
     ),
     (
         lambda head: head.update(camera_model="EQUIRECTANGULAR"),
-        "camera_model 'EQUIRECTANGULAR' is not read; cartier reads",
+        "camera_model 'EQUIRECTANGULAR' is not read; .* OPENCV_FISHEYE: reproject its panoramas to perspective images",
     ),
     (
         lambda head: head.update(camera_model="FISHEYE624"),

@@ -51,7 +51,7 @@ def test_poses_and_small_depth_come_back(tmp_path: Path, name: str) -> None:
     WRITERS[name](room(), tmp_path / "a")
     found = opened(tmp_path / "a", floor_m=0)
     assert found.camera == room().camera
-    assert "up is (0.0, 1.0, 0.0) in this format's world; override with up=x,y,z" in found.notes
+    assert "up is (0.0, 1.0, 0.0) in this format's world; override with --up X,Y,Z" in found.notes
     for i, frame in enumerate(found):
         assert np.abs(frame.world_from_camera - room()[i].world_from_camera).max() < 1e-9
         small = small_depth(room(), i)
@@ -248,6 +248,21 @@ def text(name: str, content: str) -> Callable[[Path], object]:
     return lambda root: (root / name).write_text(content)
 
 
+@pytest.mark.parametrize(("name", "file"), [("stray", "odometry.csv"), ("arcore", "poses.csv")])
+def test_rows_of_too_many_or_too_few_cells_are_left_out_and_counted(tmp_path: Path, name: str, file: str) -> None:
+    """A comma too many, and the last line of an app that was stopped while it wrote it."""
+    WRITERS[name](room(), tmp_path / "a")
+    rows = (tmp_path / "a" / file).read_text().splitlines()
+    rows[2], rows[4] = rows[2] + ",", rows[4][: rows[4].index(",") + 3]
+    (tmp_path / "a" / file).write_text("\n".join([rows[0], "", *rows[1:]]))
+    found = opened(tmp_path / "a", floor_m=0)
+    assert len(found) == 2
+    columns = len(rows[0].split(","))
+    assert f"2 rows of {file} left out: line 4 has {columns + 1} values for {columns} columns" in found.notes
+    for frame, i in zip(found, (0, 2), strict=True):
+        assert np.abs(frame.world_from_camera - room()[i].world_from_camera).max() < 1e-6
+
+
 def write_exr(path: Path, channels: dict[str, np.ndarray]) -> None:
     import OpenEXR
 
@@ -259,7 +274,7 @@ DAMAGE: list[tuple[str, Callable[[Path], object], str]] = [
     ("stray", text("camera_matrix.csv", "0,0,1\n0,0,1\n0,0,1"), "focal lengths must be positive"),
     ("stray", text("odometry.csv", ""), r"odometry\.csv: its first line must name the columns timestamp"),
     ("stray", text("odometry.csv", "timestamp, frame, x, y, z, qx, qy, qz, qw\n"), r"odometry\.csv holds no row"),
-    ("stray", text("odometry.csv", "timestamp,frame,x,y,z,qx,qy,qz,qw\n1,2\n"), "line 2: 2 values for 9 columns"),
+    ("stray", text("odometry.csv", "timestamp,frame,x,y,z,qx,qy,qz,qw\n1,2\n"), "none of its 1 rows fits its first line: line 2 has 2"),
     ("stray", text("odometry.csv", "timestamp,frame,x,y,z,qx,qy,qz,qw\n0,0,0,0,0,0,0,0,2\n"), "pose 0 has a quaternion"),
     ("stray", text("odometry.csv", "timestamp,frame,x,y,z,qx,qy,qz,qw\n0,9,0,0,0,0,0,0,1\n"), "none of the 1 poses"),
     ("stray", lambda root: save_depth(root / "depth/000000.png", np.ones((60, 60))), "60x60 px, which is not the shape"),

@@ -39,6 +39,36 @@ def test_polycams_corrected_cameras_are_taken(tmp_path: Path) -> None:
     assert drifting in plugins.open_recording(tmp_path / "b").notes
 
 
+def test_polycams_keyframes_without_a_corrected_camera_are_counted_over_all(tmp_path: Path) -> None:
+    write_polycam(room(), tmp_path / "a", corrected=True)
+    keyframes = tmp_path / "a/keyframes"
+    for kind, name in (("corrected_cameras", 0), ("corrected_cameras", 3), ("corrected_images", 2)):
+        stem = sorted(p.stem for p in (keyframes / "cameras").iterdir())[name]
+        next((keyframes / kind).glob(f"{stem}.*")).unlink()
+    found = plugins.open_recording(tmp_path / "a", floor_m=0)
+    assert len(found) == 1 and np.abs(found[0].world_from_camera - room()[1].world_from_camera).max() < 1e-9
+    assert "1 keyframes without an image or depth left out" in found.notes
+    assert any(note.startswith("2 of 4 keyframes left out: they have no corrected camera") for note in found.notes)
+
+
+def test_polycams_empty_corrected_folders_do_not_count(tmp_path: Path) -> None:
+    write_polycam(room(), tmp_path / "a")
+    for name in ("corrected_images", "corrected_cameras"):
+        (tmp_path / "a/keyframes" / name).mkdir()
+    found = plugins.open_recording(tmp_path / "a", floor_m=0)
+    assert len(found) == 4
+    assert "there are no corrected cameras: the poses are ARKit's own, which drift in large scans" in found.notes
+
+
+def test_depth_that_is_all_below_the_confidence_names_it(tmp_path: Path) -> None:
+    write_polycam(room(), tmp_path / "a")
+    for path in (tmp_path / "a/keyframes/confidence").iterdir():
+        Image.fromarray(np.full((60, 80), 127, np.uint8)).save(path)
+    with pytest.raises(InputError, match=r"a: all depth is below --confidence 128 in the 4 frames .* 0 for all depth"):
+        plugins.open_recording(tmp_path / "a", confidence=128)
+    assert len(plugins.open_recording(tmp_path / "a", confidence=127)) == 4
+
+
 def test_frames_without_colour_are_left_out_and_counted(tmp_path: Path) -> None:
     write_scannerapp(room(), tmp_path / "a", every=6)
     found = plugins.open_recording(tmp_path / "a", floor_m=0)

@@ -13,6 +13,7 @@ from cartier.recordings._interpolate import interpolated
 from cartier.recordings._lens import Lens, resampled
 from cartier.recordings._posed import _rot, _turned, _turns
 from cartier.recordings._register import registered
+from cartier.recordings._tables import camera_of, off_centre_notes
 from cartier.types import Camera
 from synthetic import THINGS, look, render
 
@@ -80,3 +81,25 @@ def test_depth_of_a_lens_that_sees_everything_is_refused_and_not_smeared() -> No
 def test_a_senseless_distortion_is_refused(model: str, numbers: tuple[float, ...]) -> None:
     with pytest.raises(InputError, match="distortion needs"):
         Lens(Camera(10, 10, 1, 1, 0, 0), model, numbers)  # type: ignore[arg-type]
+
+
+@given(st.floats(0.5, 2), st.floats(-0.03, 0.03), st.floats(-0.03, 0.03))
+def test_intrinsics_of_images_of_another_size_never_pass(scale: float, across: float, down: float) -> None:
+    """Those of a real camera, off by 3 % at most, pass as they are, and not for images of 1/0.87 times the size or more."""
+    right = Camera(640, 480, 500.0, 500.0, 319.5 + 640 * across, 239.5 + 480 * down)
+    assert camera_of(640, 480, (500.0, 500.0, right.cx, right.cy), "a") == right
+    assert off_centre_notes(right) == []
+    wrong = [value * scale for value in (right.fx, right.fy, right.cx, right.cy)]
+    if abs(across - down) < 0.01 and not 0.82 < scale < 1.18:
+        with pytest.raises(InputError, match=r"^a: the principal point .* but these have 640x480: scale fx"):
+            camera_of(640, 480, wrong, "a")
+
+
+@pytest.mark.parametrize(
+    ("width", "height", "noted"), [(640, 480, False), (608, 480, False), (480, 480, True), (640, 360, True)]
+)
+def test_a_strip_cut_off_is_noted_and_not_refused(width: int, height: int, noted: bool) -> None:
+    """Its principal point is off in one direction, where one of resized images is off in both."""
+    notes = off_centre_notes(camera_of(width, height, (500.0, 500.0, 319.5, 239.5), "a"))
+    assert bool(notes) == noted
+    assert all("px): right if they were cropped, wrong if they were resized" in note for note in notes)

@@ -6,7 +6,7 @@ import inspect
 from pathlib import Path
 
 import pytest
-from layouts import room, write_sevenscenes
+from layouts import LAYOUTS, room, write_sevenscenes
 from typer.testing import CliRunner
 
 from cartier import pipeline, plugins
@@ -87,3 +87,24 @@ def test_a_strangers_home_gives_a_reader_nothing_but_plain_options(tmp_path: Pat
         "floor_m": 1, "camera": [1.5, 2], "up": [0, 0, 1], "confidence": 0, "format": "tum",
     }  # fmt: skip
     assert remembered(None) == remembered([1]) == {}
+
+
+@pytest.mark.parametrize(("name", "highest"), [("stray", 2), ("scannerapp", 2), ("polycam", 255), ("arcore", 255)])
+def test_a_confidence_that_the_format_does_not_have_is_refused(tmp_path: Path, name: str, highest: int) -> None:
+    LAYOUTS[name](tmp_path / "a")
+    for wrong in (-1, highest + 1):
+        with pytest.raises(InputError, match=f"--confidence {wrong}: .* has confidences of 0 to {highest}$"):
+            plugins.open_recording(tmp_path / "a", confidence=wrong)
+    assert len(plugins.open_recording(tmp_path / "a", confidence=highest)) == 4
+
+
+@pytest.mark.parametrize("name", ["stray", "sevenscenes", "rosbag-mcap"])
+def test_a_floor_above_every_camera_is_refused(tmp_path: Path, name: str) -> None:
+    if name == "rosbag-mcap":
+        pytest.importorskip("rosbags")
+    LAYOUTS[name](tmp_path / "a")
+    highest_m = max(pose[2, 3] for pose in room().poses)
+    up = {} if name == "stray" else {"up": (0, 0, 1)}
+    with pytest.raises(InputError, match=f"--floor 99 lies above every camera: the highest is at {highest_m:.2f} m"):
+        plugins.open_recording(tmp_path / "a", floor_m=99, **up)
+    assert len(plugins.open_recording(tmp_path / "a", floor_m=highest_m - 0.01, **up)) == 4

@@ -39,7 +39,7 @@ def test_what_rosbags_writes_is_read(tmp_path: Path, kind: str, compression: str
     assert [frame.time_s for frame in found] == [START_NS / 1e9 + i / 10 for i in range(4)]
     assert list(found.notes) == [
         f"poses from /tf: 'map' to '{FRAME}'",
-        "the floor is taken to be z = 0 of frame 'map'; override with floor_m=…",
+        "the floor is taken to be z = 0 of frame 'map'; override with --floor M",
     ]
 
 
@@ -168,7 +168,7 @@ def test_several_cameras_are_told_apart_and_said(tmp_path: Path) -> None:
     found = opened(tmp_path / "a")
     same(found, room())
     assert (
-        "colour taken from /camera/color/image_raw; there are also /rear/image_raw: choose with colour=TOPIC"
+        "colour taken from /camera/color/image_raw; there are also /rear/image_raw: choose with --colour TOPIC"
         in found.notes
     )
     with pytest.raises(InputError, match="'rear_frame' hangs on nothing that moves in /tf"):

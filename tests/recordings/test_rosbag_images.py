@@ -213,6 +213,69 @@ def test_intrinsics_of_another_resolution_are_scaled_and_said(tmp_path: Path) ->
     )
 
 
+def with_info(path: Path, info: Camera) -> None:
+    """A bag whose CameraInfo says ``info`` of images of the room."""
+    source = room()
+    with BagFile(path) as bag:
+        write_transforms(bag, source.poses)
+        m = bag.messages
+        bag.put("/camera/camera_info", START_NS, m.info(START_NS, FRAME, info))
+        bag.put("/camera/image_raw", START_NS, m.image(START_NS, FRAME, source[0].rgb, "rgb8"))
+
+
+def test_intrinsics_of_the_images_own_size_are_taken_where_the_camera_info_says_another(tmp_path: Path) -> None:
+    with_info(tmp_path / "a", replace(CAMERA, width=320, height=240))
+    found = opened(tmp_path / "a")
+    assert found.camera == CAMERA
+    says = "/camera/camera_info says 320x240 px, but its intrinsics are those of /camera/image_raw's 160x120"
+    assert says in found.notes
+
+
+def test_intrinsics_of_neither_size_name_both(tmp_path: Path) -> None:
+    with_info(tmp_path / "a", replace(CAMERA.scaled(1000, 750), width=320, height=240))
+    with pytest.raises(
+        InputError, match=r"camera_info \(of 320x240 px, for images of 160x120\): the principal point 499\."
+    ):
+        opened(tmp_path / "a")
+    with_info(tmp_path / "b", Camera(200, 120, 120.0, 120.0, 99.5, 59.5))
+    with pytest.raises(InputError, match=r"is for images of 200x120 px, but those of /camera/image_raw have 160x120"):
+        opened(tmp_path / "b")
+
+
+@pytest.mark.parametrize("kind", ["mcap", "ros1"])
+@pytest.mark.parametrize("form", ["raw", "packed"])
+def test_empty_images_are_left_out_and_counted(tmp_path: Path, kind: str, form: str) -> None:
+    """An empty message among good ones (of colour the first), and a topic of nothing else."""
+    source = room()
+    with BagFile(tmp_path / "a", kind) as bag:
+        m = bag.messages
+
+        def put(topic: str, ns: int, rgb: np.ndarray) -> None:
+            image = (
+                m.image(ns, FRAME, rgb, "rgb8")
+                if form == "raw"
+                else m.compressed(ns, FRAME, jpeg(rgb) if rgb.size else b"", "jpeg")
+            )
+            bag.put(topic, ns, image)
+
+        write_transforms(bag, source.poses)
+        bag.put("/camera/camera_info", START_NS, m.info(START_NS, FRAME, CAMERA))
+        for i in range(len(source)):
+            empty = np.zeros((0, 0, 3), np.uint8)
+            put("/camera/image", START_NS + i * 10**8, empty if i == 0 else source[i].rgb)
+            put("/none/image", START_NS + i * 10**8, empty)
+            depth = np.rint(source[i].depth_m * 1000).astype(np.uint16)[: 0 if i == 2 else None]
+            bag.put("/depth/image", START_NS + i * 10**8, m.image(START_NS + i * 10**8, FRAME, depth, "16UC1"))
+    found = opened(tmp_path / "a")
+    assert "1 messages of /camera/image left out: their images are empty" in found.notes
+    assert "1 messages of /depth/image left out: their images are empty" in found.notes
+    assert "left out: topic /none/image: its images are empty (no pixels)" in found.notes
+    assert [round(frame.time_s - START_NS / 1e9, 3) for frame in found] == [0.1, 0.3]
+    assert np.abs(found[1].depth_m - source[3].depth_m).max() < 0.00051
+    with pytest.raises(InputError, match="topic /none/image: its images are empty"):
+        opened(tmp_path / "a", colour="/none/image")
+
+
 def test_a_topic_that_cannot_be_read_does_not_stop_the_others(tmp_path: Path) -> None:
     source = room()
     with BagFile(tmp_path / "a") as bag:

@@ -128,7 +128,7 @@ def test_without_a_map_the_world_is_odom_and_it_is_said(tmp_path: Path) -> None:
             bag.put("/tf", ns, m.transforms((ns, "odom", "base_link", pose @ invert(OPTICAL))))
     found = opened(tmp_path / "a")
     same(found, room())
-    assert "there is no frame 'map' above the camera: the world is 'odom'; choose with frame=…" in found.notes
+    assert "there is no frame 'map' above the camera: the world is 'odom'; choose with --frame NAME" in found.notes
 
 
 @pytest.mark.parametrize("kind", ["mcap", "ros1"])
@@ -148,7 +148,7 @@ def test_odometry_and_the_cameras_place_on_the_robot(tmp_path: Path, kind: str) 
     same(found, room())
     assert "poses from /odom, in frame 'odom'" in found.notes
     write(tmp_path / "none", False)
-    with pytest.raises(InputError, match=r"not where the camera .* sits on it: give extrinsic="):
+    with pytest.raises(InputError, match=r"not where the camera .* sits on it: give --extrinsic "):
         opened(tmp_path / "none")
     same(opened(tmp_path / "none", extrinsic="0.1,0.02,1.2,-0.5,0.5,-0.5,0.5"), room())
 

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from layouts import room
 
 from cartier import plugins
 from cartier.errors import InputError
+from cartier.recordings import scannet
 from cartier.types import Camera
 from synthetic import render
 
@@ -90,6 +92,30 @@ DAMAGE: list[tuple[str, Callable[[Path], object], str]] = [
     ("replica", lambda root: (root / "results/depth000001.png").unlink(), r"depth000001\.png is missing"),
     ("replica", lambda root: (root / "results/frame000001.jpg").unlink(), "3 images .* 4 poses"),
 ]
+
+
+@pytest.mark.parametrize("size", [(144, 108), (200, 149), (96, 72), (240, 180)])
+def test_a_scan_resized_in_every_scale_takes_scaled_intrinsics(tmp_path: Path, size: tuple[int, int]) -> None:
+    """The sensor's matrices with images of 0.8 to 1.5 times the sensor's size, here a tenth of ScanNet's."""
+    sizes = {scannet.COLOUR_MATRIX: (130, 97), scannet.DEPTH_MATRIX: (160, 120)}
+    sensor, lidar = Camera(130, 97, 117.0, 117.2, 64.8, 48.4), Camera(160, 120, 140.0, 140.0, 79.6, 59.4)
+    source = replace(room(), camera=sensor.scaled(*size))
+    write_scannet(source, tmp_path / "a")
+    for kind, c in (("color", sensor), ("depth", lidar)):
+        matrix = [[c.fx, 0, c.cx, 0], [0, c.fy, c.cy, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
+        np.savetxt(tmp_path / f"a/intrinsic/intrinsic_{kind}.txt", matrix)
+    for i, pose in enumerate(source.poses):
+        save_depth(tmp_path / f"a/depth/{i * 10}.png", render(pose, lidar.scaled(80, 60), source.objects)[0])
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(scannet, "SIZES", sizes)
+        found = plugins.open_recording(tmp_path / "a", **LEVEL)
+    assert found.camera == sensor.scaled(*size)
+    name = scannet.COLOUR_MATRIX
+    assert f"{name} is for images of 130x97 px; it was scaled to {size[0]}x{size[1]}" in found.notes
+    assert f"{scannet.DEPTH_MATRIX} is for images of 160x120 px; it was scaled to 80x60" in found.notes
+    depth_m, true_m = found[0].depth_m, source[0].depth_m
+    assert depth_m is not None and true_m is not None
+    assert np.nanmedian(np.abs(depth_m - true_m)) < 0.02
 
 
 @pytest.mark.parametrize(("name", "damage", "fault"), DAMAGE)

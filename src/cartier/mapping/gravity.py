@@ -94,7 +94,7 @@ def _find_up(poses: Array, surfaces: _Surfaces | None) -> tuple[Vector, str]:
         lack = "there is no depth" if surfaces is None else "too few horizontal surfaces were seen"
         up, source = guess, f"the cameras alone ({how}; {lack}), perhaps some degrees off"
     x, y, z = up
-    return up, f"up estimated as ({x:.3f}, {y:.3f}, {z:.3f}) from {source}; override with up=x,y,z"
+    return up, f"up estimated as ({x:.3f}, {y:.3f}, {z:.3f}) from {source}; override with --up X,Y,Z"
 
 
 def _camera_up(poses: Array) -> tuple[Vector, str]:
@@ -102,7 +102,7 @@ def _camera_up(poses: Array) -> tuple[Vector, str]:
     mean_up = -poses[:, :3, 1].mean(axis=0)
     length = float(np.linalg.norm(mean_up))
     if length < 0.1:
-        raise InputError("the cameras' own up directions cancel out, so up cannot be guessed; give it with up=x,y,z")
+        raise InputError("the cameras' own up directions cancel out, so up cannot be guessed; give it with --up X,Y,Z")
     mean_up /= length
     x_axes = poses[:, :3, 0]
     spread, directions = np.linalg.eigh(x_axes.T @ x_axes / len(poses))
@@ -195,7 +195,7 @@ def _find_floor(poses: Array, surfaces: _Surfaces | None, up: Vector) -> tuple[f
         lack = "there is no depth" if surfaces is None else "no horizontal surface was seen"
         return floor_m, (
             f"floor assumed {ASSUMED_CAMERA_HEIGHT_M} m below the cameras, at {floor_m:.3f} m along up ({lack}); "
-            "override with floor_m=…"
+            "override with --floor M"
         )
     floor_m = float(layers[0])
     for _ in range(3):
@@ -204,7 +204,7 @@ def _find_floor(poses: Array, surfaces: _Surfaces | None, up: Vector) -> tuple[f
     doubt = f" (but {below:.0%} of the points lie below it: was the floor in view?)" if below > 0.02 else ""
     return floor_m, (
         f"floor estimated at {floor_m:.3f} m along up, {camera_m - floor_m:.2f} m below the cameras: "
-        f"the lowest large horizontal surface{doubt}; override with floor_m=…"
+        f"the lowest large horizontal surface{doubt}; override with --floor M"
     )
 
 

@@ -20,9 +20,11 @@ from cartier.mapping import gravity
 from cartier.recordings._content import READERS, check_inside, content_hash
 from cartier.recordings._images import check_depth, read_depth, read_grey8, read_rgb
 from cartier.recordings._lens import Lens, resampled
+from cartier.recordings._tables import check_floor, off_centre_notes
 from cartier.types import Array, Camera, Frame, TrueObject
 
 MAX_SIDE = 1300  # px; larger images are reduced by a whole factor: no map needs a phone's 12 megapixels
+CONFIDENCE_FRAMES = 5
 Depths = npt.NDArray[np.float32]
 Colours = npt.NDArray[np.uint8]
 
@@ -80,7 +82,7 @@ class PosedImages:
         self._factor = -(-max(first.width, first.height) // MAX_SIDE)
         self._upright_camera = _reduced(first, self._factor)
         self._turns = 0
-        notes = list(source.notes)
+        notes = [*source.notes, *off_centre_notes(first)]
         poses = np.asarray(source.world_from_camera, dtype=np.float64)
         far = np.abs(poses[:, :3, 3]).max(axis=1)
         if far.max() > MAX_FAR_M:
@@ -88,6 +90,7 @@ class PosedImages:
                 f"{source.root}: {source.views[int(far.argmax())].colour.name} was taken {far.max():.3g} m from the origin "
                 "by its pose, which is no home: are the units metres?"
             )
+        self._check_confidence()
         levelling = gravity.level(
             poses,
             self._upright_camera,
@@ -97,9 +100,10 @@ class PosedImages:
         )
         self.level_from_world = levelling.level_from_world  # so that the doctor sees the poses as they were given
         poses = levelling.level_from_world @ poses
+        check_floor(poses, floor_m)
         up_note, floor_note = levelling.notes
         if up is None and source.known_up is not None:
-            up_note = f"up is {source.known_up} in this format's world; override with up=x,y,z"
+            up_note = f"up is {source.known_up} in this format's world; override with --up X,Y,Z"
         notes += [up_note, floor_note]
         if source.handheld:
             self._turns = _turns(poses)
@@ -133,6 +137,22 @@ class PosedImages:
         if self._fingerprint is None:
             self._fingerprint = content_hash(self._source.settings, self._source.root, self._source.files)
         return self._fingerprint
+
+    def _check_confidence(self) -> None:
+        """Raises InputError where all depth of some frames is dropped for its confidence."""
+        source, dropped = self._source, 0
+        if not source.min_confidence or source.read_depth is None:
+            return
+        for i in np.unique(np.linspace(0, len(self) - 1, CONFIDENCE_FRAMES).round().astype(int)).tolist():
+            view, depth_m = source.views[i], self._depth(i)
+            if depth_m is None or view.depth is None or np.isfinite(depth_m).any():
+                return
+            dropped += bool(np.isfinite(source.read_depth(view.depth)).any())
+        if dropped:
+            raise InputError(
+                f"{source.root}: all depth is below --confidence {source.min_confidence} in the {dropped} frames looked at: "
+                "give a lower one, 0 for all depth"
+            )
 
     def _colour(self, i: int) -> Colours:
         view, read = self._source.views[i], self._source.read_colour

@@ -26,14 +26,16 @@ METADATA = "metadata.yaml"
 READERS: dict[str, Callable[[Path], Storage]] = {".bag": Bag1, ".mcap": Mcap, ".db3": Sqlite}
 MAX_METADATA = 4 << 20
 MAX_NAME = 256  # of a topic or a frame
+IMAGE, COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
 TRANSFORMS = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 
 
 class Header(NamedTuple):
-    """A message's own time stamp and coordinate frame."""
+    """A message's own time stamp and coordinate frame, and whether it is an image without pixels or bytes."""
 
     stamp_ns: int
     frame: str
+    empty_image: bool
 
 
 def files_of(path: Path) -> list[Path]:
@@ -96,22 +98,19 @@ class Bag:
         return self._storages[number].read(chunk, offset, limit)
 
     def header(self, name: str, row: Index) -> Header:
-        """The header that a message begins with, without the rest of it."""
-        data = self.read(row, 16 + MAX_NAME)
+        """The header that a message begins with, and whether an image comes after it; the rest is not read."""
+        data = self.read(row, 16 + 2 * MAX_NAME)
+        ros1 = self._encoding(name) == "ros1"
         try:
-            if self._encoding(name) == "ros1":
-                _, seconds, nanoseconds, length = struct.unpack_from("<4I", data)
-                start = 16
-            else:
-                order = "<" if data[1] & 1 else ">"
-                seconds, nanoseconds, length = struct.unpack_from(f"{order}iII", data, 4)
-                start = 16
+            order = "<" if ros1 or data[1] & 1 else ">"
+            seconds, nanoseconds, length = struct.unpack_from(f"{order}{'I' if ros1 else 'i'}II", data, 4)
         except (struct.error, IndexError) as error:
             raise InputError(f"{self.path}: a message of {name} is too short to have a header") from error
         if length > MAX_NAME:
             raise InputError(f"{self.path}: a message of {name} has a frame_id of {length} bytes")
-        frame = data[start : start + length].rstrip(b"\0").decode("utf-8", "replace")
-        return Header(seconds * 10**9 + nanoseconds, frame_name(frame, self.path))
+        frame = data[16 : 16 + length].rstrip(b"\0").decode("utf-8", "replace")
+        empty = _no_image(data, 16 + length, order, ros1, self.type_of(name))
+        return Header(seconds * 10**9 + nanoseconds, frame_name(frame, self.path), empty)
 
     def decode(self, name: str, data: bytes) -> Any:
         """A message as an object with the fields of its type."""
@@ -130,6 +129,21 @@ class Bag:
 
     def _encoding(self, name: str) -> str:
         return self._topics[name][0][1].encoding
+
+
+def _no_image(data: bytes, at: int, order: str, ros1: bool, kind: str) -> bool:
+    """Whether the image message whose header ends at ``at`` has no height, no width or no bytes; False for what is damaged."""
+
+    def word(at: int) -> int | None:
+        return struct.unpack_from(f"{order}I", data, at)[0] if at + 4 <= len(data) else None
+
+    at += 0 if ros1 else -at % 4  # CDR's numbers lie at multiples of their size, ROS 1's follow at once
+    if kind == IMAGE:
+        return 0 in (word(at), word(at + 4))
+    if kind != COMPRESSED:
+        return False
+    at += 4 + (word(at) or 0)  # the format's name
+    return word(at + (0 if ros1 else -at % 4)) == 0
 
 
 def checked_name(name: str, path: Path) -> str:

@@ -11,10 +11,10 @@ import numpy.typing as npt
 from cartier.errors import InputError, brief
 from cartier.recordings import _images
 from cartier.recordings._lens import Lens, Model, straight
-from cartier.recordings._tables import camera_of
+from cartier.recordings._tables import camera_of, off_centre
 from cartier.types import Array, Camera
 
-IMAGE, COMPRESSED, INFO = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/CameraInfo"
+INFO = "sensor_msgs/msg/CameraInfo"
 COLOURS = {"rgb8": 3, "bgr8": 3, "8UC3": 3, "rgba8": 4, "bgra8": 4, "8UC4": 4, "mono8": 1, "8UC1": 1}
 BLUE_FIRST = ("bgr8", "bgra8", "8UC3", "8UC4")  # OpenCV's order, which is what cv_bridge means by 8UC3
 GREY = ("mono8", "8UC1")
@@ -81,15 +81,22 @@ def valid(depth_m: Array) -> npt.NDArray[np.float32]:
     return out
 
 
-def lens_of(info: Any, rectified: bool, where: str) -> Lens:
-    """The lens that a CameraInfo describes; of its projection matrix where the images are rectified."""
+def lens_of(info: Any, rectified: bool, size: tuple[int, int], where: str) -> Lens:
+    """The lens that a CameraInfo describes; of its projection matrix where the images are rectified.
+
+    It is at the CameraInfo's own size, or at ``size``, (width, height) of the images, where the principal point lies nearer to
+    their middle: a driver that reduces images may forget either.
+    """
     matrix = np.asarray(getattr(info, "k", None) if hasattr(info, "k") else info.K, dtype=np.float64).reshape(3, 3)
     if rectified:
         projection = info.p if hasattr(info, "p") else info.P
         matrix = np.asarray(projection, dtype=np.float64).reshape(3, 4)[:, :3]
     if not matrix.any():
         raise InputError(f"{where}: the CameraInfo holds no intrinsics (all zero): calibrate the camera")
-    camera = camera_of(int(info.width), int(info.height), matrix[[0, 1, 0, 1], [0, 1, 2, 2]].tolist(), where)
+    stated, centre = (int(info.width), int(info.height)), (float(matrix[0, 2]), float(matrix[1, 2]))
+    right = stated if min(stated) > 0 and off_centre(stated, centre) <= off_centre(size, centre) else size
+    says = where if stated == size else f"{where} (of {stated[0]}x{stated[1]} px, for images of {size[0]}x{size[1]})"
+    camera = camera_of(*right, matrix[[0, 1, 0, 1], [0, 1, 2, 2]].tolist(), says)
     coefficients = np.asarray(info.d if hasattr(info, "d") else info.D, dtype=np.float64)
     if rectified or not coefficients.any():
         return Lens(camera)

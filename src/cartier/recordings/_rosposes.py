@@ -58,7 +58,7 @@ def camera_poses(
                 else "there is no odometry topic either"
             )
             raise InputError(
-                f"{bag.path} has no poses for the camera: {why}, and {there}: choose with odometry=TOPIC, extrinsic=…"
+                f"{bag.path} has no poses for the camera: {why}, and {there}: choose with --odometry TOPIC --extrinsic X,Y,Z,QX,QY,QZ,QW"
             )
         odometry = topics[0]
     name = next((topic for topic in topics if topic.lstrip("/") == odometry.lstrip("/")), None)
@@ -73,7 +73,7 @@ def _from_tree(tree: Tree, camera: str, times_s: npt.NDArray[np.float64], frame:
     poses = tree.poses(world, camera, times_s)
     notes = [f"poses from /tf: {world!r} to {camera!r}", *_left_out(poses.outside, poses.in_gaps, "transforms")]
     if frame is None and world != "map":
-        notes.append(f"there is no frame 'map' above the camera: the world is {world!r}; choose with frame=…")
+        notes.append(f"there is no frame 'map' above the camera: the world is {world!r}; choose with --frame NAME")
     return Found(poses.matrices, world, notes)
 
 
@@ -91,7 +91,7 @@ def _from_odometry(
     if body_from_camera is None:
         raise InputError(
             f"{bag.path}: topic {name} says where {body or 'something'!r} was, but not where the camera {camera!r} sits on "
-            "it: give extrinsic=x,y,z,qx,qy,qz,qw"
+            "it: give --extrinsic X,Y,Z,QX,QY,QZ,QW"
         )
     samples = interpolated(checked_rows(rows, name), times_s)
     poses = samples.matrices() @ body_from_camera

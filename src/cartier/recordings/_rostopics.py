@@ -8,19 +8,18 @@ from typing import Any
 
 from cartier.errors import InputError, brief
 from cartier.recordings._lens import Lens
-from cartier.recordings._rosbags import Bag, frame_name
+from cartier.recordings._rosbags import COMPRESSED, IMAGE, Bag, frame_name
 from cartier.recordings._rosfile import Index
 from cartier.recordings._rosimages import (
     COLOURS,
-    COMPRESSED,
     GREY,
-    IMAGE,
     INFO,
     encoding_of,
     is_depth,
     lens_of,
     size_of,
 )
+from cartier.recordings._tables import off_centre_notes
 
 TRANSPORTS = ("/compressed", "/compressedDepth")
 REGISTERED = ("align", "registered", "to_color", "to_rgb")
@@ -72,7 +71,8 @@ def choose(bag: Bag, colour: str | None, depth: str | None, info: str | None) ->
     depths = [s for s in streams if s.depth]
     colours = [s for s in streams if not s.depth and s.encoding not in GREY] or [s for s in streams if not s.depth]
     if colour is None and not colours:
-        raise InputError(f"{bag.path} holds depth but no colour images")
+        left_out = f" ({'; '.join(notes)})" if notes else ""
+        raise InputError(f"{bag.path} holds depth but no colour images{left_out}")
 
     def colour_rank(s: Stream) -> tuple[Any, ...]:
         twin = any(d.frame == s.frame for d in depths)
@@ -86,7 +86,7 @@ def choose(bag: Bag, colour: str | None, depth: str | None, info: str | None) ->
 
     measured = _pick(streams, depths, depth, depth_rank, "depth", notes) if depths or depth else None
     colour_lens = _lens(bag, seen, infos, info, notes)
-    depth_lens = None if measured is None else _depth_lens(measured, seen, infos, colour_lens)
+    depth_lens = None if measured is None else _depth_lens(measured, seen, infos, colour_lens, notes)
     return Choice(seen, colour_lens, measured, depth_lens, notes)
 
 
@@ -114,7 +114,10 @@ def _stream(bag: Bag, name: str) -> Stream | None:
     index = bag.index(name)
     if not len(index):
         return None
-    message = bag.decode(name, bag.read(index[0]))
+    first = next((row for row in index if not bag.header(name, row).empty_image), None)
+    if first is None:
+        raise InputError(f"{bag.path}: topic {name}: its images are empty (no pixels)")
+    message = bag.decode(name, bag.read(first))
     encoding = encoding_of(message)
     frame = frame_name(str(message.header.frame_id), bag.path)
     depth = is_depth(message) and (encoding != "mono16" or "depth" in name)
@@ -140,7 +143,9 @@ def _pick(
     best = min(fitting, key=rank)
     others = sorted({s.camera_name for s in fitting} - {best.camera_name})
     if others:
-        notes.append(f"{what} taken from {best.name}; there are also {', '.join(others[:6])}: choose with {what}=TOPIC")
+        notes.append(
+            f"{what} taken from {best.name}; there are also {', '.join(others[:6])}: choose with --{what} TOPIC"
+        )
     return best
 
 
@@ -171,26 +176,37 @@ def _lens(bag: Bag, stream: Stream, infos: dict[str, Any], wanted: str | None, n
     name = wanted or _named(stream, infos)
     if name is None and len(infos) == 1:
         name = next(iter(infos))
-        notes.append(f"intrinsics taken from {name}, the only CameraInfo there is; choose with info=TOPIC")
+        notes.append(f"intrinsics taken from {name}, the only CameraInfo there is; choose with --info TOPIC")
     if name is None or name not in infos:
         there = brief(", ".join(infos), 300) or "none"
         lack = f"topic {name!r} has no CameraInfo" if name else f"no CameraInfo belongs to {stream.name}"
-        raise InputError(f"{bag.path}: {lack}; there are {there}: choose with info=TOPIC")
-    described = lens_of(infos[name], stream.rectified, name)
-    lens = _scaled(described, stream, name)
-    if lens != described:
-        notes.append(f"{name} is of another resolution than {stream.name}; its intrinsics were scaled")
+        raise InputError(f"{bag.path}: {lack}; there are {there}: choose with --info TOPIC")
+    lens = _of_info(infos[name], stream, name, notes)
+    notes += off_centre_notes(lens.camera)
     if lens.model != "pinhole":
         notes.append(f"lens distortion ({lens.model}) is taken out of the images")
     return lens
 
 
-def _depth_lens(stream: Stream, colour: Stream, infos: dict[str, Any], colour_lens: Lens) -> Lens:
+def _of_info(info: Any, stream: Stream, name: str, notes: list[str]) -> Lens:
+    """The lens of a CameraInfo at the size of the stream's images."""
+    size = stream.width, stream.height
+    described = lens_of(info, stream.rectified, size, name)
+    if _size(described) != size:
+        notes.append(f"{name} is of another resolution than {stream.name}; its intrinsics were scaled")
+    elif (info.width, info.height) != size:
+        notes.append(
+            f"{name} says {info.width}x{info.height} px, but its intrinsics are those of {stream.name}'s {size[0]}x{size[1]}"
+        )
+    return _scaled(described, stream, name)
+
+
+def _depth_lens(stream: Stream, colour: Stream, infos: dict[str, Any], colour_lens: Lens, notes: list[str]) -> Lens:
     """The depth camera's own lens; the colour camera's where the depth is registered to it or nothing else is known."""
     name = _named(stream, infos)
     if stream.frame == colour.frame or name is None:
         return colour_lens if _size(colour_lens) == (stream.width, stream.height) else _fit(colour_lens, stream)
-    return _scaled(lens_of(infos[name], stream.rectified, name), stream, name)
+    return _of_info(infos[name], stream, name, notes)
 
 
 def _size(lens: Lens) -> tuple[int, int]:
@@ -202,7 +218,7 @@ def _scaled(lens: Lens, stream: Stream, name: str) -> Lens:
     width, height = _size(lens)
     if (width, height) == (stream.width, stream.height):
         return lens
-    if width <= 0 or height <= 0 or abs(stream.width / width / (stream.height / height) - 1) > ASPECT_TOLERANCE:
+    if abs(stream.width / width / (stream.height / height) - 1) > ASPECT_TOLERANCE:
         raise InputError(
             f"{name} is for images of {width}x{height} px, but those of {stream.name} have {stream.width}x{stream.height}"
         )

@@ -17,7 +17,11 @@ GL_FROM_OPTICAL = np.diag([1.0, -1.0, -1.0, 1.0])
 """OpenGL's camera axes (x right, y up, z backwards) from ours; a matrix of ARKit, ARCore, Blender or nerfstudio times
 this is ours. Its own inverse."""
 Y_UP = (0.0, 1.0, 0.0)
-MAX_OFF_CENTRE = 0.2  # of the side; lenses are off by a few hundredths, intrinsics of images twice as large by a half
+USUAL_OFF_CENTRE, MAX_OFF_CENTRE = 0.05, 0.2
+"""How far from the middle of an image, in shares of its side, a principal point lies: a real camera's by a few hundredths, that
+of an image with a strip cut off by half the strip's share (which is noted), one beyond the second is that of other images."""
+RESIZED, SAME_RATIO = 0.1, 0.08
+"""A principal point that is off by one factor (to 8 %) of 10 % or more in both directions is that of images of another size."""
 
 
 def numbers(words: Sequence[object], where: str) -> list[float]:
@@ -64,7 +68,9 @@ def camera_of(width: int, height: int, values: Sequence[float], where: str) -> C
         camera = Camera(width, height, *values)
     except InputError as error:
         raise InputError(f"{where}: {error}") from error
-    if not centred(camera):
+    ratios = (2 * (camera.cx + 0.5) / width, 2 * (camera.cy + 0.5) / height)
+    resized = min(abs(ratio - 1) for ratio in ratios) >= RESIZED and abs(ratios[0] / ratios[1] - 1) <= SAME_RATIO
+    if resized or off_centre((width, height), (camera.cx, camera.cy)) > MAX_OFF_CENTRE:
         raise InputError(
             f"{where}: the principal point {camera.cx:g}, {camera.cy:g} is that of images of some {2 * camera.cx:.0f}x"
             f"{2 * camera.cy:.0f} px, but these have {width}x{height}: scale fx, fy, cx, cy as the images were resized"
@@ -72,40 +78,76 @@ def camera_of(width: int, height: int, values: Sequence[float], where: str) -> C
     return camera
 
 
-def centred(camera: Camera) -> bool:
-    """Whether the principal point is as near to the middle as in a whole image, of which nothing was cut off."""
-    off = (
-        abs(camera.cx + 0.5 - camera.width / 2) / camera.width,
-        abs(camera.cy + 0.5 - camera.height / 2) / camera.height,
-    )
-    return max(off) <= MAX_OFF_CENTRE
+def off_centre(size: tuple[int, int], centre: tuple[float, float]) -> float:
+    """How far a principal point is from the middle of images (width, height), in shares of the side that it is further off on."""
+    return max(abs(c + 0.5 - side / 2) / side for c, side in zip(centre, size, strict=True))
 
 
-def read_table(path: Path, wanted: Sequence[str], optional: Sequence[str] = ()) -> dict[str, npt.NDArray[np.float64]]:
+def off_centre_notes(camera: Camera) -> list[str]:
+    """The line to say where the principal point is further from the middle than a whole image's ever is."""
+    off = off_centre((camera.width, camera.height), (camera.cx, camera.cy))
+    if off <= USUAL_OFF_CENTRE:
+        return []
+    return [
+        f"the principal point {camera.cx:g}, {camera.cy:g} lies {off:.0%} of the side off the middle of the images "
+        f"({camera.width}x{camera.height} px): right if they were cropped, wrong if they were resized"
+    ]
+
+
+def check_confidence(confidence: int, highest: int) -> None:
+    """Raises InputError for a least confidence of depth that the format does not have."""
+    if not 0 <= confidence <= highest:
+        raise InputError(f"--confidence {confidence}: this format's depth has confidences of 0 to {highest}")
+
+
+def check_floor(level_from_camera: npt.NDArray[np.float64], floor_m: float | None) -> None:
+    """Raises InputError where a floor that the user gave, z = 0 of levelled poses (N, 4, 4), lies above every camera."""
+    highest_m = float(level_from_camera[:, 2, 3].max())
+    if floor_m is not None and highest_m <= 0:
+        raise InputError(
+            f"--floor {floor_m:g} lies above every camera: the highest is at {floor_m + highest_m:.2f} m along up in the "
+            "recording's own world"
+        )
+
+
+def read_cells(path: Path, notes: list[str]) -> tuple[list[str], list[tuple[int, list[str]]]]:
+    """The names in a CSV file's first line, and each row's line number and cells, as many as there are names.
+
+    A row of more or fewer cells, such as the last of an app that was stopped, is left out and counted in ``notes``.
+    """
+    every = enumerate(read_text(path, MAX_TABLE_BYTES).splitlines(), 1)
+    lines = [(number, line.split(",")) for number, line in every if line.strip()]
+    names = [name.strip() for name in lines[0][1]] if lines else []
+    rows = [(number, cells) for number, cells in lines[1:] if len(cells) == len(names)]
+    if len(lines) > 1 and len(rows) < len(lines) - 1:
+        number, cells = next((number, cells) for number, cells in lines[1:] if len(cells) != len(names))
+        says = f"line {number} has {len(cells)} values for {len(names)} columns"
+        if not rows:
+            raise InputError(f"{path}: none of its {len(lines) - 1} rows fits its first line: {says}")
+        notes.append(f"{len(lines) - 1 - len(rows)} rows of {path.name} left out: {says}")
+    return names, rows
+
+
+def read_table(
+    path: Path, wanted: Sequence[str], optional: Sequence[str], notes: list[str]
+) -> dict[str, npt.NDArray[np.float64]]:
     """The wanted columns of a CSV file by the names in its first line; an InputError if one is missing.
 
     An ``optional`` column is given where it is there and filled in every row. No other column is looked at: the apps add new
-    ones, and leave them empty.
+    ones, and leave them empty. ``notes`` gets what ``read_cells`` says.
     """
-    lines = [line for line in read_text(path, MAX_TABLE_BYTES).splitlines() if line.strip()]
-    names = [name.strip() for name in lines[0].split(",")] if lines else []
+    names, rows = read_cells(path, notes)
     lack = [name for name in wanted if name not in names]
     if lack:
         raise InputError(
             f"{path}: its first line must name the columns {', '.join(wanted)}; {', '.join(lack)} is missing"
         )
-    cells = []
-    for number, line in enumerate(lines[1:], 2):
-        values = line.split(",")
-        if len(values) != len(names):
-            raise InputError(f"{path} line {number}: {len(values)} values for {len(names)} columns")
-        cells.append(values)
-    if not cells:
+    if not rows:
         raise InputError(f"{path} holds no row")
     at = {name: names.index(name) for name in (*wanted, *optional) if name in names}
-    at = {name: i for name, i in at.items() if name in wanted or all(row[i].strip() for row in cells)}
-    rows = [numbers([row[i] for i in at.values()], f"{path} line {number}") for number, row in enumerate(cells, 2)]
-    return dict(zip(at, np.array(rows).T, strict=True))
+    at = {name: i for name, i in at.items() if name in wanted or all(cells[i].strip() for _, cells in rows)}
+    values = [numbers([cells[i] for i in at.values()], f"{path} line {number}") for number, cells in rows]
+    return dict(zip(at, np.array(values).T, strict=True))
 
 
 def unit_quaternions(quaternions: npt.NDArray[np.float64], where: str) -> npt.NDArray[np.float64]:

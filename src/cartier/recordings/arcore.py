@@ -21,12 +21,21 @@ import numpy as np
 
 from cartier.contracts import Recording
 from cartier.errors import InputError
-from cartier.files import read_json, read_text
+from cartier.files import read_json
 from cartier.recordings._content import names_in
 from cartier.recordings._lens import Lens
 from cartier.recordings._posed import PosedImages, Source, View, png_depth
-from cartier.recordings._poses import MAX_TABLE_BYTES, matrices
-from cartier.recordings._tables import GL_FROM_OPTICAL, Y_UP, camera_of, numbers, read_table, unit_quaternions
+from cartier.recordings._poses import matrices
+from cartier.recordings._tables import (
+    GL_FROM_OPTICAL,
+    Y_UP,
+    camera_of,
+    check_confidence,
+    numbers,
+    read_cells,
+    read_table,
+    unit_quaternions,
+)
 from cartier.types import Camera
 
 POSES, CAMERA = "poses.csv", "intrinsics.json"
@@ -44,8 +53,10 @@ def open(
     path: str | Path, confidence: int = 77, up: Sequence[float] | None = None, floor_m: float | None = None
 ) -> Recording:
     """Read such a folder; ``confidence``, 0 to 255, is the least that depth must have (77 is 0.3, as in Google's samples)."""
+    check_confidence(confidence, 255)
     root = Path(path)
-    rows = read_table(root / POSES, ("timestamp_ns", *COLUMNS))
+    notes: list[str] = []
+    rows = read_table(root / POSES, ("timestamp_ns", *COLUMNS), (), notes)
     times = _times(root / POSES)
     camera = _camera(root / CAMERA)
     images = {int(m[1]): m[0] for m in map(COLOUR.fullmatch, names_in(root / "images")) if m}
@@ -55,7 +66,7 @@ def open(
     row_of = {time: i for i, time in enumerate(times)}
     posed = [time for time in sorted(images) if time in row_of]
     kept = [time for time in posed if not depths or f"{time}.png" in depths]
-    notes = [f"{len(images) - len(posed)} images without a pose left out"] if len(images) > len(posed) else []
+    notes += [f"{len(images) - len(posed)} images without a pose left out"] if len(images) > len(posed) else []
     notes += [f"{len(posed) - len(kept)} images without depth left out"] if len(posed) > len(kept) else []
     if not kept:
         raise InputError(f"{root}: of {len(images)} images none can be used: {'; '.join(notes) or 'images/ is empty'}")
@@ -77,9 +88,9 @@ def open(
 
 def _times(path: Path) -> list[int]:
     """The time stamps as whole numbers: a float64 would round nanoseconds."""
-    lines = [line for line in read_text(path, MAX_TABLE_BYTES).splitlines() if line.strip()]
-    column = [name.strip() for name in lines[0].split(",")].index("timestamp_ns")
-    words = [line.split(",")[column].strip() for line in lines[1:]]
+    names, rows = read_cells(path, [])
+    column = names.index("timestamp_ns")
+    words = [cells[column].strip() for _, cells in rows]
     odd = next((word for word in words if not word.isascii() or not word.isdigit()), None)
     if odd is not None:
         raise InputError(f"{path}: timestamp_ns must be a whole number, got {odd[:40]!r}")

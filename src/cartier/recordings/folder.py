@@ -1,7 +1,9 @@
 """cartier's own format: recording.json, rgb/000000.jpg, depth/000000.png (uint16 mm), trajectory.txt (TUM).
 
-``recording.json`` names no files: the layout is fixed, so nothing in it can lead out of the folder; a link that does is
-refused, as in every format. A simulator's recording also holds ``truth.json`` (the true objects with their boxes) and ``instances/000000.png`` (uint16 ids).
+``recording.json`` needs schema, name and camera. ``depth`` and ``instances`` say whether these folders are read (where nothing is
+said, if they are there), ``simulator`` that truth.json is, ``notes`` what was estimated. It names no files: the layout is fixed, so
+nothing in it can lead out of the folder; a link that does is refused, as in every format. A simulator's recording also holds
+``truth.json`` (the true objects with their boxes) and ``instances/000000.png`` (uint16 ids).
 """
 
 from __future__ import annotations
@@ -53,12 +55,12 @@ class Folder:
             )
         self.name = head.line("name")
         self.camera = _camera(_Fields(head.get("camera", dict), root / HEAD))
-        self.notes: Sequence[str] = head.lines("notes")
+        self.notes: Sequence[str] = head.lines("notes") if "notes" in head.value else ()
         self._times_s, self._poses = read_trajectory(root / TRAJECTORY)
         self._poses.setflags(write=False)
-        self._has_depth: bool = head.get("depth", bool)
-        self._has_instances: bool = head.get("instances", bool)
-        simulator = head.get("simulator", bool)
+        self._has_depth: bool = head.flag("depth", (root / "depth").is_dir())
+        self._has_instances: bool = head.flag("instances", (root / "instances").is_dir())
+        simulator = head.flag("simulator", False)  # truth.json alone makes no simulator: what is true must be said
         self.truth: Sequence[TrueObject] | None = _read_truth(root / TRUTH) if simulator else None
         self._images = {"rgb": ".jpg"}
         self._images |= {"depth": ".png"} if self._has_depth else {}
@@ -192,6 +194,9 @@ class _Fields:
         if type(value) is not kind:
             raise InputError(f"{self.path}: field {field!r} must be of type {kind.__name__}, got {brief(value, 40)!r}")
         return value
+
+    def flag(self, field: str, default: bool) -> bool:
+        return bool(self.get(field, bool)) if field in self.value else default
 
     def number(self, field: str) -> float:
         value: Any = self.value.get(field)

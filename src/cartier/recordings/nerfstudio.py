@@ -1,8 +1,8 @@
 """nerfstudio: transforms.json with camera-to-world matrices in OpenGL axes, intrinsics for all or for each frame.
 
 ``ns-process-data`` and instant-ngp write it. Distortion (``k1 k2 p1 p2 k3``, or the fisheye's ``k1``-``k4``) is taken out,
-frames of other intrinsics are resampled to those of the first. Depth is ``depth_file_path``, a 16-bit PNG or a ``.npy`` in
-units of ``depth_unit_scale_factor`` metres (0.001 if not said), or instant-ngp's ``depth_path`` in units of
+frames of other intrinsics are resampled to those of the first. Depth is ``depth_file_path``, a 16-bit PNG, a ``.npy`` or an ``.exr`` (needs
+OpenEXR) in units of ``depth_unit_scale_factor`` metres (0.001 if not said), or instant-ngp's ``depth_path`` in units of
 ``integer_depth_scale``. The scale is whatever made the file: it is metric from a phone's LiDAR, but not from COLMAP.
 """
 
@@ -19,6 +19,7 @@ from cartier.checks import MAX_SIDE_PX
 from cartier.contracts import Recording
 from cartier.errors import InputError, brief
 from cartier.files import read_json, read_npy
+from cartier.recordings._exr import read_exr
 from cartier.recordings._images import image_size
 from cartier.recordings._lens import Lens, straight
 from cartier.recordings._posed import Depths, PosedImages, Source, View, png_depth
@@ -27,7 +28,7 @@ from cartier.recordings._rosimages import valid
 from cartier.recordings._tables import GL_FROM_OPTICAL, camera_of, inside, numbers
 from cartier.types import Camera
 
-FILE = "transforms.json"
+FILE, EXR = "transforms.json", ".exr"
 FRAMES_PER_SECOND = 30.0
 DEPTH_UNIT_M = 0.001
 DEPTH_KEYS = {"depth_file_path": "depth_unit_scale_factor", "depth_path": "integer_depth_scale"}  # and their units
@@ -64,6 +65,8 @@ def open(path: str | Path, up: Sequence[float] | None = None, floor_m: float | N
         raise InputError(f"{where} names {len(frames)} frames, but none of their images is there")
     there.sort(key=lambda item: item[0].colour.as_posix())
     views = [view for view, _ in there]
+    if any(view.depth is not None and view.depth.suffix == EXR for view in views):
+        import OpenEXR  # noqa: F401  # so that a missing package is said at once, not at some frame
     partly = sum(view.depth is None for view in views)
     if 0 < partly < len(views):
         raise InputError(f"{where}: {partly} of {len(views)} frames have no {_depth_key(frames)}; give all or none")
@@ -92,10 +95,10 @@ def _depth_key(frames: Sequence[dict[str, Any]]) -> str:
 
 
 def _depth(path: Path, unit_m: float, unit: str) -> Depths:
-    """(h, w) float32 metres of a 16-bit PNG or a .npy."""
-    if path.suffix != ".npy":
+    """(h, w) float32 metres of a 16-bit PNG, a .npy or an OpenEXR image."""
+    if path.suffix not in (".npy", EXR):
         return png_depth(path, 1 / unit_m)
-    raw = read_npy(path, MAX_DEPTH_BYTES)
+    raw = read_exr(path) if path.suffix == EXR else read_npy(path, MAX_DEPTH_BYTES)
     raw = raw.reshape(raw.shape[:2]) if raw.ndim == 3 and raw.shape[2] == 1 else raw
     if raw.ndim != 2 or not raw.size or raw.dtype.kind not in "uif":
         raise InputError(f"{path} must hold an image of depths (height, width), got {raw.shape} {raw.dtype}")
@@ -143,7 +146,10 @@ def _view(root: Path, head: dict[str, Any], frame: dict[str, Any], number: int, 
 def _lens(camera: Camera, fields: dict[str, Any], where: str) -> Lens:
     model = fields.get("camera_model", "OPENCV")
     if model not in MODELS:
-        raise InputError(f"{where}: camera_model {brief(model, 40)!r} is not read; cartier reads {', '.join(MODELS)}")
+        mend = "reproject its panoramas to perspective images" if model == "EQUIRECTANGULAR" else "undistort its images"
+        raise InputError(
+            f"{where}: camera_model {brief(model, 40)!r} is not read; cartier reads {', '.join(MODELS)}: {mend}"
+        )
     fisheye = model == "OPENCV_FISHEYE" or fields.get("is_fisheye") is True
     names = ("k1", "k2", "k3", "k4") if fisheye else ("k1", "k2", "p1", "p2", "k3")
     values = tuple(_number(fields, name, 0.0, where) for name in names)

@@ -20,7 +20,7 @@ from cartier.recordings._images import image_size
 from cartier.recordings._lens import Lens
 from cartier.recordings._posed import PosedImages, Source, View, png_depth
 from cartier.recordings._poses import Matrix, rigid
-from cartier.recordings._tables import GL_FROM_OPTICAL, Y_UP, camera_of, numbers
+from cartier.recordings._tables import GL_FROM_OPTICAL, Y_UP, camera_of, check_confidence, numbers
 from cartier.types import Camera
 
 FOLDER = "keyframes"
@@ -38,30 +38,38 @@ def open(
     path: str | Path, confidence: int = 127, up: Sequence[float] | None = None, floor_m: float | None = None
 ) -> Recording:
     """Read a capture; ``confidence`` is the least that depth must have, 0 for all of it."""
+    check_confidence(confidence, 255)
     root = Path(path)
     base = root / FOLDER
-    images, cameras = next(pair for pair in SETS if all((base / name).is_dir() for name in pair) or pair == SETS[1])
-    pictures = {name.removesuffix(".jpg") for name in names_in(base / images) if name.endswith(".jpg")}
-    stems = sorted(
-        (name.removesuffix(".json") for name in names_in(base / cameras) if name.endswith(".json")),
-        key=lambda stem: (len(stem), stem),
-    )
-    depths, sure = (names_in(base / name) if (base / name).is_dir() else set() for name in ("depth", "confidence"))
-    kept = [stem for stem in stems if stem in pictures and (not depths or f"{stem}.png" in depths)]
+    depths, sure = (_names(base / name, ".png") for name in ("depth", "confidence"))
+    every = {stem for _, cameras in SETS for stem in _names(base / cameras, ".json")}
+    for images, cameras in SETS:
+        there = _names(base / cameras, ".json")
+        kept = sorted(
+            (stem for stem in there & _names(base / images, ".jpg") if not depths or stem in depths),
+            key=lambda stem: (len(stem), stem),
+        )
+        if kept:
+            break
+    else:
+        raise InputError(f"{base}: none of its {len(every)} {cameras} has an image in {images} and depth")
     odd = next((stem for stem in kept if not (stem.isascii() and stem.isdigit() and len(stem) < 20)), None)
     if odd is not None:
         raise InputError(f"{base / cameras / odd}.json: a keyframe is named by its time in microseconds")
-    if not kept:
-        raise InputError(f"{base}: none of its {len(stems)} {cameras} has an image in {images} and depth")
-    left = len(stems) - len(kept)
-    notes = [f"{left} keyframes without an image or depth left out"] if left else []
+    uncorrected, incomplete = len(every - there), len(there) - len(kept)
+    notes = [f"{incomplete} keyframes without an image or depth left out"] if incomplete else []
     if images == SETS[1][0]:
         notes.append("there are no corrected cameras: the poses are ARKit's own, which drift in large scans")
+    elif uncorrected:
+        notes.append(
+            f"{uncorrected} of {len(every)} keyframes left out: they have no corrected camera, and the others' world is not "
+            f"theirs (without {FOLDER}/{cameras} all are read with ARKit's own poses)"
+        )
     views, poses, files = [], [], []
     for stem in kept:
         camera, pose = _camera(base / cameras / f"{stem}.json", base / images / f"{stem}.jpg")
         depth = base / "depth" / f"{stem}.png" if depths else None
-        trust = base / "confidence" / f"{stem}.png" if depths and f"{stem}.png" in sure else None
+        trust = base / "confidence" / f"{stem}.png" if depths and stem in sure else None
         views.append(View(int(stem) / 1e6, base / images / f"{stem}.jpg", Lens(camera), depth, trust))
         poses.append(pose @ GL_FROM_OPTICAL)
         parts = (base / cameras / f"{stem}.json", views[-1].colour, depth, trust)
@@ -72,6 +80,13 @@ def open(
         min_confidence=confidence, known_up=Y_UP, handheld=True,
     )  # fmt: skip
     return PosedImages(source, up, floor_m)
+
+
+def _names(folder: Path, suffix: str) -> set[str]:
+    """The names with a suffix in a folder, without it; none if there is no such folder."""
+    if not folder.is_dir():
+        return set()
+    return {name.removesuffix(suffix) for name in names_in(folder) if name.endswith(suffix)}
 
 
 def _camera(path: Path, image: Path) -> tuple[Camera, Matrix]:

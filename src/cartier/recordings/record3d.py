@@ -24,7 +24,7 @@ from cartier.recordings._lens import Lens
 from cartier.recordings._posed import Colours, Depths, PosedImages, Source, View
 from cartier.recordings._poses import matrices
 from cartier.recordings._rosimages import valid
-from cartier.recordings._tables import GL_FROM_OPTICAL, Y_UP, camera_of, numbers, unit_quaternions
+from cartier.recordings._tables import GL_FROM_OPTICAL, Y_UP, camera_of, check_confidence, numbers, unit_quaternions
 
 EXTRA = "phone"
 MAX_BYTES = 64 << 20
@@ -43,6 +43,7 @@ def open(
     path: str | Path, confidence: int = 1, up: Sequence[float] | None = None, floor_m: float | None = None
 ) -> Recording:
     """Read a capture; ``confidence`` is the least that depth must have, 0 for all of it."""
+    check_confidence(confidence, 2)
     box = _Box(Path(path))
     head = _head(box)
     poses = _rows(head, "poses", 7, box.where)

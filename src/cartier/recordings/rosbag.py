@@ -33,6 +33,7 @@ from cartier.recordings._rosimages import depth as depth_image
 from cartier.recordings._rosposes import camera_poses, transform_tree
 from cartier.recordings._rostf import Tree, extrinsic_matrix
 from cartier.recordings._rostopics import Choice, Stream, choose
+from cartier.recordings._tables import check_floor
 from cartier.types import Camera, Frame, TrueObject
 
 EXTRA = "ros"
@@ -94,7 +95,7 @@ class RosBag:
         self._fingerprint: str | None = None
         notes = list(choice.notes)
         tree = transform_tree(bag)
-        stamps_s = _stamps(bag, choice.colour, notes)
+        rows, stamps_s = _stamps(bag, choice.colour, notes)
         found = camera_poses(bag, tree, choice.colour.frame, stamps_s, frame, odometry, body_from_camera)
         keep = np.asarray(np.isfinite(found.matrices).all(axis=(1, 2)))
         partner = self._partners(stamps_s, keep, notes)
@@ -102,7 +103,7 @@ class RosBag:
         notes += found.notes
         if not keep.any():
             raise InputError(f"{bag.path}: no image of {choice.colour.name} can be used: {'; '.join(notes)}")
-        self._rows: Index = choice.colour.index[keep]
+        self._rows: Index = choice.colour.index[rows][keep]
         self._partner = partner[keep]
         self._times_s = stamps_s[keep]
         self._colour_from_depth = self._registration(tree, notes)
@@ -111,9 +112,10 @@ class RosBag:
             levelling = gravity.level(poses, self.camera, None, up or (0, 0, 1), 0.0 if floor_m is None else floor_m)
             self.level_from_world = levelling.level_from_world  # so that the doctor sees the poses as they were given
             poses = levelling.level_from_world @ poses
+            check_floor(poses, floor_m)
             notes += levelling.notes
         else:
-            notes.append(f"the floor is taken to be z = 0 of frame {found.world!r}; override with floor_m=…")
+            notes.append(f"the floor is taken to be z = 0 of frame {found.world!r}; override with --floor M")
         self._poses = poses
         self._poses.setflags(write=False)
         self.notes: Sequence[str] = notes
@@ -166,9 +168,9 @@ class RosBag:
         if depth is None:
             notes.append("there is no depth")
             return np.zeros(len(stamps_s), np.int64)
-        times_s = _stamps(self._bag, depth, notes)
+        rows, times_s = _stamps(self._bag, depth, notes)
         order = np.argsort(times_s, kind="stable")
-        times_s = times_s[order]
+        rows, times_s = rows[order], times_s[order]
         after = np.clip(np.searchsorted(times_s, stamps_s), 0, len(times_s) - 1)
         before = np.maximum(after - 1, 0)
         nearest = np.where(np.abs(times_s[before] - stamps_s) < np.abs(times_s[after] - stamps_s), before, after)
@@ -179,7 +181,7 @@ class RosBag:
             notes.append(
                 f"{int((lonely & posed).sum())} images left out: no depth within {period_s / 2 * 1000:.0f} ms of them"
             )
-        return np.asarray(np.where(lonely, -1, order[nearest]), dtype=np.int64)
+        return np.asarray(np.where(lonely, -1, rows[nearest]), dtype=np.int64)
 
     def _registration(self, tree: Tree, notes: list[str]) -> npt.NDArray[np.float64] | None:
         """colour_from_depth where the two have frames of their own that the transforms connect."""
@@ -196,12 +198,16 @@ class RosBag:
         return matrix
 
 
-def _stamps(bag: Bag, stream: Stream, notes: list[str]) -> npt.NDArray[np.float64]:
-    """Each image's own time in seconds; the recorder's where the images carry none."""
-    stamps_ns = np.array([bag.header(stream.name, row).stamp_ns for row in stream.index], dtype=np.int64)
+def _stamps(bag: Bag, stream: Stream, notes: list[str]) -> tuple[Index, npt.NDArray[np.float64]]:
+    """The rows of the stream's index that hold an image, and each one's own time in seconds; the recorder's where it has none."""
+    headers = [bag.header(stream.name, row) for row in stream.index]
+    rows = np.flatnonzero([not header.empty_image for header in headers])
+    if len(rows) < len(headers):
+        notes.append(f"{len(headers) - len(rows)} messages of {stream.name} left out: their images are empty")
+    stamps_ns = np.array([headers[row].stamp_ns for row in rows], dtype=np.int64)
     if not stamps_ns.any():
         notes.append(
             f"the images of {stream.name} carry no time stamps; the times at which they were recorded are used"
         )
-        stamps_ns = stream.index[:, 0]
-    return np.asarray(stamps_ns / 1e9)
+        stamps_ns = stream.index[rows, 0]
+    return rows, np.asarray(stamps_ns / 1e9)

@@ -21,7 +21,7 @@ from cartier.recordings._images import image_size
 from cartier.recordings._lens import Lens
 from cartier.recordings._posed import PosedImages, Source, View, png_depth
 from cartier.recordings._poses import rigid
-from cartier.recordings._tables import GL_FROM_OPTICAL, Y_UP, camera_of, numbers
+from cartier.recordings._tables import GL_FROM_OPTICAL, Y_UP, camera_of, check_confidence, numbers
 
 FRAME = re.compile(r"frame_(\d{1,9})\.json", re.ASCII)
 FRAMES_PER_SECOND = 60.0
@@ -39,6 +39,7 @@ def open(
     path: str | Path, confidence: int = 1, up: Sequence[float] | None = None, floor_m: float | None = None
 ) -> Recording:
     """Read a scan; ``confidence`` is the least that depth must have, 0 for all of it."""
+    check_confidence(confidence, 2)
     root = Path(path)
     names = names_in(root)
     every = sorted((int(m[1]), m[1]) for m in map(FRAME.fullmatch, names) if m)

@@ -19,12 +19,16 @@ from cartier.recordings._images import image_size
 from cartier.recordings._lens import Lens
 from cartier.recordings._posed import PosedImages, Source, View, png_depth
 from cartier.recordings._poses import read_matrix, rigid
-from cartier.recordings._tables import camera_of, centred
+from cartier.recordings._tables import camera_of, off_centre
 from cartier.types import Camera
 
 COLOUR = re.compile(r"(\d{1,9})\.(?:jpg|png)", re.ASCII)
 COLOUR_MATRIX, DEPTH_MATRIX = "intrinsic/intrinsic_color.txt", "intrinsic/intrinsic_depth.txt"
-COLOUR_SIZE = (1296, 968)  # px of the sensor, which the exported intrinsics are for
+SIZES = {
+    COLOUR_MATRIX: (1296, 968),
+    DEPTH_MATRIX: (640, 480),
+}  # px of the sensors, which the exported intrinsics are for
+SAME_SHAPE = 0.02
 FRAMES_PER_SECOND = 30.0
 
 
@@ -39,7 +43,8 @@ def open(path: str | Path, up: Sequence[float] | None = None, floor_m: float | N
     found = sorted((int(m[1]), m[0]) for m in map(COLOUR.fullmatch, names_in(root / "color")) if m)
     if not found:
         raise InputError(f"{root / 'color'} holds no image 0.jpg")
-    colour, notes = _colour_camera(root, root / "color" / found[0][1])
+    notes: list[str] = []
+    colour = _camera(root, COLOUR_MATRIX, root / "color" / found[0][1], notes)
     depths = names_in(root / "depth") if (root / "depth").is_dir() else set()
     poses, views, files = [], [], [COLOUR_MATRIX]
     lost = 0
@@ -60,7 +65,7 @@ def open(path: str | Path, up: Sequence[float] | None = None, floor_m: float | N
     notes.append(f"times assumed: {FRAMES_PER_SECOND:g} frames per second, by frame number")
     depth_lens = None
     if views[0].depth is not None and (root / DEPTH_MATRIX).is_file():
-        depth_lens = Lens(_camera(root, DEPTH_MATRIX, views[0].depth))
+        depth_lens = Lens(_camera(root, DEPTH_MATRIX, views[0].depth, notes))
         files.append(DEPTH_MATRIX)
     settings = f"scannet 1 up={up} floor_m={floor_m}"
     source = Source(
@@ -69,25 +74,16 @@ def open(path: str | Path, up: Sequence[float] | None = None, floor_m: float | N
     return PosedImages(source, up, floor_m)
 
 
-def _colour_camera(root: Path, image: Path) -> tuple[Camera, list[str]]:
-    """The colour camera; resized colour images often come with the intrinsics of the sensor's own size."""
-    matrix = _intrinsics(root, COLOUR_MATRIX)
-    size = image_size(image)
-    try:
-        return camera_of(*size, matrix, str(root / COLOUR_MATRIX)), []
-    except InputError:
-        whole = Camera(*COLOUR_SIZE, *matrix)
-        if not centred(whole) or abs(size[0] / size[1] / (whole.width / whole.height) - 1) > 0.02:
-            raise
-    return whole.scaled(*size), [
-        f"{COLOUR_MATRIX} is for images of {whole.width}x{whole.height} px; it was scaled to {size[0]}x{size[1]}"
-    ]
+def _camera(root: Path, name: str, image: Path, notes: list[str]) -> Camera:
+    """The camera at its images' size: resized images often come with the intrinsics of the sensor's own.
 
-
-def _camera(root: Path, name: str, image: Path) -> Camera:
-    return camera_of(*image_size(image), _intrinsics(root, name), str(root / name))
-
-
-def _intrinsics(root: Path, name: str) -> list[float]:
-    """fx, fy, cx, cy."""
-    return [float(v) for v in read_matrix(root / name, 4)[[0, 1, 0, 1], [0, 1, 2, 2]]]
+    Which of the two sizes a matrix is for is told by the principal point: it is that in whose middle it lies.
+    """
+    fx, fy, cx, cy = (float(v) for v in read_matrix(root / name, 4)[[0, 1, 0, 1], [0, 1, 2, 2]])
+    size, sensor = image_size(image), SIZES[name]
+    same_shape = abs(size[0] / size[1] / (sensor[0] / sensor[1]) - 1) < SAME_SHAPE
+    if not same_shape or off_centre(size, (cx, cy)) <= off_centre(sensor, (cx, cy)):
+        return camera_of(*size, (fx, fy, cx, cy), str(root / name))
+    whole = camera_of(*sensor, (fx, fy, cx, cy), str(root / name))
+    notes.append(f"{name} is for images of {sensor[0]}x{sensor[1]} px; it was scaled to {size[0]}x{size[1]}")
+    return whole.scaled(*size)

@@ -19,7 +19,7 @@ from cartier.mapping import gravity
 from cartier.recordings._content import READERS, check_inside, content_hash, names_in
 from cartier.recordings._images import image_size, read_depth, read_rgb
 from cartier.recordings._poses import read_matrix, rigid
-from cartier.recordings._tables import camera_of
+from cartier.recordings._tables import camera_of, check_floor, off_centre_notes
 from cartier.types import Camera, Frame, TrueObject
 
 COLOUR = re.compile(r"(frame-(\d{1,9}))\.color\.(?:jpg|png)", re.ASCII)
@@ -59,8 +59,10 @@ class SevenScenes:
         levelling = gravity.level(poses, self.camera, self._depth if self._has_depth else None, up, floor_m)
         self.level_from_world = levelling.level_from_world  # so that the doctor sees the poses as they were given
         self._poses = levelling.level_from_world @ poses
+        check_floor(self._poses, floor_m)
         self._poses.setflags(write=False)
         self.notes: Sequence[str] = [
+            *off_centre_notes(self.camera),
             *levelling.notes,
             f"times assumed: {FRAMES_PER_SECOND:g} frames per second, by frame number",
         ]

@@ -22,7 +22,7 @@ from cartier.recordings._images import image_size
 from cartier.recordings._lens import Lens
 from cartier.recordings._posed import Colours, PosedImages, Source, View, png_depth
 from cartier.recordings._poses import matrices
-from cartier.recordings._tables import Y_UP, camera_of, numbers, read_table, unit_quaternions
+from cartier.recordings._tables import Y_UP, camera_of, check_confidence, numbers, read_table, unit_quaternions
 from cartier.recordings._video import Video
 
 EXTRA = "phone"
@@ -41,9 +41,11 @@ def open(
     path: str | Path, confidence: int = 1, up: Sequence[float] | None = None, floor_m: float | None = None
 ) -> Recording:
     """Read a scan; ``confidence`` is the least that depth must have, 0 for all of it."""
+    check_confidence(confidence, 2)
     root = Path(path)
     pictures = _pictures(root)
-    rows = read_table(root / ODOMETRY, ("timestamp", "frame", *POSE), INTRINSICS)
+    notes: list[str] = []
+    rows = read_table(root / ODOMETRY, ("timestamp", "frame", *POSE), INTRINSICS, notes)
     own = all(name in rows for name in INTRINSICS)
     shared = None if own else _matrix(root / MATRIX)
     depths = names_in(root / "depth") if (root / "depth").is_dir() else set()
@@ -64,7 +66,7 @@ def open(
         files += [p.relative_to(root).as_posix() for p in (views[-1].depth, sure) if p is not None]
         files += [] if pictures.video else [image.relative_to(root).as_posix()]
         kept.append(i)
-    notes = [f"{missing} poses without an image or depth left out"] if missing else []
+    notes += [f"{missing} poses without an image or depth left out"] if missing else []
     if not views:
         raise InputError(f"{root}: none of the {missing} poses in {ODOMETRY} has an image and depth")
     poses = np.column_stack([rows[name] for name in POSE])[kept]

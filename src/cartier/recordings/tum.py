@@ -111,7 +111,7 @@ def _lens(root: Path, first: Path, given: Sequence[float] | str | None) -> tuple
         sequence, by = _sequence(root)
         if sequence is None:
             raise InputError(
-                f"{root} holds no intrinsics: write fx fy cx cy to {root / CALIBRATION}, or give camera=fx,fy,cx,cy "
+                f"{root} holds no intrinsics: write fx fy cx cy to {root / CALIBRATION}, or give --camera FX,FY,CX,CY "
                 f"(they are known where the folder's name or the second line of {COLOUR} has {', '.join(PUBLISHED)})"
             )
         values, note = list(PUBLISHED[sequence]), f"intrinsics of {sequence} as published, by {by}"

@@ -1,0 +1,165 @@
+"""What is said of a path that is no recording: one nearby, one in an archive, pictures without poses, or nothing of the kind.
+
+Folders are looked into two levels down, archives by their names only, both within bounds. Nothing is unpacked.
+"""
+
+from __future__ import annotations
+
+import itertools
+import shlex
+import tarfile
+import tempfile
+import zipfile
+from collections import Counter
+from collections.abc import Callable, Iterator
+from pathlib import Path, PurePosixPath
+
+from cartier.errors import brief
+
+Formats = Callable[[Path], list[str]]
+"""The formats whose recordings a path may be."""
+
+VIDEOS = (".mp4", ".mov", ".avi", ".mkv", ".m4v", ".webm")
+PICTURES = (".jpg", ".jpeg", ".png", ".heic", ".heif", ".dng", ".tif", ".tiff", ".webp")
+KINDS = {"a picture": PICTURES, "a video": VIDEOS}
+TARS = (".tar", ".tgz", ".tar.gz", ".tar.bz2", ".tar.xz")
+NO_POSES = (
+    "no camera poses and no intrinsics: COLMAP or nerfstudio's ns-process-data work them out from pictures (without depth "
+    "and scale), and Record3D, Stray Scanner, Polycam and RTAB-Map record them with depth (docs/phone.md)"
+)
+POSES = ("*pose*.json", "*pose*.txt", "*pose*.csv", "*traj*.json", "*traj*.txt", "*traj*.csv")
+OWN_LAYOUT = (
+    "in a layout of their own: write them as transforms.json (nerfstudio) or as the four plain files of the README, or name "
+    "a reader of your own, --format ./mine.py (CONTRIBUTING.md)"
+)
+MOST_ENTRIES, MOST_PATHS, MOST_ARCHIVES = 100, 300, 5  # looked at: in a folder, in all, and archives of those
+MOST_NAMES, MOST_TAR_BYTES = 20_000, 256 << 20
+MOST_ALIKE, MOST_PARTS = 20, 6  # of an archive's names: with one suffix in one folder, and parts of a name
+
+
+def what_else(path: Path, formats: Formats) -> str | None:
+    """What a path is that is no recording, and what to do about it; None if there is nothing to say."""
+    parent = path.absolute().parent
+    above = next(iter(formats(parent)), None)
+    this = f"{parent} is one ({above}): give that"
+    if path.is_file():
+        if _is_archive(path):
+            return _archive(path, formats)[0]
+        if above:
+            return f"but {this}"
+        kind = next((kind for kind, suffixes in KINDS.items() if path.suffix.lower() in suffixes), None)
+        return f"{kind} alone has {NO_POSES}" if kind else None
+    below = list(itertools.islice(_below(path), MOST_PATHS))
+    for other in below:
+        if found := formats(other):
+            return f"but {other} is one ({found[0]}): give that"
+    archives = [
+        (file, *_archive(file, formats)) for file in itertools.islice(filter(_is_archive, below), MOST_ARCHIVES)
+    ]
+    for file, says, is_recording in archives:
+        if is_recording:
+            return f"it holds {file.relative_to(path)}: {says}"
+    for kind, suffixes in KINDS.items():
+        shown = next((file for file in below if file.suffix.lower() in suffixes), None)
+        if shown is not None:
+            holds = f"it holds {kind}, {shown.relative_to(path)}"
+            if (poses := next((file.name for name in POSES for file in below if file.match(name)), None)) is not None:
+                return f"{holds}, and {poses}, {OWN_LAYOUT}"
+            return f"{holds}: but {this} if it is its; alone it has {NO_POSES}" if above else f"{holds}, but {NO_POSES}"
+    if archives:
+        return f"it holds {archives[0][0].relative_to(path)}: {archives[0][1]}"
+    return f"but {this}" if above else None
+
+
+def _below(folder: Path) -> Iterator[Path]:
+    """What lies in a folder by name, then what lies in its folders."""
+    entries = _entries(folder)
+    yield from entries
+    for entry in entries:
+        if entry.is_dir() and not entry.is_symlink():
+            yield from _entries(entry)
+
+
+def _entries(folder: Path) -> list[Path]:
+    try:
+        return [entry for entry in sorted(folder.iterdir()) if entry.name[0] != "."][:MOST_ENTRIES]
+    except OSError:  # not ours to read
+        return []
+
+
+def _is_archive(path: Path) -> bool:
+    return path.name.lower().endswith((".zip", *TARS)) and path.is_file()
+
+
+def _archive(path: Path, formats: Formats) -> tuple[str, bool]:
+    """What to say of a file with an archive's name, and whether a recording is in it."""
+    try:
+        names, whole = _names(path)
+    except Exception as error:  # zipfile's, tarfile's and zlib's share no base class
+        return (
+            f"by its name it is an archive, but it is none, or it is damaged ({brief(error, 80)}): fetch it again",
+            False,
+        )
+    target = path.with_name(path.name[: -len(next(s for s in (".zip", *TARS) if path.name.lower().endswith(s)))])
+    source, folder = shlex.quote(str(path)), shlex.quote(str(target))
+    is_zip = path.suffix.lower() == ".zip"
+    unpack = f"unzip {source} -d {folder}" if is_zip else f"mkdir {folder} && tar -xf {source} -C {folder}"
+    found = _recording_of(names, formats)
+    if found is not None:
+        inside, format = found
+        return (
+            f"a recording ({format}) is in it: unpack it ({unpack}), and give {shlex.quote(str(target / inside))}",
+            True,
+        )
+    pictures = next((name for name in names if PurePosixPath(name).suffix.lower() in (*PICTURES, *VIDEOS)), None)
+    seen = f"{len(names)} names" if whole else f"first {len(names)} names"
+    if pictures is not None:
+        return (
+            f"by its {seen} no recording is in it, only pictures such as {brief(pictures, 80)}, with {NO_POSES}",
+            False,
+        )
+    return f"by its {seen} no recording is in it" + (f" (such as {brief(names[0], 80)})" if names else ""), False
+
+
+def _names(path: Path) -> tuple[list[str], bool]:
+    """The files' names in an archive, and whether these are all."""
+    if path.suffix.lower() == ".zip":
+        with zipfile.ZipFile(path) as packed:
+            every = [name for name in packed.namelist() if not name.endswith("/")]
+        return every[:MOST_NAMES], len(every) <= MOST_NAMES
+    names = []
+    with tarfile.open(path) as packed_tar:
+        for member in packed_tar:
+            names += [member.name] if member.isfile() else []
+            if len(names) == MOST_NAMES or member.offset_data + member.size > MOST_TAR_BYTES:
+                return names, False
+    return names, True
+
+
+def _recording_of(names: list[str], formats: Formats) -> tuple[str, str] | None:
+    """The folder or file in an archive that is a recording, and its format: found among empty files of the same names."""
+    alike: Counter[tuple[str, str]] = Counter()
+    with tempfile.TemporaryDirectory(prefix="cartier-") as temporary:
+        root, folders = Path(temporary), {Path(temporary)}
+        files: list[Path] = []
+        for name in names:
+            path = PurePosixPath(name)
+            alike[str(path.parent), path.suffix] += 1
+            strange = path.is_absolute() or ".." in path.parts or "\0" in name or len(path.parts) > MOST_PARTS
+            if strange or alike[str(path.parent), path.suffix] > MOST_ALIKE or len(files) == MOST_PATHS * 10:
+                continue
+            file = root / path
+            try:
+                file.parent.mkdir(parents=True, exist_ok=True)
+                file.touch()
+            except (OSError, ValueError):  # a name that this system does not have
+                continue
+            files.append(file)
+            folders.update(parent for parent in file.parents if parent.is_relative_to(root))
+        for other in (
+            *sorted(folders, key=lambda folder: (len(folder.parts), folder))[:MOST_PATHS],
+            *files[:MOST_PATHS],
+        ):
+            if found := formats(other):
+                return other.relative_to(root).as_posix(), found[0]
+    return None
