@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cartier.geometry import backproject, project, transform
+from cartier.mapping.gravity import LYING, quarter_turns
 from cartier.mapping.sharpness import edge_width_px
 from cartier.types import Camera, Floats, Frame
 
@@ -77,12 +78,10 @@ class Conditions:
             )
         if 0 < max(self._size) < SMALL_PX:
             found.append(f"the pictures are small ({self._size[0]}x{self._size[1]} px): small things are missed")
-        right, down = self._up
-        turned = int(np.argmax((-down, right, down, -right)))
-        if turned and self._frames:
-            how = ("", "lie on their right side", "stand on their heads", "lie on their left side")[turned]
+        turns = quarter_turns(self._up)
+        if turns and self._frames:
             found.append(
-                f"by their poses the pictures {how}: few things are recognised so; turn pictures, depth and poses"
+                f"by their poses the pictures {LYING[turns]}: few things are recognised so; turn pictures, depth and poses"
             )
         found += self._drift()
         return found

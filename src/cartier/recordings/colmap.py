@@ -114,8 +114,9 @@ def open(path: str | Path, up: Sequence[float] | None = None, floor_m: float | N
     files = [(folder / f"{kind}{suffix}").relative_to(root).as_posix() for kind in ("cameras", "images")]
     files += [view.colour.relative_to(root).as_posix() for view in views]
     poses = np.array([invert(pose) for pose in matrices(rows)])
-    settings = f"colmap 1 up={up} floor_m={floor_m}"
-    return PosedImages(Source(root, root.resolve().name, settings, views, poses, files, notes), up, floor_m)
+    settings = f"colmap 2 up={up} floor_m={floor_m}"
+    source = Source(root, root.resolve().name, settings, views, poses, files, notes, handheld=True)
+    return PosedImages(source, up, floor_m)
 
 
 def _model(root: Path) -> tuple[Path, str] | None:
