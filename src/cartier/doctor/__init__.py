@@ -44,6 +44,10 @@ __all__ = [
 ]
 
 CANNOT_LEVEL = "give it with up="  # how cartier.mapping.gravity says that the cameras do not tell which way is up
+NO_DEPTH = (
+    "no frame has a depth image: objects are mapped from bearings, without a floor plan; poses, scale and intrinsics could not be "
+    "compared with depth"
+)
 Progress = Callable[[int, int], None]
 
 
@@ -82,6 +86,8 @@ def examine(recording: Recording, progress: Progress | None = None) -> Report:
     left_out = frozenset(samples.faults)
     if not len(samples):
         return Report(recording.name, len(recording), tuple(faults), tuple(notes))
+    if not samples.has_depth:
+        notes.append(NO_DEPTH)
     no_depth, without = _checks.empty_depth(samples)
     samples = _checks.without_depth(samples, without) if without else samples
     blur, unsharp = _checks.blurred(samples)

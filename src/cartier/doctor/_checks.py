@@ -53,12 +53,9 @@ def _first_of(errors: dict[int, InputError], samples: Samples) -> str:
 
 
 def empty_depth(samples: Samples) -> tuple[Fault | None, frozenset[int]]:
-    """Depth that is missing, black or constant, and the frames where it is."""
-    if not len(samples):
-        return None, frozenset()
+    """Depth that is black or constant, and the frames where it is."""
     if not samples.has_depth:
-        mend = "map it with --index object_viewpoint, which needs no depth, or record with a depth camera"
-        return Fault("no_depth", "no frame has a depth image", mend), frozenset()
+        return None, frozenset()
     black = samples.read < LEAST_READ
     flat = ~black & (samples.spread_m <= LEAST_SPREAD_M * np.nanmax(samples.depth_m, axis=(1, 2), initial=0))
     bad = black | flat
@@ -166,7 +163,7 @@ def rotated(poses: Array) -> int:
 
 
 def lying(turns: int) -> Fault:
-    evidence = f"by the poses the pictures {gravity.LYING[turns]}: few things are recognised so"
+    evidence = f"by the poses the pictures {gravity.LYING[turns]}, up is {180 if turns == 2 else 90}° off in them: few things are recognised so"
     by = ("", "90° to the left", "180°", "90° to the right")[turns]
     mend = f"turn pictures, depth, intrinsics and camera axes by {by}, and leave the world as it is; --fix does"
     return Fault("rotated_images", evidence, mend)

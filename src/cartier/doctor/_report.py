@@ -49,7 +49,13 @@ class Cure:
         numbers = (
             reading.depth_scale != 1 or reading.camera_factor != (1.0, 1.0) or reading.positions != (1.0, 1.0, 1.0)
         )
-        rest = self.level is not None or self.registration is not None or self.left_out or self.kept is not None or self.turns
+        rest = (
+            self.level is not None
+            or self.registration is not None
+            or self.left_out
+            or self.kept is not None
+            or self.turns
+        )
         return bool(poses or numbers or rest)
 
 

@@ -27,10 +27,15 @@ AGREE_DEG = 10.0
 MIN_SHARE, MIN_SAMPLES = 0.03, 200
 BIN_M, LAYER_M = 0.02, 0.03
 ASSUMED_CAMERA_HEIGHT_M = 1.5
-UP_IN_IMAGE = np.array([(0.0, -1.0), (1.0, 0.0), (0.0, 1.0), (-1.0, 0.0)])  # right, down; by quarter turns to the left that mend it
+UP_IN_IMAGE = np.array(
+    [(0.0, -1.0), (1.0, 0.0), (0.0, 1.0), (-1.0, 0.0)]
+)  # right, down; by quarter turns to the left that mend it
 LYING = ("stand upright", "lie on their right side", "stand on their heads", "lie on their left side")
 USUAL = 1.5  # how much more horizontal surface another turn must show than the one that the poses suggest
-TELLING, CLEARER = 0.05, 3.0  # without depth: how unsteady upright must be (0.03 at most where it is right), and how much more
+TELLING, CLEARER = (
+    0.05,
+    3.0,
+)  # without depth: how unsteady upright must be (0.03 at most where it is right), and how much more
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,15 +190,15 @@ def _surfaces(poses: Array, camera: Camera, depth_of: Callable[[int], Array | No
     """Surface samples of frames spread over the recording, or None if none of them has depth."""
     chosen = np.unique(np.linspace(0, len(poses) - 1, FRAMES).round().astype(int))
     depths = ((int(i), depth_of(int(i))) for i in chosen)
-    parts = [_oriented(poses[i], camera, depth) for i, depth in depths if depth is not None]
+    parts = [oriented(poses[i], camera, depth) for i, depth in depths if depth is not None]
     if not parts:
         return None
     points, normals = (np.concatenate(column) for column in zip(*parts, strict=True))
     return _Surfaces(points, normals, len(parts))
 
 
-def _oriented(world_from_camera: Array, camera: Camera, depth_m: Array) -> tuple[Array, Array]:
-    """Points and normals (m, 3) of one depth image, from central differences on a coarse raster."""
+def oriented(world_from_camera: Array, camera: Camera, depth_m: Array) -> tuple[Array, Array]:
+    """World points and unit normals (m, 3), towards the camera, of one depth image (H, W), from central differences on a coarse raster."""
     stride = max(1, camera.width // SAMPLES_ACROSS)
     points = backproject(depth_m, camera, stride)
     centre = points[1:-1, 1:-1]

@@ -81,7 +81,14 @@ def open(path: str | Path, up: Sequence[float] | None = None, floor_m: float | N
     settings = f"nerfstudio 2 up={up} floor_m={floor_m}"
     poses = np.array([pose for _, pose in there])
     source = Source(
-        root, root.resolve().name, settings, views, poses, files, notes, partial(_depth, unit_m=unit_m, unit=unit),
+        root,
+        root.resolve().name,
+        settings,
+        views,
+        poses,
+        files,
+        notes,
+        partial(_depth, unit_m=unit_m, unit=unit),
         handheld=True,
     )
     return PosedImages(source, up, floor_m)

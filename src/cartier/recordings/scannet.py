@@ -64,7 +64,15 @@ def open(path: str | Path, up: Sequence[float] | None = None, floor_m: float | N
         files.append(DEPTH_MATRIX)
     settings = f"scannet 2 up={up} floor_m={floor_m}"
     source = Source(
-        root, root.resolve().name, settings, views, np.array(poses), files, notes, png_depth, depth_lens=depth_lens,
+        root,
+        root.resolve().name,
+        settings,
+        views,
+        np.array(poses),
+        files,
+        notes,
+        png_depth,
+        depth_lens=depth_lens,
         handheld=True,
     )
     return PosedImages(source, up, floor_m)
