@@ -24,7 +24,8 @@ from cartier.types import (
 class Recording(Protocol):
     """Frames of one home, read lazily: nothing but the frame asked for is held in memory.
 
-    It may have ``readers``, how many threads may ask for frames at once; without, only the one that opened it.
+    It may have ``readers``, how many threads may ask for frames at once; without, only the one that opened it; and
+    ``scale_guessed``, true where its metres are none that anybody measured.
     """
 
     name: str

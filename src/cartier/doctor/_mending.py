@@ -22,7 +22,7 @@ class Mended:
 
     def __init__(self, recording: Recording, cure: Cure, notes: Sequence[str]) -> None:
         self._source, self._cure = recording, cure
-        self.name = recording.name
+        self.name, self.scale_guessed = recording.name, getattr(recording, "scale_guessed", False)
         self.camera, self._old_from_new = turned_camera(mended_camera(recording.camera, cure), cure.turns)
         moved = cure.level is not None or cure.reading.before is not None
         self.truth: Sequence[TrueObject] | None = None if moved else recording.truth

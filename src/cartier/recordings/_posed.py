@@ -44,8 +44,8 @@ class Source:
 
     ``world_from_camera`` (N, 4, 4) is in the source's world, camera axes optical. ``depth_lens`` is the depth camera's,
     if it is not the colour camera's at the depth's own size. ``read_depth(path)`` gives (h, w) float32 metres, NaN for
-    no reading. ``known_up`` is the source's up where its makers say so; ``files`` are hashed for the fingerprint. ``readers``
-    threads may call these at once; a video is read by one, in order.
+    no reading. ``known_up`` is the source's up where its makers say so; ``files`` are hashed for the fingerprint. Images of a
+    ``handheld`` camera are turned upright; ``scale_guessed`` says that no one measured the metres. ``readers`` threads may call these at once; a video is read by one, in order.
     """
 
     root: Path
@@ -61,6 +61,7 @@ class Source:
     known_up: tuple[float, float, float] | None = None
     read_colour: Callable[[View], Colours] | None = None
     handheld: bool = False
+    scale_guessed: bool = False
     readers: int = READERS
 
 
@@ -74,7 +75,7 @@ class PosedImages:
             raise InputError(f"{source.root} holds no image with a pose")
         check_inside(source.root, source.files)
         self.name, self.readers = source.name, source.readers
-        self._source = source
+        self._source, self.scale_guessed = source, source.scale_guessed
         self._fingerprint: str | None = None
         first = source.views[0].lens.camera
         self._factor = -(-max(first.width, first.height) // MAX_SIDE)

@@ -54,6 +54,7 @@ class Folder:
         self.name = head.line("name")
         self.camera = _camera(_Fields(head.get("camera", dict), root / HEAD))
         self.notes: Sequence[str] = head.lines("notes")
+        self.scale_guessed = head.value.get("scale_guessed") is True
         self._times_s, self._poses = read_trajectory(root / TRAJECTORY)
         self._poses.setflags(write=False)
         self._has_depth: bool = head.get("depth", bool)
@@ -148,6 +149,8 @@ def _write_head(recording: Recording, kinds: Sequence[str], root: Path) -> None:
         "simulator": recording.truth is not None,
         "notes": list(recording.notes),
     }
+    if getattr(recording, "scale_guessed", False):
+        head["scale_guessed"] = True
     write_json(root / HEAD, head)
 
 
