@@ -166,8 +166,10 @@ class Home:
             {"id": r.id, "name": r.name, "kind": r.kind, "area_m2": round(len(r.cells) * area, 2)} for r in self.rooms
         ]
         about = {"home": self.name, "id": self.id, "detector": self.detector, "objects": rows, "rooms": rooms}
-        about["scale_guessed"] = self.scale_guessed
-        return about | {"notes": [*self.notes, *(self.corrected.notes if self.corrected else ())]}
+        return about | {
+            "scale_guessed": self.scale_guessed,
+            "notes": [*self.notes, *(self.corrected.notes if self.corrected else ())],
+        }
 
     def correct(
         self,

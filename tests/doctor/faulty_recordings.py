@@ -14,6 +14,7 @@ from scipy.ndimage import gaussian_filter
 
 from cartier.checks import frame_number
 from cartier.contracts import Recording
+from cartier.doctor._readings import QUARTER
 from cartier.recordings._posed import turned_camera, turned_image
 from cartier.types import Camera, Frame, TrueObject
 from cartier.worlds import _unity
@@ -252,6 +253,7 @@ UNITY = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])  # 
 INJECTED: dict[str, tuple[str, Callable[[Recording], Recording]]] = {
     "inverted": ("inverted_poses", posed(lambda p, i: np.linalg.inv(p))),
     "opengl": ("opengl_axes", posed(lambda p, i: p @ axes(1, -1, -1))),
+    "pictures turned, poses not": ("opengl_axes", posed(lambda p, i: p @ QUARTER.T)),
     "mirrored y": ("left_handed", posed(lambda p, i: axes(1, -1, 1) @ p @ axes(-1, 1, 1))),
     "unity": ("left_handed", posed(lambda p, i: UNITY @ p @ axes(1, -1, 1))),
     "determinant -1": ("left_handed", posed(lambda p, i: axes(1, -1, 1) @ p)),

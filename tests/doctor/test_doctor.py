@@ -130,7 +130,9 @@ def test_pictures_on_their_side_are_known_without_depth(dollhouse: Recording, tu
     assert names(examine(rotated(turns)(blind))) == ["rotated_images"]
 
 
-@pytest.mark.parametrize("injected", ["inverted", "opengl", "late by 1", "depth x 5", "intrinsics / 2"])
+@pytest.mark.parametrize(
+    "injected", ["inverted", "opengl", "pictures turned, poses not", "late by 1", "depth x 5", "intrinsics / 2"]
+)
 def test_mending_undoes_the_fault(dollhouse: Recording, injected: str) -> None:
     faulty = INJECTED[injected][1](dollhouse)
     mended = mend(faulty, examine(faulty))
