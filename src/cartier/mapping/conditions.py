@@ -74,7 +74,7 @@ class Conditions:
         turns = quarter_turns(self._up)
         if turns and self._frames:
             found.append(
-                f"by their poses the pictures {LYING[turns]}: few things are recognised so; turn pictures, depth and poses"
+                f"by their poses the pictures {LYING[turns]}: few things are recognised so; 'cartier doctor RECORDING --fix -o OUT' turns them"
             )
         found += self._drift()
         return found
