@@ -24,8 +24,8 @@ from cartier.types import (
 class Recording(Protocol):
     """Frames of one home, read lazily: nothing but the frame asked for is held in memory.
 
-    It may have ``readers``, how many threads may ask for frames at once; without, only the one that opened it. Who opens it by
-    ``open_recording`` finds the options given in ``read_with``.
+    It may have ``readers``, how many threads may ask for frames at once; without, only the one that opened it; and
+    ``scale_guessed``, true where nobody measured its metres. Who opens it by ``open_recording`` finds the options in ``read_with``.
     """
 
     name: str

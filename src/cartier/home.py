@@ -64,6 +64,11 @@ class Home:
         return hashlib.sha256(made_by.encode()).hexdigest()[:12]
 
     @property
+    def scale_guessed(self) -> bool:
+        """Whether its metres are none that anybody measured: whoever shows lengths says so."""
+        return self.settings.get("scale_guessed") is True
+
+    @property
     def names(self) -> list[str]:
         """The label of everything confirmed, and what people call it, each once, sorted."""
         return Inventory(self.objects).names
@@ -170,7 +175,10 @@ class Home:
             {"id": r.id, "name": r.name, "kind": r.kind, "area_m2": round(len(r.cells) * area, 2)} for r in self.rooms
         ]
         about = {"home": self.name, "id": self.id, "detector": self.detector, "objects": rows, "rooms": rooms}
-        return about | {"notes": [*self.notes, *(self.corrected.notes if self.corrected else ())]}
+        return about | {
+            "scale_guessed": self.scale_guessed,
+            "notes": [*self.notes, *(self.corrected.notes if self.corrected else ())],
+        }
 
     def correct(
         self,

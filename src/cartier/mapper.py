@@ -29,6 +29,7 @@ from cartier.types import Camera, Detections, Frame, MapObject
 
 DEFAULT_INDEXES = ("object_depth", "object_viewpoint")
 DOLLHOUSE = "dollhouse"  # the simulator whose pictures a detector of ours was made for
+SCALE_GUESSED = "the scale of this home is a guess: its metres and centimetres are right only relative to each other"
 JPEG_QUALITY = 88
 COUNTS, FRAMES = "occupancy_counts.npz", "frames.npz"
 
@@ -154,7 +155,10 @@ class Mapper:
             made_of["read_with"] = json.loads(json.dumps(plain, default=str))
         self._settings["recordings"].append(made_of)
         doubts = self._settings.setdefault("doubts", [])
-        doubts += [line for line in (doubt(self.detector, recording),) if line and line not in doubts]
+        if getattr(recording, "scale_guessed", False):
+            self._settings["scale_guessed"] = True  # only where it is so: homes of others keep their ids
+        scale = SCALE_GUESSED if self._settings.get("scale_guessed") else None
+        doubts += [line for line in (doubt(self.detector, recording), scale) if line and line not in doubts]
         self._next_frame += len(recording)
         self._notes |= dict.fromkeys(recording.notes)
 
@@ -211,7 +215,8 @@ class Mapper:
                 f"of {len(objects)} possible objects none was seen often and surely enough"
             )  # fmt: skip
             raise InputError(f"index {empty[0]} stayed empty: {why}")
-        notes |= dict.fromkeys(f"index {name} is left out: no detection had depth" for name in empty)
+        lack = "bearings told no distance" if isinstance(self._objects, BearingMap) else "no detection had depth"
+        notes |= dict.fromkeys(f"index {name} is left out: {lack}" for name in empty)
         return {name: index for name, index in copies.items() if name not in empty}
 
     def _keep_photo(self, frame: Frame) -> None:

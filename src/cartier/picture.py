@@ -160,7 +160,8 @@ def draw_plan(axes: Axes, home: Home, tinted: bool = True) -> None:
             )
     else:
         axes.text(0.02, 0.98, "no floor plan: the recording has no depth", transform=axes.transAxes, va="top")
-    axes.set(xlim=(left, right), ylim=(low, high), aspect="equal", xlabel="x (m)", ylabel="y (m)")
+    unit = "m, scale guessed" if home.scale_guessed else "m"
+    axes.set(xlim=(left, right), ylim=(low, high), aspect="equal", xlabel=f"x ({unit})", ylabel=f"y ({unit})")
 
 
 def _widest(grid: OccupancyGrid, room: Room) -> tuple[int, int]:

@@ -14,6 +14,8 @@ from scipy.ndimage import gaussian_filter
 
 from cartier.checks import frame_number
 from cartier.contracts import Recording
+from cartier.doctor._readings import QUARTER
+from cartier.recordings._posed import turned_camera, turned_image
 from cartier.types import Camera, Frame, TrueObject
 from cartier.worlds import _unity
 from cartier.worlds.dollhouse.explore import explore
@@ -223,6 +225,20 @@ def bad_rotation(pose: np.ndarray, i: int) -> np.ndarray:
     return there
 
 
+def rotated(turns: int) -> Callable[[Recording], Recording]:
+    """Images turned to the left with their intrinsics and camera axes: the world stays where it is."""
+
+    def change(frame: Frame, source: Recording) -> Frame:
+        camera, old_from_new = turned_camera(frame.camera, turns)
+        depth_m = None if frame.depth_m is None else turned_image(frame.depth_m, turns)
+        pose = frame.world_from_camera @ old_from_new
+        return replace(
+            frame, rgb=turned_image(frame.rgb, turns), depth_m=depth_m, world_from_camera=pose, camera=camera
+        )
+
+    return lambda source: Faulty(source, change, camera=turned_camera(source.camera, turns)[0])
+
+
 def blurred(sigma: float, every: int = 1) -> Callable[[Recording], Recording]:
     def change(frame: Frame, _: Recording) -> Frame:
         if frame.index % every:
@@ -237,6 +253,7 @@ UNITY = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])  # 
 INJECTED: dict[str, tuple[str, Callable[[Recording], Recording]]] = {
     "inverted": ("inverted_poses", posed(lambda p, i: np.linalg.inv(p))),
     "opengl": ("opengl_axes", posed(lambda p, i: p @ axes(1, -1, -1))),
+    "pictures turned, poses not": ("opengl_axes", posed(lambda p, i: p @ QUARTER.T)),
     "mirrored y": ("left_handed", posed(lambda p, i: axes(1, -1, 1) @ p @ axes(-1, 1, 1))),
     "unity": ("left_handed", posed(lambda p, i: UNITY @ p @ axes(1, -1, 1))),
     "determinant -1": ("left_handed", posed(lambda p, i: axes(1, -1, 1) @ p)),
@@ -253,11 +270,13 @@ INJECTED: dict[str, tuple[str, Callable[[Recording], Recording]]] = {
     "intrinsics / 2": ("intrinsics_resolution", other_size(0.5)),
     "late by 1": ("time_offset", late(1)),
     "early by 2": ("time_offset", late(-2)),
-    "no depth": ("no_depth", deep(lambda d, i: None)),
     "black depth": ("no_depth", deep(lambda d, i: np.full_like(d, np.nan))),
     "constant depth": ("no_depth", deep(lambda d, i: np.full_like(d, 1.0))),
     "scaled rotations": ("bad_rotation", posed(bad_rotation)),
     "tilted 12 degrees": ("not_level", posed(lambda p, i: tilted(12) @ p)),
+    "turned to the left": ("rotated_images", rotated(1)),
+    "turned to the right": ("rotated_images", rotated(3)),
+    "upside down": ("rotated_images", rotated(2)),
     "y up": ("not_level", posed(lambda p, i: tilted(-90) @ p)),
     "jump for good": ("pose_jump", posed(leap(21, 10**6, 0.9))),
     "jump of one frame": ("pose_jump", posed(leap(12, 12, 1.0))),

@@ -5,11 +5,12 @@ from __future__ import annotations
 import itertools
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from faulty_recordings import INJECTED, Faulty, Kept, Thor, leap, posed
+from faulty_recordings import INJECTED, Faulty, Kept, Thor, leap, posed, rotated
 
 from cartier import plugins
 from cartier.checks import check_pose
@@ -21,7 +22,7 @@ from cartier.recordings.folder import save
 
 ONE_OF_EACH = [
     "inverted", "opengl", "mirrored y", "poses in mm", "depth x 1000", "depth 24 px right", "intrinsics x 2", "late by 1", "black depth",
-    "scaled rotations", "tilted 12 degrees", "jump of one frame", "blurred", "5 frames",
+    "scaled rotations", "tilted 12 degrees", "turned to the right", "jump of one frame", "blurred", "5 frames",
 ]  # fmt: skip
 UNMENDABLE = {"black depth", "blurred", "5 frames"}
 
@@ -97,7 +98,41 @@ def test_the_kitchen_as_it_came_has_unregistered_depth() -> None:
     assert mend(raw, report).camera.fx == pytest.approx(525, rel=0.03)
 
 
-@pytest.mark.parametrize("injected", ["inverted", "opengl", "late by 1", "depth x 5", "intrinsics / 2"])
+@pytest.mark.parametrize("injected", ["turned to the left", "upside down", "y up", "tilted 12 degrees"])
+def test_a_world_is_tipped_only_where_it_leans(home: Recording, injected: str) -> None:
+    fault, inject = INJECTED[injected]
+    faulty = inject(home)
+    report = examine(faulty)
+    assert names(report) == [fault], report.faults
+    assert "--up" not in report.faults[0].mend  # this reader has no such option
+    mended, way = mend(faulty, report), []
+    assert (mended.camera.width, mended.camera.height) == (home.camera.width, home.camera.height)
+    for i in (0, len(home) // 2):
+        up = home[i].world_from_camera[2, :3]  # the world's up as the camera has it
+        assert np.allclose(mended[i].world_from_camera[2, :3], up, atol=0.03)
+        way.append(mended[i].world_from_camera[:2, 3] - home[i].world_from_camera[:2, 3])
+        if fault == "rotated_images":
+            assert np.array_equal(mended[i].rgb, home[i].rgb)
+            assert np.array_equal(mended[i].depth_m, home[i].depth_m, equal_nan=True)
+    if fault == "rotated_images":
+        assert np.allclose(way, 0, atol=1e-9)
+
+
+def test_depth_that_was_never_there_is_no_fault(dollhouse: Recording) -> None:
+    report = examine(Faulty(dollhouse, lambda frame, _: replace(frame, depth_m=None)))
+    assert report.ok and report.faults == ()
+    assert any("no frame has a depth image" in note and "without a floor plan" in note for note in report.notes)
+
+
+@pytest.mark.parametrize("turns", [1, 3])
+def test_pictures_on_their_side_are_known_without_depth(dollhouse: Recording, turns: int) -> None:
+    blind = Faulty(dollhouse, lambda frame, _: replace(frame, depth_m=None))
+    assert names(examine(rotated(turns)(blind))) == ["rotated_images"]
+
+
+@pytest.mark.parametrize(
+    "injected", ["inverted", "opengl", "pictures turned, poses not", "late by 1", "depth x 5", "intrinsics / 2"]
+)
 def test_mending_undoes_the_fault(dollhouse: Recording, injected: str) -> None:
     faulty = INJECTED[injected][1](dollhouse)
     mended = mend(faulty, examine(faulty))

@@ -73,7 +73,7 @@ def drifting(frame: Frame, i: int) -> Frame:
         (blurred, "the pictures are blurred (edges "),
         (flickering, "the exposure jumps between 31 of 48 frames"),
         (sideways, "by their poses the pictures lie on their left side"),
-        (drifting, "the poses drift: of what a frame sees, those long before or after it see through "),
+        (drifting, "the poses drift: a later part of the recording fits an earlier one only if it is moved by "),
     ],
 )
 def test_each_condition_is_one_line_and_good_frames_have_none(change: Callable[[Frame, int], Frame], says: str) -> None:

@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 
 from cartier.errors import InputError
 from cartier.geometry import backproject, transform
-from cartier.mapping.gravity import Levelling, level
+from cartier.mapping.gravity import Levelling, level, quarter_turns
+from cartier.recordings._posed import turned_camera, turned_image
 from synthetic import CAMERA, THINGS, look, render, walk
 
 coordinate = st.floats(-10, 10)
@@ -149,3 +150,29 @@ def test_cameras_that_look_every_way_give_no_up() -> None:
     over = np.diag([1.0, -1.0, -1.0, 1.0])
     with pytest.raises(InputError, match="give it with --up X,Y,Z"):
         level(np.array([np.eye(4), over]), CAMERA)
+
+
+@pytest.mark.parametrize("turns", [0, 1, 2, 3])
+@pytest.mark.parametrize(("poses", "depths"), [(ROUND, ROUND_DEPTHS), (FIXED, FIXED_DEPTHS)], ids=["round", "one way"])
+def test_floor_and_walls_tell_how_the_camera_was_held(
+    poses: list[np.ndarray], depths: list[np.ndarray], turns: int
+) -> None:
+    camera, old_from_new = turned_camera(CAMERA, turns)
+    source_from_room = moved((0.3, -0.5, 0.1, 0.4), (1, 2, 3))
+    held = source_from_room @ np.array(poses) @ old_from_new
+    levelling = level(held, camera, lambda i: turned_image(depths[i], turns))
+    tilt, floor = errors(levelling, source_from_room)
+    assert tilt < 0.5
+    assert abs(floor) < 0.01
+    assert quarter_turns(levelling.up @ held[:, :3, :2].mean(axis=0)) == (4 - turns) % 4
+    assert ("the pictures lie on" in levelling.notes[0]) == (turns in (1, 3))
+
+
+@pytest.mark.parametrize("turns", [0, 1, 3])
+def test_without_depth_cameras_that_walk_and_look_around_tell_how_they_were_held(turns: int) -> None:
+    source_from_room = moved((0.3, -0.5, 0.1, 0.4), (1, 2, 3))
+    held = source_from_room @ np.array(ROUND) @ turned_camera(CAMERA, turns)[1]
+    levelling = level(held, CAMERA)
+    assert errors(levelling, source_from_room)[0] < 0.1
+    side = {0: "stand upright", 1: "lie on their left side", 3: "lie on their right side"}[turns]
+    assert f"the pictures {side} then; override with" in levelling.notes[0]

@@ -2,17 +2,25 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from exports import save_colour, write_colmap, write_nerfstudio
 from layouts import room
+from matplotlib.figure import Figure
 
 from cartier import plugins
 from cartier.contracts import Recording
 from cartier.errors import InputError
-from cartier.types import Camera
+from cartier.mapper import SCALE_GUESSED
+from cartier.picture import draw_plan
+from cartier.pipeline import ask, map_home
+from cartier.recordings._posed import turned_camera, turned_image
+from cartier.recordings.folder import save
+from cartier.types import Camera, Frame
+from synthetic import THINGS, RoomRecording, TrueBoxes, walk
 
 LEVEL = {"up": (0, 0, 1), "floor_m": 0}
 both = pytest.mark.parametrize("binary", [True, False], ids=["bin", "txt"])
@@ -29,11 +37,14 @@ def test_poses_and_intrinsics_come_back_wherever_the_model_lies(tmp_path: Path, 
     for path in (tmp_path / "a/sparse/0").iterdir():
         path.rename(tmp_path / "a" / place / path.name)
     found = opened(tmp_path / "a", **LEVEL)
+    ways = np.array([frame.world_from_camera[:3, 3] for frame in found]) - found[0].world_from_camera[:3, 3]
+    true = np.array([pose[:3, 3] for pose in room().poses]) - room().poses[0][:3, 3]
+    assert np.allclose(ways * np.linalg.norm(true) / np.linalg.norm(ways), true, atol=1e-9)  # the same up to a scale
     assert found.camera == room().camera
     assert any("COLMAP knows no scale" in note and "no floor plan" in note for note in found.notes)
     for i, frame in enumerate(found):
         assert frame.depth_m is None
-        assert np.abs(frame.world_from_camera - room().poses[i]).max() < 1e-9
+        assert np.abs(frame.world_from_camera[:3, :3] - room().poses[i][:3, :3]).max() < 1e-9
         assert np.array_equal(frame.rgb, room()[i].rgb)
 
 
@@ -84,6 +95,135 @@ def test_images_that_are_missing_and_other_parts_are_said(tmp_path: Path) -> Non
     ]
 
 
+def in_units(recording: RoomRecording, units_per_metre: float) -> RoomRecording:
+    poses = [pose.copy() for pose in recording.poses]
+    for pose in poses:
+        pose[:3, 3] *= units_per_metre
+    return Unscaled(poses, recording.objects, with_depth=False, unscaled=recording)
+
+
+@dataclass
+class Unscaled(RoomRecording):
+    """The pictures of the room with poses in other units than metres."""
+
+    unscaled: RoomRecording | None = None
+
+    def __getitem__(self, index: int) -> Frame:
+        assert self.unscaled is not None
+        return replace(self.unscaled[index], depth_m=None, world_from_camera=self.poses[index].copy())
+
+
+def write_points(root: Path, units_per_metre: float, binary: bool) -> None:
+    """Points on the walls and the floor of the room, each seen by one or two images."""
+    spots = [(5.0, 2.0, 1.0), (2.5, 4.0, 1.5), (0.0, 1.0, 0.5), (2.0, 2.0, 0.0), (1000.0, 0.0, 0.0)]
+    rows = [
+        (i + 1, tuple(units_per_metre * v for v in xyz), (i % 4 + 1, 7)[: 1 + i % 2]) for i, xyz in enumerate(spots)
+    ]
+    if binary:
+        data = struct.pack("<Q", len(rows))
+        for key, xyz, images in rows:
+            data += struct.pack("<Q3d3BdQ", key, *xyz, 1, 2, 3, 0.5, len(images))
+            data += b"".join(struct.pack("<2I", image, 0) for image in images)
+        (root / "sparse/0/points3D.bin").write_bytes(data)
+    else:
+        lines = [
+            f"{key} {' '.join(map(repr, xyz))} 1 2 3 0.5 {' '.join(f'{i} 0' for i in images)}"
+            for key, xyz, images in rows
+        ]
+        (root / "sparse/0/points3D.txt").write_text("# 3D point list\n" + "\n".join(lines) + "\n")
+
+
+@both
+@pytest.mark.parametrize("points", [True, False], ids=["points", "no points"])
+def test_the_units_of_the_model_change_nothing(tmp_path: Path, binary: bool, points: bool) -> None:
+    poses = []
+    for units_per_metre in (0.05, 1.0, 60.0):
+        root = tmp_path / f"x{units_per_metre:g}"
+        write_colmap(in_units(room(), units_per_metre), root, binary)
+        if points:
+            write_points(root, units_per_metre, binary)
+        found = opened(root, up=(0, 0, 1))
+        assert getattr(found, "scale_guessed", False)
+        assert any("metres are a guess, by which" in note for note in found.notes)
+        poses.append(np.array([frame.world_from_camera for frame in found]))
+    assert np.allclose(poses[0], poses[1], atol=1e-9) and np.allclose(poses[2], poses[1], atol=1e-9)
+    if points:  # the middle one of five distances is as usual, whatever the outlier is
+        eyes = [pose[:3, 3] for pose in room().poses]
+        true = [
+            np.linalg.norm(np.subtract(spot, eyes[i]))
+            for i, spot in enumerate([(5, 2, 1), (2.5, 4, 1.5), (0, 1, 0.5), (2, 2, 0)])
+        ]
+        middle = float(np.median([*true, 999.0]))
+        ratio = np.linalg.norm(poses[1][3, :3, 3] - poses[1][0, :3, 3]) / np.linalg.norm(eyes[3] - eyes[0])
+        assert ratio == pytest.approx(2.0 / middle)
+
+
+def test_a_map_of_them_says_that_its_scale_is_a_guess(tmp_path: Path) -> None:
+    write_colmap(room(), tmp_path / "a")
+    save(opened(tmp_path / "a", **LEVEL), tmp_path / "b")  # in cartier's own format, too
+    for found in (opened(tmp_path / "a", **LEVEL), plugins.open_recording(tmp_path / "b")):
+        home = map_home(Seeing(found), TrueBoxes(THINGS), ["object_viewpoint"])
+        assert home.scale_guessed and home.to_dict()["scale_guessed"] and SCALE_GUESSED in home.notes
+        assert SCALE_GUESSED in ask(home, "I want to sit down").notes
+        figure = Figure()
+        axes = figure.subplots()
+        draw_plan(axes, home)
+        assert axes.get_xlabel() == "x (m, scale guessed)"
+    sound = map_home(room(), TrueBoxes(THINGS), ["object_viewpoint"])
+    assert not sound.scale_guessed and "scale_guessed" not in sound.settings and SCALE_GUESSED not in sound.notes
+
+
+class Seeing:
+    """A recording with the true instances of the room, so that there is something to map."""
+
+    def __init__(self, source: Recording) -> None:
+        self._source, self.name, self.camera, self.truth, self.notes = source, "x", source.camera, None, source.notes
+        self.scale_guessed = getattr(source, "scale_guessed", False)
+
+    def __len__(self) -> int:
+        return len(self._source)
+
+    def __getitem__(self, index: int) -> Frame:
+        return replace(self._source[index], instances=room()[index].instances)
+
+    def fingerprint(self) -> str:
+        return self._source.fingerprint()
+
+
+@pytest.mark.parametrize("turns", [0, 1, 3])
+@pytest.mark.parametrize("layout", ["colmap", "nerfstudio", "nerfstudio-without-depth"])
+def test_pictures_held_sideways_come_out_upright(tmp_path: Path, layout: str, turns: int) -> None:
+    camera, old_from_new = turned_camera(room().camera, turns)
+    whole = walk(with_depth=layout == "nerfstudio")
+    held = Turned(
+        [pose @ old_from_new for pose in whole.poses], THINGS, camera, whole.with_depth, whole=whole, turns=turns
+    )
+    (write_colmap if layout == "colmap" else write_nerfstudio)(held, tmp_path / "a")
+    found = plugins.open_recording(tmp_path / "a")
+    assert (found.camera.width, found.camera.height) == (160, 120)
+    assert any("images turned by" in note for note in found.notes) == bool(turns)
+    for i in (0, 7, 15):
+        assert np.array_equal(found[i].rgb, whole[i].rgb)
+        assert np.allclose(found[i].world_from_camera[2, :3], whole.poses[i][2, :3], atol=0.01)
+
+
+@dataclass
+class Turned(RoomRecording):
+    """The room's pictures, turned to the left with all that belongs to them."""
+
+    whole: RoomRecording | None = None
+    turns: int = 0
+
+    def __getitem__(self, index: int) -> Frame:
+        assert self.whole is not None
+        frame = self.whole[index]
+        depth_m = None if frame.depth_m is None else turned_image(frame.depth_m, self.turns)
+        return replace(
+            frame, rgb=turned_image(frame.rgb, self.turns), depth_m=depth_m, instances=None,
+            world_from_camera=self.poses[index].copy(), camera=self.camera,
+        )  # fmt: skip
+
+
 def test_nerfstudios_own_file_says_more(tmp_path: Path) -> None:
     """What ns-process-data leaves: transforms.json, images/ and colmap/sparse/0 in one folder."""
     write_nerfstudio(room(), tmp_path / "a")
@@ -120,6 +260,7 @@ DAMAGE: list[tuple[bool, Callable[[Path], object], str]] = [
     (True, model("images.bin", lambda b: b[:12] + struct.pack("<d", 9.0) + b[20:]), "not of length 1"),
     (True, model("images.bin", lambda b: b""), r"images\.bin is empty"),
     (True, lambda root: save_colour(root / "images/frame_00002.png", np.zeros((9, 9, 3), np.uint8)), "is 9x9 px, but"),
+    (True, lambda root: (root / "sparse/0/points3D.bin").write_bytes(struct.pack("<Q", 9)), r"points3D\.bin is damaged"),
     (False, model("cameras.txt", lambda b: b"3 PINHOLE 160"), "line 1: a camera is 'ID MODEL WIDTH HEIGHT PARAMETERS'"),
     (False, model("cameras.txt", lambda b: b"3 FOV 160 120 1 1 1 1 1"), "camera model 'FOV' is not read: .*undistorter"),
     (False, model("cameras.txt", lambda b: b"3 PINHOLE 160 120 1 1 1"), "PINHOLE has 4 parameters, got 3"),

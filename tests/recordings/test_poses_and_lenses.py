@@ -9,9 +9,10 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation, Slerp
 
 from cartier.errors import InputError
+from cartier.mapping.gravity import quarter_turns
 from cartier.recordings._interpolate import interpolated
 from cartier.recordings._lens import Lens, resampled
-from cartier.recordings._posed import _rot, _turned, _turns
+from cartier.recordings._posed import turned_camera, turned_image
 from cartier.recordings._register import registered
 from cartier.recordings._tables import camera_of, off_centre_notes
 from cartier.types import Camera
@@ -45,10 +46,10 @@ def test_nothing_is_extrapolated(times: list[float], time: float) -> None:
 def test_turned_images_are_those_of_the_turned_camera(turns: int) -> None:
     camera = Camera(80, 60, 70.0, 65.0, 41.0, 28.0)
     pose = look((1, 1, 1.5), (3, 3, 1))
-    new_camera, old_from_new = _turned(camera, turns)
+    new_camera, old_from_new = turned_camera(camera, turns)
     expected = render(pose @ old_from_new, new_camera, THINGS)[0]
-    assert np.abs(_rot(render(pose, camera, THINGS)[0], turns) - expected).max() < 1e-5
-    assert _turns(np.array([pose @ np.linalg.inv(old_from_new)])) == turns
+    assert np.abs(turned_image(render(pose, camera, THINGS)[0], turns) - expected).max() < 1e-5
+    assert quarter_turns((pose @ np.linalg.inv(old_from_new))[2, :2]) == turns
 
 
 @given(st.integers(1, 4), st.integers(1, 4))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -80,7 +81,7 @@ def doctor(
         if plot:
             draw_report(recording, report, plot)
             say(f"picture: {plot}")
-    _print(report, as_json)
+    _print(report, as_json, () if isinstance(recording, Report) else recording.notes)
     if fix and output is not None:
         if isinstance(recording, Report):
             raise CartierError(f"{source} cannot be read far enough to be mended by a program: {report.faults[0].mend}")
@@ -91,7 +92,7 @@ def doctor(
         raise typer.Exit(1)
 
 
-def _print(report: Report, as_json: bool) -> None:
+def _print(report: Report, as_json: bool, recording_notes: Sequence[str] = ()) -> None:
     if as_json:
         print(json.dumps(report.to_dict(), ensure_ascii=False))
         return
@@ -100,5 +101,5 @@ def _print(report: Report, as_json: bool) -> None:
     print(f"{report.name}: {found}")
     for fault in report.faults:
         print(f"  {fault.fault}\n    seen  {fault.evidence}\n    mend  {fault.mend}")
-    for note in report.notes:
+    for note in (*recording_notes, *report.notes):
         print(f"  note  {note}")

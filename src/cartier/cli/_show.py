@@ -94,7 +94,7 @@ def show(
     if as_json:
         print(json.dumps(told, ensure_ascii=False))
     elif thing is not None:
-        _print_object(told["objects"][0])
+        _print_object(told["objects"][0], told["scale_guessed"])
     else:
         _print_rooms(told, everything)
 
@@ -155,7 +155,8 @@ def _print_rooms(told: dict[str, Any], everything: bool) -> None:
     rows = [row for row in told["objects"] if row["confirmed"] or everything]
     names = {row["id"]: row["label"] for row in told["objects"]}
     rooms = {room["id"]: f"{room['name']}, {room['area_m2']:.0f} m²" for room in told["rooms"]}
-    columns = ("id", "object", "how sure", "seen", "size (cm)", "colour", "stands", "last seen")
+    size = "size (cm, scale guessed)" if told["scale_guessed"] else "size (cm)"
+    columns = ("id", "object", "how sure", "seen", size, "colour", "stands", "last seen")
     for room in [*rooms, None]:
         here = [row for row in rows if row["room"] == room]
         if not here:
@@ -181,11 +182,14 @@ def _print_rooms(told: dict[str, Any], everything: bool) -> None:
         console.print(f"note: {note}", highlight=False, markup=False)
 
 
-def _print_object(row: dict[str, Any]) -> None:
+def _print_object(row: dict[str, Any], scale_guessed: bool) -> None:
     state = "confirmed" if row["confirmed"] else "tentative"
     print(f"{row['label']} {row['id']}: {state}, {row['probability']:.0%} likely there")
     x, y, z = row["position"]
-    print(f"  place  x {x:.2f}  y {y:.2f}  z {z:.2f} m, {' x '.join(f'{100 * side:.0f}' for side in row['size_m'])} cm")
+    size = " x ".join(f"{100 * side:.0f}" for side in row["size_m"])
+    print(
+        f"  place  x {x:.2f}  y {y:.2f}  z {z:.2f} m, {size} cm{', by a scale that is a guess' if scale_guessed else ''}"
+    )
     print(
         f"  seen   in {row['sightings']} of {row['chances']} frames that would have shown it, last at {row['last_seen_s']:.1f} s"
     )

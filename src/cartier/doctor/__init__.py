@@ -43,7 +43,11 @@ __all__ = [
     "open_for_doctor",
 ]
 
-CANNOT_LEVEL = "give it with up="  # how cartier.mapping.gravity says that the cameras do not tell which way is up
+CANNOT_LEVEL = "give it with --up"  # how cartier.mapping.gravity says that the cameras do not tell which way is up
+NO_DEPTH = (
+    "no frame has a depth image: objects are mapped from bearings, without a floor plan; poses, scale and intrinsics could not be "
+    "compared with depth"
+)
 Progress = Callable[[int, int], None]
 
 
@@ -82,6 +86,8 @@ def examine(recording: Recording, progress: Progress | None = None) -> Report:
     left_out = frozenset(samples.faults)
     if not len(samples):
         return Report(recording.name, len(recording), tuple(faults), tuple(notes))
+    if not samples.has_depth:
+        notes.append(NO_DEPTH)
     no_depth, without = _checks.empty_depth(samples)
     samples = _checks.without_depth(samples, without) if without else samples
     blur, unsharp = _checks.blurred(samples)
@@ -95,12 +101,15 @@ def examine(recording: Recording, progress: Progress | None = None) -> Report:
         cure = _register(samples, diagnosis, recording, faults, notes)
     registered = samples if cure.registration is None else _registered(samples, cure.registration)
     kept, strays = _jump(registered, cure, faults)
-    reading, upright = _level(registered, diagnosis, cure, faults)
+    reading, upright = _level(registered, diagnosis, cure, recording, faults)
+    turns = _checks.rotated(reading.poses(samples.poses) if upright is None else upright @ reading.poses(samples.poses))
+    if turns:
+        faults.append(_checks.lying(turns))
     notes += diagnosis.doubts
     if not diagnosis.mended.consistent and samples.has_depth:
         notes.append(_undecided(diagnosis.mended))
     left_out |= without | strays | (unsharp if len(unsharp) <= len(samples) // 2 else frozenset())
-    cure = replace(cure, reading=reading, level=upright, left_out=left_out, kept=kept)
+    cure = replace(cure, reading=reading, level=upright, left_out=left_out, kept=kept, turns=turns)
     ordered = tuple(sorted(faults, key=lambda f: FAULTS.index(f.fault)))
     shown, doubt = exhibit(samples, diagnosis), diagnosis.contradictory
     return Report(recording.name, len(recording), ordered, tuple(notes), cure, shown, doubt)
@@ -184,7 +193,7 @@ def _longest_piece(found: list[Jump], length: int) -> tuple[int, int]:
 
 
 def _level(
-    samples: Samples, diagnosis: Diagnosis, cure: Cure, faults: list[Fault]
+    samples: Samples, diagnosis: Diagnosis, cure: Cure, recording: Recording, faults: list[Fault]
 ) -> tuple[Reading, npt.NDArray[np.float64] | None]:
     """The reading with the best of the mirrors, and what levels its world; adds the fault where nothing else explains it."""
     reading = diagnosis.reading
@@ -205,7 +214,8 @@ def _level(
     if not tilt.wrong:
         return best, None
     if all(f.fault in ("time_offset", "intrinsics_resolution", "depth_scale") for f in diagnosis.faults):
-        how = "give the reader up=x,y,z, or turn the poses so that gravity points along -z and z = 0 is the floor"
+        told = "give --up X,Y,Z, or " if hasattr(recording, "level_from_world") else ""  # only those readers take it
+        how = f"{told}turn the poses so that gravity points along -z and z = 0 is the floor; --fix does"
         faults.append(Fault("not_level", tilt.words(), how))
     return best, tilt.level
 

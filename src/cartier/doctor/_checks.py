@@ -21,6 +21,7 @@ LEAST_READ, LEAST_SPREAD_M = 0.01, 1e-6
 EMPTY_SHARE = 0.1
 FEW_VIEWS, APART_M, APART_DEG = 8, 0.04, 4.0
 TILT_DEG, TILT_BLIND_DEG, FLOOR_M = 5.0, 35.0, 0.3
+UP_SEEN = 0.5  # how long the mean of the world's up in the images must be to say how they lie
 SHIFTED, CLEARER, OVER_NOISE = 0.015, 1.3, 5.0
 
 
@@ -52,12 +53,9 @@ def _first_of(errors: dict[int, InputError], samples: Samples) -> str:
 
 
 def empty_depth(samples: Samples) -> tuple[Fault | None, frozenset[int]]:
-    """Depth that is missing, black or constant, and the frames where it is."""
-    if not len(samples):
-        return None, frozenset()
+    """Depth that is black or constant, and the frames where it is."""
     if not samples.has_depth:
-        mend = "map it with --index object_viewpoint, which needs no depth, or record with a depth camera"
-        return Fault("no_depth", "no frame has a depth image", mend), frozenset()
+        return None, frozenset()
     black = samples.read < LEAST_READ
     flat = ~black & (samples.spread_m <= LEAST_SPREAD_M * np.nanmax(samples.depth_m, axis=(1, 2), initial=0))
     bad = black | flat
@@ -156,6 +154,19 @@ def tilt(samples: Samples, poses: Array, scale: float, small: Camera) -> Tilt | 
     degrees = float(np.degrees(np.arccos(np.clip(found.up[2], -1, 1))))
     seen = "estimated" in floor_note and "was the floor in view" not in floor_note
     return Tilt(degrees, found.floor_m, "the cameras alone" in up_note, seen, found.level_from_world)
+
+
+def rotated(poses: Array) -> int:
+    """How many quarter turns to the left bring the images of level poses (M, 4, 4) upright; 0 where most look straight down or up."""
+    up_in_image = np.nanmean(poses[:, 2, :2], axis=0)
+    return gravity.quarter_turns(up_in_image) if np.linalg.norm(up_in_image) > UP_SEEN else 0
+
+
+def lying(turns: int) -> Fault:
+    evidence = f"by the poses the pictures {gravity.LYING[turns]}, up is {180 if turns == 2 else 90}° off in them: few things are recognised so"
+    by = ("", "90° to the left", "180°", "90° to the right")[turns]
+    mend = f"turn pictures, depth, intrinsics and camera axes by {by}, and leave the world as it is; --fix does"
+    return Fault("rotated_images", evidence, mend)
 
 
 def unregistered(samples: Samples, doubts: list[str]) -> tuple[Fault, Registration] | None:

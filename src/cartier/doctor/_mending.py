@@ -13,6 +13,7 @@ from cartier.contracts import Recording
 from cartier.doctor._edges import zoomed
 from cartier.doctor._report import Cure
 from cartier.errors import InputError
+from cartier.recordings._posed import turned_camera, turned_image
 from cartier.types import Camera, Frame, TrueObject
 
 
@@ -21,8 +22,8 @@ class Mended:
 
     def __init__(self, recording: Recording, cure: Cure, notes: Sequence[str]) -> None:
         self._source, self._cure = recording, cure
-        self.name = recording.name
-        self.camera = mended_camera(recording.camera, cure)
+        self.name, self.scale_guessed = recording.name, getattr(recording, "scale_guessed", False)
+        self.camera, self._old_from_new = turned_camera(mended_camera(recording.camera, cure), cure.turns)
         moved = cure.level is not None or cure.reading.before is not None
         self.truth: Sequence[TrueObject] | None = None if moved else recording.truth
         self.notes: Sequence[str] = [*recording.notes, *notes]
@@ -48,11 +49,19 @@ class Mended:
             depth_m = zoomed(depth_m, cure.registration.zoom, cure.registration.dx, cure.registration.dy)
         if depth_m is not None and reading.depth_scale != 1:
             depth_m = (depth_m * np.float32(reading.depth_scale)).astype(np.float32)
+        pose = pose if cure.level is None else cure.level @ pose
+        rgb, depth_m, instances = (
+            None if image is None else turned_image(image, cure.turns)
+            for image in (frame.rgb, depth_m, frame.instances)
+        )
+        assert rgb is not None
         return replace(
             frame,
             index=index,
+            rgb=rgb,
             depth_m=depth_m,
-            world_from_camera=pose if cure.level is None else cure.level @ pose,
+            instances=instances,
+            world_from_camera=pose @ self._old_from_new,
             camera=self.camera,
         )
 
@@ -64,11 +73,12 @@ class Mended:
             cure.registration,
             cure.depth_camera,
             cure.reading.shift,
+            cure.turns,
         ]
         what += [cure.reading.depth_scale, cure.reading.camera_factor, cure.reading.positions, cure.reading.inverted]
         matrices = (cure.level, cure.reading.level, cure.reading.before, cure.reading.after)
         what += [None if m is None else np.asarray(m).tolist() for m in matrices]
-        return hashlib.sha256(f"mended 1 {self._source.fingerprint()} {what}".encode()).hexdigest()
+        return hashlib.sha256(f"mended 2 {self._source.fingerprint()} {what}".encode()).hexdigest()
 
 
 def mended_camera(given: Camera, cure: Cure) -> Camera:

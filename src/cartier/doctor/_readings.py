@@ -18,11 +18,14 @@ def _signs(x: int, y: int, z: int) -> Matrix:
 
 
 OPTICAL_FROM_BODY = np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
+QUARTER = np.array([[0.0, -1, 0, 0], [1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
 AXES = {
     "OpenGL axes (y up, z backwards)": _signs(1, -1, -1),
     "a robot's body axes (x forward, y left)": OPTICAL_FROM_BODY,
     "cameras held upside down": _signs(-1, -1, 1),
     "cameras that look backwards": _signs(-1, 1, -1),
+    "axes of pictures that were turned to the left afterwards": QUARTER,
+    "axes of pictures that were turned to the right afterwards": QUARTER.T,
 }
 MIRRORED_CAMERAS = {"x": _signs(-1, 1, 1), "y": _signs(1, -1, 1), "z": _signs(1, 1, -1)}
 MIRROR_Y = _signs(1, -1, 1)

@@ -13,7 +13,7 @@ from cartier.doctor._readings import Reading
 
 FAULTS = (
     "inverted_poses", "opengl_axes", "left_handed", "pose_scale", "depth_scale", "depth_not_registered",
-    "intrinsics_resolution", "time_offset", "no_depth", "bad_rotation", "not_level", "pose_jump", "blur", "too_few_views",
+    "intrinsics_resolution", "time_offset", "no_depth", "bad_rotation", "not_level", "rotated_images", "pose_jump", "blur", "too_few_views",
 )  # fmt: skip
 
 
@@ -28,10 +28,10 @@ class Fault:
 
 @dataclass(frozen=True, eq=False)
 class Cure:
-    """What ``mend`` does, in this order: leave frames out, read the poses anew, move the depth, level the world.
+    """What ``mend`` does, in this order: leave frames out, read the poses anew, move the depth, level the world, turn the images.
 
     ``level`` (4, 4) or None takes the world of the mended poses to one with z up and z = 0 on the floor. ``depth_camera``
-    tells whether the intrinsics given belong to the depth as it was, so that they are zoomed and moved with it.
+    tells whether the intrinsics given belong to the depth as it was, so that they are zoomed and moved with it. ``turns`` are quarter turns of the images to the left.
     """
 
     reading: Reading
@@ -40,6 +40,7 @@ class Cure:
     depth_camera: bool = False
     left_out: frozenset[int] = frozenset()
     kept: tuple[int, int] | None = None
+    turns: int = 0
 
     def changes(self) -> bool:
         """Whether there is anything to do."""
@@ -48,7 +49,13 @@ class Cure:
         numbers = (
             reading.depth_scale != 1 or reading.camera_factor != (1.0, 1.0) or reading.positions != (1.0, 1.0, 1.0)
         )
-        rest = self.level is not None or self.registration is not None or self.left_out or self.kept is not None
+        rest = (
+            self.level is not None
+            or self.registration is not None
+            or self.left_out
+            or self.kept is not None
+            or self.turns
+        )
         return bool(poses or numbers or rest)
 
 

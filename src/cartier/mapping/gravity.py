@@ -1,8 +1,9 @@
 """Which way is up and how high the floor is, for recordings whose world knows neither.
 
-Cameras are held level: nobody records a home with the camera rolled to its side. That gives a first guess of up, and all
-there is without depth. With depth, the horizontal surfaces (floor, tables, seats) are the largest set of normals near the
-guess, and the thin layers that they form give up to a fraction of a degree. The lowest layer is the floor.
+Cameras are held level, upright or turned by a quarter, as phones are: four guesses of up. Whoever records a home walks on its
+floor, so that cameras move least along up, and it stands still in their images: that weighs the guesses, and is all there is
+without depth. With depth, the horizontal surfaces (floor, tables, seats) are the largest set of normals near a guess, and the
+thin layers that they form give up to a fraction of a degree. The lowest layer is the floor.
 """
 
 from __future__ import annotations
@@ -26,6 +27,15 @@ AGREE_DEG = 10.0
 MIN_SHARE, MIN_SAMPLES = 0.03, 200
 BIN_M, LAYER_M = 0.02, 0.03
 ASSUMED_CAMERA_HEIGHT_M = 1.5
+UP_IN_IMAGE = np.array(
+    [(0.0, -1.0), (1.0, 0.0), (0.0, 1.0), (-1.0, 0.0)]
+)  # right, down; by quarter turns to the left that mend it
+LYING = ("stand upright", "lie on their right side", "stand on their heads", "lie on their left side")
+USUAL = 1.5  # how much more horizontal surface another turn must show than the one that the poses suggest
+TELLING, CLEARER = (
+    0.05,
+    3.0,
+)  # without depth: how unsteady upright must be (0.03 at most where it is right), and how much more
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,33 +93,96 @@ class _Surfaces:
         return self.points[_near(self.normals, up, AGREE_DEG + 5)]
 
 
+def quarter_turns(up_in_image: Array) -> int:
+    """How many quarter turns to the left (counter-clockwise) bring images upright in which up points (right, down)."""
+    return int(np.argmax(UP_IN_IMAGE @ np.asarray(up_in_image, dtype=np.float64)))
+
+
 def _find_up(poses: Array, surfaces: _Surfaces | None) -> tuple[Vector, str]:
-    guess, how = _camera_up(poses)
-    share = 0.0
-    if surfaces is not None:
-        up, share = _surface_up(surfaces, guess)
-    if surfaces is not None and share >= MIN_SHARE:
+    seen = None if surfaces is None else _seen_up(poses, surfaces)
+    if surfaces is not None and seen is not None:
+        turn, up, share = seen
         source = f"{surfaces.frames} frames: {share:.0%} of the surfaces agree"
     else:
+        turn = _turn_held(poses)
         lack = "there is no depth" if surfaces is None else "too few horizontal surfaces were seen"
-        up, source = guess, f"the cameras alone ({how}; {lack}), perhaps some degrees off"
+        up, how = _camera_up(poses, turn)
+        source = f"the cameras alone ({how}; {lack}), perhaps some degrees off"
     x, y, z = up
-    return up, f"up estimated as ({x:.3f}, {y:.3f}, {z:.3f}) from {source}; override with --up X,Y,Z"
+    assumed = f"; the pictures {LYING[turn]} then" if turn or seen is None else ""
+    return up, f"up estimated as ({x:.3f}, {y:.3f}, {z:.3f}) from {source}{assumed}; override with --up X,Y,Z"
 
 
-def _camera_up(poses: Array) -> tuple[Vector, str]:
-    """Up as the cameras have it: the direction least along their x axes if they look around, else their mean -y."""
-    mean_up = -poses[:, :3, 1].mean(axis=0)
+def _seen_up(poses: Array, surfaces: _Surfaces) -> tuple[int, Vector, float] | None:
+    """The turn of the images, up and the share of the surfaces that agree with it; None where too few do.
+
+    That is the turn with the most horizontal surfaces, along whose up the cameras move and roll least.
+    """
+    found, held = [], _turn_held(poses)
+    for turn in range(4):
+        guess = _up_by(poses, turn)
+        if guess is None:
+            continue
+        up, share = _surface_up(surfaces, guess[0])
+        if share >= MIN_SHARE and quarter_turns(up @ poses[:, :3, :2].mean(axis=0)) == turn:
+            worth = share * (1 - _unsteady(poses, up, turn)) ** 2 * (USUAL if turn == held else 1)
+            found.append((worth, turn, up, share))
+    return max(found, key=lambda one: one[0])[1:] if found else None
+
+
+def _turn_held(poses: Array) -> int:
+    """The turn of the images by the poses alone: upright, unless up stands much stiller for cameras that lie on a side.
+
+    On which side, their pitch says: people look down more than up.
+    """
+    doubts = []
+    for side in (0, 1):
+        level = poses[:, :3, side]
+        spread = level.T @ level / len(poses) + _way(poses)
+        values, axes = np.linalg.eigh(spread)
+        doubts.append((float(values[0]), axes[:, 0]))
+    (upright, _), (sideways, axis) = doubts
+    if upright < max(TELLING, CLEARER * sideways):
+        return 0
+    up = -axis * np.copysign(1, poses[:, :3, 2].mean(axis=0) @ axis)
+    right = float(poses[:, :3, 0].mean(axis=0) @ up)
+    return 1 if right > 0 else 3
+
+
+def _unsteady(poses: Array, up: Vector, turn: int) -> float:
+    """How much cameras held so would roll about and move along an up: 0 for none, 1 at most."""
+    roll = float(np.mean(np.square(poses[:, :3, turn % 2] @ up)))
+    return min(roll + float(up @ _way(poses) @ up), 1.0)
+
+
+def _way(poses: Array) -> Array:
+    """The covariance (3, 3) of the cameras' positions, as shares of their variance."""
+    away = poses[:, :3, 3] - poses[:, :3, 3].mean(axis=0)
+    scatter = away.T @ away
+    return np.asarray(scatter / max(float(np.trace(scatter)), 1e-12), dtype=np.float64)
+
+
+def _camera_up(poses: Array, turn: int) -> tuple[Vector, str]:
+    """Up as the cameras have it that are held so. Raises InputError if they contradict each other."""
+    found = _up_by(poses, turn)
+    if found is None:
+        raise InputError("the cameras' own up directions cancel out, so up cannot be guessed; give it with --up X,Y,Z")
+    return found
+
+
+def _up_by(poses: Array, turn: int) -> tuple[Vector, str] | None:
+    """The direction least along the axes that are level if the cameras look around, else the mean of those that point up."""
+    mean_up = (poses[:, :3, :2] @ UP_IN_IMAGE[turn]).mean(axis=0)
     length = float(np.linalg.norm(mean_up))
     if length < 0.1:
-        raise InputError("the cameras' own up directions cancel out, so up cannot be guessed; give it with --up X,Y,Z")
+        return None
     mean_up /= length
-    x_axes = poses[:, :3, 0]
-    spread, directions = np.linalg.eigh(x_axes.T @ x_axes / len(poses))
+    level = poses[:, :3, turn % 2]
+    spread, directions = np.linalg.eigh(level.T @ level / len(poses))
     axis = np.asarray(directions[:, 0] * np.copysign(1, directions[:, 0] @ mean_up), dtype=np.float64)
     look_around = spread[1] > 0.05 and spread[0] < spread[1] / 5  # yaw varies by > 13 degrees, roll much less
     if look_around and axis @ mean_up > np.cos(np.radians(CONE_DEG)):
-        return axis, "their x axes taken as horizontal"
+        return axis, f"their {'xy'[turn % 2]} axes taken as horizontal"
     return np.asarray(mean_up, dtype=np.float64), "their mean up"
 
 
@@ -117,15 +190,15 @@ def _surfaces(poses: Array, camera: Camera, depth_of: Callable[[int], Array | No
     """Surface samples of frames spread over the recording, or None if none of them has depth."""
     chosen = np.unique(np.linspace(0, len(poses) - 1, FRAMES).round().astype(int))
     depths = ((int(i), depth_of(int(i))) for i in chosen)
-    parts = [_oriented(poses[i], camera, depth) for i, depth in depths if depth is not None]
+    parts = [oriented(poses[i], camera, depth) for i, depth in depths if depth is not None]
     if not parts:
         return None
     points, normals = (np.concatenate(column) for column in zip(*parts, strict=True))
     return _Surfaces(points, normals, len(parts))
 
 
-def _oriented(world_from_camera: Array, camera: Camera, depth_m: Array) -> tuple[Array, Array]:
-    """Points and normals (m, 3) of one depth image, from central differences on a coarse raster."""
+def oriented(world_from_camera: Array, camera: Camera, depth_m: Array) -> tuple[Array, Array]:
+    """World points and unit normals (m, 3), towards the camera, of one depth image (H, W), from central differences on a coarse raster."""
     stride = max(1, camera.width // SAMPLES_ACROSS)
     points = backproject(depth_m, camera, stride)
     centre = points[1:-1, 1:-1]

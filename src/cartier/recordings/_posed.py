@@ -46,8 +46,8 @@ class Source:
 
     ``world_from_camera`` (N, 4, 4) is in the source's world, camera axes optical. ``depth_lens`` is the depth camera's,
     if it is not the colour camera's at the depth's own size. ``read_depth(path)`` gives (h, w) float32 metres, NaN for
-    no reading. ``known_up`` is the source's up where its makers say so; ``files`` are hashed for the fingerprint. ``readers``
-    threads may call these at once; a video is read by one, in order.
+    no reading. ``known_up`` is the source's up where its makers say so; ``files`` are hashed for the fingerprint. Images of a
+    ``handheld`` camera are turned upright; ``scale_guessed`` says that no one measured the metres. ``readers`` threads may call these at once; a video is read by one, in order.
     """
 
     root: Path
@@ -63,6 +63,7 @@ class Source:
     known_up: tuple[float, float, float] | None = None
     read_colour: Callable[[View], Colours] | None = None
     handheld: bool = False
+    scale_guessed: bool = False
     readers: int = READERS
 
 
@@ -76,7 +77,7 @@ class PosedImages:
             raise InputError(f"{source.root} holds no image with a pose")
         check_inside(source.root, source.files)
         self.name, self.readers = source.name, source.readers
-        self._source = source
+        self._source, self.scale_guessed = source, source.scale_guessed
         self._fingerprint: str | None = None
         first = source.views[0].lens.camera
         self._factor = -(-max(first.width, first.height) // MAX_SIDE)
@@ -106,8 +107,8 @@ class PosedImages:
             up_note = f"up is {source.known_up} in this format's world; override with --up X,Y,Z"
         notes += [up_note, floor_note]
         if source.handheld:
-            self._turns = _turns(poses)
-        self.camera, old_from_new = _turned(self._upright_camera, self._turns)
+            self._turns = gravity.quarter_turns(poses[:, 2, :2].sum(axis=0))
+        self.camera, old_from_new = turned_camera(self._upright_camera, self._turns)
         self._poses = poses @ old_from_new
         self._poses.setflags(write=False)
         if self._factor > 1:
@@ -127,8 +128,8 @@ class PosedImages:
         return Frame(
             index=i,
             time_s=self._source.views[i].time_s,
-            rgb=_rot(self._colour(i), self._turns),
-            depth_m=None if depth_m is None else _rot(depth_m, self._turns),
+            rgb=turned_image(self._colour(i), self._turns),
+            depth_m=None if depth_m is None else turned_image(depth_m, self._turns),
             world_from_camera=self._poses[i],
             camera=self.camera,
         )
@@ -204,13 +205,7 @@ def _shrunk(rgb: Colours, factor: int) -> Colours:
     return np.asarray(Image.fromarray(rgb).reduce(factor, box=(0, 0, width, height)))
 
 
-def _turns(poses: Array) -> int:
-    """How many quarter turns to the left (counter-clockwise) bring the images upright, by what most of them show."""
-    right, down = poses[:, 2, 0].sum(), poses[:, 2, 1].sum()  # the world's up in the image
-    return int(np.argmax((-down, right, down, -right)))
-
-
-def _turned(camera: Camera, turns: int) -> tuple[Camera, npt.NDArray[np.float64]]:
+def turned_camera(camera: Camera, turns: int) -> tuple[Camera, npt.NDArray[np.float64]]:
     """The camera of images turned to the left, and old_from_new (4, 4) of its axes."""
     old_from_new = np.eye(4)
     quarter = np.array([[0.0, -1, 0, 0], [1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
@@ -221,5 +216,6 @@ def _turned(camera: Camera, turns: int) -> tuple[Camera, npt.NDArray[np.float64]
     return camera, old_from_new
 
 
-def _rot(image: Array, turns: int) -> Array:
+def turned_image(image: Array, turns: int) -> Array:
+    """An image (H, W, ...) after quarter turns to the left."""
     return np.ascontiguousarray(np.rot90(image, turns)) if turns else image

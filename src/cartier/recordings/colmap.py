@@ -1,14 +1,15 @@
 """COLMAP: a sparse model (cameras and images, .bin or .txt) in sparse/0, sparse or beside images/: poses without scale or depth.
 
-Poses are camera-from-world with optical axes, in a world of any turn and scale: up is estimated, and lengths are COLMAP's own
-units, not metres. Distortion is taken out. The numbers of the camera models and the layouts of the files are those of
+Poses are camera-from-world with optical axes, in a world of any turn and scale: up is estimated, and the scale is guessed, so
+that rooms are as large as usual and the map is the same in whatever units. Distortion is taken out. The numbers of the camera models and the layouts of the files are those of
 COLMAP's "Output Format". Schönberger and Frahm, CVPR 2016.
 """
 
 from __future__ import annotations
 
+import itertools
 import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -24,6 +25,7 @@ from cartier.recordings._posed import PosedImages, Source, View
 from cartier.recordings._poses import matrices
 from cartier.recordings._rosfile import File
 from cartier.recordings._tables import camera_of, inside, numbers, unit_quaternions
+from cartier.types import Array
 
 PLACES = ("", "sparse/0", "sparse", "colmap/sparse/0")
 FRAMES_PER_SECOND = 30.0
@@ -31,6 +33,8 @@ MAX_TEXT_BYTES = 1 << 29  # the points of each image stand in it, too
 MAX_NAME = 1000
 MAX_CAMERAS = 100_000
 POINT_BYTES = 24
+MOST_POINTS = 20_000  # tell the scale well enough
+USUAL_DISTANCE_M, USUAL_WAY_M = 2.0, 0.6  # of what is seen from the camera; of the cameras from their middle
 
 
 @dataclass(frozen=True)
@@ -67,6 +71,7 @@ NUMBERS = {0: "SIMPLE_PINHOLE", 1: "PINHOLE", 2: "SIMPLE_RADIAL", 3: "RADIAL", 4
 class _Image:
     """One image of a model: ``pose`` is x y z qx qy qz qw of camera_from_world."""
 
+    key: int
     name: str
     camera: int
     pose: tuple[float, ...]
@@ -104,9 +109,6 @@ def open(path: str | Path, up: Sequence[float] | None = None, floor_m: float | N
     )
     others = [f"sparse/{n}" for n in range(1, 10) if folder.name == "0" and _pair(folder.parent / str(n))]
     notes += [f"the model has other parts that do not hang together with it: {', '.join(others)}"] if others else []
-    notes.append(
-        "COLMAP knows no scale: lengths are in units of its own, not metres; and it gives no depth, so no floor plan"
-    )
     notes.append(f"times assumed: {FRAMES_PER_SECOND:g} frames per second, in the order of the file names")
     rows = np.array([pictures[i].pose for i in kept])
     rows[:, 3:] = unit_quaternions(rows[:, 3:], where)
@@ -114,8 +116,16 @@ def open(path: str | Path, up: Sequence[float] | None = None, floor_m: float | N
     files = [(folder / f"{kind}{suffix}").relative_to(root).as_posix() for kind in ("cameras", "images")]
     files += [view.colour.relative_to(root).as_posix() for view in views]
     poses = np.array([invert(pose) for pose in matrices(rows)])
-    settings = f"colmap 1 up={up} floor_m={floor_m}"
-    return PosedImages(Source(root, root.resolve().name, settings, views, poses, files, notes), up, floor_m)
+    cameras = {pictures[i].key: poses[n, :3, 3] for n, i in enumerate(kept)}
+    metres_per_unit, by = _scale(cameras, folder / f"points3D{suffix}")
+    poses[:, :3, 3] *= metres_per_unit
+    notes.append(f"COLMAP knows no scale: metres are a guess, {by}; and it gives no depth, so no floor plan")
+    files += (
+        [f"{folder.relative_to(root).as_posix()}/points3D{suffix}"] if (folder / f"points3D{suffix}").is_file() else []
+    )
+    settings = f"colmap 2 up={up} floor_m={floor_m}"
+    source = Source(root, root.resolve().name, settings, views, poses, files, notes, handheld=True, scale_guessed=True)
+    return PosedImages(source, up, floor_m)
 
 
 def _model(root: Path) -> tuple[Path, str] | None:
@@ -126,6 +136,47 @@ def _model(root: Path) -> tuple[Path, str] | None:
 def _pair(folder: Path) -> str | None:
     both = (s for s in (".bin", ".txt") if all((folder / f"{kind}{s}").is_file() for kind in ("cameras", "images")))
     return next(both, None)
+
+
+def _scale(cameras: Mapping[int, Array], points: Path) -> tuple[float, str]:
+    """Metres per unit of a model by what is usual in homes, and in words by what; ``cameras`` are the images' positions by key."""
+    away = [
+        float(np.linalg.norm(point - cameras[key]))
+        for key, point in (_points(points) if points.is_file() else ())
+        if key in cameras
+    ]
+    if away and 1e-12 < (middle := float(np.median(away))) < 1e12:
+        return (
+            USUAL_DISTANCE_M / middle,
+            f"by which the points of the model lie {USUAL_DISTANCE_M:g} m from the cameras",
+        )
+    positions = np.array(list(cameras.values()))
+    way = float(np.median(np.linalg.norm(positions - np.median(positions, axis=0), axis=1)))
+    if not 1e-12 < way < 1e12:
+        return 1.0, "as the model has them: it has no points, and its cameras stand in one place"
+    return USUAL_WAY_M / way, f"by which the cameras stand {USUAL_WAY_M:g} m from their middle: the model has no points"
+
+
+def _points(path: Path) -> Iterator[tuple[int, Array]]:
+    """The first image that shows a point, and where (3,) it is, of the first points of a model."""
+    if path.suffix == ".bin":
+        file, at = File(path), 8
+        (count,) = struct.unpack("<Q", file.at(0, 8))
+        for _ in range(min(count, MOST_POINTS)):
+            *xyz, _, tracks = struct.unpack("<8x3d3xdQ", file.at(at, 51))
+            if tracks:
+                yield (
+                    struct.unpack("<I", file.at(at + 51, 4))[0],
+                    np.array(numbers(xyz, f"{path}: the point at byte {at}")),
+                )
+            at += 51 + 8 * tracks
+        return
+    lines = (line for line in read_text(path, MAX_TEXT_BYTES).splitlines() if line.strip() and not line.startswith("#"))
+    for line in itertools.islice(lines, MOST_POINTS):
+        words = line.split(maxsplit=9)
+        if len(words) >= 9:
+            _, x, y, z, _, _, _, _, image = numbers(words[:9], str(path))
+            yield int(image), np.array((x, y, z))
 
 
 def _cameras(path: Path) -> Iterator[tuple[int, Lens]]:
@@ -155,8 +206,8 @@ def _images(path: Path) -> Iterator[_Image]:
             raise InputError(
                 f"{path} line {number}: an image is 'ID QW QX QY QZ TX TY TZ CAMERA NAME', got {len(words)} words"
             )
-        _, qw, qx, qy, qz, x, y, z, camera = numbers(words[:9], f"{path} line {number}")
-        yield _Image(words[9].strip(), int(camera), (x, y, z, qx, qy, qz, qw))
+        key, qw, qx, qy, qz, x, y, z, camera = numbers(words[:9], f"{path} line {number}")
+        yield _Image(int(key), words[9].strip(), int(camera), (x, y, z, qx, qy, qz, qw))
         next(lines, None)  # its points, a line that may be empty
 
 
@@ -180,7 +231,7 @@ def _binary_images(file: File) -> Iterator[_Image]:
     at = 8
     (count,) = struct.unpack("<Q", file.at(0, 8))
     for _ in range(count):  # each takes bytes of the file, which ends
-        _, qw, qx, qy, qz, x, y, z, camera = struct.unpack("<I7dI", file.at(at, 64))
+        key, qw, qx, qy, qz, x, y, z, camera = struct.unpack("<I7dI", file.at(at, 64))
         head = file.at(at + 64, min(MAX_NAME + 1, file.size - at - 64))
         name, end, _ = head.partition(b"\0")
         if not end:
@@ -191,7 +242,7 @@ def _binary_images(file: File) -> Iterator[_Image]:
         pose = tuple(
             numbers((x, y, z, qx, qy, qz, qw), f"{file.path}: image {brief(name.decode(errors='replace'), 60)}")
         )
-        yield _Image(name.decode("utf-8", "replace"), camera, pose)
+        yield _Image(key, name.decode("utf-8", "replace"), camera, pose)
     file.at(at, 0)  # the last image's points are there, too
 
 

@@ -56,6 +56,7 @@ class Folder:
         self.name = head.line("name")
         self.camera = _camera(_Fields(head.get("camera", dict), root / HEAD))
         self.notes: Sequence[str] = head.lines("notes") if "notes" in head.value else ()
+        self.scale_guessed = head.value.get("scale_guessed") is True
         self._times_s, self._poses = read_trajectory(root / TRAJECTORY)
         self._poses.setflags(write=False)
         self._has_depth: bool = head.flag("depth", (root / "depth").is_dir())
@@ -150,6 +151,8 @@ def _write_head(recording: Recording, kinds: Sequence[str], root: Path) -> None:
         "simulator": recording.truth is not None,
         "notes": list(recording.notes),
     }
+    if getattr(recording, "scale_guessed", False):
+        head["scale_guessed"] = True
     write_json(root / HEAD, head)
 
 

@@ -81,10 +81,18 @@ def open(path: str | Path, up: Sequence[float] | None = None, floor_m: float | N
     if not partly and unit not in head:
         notes.append(f"{FILE} does not say {unit}: depth is taken in units of {DEPTH_UNIT_M:g} m")
     views = [_timed(view, number) for number, view in enumerate(views)]
-    settings = f"nerfstudio 1 up={up} floor_m={floor_m}"
+    settings = f"nerfstudio 2 up={up} floor_m={floor_m}"
     poses = np.array([pose for _, pose in there])
     source = Source(
-        root, root.resolve().name, settings, views, poses, files, notes, partial(_depth, unit_m=unit_m, unit=unit)
+        root,
+        root.resolve().name,
+        settings,
+        views,
+        poses,
+        files,
+        notes,
+        partial(_depth, unit_m=unit_m, unit=unit),
+        handheld=True,
     )
     return PosedImages(source, up, floor_m)
 

@@ -67,9 +67,18 @@ def open(path: str | Path, up: Sequence[float] | None = None, floor_m: float | N
     if views[0].depth is not None and (root / DEPTH_MATRIX).is_file():
         depth_lens = Lens(_camera(root, DEPTH_MATRIX, views[0].depth, notes))
         files.append(DEPTH_MATRIX)
-    settings = f"scannet 1 up={up} floor_m={floor_m}"
+    settings = f"scannet 2 up={up} floor_m={floor_m}"
     source = Source(
-        root, root.resolve().name, settings, views, np.array(poses), files, notes, png_depth, depth_lens=depth_lens
+        root,
+        root.resolve().name,
+        settings,
+        views,
+        np.array(poses),
+        files,
+        notes,
+        png_depth,
+        depth_lens=depth_lens,
+        handheld=True,
     )
     return PosedImages(source, up, floor_m)
 

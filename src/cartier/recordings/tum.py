@@ -73,9 +73,9 @@ def open(
     files = [name for name in (COLOUR, DEPTH, POSES, CALIBRATION) if (root / name).is_file()]
     files += [str(p.relative_to(root).as_posix()) for view in views for p in (view.colour, view.depth) if p is not None]
     poses = np.array([rigid(pose, f"{root / POSES}") for pose in samples.matrices()[rows]])
-    settings = f"tum 1 {camera} up={up} floor_m={floor_m}"
+    settings = f"tum 2 {camera} up={up} floor_m={floor_m}"
     read = partial(png_depth, per_metre=PER_METRE)
-    source = Source(root, root.resolve().name, settings, views, poses, files, notes, read)
+    source = Source(root, root.resolve().name, settings, views, poses, files, notes, read, handheld=True)
     return PosedImages(source, up, floor_m)
 
 

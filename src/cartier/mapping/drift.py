@@ -1,0 +1,106 @@
+"""Whether poses drift: surfaces of an early and a late part of a recording that lie on each other only once one part is moved.
+
+Oriented surface points are registered, point to plane (Chen and Medioni, Object modelling by registration of multiple range
+images, 1992), by a turn about z and a shift: the poses are level already. Normals tell the two sides of a wall apart.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from cartier.types import Array, Floats
+
+POINTS, AGAINST = 3000, 15_000  # that are moved, and that they are compared with
+REACHES_M = (
+    1.0,
+    1.0,
+    0.7,
+    0.7,
+    0.5,
+    0.5,
+    0.35,
+    0.35,
+    0.25,
+    0.25,
+    0.2,
+    0.15,
+    0.15,
+)  # within which points may be the same
+NORMAL_M = 0.5  # what it costs a pair of points, per unit, that their normals differ
+ALIKE = 0.8  # least cosine of the normals of one surface
+BESIDE_M, APART_M = 0.15, 0.05  # two points lie on one surface: so near, and so flat
+DAMPING = 1e-2  # of the mean curvature: along a bare wall nothing holds the shift
+FEWEST = 100
+SHARED, TIMES_MORE = 0.25, 1.25  # of the points that must come to lie on the others, and against how many before
+TWICE_M = 0.1  # two cells of the floor plan, across the surfaces (root mean square): they stand in the map twice
+
+
+class Drift(NamedTuple):
+    """How a later part must be moved to lie on an earlier one, and which shares of it do before and after."""
+
+    shift_m: float
+    turn_deg: float
+    before: float
+    after: float
+
+
+def find_drift(parts: Sequence[Floats]) -> Drift | None:
+    """The largest drift between successive parts of a recording: points and unit normals (N, 6), m, z up; None if there is none."""
+    found = [_between(late, early) for i, early in enumerate(parts) for late in parts[i + 1 :]]
+    return max(
+        (drift for drift in found if drift is not None), key=lambda drift: drift.after - drift.before, default=None
+    )
+
+
+def _between(late: Floats, early: Floats) -> Drift | None:
+    from scipy.spatial import cKDTree
+
+    if min(len(late), len(early)) < FEWEST:
+        return None
+    order = np.random.default_rng(0)
+    late, early = order.permutation(late)[:POINTS], order.permutation(early)[:AGAINST]
+    tree = cKDTree(np.hstack([early[:, :3], NORMAL_M * early[:, 3:]]))
+    middle, motion = late[:, :3].mean(axis=0), np.zeros(4)
+
+    def pairs(reach_m: float) -> tuple[Array, Array, Array]:
+        """The late points where they are now, the early ones nearest to them, and which of those are the same surface."""
+        turn = _about_z(motion[0])
+        points, normals = (late[:, :3] - middle) @ turn.T + middle + motion[1:], late[:, 3:] @ turn.T
+        other = early[tree.query(np.hstack([points, NORMAL_M * normals]))[1]]
+        same = np.linalg.norm(points - other[:, :3], axis=1) < reach_m
+        return points, other, same & ((normals * other[:, 3:]).sum(axis=1) > ALIKE)
+
+    def share() -> float:
+        points, other, same = pairs(BESIDE_M)
+        return float((same & (np.abs(((points - other[:, :3]) * other[:, 3:]).sum(axis=1)) < APART_M)).mean())
+
+    before = share()
+    for reach_m in REACHES_M:
+        points, other, same = pairs(reach_m)
+        if same.sum() < FEWEST:
+            return None
+        motion = motion + _step(points[same] - middle - motion[1:], points[same], other[same], reach_m)
+    after = share()
+    across_m = float(np.sqrt(np.square(((pairs(BESIDE_M)[0] - late[:, :3]) * late[:, 3:]).sum(axis=1)).mean()))
+    if after < max(SHARED, TIMES_MORE * before) or across_m < TWICE_M:
+        return None
+    return Drift(float(np.linalg.norm(motion[1:])), abs(float(np.degrees(motion[0]))), before, after)
+
+
+def _step(arms: Floats, points: Floats, other: Floats, reach_m: float) -> Floats:
+    """The turn about z (rad) and shift (m) that bring points (N, 3) onto the planes of others (N, 6), far ones weighing little."""
+    normals = other[:, 3:]
+    off = ((other[:, :3] - points) * normals).sum(axis=1)
+    slopes = np.column_stack([normals[:, 1] * arms[:, 0] - normals[:, 0] * arms[:, 1], normals])
+    weights = 1 / (1 + np.square(off / (reach_m / 3)))
+    curvature = slopes.T @ (slopes * weights[:, None])
+    curvature += DAMPING * np.trace(curvature) / 4 * np.eye(4)
+    return np.asarray(np.linalg.solve(curvature, slopes.T @ (weights * off)), dtype=np.float64)
+
+
+def _about_z(angle_rad: float) -> Floats:
+    c, s = np.cos(angle_rad), np.sin(angle_rad)
+    return np.array([(c, -s, 0.0), (s, c, 0.0), (0.0, 0.0, 1.0)])
