@@ -15,7 +15,7 @@ from cartier.errors import InputError
 from cartier.home import Home
 from cartier.pipeline import map_home
 from cartier.recordings.folder import save
-from cartier.types import Detections, Frame
+from cartier.types import UNKNOWN, Detections, Frame
 from synthetic import THINGS, TrueBoxes, walk
 
 rr = pytest.importorskip("rerun", reason="a Rerun file needs cartier[viz]")
@@ -122,12 +122,18 @@ def test_objects_appear_with_their_first_box_and_rooms_are_areas(home: Home, tmp
         assert frame == first[thing.label] and np.abs(arrays(one.centers)[0] - thing.position).max() < 1e-3
     ((_, plan),) = logged["home/floor_plan"]
     assert home.grid is not None and home.rooms
-    picture = arrays(plan.albedo_texture_buffer)[0].reshape(*home.grid.cells.shape, 3)
+    known = np.argwhere(home.grid.cells != UNKNOWN)
+    (top, left), (bottom, right) = known.min(axis=0), known.max(axis=0) + 1
+    picture = arrays(plan.albedo_texture_buffer)[0].reshape(bottom - top, right - left, 3)
     colourful = np.ptp(picture.astype(int), axis=2) > 20
     inside = np.zeros(home.grid.cells.shape, bool)
     for room in home.rooms:
         inside[tuple(room.cells.T)] = True
-    assert (colourful == inside).all()
+    assert (colourful == inside[top:bottom, left:right]).all() and colourful.sum() == inside.sum()
+    corners = arrays(plan.vertex_positions)[[0, 2], :2]
+    side = home.grid.resolution_m
+    wanted = home.grid.origin_xy + side * np.array([(left, top), (right, bottom)])
+    assert np.abs(corners - wanted).max() < 1e-4
 
 
 def test_with_its_recording_every_frame_is_there(home: Home, tmp_path: Path, logged: dict[str, Any]) -> None:

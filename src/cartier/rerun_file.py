@@ -31,6 +31,7 @@ CELLS = {FREE: (238, 238, 232), OCCUPIED: (60, 60, 66)}
 UNSEEN = (176, 176, 172)
 ROOM_SHARE = 0.35  # of a room's colour on its floor
 GOLDEN = 0.618  # of the circle of hues, so that rooms in a row have colours far apart
+BLUE = 0.55  # the hue of the first room: red is for objects
 STEPS = 60  # in which floor plan and path grow
 DEPTH_WIDTH = 320  # px; a map is no point cloud
 JPEG_QUALITY = 75
@@ -137,7 +138,11 @@ def _objects(out: Any, home: Home, looked: Mapping[int, Looked]) -> None:
         out.log(
             f"home/objects/{'confirmed' if thing.confirmed else 'tentative'}/{thing.id}",
             rr.Boxes3D(
-                centers=[(low + high) / 2], half_sizes=[(high - low) / 2], labels=[label], colors=_colour(thing)
+                centers=[(low + high) / 2],
+                half_sizes=[(high - low) / 2],
+                labels=[label],
+                colors=_colour(thing),
+                show_labels=thing.confirmed,  # of dozens of tentative ones they would hide the home; a click shows them
             ),
         )
 
@@ -157,12 +162,17 @@ def _floor_plan(out: Any, home: Home, grid: OccupancyGrid | None) -> None:
     for room in home.rooms:
         cells = _known_cells(home, room, grid)
         if len(cells):
-            hue = tuple(round(255 * part) for part in colorsys.hsv_to_rgb(room.id * GOLDEN % 1, 0.75, 0.85))
+            hue = tuple(round(255 * part) for part in colorsys.hsv_to_rgb((BLUE + room.id * GOLDEN) % 1, 0.75, 0.85))
             own = picture[tuple(cells.T)]
             picture[tuple(cells.T)] = np.rint(own + ROOM_SHARE * (np.array(hue) - own)).astype(np.uint8)
             shown.append((room.name, (*grid.centre(cells).mean(axis=0), 0.0), hue))
-    (x, y), (rows, columns) = grid.origin_xy, grid.cells.shape
-    right, far = x + columns * grid.resolution_m, y + rows * grid.resolution_m
+    known = np.argwhere(grid.cells != UNKNOWN)
+    if not len(known):
+        return
+    first, last = known.min(axis=0), known.max(axis=0)  # what is unknown all around would be most of the view
+    picture = np.ascontiguousarray(picture[first[0] : last[0] + 1, first[1] : last[1] + 1])
+    x, y = np.array(grid.origin_xy) + first[::-1] * grid.resolution_m
+    right, far = np.array(grid.origin_xy) + (last[::-1] + 1) * grid.resolution_m
     mesh = rr.Mesh3D(
         vertex_positions=[(x, y, 0), (right, y, 0), (right, far, 0), (x, far, 0)],
         vertex_texcoords=[(0, 0), (1, 0), (1, 1), (0, 1)],
