@@ -12,9 +12,10 @@ from typing import Any
 
 from cartier.contracts import Detector
 from cartier.errors import InputError
-from cartier.files import check_file
+from cartier.files import read_bytes
 from cartier.types import Detections, Frame
 
+MOST_BYTES = 1 << 30
 Detect = Callable[[Sequence[Frame]], list[Detections]]
 
 
@@ -40,9 +41,7 @@ def cached(detector: Detector, file: Path | None, fingerprint: str) -> Iterator[
     }
     key = (json.dumps(made_of) + "\n").encode()
     known: dict[int, Detections] = {}
-    if file.exists():
-        check_file(file)
-    lines = file.read_bytes().splitlines(keepends=True) if file.is_file() else []
+    lines = read_bytes(file, MOST_BYTES).splitlines(keepends=True) if file.exists() else []
     if not lines or lines[0] != key:
         _begin(file, key)
         lines = []

@@ -69,11 +69,12 @@ def camera_of(width: int, height: int, values: Sequence[float], where: str) -> C
     except InputError as error:
         raise InputError(f"{where}: {error}") from error
     ratios = (2 * (camera.cx + 0.5) / width, 2 * (camera.cy + 0.5) / height)
-    resized = min(abs(ratio - 1) for ratio in ratios) >= RESIZED and abs(ratios[0] / ratios[1] - 1) <= SAME_RATIO
+    one_factor = abs(ratios[0] - ratios[1]) <= SAME_RATIO * max(ratios)
+    resized = one_factor and min(abs(ratio - 1) for ratio in ratios) >= RESIZED
     if resized or off_centre((width, height), (camera.cx, camera.cy)) > MAX_OFF_CENTRE:
         raise InputError(
-            f"{where}: the principal point {camera.cx:g}, {camera.cy:g} is that of images of some {2 * camera.cx:.0f}x"
-            f"{2 * camera.cy:.0f} px, but these have {width}x{height}: scale fx, fy, cx, cy as the images were resized"
+            f"{where}: the principal point {camera.cx:g}, {camera.cy:g} is that of images of some {max(2 * camera.cx, 0):.0f}x"
+            f"{max(2 * camera.cy, 0):.0f} px, but these have {width}x{height}: scale fx, fy, cx, cy as the images were resized"
         )
     return camera
 
