@@ -123,13 +123,14 @@ def test_without_depth_the_viewpoint_answers_and_says_why_there_is_no_goal() -> 
 def test_without_depth_objects_lie_where_bearings_meet() -> None:
     home = map_home(walk(with_depth=False), TrueBoxes(THINGS))
     assert set(home.names) == {thing.label for thing in THINGS}
-    told = [thing for thing in home.objects if thing.views[0].surface is not None]
+    told = [thing for thing in home.objects if thing.located]
     assert told, "some were seen from several standpoints"
     for thing in told:
         assert min(box_distance(thing.position, t.box_min, t.box_max) for t in THINGS if t.label == thing.label) < 0.5
     once = walk(with_depth=False)
     once.poses = once.poses[:1]
-    assert all(thing.views[0].surface is None for thing in map_home(once, TrueBoxes(THINGS)).objects)
+    rows = map_home(once, TrueBoxes(THINGS)).to_dict()["objects"]
+    assert rows and not any(row["located"] or row["on"] for row in rows)
 
 
 def test_an_index_asked_for_that_cannot_be_built_is_an_error() -> None:

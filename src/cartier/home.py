@@ -157,13 +157,17 @@ class Home:
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """All that was found, as plain JSON values: what ``cartier show --json`` prints. ``on`` is what a thing stands on or in."""
-        standing = supports([thing for thing in self.objects if thing.confirmed])
+        """All that was found, as plain JSON values: what ``cartier show --json`` prints. ``on`` is what a thing stands on or in, where depth tells.
+
+        What is not ``located`` has a box that covers where it may be: its ``size_m`` is that of the box.
+        """
+        standing = supports([thing for thing in self.objects if thing.confirmed]) if self.grid is not None else {}
         rows = []
         for thing in sorted(self.objects, key=lambda thing: (not thing.confirmed, thing.id)):
             on = standing.get(thing.id)
             row = {
                 **asdict(thing),
+                "located": thing.located,
                 "size_m": [round(high - low, 3) for low, high in zip(thing.box_min, thing.box_max, strict=True)],
             }
             row["on"] = (

@@ -228,9 +228,11 @@ def _draw_boxes(axes: Axes, things: Sequence[MapObject]) -> None:
 
     for thing in sorted(things, key=lambda thing: thing.box_max[2]):  # what stands higher lies on top
         (x1, y1), (x2, y2) = thing.box_min[:2], thing.box_max[:2]
-        box = Rectangle((x1, y1), x2 - x1, y2 - y1, fc=OBJECT, ec=OBJECT, alpha=0.25, lw=0, zorder=2.5)
-        axes.add_patch(box)
-        axes.add_patch(Rectangle((x1, y1), x2 - x1, y2 - y1, fill=False, ec=OBJECT, lw=0.8, zorder=3))
+        if thing.located:
+            box = Rectangle((x1, y1), x2 - x1, y2 - y1, fc=OBJECT, ec=OBJECT, alpha=0.25, lw=0, zorder=2.5)
+            axes.add_patch(box)
+        style = "-" if thing.located else ":"  # dots: it is somewhere in there
+        axes.add_patch(Rectangle((x1, y1), x2 - x1, y2 - y1, fill=False, ec=OBJECT, lw=0.8, ls=style, zorder=3))
 
 
 def _name(figure: Figure, axes: Axes, names: Sequence[tuple[str, Sequence[float]]], all_of_them: bool = True) -> None:

@@ -209,6 +209,11 @@ class MapObject:
         for name in ("position", "box_min", "box_max"):
             finite(getattr(self, name), 3, f"object {self.id} ({brief(self.label, 40)}): {name}")
 
+    @property
+    def located(self) -> bool:
+        """Whether its distance is known: bearings without depth may leave it open, and its box then covers where it may be."""
+        return any(view.surface is not None for view in self.views) or not self.views
+
 
 @dataclass(frozen=True)
 class Room:

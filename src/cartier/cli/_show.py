@@ -167,7 +167,7 @@ def _print_rooms(told: dict[str, Any], everything: bool) -> None:
             on = row["on"]
             table.add_row(
                 str(row["id"]), ", ".join([*row["names"], row["label"]]) + ("" if row["confirmed"] else " ?"), f"{row['probability']:.0%}",
-                f"{row['sightings']} of {row['chances']}", " x ".join(f"{100 * side:.0f}" for side in row["size_m"]),
+                f"{row['sightings']} of {row['chances']}", _size(row),
                 ", ".join(name for name, _ in row["colours"][:2]), "" if on is None else f"{on['relation']} {names[on['id']]}",
                 f"{row['last_seen_s']:.1f} s",
             )  # fmt: skip
@@ -182,14 +182,20 @@ def _print_rooms(told: dict[str, Any], everything: bool) -> None:
         console.print(f"note: {note}", highlight=False, markup=False)
 
 
+def _size(row: dict[str, Any]) -> str:
+    return " x ".join(f"{100 * side:.0f}" for side in row["size_m"]) if row["located"] else "distance open"
+
+
 def _print_object(row: dict[str, Any], scale_guessed: bool) -> None:
     state = "confirmed" if row["confirmed"] else "tentative"
     print(f"{row['label']} {row['id']}: {state}, {row['probability']:.0%} likely there")
-    x, y, z = row["position"]
-    size = " x ".join(f"{100 * side:.0f}" for side in row["size_m"])
-    print(
-        f"  place  x {x:.2f}  y {y:.2f}  z {z:.2f} m, {size} cm{', by a scale that is a guess' if scale_guessed else ''}"
-    )
+    guess = ", by a scale that is a guess" if scale_guessed else ""
+    if row["located"]:
+        x, y, z = row["position"]
+        print(f"  place  x {x:.2f}  y {y:.2f}  z {z:.2f} m, {_size(row)} cm{guess}")
+    else:
+        (x0, y0, _), (x1, y1, _) = row["box_min"], row["box_max"]
+        print(f"  place  x {x0:.2f} to {x1:.2f}  y {y0:.2f} to {y1:.2f} m: bearings leave its distance open{guess}")
     print(
         f"  seen   in {row['sightings']} of {row['chances']} frames that would have shown it, last at {row['last_seen_s']:.1f} s"
     )
