@@ -13,7 +13,7 @@ import numpy as np
 
 from cartier.types import Array, Floats
 
-POINTS, AGAINST = 3000, 15_000  # that are moved, and that they are compared with
+POINTS, AGAINST = 1500, 7500  # that are moved, and that they are compared with
 REACHES_M = (
     1.0,
     1.0,
@@ -34,7 +34,7 @@ ALIKE = 0.8  # least cosine of the normals of one surface
 BESIDE_M, APART_M = 0.15, 0.05  # two points lie on one surface: so near, and so flat
 DAMPING = 1e-2  # of the mean curvature: along a bare wall nothing holds the shift
 FEWEST = 100
-SHARED, TIMES_MORE = 0.25, 1.25  # of the points that must come to lie on the others, and against how many before
+SHARED, TIMES_MORE = 0.4, 1.25  # of the points that must come to lie on the others, and against how many before
 TWICE_M = 0.1  # two cells of the floor plan, across the surfaces (root mean square): they stand in the map twice
 
 
