@@ -307,6 +307,17 @@ def test_a_processor_that_does_more_than_is_known_of_it_does_the_work_itself(
     assert len(images.notes) == 1 and "100x70 px are prepared on the CPU, which is slow" in images.notes[0]
 
 
+def test_a_processor_without_the_usual_settings_does_the_work_itself(
+    made: Made, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    detector = made("d_fine")
+    monkeypatch.delattr(detector._images._processor, "rescale_factor")
+    theirs = {"pixel_values": torch.zeros(1, 3, 64, 64)}
+    monkeypatch.setattr(detector._images, "_theirs", lambda images: theirs)
+    assert detector._images([frame().rgb]) is theirs
+    assert "are prepared on the CPU" in detector.notes[-1]
+
+
 def test_a_batch_that_does_not_fit_in_memory_is_halved(made: Made, monkeypatch: pytest.MonkeyPatch) -> None:
     detector = made("d_fine")
     views = [frame(number) for number in range(7)]
