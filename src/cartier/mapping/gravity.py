@@ -31,11 +31,12 @@ UP_IN_IMAGE = np.array(
     [(0.0, -1.0), (1.0, 0.0), (0.0, 1.0), (-1.0, 0.0)]
 )  # right, down; by quarter turns to the left that mend it
 LYING = ("stand upright", "lie on their right side", "stand on their heads", "lie on their left side")
-USUAL = 1.5  # how much more horizontal surface another turn must show than the one that the poses suggest
-TELLING, CLEARER = (
-    0.05,
-    3.0,
-)  # without depth: how unsteady upright must be (0.03 at most where it is right), and how much more
+USUAL = 3.0  # how many times more surface that faces up the opposite turn must show
+PANS, PANS_LITTLE = (
+    0.25,
+    0.03,
+)  # how much stiller an axis of the images stands than the other: by itself telling, and if they walk
+WALKS_M, WALKS_TIMES = 0.25, 2.0  # root mean square along one direction, and times that along the other
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,50 +117,37 @@ def _find_up(poses: Array, surfaces: _Surfaces | None) -> tuple[Vector, str]:
 def _seen_up(poses: Array, surfaces: _Surfaces) -> tuple[int, Vector, float] | None:
     """The turn of the images, up and the share of the surfaces that agree with it; None where too few do.
 
-    That is the turn with the most horizontal surfaces, along whose up the cameras move and roll least.
+    That is the turn that the poses suggest, or the opposite one where it shows clearly more surfaces that face up.
     """
     found, held = [], _turn_held(poses)
-    for turn in range(4):
+    for turn in (held, (held + 2) % 4):
         guess = _up_by(poses, turn)
         if guess is None:
             continue
         up, share = _surface_up(surfaces, guess[0])
         if share >= MIN_SHARE and quarter_turns(up @ poses[:, :3, :2].mean(axis=0)) == turn:
-            worth = share * (1 - _unsteady(poses, up, turn)) ** 2 * (USUAL if turn == held else 1)
-            found.append((worth, turn, up, share))
+            found.append((share * (USUAL if turn == held else 1), turn, up, share))
     return max(found, key=lambda one: one[0])[1:] if found else None
 
 
 def _turn_held(poses: Array) -> int:
-    """The turn of the images by the poses alone: upright, unless up stands much stiller for cameras that lie on a side.
+    """The turn of the images by the poses alone: upright, unless cameras clearly pan and walk as those that lie on a side do.
 
     On which side, their pitch says: people look down more than up.
     """
-    doubts = []
-    for side in (0, 1):
-        level = poses[:, :3, side]
-        spread = level.T @ level / len(poses) + _way(poses)
-        values, axes = np.linalg.eigh(spread)
-        doubts.append((float(values[0]), axes[:, 0]))
-    (upright, _), (sideways, axis) = doubts
-    if upright < max(TELLING, CLEARER * sideways):
+    axes = poses[:, :3, :2].mean(axis=0)  # whoever looks around turns about up, and that axis of the image stays
+    across, down = np.linalg.norm(axes, axis=0)
+    if across - down < PANS and not (across - down > PANS_LITTLE and _walks_sideways(poses, axes)):
         return 0
-    up = -axis * np.copysign(1, poses[:, :3, 2].mean(axis=0) @ axis)
-    right = float(poses[:, :3, 0].mean(axis=0) @ up)
-    return 1 if right > 0 else 3
+    up = -axes[:, 0] * np.copysign(1, poses[:, :3, 2].mean(axis=0) @ axes[:, 0])
+    return 1 if axes[:, 0] @ up > 0 else 3
 
 
-def _unsteady(poses: Array, up: Vector, turn: int) -> float:
-    """How much cameras held so would roll about and move along an up: 0 for none, 1 at most."""
-    roll = float(np.mean(np.square(poses[:, :3, turn % 2] @ up)))
-    return min(roll + float(up @ _way(poses) @ up), 1.0)
-
-
-def _way(poses: Array) -> Array:
-    """The covariance (3, 3) of the cameras' positions, as shares of their variance."""
+def _walks_sideways(poses: Array, axes: Array) -> bool:
+    """Whether cameras move along what would be up for upright ones, and far less along what is up for those on a side."""
     away = poses[:, :3, 3] - poses[:, :3, 3].mean(axis=0)
-    scatter = away.T @ away
-    return np.asarray(scatter / max(float(np.trace(scatter)), 1e-12), dtype=np.float64)
+    lying_m, upright_m = np.sqrt(np.square(away @ axes).mean(axis=0)) / np.linalg.norm(axes, axis=0)
+    return bool(upright_m > WALKS_M and upright_m > WALKS_TIMES * lying_m)
 
 
 def _camera_up(poses: Array, turn: int) -> tuple[Vector, str]:
