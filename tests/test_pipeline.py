@@ -286,6 +286,10 @@ def test_a_home_grows_by_a_second_recording_as_if_both_were_one(tmp_path: Path) 
         "only the step from one recording to the other differs"
     )
     assert map_home(halves[1], TrueBoxes(THINGS), onto=grown) is grown, "it is in it already"
+    unscaled = walk()
+    unscaled.poses, unscaled.scale_guessed = unscaled.poses[:3], True
+    with pytest.raises(InputError, match="where a scale is a guess, two recordings do not fit together"):
+        map_home(unscaled, TrueBoxes(THINGS), onto=grown)
     other = TrueBoxes(THINGS)
     other.name = "another detector"
     with pytest.raises(InputError, match="add with the same detector"):

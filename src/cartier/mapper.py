@@ -97,8 +97,15 @@ class Mapper:
             raise InputError(f"{home.name} keeps no {told} to go on from: map it again") from error
 
     def holds(self, recording: Recording) -> bool:
-        """Whether this very recording is in the map already."""
-        return recording.fingerprint() in (row["sha256"] for row in self._settings["recordings"])
+        """Whether this very recording is in the map already. Raises InputError if another's scale does not go with the map's."""
+        held = recording.fingerprint() in (row["sha256"] for row in self._settings["recordings"])
+        guessed = self._settings.get("scale_guessed") or getattr(recording, "scale_guessed", False)
+        if guessed and not held and self._settings["recordings"]:
+            raise InputError(
+                f"{recording.name} cannot be added: where a scale is a guess, two recordings do not fit together; let one "
+                "reconstruction have the pictures of both"
+            )
+        return held
 
     def add(self, frame: Frame, detections: Detections | None = None) -> npt.NDArray[np.int64]:
         """Take in one frame; returns the object id of each of its detections, -1 for none.

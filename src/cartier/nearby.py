@@ -39,6 +39,8 @@ MOST_ALIKE, MOST_PARTS = 20, 6  # of an archive's names: with one suffix in one 
 
 def what_else(path: Path, formats: Formats) -> str | None:
     """What a path is that is no recording, and what to do about it; None if there is nothing to say."""
+    if (path / "home.json").is_file():
+        return "it is a home that was mapped already: 'cartier show' and 'cartier ask' take it"
     parent = path.absolute().parent
     above = next(iter(formats(parent)), None)
     this = f"{parent} is one ({above}): give that"

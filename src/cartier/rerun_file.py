@@ -57,6 +57,8 @@ def write_rrd(
                 _photos(out, home)
             else:
                 _moving(out, home, recording, first, progress)
+                own = range(first, first + len(recording))  # of a home that grew, boxes without their pictures
+                looked = None if looked is None else {n: seen for n, seen in looked.items() if n in own}
             if looked is not None:
                 _detections(out, home, looked)
             _objects(out, home, looked or {})

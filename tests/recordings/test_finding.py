@@ -138,3 +138,11 @@ def test_poses_in_a_layout_of_ones_own_are_seen_and_the_ways_are_said(tmp_path: 
         (tmp_path / name).write_bytes(b"{}")
     with pytest.raises(InputError, match=r"a picture, 0014_depth\.png, and poses\.json, in a layout of .*--format"):
         plugins.open_recording(tmp_path)
+
+
+def test_a_home_is_said_to_be_one(tmp_path: Path) -> None:
+    (tmp_path / "home.json").write_text("{}")
+    with pytest.raises(
+        InputError, match="it is a home that was mapped already: 'cartier show' and 'cartier ask' take it"
+    ):
+        plugins.open_recording(tmp_path)

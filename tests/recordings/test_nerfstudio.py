@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import sys
 from collections.abc import Callable
 from dataclasses import replace
@@ -257,3 +258,20 @@ def test_damage_is_one_clear_line(tmp_path: Path, damage: Callable[[dict[str, An
     with pytest.raises(InputError, match=fault) as caught:
         opened(tmp_path / "a")
     assert "\n" not in str(caught.value)
+
+
+def test_without_depth_a_scale_that_cannot_be_metres_is_guessed(tmp_path: Path) -> None:
+    write_nerfstudio(room(with_depth=False), tmp_path / "a")
+    metric = plugins.open_recording(tmp_path / "a")
+    assert getattr(metric, "scale_guessed", False) and any("are taken as metres" in note for note in metric.notes)
+    for times in (50.0, 4000.0):
+        folder = Path(shutil.copytree(tmp_path / "a", tmp_path / f"{times:g}"))
+        told = json.loads((folder / "transforms.json").read_text())
+        for frame in told["frames"]:
+            for row in frame["transform_matrix"][:3]:
+                row[3] *= times
+        (folder / "transforms.json").write_text(json.dumps(told))
+        found = plugins.open_recording(folder)
+        away = np.array([found[i].world_from_camera[:3, 3] for i in range(len(found))])
+        assert np.median(np.linalg.norm(away - np.median(away, axis=0), axis=1)) == pytest.approx(0.6, rel=0.05)
+        assert any("0.6 m from their middle" in note for note in found.notes)

@@ -17,6 +17,8 @@ GL_FROM_OPTICAL = np.diag([1.0, -1.0, -1.0, 1.0])
 """OpenGL's camera axes (x right, y up, z backwards) from ours; a matrix of ARKit, ARCore, Blender or nerfstudio times
 this is ours. Its own inverse."""
 Y_UP = (0.0, 1.0, 0.0)
+USUAL_WAY_M = 0.6
+"""How far from their middle the cameras of a home's recording stand; the scale of one that has none is guessed by it."""
 USUAL_OFF_CENTRE, MAX_OFF_CENTRE = 0.05, 0.2
 """How far from the middle of an image, in shares of its side, a principal point lies: a real camera's by a few hundredths, that
 of an image with a strip cut off by half the strip's share (which is noted), one beyond the second is that of other images."""

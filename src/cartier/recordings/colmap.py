@@ -24,7 +24,7 @@ from cartier.recordings._lens import Lens, Model, straight
 from cartier.recordings._posed import PosedImages, Source, View
 from cartier.recordings._poses import matrices
 from cartier.recordings._rosfile import File
-from cartier.recordings._tables import camera_of, inside, numbers, unit_quaternions
+from cartier.recordings._tables import USUAL_WAY_M, camera_of, inside, numbers, unit_quaternions
 from cartier.types import Array
 
 PLACES = ("", "sparse/0", "sparse", "colmap/sparse/0")
@@ -34,7 +34,7 @@ MAX_NAME = 1000
 MAX_CAMERAS = 100_000
 POINT_BYTES = 24
 MOST_POINTS = 20_000  # tell the scale well enough
-USUAL_DISTANCE_M, USUAL_WAY_M = 2.0, 0.6  # of what is seen from the camera; of the cameras from their middle
+USUAL_DISTANCE_M = 2.0  # of what is seen from the camera
 
 
 @dataclass(frozen=True)

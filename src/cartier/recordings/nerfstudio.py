@@ -25,10 +25,11 @@ from cartier.recordings._lens import Lens, straight
 from cartier.recordings._posed import Depths, PosedImages, Source, View, png_depth
 from cartier.recordings._poses import Matrix, rigid
 from cartier.recordings._rosimages import valid
-from cartier.recordings._tables import GL_FROM_OPTICAL, camera_of, inside, numbers
-from cartier.types import Camera
+from cartier.recordings._tables import GL_FROM_OPTICAL, USUAL_WAY_M, camera_of, inside, numbers
+from cartier.types import Array, Camera
 
 FILE, EXR = "transforms.json", ".exr"
+PLAUSIBLE_WAY_M = (0.1, 6.0)  # of cameras from their middle, in a home
 FRAMES_PER_SECOND = 30.0
 DEPTH_UNIT_M = 0.001
 DEPTH_KEYS = {"depth_file_path": "depth_unit_scale_factor", "depth_path": "integer_depth_scale"}  # and their units
@@ -72,7 +73,6 @@ def open(path: str | Path, up: Sequence[float] | None = None, floor_m: float | N
         raise InputError(f"{where}: {partly} of {len(views)} frames have no {_depth_key(frames)}; give all or none")
     if "time" not in frames[0]:
         notes.append(f"times assumed: {FRAMES_PER_SECOND:g} frames per second, in the order of the file names")
-    notes.append("the scale is taken as metres; COLMAP's is arbitrary")
     files = [FILE, *(p.relative_to(root).as_posix() for v in views for p in (v.colour, v.depth) if p is not None)]
     unit = DEPTH_KEYS[_depth_key(frames)]
     unit_m = _number(head, unit, DEPTH_UNIT_M, where)
@@ -82,7 +82,10 @@ def open(path: str | Path, up: Sequence[float] | None = None, floor_m: float | N
         notes.append(f"{FILE} does not say {unit}: depth is taken in units of {DEPTH_UNIT_M:g} m")
     views = [_timed(view, number) for number, view in enumerate(views)]
     settings = f"nerfstudio 2 up={up} floor_m={floor_m}"
-    poses = np.array([pose for _, pose in there])
+    poses, scale_guessed = np.array([pose for _, pose in there]), not any(view.depth for view in views)
+    poses[:, :3, 3] *= _metres_per_unit(poses, "colmap_im_id" in frames[0], notes) if scale_guessed else 1.0
+    if not scale_guessed:
+        notes.append("the scale is taken as metres, as its depth has it")
     source = Source(
         root,
         root.resolve().name,
@@ -93,8 +96,20 @@ def open(path: str | Path, up: Sequence[float] | None = None, floor_m: float | N
         notes,
         partial(_depth, unit_m=unit_m, unit=unit),
         handheld=True,
+        scale_guessed=scale_guessed,
     )
     return PosedImages(source, up, floor_m)
+
+
+def _metres_per_unit(poses: Array, colmap: bool, notes: list[str]) -> float:
+    """1 where poses without depth may well be metric, as ARKit's; else what makes the cameras stand as is usual in homes."""
+    positions = poses[:, :3, 3]
+    way = float(np.median(np.linalg.norm(positions - np.median(positions, axis=0), axis=1)))
+    if way < 1e-12 or (PLAUSIBLE_WAY_M[0] <= way <= PLAUSIBLE_WAY_M[1] and not colmap):
+        notes.append("without depth the scale is a guess: the poses are taken as metres; COLMAP's are not")
+        return 1.0
+    notes.append(f"without depth the scale is a guess, by which the cameras stand {USUAL_WAY_M:g} m from their middle")
+    return USUAL_WAY_M / way
 
 
 def _depth_key(frames: Sequence[dict[str, Any]]) -> str:
