@@ -1,9 +1,10 @@
 """Which way is up and how high the floor is, for recordings whose world knows neither.
 
-Cameras are held level, upright or turned by a quarter, as phones are: four guesses of up. Whoever records a home walks on its
-floor, so that cameras move least along up, and it stands still in their images: that weighs the guesses, and is all there is
-without depth. With depth, the horizontal surfaces (floor, tables, seats) are the largest set of normals near a guess, and the
-thin layers that they form give up to a fraction of a degree. The lowest layer is the floor.
+Cameras are held level: upright, or turned by a quarter as phones are. Whoever looks around turns about up, which so stands still
+in the images, and walks on the floor, so that cameras move least along up: where that is clear they are taken to lie on a side,
+else to be upright. That gives a guess of up, which is all there is without depth. With depth, the horizontal surfaces (floor,
+tables, seats) are the largest set of normals near the guess, and the thin layers that they form give up to a fraction of a
+degree. The lowest layer is the floor.
 """
 
 from __future__ import annotations
@@ -27,15 +28,12 @@ AGREE_DEG = 10.0
 MIN_SHARE, MIN_SAMPLES = 0.03, 200
 BIN_M, LAYER_M = 0.02, 0.03
 ASSUMED_CAMERA_HEIGHT_M = 1.5
-UP_IN_IMAGE = np.array(
-    [(0.0, -1.0), (1.0, 0.0), (0.0, 1.0), (-1.0, 0.0)]
-)  # right, down; by quarter turns to the left that mend it
+# Right and down, by the quarter turns to the left that mend it.
+UP_IN_IMAGE = np.array([(0.0, -1.0), (1.0, 0.0), (0.0, 1.0), (-1.0, 0.0)])
 LYING = ("stand upright", "lie on their right side", "stand on their heads", "lie on their left side")
 USUAL = 3.0  # how many times more surface that faces up the opposite turn must show
-PANS, PANS_LITTLE = (
-    0.25,
-    0.03,
-)  # how much stiller an axis of the images stands than the other: by itself telling, and if they walk
+# How much stiller one axis of the images stands than the other: telling by itself, and telling if the cameras walk.
+PANS, PANS_LITTLE = 0.25, 0.03
 WALKS_M, WALKS_TIMES = 0.25, 2.0  # root mean square along one direction, and times that along the other
 
 
