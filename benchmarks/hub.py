@@ -49,7 +49,7 @@ def owlv2(folder: Path) -> None:
 
 
 def d_fine(folder: Path) -> None:
-    """D-FINE as its configuration comes: 31 million parameters, as D-FINE-L has."""
+    """D-FINE as its configuration comes: 31 million parameters."""
     for part in (hf.DFineForObjectDetection(hf.DFineConfig(num_labels=80)), hf.RTDetrImageProcessorPil()):
         part.save_pretrained(folder)
 

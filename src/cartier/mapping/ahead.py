@@ -10,9 +10,8 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from cartier.contracts import Detector, Recording
 from cartier.types import Camera, Frame
 
-MOST_PIXELS = (
-    16 * 1920 * 1080
-)  # of the frames that wait for the detector, and of those that are read ahead: with depth 250 MB each
+# Of the frames that wait for the detector, and of those that are read ahead: with depth some 250 MB each.
+MOST_PIXELS = 16 * 1920 * 1080
 
 
 def frames_ahead(recording: Recording, together: int = 1) -> Iterator[Frame]:

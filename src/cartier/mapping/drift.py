@@ -14,21 +14,8 @@ import numpy as np
 from cartier.types import Array, Floats
 
 POINTS, AGAINST = 1500, 7500  # that are moved, and that they are compared with
-REACHES_M = (
-    1.0,
-    1.0,
-    0.7,
-    0.7,
-    0.5,
-    0.5,
-    0.35,
-    0.35,
-    0.25,
-    0.25,
-    0.2,
-    0.15,
-    0.15,
-)  # within which points may be the same
+# Within which points may be the same, from pass to pass.
+REACHES_M = (1.0, 1.0, 0.7, 0.7, 0.5, 0.5, 0.35, 0.35, 0.25, 0.25, 0.2, 0.15, 0.15)
 NORMAL_M = 0.5  # what it costs a pair of points, per unit, that their normals differ
 ALIKE = 0.8  # least cosine of the normals of one surface
 BESIDE_M, APART_M = 0.15, 0.05  # two points lie on one surface: so near, and so flat
