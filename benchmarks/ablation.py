@@ -35,23 +35,30 @@ from cartier.evaluation.maps import Maps, MapSettings  # noqa: E402
 from cartier.evaluation.metrics import matches  # noqa: E402
 from cartier.evaluation.queries import cases, load_queries  # noqa: E402
 from cartier.evaluation.things import FIND  # noqa: E402
-from cartier.language.names import display_name  # noqa: E402
-from cartier.reasoners import _decision, _listening, _scorer, _spelling, _things, embedded  # noqa: E402
-from cartier.reasoners._cards import SHIPPED, read_deck  # noqa: E402
-from cartier.reasoners._reading import Reader, reader  # noqa: E402
-from cartier.reasoners._scorer import Scorer  # noqa: E402
+from cartier.labels import display_name  # noqa: E402
+from cartier.reasoners import embedded  # noqa: E402
 from cartier.types import Inventory  # noqa: E402
+from cartier.understanding import (
+    candidates,
+    need_scorer,
+    outcome_classifier,
+    spelling,
+    utterance,
+)
+from cartier.understanding.cards import SHIPPED, read_deck  # noqa: E402
+from cartier.understanding.need_scorer import Scorer  # noqa: E402
+from cartier.understanding.text_encoder import Reader, reader  # noqa: E402
 
-SENTENCE = _listening._sentence
+SENTENCE = utterance._sentence
 RULES: dict[str, tuple[tuple[Any, str, Any], ...]] = {
     "nothing": (),
-    "spelling": ((_spelling.Spelling, "__call__", lambda self, word: word),),
-    "sentence weights": ((_listening, "_sentence", lambda tokens, part, weight: SENTENCE(tokens, part, 1.0)),),
-    "alone": ((_scorer, "ALONE", 0.0),),
-    "word matching": ((_scorer.Lexicon, "fits", lambda self, said, out: {}),),
-    "general words": ((_things.Things, "_ends", lambda *args: ()),),
-    "twins": ((_things.Things, "twins", lambda *args: frozenset()),),
-    "the decision": ((_decision.Choice, "decide", lambda *args: "found"),),
+    "spelling": ((spelling.Spelling, "__call__", lambda self, word: word),),
+    "sentence weights": ((utterance, "_sentence", lambda tokens, part, weight: SENTENCE(tokens, part, 1.0)),),
+    "alone": ((need_scorer, "ALONE", 0.0),),
+    "word matching": ((need_scorer.Lexicon, "fits", lambda self, said, out: {}),),
+    "general words": ((candidates.Things, "_ends", lambda *args: ()),),
+    "twins": ((candidates.Things, "twins", lambda *args: frozenset()),),
+    "the decision": ((outcome_classifier.Choice, "decide", lambda *args: "found"),),
     "several needs": ((embedded, "_parts", lambda text: [text]),),
     "speech acts": ((embedded, "sort_out", lambda heard, known: embedded.Said("", "", "outright")),),
 }  # fmt: skip

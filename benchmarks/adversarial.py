@@ -21,7 +21,7 @@ from pathlib import Path
 from cartier import plugins
 from cartier.errors import InputError
 from cartier.home import Home
-from cartier.language.names import object_ref, room_ref
+from cartier.labels import object_ref, room_ref
 from cartier.types import Inventory
 
 STRANGERS = (

@@ -28,8 +28,8 @@ import numpy as np
 
 from cartier import plugins
 from cartier.contracts import Recording
-from cartier.detectors._boxes import iou
-from cartier.language.names import display_name
+from cartier.detectors.boxes import iou
+from cartier.labels import display_name
 from cartier.mapping.object_map import ObjectMap
 from cartier.types import Calibration, Detections, Frame
 

@@ -19,23 +19,23 @@ from fake_runs import SETTINGS, fake_rows
 from layouts import LAYOUTS, room
 from tiny_onnx import CHANNELS, frame, red_finder
 
-from cartier import corrections, pipeline, plugins
+from cartier import pipeline, plugins
 from cartier.detectors import onnx
-from cartier.detectors._vocabulary import read_vocabulary
+from cartier.detectors.vocabulary import read_vocabulary
 from cartier.errors import InputError
-from cartier.evaluation._rows import check_rows, read_rows
 from cartier.evaluation.queries import load_file
+from cartier.evaluation.rows import check_rows, read_rows
 from cartier.evaluation.summary import summarise
 from cartier.evaluation.things import load_answers, load_items
-from cartier.files import read_bytes, read_json, read_npz
-from cartier.home import Home
-from cartier.mapper import Mapper
+from cartier.home import Home, corrections
+from cartier.home.repository import NAME, Store
+from cartier.io.files import read_bytes, read_json, read_npz
 from cartier.mapping.detection_cache import cached
-from cartier.nearby import what_else
-from cartier.reasoners._cards import read_deck
-from cartier.sheet import draw_sheet
-from cartier.store import NAME, Store
+from cartier.mapping.mapper import Mapper
+from cartier.recordings.hints import what_else
+from cartier.render.sheet import draw_sheet
 from cartier.types import Inventory, Selection
+from cartier.understanding.cards import read_deck
 from cartier.worlds.ai2thor import _house
 from cartier.worlds.dollhouse.scene import load_scene
 from synthetic import THINGS, TrueBoxes

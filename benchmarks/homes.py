@@ -19,7 +19,7 @@ import numpy as np
 from cartier import plugins
 from cartier.contracts import Detector, Recording, SpatialIndex
 from cartier.geometry import backproject, box_distance, transform
-from cartier.language.names import display_name
+from cartier.labels import display_name
 from cartier.pipeline import map_home
 from cartier.types import Detections, Frame
 

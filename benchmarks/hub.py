@@ -27,7 +27,7 @@ import transformers as hf
 from cartier import plugins
 from cartier.contracts import Recording
 from cartier.detectors.transformers import TransformersDetector, make
-from cartier.mapping.ahead import at_once, frames_ahead
+from cartier.mapping.prefetch import at_once, frames_ahead
 from cartier.recordings import folder as own_format
 from cartier.types import Frame
 

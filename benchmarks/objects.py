@@ -29,7 +29,7 @@ from spatial import DETECTORS, Contacts, Figures, Mapped
 
 from cartier import plugins
 from cartier.geometry import box_distance
-from cartier.language.names import display_name
+from cartier.labels import display_name
 from cartier.mapping.object_map import ObjectMap
 from cartier.mapping.occupancy import OccupancyMapper
 from cartier.types import Array, Calibration, Camera, Detections, Frame, MapObject, OccupancyGrid, TrueObject

@@ -25,8 +25,8 @@ from dollhouse_detector import average_precision
 from PIL import Image
 
 from cartier import specs
-from cartier.detectors._boxes import iou
-from cartier.detectors._sidecar import coco80, read_sidecar
+from cartier.detectors.boxes import iou
+from cartier.detectors.sidecar import coco80, read_sidecar
 from cartier.models import nanodet
 from cartier.types import Camera, Frame
 

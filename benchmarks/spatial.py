@@ -18,10 +18,11 @@ from dataclasses import replace
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from cartier.evaluation._statements import closest, is_beside
+from cartier.evaluation.statements import closest, is_beside
 from cartier.evaluation.true_home import SHOWN_PX, true_objects
 from cartier.geometry import box_distance
-from cartier.mapping.relations import (
+from cartier.mapping.rooms import find_rooms, rooms_of
+from cartier.spatial.relations import (
     Relation,
     between,
     bigger,
@@ -32,7 +33,6 @@ from cartier.mapping.relations import (
     supports,
     under,
 )
-from cartier.mapping.rooms import find_rooms, rooms_of
 from cartier.types import Array, MapObject, OccupancyGrid
 from cartier.worlds.dollhouse.contacts import Contacts
 from cartier.worlds.dollhouse.model import Scene

@@ -20,7 +20,7 @@ from cartier.evaluation.things import FIND, Given, Item, load_items, score
 from cartier.evaluation.things_run import DETECTORS
 from cartier.evaluation.true_home import TrueHome, true_home
 from cartier.home import Home
-from cartier.mapping.relations import supports
+from cartier.spatial.relations import supports
 from cartier.types import MapObject, Selection, TrueObject
 
 SAME_M = 1.0  # an object of the map is at most so far from the true thing of its name

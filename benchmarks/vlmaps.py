@@ -22,7 +22,7 @@ from pathlib import Path
 import numpy as np
 
 from cartier import plugins
-from cartier.indexes._fusion import CELL, FeatureGrid
+from cartier.indexes.fusion import CELL, FeatureGrid
 from cartier.types import Camera, Detections, Frame
 
 CAMERA = Camera(640, 480, 400.0, 400.0, 319.5, 239.5)
@@ -73,10 +73,10 @@ def fusion(recording: str | None) -> None:
 
 def touched_rows(features: np.ndarray, frame: Frame) -> np.ndarray:
     """Which feature vectors have a share in any cell."""
-    from cartier.indexes import _fusion
+    from cartier.indexes import fusion
 
-    tables = _fusion._Tables(frame.depth_m.shape, features.shape[:2], frame.camera)
-    window = _fusion._window(frame.depth_m, frame.world_from_camera, tables, 0.05, 0)
+    tables = fusion._Tables(frame.depth_m.shape, features.shape[:2], frame.camera)
+    window = fusion._window(frame.depth_m, frame.world_from_camera, tables, 0.05, 0)
     assert window is not None
     starts, lengths = tables.pieces(window.cells)
     used = window.cells[starts] > 0

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from cartier.checks import frame_number
+from cartier.errors import frame_number
 from cartier.types import Calibration, Camera, Detections, Frame, TrueObject
 
 CAMERA = Camera(160, 120, 120.0, 120.0, 79.5, 59.5)

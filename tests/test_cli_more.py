@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from cartier import cli
 from cartier.home import Home
-from cartier.language.prompts import prompt_named
+from cartier.llm.prompts import prompt_named
 from cartier.pipeline import map_home
 from cartier.recordings.folder import save
 from synthetic import THINGS, RoomRecording, TrueBoxes, walk
@@ -342,7 +342,7 @@ def test_the_bench_asks_for_particular_things_and_scores_anybodys_answers(run: R
 def test_a_rerun_file_without_the_package_names_the_extra(
     run: Run, home: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.delitem(sys.modules, "cartier.rerun_file", raising=False)
+    monkeypatch.delitem(sys.modules, "cartier.render.rerun_file", raising=False)
     monkeypatch.setitem(sys.modules, "rerun", None)
     code, _, err = run("show", home, "--rrd", tmp_path / "a.rrd")
     assert code == 1 and err.startswith("cartier: --rrd needs the package 'rerun-sdk': pip install ") and "[viz]" in err

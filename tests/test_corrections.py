@@ -14,10 +14,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import cartier
-from cartier import cli, corrections
-from cartier.corrections import LOG, Correction, Subject, apply, find, read_log
+from cartier import cli
 from cartier.errors import InputError
-from cartier.home import Home
+from cartier.home import Home, corrections
+from cartier.home.corrections import LOG, Correction, Subject, apply, find, read_log
 from cartier.pipeline import map_home
 from cartier.types import Inventory, MapObject, Selection
 from synthetic import THINGS, RoomRecording, TrueBoxes, walk

@@ -13,10 +13,10 @@ from typer.testing import CliRunner
 from cartier import plugins, specs
 from cartier.cli import app
 from cartier.home import Home
-from cartier.mapper import doubt, is_of
+from cartier.mapping.mapper import doubt, is_of
 from cartier.pipeline import ask, map_home
-from cartier.reasoners._nameless import nameless
 from cartier.recordings.folder import save
+from cartier.understanding.out_of_vocabulary import nameless
 from synthetic import THINGS, RoomRecording, TrueBoxes, walk
 
 

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from cartier.errors import CartierError, InputError, brief
-from cartier.files import check_file, read_bytes, read_json, read_npy, read_npz, read_text, typed
+from cartier.io.files import check_file, read_bytes, read_json, read_npy, read_npz, read_text, typed
 
 ARRAYS = {
     "frames": np.arange(5, dtype=np.int32),

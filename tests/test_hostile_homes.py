@@ -11,8 +11,8 @@ import pytest
 
 import cartier
 from cartier.errors import InputError
-from cartier.sheet import draw_sheet
-from cartier.store import Store
+from cartier.home.repository import Store
+from cartier.render.sheet import draw_sheet
 from synthetic import THINGS, TrueBoxes, walk
 
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from cartier.errors import InputError
 from cartier.geometry import box_distance
-from cartier.planning import NEAREST_M, SNAP_M, line_of_sight, plan, reach
+from cartier.navigation.planning import NEAREST_M, SNAP_M, line_of_sight, plan, reach
 from cartier.types import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, Place, RobotModel
 
 RADIUS = 0.2

@@ -58,7 +58,7 @@ def arrays(one: Any) -> np.ndarray:
 
 
 def test_a_home_alone_shows_its_evidence(home: Home, tmp_path: Path, logged: dict[str, Any]) -> None:
-    from cartier.rerun_file import write_rrd
+    from cartier.render.rerun_file import write_rrd
 
     write_rrd(home, tmp_path / "a.rrd")
     assert (tmp_path / "a.rrd").read_bytes()[:3] == b"RRF"
@@ -73,7 +73,7 @@ def test_a_home_alone_shows_its_evidence(home: Home, tmp_path: Path, logged: dic
 
 
 def test_every_box_of_every_frame_that_was_looked_at_is_there(tmp_path: Path, logged: dict[str, Any]) -> None:
-    from cartier.rerun_file import write_rrd
+    from cartier.render.rerun_file import write_rrd
 
     class Blinking(TrueBoxes):
         """Reports nothing in one of the frames that it looks at, and in another what is not there."""
@@ -111,7 +111,7 @@ def test_every_box_of_every_frame_that_was_looked_at_is_there(tmp_path: Path, lo
 
 
 def test_objects_appear_with_their_first_box_and_rooms_are_areas(home: Home, tmp_path: Path, logged: Any) -> None:
-    from cartier.rerun_file import write_rrd
+    from cartier.render.rerun_file import write_rrd
 
     write_rrd(home, tmp_path / "a.rrd")
     first: dict[str, int] = {}
@@ -137,7 +137,7 @@ def test_objects_appear_with_their_first_box_and_rooms_are_areas(home: Home, tmp
 
 
 def test_with_its_recording_every_frame_is_there(home: Home, tmp_path: Path, logged: dict[str, Any]) -> None:
-    from cartier.rerun_file import write_rrd
+    from cartier.render.rerun_file import write_rrd
 
     seen: list[tuple[int, int]] = []
     write_rrd(home, tmp_path / "a.rrd", walk(), lambda done, total: seen.append((done, total)))
@@ -158,7 +158,7 @@ def test_with_its_recording_every_frame_is_there(home: Home, tmp_path: Path, log
 
 
 def test_another_recording_and_a_folder_that_is_not_there_are_one_line(home: Home, tmp_path: Path) -> None:
-    from cartier.rerun_file import write_rrd
+    from cartier.render.rerun_file import write_rrd
 
     save(walk(with_depth=False), tmp_path / "other")
     from cartier.recordings import folder

@@ -12,11 +12,11 @@ from pathlib import Path
 import pytest
 
 import cartier
-from cartier.atomic import append_line, locked, replaced_folder, sweep_parts, write_file
 from cartier.errors import InputError
-from cartier.files import read_rows
+from cartier.home.repository import MANIFEST, Store
+from cartier.io.atomic import append_line, locked, replaced_folder, sweep_parts, write_file
+from cartier.io.files import read_rows
 from cartier.recordings import folder as own_format
-from cartier.store import MANIFEST, Store
 from interrupted import KILLED, content, run
 from synthetic import THINGS, RoomRecording, TrueBoxes, walk
 
@@ -210,7 +210,7 @@ def test_what_a_killed_write_left_is_swept_and_nothing_else(tmp_path: Path) -> N
 
 
 def test_a_lock_is_one_at_a_time_and_says_who_has_it(tmp_path: Path) -> None:
-    code = "import sys, time; from pathlib import Path; from cartier.atomic import locked\n"
+    code = "import sys, time; from pathlib import Path; from cartier.io.atomic import locked\n"
     code += "with locked(Path(sys.argv[1])):\n    print('mine', flush=True)\n    time.sleep(60)"
     env = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
     other = subprocess.Popen([sys.executable, "-c", code, tmp_path / "h"], stdout=subprocess.PIPE, env=env)

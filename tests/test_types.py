@@ -6,10 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cartier.checks import check_pose
-from cartier.errors import InputError
-from cartier.files import read_json
-from cartier.language.names import display_name
+from cartier.errors import InputError, check_pose
+from cartier.io.files import read_json
+from cartier.labels import display_name
 from cartier.types import Camera, Detections, OccupancyGrid, Place, Selection
 from synthetic import CAMERA, walk
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from cartier.language.names import display_name
+from cartier.labels import display_name
 from cartier.worlds.dollhouse import shapes
 from cartier.worlds.dollhouse.model import Scene, Thing
 from cartier.worlds.dollhouse.place import Plan

@@ -15,10 +15,10 @@ from build_text_encoder import HEADS, LAYERS, WIDTH, Graph
 from onnx import TensorProto, helper
 from torch import Tensor, nn
 
-from cartier.reasoners._knowledge import pack
-from cartier.reasoners._lexical import turned_down
-from cartier.reasoners._listening import mentions
-from cartier.reasoners._scorer import MOST_SENTENCES, Scorer, tokenise
+from cartier.understanding.lexical import turned_down
+from cartier.understanding.near_synonyms import pack
+from cartier.understanding.need_scorer import MOST_SENTENCES, Scorer, tokenise
+from cartier.understanding.utterance import mentions
 
 FROZEN = 2  # layers of the shipped encoder that stay as they are; _reading.HALF_WAY is the last one's output
 DROPOUT = 0.1

@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
-from cartier.language.names import display_name
-from cartier.reasoners._cards import Deck
-from cartier.reasoners._words import STOP
+from cartier.labels import display_name
+from cartier.understanding.cards import Deck
+from cartier.understanding.text import STOP
 
 REQUESTS = Path(__file__).parent / "requests"
 FRAMES = json.loads((Path(__file__).parent / "scorer_frames.json").read_text(encoding="utf-8"))

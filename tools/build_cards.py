@@ -8,7 +8,7 @@ from __future__ import annotations
 import dataclasses
 import json
 
-from cartier.reasoners._cards import BUILT, SHIPPED, read_cards, source, work_out
+from cartier.understanding.cards import BUILT, SHIPPED, read_cards, source, work_out
 
 
 def built() -> bytes:

@@ -20,9 +20,9 @@ from _scorer_requests import FRAMES, Homes, Request, read_requests
 from scipy.optimize import minimize
 
 from cartier.reasoners import embedded
-from cartier.reasoners._decision import FITTED as FILE
-from cartier.reasoners._decision import OUTCOMES, Choice
-from cartier.reasoners._knowledge import ALIKE
+from cartier.understanding.near_synonyms import ALIKE
+from cartier.understanding.outcome_classifier import FITTED as FILE
+from cartier.understanding.outcome_classifier import OUTCOMES, Choice
 from cartier.worlds.dollhouse import make
 
 FITTED = ("hosts", "transcript", "wheels")  # styles that the scorer was not trained on, but this is

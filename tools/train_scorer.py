@@ -24,10 +24,10 @@ from _scorer_requests import Homes, Request, Sample, Variations, read_requests
 from fit_decision import FITTED, REPORTED
 from safetensors.numpy import load_file
 
-from cartier.reasoners._cards import SHIPPED, Deck, read_deck
-from cartier.reasoners._scorer import SHIPPED as PACKAGE
-from cartier.reasoners._scorer import Scorer
 from cartier.reasoners.embedded import Embedded
+from cartier.understanding.cards import SHIPPED, Deck, read_deck
+from cartier.understanding.need_scorer import SHIPPED as PACKAGE
+from cartier.understanding.need_scorer import Scorer
 
 PASSES, BATCH, NAMES = 2, 32, 2000
 RATE, HEAD_RATE, CARD_RATE, DECAY = 3e-4, 3e-3, 3e-5, 0.01

@@ -2,7 +2,7 @@
 
 from cartier.errors import BackendError, CartierError, InputError, MissingExtra, ReasonerError
 from cartier.home import Home
-from cartier.mapper import Mapper
+from cartier.mapping.mapper import Mapper
 from cartier.pipeline import ask, map_home
 from cartier.plugins import make, open_recording
 from cartier.types import (

@@ -2,9 +2,20 @@
 
 from __future__ import annotations
 
+import math
+import operator
 import re
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
 
 ADDRESS = re.compile(r" at 0x[0-9a-fA-F]+")  # of an object, as Python prints it: it tells nobody anything
+MAX_FAR_M = 1e5
+"""No home is larger; and beyond it, float32 no longer tells centimetres apart."""
+MAX_SIDE_PX, MAX_PIXELS = 1 << 15, 1 << 26
+MIN_FOCAL, MAX_FOCAL = 0.01, 1000.0  # of the image's longer side: a view of 179 degrees, and one of 3.4 minutes of arc
 
 
 class CartierError(Exception):
@@ -45,3 +56,90 @@ def brief(foreign: object, most: int = 100) -> str:
 
 def _printable(text: str) -> str:
     return text if text.isprintable() else "".join(c if c.isprintable() else " " for c in text)
+
+
+def need(ok: bool, message: str) -> None:
+    if not ok:
+        raise InputError(message)
+
+
+def finite(values: Sequence[float] | npt.NDArray[Any], size: int, what: str) -> tuple[float, ...]:
+    try:
+        numbers = tuple(float(v) for v in values)
+    except (TypeError, ValueError, OverflowError):  # no list of numbers, or a number of hundreds of digits
+        numbers = ()
+    need(
+        len(numbers) == size and all(map(math.isfinite, numbers)),
+        f"{what} must be {size} finite numbers, got {brief(values)}",
+    )
+    return numbers
+
+
+def check_camera(width: int, height: int, lens: Sequence[float]) -> None:
+    """The size in pixels and the lens (fx, fy, cx, cy) of a camera."""
+    need(
+        0 < width <= MAX_SIDE_PX and 0 < height <= MAX_SIDE_PX,
+        f"camera size must be 1 to {MAX_SIDE_PX} px, got {brief(width, 20)}x{brief(height, 20)}",
+    )
+    need(
+        width * height <= MAX_PIXELS,
+        f"camera images must have {MAX_PIXELS // 10**6} megapixels at most, got {width}x{height}",
+    )
+    fx, fy, cx, cy = finite(lens, 4, "camera fx, fy, cx, cy")
+    need(fx > 0 and fy > 0, f"camera focal lengths must be positive, got fx={fx}, fy={fy}")
+    side = max(width, height)
+    need(
+        all(MIN_FOCAL * side <= f <= MAX_FOCAL * side for f in (fx, fy)),
+        f"camera focal lengths fx={fx:g}, fy={fy:g} are no lens's for images of {width}x{height} "
+        "px: they are in pixels of these images",
+    )
+    need(
+        abs(cx) <= MAX_FOCAL * side and abs(cy) <= MAX_FOCAL * side,
+        f"the camera's principal point cx={cx:g}, cy={cy:g} is nowhere near its {width}x{height} px",
+    )
+
+
+def check_pose(world_from_camera: npt.NDArray[Any], where: str = "pose") -> npt.NDArray[np.float64]:
+    """A (4, 4) rigid transform as float64, or an InputError that says what is wrong with it."""
+    pose = np.asarray(world_from_camera, dtype=np.float64)
+    need(pose.shape == (4, 4), f"{where}: a pose must be 4x4, got {pose.shape}")
+    need(bool(np.isfinite(pose).all()), f"{where}: the pose holds NaN or infinity")
+    need(
+        bool(np.allclose(pose[3], (0, 0, 0, 1), atol=1e-6)),
+        f"{where}: the last row of a pose must be 0 0 0 1, got {pose[3].tolist()}",
+    )
+    far = float(np.abs(pose[:3, 3]).max())
+    need(far <= MAX_FAR_M, f"{where}: the pose is {far:.3g} m from the origin, which is no home: are the units metres?")
+    off = float(np.abs(pose[:3, :3] @ pose[:3, :3].T - np.eye(3)).max())
+    need(off < 1e-2, f"{where}: the rotation is not orthonormal (off by {off:.3g})")
+    need(
+        float(np.linalg.det(pose[:3, :3])) > 0,
+        f"{where}: the rotation mirrors (determinant -1): is the world left-handed?",
+    )
+    return pose
+
+
+def check_radius(radius_m: float) -> float:
+    """A robot's radius, or an InputError for one that no robot has."""
+    need(0 < radius_m <= 5, f"a robot's radius must be above 0 and at most 5 m, got {radius_m:g}")
+    return float(radius_m)
+
+
+def frame_number(index: int, length: int, name: str) -> int:
+    """``index`` if there is such a frame, else an IndexError: a frame's number counts from 0, never from the end."""
+    number = operator.index(index)
+    if not 0 <= number < length:
+        raise IndexError(f"{name} has frames 0 to {length - 1}, not {number}")
+    return number
+
+
+def without_far(depth_m: npt.NDArray[np.float32], where: str) -> npt.NDArray[np.float32]:
+    """Depth (H, W) whose readings beyond any home are NaN, as infinity is: "out of range" (REP-117)."""
+    far = np.abs(depth_m) > MAX_FAR_M
+    if not far.any():
+        return depth_m
+    need(
+        2 * int((far & np.isfinite(depth_m)).sum()) <= far.size,
+        f"{where}: its depth reaches beyond {MAX_FAR_M:g} m, which is no home: are the units metres?",
+    )
+    return np.where(far, np.float32(np.nan), depth_m)

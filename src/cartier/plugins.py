@@ -24,7 +24,6 @@ from typing import TYPE_CHECKING, Any, Literal, overload
 
 from cartier.contracts import Detector, Encoder, Reasoner, Recording, Robot, SpatialIndex, World
 from cartier.errors import BackendError, InputError, MissingExtra
-from cartier.nearby import what_else
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoints
@@ -47,12 +46,8 @@ def backends(kind: str) -> list[Backend]:
     """Every built-in and installed backend of a kind, by name."""
     if kind not in KINDS:
         raise BackendError(f"there is no kind {kind!r} of backend; the kinds are {', '.join(KINDS)}")
-    files = [
-        f
-        for f in (PACKAGE / kind).iterdir()
-        if (f.suffix == ".py" or (f / "__init__.py").is_file()) and not f.name.startswith("_")
-    ]
-    built_in = [_read(kind, f) for f in sorted(files)]
+    files = [f for f in (PACKAGE / kind).iterdir() if f.suffix == ".py" or (f / "__init__.py").is_file()]
+    built_in = [backend for f in sorted(files) if (backend := _read(kind, f)) is not None]
     added = [Backend(kind, e.name, f"from {e.value}", None) for e in _entry_points(kind)]
     return built_in + sorted(added, key=lambda b: b.name)
 
@@ -105,8 +100,9 @@ def open_recording(path: str | Path, format: str | None = None, **options: Any) 
     names = [format] if format else _formats_of(path)
     if not names:
         known = ", ".join(b.name for b in backends("recordings"))
+        hints = importlib.import_module("cartier.recordings.hints")  # above this module, as the readers are
         generic = f"the formats are {known}, and 'cartier list' says what each one looks like"
-        raise InputError(f"{path} is no recording that cartier knows: {what_else(path, _formats_of) or generic}")
+        raise InputError(f"{path} is no recording that cartier knows: {hints.what_else(path, _formats_of) or generic}")
     if len(names) > 1:
         raise InputError(f"{path} may be one of {', '.join(names)}: say which with --format (in Python, format=…)")
     recording: Recording = _call("recordings", names[0], "open", (path,), options)
@@ -121,8 +117,12 @@ def _formats_of(path: Path) -> list[str]:
 
 
 @cache  # opening a recording asks every format
-def _read(kind: str, file: Path) -> Backend:
+def _read(kind: str, file: Path) -> Backend | None:
+    """The backend that a source file defines; None for a module without the factory, which is a helper of backends."""
     tree = ast.parse((file / "__init__.py" if file.is_dir() else file).read_text(encoding="utf-8"))
+    factory = "open" if kind == "recordings" else "make"
+    if not any(isinstance(n, ast.FunctionDef) and n.name == factory for n in tree.body):
+        return None
     extra = next(
         (
             n.value.value

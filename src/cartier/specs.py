@@ -10,8 +10,8 @@ from cartier import plugins
 from cartier.contracts import Detector, Reasoner, Recording, Robot
 from cartier.errors import InputError, brief
 from cartier.home import Home
-from cartier.mapper import DOLLHOUSE, is_of
-from cartier.reasoners._asking import server_asked, without_credentials
+from cartier.llm.client import server_asked, without_credentials
+from cartier.mapping.mapper import DOLLHOUSE, is_of
 from cartier.reasoners.auto import configured
 from cartier.types import RobotModel
 

@@ -16,10 +16,9 @@ from functools import cache
 import numpy as np
 
 from cartier import plugins
-from cartier.checks import check_pose
 from cartier.contracts import Detector, Encoder, Reasoner, Recording, Robot, Searchable, SpatialIndex, World
-from cartier.errors import CartierError
-from cartier.language.names import display_name
+from cartier.errors import CartierError, check_pose
+from cartier.labels import display_name
 from cartier.mapping.detection_cache import detecting
 from cartier.mapping.object_map import ObjectMap
 from cartier.types import Array, Calibration, Detections, Frame, Goal, Inventory, Place

@@ -16,14 +16,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
 
-from cartier.checks import check_camera, check_pose, check_radius, finite, need, without_far
-from cartier.errors import brief
+from cartier.errors import BackendError, brief
 
 Array = npt.NDArray[Any]
 Floats = npt.NDArray[np.floating[Any]]
@@ -118,27 +117,63 @@ class Detections:
 
 
 @dataclass(frozen=True)
-class Calibration:
-    """What a detector's reports are worth, measured where the truth is known; the defaults are sober ones for any detector.
+class DetectorScoreModel:
+    """What a detector's scores say about existence, measured where the truth is known; the defaults are cautious ones for any detector.
 
-    ``threshold`` is the score from which one report by itself counts, ``birth`` that from which one starts an object; a report
-    weighs 0 at score ``low`` and 1 at ``high``. ``there`` and ``not_there`` are Beta(a, b): how the share of standpoints that
-    report an object spreads over real objects and over inventions. ``prior`` is the log-odds of an object before any frame,
-    ``best`` what its best standpoint adds to them, ``size`` what they lose for each factor e that its best view is wider than
-    0.1 rad: what is seen large and is real is reported surely.
+    ``threshold`` is the score from which one detection counts by itself, ``spawn_threshold`` that from which one starts an
+    object; a detection weighs 0 at ``zero_weight_score`` and 1 at ``full_weight_score``. ``beta_true`` and ``beta_false`` are
+    Beta(a, b): how the share of viewpoint bins that report an object is distributed over real objects and over false positives.
+    ``prior_log_odds`` are the log-odds of an object before any frame, ``best_view_log_odds`` what its best viewpoint bin adds,
+    ``log_odds_per_log_width`` what they lose for each factor e that its best view is wider than 0.1 rad: a real object that
+    appears large is detected reliably.
     """
 
     threshold: float = 0.5
-    birth: float = 0.32
-    low: float = 0.32
-    high: float = 0.5
-    there: tuple[float, float] = (1.5, 1.25)
-    not_there: tuple[float, float] = (0.19, 15.0)
-    prior: float = -2.0
-    best: float = 1.4
-    size: float = 0.0
+    spawn_threshold: float = 0.32
+    zero_weight_score: float = 0.32
+    full_weight_score: float = 0.5
+    beta_true: tuple[float, float] = (1.5, 1.25)
+    beta_false: tuple[float, float] = (0.19, 15.0)
+    prior_log_odds: float = -2.0
+    best_view_log_odds: float = 1.4
+    log_odds_per_log_width: float = 0.0
     measured: str = ""
-    """On what it was measured; empty for the defaults."""
+    """The data it was measured on; empty for the defaults."""
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> DetectorScoreModel:
+        """A score model from JSON values. Raises TypeError or ValueError for an unknown key, or a value out of range."""
+        given: dict[str, Any] = {
+            name: tuple(map(float, value)) if isinstance(value, list) else value for name, value in values.items()
+        }
+        model = cls(**given)
+        scores = (model.threshold, model.spawn_threshold, model.zero_weight_score, model.full_weight_score)
+        betas = (*model.beta_true, *model.beta_false)
+        log_odds = (model.prior_log_odds, model.best_view_log_odds, model.log_odds_per_log_width)
+        if not all(map(math.isfinite, (*scores, *betas, *log_odds))) or min(scores) < 0 or max(scores) > 1:
+            raise ValueError("scores lie between 0 and 1, and all numbers are finite")
+        if not model.zero_weight_score < model.full_weight_score:
+            raise ValueError("zero_weight_score must be below full_weight_score")
+        if len(model.beta_true) != 2 or len(model.beta_false) != 2 or min(betas) <= 0:
+            raise ValueError("beta_true and beta_false are two positive numbers each")
+        return model
+
+    def with_threshold(self, threshold: float | None) -> DetectorScoreModel:
+        """The same with another threshold: all scores are scaled with it, and it no longer counts as measured.
+
+        Raises BackendError for a threshold outside 0 to 1. None gives the model unchanged.
+        """
+        if threshold is None or threshold == self.threshold:
+            return self
+        if not 0 <= threshold <= 1:
+            raise BackendError(f"option threshold must be from 0 to 1, got {threshold}")
+        factor = threshold / max(self.threshold, 1e-6)
+        given = (self.zero_weight_score, self.spawn_threshold, self.full_weight_score)
+        zero, spawn, full = (min(factor * score, 1.0) for score in given)
+        return replace(
+            self, threshold=threshold, zero_weight_score=min(zero, 0.99), spawn_threshold=spawn,
+            full_weight_score=max(full, zero + 0.01), measured="",
+        )  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from cartier.detectors._boxes import clip, iou, nms
+from cartier.detectors.boxes import clip, iou, nms
 
 # whole numbers, so that many boxes coincide, touch, are empty, or overlap by exactly the limit
 corner = st.integers(0, 12)

@@ -12,7 +12,7 @@ import pytest
 from tiny_onnx import SCORE, frame, red_finder
 
 from cartier import plugins
-from cartier.detectors._layouts import LAYOUTS
+from cartier.detectors.layouts import LAYOUTS
 from cartier.errors import BackendError
 from cartier.testing import check_detector
 

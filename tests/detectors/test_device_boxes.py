@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cartier.detectors._boxes import clip, nms
-from cartier.detectors._device_boxes import (
+from cartier.detectors.boxes import clip, nms
+from cartier.detectors.device_boxes import (
     ANY_NAME_IOU,
     CANDIDATES,
     SAME_NAME_IOU,

@@ -19,7 +19,7 @@ from tiny_onnx import constant_net
 from cartier import plugins
 from cartier.detectors.embedded import Embedded, make
 from cartier.errors import BackendError, CartierError, InputError
-from cartier.language.names import display_name
+from cartier.labels import display_name
 from cartier.models.dollhouse_detector import FOLDER, load
 from cartier.types import Camera, Detections, Frame
 from cartier.worlds.dollhouse import shapes

@@ -11,8 +11,8 @@ from onnx import TensorProto, helper
 from tiny_onnx import LABELS, RED_BOX, SCORE, SIDE, Net, constant_net, describe, frame, red_finder
 
 from cartier import plugins
-from cartier.detectors._layouts import LAYOUTS
-from cartier.detectors._sidecar import DEFAULTS, coco80, coco91
+from cartier.detectors.layouts import LAYOUTS
+from cartier.detectors.sidecar import DEFAULTS, coco80, coco91
 
 INPUT = {"mean": [0, 0, 0], "std": [1, 1, 1], "scale": 255, "threshold": 0.5}
 """Makes every layout see 0 to 1; yolox and detr have other defaults."""

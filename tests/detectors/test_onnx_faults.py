@@ -14,7 +14,6 @@ from onnx import TensorProto, helper
 from tiny_onnx import LABELS, SIDE, Net, constant_net, describe, frame, red_finder
 
 from cartier import plugins
-from cartier.detectors import _sidecar
 from cartier.errors import BackendError, CartierError, InputError
 from cartier.models import onnx_session
 
@@ -73,7 +72,7 @@ def test_a_bad_sidecar(text: str, yolo: Path) -> None:
 
 def test_a_sidecar_that_is_missing_or_huge(yolo: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     refused(InputError, "nowhere.json is missing", yolo, sidecar=yolo.with_name("nowhere.json"))
-    monkeypatch.setattr(_sidecar, "MAX_BYTES", 10)
+    monkeypatch.setattr(sidecar, "MAX_BYTES", 10)
     refused(InputError, "m.json is larger than 10 bytes", yolo)
 
 

@@ -13,11 +13,11 @@ import pytest
 from tiny_transformers import CLASSES, FAMILIES, NAMES, ZERO_SHOT, save
 
 from cartier import plugins
-from cartier.detectors._boxes import iou
+from cartier.detectors.boxes import iou
 from cartier.detectors.transformers import FAMILIES as KNOWN
 from cartier.detectors.transformers import TransformersDetector, make
 from cartier.errors import BackendError
-from cartier.language.names import display_name
+from cartier.labels import display_name
 from cartier.types import Camera, Detections, Frame
 
 torch = pytest.importorskip("torch", reason="needs the extra [detect]: torch")

@@ -10,10 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cartier.detectors._vocabulary import LVIS, MAX_BYTES, MAX_NAME_CHARS, MAX_NAMES, read_vocabulary
-from cartier.detectors._zero_shot import packed
+from cartier.detectors.vocabulary import LVIS, MAX_BYTES, MAX_NAME_CHARS, MAX_NAMES, read_vocabulary
+from cartier.detectors.zero_shot import packed
 from cartier.errors import InputError
-from cartier.language.names import display_name
+from cartier.labels import display_name
 
 
 def test_lvis_has_its_1203_names_unique_and_as_people_write_them() -> None:

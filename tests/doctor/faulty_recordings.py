@@ -12,12 +12,12 @@ import numpy as np
 from PIL import Image
 from scipy.ndimage import gaussian_filter
 
-from cartier.checks import frame_number
 from cartier.contracts import Recording
 from cartier.doctor._readings import QUARTER
-from cartier.recordings._posed import turned_camera, turned_image
+from cartier.errors import frame_number
+from cartier.recordings.common.posed import turned_camera, turned_image
 from cartier.types import Camera, Frame, TrueObject
-from cartier.worlds import _unity
+from cartier.worlds import unity
 from cartier.worlds.dollhouse.explore import explore
 from cartier.worlds.dollhouse.recording import EYE_M, DollhouseRecording, look, pinhole
 from cartier.worlds.dollhouse.scene import load_home
@@ -55,7 +55,7 @@ class Thor:
         depth_m = value.astype(np.float32) / np.float32(51)
         depth_m[(value == 0) | (value == 255)] = np.nan
         rgb = np.asarray(Image.open(self.root / f"{stem}_rgb.png").convert("RGB"))
-        return Frame(index, float(index), rgb, depth_m, _unity.pose(metadata), self.camera)
+        return Frame(index, float(index), rgb, depth_m, unity.pose(metadata), self.camera)
 
     def fingerprint(self) -> str:
         return hashlib.sha256(json.dumps(self.frames).encode()).hexdigest()

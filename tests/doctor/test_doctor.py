@@ -13,11 +13,10 @@ import pytest
 from faulty_recordings import INJECTED, Faulty, Kept, Thor, leap, posed, rotated
 
 from cartier import plugins
-from cartier.checks import check_pose
 from cartier.contracts import Recording
 from cartier.doctor import FAULTS, Report, draw_report, examine, mend, open_for_doctor
-from cartier.doctor._sampling import MOST, chosen, is_mirror_fault, is_pose_fault
-from cartier.errors import InputError
+from cartier.doctor.sampling import MOST, chosen, is_mirror_fault, is_pose_fault
+from cartier.errors import InputError, check_pose
 from cartier.recordings.folder import save
 
 ONE_OF_EACH = [

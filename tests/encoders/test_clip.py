@@ -14,7 +14,6 @@ transformers = pytest.importorskip("transformers", reason="the extra 'detect' (t
 import tiny_clip  # noqa: E402
 
 from cartier import plugins  # noqa: E402
-from cartier.encoders import _clip_text, _torch  # noqa: E402
 from cartier.errors import BackendError, InputError  # noqa: E402
 
 KINDS = ("clip", "siglip")
@@ -128,7 +127,7 @@ def test_texts_are_the_models_own_in_any_batch(
     together = made.text(texts)
     assert together.dtype == np.float32
     np.testing.assert_allclose(together, np.concatenate([made.text([text]) for text in texts]), **TOLERANCE)
-    monkeypatch.setattr(_clip_text, "BATCH", 2)
+    monkeypatch.setattr(clip_text, "BATCH", 2)
     np.testing.assert_allclose(made.text(texts), together, **TOLERANCE)
     assert made.text([]).shape == (0, together.shape[1])
     stock = transformers.AutoModel.from_pretrained(folders[kind]).eval()
@@ -161,7 +160,7 @@ def test_half_precision_gives_nearly_the_same(
     folders: dict[str, Path], kind: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     whole, seen = encoder(folders[kind]), tiny_clip.frame(48, 32)
-    monkeypatch.setattr(_torch, "pick_device", lambda asked: (torch.device("cpu"), torch.float16))  # as on a GPU
+    monkeypatch.setattr(torch_backend, "pick_device", lambda asked: (torch.device("cpu"), torch.float16))  # as on a GPU
     half = encoder(folders[kind])
     for one, other in ((half.image(seen), whole.image(seen)), (half.text(["a mug"]), whole.text(["a mug"]))):
         assert one.dtype == np.float32

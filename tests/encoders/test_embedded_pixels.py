@@ -9,7 +9,7 @@ import pytest
 
 from cartier import plugins
 from cartier.errors import BackendError
-from cartier.language.names import display_name
+from cartier.labels import display_name
 from cartier.models.dollhouse_detector import load
 from cartier.models.dollhouse_detector.inference import Inference, open_inference
 from cartier.types import Camera, Frame

@@ -19,9 +19,8 @@ transformers = pytest.importorskip("transformers", reason="the extra 'detect' (t
 import tiny_clip  # noqa: E402
 
 from cartier import plugins  # noqa: E402
-from cartier.encoders import _torch  # noqa: E402
-from cartier.encoders._lseg_network import LSegNetwork, Shape  # noqa: E402
 from cartier.encoders.lseg import build  # noqa: E402
+from cartier.encoders.lseg_network import LSegNetwork, Shape  # noqa: E402
 from cartier.errors import BackendError, InputError  # noqa: E402
 
 TINY = Shape(width=16, heads=2, mlp=24, depth=4, taps=(0, 1, 2, 3), grid=3, maps=(4, 6, 8, 10), fused=8, out=12)
@@ -297,7 +296,7 @@ def test_half_precision_weights_are_computed_with_in_full(make: Make) -> None:
 
 def test_half_precision_gives_nearly_the_same(make: Make, monkeypatch: pytest.MonkeyPatch) -> None:
     whole, seen = make(), tiny_clip.frame(96, 64)
-    monkeypatch.setattr(_torch, "pick_device", lambda asked: (torch.device("cpu"), torch.float16))  # as on a GPU
+    monkeypatch.setattr(torch_backend, "pick_device", lambda asked: (torch.device("cpu"), torch.float16))  # as on a GPU
     half = make()
     for one, other in ((half.image(seen), whole.image(seen)), (half.text(["a mug"]), whole.text(["a mug"]))):
         assert one.dtype == np.float32

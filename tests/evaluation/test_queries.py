@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 
 from cartier import plugins
 from cartier.errors import InputError
-from cartier.evaluation._rows import read_rows
 from cartier.evaluation.queries import (
     MAX_BYTES,
     MAX_QUERIES,
@@ -25,8 +24,9 @@ from cartier.evaluation.queries import (
     load_queries,
     targets,
 )
-from cartier.language.names import display_name
-from cartier.language.prompts import check_query
+from cartier.evaluation.rows import read_rows
+from cartier.labels import display_name
+from cartier.llm.prompts import check_query
 
 WORLD = plugins.make("worlds", "dollhouse")
 HOMES = {home: {display_name(o.label) for o in WORLD.objects(home)} for home in WORLD.homes()}

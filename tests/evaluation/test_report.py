@@ -14,10 +14,10 @@ from fake_runs import METHODS, SETTINGS, TYPES, fake_rows, row, write_run
 from PIL import Image
 
 from cartier.errors import InputError
-from cartier.evaluation import _page
-from cartier.evaluation._rows import TITLES
+from cartier.evaluation import page
 from cartier.evaluation.queries import TYPES as REAL_TYPES
 from cartier.evaluation.report import agreement, export_marking, write_report
+from cartier.evaluation.rows import TITLES
 
 FILES = {
     "report.md", "results.json", "tables.csv", "table.tex", "object_match.png", "distance.png", "failures.html",
@@ -193,13 +193,13 @@ def test_the_page_needs_nothing_from_elsewhere(run: Path) -> None:
     page = (run / "failures.html").read_text("utf-8")
     assert tags(run).links == [] and "://" not in page
     assert "default-src 'none'" in page and "unsafe" not in page
-    script = (Path(_page.__file__).parent / "failures.js").read_text("utf-8")
+    script = (Path(page.__file__).parent / "failures.js").read_text("utf-8")
     assert not re.search(r"innerHTML|outerHTML|insertAdjacent|document\.write|eval\(", script)
 
 
 def test_photos_and_failures_are_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(_page, "MAX_PHOTOS", 3)
-    monkeypatch.setattr(_page, "MAX_LISTED", 8)
+    monkeypatch.setattr(page, "MAX_PHOTOS", 3)
+    monkeypatch.setattr(page, "MAX_LISTED", 8)
     rows = [row("h", f"q{n:02}", "random", match=False, distance_m=2.0, frame=1 + n // 2) for n in range(10)]
     folder = write_run(tmp_path / "run", rows)
     write_report(folder, lambda home, frame: np.zeros((2000, 3000, 3), np.uint8))
@@ -208,7 +208,7 @@ def test_photos_and_failures_are_bounded(tmp_path: Path, monkeypatch: pytest.Mon
     assert len({f["photo"] for f in data["failures"]} - {None}) == 3
     assert {f.name for f in (folder / "failures").iterdir()} == {"photos.json", "0001.jpg", "0002.jpg", "0003.jpg"}
     with Image.open(folder / "failures" / "0001.jpg") as image:
-        assert max(image.size) <= _page.PHOTO_SIDE_PX
+        assert max(image.size) <= page.PHOTO_SIDE_PX
     write_report(folder)
     assert [f.name for f in (folder / "failures").iterdir()] == ["photos.json"], "old photos of a report are gone"
 

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from cartier import specs
-from cartier.baselines import nlmap
 from cartier.errors import InputError, ReasonerError
 from cartier.evaluation.asked import Asked
+from cartier.evaluation.baselines import nlmap
 from cartier.evaluation.maps import Maps, MapSettings
 from cartier.evaluation.methods import METHODS
 from cartier.evaluation.queries import OWN, Query

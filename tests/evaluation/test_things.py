@@ -13,8 +13,8 @@ import pytest
 
 from cartier.errors import InputError
 from cartier.evaluation import things_made, things_run
-from cartier.evaluation._statements import Statements, Words
 from cartier.evaluation.maps import Maps, MapSettings
+from cartier.evaluation.statements import Statements, Words
 from cartier.evaluation.things import KINDS, WRITTEN, Given, Item, load_answers, load_items, score
 from cartier.evaluation.things_made import make_items, plural
 from cartier.evaluation.things_run import HOMES, NamesOnly, ThingsSettings

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cartier.errors import BackendError, InputError
-from cartier.indexes._fusion import HEIGHT_M, FeatureGrid
+from cartier.indexes.fusion import HEIGHT_M, FeatureGrid
 from cartier.types import Camera
 from synthetic import look
 

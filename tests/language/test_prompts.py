@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cartier.errors import BackendError, InputError
-from cartier.language.listing import MOST_DESCRIBED
-from cartier.language.prompts import (
+from cartier.llm.inventory_listing import MOST_DESCRIBED
+from cartier.llm.prompts import (
     MAX_QUERY_CHARS,
     MAX_TURNS,
     PROMPTS,

@@ -14,9 +14,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cartier.language.lookup import NOTHING
-from cartier.language.prompts import PROMPTS
-from cartier.language.replies import MAX_FURTHER, no_answer, parse_list, parse_object, read_reply
+from cartier.llm.lookup import NOTHING
+from cartier.llm.prompts import PROMPTS
+from cartier.llm.reply_parser import MAX_FURTHER, no_answer, parse_list, parse_object, read_reply
 from cartier.types import Fact, Inventory, Selection
 from flat import FLAT
 

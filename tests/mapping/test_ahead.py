@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from cartier.errors import InputError
-from cartier.mapping.ahead import at_once, frames_ahead
+from cartier.mapping.prefetch import at_once, frames_ahead
 from cartier.pipeline import map_home
 from cartier.types import Camera, Detections, Frame
 from synthetic import THINGS, RoomRecording, TrueBoxes, walk

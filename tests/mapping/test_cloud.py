@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 
 from cartier.errors import InputError
-from cartier.files import npz_bytes, read_npz
 from cartier.geometry import box_distance
-from cartier.home import CLOUD, Home
-from cartier.mapper import Mapper
+from cartier.home.entity import CLOUD, Home
+from cartier.io.files import npz_bytes, read_npz
 from cartier.mapping import cloud
-from cartier.mapping.cloud import CloudMapper, PointCloud, read_cloud
+from cartier.home.point_cloud import PointCloud, read_cloud
+from cartier.mapping.cloud import CloudMapper
+from cartier.mapping.mapper import Mapper
 from cartier.pipeline import map_home
 from cartier.types import Camera, Frame
 from synthetic import CHAIR, ROOM, TABLE, THINGS, RoomRecording, TrueBoxes, look, walk

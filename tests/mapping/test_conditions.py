@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cartier.mapping.conditions import SAMPLES, Conditions
+from cartier.mapping.quality import SAMPLES, Conditions
 from cartier.pipeline import map_home
 from cartier.types import Camera, Frame
 from synthetic import THINGS, RoomRecording, TrueBoxes, look, walk

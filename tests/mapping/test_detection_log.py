@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from cartier.errors import InputError
-from cartier.files import npz_bytes, read_npz
-from cartier.home import DETECTIONS, Home
-from cartier.mapper import Mapper
-from cartier.mapping import detection_log
-from cartier.mapping.detection_log import DetectionLog
+from cartier.home import detection_log
+from cartier.home.entity import DETECTIONS, Home
+from cartier.home.detection_log import DetectionLog
+from cartier.io.files import npz_bytes, read_npz
+from cartier.mapping.mapper import Mapper
 from cartier.mapping.object_map import ObjectMap
 from cartier.pipeline import map_home
 from cartier.types import Detections, Frame

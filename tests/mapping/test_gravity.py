@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from cartier.errors import InputError
 from cartier.geometry import backproject, transform
 from cartier.mapping.gravity import Levelling, level, quarter_turns
-from cartier.recordings._posed import turned_camera, turned_image
+from cartier.recordings.common.posed import turned_camera, turned_image
 from synthetic import CAMERA, THINGS, look, render, walk
 
 coordinate = st.floats(-10, 10)

@@ -9,9 +9,9 @@ import pytest
 from numpy.typing import ArrayLike
 
 from cartier.errors import InputError
-from cartier.mapping.map_server import grid_from, pgm, yaml
+from cartier.home.map_server import grid_from, pgm, yaml
 from cartier.mapping.occupancy import MAX_SIDE_M, OccupancyMapper
-from cartier.planning import line_of_sight, reach
+from cartier.navigation.planning import line_of_sight, reach
 from cartier.types import FREE, OCCUPIED, UNKNOWN, Camera, Frame, OccupancyGrid, Place, TrueObject
 from synthetic import CHAIR, TABLE, RoomRecording, box, look, walk
 

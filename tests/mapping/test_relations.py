@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cartier.language.names import display_name
-from cartier.mapping.relations import (
+from cartier.labels import display_name
+from cartier.spatial.relations import (
     Relation,
     between,
     bigger,

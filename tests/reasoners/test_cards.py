@@ -10,13 +10,15 @@ import pytest
 from held_out import COCO
 
 from cartier.errors import InputError
-from cartier.language.names import display_name
-from cartier.reasoners import _cards, embedded
-from cartier.reasoners._cards import SHIPPED, read_deck
-from cartier.reasoners._knowledge import shipped, text_key
-from cartier.reasoners._spelling import Spelling
-from cartier.reasoners._words import name_key, stem
+from cartier.labels import display_name
+from cartier.reasoners import embedded
 from cartier.types import Inventory
+from cartier.understanding import cards
+from cartier.understanding.cards import SHIPPED, read_deck
+from cartier.understanding.near_synonyms import shipped, text_key
+from cartier.understanding.spelling import Spelling
+from cartier.labels import name_key
+from cartier.understanding.text import stem
 
 
 def test_every_shipped_card_is_whole() -> None:
@@ -132,8 +134,8 @@ def test_words_that_are_no_slips_stay(word: str) -> None:
 
 def test_the_ready_made_cards_are_those_of_the_files(monkeypatch: pytest.MonkeyPatch) -> None:
     made = runpy.run_path(str(Path(__file__).parents[2] / "tools" / "build_cards.py"))["built"]()
-    assert _cards.BUILT.read_bytes() == made, "run tools/build_cards.py"
-    quick, slow = _cards._built(), _cards.Deck(_cards.read_cards(SHIPPED))
+    assert cards.BUILT.read_bytes() == made, "run tools/build_cards.py"
+    quick, slow = cards._built(), cards.Deck(cards.read_cards(SHIPPED))
     assert quick is not None and vars(quick) == vars(slow)
-    monkeypatch.setattr(_cards, "source", lambda: "a card was changed")
-    assert _cards._built() is None
+    monkeypatch.setattr(cards, "source", lambda: "a card was changed")
+    assert cards._built() is None

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cartier.reasoners import embedded
-from cartier.reasoners._dialogue import Turn, named, understand
 from cartier.types import Inventory
+from cartier.understanding.dialogue import Turn, named, understand
 
 ASKED = [("I need to cut this string", "Do you mean the knife or the scissors?")]
 NAMES = ["knife", "scissors", "sofa", "coffee table", "kettle", "coffee machine"]

@@ -15,7 +15,7 @@ import pytest
 
 from cartier import plugins
 from cartier.errors import InputError, ReasonerError
-from cartier.language.prompts import prompt_named
+from cartier.llm.prompts import prompt_named
 from cartier.types import Inventory
 from flat import FLAT
 

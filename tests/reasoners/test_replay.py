@@ -11,7 +11,7 @@ import pytest
 from cartier import plugins
 from cartier.errors import InputError, ReasonerError
 from cartier.evaluation.batch import PromptWriter
-from cartier.language.prompts import PROMPTS, propose_request
+from cartier.llm.prompts import PROMPTS, propose_request
 from cartier.types import Inventory
 from flat import FLAT
 

@@ -8,7 +8,7 @@ import re
 from collections import Counter
 from pathlib import Path
 
-from cartier.reasoners._cards import SHIPPED, read_deck
+from cartier.understanding.cards import SHIPPED, read_deck
 
 TOOLS = Path(__file__).parents[2] / "tools"
 README = (TOOLS / "requests" / "README.md").read_text(encoding="utf-8")

@@ -13,8 +13,8 @@ from nothing_asked import ASKED, FRESH_ASKED, FRESH_TOLD, HOME, LATER_ASKED, LAT
 
 from cartier.evaluation.queries import load_queries
 from cartier.reasoners import embedded
-from cartier.reasoners._speech_acts import sort_out
 from cartier.types import Inventory, Selection
+from cartier.understanding.dialogue_acts import sort_out
 
 REASONER = embedded.make()
 REQUESTS = Path(__file__).parents[2] / "tools" / "requests"

@@ -14,11 +14,11 @@ from matplotlib.figure import Figure
 from cartier import plugins
 from cartier.contracts import Recording
 from cartier.errors import InputError
-from cartier.mapper import SCALE_GUESSED
-from cartier.picture import draw_plan
+from cartier.mapping.mapper import SCALE_GUESSED
 from cartier.pipeline import ask, map_home
-from cartier.recordings._posed import turned_camera, turned_image
+from cartier.recordings.common.posed import turned_camera, turned_image
 from cartier.recordings.folder import save
+from cartier.render.picture import draw_plan
 from cartier.types import Camera, Frame
 from synthetic import THINGS, RoomRecording, TrueBoxes, walk
 

@@ -14,7 +14,8 @@ from layouts import room, seen, write_sevenscenes
 
 from cartier import plugins
 from cartier.errors import InputError
-from cartier.recordings import _poses, folder
+from cartier.recordings import folder
+from cartier.recordings.common import poses
 from cartier.types import Camera, Frame
 
 number = st.floats(-1, 1)
@@ -66,14 +67,14 @@ def test_from_sevenscenes_and_back(tmp_path: Path) -> None:
 @given(st.tuples(number, number, number, number).filter(lambda q: np.linalg.norm(q) > 0.1))
 def test_any_rotation_survives_the_trajectory_file(quaternion: tuple[float, ...]) -> None:
     unit = np.array(quaternion) / np.linalg.norm(quaternion)
-    rotation = _poses.matrices(np.array([[0, 0, 0, *unit]]))[0]
+    rotation = poses.matrices(np.array([[0, 0, 0, *unit]]))[0]
     assert np.abs(rotation[:3, :3] @ rotation[:3, :3].T - np.eye(3)).max() < 1e-14
-    again = np.array(_poses.trajectory_line(0.1, rotation).split(), dtype=float)
-    assert np.abs(_poses.matrices(again[None, 1:])[0] - rotation).max() < 1e-14
+    again = np.array(poses.trajectory_line(0.1, rotation).split(), dtype=float)
+    assert np.abs(poses.matrices(again[None, 1:])[0] - rotation).max() < 1e-14
 
 
 def test_a_known_quaternion() -> None:
-    quarter_about_z = _poses.matrices(np.array([[1.0, 2.0, 3.0, 0.0, 0.0, np.sqrt(0.5), np.sqrt(0.5)]]))[0]
+    quarter_about_z = poses.matrices(np.array([[1.0, 2.0, 3.0, 0.0, 0.0, np.sqrt(0.5), np.sqrt(0.5)]]))[0]
     assert np.allclose(quarter_about_z, [[0, -1, 0, 1], [1, 0, 0, 2], [0, 0, 1, 3], [0, 0, 0, 1]])
 
 

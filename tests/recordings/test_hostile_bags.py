@@ -20,7 +20,8 @@ from hypothesis import strategies as st
 from layouts import room
 
 from cartier.errors import InputError
-from cartier.recordings import _rosfile, rosbag
+from cartier.recordings import rosbag
+from cartier.recordings.ros import file
 
 pytest.importorskip("rosbags", reason="the bag reader needs cartier[ros]")
 MAX_BYTES, MAX_SECONDS = 64 << 20, 5.0
@@ -326,10 +327,10 @@ def test_a_bomb_does_not_go_off(kind: str) -> None:
     block = bytes(1 << 24)
     data = {"zstd": zstd.compress, "lz4": lz4.frame.compress, "bz2": bz2.compress}[kind](block)
     with frugal(), pytest.raises(InputError, match="has not the 1024 bytes that it claims"):
-        _rosfile.unpacked(kind, data, 1024, Path("a"))
+        file.unpacked(kind, data, 1024, Path("a"))
     with frugal(), pytest.raises(InputError, match="claims 1099511627776 bytes"):
-        _rosfile.unpacked(kind, data, 1 << 40, Path("a"))
-    assert _rosfile.unpacked(kind, data, len(block), Path("a")) == block
+        file.unpacked(kind, data, 1 << 40, Path("a"))
+    assert file.unpacked(kind, data, len(block), Path("a")) == block
 
 
 def test_an_image_that_claims_more_than_it_holds(tmp_path: Path) -> None:

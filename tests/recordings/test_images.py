@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 
 from cartier.errors import InputError
-from cartier.recordings import _images
+from cartier.io import images
 from cartier.types import Camera
 
 CAMERA = Camera(256, 256, 200.0, 200.0, 127.5, 127.5)
@@ -28,37 +28,37 @@ def claim(width: int, height: int) -> bytes:
 def test_every_depth_value_survives(tmp_path: Path) -> None:
     values = np.arange(65536, dtype=np.uint16).reshape(256, 256)
     Image.fromarray(values).save(tmp_path / "a.png")
-    depth = _images.read_depth(tmp_path / "a.png", CAMERA)
+    depth = images.read_depth(tmp_path / "a.png", CAMERA)
     none = (values == 0) | (values == 65535)
     assert np.array_equal(np.isnan(depth), none)
     assert np.abs(depth - values / 1000)[~none].max() < 4e-6
-    _images.write_depth(tmp_path / "b.png", depth)
+    images.write_depth(tmp_path / "b.png", depth)
     assert np.array_equal(np.asarray(Image.open(tmp_path / "b.png")), np.where(none, 0, values))
 
 
 def test_depth_that_does_not_fit_is_none(tmp_path: Path) -> None:
     depth = np.full((256, 256), 1.5, np.float32)
     depth[0, :6] = (np.nan, np.inf, -1, 0.0004, 65.535, 1e6)
-    _images.write_depth(tmp_path / "a.png", depth)
-    back = _images.read_depth(tmp_path / "a.png", CAMERA)
+    images.write_depth(tmp_path / "a.png", depth)
+    back = images.read_depth(tmp_path / "a.png", CAMERA)
     assert np.isnan(back[0, :6]).all()
     assert np.all(back[1:] == np.float32(1.5))
 
 
 def test_instances_survive_or_are_refused(tmp_path: Path) -> None:
     ids = np.arange(65536, dtype=np.int32).reshape(256, 256)
-    _images.write_instances(tmp_path / "a.png", ids)
-    assert np.array_equal(_images.read_instances(tmp_path / "a.png", CAMERA), ids)
+    images.write_instances(tmp_path / "a.png", ids)
+    assert np.array_equal(images.read_instances(tmp_path / "a.png", CAMERA), ids)
     for bad in (-1, 65536):
         with pytest.raises(InputError, match="0 to 65535"):
-            _images.write_instances(tmp_path / "b.png", np.full((256, 256), bad, np.int32))
+            images.write_instances(tmp_path / "b.png", np.full((256, 256), bad, np.int32))
 
 
 @pytest.mark.parametrize("mode", ["L", "RGBA", "P", "CMYK"])
 def test_colour_of_any_kind_becomes_rgb(tmp_path: Path, mode: str) -> None:
     path = tmp_path / ("a.jpg" if mode == "CMYK" else "a.png")
     Image.new("RGB", (256, 256), (204, 204, 204)).convert(mode).save(path)
-    rgb = _images.read_rgb(path, CAMERA)
+    rgb = images.read_rgb(path, CAMERA)
     assert rgb.shape == (256, 256, 3)
     assert np.abs(rgb.astype(int) - 204).max() <= 3
 
@@ -67,9 +67,9 @@ def test_colour_and_depth_mixed_up_is_said(tmp_path: Path) -> None:
     Image.new("RGB", (256, 256)).save(tmp_path / "colour.png")
     Image.fromarray(np.ones((256, 256), np.uint16)).save(tmp_path / "depth.png")
     with pytest.raises(InputError, match="is it a depth image"):
-        _images.read_rgb(tmp_path / "depth.png", CAMERA)
+        images.read_rgb(tmp_path / "depth.png", CAMERA)
     with pytest.raises(InputError, match=r"16-bit grey PNG \(depth in millimetres\), but it is a RGB PNG"):
-        _images.read_depth(tmp_path / "colour.png", CAMERA)
+        images.read_depth(tmp_path / "colour.png", CAMERA)
 
 
 @pytest.mark.parametrize(
@@ -89,7 +89,7 @@ def test_a_bad_image_is_named_in_one_line(tmp_path: Path, content: bytes | None,
     if content is not None:
         path.write_bytes(content)
     with pytest.raises(InputError, match=fault) as caught:
-        _images.read_rgb(path, CAMERA)
+        images.read_rgb(path, CAMERA)
     assert str(path) in str(caught.value)
     assert "\n" not in str(caught.value)
 
@@ -109,7 +109,7 @@ def test_damage_anywhere_is_an_input_error_or_an_image(tmp_path: Path, suffix: s
             damaged[place] = rng.integers(0, 256)
         path.write_bytes(damaged[: rng.integers(1, len(whole) + 1)] if rng.random() < 0.5 else damaged)
         try:
-            assert _images.read_rgb(path, camera).shape == (24, 32, 3)
+            assert images.read_rgb(path, camera).shape == (24, 32, 3)
         except InputError as error:
             faults += 1
             assert "\n" not in str(error)

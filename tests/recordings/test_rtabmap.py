@@ -16,7 +16,7 @@ from layouts import room
 from cartier import plugins
 from cartier.contracts import Recording
 from cartier.errors import InputError
-from cartier.recordings._rvl import unpacked
+from cartier.recordings.common.rvl import unpacked
 
 
 def same(found: Recording, pose_error: float, depth_error: float = 0.00051) -> None:

@@ -19,8 +19,8 @@ from hypothesis import strategies as st
 
 import cartier
 import synthetic
-from cartier.mapping import map_server
-from cartier.planning import plan
+from cartier.home import map_server
+from cartier.navigation.planning import plan
 from cartier.types import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, TrueObject
 
 

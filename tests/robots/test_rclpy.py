@@ -40,8 +40,10 @@ class StandIn:
         ]
         for module in modules:
             monkeypatch.setitem(sys.modules, module.__name__, module)
-        monkeypatch.setitem(sys.modules, "cartier.robots._rclpy", None)  # so that undoing forgets what is imported now
-        del sys.modules["cartier.robots._rclpy"]
+        monkeypatch.setitem(
+            sys.modules, "cartier.robots.rclpy_action", None
+        )  # so that undoing forgets what is imported now
+        del sys.modules["cartier.robots.rclpy_action"]
 
     @staticmethod
     def _module(name: str, **content: Any) -> Any:

@@ -70,7 +70,7 @@ def test_a_namespace_and_the_domain_of_the_shell_are_followed(monkeypatch: pytes
 
 @pytest.mark.usefixtures("loopback")
 def test_a_listener_that_is_found_a_moment_after_the_first_is_waited_for() -> None:
-    from cartier.robots._dds import _listeners
+    from cartier.robots.dds import _listeners
 
     class Writer:
         begin = time.monotonic()

@@ -26,9 +26,9 @@ pytest.importorskip("fastapi", reason="needs cartier[serve]")
 pytest.importorskip("uvicorn", reason="needs cartier[serve]")
 httpx = pytest.importorskip("httpx")
 
-from cartier.corrections import LOG, read_log  # noqa: E402
 from cartier.errors import InputError  # noqa: E402
 from cartier.home import Home  # noqa: E402
+from cartier.home.corrections import LOG, read_log  # noqa: E402
 from cartier.serving import connections, guard, http  # noqa: E402
 from cartier.serving.guard import Guard, host_names, read_token  # noqa: E402
 from cartier.serving.homes import Homes  # noqa: E402

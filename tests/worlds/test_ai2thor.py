@@ -23,8 +23,8 @@ from cartier.errors import BackendError, CartierError, InputError, MissingExtra
 from cartier.geometry import backproject, transform
 from cartier.pipeline import map_home
 from cartier.types import Camera, Frame, TrueObject
-from cartier.worlds import _unity
 from cartier.worlds import ai2thor as adapter
+from cartier.worlds import unity
 from cartier.worlds.dollhouse.model import Scene
 from cartier.worlds.dollhouse.scene import load_home, load_scene
 
@@ -433,7 +433,7 @@ def metadata(yaw: float = 0.0, horizon: float = 0.0, **more: Any) -> dict[str, A
     ],
 )
 def test_poses(yaw: float, horizon: float, forward: tuple[float, ...], right: tuple[float, ...]) -> None:
-    pose = _unity.pose(metadata(yaw, horizon))
+    pose = unity.pose(metadata(yaw, horizon))
     np.testing.assert_allclose(pose[:3, 2], forward, atol=1e-12)
     np.testing.assert_allclose(pose[:3, 0], right, atol=1e-12)
     assert np.linalg.det(pose[:3, :3]) == pytest.approx(1)
@@ -441,13 +441,13 @@ def test_poses(yaw: float, horizon: float, forward: tuple[float, ...], right: tu
 
 
 def test_the_field_of_view_is_vertical() -> None:
-    camera = _unity.camera(metadata())
+    camera = unity.camera(metadata())
     assert (camera.width, camera.height, camera.cx, camera.cy) == (640, 360, 319.5, 179.5)
     assert camera.fx == camera.fy == pytest.approx(180 / math.tan(math.radians(30)))
 
 
 def test_depth_at_the_far_plane_is_no_reading() -> None:
-    read = _unity.depth(np.array([[0.0, 0.2, 19.8, 19.9, 20.0, np.nan, np.inf, -1.0]]), 0.1, 20.0)
+    read = unity.depth(np.array([[0.0, 0.2, 19.8, 19.9, 20.0, np.nan, np.inf, -1.0]]), 0.1, 20.0)
     np.testing.assert_array_equal(read, np.array([[np.nan, 0.2, 19.8, *[np.nan] * 5]], np.float32))
     assert read.dtype == np.float32
 
@@ -463,14 +463,14 @@ def test_depth_at_the_far_plane_is_no_reading() -> None:
 )
 def test_metadata_of_another_shape_is_named(broken: dict[str, Any], words: str) -> None:
     with pytest.raises(BackendError) as caught:
-        _unity.camera(metadata(**broken))
-        _unity.pose(metadata(**broken))
+        unity.camera(metadata(**broken))
+        unity.pose(metadata(**broken))
     one_line(caught, words)
 
 
 def test_metadata_of_a_real_scene(shared: Path) -> None:
     objects = json.loads((shared / "reference" / "ithor_room_metadata.json").read_text())["objects"]
-    truth, ids, notes = _unity.things(objects)
+    truth, ids, notes = unity.things(objects)
     assert notes == []
     assert [t.id for t in truth] == list(range(1, len(truth) + 1)) == list(ids.values())
     assert len(truth) == sum(bool(o["axisAlignedBoundingBox"]) and o["objectType"] != "Floor" for o in objects)
@@ -480,7 +480,7 @@ def test_metadata_of_a_real_scene(shared: Path) -> None:
     for thing, source in ((truth[ids[o["objectId"]] - 1], o) for o in objects if o["objectId"] in ids):
         corners = np.array(source["axisAlignedBoundingBox"]["cornerPoints"])[:, [0, 2, 1]]
         np.testing.assert_allclose(thing.box_min, corners.min(0), atol=1e-4)
-        assert _unity.type_of({"objectId": source["objectId"]}) == source["objectType"] == thing.label
+        assert unity.type_of({"objectId": source["objectId"]}) == source["objectType"] == thing.label
     assert "Sink|+01.38|+00.81|-01.27|SinkBasin" in ids
 
 

@@ -13,7 +13,7 @@ import pytest
 from test_explore import CAMERA, HOME, RADIUS_M
 
 from cartier.errors import InputError
-from cartier.planning import goal_for, reach
+from cartier.navigation.planning import goal_for, reach
 from cartier.types import Goal, Place
 from cartier.worlds.dollhouse.drive import Drive, drive
 from cartier.worlds.dollhouse.explore import DOWN, STEP_M

@@ -22,7 +22,7 @@ from pathlib import Path
 import numpy as np
 
 from cartier import plugins
-from cartier.evaluation._statements import (
+from cartier.evaluation.statements import (
     APART_M,
     FAR_APART_M,
     FIXTURES,

@@ -56,8 +56,8 @@ def ask(
     as_json: AsJson = False,
 ) -> None:
     """Say what you need; get the object that serves it, its place, and a pose to drive to."""
-    from cartier.conversation import Conversation
     from cartier.home import Home
+    from cartier.pipeline import Conversation
     from cartier.types import RobotModel
 
     from_xy, model_of_robot = numbers(start, 2, "--from"), RobotModel(radius, camera_height)
@@ -78,7 +78,7 @@ def ask(
             say(f"cartier: {error}")
             continue
         if plot:
-            from cartier.picture import draw_answer
+            from cartier.render.picture import draw_answer
 
             draw_answer(mapped, answer, plot, model_of_robot)
             say(f"picture: {plot}")
@@ -96,8 +96,8 @@ def _show_prompt(
     as_json: bool,
 ) -> None:  # fmt: skip
     """What would be sent to a server, or read by a model in this process."""
-    from cartier.language.prompts import check_query, prompt_named
-    from cartier.planning import check_start
+    from cartier.llm.prompts import check_query, prompt_named
+    from cartier.navigation.planning import check_start
 
     if words is None:
         raise InputError('--show-prompt needs the words: cartier ask HOME "I would love to sit down" --show-prompt')

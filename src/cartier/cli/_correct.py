@@ -12,7 +12,7 @@ import typer
 from cartier.cli._common import HomeFolder, numbers
 
 if TYPE_CHECKING:
-    from cartier.corrections import What
+    from cartier.home.corrections import What
 
 app = typer.Typer()
 Thing = Annotated[

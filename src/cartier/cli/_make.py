@@ -39,7 +39,7 @@ def demo(
     ] = specs.DETECTOR,
 ) -> None:
     """Run the whole line on a built-in home, offline: explore, map, ask three requests, drive there."""
-    from cartier.demo import run
+    from cartier.cli.demo import run
 
     told = run(home, out, seed, detector, say=print, progress=progress)
     print(f"\nlook at  {', '.join(str(out / t.picture) for t in told)}")
@@ -125,10 +125,10 @@ def map_command(
     reader: dict[str, Any] = NOTHING,
 ) -> None:
     """Map a recording: detect objects, build the indices and the floor plan, save a home."""
-    from cartier.atomic import locked
     from cartier.home import Home
-    from cartier.mapper import doubt
+    from cartier.io.atomic import locked
     from cartier.mapping.keyframes import Keyframes, forecast
+    from cartier.mapping.mapper import doubt
     from cartier.pipeline import map_home
 
     if all_frames and every is not None:

@@ -14,7 +14,7 @@ from cartier import plugins
 from cartier.cli._common import AsJson, HomeFolder, IndexName, progress, say
 from cartier.cli._reader import remembered
 from cartier.errors import CartierError, InputError, MissingExtra
-from cartier.language.prompts import check_query
+from cartier.llm.prompts import check_query
 
 if TYPE_CHECKING:
     from cartier.contracts import Recording
@@ -74,19 +74,19 @@ def show(
         if not told["objects"]:
             raise InputError(f"{home} has no object {thing}: cartier show {home} lists them with their ids")
     if plot:
-        from cartier.picture import draw_home, draw_object
+        from cartier.render.picture import draw_home, draw_object
 
         draw_home(mapped, plot) if thing is None else draw_object(mapped, plot, thing)
         say(f"picture: {plot}")
     if sheet:
-        from cartier.sheet import draw_sheet
+        from cartier.render.sheet import draw_sheet
 
         draw_sheet(mapped, sheet)
         say(f"picture: {sheet}")
     if rrd:
         _write_rrd(mapped, rrd, recording, format)
     if html:
-        from cartier.atomic import write_file
+        from cartier.io.atomic import write_file
         from cartier.serving.page import one_file
 
         write_file(html, one_file(mapped))
@@ -101,7 +101,7 @@ def show(
 
 def _write_rrd(home: Home, file: Path, recording: Path | None, format: str | None) -> None:
     try:
-        from cartier.rerun_file import write_rrd
+        from cartier.render.rerun_file import write_rrd
     except ModuleNotFoundError as error:
         raise MissingExtra(f"--rrd needs the package 'rerun-sdk': {plugins.install('viz', 'rerun-sdk')}") from error
     source = None if recording is None else _as_mapped(home, recording, format)
@@ -130,7 +130,7 @@ def _find(home: Home, words: str, index: str | None, plot: Path | None, as_json:
     place = searched.locate(words)
     assert place is not None  # an index that holds nothing is not saved
     if plot:
-        from cartier.picture import draw_find
+        from cartier.render.picture import draw_find
 
         draw_find(home, words, plot, name)
     for note in searched.notes:

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from cartier.errors import InputError, brief
-from cartier.files import read_json
-from cartier.language.names import MAX_NAME_CHARS, display_name
+from cartier.io.files import read_json
+from cartier.labels import MAX_NAME_CHARS, display_name
 
 
 class Annotations(NamedTuple):

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image
 
-from cartier.detectors._sidecar import Sidecar
+from cartier.detectors.sidecar import Sidecar
 from cartier.types import Array, Floats
 
 PAD = (114, 114, 114)  # the grey that YOLOs are trained with

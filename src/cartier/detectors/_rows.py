@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from cartier.detectors._annotations import Annotations
-from cartier.detectors._records import records
+from cartier.detectors.records import records
 from cartier.errors import InputError, brief
-from cartier.language.names import MAX_NAME_CHARS, display_name
+from cartier.labels import MAX_NAME_CHARS, display_name
 
 FORMS = 'COCO results {"image_id", "category_id", "bbox", "score"} or {"frame", "label", "score", "xyxy"}'
 MAX_FRAME = 2**31

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cartier.detectors._boxes import clip, nms
+from cartier.detectors.boxes import clip, nms
 from cartier.errors import BackendError
 from cartier.mapping.existence import at_threshold
 from cartier.models.dollhouse_detector import FOLDER

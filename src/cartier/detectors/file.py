@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from cartier.detectors._annotations import Annotations, read_annotations
-from cartier.detectors._boxes import clip
 from cartier.detectors._rows import rows
+from cartier.detectors.boxes import clip
 from cartier.errors import InputError, brief
-from cartier.files import sha256_of
+from cartier.io.files import sha256_of
 from cartier.mapping.existence import at_threshold
 from cartier.types import Array, Calibration, Detections, Frame
 

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cartier.errors import BackendError
-from cartier.language.names import display_name
+from cartier.labels import display_name
 from cartier.types import Calibration, Detections, Frame, TrueObject
 
 MIN_PIXELS = 64  # visible pixels below which even an ideal detector sees nothing

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from cartier.detectors._boxes import clip, nms
-from cartier.detectors._layouts import ANY_NAME, LAYOUTS, Candidates, Size, recognised
 from cartier.detectors._pixels import to_tensor
-from cartier.detectors._sidecar import Sidecar, read_sidecar
+from cartier.detectors.boxes import clip, nms
+from cartier.detectors.layouts import ANY_NAME, LAYOUTS, Candidates, Size, recognised
+from cartier.detectors.sidecar import Sidecar, read_sidecar
 from cartier.errors import BackendError, InputError, brief
-from cartier.files import sha256_of
+from cartier.io.files import sha256_of
 from cartier.mapping.existence import at_threshold
 from cartier.models.onnx_session import Session, shape_text
 from cartier.types import Array, Calibration, Detections, Frame

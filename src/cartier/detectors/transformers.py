@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from cartier.detectors import _hub
-from cartier.detectors._device_boxes import best_first, to_pixels, without_duplicates
-from cartier.detectors._device_images import DeviceImages
-from cartier.detectors._vocabulary import read_vocabulary
-from cartier.detectors._zero_shot import ClosedSet, Grounding, OmDetTurbo, Owl, Pass
+from cartier.detectors import hub
+from cartier.detectors.device_boxes import best_first, to_pixels, without_duplicates
+from cartier.detectors.device_images import DeviceImages
+from cartier.detectors.vocabulary import read_vocabulary
+from cartier.detectors.zero_shot import ClosedSet, Grounding, OmDetTurbo, Owl, Pass
 from cartier.errors import BackendError, CartierError
 from cartier.mapping.existence import at_threshold
 from cartier.types import Calibration, Detections, Floats, Frame
@@ -65,14 +65,14 @@ def make(
 
     Older DETRs take their backbone from timm, which brings torchvision: ``facebook/detr-resnet-50@no_timm`` needs neither.
     """
-    chosen = _hub.best_device(device)
-    source = _hub.find(model, FAMILIES)
+    chosen = hub.best_device(device)
+    source = hub.find(model, FAMILIES)
     family = FAMILIES[source.config.model_type]
     closed = family.head is ClosedSet
     if closed and vocabulary is not None:
         raise BackendError(f"{source.name} knows a fixed set of names: option vocabulary is for zero-shot models")
     words = None if closed else read_vocabulary(vocabulary)
-    loaded = _hub.load(source, chosen, zero_shot=not closed)
+    loaded = hub.load(source, chosen, zero_shot=not closed)
     with _running(loaded.model, source.name, "its vocabulary"):
         head = family.head(loaded, words.names if words else ())
     notes = [*(words.notes if words else ()), *head.notes]
@@ -87,7 +87,7 @@ class TransformersDetector:
     world = ""
 
     def __init__(
-        self, loaded: _hub.Loaded, family: Family, head: Any, calibration: Calibration, notes: Sequence[str]
+        self, loaded: hub.Loaded, family: Family, head: Any, calibration: Calibration, notes: Sequence[str]
     ) -> None:
         import torch
 
@@ -96,7 +96,7 @@ class TransformersDetector:
         self.sha256 = loaded.sha256
         asked = ""
         if self._zero_shot:
-            self.sha256, asked = _hub.with_names(loaded.sha256, head.names), f", {len(head.names)} names"
+            self.sha256, asked = hub.with_names(loaded.sha256, head.names), f", {len(head.names)} names"
         half = _is_half(loaded.model)
         self.name = f"transformers {loaded.source.name} (counts from {calibration.threshold:g}{asked}{', half precision' * half})"
         self.knows = tuple(name for name in head.names if name)
@@ -196,4 +196,4 @@ def _running(model: Any, name: str, what: str) -> Iterator[None]:
     except CartierError:
         raise
     except Exception as error:  # torch's and transformers' errors share no base class
-        raise BackendError(f"{name} failed on {what}: {_hub.line_of(error)}") from error
+        raise BackendError(f"{name} failed on {what}: {hub.line_of(error)}") from error

@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from cartier import plugins
 from cartier.contracts import Recording
-from cartier.doctor import _checks
+from cartier.doctor import checks
 from cartier.doctor._consistency import FEWEST_PAIRS, Numbers, Verdict, judge
 from cartier.doctor._diagnosis import Diagnosis, diagnose, small_camera
 from cartier.doctor._edges import Registration, zoomed
@@ -27,7 +27,7 @@ from cartier.doctor._mending import Mended, mended_camera
 from cartier.doctor._picture import draw_report
 from cartier.doctor._readings import SWAP_YZ, Reading
 from cartier.doctor._report import FAULTS, Cure, Fault, Report
-from cartier.doctor._sampling import Samples, is_mirror_fault, is_pose_fault, sample
+from cartier.doctor.sampling import Samples, is_mirror_fault, is_pose_fault, sample
 from cartier.errors import InputError
 from cartier.types import Camera
 
@@ -82,16 +82,16 @@ def examine(recording: Recording, progress: Progress | None = None) -> Report:
         return Report(recording.name, 0, (fault,))
     samples = sample(recording, progress)
     notes = [f"{len(samples) + len(samples.faults)} of {len(recording)} frames looked at"]
-    faults = _checks.refused_poses(samples)
+    faults = checks.refused_poses(samples)
     left_out = frozenset(samples.faults)
     if not len(samples):
         return Report(recording.name, len(recording), tuple(faults), tuple(notes))
     if not samples.has_depth:
         notes.append(NO_DEPTH)
-    no_depth, without = _checks.empty_depth(samples)
-    samples = _checks.without_depth(samples, without) if without else samples
-    blur, unsharp = _checks.blurred(samples)
-    few = _checks.few_views(samples)
+    no_depth, without = checks.empty_depth(samples)
+    samples = checks.without_depth(samples, without) if without else samples
+    blur, unsharp = checks.blurred(samples)
+    few = checks.few_views(samples)
     faults += [f for f in (no_depth, blur, few) if f is not None]
     level = np.asarray(getattr(recording, "level_from_world", np.eye(4)), dtype=np.float64)
     diagnosis = diagnose(samples, level)
@@ -102,9 +102,9 @@ def examine(recording: Recording, progress: Progress | None = None) -> Report:
     registered = samples if cure.registration is None else _registered(samples, cure.registration)
     kept, strays = _jump(registered, cure, faults)
     reading, upright = _level(registered, diagnosis, cure, recording, faults)
-    turns = _checks.rotated(reading.poses(samples.poses) if upright is None else upright @ reading.poses(samples.poses))
+    turns = checks.rotated(reading.poses(samples.poses) if upright is None else upright @ reading.poses(samples.poses))
     if turns:
-        faults.append(_checks.lying(turns))
+        faults.append(checks.lying(turns))
     notes += diagnosis.doubts
     if not diagnosis.mended.consistent and samples.has_depth:
         notes.append(_undecided(diagnosis.mended))
@@ -132,7 +132,7 @@ def _register(
 ) -> Cure:
     """The cure so far, with where the depth must go, and whether the intrinsics go with it; adds the fault or a note."""
     cure = Cure(diagnosis.reading)
-    found = _checks.unregistered(samples, notes)
+    found = checks.unregistered(samples, notes)
     if found is None:
         return cure
     fault, registration = found
@@ -178,7 +178,7 @@ def _jump(samples: Samples, cure: Cure, faults: list[Fault]) -> tuple[tuple[int,
     """The longest piece without a jump, as first and last frame, and single frames that stand elsewhere; adds the fault."""
     poses = cure.reading.shifted(samples.poses, samples.index)
     found = jumps(samples, poses, cure.reading.depth_scale, _small(samples, cure)) if samples.has_depth else []
-    fault = _checks.leaps(found)
+    fault = checks.leaps(found)
     if fault is None:
         return None, frozenset()
     faults.append(fault)
@@ -204,7 +204,7 @@ def _level(
         return reading, None
     small = _small(samples, cure)
     tilts = [
-        (option, _checks.tilt(samples, option.shifted(samples.poses, samples.index), option.depth_scale, small))
+        (option, checks.tilt(samples, option.shifted(samples.poses, samples.index), option.depth_scale, small))
         for option in options
     ]
     judged = [(option, t) for option, t in tilts if t is not None]

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cartier.doctor._sampling import Samples
+from cartier.doctor.sampling import Samples
 from cartier.types import Array, Camera
 
 PER_PAIR, LEAST_SEEN = 300, 20  # pixels of a pair that are compared, and those that a judgement needs

@@ -6,11 +6,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cartier.doctor._checks import tilt
 from cartier.doctor._consistency import FEWEST_PAIRS, Numbers, Pairs, Verdict, judge, motions, much_better, near_pairs
 from cartier.doctor._readings import Hypothesis, Reading, depth_by, hypotheses, positions_by, shift_by
 from cartier.doctor._report import Fault
-from cartier.doctor._sampling import Samples
+from cartier.doctor.checks import tilt
+from cartier.doctor.sampling import Samples
 from cartier.types import Camera
 
 MOST_FAULTS = 3

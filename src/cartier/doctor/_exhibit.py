@@ -8,7 +8,7 @@ from cartier.doctor._consistency import Pairs, motions, turns_deg
 from cartier.doctor._diagnosis import Diagnosis, small_camera
 from cartier.doctor._readings import Reading
 from cartier.doctor._report import Exhibit
-from cartier.doctor._sampling import Samples
+from cartier.doctor.sampling import Samples
 from cartier.geometry import backproject, transform
 from cartier.types import Array
 

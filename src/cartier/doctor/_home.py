@@ -6,10 +6,10 @@ from pathlib import Path
 
 from cartier.doctor._report import Fault, Report
 from cartier.errors import InputError
-from cartier.files import read_bytes
 from cartier.home import Home
-from cartier.mapping.map_server import yaml
-from cartier.store import MANIFEST, Store, blob_file
+from cartier.home.map_server import yaml
+from cartier.home.repository import MANIFEST, Store, blob_file
+from cartier.io.files import read_bytes
 
 MAX_YAML_BYTES = 1 << 16
 AGAIN = "map the recording again"

@@ -8,12 +8,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from cartier.checks import frame_number
 from cartier.contracts import Recording
 from cartier.doctor._edges import zoomed
 from cartier.doctor._report import Cure
-from cartier.errors import InputError
-from cartier.recordings._posed import turned_camera, turned_image
+from cartier.errors import InputError, frame_number
+from cartier.recordings.common.posed import turned_camera, turned_image
 from cartier.types import Camera, Frame, TrueObject
 
 

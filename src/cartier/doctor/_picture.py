@@ -12,7 +12,7 @@ from cartier.contracts import Recording
 from cartier.doctor._edges import Registration, zoomed
 from cartier.doctor._report import Exhibit, Report
 from cartier.errors import InputError
-from cartier.picture import save_figure
+from cartier.render.picture import save_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

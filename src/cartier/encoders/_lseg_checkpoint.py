@@ -11,8 +11,8 @@ from typing import Any
 import torch
 import transformers
 
-from cartier.encoders._lseg_network import LSegNetwork, Shape
-from cartier.encoders._torch import first_line
+from cartier.encoders.lseg_network import LSegNetwork, Shape
+from cartier.encoders.torch_backend import first_line
 from cartier.errors import InputError
 
 Tensors = dict[str, torch.Tensor]

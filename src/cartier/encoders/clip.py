@@ -18,7 +18,7 @@ from cartier.types import Array, Frame
 if TYPE_CHECKING:
     import torch
 
-    from cartier.encoders._clip_text import TextTower
+    from cartier.encoders.clip_text import TextTower
 
 EXTRA = "detect"
 MODEL = "openai/clip-vit-large-patch14"
@@ -36,7 +36,7 @@ def make(model: str = MODEL, device: str | None = None, short_side_px: int | Non
     import torch  # noqa: F401  (a missing package is named before anything is fetched)
     import transformers
 
-    from cartier.encoders._torch import from_hub, pick_device
+    from cartier.encoders.torch_backend import from_hub, pick_device
 
     place = pick_device(device)
     config: Any = from_hub(transformers.AutoConfig.from_pretrained, model, "config")
@@ -99,7 +99,7 @@ class Clip:
         """
         import torch
 
-        from cartier.encoders._torch import to_array, to_pixels
+        from cartier.encoders.torch_backend import to_array, to_pixels
 
         columns, rows = (self._patches(side, frame) for side in (frame.camera.width, frame.camera.height))
         size = (columns * self._patch, rows * self._patch)
@@ -133,7 +133,7 @@ class Clip:
 
 
 def _text_tower(network: Any, tokenizer: Any, siglip: bool, device: torch.device) -> TextTower:
-    from cartier.encoders._clip_text import TextTower
+    from cartier.encoders.clip_text import TextTower
 
     config = network.config.text_config
 

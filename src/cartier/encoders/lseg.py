@@ -18,8 +18,8 @@ from cartier.types import Array, Frame
 if TYPE_CHECKING:
     import torch
 
-    from cartier.encoders._clip_text import TextTower
-    from cartier.encoders._lseg_network import LSegNetwork, Shape
+    from cartier.encoders.clip_text import TextTower
+    from cartier.encoders.lseg_network import LSegNetwork, Shape
 
 EXTRA = "detect"
 TOKENIZER = "openai/clip-vit-base-patch32"
@@ -36,7 +36,7 @@ def make(model: str, tokenizer: str = TOKENIZER, device: str | None = None, long
     """
     import torch  # noqa: F401  (a missing package is named before a large file is read)
 
-    from cartier.encoders._lseg_network import Shape
+    from cartier.encoders.lseg_network import Shape
 
     return build(Path(model), Shape(), tokenizer, device, long_side_px)
 
@@ -45,9 +45,9 @@ def build(checkpoint: Path, shape: Shape, tokenizer: str, device: str | None, lo
     """``make`` for any size of network."""
     import transformers
 
-    from cartier.encoders._clip_text import TextTower
     from cartier.encoders._lseg_checkpoint import load_network, load_text_tower, read_tensors
-    from cartier.encoders._torch import from_hub, pick_device
+    from cartier.encoders.clip_text import TextTower
+    from cartier.encoders.torch_backend import from_hub, pick_device
 
     step = 2 * shape.patch
     if not step <= long_side_px <= MAX_LONG_SIDE_PX:
@@ -100,7 +100,7 @@ class LSeg:
         """
         import torch
 
-        from cartier.encoders._torch import to_array, to_pixels
+        from cartier.encoders.torch_backend import to_array, to_pixels
 
         size = (self._fitted(frame.camera.width, frame), self._fitted(frame.camera.height, frame))
         with torch.inference_mode():

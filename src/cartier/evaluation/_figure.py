@@ -7,9 +7,9 @@ import textwrap
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from cartier.evaluation._rows import title
-from cartier.evaluation._tables import PAPER_MEAN_M, Summary, grouped
 from cartier.evaluation.queries import TYPES
+from cartier.evaluation.rows import title
+from cartier.evaluation.tables import PAPER_MEAN_M, Summary, grouped
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

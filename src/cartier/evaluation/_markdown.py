@@ -6,10 +6,10 @@ import html
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from cartier.evaluation._rows import PARTS, Row, ordered, title
-from cartier.evaluation._tables import PAPER_MEAN_M, Summary, made_by, said
 from cartier.evaluation.queries import TYPES
+from cartier.evaluation.rows import PARTS, Row, ordered, title
 from cartier.evaluation.summary import BASE, FAULTS, RADII_M
+from cartier.evaluation.tables import PAPER_MEAN_M, Summary, made_by, said
 
 PAPER_NOTE = (
     "*paper* is the paper's own mean (arXiv 2307.11865, with GPT-4): **other scenes, other requests and another detector**, so its "

@@ -10,9 +10,9 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from cartier.atomic import append_line
 from cartier.contracts import Reasoner
-from cartier.files import read_rows
+from cartier.io.atomic import append_line
+from cartier.io.files import read_rows
 from cartier.types import Fact, Inventory, Selection
 
 

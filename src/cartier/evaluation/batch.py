@@ -6,11 +6,11 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
-from cartier.atomic import write_file
 from cartier.contracts import Reasoner
 from cartier.errors import ReasonerError
-from cartier.language.prompts import Request, check_query, prompt_named, propose_request, without_bounds
-from cartier.reasoners._asking import server_asked
+from cartier.io.atomic import write_file
+from cartier.llm.client import server_asked
+from cartier.llm.prompts import Request, check_query, prompt_named, propose_request, without_bounds
 from cartier.types import Inventory, Selection
 
 UNASKED = Selection("absent", reason="nobody was asked")

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from cartier import pipeline
-from cartier.baselines import nlmap, vlmaps_query
 from cartier.contracts import Reasoner
+from cartier.evaluation.baselines import nlmap, vlmaps_query
 from cartier.evaluation.metrics import canonical, listed_as
 from cartier.evaluation.queries import Query
 from cartier.home import Home

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from cartier.geometry import box_distance
-from cartier.language.names import display_name
+from cartier.labels import display_name
 from cartier.types import TrueObject
 
 

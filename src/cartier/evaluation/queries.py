@@ -14,9 +14,9 @@ from pathlib import Path
 from typing import Any, Literal, get_args
 
 from cartier.errors import InputError, brief
-from cartier.files import read_text
-from cartier.language.names import display_name
-from cartier.language.prompts import check_query
+from cartier.io.files import read_text
+from cartier.labels import display_name
+from cartier.llm.prompts import check_query
 
 QueryType = Literal["explicit", "implicit", "conversational"]
 TYPES: tuple[QueryType, ...] = get_args(QueryType)

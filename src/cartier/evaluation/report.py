@@ -10,15 +10,15 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from cartier.atomic import replaced_folder, write_file, write_json
 from cartier.errors import InputError
 from cartier.evaluation._figure import distance_png, match_png
 from cartier.evaluation._markdown import report
-from cartier.evaluation._page import FOLDER, Photo, failure_kind, page, take_photos
-from cartier.evaluation._rows import Row, check_rows, objects_from, read_rows
-from cartier.evaluation._tables import latex, made_by, tidy_csv
+from cartier.evaluation.page import FOLDER, Photo, failure_kind, page, take_photos
+from cartier.evaluation.rows import Row, check_rows, objects_from, read_rows
 from cartier.evaluation.summary import summarise
-from cartier.files import read_json
+from cartier.evaluation.tables import latex, made_by, tidy_csv
+from cartier.io.atomic import replaced_folder, write_file, write_json
+from cartier.io.files import read_json
 
 PHOTOS_LIST = "photos.json"
 MARK = "served"

@@ -10,19 +10,19 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from cartier.atomic import locked, sweep_parts, write_file, write_json
-from cartier.baselines import nlmap
 from cartier.contracts import Reasoner
 from cartier.errors import InputError
 from cartier.evaluation.asked import Asked
+from cartier.evaluation.baselines import nlmap
 from cartier.evaluation.batch import PromptWriter
 from cartier.evaluation.maps import Maps, MapSettings
 from cartier.evaluation.methods import ASKING, METHODS, Bench
 from cartier.evaluation.metrics import distances, matches
 from cartier.evaluation.queries import Query, cases
-from cartier.files import read_json, read_rows
 from cartier.home import Home
-from cartier.language.names import display_name
+from cartier.io.atomic import locked, sweep_parts, write_file, write_json
+from cartier.io.files import read_json, read_rows
+from cartier.labels import display_name
 from cartier.models.minilm import TextEncoder
 from cartier.types import Answer, TrueObject
 

@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from cartier.errors import InputError
-from cartier.evaluation._rows import GROUPS, Row, check_rows, ordered
 from cartier.evaluation.queries import TYPES
+from cartier.evaluation.rows import GROUPS, Row, check_rows, ordered
 
 RADII_M = ("0.25", "0.5", "1", "1.5", "2")
 """Success radii, as the keys of ``success``."""

@@ -19,9 +19,9 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from cartier.errors import InputError, brief
 from cartier.evaluation.metrics import canonical
-from cartier.files import read_text
 from cartier.geometry import box_distance
-from cartier.language.prompts import check_query
+from cartier.io.files import read_text
+from cartier.llm.prompts import check_query
 from cartier.types import STATUSES, TrueObject
 
 FIND = ("relation", "room", "attribute", "superlative", "need", "follow_up")

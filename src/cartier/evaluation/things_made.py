@@ -10,7 +10,8 @@ from dataclasses import replace
 from random import Random
 from typing import Any
 
-from cartier.evaluation._statements import (
+from cartier.evaluation.metrics import canonical
+from cartier.evaluation.statements import (
     FAR_APART_M,
     FIXTURES,
     LARGER,
@@ -25,7 +26,6 @@ from cartier.evaluation._statements import (
     gap,
     sizes,
 )
-from cartier.evaluation.metrics import canonical
 from cartier.evaluation.things import Item
 from cartier.evaluation.true_home import TrueHome
 from cartier.types import MapObject

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from cartier.atomic import write_file, write_json
 from cartier.evaluation.things import ASK, FIND, KINDS, WRITTEN, Item, load_items
+from cartier.io.atomic import write_file, write_json
 
 GROUPS = {
     "find the particular thing": FIND, "a bare name of several": ("bare",), "count, exists, where, list": ASK[:4],

@@ -11,9 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from cartier.atomic import locked
 from cartier.contracts import Reasoner, World
-from cartier.conversation import Conversation
 from cartier.errors import BackendError, InputError
 from cartier.evaluation.batch import UNASKED, PromptWriter
 from cartier.evaluation.maps import Maps, MapSettings, encoder_for
@@ -22,8 +20,10 @@ from cartier.evaluation.things import WRITTEN, Given, Item, Score, load_items, s
 from cartier.evaluation.things_made import make_items
 from cartier.evaluation.things_report import write_report, write_requests
 from cartier.evaluation.true_home import true_home
-from cartier.files import read_rows
 from cartier.home import Home
+from cartier.io.atomic import locked
+from cartier.io.files import read_rows
+from cartier.pipeline import Conversation
 from cartier.types import Answer, Fact, Inventory, Selection, TrueObject
 
 HOMES = tuple(str(number) for number in range(80001, 80013))

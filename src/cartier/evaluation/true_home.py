@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from cartier.atomic import write_json
 from cartier.contracts import World
 from cartier.errors import InputError
-from cartier.files import read_json
 from cartier.geometry import box_distance
-from cartier.language.names import display_name
+from cartier.io.atomic import write_json
+from cartier.io.files import read_json
+from cartier.labels import display_name
 from cartier.types import MapObject
 from cartier.worlds.dollhouse import Dollhouse
 from cartier.worlds.dollhouse.contacts import Contacts

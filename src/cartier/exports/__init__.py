@@ -6,10 +6,10 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from cartier import plugins
-from cartier.atomic import write_file
 from cartier.errors import InputError, MissingExtra
 from cartier.exports import _glb, _mcap, _ply, _tables
 from cartier.home import Home
+from cartier.io.atomic import write_file
 
 WRITERS: Mapping[str, Callable[[Home], bytes]] = {
     ".glb": _glb.write, ".ply": _ply.write, ".mcap": _mcap.write, ".geojson": _tables.geojson, ".csv": _tables.csv, ".json": _tables.json,

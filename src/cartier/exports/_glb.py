@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from cartier.exports._scene import FACES, Box, boxes, corners
+from cartier.exports.scene import FACES, Box, boxes, corners
 from cartier.home import Home
-from cartier.mapping.cloud import PointCloud
+from cartier.home.point_cloud import PointCloud
 
 FLOAT, UNSIGNED_SHORT, ARRAY_BUFFER, POINTS = 5126, 5123, 34962, 0
 JSON_CHUNK, BINARY_CHUNK = 0x4E4F534A, 0x004E4942

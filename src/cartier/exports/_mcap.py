@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from cartier.exports._scene import Box, boxes, called
-from cartier.files import json_bytes
+from cartier.exports.scene import Box, boxes, called
 from cartier.home import Home
-from cartier.mapping.cloud import PointCloud
+from cartier.io.files import json_bytes
+from cartier.home.point_cloud import PointCloud
 from cartier.types import OCCUPIED, UNKNOWN
 
 FRAME, START = "map", "start"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cartier.exports._scene import FACES, boxes, corners
+from cartier.exports.scene import FACES, boxes, corners
 from cartier.home import Home
 from cartier.types import Array
 

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cartier.files import json_bytes
 from cartier.home import Home
+from cartier.io.files import json_bytes
 from cartier.types import MapObject
 
 COLUMNS = (

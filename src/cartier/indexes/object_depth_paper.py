@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from cartier.errors import BackendError, InputError
-from cartier.files import json_bytes, parse_json
 from cartier.geometry import backproject, transform, weak_perspective_size
+from cartier.io.files import json_bytes, parse_json
 from cartier.types import Array, Detections, Frame, MapObject, Place
 
 KEPT = "places.json"

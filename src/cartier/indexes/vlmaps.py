@@ -12,9 +12,9 @@ import numpy.typing as npt
 from cartier import plugins
 from cartier.contracts import Encoder
 from cartier.errors import BackendError, CartierError, InputError
-from cartier.files import json_bytes, npz_bytes, parse_json, read_npz
-from cartier.indexes._fusion import CELL, FeatureGrid
 from cartier.indexes._label_features import label_features
+from cartier.indexes.fusion import CELL, FeatureGrid
+from cartier.io.files import json_bytes, npz_bytes, parse_json, read_npz
 from cartier.types import Array, Detections, Frame, MapObject, Place
 
 DOMINATES = 0.05  # share of the map's mean energy in one dimension; evenly spread it would be 1 / D, 0.2 % for 512

@@ -13,8 +13,8 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from cartier.mapping.lifting import POINTS, Lifted, lift
 from cartier.mapping.object_map import COLUMNS, LEAST_ANGLE, ObjectMap
+from cartier.mapping.observation import POINTS, Lifted, lift
 from cartier.types import Array, Frame, MapObject
 
 DISTANCES_M = np.geomspace(0.3, 20, POINTS)

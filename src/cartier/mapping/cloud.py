@@ -6,36 +6,22 @@ Points above door height are left out, so that no ceiling hides the room below i
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-from cartier.errors import InputError
-from cartier.files import npz_bytes, read_npz
 from cartier.geometry import ray_slopes, transform
+from cartier.home.point_cloud import MAX_POINTS, SIDE_M, STEP_M, parse_cloud
+from cartier.io.files import npz_bytes
 from cartier.types import Frame
 
-MAX_POINTS = 60_000
-SIDE_M = 0.03  # of a voxel at first
 ROOMY = 0.9  # of as many points as may be, so many are left when voxels get larger
 LOW_M, HIGH_M = -0.5, 2.2  # heights that are kept
 RANGE_M = 5.0  # depth cameras tell little beyond
 COLUMNS = 40  # image columns that are looked at in one frame; other frames look at others
 FLYING = 0.05  # a pixel whose neighbour's depth differs by more of its own lies on an edge
 PENDING = 150_000  # samples that wait until they are merged all at once
-STEP_M = 0.005  # of saved positions: 16 bits of them reach 327 m
 MAX_WEIGHT = 255
-FAR_M = 1e8  # no map lies farther from its origin
-
-
-@dataclass(frozen=True, eq=False)
-class PointCloud:
-    """What depth showed of a home, to look at: ``xyz_m`` (N, 3) in the map frame, ``rgb`` (N, 3) uint8, one point a voxel of ``side_m``."""
-
-    xyz_m: npt.NDArray[np.float64]
-    rgb: npt.NDArray[np.uint8]
-    side_m: float
 
 
 class CloudMapper:
@@ -118,28 +104,6 @@ class CloudMapper:
 
     def restore(self, data: bytes) -> None:
         """Go on from ``state``. Raises InputError if it is none."""
-        cloud, weight, low = _read(data)
+        cloud, weight, low = parse_cloud(data)
         self.side_m, self._origin = cloud.side_m, np.array([low[0], low[1], 0.0])
         self._points = np.column_stack([cloud.xyz_m - self._origin, cloud.rgb, weight]).astype(np.float32)
-
-
-def read_cloud(data: bytes) -> PointCloud:
-    """The cloud that a ``CloudMapper`` saved. Raises InputError if it is damaged."""
-    return _read(data)[0]
-
-
-def _read(data: bytes) -> tuple[PointCloud, npt.NDArray[np.uint8], npt.NDArray[np.float64]]:
-    arrays = read_npz(data, where="the point cloud")
-    try:
-        xyz, rgb, weight = arrays["xyz"], arrays["rgb"], arrays["weight"]
-        low, side = arrays["low_m"].astype(np.float64), float(arrays["side_m"])
-        count = len(xyz)
-        shapes = xyz.shape == rgb.shape == (count, 3) and weight.shape == (count,) and low.shape == (3,)
-        kinds = xyz.dtype == np.uint16 and rgb.dtype == weight.dtype == np.uint8
-        if not (shapes and kinds and 0 < count <= MAX_POINTS and np.abs(low).max() <= FAR_M and SIDE_M <= side < 100):
-            raise ValueError("arrays of another kind")
-        if not weight.all():
-            raise ValueError("points of no samples")
-    except (KeyError, TypeError, ValueError) as error:
-        raise InputError(f"the point cloud is damaged ({error}): map the recording again") from error
-    return PointCloud(low + xyz * STEP_M, rgb, side), weight, low

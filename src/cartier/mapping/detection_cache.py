@@ -12,7 +12,7 @@ from typing import Any
 
 from cartier.contracts import Detector
 from cartier.errors import InputError
-from cartier.files import read_bytes
+from cartier.io.files import read_bytes
 from cartier.types import Detections, Frame
 
 MOST_BYTES = 1 << 30

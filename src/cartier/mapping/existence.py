@@ -2,14 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
-from typing import Any
-
 import numpy as np
 import numpy.typing as npt
 
-from cartier.errors import BackendError
 from cartier.types import Array, Calibration
 
 BEARINGS = 12  # directions from which an object is seen
@@ -18,48 +13,6 @@ STANDPOINTS = BEARINGS * (len(RANGES_M) + 1)
 USUAL_RAD = 0.1  # how wide things appear
 CONFIRMED = 0.7  # probability from which an object is listed
 LEAST_WEIGHT = 0.02  # even the weakest report says that something was there
-
-
-def calibration_from(told: Mapping[str, Any]) -> Calibration:
-    """A calibration from JSON. Raises TypeError or ValueError for a key that there is not, or a value that makes no sense."""
-    given: dict[str, Any] = {
-        name: tuple(map(float, value)) if isinstance(value, list) else value for name, value in told.items()
-    }
-    made = Calibration(**given)
-    numbers = [
-        made.threshold,
-        made.birth,
-        made.low,
-        made.high,
-        made.prior,
-        made.best,
-        made.size,
-        *made.there,
-        *made.not_there,
-    ]
-    if not (
-        np.isfinite(numbers).all()
-        and 0 <= made.low < made.high <= 1
-        and 0 <= made.birth <= 1
-        and 0 <= made.threshold <= 1
-    ):
-        raise ValueError("scores lie between 0 and 1, and low below high")
-    if len(made.there) != 2 or len(made.not_there) != 2 or min(*made.there, *made.not_there) <= 0:
-        raise ValueError("there and not_there are two positive numbers each")
-    return made
-
-
-def at_threshold(calibration: Calibration, threshold: float | None) -> Calibration:
-    """The same for somebody who trusts another score: all scores move with it, and it counts as measured no longer."""
-    if threshold is None or threshold == calibration.threshold:
-        return calibration
-    if not 0 <= threshold <= 1:
-        raise BackendError(f"option threshold must be from 0 to 1, got {threshold}")
-    factor = threshold / max(calibration.threshold, 1e-6)
-    low, birth, high = (min(factor * score, 1.0) for score in (calibration.low, calibration.birth, calibration.high))
-    return replace(
-        calibration, threshold=threshold, low=min(low, 0.99), birth=birth, high=max(high, low + 0.01), measured=""
-    )
 
 
 def standpoints(positions: Array, camera_xyz: Array) -> npt.NDArray[np.intp]:

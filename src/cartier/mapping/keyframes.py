@@ -9,9 +9,9 @@ import numpy as np
 
 from cartier.contracts import Detector, Recording
 from cartier.errors import InputError
-from cartier.mapping.ahead import at_once
 from cartier.mapping.detection_cache import detecting
 from cartier.mapping.occupancy import OccupancyMapper
+from cartier.mapping.prefetch import at_once
 from cartier.types import Array, Frame
 
 FAR_M, FAR_RAD = 0.15, np.deg2rad(10)  # from the last keyframe on, a view is another one; a sixth of it is new

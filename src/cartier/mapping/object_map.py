@@ -14,11 +14,11 @@ import numpy as np
 import numpy.typing as npt
 
 from cartier.errors import InputError, brief
-from cartier.files import json_bytes, npz_bytes, parse_json, read_npz
 from cartier.geometry import view_yaw, weak_perspective_size
+from cartier.io.files import json_bytes, npz_bytes, parse_json, read_npz
 from cartier.mapping.colours import COLOURS, colour_shares, named_shares
 from cartier.mapping.existence import CONFIRMED, STANDPOINTS, probability, report_weight, standpoints
-from cartier.mapping.lifting import POINTS, Lifted, lift, overlaps
+from cartier.mapping.observation import POINTS, Lifted, lift, overlaps
 from cartier.types import Array, Calibration, Detections, Frame, MapObject, View
 
 MATCH = 0.6  # what a pair must be worth to be of one object

@@ -15,8 +15,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cartier.checks import check_radius
-from cartier.errors import InputError
+from cartier.errors import InputError, check_radius
 from cartier.geometry import backproject, project, transform
 from cartier.types import FREE, OCCUPIED, UNKNOWN, Frame, OccupancyGrid
 

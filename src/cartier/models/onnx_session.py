@@ -12,7 +12,7 @@ import numpy.typing as npt
 import onnxruntime
 
 from cartier.errors import BackendError, InputError, brief
-from cartier.files import check_file
+from cartier.io.files import check_file
 from cartier.types import Array
 
 Size = tuple[int, int]

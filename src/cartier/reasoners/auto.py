@@ -15,8 +15,8 @@ from typing import Any
 from cartier import plugins
 from cartier.contracts import Reasoner
 from cartier.errors import CartierError, InputError, ReasonerError
-from cartier.language.prompts import check_query, prompt_named
-from cartier.reasoners._deadline import Late, Value, within
+from cartier.llm.deadline import Late, Value, within
+from cartier.llm.prompts import check_query, prompt_named
 from cartier.types import Inventory, Selection
 
 REST_S = 60.0

@@ -15,19 +15,19 @@ from pathlib import Path
 
 import numpy as np
 
-from cartier.reasoners._cards import SHIPPED, Deck, bare, read_deck
-from cartier.reasoners._decision import OUTCOMES, Choice
-from cartier.reasoners._dialogue import Turn, understand
-from cartier.reasoners._follow_ups import SERVED
-from cartier.reasoners._lexicon import lexicon
-from cartier.reasoners._listening import MOST_CHARACTERS, mentions
-from cartier.reasoners._particular import Particular
-from cartier.reasoners._perhaps import accepted, maybe_there, offer, perhaps, usual_place
-from cartier.reasoners._scene import Scene, called
-from cartier.reasoners._scorer import Judgement, Scorer
-from cartier.reasoners._speech_acts import Said, sort_out
-from cartier.reasoners._things import Missing, Ranked, Things
+from cartier.spatial.query import Scene, called
 from cartier.types import Inventory, MapObject, Selection, Status
+from cartier.understanding.candidates import Missing, Ranked, Things
+from cartier.understanding.cards import SHIPPED, Deck, bare, read_deck
+from cartier.understanding.dialogue import Turn, understand
+from cartier.understanding.dialogue_acts import Said, sort_out
+from cartier.understanding.entity_vocabulary import lexicon
+from cartier.understanding.follow_ups import SERVED
+from cartier.understanding.grounding import Particular
+from cartier.understanding.need_scorer import Judgement, Scorer
+from cartier.understanding.outcome_classifier import OUTCOMES, Choice
+from cartier.understanding.tentative import accepted, maybe_there, offer, perhaps, usual_place
+from cartier.understanding.utterance import MOST_CHARACTERS, mentions
 
 Candidates = tuple[tuple[str, float], ...]
 

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from cartier.errors import InputError, ReasonerError
-from cartier.language.prompts import Messages, Schema
-from cartier.reasoners._asking import LanguageModel
+from cartier.llm.client import LanguageModel
+from cartier.llm.prompts import Messages, Schema
 
 EXTRA = "local"
 COMPACT = {"x-guidance": {"whitespace_flexible": False}}
@@ -28,7 +28,7 @@ def make(
 ) -> LanguageModel:
     """``model`` is a GGUF file with a chat template in it; CARTIER_MODEL is read if it is not given.
 
-    ``prompt`` is one of cartier.language.prompts.PROMPTS, ``cache`` an SQLite file, ``timeout_s`` the limit for one reply.
+    ``prompt`` is one of cartier.llm.prompts.PROMPTS, ``cache`` an SQLite file, ``timeout_s`` the limit for one reply.
     Raises InputError if the file is missing or damaged, or if the engine does not know its kind of model.
     """
     given = model or os.environ.get("CARTIER_MODEL")

@@ -15,10 +15,10 @@ from urllib.parse import urljoin, urlsplit
 import openai
 
 from cartier.errors import ReasonerError, brief
-from cartier.language.prompts import Messages, Schema
-from cartier.reasoners._asking import LanguageModel, server_asked, without_credentials
-from cartier.reasoners._deadline import Late, within
-from cartier.reasoners._ladder import Form, NotUnderstood, climb
+from cartier.llm.client import LanguageModel, server_asked, without_credentials
+from cartier.llm.deadline import Late, within
+from cartier.llm.prompts import Messages, Schema
+from cartier.llm.structured_output import Form, NotUnderstood, climb
 
 EXTRA = "llm"
 MAX_REPLY_BYTES = 2**20
@@ -47,7 +47,7 @@ def make(
 ) -> LanguageModel:
     """``OPENAI_API_KEY``, ``OPENAI_BASE_URL`` and ``OPENAI_MODEL`` are read; a server of one's own needs no key.
 
-    ``prompt`` is one of cartier.language.prompts.PROMPTS, ``cache`` an SQLite file, ``timeout_s`` the limit for one request in all.
+    ``prompt`` is one of cartier.llm.prompts.PROMPTS, ``cache`` an SQLite file, ``timeout_s`` the limit for one request in all.
     """
     return LanguageModel(Server(model, base_url, api_key, timeout_s, temperature), prompt, cache)
 

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from cartier.errors import InputError, ReasonerError
-from cartier.files import read_text
-from cartier.language.prompts import PROMPTS, Request, check_query, propose_request
-from cartier.language.replies import no_answer, parse_list, read_reply
+from cartier.io.files import read_text
+from cartier.llm.prompts import PROMPTS, Request, check_query, propose_request
+from cartier.llm.reply_parser import no_answer, parse_list, read_reply
 from cartier.types import Inventory, Selection
 
 MAX_BYTES = 256 * 1024 * 1024

@@ -21,12 +21,12 @@ import numpy as np
 
 from cartier.contracts import Recording
 from cartier.errors import InputError
-from cartier.files import read_json
-from cartier.recordings._content import names_in
-from cartier.recordings._lens import Lens
-from cartier.recordings._posed import PosedImages, Source, View, png_depth
-from cartier.recordings._poses import matrices
-from cartier.recordings._tables import (
+from cartier.io.files import read_json
+from cartier.recordings.common.content import names_in
+from cartier.recordings.common.lens import Lens
+from cartier.recordings.common.posed import PosedImages, Source, View, png_depth
+from cartier.recordings.common.poses import matrices
+from cartier.recordings.common.tables import (
     GL_FROM_OPTICAL,
     Y_UP,
     camera_of,

@@ -15,16 +15,15 @@ from pathlib import Path
 
 import numpy as np
 
-from cartier.checks import MAX_SIDE_PX
 from cartier.contracts import Recording
-from cartier.errors import InputError, brief
-from cartier.files import read_text
+from cartier.errors import MAX_SIDE_PX, InputError, brief
 from cartier.geometry import invert
-from cartier.recordings._lens import Lens, Model, straight
-from cartier.recordings._posed import PosedImages, Source, View
-from cartier.recordings._poses import matrices
-from cartier.recordings._rosfile import File
-from cartier.recordings._tables import USUAL_WAY_M, camera_of, inside, numbers, unit_quaternions
+from cartier.io.files import read_text
+from cartier.recordings.common.lens import Lens, Model, straight
+from cartier.recordings.common.posed import PosedImages, Source, View
+from cartier.recordings.common.poses import matrices
+from cartier.recordings.common.tables import USUAL_WAY_M, camera_of, inside, numbers, unit_quaternions
+from cartier.recordings.ros.file import File
 from cartier.types import Array
 
 PLACES = ("", "sparse/0", "sparse", "colmap/sparse/0")

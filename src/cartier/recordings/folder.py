@@ -13,14 +13,13 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, TextIO
 
-from cartier.atomic import replaced_folder, write_json
-from cartier.checks import frame_number
 from cartier.contracts import Recording
-from cartier.errors import InputError, brief
-from cartier.files import read_json
-from cartier.recordings import _images
-from cartier.recordings._content import READERS, check_inside, content_hash, names_in
-from cartier.recordings._poses import read_trajectory, trajectory_line
+from cartier.errors import InputError, brief, frame_number
+from cartier.io import images
+from cartier.io.atomic import replaced_folder, write_json
+from cartier.io.files import read_json
+from cartier.recordings.common.content import READERS, check_inside, content_hash, names_in
+from cartier.recordings.common.poses import read_trajectory, trajectory_line
 from cartier.types import Camera, Frame, TrueObject
 
 SCHEMA = 1
@@ -82,11 +81,11 @@ class Folder:
         return Frame(
             index=i,
             time_s=float(self._times_s[i]),
-            rgb=_images.read_rgb(self._root / _image("rgb", i, ".jpg"), self.camera),
-            depth_m=_images.read_depth(depth, self.camera) if self._has_depth else None,
+            rgb=images.read_rgb(self._root / _image("rgb", i, ".jpg"), self.camera),
+            depth_m=images.read_depth(depth, self.camera) if self._has_depth else None,
             world_from_camera=self._poses[i],
             camera=self.camera,
-            instances=_images.read_instances(instances, self.camera) if self._has_instances else None,
+            instances=images.read_instances(instances, self.camera) if self._has_instances else None,
         )
 
     def fingerprint(self) -> str:
@@ -157,11 +156,11 @@ def _write_head(recording: Recording, kinds: Sequence[str], root: Path) -> None:
 
 
 def _write_frame(frame: Frame, number: int, root: Path, trajectory: TextIO) -> None:
-    _images.write_rgb(root / _image("rgb", number, ".jpg"), frame.rgb)
+    images.write_rgb(root / _image("rgb", number, ".jpg"), frame.rgb)
     if frame.depth_m is not None:
-        _images.write_depth(root / _image("depth", number, ".png"), frame.depth_m)
+        images.write_depth(root / _image("depth", number, ".png"), frame.depth_m)
     if frame.instances is not None:
-        _images.write_instances(root / _image("instances", number, ".png"), frame.instances)
+        images.write_instances(root / _image("instances", number, ".png"), frame.instances)
     trajectory.write(trajectory_line(frame.time_s, frame.world_from_camera))
 
 

@@ -15,17 +15,16 @@ from typing import Any
 
 import numpy as np
 
-from cartier.checks import MAX_SIDE_PX
 from cartier.contracts import Recording
-from cartier.errors import InputError, brief
-from cartier.files import read_json, read_npy
-from cartier.recordings._exr import read_exr
-from cartier.recordings._images import image_size
-from cartier.recordings._lens import Lens, straight
-from cartier.recordings._posed import Depths, PosedImages, Source, View, png_depth
-from cartier.recordings._poses import Matrix, rigid
-from cartier.recordings._rosimages import valid
-from cartier.recordings._tables import GL_FROM_OPTICAL, USUAL_WAY_M, camera_of, inside, numbers
+from cartier.errors import MAX_SIDE_PX, InputError, brief
+from cartier.io.files import read_json, read_npy
+from cartier.io.images import image_size
+from cartier.recordings.common.exr import read_exr
+from cartier.recordings.common.lens import Lens, straight
+from cartier.recordings.common.posed import Depths, PosedImages, Source, View, png_depth
+from cartier.recordings.common.poses import Matrix, rigid
+from cartier.recordings.common.tables import GL_FROM_OPTICAL, USUAL_WAY_M, camera_of, inside, numbers
+from cartier.recordings.ros.images import valid
 from cartier.types import Array, Camera
 
 FILE, EXR = "transforms.json", ".exr"

@@ -17,14 +17,21 @@ import numpy as np
 
 from cartier.contracts import Recording
 from cartier.errors import InputError, MissingExtra, brief
-from cartier.files import read_bytes
-from cartier.recordings import _images
-from cartier.recordings._exr import read_exr
-from cartier.recordings._lens import Lens
-from cartier.recordings._posed import Colours, Depths, PosedImages, Source, View
-from cartier.recordings._poses import matrices
-from cartier.recordings._rosimages import valid
-from cartier.recordings._tables import GL_FROM_OPTICAL, Y_UP, camera_of, check_confidence, numbers, unit_quaternions
+from cartier.io import images
+from cartier.io.files import read_bytes
+from cartier.recordings.common.exr import read_exr
+from cartier.recordings.common.lens import Lens
+from cartier.recordings.common.posed import Colours, Depths, PosedImages, Source, View
+from cartier.recordings.common.poses import matrices
+from cartier.recordings.common.tables import (
+    GL_FROM_OPTICAL,
+    Y_UP,
+    camera_of,
+    check_confidence,
+    numbers,
+    unit_quaternions,
+)
+from cartier.recordings.ros.images import valid
 
 EXTRA = "phone"
 MAX_BYTES = 64 << 20
@@ -128,11 +135,11 @@ class _Box:
 
     def size(self, name: str) -> tuple[int, int]:
         """(width, height) of an image."""
-        return _images.decoded_size(self.get(name), f"{self.where}: {name}")
+        return images.decoded_size(self.get(name), f"{self.where}: {name}")
 
     def read_colour(self, view: View) -> Colours:
         name = view.colour.as_posix()
-        return _images.decode_rgb(self.get(name), view.lens.camera, f"{self.where}: {name}")
+        return images.decode_rgb(self.get(name), view.lens.camera, f"{self.where}: {name}")
 
     def read_depth(self, path: Path, size: tuple[int, int], confidence: int) -> Depths:
         name = path.as_posix()

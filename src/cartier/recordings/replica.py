@@ -16,13 +16,13 @@ import numpy as np
 
 from cartier.contracts import Recording
 from cartier.errors import InputError
-from cartier.files import read_json, read_text
-from cartier.recordings._content import names_in
-from cartier.recordings._images import read_depth
-from cartier.recordings._lens import Lens
-from cartier.recordings._posed import PosedImages, Source, View
-from cartier.recordings._poses import MAX_TABLE_BYTES, rigid
-from cartier.recordings._tables import camera_of, numbers
+from cartier.io.files import read_json, read_text
+from cartier.io.images import read_depth
+from cartier.recordings.common.content import names_in
+from cartier.recordings.common.lens import Lens
+from cartier.recordings.common.posed import PosedImages, Source, View
+from cartier.recordings.common.poses import MAX_TABLE_BYTES, rigid
+from cartier.recordings.common.tables import camera_of, numbers
 from cartier.types import Camera
 
 POSES, CAMERA = "traj.txt", "cam_params.json"

@@ -17,23 +17,22 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cartier.checks import frame_number
 from cartier.contracts import Recording
-from cartier.errors import InputError
+from cartier.errors import InputError, frame_number
+from cartier.io.images import check_depth
 from cartier.mapping import gravity
-from cartier.recordings._content import READERS, content_hash
-from cartier.recordings._images import check_depth
-from cartier.recordings._lens import resampled
-from cartier.recordings._poses import rigid
-from cartier.recordings._register import registered
-from cartier.recordings._rosbags import METADATA, Bag, files_of
-from cartier.recordings._rosfile import Index
-from cartier.recordings._rosimages import colour as colour_image
-from cartier.recordings._rosimages import depth as depth_image
-from cartier.recordings._rosposes import camera_poses, transform_tree
-from cartier.recordings._rostf import Tree, extrinsic_matrix
-from cartier.recordings._rostopics import Choice, Stream, choose
-from cartier.recordings._tables import check_floor
+from cartier.recordings.common.content import READERS, content_hash
+from cartier.recordings.common.lens import resampled
+from cartier.recordings.common.poses import rigid
+from cartier.recordings.common.registration import registered
+from cartier.recordings.common.tables import check_floor
+from cartier.recordings.ros.bags import METADATA, Bag, files_of
+from cartier.recordings.ros.file import Index
+from cartier.recordings.ros.images import colour as colour_image
+from cartier.recordings.ros.images import depth as depth_image
+from cartier.recordings.ros.poses import camera_poses, transform_tree
+from cartier.recordings.ros.tf import Tree, extrinsic_matrix
+from cartier.recordings.ros.topics import Choice, Stream, choose
 from cartier.types import Camera, Frame, TrueObject
 
 EXTRA = "ros"

@@ -15,16 +15,16 @@ import numpy as np
 
 from cartier.contracts import Recording
 from cartier.errors import InputError, brief
-from cartier.files import read_text
-from cartier.recordings import _images
-from cartier.recordings._content import names_in
-from cartier.recordings._lens import Lens
-from cartier.recordings._posed import Colours, PosedImages, Source, View, png_depth
-from cartier.recordings._poses import MAX_TABLE_BYTES, Matrix, matrices, read_trajectory_rows, rigid
-from cartier.recordings._rtabmapdb import Database
-from cartier.recordings._sqlite import is_sqlite
-from cartier.recordings._tables import camera_of, numbers
-from cartier.strict_yaml import YamlFault, read_yaml
+from cartier.io import images
+from cartier.io.files import read_text
+from cartier.io.strict_yaml import YamlFault, read_yaml
+from cartier.recordings.common.content import names_in
+from cartier.recordings.common.lens import Lens
+from cartier.recordings.common.posed import Colours, PosedImages, Source, View, png_depth
+from cartier.recordings.common.poses import MAX_TABLE_BYTES, Matrix, matrices, read_trajectory_rows, rigid
+from cartier.recordings.common.rtabmap_database import Database
+from cartier.recordings.common.sqlite import is_sqlite
+from cartier.recordings.common.tables import camera_of, numbers
 from cartier.types import Camera
 
 POSES = ("camera_poses.txt", "poses.txt")  # of the camera, and of the robot's base
@@ -61,7 +61,7 @@ def _of_database(path: Path, settings: str) -> Source:
     ]
 
     def colour(view: View) -> Colours:
-        return _images.decode_rgb(
+        return images.decode_rgb(
             base.colour(int(view.colour.name)), view.lens.camera, f"{path}: image of node {view.colour}"
         )
 

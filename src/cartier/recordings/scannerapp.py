@@ -15,13 +15,13 @@ import numpy as np
 
 from cartier.contracts import Recording
 from cartier.errors import InputError, brief
-from cartier.files import read_json
-from cartier.recordings._content import names_in
-from cartier.recordings._images import image_size
-from cartier.recordings._lens import Lens
-from cartier.recordings._posed import PosedImages, Source, View, png_depth
-from cartier.recordings._poses import rigid
-from cartier.recordings._tables import GL_FROM_OPTICAL, Y_UP, camera_of, check_confidence, numbers
+from cartier.io.files import read_json
+from cartier.io.images import image_size
+from cartier.recordings.common.content import names_in
+from cartier.recordings.common.lens import Lens
+from cartier.recordings.common.posed import PosedImages, Source, View, png_depth
+from cartier.recordings.common.poses import rigid
+from cartier.recordings.common.tables import GL_FROM_OPTICAL, Y_UP, camera_of, check_confidence, numbers
 
 FRAME = re.compile(r"frame_(\d{1,9})\.json", re.ASCII)
 FRAMES_PER_SECOND = 60.0

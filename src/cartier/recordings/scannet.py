@@ -14,12 +14,12 @@ import numpy as np
 
 from cartier.contracts import Recording
 from cartier.errors import InputError
-from cartier.recordings._content import names_in
-from cartier.recordings._images import image_size
-from cartier.recordings._lens import Lens
-from cartier.recordings._posed import PosedImages, Source, View, png_depth
-from cartier.recordings._poses import read_matrix, rigid
-from cartier.recordings._tables import camera_of, off_centre
+from cartier.io.images import image_size
+from cartier.recordings.common.content import names_in
+from cartier.recordings.common.lens import Lens
+from cartier.recordings.common.posed import PosedImages, Source, View, png_depth
+from cartier.recordings.common.poses import read_matrix, rigid
+from cartier.recordings.common.tables import camera_of, off_centre
 from cartier.types import Camera
 
 COLOUR = re.compile(r"(\d{1,9})\.(?:jpg|png)", re.ASCII)

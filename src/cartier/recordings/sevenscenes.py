@@ -12,14 +12,13 @@ from pathlib import Path
 
 import numpy as np
 
-from cartier.checks import frame_number
 from cartier.contracts import Recording
-from cartier.errors import InputError
+from cartier.errors import InputError, frame_number
+from cartier.io.images import image_size, read_depth, read_rgb
 from cartier.mapping import gravity
-from cartier.recordings._content import READERS, check_inside, content_hash, names_in
-from cartier.recordings._images import image_size, read_depth, read_rgb
-from cartier.recordings._poses import read_matrix, rigid
-from cartier.recordings._tables import camera_of, check_floor, off_centre_notes
+from cartier.recordings.common.content import READERS, check_inside, content_hash, names_in
+from cartier.recordings.common.poses import read_matrix, rigid
+from cartier.recordings.common.tables import camera_of, check_floor, off_centre_notes
 from cartier.types import Camera, Frame, TrueObject
 
 COLOUR = re.compile(r"(frame-(\d{1,9}))\.color\.(?:jpg|png)", re.ASCII)

@@ -16,14 +16,14 @@ import numpy as np
 
 from cartier.contracts import Recording
 from cartier.errors import InputError
-from cartier.files import read_text
-from cartier.recordings._content import READERS, names_in
-from cartier.recordings._images import image_size
-from cartier.recordings._lens import Lens
-from cartier.recordings._posed import Colours, PosedImages, Source, View, png_depth
-from cartier.recordings._poses import matrices
-from cartier.recordings._tables import Y_UP, camera_of, check_confidence, numbers, read_table, unit_quaternions
-from cartier.recordings._video import Video
+from cartier.io.files import read_text
+from cartier.io.images import image_size
+from cartier.recordings.common.content import READERS, names_in
+from cartier.recordings.common.lens import Lens
+from cartier.recordings.common.posed import Colours, PosedImages, Source, View, png_depth
+from cartier.recordings.common.poses import matrices
+from cartier.recordings.common.tables import Y_UP, camera_of, check_confidence, numbers, read_table, unit_quaternions
+from cartier.recordings.common.video import Video
 
 EXTRA = "phone"
 MATRIX, ODOMETRY, VIDEO = "camera_matrix.csv", "odometry.csv", "rgb.mp4"

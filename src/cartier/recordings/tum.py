@@ -17,13 +17,13 @@ import numpy.typing as npt
 
 from cartier.contracts import Recording
 from cartier.errors import InputError
-from cartier.files import read_text
-from cartier.recordings._images import image_size
-from cartier.recordings._interpolate import interpolated
-from cartier.recordings._lens import Lens, straight
-from cartier.recordings._posed import PosedImages, Source, View, png_depth
-from cartier.recordings._poses import rigid
-from cartier.recordings._tables import camera_of, inside, numbers, read_samples
+from cartier.io.files import read_text
+from cartier.io.images import image_size
+from cartier.recordings.common.interpolation import interpolated
+from cartier.recordings.common.lens import Lens, straight
+from cartier.recordings.common.posed import PosedImages, Source, View, png_depth
+from cartier.recordings.common.poses import rigid
+from cartier.recordings.common.tables import camera_of, inside, numbers, read_samples
 
 COLOUR, DEPTH, POSES, CALIBRATION = "rgb.txt", "depth.txt", "groundtruth.txt", "calibration.txt"
 PER_METRE = 5000.0

@@ -6,8 +6,7 @@ import math
 from typing import Any
 
 from cartier import plugins
-from cartier.checks import check_radius
-from cartier.errors import BackendError, InputError
+from cartier.errors import BackendError, InputError, check_radius
 from cartier.robots._pose import in_words
 from cartier.types import Goal
 

@@ -43,10 +43,10 @@ class Ros2:
     def go_to(self, goal: Goal) -> str:
         """Raises BackendError if no robot is there in time, or if it does not take the goal."""
         if self._with_rclpy:
-            from cartier.robots._rclpy import send_action
+            from cartier.robots.rclpy_action import send_action
 
             return send_action(goal, f"{self._prefix}navigate_to_pose", self._domain, self._timeout_s)
-        from cartier.robots._dds import send_pose
+        from cartier.robots.dds import send_pose
 
         return send_pose(goal, f"{self._prefix}goal_pose", self._domain, self._timeout_s)
 

@@ -19,7 +19,7 @@ from typing import Any
 import anyio
 
 from cartier.errors import InputError
-from cartier.files import read_text
+from cartier.io.files import read_text
 
 Scope = MutableMapping[str, Any]
 Message = MutableMapping[str, Any]

@@ -8,10 +8,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from cartier.corrections import LOG
 from cartier.errors import InputError, brief
 from cartier.home import Home
-from cartier.store import MANIFEST
+from cartier.home.corrections import LOG
+from cartier.home.repository import MANIFEST
 
 MAX_BYTES = 2**30
 CELL_BYTES = 128  # of one cell: the grid, its rooms, and the paths that planning keeps for the latest starts

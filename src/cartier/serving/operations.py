@@ -19,17 +19,16 @@ import numpy as np
 
 from cartier import specs
 from cartier.contracts import Reasoner
-from cartier.conversation import robot_turn
-from cartier.corrections import What, find
 from cartier.errors import InputError, brief
 from cartier.home import Home
-from cartier.language.lookup import names_of
-from cartier.language.prompts import check_query, recent
-from cartier.mapping import relations
-from cartier.pipeline import ask
-from cartier.planning import plan
+from cartier.home.corrections import What, find
+from cartier.home.repository import MANIFEST
+from cartier.llm.lookup import names_of
+from cartier.llm.prompts import check_query, recent
+from cartier.navigation.planning import plan
+from cartier.pipeline import ask, robot_turn
 from cartier.serving.homes import Homes
-from cartier.store import MANIFEST
+from cartier.spatial import relations
 from cartier.types import Answer, Array, Goal, MapObject, Place, RobotModel, Room, Selection
 
 PAGE = 5  # objects of a list: a small model reads it whole
@@ -217,7 +216,7 @@ class Operations:
         return self.about(home, mapped) | self._row(mapped, one) | told, jpeg
 
     def _plan(self, one: MapObject | Room, home: str, mapped: Home) -> tuple[dict[str, Any], bytes]:
-        from cartier.picture import plan_jpeg  # matplotlib, which all else does without
+        from cartier.render.picture import plan_jpeg  # matplotlib, which all else does without
 
         if mapped.grid is None:
             raise InputError("the home has no floor plan: it was mapped without depth; view 1 is the photo")

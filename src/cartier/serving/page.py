@@ -13,14 +13,14 @@ from typing import Any
 
 import numpy as np
 
-from cartier.corrections import in_force
 from cartier.home import Home
-from cartier.mapping.cloud import STEP_M, PointCloud
-from cartier.mapping.relations import supports
-from cartier.planning import plan
-from cartier.reasoners._cards import SHIPPED, read_deck
+from cartier.home.corrections import in_force
+from cartier.home.point_cloud import STEP_M, PointCloud
+from cartier.navigation.planning import plan
 from cartier.serving.operations import Operations, crop, place_of, pose
+from cartier.spatial.relations import supports
 from cartier.types import FREE, OCCUPIED, Array, MapObject, RobotModel
+from cartier.understanding.cards import SHIPPED, read_deck
 
 WEB = Path(__file__).with_name("web")
 SCRIPTS = ("parts.js", "data.js", "plan.js", "scene.js", "app.js")

@@ -25,12 +25,12 @@ import numpy.typing as npt
 
 from cartier.contracts import Recording
 from cartier.errors import BackendError, InputError
-from cartier.files import read_json
+from cartier.io.files import read_json
 from cartier.types import Camera, Frame, TrueObject
-from cartier.worlds import _unity
+from cartier.worlds import unity
 
 if TYPE_CHECKING:
-    from cartier.worlds._thor_build import Build
+    from cartier.worlds.thor_build import Build
 
 T = TypeVar("T")
 EXTRA = "thor"
@@ -175,7 +175,7 @@ class Thor:
         """The client's event at a stop, and the camera's near and far plane (m)."""
         if self._shown != home:
             self._show(home)
-        place, rotation = _unity.to_unity(stop.position), {"x": 0.0, "y": stop.yaw, "z": 0.0}
+        place, rotation = unity.to_unity(stop.position), {"x": 0.0, "y": stop.yaw, "z": 0.0}
         event = self._step("Teleport", position=place, rotation=rotation, horizon=stop.horizon, forceAction=True)
         return event, self._ask(lambda build: build.clip_planes_m())
 
@@ -188,14 +188,14 @@ class Thor:
         if home not in self._scenes:
             start = self._show(home)
             found = self._step("GetReachablePositions").metadata["actionReturn"]
-            places = [_unity.point({"place": place}, "place") for place in found or ()]
+            places = [unity.point({"place": place}, "place") for place in found or ()]
             if not places:
                 raise BackendError(f"AI2-THOR finds no reachable place in {home}: try a smaller grid_size")
-            begin = _unity.point(_unity.field(start, "agent"), "position")
-            truth, ids, notes = _unity.things(_unity.field(start, "objects"))
+            begin = unity.point(unity.field(start, "agent"), "position")
+            truth, ids, notes = unity.things(unity.field(start, "objects"))
             if re.match(r"FloorPlan_(Train|Val)", home):
                 notes.append("a RoboTHOR scene, seen with the default agent's camera: LoCoBot's camera hangs lower")
-            self._scenes[home] = Scene(_unity.camera(start), truth, ids, notes, begin, np.array(places))
+            self._scenes[home] = Scene(unity.camera(start), truth, ids, notes, begin, np.array(places))
         return self._scenes[home]
 
     def _show(self, home: str) -> Any:
@@ -221,7 +221,7 @@ class Thor:
         if self._closed:
             raise BackendError("this AI2-THOR world was closed: make it again")
         if self._build is None:
-            from cartier.worlds._thor_build import Build
+            from cartier.worlds.thor_build import Build
 
             options = self._options | {"renderDepthImage": True, "renderInstanceSegmentation": True}
             self._build = Build(self._server, options, LOAD_S, self._timeout_s)
@@ -275,10 +275,10 @@ class ThorRecording:
             index=index,
             time_s=float(index),
             rgb=np.ascontiguousarray(event.frame),
-            depth_m=_unity.depth(event.depth_frame, near_m, far_m),
-            world_from_camera=_unity.pose(event.metadata),
-            camera=_unity.camera(event.metadata),
-            instances=_unity.instances(event.instance_masks, self._ids, event.depth_frame.shape),
+            depth_m=unity.depth(event.depth_frame, near_m, far_m),
+            world_from_camera=unity.pose(event.metadata),
+            camera=unity.camera(event.metadata),
+            instances=unity.instances(event.instance_masks, self._ids, event.depth_frame.shape),
         )
 
     def fingerprint(self) -> str:

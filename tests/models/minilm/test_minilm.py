@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cartier.models.minilm import FOLDER, MAX_TOKENS, TextEncoder
-from cartier.models.minilm._wordpiece import WordPiece
+from cartier.models.minilm.wordpiece import WordPiece
 
 HERE = Path(__file__).parent
 TOKENS = WordPiece(FOLDER / "vocab.txt")

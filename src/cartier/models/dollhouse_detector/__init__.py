@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from cartier.errors import InputError
-from cartier.files import read_json
+from cartier.io.files import read_json
 from cartier.mapping.existence import calibration_from
 from cartier.types import Array, Calibration
 

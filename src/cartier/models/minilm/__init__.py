@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from cartier.models.minilm._wordpiece import WordPiece
+from cartier.models.minilm.wordpiece import WordPiece
 from cartier.types import Array
 
 FOLDER = Path(__file__).parent

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from cartier.errors import InputError
-from cartier.strict_yaml import Path
+from cartier.io.strict_yaml import Path
 from cartier.worlds.dollhouse import clashes, openings, shapes
 from cartier.worlds.dollhouse.form import DIRECTIONS, Fault, FrontDoorForm, HomeForm, Read, ThingForm, WindowForm
 from cartier.worlds.dollhouse.materials import KINDS, colour, material

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cartier.errors import InputError
-from cartier.planning import Reach, reach
+from cartier.navigation.planning import Reach, reach
 from cartier.types import Camera, OccupancyGrid
 from cartier.worlds.dollhouse.knowledge import AZIMUTHS, Knowledge, coverage
 from cartier.worlds.dollhouse.model import Scene

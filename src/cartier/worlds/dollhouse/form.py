@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
-from cartier.strict_yaml import Path, YamlFault, read_yaml
+from cartier.io.strict_yaml import Path, YamlFault, read_yaml
 
 MAX_BYTES = 1 << 20
 MAX_FAULTS = 50

@@ -11,7 +11,7 @@ from scipy import ndimage
 
 from cartier.geometry import backproject, transform
 from cartier.mapping.occupancy import BAND_TOP_M, FLOOR_M, OccupancyMapper
-from cartier.planning import traversable
+from cartier.navigation.planning import traversable
 from cartier.types import FREE, OCCUPIED, UNKNOWN, Camera, Frame, OccupancyGrid
 
 NEAR_M = 2.5  # a thing was looked at if it was seen from no farther than this

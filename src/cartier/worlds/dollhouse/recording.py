@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from cartier.checks import frame_number
-from cartier.errors import InputError
+from cartier.errors import InputError, frame_number
 from cartier.types import Camera, Frame, TrueObject
 from cartier.worlds.dollhouse.model import Scene, triangles
 from cartier.worlds.dollhouse.render import Renderer, View

@@ -12,8 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from cartier.checks import check_pose
-from cartier.errors import BackendError
+from cartier.errors import BackendError, check_pose
 from cartier.geometry import ray_slopes
 from cartier.types import Array, Camera
 from cartier.worlds.dollhouse import light as lights

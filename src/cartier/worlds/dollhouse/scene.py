@@ -11,7 +11,7 @@ from importlib import resources
 from pathlib import Path
 
 from cartier.errors import InputError
-from cartier.files import read_text
+from cartier.io.files import read_text
 from cartier.worlds.dollhouse import clashes
 from cartier.worlds.dollhouse.builder import Builder
 from cartier.worlds.dollhouse.form import MAX_BYTES, Fault, read

@@ -9,8 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import gaussian_filter
 
-from cartier.checks import check_pose
-from cartier.errors import InputError
+from cartier.errors import InputError, check_pose
 from cartier.worlds.dollhouse.render import View
 
 Floats = npt.NDArray[np.float32]

@@ -1,0 +1,308 @@
+"""What people put right in a home: names, things that are not there, and places, as a log that is only ever appended to.
+
+Each entry says who, when and what. It is applied whenever the home is loaded, to the map as frames made it, and finds its
+object again by id or alias, label and position, so that it outlives growing and mapping again.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import secrets
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Literal, cast, get_args
+
+import numpy as np
+
+from cartier.errors import MAX_FAR_M, InputError, brief
+from cartier.io.files import read_bytes
+from cartier.types import MapObject, OccupancyGrid, Room, View
+
+LOG = "corrections.jsonl"
+MAX_BYTES, MAX_NAME_CHARS, MAX_WHO_CHARS, MAX_LABEL_CHARS = 2**24, 60, 60, 200
+NEAR_M = 1.0  # an object of the same label so near, in a map made anew, is the same
+SAME_M = 0.3  # how much farther off the one of the same id may be; and at most, if it has another label now
+OUTSIDE_M = 1.0  # so far beyond the floor plan an object may be moved
+What = Literal["name", "forget", "move", "undo"]
+
+
+@dataclass(frozen=True)
+class Subject:
+    """What an entry is about, as the map had it then: ``position`` is an object's middle, or a point (x, y) of a room."""
+
+    kind: Literal["object", "room"]
+    id: int
+    label: str
+    position: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Correction:
+    """One entry: ``name`` for "name", ``to_xy`` (m, map frame) for "move", ``undoes`` (the id of an entry) for "undo"."""
+
+    id: str
+    when: str
+    who: str
+    what: What
+    subject: Subject | None = None
+    name: str | None = None
+    to_xy: tuple[float, float] | None = None
+    undoes: str | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Corrected:
+    """A home's objects and rooms with the corrections that hold, as mapped without them, and what could not be applied."""
+
+    objects: tuple[MapObject, ...]
+    rooms: tuple[Room, ...]
+    mapped_objects: tuple[MapObject, ...]
+    mapped_rooms: tuple[Room, ...]
+    log: tuple[Correction, ...]
+    notes: tuple[str, ...]
+
+
+def read_log(folder: Path) -> tuple[tuple[Correction, ...], tuple[str, ...]]:
+    """The entries of a home's log, oldest first, and a line for each that is damaged and left out.
+
+    A line that a kill cut short is no entry. Raises InputError if the log cannot be read at all.
+    """
+    file = folder / LOG
+    if not file.exists():
+        return (), ()
+    entries, notes = [], []
+    for number, line in enumerate(read_bytes(file, MAX_BYTES, follow_link=False).split(b"\n"), start=1):
+        if not line.strip():
+            continue
+        try:
+            entries.append(_entry(json.loads(line)))
+        except (ValueError, KeyError, TypeError, AttributeError, RecursionError, InputError):
+            notes.append(f"{LOG} line {number} is damaged: this correction is left out")
+    return tuple(entries), tuple(notes)
+
+
+def line_of(entry: Correction) -> str:
+    """An entry as a line of the log."""
+    return json.dumps({key: value for key, value in asdict(entry).items() if value is not None}, ensure_ascii=False)
+
+
+def apply(
+    log: Sequence[Correction], objects: tuple[MapObject, ...], rooms: tuple[Room, ...], grid: OccupancyGrid | None
+) -> Corrected:
+    """A map with all corrections that hold. One whose object or room is no longer found becomes a note."""
+    things, places = {thing.id: thing for thing in objects}, {room.id: room for room in rooms}
+    notes = []
+    for entry in in_force(log):
+        subject = cast(Subject, entry.subject)
+        number = _find_room(subject, rooms, grid) if subject.kind == "room" else _find_object(subject, objects)
+        if number is None:
+            notes.append(f"a correction fits nothing in this map and is left out: {in_words(entry)}")
+        elif entry.what == "forget" and subject.id in next(t.aliases for t in objects if t.id == number):
+            notes.append(f"{subject.label} {subject.id} was forgotten, and is part of object {number} now, which stays")
+        elif subject.kind == "room":
+            places[number] = replace(places[number], name=str(entry.name))
+        elif number in things:
+            changed = _changed(things.pop(number), entry, tuple(places.values()), grid)
+            things |= {} if changed is None else {number: changed}
+    kept = tuple(things[thing.id] for thing in objects if thing.id in things)
+    return Corrected(kept, tuple(places[room.id] for room in rooms), objects, rooms, tuple(log), tuple(notes))
+
+
+def find(text: str, objects: Sequence[MapObject], rooms: Sequence[Room] = ()) -> MapObject | Room:
+    """The one object or room that a person means: an object's id, ``room:ID``, a name, or a label that only one has.
+
+    Raises InputError, with the ids to choose from, where there is none or more than one.
+    """
+    wanted = " ".join(text.split()).casefold()
+    if wanted.removeprefix("#").isdecimal():
+        number = int(wanted.removeprefix("#")[:18])
+        by_id: list[MapObject | Room] = [thing for thing in objects if number in (thing.id, *thing.aliases)]
+        return _one(by_id, text, objects)
+    if wanted.startswith("room:"):
+        return _one([room for room in rooms if str(room.id) == wanted[5:].strip()], text, objects)
+    called: list[MapObject | Room] = [room for room in rooms if room.name.casefold() == wanted]
+    called += [thing for thing in objects if wanted in (name.casefold() for name in thing.names)]
+    if not called:
+        called = [thing for thing in objects if thing.label.casefold() == wanted]
+        called = [thing for thing in called if isinstance(thing, MapObject) and thing.confirmed] or called
+    return _one(called, text, objects)
+
+
+def make(
+    known: Corrected,
+    grid: OccupancyGrid | None,
+    what: What,
+    thing: str = "",
+    name: str = "",
+    to_xy: Sequence[float] = (),
+    who: str = "somebody",
+) -> Correction:
+    """A new entry for a home's log; see ``Home.correct``. Raises InputError for one that the home cannot take."""
+    about: dict[str, Any] = {}
+    if what == "undo":
+        holding = in_force(known.log)
+        if not holding:
+            raise InputError("there is no correction to undo")
+        about["undoes"] = holding[-1].id
+    elif what in ("name", "forget", "move"):
+        found = find(thing, known.objects, known.rooms)
+        if what != "name" and isinstance(found, Room):
+            raise InputError(f"{found.name} is a room: it can be named, but only objects can be moved or forgotten")
+        about["subject"] = _subject(found, known, grid)
+        about |= {"name": _free_name(name, found, known.rooms)} if what == "name" else {}
+        about |= {"to_xy": _on_the_plan(to_xy, grid)} if what == "move" else {}
+    else:
+        raise InputError(f"a correction is one of {', '.join(get_args(What))}, not {brief(what, 40)!r}")
+    when = datetime.now(UTC).isoformat(timespec="milliseconds")
+    return Correction(secrets.token_hex(6), when, _clean(who, MAX_WHO_CHARS, "who corrects"), what, **about)
+
+
+def in_words(entry: Correction, log: Iterable[Correction] = ()) -> str:
+    """What an entry does, in a few words; ``log`` holds the one that it undoes."""
+    if entry.what == "undo":
+        undone = next((each for each in log if each.id == entry.undoes), None)
+        return "undone" if undone is None else f"undone: {in_words(undone)}"
+    assert entry.subject is not None
+    about = f"{entry.subject.label} ({'room:' if entry.subject.kind == 'room' else ''}{entry.subject.id})"
+    if entry.to_xy is not None:
+        return f"{about} stands at x {entry.to_xy[0]:.2f} y {entry.to_xy[1]:.2f} m"
+    return f"{about} is forgotten" if entry.name is None else f"{about} is called {entry.name}"
+
+
+def _free_name(name: str, thing: MapObject | Room, rooms: Sequence[Room]) -> str:
+    """A name that can be told from an id, and that no other room has."""
+    name = _clean(name, MAX_NAME_CHARS, "a name")
+    if name.removeprefix("#").isdecimal() or name.casefold().startswith("room:"):
+        raise InputError(f"{name!r} reads like an id: a name has a letter, and does not begin with 'room:'")
+    for room in rooms:
+        if room is not thing and room.name.casefold() == name.casefold():
+            raise InputError(f"room:{room.id} is called {name!r}: choose another name, or rename that room first")
+    return name
+
+
+def _on_the_plan(to_xy: Sequence[float], grid: OccupancyGrid | None) -> tuple[float, float]:
+    if len(to_xy) != 2 or not all(math.isfinite(v) and abs(v) <= MAX_FAR_M for v in to_xy):
+        raise InputError(f"an object is moved to x and y in metres, not to {brief(to_xy, 60)}")
+    x, y = (round(float(v), 4) for v in to_xy)
+    if grid is not None:
+        low = np.array(grid.origin_xy) - OUTSIDE_M
+        high = np.array(grid.origin_xy) + np.array(grid.cells.shape[::-1]) * grid.resolution_m + OUTSIDE_M
+        if not ((low <= (x, y)) & ((x, y) <= high)).all():
+            spans = f"x {low[0]:.1f} to {high[0]:.1f} and y {low[1]:.1f} to {high[1]:.1f}"
+            raise InputError(f"x {x:g} y {y:g} is outside of the floor plan, which spans {spans} m")
+    return x, y
+
+
+def in_force(log: Iterable[Correction]) -> list[Correction]:
+    """The corrections that nobody took back, oldest first."""
+    entries = list(log)
+    undone = {entry.undoes for entry in entries if entry.what == "undo"}
+    return [entry for entry in entries if entry.what != "undo" and entry.id not in undone]
+
+
+def _subject(thing: MapObject | Room, known: Corrected, grid: OccupancyGrid | None) -> Subject:
+    """A thing as the map has it without corrections: that is where it is looked for again."""
+    if isinstance(thing, Room):
+        mapped = next(room for room in known.mapped_rooms if room.id == thing.id)
+        assert grid is not None  # there are no rooms without
+        middle = mapped.cells[np.argmin(np.abs(mapped.cells - mapped.cells.mean(0)).sum(1))]
+        x, y = grid.centre(middle).tolist()
+        return Subject("room", thing.id, mapped.name, (round(x, 4), round(y, 4)))
+    raw = next(each for each in known.mapped_objects if each.id == thing.id)
+    return Subject("object", raw.id, raw.label, raw.position)
+
+
+def _find_room(subject: Subject, rooms: Sequence[Room], grid: OccupancyGrid | None) -> int | None:
+    """The room that the noted point lies in."""
+    if grid is None:
+        return None
+    cell = grid.cell(subject.position[:2])
+    return next((room.id for room in rooms if (room.cells == cell).all(1).any()), None)
+
+
+def _find_object(subject: Subject, objects: Sequence[MapObject]) -> int | None:
+    """The nearest object of the noted label, where the noted id counts for some distance; else the one of that id."""
+
+    def away_m(thing: MapObject) -> float:
+        return math.dist(thing.position, subject.position) - SAME_M * (subject.id in (thing.id, *thing.aliases))
+
+    called = [thing for thing in objects if subject.label in (thing.label, *(name for name, _ in thing.labels))]
+    nearest = min(called, key=away_m, default=None)
+    if nearest is not None and away_m(nearest) <= NEAR_M:
+        return nearest.id
+    return next((t.id for t in objects if subject.id in (t.id, *t.aliases) and away_m(t) <= 0), None)
+
+
+def _changed(
+    thing: MapObject, entry: Correction, rooms: Sequence[Room], grid: OccupancyGrid | None
+) -> MapObject | None:
+    if entry.what == "forget":
+        return None
+    if entry.what == "name":
+        return replace(thing, names=(str(entry.name),))
+    x, y = cast(tuple[float, float], entry.to_xy)
+    by = (x - thing.position[0], y - thing.position[1], 0.0)
+    room = thing.room if grid is None else _find_room(Subject("room", -1, "", (x, y)), rooms, grid)
+    return replace(
+        thing, position=_shifted(thing.position, by), box_min=_shifted(thing.box_min, by), box_max=_shifted(thing.box_max, by),
+        room=room, views=tuple(_shifted_view(view, by) for view in thing.views),
+    )  # fmt: skip
+
+
+def _shifted_view(view: View, by: Sequence[float]) -> View:
+    """A view of an object that was moved since: it is still seen like that, from where it stands now."""
+    surface = None if view.surface is None else _shifted(view.surface, by)
+    return replace(view, camera=_shifted(view.camera, by), surface=surface)
+
+
+def _shifted(point: Sequence[float], by: Sequence[float]) -> tuple[float, ...]:
+    return tuple(round(value + step, 4) for value, step in zip(point, by, strict=True))
+
+
+def _one(found: Sequence[MapObject | Room], text: str, objects: Sequence[MapObject]) -> MapObject | Room:
+    if len(found) == 1:
+        return found[0]
+    if found:
+        which = ", ".join(f"room:{t.id}" if isinstance(t, Room) else str(t.id) for t in found[:8])
+        raise InputError(f"{len(found)} things are called {brief(text, 60)!r}: say which by its id ({which})")
+    raise InputError(
+        f"nothing in this home is called {brief(text, 60)!r}: take an id from the list of objects (show, list_objects)"
+    )
+
+
+def _clean(text: str, most: int, what: str) -> str:
+    clean = " ".join(text.split())
+    if not clean or len(clean) > most or not clean.isprintable():
+        raise InputError(f"{what} has 1 to {most} printable characters, got {brief(text, 40)!r}")
+    return clean
+
+
+def _entry(row: Mapping[str, Any]) -> Correction:
+    """An entry from its line. Raises ValueError, KeyError, TypeError or InputError for one that is none."""
+    what = row["what"]
+    if what not in get_args(What):
+        raise ValueError(what)
+    number, when, who = (_clean(row[key], MAX_WHO_CHARS, key) for key in ("id", "when", "who"))
+    if what == "undo":
+        return Correction(number, when, who, what, undoes=_clean(row["undoes"], MAX_WHO_CHARS, "undoes"))
+    about = row["subject"]
+    position = _floats(about["position"], {"object": 3, "room": 2}[about["kind"]])
+    if (about["kind"] == "room" and what != "name") or not isinstance(about["id"], int):
+        raise ValueError(about)
+    subject = Subject(about["kind"], about["id"], _clean(about["label"], MAX_LABEL_CHARS, "label"), position)
+    if what == "move":
+        x, y = _floats(row["to_xy"], 2)
+        return Correction(number, when, who, what, subject, to_xy=(x, y))
+    name = _clean(row["name"], MAX_NAME_CHARS, "name") if what == "name" else None
+    return Correction(number, when, who, what, subject, name)
+
+
+def _floats(values: Any, size: int) -> tuple[float, ...]:
+    if (
+        not isinstance(values, list) or len(values) != size or not all(abs(v) <= MAX_FAR_M for v in values)
+    ):  # NaN neither
+        raise ValueError(values)
+    return tuple(map(float, values))

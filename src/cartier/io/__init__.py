@@ -1,0 +1,1 @@
+"""File input and output: atomic writes, bounded reads, strict YAML, JSON, images."""

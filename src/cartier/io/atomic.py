@@ -1,0 +1,184 @@
+"""Files that are written whole or not at all, and locks: what a kill, a full disk or a second process leaves is old or new."""
+
+from __future__ import annotations
+
+import os
+import re
+import secrets
+import shutil
+import stat
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+from cartier.errors import InputError
+from cartier.io.files import json_bytes
+
+TEMPORARY = ".cartier-temporary"
+"""The file that says of a folder that it is a half-written one of ours, which may be deleted."""
+
+
+PART = re.compile(r"\..+-[0-9a-f]{8}\.part")
+"""The names under which ``write_file`` writes."""
+
+
+def sweep_parts(file: Path) -> None:
+    """Delete what killed ``write_file``s of this file left beside it; whoever else may write it must be locked out."""
+    left = file.parent.iterdir() if file.parent.is_dir() else ()
+    for path in [path for path in left if PART.fullmatch(path.name) and path.name.startswith(f".{file.name[:80]}-")]:
+        with suppress(OSError):
+            path.unlink()
+
+
+def write_json(path: Path, value: Any) -> None:
+    """``json_bytes`` into a file, whole or not at all."""
+    write_file(path, json_bytes(value))
+
+
+def write_file(path: Path, data: bytes) -> None:
+    """Write beside and rename: a kill or a full disk leaves the older file whole. Raises InputError if it cannot be written."""
+    beside = path.with_name(f".{path.name[:80]}-{secrets.token_hex(4)}.part")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            with beside.open("xb") as file:
+                file.write(data)
+                file.flush()
+                os.fsync(file.fileno())
+            beside.replace(path)
+        finally:
+            beside.unlink(missing_ok=True)
+        sync_folder(path.parent)
+    except OSError as error:
+        raise InputError(f"{path} cannot be written: {error.strerror or error}") from error
+
+
+def sync_folder(folder: Path) -> None:
+    """See that the names in a folder are on the disk; where folders cannot be opened for that, nothing is done."""
+    with suppress(OSError):
+        handle = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
+
+
+def append_line(path: Path, line: str) -> None:
+    """Append a line to a log that is kept for people; one that a kill cut short is ended first. Never through a link.
+
+    Raises InputError if that is not possible.
+    """
+    flags = os.O_RDWR | os.O_APPEND | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
+    try:
+        with os.fdopen(os.open(path, flags, 0o666), "r+b", buffering=0) as file:
+            if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+                raise InputError(f"{path} is no file: nothing was added to it")
+            size = file.seek(0, os.SEEK_END)
+            file.seek(max(0, size - 1))
+            ended = size == 0 or file.read(1) == b"\n"
+            file.write(("" if ended else "\n").encode() + line.encode() + b"\n")
+            os.fsync(file.fileno())
+    except OSError as error:
+        raise InputError(f"{path} cannot be written: {error.strerror}") from error
+
+
+@contextmanager
+def locked(target: Path, wait_s: float = 0.0, told: Callable[[str], None] | None = None) -> Iterator[None]:
+    """Nobody else who asks for the lock of ``target`` has it meanwhile; a killed process leaves it free.
+
+    The lock is the file ``.NAME.lock`` beside the target. ``told`` hears one line if it has to wait.
+    Raises InputError if another process has not released it after ``wait_s`` seconds, or if none can be made.
+    """
+    from filelock import FileLock, Timeout  # 20 ms that asking a home need not pay
+
+    target = target.absolute()
+    busy = f"another cartier is writing {target}"
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        lock = FileLock(target.parent / f".{target.name}.lock", is_singleton=True)
+        try:
+            lock.acquire(timeout=0)
+        except Timeout:
+            if told and wait_s:
+                told(f"{busy}: waiting for it to end")
+            lock.acquire(timeout=wait_s)
+    except Timeout as error:
+        raise InputError(f"{busy}: try again when it has ended") from error
+    except OSError as error:
+        raise InputError(f"{target} cannot be written: {error.strerror}") from error
+    try:
+        yield
+    finally:
+        if lock.lock_counter == 1:  # nobody of ours goes on holding it
+            with suppress(OSError):
+                Path(lock.lock_file).unlink()
+        lock.release()
+
+
+@contextmanager
+def replaced_folder(target: Path, marker: str) -> Iterator[Path]:
+    """A temporary folder beside ``target`` that takes its place when the block ends well, and vanishes when it does not.
+
+    An old ``target`` is replaced only if it holds the file ``marker`` or nothing: only our own folders are ever deleted. A kill
+    between the two renames leaves the old folder beside, as ``.NAME-….old``; the next replacement puts it back first.
+    Raises InputError if there is something else, or if the disk does not let it be written.
+    """
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        with locked(target):
+            _tidy(target, marker)
+            if target.exists() and not (target / marker).is_file() and not _is_empty_folder(target):
+                raise InputError(f"{target} exists and is not ours (it holds no {marker}): choose another folder")
+            new = Path(tempfile.mkdtemp(prefix=f".{target.name[:80]}-", suffix=".new", dir=target.parent))
+            try:
+                (new / TEMPORARY).touch()
+                yield new
+                (new / TEMPORARY).unlink()
+                new.chmod(0o777 & ~_umask())
+                _sync_tree(new)
+                old = new.with_suffix(".old")
+                if target.exists():
+                    target.replace(old)
+                new.replace(target)
+                sync_folder(target.parent)
+                shutil.rmtree(old, ignore_errors=True)
+            finally:
+                shutil.rmtree(new, ignore_errors=True)
+    except OSError as error:
+        raise InputError(f"{target} cannot be written: {error.strerror or error}") from error
+
+
+def _tidy(target: Path, marker: str) -> None:
+    """Under the lock: put back what a kill between two renames left beside, and delete what we left half-written."""
+    beside = f".{target.name[:80]}-"
+    left = [p for p in target.parent.iterdir() if p.name.startswith(beside) and p.suffix in (".new", ".old")]
+    for folder in left:
+        if folder.suffix == ".old" and (folder / marker).is_file():
+            if target.exists():
+                shutil.rmtree(folder)
+            else:
+                folder.replace(target)
+        elif (folder / TEMPORARY).is_file() or (folder / marker).is_file():  # or it was whole, and not yet renamed
+            shutil.rmtree(folder)
+        elif folder.suffix == ".new" and _is_empty_folder(folder):  # killed before it was marked
+            folder.rmdir()
+
+
+def _is_empty_folder(folder: Path) -> bool:
+    return folder.is_dir() and not any(folder.iterdir())
+
+
+def _umask() -> int:
+    mask = os.umask(0o022)
+    os.umask(mask)
+    return mask
+
+
+def _sync_tree(root: Path) -> None:
+    for folder, _, names in os.walk(root):
+        for name in names:
+            with suppress(OSError), (Path(folder) / name).open("rb") as file:
+                os.fsync(file.fileno())
+        sync_folder(Path(folder))

@@ -1,1 +1,0 @@
-"""Words in, words out: object names, prompts, and what a model replies."""

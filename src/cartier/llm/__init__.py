@@ -1,0 +1,1 @@
+"""Language models: prompts, structured output, reply parsing, clients, caches."""

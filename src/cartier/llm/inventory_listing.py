@@ -1,0 +1,105 @@
+"""What a prompt tells of a home: its names, and for ``rich`` its objects, each in a few words, its rooms, and how far all is.
+
+All of it is data in JSON, so that no name can pass for a line of the prompt. Where a home holds very many objects, those that
+are named in the words and those nearest to the robot are described, and the list says how many it leaves out.
+"""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Sequence
+from functools import lru_cache
+from math import dist
+from typing import NamedTuple
+
+from cartier.labels import object_ref, room_ref
+from cartier.llm.lookup import names_of
+from cartier.spatial import relations
+from cartier.types import Inventory, MapObject, Room
+
+MOST_DESCRIBED = 150
+BESIDE = 2  # neighbours that are told of each object
+
+
+class Listing(NamedTuple):
+    """A list as it stands in a prompt, and what a reply may choose from it."""
+
+    text: str
+    choices: Sequence[str]
+
+
+def names_only(inventory: Inventory, words: str) -> Listing:
+    """Each name once, separated by commas: the paper's list."""
+    names = inventory.names
+    return Listing(", ".join(names), names)
+
+
+def described(inventory: Inventory, words: str) -> Listing:
+    """Each name once with its objects, the rooms, and the metres from the robot to each object; ``words`` are the person's."""
+    names = inventory.names
+    seen = [thing for thing in inventory.objects if thing.confirmed and thing.views]
+    if not seen:
+        return Listing(f"Objects in this home, by their exact names: {_json(names)}", names)
+    told = _first(seen, words, inventory.from_xy)
+    several = Counter(thing.label for thing in seen)
+    lines = _lines(tuple(told), inventory.rooms)
+    rows = []
+    for name in names:
+        row = [lines[thing.id] for thing in told if thing.label == name]
+        left = several[name] - len(row)
+        rows.append(f"{_json(name)}: {_json([*row, f'{left} more'] if left else row)}")
+    rooms = [room_ref(room.name, room.id) for room in inventory.rooms]
+    most = "" if len(told) == len(seen) else f"; {len(seen) - len(told)} of them, farther away, are only counted"
+    text = (
+        "Objects in this home: each name once, and of its objects the number, the room, what it stands on or is in, what it "
+        f"is beside, its colours, and its width, depth and height in centimetres{most}:\n{{" + ",\n".join(rows) + "}"
+    )
+    if rooms:
+        text += f"\nRooms: {_json(rooms)}"
+    if inventory.from_xy is not None:
+        far = sorted((dist(thing.position[:2], inventory.from_xy), thing.id) for thing in told)
+        text += "\nMetres from the robot, nearest first: " + ", ".join(f"#{number} {m:.1f}" for m, number in far)
+    which = [object_ref(thing.label, thing.id) for thing in told if several[thing.label] > 1]
+    return Listing(text, [*names, *which, *rooms])
+
+
+def _first(seen: Sequence[MapObject], words: str, from_xy: Sequence[float] | None) -> list[MapObject]:
+    """As many objects as are described, by name and number: first those that are named in the words, then the nearest."""
+    if len(seen) > MOST_DESCRIBED:
+        said = {name for name, _ in names_of(tuple(sorted({thing.label for thing in seen}))).mentions(words)}
+        here = from_xy or seen[0].position[:2]
+        seen = sorted(seen, key=lambda thing: (thing.label not in said, dist(thing.position[:2], here)))
+    return sorted(seen[:MOST_DESCRIBED], key=lambda thing: (thing.label, thing.id))
+
+
+@lru_cache(maxsize=8)  # a home is asked more than once
+def _lines(told: tuple[MapObject, ...], rooms: tuple[Room, ...]) -> dict[int, str]:
+    """Each object in a few words, by its id: ``#12: kitchen; on counter top #5; by sink #8; white; 8x8x10``."""
+    refs = {thing.id: object_ref(thing.label, thing.id) for thing in told}
+    called = {room.id: room.name for room in rooms}
+    twice = {name for name, count in Counter(called.values()).items() if count > 1}
+    held = relations.supports(told)
+    lines = {}
+    for thing in told:
+        parts = []
+        if thing.room in called:
+            name = called[thing.room]
+            parts.append(room_ref(name, thing.room) if name in twice else name)
+        if (holder := held.get(thing.id)) is not None and holder.object is not None:
+            parts.append(f"{holder.kind} {refs[holder.object]}")
+        near = [r for r in relations.next_to(thing, told) if r.probability >= relations.LIKELY][:BESIDE]
+        if near:
+            parts.append("by " + " and ".join(refs[relation.subject] for relation in near))
+        if thing.colours:
+            parts.append(" and ".join(colour for colour, _ in thing.colours[:2]))
+        size = (100 * (high - low) for low, high in zip(thing.box_min, thing.box_max, strict=True))
+        parts.append("x".join(f"{side:.0f}" for side in size))
+        lines[thing.id] = f"#{thing.id}: " + "; ".join(parts)
+    return lines
+
+
+def _json(value: object) -> str:
+    """In letters of any language; what is no printable character, such as an exotic end of a line, is escaped."""
+    text = json.dumps(value, ensure_ascii=False)
+    return text if text.isprintable() else "".join(c if c.isprintable() else json.dumps(c)[1:-1] for c in text)

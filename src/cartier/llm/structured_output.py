@@ -1,0 +1,76 @@
+"""Ways to ask a server for structured output, from the strictest to free text, and which of them each server knows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from cartier.errors import ReasonerError
+from cartier.llm.prompts import Schema, json_schema, without_bounds
+
+Form = dict[str, Any]
+_works: dict[tuple[str, str], str] = {}  # (server, model) → the first form that it honoured
+
+
+class NotUnderstood(Exception):
+    """A server refused a request for a reason that another form of asking may mend; ``error`` is for the person."""
+
+    def __init__(self, error: ReasonerError) -> None:
+        super().__init__(str(error))
+        self.error = error
+
+
+def _json_object(schema: Schema) -> Form:
+    return {"extra_body": {"response_format": {"type": "json_object", "schema": schema}}}
+
+
+def _tool(schema: Schema) -> Form:
+    function = {"name": "go_to", "description": "Drive to an object.", "parameters": schema}
+    return {
+        "tools": [{"type": "function", "function": function}],
+        "tool_choice": {"type": "function", "function": {"name": "go_to"}},
+    }
+
+
+LADDER: dict[str, Callable[[Schema], Form]] = {
+    "json_schema": json_schema,
+    "json_schema without bounds": lambda schema: json_schema(without_bounds(schema)),
+    "json_object": _json_object,
+    "tool": lambda schema: _tool(without_bounds(schema)),
+    "text": lambda schema: {},
+}
+
+
+def _rungs(schema: Schema, known: str | None) -> Iterator[tuple[str, Form]]:
+    """The form that has worked, then the others from the top; none twice."""
+    tried: list[Form] = []
+    for name in dict.fromkeys([*([known] if known else []), *LADDER]):
+        if (form := LADDER[name](schema)) not in tried:
+            tried.append(form)
+            yield name, form
+
+
+def climb(
+    server: str, model: str, schema: Schema, ask: Callable[[Form, bool], str], is_answer: Callable[[str], bool]
+) -> str:
+    """The raw reply of the first form that brings an answer, else of the last one that was tried.
+
+    ``ask(form, sure)`` raises NotUnderstood where another form may be understood; ``sure`` says that this one has worked.
+    """
+    known, reply = _works.get((server, model)), ""
+    refusal: NotUnderstood | None = None
+    for name, form in _rungs(schema, known):
+        try:
+            reply = ask(form, name == known)
+        except NotUnderstood as error:
+            refusal = error
+            continue
+        refusal = None
+        if is_answer(reply):
+            _works[server, model] = name
+            break
+        if name == known:
+            break  # a form that has worked: this reply is rubbish, not the form
+    if refusal is not None:
+        raise refusal.error from refusal
+    return reply

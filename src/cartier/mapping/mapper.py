@@ -1,0 +1,289 @@
+"""Mapping frame by frame: detections become objects, depth a floor plan; a home can be had at any time."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+from collections.abc import Mapping, Sequence
+from copy import deepcopy
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from cartier import plugins
+from cartier.contracts import Detector, Encoder, Recording, SpatialIndex
+from cartier.errors import InputError
+from cartier.home.entity import CLOUD, DETECTIONS, Home
+from cartier.home.detection_log import DetectionLog
+from cartier.io.files import npz_bytes, read_npz
+from cartier.mapping.bearings import BearingMap
+from cartier.mapping.cloud import CloudMapper
+from cartier.mapping.object_map import ObjectMap
+from cartier.mapping.occupancy import OccupancyMapper
+from cartier.mapping.quality import Conditions
+from cartier.mapping.rooms import find_rooms, room_of
+from cartier.types import Camera, Detections, Frame, MapObject
+
+DEFAULT_INDEXES = ("object_depth", "object_viewpoint")
+DOLLHOUSE = "dollhouse"  # the simulator whose pictures a detector of ours was made for
+SCALE_GUESSED = "the scale of this home is a guess: its metres and centimetres are right only relative to each other"
+JPEG_QUALITY = 88
+COUNTS, FRAMES = "occupancy_counts.npz", "frames.npz"
+
+
+class Mapper:
+    """Grows a map of one home. Frames are taken in one by one and not kept, but for the photos of objects' best views.
+
+    ``indexes`` are names; by default those that need no encoder and that the frames allow. ``encoder``, for those that need one,
+    is NAME, NAME:MODEL or an Encoder. ``onto`` is a home to go on from, by the same detector; its indices and settings stay.
+    """
+
+    def __init__(
+        self,
+        detector: Detector,
+        indexes: Sequence[str] | None = None,
+        *,
+        encoder: str | Encoder = "embedded",
+        onto: Home | None = None,
+    ) -> None:
+        self.detector, self._onto, self._explicit = detector, onto, indexes is not None
+        made_by = {"detector": detector.name, "detector_sha256": getattr(detector, "sha256", Detector.sha256)}
+        self._calibration = getattr(detector, "calibration", Detector.calibration)
+        self._objects: ObjectMap | None = None  # with or without depth: the first frame tells
+        self._floor, self._cloud, self._conditions = OccupancyMapper(), CloudMapper(), Conditions()
+        self._seen, self._photos, self._log = set[int](), dict[int, bytes](), DetectionLog()
+        self._start_xy: tuple[float, float] | None = None
+        self._camera: Camera | None = None
+        self._next_frame = self._blind = 0
+        self._notes: dict[str, None] = {}
+        if onto is None:
+            self._indexes = {name: _index(name, encoder) for name in indexes or DEFAULT_INDEXES}
+            self._settings: dict[str, Any] = {
+                "recordings": [],
+                **made_by,
+                "indexes": list(self._indexes),
+                "encoder": None,
+                "knows": list(getattr(detector, "knows", Detector.knows)),
+                "doubts": [],
+            }
+        else:
+            self._go_on(onto, made_by)
+
+    def _go_on(self, home: Home, made_by: Mapping[str, str]) -> None:
+        for what, mine in made_by.items():
+            if home.settings.get(what) != mine:
+                raise InputError(
+                    f"{home.name} was mapped by {home.detector}, not by {self.detector.name}: add with the same detector"
+                )
+        self._settings, self._indexes = deepcopy(dict(home.settings)), deepcopy(dict(home.indexes))
+        self._start_xy, self._camera, self._photos = home.start_xy, home.camera, dict(home.photos)
+        self._notes = dict.fromkeys(home.notes)
+        try:
+            self._objects = ObjectMap(self._calibration) if home.grid is not None else BearingMap(self._calibration)
+            rows = [(row["recording"], row["sha256"], int(row["frames"])) for row in self._settings["recordings"]]
+            self._next_frame = sum(frames for _, _, frames in rows)
+            self._objects.restore(home.growth)
+            self._seen = set(read_npz(home.growth[FRAMES], where=FRAMES)["keys"].tolist())
+            self._log.restore(home.growth[DETECTIONS])
+            if COUNTS in home.growth:
+                self._floor.restore(read_npz(home.growth[COUNTS], where=COUNTS))
+            if CLOUD in home.growth:
+                self._cloud.restore(home.growth[CLOUD])
+        except (KeyError, TypeError, ValueError, OverflowError) as error:
+            told = error.args[0] if isinstance(error, KeyError) else "sound record of its recordings"
+            raise InputError(f"{home.name} keeps no {told} to go on from: map it again") from error
+
+    def holds(self, recording: Recording) -> bool:
+        """Whether this very recording is in the map already. Raises InputError if another's scale does not go with the map's."""
+        held = recording.fingerprint() in (row["sha256"] for row in self._settings["recordings"])
+        guessed = self._settings.get("scale_guessed") or getattr(recording, "scale_guessed", False)
+        if guessed and not held and self._settings["recordings"]:
+            raise InputError(
+                f"{recording.name} cannot be added: where a scale is a guess, two recordings do not fit together; let one "
+                "reconstruction have the pictures of both"
+            )
+        return held
+
+    def add(self, frame: Frame, detections: Detections | None = None) -> npt.NDArray[np.int64]:
+        """Take in one frame; returns the object id of each of its detections, -1 for none.
+
+        ``detections`` are the detector's, where they are known already. A frame that was seen before changes nothing. Raises
+        InputError if the frame does not go with the map, and what the detector raises.
+        """
+        detections = self.detector.detect(frame) if detections is None else detections
+        return self.look(frame, detections) if self.measure(frame) else np.full(len(detections), -1)
+
+    def measure(self, frame: Frame) -> bool:
+        """Take in a frame for the floor plan alone; whether it may be looked at too, being new and of the map's kind."""
+        key, pose = _key(frame), frame.world_from_camera
+        if key in self._seen:
+            return False
+        self._seen.add(key)
+        self._start_xy = self._start_xy or (float(pose[0, 3]), float(pose[1, 3]))
+        self._camera = self._camera or frame.camera
+        if self._objects is None:
+            self._objects = (BearingMap if frame.depth_m is None else ObjectMap)(self._calibration)
+        if frame.depth_m is not None:
+            self._floor.add(frame)
+            self._cloud.add(frame)
+        self._conditions.add(frame)
+        if frame.depth_m is None and not isinstance(self._objects, BearingMap):
+            self._blind += 1
+            return False
+        return True
+
+    def look(self, frame: Frame, detections: Detections) -> npt.NDArray[np.int64]:
+        """Take in the detections of a frame that was measured; returns the object id of each, -1 for none."""
+        assert self._objects is not None
+        if self._next_frame:
+            frame = replace(frame, index=frame.index + self._next_frame)
+            detections = replace(detections, frame=frame.index)
+        ids = self._objects.add(frame, detections)
+        self._log.add(detections, ids)
+        counting = detections.keep(detections.scores >= self._calibration.threshold)
+        for index in self._indexes.values():
+            index.add(frame, counting)
+        self._keep_photo(frame)
+        return ids
+
+    def close(self, recording: Recording, looked: int | None = None) -> None:
+        """All frames of a recording are in: the next ones are of another. ``looked`` is at how many the detector looked, if not at all."""
+        made_of: dict[str, Any] = {
+            "recording": recording.name,
+            "sha256": recording.fingerprint(),
+            "frames": len(recording),
+        }
+        made_of["looked"] = len(recording) if looked is None else looked
+        if read_with := getattr(recording, "read_with", None):  # so that it can be read again as it was
+            plain = {name: np.asarray(value).tolist() for name, value in read_with.items()}
+            made_of["read_with"] = json.loads(json.dumps(plain, default=str))
+        self._settings["recordings"].append(made_of)
+        doubts = self._settings.setdefault("doubts", [])
+        if getattr(recording, "scale_guessed", False):
+            self._settings["scale_guessed"] = True  # only where it is so: homes of others keep their ids
+        scale = SCALE_GUESSED if self._settings.get("scale_guessed") else None
+        doubts += [line for line in (doubt(self.detector, recording), scale) if line and line not in doubts]
+        self._next_frame += len(recording)
+        self._notes |= dict.fromkeys(recording.notes)
+
+    def home(self) -> Home:
+        """What is known so far, as a home that no further frame changes. Raises InputError before the first detection."""
+        if self._start_xy is None or self._camera is None or self._objects is None:
+            raise InputError("nothing was mapped yet: the recording holds no frames")
+        tidied = deepcopy(self._objects)
+        tidied.tidy()
+        objects, grid = tidied.objects(), self._floor.grid()
+        if not objects:
+            hint = "is the threshold too high, or are these not the things that it knows?"
+            told = "; ".join(getattr(self.detector, "notes", ())) or hint
+            raise InputError(f"{self.detector.name} found nothing in the {self._looked()} frames: {told}")
+        rooms = find_rooms(grid, objects) if grid is not None else ()
+        objects = tuple(replace(thing, room=room_of(thing, grid, rooms)) for thing in objects)
+        all_notes = (
+            *self._settings.get("doubts", ()),
+            *self._notes,
+            *self._conditions.notes(),
+            *getattr(self.detector, "notes", ()),
+        )
+        notes = dict.fromkeys(all_notes)
+        if not self._calibration.measured:
+            notes[f"{self.detector.name} was never measured: how likely its objects are there is a sober guess"] = None
+        if grid is None:
+            notes["the recording has no depth: no occupancy grid, and so no goals; objects lie where bearings meet"] = (
+                None
+            )
+        if self._blind:
+            notes[f"{self._blind} frames without depth add nothing to a map that has depth"] = None
+        settings = dict(self._settings)
+        indexes = self._usable(objects, settings, notes)
+        names = " + ".join(row["recording"] for row in self._settings["recordings"][:1]) or "live"
+        return Home(
+            self._onto.name if self._onto else names, self.detector.name, self._camera, objects, indexes, grid, self._start_xy,
+            settings, rooms, self._evidence(objects), tuple(notes), self._growth(tidied),
+        )  # fmt: skip
+
+    def _usable(
+        self, objects: Sequence[MapObject], settings: dict[str, Any], notes: dict[str, None]
+    ) -> dict[str, SpatialIndex]:
+        """Copies of the indices that hold anything; one that was asked for by name and stayed empty is an error."""
+        copies = deepcopy(self._indexes)
+        for index in copies.values():
+            index.settle(objects)
+            if made_with := getattr(index, "encoder", ""):
+                settings["encoder"] = made_with
+                notes[f"image features: {made_with}"] = None
+        empty = [name for name, index in copies.items() if not index.names()]
+        if empty and (self._explicit or len(empty) == len(copies)):
+            sure = any(thing.confirmed for thing in objects)
+            why = "no detection has what it needs (object_depth needs depth in the boxes)" if sure else (
+                f"of {len(objects)} possible objects none was seen often and surely enough"
+            )  # fmt: skip
+            raise InputError(f"index {empty[0]} stayed empty: {why}")
+        lack = "bearings told no distance" if isinstance(self._objects, BearingMap) else "no detection had depth"
+        notes |= dict.fromkeys(f"index {name} is left out: {lack}" for name in empty)
+        return {name: index for name, index in copies.items() if name not in empty}
+
+    def _keep_photo(self, frame: Frame) -> None:
+        """Keep the photo of a frame that is one of the best views of something, and forget those that no longer are."""
+        wanted = self._objects.frames() if self._objects else set()
+        if frame.index in wanted:
+            from PIL import Image
+
+            buffer = io.BytesIO()
+            Image.fromarray(frame.rgb).save(buffer, "JPEG", quality=JPEG_QUALITY)
+            self._photos[frame.index] = buffer.getvalue()
+        for old in self._photos.keys() - wanted:
+            del self._photos[old]
+
+    def _evidence(self, objects: Sequence[MapObject]) -> dict[int, bytes]:
+        """The photos of all views of confirmed objects, and of the best one of the others."""
+        shown = {view.frame for thing in objects for view in thing.views[: None if thing.confirmed else 1]}
+        return {frame: jpeg for frame, jpeg in sorted(self._photos.items()) if frame in shown}
+
+    def _growth(self, objects: ObjectMap) -> dict[str, bytes]:
+        counts, cloud = self._floor.counts(), self._cloud.state()
+        return {
+            **objects.state(),
+            FRAMES: npz_bytes(keys=np.array(sorted(self._seen), np.int64)),
+            DETECTIONS: self._log.state(),
+            **({} if counts is None else {COUNTS: npz_bytes(**counts)}),
+            **({} if cloud is None else {CLOUD: cloud}),
+        }
+
+    def _looked(self) -> int:
+        return len(self._seen)
+
+
+def is_of(recording: Recording, world: str) -> bool:
+    """Whether a recording is a simulator's, as it says itself."""
+    return recording.truth is not None and recording.name.startswith(f"{world} ")
+
+
+def doubt(detector: Detector, recording: Recording) -> str | None:
+    """The line that says that a detector was not made for such a recording, None if it was, or if nobody knows."""
+    world = getattr(detector, "world", Detector.world)
+    if world == "" and is_of(recording, DOLLHOUSE):
+        return (
+            f"WRONG DETECTOR: {detector.name} knows photographs, and {recording.name} is rendered: the {DOLLHOUSE} has a "
+            "detector of its own, which fits; map again without --detector"
+        )
+    if not world or is_of(recording, world):
+        return None
+    return (
+        f"WRONG DETECTOR: {detector.name} knows only rendered pictures of the {world}, and {recording.name} is none of it: "
+        "trust nothing that it lists; map again without --detector"
+    )
+
+
+def _index(name: str, encoder: str | Encoder) -> SpatialIndex:
+    options = {"encoder": encoder} if plugins.takes("indexes", name, "encoder") else {}
+    return plugins.make("indexes", name, **options)
+
+
+def _key(frame: Frame) -> int:
+    """A number that tells frames apart: by pose and by pixels, not by index, so that a copy of a recording is known again."""
+    told = np.round(frame.world_from_camera, 4).tobytes() + np.ascontiguousarray(frame.rgb[::16, ::16]).tobytes()
+    return int.from_bytes(hashlib.blake2b(told, digest_size=8).digest(), "little", signed=True)

@@ -1,0 +1,1 @@
+"""Goal poses and paths on the occupancy grid."""

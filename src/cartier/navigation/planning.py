@@ -1,0 +1,222 @@
+"""From a place to a goal: a reachable, collision-free pose near it that faces it and, where possible, sees it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+import numpy.typing as npt
+
+from cartier.errors import InputError, brief, check_radius
+from cartier.geometry import box_distance, yaw_towards
+from cartier.types import FREE, OCCUPIED, Array, Goal, OccupancyGrid, Place, RobotModel
+
+CAMERA_HEIGHT_M = RobotModel.camera_height_m
+NEAREST_M = 0.35  # closer than this there is no telling what the robot faces
+FARTHEST_M = 2.0  # a pose from which the thing is out of anybody's reach is no answer
+WHOLE = 0.45  # how far off a thing is faced, in its largest sides: from nearer a fridge is but a wall
+WHOLE_M = 0.8  # and at most
+SIGHT_DETOUR_M = 0.75  # how much worse its distance may be if a pose sees the place and the best does not
+OWN_HEIGHT_M = 0.4  # how far a thing of unknown size may reach above its centre
+FARTHEST_START_M = 1e6  # from the map's origin; no NaN either
+SNAP_M = 1.0  # how far the start may lie from floor that the robot fits on
+
+
+@dataclass(frozen=True, eq=False)
+class Reach:
+    """Where a robot of one radius can get to from one start: path lengths (rows, cols), inf where it cannot."""
+
+    grid: OccupancyGrid
+    start: tuple[int, int]
+    length_m: npt.NDArray[np.float64]
+    previous: npt.NDArray[np.int32]
+
+    def path(self, cell: tuple[int, ...]) -> npt.NDArray[np.float64]:
+        """The shortest path (K, 2) of xy from the start to a reachable cell (row, col)."""
+        columns = self.length_m.shape[1]
+        flat = [int(cell[0]) * columns + int(cell[1])]
+        while (before := int(self.previous[divmod(flat[-1], columns)])) >= 0:
+            flat.append(before)
+        return self.grid.centre(np.array([divmod(f, columns) for f in reversed(flat)]))
+
+
+def traversable(grid: OccupancyGrid, radius_m: float) -> npt.NDArray[np.bool_]:
+    """Cells (rows, cols) that the robot's centre may occupy: known free, and no occupied cell within the radius.
+
+    Unknown cells count as free of obstacles at the robot's rim, but its centre never enters one.
+    """
+    occupied: npt.NDArray[np.bool_] = grid.cells == OCCUPIED
+    near_cells = radius_m / grid.resolution_m + math.sqrt(0.5)  # a cell reaches up to half its diagonal from its centre
+    high = math.ceil(near_cells) - 1
+    rows, cols = occupied.shape
+    before = np.cumsum(np.pad(occupied, ((high, high), (high + 1, high))), axis=1, dtype=np.int32)
+    blocked = np.zeros(occupied.shape, bool)
+    for down in range(-high, high + 1):  # the disc, row by row: are there occupied cells so far to either side?
+        wide = math.ceil(math.sqrt(max(near_cells**2 - down**2, 0))) - 1
+        counts = before[high + down : high + down + rows]
+        blocked |= counts[:, high + wide + 1 : high + wide + 1 + cols] > counts[:, high - wide : high - wide + cols]
+    return np.asarray((grid.cells == FREE) & ~blocked)
+
+
+def check_start(start_xy: Sequence[float] | Array) -> tuple[float, float]:
+    """Where a robot starts, or an InputError for what is no point of any home."""
+    try:
+        start = np.asarray(start_xy, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):  # no numbers, or one of hundreds of digits
+        start = np.empty(0)
+    if start.shape != (2,) or not (np.abs(start) <= FARTHEST_START_M).all():
+        raise InputError(f"the start must be two finite numbers, x and y in metres, got {brief(start_xy)}")
+    return float(start[0]), float(start[1])
+
+
+def reach(grid: OccupancyGrid, start_xy: Sequence[float] | Array, radius_m: float) -> Reach | None:
+    """Shortest paths from a start to everywhere (Dijkstra, 8-connected), or None if no floor fits the robot near it.
+
+    A start where the robot does not fit, or that nobody mapped, is moved to the nearest floor from which no known obstacle
+    parts it. Raises InputError for a start that is no point, and for an impossible radius.
+    """
+    return _reach(grid, check_start(start_xy), check_radius(radius_m))
+
+
+@lru_cache(maxsize=8)  # a person asks for many things from one start
+def _reach(grid: OccupancyGrid, start_xy: tuple[float, float], radius_m: float) -> Reach | None:
+    from scipy.sparse import csr_array
+    from scipy.sparse.csgraph import dijkstra
+
+    open_cells, here = traversable(grid, radius_m), np.array(start_xy)
+    start = _way_in(grid, here, _near(grid, open_cells, here))
+    if start is None:
+        return None
+    number = np.full(open_cells.shape, -1, np.int32)
+    cells = np.argwhere(open_cells)
+    number[open_cells] = np.arange(len(cells))
+    sources, targets, costs = [], [], []
+    rows, cols = open_cells.shape
+    for dr, dc in ((0, 1), (1, 0), (1, 1), (1, -1)):
+        here = number[: rows - dr, max(0, -dc) : cols - max(0, dc)]
+        there = number[dr:, max(0, dc) : cols + min(0, dc)]
+        both = (here >= 0) & (there >= 0)
+        sources.append(here[both])
+        targets.append(there[both])
+        costs.append(np.full(int(both.sum()), math.hypot(dr, dc) * grid.resolution_m))
+    graph = csr_array(
+        (np.concatenate(costs), (np.concatenate(sources), np.concatenate(targets))), shape=(len(cells), len(cells))
+    )
+    length, previous = dijkstra(graph, directed=False, indices=number[start], return_predecessors=True)
+    length_m = np.full(open_cells.shape, np.inf)
+    length_m[open_cells] = length
+    flat = cells[:, 0] * cols + cells[:, 1]
+    before = np.full(open_cells.shape, -1, np.int32)
+    before[open_cells] = np.where(previous >= 0, flat[np.maximum(previous, 0)], -1)
+    return Reach(grid, start, length_m, before)
+
+
+def plan(grid: OccupancyGrid, place: Place, start_xy: Sequence[float], robot: RobotModel) -> tuple[Goal | None, str]:
+    """A goal for a place, and an empty string; or None and one line that says why there is none.
+
+    Raises InputError as ``reach``.
+    """
+    radius_m = robot.radius_m
+    area = reach(grid, start_xy, radius_m)
+    at = f"({start_xy[0]:.2f}, {start_xy[1]:.2f})"
+    if area is None:
+        fits = f"known free floor that fits a robot of radius {radius_m} m"
+        if len(_near(grid, traversable(grid, radius_m), np.asarray(start_xy))):
+            return None, f"the start {at} is cut off by a known obstacle from all {fits} within {SNAP_M} m"
+        return None, f"there is no {fits} within {SNAP_M} m of the start {at}"
+    goal = goal_for(area, place, robot.camera_height_m)
+    if goal is None:
+        return None, f"no pose within {FARTHEST_M} m of the {place.label} can be reached from {at}"
+    return goal, ""
+
+
+def goal_for(area: Reach, place: Place, camera_height_m: float = CAMERA_HEIGHT_M) -> Goal | None:
+    """The reachable pose that sees a place from nearest; or, if none that sees it is hardly farther off, the nearest.
+
+    Of a thing whose size is known the nearest is where most of it is in view: ``WHOLE`` of its largest side away.
+    """
+    grid, target, wanted_m = area.grid, np.array(place.position), 0.0
+    cells = np.argwhere(np.isfinite(area.length_m))
+    xy = grid.centre(cells)
+    if place.box_min is not None and place.box_max is not None:
+        low, high = np.array(place.box_min), np.array(place.box_max)
+        distance, wanted_m = box_distance(xy, low[:2], high[:2]), min(WHOLE * float((high - low).max()), WHOLE_M)
+    else:
+        distance = np.linalg.norm(xy - target[:2], axis=1)
+    centre_distance = np.linalg.norm(xy - target[:2], axis=1)
+    if place.view_yaw is not None:  # the place is where the camera stood: stand there, and look where it looked
+        best = int(np.argmin(distance))
+        return (
+            None
+            if distance[best] > FARTHEST_M
+            else _goal(area, tuple(cells[best]), place.view_yaw, place, bool(distance[best] < 0.5))
+        )
+    off_m = np.abs(distance - wanted_m)
+    order = np.lexsort((area.length_m[tuple(cells.T)], np.round(off_m, 2)))
+    order = order[(centre_distance[order] >= NEAREST_M) & (distance[order] <= FARTHEST_M)]
+    if not len(order):
+        return None
+    near = order[off_m[order] <= off_m[order[0]] + SIGHT_DETOUR_M]
+    seen = next((i for i in near if line_of_sight(grid, xy[i], place, camera_height_m)), None)
+    chosen = near[0] if seen is None else seen
+    yaw = yaw_towards(*xy[chosen], *target[:2])
+    return _goal(area, tuple(cells[chosen]), yaw, place, seen is not None)
+
+
+def line_of_sight(
+    grid: OccupancyGrid, from_xy: npt.NDArray[np.float64], place: Place, camera_height_m: float = CAMERA_HEIGHT_M
+) -> bool:
+    """Whether a straight line from the robot's camera to the place passes over everything known, in the 2.5-D grid.
+
+    Within 0.3 m of the place, what is no taller than the thing itself is the thing itself; within 0.1 m nothing hides it.
+    """
+    target = np.array(place.position)
+    own_top_m = (place.box_max[2] if place.box_max else target[2] + OWN_HEIGHT_M) + 0.1
+    span = target[:2] - from_xy
+    length = float(np.linalg.norm(span))
+    steps = np.arange(grid.resolution_m, max(length - 0.1, 0), grid.resolution_m / 2)
+    if not len(steps):
+        return True
+    rows, cols = grid.cell(from_xy + steps[:, None] / length * span).T
+    inside = (rows >= 0) & (cols >= 0) & (rows < grid.cells.shape[0]) & (cols < grid.cells.shape[1])
+    line_m = camera_height_m + (target[2] - camera_height_m) * steps / length + 0.05
+    line_m = np.where(length - steps < 0.3, np.maximum(line_m, own_top_m), line_m)
+    return not bool((grid.height_m[rows[inside], cols[inside]] > line_m[inside]).any())
+
+
+def _near(
+    grid: OccupancyGrid, open_cells: npt.NDArray[np.bool_], start_xy: npt.NDArray[np.float64]
+) -> npt.NDArray[np.intp]:
+    """The open cells (N, 2) that a start may be moved to, the nearest first."""
+    cells = np.argwhere(open_cells)
+    distance_m = np.hypot(*(grid.centre(cells) - start_xy).T)
+    order = np.argsort(distance_m, kind="stable")
+    return np.asarray(cells[order[distance_m[order] <= SNAP_M]])
+
+
+def _way_in(
+    grid: OccupancyGrid, start_xy: npt.NDArray[np.float64], cells: npt.NDArray[np.intp]
+) -> tuple[int, int] | None:
+    """The first of some cells to which a straight line from the start crosses nothing that is occupied.
+
+    A start in an obstacle (a camera that was held over a table) may leave that obstacle, and enter no other.
+    """
+    for cell in cells:
+        end = grid.centre(cell)
+        steps = max(2, math.ceil(float(np.linalg.norm(end - start_xy)) / grid.resolution_m * 8))
+        rows, cols = grid.cell(np.linspace(start_xy, end, steps)).T
+        inside = (rows >= 0) & (cols >= 0) & (rows < grid.cells.shape[0]) & (cols < grid.cells.shape[1])
+        met = grid.cells[rows[inside], cols[inside]] == OCCUPIED
+        out = int(np.argmin(met)) if inside[0] else 0  # where the line has left the obstacle that it starts in
+        if not met[out:].any():
+            return int(cell[0]), int(cell[1])
+    return None
+
+
+def _goal(area: Reach, cell: tuple[int, ...], yaw: float, place: Place, seen: bool) -> Goal:
+    path = area.path(cell)
+    x, y = path[-1]
+    return Goal(float(x), float(y), float(yaw), path, float(area.length_m[cell]), place, seen)

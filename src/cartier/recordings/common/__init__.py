@@ -1,0 +1,1 @@
+"""Parts that several recording formats share: poses, lenses, tables, content checks."""

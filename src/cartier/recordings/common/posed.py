@@ -1,0 +1,220 @@
+"""A recording of image files with a pose each: what the readers of folder formats share.
+
+A reader gives a ``Source``: which files make each frame, the lens that took them, and the poses in the source's own
+world, camera axes already optical. Here depth of another size or lens is put on the colour camera's pixels, images too
+large for a map are reduced, the world is levelled, and a camera that was held sideways is turned upright.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from cartier.errors import MAX_FAR_M, InputError, frame_number
+from cartier.io.images import check_depth, read_depth, read_grey8, read_rgb
+from cartier.mapping import gravity
+from cartier.recordings.common.content import READERS, check_inside, content_hash
+from cartier.recordings.common.lens import Lens, resampled
+from cartier.recordings.common.tables import check_floor, off_centre_notes
+from cartier.types import Array, Camera, Frame, TrueObject
+
+MAX_SIDE = 1300  # px; larger images are reduced by a whole factor: no map needs a phone's 12 megapixels
+CONFIDENCE_FRAMES = 5
+Depths = npt.NDArray[np.float32]
+Colours = npt.NDArray[np.uint8]
+
+
+@dataclass(frozen=True)
+class View:
+    """The files of one frame. ``depth`` may be smaller than ``colour``; ``confidence`` has the size of ``depth``."""
+
+    time_s: float
+    colour: Path
+    lens: Lens
+    depth: Path | None = None
+    confidence: Path | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Source:
+    """What a reader found.
+
+    ``world_from_camera`` (N, 4, 4) is in the source's world, camera axes optical. ``depth_lens`` is the depth camera's,
+    if it is not the colour camera's at the depth's own size. ``read_depth(path)`` gives (h, w) float32 metres, NaN for
+    no reading. ``known_up`` is the source's up where its makers say so; ``files`` are hashed for the fingerprint. Images of a
+    ``handheld`` camera are turned upright; ``scale_guessed`` says that no one measured the metres. ``readers`` threads may call these at once; a video is read by one, in order.
+    """
+
+    root: Path
+    name: str
+    settings: str
+    views: Sequence[View]
+    world_from_camera: Array
+    files: Sequence[str]
+    notes: Sequence[str]
+    read_depth: Callable[[Path], Depths] | None = None
+    depth_lens: Lens | None = None
+    min_confidence: int = 0
+    known_up: tuple[float, float, float] | None = None
+    read_colour: Callable[[View], Colours] | None = None
+    handheld: bool = False
+    scale_guessed: bool = False
+    readers: int = READERS
+
+
+class PosedImages:
+    """A recording over a Source. Poses are there when it is opened, images are read when a frame is asked for."""
+
+    truth: Sequence[TrueObject] | None = None
+
+    def __init__(self, source: Source, up: Sequence[float] | None, floor_m: float | None) -> None:
+        if not source.views:
+            raise InputError(f"{source.root} holds no image with a pose")
+        check_inside(source.root, source.files)
+        self.name, self.readers = source.name, source.readers
+        self._source, self.scale_guessed = source, source.scale_guessed
+        self._fingerprint: str | None = None
+        first = source.views[0].lens.camera
+        self._factor = -(-max(first.width, first.height) // MAX_SIDE)
+        self._upright_camera = _reduced(first, self._factor)
+        self._turns = 0
+        notes = [*source.notes, *off_centre_notes(first)]
+        poses = np.asarray(source.world_from_camera, dtype=np.float64)
+        far = np.abs(poses[:, :3, 3]).max(axis=1)
+        if far.max() > MAX_FAR_M:
+            raise InputError(
+                f"{source.root}: {source.views[int(far.argmax())].colour.name} was taken {far.max():.3g} m from the origin "
+                "by its pose, which is no home: are the units metres?"
+            )
+        self._check_confidence()
+        levelling = gravity.level(
+            poses,
+            self._upright_camera,
+            self._depth if any(view.depth for view in source.views) else None,
+            source.known_up if up is None else up,
+            floor_m,
+        )
+        self.level_from_world = levelling.level_from_world  # so that the doctor sees the poses as they were given
+        poses = levelling.level_from_world @ poses
+        check_floor(poses, floor_m)
+        up_note, floor_note = levelling.notes
+        if up is None and source.known_up is not None:
+            up_note = f"up is {source.known_up} in this format's world; override with --up X,Y,Z"
+        notes += [up_note, floor_note]
+        if source.handheld:
+            self._turns = gravity.quarter_turns(poses[:, 2, :2].sum(axis=0))
+        self.camera, old_from_new = turned_camera(self._upright_camera, self._turns)
+        self._poses = poses @ old_from_new
+        self._poses.setflags(write=False)
+        if self._factor > 1:
+            notes.append(f"images of {first.width}x{first.height} px reduced by {self._factor}")
+        if self._turns:
+            notes.append(f"images turned by {90 * self._turns} degrees, so that up is up")
+        if any(view.lens != source.views[0].lens for view in source.views):
+            notes.append("the images' own intrinsics differ; all were resampled to those of the first")
+        self.notes: Sequence[str] = notes
+
+    def __len__(self) -> int:
+        return len(self._source.views)
+
+    def __getitem__(self, index: int) -> Frame:
+        i = frame_number(index, len(self), self.name)
+        depth_m = self._depth(i)
+        return Frame(
+            index=i,
+            time_s=self._source.views[i].time_s,
+            rgb=turned_image(self._colour(i), self._turns),
+            depth_m=None if depth_m is None else turned_image(depth_m, self._turns),
+            world_from_camera=self._poses[i],
+            camera=self.camera,
+        )
+
+    def fingerprint(self) -> str:
+        if self._fingerprint is None:
+            self._fingerprint = content_hash(self._source.settings, self._source.root, self._source.files)
+        return self._fingerprint
+
+    def _check_confidence(self) -> None:
+        """Raises InputError where all depth of some frames is dropped for its confidence."""
+        source, dropped = self._source, 0
+        if not source.min_confidence or source.read_depth is None:
+            return
+        for i in np.unique(np.linspace(0, len(self) - 1, CONFIDENCE_FRAMES).round().astype(int)).tolist():
+            view, depth_m = source.views[i], self._depth(i)
+            if depth_m is None or view.depth is None or np.isfinite(depth_m).any():
+                return
+            dropped += bool(np.isfinite(source.read_depth(view.depth)).any())
+        if dropped:
+            raise InputError(
+                f"{source.root}: all depth is below --confidence {source.min_confidence} in the {dropped} frames looked at: "
+                "give a lower one, 0 for all depth"
+            )
+
+    def _colour(self, i: int) -> Colours:
+        view, read = self._source.views[i], self._source.read_colour
+        rgb = read_rgb(view.colour, view.lens.camera) if read is None else read(view)
+        lens = Lens(_reduced(view.lens.camera, self._factor), view.lens.model, view.lens.coefficients)
+        return np.asarray(resampled(_shrunk(rgb, self._factor), lens, self._upright_camera, 0), dtype=np.uint8)
+
+    def _depth(self, i: int) -> Depths | None:
+        view, read = self._source.views[i], self._source.read_depth
+        if view.depth is None or read is None:
+            return None
+        depth_m = read(view.depth)
+        check_depth(depth_m, str(view.depth))
+        height, width = depth_m.shape
+        lens = self._source.depth_lens or view.lens
+        if (lens.camera.width, lens.camera.height) != (width, height):
+            if abs(width / height / (lens.camera.width / lens.camera.height) - 1) > 0.02:
+                raise InputError(
+                    f"{view.depth} is {width}x{height} px, which is not the shape of the colour images "
+                    f"({lens.camera.width}x{lens.camera.height})"
+                )
+            lens = lens.scaled(width, height)
+        if view.confidence is not None:
+            confidence = read_grey8(view.confidence, (width, height))
+            depth_m = np.where(confidence < self._source.min_confidence, np.float32(np.nan), depth_m)
+        return np.asarray(resampled(depth_m, lens, self._upright_camera, np.nan), dtype=np.float32)
+
+
+def png_depth(path: Path, per_metre: float = 1000.0) -> Depths:
+    """(h, w) float32 metres of a 16-bit PNG of any size, in units of 1/per_metre m."""
+    return read_depth(path, None, per_metre)
+
+
+def _reduced(camera: Camera, factor: int) -> Camera:
+    """The camera of ``_shrunk`` images: whole blocks only."""
+    if factor == 1:
+        return camera
+    centre = ((c + 0.5) / factor - 0.5 for c in (camera.cx, camera.cy))
+    return Camera(camera.width // factor, camera.height // factor, camera.fx / factor, camera.fy / factor, *centre)
+
+
+def _shrunk(rgb: Colours, factor: int) -> Colours:
+    """Means of blocks of ``factor`` x ``factor`` pixels."""
+    if factor == 1:
+        return rgb
+    from PIL import Image
+
+    height, width = (side // factor * factor for side in rgb.shape[:2])
+    return np.asarray(Image.fromarray(rgb).reduce(factor, box=(0, 0, width, height)))
+
+
+def turned_camera(camera: Camera, turns: int) -> tuple[Camera, npt.NDArray[np.float64]]:
+    """The camera of images turned to the left, and old_from_new (4, 4) of its axes."""
+    old_from_new = np.eye(4)
+    quarter = np.array([[0.0, -1, 0, 0], [1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
+    for _ in range(turns):
+        c = camera
+        camera = Camera(c.height, c.width, c.fy, c.fx, c.cy, c.width - 1 - c.cx)
+        old_from_new = old_from_new @ quarter
+    return camera, old_from_new
+
+
+def turned_image(image: Array, turns: int) -> Array:
+    """An image (H, W, ...) after quarter turns to the left."""
+    return np.ascontiguousarray(np.rot90(image, turns)) if turns else image

@@ -1,0 +1,208 @@
+"""A whole bag: its files as one, its topics by name, its messages decoded with the types that rosbags knows."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Sequence
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from cartier.errors import InputError, brief
+from cartier.io.files import read_text
+from cartier.io.strict_yaml import YamlFault, read_yaml
+from cartier.recordings.common.content import check_inside, names_in
+from cartier.recordings.ros.bag1 import Bag1
+from cartier.recordings.ros.file import MAX_BLOCK, MAX_TOPICS, WHOLE, Index, Storage, Topic
+from cartier.recordings.ros.mcap import Mcap
+from cartier.recordings.ros.sqlite import Sqlite
+
+if TYPE_CHECKING:
+    from rosbags.typesys.store import Typestore
+
+METADATA = "metadata.yaml"
+READERS: dict[str, Callable[[Path], Storage]] = {".bag": Bag1, ".mcap": Mcap, ".db3": Sqlite}
+MAX_METADATA = 4 << 20
+MAX_NAME = 256  # of a topic or a frame
+IMAGE, COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
+TRANSFORMS = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
+
+
+class Header(NamedTuple):
+    """A message's own time stamp and coordinate frame, and whether it is an image without pixels or bytes."""
+
+    stamp_ns: int
+    frame: str
+    empty_image: bool
+
+
+def files_of(path: Path) -> list[Path]:
+    """The files that a bag consists of, by name; none if it is no bag."""
+    if path.is_file():
+        return [path] if path.suffix in READERS else []
+    if not path.is_dir():
+        return []
+    return sorted(path / name for name in names_in(path) if name.endswith(tuple(READERS)) and name[0] != ".")
+
+
+class Bag:
+    """A .bag, .mcap or .db3 file, or a ROS 2 bag's folder."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.files = files_of(path)
+        if path.is_dir():
+            check_inside(path, [METADATA, *(file.name for file in self.files)])
+        self._packed = path.is_dir() and _check_metadata(path, self.files)
+        kinds = sorted({file.suffix for file in self.files})
+        if len(kinds) != 1:
+            there = (
+                f"it holds {', '.join(kinds)} files" if kinds else "it is no .bag, .mcap or .db3 file or folder of them"
+            )
+            raise InputError(f"{path} is not one bag: {there}")
+        self._storages = [READERS[file.suffix](file) for file in self.files]
+        self._topics: dict[str, list[tuple[int, Topic]]] = {}
+        for number, storage in enumerate(self._storages):
+            for topic in storage.topics:
+                checked_name(topic.name, path)
+                self._topics.setdefault(topic.name, []).append((number, topic))
+        if len(self._topics) > MAX_TOPICS:
+            raise InputError(f"{path} has {len(self._topics)} topics; cartier reads bags of up to {MAX_TOPICS}")
+
+    def topics(self, *types: str) -> list[str]:
+        """The names of the topics of some types, sorted."""
+        return sorted(name for name, parts in self._topics.items() if parts[0][1].type in types)
+
+    def type_of(self, name: str) -> str:
+        return self._topics[name][0][1].type if name in self._topics else ""
+
+    def index(self, name: str) -> Index:
+        """(N, 4): log time in ns, file, chunk and offset of a topic's messages, by log time; its rows go to ``read``."""
+        kind, parts = self.type_of(name), []
+        for number, topic in self._topics[name]:
+            if topic.type != kind:
+                kinds = f"{brief(kind, 60)} and {brief(topic.type, 60)}"
+                raise InputError(f"{self.path}: topic {name} has two types, {kinds}")
+            part = self._storages[number].index(topic)
+            parts.append(np.insert(part, 1, number, axis=1))
+        index = np.concatenate(parts)
+        return np.asarray(index[np.argsort(index[:, 0], kind="stable")])
+
+    def read(self, row: Index, limit: int = WHOLE) -> bytes:
+        """The bytes of the message of one index row, or about the first ``limit`` of them."""
+        _, number, chunk, offset = (int(value) for value in row)
+        if self._packed:
+            return _unpacked(self._storages[number].read(chunk, offset), self.path)
+        return self._storages[number].read(chunk, offset, limit)
+
+    def header(self, name: str, row: Index) -> Header:
+        """The header that a message begins with, and whether an image comes after it; the rest is not read."""
+        data = self.read(row, 16 + 2 * MAX_NAME)
+        ros1 = self._encoding(name) == "ros1"
+        try:
+            order = "<" if ros1 or data[1] & 1 else ">"
+            seconds, nanoseconds, length = struct.unpack_from(f"{order}{'I' if ros1 else 'i'}II", data, 4)
+        except (struct.error, IndexError) as error:
+            raise InputError(f"{self.path}: a message of {name} is too short to have a header") from error
+        if length > MAX_NAME:
+            raise InputError(f"{self.path}: a message of {name} has a frame_id of {length} bytes")
+        frame = data[16 : 16 + length].rstrip(b"\0").decode("utf-8", "replace")
+        empty = _no_image(data, 16 + length, order, ros1, self.type_of(name))
+        return Header(seconds * 10**9 + nanoseconds, frame_name(frame, self.path), empty)
+
+    def decode(self, name: str, data: bytes) -> Any:
+        """A message as an object with the fields of its type."""
+        from rosbags.serde import SerdeError
+
+        kind, encoding = self.type_of(name), self._encoding(name)
+        if encoding not in ("cdr", "ros1"):
+            raise InputError(
+                f"{self.path}: topic {name} is encoded as {brief(encoding, 40)!r}; cartier reads cdr and ros1"
+            )
+        types = _types(encoding)
+        try:
+            return types.deserialize_ros1(data, kind) if encoding == "ros1" else types.deserialize_cdr(data, kind)
+        except (SerdeError, UnicodeDecodeError, struct.error, ValueError, AssertionError) as error:
+            raise InputError(f"{self.path}: a message of {name} is damaged ({brief(error)})") from error
+
+    def _encoding(self, name: str) -> str:
+        return self._topics[name][0][1].encoding
+
+
+def _no_image(data: bytes, at: int, order: str, ros1: bool, kind: str) -> bool:
+    """Whether the image message whose header ends at ``at`` has no height, no width or no bytes; False for what is damaged."""
+
+    def word(at: int) -> int | None:
+        return struct.unpack_from(f"{order}I", data, at)[0] if at + 4 <= len(data) else None
+
+    at += 0 if ros1 else -at % 4  # CDR's numbers lie at multiples of their size, ROS 1's follow at once
+    if kind == IMAGE:
+        return 0 in (word(at), word(at + 4))
+    if kind != COMPRESSED:
+        return False
+    at += 4 + (word(at) or 0)  # the format's name
+    return word(at + (0 if ros1 else -at % 4)) == 0
+
+
+def checked_name(name: str, path: Path) -> str:
+    """The name of a topic or a frame, or an InputError if it is none that a robot would use."""
+    if len(name) > MAX_NAME or not name.isprintable():
+        raise InputError(f"{path} is damaged: {brief(name, 40)!r} is no name of a topic or a frame")
+    return name
+
+
+def frame_name(name: str, path: Path) -> str:
+    """A frame's name without the slash of ROS 1."""
+    return checked_name(name, path).lstrip("/")
+
+
+@cache
+def _types(encoding: str) -> Typestore:
+    """The standard message types; those in the bag are not read, since a bag could define them as it likes."""
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    store = get_typestore(Stores.ROS1_NOETIC if encoding == "ros1" else Stores.ROS2_JAZZY)
+    for name in TRANSFORMS:
+        if name not in store.fielddefs:
+            store.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", name))
+    return store
+
+
+def _check_metadata(folder: Path, files: Sequence[Path]) -> bool:
+    """Whether each message is compressed; an InputError if metadata.yaml asks for what is not there."""
+    if not (folder / METADATA).exists():
+        return False
+    try:
+        value, _ = read_yaml(read_text(folder / METADATA, MAX_METADATA))
+        information = value["rosbag2_bagfile_information"]
+        mode, form = (brief(information.get(f"compression_{what}", "")) for what in ("mode", "format"))
+        names = [Path(str(name)).name for name in information.get("relative_file_paths", ())]
+    except YamlFault as fault:
+        raise InputError(f"{folder / METADATA} line {fault.line}: {fault}") from fault
+    except (KeyError, TypeError, AttributeError) as error:
+        raise InputError(f"{folder / METADATA} is damaged or describes no bag") from error
+    mode = mode.lower()
+    if mode == "file":
+        raise InputError(
+            f"{folder} holds compressed files: unpack them with 'zstd -d', or write it anew with 'ros2 bag convert'"
+        )
+    missing = sorted(set(names) - {file.name for file in files})
+    if missing:
+        raise InputError(f"{folder / brief(missing[0])} is missing, but {METADATA} names it")
+    if mode == "message" and form != "zstd":
+        raise InputError(f"{folder}: messages are compressed with {form!r}; cartier reads zstd")
+    return mode == "message"
+
+
+def _unpacked(data: bytes, path: Path) -> bytes:
+    from backports.zstd import ZstdDecompressor, ZstdError
+
+    try:
+        plain = bytes(ZstdDecompressor().decompress(data, MAX_BLOCK))
+    except (ZstdError, EOFError) as error:
+        raise InputError(f"{path} is damaged: a message cannot be decompressed ({brief(error)})") from error
+    if len(plain) == MAX_BLOCK:
+        raise InputError(f"{path} is damaged: a message claims more than {MAX_BLOCK} bytes")
+    return plain

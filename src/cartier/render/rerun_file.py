@@ -1,0 +1,298 @@
+"""A home as a Rerun file: photos with boxes, objects, rooms and floor plan, and with the recording its frames, depth and path.
+
+A wrong listing is found in one look: scrub along ``frame`` to where the object appears, and see which of the detector's boxes
+made it. Each frame says whether the detector looked at it. Objects appear as they are in the end, when their first box does;
+with the recording, floor plan and path grow. The file opens in the viewer of rerun.io (``rerun FILE.rrd``). Needs rerun-sdk.
+"""
+
+from __future__ import annotations
+
+import colorsys
+import tempfile
+from collections import defaultdict
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from cartier.contracts import Recording
+from cartier.errors import InputError
+from cartier.home import Home
+from cartier.home.detection_log import Looked
+from cartier.mapping.occupancy import OccupancyMapper
+from cartier.types import FREE, OCCUPIED, UNKNOWN, Array, MapObject, OccupancyGrid, Room, View
+
+TIMELINE = "frame"
+SURE, UNSURE, NONE, PATH = (209, 73, 91), (200, 160, 60), (130, 130, 130), (66, 105, 178)
+CELLS = {FREE: (238, 238, 232), OCCUPIED: (60, 60, 66)}
+UNSEEN = (176, 176, 172)
+ROOM_SHARE = 0.35  # of a room's colour on its floor
+GOLDEN = 0.618  # of the circle of hues, so that rooms in a row have colours far apart
+BLUE = 0.55  # the hue of the first room: red is for objects
+STEPS = 60  # in which floor plan and path grow
+DEPTH_WIDTH = 320  # px; a map is no point cloud
+JPEG_QUALITY = 75
+
+
+def write_rrd(
+    home: Home, file: Path, recording: Recording | None = None, progress: Callable[[int, int], None] | None = None
+) -> None:
+    """Write a home to ``file``, whole or not at all; frames, depth and the camera's path only with its ``recording``.
+
+    Raises InputError if the home was not mapped from the recording, or the file cannot be written.
+    """
+    first = None if recording is None else _first_frame(home, recording)
+    try:
+        with tempfile.TemporaryDirectory(dir=file.absolute().parent, prefix=f".{file.name}.") as beside:
+            out = rr.RecordingStream("cartier", recording_id=home.id)
+            out.save(Path(beside) / "home.rrd", default_blueprint=_blueprint())
+            looked, least = _looked(home)
+            _still(out, home, looked is not None, least)
+            if recording is None or first is None:
+                out.set_time(TIMELINE, sequence=0)
+                _floor_plan(out, home, home.grid)
+                _photos(out, home)
+            else:
+                _moving(out, home, recording, first, progress)
+                own = range(first, first + len(recording))  # of a home that grew, boxes without their pictures
+                looked = None if looked is None else {n: seen for n, seen in looked.items() if n in own}
+            if looked is not None:
+                _detections(out, home, looked)
+            _objects(out, home, looked or {})
+            _sights(out, home)
+            out.flush()
+            out.disconnect()
+            (Path(beside) / "home.rrd").replace(file)
+    except OSError as error:
+        raise InputError(f"{file} cannot be written ({error.strerror or error})") from error
+
+
+def _first_frame(home: Home, recording: Recording) -> int:
+    """The number that the recording's first frame has in the home."""
+    first, sha256, rows = 0, recording.fingerprint(), home.settings["recordings"]
+    for row in rows:
+        if row["sha256"] == sha256:
+            return first
+        first += int(row["frames"])
+    here = _read_with(getattr(recording, "read_with", {}))
+    named = [_read_with(row.get("read_with", {})) for row in rows if row["recording"] == recording.name]
+    if not named:
+        names = ", ".join(row["recording"] for row in rows)
+        raise InputError(
+            f"{home.name} was not mapped from {recording.name}, but from {names}: give that, or leave it out"
+        )
+    differs = (
+        f"from {recording.name}, but its files are others now, or its reader is: map it again"
+        if here in named
+        else f"from {recording.name} read with {' or '.join(named)}; here it is read with {here}"
+    )
+    raise InputError(f"{home.name} was mapped {differs}")
+
+
+def _read_with(options: Mapping[str, Any]) -> str:
+    return ", ".join(f"{name} {value}" for name, value in sorted(options.items())) or "no options"
+
+
+def _looked(home: Home) -> tuple[dict[int, Looked] | None, float]:
+    """What the detector reported by frame, None of a home that does not know it; and the score below which boxes were let go."""
+    log = home.detections()
+    return (None, 0.0) if log is None else (log.looked(), log.least)
+
+
+def _blueprint() -> Any:
+    space = rrb.Spatial3DView(origin="/", name="home")
+    beside = rrb.Vertical(
+        rrb.Spatial2DView(origin="/camera/image", name="picture"),
+        rrb.TextDocumentView(origin="/looked", name="looked at?"),
+        rrb.TextDocumentView(origin="/about", name="about"),
+        row_shares=[5, 1, 2],
+    )
+    return rrb.Blueprint(rrb.Horizontal(space, beside, column_shares=[3, 2]), rrb.TimePanel(timeline=TIMELINE))
+
+
+def _still(out: Any, home: Home, logged: bool, least: float) -> None:
+    """What does not change with time: what the home says of itself."""
+    out.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+    notes = list(home.notes)
+    if not logged:
+        notes.append("an older cartier mapped this home and kept no detections: map it again to see boxes")
+    if least:
+        notes.append(f"boxes that score less than {least:.2f} are left out: they were too many to keep")
+    about = f"# {home.name}\n\n{len(home.names)} kinds of confirmed objects by {home.detector}\n\n"
+    about += "Red is confirmed, yellow tentative, grey a box of no object.\n\n" + "".join(f"- {n}\n" for n in notes)
+    out.log("about", rr.TextDocument(about, media_type="text/markdown"), static=True)
+
+
+def _objects(out: Any, home: Home, looked: Mapping[int, Looked]) -> None:
+    """Each object, as it is in the end, from the first frame in which a box was given to it."""
+    first: dict[int, int] = {}
+    for frame in sorted(looked, reverse=True):
+        first |= dict.fromkeys(looked[frame].objects.tolist(), frame)
+    for thing in home.objects:
+        seen = [first[number] for number in (thing.id, *thing.aliases) if number in first]
+        seen += [view.frame for view in thing.views]
+        low, high = np.array(thing.box_min), np.array(thing.box_max)
+        label = f"{thing.label} {thing.id} ({thing.probability:.0%})"
+        out.set_time(TIMELINE, sequence=min(seen, default=0))
+        out.log(
+            f"home/objects/{'confirmed' if thing.confirmed else 'tentative'}/{thing.id}",
+            rr.Boxes3D(
+                centers=[(low + high) / 2],
+                half_sizes=[(high - low) / 2],
+                labels=[label],
+                colors=_colour(thing),
+                show_labels=thing.confirmed,  # of dozens of tentative ones they would hide the home; a click shows them
+            ),
+        )
+
+
+def _colour(thing: MapObject | None) -> tuple[int, int, int]:
+    return NONE if thing is None else SURE if thing.confirmed else UNSURE
+
+
+def _floor_plan(out: Any, home: Home, grid: OccupancyGrid | None) -> None:
+    """A grid as a picture that lies on the floor, the home's rooms in colours where the grid knows them; and their names."""
+    if grid is None:
+        return
+    picture = np.full((*grid.cells.shape, 3), UNSEEN, np.uint8)
+    for value, colour in CELLS.items():
+        picture[grid.cells == value] = colour
+    shown: list[tuple[str, Any, Any]] = []  # name, middle, colour
+    for room in home.rooms:
+        cells = _known_cells(home, room, grid)
+        if len(cells):
+            hue = tuple(round(255 * part) for part in colorsys.hsv_to_rgb((BLUE + room.id * GOLDEN) % 1, 0.75, 0.85))
+            own = picture[tuple(cells.T)]
+            picture[tuple(cells.T)] = np.rint(own + ROOM_SHARE * (np.array(hue) - own)).astype(np.uint8)
+            shown.append((room.name, (*grid.centre(cells).mean(axis=0), 0.0), hue))
+    known = np.argwhere(grid.cells != UNKNOWN)
+    if not len(known):
+        return
+    first, last = known.min(axis=0), known.max(axis=0)  # what is unknown all around would be most of the view
+    picture = np.ascontiguousarray(picture[first[0] : last[0] + 1, first[1] : last[1] + 1])
+    x, y = np.array(grid.origin_xy) + first[::-1] * grid.resolution_m
+    right, far = np.array(grid.origin_xy) + (last[::-1] + 1) * grid.resolution_m
+    mesh = rr.Mesh3D(
+        vertex_positions=[(x, y, 0), (right, y, 0), (right, far, 0), (x, far, 0)],
+        vertex_texcoords=[(0, 0), (1, 0), (1, 1), (0, 1)],
+        triangle_indices=[(0, 1, 2), (0, 2, 3)],
+        albedo_texture=picture,
+    )
+    out.log("home/floor_plan", mesh)
+    if shown:
+        names, middles, colours = zip(*shown, strict=True)
+        out.log("home/rooms", rr.Points3D(middles, labels=names, radii=0.05, colors=colours))
+
+
+def _known_cells(home: Home, room: Room, grid: OccupancyGrid) -> Array:
+    """The cells (K, 2) of a room in a grid of the same home, of another size perhaps, that the grid knows or knows around."""
+    assert home.grid is not None
+    moved = np.subtract(home.grid.origin_xy, grid.origin_xy)[::-1] / grid.resolution_m
+    cells = room.cells + np.rint(moved).astype(np.int32)
+    cells = cells[((cells >= 0) & (cells < grid.cells.shape)).all(axis=1)]
+    return cells if grid is home.grid else cells[grid.cells[tuple(cells.T)] != UNKNOWN]
+
+
+def _photos(out: Any, home: Home) -> None:
+    for frame, jpeg in home.photos.items():
+        out.set_time(TIMELINE, sequence=frame)
+        out.log("camera/image", rr.EncodedImage(contents=jpeg, media_type="image/jpeg"))
+
+
+def _detections(out: Any, home: Home, looked: Mapping[int, Looked]) -> None:
+    """All boxes of each frame that was looked at, with what became of each; and of every frame whether it was looked at."""
+    things = {number: thing for thing in home.objects for number in (thing.id, *thing.aliases)}
+    total = sum(int(row["frames"]) for row in home.settings["recordings"])
+    for frame in sorted(looked.keys() | {frame + 1 for frame in looked} | {0}):
+        out.set_time(TIMELINE, sequence=frame)
+        seen = looked.get(frame)
+        if seen is None and frame >= total > 0:
+            continue
+        out.log("looked", rr.TextDocument(_in_words(frame, seen, things)))
+        if seen is None or not len(seen.detections):
+            out.log("camera/image/boxes", rr.Clear(recursive=False))
+            continue
+        found, owners = seen.detections, [(number, things.get(number)) for number in seen.objects.tolist()]
+        labels = [
+            f"{label} {score:.2f}, {_owner(number, thing)}"
+            for label, score, (number, thing) in zip(found.labels, found.scores, owners, strict=True)
+        ]
+        boxes = rr.Boxes2D(
+            array=found.boxes_xyxy,
+            array_format=rr.Box2DFormat.XYXY,
+            labels=labels,
+            colors=[_colour(thing) for _, thing in owners],
+        )
+        out.log("camera/image/boxes", boxes)
+
+
+def _owner(number: int, thing: MapObject | None) -> str:
+    if thing is not None:
+        return f"object {thing.id}"
+    return "no object" if number < 0 else f"object {number}, forgotten since"
+
+
+def _in_words(frame: int, seen: Looked | None, things: Mapping[int, MapObject]) -> str:
+    if seen is None:
+        return "not looked at: the detector did not see this frame"
+    owned = sum(number in things for number in seen.objects.tolist())
+    return f"looked at in frame {frame}: {len(seen.detections)} boxes, {owned} of objects of this home"
+
+
+def _sights(out: Any, home: Home) -> None:
+    """The evidence: in each frame that is among the best views of an object, a line from the camera to it."""
+    shown: dict[int, list[tuple[MapObject, View]]] = defaultdict(list)
+    for thing in home.objects:
+        for view in thing.views:
+            shown[view.frame].append((thing, view))
+    for frame, pairs in sorted(shown.items()):
+        out.set_time(TIMELINE, sequence=frame)
+        ends = [view.surface if view.surface is not None else thing.position for thing, view in pairs]
+        strips = [np.array([view.camera, end]) for (_, view), end in zip(pairs, ends, strict=True)]
+        out.log("home/sight", rr.LineStrips3D(strips, colors=[_colour(thing) for thing, _ in pairs]))
+        if frame + 1 not in shown:
+            out.set_time(TIMELINE, sequence=frame + 1)
+            out.log("home/sight", rr.Clear(recursive=False))
+
+
+def _moving(
+    out: Any, home: Home, recording: Recording, first: int, progress: Callable[[int, int], None] | None
+) -> None:
+    """Every frame: the camera, its picture and depth; and, in steps, the path and the floor plan of the frames so far."""
+    floor, path, total = OccupancyMapper(), [], len(recording)
+    for number in range(total):
+        frame = recording[number]
+        pose, camera = frame.world_from_camera, frame.camera
+        path.append(pose[:3, 3])
+        out.set_time(TIMELINE, sequence=first + number)
+        out.log("camera", rr.Transform3D(translation=pose[:3, 3], mat3x3=pose[:3, :3]))
+        out.log("camera/image", _pinhole(camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy))
+        out.log("camera/image", rr.Image(frame.rgb).compress(jpeg_quality=JPEG_QUALITY))
+        if frame.depth_m is not None:
+            floor.add(frame)
+            step = max(1, camera.width // DEPTH_WIDTH)
+            small: Array = np.nan_to_num(frame.depth_m[::step, ::step] * 1000).clip(0, 65535).astype(np.uint16)
+            height, width = small.shape
+            out.log(
+                "camera/depth",
+                _pinhole(width, height, camera.fx / step, camera.fy / step, camera.cx / step, camera.cy / step),
+            )
+            out.log("camera/depth", rr.DepthImage(small, meter=1000.0))
+        last = number + 1 == total
+        if last or number % -(-total // STEPS) == 0:
+            out.log("home/path", rr.LineStrips3D([np.array(path)], colors=PATH))
+            if home.grid is not None:
+                _floor_plan(out, home, home.grid if last else floor.grid())
+        if progress is not None:
+            progress(number + 1, total)
+
+
+def _pinhole(width: int, height: int, fx: float, fy: float, cx: float, cy: float) -> Any:
+    """Rerun's pixel (0, 0) is the corner of the first pixel, ours its centre."""
+    return rr.Pinhole(
+        resolution=(width, height), focal_length=(fx, fy), principal_point=(cx + 0.5, cy + 0.5),
+        camera_xyz=rr.ViewCoordinates.RDF, image_plane_distance=0.3,
+    )  # fmt: skip

@@ -1,0 +1,98 @@
+"""One page of small evidence photos, one for each object of a home: what is listed wrongly is seen at a glance."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from cartier.errors import InputError
+from cartier.home import Home
+from cartier.io.atomic import write_file
+from cartier.io.images import decode_rgb
+from cartier.types import View
+
+if TYPE_CHECKING:
+    from PIL import Image
+
+SIDE, CAPTION, GAP, COLUMNS = 132, 30, 8, 10  # pixels, and tiles in a row
+AROUND = 0.35  # of the box's size that is shown beside it, and at least so many pixels
+LEAST_PX = 24
+UNLIKELY = 0.05  # what is less probable is counted, not shown: in photographs there are dozens
+BOX, SURE, UNSURE = (209, 73, 91), (30, 30, 30), (150, 110, 20)
+
+
+def draw_sheet(home: Home, file: Path) -> None:
+    """Write a PNG or JPEG: the best view of every confirmed object by room and name, then of the tentative ones.
+
+    Raises InputError if the suffix names no image format, or the file cannot be written.
+    """
+    from PIL import Image, ImageDraw, ImageFont
+
+    sure = [thing for thing in home.objects if thing.confirmed and thing.views]
+    rooms = {room.id: number for number, room in enumerate(home.rooms)}
+    sure.sort(
+        key=lambda thing: (rooms.get(thing.room if thing.room is not None else -1, len(rooms)), thing.label, thing.id)
+    )
+    rest = sorted((o for o in home.objects if not o.confirmed and o.views), key=lambda thing: -thing.probability)
+    shown = [thing for thing in rest if thing.probability >= UNLIKELY]
+    less = f", {len(rest) - len(shown)} of them below {UNLIKELY:.0%} and not shown" if len(shown) < len(rest) else ""
+    groups = [
+        (f"{home.name}: {len(sure)} confirmed objects (detector: {home.detector})", sure),
+        (f"{len(rest)} tentative{less}", shown),
+    ]
+    tall = (
+        sum(CAPTION + -(-len(things) // COLUMNS) * (SIDE + CAPTION + GAP) for _, things in groups if things) + 2 * GAP
+    )
+    page = Image.new("RGB", (COLUMNS * (SIDE + GAP) + GAP, tall), "white")
+    draw, small, large = ImageDraw.Draw(page), ImageFont.load_default(11), ImageFont.load_default(15)
+    y = GAP
+    for title, things in groups:
+        if not things:
+            continue
+        draw.text((GAP, y), title, fill=SURE, font=large)
+        y += CAPTION
+        for number, thing in enumerate(things):
+            row, column = divmod(number, COLUMNS)
+            left, top = GAP + column * (SIDE + GAP), y + row * (SIDE + CAPTION + GAP)
+            page.paste(_tile(home, thing.views[0]), (left, top))
+            colour = SURE if thing.confirmed else UNSURE
+            draw.text((left, top + SIDE + 1), _cut(f"{thing.id} {thing.label}", draw, small), fill=colour, font=small)
+            told = f"{thing.probability:.0%}, {thing.sightings} of {thing.chances}"
+            draw.text((left, top + SIDE + 14), told, fill=colour, font=small)
+        y += -(-len(things) // COLUMNS) * (SIDE + CAPTION + GAP)
+    buffer = io.BytesIO()
+    try:
+        page.save(buffer, Image.registered_extensions()[file.suffix.lower() or ".png"])
+    except KeyError as error:
+        raise InputError(f"cannot draw to {file}: {file.suffix} is no image format; take .png or .jpg") from error
+    write_file(file, buffer.getvalue())
+
+
+def _tile(home: Home, view: View) -> Image.Image:
+    """The photo round a view's box, in a square, with the box drawn."""
+    from PIL import Image, ImageDraw
+
+    jpeg = home.photos.get(view.frame)
+    tile = Image.new("RGB", (SIDE, SIDE), (230, 230, 230))
+    if jpeg is None:
+        return tile
+    photo = Image.fromarray(decode_rgb(jpeg, None, f"{home.name}'s photo of frame {view.frame}"))
+    x1, y1, x2, y2 = view.box_xyxy
+    half = max(x2 - x1, y2 - y1) * (0.5 + AROUND) + LEAST_PX
+    middle_x, middle_y = (x1 + x2) / 2, (y1 + y2) / 2
+    crop = (middle_x - half, middle_y - half, middle_x + half, middle_y + half)
+    shown = photo.transform(
+        (SIDE, SIDE), Image.Transform.EXTENT, crop, Image.Resampling.BILINEAR, fillcolor=(230, 230, 230)
+    )
+    scale = SIDE / (2 * half)
+    corners = [(x1 - crop[0]) * scale, (y1 - crop[1]) * scale, (x2 - crop[0]) * scale, (y2 - crop[1]) * scale]
+    ImageDraw.Draw(shown).rectangle(corners, outline=BOX, width=2)
+    return shown
+
+
+def _cut(text: str, draw: object, font: object) -> str:
+    """As much of a name as is as wide as a tile."""
+    while len(text) > 3 and draw.textlength(text, font=font) > SIDE:  # type: ignore[attr-defined]
+        text = text[:-2].rstrip() + "…"
+    return text

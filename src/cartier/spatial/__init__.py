@@ -1,0 +1,1 @@
+"""Spatial relations between objects, and queries over them."""

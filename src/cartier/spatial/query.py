@@ -1,0 +1,301 @@
+"""What a reference means in a home: filter the objects, then rank them; and the words that tell objects apart."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+from functools import cached_property
+
+import numpy as np
+
+from cartier.spatial.expressions import Constraint, Phrase
+from cartier.spatial.relations import Relation, between, left_of, right_of, supports, under
+from cartier.types import Inventory, MapObject, Room
+from cartier.labels import name_key
+
+NEXT_M, NEAR_M, LOOSE_M = 0.8, 1.0, 0.25  # "next to", "near", and how much farther than the nearest is as near
+LEAST_SHARE = 0.12  # of an object's surface that has a colour to be called so
+TOUCHING_M = 0.12  # what stands on a thing is so close to it, where nothing better is known of what holds what
+LIKELY = 0.3  # probability from which what is tentative may tell others apart
+LEAST = 0.1  # probability under which a thing is not even named
+CLEARLY = 1.3  # how much more of a colour than the next a thing has that is meant by it
+BESIDE = {
+    "white": ("grey", "yellow"), "black": ("grey", "brown"), "grey": ("white", "black"), "brown": ("orange", "red", "black", "yellow"),
+    "yellow": ("orange", "brown"), "orange": ("brown", "red", "yellow"), "red": ("brown", "orange", "pink"), "pink": ("red", "purple"),
+    "blue": ("purple", "grey"), "green": ("blue", "yellow"), "purple": ("blue", "pink"),
+}  # fmt: skip
+"""What a colour is taken for in warm light or in shadow."""
+ALIKE = 0.9  # of the biggest: as big
+
+
+def called(thing: MapObject, names: Iterable[str]) -> bool:
+    """Whether a thing has one of the names, by its label or from people."""
+    return not set(names).isdisjoint((thing.label, *thing.names))
+
+
+class Scene:
+    """The confirmed objects of an inventory, with what holds what."""
+
+    def __init__(self, inventory: Inventory) -> None:
+        self.rooms = {room.id: room for room in inventory.rooms}
+        self.objects = [thing for thing in inventory.objects if thing.confirmed]
+        maybe = [o for o in inventory.objects if not o.confirmed and o.probability >= LEAST]
+        self.maybe = sorted(
+            maybe, key=lambda o: -o.probability
+        )  # what is tentative: named in words, never served unasked
+        self.by_id = {thing.id: thing for thing in self.objects} | {a: t for t in self.objects for a in t.aliases}
+        self.from_xy = inventory.from_xy
+
+    @property
+    def known(self) -> bool:
+        """Whether more than names is known."""
+        return any(thing.box_max != thing.box_min for thing in self.objects)
+
+    @cached_property
+    def several(self) -> frozenset[str]:
+        """The labels of more than one object."""
+        counts = Counter(thing.label for thing in self.objects)
+        return frozenset(label for label, count in counts.items() if count > 1)
+
+    @cached_property
+    def holders(self) -> dict[int, Relation]:
+        return supports(self.objects)
+
+    def held_by(self, thing: MapObject) -> list[MapObject]:
+        """What a thing stands on or in, and what that stands on, in order."""
+        found: list[MapObject] = []
+        while thing.id in self.holders and self.holders[thing.id].object is not None and len(found) < 5:
+            thing = self.by_id[self.holders[thing.id].object or 0]
+            found.append(thing)
+        return found
+
+    def room_of(self, thing: MapObject) -> Room | None:
+        return self.rooms.get(-1 if thing.room is None else thing.room)
+
+    def distance_m(self, thing: MapObject, other: MapObject | None = None) -> float:
+        """Between two boxes; of one to where the robot stands, along the floor."""
+        low, high = np.array(thing.box_min), np.array(thing.box_max)
+        if other is not None:
+            apart = np.maximum(np.maximum(low - other.box_max, np.array(other.box_min) - high), 0)
+            return float(np.linalg.norm(apart))
+        at = np.array(self.from_xy if self.from_xy is not None else (0.0, 0.0))[:2]
+        return float(np.linalg.norm(np.maximum(np.maximum(low[:2] - at, at - high[:2]), 0)))
+
+    def meant(self, phrase: Phrase, without: Iterable[int] = ()) -> tuple[list[MapObject], Constraint | None]:
+        """The objects that a phrase may mean, best first; without any, also what emptied the list."""
+        if phrase.thing is not None:
+            return [self.by_id[phrase.thing]] if phrase.thing in self.by_id else [], None
+        out = set(without)
+        found = [o for o in self.objects if (phrase.generic or called(o, phrase.labels)) and o.id not in out]
+        found.sort(key=self.distance_m)
+        for constraint in phrase.relations:
+            left = self._related(found, constraint)
+            if not left and found:
+                return [], constraint
+            found = left
+        if phrase.colours and found:
+            of = {o.id: _coloured(o, phrase.colours) for o in found}
+            coloured = sorted((o for o in found if of[o.id] >= LEAST_SHARE), key=lambda o: -of[o.id])
+            if not coloured and len(found) > 1:
+                return [], Constraint("colour")
+            found = coloured or found
+            if len(found) > 1 and of[found[0].id] > CLEARLY * of[found[1].id]:
+                found = found[:1]
+        wish = phrase.most or (phrase.size if len(found) > 1 else "")
+        if wish and found:
+            found = self.most(found, wish)
+        if phrase.order and found:
+            found = found[phrase.order - 1 : phrase.order]
+        return found, None
+
+    def _perhaps_there(self, landmark: Phrase) -> list[MapObject]:
+        """What is tentative, and may still tell apart what is sure."""
+        key = name_key(landmark.said)
+        return [o for o in self.maybe if o.probability >= LIKELY and name_key(o.label) == key]
+
+    def perhaps(self, phrase: Phrase) -> MapObject | None:
+        """The likeliest tentative object that a phrase may mean, relations and all."""
+        key = name_key(phrase.said)
+        found = [o for o in self.maybe if called(o, phrase.labels) or name_key(o.label) == key]
+        for constraint in phrase.relations:
+            found = self._related(found, constraint)
+        return max(found, key=lambda o: o.probability, default=None)
+
+    def most(self, found: Sequence[MapObject], wish: str) -> list[MapObject]:
+        """Those that are the biggest, highest, nearest …: more than one only where they are as good as equal."""
+        of = {o.id: self.measure(o, wish) for o in found}
+        best = max(of.values())
+        if wish in ("nearest", "farthest", "leftmost", "rightmost", "highest", "lowest"):
+            return [max(found, key=lambda o: of[o.id])]
+        return sorted((o for o in found if of[o.id] >= best - abs(best) * (1 - ALIKE)), key=lambda o: -of[o.id])[:1]
+
+    def measure(self, thing: MapObject, wish: str) -> float:
+        """How much a thing has of what a superlative asks for."""
+        low, high = np.array(thing.box_min), np.array(thing.box_max)
+        size = np.maximum(high - low, 0.02)
+        if wish in ("nearest", "farthest"):
+            far = self.distance_m(thing)
+            return -far if wish == "nearest" else far
+        if wish in ("leftmost", "rightmost"):
+            at = np.array(self.from_xy or (0.0, 0.0))[:2]
+            mean = np.mean([np.array(o.position)[:2] for o in self.objects], axis=0) - at
+            way = np.array(thing.position)[:2] - at
+            turn = math.atan2(mean[0] * way[1] - mean[1] * way[0], float(mean @ way))
+            return turn if wish == "leftmost" else -turn
+        measured = {
+            "biggest": float(np.prod(size)), "smallest": -float(np.prod(size)), "tallest": float(size[2]),
+            "shortest": -float(size[2]), "highest": float(high[2]), "lowest": -float(low[2]),
+        }  # fmt: skip
+        return measured[wish]
+
+    def _related(self, found: Sequence[MapObject], constraint: Constraint) -> list[MapObject]:
+        kind, target = constraint.kind, constraint.target
+        if target is None:
+            return self.most(found, kind) if found else []
+        if kind.startswith("not "):
+            there = {o.id for o in self._related(found, replace(constraint, kind=kind[4:]))}
+            return [o for o in found if o.id not in there]
+        if target.rooms is not None:
+            rooms = set(target.rooms)
+            inside = [o for o in found if o.room in rooms]
+            return inside if kind != "farthest" else [o for o in found if o.room not in rooms]
+        beside = self.meant(target)[0] or self._perhaps_there(target)
+        if not beside:
+            return []
+        ways: dict[str, Callable[[], list[MapObject]]] = {
+            "on": lambda: self._on(found, beside), "in": lambda: self._on(found, beside),
+            "from": lambda: self._on(found, beside),
+            "under": lambda: self._under(found, beside), "above": lambda: self._above(found, beside),
+            "with": lambda: self._with(found, beside), "between": lambda: self._between(found, beside, constraint),
+            "next to": lambda: self._close(found, beside, NEXT_M), "near": lambda: self._close(found, beside, NEAR_M),
+            "nearest": lambda: self._close(found, beside, math.inf)[:1], "of": lambda: self._close(found, beside, NEXT_M),
+            "farthest": lambda: self._close(found, beside, math.inf, farthest=True)[:1],
+            "left of": lambda: self._side(found, beside, left_of), "right of": lambda: self._side(found, beside, right_of),
+        }  # fmt: skip
+        return ways[kind]()
+
+    def _on(self, found: Sequence[MapObject], beside: Sequence[MapObject]) -> list[MapObject]:
+        ids = {o.id for o in beside}
+        direct = [o for o in found if any(h.id in ids for h in self.held_by(o)[:1])]
+        held = direct or [o for o in found if any(h.id in ids for h in self.held_by(o))]
+        return held or [o for o in found if any(self._stands(o, b) for b in beside)]
+
+    def _stands(self, thing: MapObject, below: MapObject) -> bool:
+        """Whether a thing is over or in another's outline and close to it: what holds it may have been called otherwise."""
+        x, y, _ = thing.position
+        over = below.box_min[0] <= x <= below.box_max[0] and below.box_min[1] <= y <= below.box_max[1]
+        return thing.id != below.id and over and self.distance_m(thing, below) <= TOUCHING_M
+
+    def _under(self, found: Sequence[MapObject], beside: Sequence[MapObject]) -> list[MapObject]:
+        ids = {r.subject for b in beside for r in under(b, self.objects) if r.probability >= 0.3}
+        low = [o for o in found if o.id in ids]
+        return low or [
+            o for o in found if any(o.position[2] < b.position[2] and self._flat_m(o, b) < 0.1 for b in beside)
+        ]
+
+    def _above(self, found: Sequence[MapObject], beside: Sequence[MapObject]) -> list[MapObject]:
+        high = [o for o in found if any(o.position[2] > b.box_max[2] and self._flat_m(o, b) < 0.3 for b in beside)]
+        return sorted(high, key=lambda o: min(self._flat_m(o, b) for b in beside))
+
+    def _flat_m(self, one: MapObject, other: MapObject) -> float:
+        apart = np.maximum(np.array(one.box_min) - other.box_max, np.array(other.box_min) - one.box_max)[:2]
+        return float(np.linalg.norm(np.maximum(apart, 0)))
+
+    def _with(self, found: Sequence[MapObject], beside: Sequence[MapObject]) -> list[MapObject]:
+        holding = {h.id for b in beside for h in self.held_by(b)[:1]}
+        return [o for o in found if o.id in holding] or self._close(found, beside, NEXT_M)
+
+    def _between(
+        self, found: Sequence[MapObject], beside: Sequence[MapObject], constraint: Constraint
+    ) -> list[MapObject]:
+        ends = self.meant(constraint.other)[0] if constraint.other is not None else list(beside[1:])
+        pairs = [(a, b) for a in beside[:4] for b in ends[:4] if a.id != b.id]
+        told = [r for a, b in pairs for r in between(a, b, [o for o in found if o.id not in (a.id, b.id)])]
+        told.sort(key=lambda r: -r.probability)
+        return [self.by_id[r.subject] for r in told if r.probability >= 0.3][:1]
+
+    def _close(
+        self, found: Sequence[MapObject], beside: Sequence[MapObject], most_m: float, farthest: bool = False
+    ) -> list[MapObject]:
+        """Those that are close to any of the others, the closest first, in its room if any is."""
+        others = [o for o in found if any(b.id != o.id for b in beside)]
+        far = {o.id: min(self.distance_m(o, b) for b in beside if b.id != o.id) for o in others}
+        if farthest:
+            return sorted(others, key=lambda o: -far[o.id])
+        rooms = {b.room for b in beside}
+        close = [o for o in others if far[o.id] <= most_m]
+        same = [o for o in close if o.room in rooms] or close
+        same.sort(key=lambda o: far[o.id])
+        return [o for o in same if far[o.id] <= far[same[0].id] + LOOSE_M]
+
+    def _side(
+        self, found: Sequence[MapObject], beside: Sequence[MapObject], side: Callable[..., tuple[Relation, ...]]
+    ) -> list[MapObject]:
+        """Left and right as seen from where a thing was seen best."""
+        told = [
+            r for b in beside if b.views for r in side(b, [o for o in found if o.id != b.id], b.views[0].camera[:2])
+        ]
+        likely = sorted((r for r in told if r.probability >= 0.5), key=lambda r: r.metres)
+        near = [self.by_id[r.subject] for r in likely]
+        return sorted(dict.fromkeys(near), key=lambda o: min(self.distance_m(o, b) for b in beside))[:1]
+
+    def whereabouts(self, thing: MapObject) -> str:
+        """Where a thing is, in words: "on the table in the kitchen"."""
+        told = [*self._places(thing)[:1]] if self._places(thing) else []
+        room = self.room_of(thing)
+        if room is not None and not (told and told[0] == _inside(room)):
+            told.append(_inside(room))
+        return " ".join(told)
+
+    def _places(self, thing: MapObject) -> list[str]:
+        """All that may be said of where a thing is, the most telling first."""
+        told = []
+        held = self.holders.get(thing.id)
+        if held is not None and held.object is not None:
+            told.append(f"{held.kind} the {self.by_id[held.object].label}")
+        size = float(np.prod(np.subtract(thing.box_max, thing.box_min)))
+        marks = (
+            o for o in self.objects
+            if o.label != thing.label and o.id != (held.object if held else None)
+            and (o.label not in self.several or held is None) and np.prod(np.subtract(o.box_max, o.box_min)) > max(size / 2, 0.02)
+        )  # fmt: skip
+        beside = sorted(marks, key=lambda o: self.distance_m(thing, o))
+        told += [
+            f"by the {o.label}" for o in beside[:4] if self.distance_m(thing, o) <= NEAR_M and o.room == thing.room
+        ]
+        room = self.room_of(thing)
+        return told + ([_inside(room)] if room is not None else [])
+
+    def tell_apart(self, found: Sequence[MapObject]) -> list[str]:
+        """For each object what none of the others has: room, place, colour or size; "" where nothing does."""
+        every = []
+        for thing in found:
+            room = self.room_of(thing)
+            told = ([_inside(room)] if room is not None else []) + self._places(thing)
+            told += [f"the {thing.colours[0][0]} one"] if thing.colours else []
+            every.append(list(dict.fromkeys(told)))
+        apart = [
+            next((words for words in told if not any(words in other for k, other in enumerate(every) if k != i)), "")
+            for i, told in enumerate(every)
+        ]
+        if len(found) == 2 and not all(apart):
+            big, small = (float(np.prod(np.subtract(o.box_max, o.box_min))) for o in found)
+            if max(big, small) > 1.3 * min(big, small):
+                apart = ["the bigger one", "the smaller one"] if big > small else ["the smaller one", "the bigger one"]
+        return apart
+
+
+def _inside(room: Room) -> str:
+    """ "in the kitchen", "in bedroom 2"."""
+    return f"in {room.name}" if room.name[-1:].isdigit() or "'s" in room.name else f"in the {room.name}"
+
+
+def _coloured(thing: MapObject, colours: Sequence[str]) -> float:
+    """How much of a thing has one of the colours, or, for a third of that, one beside it."""
+    near = {other for colour in colours for other in BESIDE.get(colour, ())} - set(colours)
+    return (
+        sum(share for name, share in thing.colours if name in colours)
+        + sum(share for name, share in thing.colours if name in near) / 3
+    )

@@ -1,0 +1,1 @@
+"""Natural-language understanding without a language model: text, utterances, grounding, answers."""

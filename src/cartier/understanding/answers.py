@@ -1,0 +1,223 @@
+"""Answers in words to questions about a home: how many, is there, where, what is on it, which is bigger."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from typing import Any
+
+from cartier.spatial.expressions import Asked, Constraint, Phrase
+from cartier.spatial.query import Scene, called
+from cartier.types import Fact, MapObject, Selection
+from cartier.understanding.reference_words import STANDS_FOR
+from cartier.labels import name_key
+
+NUMBERS = {1: "one", 2: "two", 3: "three"}
+PLURALS = (
+    ("ss", "sses"), ("s", "s"), ("ch", "ches"), ("sh", "shes"), ("x", "xes"), ("ato", "atoes"), ("fe", "ves"), ("lf", "lves"),
+)  # fmt: skip
+
+
+def answer(asked: Asked, scene: Scene, last: MapObject | None, model: str) -> Selection | None:
+    """What a question gets; None if it is about nothing that is known here. ``last`` is what was spoken of before."""
+    head = asked.head
+    if asked.kind == "rooms":
+        rooms = [room.name for room in scene.rooms.values()]
+        return _told(f"I know {_and(rooms) if rooms else 'no rooms'}.", Fact("list", rooms), model)
+    if asked.kind == "compare":
+        return _compared(asked, scene, model)
+    if (head is None or head.said in ("are", "is", "")) and last is not None and asked.kind != "list":
+        head = Phrase(last.label, frozenset({last.label}), plural=True)
+    if head is None:
+        return _inventory(scene, model) if asked.kind == "list" else None
+    if head.said in STANDS_FOR and head.bare and last is None:
+        return None
+    if head.generic and head.bare and last is not None and asked.kind != "list":
+        found: list[MapObject] = [last]
+    else:
+        found, _ = scene.meant(head)
+    if asked.kind == "count":
+        return _counted(head, found, scene, model)
+    if asked.kind == "list":
+        return _listed(head, scene, model)
+    if asked.kind == "exists":
+        return _exists(head, found, scene, model)
+    if head.rooms is not None:
+        return None
+    if not found:
+        return _told(f"I have not seen {_a(head)}.{_instead(head, scene)}", Fact("where", None), model)
+    return _about(asked, found, scene, model)
+
+
+def _about(asked: Asked, found: Sequence[MapObject], scene: Scene, model: str) -> Selection:
+    """What is to be known of one thing, the nearest of those meant."""
+    thing = found[0]
+    it = next((name for name in thing.names if asked.head and name in asked.head.labels), f"the {thing.label}")
+    where = scene.whereabouts(thing) or "where I saw it"
+    if asked.kind not in ("where", "room"):
+        say, value = _known(asked, thing, it, where, scene)
+        return _told(f"{say[:1].upper()}{say[1:]}.", Fact("tell", value, (thing.id,)), model, thing)
+    room = scene.room_of(thing)
+    if len(found) > 1 and not (asked.head and asked.head.most):
+        places = Counter(scene.whereabouts(o) or "somewhere" for o in found).most_common()
+        told = "; ".join(f"{NUMBERS.get(n, n)} {place}" for place, n in places[:5])
+        say = f"I know {len(found)}: {told}{' and more' if len(places) > 5 else ''}."
+    else:
+        say = f"{it[:1].upper()}{it[1:]} is {where}, {scene.distance_m(thing):.1f} m from here."
+    return _told(say, Fact("where", room.name if room else None, tuple(o.id for o in found)), model, thing)
+
+
+def _known(asked: Asked, thing: MapObject, it: str, where: str, scene: Scene) -> tuple[str, Any]:
+    """A sentence about one thing, without its full stop, and what it says for programs."""
+    if asked.kind == "far":
+        other = scene.meant(asked.other)[0] if asked.other is not None and asked.other.labels else []
+        far = scene.distance_m(thing, other[0] if other else None)
+        return f"{it} is {far:.1f} m from {f'the {other[0].label}' if other else 'here'}", round(far, 2)
+    if asked.kind == "which":
+        return f"{it} {where}", thing.label
+    if asked.kind == "sure":
+        looks = f"I saw {it} in {thing.sightings} of {thing.chances} frames that could show it"
+        return f"{looks}, and am {thing.probability:.0%} sure of it: it is {where}", thing.probability
+    if asked.kind == "when":
+        looked = f"and looked there last at {thing.last_looked_s:.0f} s"
+        return f"I saw {it} last {thing.last_seen_s:.0f} s into the recording, {looked}", thing.last_seen_s
+    if asked.kind == "colour":
+        names = [name for name, share in thing.colours if share >= 0.25][:2] or [name for name, _ in thing.colours[:1]]
+        return f"{it} is {' and '.join(names) or 'of no colour that I could tell'}", names[0] if names else None
+    size = [round(high - low, 2) for low, high in zip(thing.box_min, thing.box_max, strict=True)]
+    return f"{it} is about {size[0]:.2f} m by {size[1]:.2f} m, and {size[2]:.2f} m high", size
+
+
+def _counted(head: Phrase, found: Sequence[MapObject], scene: Scene, model: str) -> Selection:
+    maybe = [o for o in scene.maybe if called(o, head.labels) and o.probability >= 0.3] if head.bare else []
+    unsure = f" {'One' if len(maybe) == 1 else len(maybe)} more may be there, hardly seen." if maybe else ""
+    names = Counter(o.label for o in found)
+    if not found:
+        say = f"I have seen no {_name(head)}{_where(head)}.{_instead(head, scene)}{unsure}"
+    else:
+        what = _and([_many(name, count) for name, count in names.items()])
+        say = f"I have seen {what}{_where(head)}.{unsure}"
+    return _told(
+        say, Fact("count", len(found), tuple(o.id for o in found)), model, found[0] if len(names) == 1 else None
+    )
+
+
+def _exists(head: Phrase, found: Sequence[MapObject], scene: Scene, model: str) -> Selection | None:
+    if head.rooms is not None:
+        names = [scene.rooms[i].name for i in head.rooms]
+        return _told(
+            f"Yes, I know the {names[0]}." if names else f"I know no {head.said}.", Fact("exists", bool(names)), model
+        )
+    ids = tuple(o.id for o in found)
+    if found:
+        what = _many(found[0].label, len(found)) if len({o.label for o in found}) == 1 else f"{len(found)} of them"
+        return _told(f"Yes: {what}, {scene.whereabouts(found[0])}.", Fact("exists", True, ids), model, found[0])
+    return _told(f"No, I have not seen {_a(head)}{_where(head)}.{_instead(head, scene)}", Fact("exists", False), model)
+
+
+def _listed(head: Phrase, scene: Scene, model: str) -> Selection | None:
+    """What is on, in, under or near something; or in a room."""
+    if head.rooms is not None:
+        found = [o for o in scene.objects if o.room in head.rooms]
+        where = f"in the {head.said}"
+    elif head.generic and head.relations:
+        found, _ = scene.meant(head)
+        where = _where(head).strip()
+    elif head.generic:
+        return _inventory(scene, model)
+    else:
+        found, where = [o for o in scene.objects if called(o, head.labels)], "here"
+    if not found:
+        return _told(f"Nothing that I have seen is {where}.", Fact("list", []), model)
+    names = Counter(o.label for o in found)
+    what = _and([_many(name, count) for name, count in names.most_common(12)]) + (
+        " and more" if len(names) > 12 else ""
+    )
+    ids = tuple(o.id for o in found)
+    return _told(f"I have seen {what} {where}.", Fact("list", sorted(names), ids), model)
+
+
+def _inventory(scene: Scene, model: str) -> Selection:
+    names = Counter(o.label for o in scene.objects)
+    what = _and([_many(name, count) for name, count in names.most_common(15)])
+    say = f"I know {len(scene.objects)} objects of {len(names)} kinds: {what}{' and more' if len(names) > 15 else ''}."
+    return _told(say, Fact("list", sorted(names), tuple(o.id for o in scene.objects)), model)
+
+
+def _compared(asked: Asked, scene: Scene, model: str) -> Selection | None:
+    pair = [scene.meant(phrase)[0][:1] for phrase in (asked.head, asked.other) if phrase is not None]
+    if len(pair) != 2 or not all(pair):
+        gone = [phrase for phrase, found in zip((asked.head, asked.other), pair, strict=True) if phrase and not found]
+        return _told(f"I have not seen {_a(gone[0])}.", Fact("compare", None), model) if gone else None
+    one, other = pair[0][0], pair[1][0]
+    if one.id == other.id:
+        both = scene.meant(asked.head)[0] if asked.head else []
+        if len(both) < 2:
+            return None
+        one, other = both[0], both[1]
+    to = next(iter(scene.meant(asked.to)[0]), None) if asked.to is not None else None
+    if to is not None and asked.by in ("nearest", "farthest"):
+        more = (min if asked.by == "nearest" else max)((one, other), key=lambda o: scene.distance_m(o, to))
+    else:
+        more = max((one, other), key=lambda o: scene.measure(o, asked.by))
+    words = {
+        "biggest": "bigger",
+        "smallest": "smaller",
+        "nearest": "nearer",
+        "farthest": "farther",
+        "tallest": "taller",
+        "highest": "higher",
+        "lowest": "lower",
+    }
+    say = f"The {more.label}{f' {scene.whereabouts(more)}' if one.label == other.label else ''} is {words.get(asked.by, asked.by)}."
+    return _told(say, Fact("compare", more.label, (more.id,)), model, more)
+
+
+def _told(say: str, fact: Fact, model: str, thing: MapObject | None = None) -> Selection:
+    name, number = (thing.label, thing.id) if thing is not None else (None, None)
+    return Selection("told", name, reason=say, say=say, fact=fact, model=model, object_id=number)
+
+
+def _instead(head: Phrase, scene: Scene) -> str:
+    """What there is instead of what a phrase asks for."""
+    elsewhere = [o for o in scene.objects if called(o, head.labels)]
+    if elsewhere:
+        return "" if head.bare else f" There is {one(elsewhere[0].label)} {scene.whereabouts(elsewhere[0])}."
+    maybe = [o for o in scene.maybe if name_key(o.label) == name_key(head.said)]
+    return f" I may have seen one {scene.whereabouts(maybe[0])}, but too seldom to be sure." if maybe else ""
+
+
+def _where(phrase: Phrase) -> str:
+    """The relations of a phrase in words again."""
+    return "".join(f" {_preposition(c)}" for c in phrase.relations)
+
+
+def _preposition(constraint: Constraint) -> str:
+    if constraint.target is None:
+        return constraint.kind
+    return f"{'nearest to' if constraint.kind == 'nearest' else constraint.kind} the {constraint.target.said}"
+
+
+def _name(phrase: Phrase) -> str:
+    return phrase.said if not phrase.generic else "such thing"
+
+
+def _a(phrase: Phrase) -> str:
+    return f"any {_name(phrase)}" if phrase.plural else one(_name(phrase))
+
+
+def one(name: str) -> str:
+    return f"{'an' if name[:1] in 'aeiou' else 'a'} {name}"
+
+
+def _many(name: str, count: int) -> str:
+    if count == 1:
+        return one(name)
+    for end, plural in PLURALS:
+        if name.endswith(end):
+            return f"{count} {name[: len(name) - len(end)]}{plural}"
+    return f"{count} {name}s"
+
+
+def _and(parts: Sequence[str]) -> str:
+    return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} and {parts[-1]}"

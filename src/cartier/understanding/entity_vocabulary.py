@@ -1,0 +1,90 @@
+"""What may be named in a home: which listed names the words of people may mean, and which rooms."""
+
+from __future__ import annotations
+
+from collections.abc import Container, Iterator, Mapping, Sequence
+from functools import lru_cache
+
+from cartier.spatial.expressions import Names
+from cartier.types import Inventory
+from cartier.understanding.cards import Deck, bare
+from cartier.labels import name_key, plain, words
+from cartier.understanding.text import STOP
+
+ROOMS = {
+    "living room": ("lounge", "sitting room", "living area", "parlour", "parlor", "front room"), "bathroom": ("restroom", "washroom", "bath room", "shower room"),
+    "hall": ("hallway", "corridor", "entrance", "passage"), "study": ("office", "home office", "workroom"), "bedroom": ("bed room", "sleeping room"),
+    "kitchen": ("kitchenette", "cooking area"), "dining room": ("dining area",),
+}  # fmt: skip
+SORTS = {
+    name_key(word): frozenset(map(name_key, names.split(", ")))
+    for word, names in {
+        "seat": "sofa, couch, arm chair, chair, stool, bench, ottoman, desk chair, dining chair", "plant": "house plant, potted plant",
+        "cup": "mug", "mug": "cup", "soap": "soap bar, soap bottle", "shelf": "shelving unit, bookcase, bookshelf", "cushion": "pillow",
+        "bookcase": "shelving unit, shelf, bookshelf", "bookshelf": "shelving unit, shelf, bookcase", "light": "floor lamp, desk lamp, table lamp",
+        "shower": "shower head, shower door, shower curtain", "figurine": "statue", "table lamp": "desk lamp", "desk lamp": "table lamp", "standing lamp": "floor lamp",
+        "computer": "laptop, desktop", "rug": "carpet", "picture": "painting, poster", "bin": "garbage can, trash can",
+        "saucepan": "pot, pan", "frying pan": "pan", "salad": "lettuce", "hob": "stove burner, stove", "stove": "stove burner, hob", "cooker": "stove burner, stove", "glass": "cup", "wall clock": "clock", "freezer": "fridge",
+    }.items()
+}  # fmt: skip
+"""General words, and the names of what they mean."""
+NO_ENDS = frozenset(words("top head bar stand can holder hanger machine paper control bag board"))
+
+
+class _Things(Mapping[str, frozenset[str]]):
+    """The listed labels that a key stands for: of that name, of names that end so ("lamp"), of a sort or of the
+    same card. None of them for what is known and not listed."""
+
+    def __init__(self, deck: Deck, names: Sequence[str], not_these: Container[str]) -> None:
+        self._deck, self._without = deck, not_these
+        self._own, self._ends = dict[str, set[str]](), dict[str, set[str]]()
+        self._cards = dict[int, set[str]]()
+        for name in names:
+            parts = words(plain(bare(name)))
+            self._own.setdefault(name_key(bare(name)), set()).add(name)
+            card = deck.card_of(name)
+            if card is not None:
+                self._cards.setdefault(card, set()).add(name)
+            for i in range(1, len(parts)):
+                end = name_key(" ".join(parts[i:]))
+                if end in deck.by_key and end not in NO_ENDS:  # a floor lamp is a lamp; a counter top is no top
+                    self._ends.setdefault(end, set()).add(name)
+        self._found: dict[str, frozenset[str]] = {}
+
+    def __contains__(self, key: object) -> bool:
+        known = key in self._own or key in self._ends or key in self._deck.by_key or key in SORTS
+        return known and key not in self._without and key not in STOP
+
+    def __getitem__(self, key: str) -> frozenset[str]:
+        if key not in self._found:
+            card = self._deck.by_key.get(key)
+            of_card = self._cards.get(card, ()) if card is not None else ()
+            self._found[key] = frozenset(self._own.get(key) or self._ends.get(key) or self.like(key) or of_card)
+        return self._found[key]
+
+    def like(self, key: str) -> frozenset[str]:
+        """What may be meant where nothing of the very name fits: a mug for a cup, an arm chair for a chair."""
+        sort = {name for own, listed in self._own.items() if own in SORTS.get(key, ()) for name in listed}
+        return frozenset(self._ends.get(key, set()) | sort)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter({*self._own, *self._ends, *self._deck.by_key})
+
+    def __len__(self) -> int:
+        return sum(1 for _ in self)
+
+
+def lexicon(deck: Deck, inventory: Inventory) -> Names:
+    """What may be named in a home: its objects by all names that their cards have, what it has not, and its rooms."""
+    return _lexicon(deck, tuple(inventory.names), tuple((room.id, room.name, room.kind) for room in inventory.rooms))
+
+
+@lru_cache(maxsize=16)
+def _lexicon(deck: Deck, names: tuple[str, ...], rooms: tuple[tuple[int, str, str], ...]) -> Names:
+    called: dict[str, tuple[int, ...]] = {}
+    for kind, more in ROOMS.items():
+        of_kind = tuple(number for number, _, room_kind in rooms if room_kind == kind)
+        called |= dict.fromkeys(map(name_key, (kind, *more)), of_kind)
+    called |= {name_key(name): (number,) for number, name, kind in rooms if name != kind}
+    things = _Things(deck, names, called)
+    return Names(things, called, things.like)

@@ -1,0 +1,99 @@
+"""Word matching: for each card, the phrase whose telling words were said best, each word weighed by how few cards know it."""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from collections.abc import Iterable
+from typing import NamedTuple
+
+from cartier.understanding.cards import Deck
+from cartier.understanding.text import STOP, stem
+from cartier.understanding.utterance import Mention, Sentence
+
+RAREST = 5.0  # idf of a word that one card knows, whatever the number of cards
+UNSAID, VAGUE = 0.5, 1.6  # what a phrase's unsaid words, and every phrase, cost; in units of idf
+UNHEARD = 0.12  # what a sentence's words cost that the card does not know, per idf
+ENOUGH = 12.0  # how much idf of them is held against it, so that a long story is no fault
+BEFORE = 0.75  # weight of the words of the sentence before, and again for the one before that
+FAINT = 0.3  # weight at which words of earlier sentences are forgotten
+NEGATED = 0.3  # weight of negated words
+ALSO = 0.4  # weight of further words of the sentence that other phrases of the card hold
+
+
+class Phrase(NamedTuple):
+    """A phrase and its telling stems; ``card`` is an index into the deck."""
+
+    card: int
+    text: str
+    stems: tuple[str, ...]
+
+
+class Fit(NamedTuple):
+    """How well a card's best phrase was met (0 to 1), the words that met it, and the phrase."""
+
+    score: float
+    met: str
+    phrase: str
+
+
+class Lexicon:
+    """An inverted index over the stems of the cards' uses."""
+
+    def __init__(self, deck: Deck) -> None:
+        self.phrases = [
+            Phrase(i, text, stems)
+            for i, card in enumerate(deck.cards)
+            for text, stems in zip(card.uses, deck.telling[i], strict=True)
+        ]
+        knowing: defaultdict[str, set[int]] = defaultdict(set)
+        self.postings: defaultdict[str, list[int]] = defaultdict(list)
+        for p, phrase in enumerate(self.phrases):
+            for s in phrase.stems:
+                knowing[s].add(phrase.card)
+                self.postings[s].append(p)
+        self.stems = [frozenset(s for stems in uses for s in stems) for uses in deck.telling]
+        scale = RAREST / math.log((len(deck.cards) + 1) / 1.5)
+        self.idf = {s: scale * math.log((len(deck.cards) + 1) / (len(known) + 0.5)) for s, known in knowing.items()}
+
+    def fits(self, said: list[Sentence], turned_down: frozenset[str]) -> dict[int, Fit]:
+        """For each card that any word speaks for, the best fit in any sentence."""
+        best: dict[int, Fit] = {}
+        before: dict[str, float] = {}
+        for sentence in said:
+            here, spelt = _weights(sentence, turned_down)
+            near = {s: BEFORE * w for s, w in before.items() if w > FAINT} | here
+            for p in sorted({p for s in here for p in self.postings.get(s, ())}):
+                phrase = self.phrases[p]
+                score = sentence.weight * self._met(phrase, here, near)
+                if phrase.card not in best or score > best[phrase.card].score:
+                    met = " … ".join(word for s, word in spelt.items() if s in phrase.stems)
+                    best[phrase.card] = Fit(score, met, phrase.text)
+            before = near
+        return best
+
+    def _met(self, phrase: Phrase, here: dict[str, float], near: dict[str, float]) -> float:
+        known = self.stems[phrase.card]
+        met = sum(self.idf[s] * near.get(s, 0.0) for s in phrase.stems)
+        also = sum(self.idf[s] * w for s, w in here.items() if s in known and s not in phrase.stems)
+        unheard = sum(self.idf.get(s, RAREST) for s in here if s not in known)
+        mass = sum(self.idf[s] for s in phrase.stems)
+        cost = UNSAID * (mass - met) + VAGUE + UNHEARD * min(unheard, ENOUGH)
+        met += ALSO * also
+        return met / (met + cost)
+
+
+def turned_down(said: Iterable[Mention]) -> frozenset[str]:
+    """The words of the names that the person does not want."""
+    return frozenset(w for m in said if m.unwanted for w in m.said.split())
+
+
+def _weights(sentence: Sentence, unwanted: frozenset[str]) -> tuple[dict[str, float], dict[str, str]]:
+    """The telling stems of a sentence with their weights, and as they were spelt."""
+    weights: dict[str, float] = {}
+    spelt: dict[str, str] = {}
+    for word, negated in zip(sentence.words, sentence.negated, strict=True):
+        if word not in STOP and word not in unwanted:
+            weights[stem(word)] = max(weights.get(stem(word), 0.0), NEGATED if negated else 1.0)
+            spelt.setdefault(stem(word), word)
+    return weights, spelt

@@ -1,0 +1,77 @@
+"""What becomes of a need: one softmax over found, near, absent and clarify, fitted by tools/fit_decision.py.
+
+What asks for nothing is told by its words alone (``_speech_acts.py``): a fitted fifth class lost one need in 25 to it.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Container, Sequence
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from cartier.types import Array, Status
+from cartier.understanding.candidates import Missing, Ranked, Things
+from cartier.understanding.near_synonyms import ALIKE
+from cartier.understanding.need_scorer import Judgement
+
+FITTED = Path(__file__).with_name("decision.json")
+OUTCOMES: tuple[Status, ...] = ("found", "near", "absent", "clarify")
+LEAST, MOST = -4.0, 3.0  # how far behind the missing, and ahead of the second, is told apart
+
+
+class Choice:
+    """What is decided from: listed things, the best first, the best that is not like it, and what is missing and where it is kept."""
+
+    def __init__(self, ranked: Sequence[Ranked], things: Things, judged: Judgement, outright: bool) -> None:
+        self.ranked, self.best, self.judged, self.outright = ranked, ranked[0], judged, outright
+        self._knowledge = things.scorer.knowledge
+        self.rival = next((r for r in ranked[1:] if not self._alike(r)), None)
+        self.missing = things.missing(judged, self.best.thing)
+        self.at_home = things.scorer.deck.cards[self.missing.card].at_home
+        kept = things.kept_beside(self.missing.card)
+        self.near = kept if any(r.thing.name == kept for r in ranked) else None
+
+    def _alike(self, other: Ranked) -> bool:
+        one, two = self.best.thing, other.thing
+        if one.card is None or two.card is None:
+            return one.key == two.key
+        return one.card == two.card or bool(self._knowledge.likeness(one.card)[two.card] > ALIKE)
+
+    def features(self) -> Array:
+        """(10,) what the decision is made from."""
+        card, logit, nothing = self.best.thing.card, self.best.logit, self.judged.nothing
+        better = max(self.missing.logit - logit, LEAST)
+        fit = self.judged.fits.get(-1 if card is None else card)
+        ahead = MOST if self.rival is None else min(logit - self.rival.logit, MOST)
+        called, elsewhere = (_called(r) for r in (self.best, self.missing))
+        also = _called(self.rival) if self.rival else 0.0
+        return np.array([
+            logit, logit - nothing, ahead, better, called, elsewhere, also,
+            float(not self.at_home), fit.score if fit else 0.0, float(not self.outright),
+        ])  # fmt: skip
+
+    @property
+    def possible(self) -> tuple[Status, ...]:
+        """Near needs something beside which the missing thing is kept, not only named in passing; a question needs two things."""
+        in_passing = not self.outright and self.missing.called is not None
+        never = {"near": self.near is None or in_passing, "clarify": self.rival is None}
+        return tuple(status for status in OUTCOMES if not never.get(status))
+
+    def decide(self, among: Container[Status] = OUTCOMES) -> Status:
+        """The most probable of the statuses that are possible."""
+        mean, spread, weights, bias = _fitted()
+        logits = dict(zip(OUTCOMES, (self.features() - mean) / spread @ weights + bias, strict=True))
+        return max((s for s in self.possible if s in among), key=lambda s: float(logits[s]))
+
+
+def _called(one: Ranked | Missing) -> float:
+    return 0.0 if one.called is None else one.called.weight
+
+
+@cache
+def _fitted() -> tuple[Array, ...]:
+    kept = json.loads(FITTED.read_text(encoding="utf-8"))
+    return tuple(np.array(kept[name]) for name in ("mean", "spread", "weights", "bias"))
