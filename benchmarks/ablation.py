@@ -38,7 +38,7 @@ from cartier.evaluation.things import FIND  # noqa: E402
 from cartier.labels import display_name  # noqa: E402
 from cartier.reasoners import embedded  # noqa: E402
 from cartier.types import Inventory  # noqa: E402
-from cartier.understanding import (
+from cartier.understanding import (  # noqa: E402
     candidates,
     need_scorer,
     outcome_classifier,
@@ -57,10 +57,10 @@ RULES: dict[str, tuple[tuple[Any, str, Any], ...]] = {
     "alone": ((need_scorer, "ALONE", 0.0),),
     "word matching": ((need_scorer.Lexicon, "fits", lambda self, said, out: {}),),
     "general words": ((candidates.Things, "_ends", lambda *args: ()),),
-    "twins": ((candidates.Things, "twins", lambda *args: frozenset()),),
+    "near_synonyms": ((candidates.Things, "near_synonyms", lambda *args: frozenset()),),
     "the decision": ((outcome_classifier.Choice, "decide", lambda *args: "found"),),
     "several needs": ((embedded, "_parts", lambda text: [text]),),
-    "speech acts": ((embedded, "sort_out", lambda heard, known: embedded.Said("", "", "outright")),),
+    "speech acts": ((embedded, "sort_out", lambda heard, known: embedded.DialogueAct("", "", "outright")),),
 }  # fmt: skip
 
 

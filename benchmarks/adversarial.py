@@ -72,7 +72,7 @@ def main() -> int:
             outside += 1
             print(f"{type(error).__name__}: {error}: {text!r} after {dialogue!r}")
             continue
-        needs = (chosen, *chosen.then)
+        needs = (chosen, *chosen.next)
         statuses[chosen.status] += 1
         if not all(map(inventory.holds, needs)) or any(
             name not in inventory.names for n in needs for name, _ in n.candidates

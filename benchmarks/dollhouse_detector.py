@@ -31,7 +31,7 @@ from cartier.contracts import Recording
 from cartier.detectors.boxes import iou
 from cartier.labels import display_name
 from cartier.mapping.object_map import ObjectMap
-from cartier.types import Calibration, Detections, Frame
+from cartier.types import Detections, DetectorScoreModel, Frame
 
 LOW = 1e-4  # scores from here on make the precision-recall curve
 LEAST_PX = 256  # visible pixels at 640 x 480 that make a true box; of smaller ones neither hits nor misses count
@@ -130,13 +130,13 @@ def ap50(all_outputs: Sequence[Outputs]) -> dict[str, float]:
     return {name: average_precision(hits[name], count) for name, count in boxes.items() if count}
 
 
-def index_of(recording: Recording | Kept, found: Sequence[Detections], calibration: Calibration) -> Any:
+def index_of(recording: Recording | Kept, found: Sequence[Detections], score_model: DetectorScoreModel) -> Any:
     """ObjectDepth of a recording and its detections."""
-    objects, index = ObjectMap(calibration), plugins.make("indexes", "object_depth")
+    objects, index = ObjectMap(score_model), plugins.make("indexes", "object_depth")
     for number, detections in enumerate(found):
-        objects.add(recording[number], detections.keep(detections.scores >= calibration.low))
+        objects.add(recording[number], detections.keep(detections.scores >= score_model.zero_weight_score))
     objects.tidy()
-    index.settle(objects.objects())
+    index.set_objects(objects.objects())
     return index
 
 
@@ -180,7 +180,7 @@ def dense_features(recording: Recording | Kept, detector: Any, outputs: Outputs,
             name, mine = true_names.get(int(thing), ""), shown == thing
             right = nearest[mine] == names.index(name) if name else nearest[mine] >= len(names)
             outputs.cells[name] += int(right.sum()), len(right)
-        found = outputs.found[number].keep(outputs.found[number].scores >= detector.model.calibration.threshold)
+        found = outputs.found[number].keep(outputs.found[number].scores >= detector.model.score_model.threshold)
         for name, index in maps.items():
             index.add(frame, truth.detect(frame) if name == "labels of the truth" else found)
     return maps
@@ -213,11 +213,11 @@ def report(recordings: Sequence[Recording], detector: Any) -> None:
         recording = Kept(walk)
         outputs = run_detector(recording, detector)
         all_outputs.append(outputs)
-        index = index_of(recording, outputs.found, detector.model.calibration)
+        index = index_of(recording, outputs.found, detector.model.score_model)
         exact = plugins.make("detectors", "ground_truth", truth=recording.truth)
         for name, made in dense_features(recording, detector, outputs, encoder).items():
             mapped[name] += distances(recording, made, [n for n, px in outputs.pixels.items() if px >= LISTED_PX])
-        best = index_of(recording, [exact.detect(recording[i]) for i in range(len(recording))], exact.calibration)
+        best = index_of(recording, [exact.detect(recording[i]) for i in range(len(recording))], exact.score_model)
         recall, precision = listed(outputs, index.names())
         far, bound = (float(np.mean(distances(recording, it) or [np.nan])) for it in (index, best))
         rows.append((float(np.mean(list(ap50([outputs]).values()))), recall, precision, far, bound))
@@ -249,7 +249,7 @@ def sheet(recordings: Sequence[Recording], detector: Any, path: Path) -> None:
         richest = max(range(0, len(recording), 5), key=lambda i: len(truth.detect(recording[i])))
         frame = recording[richest]
         found, true = detector.detect(frame), truth.detect(frame)
-        found = found.keep(found.scores >= detector.model.calibration.threshold)
+        found = found.keep(found.scores >= detector.model.score_model.threshold)
         image = Image.fromarray(frame.rgb)
         draw = ImageDraw.Draw(image)
         draw.text((6, 4), recording.name.removeprefix("dollhouse "), fill="black", font_size=18)

@@ -63,7 +63,7 @@ class First:
     name = "first"
 
     def select(self, query: str, inventory: Inventory, dialogue: object = ()) -> Selection:
-        return Selection("found", inventory.names[0]) if inventory.names else Selection("absent")
+        return Selection("found", inventory.names[0]) if inventory.names else Selection("not_found")
 
     def propose(self, query: str) -> list[str]:
         return []

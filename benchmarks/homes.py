@@ -65,7 +65,7 @@ class WithoutMasks:
     """Ground truth as boxes only: what a detector of boxes gives at best."""
 
     def __init__(self, truth: Detector) -> None:
-        self.truth, self.name, self.calibration = truth, f"{truth.name}, boxes only", truth.calibration
+        self.truth, self.name, self.score_model = truth, f"{truth.name}, boxes only", truth.score_model
 
     def detect(self, frame: Frame) -> Detections:
         return replace(self.truth.detect(frame), masks=None)

@@ -27,7 +27,7 @@ import transformers as hf
 from cartier import plugins
 from cartier.contracts import Recording
 from cartier.detectors.transformers import TransformersDetector, make
-from cartier.mapping.prefetch import at_once, frames_ahead
+from cartier.mapping.prefetch import batch_size, prefetch
 from cartier.recordings import folder as own_format
 from cartier.types import Frame
 
@@ -96,7 +96,7 @@ def measured(name: str, detector: TransformersDetector, recording: Recording, co
     some = [recording[number] for number in range(min(32, count))]
     rgbs, images = [frame.rgb for frame in some], detector._images
     differ = (images(rgbs[:1])["pixel_values"] - images._theirs(rgbs[:1])["pixel_values"]).abs()
-    together = at_once(detector, recording.camera)
+    together = batch_size(detector, recording.camera)
     batch = some[:together]
     parameters = sum(p.numel() for p in detector._loaded.model.parameters()) / 1e6
     names = len(detector.knows)
@@ -118,8 +118,8 @@ def measured(name: str, detector: TransformersDetector, recording: Recording, co
 
 def run(detector: TransformersDetector, recording: Recording, count: int) -> None:
     """What ``map_home`` does to find the objects of frames, all of which are looked at."""
-    waiting, together = list[Frame](), at_once(detector, recording.camera)
-    for done, frame in enumerate(frames_ahead(recording, together), 1):
+    waiting, together = list[Frame](), batch_size(detector, recording.camera)
+    for done, frame in enumerate(prefetch(recording, together), 1):
         waiting.append(frame)
         if len(waiting) >= together or done == count:
             assert len(detector.detect_batch(waiting)) == len(waiting)

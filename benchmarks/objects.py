@@ -32,11 +32,11 @@ from cartier.geometry import box_distance
 from cartier.labels import display_name
 from cartier.mapping.object_map import ObjectMap
 from cartier.mapping.occupancy import OccupancyMapper
-from cartier.types import Array, Calibration, Camera, Detections, Frame, MapObject, OccupancyGrid, TrueObject
+from cartier.types import Array, Camera, Detections, DetectorScoreModel, Frame, MapObject, OccupancyGrid, TrueObject
 
 SAME_M = 0.5
 SHOWN_PX = 400
-FIRST_GENERATED = 70_001  # neither the detector nor its calibration was made on homes from here on
+FIRST_GENERATED = 70_001  # neither the detector nor its score_model was made on homes from here on
 BUDGET = 30, 300  # detections in a frame, and objects known, of which the cost is measured
 
 
@@ -169,7 +169,7 @@ def walked(name: str) -> tuple[OccupancyGrid, dict[str, Home]]:
     truth = plugins.make("detectors", "ground_truth", truth=things, source=name)
     pixels_only = plugins.make("detectors", "embedded", threads=1)
     detectors = {"ground_truth": truth, "embedded": pixels_only}
-    maps = {key: defaultdict(lambda c=made.calibration: ObjectMap(c)) for key, made in detectors.items()}  # type: ignore[misc]
+    maps = {key: defaultdict(lambda c=made.score_model: ObjectMap(c)) for key, made in detectors.items()}  # type: ignore[misc]
     pixels, spent = np.zeros(max(t.id for t in things) + 1, np.int64), dict.fromkeys(detectors, 0.0)
     shuffled = np.random.default_rng(0).permutation(n)
     for turn, order in (("every frame", np.arange(n)), ("twice", np.arange(n)), ("shuffled", shuffled)):
@@ -210,7 +210,7 @@ def cost_ms() -> float:
     depth_m = np.full((480, 640), 4.0, np.float32)
     for x1, y1, x2, y2 in boxes.astype(int):
         depth_m[y1:y2, x1:x2] = rng.uniform(2, 3)
-    known, times = ObjectMap(Calibration()), []
+    known, times = ObjectMap(DetectorScoreModel()), []
     for number in range(100):
         pose[:3, 3] = rng.normal(0, 0.02, 3)
         some = rng.choice(300, 30, replace=False) if number >= 50 else np.arange(number % 10, 300, 10)

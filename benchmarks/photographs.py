@@ -127,7 +127,7 @@ def main() -> None:
         cost = (time.process_time() - begin) / len(photos)
         for photo in photos:
             match(photo, detector, matched)
-        threshold = usual.calibration.threshold
+        threshold = usual.score_model.threshold
         print(f"\n{spec}: {len(photos)} photographs, {1e3 * cost:.0f} ms each, score {threshold:g} and more\n")
         print(table(matched, threshold, options.least))
 

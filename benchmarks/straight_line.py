@@ -29,7 +29,7 @@ from cartier.geometry import backproject, project, transform
 from cartier.mapping.object_map import ObjectMap
 from cartier.mapping.occupancy import OccupancyMapper
 from cartier.pipeline import map_home
-from cartier.types import Calibration, Camera, Detections, Frame
+from cartier.types import Camera, Detections, DetectorScoreModel, Frame
 
 KITCHEN = Path(__file__).parents[2] / "shared" / "recordings" / "kitchen_7scenes"
 BOXES = 30  # detections per frame at most
@@ -100,7 +100,7 @@ def per_frame(recording: Recording) -> dict[str, float]:
     spent: dict[str, list[float]] = {"decode": [], "objects": [], "occupancy": []}
     detector = ManyThings(recording)
     for _ in range(3):
-        objects, mapper = ObjectMap(Calibration()), OccupancyMapper()
+        objects, mapper = ObjectMap(DetectorScoreModel()), OccupancyMapper()
         for number in range(len(recording)):
             begin = time.perf_counter()
             frame = recording[number]

@@ -44,7 +44,7 @@ class Best:
     def _answer(self, item: Item) -> Given:
         if item.kind in (*FIND, "bare"):
             places = [self.home.locate(Selection("found", o.label, object_id=o.id)) for o in self._mapped(item)]
-            given = [Given(item.id, "found", place.position, say="the nearest") for place in places if place]
+            given = [Given(item.id, "found", place.position, text="the nearest") for place in places if place]
             return next((g for g in given if score(item, g, self.truth).right), Given(item.id, "absent"))
         return Given(item.id, "told", answer=getattr(self, f"_{item.kind}")(item))
 

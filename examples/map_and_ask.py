@@ -16,7 +16,7 @@ def main(path: str, model: str, words: str) -> None:
     home = cartier.map_home(cartier.open_recording(path), detector)
     answer = cartier.ask(home, words)
     chosen = answer.selection
-    print(chosen.status, chosen.object or chosen.question or chosen.say, "-", chosen.reason)
+    print(chosen.status, chosen.object or chosen.question or chosen.text, "-", chosen.reason)
     if answer.place is None:  # nothing serves, a question comes back, or there are only words to say
         return
     print("place", [round(metres, 2) for metres in answer.place.position])

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from cartier.errors import frame_number
-from cartier.types import Calibration, Camera, Detections, Frame, TrueObject
+from cartier.types import Camera, Detections, DetectorScoreModel, Frame, TrueObject
 
 CAMERA = Camera(160, 120, 120.0, 120.0, 79.5, 59.5)
 ROOM = ((0.0, 0.0, 0.0), (5.0, 4.0, 2.6))
@@ -94,7 +94,14 @@ class TrueBoxes:
     """A detector that reads the instances: the tests' stand-in for a detector, and called ground truth."""
 
     name = "ground truth (test)"
-    calibration = Calibration(0.5, birth=0.0, low=0.0, high=0.01, prior=6.0, measured="it is the truth")
+    score_model = DetectorScoreModel(
+        0.5,
+        spawn_threshold=0.0,
+        zero_weight_score=0.0,
+        full_weight_score=0.01,
+        prior_log_odds=6.0,
+        measured="it is the truth",
+    )
 
     def __init__(self, objects: Sequence[TrueObject], with_masks: bool = False) -> None:
         self.labels = {o.id: o.label for o in objects}

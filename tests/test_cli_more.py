@@ -257,13 +257,13 @@ def test_prompts_of_the_things_are_written_turn_by_turn(run: Run, tmp_path: Path
         assert code == 0 and [len(line["body"]["messages"]) - 1 for line in asked] == [turns] * bool(turns), err
         for line in asked:
             reply = {
-                "status": "absent",
+                "status": "not_found",
                 "object": "nothing",
                 "reason": "",
                 "question": "",
-                "say": "",
+                "text": "",
                 "answer": None,
-                "then": [],
+                "next": [],
             }
             body = {"choices": [{"message": {"content": json.dumps(reply)}}]}
             with back.open("a", encoding="utf-8") as file:
@@ -326,7 +326,7 @@ def test_the_bench_asks_for_particular_things_and_scores_anybodys_answers(run: R
     code, out, err = run("bench", "-o", tmp_path / "run", *words)
     assert code == 0 and "| **find the particular thing** | 1 | 100 |" in out, err
     assert [json.loads(line) for line in (tmp_path / "run" / "requests.jsonl").read_text().splitlines()] == rows
-    theirs.write_text(json.dumps({"id": "n", "status": "told", "answer": 1}))
+    theirs.write_text(json.dumps({"id": "n", "status": "answered", "answer": 1}))
     code, out, err = run("bench", "-o", tmp_path / "scored", *words, "--answers", theirs, "--json")
     told = json.loads(out)["made from the truth"]
     assert code == 0 and [told[kind]["theirs.jsonl, answers"]["right"] for kind in ("relation", "count")] == [0, 1], err

@@ -17,7 +17,7 @@ from synthetic import THINGS, TrueBoxes, walk
 
 CHAIR = Selection("found", "chair", "for your feet")
 ASKS = Selection("clarify", reason="two fit", question="The chair or the table?")
-ABSENT = Selection("absent", reason="no gate here")
+ABSENT = Selection("not_found", reason="no gate here")
 
 
 class Script:
@@ -64,12 +64,12 @@ def test_each_turn_is_told_to_the_next(home: cartier.Home) -> None:
 
 def test_several_needs_are_one_turn_and_the_robot_ends_at_the_last(home: cartier.Home) -> None:
     other = next(name for name in home.names if name != "chair")
-    both = Selection("found", "chair", then=(Selection("near", other), ABSENT))
+    both = Selection("found", "chair", next=(Selection("likely_near", other), ABSENT))
     reasoner = Script(both, CHAIR)
     talk = Conversation(home, reasoner, from_xy=(1.0, 1.0))
     first = talk.say("sit, then the rest")
-    assert first.then[0].goal is not None and first.goal is not None
-    assert tuple(talk.from_xy) == (first.then[0].goal.x, first.then[0].goal.y)
+    assert first.next[0].goal is not None and first.goal is not None
+    assert tuple(talk.from_xy) == (first.next[0].goal.x, first.next[0].goal.y)
     second = talk.say("back again")
     assert reasoner.told[1][1] == [
         (
@@ -77,7 +77,7 @@ def test_several_needs_are_one_turn_and_the_robot_ends_at_the_last(home: cartier
             f"{number_of(home, 'chair')}, then {number_of(home, other)}, then nothing here serves that",
         )
     ]
-    assert second.goal is not None and tuple(second.goal.path[0]) == pytest.approx(tuple(first.then[0].goal.path[-1]))
+    assert second.goal is not None and tuple(second.goal.path[0]) == pytest.approx(tuple(first.next[0].goal.path[-1]))
 
 
 def test_what_failed_was_not_said(home: cartier.Home) -> None:
@@ -106,12 +106,14 @@ def test_a_turn_says_which_object_which_room_or_the_sentence_that_was_told(home:
     table = next(thing for thing in home.objects if thing.label == "table")
     room = Room(4, "dining room", "dining room", np.argwhere(home.grid.cells == FREE).astype(np.int32))  # type: ignore[union-attr]
     there = replace(home, rooms=(room,))
-    told = Selection("told", "table", say="There is one table.", object_id=table.id, fact=Fact("count", 1, (table.id,)))
+    told = Selection(
+        "answered", "table", text="There is one table.", object_id=table.id, fact=Fact("count", 1, (table.id,))
+    )
     answers = [Selection("found", "table", object_id=table.id), Selection("found", room.name, room=room.id), told]
     reasoner = Script(*answers, CHAIR)
     talk = Conversation(there, reasoner)
     for words in ("the table", "the dining room", "how many tables?", "sit"):
         answer = talk.say(words)
-        assert (answer.goal is None) == (answer.selection.status == "told")
+        assert (answer.goal is None) == (answer.selection.status == "answered")
     said = [robot for _, robot in reasoner.told[-1][1]]
     assert said == [f"table #{table.id}", "dining room (room 4)", f"There is one table. (#{table.id})"]

@@ -16,7 +16,7 @@ from cartier.home import Home
 from cartier.mapping.mapper import doubt, is_of
 from cartier.pipeline import ask, map_home
 from cartier.recordings.folder import save
-from cartier.understanding.out_of_vocabulary import nameless
+from cartier.understanding.out_of_vocabulary import out_of_vocabulary_mention
 from synthetic import THINGS, RoomRecording, TrueBoxes, walk
 
 
@@ -112,7 +112,7 @@ def test_a_photograph_detector_is_told_of_the_dollhouses_own(tmp_path: Path) -> 
     ],
 )
 def test_what_a_detector_has_no_name_for(query: str, names: tuple[str, ...], expected: str | None) -> None:
-    assert nameless(query, names) == expected
+    assert out_of_vocabulary_mention(query, names) == expected
 
 
 def test_ask_says_that_the_detector_has_no_name_for_what_was_asked() -> None:

@@ -28,7 +28,7 @@ class Says:
         self.choice = choice
 
     def select(self, query: str, inventory: Inventory, dialogue: Sequence[tuple[str, str]] = ()) -> Selection:
-        return Selection("found", self.choice) if self.choice else Selection("absent", reason="nothing fits")
+        return Selection("found", self.choice) if self.choice else Selection("not_found", reason="nothing fits")
 
     def propose(self, query: str) -> list[str]:
         return []
@@ -103,7 +103,7 @@ def test_a_robot_that_there_is_not_is_refused(radius_m: float) -> None:
 
 def test_absent_is_an_answer_without_a_place(home: cartier.Home) -> None:
     answer = cartier.ask(home, "take me to the moon", Says(None))
-    assert answer.selection.status == "absent" and answer.place is None and answer.goal is None
+    assert answer.selection.status == "not_found" and answer.place is None and answer.goal is None
 
 
 def test_a_reasoner_that_leaves_its_list_is_refused(home: cartier.Home) -> None:

@@ -87,7 +87,7 @@ def test_every_box_of_every_frame_that_was_looked_at_is_there(tmp_path: Path, lo
             return found
 
     detector = Blinking(THINGS)
-    detector.calibration = replace(TrueBoxes.calibration, birth=0.2)
+    detector.score_model = replace(TrueBoxes.score_model, spawn_threshold=0.2)
     home = map_home(walk(), detector, every=3)
     write_rrd(home, tmp_path / "a.rrd")
     asked = {number: detector.detect(walk()[number]) for number in range(0, FRAMES, 3)}
@@ -150,10 +150,10 @@ def test_with_its_recording_every_frame_is_there(home: Home, tmp_path: Path, log
     plans = of("Mesh3D", logged["home/floor_plan"])
     known = [(arrays(one.albedo_texture_buffer)[0].reshape(-1, 3) != UNSEEN).any(axis=1).sum() for _, one in plans]
     assert [frame for frame, _ in plans] == list(range(FRAMES)) and known[0] < 0.8 * known[-1]
-    at_once = defaultdict(list, logged)
+    batch_size = defaultdict(list, logged)
     logged.clear()
     write_rrd(home, tmp_path / "a.rrd")
-    alone, last = (of("Mesh3D", calls["home/floor_plan"])[-1][1] for calls in (logged, at_once))
+    alone, last = (of("Mesh3D", calls["home/floor_plan"])[-1][1] for calls in (logged, batch_size))
     assert (arrays(alone.albedo_texture_buffer) == arrays(last.albedo_texture_buffer)).all()
 
 

@@ -16,7 +16,7 @@ import pytest
 from cartier import plugins, testing
 from cartier.contracts import Detector
 from cartier.errors import InputError
-from cartier.types import Calibration, Detections, Frame, Goal, Inventory, Place, Selection
+from cartier.types import Detections, DetectorScoreModel, Frame, Goal, Inventory, Place, Selection
 from synthetic import THINGS, RoomRecording, TrueBoxes, walk
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "red_things.py"
@@ -92,7 +92,7 @@ def test_a_detector_that_breaks_a_law_is_told_which(change: Callable[[], Any], t
 
 @pytest.mark.parametrize(
     ("attribute", "value"),
-    [("name", ""), ("name", "a\nb"), ("notes", "one"), ("sha256", "x"), ("calibration", Calibration(low=0.6)), ("calibration", 0.5),
+    [("name", ""), ("name", "a\nb"), ("notes", "one"), ("sha256", "x"), ("score_model", DetectorScoreModel(zero_weight_score=0.6)), ("score_model", 0.5),
      ("batch", 0), ("detect_batch", lambda frames: [TrueBoxes(THINGS).detect(f) for f in reversed(frames)]),
      ("detect_batch", lambda frames: [TrueBoxes(THINGS).detect(f).keep(np.zeros(0, int)) for f in frames])],
 )  # fmt: skip
@@ -145,8 +145,8 @@ class Index:
     def add(self, frame: Frame, detections: Detections) -> None:
         self.inner.add(frame, detections)
 
-    def settle(self, objects: Any) -> None:
-        self.inner.settle(objects)
+    def set_objects(self, objects: Any) -> None:
+        self.inner.set_objects(objects)
 
     def names(self) -> list[str]:
         names = self.inner.names()
@@ -197,7 +197,9 @@ class Reasons:
     def select(self, query: str, inventory: Inventory, dialogue: Sequence[tuple[str, str]] = ()) -> Selection:
         if not inventory.names or (not query.strip("\0\x1b \n\t") and self.fault != "no request"):
             return (
-                Selection("found", "bed") if self.fault == "where nothing is" else Selection("absent", reason="nothing")
+                Selection("found", "bed")
+                if self.fault == "where nothing is"
+                else Selection("not_found", reason="nothing")
             )
         if self.fault == "without a question":
             return Selection("clarify", reason="unclear")

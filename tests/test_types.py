@@ -65,7 +65,7 @@ def test_selections_name_an_object_exactly_when_they_found_one() -> None:
     with pytest.raises(InputError, match="must name an object"):
         Selection("found")
     with pytest.raises(InputError, match="must not name an object"):
-        Selection("absent", "cup")
+        Selection("not_found", "cup")
 
 
 def test_cameras_places_and_grids_are_checked() -> None:

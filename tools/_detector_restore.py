@@ -52,7 +52,7 @@ class Reading(Graph):
 
 @torch.no_grad()
 def restore(network: Network, closer: Closer, path: Path, batches: list[Batch]) -> None:
-    """The weights of an exported file into new networks, which then see the same, calibration and all.
+    """The weights of an exported file into new networks, which then see the same, score_model and all.
 
     Batch norms get the mean and spread that these crops have there, so that training finds them as it left them; the scale
     of the cells' logits, which no file holds, is that under which the crops are explained best.

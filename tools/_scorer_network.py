@@ -15,8 +15,8 @@ from build_text_encoder import HEADS, LAYERS, WIDTH, Graph
 from onnx import TensorProto, helper
 from torch import Tensor, nn
 
+from cartier.understanding.card_vectors import pack
 from cartier.understanding.lexical import turned_down
-from cartier.understanding.near_synonyms import pack
 from cartier.understanding.need_scorer import MOST_SENTENCES, Scorer, tokenise
 from cartier.understanding.utterance import mentions
 

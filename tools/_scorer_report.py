@@ -50,7 +50,7 @@ def put(reasoner: Embedded, requests: list[Request], homes: Homes) -> list[Outco
 
 def _outcome(reasoner: Embedded, request: Request, names: list[str], serves: bool) -> Outcome:
     chosen = reasoner.select(request.text, Inventory.of(names))
-    goals = tuple(part.object for part in (chosen, *chosen.then) if part.object is not None)
+    goals = tuple(part.object for part in (chosen, *chosen.next) if part.object is not None)
     cards = [reasoner.deck.card_of(goal) for goal in goals]
     first = reasoner.deck.card_of(chosen.candidates[0][0]) if chosen.candidates else None
     return Outcome(
@@ -91,7 +91,9 @@ def summary(outcomes: list[Outcome]) -> str:
     lines = [f"- several needs in one breath, all goals right and in order: {_percent(several)} %"]
     for kind in SERVED:
         removed = [o for o in outcomes if o.kind == kind and not o.serves]
-        shares = {s: _percent([o.status == s for o in removed]) for s in ("absent", "near", "clarify", "found")}
+        shares = {
+            s: _percent([o.status == s for o in removed]) for s in ("not_found", "likely_near", "clarify", "found")
+        }
         lines.append(
             f"- {kind}, all that serves taken from the list: " + ", ".join(f"{s} {p} %" for s, p in shares.items())
         )

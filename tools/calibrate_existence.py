@@ -1,4 +1,4 @@
-"""How sure a map may be of an object: the numbers of a Calibration, fitted on generated homes that no training saw.
+"""How sure a map may be of an object: the numbers of a DetectorScoreModel, fitted on generated homes that no training saw.
 
 python tools/calibrate_existence.py FOLDER [--first 60] [--homes 40]      FOLDER holds an exported dollhouse detector; into its names.json
 """
@@ -18,9 +18,9 @@ from _detector_choice import on_walks
 from scipy.optimize import minimize
 
 from cartier.contracts import Recording
-from cartier.mapping.existence import calibration_from, probability
+from cartier.mapping.existence import probability
 from cartier.mapping.object_map import ObjectMap
-from cartier.types import Array, Calibration
+from cartier.types import Array, DetectorScoreModel
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
 from objects import one_to_one
@@ -30,12 +30,12 @@ STIFF = 0.02  # of a Gaussian prior on the logarithms of the Beta distributions'
 FOLDS = 5
 MAX_FRAMES = 400
 Evidence = tuple[Array, Array, Array, Array]
-"""Of N objects: chances and reports per standpoint (N, 36), how wide each was seen (N,), whether it is there (N,)."""
+"""Of N objects: n_observable and reports per standpoint (N, 36), how wide each was seen (N,), whether it is there (N,)."""
 
 
 def evidence(recording: Recording, detector: Any) -> list[Evidence]:
     """What maps of a walk hold for and against each object, and the truth."""
-    maps = {step: ObjectMap(detector.calibration) for step in STEPS}
+    maps = {step: ObjectMap(detector.score_model) for step in STEPS}
     shown: set[int] = set()
     for number in range(len(recording)):
         frame = recording[number]
@@ -54,15 +54,15 @@ def evidence(recording: Recording, detector: Any) -> list[Evidence]:
     return rows
 
 
-def fit(homes: Sequence[Sequence[Evidence]], before: Calibration) -> Calibration:
+def fit(homes: Sequence[Sequence[Evidence]], before: DetectorScoreModel) -> DetectorScoreModel:
     """The likeliest numbers; prints the error of the probabilities in homes that did not choose them (five folds)."""
 
-    def told(numbers: Array) -> Calibration:
+    def told(numbers: Array) -> DetectorScoreModel:
         there, not_there = (tuple(np.exp(pair).tolist()) for pair in (numbers[:2], numbers[2:4]))
         prior, best, size = numbers[4:].tolist()
-        return replace(before, there=there, not_there=not_there, prior=prior, best=best, size=size)
+        return replace(before, beta_true=there, beta_false=not_there, prior_log_odds=prior, best=best, size=size)
 
-    def fitted(chosen: Sequence[Sequence[Evidence]]) -> Calibration:
+    def fitted(chosen: Sequence[Sequence[Evidence]]) -> DetectorScoreModel:
         rows = [row for home in chosen for row in home]
 
         def loss(numbers: Array) -> float:
@@ -103,9 +103,9 @@ def main() -> None:
     told = json.loads(file.read_text())
     walks = range(asked.first, asked.first + asked.homes)
     seen = on_walks(evidence, asked.folder, walks, MAX_FRAMES, threshold=None)
-    made = asdict(fit(seen, calibration_from(told.get("calibration", {}))))
+    made = asdict(fit(seen, DetectorScoreModel.from_dict(told.get("score_model", {}))))
     made["measured"] = f"{asked.homes} generated homes that no training saw, half of them with things of all types"
-    told["calibration"] = {
+    told["score_model"] = {
         name: np.round(value, 3).tolist() if name != "measured" else value for name, value in made.items()
     }
     file.write_text(json.dumps(told, indent=1) + "\n")

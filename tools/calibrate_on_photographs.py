@@ -1,4 +1,4 @@
-"""What a detector's scores are worth, measured on photographs with true boxes: the calibration of its sidecar.
+"""What a detector's scores are worth, measured on photographs with true boxes: the score_model of its sidecar.
 
 python tools/calibrate_on_photographs.py [DETECTOR] [--photos ../shared/photos]     (default: photos)
 Its last line goes into the sidecar.
@@ -55,8 +55,8 @@ def main() -> None:
             )
     at = {share: round(float(expit((logit(share) - a) / b)), 2) for share in (0.1, 0.5, 0.7)}
     about = f"{len(photos)} COCO photographs with {boxes} household things"
-    calibration = {"threshold": at[0.5], "birth": at[0.1], "low": at[0.1], "high": at[0.7], "measured": about}
-    print(json.dumps({"threshold": at[0.5], "calibration": calibration}))
+    score_model = {"threshold": at[0.5], "birth": at[0.1], "low": at[0.1], "high": at[0.7], "measured": about}
+    print(json.dumps({"threshold": at[0.5], "score_model": score_model}))
 
 
 if __name__ == "__main__":

@@ -20,7 +20,7 @@ from _scorer_requests import FRAMES, Homes, Request, read_requests
 from scipy.optimize import minimize
 
 from cartier.reasoners import embedded
-from cartier.understanding.near_synonyms import ALIKE
+from cartier.understanding.card_vectors import ALIKE
 from cartier.understanding.outcome_classifier import FITTED as FILE
 from cartier.understanding.outcome_classifier import OUTCOMES, Choice
 from cartier.worlds.dollhouse import make
@@ -54,7 +54,7 @@ def _case(choice: Choice | None, request: Request, sort: str) -> Case | None:
     elif sort in ("served", "listed"):
         right = "found" if best in request.right else "clarify" if second in request.right else ""
     else:
-        right = "near" if choice.near and choice.missing.card in request.right else "absent"
+        right = "likely_near" if choice.near and choice.missing.card in request.right else "not_found"
     if right not in choice.possible:
         return None
     mask = np.array([status in choice.possible for status in OUTCOMES])

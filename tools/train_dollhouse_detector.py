@@ -10,7 +10,7 @@ Usage:  python tools/train_dollhouse_detector.py render DATA/train --first 10000
         python tools/calibrate_existence.py src/cartier/models/dollhouse_detector
 
 It sees RGB alone. `closer` trains the second stage, which names each place, over a trained network; `begin` reads exported ones back, to be
-trained on. `calibrate` makes scores chances, name by name; `export` writes the network, the words
+trained on. `calibrate` makes scores n_observable, name by name; `export` writes the network, the words
 that its features understand, and names.json; tools/calibrate_existence.py sets there how sure a map may be of what is seen.
 Both calibrations work on generated homes that were held back. All may be stopped and started again; only torch and onnx are
 needed besides cartier. The seven built-in homes are never looked at: benchmarks/dollhouse_detector.py measures on them.
@@ -186,8 +186,8 @@ def export_run(run: Path, into: Path) -> None:
     state, later = (torch.load(run / file, weights_only=True) for file in ("checkpoint.pt", "closer.pt"))
     network.load_state_dict(state["mean"])
     closer.load_state_dict(later["mean"])
-    if (run / "calibration.json").exists():
-        told = json.loads((run / "calibration.json").read_text())
+    if (run / "score_model.json").exists():
+        told = json.loads((run / "score_model.json").read_text())
         with torch.no_grad():
             for part in (closer.name.weight, closer.name.bias, closer.trust.weight, closer.trust.bias):
                 part *= told["slope"]
@@ -209,7 +209,7 @@ def export_run(run: Path, into: Path) -> None:
 
 
 def calibrate_run(run: Path, shards: Path, max_frames: int) -> None:
-    """Into RUN/calibration.json, which the next export takes in: from rendered frames and from walks.
+    """Into RUN/score_model.json, which the next export takes in: from rendered frames and from walks.
 
     All are of homes with things of all types: one that never holds a plunger would only tell how often one is imagined.
     """
@@ -218,13 +218,13 @@ def calibrate_run(run: Path, shards: Path, max_frames: int) -> None:
 
     from cartier import plugins
 
-    (run / "calibration.json").unlink(missing_ok=True)
+    (run / "score_model.json").unlink(missing_ok=True)
     export_run(run, run / "plain")
     detector = plugins.make("detectors", "embedded", threshold=LOW, folder=run / "plain", threads=1)
     walked = on_walks(partial(run_detector, least=THERE), run / "plain", range(1, CALIBRATED_TO, 2), max_frames)
     slope, shift, offsets = calibrate([outputs_on_shards(shards, detector), *walked], detector.model.names)
     told = {"slope": slope, "shift": shift, "offsets": offsets}
-    (run / "calibration.json").write_text(json.dumps(told) + "\n")
+    (run / "score_model.json").write_text(json.dumps(told) + "\n")
     print(f"slope {slope:.2f}, shift {shift:.2f}")
 
 

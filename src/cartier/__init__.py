@@ -7,9 +7,9 @@ from cartier.pipeline import ask, map_home
 from cartier.plugins import make, open_recording
 from cartier.types import (
     Answer,
-    Calibration,
     Camera,
     Detections,
+    DetectorScoreModel,
     Frame,
     Goal,
     Inventory,
@@ -26,10 +26,10 @@ __version__ = "0.1.0"
 __all__ = [
     "Answer",
     "BackendError",
-    "Calibration",
     "Camera",
     "CartierError",
     "Detections",
+    "DetectorScoreModel",
     "Frame",
     "Goal",
     "Home",

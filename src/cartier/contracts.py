@@ -7,9 +7,9 @@ from typing import Any, Protocol, runtime_checkable
 
 from cartier.types import (
     Array,
-    Calibration,
     Camera,
     Detections,
+    DetectorScoreModel,
     Frame,
     Goal,
     Inventory,
@@ -52,7 +52,7 @@ class Detector(Protocol):
     """
 
     name: str
-    calibration: Calibration = Calibration()
+    score_model: DetectorScoreModel = DetectorScoreModel()
     notes: Sequence[str] = ()
     sha256: str = ""
     knows: Sequence[str] = ()
@@ -94,7 +94,7 @@ class SpatialIndex(Protocol):
         """Take in one more frame, with the detections that count by themselves."""
         ...
 
-    def settle(self, objects: Sequence[MapObject]) -> None:
+    def set_objects(self, objects: Sequence[MapObject]) -> None:
         """What the map of objects holds now; names are those of confirmed objects."""
         ...
 

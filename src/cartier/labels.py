@@ -13,7 +13,20 @@ IRREGULAR_PLURALS = {
     "feet": "foot", "teeth": "tooth", "knives": "knife", "shelves": "shelf", "leaves": "leaf", "loaves": "loaf", "mice": "mouse",
 }  # fmt: skip
 PLURAL_ONLY = frozenset(
-    "clothes glasses goggles headphones jeans news pants scissors series shorts tights trousers".split()
+    [
+        "clothes",
+        "glasses",
+        "goggles",
+        "headphones",
+        "jeans",
+        "news",
+        "pants",
+        "scissors",
+        "series",
+        "shorts",
+        "tights",
+        "trousers",
+    ]
 )
 
 

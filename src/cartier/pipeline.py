@@ -22,10 +22,10 @@ from cartier.llm.prompts import check_query, recent
 from cartier.mapping.detection_cache import cached
 from cartier.mapping.keyframes import Keyframes
 from cartier.mapping.mapper import Mapper
-from cartier.mapping.prefetch import at_once, frames_ahead
+from cartier.mapping.prefetch import batch_size, prefetch
 from cartier.navigation.planning import check_start, plan
 from cartier.types import Answer, Frame, Goal, Place, RobotModel, Selection
-from cartier.understanding.out_of_vocabulary import nameless
+from cartier.understanding.out_of_vocabulary import out_of_vocabulary_mention
 
 
 def map_home(
@@ -49,20 +49,20 @@ def map_home(
     if not len(recording):
         raise InputError(f"recording {recording.name} holds no frames")
     mapper = Mapper(detector, indexes, encoder=encoder, onto=onto)
-    if onto is not None and mapper.holds(recording):
+    if onto is not None and mapper.contains(recording):
         return onto
-    keyframes, looked, waiting, together = Keyframes(every), 0, list[Frame](), at_once(detector, recording.camera)
+    keyframes, looked, waiting, batch = Keyframes(every), 0, list[Frame](), batch_size(detector, recording.camera)
     with cached(detector, resume, recording.fingerprint()) as detect:
-        for done, frame in enumerate(frames_ahead(recording, together), 1):
-            waiting += keyframes.offer(frame) if mapper.measure(frame) else []
-            waiting += keyframes.rest() if done == len(recording) else []
-            if len(waiting) >= together or done == len(recording):
+        for done, frame in enumerate(prefetch(recording, batch), 1):
+            waiting += keyframes.push(frame) if mapper.integrate_depth(frame) else []
+            waiting += keyframes.flush() if done == len(recording) else []
+            if len(waiting) >= batch or done == len(recording):
                 for keyframe, detections in zip(waiting, detect(waiting), strict=True):
-                    mapper.look(keyframe, detections)
+                    mapper.integrate_detections(keyframe, detections)
                 looked, waiting = looked + len(waiting), []
             if progress:
                 progress(done, len(recording))
-    mapper.close(recording, looked)
+    mapper.finish(recording, looked)
     return mapper.home()
 
 
@@ -89,8 +89,8 @@ def ask(
     timing_ms: dict[str, float] = {}
     with _timed(timing_ms, "select"):
         selection = reasoner.select(query, inventory, dialogue)
-    for chosen in (selection, *selection.then):
-        if not inventory.holds(chosen):
+    for chosen in (selection, *selection.next):
+        if not inventory.contains(chosen):
             raise BackendError(
                 f"reasoner {reasoner.name} chose {chosen.object!r}, which is not in the list it was given"
             )
@@ -103,7 +103,7 @@ def _doubts(home: Home, query: str, selection: Selection) -> Iterator[str]:
     """Why the home's detector may be to blame: it was made for other pictures, or has no name for what was asked for."""
     yield from home.settings.get("doubts", ())
     names = home.settings.get("knows", ())
-    if names and selection.status != "found" and (asked := nameless(query, names)) is not None:
+    if names and selection.status != "found" and (asked := out_of_vocabulary_mention(query, names)) is not None:
         yield f"{home.detector}, which mapped this home, knows only {len(names)} names, and {asked} is not among them"
 
 
@@ -133,7 +133,7 @@ def serve(
         if place is None:
             notes.append(f"{index_name} has no place for the {selection.object}: try another --index")
     goal: Goal | None = None
-    if selection.status == "told":
+    if selection.status == "answered":
         pass  # an answer in words sends nobody anywhere
     elif place is not None and home.grid is None:
         notes.append("no goal: without depth the home has no occupancy grid to plan on")
@@ -145,7 +145,7 @@ def serve(
         elif not goal.line_of_sight:
             notes.append(f"the goal faces the {place.label}, but something known stands in between")
     then, here = [], from_xy if goal is None else (goal.x, goal.y)
-    for further in selection.then:
+    for further in selection.next:
         then.append(serve(home, query, further, reasoner, index=index, from_xy=here, robot=robot))
         if (last := then[-1].goal) is not None:
             here = (last.x, last.y)
@@ -200,7 +200,7 @@ class Conversation:
             dialogue=self.turns,
         )
         self.turns = recent([*self.turns, (words, robot_turn(answer))])
-        goals = [part.goal for part in (answer, *answer.then) if part.goal is not None]
+        goals = [part.goal for part in (answer, *answer.next) if part.goal is not None]
         if goals:
             self.from_xy = (goals[-1].x, goals[-1].y)
         return answer
@@ -211,13 +211,13 @@ def robot_turn(answer: Answer) -> str:
 
     It is the object that was served with its number, or the room; a sentence that was told; the question; or that nothing serves.
     """
-    return ", then ".join([_said(answer), *map(robot_turn, answer.then)])
+    return ", then ".join([_said(answer), *map(robot_turn, answer.next)])
 
 
 def _said(answer: Answer) -> str:
     chosen, place = answer.selection, answer.place
-    if chosen.status == "told":
-        return chosen.say if chosen.object_id is None else f"{chosen.say} (#{chosen.object_id})"
+    if chosen.status == "answered":
+        return chosen.text if chosen.object_id is None else f"{chosen.text} (#{chosen.object_id})"
     if chosen.object is None:
         return chosen.question or "nothing here serves that"
     if chosen.room is not None:

@@ -21,7 +21,7 @@ from cartier.errors import CartierError, check_pose
 from cartier.labels import display_name
 from cartier.mapping.detection_cache import detecting
 from cartier.mapping.object_map import ObjectMap
-from cartier.types import Array, Calibration, Detections, Frame, Goal, Inventory, Place
+from cartier.types import Array, Detections, DetectorScoreModel, Frame, Goal, Inventory, Place
 
 REQUESTS = (
     "my feet hurt",
@@ -89,9 +89,15 @@ def check_detector(make: Callable[[], Detector], frames: Sequence[Frame] | None 
     _lines(getattr(detector, "notes", ()), "its notes")
     sha = getattr(detector, "sha256", "")
     _check(sha == "" or _is_sha256(sha), f"sha256 must be hex or empty, got {sha!r}")
-    worth = getattr(detector, "calibration", Detector.calibration)
-    _check(isinstance(worth, Calibration), f"calibration must be a cartier.Calibration, got {type(worth).__name__}")
-    _check(0 <= worth.low < worth.high <= 1, f"calibration: 0 <= low < high <= 1, got {worth.low} and {worth.high}")
+    worth = getattr(detector, "score_model", Detector.score_model)
+    _check(
+        isinstance(worth, DetectorScoreModel),
+        f"score_model must be a cartier.DetectorScoreModel, got {type(worth).__name__}",
+    )
+    _check(
+        0 <= worth.zero_weight_score < worth.full_weight_score <= 1,
+        f"score_model: 0 <= low < high <= 1, got {worth.zero_weight_score} and {worth.full_weight_score}",
+    )
     found = []
     for frame in frames:
         before, where = frame.rgb.copy(), f"frame {frame.index}"
@@ -165,12 +171,12 @@ def check_index(
     ``detector`` finds the objects of the ``frames``; both or neither. Returns the index built.
     """
     frames, detector = (sample_frames(), _truth()) if frames is None or detector is None else (frames, detector)
-    index, objects = make(), ObjectMap(detector.calibration)
+    index, objects = make(), ObjectMap(detector.score_model)
     for frame in frames:
         found = detector.detect(frame)
         objects.add(frame, found)
-        index.add(frame, found.keep(found.scores >= detector.calibration.threshold))
-    index.settle(objects.objects())
+        index.add(frame, found.keep(found.scores >= detector.score_model.threshold))
+    index.set_objects(objects.objects())
     names = index.names()
     confirmed = {thing.label for thing in objects.objects() if thing.confirmed}
     _check(names == sorted(set(names)), "names() must be sorted, each once")
@@ -183,7 +189,7 @@ def check_index(
     state, again = index.state(), make()
     _check(all(isinstance(blob, bytes) for blob in state.values()), "state() must give bytes by name")
     again.restore(state)
-    again.settle(objects.objects())
+    again.set_objects(objects.objects())
     _check(again.names() == names, "restore() and settle() give other names than before")
     for name, place in places.items():
         other = again.locate(name)
@@ -198,7 +204,7 @@ def check_index(
         raise AssertionError(f"restore() with a damaged {blob} must raise an InputError")
     kept = copy.deepcopy(index)
     index.add(frames[0], detector.detect(frames[0]))
-    index.settle([])
+    index.set_objects([])
     _check(kept.names() == names and _places(kept, set()) == places, "a deepcopy changes with the one that it is of")
     return kept
 

@@ -22,11 +22,11 @@ from typing import Any, Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
-from cartier.errors import BackendError, brief
+from cartier.errors import BackendError, brief, check_camera, check_pose, check_radius, finite, need, without_far
 
 Array = npt.NDArray[Any]
 Floats = npt.NDArray[np.floating[Any]]
-Status = Literal["found", "near", "absent", "clarify", "told"]
+Status = Literal["found", "likely_near", "not_found", "clarify", "answered"]
 STATUSES: tuple[str, ...] = get_args(Status)
 
 FREE, OCCUPIED, UNKNOWN = 0, 100, -1
@@ -215,8 +215,8 @@ class MapObject:
     """One object of a home, with the evidence for and against it.
 
     ``id`` is its own for as long as the home lives; ``aliases`` are those of objects that turned out to be this one. ``labels``
-    are all names that frames gave it, with their weights. ``position`` is its box's middle. Of ``chances``, frames that
-    would have shown it, ``sightings`` did; ``probability`` says how likely it is there, ``confirmed`` that this is enough.
+    are all names that frames gave it, with their weights. ``position`` is its box's middle. Of ``n_observable``, frames that
+    would have shown it, ``n_detected`` did; ``probability`` says how likely it is there, ``confirmed`` that this is enough.
     ``views`` are the best few, ``colours`` the names of its colours with their shares, ``room`` the id of its room.
     """
 
@@ -228,8 +228,8 @@ class MapObject:
     box_max: tuple[float, ...]
     probability: float
     confirmed: bool
-    sightings: int
-    chances: int
+    n_detected: int
+    n_observable: int
     first_seen_s: float
     last_seen_s: float
     last_looked_s: float
@@ -274,7 +274,7 @@ class Inventory:
         """The label of everything confirmed, and what people call it, each once, sorted."""
         return sorted({name for thing in self.objects if thing.confirmed for name in (thing.label, *thing.names)})
 
-    def holds(self, chosen: Selection) -> bool:
+    def contains(self, chosen: Selection) -> bool:
         """Whether all that a selection names is here."""
         objects = {thing.id: thing for thing in self.objects}
         if not objects.keys() >= set(chosen.fact.objects if chosen.fact else ()):
@@ -352,11 +352,11 @@ class Fact:
 
 @dataclass(frozen=True)
 class Selection:
-    """What a reasoner chose. ``object`` is a listed name for ``found`` and ``near``, or the name of a room, else None.
+    """What a reasoner chose. ``object`` is a listed name for ``found`` and ``likely_near``, or the name of a room, else None.
 
     ``object_id`` says which of the objects of that name, None whichever its index holds best; ``room`` the id of a room to drive
-    to. ``told`` is an answer in words: ``say`` is the sentence, and for programs ``fact``; it may name the object that it is
-    about, and gives no goal. ``question`` is what to ask the person when the status is ``clarify``. ``then`` are further needs
+    to. ``answered`` is an answer in words: ``text`` is the sentence, and for programs ``fact``; it may name the object that it is
+    about, and gives no goal. ``question`` is what to ask the person when the status is ``clarify``. ``next`` are further needs
     said in the same breath, in the order in which to serve them. ``prompt``, ``reply`` and ``model`` are the trace.
     """
 
@@ -368,17 +368,17 @@ class Selection:
     prompt: str = ""
     reply: str = ""
     model: str = ""
-    then: tuple[Selection, ...] = ()
+    next: tuple[Selection, ...] = ()
     object_id: int | None = None
     room: int | None = None
-    say: str = ""
+    text: str = ""
     fact: Fact | None = None
 
     def __post_init__(self) -> None:
         need(self.status in STATUSES, f"selection status {self.status!r} is not one of {', '.join(STATUSES)}")
         need(
-            self.status == "told" or (self.object is not None) == (self.status in ("found", "near")),
-            f"a selection that is {self.status!r} must {'' if self.status in ('found', 'near') else 'not '}name an object",
+            self.status == "answered" or (self.object is not None) == (self.status in ("found", "likely_near")),
+            f"a selection that is {self.status!r} must {'' if self.status in ('found', 'likely_near') else 'not '}name an object",
         )
         need(self.object is not None or self.object_id is None, "a selection with an object's id must name the object")
 
@@ -468,7 +468,7 @@ class Answer:
     timing_ms: Mapping[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     encoder: str | None = None
-    then: tuple[Answer, ...] = ()
+    next: tuple[Answer, ...] = ()
     """The answers to further needs in the same words, in order; each goal is planned from where the one before ends."""
 
     def to_dict(self) -> dict[str, Any]:
@@ -476,11 +476,11 @@ class Answer:
         chosen = self.selection
         return {
             "query": self.query, "status": chosen.status, "object": chosen.object, "object_id": chosen.object_id, "room": chosen.room,
-            "reason": chosen.reason, "question": chosen.question, "say": chosen.say,
+            "reason": chosen.reason, "question": chosen.question, "text": chosen.text,
             "answer": None if chosen.fact is None else asdict(chosen.fact),
             "place": self.place.to_dict() if self.place else None, "goal": self.goal.to_dict() if self.goal else None,
             "candidates": [{"object": name, "score": score} for name, score in chosen.candidates],
             "reasoner": self.reasoner, "index": self.index, "encoder": self.encoder, "detector": self.detector,
             "home": self.home, "timing_ms": {step: round(ms, 2) for step, ms in self.timing_ms.items()}, "notes": list(self.notes),
-            "then": [answer.to_dict() for answer in self.then],
+            "next": [answer.to_dict() for answer in self.next],
         }  # fmt: skip

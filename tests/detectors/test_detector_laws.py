@@ -51,7 +51,7 @@ def test_every_detector_is_under_the_laws() -> None:
 
 def test_detections_obey(made: tuple[str, dict[str, Any]]) -> None:
     every = check_detector(lambda: plugins.make("detectors", made[0], **made[1]), FRAMES)  # type: ignore[call-overload]
-    low = plugins.make("detectors", made[0], **made[1]).calibration.low  # type: ignore[call-overload]
+    low = plugins.make("detectors", made[0], **made[1]).score_model.zero_weight_score  # type: ignore[call-overload]
     assert sum(map(len, every)) >= 3 and 0 < low < 0.3
     for found in every:
         assert (found.boxes_xyxy[:, 2:] - found.boxes_xyxy[:, :2] >= 1).all()
@@ -61,7 +61,7 @@ def test_detections_obey(made: tuple[str, dict[str, Any]]) -> None:
 def test_the_name_says_the_threshold(made: tuple[str, dict[str, Any]]) -> None:
     detector = plugins.make("detectors", made[0], **made[1])
     assert "0.3" in detector.name
-    assert detector.calibration.threshold == pytest.approx(0.3) and detector.calibration.measured == ""
+    assert detector.score_model.threshold == pytest.approx(0.3) and detector.score_model.measured == ""
 
 
 def test_a_higher_threshold_gives_fewer_of_the_same(made: tuple[str, dict[str, Any]]) -> None:
@@ -69,7 +69,7 @@ def test_a_higher_threshold_gives_fewer_of_the_same(made: tuple[str, dict[str, A
     low, high = (plugins.make("detectors", name, **options | {"threshold": t}) for t in (0.0, 0.5))
     every, some = low.detect(FRAMES[0]), high.detect(FRAMES[0])
     assert len(some) <= len(every)
-    assert np.array_equal(some.scores, every.scores[every.scores >= high.calibration.low])
+    assert np.array_equal(some.scores, every.scores[every.scores >= high.score_model.zero_weight_score])
 
 
 @pytest.mark.parametrize("wrong", [{"threshold": -1}, {"threshold": 2}, {"colour": "red"}])

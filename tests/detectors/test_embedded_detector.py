@@ -82,7 +82,7 @@ def test_detections_obey_and_leave_the_frame_alone(eyes: Embedded, walk: Any) ->
     frame = walk[1]
     before = frame.rgb.copy()
     one, two = eyes.detect(frame), make(threads=1).detect(frame)
-    keep_the_laws(one, frame, load().calibration.low)
+    keep_the_laws(one, frame, load().score_model.zero_weight_score)
     assert one.labels == two.labels
     assert np.array_equal(one.boxes_xyxy, two.boxes_xyxy)
     assert np.array_equal(frame.rgb, before)
@@ -91,7 +91,7 @@ def test_detections_obey_and_leave_the_frame_alone(eyes: Embedded, walk: Any) ->
 def test_a_higher_threshold_leaves_some_of_the_same_detections(walk: Any) -> None:
     strict = make(threshold=0.9, threads=1)
     low, high = make(threads=1).detect(walk[4]), strict.detect(walk[4])
-    kept = low.keep(low.scores >= np.float32(strict.calibration.low))
+    kept = low.keep(low.scores >= np.float32(strict.score_model.zero_weight_score))
     assert 0 < len(high) < len(low)
     assert high.labels == kept.labels and np.array_equal(high.boxes_xyxy, kept.boxes_xyxy)
 
@@ -169,11 +169,11 @@ DAMAGED = {
     '{"size": [480, 360]}': "damaged .*names",
     '{"size": 3, "names": []}': "damaged",
     '{"size": [480, 360], "names": ["mug"], "around": ["wall"], "sha256": "0"}': "damaged",
-    '{"size": [0, 360], "names": ["mug"], "calibration": {}, ' + REST: "damaged",
-    '{"size": [480, 360], "names": ["mug"], "calibration": {"low": NaN}, ' + REST: "damaged",
-    '{"size": [480, 360], "names": ["mug"], "calibration": {"low": 0.7, "high": 0.3}, ' + REST: "damaged",
-    '{"size": [480, 360], "names": ["mug"], "calibration": {"there": [1]}, ' + REST: "damaged",
-    '{"size": [480, 360], "names": ["mug"], "calibration": {"colour": 1}, ' + REST: "damaged",
+    '{"size": [0, 360], "names": ["mug"], "score_model": {}, ' + REST: "damaged",
+    '{"size": [480, 360], "names": ["mug"], "score_model": {"low": NaN}, ' + REST: "damaged",
+    '{"size": [480, 360], "names": ["mug"], "score_model": {"low": 0.7, "high": 0.3}, ' + REST: "damaged",
+    '{"size": [480, 360], "names": ["mug"], "score_model": {"there": [1]}, ' + REST: "damaged",
+    '{"size": [480, 360], "names": ["mug"], "score_model": {"colour": 1}, ' + REST: "damaged",
 }
 
 
@@ -188,7 +188,7 @@ def other_make(folder: Path, outputs: dict[str, np.ndarray], size: int = 32, wor
     model = constant_net(folder / "detector.onnx", outputs)
     np.save(folder / "words.npy", np.eye(3, 384, dtype=np.float32) if words is None else words)
     digests = {file.name: hashlib.sha256(file.read_bytes()).hexdigest() for file in (model, folder / "words.npy")}
-    told = {"size": [size, size], "names": ["mug"], "around": ["wall"], "calibration": {}, "trained": ""}
+    told = {"size": [size, size], "names": ["mug"], "around": ["wall"], "score_model": {}, "trained": ""}
     (folder / "names.json").write_text(json.dumps(told | {"sha256": digests}))
     return folder
 
@@ -227,4 +227,4 @@ def test_its_name_says_the_threshold_and_its_notes_say_that_it_knows_no_photogra
     eyes = make(threshold=0.25)
     assert "0.25" in eyes.name
     assert "no photographs" in eyes.notes[0]
-    assert eyes.calibration.measured == "" and make().calibration.measured
+    assert eyes.score_model.measured == "" and make().score_model.measured

@@ -46,5 +46,5 @@ def test_what_is_assumed_is_said_and_a_sidecar_that_says_it_changes_nothing(shar
     assert np.array_equal(told.boxes_xyxy, assumed.boxes_xyxy)
     detector = plugins.make("detectors", "onnx", model=model)
     assert detector.name == "onnx FastestDet.onnx (counts from 0.5)"
-    assert detector.calibration.threshold == 0.5
+    assert detector.score_model.threshold == 0.5
     assert "no sidecar" in detector.notes[0]

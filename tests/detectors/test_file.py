@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from tiny_onnx import frame
 
 from cartier import plugins
+from cartier.detectors import records
 from cartier.errors import BackendError, CartierError, InputError
 
 COCO = [
@@ -262,6 +263,6 @@ def test_nothing_is_lost_or_mixed_up(tmp_path: Path, drawn: list[tuple[int, str,
         wanted = [
             (r["label"], r["score"], r["xyxy"][0])
             for r in rows
-            if r["frame"] == index and r["score"] >= detector.calibration.low
+            if r["frame"] == index and r["score"] >= detector.score_model.zero_weight_score
         ]
         assert sorted(got) == sorted(wanted)

@@ -14,6 +14,7 @@ from onnx import TensorProto, helper
 from tiny_onnx import LABELS, SIDE, Net, constant_net, describe, frame, red_finder
 
 from cartier import plugins
+from cartier.detectors import sidecar
 from cartier.errors import BackendError, CartierError, InputError
 from cartier.models import onnx_session
 
@@ -55,8 +56,8 @@ BAD_SIDECARS = {
     '{"layout": "yolov8", "labels": ["a"], "mean": [1, 2]}': "mean",
     '{"layout": "yolov8", "labels": ["a"], "std": [1, 0, 1]}': "std: must be positive",
     '{"layout": "yolov8", "labels": ["a"], "threshold": 50}': "threshold: .*less than or equal to 1",
-    '{"layout": "yolov8", "labels": ["a"], "calibration": {"low": 2}}': "calibration: scores lie between 0 and 1",
-    '{"layout": "yolov8", "labels": ["a"], "calibration": {"colour": 2}}': "calibration: must hold the fields",
+    '{"layout": "yolov8", "labels": ["a"], "score_model": {"low": 2}}': "score_model: scores lie between 0 and 1",
+    '{"layout": "yolov8", "labels": ["a"], "score_model": {"colour": 2}}': "score_model: must hold the fields",
     '{"layout": "yolov8", "labels": ["a"], "input_size": [0, 32]}': r"input_size\.0",
     '{"layout": "yolov8", "labels": ["a"], "input_size": [32.5, 32]}': r"input_size\.0: .*integer",
     '{"layout": "yolov8", "labels": ["a"], "activation": "sigmoid"}': "'activation' belongs to the layout 'detr'",

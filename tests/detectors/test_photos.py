@@ -58,7 +58,7 @@ def test_a_chair_a_cup_a_table_and_a_screen_are_where_they_are(shared: Path) -> 
     ):
         view = photo(shared, number)
         found = detector.detect(view)
-        found = found.keep(found.scores >= detector.calibration.threshold)
+        found = found.keep(found.scores >= detector.score_model.threshold)
         assert label in found.labels
         if box:
             assert found.boxes_xyxy[found.labels.index(label)] == pytest.approx(box, abs=25)

@@ -133,7 +133,7 @@ def test_detections_obey_on_frames_of_changing_size(folder: Callable[[str], Path
         assert len(found) > 0
         assert ((found.boxes_xyxy >= 0) & (found.boxes_xyxy <= [view.camera.width, view.camera.height] * 2)).all()
         assert (found.boxes_xyxy[:, 2:] - found.boxes_xyxy[:, :2] >= 1).all()
-        assert (found.scores >= detector.calibration.low - 1e-6).all()
+        assert (found.scores >= detector.score_model.zero_weight_score - 1e-6).all()
         assert (np.diff(found.scores) <= 0).all()
         assert set(found.labels) <= known
         assert np.array_equal(view.rgb, before)
@@ -215,7 +215,10 @@ def test_a_higher_threshold_gives_fewer_of_the_same(made: Made, family: str) -> 
     low = made(family).detect(FRAMES[0])
     middle = float(low.scores[len(low) // 2])
     stricter = made(family, threshold=middle)
-    high, least = stricter.detect(FRAMES[0]), np.float32(stricter.calibration.low)  # from there on a score is evidence
+    high, least = (
+        stricter.detect(FRAMES[0]),
+        np.float32(stricter.score_model.zero_weight_score),
+    )  # from there on a score is evidence
     assert 0 < len(high) <= len(low)
     assert high.labels == low.labels[: len(high)]
     np.testing.assert_allclose(high.scores, low.scores[low.scores >= least][: len(high)], atol=1e-6)
@@ -249,7 +252,7 @@ def test_name_views_and_sha256_say_what_was_asked(made: Made) -> None:
     owl, fewer, detr = made("owlv2", threshold=None), made("owlv2", vocabulary=["mug"]), made("detr", threshold=None)
     assert owl.name == "transformers owlv2 (counts from 0.25, 6 names)"
     assert detr.name == "transformers detr (counts from 0.7)"
-    assert (owl.calibration.threshold, detr.calibration.threshold) == (0.25, 0.7)
+    assert (owl.score_model.threshold, detr.score_model.threshold) == (0.25, 0.7)
     assert owl.sha256 != fewer.sha256
     assert owl.sha256 == made("owlv2").sha256
     assert made("detr").sha256 != made("yolos").sha256

@@ -14,6 +14,7 @@ transformers = pytest.importorskip("transformers", reason="the extra 'detect' (t
 import tiny_clip  # noqa: E402
 
 from cartier import plugins  # noqa: E402
+from cartier.encoders import clip_text, torch_backend  # noqa: E402
 from cartier.errors import BackendError, InputError  # noqa: E402
 
 KINDS = ("clip", "siglip")

@@ -19,6 +19,7 @@ transformers = pytest.importorskip("transformers", reason="the extra 'detect' (t
 import tiny_clip  # noqa: E402
 
 from cartier import plugins  # noqa: E402
+from cartier.encoders import torch_backend  # noqa: E402
 from cartier.encoders.lseg import build  # noqa: E402
 from cartier.encoders.lseg_network import LSegNetwork, Shape  # noqa: E402
 from cartier.errors import BackendError, InputError  # noqa: E402

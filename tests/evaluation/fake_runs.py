@@ -67,7 +67,7 @@ def fake_rows(
                             target=name,
                             accept=[name],
                             text=f"Words of request {target}, {kind}: " + "and so on and so forth " * (3 * hard + 1),
-                            status="found" if placed else "absent",
+                            status="found" if placed else "not_found",
                             object=(name if right else other) if placed else None,
                             match=right,
                             distance_m=round(distance, 4) if placed else None,

@@ -20,7 +20,7 @@ from cartier.evaluation.methods import METHODS
 from cartier.evaluation.queries import OWN, Query
 from cartier.evaluation.run import BenchSettings, run
 from cartier.models import dollhouse_detector
-from cartier.types import Calibration, Fact, Inventory, Selection
+from cartier.types import DetectorScoreModel, Fact, Inventory, Selection
 
 WORLD = str(Path(__file__).parent / "room_world.py")
 SEATS = ("chair", "sofa")
@@ -56,7 +56,7 @@ class Words:
         return (
             Selection("found", wanted, "heard it")
             if wanted in inventory.names
-            else Selection("absent", reason="not here")
+            else Selection("not_found", reason="not here")
         )
 
     def propose(self, query: str) -> list[str]:
@@ -163,11 +163,11 @@ def test_nlmap_keeps_what_the_map_holds(maps: Path) -> None:
     assert 0.5 < threshold < 1
     south = homes[0][0]
     assert nlmap.ask(south, "my feet hurt", Words(), threshold=threshold).selection.object == "chair"
-    assert nlmap.ask(south, "I am so tired", Words(), threshold=threshold).selection.status == "absent", (
+    assert nlmap.ask(south, "I am so tired", Words(), threshold=threshold).selection.status == "not_found", (
         "the bed is in the east"
     )
     nothing = nlmap.ask(south, "my feet hurt", Words(), threshold=2.0)
-    assert nothing.selection.status == "absent" and nothing.goal is None
+    assert nothing.selection.status == "not_found" and nothing.goal is None
 
 
 def test_ground_truth_may_be_told_to_err(tmp_path: Path) -> None:
@@ -177,7 +177,7 @@ def test_ground_truth_may_be_told_to_err(tmp_path: Path) -> None:
         specs.detector("ground_truth:lots", recording)
 
 
-@pytest.mark.parametrize("change", [{"sha256": "0" * 64}, {"calibration": Calibration(threshold=0.9)}])
+@pytest.mark.parametrize("change", [{"sha256": "0" * 64}, {"score_model": DetectorScoreModel(threshold=0.9)}])
 def test_another_detector_makes_another_map(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, change: dict[str, Any]
 ) -> None:
@@ -196,7 +196,9 @@ def test_what_was_answered_is_remembered_whole_and_for_its_own_home(tmp_path: Pa
         def select(self, query: str, inventory: Inventory, dialogue: Sequence[tuple[str, str]] = ()) -> Selection:
             self._call("select", query)
             ids = tuple(thing.id for thing in inventory.objects)
-            return Selection("told", say="two", fact=Fact("list", ("chair", "mug"), ids), then=(Selection("absent"),))
+            return Selection(
+                "answered", text="two", fact=Fact("list", ("chair", "mug"), ids), next=(Selection("not_found"),)
+            )
 
     here = Inventory.of(["chair", "mug"])
     there = replace(here, objects=tuple(replace(thing, id=thing.id + 7) for thing in here.objects))
@@ -204,4 +206,4 @@ def test_what_was_answered_is_remembered_whole_and_for_its_own_home(tmp_path: Pa
     first = [Asked(reasoner, tmp_path / "asked.jsonl").select("how many?", home) for home in (here, there)]
     again = [Asked(reasoner, tmp_path / "asked.jsonl").select("how many?", home) for home in (here, there)]
     assert again == first and reasoner.calls == 2
-    assert all(home.holds(chosen) for home, chosen in zip((here, there), first, strict=True))
+    assert all(home.contains(chosen) for home, chosen in zip((here, there), first, strict=True))

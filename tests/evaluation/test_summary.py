@@ -99,7 +99,7 @@ def test_numbers_by_hand() -> None:
         row("a", "q1", "object_depth", distance_m=0.2, distance_floor_m=0.1, seconds=1.0),
         row("b", "q1", "object_depth", distance_m=1.0, distance_floor_m=0.5, goal_reachable=False, tokens=100, seconds=3.0),
         row("a", "q2", "object_depth", distance_m=3.0, distance_floor_m=3.0, match=False, seconds=5.0),
-        row("b", "q2", "object_depth", distance_m=None, distance_floor_m=None, goal_reachable=None, object=None, match=False, status="absent"),
+        row("b", "q2", "object_depth", distance_m=None, distance_floor_m=None, goal_reachable=None, object=None, match=False, status="not_found"),
     ]  # fmt: skip
     x = summarise(rows)["methods"]["object_depth"]["implicit"]
     assert (x["n"], x["n_placed"], x["match"]) == (4, 3, 0.5)

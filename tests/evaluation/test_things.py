@@ -177,8 +177,8 @@ FIND = Item("f", "toy", "relation", ("the cup by the sink",), (5,))
 )  # fmt: skip
 def test_a_find_is_right_within_thirty_centimetres(at: Any, right: bool) -> None:
     assert score(FIND, Given("f", "found", at), TRUTH).right is right
-    assert score(FIND, Given("f", "near", at), TRUTH).right is right
-    for status in ("clarify", "absent", "told"):
+    assert score(FIND, Given("f", "likely_near", at), TRUTH).right is right
+    for status in ("clarify", "not_found", "answered"):
         assert not score(FIND, Given("f", status, at), TRUTH).right, "that leads nowhere"
 
 
@@ -196,13 +196,13 @@ def test_a_bare_name_is_asked_about_or_the_nearest_taken_with_a_word() -> None:
     assert asked("Which one, the one at the table or the one by the lamp?") and asked("The chair in the kitchen?")
     assert not asked("Which chair do you mean?") and not asked("Shall I go to the sofa?") and not asked("")
     near, far = (1.4, 2.2), (8.7, 3.2)
-    assert score(item, Given("b", "found", near, say="I take the nearest of two."), TRUTH).right
+    assert score(item, Given("b", "found", near, text="I take the nearest of two."), TRUTH).right
     assert not score(item, Given("b", "found", near), TRUTH).right
-    assert not score(item, Given("b", "found", far, say="the nearest"), TRUTH).right
+    assert not score(item, Given("b", "found", far, text="the nearest"), TRUTH).right
 
 
 def test_answers_to_questions_are_compared_exactly() -> None:
-    def right(kind: str, truth: Any, answer: Any, status: str = "told", maybe: tuple[str, ...] = ()) -> bool:
+    def right(kind: str, truth: Any, answer: Any, status: str = "answered", maybe: tuple[str, ...] = ()) -> bool:
         return score(Item("q", "toy", kind, ("?",), (), truth, maybe), Given("q", status, answer=answer), TRUTH).right
 
     assert (
@@ -223,10 +223,12 @@ def test_answers_to_questions_are_compared_exactly() -> None:
         and not right("list", ("cup",), ["cup", "pen"])
         and right("list", (), [])
     )
-    half = score(Item("q", "toy", "list", ("?",), (), ("book", "cup")), Given("q", "told", answer=["cup"]), TRUTH)
+    half = score(Item("q", "toy", "list", ("?",), (), ("book", "cup")), Given("q", "answered", answer=["cup"]), TRUTH)
     assert half.f1 == pytest.approx(2 / 3, abs=1e-4)
     nothing = Item("n", "toy", "nothing", ("the piano",))
-    assert [score(nothing, Given("n", s, 3), TRUTH).right for s in ("found", "near", "absent", "clarify")] == [
+    assert [
+        score(nothing, Given("n", s, 3), TRUTH).right for s in ("found", "likely_near", "not_found", "clarify")
+    ] == [
         False,
         False,
         True,
@@ -346,7 +348,7 @@ class Counts:
         name = next(name for name in inventory.names if name in query)
         ids = tuple(t.id for t in inventory.objects if t.label == name)
         if "how many" in query:
-            return Selection("told", say="so many", fact=Fact("count", len(ids), ids))
+            return Selection("answered", text="so many", fact=Fact("count", len(ids), ids))
         return Selection("found", name, object_id=ids[0])
 
     def propose(self, query: str) -> list[str]:
@@ -391,7 +393,7 @@ def test_any_systems_answers_are_scored_and_what_it_left_out_is_wrong(own: str, 
     settings = ThingsSettings(things_run.homes_of(own), queries=own, world=WORLD)
     items = things_run.requests(settings, tmp_path)
     (tmp_path / "theirs.jsonl").write_text(
-        '{"id": "c", "status": "told", "answer": 1}\n{"id": "s", "status": "found", "xy": [1.0, 3.0]}'
+        '{"id": "c", "status": "answered", "answer": 1}\n{"id": "s", "status": "found", "xy": [1.0, 3.0]}'
     )
     rows = things_run.score_answers(
         tmp_path / "scored", settings, items, load_answers(tmp_path / "theirs.jsonl", items), "theirs"

@@ -23,13 +23,13 @@ OF_OBJECTS = ["object_depth", "object_viewpoint"]
 def built(name: str, with_depth: bool = True) -> tuple[SpatialIndex, tuple[MapObject, ...]]:
     """An index over a walk through the room, and the objects that were mapped."""
     index, recording, detector = plugins.make("indexes", name), walk(with_depth=with_depth), TrueBoxes(THINGS)
-    objects = ObjectMap(detector.calibration)
+    objects = ObjectMap(detector.score_model)
     for number in range(len(recording)):
         detections = detector.detect(recording[number])
         index.add(recording[number], detections)
         objects.add(recording[number], detections)
     found = objects.objects()
-    index.settle(found)
+    index.set_objects(found)
     return index, found
 
 
@@ -59,11 +59,11 @@ def test_the_largest_corrected_view_of_a_name_wins(name: str) -> None:
         look((1.05, 2.6, 1.2), near.box_min),
     ]
     recording, detector = type(walk())(poses, [near, far]), TrueBoxes([near, far])
-    index, objects = plugins.make("indexes", name), ObjectMap(detector.calibration)
+    index, objects = plugins.make("indexes", name), ObjectMap(detector.score_model)
     for number in range(3):
         index.add(recording[number], detector.detect(recording[number]))
         objects.add(recording[number], detector.detect(recording[number]))
-    index.settle(objects.objects())
+    index.set_objects(objects.objects())
     place = index.locate("cup")
     assert place is not None and place.frame == 2
 
@@ -91,7 +91,7 @@ def test_object_viewpoint_is_where_the_camera_stood_and_needs_no_depth() -> None
 @pytest.mark.parametrize("name", OF_OBJECTS)
 def test_what_is_only_tentative_is_not_listed(name: str) -> None:
     index, objects = built(name)
-    index.settle([dataclasses.replace(thing, confirmed=thing.label != "mug") for thing in objects])
+    index.set_objects([dataclasses.replace(thing, confirmed=thing.label != "mug") for thing in objects])
     assert index.names() == ["chair", "table"] and index.locate("mug") is None
 
 
@@ -101,7 +101,7 @@ def test_the_papers_object_depth_believes_every_detection_and_takes_all_depth_in
     boxes = seen.boxes_xyxy.copy()
     boxes[:, :2] -= 25  # a generous box holds the wall behind, too
     index.add(frame, Detections(3, boxes, np.full(len(seen), 0.01), ("throne",) * len(seen)))
-    index.settle(())
+    index.set_objects(())
     place = index.locate("throne")
     assert index.names() == ["throne"] and place is not None and place.box_min is None
     assert box_distance(np.array(place.position), np.array(CHAIR.box_min), np.array(CHAIR.box_max)) > 0.05

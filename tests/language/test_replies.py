@@ -175,14 +175,14 @@ def test_what_is_no_answer_is_a_question_and_never_a_guess(reply: str) -> None:
 def test_further_needs_keep_their_order_and_are_bounded() -> None:
     names = ["chair", "tv", "bed", "helicopter", "glass"]
     then = [{"status": "found", "object": name, "reason": name} for name in names]
-    chosen = read_reply(said(then=then), LISTED)
-    assert chosen is not None and [n.object for n in chosen.then] == ["chair", "tv"] and len(then) > MAX_FURTHER
-    stranger = read_reply(said(then=[*then[3:], 7, "bed", None]), LISTED, model="m")
-    assert stranger is not None and [(n.status, n.object) for n in stranger.then] == [
+    chosen = read_reply(said(next=then), LISTED)
+    assert chosen is not None and [n.object for n in chosen.next] == ["chair", "tv"] and len(then) > MAX_FURTHER
+    stranger = read_reply(said(next=[*then[3:], 7, "bed", None]), LISTED, model="m")
+    assert stranger is not None and [(n.status, n.object) for n in stranger.next] == [
         ("clarify", None),
         ("found", "glass"),
     ]
-    assert stranger.then[0].question and all(n.model == "m" for n in stranger.then)
+    assert stranger.next[0].question and all(n.model == "m" for n in stranger.next)
 
 
 def test_what_a_model_says_to_the_person_is_one_short_line() -> None:
@@ -233,10 +233,10 @@ def assert_inside(reply: str, objects: list[str]) -> None:
 def inside(reply: str, inventory: Inventory) -> Selection | None:
     """The reply's reading, after a look that all of it is in the inventory and can be said to a person."""
     chosen = read_reply(reply, inventory)
-    for need in (chosen, *chosen.then) if chosen else ():
-        assert inventory.holds(need) and all(name in inventory.names for name, _ in need.candidates)
-        assert need.reason and need.reason.isprintable() and need.say.isprintable()
-        assert (need.status != "clarify" or need.question) and (need.status != "told" or need.say)
+    for need in (chosen, *chosen.next) if chosen else ():
+        assert inventory.contains(need) and all(name in inventory.names for name, _ in need.candidates)
+        assert need.reason and need.reason.isprintable() and need.text.isprintable()
+        assert (need.status != "clarify" or need.question) and (need.status != "told" or need.text)
         if need.object_id is not None:
             assert next(o for o in inventory.objects if o.id == need.object_id).confirmed
         if need.fact is not None:
@@ -365,7 +365,7 @@ def test_a_number_and_a_name_that_do_not_agree_are_no_answer(stated: str) -> Non
     for status in ("found", "near", "told"):
         assert read_reply(json.dumps(CUP | {"status": status, "object": stated, "say": "There."}), FLAT) is None
     chosen = inside(json.dumps(CUP | {"then": [CUP | {"object": stated}]}), FLAT)
-    assert chosen is not None and [need.status for need in chosen.then] == ["clarify"]
+    assert chosen is not None and [need.status for need in chosen.next] == ["clarify"]
 
 
 def test_a_listed_name_comes_before_a_number() -> None:
@@ -414,7 +414,7 @@ def test_free_text_with_two_numbers_or_a_wrong_one_is_no_answer(reply: str) -> N
 )
 def test_an_answer_for_programs_is_read(kind: str, value: Any, objects: list[int], read: Any) -> None:
     chosen = inside(told(kind, value, objects), FLAT)
-    assert chosen is not None and chosen.say == "So it is." and chosen.object is None
+    assert chosen is not None and chosen.text == "So it is." and chosen.object is None
     assert chosen.fact == Fact(kind, read, tuple(objects))  # type: ignore[arg-type]
 
 
@@ -453,15 +453,15 @@ def test_an_answer_that_this_home_cannot_give_is_no_answer(kind: Any, value: Any
 
 def test_told_needs_words_and_no_more() -> None:
     assert read_reply(json.dumps(CUP | {"status": "told", "reason": "", "say": "\x00"}), FLAT) is None
-    chosen = inside(told("count", 3, [12, 14, 15], answer=None, say="a\n\x1b[31mb" + "x" * 5000), FLAT)
-    assert chosen is not None and chosen.fact is None and chosen.say.startswith("a [31mb") and len(chosen.say) <= 300
+    chosen = inside(told("count", 3, [12, 14, 15], answer=None, text="a\n\x1b[31mb" + "x" * 5000), FLAT)
+    assert chosen is not None and chosen.fact is None and chosen.text.startswith("a [31mb") and len(chosen.text) <= 300
 
 
 def test_two_objects_of_one_name_are_two_needs() -> None:
     then = [CUP | {"object": "cup #14"}, CUP, CUP | {"status": "told", "say": "White."}]
     chosen = inside(json.dumps(CUP | {"then": then}), FLAT)
     assert chosen is not None
-    assert [(n.status, n.object_id) for n in (chosen, *chosen.then)] == [("found", 12), ("found", 14), ("told", 12)]
+    assert [(n.status, n.object_id) for n in (chosen, *chosen.next)] == [("found", 12), ("found", 14), ("told", 12)]
 
 
 POINTERS = [

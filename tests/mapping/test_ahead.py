@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from cartier.errors import InputError
-from cartier.mapping.prefetch import at_once, frames_ahead
+from cartier.mapping.prefetch import batch_size, prefetch
 from cartier.pipeline import map_home
 from cartier.types import Camera, Detections, Frame
 from synthetic import THINGS, RoomRecording, TrueBoxes, walk
@@ -57,7 +57,7 @@ def four_cores(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize("readers", [0, 1, 4])
 def test_all_frames_come_in_order_from_as_many_threads_as_may(readers: int) -> None:
     recording, plain = read(readers), walk()
-    for number, frame in enumerate(frames_ahead(recording)):
+    for number, frame in enumerate(prefetch(recording)):
         assert frame.index == number and np.array_equal(frame.rgb, plain[number].rgb)
         assert recording.begun <= number + 1 + max(2 * readers - 1, 0), "a recording is never held whole"
     assert recording.begun == len(recording) == number + 1
@@ -69,7 +69,7 @@ def test_all_frames_come_in_order_from_as_many_threads_as_may(readers: int) -> N
 def test_on_one_core_nothing_is_read_ahead(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("os.cpu_count", lambda: 1)
     recording = read(4)
-    next(iter(frames_ahead(recording)))
+    next(iter(prefetch(recording)))
     assert recording.begun == 1 and recording.threads == {threading.current_thread().name}
 
 
@@ -77,9 +77,9 @@ def test_a_broken_frame_is_told_when_its_turn_comes_and_no_thread_stays() -> Non
     recording = read(4)
     recording.broken, seen = 7, []
     with pytest.raises(InputError, match="frame 7 is broken"):
-        seen += [frame.index for frame in frames_ahead(recording) if not seen.append(frame.index)]
+        seen += [frame.index for frame in prefetch(recording) if not seen.append(frame.index)]
     assert seen == list(range(7))
-    stopped = frames_ahead(read(4))
+    stopped = prefetch(read(4))
     next(stopped)
     stopped.close()
     assert not [thread for thread in threading.enumerate() if thread.name.startswith("cartier reader")]
@@ -126,7 +126,7 @@ def test_a_run_that_was_killed_between_batches_asks_only_for_the_rest(tmp_path: 
 def test_few_large_frames_are_held_at_once() -> None:
     detector = Batches()
     detector.batch = 16
-    sizes = {at_once(detector, Camera(w, h, 500, 500, w / 2, h / 2)) for w, h in ((640, 480), (1920, 1080))}
+    sizes = {batch_size(detector, Camera(w, h, 500, 500, w / 2, h / 2)) for w, h in ((640, 480), (1920, 1080))}
     assert sizes == {16}
-    assert at_once(detector, Camera(3840, 2160, 500, 500, 1920, 1080)) == 4
-    assert at_once(TrueBoxes(THINGS), Camera(8000, 8000, 500, 500, 4000, 4000)) == 1
+    assert batch_size(detector, Camera(3840, 2160, 500, 500, 1920, 1080)) == 4
+    assert batch_size(TrueBoxes(THINGS), Camera(8000, 8000, 500, 500, 4000, 4000)) == 1

@@ -8,9 +8,9 @@ import pytest
 from cartier.errors import InputError
 from cartier.geometry import box_distance
 from cartier.home.entity import CLOUD, Home
+from cartier.home.point_cloud import PointCloud, read_cloud
 from cartier.io.files import npz_bytes, read_npz
 from cartier.mapping import cloud
-from cartier.home.point_cloud import PointCloud, read_cloud
 from cartier.mapping.cloud import CloudMapper
 from cartier.mapping.mapper import Mapper
 from cartier.pipeline import map_home

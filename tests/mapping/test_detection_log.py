@@ -10,8 +10,8 @@ import pytest
 
 from cartier.errors import InputError
 from cartier.home import detection_log
-from cartier.home.entity import DETECTIONS, Home
 from cartier.home.detection_log import DetectionLog
+from cartier.home.entity import DETECTIONS, Home
 from cartier.io.files import npz_bytes, read_npz
 from cartier.mapping.mapper import Mapper
 from cartier.mapping.object_map import ObjectMap
@@ -23,7 +23,7 @@ from synthetic import THINGS, TrueBoxes, walk
 class Every(TrueBoxes):
     """Says what it was asked, and also reports a thing that no depth bears out, weakly and first."""
 
-    calibration = replace(TrueBoxes.calibration, birth=0.01)
+    score_model = replace(TrueBoxes.score_model, spawn_threshold=0.01)
 
     def __init__(self) -> None:
         super().__init__(THINGS)
@@ -60,7 +60,7 @@ def test_a_home_keeps_every_box_of_every_frame_that_was_looked_at(tmp_path: Path
 def test_ids_come_in_the_order_of_the_detections() -> None:
     frame, upwards = walk()[0], Every()
     told = upwards.detect(frame)
-    a, b = ObjectMap(Every.calibration), ObjectMap(Every.calibration)
+    a, b = ObjectMap(Every.score_model), ObjectMap(Every.score_model)
     backwards = np.arange(len(told))[::-1]
     ids, mirrored = a.add(frame, told), b.add(frame, told.keep(backwards))
     assert len(set(ids.tolist())) > 1 and mirrored[backwards].tolist() == ids.tolist()

@@ -27,8 +27,8 @@ def view(index: int, x: float = 0.0, yaw: float = 0.0, depth: float = 2.0, blurr
 
 def picked(frames: list[Frame], every: int | None = None) -> list[int]:
     keyframes = Keyframes(every)
-    return [frame.index for offered in frames for frame in keyframes.offer(offered)] + [
-        f.index for f in keyframes.rest()
+    return [frame.index for offered in frames for frame in keyframes.push(offered)] + [
+        f.index for f in keyframes.flush()
     ]
 
 

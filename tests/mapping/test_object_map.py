@@ -11,14 +11,14 @@ from cartier.errors import InputError
 from cartier.mapping.bearings import BearingMap
 from cartier.mapping.existence import probability
 from cartier.mapping.object_map import ObjectMap
-from cartier.types import Calibration, MapObject, TrueObject
+from cartier.types import DetectorScoreModel, MapObject, TrueObject
 from synthetic import THINGS, RoomRecording, TrueBoxes, box, walk
 
 TWO_MUGS = (box(21, "mug", (2.0, 2.0, 0.6), (2.1, 2.1, 0.75)), box(22, "mug", (2.25, 2.0, 0.6), (2.35, 2.1, 0.75)))
 
 
 def mapped(recording: RoomRecording, objects: Sequence[TrueObject] = THINGS, order: Iterable[int] = ()) -> ObjectMap:
-    detector, made = TrueBoxes(objects), ObjectMap(TrueBoxes.calibration)
+    detector, made = TrueBoxes(objects), ObjectMap(TrueBoxes.score_model)
     for number in order or range(len(recording)):
         made.add(recording[number], detector.detect(recording[number]))
     made.tidy()
@@ -35,7 +35,7 @@ def test_each_thing_is_one_object_where_it_is() -> None:
     for thing in objects:
         true = next(t for t in THINGS if t.label == thing.label)
         assert np.linalg.norm(np.subtract(thing.position, np.add(true.box_min, true.box_max) / 2)) < 0.4
-        assert thing.confirmed and 0 < thing.sightings <= thing.chances
+        assert thing.confirmed and 0 < thing.n_detected <= thing.n_observable
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -60,7 +60,7 @@ def test_a_chair_seen_from_both_sides_of_a_table_is_one() -> None:
         box(50, "chair", (4.0, 3.0, 0.0), (4.45, 3.06, 0.3)),
         box(51, "chair", (4.0, 3.44, 0.3), (4.45, 3.5, 0.9)),
     )
-    poses, made = walk().poses, ObjectMap(TrueBoxes.calibration)
+    poses, made = walk().poses, ObjectMap(TrueBoxes.score_model)
     shown = [0]
     for half in (front, back):
         things = (*whole, half)
@@ -73,18 +73,18 @@ def test_a_chair_seen_from_both_sides_of_a_table_is_one() -> None:
 
 
 def test_what_is_looked_at_and_not_seen_again_is_doubted() -> None:
-    cautious = Calibration(there=(2.0, 1.0), not_there=(0.3, 6.0), prior=-1.0)
+    cautious = DetectorScoreModel(beta_true=(2.0, 1.0), beta_false=(0.3, 6.0), prior_log_odds=-1.0)
     detector, made, recording = TrueBoxes(THINGS), ObjectMap(cautious), walk()
     first = detector.detect(recording[0])
     made.add(recording[0], first)
     at_once = {thing.label: thing.probability for thing in made.objects()}
     for number in range(1, len(recording)):
         made.add(recording[number], detector.detect(recording[number]).keep(np.zeros(0, int)))
-    assert all(thing.probability < at_once[thing.label] for thing in made.objects() if thing.chances > 5)
+    assert all(thing.probability < at_once[thing.label] for thing in made.objects() if thing.n_observable > 5)
 
 
 def test_many_frames_from_one_standpoint_are_hardly_more_than_one() -> None:
-    cautious = Calibration(there=(2.0, 1.0), not_there=(0.3, 6.0), prior=-1.0)
+    cautious = DetectorScoreModel(beta_true=(2.0, 1.0), beta_false=(0.3, 6.0), prior_log_odds=-1.0)
     tried = np.zeros((2, 36), np.float32)
     tried[:, 0] = 1, 1000
     few, many = probability(tried, tried, np.full(2, 0.1), cautious)
@@ -94,7 +94,7 @@ def test_many_frames_from_one_standpoint_are_hardly_more_than_one() -> None:
 @pytest.mark.parametrize("kind", [ObjectMap, BearingMap])
 def test_the_state_goes_on_as_if_nothing_had_been(kind: type[ObjectMap]) -> None:
     detector, recording = TrueBoxes(THINGS), walk(with_depth=kind is ObjectMap)
-    whole, half, rest = (kind(TrueBoxes.calibration) for _ in range(3))
+    whole, half, rest = (kind(TrueBoxes.score_model) for _ in range(3))
     for number in range(len(recording)):
         if number == 10:
             rest.restore(half.state())
@@ -103,7 +103,7 @@ def test_the_state_goes_on_as_if_nothing_had_been(kind: type[ObjectMap]) -> None
         (half if number < 10 else rest).add(frame, detector.detect(frame))
     assert rest.objects() == whole.objects()
     with pytest.raises(InputError, match="damaged"):
-        kind(TrueBoxes.calibration).restore(half.state() | {"object_map.json": b"{}"})
+        kind(TrueBoxes.score_model).restore(half.state() | {"object_map.json": b"{}"})
 
 
 def test_memory_is_that_of_the_objects() -> None:

@@ -79,12 +79,12 @@ def test_a_chair_of_which_only_the_back_shows_above_a_table_does_not_stand_on_it
 
 
 def test_a_thing_that_floats_higher_is_held_less_surely_until_it_is_not() -> None:
-    chances = []
+    n_observable = []
     for lift in (0.0, 0.05, 0.1, 0.2, 0.4):
         floating = cube("thing", 0.4, 0.4, 0.1, 0.75 + lift, 10)
         relation = supports((TABLE, floating)).get(10)
-        chances.append(relation.probability if relation else 0.0)
-    assert chances == sorted(chances, reverse=True) and chances[0] > 0.9 and chances[-1] == 0
+        n_observable.append(relation.probability if relation else 0.0)
+    assert n_observable == sorted(n_observable, reverse=True) and n_observable[0] > 0.9 and n_observable[-1] == 0
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -152,11 +152,11 @@ def test_next_to_is_beside_and_in_the_same_room() -> None:
 
 
 def test_what_is_farther_is_less_surely_next_to() -> None:
-    chances = [
+    n_observable = [
         sum(relation.probability for relation in next_to(BALL, [cube("box", 1.6 + far, 0.6, id=2)]))
         for far in (0, 0.2, 0.4, 0.6, 0.8, 2)
     ]
-    assert chances == sorted(chances, reverse=True) and chances[0] > 0.9 and chances[-1] < 0.01
+    assert n_observable == sorted(n_observable, reverse=True) and n_observable[0] > 0.9 and n_observable[-1] < 0.01
     (relation,) = next_to(BALL, [cube("box", 1.6, 0.6, id=2)])
     assert relation.metres == pytest.approx(0.2)
 
@@ -187,8 +187,10 @@ def test_two_that_are_as_near_share_the_probability() -> None:
     assert [relation.subject for relation in ranked] == [1, 2, 3] and ranked[0].object is None
     assert ranked[0].probability == ranked[1].probability == pytest.approx(0.5)
     unsure = replace(left, probability=0.25)
-    chances = {relation.subject: relation.probability for relation in nearest((0.0, 0.0), [unsure, right])}
-    assert chances == {1: pytest.approx(0.2), 2: pytest.approx(0.8)}, "what may not exist is less likely the nearest"
+    n_observable = {relation.subject: relation.probability for relation in nearest((0.0, 0.0), [unsure, right])}
+    assert n_observable == {1: pytest.approx(0.2), 2: pytest.approx(0.8)}, (
+        "what may not exist is less likely the nearest"
+    )
 
 
 def test_a_point_may_have_a_height() -> None:

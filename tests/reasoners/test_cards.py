@@ -10,14 +10,13 @@ import pytest
 from held_out import COCO
 
 from cartier.errors import InputError
-from cartier.labels import display_name
+from cartier.labels import display_name, name_key
 from cartier.reasoners import embedded
 from cartier.types import Inventory
 from cartier.understanding import cards
+from cartier.understanding.card_vectors import shipped, text_key
 from cartier.understanding.cards import SHIPPED, read_deck
-from cartier.understanding.near_synonyms import shipped, text_key
 from cartier.understanding.spelling import Spelling
-from cartier.labels import name_key
 from cartier.understanding.text import stem
 
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from cartier.reasoners import embedded
 from cartier.types import Inventory
-from cartier.understanding.dialogue import Turn, named, understand
+from cartier.understanding.dialogue import FollowUp, named, understand
 
 ASKED = [("I need to cut this string", "Do you mean the knife or the scissors?")]
 NAMES = ["knife", "scissors", "sofa", "coffee table", "kettle", "coffee machine"]
@@ -79,22 +79,22 @@ def test_a_new_need_is_not_read_into_the_old_one(reasoner: embedded.Embedded) ->
 
 def test_several_needs_come_in_order(reasoner: embedded.Embedded) -> None:
     chosen = reasoner.select("Put these dirty clothes in the hamper, then bring me to the bed", Inventory.of(THOR))
-    assert chosen.object == "laundry hamper" and [part.object for part in chosen.then] == ["bed"]
-    assert reasoner.select("I want a soak in the tub", Inventory.of(THOR)).then == ()
+    assert chosen.object == "laundry hamper" and [part.object for part in chosen.next] == ["bed"]
+    assert reasoner.select("I want a soak in the tub", Inventory.of(THOR)).next == ()
 
 
 def test_next_to_is_a_place_and_no_second_need(reasoner: embedded.Embedded) -> None:
     chosen = reasoner.select(
         "Put yourself next to the kettle and wait there.", Inventory.of(["armchair", "bed", "kettle"])
     )
-    assert chosen.object == "kettle" and not chosen.then
+    assert chosen.object == "kettle" and not chosen.next
 
 
 def test_a_part_that_nothing_serves_does_not_split_a_request(reasoner: embedded.Embedded) -> None:
     chosen = reasoner.select(
         "I was at the market, then it rained, and now I want to sleep in my bed", Inventory.of(THOR)
     )
-    assert chosen.object in ("bed", "pillow") and chosen.then == ()
+    assert chosen.object in ("bed", "pillow") and chosen.next == ()
 
 
 def test_names_in_a_turn_are_found_longest_first() -> None:
@@ -107,5 +107,5 @@ def test_names_in_a_turn_are_found_longest_first() -> None:
 @given(query=st.text(max_size=60), robot=st.text(max_size=60), person=st.text(max_size=60))
 def test_no_words_break_the_understanding(query: str, robot: str, person: str) -> None:
     turn = understand(query, NAMES, [(person, robot), (robot, person + "?")])
-    assert isinstance(turn, Turn) and (turn.picked is None or turn.picked in NAMES)
+    assert isinstance(turn, FollowUp) and (turn.picked is None or turn.picked in NAMES)
     assert set(turn.without) <= set(NAMES) and set(turn.only) <= set(NAMES)

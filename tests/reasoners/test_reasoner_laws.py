@@ -54,8 +54,8 @@ def test_no_answer_leaves_a_home_of_objects_and_rooms(make: Callable[[], Reasone
     reasoner = make()
     for request in REQUESTS[::2] if "openai" in reasoner.name else REQUESTS:
         chosen = reasoner.select(request, FLAT, [("a cup", "cup #12"), ("where are the plates?", "I saw none.")])
-        assert all(FLAT.holds(need) for need in (chosen, *chosen.then))
-        assert chosen.status != "told" or chosen.say
+        assert all(FLAT.contains(need) for need in (chosen, *chosen.next))
+        assert chosen.status != "answered" or chosen.text
 
 
 def test_a_request_without_end_is_refused_in_one_line(make: Callable[[], Reasoner]) -> None:

@@ -25,7 +25,7 @@ def answers(sentences: list[str]) -> list[Selection]:
 
 
 def refused(chosen: Selection) -> bool:
-    return chosen.status == "absent" and chosen.reason.startswith("understood: ")
+    return chosen.status == "not_found" and chosen.reason.startswith("understood: ")
 
 
 def asked(text: str) -> str:
@@ -51,7 +51,7 @@ def asked(text: str) -> str:
 )
 def test_what_asks_for_nothing_is_understood_and_gets_no_goal(words: str, reason: str) -> None:
     chosen = REASONER.select(words, Inventory.of(HOME))
-    assert (chosen.status, chosen.object, chosen.reason) == ("told", None, reason)
+    assert (chosen.status, chosen.object, chosen.reason) == ("answered", None, reason)
     assert REASONER.propose(words) == []
 
 

@@ -39,7 +39,7 @@ class Recorder:
 GOAL = goal_at(1.0, 2.0, 0.5)
 
 
-@pytest.mark.parametrize("status", ["found", "near"])
+@pytest.mark.parametrize("status", ["found", "likely_near"])
 def test_found_and_near_are_sent(status: str) -> None:
     robot = Recorder()
     assert send(robot, answer(status, GOAL)) == "off it goes"
@@ -49,14 +49,14 @@ def test_found_and_near_are_sent(status: str) -> None:
 @pytest.mark.parametrize(
     ("told", "why"),
     [
-        (answer("absent", None), "nothing was sent: nothing here serves the request"),
+        (answer("not_found", None), "nothing was sent: nothing here serves the request"),
         (answer("clarify", None), "nothing was sent: answer the question first: which one?"),
         (
             answer("found", None, ("no goal: no pose within 2.0 m of the chair can be reached",)),
             "nothing was sent: no goal: no pose within 2.0 m of the chair can be reached",
         ),
-        (answer("near", None), "nothing was sent: the chair has no goal"),
-        (answer("absent", GOAL), "nothing was sent: nothing here serves the request"),  # a goal alone is no reason
+        (answer("likely_near", None), "nothing was sent: the chair has no goal"),
+        (answer("not_found", GOAL), "nothing was sent: nothing here serves the request"),  # a goal alone is no reason
         (answer("clarify", GOAL), "nothing was sent: answer the question first: which one?"),
     ],
 )
@@ -68,7 +68,7 @@ def test_else_nothing_is_sent_and_the_reason_said(told: Answer, why: str) -> Non
 
 def test_of_several_needs_the_first_that_can_be_served_is_and_the_others_are_named() -> None:
     robot, sofa = Recorder(), goal_at(3.0, 1.0, 0.0, "sofa")
-    line = send(robot, answer("absent", None, then=(answer("found", GOAL), answer("found", sofa))))
+    line = send(robot, answer("not_found", None, next=(answer("found", GOAL), answer("found", sofa))))
     assert robot.goals == [GOAL]
     assert line == "off it goes; still to come, once it is there: sofa"
 

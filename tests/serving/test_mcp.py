@@ -215,7 +215,7 @@ def test_an_answer_without_a_goal_keeps_to_its_schema(ops: Operations, tmp_path:
 
     async def absent(client: Client) -> None:
         answer = await told(client, "ask", words="a zebra")
-        assert answer["status"] == "absent" and "goal" not in answer
+        assert answer["status"] == "not_found" and "goal" not in answer
 
     async def blind(client: Client) -> None:
         for tool, about in (

@@ -30,7 +30,7 @@ class Echo:
 
     def select(self, query: str, inventory: Inventory, dialogue: Sequence[tuple[str, str]] = ()) -> Selection:
         name = next((n for n in inventory.names if n in query), None)
-        return Selection("found" if name else "absent", name, reason=f"{len(dialogue)} turns")
+        return Selection("found" if name else "not_found", name, reason=f"{len(dialogue)} turns")
 
     def propose(self, query: str) -> list[str]:
         return []
@@ -115,16 +115,16 @@ def test_a_move_to_nowhere_says_what_it_needs(ops: Operations) -> None:
 
 def test_nothing_is_said_twice(home: Path) -> None:
     asks = Selection(
-        "clarify", question="Which?", say="Which?", reason="2 fit", candidates=(("mug", 0.9), ("chair", 0.001))
+        "clarify", question="Which?", text="Which?", reason="2 fit", candidates=(("mug", 0.9), ("chair", 0.001))
     )
     told = Operations(Homes([home]), Asks(asks)).ask("it")
     assert (told["question"], told["reason"], told["candidates"]) == (
         "Which?",
         "2 fit",
         [["mug", 0.9]],
-    ) and "say" not in told
-    told = Operations(Homes([home]), Asks(Selection("told", say="Two.", reason="Two."))).ask("it")
-    assert told["say"] == "Two." and "reason" not in told
+    ) and "text" not in told
+    told = Operations(Homes([home]), Asks(Selection("answered", text="Two.", reason="Two."))).ask("it")
+    assert told["text"] == "Two." and "reason" not in told
 
 
 def test_a_list_is_paged_and_says_so(ops: Operations, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -257,5 +257,7 @@ def test_what_a_question_names_can_be_pointed_at(home: Path, chosen: Selection, 
 
 def test_what_an_answer_in_words_is_about_can_be_shown(home: Path) -> None:
     some = tuple(t.id for t in Home.load(home).objects[:2])
-    told = Operations(Homes([home]), Asks(Selection("told", say="Two.", fact=Fact("count", 2, some)))).ask("how many?")
+    told = Operations(Homes([home]), Asks(Selection("answered", text="Two.", fact=Fact("count", 2, some)))).ask(
+        "how many?"
+    )
     assert told["ids"] == list(some)

@@ -135,7 +135,7 @@ def _heard(home: str) -> Iterator[str]:
 
 def _print_answer(answer: Answer, told: set[str]) -> None:
     chosen, place, goal = answer.selection, answer.place, answer.goal
-    print(f"{chosen.status}: {chosen.say or chosen.object or chosen.question or chosen.reason}")
+    print(f"{chosen.status}: {chosen.text or chosen.object or chosen.question or chosen.reason}")
     if chosen.object and chosen.reason:
         print(f"  why    {chosen.reason}")
     if place:
@@ -148,8 +148,8 @@ def _print_answer(answer: Answer, told: set[str]) -> None:
         if note not in told:  # in a conversation, once
             print(f"  note   {note}")
     told.update(answer.notes)
-    if not answer.then:
+    if not answer.next:
         print(f"  by     {answer.reasoner}, {answer.index}, {answer.detector}")
-    for further in answer.then:
+    for further in answer.next:
         print("then ", end="")
         _print_answer(further, told)

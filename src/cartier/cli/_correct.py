@@ -12,7 +12,7 @@ import typer
 from cartier.cli._common import HomeFolder, numbers
 
 if TYPE_CHECKING:
-    from cartier.home.corrections import What
+    from cartier.home import corrections
 
 app = typer.Typer()
 Thing = Annotated[
@@ -58,7 +58,13 @@ def undo(home: HomeFolder, who: Who = None) -> None:
 
 
 def _correct(
-    home: Path, what: What, thing: str = "", *, name: str = "", to_xy: Sequence[float] = (), who: str | None
+    home: Path,
+    what: corrections.CorrectionKind,
+    thing: str = "",
+    *,
+    name: str = "",
+    to_xy: Sequence[float] = (),
+    who: str | None,
 ) -> None:
     from cartier.home import Home
 

@@ -167,7 +167,7 @@ def _print_rooms(told: dict[str, Any], everything: bool) -> None:
             on = row["on"]
             table.add_row(
                 str(row["id"]), ", ".join([*row["names"], row["label"]]) + ("" if row["confirmed"] else " ?"), f"{row['probability']:.0%}",
-                f"{row['sightings']} of {row['chances']}", _size(row),
+                f"{row['n_detected']} of {row['n_observable']}", _size(row),
                 ", ".join(name for name, _ in row["colours"][:2]), "" if on is None else f"{on['relation']} {names[on['id']]}",
                 f"{row['last_seen_s']:.1f} s",
             )  # fmt: skip
@@ -197,7 +197,7 @@ def _print_object(row: dict[str, Any], scale_guessed: bool) -> None:
         (x0, y0, _), (x1, y1, _) = row["box_min"], row["box_max"]
         print(f"  place  x {x0:.2f} to {x1:.2f}  y {y0:.2f} to {y1:.2f} m: bearings leave its distance open{guess}")
     print(
-        f"  seen   in {row['sightings']} of {row['chances']} frames that would have shown it, last at {row['last_seen_s']:.1f} s"
+        f"  seen   in {row['n_detected']} of {row['n_observable']} frames that would have shown it, last at {row['last_seen_s']:.1f} s"
     )
     print(f"  named  {', '.join(f'{name} ({weight:.2f})' for name, weight in row['labels'])}")
     if row["colours"]:

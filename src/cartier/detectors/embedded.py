@@ -9,7 +9,6 @@ import numpy as np
 
 from cartier.detectors.boxes import clip, nms
 from cartier.errors import BackendError
-from cartier.mapping.existence import at_threshold
 from cartier.models.dollhouse_detector import FOLDER
 from cartier.types import Detections, Frame
 
@@ -46,9 +45,9 @@ class Embedded:
     def __init__(self, threshold: float | None, inference: Inference) -> None:
         self._inference = inference
         self.model = inference.model
-        self.calibration = at_threshold(self.model.calibration, threshold)
+        self.score_model = self.model.score_model.with_threshold(threshold)
         self.sha256, self.knows = self.model.sha256, self.model.names
-        self.name = f"embedded dollhouse detector (counts from {self.calibration.threshold:g})"
+        self.name = f"embedded dollhouse detector (counts from {self.score_model.threshold:g})"
         self.notes: tuple[str, ...] = (
             f"the embedded detector knows the dollhouse's types and no photographs: {self.model.trained}",
         )
@@ -62,7 +61,7 @@ class Embedded:
         if np.ptp(frame.rgb) < FLAT:
             return Detections(frame.index, boxes[:0], scores[:0], ())
         boxes, whole = clip(boxes, frame.camera.width, frame.camera.height)
-        chosen = np.flatnonzero(whole & (scores >= self.calibration.low))
+        chosen = np.flatnonzero(whole & (scores >= self.score_model.zero_weight_score))
         boxes, scores, classes = boxes[chosen], scores[chosen], classes[chosen]
         order = nms(boxes, scores, classes, MAX_IOU)
         names = tuple(self.model.names[int(classes[i])] for i in order)

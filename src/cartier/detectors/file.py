@@ -12,8 +12,7 @@ from cartier.detectors._rows import rows
 from cartier.detectors.boxes import clip
 from cartier.errors import InputError, brief
 from cartier.io.files import sha256_of
-from cartier.mapping.existence import at_threshold
-from cartier.types import Array, Calibration, Detections, Frame
+from cartier.types import Array, Detections, DetectorScoreModel, Frame
 
 EVA_THRESHOLD = 0.8
 OVERHANG = 0.1  # detectors that do not clip reach a little over the edge; more means images of another size
@@ -40,7 +39,7 @@ class DetectionsFile:
     """Obeys the Detector contract. Holds the detections that may mean something, 64 bytes each."""
 
     def __init__(self, path: Path, threshold: float, annotations: Annotations | None) -> None:
-        self.calibration = at_threshold(Calibration(), threshold)
+        self.score_model = DetectorScoreModel().with_threshold(threshold)
         self.name = f"file {path.name} (counts from {threshold:g})"
         self._path, self._annotations, self._last_asked = path, annotations, -1
         numbers: dict[str, int] = {}
@@ -48,13 +47,13 @@ class DetectionsFile:
         total, best = 0, 0.0
         for row in rows(path, annotations):
             total, best = total + 1, max(best, row.score)
-            if row.score >= self.calibration.low:
+            if row.score >= self.score_model.zero_weight_score:
                 frames.append(row.frame)
                 lines.append(row.line)
                 labels.append(numbers.setdefault(row.label, len(numbers)))
                 values.extend((*row.xyxy, row.score))
         if not frames:
-            low = f"none of its {total} detections scores {self.calibration.low:g} or more (the best has {best:g})"
+            low = f"none of its {total} detections scores {self.score_model.zero_weight_score:g} or more (the best has {best:g})"
             raise InputError(f"{path}: {low + ': lower the threshold' if total else 'it holds no detections'}")
         table = np.array(values).reshape(-1, 5)
         order = np.lexsort((-table[:, 4], np.array(frames)))
@@ -62,7 +61,9 @@ class DetectionsFile:
         self._frames, self._lines, self._labels = (np.array(column)[order] for column in (frames, lines, labels))
         self._boxes, self._scores = table[order, :4], table[order, 4]
         self.sha256 = sha256_of(path, *([annotations.path] if annotations else []))
-        self._kept = f"{path.name}: {len(frames)} of {total} detections score {self.calibration.low:g} or more"
+        self._kept = (
+            f"{path.name}: {len(frames)} of {total} detections score {self.score_model.zero_weight_score:g} or more"
+        )
 
     @property
     def notes(self) -> tuple[str, ...]:

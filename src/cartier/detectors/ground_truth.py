@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from cartier.errors import BackendError
 from cartier.labels import display_name
-from cartier.types import Calibration, Detections, Frame, TrueObject
+from cartier.types import Detections, DetectorScoreModel, Frame, TrueObject
 
 MIN_PIXELS = 64  # visible pixels below which even an ideal detector sees nothing
 
@@ -39,7 +39,14 @@ def make(
 class GroundTruth:
     """Obeys the Detector contract, with masks where nothing is disturbed. Its name says that it is no detector at all."""
 
-    calibration = Calibration(0.5, birth=0.0, low=0.0, high=0.01, prior=6.0, measured="it is the truth")
+    score_model = DetectorScoreModel(
+        0.5,
+        spawn_threshold=0.0,
+        zero_weight_score=0.0,
+        full_weight_score=0.01,
+        prior_log_odds=6.0,
+        measured="it is the truth",
+    )
     notes: Sequence[str] = ()
     sha256 = ""
 

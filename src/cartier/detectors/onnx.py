@@ -13,9 +13,8 @@ from cartier.detectors.layouts import ANY_NAME, LAYOUTS, Candidates, Size, recog
 from cartier.detectors.sidecar import Sidecar, read_sidecar
 from cartier.errors import BackendError, InputError, brief
 from cartier.io.files import sha256_of
-from cartier.mapping.existence import at_threshold
 from cartier.models.onnx_session import Session, shape_text
-from cartier.types import Array, Calibration, Detections, Frame
+from cartier.types import Array, Detections, DetectorScoreModel, Frame
 
 DEFAULT_IOU = 0.5
 MAX_SCORE = 1.001  # half precision rounds a little above 1
@@ -62,15 +61,15 @@ class OnnxDetector:
         self._outputs = _pick_outputs(session, self._sidecar, described)
         self._check_shapes(trial, f"{described} does not fit it")
         measured = (
-            at_threshold(Calibration(), self._sidecar.threshold)
-            if self._sidecar.calibration is None
-            else self._sidecar.calibration
+            DetectorScoreModel().with_threshold(self._sidecar.threshold)
+            if self._sidecar.score_model is None
+            else self._sidecar.score_model
         )
-        self.calibration = at_threshold(measured, threshold)
+        self.score_model = measured.with_threshold(threshold)
         self.knows = tuple(dict.fromkeys(label for label in self._sidecar.labels if label is not None))
         file = session.path.name
         overlap = f", iou {iou:g}" if self._layout.nms and iou != DEFAULT_IOU else ""
-        self.name = f"onnx {file} (counts from {self.calibration.threshold:g}{overlap})"
+        self.name = f"onnx {file} (counts from {self.score_model.threshold:g}{overlap})"
         self.notes: tuple[str, ...] = ()
         if given is None:
             self.notes = (
@@ -88,7 +87,7 @@ class OnnxDetector:
         tensor, placement = to_tensor(frame.rgb, self._size, self._sidecar)
         found = self._decode(self._session.run(tensor, where), where)
         boxes, whole = clip(placement.to_frame(found.boxes), frame.camera.width, frame.camera.height)
-        chosen = np.flatnonzero(whole & (found.scores >= self.calibration.low))
+        chosen = np.flatnonzero(whole & (found.scores >= self.score_model.zero_weight_score))
         names = self._names(found.classes[chosen], where)
         chosen = chosen[[name is not None for name in names]]
         boxes, scores = boxes[chosen], found.scores[chosen]

@@ -18,5 +18,5 @@ def make(threshold: float | None = None, provider: str = "cpu", threads: int | N
         raise BackendError(f"option threads must be at least 1, got {threads}")
     model, sidecar = nanodet.checked()
     detector = OnnxDetector(Session(model, provider, threads), sidecar, threshold, DEFAULT_IOU)
-    detector.name = f"photos NanoDet-Plus-m (counts from {detector.calibration.threshold:g})"
+    detector.name = f"photos NanoDet-Plus-m (counts from {detector.score_model.threshold:g})"
     return detector

@@ -10,8 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 from cartier.errors import InputError, brief
 from cartier.io.files import read_bytes
 from cartier.labels import MAX_NAME_CHARS, display_name
-from cartier.mapping.existence import calibration_from
-from cartier.types import Calibration
+from cartier.types import DetectorScoreModel
 
 MAX_BYTES = 4 * 2**20
 COCO80 = Path(__file__).parent / "labels" / "coco80.txt"
@@ -51,8 +50,8 @@ class Sidecar(BaseModel):
     resize: Literal["stretch", "letterbox", "letterbox_top_left"]
     threshold: Annotated[float, Field(ge=0, le=1)]
     """The score from which a detection counts by itself."""
-    calibration: Calibration | None = None
-    """What its reports are worth, where that was measured: the fields of ``types.Calibration``, ``measured`` among them."""
+    score_model: DetectorScoreModel | None = None
+    """What its reports are worth, where that was measured: the fields of ``types.DetectorScoreModel``, ``measured`` among them."""
     min_views: int | None = None
     """Of older sidecars, and without effect: the map weighs each object's evidence."""
     activation: Literal["softmax", "sigmoid"] = "softmax"
@@ -95,13 +94,13 @@ class Sidecar(BaseModel):
             raise ValueError(f"label {names.index('')} is empty; a class that means nothing is null")
         return names
 
-    @field_validator("calibration", mode="before")
+    @field_validator("score_model", mode="before")
     @classmethod
     def _sound(cls, told: Any) -> Any:
         try:
-            return calibration_from(told) if isinstance(told, dict) else told
+            return DetectorScoreModel.from_dict(told) if isinstance(told, dict) else told
         except TypeError as error:
-            raise ValueError(f"must hold the fields of a calibration ({error})") from error
+            raise ValueError(f"must hold the fields of a score_model ({error})") from error
 
     @field_validator("std")
     @classmethod

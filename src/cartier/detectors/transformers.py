@@ -14,8 +14,7 @@ from cartier.detectors.device_images import DeviceImages
 from cartier.detectors.vocabulary import read_vocabulary
 from cartier.detectors.zero_shot import ClosedSet, Grounding, OmDetTurbo, Owl, Pass
 from cartier.errors import BackendError, CartierError
-from cartier.mapping.existence import at_threshold
-from cartier.types import Calibration, Detections, Floats, Frame
+from cartier.types import Detections, DetectorScoreModel, Floats, Frame
 
 EXTRA = "detect"
 BATCH = 32  # images in one forward
@@ -77,7 +76,7 @@ def make(
         head = family.head(loaded, words.names if words else ())
     notes = [*(words.notes if words else ()), *head.notes]
     return TransformersDetector(
-        loaded, family, head, at_threshold(at_threshold(Calibration(), family.threshold), threshold), notes
+        loaded, family, head, DetectorScoreModel().with_threshold(family.threshold).with_threshold(threshold), notes
     )
 
 
@@ -87,18 +86,18 @@ class TransformersDetector:
     world = ""
 
     def __init__(
-        self, loaded: hub.Loaded, family: Family, head: Any, calibration: Calibration, notes: Sequence[str]
+        self, loaded: hub.Loaded, family: Family, head: Any, score_model: DetectorScoreModel, notes: Sequence[str]
     ) -> None:
         import torch
 
-        self._loaded, self._family, self._head, self.calibration = loaded, family, head, calibration
+        self._loaded, self._family, self._head, self.score_model = loaded, family, head, score_model
         self._zero_shot = family.head is not ClosedSet
         self.sha256 = loaded.sha256
         asked = ""
         if self._zero_shot:
             self.sha256, asked = hub.with_names(loaded.sha256, head.names), f", {len(head.names)} names"
         half = _is_half(loaded.model)
-        self.name = f"transformers {loaded.source.name} (counts from {calibration.threshold:g}{asked}{', half precision' * half})"
+        self.name = f"transformers {loaded.source.name} (counts from {score_model.threshold:g}{asked}{', half precision' * half})"
         self.knows = tuple(name for name in head.names if name)
         self._notes = tuple(notes)
         self._images = DeviceImages(loaded.images, loaded.model.device, family.square)
@@ -161,7 +160,9 @@ class TransformersDetector:
             scores, classes, shares = (torch.cat(parts, dim=1) for parts in zip(*passes, strict=True))
             sound = scores.isfinite().all() & shares.isfinite().all()
             boxes = to_pixels(shares, camera.width, camera.height, self._family.square)
-            best, stays = best_first(scores, self._named[classes] & (scores >= self.calibration.low), boxes)
+            best, stays = best_first(
+                scores, self._named[classes] & (scores >= self.score_model.zero_weight_score), boxes
+            )
             scores, classes = scores.gather(1, best), classes.gather(1, best)
             boxes = boxes.gather(1, best[..., None].expand(-1, -1, 4))
             if self._zero_shot:

@@ -63,7 +63,7 @@ def _digest(inventory: Inventory) -> str:
 
 
 def _plain(selection: Selection) -> dict[str, Any]:
-    kept = asdict(selection) | {"prompt": "", "then": [_plain(further) for further in selection.then]}
+    kept = asdict(selection) | {"prompt": "", "next": [_plain(further) for further in selection.next]}
     return kept
 
 
@@ -71,7 +71,7 @@ def _selection(row: dict[str, Any]) -> Selection:
     candidates = tuple((str(name), float(score)) for name, score in row["candidates"])
     told = row["fact"]
     fact = None if told is None else Fact(told["kind"], _frozen(told["value"]), tuple(told["objects"]))
-    return Selection(**(row | {"candidates": candidates, "fact": fact, "then": tuple(map(_selection, row["then"]))}))
+    return Selection(**(row | {"candidates": candidates, "fact": fact, "next": tuple(map(_selection, row["next"]))}))
 
 
 def _frozen(value: Any) -> Any:

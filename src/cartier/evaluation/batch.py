@@ -13,7 +13,7 @@ from cartier.llm.client import server_asked
 from cartier.llm.prompts import Request, check_query, prompt_named, propose_request, without_bounds
 from cartier.types import Inventory, Selection
 
-UNASKED = Selection("absent", reason="nobody was asked")
+UNASKED = Selection("not_found", reason="nobody was asked")
 URL = "/v1/chat/completions"
 
 

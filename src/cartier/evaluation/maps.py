@@ -74,7 +74,7 @@ class Maps:
             made_of["indexes"] = self._indexes
         if encoder_for(self.settings.detector) == PIXELS or self.settings.encoder == PIXELS:
             ours = dollhouse_detector.load()
-            made_of["model"] = [ours.sha256, asdict(ours.calibration)]
+            made_of["model"] = [ours.sha256, asdict(ours.score_model)]
         key = json.dumps(made_of, sort_keys=True)
         safe = "".join(c if c.isalnum() or c in "-_" else "_" for c in home)
         return self.folder / f"{safe}-{hashlib.sha256(key.encode()).hexdigest()[:10]}"

@@ -72,7 +72,7 @@ class WithoutList:
         proposals = self.propose(query)
         first = listed_as(proposals[0], inventory.names) if proposals else None
         if first is None:
-            return Selection("absent", reason=f"proposed {', '.join(proposals) or 'nothing'}")
+            return Selection("not_found", reason=f"proposed {', '.join(proposals) or 'nothing'}")
         return Selection("found", first, f"proposed {proposals[0]}")
 
     def propose(self, query: str) -> list[str]:
@@ -90,7 +90,7 @@ class TrueObject:
     def select(self, query: str, inventory: Inventory, dialogue: Sequence[tuple[str, str]] = ()) -> Selection:
         named = listed_as(self._target, inventory.names)
         if named is None or canonical(named) != canonical(self._target):
-            return Selection("absent", reason=f"the detector never found the {self._target}")
+            return Selection("not_found", reason=f"the detector never found the {self._target}")
         return Selection("found", named, "told")
 
     def propose(self, query: str) -> list[str]:

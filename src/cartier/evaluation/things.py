@@ -32,7 +32,7 @@ WRITTEN = Path(__file__).parent / "thing_texts" / "written.jsonl"
 ITEM_FORM = (
     '{"id": "…", "home": "80001", "kind": "relation", "text": "the cup by the sink", "accept_ids": [3], "answer": null}'
 )
-ANSWER_FORM = '{"id": "…", "status": "found", "xy": [1.2, 3.4]} or {"id": "…", "status": "told", "answer": 2}'
+ANSWER_FORM = '{"id": "…", "status": "found", "xy": [1.2, 3.4]} or {"id": "…", "status": "answered", "answer": 2}'
 MAX_BYTES = 64 * 2**20
 MAX_LINES, MAX_TURNS, MAX_IDS = 20_000, 8, 500
 ANSWERS = {
@@ -96,7 +96,7 @@ class Given:
     at: tuple[float, ...] | int | None = None
     answer: Any = None
     question: str = ""
-    say: str = ""
+    text: str = ""
     before: tuple[float, ...] | int | None = None
 
 
@@ -116,18 +116,18 @@ def score(item: Item, given: Given, truth: Mapping[int, TrueObject]) -> Score:
     question that holds a word that tells them apart, or with the nearest one and a word that says so. Answers to questions
     are compared exactly. What nothing serves is right without a place.
     """
-    sent = given.at if given.status in ("found", "near") else None
+    sent = given.at if given.status in ("found", "likely_near") else None
     distance = _distance(sent, item.accept_ids, truth)
     hit = distance is not None and distance <= WITHIN_M
     if item.kind == "nothing":
         return Score(sent is None)
     if item.kind == "bare":
         asked = given.status == "clarify" and _separates(given.question, item, truth)
-        return Score(asked or (hit and bool(_words(given.say) & NEAREST)), distance)
+        return Score(asked or (hit and bool(_words(given.text) & NEAREST)), distance)
     if item.kind in FIND:
         again = item.rejects and sent is not None and _same(sent, given.before, item, truth)
         return Score(hit and not again, distance)
-    if given.status != "told":
+    if given.status != "answered":
         return Score(False, f1=0.0 if item.kind == "list" else None)
     return _told(item, given.answer)
 
@@ -218,7 +218,7 @@ def load_answers(path: str | Path, items: Sequence[Item]) -> dict[str, Given]:
             places[0] if places else None,
             row.answer,
             row.question or "",
-            row.say or "",
+            row.text or "",
             row.before_xy,
         )
     return found

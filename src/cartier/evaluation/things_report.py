@@ -92,7 +92,7 @@ def _failures(rows: Iterable[Mapping[str, Any]], items: Iterable[Item]) -> str:
         some = [row for row in wrong if row["kind"] == kind][:FAILURES]
         lines += [f"\n## {kind}\n"] if some else []
         for row in some:
-            item, said = by_id[row["id"]], row["answer"] if row["status"] == "told" else row.get("object")
+            item, said = by_id[row["id"]], row["answer"] if row["status"] == "answered" else row.get("object")
             want = (
                 item.answer
                 if item.answer is not None
@@ -102,7 +102,7 @@ def _failures(rows: Iterable[Mapping[str, Any]], items: Iterable[Item]) -> str:
             )
             lines.append(
                 f"- {row['id']} ({row['detector']}): {' / '.join(item.turns)} → {row['status']} {said}, "
-                f"{(row['question'] or row['say'])[:100]!r}; "
+                f"{(row['question'] or row['text'])[:100]!r}; "
                 f"right: {want}"
             )
     return "\n".join(lines) + "\n"

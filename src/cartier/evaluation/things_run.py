@@ -55,7 +55,7 @@ class NamesOnly:
     def select(self, query: str, inventory: Inventory, dialogue: Sequence[tuple[str, str]] = ()) -> Selection:
         chosen = self._reasoner.select(query, Inventory.of(inventory.names), dialogue)
         fact = replace(chosen.fact, objects=()) if chosen.fact else None  # its ids are of no map
-        return replace(chosen, object_id=None, fact=fact, then=())
+        return replace(chosen, object_id=None, fact=fact, next=())
 
     def propose(self, query: str) -> list[str]:
         return self._reasoner.propose(query)
@@ -81,7 +81,7 @@ class Blind:
             "compare": named[int(self._rng.integers(len(named)))],
         }  # fmt: skip
         if self._kind in guesses:
-            return Selection("told", say="a guess", fact=Fact(self._kind, guesses[self._kind]))  # type: ignore[arg-type]
+            return Selection("answered", text="a guess", fact=Fact(self._kind, guesses[self._kind]))  # type: ignore[arg-type]
         return Selection("found", thing.label, "drawn at random", object_id=thing.id)
 
     def propose(self, query: str) -> list[str]:
@@ -229,9 +229,9 @@ def _given(item: Item, answers: Sequence[Answer], home: Home) -> Given:
     """Our own answer in the form in which any system's is scored."""
     last, chosen = answers[-1], answers[-1].selection
     before = answers[-2].place.position if len(answers) > 1 and answers[-2].place else None
-    at = last.place.position if last.place and chosen.status in ("found", "near") else None
+    at = last.place.position if last.place and chosen.status in ("found", "likely_near") else None
     told = _value(chosen.fact, home) if chosen.fact and chosen.fact.kind == item.kind else None
-    say = f"{chosen.say} {chosen.reason}".strip()
+    say = f"{chosen.text} {chosen.reason}".strip()
     return Given(item.id, chosen.status, at, told, chosen.question or "", say, before)
 
 
@@ -249,5 +249,5 @@ def _row(item: Item, given: Given, truth: Mapping[int, TrueObject]) -> dict[str,
     far = None if result.distance_m is None or not np.isfinite(result.distance_m) else round(result.distance_m, 4)
     return {
         "id": item.id, "home": item.home, "kind": item.kind, "status": given.status, "right": result.right, "at": at,
-        "answer": given.answer, "question": given.question, "say": given.say, "distance_m": far, "f1": result.f1,
+        "answer": given.answer, "question": given.question, "text": given.text, "distance_m": far, "f1": result.f1,
     }  # fmt: skip

@@ -115,8 +115,8 @@ def true_objects(scene: Scene) -> list[MapObject]:
         middle = tuple((np.add(low, high) / 2).tolist())
         room = int(box_distance(np.array(middle[:2]), rooms[:, :2], rooms[:, 2:]).argmin())
         never = {
-            "sightings": 1,
-            "chances": 1,
+            "n_detected": 1,
+            "n_observable": 1,
             "first_seen_s": 0.0,
             "last_seen_s": 0.0,
             "last_looked_s": 0.0,

@@ -14,8 +14,8 @@ import numpy as np
 
 from cartier.exports.scene import Box, boxes, called
 from cartier.home import Home
-from cartier.io.files import json_bytes
 from cartier.home.point_cloud import PointCloud
+from cartier.io.files import json_bytes
 from cartier.types import OCCUPIED, UNKNOWN
 
 FRAME, START = "map", "start"

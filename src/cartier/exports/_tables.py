@@ -18,7 +18,7 @@ from cartier.types import MapObject
 
 COLUMNS = (
     "id", "label", "name", "room", "x", "y", "z", "x_min", "y_min", "z_min", "x_max", "y_max", "z_max", "probability", "confirmed",
-    "sightings", "chances", "first_seen_s", "last_seen_s", "last_looked_s", "colour", "aliases",
+    "n_detected", "n_observable", "first_seen_s", "last_seen_s", "last_looked_s", "colour", "aliases",
 )  # fmt: skip
 FORMULA = ("=", "+", "-", "@", "\t", "\r")
 """What a spreadsheet takes for the begin of a formula."""
@@ -128,7 +128,7 @@ def _row(home: Home, thing: MapObject) -> dict[str, Any]:
     room = next((r.name for r in home.rooms if r.id == thing.room), "")
     values = (
         thing.id, thing.label, thing.names[0] if thing.names else "", room, *thing.position, *thing.box_min, *thing.box_max, thing.probability,
-        thing.confirmed, thing.sightings, thing.chances, thing.first_seen_s, thing.last_seen_s, thing.last_looked_s,
+        thing.confirmed, thing.n_detected, thing.n_observable, thing.first_seen_s, thing.last_seen_s, thing.last_looked_s,
         thing.colours[0][0] if thing.colours else "", " ".join(map(str, thing.aliases)),
     )  # fmt: skip
     return dict(zip(COLUMNS, values, strict=True))

@@ -26,7 +26,7 @@ MAX_BYTES, MAX_NAME_CHARS, MAX_WHO_CHARS, MAX_LABEL_CHARS = 2**24, 60, 60, 200
 NEAR_M = 1.0  # an object of the same label so near, in a map made anew, is the same
 SAME_M = 0.3  # how much farther off the one of the same id may be; and at most, if it has another label now
 OUTSIDE_M = 1.0  # so far beyond the floor plan an object may be moved
-What = Literal["name", "forget", "move", "undo"]
+CorrectionKind = Literal["name", "forget", "move", "undo"]
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class Correction:
     id: str
     when: str
     who: str
-    what: What
+    what: CorrectionKind
     subject: Subject | None = None
     name: str | None = None
     to_xy: tuple[float, float] | None = None
@@ -134,7 +134,7 @@ def find(text: str, objects: Sequence[MapObject], rooms: Sequence[Room] = ()) ->
 def make(
     known: Corrected,
     grid: OccupancyGrid | None,
-    what: What,
+    what: CorrectionKind,
     thing: str = "",
     name: str = "",
     to_xy: Sequence[float] = (),
@@ -155,7 +155,7 @@ def make(
         about |= {"name": _free_name(name, found, known.rooms)} if what == "name" else {}
         about |= {"to_xy": _on_the_plan(to_xy, grid)} if what == "move" else {}
     else:
-        raise InputError(f"a correction is one of {', '.join(get_args(What))}, not {brief(what, 40)!r}")
+        raise InputError(f"a correction is one of {', '.join(get_args(CorrectionKind))}, not {brief(what, 40)!r}")
     when = datetime.now(UTC).isoformat(timespec="milliseconds")
     return Correction(secrets.token_hex(6), when, _clean(who, MAX_WHO_CHARS, "who corrects"), what, **about)
 
@@ -283,7 +283,7 @@ def _clean(text: str, most: int, what: str) -> str:
 def _entry(row: Mapping[str, Any]) -> Correction:
     """An entry from its line. Raises ValueError, KeyError, TypeError or InputError for one that is none."""
     what = row["what"]
-    if what not in get_args(What):
+    if what not in get_args(CorrectionKind):
         raise ValueError(what)
     number, when, who = (_clean(row[key], MAX_WHO_CHARS, key) for key in ("id", "when", "who"))
     if what == "undo":

@@ -19,15 +19,16 @@ from cartier.home import corrections
 from cartier.home.corrections import Corrected
 from cartier.home.detection_log import DetectionLog
 from cartier.home.map_server import grid_from, pgm, yaml
+from cartier.home.point_cloud import PointCloud, read_cloud
 from cartier.home.repository import Store, blob_file, digest_of
 from cartier.io.files import json_bytes, npz_bytes, parse_json, read_npz, typed
-from cartier.home.point_cloud import PointCloud, read_cloud
 from cartier.spatial.relations import supports
 from cartier.types import FREE, Answer, Camera, Inventory, MapObject, OccupancyGrid, Place, Room, Selection
 
 Key = TypeVar("Key", int, str)
 SCHEMA = 2
 ANSWERS = "answers.jsonl"
+OLD_FIELDS = {"sightings": "n_detected", "chances": "n_observable"}
 TRIES = 5  # to read a home that others replace meanwhile
 GROWTH, CLOUD, DETECTIONS = "growth", "cloud.npz", "detections.npz"
 """The folder of what growing needs and asking does not; the point cloud and what the detector reported lie there, too."""
@@ -187,7 +188,7 @@ class Home:
 
     def correct(
         self,
-        what: corrections.What,
+        what: corrections.CorrectionKind,
         thing: int | str = "",
         *,
         name: str = "",
@@ -268,13 +269,14 @@ class Home:
                 f"this one reads {SCHEMA}): {mend}"
             )
         try:
-            objects = typed(parse_json(store.get("objects.json", about), "objects.json"), tuple[MapObject, ...])
+            rows = parse_json(store.get("objects.json", about), "objects.json")
+            objects = typed([_renamed(row) for row in rows], tuple[MapObject, ...])
             grid, rooms = _floor(store, about)
             log, faults = corrections.read_log(folder)
             corrected = corrections.apply(log, objects, rooms, grid)
             indexes = {name: _index(store, about, name) for name in about["indexes"]}
             for index in indexes.values():
-                index.settle(corrected.objects)
+                index.set_objects(corrected.objects)
             return cls(
                 name=str(about["name"]),
                 detector=str(about["detector"]),
@@ -313,6 +315,11 @@ class _Blobs(Mapping[Key, bytes]):
 
     def __len__(self) -> int:
         return len(self._names)
+
+
+def _renamed(row: Mapping[str, Any]) -> dict[str, Any]:
+    """A row of objects.json with today's field names: cartier 0.1.0 called two of them otherwise."""
+    return {OLD_FIELDS.get(name, name): value for name, value in row.items()}
 
 
 def _floor(store: Store, about: Mapping[str, Any]) -> tuple[OccupancyGrid | None, tuple[Room, ...]]:

@@ -29,7 +29,7 @@ class Objects(ABC):
         places = (self.place(thing, view) for view in sorted(thing.views, key=lambda view: -view.size_px2))
         return next((place for place in places if place is not None), None)
 
-    def settle(self, objects: Sequence[MapObject]) -> None:
+    def set_objects(self, objects: Sequence[MapObject]) -> None:
         best: dict[str, tuple[float, Place]] = {}
         for thing in (thing for thing in objects if thing.confirmed):
             for view in thing.views:

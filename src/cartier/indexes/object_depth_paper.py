@@ -48,7 +48,7 @@ class ObjectDepthPaper:
                 counted.add(label)
                 self._best[label] = size, views + 1, place
 
-    def settle(self, objects: Sequence[MapObject]) -> None:
+    def set_objects(self, objects: Sequence[MapObject]) -> None:
         """It knows no objects."""
 
     def names(self) -> list[str]:

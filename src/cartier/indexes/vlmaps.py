@@ -69,7 +69,7 @@ class VLMaps:
             raise BackendError(f"encoder {encoder.name}: {error}") from error
         self._search = None
 
-    def settle(self, objects: Sequence[MapObject]) -> None:
+    def set_objects(self, objects: Sequence[MapObject]) -> None:
         sure = [thing for thing in objects if thing.confirmed]
         self._names = sorted({thing.label for thing in sure})
         self._called = {name: thing.label for thing in sure for name in thing.names}  # no picture shows whose it is

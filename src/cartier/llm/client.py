@@ -75,7 +75,7 @@ class LanguageModel:
         """The object that the model picks. Raises InputError for an unusable query, ReasonerError if nobody answers."""
         query = check_query(query)
         if not inventory.names:
-            return Selection("absent", reason="nothing was detected in this home", model=self.name)
+            return Selection("not_found", reason="nothing was detected in this home", model=self.name)
         request = self._prompt.request(query, inventory, dialogue)
 
         def read(reply: str) -> Selection | None:

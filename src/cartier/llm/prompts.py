@@ -18,8 +18,8 @@ from typing import Any, get_args, get_type_hints
 from cartier.errors import BackendError, InputError
 from cartier.llm.inventory_listing import Listing, described, names_only
 from cartier.llm.lookup import NOTHING
-from cartier.llm.reply_parser import MAX_FURTHER
-from cartier.types import STATUSES, Fact, Inventory
+from cartier.llm.reply_parser import MAX_FURTHER, REPLY_STATUSES
+from cartier.types import Fact, Inventory
 
 MAX_QUERY_CHARS = 8000
 MAX_TURNS = 12
@@ -140,7 +140,7 @@ def needs_schema(choices: Sequence[str]) -> Schema:
         "objects": {"type": "array", "items": {"type": "integer"}, "maxItems": MAX_TOLD},
     })  # fmt: skip
     need = {
-        "reason": line, "status": {"type": "string", "enum": list(STATUSES)}, **choice_schema(choices)["properties"],
+        "reason": line, "status": {"type": "string", "enum": list(REPLY_STATUSES)}, **choice_schema(choices)["properties"],
         "question": line, "say": line, "answer": {"anyOf": [{"type": "null"}, fact]},
     }  # fmt: skip
     return _record({**need, "then": {"type": "array", "items": _record(need), "maxItems": MAX_FURTHER}})

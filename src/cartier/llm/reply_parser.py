@@ -13,6 +13,10 @@ from cartier.labels import object_ref
 from cartier.llm.lookup import NOTHING, Listed, Pick, names_of
 from cartier.types import Fact, Inventory, Selection, Status
 
+# The words of the prompts for each status: short ones, with which every figure of a language model was measured.
+REPLY_STATUSES: Mapping[str, Status] = {
+    "found": "found", "near": "likely_near", "absent": "not_found", "clarify": "clarify", "told": "answered",
+}  # fmt: skip
 MAX_REPLY_CHARS = 20_000
 MAX_LINE_CHARS = 300
 MAX_FURTHER = 3
@@ -47,8 +51,8 @@ def read_reply(reply: str, inventory: Inventory, *, model: str = "", prompt: str
         need = _need(row, listed, model) or no_answer("", model=model)
         if need.object is None or all(_goal(need) != _goal(earlier) for earlier in (first, *then)):
             then.append(need)  # models repeat themselves
-    chosen = replace(first, then=tuple(then), reply=reply, prompt=prompt)
-    return chosen if all(map(inventory.holds, (chosen, *then))) else None
+    chosen = replace(first, next=tuple(then), reply=reply, prompt=prompt)
+    return chosen if all(map(inventory.contains, (chosen, *then))) else None
 
 
 def no_answer(reply: str, *, model: str = "", prompt: str = "") -> Selection:
@@ -60,25 +64,24 @@ def no_answer(reply: str, *, model: str = "", prompt: str = "") -> Selection:
 def _need(row: Mapping[str, Any], listed: Listed, model: str) -> Selection | None:
     """One need as a model states it; None if it names what is not in the home, or a status that there is not."""
     status, stated = row.get("status", "found"), row.get("object")
-    status = status.strip().lower() if isinstance(status, str) else ""
+    status = REPLY_STATUSES.get(status.strip().lower()) if isinstance(status, str) else None
     stated = stated[0] if isinstance(stated, list) and len(stated) == 1 else stated
     pick = listed.find(stated) if isinstance(stated, str) else None
     is_nothing = pick == Pick(NOTHING) and NOTHING not in listed.names.listed
     reason, question = _line(row.get("reason")), _line(row.get("question"))
-    if status == "told":
+    if status == "answered":
         is_stranger = pick is None and stated not in (None, "")
         return None if is_stranger else _told(row, listed, None if is_nothing else pick, model)
     if status == "clarify":
         return Selection("clarify", reason=reason or "the model asks back", question=question or SAY_AGAIN, model=model)
-    if status == "absent" or (status in ("found", "near") and is_nothing):
-        return Selection("absent", reason=reason or "the model says that nothing here serves this", model=model)
-    if status not in ("found", "near") or pick is None:
+    if status == "not_found" or (status is not None and is_nothing):
+        return Selection("not_found", reason=reason or "the model says that nothing here serves this", model=model)
+    if status is None or pick is None:
         return None
-    chosen: Status = "near" if status == "near" else "found"
     candidates = ((pick.name, 1.0),) if pick.room is None else ()
     reason = reason or "chosen by the model"
     return Selection(
-        chosen, pick.name, reason, candidates=candidates, model=model, object_id=pick.object_id, room=pick.room
+        status, pick.name, reason, candidates=candidates, model=model, object_id=pick.object_id, room=pick.room
     )
 
 
@@ -93,8 +96,8 @@ def _told(row: Mapping[str, Any], listed: Listed, about: Pick | None, model: str
     if not (say or reason):
         return None
     name, number, room = about or (None, None, None)
-    told = Selection("told", name, reason or "told by the model", object_id=number, room=room, fact=fact)
-    return replace(told, say=say or reason, model=model)
+    told = Selection("answered", name, reason or "told by the model", object_id=number, room=room, fact=fact)
+    return replace(told, text=say or reason, model=model)
 
 
 def _fact(stated: Any, listed: Listed) -> Fact:
@@ -152,7 +155,7 @@ def _number(value: Any) -> float | int:
 
 def _goal(need: Selection) -> tuple[Any, ...]:
     """What tells one need from another."""
-    return need.status == "told", need.object, need.object_id, need.room
+    return need.status == "answered", need.object, need.object_id, need.room
 
 
 def _named(text: str, names: Sequence[str]) -> str | None:

@@ -50,7 +50,7 @@ def _rungs(schema: Schema, known: str | None) -> Iterator[tuple[str, Form]]:
             yield name, form
 
 
-def climb(
+def request_with_fallback(
     server: str, model: str, schema: Schema, ask: Callable[[Form, bool], str], is_answer: Callable[[str], bool]
 ) -> str:
     """The raw reply of the first form that brings an answer, else of the last one that was tried.

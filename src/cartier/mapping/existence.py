@@ -1,11 +1,11 @@
-"""How likely it is that a mapped object exists: sightings against chances, counted by standpoint."""
+"""How likely it is that a mapped object exists: n_detected against n_observable, counted by standpoint."""
 
 from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
 
-from cartier.types import Array, Calibration
+from cartier.types import Array, DetectorScoreModel
 
 BEARINGS = 12  # directions from which an object is seen
 RANGES_M = (1.2, 2.4)  # near, middle and far
@@ -22,14 +22,16 @@ def standpoints(positions: Array, camera_xyz: Array) -> npt.NDArray[np.intp]:
     return np.asarray(bearing + BEARINGS * np.searchsorted(RANGES_M, np.hypot(x, y)), np.intp)
 
 
-def report_weight(scores: Array, calibration: Calibration) -> Array:
-    """How far reports (N,) count as sightings, 0 to 1, by their scores."""
-    share = (scores - calibration.low) / max(calibration.high - calibration.low, 1e-6)
+def report_weight(scores: Array, score_model: DetectorScoreModel) -> Array:
+    """How far reports (N,) count as n_detected, 0 to 1, by their scores."""
+    share = (scores - score_model.zero_weight_score) / max(
+        score_model.full_weight_score - score_model.zero_weight_score, 1e-6
+    )
     return np.asarray(np.clip(share, LEAST_WEIGHT, 1))
 
 
-def probability(tried: Array, hits: Array, widest_rad: Array, calibration: Calibration) -> Array:
-    """The posterior (N,) that objects exist, of chances and weighed reports per standpoint (N, STANDPOINTS).
+def probability(tried: Array, hits: Array, widest_rad: Array, score_model: DetectorScoreModel) -> Array:
+    """The posterior (N,) that objects exist, of n_observable and weighed reports per standpoint (N, STANDPOINTS).
     ``widest_rad`` (N,) is how wide the best view shows each.
 
     The share of standpoints with a report is spread by one Beta distribution over real objects and by another over inventions;
@@ -40,8 +42,8 @@ def probability(tried: Array, hits: Array, widest_rad: Array, calibration: Calib
 
     counts, reported = tried / (tried + 1), hits / (tried + 1)
     hit, miss = reported.sum(1), (counts - reported).sum(1)
-    odds = calibration.prior + calibration.best * (reported.max(1, initial=0) - 0.5)
-    odds = odds - calibration.size * np.log(np.maximum(widest_rad, 1e-3) / USUAL_RAD)
-    for sign, (a, b) in ((1, calibration.there), (-1, calibration.not_there)):
+    odds = score_model.prior_log_odds + score_model.best_view_log_odds * (reported.max(1, initial=0) - 0.5)
+    odds = odds - score_model.log_odds_per_log_width * np.log(np.maximum(widest_rad, 1e-3) / USUAL_RAD)
+    for sign, (a, b) in ((1, score_model.beta_true), (-1, score_model.beta_false)):
         odds = odds + sign * (betaln(hit + a, miss + b) - betaln(a, b))
     return np.asarray(1 / (1 + np.exp(-odds)))

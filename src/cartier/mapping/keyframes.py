@@ -11,7 +11,7 @@ from cartier.contracts import Detector, Recording
 from cartier.errors import InputError
 from cartier.mapping.detection_cache import detecting
 from cartier.mapping.occupancy import OccupancyMapper
-from cartier.mapping.prefetch import at_once
+from cartier.mapping.prefetch import batch_size
 from cartier.types import Array, Frame
 
 FAR_M, FAR_RAD = 0.15, np.deg2rad(10)  # from the last keyframe on, a view is another one; a sixth of it is new
@@ -45,7 +45,7 @@ class Keyframes:
         self._before: Pose | None = None
         self._waiting: tuple[float, Frame, Pose] | None = None
 
-    def offer(self, frame: Frame) -> list[Frame]:
+    def push(self, frame: Frame) -> list[Frame]:
         """The next frame of the recording; returns those to be looked at now, at most two, in their order."""
         if self._every is not None:
             self._count += 1
@@ -53,13 +53,13 @@ class Keyframes:
         here, before = _pose(frame), self._before
         self._before = here
         if self._last is None or before is None or change(before, here, STEP_M, STEP_RAD) >= 1:
-            chosen = [*self.rest(), frame]
+            chosen = [*self.flush(), frame]
             self._last = here
             return chosen
         self._consider(frame, here)
         if change(self._last, here) < 1:
             return []
-        chosen = self.rest()
+        chosen = self.flush()
         if chosen[0] is not frame:
             self._consider(frame, here)
         return chosen
@@ -71,7 +71,7 @@ class Keyframes:
             if self._waiting is None or sharp > self._waiting[0]:
                 self._waiting = sharp, frame, here
 
-    def rest(self) -> list[Frame]:
+    def flush(self) -> list[Frame]:
         """The frame that is still waiting, if any."""
         if self._waiting is None:
             return []
@@ -111,11 +111,11 @@ def forecast(recording: Recording, detector: Detector, every: int | None = None)
         one, two = _pose(pair[0]), _pose(pair[-1])
         ways.append(1.0 if change(one, two, STEP_M, STEP_RAD) >= 1 else min(change(one, two) / USUAL_WAY, 1.0))
     a_frame = (time.perf_counter() - begin) / sampled
-    together = [pair[-1]] * at_once(detector, recording.camera)
-    detecting(detector)(together)  # the first time is the longest
+    batch = [pair[-1]] * batch_size(detector, recording.camera)
+    detecting(detector)(batch)  # the first time is the longest
     begin = time.perf_counter()
-    detecting(detector)(together)
-    a_look = (time.perf_counter() - begin) / len(together)
+    detecting(detector)(batch)
+    a_look = (time.perf_counter() - begin) / len(batch)
     looks = -(-length // every) if every else max(round(length * float(np.mean(ways))), 1)
     return looks, length * a_frame + looks * a_look
 

@@ -16,8 +16,8 @@ import numpy.typing as npt
 from cartier import plugins
 from cartier.contracts import Detector, Encoder, Recording, SpatialIndex
 from cartier.errors import InputError
-from cartier.home.entity import CLOUD, DETECTIONS, Home
 from cartier.home.detection_log import DetectionLog
+from cartier.home.entity import CLOUD, DETECTIONS, Home
 from cartier.io.files import npz_bytes, read_npz
 from cartier.mapping.bearings import BearingMap
 from cartier.mapping.cloud import CloudMapper
@@ -51,7 +51,7 @@ class Mapper:
     ) -> None:
         self.detector, self._onto, self._explicit = detector, onto, indexes is not None
         made_by = {"detector": detector.name, "detector_sha256": getattr(detector, "sha256", Detector.sha256)}
-        self._calibration = getattr(detector, "calibration", Detector.calibration)
+        self._score_model = getattr(detector, "score_model", Detector.score_model)
         self._objects: ObjectMap | None = None  # with or without depth: the first frame tells
         self._floor, self._cloud, self._conditions = OccupancyMapper(), CloudMapper(), Conditions()
         self._seen, self._photos, self._log = set[int](), dict[int, bytes](), DetectionLog()
@@ -82,7 +82,7 @@ class Mapper:
         self._start_xy, self._camera, self._photos = home.start_xy, home.camera, dict(home.photos)
         self._notes = dict.fromkeys(home.notes)
         try:
-            self._objects = ObjectMap(self._calibration) if home.grid is not None else BearingMap(self._calibration)
+            self._objects = ObjectMap(self._score_model) if home.grid is not None else BearingMap(self._score_model)
             rows = [(row["recording"], row["sha256"], int(row["frames"])) for row in self._settings["recordings"]]
             self._next_frame = sum(frames for _, _, frames in rows)
             self._objects.restore(home.growth)
@@ -96,7 +96,7 @@ class Mapper:
             told = error.args[0] if isinstance(error, KeyError) else "sound record of its recordings"
             raise InputError(f"{home.name} keeps no {told} to go on from: map it again") from error
 
-    def holds(self, recording: Recording) -> bool:
+    def contains(self, recording: Recording) -> bool:
         """Whether this very recording is in the map already. Raises InputError if another's scale does not go with the map's."""
         held = recording.fingerprint() in (row["sha256"] for row in self._settings["recordings"])
         guessed = self._settings.get("scale_guessed") or getattr(recording, "scale_guessed", False)
@@ -114,9 +114,13 @@ class Mapper:
         InputError if the frame does not go with the map, and what the detector raises.
         """
         detections = self.detector.detect(frame) if detections is None else detections
-        return self.look(frame, detections) if self.measure(frame) else np.full(len(detections), -1)
+        return (
+            self.integrate_detections(frame, detections)
+            if self.integrate_depth(frame)
+            else np.full(len(detections), -1)
+        )
 
-    def measure(self, frame: Frame) -> bool:
+    def integrate_depth(self, frame: Frame) -> bool:
         """Take in a frame for the floor plan alone; whether it may be looked at too, being new and of the map's kind."""
         key, pose = _key(frame), frame.world_from_camera
         if key in self._seen:
@@ -125,7 +129,7 @@ class Mapper:
         self._start_xy = self._start_xy or (float(pose[0, 3]), float(pose[1, 3]))
         self._camera = self._camera or frame.camera
         if self._objects is None:
-            self._objects = (BearingMap if frame.depth_m is None else ObjectMap)(self._calibration)
+            self._objects = (BearingMap if frame.depth_m is None else ObjectMap)(self._score_model)
         if frame.depth_m is not None:
             self._floor.add(frame)
             self._cloud.add(frame)
@@ -135,7 +139,7 @@ class Mapper:
             return False
         return True
 
-    def look(self, frame: Frame, detections: Detections) -> npt.NDArray[np.int64]:
+    def integrate_detections(self, frame: Frame, detections: Detections) -> npt.NDArray[np.int64]:
         """Take in the detections of a frame that was measured; returns the object id of each, -1 for none."""
         assert self._objects is not None
         if self._next_frame:
@@ -143,13 +147,13 @@ class Mapper:
             detections = replace(detections, frame=frame.index)
         ids = self._objects.add(frame, detections)
         self._log.add(detections, ids)
-        counting = detections.keep(detections.scores >= self._calibration.threshold)
+        counting = detections.keep(detections.scores >= self._score_model.threshold)
         for index in self._indexes.values():
             index.add(frame, counting)
         self._keep_photo(frame)
         return ids
 
-    def close(self, recording: Recording, looked: int | None = None) -> None:
+    def finish(self, recording: Recording, looked: int | None = None) -> None:
         """All frames of a recording are in: the next ones are of another. ``looked`` is at how many the detector looked, if not at all."""
         made_of: dict[str, Any] = {
             "recording": recording.name,
@@ -189,7 +193,7 @@ class Mapper:
             *getattr(self.detector, "notes", ()),
         )
         notes = dict.fromkeys(all_notes)
-        if not self._calibration.measured:
+        if not self._score_model.measured:
             notes[f"{self.detector.name} was never measured: how likely its objects are there is a sober guess"] = None
         if grid is None:
             notes["the recording has no depth: no occupancy grid, and so no goals; objects lie where bearings meet"] = (
@@ -211,7 +215,7 @@ class Mapper:
         """Copies of the indices that hold anything; one that was asked for by name and stayed empty is an error."""
         copies = deepcopy(self._indexes)
         for index in copies.values():
-            index.settle(objects)
+            index.set_objects(objects)
             if made_with := getattr(index, "encoder", ""):
                 settings["encoder"] = made_with
                 notes[f"image features: {made_with}"] = None

@@ -19,7 +19,7 @@ from cartier.io.files import json_bytes, npz_bytes, parse_json, read_npz
 from cartier.mapping.colours import COLOURS, colour_shares, named_shares
 from cartier.mapping.existence import CONFIRMED, STANDPOINTS, probability, report_weight, standpoints
 from cartier.mapping.observation import POINTS, Lifted, lift, overlaps
-from cartier.types import Array, Calibration, Detections, Frame, MapObject, View
+from cartier.types import Array, Detections, DetectorScoreModel, Frame, MapObject, View
 
 MATCH = 0.6  # what a pair must be worth to be of one object
 LABEL = 0.35  # what an equal label adds to that
@@ -30,9 +30,9 @@ NESTED, CONTAINED = (
 )  # share of the smaller one in space and in the image from which two boxes of a label are of one object: a sofa and half of it
 GROW, SHRINK = 0.5, 0.05  # how fast a box follows a view outwards and inwards
 LEAST_ANGLE = 0.03  # what appears smaller (rad) gives no chance to be seen
-TOGETHER = 0.3  # share of its sightings in which two objects must be seen side by side to stay two
-FEW, MANY = 2, 30  # an object seen at most so often in so many chances is forgotten
-USUAL = 0.6  # quantile of the sizes of all of a name, by sightings, that one of them has
+TOGETHER = 0.3  # share of its n_detected in which two objects must be seen side by side to stay two
+FEW, MANY = 2, 30  # an object seen at most so often in so many n_observable is forgotten
+USUAL = 0.6  # quantile of the sizes of all of a name, by n_detected, that one of them has
 WHOLE = 1.1  # how many times that the union of two halves may be
 LARGE_M = 0.4  # what is smaller is not hidden by halves
 TIDY_EVERY = 10  # frames
@@ -47,11 +47,14 @@ _VIEW = np.dtype(
 )  # fmt: skip
 COLUMNS: Mapping[str, tuple[tuple[int, ...], Any]] = {
     "id": ((), "i8"), "points": ((POINTS, 3), "f4"), "low": ((3,), "f8"), "high": ((3,), "f8"), "reach_low": ((3,), "f8"), "reach_high": ((3,), "f8"), "label": ((LABELS,), "i2"),
-    "weight": ((LABELS,), "f4"), "sightings": ((), "i4"), "chances": ((), "i4"), "first_s": ((), "f8"), "last_s": ((), "f8"),
+    "weight": ((LABELS,), "f4"), "n_detected": ((), "i4"), "n_observable": ((), "i4"), "first_s": ((), "f8"), "last_s": ((), "f8"),
     "looked_s": ((), "f8"), "widest_rad": ((), "f4"), "tried": ((STANDPOINTS,), "f4"), "hits": ((STANDPOINTS,), "f4"), "views": ((VIEWS,), _VIEW),
     "colours": ((len(COLOURS),), "f4"), "changed": ((), "?"),
 }  # fmt: skip
 """One array per property, one row per object, so that a frame is matched with all objects at once."""
+
+
+OLD_COLUMNS = {"sightings": "n_detected", "chances": "n_observable"}  # of homes that cartier 0.1.0 wrote
 
 
 class ObjectMap:
@@ -59,8 +62,8 @@ class ObjectMap:
 
     columns: ClassVar = COLUMNS
 
-    def __init__(self, calibration: Calibration) -> None:
-        self.calibration = calibration
+    def __init__(self, score_model: DetectorScoreModel) -> None:
+        self.score_model = score_model
         self._labels: dict[str, int] = {}
         self._rows = {name: np.zeros((64, *shape), kind) for name, (shape, kind) in self.columns.items()}
         self._count = self._next_id = self._frames = 0
@@ -86,7 +89,7 @@ class ObjectMap:
         row = np.full(len(leader), -1)
         row[found] = self._matched(frame, boxes, lifted, labels, leader, found, image_boxes, near)
         for d in found:
-            if row[d] < 0 and scores[d] >= self.calibration.birth:
+            if row[d] < 0 and scores[d] >= self.score_model.spawn_threshold:
                 row[d] = self._begin(lifted, int(d), frame.time_s)
         sizes, colours = weak_perspective_size(boxes, frame.camera), colour_shares(frame.rgb, lifted.pixels, lifted.own)
         seen = found[row[found] >= 0]
@@ -100,7 +103,9 @@ class ObjectMap:
             for k in np.flatnonzero(leader == d):
                 self._vote(o, int(labels[k]), float(scores[k]) ** 2)
         self._weigh(frame, row, scores, np.append(chance, np.zeros(self._count - known, bool)))
-        self._note_together(row[(row >= 0) & (scores >= (self.calibration.low + self.calibration.high) / 2)])
+        self._note_together(
+            row[(row >= 0) & (scores >= (self.score_model.zero_weight_score + self.score_model.full_weight_score) / 2)]
+        )
         self._frames += 1
         if self._frames % TIDY_EVERY == 0:
             self.tidy()
@@ -216,12 +221,12 @@ class ObjectMap:
         return o
 
     def _sight(self, objects: npt.NDArray[np.intp], time_s: float) -> None:
-        self._rows["sightings"][objects] += 1
+        self._rows["n_detected"][objects] += 1
         self._rows["last_s"][objects], self._rows["changed"][objects] = time_s, True
 
     def _follow(self, objects: npt.NDArray[np.intp], lifted: Lifted, seen: npt.NDArray[np.intp], shrink: Array) -> None:
         """The first views fill the surface of each object (k,), a later one changes an eighth of it."""
-        points, count = self._rows["points"], self._rows["sightings"][objects, None]
+        points, count = self._rows["points"], self._rows["n_detected"][objects, None]
         first, each = count % 8, np.arange(POINTS)
         some = (each >= first) & ((each - first) % np.minimum(1 + count, 8) == 0)
         points[objects] = np.where(some[..., None], lifted.points[seen], points[objects])
@@ -255,12 +260,12 @@ class ObjectMap:
     def _weigh(self, frame: Frame, row: Array, scores: Array, chance: npt.NDArray[np.bool_]) -> None:
         """One more chance at the standpoint from which each object is seen, and a report as far as its score counts."""
         rows, value = self._rows, np.zeros(self._count)
-        value[row[row >= 0]] = report_weight(scores[row >= 0], self.calibration)
+        value[row[row >= 0]] = report_weight(scores[row >= 0], self.score_model)
         tried = np.flatnonzero(chance | (value > 0))
         at = standpoints((rows["low"][tried] + rows["high"][tried]) / 2, frame.world_from_camera[:3, 3])
         rows["tried"][tried, at] += 1
         rows["hits"][tried, at] += value[tried]
-        rows["chances"][tried] += 1
+        rows["n_observable"][tried] += 1
         rows["looked_s"][tried] = frame.time_s
 
     def _note_together(self, here: npt.NDArray[np.intp]) -> None:
@@ -276,7 +281,7 @@ class ObjectMap:
     def tidy(self) -> None:
         """Merge what turned out to be one object, unless frames showed both; forget what was hardly ever seen again."""
         rows, n = self._rows, self._count
-        gone, seen, ids = set[int](), rows["sightings"], rows["id"][:n].tolist()
+        gone, seen, ids = set[int](), rows["n_detected"], rows["id"][:n].tolist()
         names = rows["label"][np.arange(n), rows["weight"][:n].argmax(1)]
         changed = np.flatnonzero(rows["changed"][:n])
         low, high = rows["reach_low"][:n], rows["reach_high"][:n]
@@ -293,13 +298,13 @@ class ObjectMap:
                 self._merge(keep, drop)
                 gone.add(drop)
         rows["changed"][:n] = False
-        gone.update(np.flatnonzero((seen[:n] <= FEW) & (rows["chances"][:n] >= MANY)).tolist())
+        gone.update(np.flatnonzero((seen[:n] <= FEW) & (rows["n_observable"][:n] >= MANY)).tolist())
         if gone:
             self._remove(gone)
 
     def _halves(self, changed: npt.NDArray[np.intp], names: Array) -> npt.NDArray[np.bool_]:
         """Which two (k, n) make up one object as large as others of their name: what shows on either side of a table of a chair."""
-        low, high, seen = (self._rows[name][: self._count] for name in ("reach_low", "reach_high", "sightings"))
+        low, high, seen = (self._rows[name][: self._count] for name in ("reach_low", "reach_high", "n_detected"))
         whole = np.zeros((self._count, 3))
         for name in np.unique(names[changed]):
             of = np.flatnonzero(names == name)
@@ -321,7 +326,7 @@ class ObjectMap:
         for name, better in (
             ("tried", np.maximum),
             ("widest_rad", max),
-            ("chances", max),
+            ("n_observable", max),
             ("last_s", max),
             ("looked_s", max),
             ("first_s", min),
@@ -329,7 +334,7 @@ class ObjectMap:
             rows[name][keep] = better(rows[name][keep], rows[name][drop])
         for name, limit in (
             ("hits", "tried"),
-            ("sightings", "chances"),
+            ("n_detected", "n_observable"),
         ):  # while one had the report, the other had none
             rows[name][keep] = np.minimum(rows[name][keep] + rows[name][drop], rows[limit][keep])
         rows["colours"][keep] += rows["colours"][drop]
@@ -363,7 +368,7 @@ class ObjectMap:
 
     def objects(self) -> tuple[MapObject, ...]:
         """Every object, confirmed and tentative, by id."""
-        names, likely = list(self._labels), probability(*self.weighed(), self.calibration).tolist()
+        names, likely = list(self._labels), probability(*self.weighed(), self.score_model).tolist()
         aliases: dict[int, list[int]] = {}
         for old, new in self._aliases.items():
             aliases.setdefault(new, []).append(old)
@@ -376,7 +381,7 @@ class ObjectMap:
         best = np.sort(row["views"], order="worth")[::-1]
         return MapObject(
             int(row["id"]), votes[0][0], tuple(votes), _metres((row["low"] + row["high"]) / 2), _metres(row["low"]),
-            _metres(row["high"]), round(likely, 4), likely >= CONFIRMED, int(row["sightings"]), int(row["chances"]),
+            _metres(row["high"]), round(likely, 4), likely >= CONFIRMED, int(row["n_detected"]), int(row["n_observable"]),
             float(row["first_s"]), float(row["last_s"]), float(row["looked_s"]),
             tuple(_view(view, names) for view in best if view["frame"] >= 0), named_shares(row["colours"]),
             aliases=tuple(aliases.get(int(row["id"]), ())),
@@ -398,6 +403,7 @@ class ObjectMap:
             parse_json(state["object_map.json"], "object_map.json"),
             read_npz(state["object_map.npz"], where="object_map.npz"),
         )
+        arrays = {OLD_COLUMNS.get(name, name): column for name, column in arrays.items()}
         try:
             count = len(arrays["id"])
             for name, (shape, kind) in self.columns.items():

@@ -14,10 +14,10 @@ from cartier.types import Camera, Frame
 MOST_PIXELS = 16 * 1920 * 1080
 
 
-def frames_ahead(recording: Recording, together: int = 1) -> Iterator[Frame]:
+def prefetch(recording: Recording, batch: int = 1) -> Iterator[Frame]:
     """All frames in order. While one is worked on, other threads read the next few, where the recording's ``readers`` allow it.
 
-    At most two frames per thread are held, or as many as will be worked on ``together``. Raises what reading a frame raises,
+    At most two frames per thread are held, or as many as will be in one ``batch``. Raises what reading a frame raises,
     when it is that frame's turn.
     """
     cores = os.cpu_count() or 1
@@ -25,7 +25,7 @@ def frames_ahead(recording: Recording, together: int = 1) -> Iterator[Frame]:
     if cores == 1 or threads < 1:
         yield from (recording[number] for number in range(len(recording)))
         return
-    waiting, most = deque[Future[Frame]](), max(2 * threads, together)
+    waiting, most = deque[Future[Frame]](), max(2 * threads, batch)
     with ThreadPoolExecutor(threads, "cartier reader") as pool:
         try:
             for number in range(len(recording)):
@@ -39,7 +39,7 @@ def frames_ahead(recording: Recording, together: int = 1) -> Iterator[Frame]:
                 future.cancel()
 
 
-def at_once(detector: Detector, camera: Camera) -> int:
-    """How many frames of a camera the detector is given together: as many as it likes best, fewer of large ones."""
+def batch_size(detector: Detector, camera: Camera) -> int:
+    """How many frames of a camera the detector is given at once: as many as it likes best, fewer of large ones."""
     most = max(1, MOST_PIXELS // (camera.width * camera.height))
     return min(int(getattr(detector, "batch", Detector.batch)), most)

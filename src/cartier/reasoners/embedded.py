@@ -19,14 +19,14 @@ from cartier.spatial.query import Scene, called
 from cartier.types import Inventory, MapObject, Selection, Status
 from cartier.understanding.candidates import Missing, Ranked, Things
 from cartier.understanding.cards import SHIPPED, Deck, bare, read_deck
-from cartier.understanding.dialogue import Turn, understand
-from cartier.understanding.dialogue_acts import Said, sort_out
+from cartier.understanding.dialogue import FollowUp, understand
+from cartier.understanding.dialogue_acts import DialogueAct, sort_out
 from cartier.understanding.entity_vocabulary import lexicon
 from cartier.understanding.follow_ups import SERVED
-from cartier.understanding.grounding import Particular
+from cartier.understanding.grounding import ReferenceGrounder
 from cartier.understanding.need_scorer import Judgement, Scorer
 from cartier.understanding.outcome_classifier import OUTCOMES, Choice
-from cartier.understanding.tentative import accepted, maybe_there, offer, perhaps, usual_place
+from cartier.understanding.tentative import accepted, maybe_there, offer, tentative_matches, usual_place
 from cartier.understanding.utterance import MOST_CHARACTERS, mentions
 
 Candidates = tuple[tuple[str, float], ...]
@@ -69,27 +69,27 @@ class Embedded:
     def select(self, query: str, inventory: Inventory, dialogue: Sequence[tuple[str, str]] = ()) -> Selection:
         """The listed thing that serves the words, in the light of the dialogue; several in ``then`` for several needs."""
         if not inventory.names:
-            return Selection("absent", reason="nothing was detected in this home", model=NAME)
+            return Selection("not_found", reason="nothing was detected in this home", model=NAME)
         scene = Scene(inventory)
         agreed = accepted(query, dialogue)
         if agreed:
             return self._anyway(dialogue[-1][0], inventory, scene, dialogue[:-1])
         if agreed is False:
-            return Selection("told", reason="the offer was turned down", say="All right.", model=NAME)
+            return Selection("answered", reason="the offer was turned down", text="All right.", model=NAME)
         chosen = self._among(query, inventory, scene, dialogue)
-        if chosen.status in ("absent", "near") and (maybe := self._maybe(query, scene)) is not None:
+        if chosen.status in ("not_found", "likely_near") and (maybe := self._maybe(query, scene)) is not None:
             return offer(maybe, scene, NAME)
-        return usual_place(chosen) if chosen.status == "near" else chosen
+        return usual_place(chosen) if chosen.status == "likely_near" else chosen
 
     def _anyway(self, query: str, inventory: Inventory, scene: Scene, dialogue: Sequence[tuple[str, str]]) -> Selection:
         """What was offered, to who wants it."""
         chosen = self._among(query, inventory, scene, dialogue, wanted=True)
-        maybe = self._maybe(query, scene) if chosen.status in ("absent", "near") else None
+        maybe = self._maybe(query, scene) if chosen.status in ("not_found", "likely_near") else None
         return chosen if maybe is None else maybe_there(maybe, NAME)
 
     def _maybe(self, query: str, scene: Scene) -> MapObject | None:
         """What would serve the words, if it is there."""
-        maybe = perhaps(scene)
+        maybe = tentative_matches(scene)
         names = tuple(sorted({thing.label for thing in maybe}))
         chosen = self._by_name(query, names, ()) if names else None
         return next(
@@ -105,9 +105,9 @@ class Embedded:
         if len(needs) > 1 and all(map(self._asks, outright)):
             chosen = [self._one(need, inventory, scene, dialogue) for need in needs]
             goals = [(c.object, c.object_id, c.room) for c in chosen]
-            if all(c.status in ("found", "near") for c in chosen) and len(set(goals)) == len(goals):
+            if all(c.status in ("found", "likely_near") for c in chosen) and len(set(goals)) == len(goals):
                 first, *rest = chosen
-                return replace(first, then=tuple(rest))
+                return replace(first, next=tuple(rest))
         return self._one(query, inventory, scene, dialogue, wanted)
 
     def _asks(self, words: str) -> bool:
@@ -122,9 +122,9 @@ class Embedded:
             return self._by_name(query, names, [(person, SERVED.sub("", robot)) for person, robot in dialogue])
         heard = self.scorer.hear(query)
         text = " ".join(heard.tokens).replace(" ' ", "'")
-        particular = Particular(text, scene, lexicon(self.deck, inventory), dialogue, NAME, wanted)
+        particular = ReferenceGrounder(text, scene, lexicon(self.deck, inventory), dialogue, NAME, wanted)
         if particular.outright or sort_out(heard, self._keys(names)).asked != "not":
-            told = particular.answer(lambda need, among: self._serve(need, among or names, Turn(need)))
+            told = particular.answer(lambda need, among: self._serve(need, among or names, FollowUp(need)))
             if told is not None and not (_nowhere(told) and particular.anywhere):
                 return told
             if told is not None:
@@ -138,7 +138,7 @@ class Embedded:
         if turn.picked is not None:
             reason = f"'{_short(query)}' means this one"
             return Selection("found", turn.picked, reason=reason, candidates=((turn.picked, 1.0),), model=NAME)
-        if turn == Turn(query):  # what is said about an offer is a correction
+        if turn == FollowUp(query):  # what is said about an offer is a correction
             said = sort_out(self.scorer.hear(query), self._keys(names))
             if said.asked == "not":
                 return _told(said)
@@ -162,14 +162,14 @@ class Embedded:
         """The keys of all names to listen for."""
         return self.deck.by_key.keys() | self._listed(names).keys
 
-    def _forbidden(self, said: Said, names: tuple[str, ...]) -> tuple[str, ...]:
+    def _forbidden(self, said: DialogueAct, names: tuple[str, ...]) -> tuple[str, ...]:
         """The listed things that a prohibition names, and nothing else that was said."""
         keys, by_key = self._keys(names), self.deck.by_key
         off, named = ({m.key for m in mentions(self.scorer.hear(t), keys)} for t in (said.forbidden, said.rest))
         cards = {by_key[key] for key in off if key in by_key} - {by_key[key] for key in named if key in by_key}
         return tuple(t.name for t in self._listed(names).all if t.key in off - named or t.card in cards)
 
-    def _serve(self, text: str, names: tuple[str, ...], turn: Turn) -> Selection:
+    def _serve(self, text: str, names: tuple[str, ...], turn: FollowUp) -> Selection:
         """The thing that serves a need, or what is said instead."""
         heard, things = self.scorer.hear(text), self._listed(names)
         if not heard.sentences:
@@ -178,10 +178,10 @@ class Embedded:
         out = {*turn.without, *turn.forbidden}
         allowed = [r for r in things.ranked(judged) if r.thing.name in (turn.only or names) and r.thing.name not in out]
         if not allowed:
-            return Selection("absent", reason="nothing else is listed", model=NAME)
+            return Selection("not_found", reason="nothing else is listed", model=NAME)
         choice = Choice(allowed, things, judged, turn.outright)
         # who chooses from what was offered is not asked again, and who turns a thing down wants the next best
-        only: tuple[Status, ...] = ("found",) if turn.only else ("found", "absent") if turn.without else OUTCOMES
+        only: tuple[Status, ...] = ("found",) if turn.only else ("found", "not_found") if turn.without else OUTCOMES
         return self._say(choice, choice.decide(only), turn)
 
     def weigh(self, text: str, names: Sequence[str]) -> Choice | None:
@@ -191,10 +191,10 @@ class Embedded:
         outright = sort_out(heard, self._keys(tuple(names))).asked == "outright"
         return Choice(things.ranked(judged), things, judged, outright) if judged and things.all else None
 
-    def _say(self, choice: Choice, status: Status, turn: Turn) -> Selection:
+    def _say(self, choice: Choice, status: Status, turn: FollowUp) -> Selection:
         """A decision in words."""
         best, second, missing, judged = choice.best, choice.rival, choice.missing, choice.judged
-        chosen = {"found": best.thing.name, "near": choice.near}.get(status)
+        chosen = {"found": best.thing.name, "likely_near": choice.near}.get(status)
         called = best.called if status == "found" and not best.stands_in else None
         reason, question = self._reason(best, judged), None
         if chosen is not None and called is not None and not turn.outright:
@@ -203,9 +203,9 @@ class Embedded:
         elif status == "clarify" and second is not None:
             reason = f"{reason}, but also {self._reason(second, judged)}"
             question = f"Do you mean the {bare(best.thing.name)} or the {bare(second.thing.name)}?"
-        elif status == "near" and chosen is not None:
+        elif status == "likely_near" and chosen is not None:
             reason = f"{self._not_seen(missing)}, but usually kept beside the {bare(chosen)}"
-        elif status == "absent":
+        elif status == "not_found":
             reason = self._not_seen(missing) if missing.logit > judged.nothing else "nothing here serves that"
         return Selection(
             status, chosen, reason=reason, question=question, candidates=_candidates(choice.ranked, judged), model=NAME
@@ -232,13 +232,13 @@ class Embedded:
 
 def _nowhere(told: Selection) -> bool:
     """Whether a thing or its place was asked for, as it seems, and there is none: a need may have been told in such words."""
-    return told.status == "absent" or (told.fact is not None and told.fact.kind == "where" and not told.fact.objects)
+    return told.status == "not_found" or (told.fact is not None and told.fact.kind == "where" and not told.fact.objects)
 
 
-def _told(said: Said) -> Selection:
+def _told(said: DialogueAct) -> Selection:
     """No goal for who asked for nothing, and that this was understood."""
     reason = f"understood: {_short(said.forbidden)}" if said.forbidden else "understood: nothing was asked for"
-    return Selection("told", reason=reason, say="Understood.", model=NAME)
+    return Selection("answered", reason=reason, text="Understood.", model=NAME)
 
 
 def _candidates(ranked: Sequence[Ranked], judged: Judgement) -> Candidates:

@@ -18,7 +18,7 @@ from cartier.errors import ReasonerError, brief
 from cartier.llm.client import LanguageModel, server_asked, without_credentials
 from cartier.llm.deadline import Late, within
 from cartier.llm.prompts import Messages, Schema
-from cartier.llm.structured_output import Form, NotUnderstood, climb
+from cartier.llm.structured_output import Form, NotUnderstood, request_with_fallback
 
 EXTRA = "llm"
 MAX_REPLY_BYTES = 2**20
@@ -93,7 +93,7 @@ class Server:
         try:
             if schema is None:
                 return self._request(asked, options, {}, True, deadline)
-            return climb(
+            return request_with_fallback(
                 self.server, self.model, schema,
                 lambda form, sure: self._request(asked, options, form, sure, deadline), is_answer,
             )  # fmt: skip

@@ -41,7 +41,7 @@ class Replay:
         """What the recorded reply picks from the list. Raises ReasonerError if none is recorded for the query."""
         query = check_query(query)
         if not inventory.names:
-            return Selection("absent", reason="nothing was detected in this home", model=self.name)
+            return Selection("not_found", reason="nothing was detected in this home", model=self.name)
         objects = frozenset(inventory.names) if query in self._to_lists else None
         reply = self._reply(
             (query, objects), lambda: [prompt.request(query, inventory, dialogue) for prompt in PROMPTS.values()]

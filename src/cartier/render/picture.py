@@ -103,7 +103,7 @@ def draw_object(home: Home, file: Path, object_id: int) -> None:
     figure.suptitle(
         f"{thing.label} {thing.id}: {state}, {thing.probability:.0%}", fontsize=13, x=0.02, ha="left", weight="bold"
     )
-    _caption(figure, home, f"seen in {thing.sightings} of {thing.chances} frames that would have shown it")
+    _caption(figure, home, f"seen in {thing.n_detected} of {thing.n_observable} frames that would have shown it")
     save_figure(figure, file)
 
 

@@ -58,7 +58,7 @@ def draw_sheet(home: Home, file: Path) -> None:
             page.paste(_tile(home, thing.views[0]), (left, top))
             colour = SURE if thing.confirmed else UNSURE
             draw.text((left, top + SIDE + 1), _cut(f"{thing.id} {thing.label}", draw, small), fill=colour, font=small)
-            told = f"{thing.probability:.0%}, {thing.sightings} of {thing.chances}"
+            told = f"{thing.probability:.0%}, {thing.n_detected} of {thing.n_observable}"
             draw.text((left, top + SIDE + 14), told, fill=colour, font=small)
         y += -(-len(things) // COLUMNS) * (SIDE + CAPTION + GAP)
     buffer = io.BytesIO()

@@ -13,11 +13,11 @@ def send(robot: Robot, answer: Answer) -> str:
     breath the first that has a goal is served: a robot that gets a second goal drops the one it is driving to.
     Raises BackendError or InputError if the robot is not there or cannot take the goal.
     """
-    first, *further = [answer, *answer.then]
+    first, *further = [answer, *answer.next]
     while first.goal is None and further:
         first, *further = further
     goal = first.goal
-    if goal is None or first.selection.status not in ("found", "near"):
+    if goal is None or first.selection.status not in ("found", "likely_near"):
         return f"nothing was sent: {_why_not(answer)}"
     waiting = [a.goal.place.label for a in further if a.goal is not None]
     later = f"; still to come, once it is there: {', '.join(waiting)}" if waiting else ""
@@ -28,6 +28,6 @@ def _why_not(answer: Answer) -> str:
     chosen = answer.selection
     if chosen.status == "clarify":
         return f"answer the question first: {chosen.question or 'what do you need?'}"
-    if chosen.status == "absent":
+    if chosen.status == "not_found":
         return "nothing here serves the request"
     return next((note for note in answer.notes), f"the {chosen.object} has no goal")

@@ -21,7 +21,7 @@ from cartier import specs
 from cartier.contracts import Reasoner
 from cartier.errors import InputError, brief
 from cartier.home import Home
-from cartier.home.corrections import What, find
+from cartier.home.corrections import CorrectionKind, find
 from cartier.home.repository import MANIFEST
 from cartier.llm.lookup import names_of
 from cartier.llm.prompts import check_query, recent
@@ -229,7 +229,7 @@ class Operations:
 
     def correct(
         self,
-        what: What,
+        what: CorrectionKind,
         thing: str = "",
         name: str = "",
         x: float | None = None,
@@ -279,7 +279,7 @@ def _answer(home: Home, answer: Answer) -> dict[str, Any]:
     if place is not None:
         one = next((t for t in home.objects if t.id == place.object_id), None)
     told: dict[str, Any] = {"status": chosen.status, "object": chosen.object}
-    words = {getattr(chosen, key): key for key in ("reason", "say", "question")}  # the same text once
+    words = {getattr(chosen, key): key for key in ("reason", "text", "question")}  # the same text once
     told |= {key: text for text, key in reversed(words.items()) if text}
     if ids := _meant(home, chosen):
         told["ids"] = ids
@@ -295,7 +295,7 @@ def _answer(home: Home, answer: Answer) -> dict[str, Any]:
     told["goal"] = None if goal is None else pose(goal)
     notes = [note for note in answer.notes if "embedded reasoner answers" not in note]
     told |= {"notes": notes} if notes else {}
-    return told | ({"then": [_answer(home, further) for further in answer.then]} if answer.then else {})
+    return told | ({"next": [_answer(home, further) for further in answer.next]} if answer.next else {})
 
 
 def _meant(home: Home, chosen: Selection) -> list[int]:
@@ -348,7 +348,7 @@ def _room_row(home: Home, room: Room) -> dict[str, Any]:
 
 def _evidence(thing: MapObject) -> str:
     frame = f", frame {thing.views[0].frame}" if thing.views else ""
-    return f"seen {thing.sightings} of {thing.chances}{frame}"
+    return f"seen {thing.n_detected} of {thing.n_observable}{frame}"
 
 
 def _called(home: Home, number: int | None) -> str:

@@ -165,7 +165,7 @@ def _object(thing: MapObject, held: Any) -> dict[str, Any]:
     return {
         "id": thing.id, "label": thing.label, "names": list(thing.names), "also": [n for n, _ in thing.labels[1:4]],
         "room": thing.room, "at": _rounded(thing.position), "low": _rounded(thing.box_min), "high": _rounded(thing.box_max),
-        "sure": round(thing.probability, 3), "confirmed": thing.confirmed, "seen": thing.sightings, "of": thing.chances,
+        "sure": round(thing.probability, 3), "confirmed": thing.confirmed, "seen": thing.n_detected, "of": thing.n_observable,
         "colours": [n for n, _ in thing.colours[:3]], "last_s": round(thing.last_seen_s, 1), "views": len(thing.views),
         "on": None if on is None else [on.kind, on.object],
     }  # fmt: skip

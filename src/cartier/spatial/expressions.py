@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Literal
 
-
 Kind = Literal[
     "find", "count", "exists", "where", "list", "compare", "far", "when", "colour", "size", "room", "rooms", "which", "sure",
     "stop", "come", "back", "follow", "able", "thanks", "bye",
@@ -14,7 +13,7 @@ Kind = Literal[
 
 
 @dataclass(frozen=True)
-class Phrase:
+class ReferringExpression:
     """A noun phrase. ``labels`` are the listed names that it may mean, none for what is not listed; ``rooms`` the ids of rooms.
 
     ``generic`` is for "one", "something", "it". ``most`` is a superlative such as "biggest", ``order`` counts from 1, ``thing``
@@ -32,7 +31,7 @@ class Phrase:
     most: str = ""
     other: bool = False
     order: int = 0
-    relations: tuple[Constraint, ...] = ()
+    relations: tuple[SpatialRelation, ...] = ()
     thing: int | None = None
 
     @property
@@ -43,19 +42,19 @@ class Phrase:
 
 
 @dataclass(frozen=True)
-class Constraint:
+class SpatialRelation:
     """The thing is ``kind`` (on, in, under, above, next to, near, nearest, farthest, between, left of, right of, with) the target.
 
     Without a target "nearest" and "farthest" are from where the robot stands.
     """
 
     kind: str
-    target: Phrase | None = None
-    other: Phrase | None = None
+    target: ReferringExpression | None = None
+    other: ReferringExpression | None = None
 
 
 @dataclass(frozen=True)
-class Asked:
+class ParsedUtterance:
     """What is asked: to be driven there (``find``), or a question about ``head`` (and ``other``, for ``compare``).
 
     ``need`` are the words without what only says where. ``direct`` is said where the thing is asked for outright. ``to`` is what
@@ -63,16 +62,16 @@ class Asked:
     """
 
     kind: Kind
-    head: Phrase | None = None
-    other: Phrase | None = None
+    head: ReferringExpression | None = None
+    other: ReferringExpression | None = None
     by: str = ""
     need: str = ""
     direct: bool = False
-    to: Phrase | None = None
+    to: ReferringExpression | None = None
 
 
 @dataclass(frozen=True)
-class Names:
+class EntityVocabulary:
     """What may be named: the listed labels that each key of a name stands for (none: known, but not listed), and rooms' ids.
 
     ``like`` gives the labels that a name may mean where nothing of the very name fits.
@@ -83,7 +82,7 @@ class Names:
     like: Callable[[str], frozenset[str]] = lambda _: frozenset()
 
 
-def merged(before: Phrase, now: Phrase) -> Phrase:
+def merged(before: ReferringExpression, now: ReferringExpression) -> ReferringExpression:
     """What was asked for, with what was added to it."""
     return replace(
         before, relations=(*before.relations, *now.relations), colours=now.colours or before.colours, size=now.size or before.size,

@@ -10,10 +10,10 @@ from functools import cached_property
 
 import numpy as np
 
-from cartier.spatial.expressions import Constraint, Phrase
+from cartier.labels import name_key
+from cartier.spatial.expressions import ReferringExpression, SpatialRelation
 from cartier.spatial.relations import Relation, between, left_of, right_of, supports, under
 from cartier.types import Inventory, MapObject, Room
-from cartier.labels import name_key
 
 NEXT_M, NEAR_M, LOOSE_M = 0.8, 1.0, 0.25  # "next to", "near", and how much farther than the nearest is as near
 LEAST_SHARE = 0.12  # of an object's surface that has a colour to be called so
@@ -83,7 +83,9 @@ class Scene:
         at = np.array(self.from_xy if self.from_xy is not None else (0.0, 0.0))[:2]
         return float(np.linalg.norm(np.maximum(np.maximum(low[:2] - at, at - high[:2]), 0)))
 
-    def meant(self, phrase: Phrase, without: Iterable[int] = ()) -> tuple[list[MapObject], Constraint | None]:
+    def meant(
+        self, phrase: ReferringExpression, without: Iterable[int] = ()
+    ) -> tuple[list[MapObject], SpatialRelation | None]:
         """The objects that a phrase may mean, best first; without any, also what emptied the list."""
         if phrase.thing is not None:
             return [self.by_id[phrase.thing]] if phrase.thing in self.by_id else [], None
@@ -99,7 +101,7 @@ class Scene:
             of = {o.id: _coloured(o, phrase.colours) for o in found}
             coloured = sorted((o for o in found if of[o.id] >= LEAST_SHARE), key=lambda o: -of[o.id])
             if not coloured and len(found) > 1:
-                return [], Constraint("colour")
+                return [], SpatialRelation("colour")
             found = coloured or found
             if len(found) > 1 and of[found[0].id] > CLEARLY * of[found[1].id]:
                 found = found[:1]
@@ -110,12 +112,12 @@ class Scene:
             found = found[phrase.order - 1 : phrase.order]
         return found, None
 
-    def _perhaps_there(self, landmark: Phrase) -> list[MapObject]:
+    def _perhaps_there(self, landmark: ReferringExpression) -> list[MapObject]:
         """What is tentative, and may still tell apart what is sure."""
         key = name_key(landmark.said)
         return [o for o in self.maybe if o.probability >= LIKELY and name_key(o.label) == key]
 
-    def perhaps(self, phrase: Phrase) -> MapObject | None:
+    def perhaps(self, phrase: ReferringExpression) -> MapObject | None:
         """The likeliest tentative object that a phrase may mean, relations and all."""
         key = name_key(phrase.said)
         found = [o for o in self.maybe if called(o, phrase.labels) or name_key(o.label) == key]
@@ -150,7 +152,7 @@ class Scene:
         }  # fmt: skip
         return measured[wish]
 
-    def _related(self, found: Sequence[MapObject], constraint: Constraint) -> list[MapObject]:
+    def _related(self, found: Sequence[MapObject], constraint: SpatialRelation) -> list[MapObject]:
         kind, target = constraint.kind, constraint.target
         if target is None:
             return self.most(found, kind) if found else []
@@ -208,7 +210,7 @@ class Scene:
         return [o for o in found if o.id in holding] or self._close(found, beside, NEXT_M)
 
     def _between(
-        self, found: Sequence[MapObject], beside: Sequence[MapObject], constraint: Constraint
+        self, found: Sequence[MapObject], beside: Sequence[MapObject], constraint: SpatialRelation
     ) -> list[MapObject]:
         ends = self.meant(constraint.other)[0] if constraint.other is not None else list(beside[1:])
         pairs = [(a, b) for a in beside[:4] for b in ends[:4] if a.id != b.id]

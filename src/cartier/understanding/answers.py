@@ -6,11 +6,11 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import Any
 
-from cartier.spatial.expressions import Asked, Constraint, Phrase
+from cartier.labels import name_key
+from cartier.spatial.expressions import ParsedUtterance, ReferringExpression, SpatialRelation
 from cartier.spatial.query import Scene, called
 from cartier.types import Fact, MapObject, Selection
 from cartier.understanding.reference_words import STANDS_FOR
-from cartier.labels import name_key
 
 NUMBERS = {1: "one", 2: "two", 3: "three"}
 PLURALS = (
@@ -18,7 +18,7 @@ PLURALS = (
 )  # fmt: skip
 
 
-def answer(asked: Asked, scene: Scene, last: MapObject | None, model: str) -> Selection | None:
+def answer(asked: ParsedUtterance, scene: Scene, last: MapObject | None, model: str) -> Selection | None:
     """What a question gets; None if it is about nothing that is known here. ``last`` is what was spoken of before."""
     head = asked.head
     if asked.kind == "rooms":
@@ -27,7 +27,7 @@ def answer(asked: Asked, scene: Scene, last: MapObject | None, model: str) -> Se
     if asked.kind == "compare":
         return _compared(asked, scene, model)
     if (head is None or head.said in ("are", "is", "")) and last is not None and asked.kind != "list":
-        head = Phrase(last.label, frozenset({last.label}), plural=True)
+        head = ReferringExpression(last.label, frozenset({last.label}), plural=True)
     if head is None:
         return _inventory(scene, model) if asked.kind == "list" else None
     if head.said in STANDS_FOR and head.bare and last is None:
@@ -49,7 +49,7 @@ def answer(asked: Asked, scene: Scene, last: MapObject | None, model: str) -> Se
     return _about(asked, found, scene, model)
 
 
-def _about(asked: Asked, found: Sequence[MapObject], scene: Scene, model: str) -> Selection:
+def _about(asked: ParsedUtterance, found: Sequence[MapObject], scene: Scene, model: str) -> Selection:
     """What is to be known of one thing, the nearest of those meant."""
     thing = found[0]
     it = next((name for name in thing.names if asked.head and name in asked.head.labels), f"the {thing.label}")
@@ -67,7 +67,7 @@ def _about(asked: Asked, found: Sequence[MapObject], scene: Scene, model: str) -
     return _told(say, Fact("where", room.name if room else None, tuple(o.id for o in found)), model, thing)
 
 
-def _known(asked: Asked, thing: MapObject, it: str, where: str, scene: Scene) -> tuple[str, Any]:
+def _known(asked: ParsedUtterance, thing: MapObject, it: str, where: str, scene: Scene) -> tuple[str, Any]:
     """A sentence about one thing, without its full stop, and what it says for programs."""
     if asked.kind == "far":
         other = scene.meant(asked.other)[0] if asked.other is not None and asked.other.labels else []
@@ -76,7 +76,7 @@ def _known(asked: Asked, thing: MapObject, it: str, where: str, scene: Scene) ->
     if asked.kind == "which":
         return f"{it} {where}", thing.label
     if asked.kind == "sure":
-        looks = f"I saw {it} in {thing.sightings} of {thing.chances} frames that could show it"
+        looks = f"I saw {it} in {thing.n_detected} of {thing.n_observable} frames that could show it"
         return f"{looks}, and am {thing.probability:.0%} sure of it: it is {where}", thing.probability
     if asked.kind == "when":
         looked = f"and looked there last at {thing.last_looked_s:.0f} s"
@@ -88,7 +88,7 @@ def _known(asked: Asked, thing: MapObject, it: str, where: str, scene: Scene) ->
     return f"{it} is about {size[0]:.2f} m by {size[1]:.2f} m, and {size[2]:.2f} m high", size
 
 
-def _counted(head: Phrase, found: Sequence[MapObject], scene: Scene, model: str) -> Selection:
+def _counted(head: ReferringExpression, found: Sequence[MapObject], scene: Scene, model: str) -> Selection:
     maybe = [o for o in scene.maybe if called(o, head.labels) and o.probability >= 0.3] if head.bare else []
     unsure = f" {'One' if len(maybe) == 1 else len(maybe)} more may be there, hardly seen." if maybe else ""
     names = Counter(o.label for o in found)
@@ -102,7 +102,7 @@ def _counted(head: Phrase, found: Sequence[MapObject], scene: Scene, model: str)
     )
 
 
-def _exists(head: Phrase, found: Sequence[MapObject], scene: Scene, model: str) -> Selection | None:
+def _exists(head: ReferringExpression, found: Sequence[MapObject], scene: Scene, model: str) -> Selection | None:
     if head.rooms is not None:
         names = [scene.rooms[i].name for i in head.rooms]
         return _told(
@@ -115,7 +115,7 @@ def _exists(head: Phrase, found: Sequence[MapObject], scene: Scene, model: str) 
     return _told(f"No, I have not seen {_a(head)}{_where(head)}.{_instead(head, scene)}", Fact("exists", False), model)
 
 
-def _listed(head: Phrase, scene: Scene, model: str) -> Selection | None:
+def _listed(head: ReferringExpression, scene: Scene, model: str) -> Selection | None:
     """What is on, in, under or near something; or in a room."""
     if head.rooms is not None:
         found = [o for o in scene.objects if o.room in head.rooms]
@@ -144,7 +144,7 @@ def _inventory(scene: Scene, model: str) -> Selection:
     return _told(say, Fact("list", sorted(names), tuple(o.id for o in scene.objects)), model)
 
 
-def _compared(asked: Asked, scene: Scene, model: str) -> Selection | None:
+def _compared(asked: ParsedUtterance, scene: Scene, model: str) -> Selection | None:
     pair = [scene.meant(phrase)[0][:1] for phrase in (asked.head, asked.other) if phrase is not None]
     if len(pair) != 2 or not all(pair):
         gone = [phrase for phrase, found in zip((asked.head, asked.other), pair, strict=True) if phrase and not found]
@@ -175,10 +175,10 @@ def _compared(asked: Asked, scene: Scene, model: str) -> Selection | None:
 
 def _told(say: str, fact: Fact, model: str, thing: MapObject | None = None) -> Selection:
     name, number = (thing.label, thing.id) if thing is not None else (None, None)
-    return Selection("told", name, reason=say, say=say, fact=fact, model=model, object_id=number)
+    return Selection("answered", name, reason=say, text=say, fact=fact, model=model, object_id=number)
 
 
-def _instead(head: Phrase, scene: Scene) -> str:
+def _instead(head: ReferringExpression, scene: Scene) -> str:
     """What there is instead of what a phrase asks for."""
     elsewhere = [o for o in scene.objects if called(o, head.labels)]
     if elsewhere:
@@ -187,22 +187,22 @@ def _instead(head: Phrase, scene: Scene) -> str:
     return f" I may have seen one {scene.whereabouts(maybe[0])}, but too seldom to be sure." if maybe else ""
 
 
-def _where(phrase: Phrase) -> str:
+def _where(phrase: ReferringExpression) -> str:
     """The relations of a phrase in words again."""
     return "".join(f" {_preposition(c)}" for c in phrase.relations)
 
 
-def _preposition(constraint: Constraint) -> str:
+def _preposition(constraint: SpatialRelation) -> str:
     if constraint.target is None:
         return constraint.kind
     return f"{'nearest to' if constraint.kind == 'nearest' else constraint.kind} the {constraint.target.said}"
 
 
-def _name(phrase: Phrase) -> str:
+def _name(phrase: ReferringExpression) -> str:
     return phrase.said if not phrase.generic else "such thing"
 
 
-def _a(phrase: Phrase) -> str:
+def _a(phrase: ReferringExpression) -> str:
     return f"any {_name(phrase)}" if phrase.plural else one(_name(phrase))
 
 

@@ -7,11 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cartier.labels import name_key, plain, singular, words
+from cartier.understanding.card_vectors import UNLIKE
 from cartier.understanding.cards import bare
 from cartier.understanding.entity_vocabulary import NO_ENDS
-from cartier.understanding.near_synonyms import UNLIKE
 from cartier.understanding.need_scorer import Judgement, Scorer, Spoken
-from cartier.labels import name_key, plain, singular, words
 from cartier.understanding.text_encoder import reader
 
 
@@ -62,10 +62,10 @@ class Things:
         known = (end for end in ends if end in by_key and end not in NO_ENDS and end not in own)
         return tuple(end for end in known if by_key[end] not in self.cards)
 
-    def twins(self, card: int) -> frozenset[int]:
+    def near_synonyms(self, card: int) -> frozenset[int]:
         """The cards of listed things that are much the same as a card that is not listed."""
         if card not in self._twins:
-            same = (other for other in self.cards if self.scorer.knowledge.twins(card, other))
+            same = (other for other in self.cards if self.scorer.knowledge.near_synonyms(card, other))
             self._twins[card] = frozenset() if card in self.cards else frozenset(same)
         return self._twins[card]
 
@@ -86,7 +86,7 @@ class Things:
             logits[self.scorer.knowledge.likeness(best.card) > UNLIKE] = -np.inf
         for card, spoken in by_card.items():
             logits[card] = judged.logits[card] + spoken.weight
-        logits[[*self.cards, *(card for card in by_card if self.twins(card))]] = -np.inf
+        logits[[*self.cards, *(card for card in by_card if self.near_synonyms(card))]] = -np.inf
         card = int(logits.argmax())
         return Missing(card, float(logits[card]), by_card.get(card))
 
@@ -106,7 +106,7 @@ class Things:
             logit, same = self.scorer.strange(judged, self._vectors[thing.name]), None
         else:
             logit, called = float(judged.logits[thing.card]), called or by_card.get(thing.card)
-            same = next((spoken for card, spoken in by_card.items() if thing.card in self.twins(card)), None)
+            same = next((spoken for card, spoken in by_card.items() if thing.card in self.near_synonyms(card)), None)
         spoken = called or same
         return Ranked(thing, logit + (spoken.weight if spoken else 0.0), spoken, called is None and same is not None)
 
@@ -117,5 +117,5 @@ class Things:
         of the third in 23 %, and of any thing in 20 %.
         """
         first = self.scorer.deck.card_of(next(iter(self.scorer.deck.cards[card].beside), ""))
-        same = () if first is None else (first, *self.twins(first))
+        same = () if first is None else (first, *self.near_synonyms(first))
         return next((thing.name for thing in self.all if thing.card in same), None)

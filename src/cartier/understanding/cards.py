@@ -14,8 +14,7 @@ from typing import Any
 
 from cartier.errors import InputError, brief
 from cartier.io.files import read_text
-from cartier.labels import display_name
-from cartier.labels import name_key, plain, words
+from cartier.labels import display_name, name_key, plain, words
 from cartier.understanding.text import telling
 
 SHIPPED = Path(__file__).with_name("cards")

@@ -6,8 +6,8 @@ import re
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from cartier.understanding.cards import bare
 from cartier.labels import name_key, plain, singular, words
+from cartier.understanding.cards import bare
 from cartier.understanding.text import STOP
 
 FIRST = re.compile(r"\b(first|former|1st)\b")
@@ -29,7 +29,7 @@ REFUSES = re.compile(r"\b(not|without|except|anything but|don t want|instead of)
 NOT = re.compile(r"\b(not|no|without|except|but not|don t(?! know| mind)|never|instead of)\b")
 
 
-class Turn(NamedTuple):
+class FollowUp(NamedTuple):
     """How to take the person's words.
 
     ``text`` is what to judge, ``only`` the names to choose from (none: all), ``without`` those that are out, ``forbidden``
@@ -45,11 +45,11 @@ class Turn(NamedTuple):
     picked: str | None = None
 
 
-def understand(query: str, names: Sequence[str], dialogue: Sequence[tuple[str, str]]) -> Turn:
+def understand(query: str, names: Sequence[str], dialogue: Sequence[tuple[str, str]]) -> FollowUp:
     """The words in the light of the latest turns, which are (person, robot), oldest first."""
     said = " ".join(words(plain(query)))
     if not dialogue or not said:
-        return Turn(query)
+        return FollowUp(query)
     need, robot = dialogue[-1]
     offered = named(robot, names)
     if robot.rstrip().endswith("?"):
@@ -59,49 +59,49 @@ def understand(query: str, names: Sequence[str], dialogue: Sequence[tuple[str, s
         asked = next((named(r, names) for _, r in reversed(dialogue) if r.rstrip().endswith("?")), [])
         rest = [n for n in asked if n not in offered]
         if len(rest) == 1:
-            return Turn(query, picked=rest[0])
-        return Turn(_first_need(dialogue), without=tuple({*offered, *_corrected(dialogue, names)}))
+            return FollowUp(query, picked=rest[0])
+        return FollowUp(_first_need(dialogue), without=tuple({*offered, *_corrected(dialogue, names)}))
     negated = _negated(said, names)
     if negated and not set(negated) & set(offered) and len(said.split()) <= 2 * FEW:
         rest = [w for w in said.split() if w not in STOP and w not in " ".join(negated).split()]
-        return Turn(query if len(rest) >= NEW else _first_need(dialogue), without=tuple(negated))
+        return FollowUp(query if len(rest) >= NEW else _first_need(dialogue), without=tuple(negated))
     if NO.search(said) or AGAIN.search(said):
         tells = [w for w in said.split() if w not in STOP]
         out = tuple(dict.fromkeys([*offered, *_corrected(dialogue, names)])) if NO.search(said) else ()
         if not tells:
-            return Turn(_first_need(dialogue), without=tuple(dict.fromkeys([*out, *turned_down])))
+            return FollowUp(_first_need(dialogue), without=tuple(dict.fromkeys([*out, *turned_down])))
         if len(said.split()) <= 2 * FEW:
-            return Turn(f"{_first_need(dialogue)}. {query}" if NOT.search(said) else query, without=out)
-    return Turn(query)
+            return FollowUp(f"{_first_need(dialogue)}. {query}" if NOT.search(said) else query, without=out)
+    return FollowUp(query)
 
 
-def _reply(query: str, said: str, need: str, offered: list[str], names: Sequence[str]) -> Turn:
+def _reply(query: str, said: str, need: str, offered: list[str], names: Sequence[str]) -> FollowUp:
     """The reply to a question about the things offered, in the order in which they were."""
     short = len(said.split()) <= FEW
     if offered and short:
         if EITHER.search(said):
-            return Turn(query, picked=offered[0])
+            return FollowUp(query, picked=offered[0])
         if len(offered) == 1 and YES.issuperset(said.split()):
-            return Turn(query, picked=offered[0])
+            return FollowUp(query, picked=offered[0])
         if FIRST.search(said) and not named(said, offered):
-            return Turn(query, picked=offered[0])
+            return FollowUp(query, picked=offered[0])
         if SECOND.search(said) and len(offered) > 1 and not named(said, offered):
-            return Turn(query, picked=offered[-1])
+            return FollowUp(query, picked=offered[-1])
     meant = named(said, offered)
     if offered and NOT.search(said):
         rest = [n for n in offered if n not in meant]
         if meant and len(rest) == 1:
-            return Turn(query, picked=rest[0])
+            return FollowUp(query, picked=rest[0])
         nothing_else = not [w for w in said.split() if w not in STOP]  # "neither of them", "no"
         if len(offered) == 1 and (meant or nothing_else):
-            return Turn(query)
+            return FollowUp(query)
         if not meant and nothing_else:
-            return Turn(need, without=tuple(offered))
+            return FollowUp(need, without=tuple(offered))
     elif len(meant) == 1:
-        return Turn(query, picked=meant[0])
+        return FollowUp(query, picked=meant[0])
     if named(said, names) or not short:
-        return Turn(query if not offered or not short else f"{need}. {query}")
-    return Turn(f"{need}. {query}", only=tuple(offered))
+        return FollowUp(query if not offered or not short else f"{need}. {query}")
+    return FollowUp(f"{need}. {query}", only=tuple(offered))
 
 
 def _negated(said: str, names: Sequence[str]) -> list[str]:

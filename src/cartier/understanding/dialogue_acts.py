@@ -15,7 +15,7 @@ from typing import Literal, NamedTuple
 
 from cartier.labels import name_key, words
 from cartier.understanding.text import STOP
-from cartier.understanding.utterance import LONGEST_NAME, Heard
+from cartier.understanding.utterance import LONGEST_NAME, Utterance
 
 Asked = Literal["outright", "perhaps", "not"]
 Kind = Literal["forbids", "states", "asks", "padding", "tells"]
@@ -107,7 +107,7 @@ IN_NEED = re.compile(
 )
 
 
-class Said(NamedTuple):
+class DialogueAct(NamedTuple):
     """What was forbidden, in the words that forbade it, all else that was said, and whether anything was asked for.
 
     ``perhaps`` are words that may tell a need, but in which no clause asks.
@@ -118,7 +118,7 @@ class Said(NamedTuple):
     asked: Asked
 
 
-def sort_out(heard: Heard, known: Container[str]) -> Said:
+def sort_out(heard: Utterance, known: Container[str]) -> DialogueAct:
     """Sort the clauses of what was said; ``known`` are the keys of the names of things."""
     clauses = [(clause, begins, _kind(clause, known)) for clause, begins in _clauses(heard.tokens)]
     kinds = [kind for _, _, kind in clauses]
@@ -126,14 +126,14 @@ def sort_out(heard: Heard, known: Container[str]) -> Said:
     rest = ", ".join(clause for clause, _, kind in clauses if kind != "forbids")
     outright = any(kind == "asks" and clause.split()[-1] not in words(forbidden) for clause, _, kind in clauses)
     if outright or set(kinds) <= {"padding"}:
-        return Said(forbidden, rest, "outright")
+        return DialogueAct(forbidden, rest, "outright")
     if not forbidden:
         said_please: Asked = "outright" if clauses[-1][0] == "please" else "perhaps"
-        return Said("", rest, "not" if set(kinds) <= {"padding", "states"} else said_please)
+        return DialogueAct("", rest, "not" if set(kinds) <= {"padding", "states"} else said_please)
     first = kinds.index("forbids")
     needs = any(kind == "tells" and IN_NEED.search(clause) for clause, _, kind in clauses[:first])
     goes_on = any(kind == "tells" and begins for _, begins, kind in clauses[first:])
-    return Said(forbidden, rest, "outright" if needs else "perhaps" if goes_on else "not")
+    return DialogueAct(forbidden, rest, "outright" if needs else "perhaps" if goes_on else "not")
 
 
 def _clauses(tokens: list[str]) -> Iterator[tuple[str, bool]]:

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Container, Iterator, Mapping, Sequence
 from functools import lru_cache
 
-from cartier.spatial.expressions import Names
+from cartier.labels import name_key, plain, words
+from cartier.spatial.expressions import EntityVocabulary
 from cartier.types import Inventory
 from cartier.understanding.cards import Deck, bare
-from cartier.labels import name_key, plain, words
 from cartier.understanding.text import STOP
 
 ROOMS = {
@@ -74,17 +74,17 @@ class _Things(Mapping[str, frozenset[str]]):
         return sum(1 for _ in self)
 
 
-def lexicon(deck: Deck, inventory: Inventory) -> Names:
+def lexicon(deck: Deck, inventory: Inventory) -> EntityVocabulary:
     """What may be named in a home: its objects by all names that their cards have, what it has not, and its rooms."""
     return _lexicon(deck, tuple(inventory.names), tuple((room.id, room.name, room.kind) for room in inventory.rooms))
 
 
 @lru_cache(maxsize=16)
-def _lexicon(deck: Deck, names: tuple[str, ...], rooms: tuple[tuple[int, str, str], ...]) -> Names:
+def _lexicon(deck: Deck, names: tuple[str, ...], rooms: tuple[tuple[int, str, str], ...]) -> EntityVocabulary:
     called: dict[str, tuple[int, ...]] = {}
     for kind, more in ROOMS.items():
         of_kind = tuple(number for number, _, room_kind in rooms if room_kind == kind)
         called |= dict.fromkeys(map(name_key, (kind, *more)), of_kind)
     called |= {name_key(name): (number,) for number, name, kind in rooms if name != kind}
     things = _Things(deck, names, called)
-    return Names(things, called, things.like)
+    return EntityVocabulary(things, called, things.like)

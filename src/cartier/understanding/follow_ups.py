@@ -6,11 +6,11 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-from cartier.spatial.expressions import Asked, Constraint, Phrase, merged
+from cartier.labels import plain, words
+from cartier.spatial.expressions import ParsedUtterance, ReferringExpression, SpatialRelation, merged
 from cartier.types import MapObject
 from cartier.understanding.reference_words import COMMANDS, GO_THERE, NEEDY, STANDS_FOR
 from cartier.understanding.references import sentences
-from cartier.labels import plain, words
 
 LATEST = 3000  # characters that are read
 SERVED = re.compile(r"#(\d+)")
@@ -34,14 +34,14 @@ REFUSED = re.compile(
 )
 COMMANDED = frozenset(kind for kind, _ in COMMANDS)
 SHORT = 6  # words of a reply that says which
-Parse = Callable[[str], Asked | None]
+Parse = Callable[[str], ParsedUtterance | None]
 
 
 def in_context(
     said: str, dialogue: Sequence[tuple[str, str]], parse: Parse, by_id: dict[int, MapObject]
-) -> Asked | None:
+) -> ParsedUtterance | None:
     """What the latest words ask for; ``dialogue`` are the (person, robot) turns before, ``by_id`` the objects of the home."""
-    before: Asked | None = None
+    before: ParsedUtterance | None = None
     robot, last = "", None
     for person, reply in dialogue:
         asked = _resolved(
@@ -54,8 +54,13 @@ def in_context(
 
 
 def _resolved(
-    said: str, asked: Asked | None, before: Asked | None, robot: str, last: MapObject | None, parse: Parse
-) -> Asked | None:
+    said: str,
+    asked: ParsedUtterance | None,
+    before: ParsedUtterance | None,
+    robot: str,
+    last: MapObject | None,
+    parse: Parse,
+) -> ParsedUtterance | None:
     if not robot or (asked is not None and asked.kind in COMMANDED):
         return asked
     short = TURNING_DOWN.sub("", said)
@@ -68,9 +73,11 @@ def _resolved(
     replying = robot.rstrip().endswith("?") and meant is not None
     there = (GO_THERE.search(short) and (asked is None or _pronoun(asked.head))) or GO_ON.search(said)
     if last is not None and there and not replying:
-        return Asked("find", _same(last), need=last.label, direct=True)
+        return ParsedUtterance("find", _same(last), need=last.label, direct=True)
     if last is not None and meant is not None and not replying and last.label in meant.labels and REFUSED.search(said):
-        return Asked("find", replace(meant, other=True, thing=None, relations=()), need=last.label, direct=True)
+        return ParsedUtterance(
+            "find", replace(meant, other=True, thing=None, relations=()), need=last.label, direct=True
+        )
     if asked is not None and asked.kind in ("which", "sure"):
         return replace(asked, head=_asked_of(asked.head, meant, last))
     if asked is None or asked.head is None or asked.kind != "find":
@@ -81,11 +88,11 @@ def _resolved(
             and EITHER.search(short)
             and len(short.split()) <= SHORT
         ):
-            return Asked("find", replace(meant, most="nearest"), need=before.need, direct=True)
+            return ParsedUtterance("find", replace(meant, most="nearest"), need=before.need, direct=True)
         return asked
     head = asked.head
     if meant is not None:
-        room = Phrase("", relations=(Constraint("in", head),)) if head.rooms is not None else None
+        room = ReferringExpression("", relations=(SpatialRelation("in", head),)) if head.rooms is not None else None
         if room is not None and (replying or len(short.split()) <= 3) and not GO_THERE.search(short):
             return replace(asked, head=merged(meant, room), direct=True)  # "the one in the kitchen?" "bedroom"
         if replying and ((head.generic and head.said not in NEEDY) or head.labels & meant.labels):
@@ -103,7 +110,9 @@ def _resolved(
     return replace(asked, head=again, direct=True)
 
 
-def _asked_of(head: Phrase | None, meant: Phrase | None, last: MapObject | None) -> Phrase | None:
+def _asked_of(
+    head: ReferringExpression | None, meant: ReferringExpression | None, last: MapObject | None
+) -> ReferringExpression | None:
     """What "which is bigger" and "are you sure" are about."""
     if head is not None and not _pronoun(replace(head, most="")):
         return head
@@ -112,15 +121,15 @@ def _asked_of(head: Phrase | None, meant: Phrase | None, last: MapObject | None)
     return _same(last) if last is not None else meant or head
 
 
-def _pronoun(head: Phrase | None) -> bool:
+def _pronoun(head: ReferringExpression | None) -> bool:
     return head is None or (head.generic and head.bare)
 
 
-def _same(thing: MapObject) -> Phrase:
-    return Phrase(thing.label, frozenset({thing.label}), thing=thing.id)
+def _same(thing: MapObject) -> ReferringExpression:
+    return ReferringExpression(thing.label, frozenset({thing.label}), thing=thing.id)
 
 
-def _beside_it(head: Phrase, last: MapObject) -> Phrase:
+def _beside_it(head: ReferringExpression, last: MapObject) -> ReferringExpression:
     """With "it" in "the bed next to it" for the thing that was spoken of."""
     told = (
         replace(c, target=_same(last)) if c.target is not None and c.target.bare and c.target.said in STANDS_FOR else c

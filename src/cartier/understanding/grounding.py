@@ -6,7 +6,8 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
-from cartier.spatial.expressions import Asked, Names, Phrase
+from cartier.labels import name_key, words
+from cartier.spatial.expressions import EntityVocabulary, ParsedUtterance, ReferringExpression
 from cartier.spatial.query import Scene, called
 from cartier.types import MapObject, Selection
 from cartier.understanding.answers import answer, one
@@ -14,7 +15,6 @@ from cartier.understanding.follow_ups import LATEST, SERVED, in_context
 from cartier.understanding.reference_words import HURRY, NEEDY, STANDS_FOR
 from cartier.understanding.references import parse, sentences
 from cartier.understanding.tentative import maybe_there, offer
-from cartier.labels import name_key, words
 from cartier.understanding.text import STOP
 
 STORY = 30  # words from which on a need is told, and what is named in passing asks for nothing
@@ -33,7 +33,7 @@ SAID: Mapping[str, str] = {
 Serve = Callable[[str, tuple[str, ...]], Selection]
 
 
-class Particular:
+class ReferenceGrounder:
     """One request over one scene; ``asked`` is what its words refer to, None if they only tell a need.
 
     ``wanted``: the person wants even what nobody is sure of.
@@ -43,7 +43,7 @@ class Particular:
         self,
         said: str,
         scene: Scene,
-        names: Names,
+        names: EntityVocabulary,
         dialogue: Sequence[tuple[str, str]],
         model: str,
         wanted: bool = False,
@@ -55,7 +55,7 @@ class Particular:
         self.asked = in_context(self.said, dialogue, self._parsed, scene.by_id)
         self._replied = self.asked != self._parsed(self.said)
 
-    def _parsed(self, said: str) -> Asked | None:
+    def _parsed(self, said: str) -> ParsedUtterance | None:
         """What words ask for by themselves; of a story only what its last sentence asks for by name."""
         if len(words(said)) <= STORY:
             return parse(said, self._names, name_key)
@@ -82,9 +82,9 @@ class Particular:
             return None
         if asked.kind == "back" and len(dict.fromkeys(self.served)) > 1:
             before = self.scene.by_id[list(dict.fromkeys(reversed(self.served)))[1]]
-            return self._found(Phrase(before.label, frozenset({before.label}), thing=before.id))
+            return self._found(ReferringExpression(before.label, frozenset({before.label}), thing=before.id))
         if asked.kind in SAID:
-            return Selection("told", reason=SAID[asked.kind], say=SAID[asked.kind], model=self._model)
+            return Selection("answered", reason=SAID[asked.kind], text=SAID[asked.kind], model=self._model)
         if asked.kind != "find":
             return answer(asked, self.scene, self.last, self._model)
         head = asked.head
@@ -102,7 +102,7 @@ class Particular:
         wanted = asked.direct and placed and asked.need  # what is not listed may be so by another name
         return self.placed(head, serve(asked.need, ())) if wanted else None
 
-    def _common(self, head: Phrase) -> bool:
+    def _common(self, head: ReferringExpression) -> bool:
         """Whether a name is that of a kind, and not one that people gave to a particular thing."""
         return not any(head.labels & set(thing.names) for thing in self.scene.objects)
 
@@ -110,7 +110,7 @@ class Particular:
         """A thing that was chosen by its name, as one of the objects of that name: that which the words tell, else the nearest."""
         asked = self.asked if self.asked is not None and self.asked.kind == "find" else None
         if (
-            chosen.status in ("near", "absent", "clarify")
+            chosen.status in ("likely_near", "not_found", "clarify")
             and asked is not None
             and asked.head is not None
             and asked.direct
@@ -126,7 +126,7 @@ class Particular:
                     object=thing.label,
                     object_id=thing.id,
                     reason=f"'{asked.head.said}' was asked for",
-                    say=say,
+                    text=say,
                 )
         same = [o for o in self.scene.objects if called(o, [chosen.object or ""])]
         if (
@@ -141,18 +141,18 @@ class Particular:
             ]  # "the lamp", of floor lamps and desk lamps
             best = self._likely(same)[0]
             chosen = chosen if called(best, [chosen.object or ""]) else replace(chosen, object=best.label)
-        if chosen.status not in ("found", "near") or chosen.object_id is not None or not same:
+        if chosen.status not in ("found", "likely_near") or chosen.object_id is not None or not same:
             return chosen
         if len(same) == 1:
             return replace(chosen, object_id=same[0].id)
         head = self.asked.head if self.asked is not None and self.asked.kind == "find" else None
-        if head is None or chosen.object not in head.labels or chosen.status == "near":
+        if head is None or chosen.object not in head.labels or chosen.status == "likely_near":
             return chosen
         meant = [o for o in self.scene.meant(head)[0] if called(o, [chosen.object or ""])] if not head.bare else []
         thing = (meant if not head.bare and meant else self._likely(same))[0]
-        return replace(chosen, object_id=thing.id, say=self._one_of(thing, same))
+        return replace(chosen, object_id=thing.id, text=self._one_of(thing, same))
 
-    def placed(self, head: Phrase, chosen: Selection) -> Selection:
+    def placed(self, head: ReferringExpression, chosen: Selection) -> Selection:
         """What serves instead of a thing that is not listed, where that was said to be."""
         same = [o for o in self.scene.objects if called(o, [chosen.object or ""])]
         if chosen.status != "found" or not same:
@@ -174,7 +174,7 @@ class Particular:
         offer = f" Or do you mean {' or '.join(f'the one {words}' for words in apart)}?" if apart else ""
         return f"There are {len(same)}; this is the nearest{f', {where}' if where else ''}.{offer}"
 
-    def _found(self, head: Phrase) -> Selection:
+    def _found(self, head: ReferringExpression) -> Selection:
         without = self.served if head.other else ()
         found, emptied = self.scene.meant(head, without)
         if (
@@ -193,7 +193,7 @@ class Particular:
         name = next((name for name in thing.names if name in head.labels), thing.label)
         say = f"{name if name in thing.names else f'The {name}'}{f' {where}' if where else ''}."
         return Selection(
-            "found", name, reason=f"this is {where or 'the one'}", object_id=thing.id, say=say,
+            "found", name, reason=f"this is {where or 'the one'}", object_id=thing.id, text=say,
             candidates=((name, 1.0),), model=self._model,
         )  # fmt: skip
 
@@ -204,7 +204,7 @@ class Particular:
         if all(apart):
             question = f"Which {few[0].label}: {_or([f'the one {words}' if not words.startswith('the ') else words for words in apart])}?"
             return Selection(
-                "clarify", reason=f"{len(found)} fit what was said", question=question, say=question, model=self._model
+                "clarify", reason=f"{len(found)} fit what was said", question=question, text=question, model=self._model
             )
         thing = self._likely(found)[0]
         return Selection(
@@ -212,11 +212,11 @@ class Particular:
             thing.label,
             reason="the nearest of several",
             object_id=thing.id,
-            say=self._one_of(thing, found),
+            text=self._one_of(thing, found),
             model=self._model,
         )
 
-    def _none(self, head: Phrase, emptied: bool) -> Selection:
+    def _none(self, head: ReferringExpression, emptied: bool) -> Selection:
         others = [o for o in self.scene.objects if called(o, head.labels)]
         if head.other and others:
             say = f"I know no other {others[0].label}."
@@ -224,9 +224,9 @@ class Particular:
             say = f"There is {one(others[0].label)} {self.scene.whereabouts(others[0])}, but none as you say."
         else:
             say = f"I have not seen any {head.said if not head.generic else 'such thing'}."
-        return Selection("absent", reason=say, say=say, model=self._model)
+        return Selection("not_found", reason=say, text=say, model=self._model)
 
-    def _room(self, head: Phrase, asked: Asked) -> Selection | None:
+    def _room(self, head: ReferringExpression, asked: ParsedUtterance) -> Selection | None:
         """To drive to a room, if nothing but that is asked for."""
         rest = [
             word
@@ -238,19 +238,19 @@ class Particular:
         rooms = [self.scene.rooms[i] for i in head.rooms or ()]
         if not rooms:
             say = f"I know no {head.said} here; there is {_or([f'the {room.name}' for room in self.scene.rooms.values()]) or 'no room that I know'}."
-            return Selection("absent", reason=say, say=say, model=self._model)
+            return Selection("not_found", reason=say, text=say, model=self._model)
         inside = {room.id: [o for o in self.scene.objects if o.room == room.id] for room in rooms}
         room = min(rooms, key=lambda room: min(map(self.scene.distance_m, inside[room.id]), default=1e9))
         return Selection(
             "found",
             room.name,
             reason="the room was asked for",
-            say=f"The {room.name}.",
+            text=f"The {room.name}.",
             room=room.id,
             model=self._model,
         )
 
-    def _need(self, head: Phrase, asked: Asked, serve: Serve) -> Selection | None:
+    def _need(self, head: ReferringExpression, asked: ParsedUtterance, serve: Serve) -> Selection | None:
         """A need and where it is to be served: "something to sit on in the kitchen"."""
         there, _ = self.scene.meant(head)
         names = tuple(sorted({o.label for o in there}))
@@ -261,9 +261,9 @@ class Particular:
         chosen = serve(asked.need, names)
         fitting = [o for o in there if called(o, [chosen.object or ""])]
         if chosen.status != "found" or not fitting:
-            return chosen if chosen.status != "near" else self._none(head, True)
+            return chosen if chosen.status != "likely_near" else self._none(head, True)
         thing = self._likely(fitting)[0]
-        return replace(chosen, object_id=thing.id, say=f"The {thing.label} {self.scene.whereabouts(thing)}.")
+        return replace(chosen, object_id=thing.id, text=f"The {thing.label} {self.scene.whereabouts(thing)}.")
 
 
 def _or(parts: Sequence[str]) -> str:

@@ -15,15 +15,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from cartier.labels import plain, words
 from cartier.types import Array
+from cartier.understanding.card_vectors import VECTORS, Knowledge
 from cartier.understanding.cards import Deck
 from cartier.understanding.lexical import Fit, Lexicon, turned_down
-from cartier.understanding.near_synonyms import VECTORS, Knowledge
 from cartier.understanding.spelling import Spelling
-from cartier.labels import plain, words
 from cartier.understanding.text import STOP
 from cartier.understanding.text_encoder import BEGIN, END, MOST_PIECES, reader, session
-from cartier.understanding.utterance import Heard, Mention, listen, mentions
+from cartier.understanding.utterance import Mention, Utterance, listen, mentions
 
 SHIPPED = Path(__file__).parent  # with scorer.onnx, the layers, scorer.npz, the heads, and vectors.npz, the cards
 MOST_TOKENS = 110
@@ -46,7 +46,7 @@ class Tokens(NamedTuple):
         return (self.at[start - self.first], self.at[end - self.first]) if inside else None
 
 
-def tokenise(heard: Heard) -> Tokens:
+def tokenise(heard: Utterance) -> Tokens:
     """The request's last tokens as ids."""
     first = max(0, len(heard.tokens) - MOST_TOKENS)
     ids, at = [BEGIN], [1]
@@ -111,11 +111,11 @@ class Scorer:
         with np.load(self._folder / "scorer.npz", allow_pickle=False) as data:
             return {name: data[name].astype(np.float32) for name in data.files}
 
-    def hear(self, text: str) -> Heard:
+    def hear(self, text: str) -> Utterance:
         """A request's tokens and sentences, slips of the keyboard mended."""
         return listen(text, self._spelling)
 
-    def judge(self, heard: Heard, known: Container[str]) -> Judgement:
+    def judge(self, heard: Utterance, known: Container[str]) -> Judgement:
         """What a request calls for; ``known`` are the keys of all names to listen for."""
         heads = self._heads
         tokens = tokenise(heard)

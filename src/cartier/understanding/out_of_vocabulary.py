@@ -9,7 +9,7 @@ from cartier.understanding.cards import SHIPPED, read_deck
 from cartier.understanding.utterance import listen, mentions
 
 
-def nameless(query: str, names: Sequence[str]) -> str | None:
+def out_of_vocabulary_mention(query: str, names: Sequence[str]) -> str | None:
     """The household thing named first in the last sentence with one, as it was said, of which none of a detector's ``names`` is a name; None if all are known.
 
     What another thing is named after is not what is asked for: the coffee, where a coffee machine is named.

@@ -14,11 +14,11 @@ import numpy as np
 
 from cartier.types import Array, Status
 from cartier.understanding.candidates import Missing, Ranked, Things
-from cartier.understanding.near_synonyms import ALIKE
+from cartier.understanding.card_vectors import ALIKE
 from cartier.understanding.need_scorer import Judgement
 
 FITTED = Path(__file__).with_name("decision.json")
-OUTCOMES: tuple[Status, ...] = ("found", "near", "absent", "clarify")
+OUTCOMES: tuple[Status, ...] = ("found", "likely_near", "not_found", "clarify")
 LEAST, MOST = -4.0, 3.0  # how far behind the missing, and ahead of the second, is told apart
 
 
@@ -57,7 +57,7 @@ class Choice:
     def possible(self) -> tuple[Status, ...]:
         """Near needs something beside which the missing thing is kept, not only named in passing; a question needs two things."""
         in_passing = not self.outright and self.missing.called is not None
-        never = {"near": self.near is None or in_passing, "clarify": self.rival is None}
+        never = {"likely_near": self.near is None or in_passing, "clarify": self.rival is None}
         return tuple(status for status in OUTCOMES if not never.get(status))
 
     def decide(self, among: Container[Status] = OUTCOMES) -> Status:

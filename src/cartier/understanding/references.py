@@ -10,7 +10,14 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-from cartier.spatial.expressions import Asked, Constraint, Names, Phrase, merged
+from cartier.spatial.expressions import (
+    EntityVocabulary,
+    Kind,
+    ParsedUtterance,
+    ReferringExpression,
+    SpatialRelation,
+    merged,
+)
 from cartier.understanding.reference_words import (
     AFTER,
     AROUND,
@@ -52,7 +59,6 @@ from cartier.understanding.reference_words import (
     WHICH_IS,
     WISHING,
     WORD,
-    Kind,
 )
 
 Key = Callable[[str], str]
@@ -69,7 +75,7 @@ ABOUT = frozenset(
 class _Mention:
     start: int
     end: int
-    phrase: Phrase
+    phrase: ReferringExpression
 
 
 def sentences(text: str) -> list[str]:
@@ -80,12 +86,12 @@ def sentences(text: str) -> list[str]:
     return [part.strip() for part in ENDS.split(text) if WORD.search(part)]
 
 
-def parse(text: str, names: Names, key: Key) -> Asked | None:
+def parse(text: str, names: EntityVocabulary, key: Key) -> ParsedUtterance | None:
     """What a text asks of a home, the last sentence that does; None if it tells a need in other words.
 
     ``key`` makes a name's key of its words.
     """
-    best: Asked | None = None
+    best: ParsedUtterance | None = None
     refused = NOT_FIRST.match(text)
     if refused is not None:  # "not the cup on the table, the one at the sink"
         best = parse(refused[1], names, key)
@@ -103,7 +109,7 @@ def parse(text: str, names: Names, key: Key) -> Asked | None:
             and best.head is not None
         ):
             if best.kind != "find":  # "is there a bed? Take me there"
-                best = Asked("find", best.head, need=best.head.said, direct=True)
+                best = ParsedUtterance("find", best.head, need=best.head.said, direct=True)
             continue
         if asked is not None and before is not None and asked.kind in ABOUT and _pronoun(asked):
             asked = replace(asked, head=before)  # "the alarm clock … where?", "has anybody seen my phone? Where is it?"
@@ -115,24 +121,24 @@ def parse(text: str, names: Names, key: Key) -> Asked | None:
     return best
 
 
-def _says_less(asked: Asked, before: Asked) -> bool:
+def _says_less(asked: ParsedUtterance, before: ParsedUtterance) -> bool:
     """Whether a later sentence adds nothing: "how many chairs are there? How many is it?"."""
     plain = asked.head is None or asked.head.bare
     return (asked.kind == "find" and plain) or (asked.kind == before.kind and _pronoun(asked))
 
 
-def _pronoun(asked: Asked) -> bool:
+def _pronoun(asked: ParsedUtterance) -> bool:
     return asked.head is None or (asked.head.generic and asked.head.bare)
 
 
-def _sentence(sentence: str, names: Names, key: Key) -> Asked | None:
+def _sentence(sentence: str, names: EntityVocabulary, key: Key) -> ParsedUtterance | None:
     said = WORD.findall(sentence)
     clauses = [k for k, part in enumerate(sentence.split(",")) for _ in WORD.findall(part)]
     text = " ".join(said)
     core = AFTER.sub("", BEFORE.sub("", text))
     for command, pattern in COMMANDS:
         if pattern.search(BEFORE.sub("", text)):
-            return Asked(command, need=text)
+            return ParsedUtterance(command, need=text)
     mentions = _mentions(said, names, key)
     kind, by, at = _question(core)
     if kind == "find" and sentence.rstrip().endswith("?") and OPEN_STATEMENT.search(core) and not CUE.search(core):
@@ -150,7 +156,11 @@ def _sentence(sentence: str, names: Names, key: Key) -> Asked | None:
         told = (_relation(place[k:]) for k in range(len(place)))  # "lying around on the"
         relation = next((kind for kind in told if kind in RELATIONS.values()), "")
         if relation in RELATIONS.values():  # "what is on the table"
-            phrases = [Phrase("things", generic=True, plural=True, relations=(Constraint(relation, phrases[0]),))]
+            phrases = [
+                ReferringExpression(
+                    "things", generic=True, plural=True, relations=(SpatialRelation(relation, phrases[0]),)
+                )
+            ]
     if kind == "compare":
         return _compared(said, mentions, by, text)
     head = _head(phrases, kind)
@@ -170,7 +180,7 @@ def _sentence(sentence: str, names: Names, key: Key) -> Asked | None:
         here = [i for i in range(len(said)) if first is None or clauses[i] == clauses[first.start]]
         rest = [said[i] for i in here if i not in used and i not in names_in]
         telling = [w for w in rest if w not in FILLERS and w not in POLITE and w not in AROUND and w not in MOST]
-        return Asked(
+        return ParsedUtterance(
             "find",
             head,
             need=need,
@@ -178,9 +188,9 @@ def _sentence(sentence: str, names: Names, key: Key) -> Asked | None:
         )
     if kind in ("count", "exists") and head is None:
         unknown = _unknown(core)
-        head = Phrase(unknown) if unknown else None
+        head = ReferringExpression(unknown) if unknown else None
     other = next((p for p in phrases if p is not head), None) if kind == "far" else None
-    return Asked(kind, head, other, need=text)
+    return ParsedUtterance(kind, head, other, need=text)
 
 
 def _need(said: Sequence[str], used: set[int]) -> str:
@@ -193,7 +203,7 @@ def _need(said: Sequence[str], used: set[int]) -> str:
     return " ".join(word for i, word in enumerate(said) if i not in out)
 
 
-def _compared(said: Sequence[str], mentions: Sequence[_Mention], by: str, text: str) -> Asked | None:
+def _compared(said: Sequence[str], mentions: Sequence[_Mention], by: str, text: str) -> ParsedUtterance | None:
     """The names on both sides of "or" or "than"; what else is named is what the nearer one is nearer to."""
     middle = next(i for i, word in enumerate(said) if word in ("or", "than"))
     things = [m for m in mentions if m.phrase.rooms is None and not m.phrase.generic]
@@ -203,12 +213,12 @@ def _compared(said: Sequence[str], mentions: Sequence[_Mention], by: str, text: 
     one, other = left[-1].phrase, right[0].phrase
     to = next((m.phrase for m in things if m.phrase is not one and m.phrase is not other), None)
     clean = [replace(phrase, size="", most="") for phrase in (one, other)]
-    return Asked("compare", clean[0], clean[1], SIZES.get(by, by), text, to=to)
+    return ParsedUtterance("compare", clean[0], clean[1], SIZES.get(by, by), text, to=to)
 
 
-def _with_what_it_is(phrases: Sequence[Phrase]) -> list[Phrase]:
+def _with_what_it_is(phrases: Sequence[ReferringExpression]) -> list[ReferringExpression]:
     """What is said of "it" or "one" belongs to what was named before: "my mug, I left it on the desk"."""
-    told: list[Phrase] = []
+    told: list[ReferringExpression] = []
     for phrase in phrases:
         stands = phrase.said in STANDS_FOR and (phrase.definite or not phrase.said.startswith("one"))
         if told and stands and not phrase.bare and not told[-1].generic and told[-1].rooms is None:
@@ -218,7 +228,9 @@ def _with_what_it_is(phrases: Sequence[Phrase]) -> list[Phrase]:
     return told
 
 
-def _put_in_rooms(said: Sequence[str], mentions: Sequence[_Mention], phrases: list[Phrase], used: set[int]) -> None:
+def _put_in_rooms(
+    said: Sequence[str], mentions: Sequence[_Mention], phrases: list[ReferringExpression], used: set[int]
+) -> None:
     """A room that is told by itself says where the thing is: "in the kitchen, the lamp", "something to eat in the kitchen"."""
     things = [p for p in phrases if p.rooms is None]
     rooms = [p for p in phrases if p.rooms is not None]
@@ -229,7 +241,7 @@ def _put_in_rooms(said: Sequence[str], mentions: Sequence[_Mention], phrases: li
     if at is None or before not in (["in"], ["inside"], ["from"], ["within"], ["of"]):
         return
     first = phrases.index(things[0])
-    phrases[first] = replace(things[0], relations=(Constraint("in", rooms[0]), *things[0].relations))
+    phrases[first] = replace(things[0], relations=(SpatialRelation("in", rooms[0]), *things[0].relations))
     phrases.remove(rooms[0])
     preposition = max((i for i in range(at.start) if said[i] == before[0]), default=at.start)
     used |= set(range(preposition, at.end))
@@ -265,7 +277,7 @@ def _question(core: str) -> tuple[Kind, str, int]:
     return "find", "", 0
 
 
-def _head(phrases: Sequence[Phrase], kind: Kind) -> Phrase | None:
+def _head(phrases: Sequence[ReferringExpression], kind: Kind) -> ReferringExpression | None:
     """The thing that a sentence is about: the first that is one, and of a list also a room."""
     things = [phrase for phrase in phrases if phrase.rooms is None]
     named = [phrase for phrase in things if not phrase.generic or not phrase.bare]
@@ -286,7 +298,7 @@ def _unknown(core: str) -> str:
     return found[1].strip() if found else ""
 
 
-def _mentions(said: Sequence[str], names: Names, key: Key) -> list[_Mention]:
+def _mentions(said: Sequence[str], names: EntityVocabulary, key: Key) -> list[_Mention]:
     """Names of things and rooms, longest first at each place, with what stands before them."""
     found, i, free_from = [], 0, 0
     while i < len(said):
@@ -304,14 +316,14 @@ def _mentions(said: Sequence[str], names: Names, key: Key) -> list[_Mention]:
     return found
 
 
-def _named(said: Sequence[str], start: int, end: int, names: Names, key: Key) -> Phrase | None:
+def _named(said: Sequence[str], start: int, end: int, names: EntityVocabulary, key: Key) -> ReferringExpression | None:
     words = " ".join(said[start:end])
     name = key(words)
     plural = said[end - 1] != name and said[end - 1].endswith("s") and not name.endswith("s")
     if (end - start == 1 and (words in COLOURS or words in SIDES)) or (end - start > 1 and said[start] in AROUND):
         return None
     if name in names.rooms:
-        return Phrase(words, rooms=names.rooms[name])
+        return ReferringExpression(words, rooms=names.rooms[name])
     room_first = end - start > 1 and any(key(" ".join(said[start:k])) in names.rooms for k in range(start + 1, end))
     if room_first and name not in map(key, names.things.get(name, ())):
         return None  # the bathroom sink is a sink in the bathroom
@@ -326,20 +338,22 @@ def _named(said: Sequence[str], start: int, end: int, names: Names, key: Key) ->
         last = key(said[end - 1])
         if not labels and last in names.things:  # a wine bottle is a bottle
             labels = frozenset(label for label in names.things[last] if key(label) == last)
-        return None if verb and end - start == 1 else Phrase(words, labels, plural=plural)
+        return None if verb and end - start == 1 else ReferringExpression(words, labels, plural=plural)
     if (
         end - start == 1
         and words in GENERIC
         and not (words == "one" and end < len(said) and said[end] in ("of", "more"))
         and not (words == "it" and said[max(start - 1, 0)] == "of")
     ):
-        return Phrase(words, generic=True, plural=words in PLURAL)
+        return ReferringExpression(words, generic=True, plural=words in PLURAL)
     if words in ("other", "others", "another") and end == len(said):
-        return Phrase(words, generic=True, other=True)
+        return ReferringExpression(words, generic=True, other=True)
     return None
 
 
-def _described(said: Sequence[str], free_from: int, start: int, end: int, phrase: Phrase) -> tuple[int, int, Phrase]:
+def _described(
+    said: Sequence[str], free_from: int, start: int, end: int, phrase: ReferringExpression
+) -> tuple[int, int, ReferringExpression]:
     """A name with the adjectives and the article before it, and "on the left" after it."""
     i, colours = start, list[str]()
     while i > free_from:
@@ -368,11 +382,11 @@ def _described(said: Sequence[str], free_from: int, start: int, end: int, phrase
     return i, end, phrase
 
 
-def _joined(said: Sequence[str], mentions: Sequence[_Mention]) -> tuple[list[Phrase], set[int]]:
+def _joined(said: Sequence[str], mentions: Sequence[_Mention]) -> tuple[list[ReferringExpression], set[int]]:
     """The phrases with their relations, and the words that only say where."""
-    phrases, used, k = list[Phrase](), set[int](), len(mentions) - 1
-    after: Phrase | None = None  # the phrase to the right, with all that belongs to it
-    spare: Phrase | None = None  # the one after it, for "between"
+    phrases, used, k = list[ReferringExpression](), set[int](), len(mentions) - 1
+    after: ReferringExpression | None = None  # the phrase to the right, with all that belongs to it
+    spare: ReferringExpression | None = None  # the one after it, for "between"
     for k in range(len(mentions) - 1, -1, -1):
         here = mentions[k]
         phrase, gap_end = here.phrase, mentions[k + 1].start if k + 1 < len(mentions) else len(said)
@@ -387,11 +401,11 @@ def _joined(said: Sequence[str], mentions: Sequence[_Mention]) -> tuple[list[Phr
             last = next(ends, 0)
             kind = _relation(gap[last:]) if last else kind
         if after is not None and kind == "" and gap_end == here.end and phrase.rooms is not None:
-            after = replace(after, relations=(Constraint("in", phrase), *after.relations))  # the kitchen table
+            after = replace(after, relations=(SpatialRelation("in", phrase), *after.relations))  # the kitchen table
             used |= set(range(here.start, here.end))
             continue
         if after is not None and kind in RELATIONS.values() and not (phrase.rooms is not None):
-            constraint = Constraint(
+            constraint = SpatialRelation(
                 "in" if kind == "of" and after.rooms is not None else kind, after, spare if kind == "between" else None
             )
             if kind != "of" or after.rooms is not None:
@@ -408,7 +422,7 @@ def _joined(said: Sequence[str], mentions: Sequence[_Mention]) -> tuple[list[Phr
     return phrases, used
 
 
-def _side(phrase: Phrase, rest: Sequence[str]) -> Phrase:
+def _side(phrase: ReferringExpression, rest: Sequence[str]) -> ReferringExpression:
     """ "The lamp on the left", "the lamp closest to me", "the one farthest away"."""
     text = " ".join(word for word in rest if word not in ("the", "that", "is", "which", "one"))
     found = SIDE.match(text)

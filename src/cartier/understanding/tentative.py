@@ -5,17 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+from cartier.labels import plain, words
 from cartier.spatial.query import Scene, called
 from cartier.types import MapObject, Selection
 from cartier.understanding.answers import one
 from cartier.understanding.dialogue import FEW, NO, YES
-from cartier.labels import plain, words
 
 MOST_REFUSING = 2  # words; "no, the sink" asks for something else
 OFFER = "Shall I look there?"
 
 
-def perhaps(scene: Scene) -> list[MapObject]:
+def tentative_matches(scene: Scene) -> list[MapObject]:
     """What may be there, and is not listed by its name; the likeliest first."""
     listed = {name for thing in scene.objects for name in (thing.label, *thing.names)}
     return [thing for thing in scene.maybe if not called(thing, listed)]
@@ -25,20 +25,20 @@ def offer(thing: MapObject, scene: Scene, model: str) -> Selection:
     """A question instead of a goal."""
     where = scene.whereabouts(thing)
     question = f"I may have seen {one(thing.label)}{f' {where}' if where else ''}, but too seldom to be sure. {OFFER}"
-    reason = f"seen in {thing.sightings} of {thing.chances} frames that could show it"
-    return Selection("clarify", reason=reason, question=question, say=question, model=model)
+    reason = f"seen in {thing.n_detected} of {thing.n_observable} frames that could show it"
+    return Selection("clarify", reason=reason, question=question, text=question, model=model)
 
 
 def maybe_there(thing: MapObject, model: str) -> Selection:
     """What was offered, to who wants it."""
     reason, say = "it may be there: seen too seldom to be sure", f"I look for the {thing.label}."
-    return Selection("found", thing.label, reason=reason, object_id=thing.id, say=say, model=model)
+    return Selection("found", thing.label, reason=reason, object_id=thing.id, text=say, model=model)
 
 
 def usual_place(near: Selection) -> Selection:
     """A question instead of driving to where a thing that was never seen is usually kept."""
     question = f"{near.reason[:1].upper()}{near.reason[1:]}. {OFFER}"
-    return replace(near, status="clarify", object=None, object_id=None, question=question, say=question)
+    return replace(near, status="clarify", object=None, object_id=None, question=question, text=question)
 
 
 def accepted(query: str, dialogue: Sequence[tuple[str, str]]) -> bool | None:

@@ -52,7 +52,7 @@ class Sentence(NamedTuple):
     weight: float
 
 
-class Heard(NamedTuple):
+class Utterance(NamedTuple):
     """A request: its tokens (words and punctuation, lower-case) and its sentences that tell something."""
 
     tokens: list[str]
@@ -70,7 +70,7 @@ class Mention(NamedTuple):
     last: bool
 
 
-def listen(text: str, correct: Callable[[str], str] = str) -> Heard:
+def listen(text: str, correct: Callable[[str], str] = str) -> Utterance:
     """Sentences of a request; the last, and those that wish for something, count more than stories of the past."""
     tokens = [t if t == "\n" else correct(t) for t in TOKEN.findall(plain(text[-MOST_CHARACTERS:]))]
     parts: list[list[int]] = [[]]
@@ -88,7 +88,7 @@ def listen(text: str, correct: Callable[[str], str] = str) -> Heard:
         if PAST.search(said) and not wish:
             weight *= 0.7
         heard.append(_sentence(tokens, part, weight))
-    return Heard(tokens, heard)
+    return Utterance(tokens, heard)
 
 
 def _sentence(tokens: list[str], part: list[int], weight: float) -> Sentence:
@@ -116,7 +116,7 @@ def _clauses(tokens: list[str], part: list[int]) -> Iterator[list[int]]:
     yield clause
 
 
-def mentions(heard: Heard, known: Container[str]) -> Iterator[Mention]:
+def mentions(heard: Utterance, known: Container[str]) -> Iterator[Mention]:
     """The known names in a request, longest first at each place: in ``toilet paper`` there is no ``toilet``."""
     for sentence in heard.sentences:
         yield from _mentions(sentence, known, sentence is heard.sentences[-1])

@@ -39,7 +39,7 @@ def ask(
         chosen = reasoner.select(query, Inventory.of(kept), dialogue)
     else:
         said = ", ".join(places) or "nothing"
-        chosen = Selection("absent", reason=f"proposed {said}; the map holds none of it")
+        chosen = Selection("not_found", reason=f"proposed {said}; the map holds none of it")
     took = {"select": (time.perf_counter() - begin) * 1e3}
     place = kept.get(chosen.object) if chosen.object is not None else None
     alone = Selection(

@@ -32,7 +32,9 @@ def ask(
     place = searched.locate(query)
     took = {"locate": (time.perf_counter() - begin) * 1e3}
     if place is None:
-        return serve(home, query, Selection("absent", reason="the map is empty"), "none", index=name, from_xy=from_xy)
+        return serve(
+            home, query, Selection("not_found", reason="the map is empty"), "none", index=name, from_xy=from_xy
+        )
     there = {label: known.position for label in home.names if (known := searched.locate(label)) is not None}
     nearest = min(there, key=lambda label: sum((a - b) ** 2 for a, b in zip(there[label], place.position, strict=True)))
     chosen = Selection(

@@ -11,8 +11,7 @@ import numpy as np
 
 from cartier.errors import InputError
 from cartier.io.files import read_json
-from cartier.mapping.existence import calibration_from
-from cartier.types import Array, Calibration
+from cartier.types import Array, DetectorScoreModel
 
 FOLDER = Path(__file__).parent
 WIDTH = 384  # of the text encoder's vectors
@@ -24,7 +23,7 @@ class DetectorModel:
     """The file of the network, what it was made to know, and how to read it.
 
     ``size`` is the input's (w, h) in pixels; ``names`` are the classes in the network's order, ``around`` the words for what
-    is no thing; ``calibration`` says what its reports are worth; ``trained`` says on what it was. ``words`` (1 + D, 384): the middle of the names' vectors, and the D directions in
+    is no thing; ``score_model`` says what its reports are worth; ``trained`` says on what it was. ``words`` (1 + D, 384): the middle of the names' vectors, and the D directions in
     which the network's features say how another text vector differs from it.
     """
 
@@ -33,7 +32,7 @@ class DetectorModel:
     size: tuple[int, int]
     names: tuple[str, ...]
     around: tuple[str, ...]
-    calibration: Calibration
+    score_model: DetectorScoreModel
     trained: str
     words: Array
 
@@ -58,14 +57,14 @@ def load(folder: Path = FOLDER) -> DetectorModel:
         width, height = (int(side) for side in told["size"])
         names, around = (tuple(str(name) for name in told[key]) for key in ("names", "around"))
         digests = {file: str(told["sha256"][file]) for file in (MODEL, WORDS)}
-        calibration, trained = calibration_from(told["calibration"]), str(told["trained"])
+        score_model, trained = DetectorScoreModel.from_dict(told["score_model"]), str(told["trained"])
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(f"{beside} is damaged ({type(error).__name__}: {error}): install cartier again") from error
     if not (0 < width <= 4096 and 0 < height <= 4096 and names and around):
         raise InputError(f"{beside} is damaged (a size or the names): install cartier again")
     _same(path, digests[MODEL])
     words = _words(folder / WORDS, _same(folder / WORDS, digests[WORDS]))
-    return DetectorModel(path, digests[MODEL], (width, height), names, around, calibration, trained, words)
+    return DetectorModel(path, digests[MODEL], (width, height), names, around, score_model, trained, words)
 
 
 def _same(path: Path, digest: str) -> bytes:

@@ -38,7 +38,7 @@ function show(result) {
   chosen = told.id === undefined ? null : told.id;
   el("stage").hidden = false;
   const rooms = plan.data.rooms.length > 1 ? ` in the ${told.room}` : "";
-  el("what").textContent = told.say || told.question || (told.object || told.label ? `${told.name || told.object || told.label}${told.room ? rooms : ""}` : "");
+  el("what").textContent = told.text || told.question || (told.object || told.label ? `${told.name || told.object || told.label}${told.room ? rooms : ""}` : "");
   el("why").textContent = told.reason || "";
   el("sure").textContent = told.certainty === undefined ? "" : `${Math.round(told.certainty * 100)} % sure: ${told.evidence}`;
   el("way").textContent = told.goal ? inWords(told.goal) : told.why_no_goal || "";

@@ -86,7 +86,7 @@ async function ask(words) {
 }
 function answer(into, told) {
   const parts = [], goalText = told.goal ? make("small", {}, inWords(told.goal)) : null;
-  const head = told.say || (told.object ? `${told.status === "near" ? "Likely near the " : ""}${told.name || told.object}${told.room ? `, in the ${told.room}` : ""}.` : told.question || "Nothing here serves that.");
+  const head = told.text || (told.object ? `${told.status === "likely_near" ? "Likely near the " : ""}${told.name || told.object}${told.room ? `, in the ${told.room}` : ""}.` : told.question || "Nothing here serves that.");
   parts.push(make("p", {}, head[0].toUpperCase() + head.slice(1)), told.reason ? make("small", {}, told.reason) : null, goalText, ...(told.notes || []).map((n) => make("small", {}, n)));
   const ids = (told.ids || []).map(byId).filter(Boolean), names = told.status === "clarify" ? (told.candidates || []).map(([n]) => n) : [];
   const options = ids.length ? ids : data.objects.filter((t) => t.confirmed && (names.includes(t.label) || t.names.some((n) => names.includes(n))));
@@ -94,7 +94,7 @@ function answer(into, told) {
   if (options.length) parts.push(make("div", { class: "choices" }, ...options.slice(0, 12).map((t) => { const b = button(apart(t, options), () => choose(t.id)); b.prepend(dot(t)); return b; })));
   into.replaceChildren(...parts.filter(Boolean));
   if (told.id !== undefined) choose(told.id, told.goal || undefined); else choose(null);
-  for (const further of told.then || []) answer(say("robot", ""), further);
+  for (const further of told.next || []) answer(say("robot", ""), further);
   if (el("mic").dataset.used) speechSynthesis.speak(new SpeechSynthesisUtterance(head));
 }
 function apart(thing, others) { // its name, and what tells it from those of the same name

@@ -63,8 +63,8 @@ class Stored {
       const label = this.serves(asked);
       best = this.data.objects.filter((t) => t.confirmed && t.label === label);
     }
-    if (!best.length) return { status: "absent", reason: "Nothing here has such a name or use. This file only compares words: serve the home to ask for anything.", goal: null };
-    if (/\bhow many\b/i.test(words)) return { status: "told", say: `${best.length} × ${best[0].label}`, ids: best.map((t) => t.id), goal: null };
+    if (!best.length) return { status: "not_found", reason: "Nothing here has such a name or use. This file only compares words: serve the home to ask for anything.", goal: null };
+    if (/\bhow many\b/i.test(words)) return { status: "answered", text: `${best.length} × ${best[0].label}`, ids: best.map((t) => t.id), goal: null };
     if (best.length > 1) return { status: "clarify", question: `There are ${best.length}. Which one?`, ids: best.map((t) => t.id), goal: null };
     return { status: "found", object: called(best[0]), id: best[0].id, goal: this.data.goals[best[0].id] };
   }

@@ -54,7 +54,7 @@ class Knowledge:
         likeness: Array = self._means @ self._means[card]
         return likeness
 
-    def twins(self, one: int, other: int) -> bool:
+    def near_synonyms(self, one: int, other: int) -> bool:
         """Whether two cards are much the same: called alike and good for the same, such as a pan and a frying pan."""
         if self._means[one] @ self._means[other] <= MUCH_ALIKE:
             return False
