@@ -56,8 +56,8 @@ RULES: dict[str, tuple[tuple[Any, str, Any], ...]] = {
     "sentence weights": ((utterance, "_sentence", lambda tokens, part, weight: SENTENCE(tokens, part, 1.0)),),
     "alone": ((need_scorer, "ALONE", 0.0),),
     "word matching": ((need_scorer.Lexicon, "fits", lambda self, said, out: {}),),
-    "general words": ((candidates.Things, "_ends", lambda *args: ()),),
-    "near_synonyms": ((candidates.Things, "near_synonyms", lambda *args: frozenset()),),
+    "general words": ((candidates.Candidates, "_ends", lambda *args: ()),),
+    "near_synonyms": ((candidates.Candidates, "near_synonyms", lambda *args: frozenset()),),
     "the decision": ((outcome_classifier.Choice, "decide", lambda *args: "found"),),
     "several needs": ((embedded, "_parts", lambda text: [text]),),
     "speech acts": ((embedded, "sort_out", lambda heard, known: embedded.DialogueAct("", "", "outright")),),
@@ -82,15 +82,15 @@ class Remembered:
 class Measures:
     """All that a reasoner is measured by, ready to be asked."""
 
-    def __init__(self, reference: Path, maps: Path, things: Path) -> None:
+    def __init__(self, reference: Path, maps: Path, candidates: Path) -> None:
         self.deck = read_deck(SHIPPED)
         kept = Maps(maps, MapSettings())
         self.homes = {name: kept.get(name).inventory() for name in kept.world.homes()}
         self.truth = {n: {display_name(t.label) for t in kept.world.objects(n)} for n in self.homes}
         self.lists = Homes(self.deck, reference)
         self.requests = [r for r in read_requests(self.deck) if r.style in REPORTED]
-        self.things, self.settings = things, things_run.ThingsSettings(detectors=("ground_truth",), queries="made")
-        self.items = things_run.requests(self.settings, things)
+        self.things, self.settings = candidates, things_run.ThingsSettings(detectors=("ground_truth",), queries="made")
+        self.items = things_run.requests(self.settings, candidates)
 
     def of(self, reasoner: embedded.Embedded) -> Iterator[str]:
         for split in ("paper", "extended"):

@@ -87,7 +87,7 @@ def main() -> int:
 def names_in(inventory: Inventory) -> list[str]:
     """All that a home has, as prompts and turns of a conversation write it."""
     rooms = [name for room in inventory.rooms for name in (room.name, room_ref(room.name, room.id))]
-    return [*inventory.names, *(object_ref(thing.label, thing.id) for thing in inventory.objects), *rooms]
+    return [*inventory.names, *(object_ref(obj.label, obj.id) for obj in inventory.objects), *rooms]
 
 
 if __name__ == "__main__":

@@ -166,7 +166,7 @@ def dense_features(recording: Recording | Kept, detector: Any, outputs: Outputs,
     vectors = encoder.text([*names, *detector.model.around])
     truth = plugins.make("detectors", "ground_truth", truth=recording.truth)
     maps = {name: plugins.make("indexes", "vlmaps", encoder=made_by) for name, made_by in MAPS.items()}
-    true_names = {thing.id: display_name(thing.label) for thing in recording.truth or ()}
+    true_names = {obj.id: display_name(obj.label) for obj in recording.truth or ()}
     for number in range(0, len(recording), DENSE_STEP):
         frame = recording[number]
         features = encoder.image(frame)
@@ -176,8 +176,8 @@ def dense_features(recording: Recording | Kept, detector: Any, outputs: Outputs,
             for cells, pixels in zip(features.shape[:2], frame.instances.shape, strict=True)
         )
         shown, nearest = frame.instances[np.ix_(rows, columns)], (features @ vectors.T).argmax(2)
-        for thing in np.unique(shown):
-            name, mine = true_names.get(int(thing), ""), shown == thing
+        for obj in np.unique(shown):
+            name, mine = true_names.get(int(obj), ""), shown == obj
             right = nearest[mine] == names.index(name) if name else nearest[mine] >= len(names)
             outputs.cells[name] += int(right.sum()), len(right)
         found = outputs.found[number].keep(outputs.found[number].scores >= detector.model.score_model.threshold)
@@ -194,9 +194,9 @@ def report_cells(all_outputs: Sequence[Outputs], far: dict[str, list[float]]) ->
             cells[name] += counts
     shares = {name: right / count for name, (right, count) in cells.items()}
     right, count = np.sum(list(cells.values()), axis=0)
-    things = [shares[name] for name in cells if name]
-    print(f"cells: {right / count:.3f} of all are right, {shares['']:.3f} of walls and floors, {np.mean(things):.3f} as a mean "
-          f"over {len(things)} types")  # fmt: skip
+    objs = [shares[name] for name in cells if name]
+    print(f"cells: {right / count:.3f} of all are right, {shares['']:.3f} of walls and floors, {np.mean(objs):.3f} as a mean "
+          f"over {len(objs)} types")  # fmt: skip
     for name, metres in far.items():
         print(f"VLMaps {name}: {len(metres)} names found at {np.mean(metres):.2f} m on average, median {np.median(metres):.2f} m, "
               f"{np.mean(np.array(metres) <= 1):.0%} within 1 m")  # fmt: skip

@@ -29,7 +29,7 @@ OUTSIDE_M = 0.02
 
 def inside_their_boxes(recording: Recording) -> tuple[int, int, set[int]]:
     """Depth pixels of things that lie in their true boxes (2 cm), all of them, and the ids seen with 200 pixels or more."""
-    boxes = {thing.id: (np.array(thing.box_min), np.array(thing.box_max)) for thing in recording.truth or ()}
+    boxes = {obj.id: (np.array(obj.box_min), np.array(obj.box_max)) for obj in recording.truth or ()}
     good = total = 0
     seen: set[int] = set()
     for number in range(0, len(recording), 3):
@@ -53,7 +53,7 @@ def distances(index: SpatialIndex, recording: Recording) -> list[tuple[float, st
     for name in index.names():
         place = index.locate(name)
         assert place is not None
-        same = [thing for thing in recording.truth or () if display_name(thing.label) == name]
+        same = [obj for obj in recording.truth or () if display_name(obj.label) == name]
         nearest = min(
             float(box_distance(np.array(place.position), np.array(t.box_min), np.array(t.box_max))) for t in same
         )

@@ -111,7 +111,7 @@ def _read(open_it: Callable[[], Any]) -> Any:
     except CartierError as error:
         return f"refused: {error}"
     if isinstance(read, cartier.Home):
-        places = {(name, thing): index.locate(thing) for name, index in read.indexes.items() for thing in read.names}
+        places = {(name, obj): index.locate(obj) for name, index in read.indexes.items() for obj in read.names}
         return (read.id, read.objects, places, dict(read.photos), dict(read.growth))
     return read
 

@@ -25,7 +25,6 @@ from multiprocessing import get_context
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
-from spatial import DETECTORS, Contacts, Figures, Mapped
 
 from cartier import plugins
 from cartier.geometry import box_distance
@@ -33,6 +32,7 @@ from cartier.labels import display_name
 from cartier.mapping.object_map import ObjectMap
 from cartier.mapping.occupancy import OccupancyMapper
 from cartier.types import Array, Camera, Detections, DetectorScoreModel, Frame, MapObject, OccupancyGrid, TrueObject
+from spatial import DETECTORS, Contacts, Figures, Mapped
 
 SAME_M = 0.5
 SHOWN_PX = 400
@@ -40,21 +40,21 @@ FIRST_GENERATED = 70_001  # neither the detector nor its score_model was made on
 BUDGET = 30, 300  # detections in a frame, and objects known, of which the cost is measured
 
 
-def one_to_one(objects: Sequence[MapObject], things: Sequence[TrueObject], named: bool = True) -> dict[int, int]:
+def one_to_one(objects: Sequence[MapObject], objs: Sequence[TrueObject], named: bool = True) -> dict[int, int]:
     """The things that objects are, both by their place in the lists; ``named``: only of the same name."""
-    cost = np.full((len(objects), len(things)), 1e6)
-    for k, thing in enumerate(things):
-        low, high = np.array(thing.box_min), np.array(thing.box_max)
+    cost = np.full((len(objects), len(objs)), 1e6)
+    for k, obj in enumerate(objs):
+        low, high = np.array(obj.box_min), np.array(obj.box_max)
         for i, mapped in enumerate(objects):
             far = float(box_distance(np.array(mapped.position), low, high))
-            if far <= SAME_M and (not named or mapped.label == display_name(thing.label)):
+            if far <= SAME_M and (not named or mapped.label == display_name(obj.label)):
                 cost[i, k] = far + 0.2 * float(np.linalg.norm(np.array(mapped.position) - (low + high) / 2))
     return {int(i): int(k) for i, k in zip(*linear_sum_assignment(cost), strict=True) if cost[i, k] < 1e6}
 
 
 def changed(before: Sequence[MapObject], after: Sequence[MapObject]) -> int:
     """How many confirmed objects of one map have no counterpart in the other one, lost and new together."""
-    one, other = ([thing for thing in objects if thing.confirmed] for objects in (before, after))
+    one, other = ([obj for obj in objects if obj.confirmed] for objects in (before, after))
     as_things = [TrueObject(o.id, o.label, o.box_min, o.box_max) for o in one]
     same = one_to_one(other, as_things)
     return len(one) + len(other) - 2 * len(same)
@@ -64,7 +64,7 @@ def changed(before: Sequence[MapObject], after: Sequence[MapObject]) -> int:
 class Home:
     """One home, mapped by one detector in all variants."""
 
-    things: list[TrueObject]
+    objs: list[TrueObject]
     pixels: Array
     """In how many pixels each thing was shown at best."""
     maps: dict[str, tuple[MapObject, ...]]
@@ -81,10 +81,10 @@ class Counts:
     wrong: list[str] = field(default_factory=list)
 
     def add(self, home: Home) -> None:
-        seen = [thing for thing, pixels in zip(home.things, home.pixels, strict=True) if pixels > 0]
+        seen = [obj for obj, pixels in zip(home.things, home.pixels, strict=True) if pixels > 0]
         shown = {k for k, pixels in enumerate(home.pixels[home.pixels > 0]) if pixels >= SHOWN_PX}
         every = home.maps["every frame"]
-        listed = [thing for thing in every if thing.confirmed]
+        listed = [obj for obj in every if obj.confirmed]
         is_of, blind = one_to_one(listed, seen), one_to_one(listed, seen, named=False)
         near = [self._nearest(mapped, seen) for mapped in listed]
         entries = [k for k in near if k is not None]
@@ -96,7 +96,7 @@ class Counts:
             "exact": sum(self._exact(kind, listed, seen, shown, is_of) for kind in kinds),
         }.items():  # fmt: skip
             self._count(name, value)
-        fewer = [thing for thing in home.maps["every 4th"] if thing.confirmed]
+        fewer = [obj for obj in home.maps["every 4th"] if obj.confirmed]
         self._count("listed of 4th", len(fewer))
         self._count("invented of 4th", sum(self._nearest(mapped, seen) is None for mapped in fewer))
         for variant in ("shuffled", "twice"):
@@ -122,8 +122,8 @@ class Counts:
     @staticmethod
     def _nearest(mapped: MapObject, seen: Sequence[TrueObject]) -> int | None:
         far = [
-            (float(box_distance(np.array(mapped.position), np.array(thing.box_min), np.array(thing.box_max))), k)
-            for k, thing in enumerate(seen) if display_name(thing.label) == mapped.label
+            (float(box_distance(np.array(mapped.position), np.array(obj.box_min), np.array(obj.box_max))), k)
+            for k, obj in enumerate(seen) if display_name(obj.label) == mapped.label
         ]  # fmt: skip
         least, nearest = min(far, default=(np.inf, 0))
         return nearest if least <= SAME_M else None
@@ -164,13 +164,13 @@ def _ece(told: Sequence[tuple[float, bool]]) -> float:
 def walked(name: str) -> tuple[OccupancyGrid, dict[str, Home]]:
     """A home's floor plan, and what each detector makes of its walk: three times, since frames are not kept."""
     world = plugins.make("worlds", "dollhouse")
-    recording, things = world.explore(name), world.scene(name).truth()
+    recording, objs = world.explore(name), world.scene(name).truth()
     n, floor, found = len(recording), OccupancyMapper(), dict[int, Detections]()
-    truth = plugins.make("detectors", "ground_truth", truth=things, source=name)
+    truth = plugins.make("detectors", "ground_truth", truth=objs, source=name)
     pixels_only = plugins.make("detectors", "embedded", threads=1)
     detectors = {"ground_truth": truth, "embedded": pixels_only}
     maps = {key: defaultdict(lambda c=made.score_model: ObjectMap(c)) for key, made in detectors.items()}  # type: ignore[misc]
-    pixels, spent = np.zeros(max(t.id for t in things) + 1, np.int64), dict.fromkeys(detectors, 0.0)
+    pixels, spent = np.zeros(max(t.id for t in objs) + 1, np.int64), dict.fromkeys(detectors, 0.0)
     shuffled = np.random.default_rng(0).permutation(n)
     for turn, order in (("every frame", np.arange(n)), ("twice", np.arange(n)), ("shuffled", shuffled)):
         for number in order.tolist():
@@ -196,7 +196,7 @@ def walked(name: str) -> tuple[OccupancyGrid, dict[str, Home]]:
         for made in of.values():
             made.tidy()
         listed = {turn: made.objects() for turn, made in of.items()}
-        homes[key] = Home(list(things), pixels[[t.id for t in things]], listed, spent[key] / n * 1e3, size)
+        homes[key] = Home(list(objs), pixels[[t.id for t in objs]], listed, spent[key] / n * 1e3, size)
     grid = floor.grid()
     assert grid is not None
     return grid, homes
@@ -231,9 +231,9 @@ def report(title: str, names: Sequence[str]) -> None:
         for name, (grid, homes) in zip(names, pool.map(walked, names), strict=True):
             print(f"{name} …", end=" ", flush=True)
             scene = world.scene(name)
-            contacts, pixels = Contacts(scene), np.zeros(max(thing.id for thing in scene.things) + 1, np.int64)
+            contacts, pixels = Contacts(scene), np.zeros(max(obj.id for obj in scene.things) + 1, np.int64)
             for key, home in homes.items():
-                pixels[[thing.id for thing in home.things]] = home.pixels
+                pixels[[obj.id for obj in home.things]] = home.pixels
                 counts[key].add(home)
                 spatial[key].add(Mapped(scene, grid, home.maps["every frame"], pixels), contacts)
                 ms[key].append(home.ms)

@@ -87,7 +87,7 @@ def main() -> None:
     parser.add_argument("--clients", type=int, default=200)
     parser.add_argument("--seconds", type=float, default=60.0)
     asked = parser.parse_args()
-    objects = [thing for thing in Home.load(asked.home).objects if thing.confirmed]
+    objects = [obj for obj in Home.load(asked.home).objects if obj.confirmed]
     single = {t.label: t.id for t in objects if sum(o.label == t.label for o in objects) == 1}
     single = {name: k for name, k in single.items() if not any(name in o.label and name != o.label for o in objects)}
     with socket.socket() as listening:

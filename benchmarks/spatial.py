@@ -52,19 +52,19 @@ class Mapped:
 
     def __init__(self, scene: Scene, grid: OccupancyGrid, objects: Sequence[MapObject], pixels: Array) -> None:
         self.scene, self.grid = scene, grid
-        sure = [thing for thing in objects if thing.confirmed]
+        sure = [obj for obj in objects if obj.confirmed]
         begin = time.perf_counter()
         self.rooms = find_rooms(grid, sure)
         self.ms = (time.perf_counter() - begin) * 1e3
         self.objects = [replace(o, room=room) for o, room in zip(sure, rooms_of(sure, grid, self.rooms), strict=True)]
-        self.by_id = {thing.id: thing for thing in self.objects}
-        self.true = {thing.id: thing for thing in true_objects(scene)}
+        self.by_id = {obj.id: obj for obj in self.objects}
+        self.true = {obj.id: obj for obj in true_objects(scene)}
         self.shown = {i for i in self.true if i < len(pixels) and pixels[i] >= SHOWN_PX}
-        self.is_true = self._matched([thing for i, thing in self.true.items() if i < len(pixels) and pixels[i] > 0])
-        self.real = [thing for thing in self.objects if thing.id in self.is_true]
+        self.is_true = self._matched([obj for i, obj in self.true.items() if i < len(pixels) and pixels[i] > 0])
+        self.real = [obj for obj in self.objects if obj.id in self.is_true]
 
-    def truth(self, thing: MapObject) -> MapObject:
-        return self.true[self.is_true[thing.id]]
+    def truth(self, obj: MapObject) -> MapObject:
+        return self.true[self.is_true[obj.id]]
 
     def _matched(self, seen: Sequence[MapObject]) -> dict[int, int]:
         """One to one, by name and place."""
@@ -120,7 +120,7 @@ class Figures:
 
     def _supports(self, home: Mapped, contacts: Contacts, found: Mapping[int, Relation]) -> None:
         mapped = set(home.is_true.values())
-        held = {thing.id: contacts.mapped_holder(home.is_true[thing.id], mapped) for thing in home.real}
+        held = {obj.id: contacts.mapped_holder(home.is_true[obj.id], mapped) for obj in home.real}
         right = {
             i: (home.is_true.get(-1 if told.object is None else told.object), told.kind) == held.get(i, (None, None))
             for i, told in found.items()
@@ -150,15 +150,13 @@ class Figures:
     def _pairs(self, home: Mapped, contacts: Contacts) -> None:
         """Relations between things that are real, against the same ones between their true boxes."""
         real, rng = home.real, np.random.default_rng(0)
-        truth = [home.truth(thing) for thing in real]
-        for thing, true in zip(real, truth, strict=True):
+        truth = [home.truth(obj) for obj in real]
+        for obj, true in zip(real, truth, strict=True):
             beside = {other.id for other in truth if is_beside(true, other)}
-            self._judge(
-                "next to", home, next_to(thing, real), lambda r, beside=beside: r.subject in beside, len(beside)
-            )
+            self._judge("next to", home, next_to(obj, real), lambda r, beside=beside: r.subject in beside, len(beside))
             below = {(s, o) for s, o in contacts.covered if o == true.id}
             self._judge(
-                "under", home, under(thing, real), lambda r, below=below: (r.subject, r.object) in below, len(below)
+                "under", home, under(obj, real), lambda r, below=below: (r.subject, r.object) in below, len(below)
             )
         near = [
             (i, j) for i, j in itertools.permutations(range(len(real)), 2)
@@ -183,8 +181,8 @@ class Figures:
     ) -> None:
         for relation in told:
             pair = (home.is_true[i] if i is not None else None for i in (relation.subject, relation.object))
-            subject, thing = pair
-            self.told[name].append((relation.probability, holds(replace(relation, subject=subject or 0, object=thing))))
+            subject, obj = pair
+            self.told[name].append((relation.probability, holds(replace(relation, subject=subject or 0, object=obj))))
         self.true[name] += true
 
     def print(self, title: str) -> None:
@@ -203,17 +201,17 @@ class Figures:
         print(f"  {times}", flush=True)
 
 
-def _by_label(things: Sequence[MapObject]) -> dict[str, list[MapObject]]:
+def _by_label(objs: Sequence[MapObject]) -> dict[str, list[MapObject]]:
     found: dict[str, list[MapObject]] = defaultdict(list)
-    for thing in things:
-        found[thing.label].append(thing)
+    for obj in objs:
+        found[obj.label].append(obj)
     return found
 
 
-def _statements(things: Sequence[MapObject]) -> list[tuple[MapObject, list[MapObject], int]]:
+def _statements(objs: Sequence[MapObject]) -> list[tuple[MapObject, list[MapObject], int]]:
     """The Y, the Xs, and the id of the one that is "the X closest to the Y", of all Y that are alone of their name."""
     found = []
-    for ys, xs in itertools.permutations(_by_label(things).values(), 2):
+    for ys, xs in itertools.permutations(_by_label(objs).values(), 2):
         first = closest(ys[0], xs) if len(ys) == 1 else None
         if first is not None:
             found.append((ys[0], xs, first))

@@ -31,9 +31,9 @@ class Best:
 
     def __init__(self, home: Home, true: TrueHome, truth: dict[int, TrueObject]) -> None:
         self.home, self.true, self.truth = home, true, truth
-        self.objects = [thing for thing in home.objects if thing.confirmed]
-        self.by_id, self.holder = {thing.id: thing for thing in self.objects}, supports(self.objects)
-        self.things = {thing.id: thing for thing in true.objects}
+        self.objects = [obj for obj in home.objects if obj.confirmed]
+        self.by_id, self.holder = {obj.id: obj for obj in self.objects}, supports(self.objects)
+        self.things = {obj.id: obj for obj in true.objects}
         self.rooms = {room.id: room.kind for room in home.rooms}
 
     def right(self, item: Item) -> tuple[bool, float | None]:
@@ -50,12 +50,12 @@ class Best:
 
     def _mapped(self, item: Item) -> list[MapObject]:
         found = [self._of(self.things[i]) for i in item.accept_ids]
-        return [thing for thing in found if thing is not None]
+        return [obj for obj in found if obj is not None]
 
     def _of(self, true: MapObject) -> MapObject | None:
         far = {
-            k: float(np.linalg.norm(np.subtract(thing.position, true.position)))
-            for k, thing in enumerate(self.objects) if thing.label == true.label
+            k: float(np.linalg.norm(np.subtract(obj.position, true.position)))
+            for k, obj in enumerate(self.objects) if obj.label == true.label
         }  # fmt: skip
         nearest = min(far, key=lambda k: far[k], default=None)
         return None if nearest is None or far[nearest] > SAME_M else self.objects[nearest]
@@ -66,25 +66,25 @@ class Best:
     def _in_rooms_of(self, item: Item) -> list[MapObject]:
         """The map's objects in the rooms of what is accepted."""
         kinds = {self._kind(self.things[i]) for i in item.accept_ids}
-        return [thing for thing in self.objects if self.rooms.get(-1 if thing.room is None else thing.room) in kinds]
+        return [obj for obj in self.objects if self.rooms.get(-1 if obj.room is None else obj.room) in kinds]
 
     def _count(self, item: Item) -> int:
         labels = {self.things[i].label for i in item.accept_ids}
-        everywhere = sum(thing.label in labels for thing in self.true.objects) == item.answer
-        return sum(thing.label in labels for thing in (self.objects if everywhere else self._in_rooms_of(item)))
+        everywhere = sum(obj.label in labels for obj in self.true.objects) == item.answer
+        return sum(obj.label in labels for obj in (self.objects if everywhere else self._in_rooms_of(item)))
 
     def _exists(self, item: Item) -> bool:
         return bool(self._mapped(item))
 
     def _where(self, item: Item) -> str | None:
-        known = [self.rooms.get(-1 if thing.room is None else thing.room, "") for thing in self._mapped(item)]
+        known = [self.rooms.get(-1 if obj.room is None else obj.room, "") for obj in self._mapped(item)]
         known += [self.by_id[self.holder[o.id].object or 0].label for o in self._mapped(item) if o.id in self.holder]
         return next((word for word in known if score(item, Given("", "told", answer=word), self.truth).right), None)
 
     def _list(self, item: Item) -> list[str]:
         holders = {self.true.holder.get(i, (0, ""))[0] for i in item.accept_ids}
         if 0 in holders or len(holders) > 1:
-            return [thing.label for thing in self._in_rooms_of(item)]
+            return [obj.label for obj in self._in_rooms_of(item)]
         holder = self._of(self.things[holders.pop()])
         return [self.by_id[i].label for i, on in self.holder.items() if holder is not None and on.object == holder.id]
 
@@ -100,7 +100,7 @@ def main() -> None:
         right, f1 = defaultdict[str, list[bool]](list), list[float]()
         maps = Maps(keep, MapSettings(detector=detector, encoder=encoder_for(detector)), ("object_depth",))
         for name in dict.fromkeys(item.home for item in asked):
-            truth = {thing.id: thing for thing in maps.world.objects(name)}
+            truth = {obj.id: obj for obj in maps.world.objects(name)}
             best = Best(maps.get(name), true_home(maps.world, name, 0, keep), truth)
             for item in asked:
                 if item.home == name:

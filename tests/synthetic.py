@@ -46,11 +46,11 @@ def render(pose: np.ndarray, camera: Camera, objects: Sequence[TrueObject]) -> t
 
         depth = slabs(*ROOM)[1]
         ids = np.zeros(depth.shape, np.int32)
-        for thing in objects:
-            near, far = slabs(thing.box_min, thing.box_max)
+        for obj in objects:
+            near, far = slabs(obj.box_min, obj.box_max)
             hit = (near <= far) & (near > 1e-6) & (near < depth)
             depth = np.where(hit, near, depth)
-            ids[hit] = thing.id
+            ids[hit] = obj.id
     return depth.astype(np.float32), ids
 
 

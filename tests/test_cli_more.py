@@ -301,7 +301,7 @@ def test_show_prompt_prints_what_would_be_sent_and_sends_nothing(run: Run, home:
 
 
 def test_the_bench_asks_for_particular_things_and_scores_anybodys_answers(run: Run, tmp_path: Path) -> None:
-    mug = next(thing for thing in THINGS if thing.label.lower() == "mug")
+    mug = next(obj for obj in THINGS if obj.label.lower() == "mug")
     rows = [
         {
             "id": "m",

@@ -31,8 +31,8 @@ def home(tmp_path_factory: pytest.TempPathFactory) -> Home:
 
 
 def chair(home: Home) -> tuple[np.ndarray, np.ndarray]:
-    thing = next(t for t in home.objects if t.label == "chair")
-    return np.array(thing.box_min), np.array(thing.box_max)
+    obj = next(t for t in home.objects if t.label == "chair")
+    return np.array(obj.box_min), np.array(obj.box_max)
 
 
 @pytest.mark.parametrize("suffix", WRITERS)
@@ -56,7 +56,7 @@ def test_ply_in_trimesh_is_the_boxes_in_metres(home: Home, tmp_path: Path) -> No
     assert len(mesh.vertices) == 8 * len(every) and len(mesh.faces) == 12 * len(every)
     volume = sum(float(np.prod(np.subtract(box.high, box.low))) for box in every)
     assert mesh.volume == pytest.approx(volume, rel=1e-4), "all faces look outwards"
-    at = next(k for k, box in enumerate(every) if box.thing is not None and box.thing.label == "chair")
+    at = next(k for k, box in enumerate(every) if box.obj is not None and box.obj.label == "chair")
     corners = mesh.vertices[8 * at : 8 * at + 8]
     np.testing.assert_allclose([corners.min(0), corners.max(0)], chair(home), atol=1e-5)
     assert tuple(mesh.visual.vertex_colors[8 * at][:3]) == every[at].rgb
@@ -164,8 +164,8 @@ def test_geojson_in_shapely_is_the_floor_plan(home: Home, tmp_path: Path) -> Non
         assert shapes[f"room:{room.id}"].area == pytest.approx(area)
         middle = home.grid.centre(room.cells[len(room.cells) // 2]).tolist()
         assert shapes[f"room:{room.id}"].contains(shapely.Point(middle))
-    for thing in home.objects:
-        assert shapes[thing.id].bounds == pytest.approx((*thing.box_min[:2], *thing.box_max[:2]))
+    for obj in home.objects:
+        assert shapes[obj.id].bounds == pytest.approx((*obj.box_min[:2], *obj.box_max[:2]))
 
 
 @settings(deadline=None, max_examples=150)

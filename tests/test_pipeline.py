@@ -121,11 +121,11 @@ def test_without_depth_the_viewpoint_answers_and_says_why_there_is_no_goal() -> 
 
 def test_without_depth_objects_lie_where_bearings_meet() -> None:
     home = map_home(walk(with_depth=False), TrueBoxes(THINGS))
-    assert set(home.names) == {thing.label for thing in THINGS}
-    told = [thing for thing in home.objects if thing.located]
+    assert set(home.names) == {obj.label for obj in THINGS}
+    told = [obj for obj in home.objects if obj.located]
     assert told, "some were seen from several standpoints"
-    for thing in told:
-        assert min(box_distance(thing.position, t.box_min, t.box_max) for t in THINGS if t.label == thing.label) < 0.5
+    for obj in told:
+        assert min(box_distance(obj.position, t.box_min, t.box_max) for t in THINGS if t.label == obj.label) < 0.5
     once = walk(with_depth=False)
     once.poses = once.poses[:1]
     rows = map_home(once, TrueBoxes(THINGS)).to_dict()["objects"]

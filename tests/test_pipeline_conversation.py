@@ -46,7 +46,7 @@ def home() -> cartier.Home:
 
 def number_of(home: cartier.Home, name: str) -> str:
     """The object of a name, as a turn of the robot says it."""
-    return f"{name} #{next(thing.id for thing in home.objects if thing.label == name)}"
+    return f"{name} #{next(obj.id for obj in home.objects if obj.label == name)}"
 
 
 def test_each_turn_is_told_to_the_next(home: cartier.Home) -> None:
@@ -103,7 +103,7 @@ def test_a_long_conversation_stays_bounded(home: cartier.Home) -> None:
 
 
 def test_a_turn_says_which_object_which_room_or_the_sentence_that_was_told(home: cartier.Home) -> None:
-    table = next(thing for thing in home.objects if thing.label == "table")
+    table = next(obj for obj in home.objects if obj.label == "table")
     room = Room(4, "dining room", "dining room", np.argwhere(home.grid.cells == FREE).astype(np.int32))  # type: ignore[union-attr]
     there = replace(home, rooms=(room,))
     told = Selection(

@@ -100,7 +100,7 @@ class Batch:
     hits: Any
     boxes: Any
     kinds: Any
-    things: Any
+    objs: Any
 
 
 def batch(pool: Pool, size: int, rng: np.random.Generator) -> Batch:
@@ -109,10 +109,10 @@ def batch(pool: Pool, size: int, rng: np.random.Generator) -> Batch:
     images = np.empty((size, CROP[1], CROP[0], 3), np.float32)
     boxes = np.zeros((size, 5, rows, columns), np.float32)
     kinds = np.empty((size, rows, columns), np.int64)
-    spots, heats, things = [], [], []
+    spots, heats, objs = [], [], []
     for k in range(size):
         images[k], xyxy, labels, kinds[k] = _cropped(*pool.draw(rng), rng)
-        things.append(np.column_stack([np.full(len(labels), k), xyxy, labels]))
+        objs.append(np.column_stack([np.full(len(labels), k), xyxy, labels]))
         for label, heat in draw_targets(xyxy, labels, boxes[k]).items():
             y, x = np.nonzero(heat)
             spots.append(np.stack([np.full_like(y, k), y, x, np.full_like(y, label)], 1))
@@ -120,7 +120,7 @@ def batch(pool: Pool, size: int, rng: np.random.Generator) -> Batch:
     where = np.concatenate(spots) if spots else np.zeros((0, 4), np.int64)
     heat = np.concatenate(heats) if heats else np.zeros(0, np.float32)
     hits = np.flatnonzero(heat == 1)
-    return Batch(images.transpose(0, 3, 1, 2), where, heat, hits, boxes, kinds, np.concatenate(things))
+    return Batch(images.transpose(0, 3, 1, 2), where, heat, hits, boxes, kinds, np.concatenate(objs))
 
 
 def _cropped(

@@ -130,10 +130,10 @@ def wanted(boxes: Tensor, true: Batch, classes: int) -> tuple[Tensor, Tensor, Te
     names, counts = torch.zeros(*boxes.shape[:2], classes), torch.ones(*boxes.shape[:2], classes)
     right_ones = [torch.zeros(0, 6)]
     for image in range(len(boxes)):
-        things = torch.from_numpy(true.things[true.things[:, 0] == image]).float()
-        if not len(things):
+        objs = torch.from_numpy(true.things[true.things[:, 0] == image]).float()
+        if not len(objs):
             continue
-        box, kind = things[:, 1:5], things[:, 5].long()
+        box, kind = objs[:, 1:5], objs[:, 5].long()
         sides = (
             torch.minimum(boxes[image][:, None, 2:], box[:, 2:]) - torch.maximum(boxes[image][:, None, :2], box[:, :2])
         ).clamp(min=0)
@@ -142,13 +142,13 @@ def wanted(boxes: Tensor, true: Batch, classes: int) -> tuple[Tensor, Tensor, Te
         unsure = (overlap >= WRONG) & ((overlap < RIGHT) | (size < SMALL))
         right = (overlap >= RIGHT) & (size >= SMALL)
         for flags, into, value in ((unsure, counts, 0.0), (right, counts, 1.0), (right, names, 1.0)):
-            place, thing = flags.nonzero(as_tuple=True)
-            into[image, place, kind[thing]] = value
+            place, obj = flags.nonzero(as_tuple=True)
+            into[image, place, kind[obj]] = value
         # of several things of a name that with which it overlaps most
         best = (kind[:, None] == kind) & (overlap[:, None, :] > overlap[:, :, None])
-        place, thing = (right & ~best.any(2)).nonzero(as_tuple=True)
+        place, obj = (right & ~best.any(2)).nonzero(as_tuple=True)
         number = (image * boxes.shape[1] + place).float()
-        right_ones.append(torch.cat([number[:, None], kind[thing, None].float(), box[thing]], 1))
+        right_ones.append(torch.cat([number[:, None], kind[obj, None].float(), box[obj]], 1))
     return names, counts, torch.cat(right_ones)
 
 

@@ -70,28 +70,28 @@ def varied(scene: Scene, rng: np.random.Generator, crowd: float = 1.0) -> Scene:
     scene = _with(scene, _on_floor(scene, rng) + _on_walls(scene, rng))
     scene = _with(scene, _on_surfaces(scene, rng, crowd))
     scene = _with(scene, _held(scene, rng))
-    things = [_recoloured(thing, rng) for thing in scene.things]
+    objs = [_recoloured(obj, rng) for obj in scene.things]
     structure = scene.structure
     if rng.random() < 0.6:
         swap: dict[str, str] = {}
         structure = tuple(replace(part, material=_other(part.material, rng, swap, 0.5)) for part in structure)
-    return replace(scene, things=tuple(things), structure=structure)
+    return replace(scene, objs=tuple(objs), structure=structure)
 
 
 def _with(scene: Scene, extra: list[Thing]) -> Scene:
     """The home with more things, numbered on: ids count from 1 in the order of the things."""
     first = len(scene.things) + 1
-    return replace(scene, things=(*scene.things, *(replace(thing, id=first + k) for k, thing in enumerate(extra))))
+    return replace(scene, objs=(*scene.things, *(replace(obj, id=first + k) for k, obj in enumerate(extra))))
 
 
-def _recoloured(thing: Thing, rng: np.random.Generator) -> Thing:
+def _recoloured(obj: Thing, rng: np.random.Generator) -> Thing:
     swap: dict[str, str] = {}
-    if thing.type == "Apple":  # home files give them any colour; by theirs alone they are no tomatoes
+    if obj.type == "Apple":  # home files give them any colour; by theirs alone they are no tomatoes
         swap = dict.fromkeys(("food:crimson", "food:yellowgreen"), f"food:{rng.choice(APPLES)}")
     elif rng.random() < 0.4:
-        return thing
-    parts = tuple(replace(part, material=_other(part.material, rng, swap, 0.6)) for part in thing.shape.parts)
-    return replace(thing, shape=replace(thing.shape, parts=parts))
+        return obj
+    parts = tuple(replace(part, material=_other(part.material, rng, swap, 0.6)) for part in obj.shape.parts)
+    return replace(obj, shape=replace(obj.shape, parts=parts))
 
 
 def _other(material: str, rng: np.random.Generator, swap: dict[str, str], chance: float) -> str:
@@ -139,17 +139,17 @@ def _on_surfaces(scene: Scene, rng: np.random.Generator, crowd: float) -> list[T
     kinds, odds = [*kinds, *ALSO_ON_SHELVES], np.append(odds, [odds.min()] * len(ALSO_ON_SHELVES))
     odds /= odds.sum()
     boxes = {t.id: t.truth() for t in scene.things}
-    for thing in scene.things:
-        if thing.on:
+    for obj in scene.things:
+        if obj.on:
             continue
-        taken = [(b.box_min, b.box_max) for i, b in boxes.items() if _carrier(scene, i) == thing.id]
-        if rng.random() < TABLES.get(thing.type, 0):
-            found += _laid(thing, rng, taken)
-        for surface in thing.shape.surfaces:
+        taken = [(b.box_min, b.box_max) for i, b in boxes.items() if _carrier(scene, i) == obj.id]
+        if rng.random() < TABLES.get(obj.type, 0):
+            found += _laid(obj, rng, taken)
+        for surface in obj.shape.surfaces:
             span = np.array(surface.high_xy) - np.array(surface.low_xy)
             for _ in range(int(rng.poisson(crowd * min(9.0, 12.0 * float(np.prod(span)))))):
                 made_of = str(rng.choice(kinds, p=odds))
-                found += _put(thing, surface, made_of, None, rng, taken)
+                found += _put(obj, surface, made_of, None, rng, taken)
     return found
 
 
@@ -172,12 +172,12 @@ def _laid(table: Thing, rng: np.random.Generator, taken: list[Any]) -> list[Thin
 def _held(scene: Scene, rng: np.random.Generator) -> list[Thing]:
     """What lies in bowls, on plates, in sinks and on stoves, half the time."""
     found: list[Thing] = []
-    for thing in scene.things:
-        if thing.type in HELD and rng.random() < 0.5:
+    for obj in scene.things:
+        if obj.type in HELD and rng.random() < 0.5:
             taken: list[Any] = []
             for _ in range(int(rng.integers(1, 4))):
-                kind = str(rng.choice(HELD[thing.type]))
-                found += _put(thing, thing.shape.surfaces[0], kind, None, rng, taken, OVER_M.get(kind, 0.04))
+                kind = str(rng.choice(HELD[obj.type]))
+                found += _put(obj, obj.shape.surfaces[0], kind, None, rng, taken, OVER_M.get(kind, 0.04))
     return found
 
 

@@ -38,19 +38,19 @@ def poses(scene: Scene, count: int, rng: np.random.Generator) -> list[Any]:
     that with most to see. Small things would hardly ever be seen from near if all did so.
     """
     plan, found = Plan(scene, ROBOT_M), []
-    middle = np.array([(*thing.at[:2], thing.at[2] + thing.shape.size[2] / 2) for thing in scene.things])
+    middle = np.array([(*obj.at[:2], obj.at[2] + obj.shape.size[2] / 2) for obj in scene.things])
     at = middle[:, :2]
-    kinds, first = np.unique([thing.type for thing in scene.things], return_index=True)
-    of = np.array([thing.type for thing in scene.things])
+    kinds, first = np.unique([obj.type for obj in scene.things], return_index=True)
+    of = np.array([obj.type for obj in scene.things])
     odds = np.array([max(scene.things[i].shape.size) for i in first]) ** -1.0
     boxes = np.array([room.box for room in scene.rooms])
     areas = np.prod(boxes[:, 2:] - boxes[:, :2], axis=1)
     for _ in range(60 * count):
         near = rng.random() < 0.45
         if near:
-            thing = middle[rng.choice(np.flatnonzero(of == rng.choice(kinds, p=odds / odds.sum())))]
+            obj = middle[rng.choice(np.flatnonzero(of == rng.choice(kinds, p=odds / odds.sum())))]
             way, far = rng.uniform(0, math.tau), rng.uniform(0.5, 1.4)
-            xy = thing[:2] + far * np.array([math.cos(way), math.sin(way)])
+            xy = obj[:2] + far * np.array([math.cos(way), math.sin(way)])
         else:
             box = boxes[rng.choice(len(boxes), p=areas / areas.sum())]
             xy = rng.uniform(box[:2], box[2:])
@@ -62,8 +62,8 @@ def poses(scene: Scene, count: int, rng: np.random.Generator) -> list[Any]:
             ways = rng.uniform(0, math.tau, 4 if rng.random() < 0.7 else 1).tolist()
             yaw = max(ways, key=lambda yaw: _in_view(at, xy, yaw))
             if near:
-                yaw = math.atan2(thing[1] - xy[1], thing[0] - xy[0]) + float(rng.normal(0, 0.25))
-                down = float(np.clip(math.atan2(eye - thing[2], far) + rng.normal(0, 0.2), -0.1, 0.75))
+                yaw = math.atan2(obj[1] - xy[1], obj[0] - xy[0]) + float(rng.normal(0, 0.25))
+                down = float(np.clip(math.atan2(eye - obj[2], far) + rng.normal(0, 0.2), -0.1, 0.75))
             found.append(look(xy, yaw, down, eye))
         if len(found) == count:
             break
@@ -73,19 +73,19 @@ def poses(scene: Scene, count: int, rng: np.random.Generator) -> list[Any]:
 def close_ups(scene: Scene, count: int, rng: np.random.Generator) -> list[Any]:
     """Cameras where a robot fits, each with a small thing somewhere ahead, all types as often but for the hard ones."""
     plan, found = Plan(scene, ROBOT_M), []
-    small = [thing for thing in scene.things if max(thing.shape.size) <= SMALL_M]
-    middle = np.array([(*thing.at[:2], thing.at[2] + thing.shape.size[2] / 2) for thing in small])
-    of = np.array([thing.type for thing in small])
+    small = [obj for obj in scene.things if max(obj.shape.size) <= SMALL_M]
+    middle = np.array([(*obj.at[:2], obj.at[2] + obj.shape.size[2] / 2) for obj in small])
+    of = np.array([obj.type for obj in small])
     kinds = np.unique(of)
     odds = np.where(np.isin(kinds, HARD), 4.0, 1.0)
     for _ in range(40 * count):
-        thing = middle[rng.choice(np.flatnonzero(of == rng.choice(kinds, p=odds / odds.sum())))]
+        obj = middle[rng.choice(np.flatnonzero(of == rng.choice(kinds, p=odds / odds.sum())))]
         way, far = rng.uniform(0, math.tau), rng.uniform(0.45, 1.5)
-        xy = thing[:2] + far * np.array([math.cos(way), math.sin(way)])
+        xy = obj[:2] + far * np.array([math.cos(way), math.sin(way)])
         if plan.free(xy):
             eye = 1.5 if rng.random() < 0.6 else float(rng.uniform(0.9, 1.6))
-            yaw = math.atan2(thing[1] - xy[1], thing[0] - xy[0]) + float(rng.uniform(-0.3, 0.3))
-            found.append(look(xy, yaw, math.atan2(eye - thing[2], far) + float(rng.uniform(-0.2, 0.2)), eye))
+            yaw = math.atan2(obj[1] - xy[1], obj[0] - xy[0]) + float(rng.uniform(-0.3, 0.3))
+            found.append(look(xy, yaw, math.atan2(eye - obj[2], far) + float(rng.uniform(-0.2, 0.2)), eye))
         if len(found) == count:
             break
     return found

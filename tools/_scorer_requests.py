@@ -96,7 +96,7 @@ class Homes:
         world = make()
         types = json.loads((reference / "thor_object_types.json").read_text(encoding="utf-8"))["SimObjType"]
         rows = json.loads((reference / "lvis_v1_categories.json").read_text(encoding="utf-8"))
-        self.houses = [self.named({thing.label for thing in world.objects(home)}) for home in world.homes()]
+        self.houses = [self.named({candidate.label for candidate in world.objects(home)}) for home in world.homes()]
         self.thor = self.named(set(types) - NO_THINGS)
         self.lvis = self.named({row["name"] for row in rows if row["frequency"] != "r"})
 
@@ -118,8 +118,8 @@ class Homes:
             base = self.thor
         else:
             base = rng.sample(self.thor, 50) + rng.sample(self.lvis, 60)
-        things = dict(base)
-        listed = dict(rng.sample(sorted(things.items()), min(rng.randint(25, 60), len(things))))
+        candidates = dict(base)
+        listed = dict(rng.sample(sorted(candidates.items()), min(rng.randint(25, 60), len(candidates))))
         for need in request.needs if serve else ():
             if not listed.keys() & set(need):
                 card = rng.choice(need)

@@ -44,12 +44,12 @@ def evidence(recording: Recording, detector: Any) -> list[Evidence]:
         for step, made in maps.items():
             if number % step == 0:
                 made.add(frame, found)
-    things = [thing for thing in recording.truth or () if thing.id in shown]
+    objs = [obj for obj in recording.truth or () if obj.id in shown]
     rows = []
     for made in maps.values():
         made.tidy()
         objects = made.objects()
-        real = one_to_one(objects, things)
+        real = one_to_one(objects, objs)
         rows.append((*made.weighed(), np.array([i in real for i in range(len(objects))])))
     return rows
 

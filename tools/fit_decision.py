@@ -48,7 +48,7 @@ def _case(choice: Choice | None, request: Request, sort: str) -> Case | None:
     """Of a list without all that serves, near is right where it would be said of what was wanted."""
     if choice is None:
         return None
-    best, second = choice.best.thing.card, choice.rival.thing.card if choice.rival else None
+    best, second = choice.best.candidate.card, choice.rival.candidate.card if choice.rival else None
     if sort == "either":
         right = "clarify" if {best, second} == request.right else ""
     elif sort in ("served", "listed"):
@@ -123,7 +123,7 @@ def fit(data: list[Case]) -> dict[str, object]:
 def write(reasoner: embedded.Embedded, reference: Path) -> None:
     """Fit, and leave the model where the reasoner reads it."""
     homes, world = Homes(reasoner.deck, reference), make()
-    homes.houses = [homes.named({thing.label for thing in world.objects(home)}) for home in HOMES]
+    homes.houses = [homes.named({candidate.label for candidate in world.objects(home)}) for home in HOMES]
     known = [r for r in read_requests(reasoner.deck) if r.style not in REPORTED]
     requests = [r for r in known if r.style in FITTED or r.kind == "explicit"]
     data = [case for case in cases(reasoner, homes, requests) if case is not None]

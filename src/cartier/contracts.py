@@ -117,7 +117,7 @@ class SpatialIndex(Protocol):
 class Instances(Protocol):
     """A spatial index that tells objects of one name apart."""
 
-    def locate_object(self, thing: MapObject) -> Place | None: ...
+    def locate_object(self, obj: MapObject) -> Place | None: ...
 
 
 @runtime_checkable

@@ -74,7 +74,7 @@ def check_recording(open_it: Callable[[], Recording], most: int = 20) -> None:
         _check(
             all(same), f"frame {chosen[same.index(False)] if False in same else 0} is another one to {readers} threads"
         )
-    ids = [thing.id for thing in recording.truth or ()]
+    ids = [obj.id for obj in recording.truth or ()]
     _check(len(set(ids)) == len(ids) and 0 not in ids, "the ids of its true objects must differ, and 0 is none")
     sha = recording.fingerprint()
     _check(_is_sha256(sha), f"its fingerprint must be sha256 in hex, got {sha!r}")
@@ -178,7 +178,7 @@ def check_index(
         index.add(frame, found.keep(found.scores >= detector.score_model.threshold))
     index.set_objects(objects.objects())
     names = index.names()
-    confirmed = {thing.label for thing in objects.objects() if thing.confirmed}
+    confirmed = {obj.label for obj in objects.objects() if obj.confirmed}
     _check(names == sorted(set(names)), "names() must be sorted, each once")
     _check(bool(names) and set(names) <= confirmed, f"names() must be of confirmed objects: {set(names) - confirmed}")
     places = _places(index, {frame.index for frame in frames})
@@ -265,7 +265,7 @@ def check_world(make: Callable[[], World], home: str | None = None) -> None:
     check_recording(lambda: world.explore(home), most=6)
     recording, objects = world.explore(home), world.objects(home)
     _check(list(recording.truth or ()) == list(objects), "objects() must be the truth of the recording")
-    ids = {thing.id for thing in objects} | {0}
+    ids = {obj.id for obj in objects} | {0}
     for number in np.linspace(0, len(recording) - 1, 4).astype(int).tolist():
         frame = recording[number]
         _check(world.free(home, frame.world_from_camera[:2, 3].tolist()), f"frame {number} is where no robot can stand")

@@ -272,18 +272,18 @@ class Inventory:
     @property
     def names(self) -> list[str]:
         """The label of everything confirmed, and what people call it, each once, sorted."""
-        return sorted({name for thing in self.objects if thing.confirmed for name in (thing.label, *thing.names)})
+        return sorted({name for obj in self.objects if obj.confirmed for name in (obj.label, *obj.names)})
 
     def contains(self, chosen: Selection) -> bool:
         """Whether all that a selection names is here."""
-        objects = {thing.id: thing for thing in self.objects}
+        objects = {obj.id: obj for obj in self.objects}
         if not objects.keys() >= set(chosen.fact.objects if chosen.fact else ()):
             return False
         if chosen.room is not None:
             return any((room.id, room.name) == (chosen.room, chosen.object) for room in self.rooms)
         if chosen.object_id is not None:
-            thing = objects.get(chosen.object_id)
-            return thing is not None and chosen.object in (thing.label, *thing.names)
+            obj = objects.get(chosen.object_id)
+            return obj is not None and chosen.object in (obj.label, *obj.names)
         return chosen.object is None or chosen.object in self.names
 
     @classmethod

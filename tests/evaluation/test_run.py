@@ -195,13 +195,13 @@ def test_what_was_answered_is_remembered_whole_and_for_its_own_home(tmp_path: Pa
     class Telling(Words):
         def select(self, query: str, inventory: Inventory, dialogue: Sequence[tuple[str, str]] = ()) -> Selection:
             self._call("select", query)
-            ids = tuple(thing.id for thing in inventory.objects)
+            ids = tuple(obj.id for obj in inventory.objects)
             return Selection(
                 "answered", text="two", fact=Fact("list", ("chair", "mug"), ids), next=(Selection("not_found"),)
             )
 
     here = Inventory.of(["chair", "mug"])
-    there = replace(here, objects=tuple(replace(thing, id=thing.id + 7) for thing in here.objects))
+    there = replace(here, objects=tuple(replace(obj, id=obj.id + 7) for obj in here.objects))
     reasoner = Telling()
     first = [Asked(reasoner, tmp_path / "asked.jsonl").select("how many?", home) for home in (here, there)]
     again = [Asked(reasoner, tmp_path / "asked.jsonl").select("how many?", home) for home in (here, there)]

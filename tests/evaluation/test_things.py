@@ -41,18 +41,18 @@ def thing(
 
 CUP, SEAT = (0.1, 0.1, 0.1), (0.5, 0.5, 0.9)
 OBJECTS = (
-    thing(1, "dining table", 1, 1, 0, (1.2, 0.8, 0.75), 0),
-    thing(2, "cup", 1.2, 1.2, 0.75, CUP, 0, "red"),
-    thing(3, "chair", 1.2, 2.0, 0, SEAT, 0, "white"),
-    thing(4, "sink", 3.5, 3.0, 0.8, (0.5, 0.4, 0.2), 0),
-    thing(5, "cup", 3.6, 2.6, 0.9, CUP, 0, "blue"),
-    thing(6, "sofa", 6, 1, 0, (2.0, 0.9, 0.8), 1, "green"),
-    thing(7, "chair", 8.5, 3.0, 0, SEAT, 1, "brown"),
-    thing(8, "book", 6.2, 1.3, 0.8, (0.2, 0.3, 0.03), 1),
-    thing(9, "pen", 6.8, 1.3, 0.8, (0.1, 0.02, 0.01), 1),
-    thing(10, "floor lamp", 8.5, 0.2, 0, (0.4, 0.4, 1.6), 1),
-    thing(11, "vase", 4.2, 0.2, 0, (0.2, 0.2, 0.3), 0, "red"),
-    thing(12, "vase", 4.5, 0.2, 0, (0.2, 0.2, 0.3), 0, "blue"),
+    obj(1, "dining table", 1, 1, 0, (1.2, 0.8, 0.75), 0),
+    obj(2, "cup", 1.2, 1.2, 0.75, CUP, 0, "red"),
+    obj(3, "chair", 1.2, 2.0, 0, SEAT, 0, "white"),
+    obj(4, "sink", 3.5, 3.0, 0.8, (0.5, 0.4, 0.2), 0),
+    obj(5, "cup", 3.6, 2.6, 0.9, CUP, 0, "blue"),
+    obj(6, "sofa", 6, 1, 0, (2.0, 0.9, 0.8), 1, "green"),
+    obj(7, "chair", 8.5, 3.0, 0, SEAT, 1, "brown"),
+    obj(8, "book", 6.2, 1.3, 0.8, (0.2, 0.3, 0.03), 1),
+    obj(9, "pen", 6.8, 1.3, 0.8, (0.1, 0.02, 0.01), 1),
+    obj(10, "floor lamp", 8.5, 0.2, 0, (0.4, 0.4, 1.6), 1),
+    obj(11, "vase", 4.2, 0.2, 0, (0.2, 0.2, 0.3), 0, "red"),
+    obj(12, "vase", 4.5, 0.2, 0, (0.2, 0.2, 0.3), 0, "blue"),
 )
 HOME = TrueHome(
     "toy", OBJECTS, (("kitchen", "kitchen"), ("living room", "living room")), (0.5, 0.5),
@@ -82,7 +82,7 @@ def test_what_is_stated_is_true_of_one_thing_alone() -> None:
     for seed in range(30):
         for statement in [s for some in every(seed).values() for s in some]:
             named = [t for t in OBJECTS if statement.word in WORDS.called.get(t.label, [t.label])]
-            one = BY_ID[statement.thing]
+            one = BY_ID[statement.obj]
             words = statement.phrase()
             assert one in named and statement.others == len(named) - 1
             place = next(
@@ -112,9 +112,7 @@ def test_what_is_stated_is_true_of_one_thing_alone() -> None:
 
 
 def test_the_statements_that_people_would_make_are_there() -> None:
-    found = {
-        (s.kind, s.thing, s.how or s.adjective) for seed in range(10) for some in every(seed).values() for s in some
-    }
+    found = {(s.kind, s.obj, s.how or s.adjective) for seed in range(10) for some in every(seed).values() for s in some}
     assert {
         ("relation", 2, "on"), ("relation", 5, "next to"), ("relation", 3, "next to"), ("room", 3, "room"), ("room", 7, "room"),
         ("attribute", 5, "blue"), ("superlative", 3, "nearest"), ("superlative", 7, "farthest"), ("relation", 8, "on"),
@@ -122,7 +120,7 @@ def test_the_statements_that_people_would_make_are_there() -> None:
 
 
 def test_nothing_is_said_where_an_answer_could_stand_for_two_or_of_what_was_hardly_shown() -> None:
-    stated = {s.thing for seed in range(10) for some in every(seed).values() for s in some}
+    stated = {s.obj for seed in range(10) for some in every(seed).values() for s in some}
     assert not stated & {11, 12}, "the two vases are 30 cm apart"
     assert 9 not in stated, "the pen was shown with 20 pixels"
     items = [item for seed in range(5) for item in make_items(HOME, seed)]
@@ -136,17 +134,17 @@ def test_what_is_made_agrees_with_closed_forms(monkeypatch: pytest.MonkeyPatch) 
     assert {item.kind for item in items} == set(KINDS)
     for item in items:
         words = " ".join(item.turns).lower()
-        things = [BY_ID[i] for i in item.accept_ids]
+        objs = [BY_ID[i] for i in item.accept_ids]
         if item.kind == "count":
-            assert item.answer == len(things)
+            assert item.answer == len(objs)
             assert "chair" not in words or item.answer == (
                 1 if "room" in words or "kitchen" in words or "lounge" in words else 2
             )
         elif item.kind == "exists":
-            assert item.answer is bool(things)
+            assert item.answer is bool(objs)
         elif item.kind == "where":
-            room = HOME.rooms[things[0].room or 0][1]
-            holder = HOME.holder.get(things[0].id)
+            room = HOME.rooms[objs[0].room or 0][1]
+            holder = HOME.holder.get(objs[0].id)
             assert isinstance(item.answer, tuple) and (room in item.answer or BY_ID[holder[0]].label in item.answer)  # type: ignore[index]
         elif item.kind == "list" and "sofa" in words.replace("couch", "sofa").replace("settee", "sofa"):
             assert item.answer == ("book",) and item.maybe == ("pen",)

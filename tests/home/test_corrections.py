@@ -174,19 +174,19 @@ def test_a_home_that_was_not_saved_says_so(mapped: Home) -> None:
 
 
 def test_ids_of_merged_objects_are_followed() -> None:
-    old, now = thing(3, "mug", 1.0), thing(9, "cup", 1.2, aliases=(3,), labels=("mug",))
+    old, now = obj(3, "mug", 1.0), obj(9, "cup", 1.2, aliases=(3,), labels=("mug",))
     fixed = apply([entry(old)], (now,), (), None)
     assert fixed.objects[0].names == ("Ayo's",) and not fixed.notes
 
 
 def test_what_swallowed_a_forgotten_duplicate_stays() -> None:
-    ghost, real = thing(3, "fridge", 1.0), thing(2, "fridge", 1.1, aliases=(3,))
+    ghost, real = obj(3, "fridge", 1.0), obj(2, "fridge", 1.1, aliases=(3,))
     fixed = apply([entry(ghost, "forget")], (real,), (), None)
     assert fixed.objects == (real,) and "part of object 2" in fixed.notes[0]
 
 
 def test_in_a_map_made_anew_the_place_decides_and_not_the_number() -> None:
-    chairs = [thing(k, "chair", 1.0 + 0.6 * k) for k in range(5)]
+    chairs = [obj(k, "chair", 1.0 + 0.6 * k) for k in range(5)]
     shuffled = tuple(replace(chair, id=(chair.id + 1) % 5) for chair in chairs)
     for chair in chairs:
         named = [t for t in apply([entry(chair)], shuffled, (), None).objects if t.names]
@@ -194,12 +194,12 @@ def test_in_a_map_made_anew_the_place_decides_and_not_the_number() -> None:
 
 
 def test_what_is_nowhere_near_is_left_out_and_said() -> None:
-    fixed = apply([entry(thing(3, "mug", 1.0))], (thing(3, "mug", 4.0), thing(4, "lamp", 1.0)), (), None)
+    fixed = apply([entry(obj(3, "mug", 1.0))], (obj(3, "mug", 4.0), obj(4, "lamp", 1.0)), (), None)
     assert not any(t.names for t in fixed.objects) and "fits nothing in this map" in fixed.notes[0]
 
 
 def test_which_one_is_asked_with_ids() -> None:
-    two = (thing(3, "mug", 1.0), thing(5, "mug", 2.0))
+    two = (obj(3, "mug", 1.0), obj(5, "mug", 2.0))
     assert find("5", two) is two[1] and find("#5", two) is two[1]
     with pytest.raises(InputError, match=r"2 things are called 'mug': say which by its id \(3, 5\)"):
         find("mug", two)
@@ -300,7 +300,7 @@ def test_the_paper_s_grid_finds_a_named_thing_as_what_it_is(tmp_path: Path) -> N
 @given(st.data())
 def test_a_log_broken_anyhow_is_read_or_its_lines_are_left_out(tmp_path: Path, data: st.DataObject) -> None:
     good = "".join(
-        corrections.line_of(entry(thing(k, "mug", 1.0), what)) + "\n" for k, what in enumerate(("name", "forget"))
+        corrections.line_of(entry(obj(k, "mug", 1.0), what)) + "\n" for k, what in enumerate(("name", "forget"))
     )
     broken = bytearray(good.encode() + json.dumps(ROW).encode())
     for _ in range(data.draw(st.integers(1, 6))):
@@ -311,6 +311,6 @@ def test_a_log_broken_anyhow_is_read_or_its_lines_are_left_out(tmp_path: Path, d
         broken = broken or bytearray(b"x")
     (tmp_path / LOG).write_bytes(bytes(broken))
     log, notes = read_log(tmp_path)
-    fixed = apply(log, (thing(1, "mug", 1.0), thing(2, "mug", 1.2)), (), None)
+    fixed = apply(log, (obj(1, "mug", 1.0), obj(2, "mug", 1.2)), (), None)
     assert len(log) + len(notes) == sum(bool(line.strip()) for line in bytes(broken).split(b"\n"))
     json.dumps([corrections.line_of(each) for each in log] + [*notes, *fixed.notes], ensure_ascii=False).encode()

@@ -45,7 +45,7 @@ def test_a_home_keeps_every_box_of_every_frame_that_was_looked_at(tmp_path: Path
     assert log is not None
     looked = log.looked()
     assert list(looked) == list(range(0, len(walk()), 3)) and log.least == 0
-    objects = {number: thing for thing in home.objects for number in (thing.id, *thing.aliases)}
+    objects = {number: obj for obj in home.objects for number in (obj.id, *obj.aliases)}
     for number, seen in looked.items():
         told = detector.told[number]
         assert sorted(seen.detections.labels) == sorted(told.labels)

@@ -89,10 +89,10 @@ def test_what_growing_needs_is_checked(sound: Path, tmp_path: Path, blob: str, p
 
 @pytest.mark.parametrize("damage", [lambda data: b"", lambda data: b"BM" + data, lambda data: data[: len(data) // 2]])
 def test_a_photo_that_is_none_is_said(sound: Path, tmp_path: Path, damage: Callable[[bytes], bytes]) -> None:
-    thing = cartier.Home.load(sound).objects[0]
-    photo = f"photos/{thing.views[0].frame:06d}.jpg"
+    obj = cartier.Home.load(sound).objects[0]
+    photo = f"photos/{obj.views[0].frame:06d}.jpg"
     home = cartier.Home.load(signed(sound, tmp_path / "h", photo, damage))
-    place = cartier.Place(thing.label, thing.position, 1.0, thing.views[0].frame)
+    place = cartier.Place(obj.label, obj.position, 1.0, obj.views[0].frame)
     with pytest.raises(InputError, match=f"photo of frame {place.frame}"):
         home.evidence(place)
     with pytest.raises(InputError, match=f"photo of frame {place.frame}"):

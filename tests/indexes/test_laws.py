@@ -70,12 +70,12 @@ def test_the_largest_corrected_view_of_a_name_wins(name: str) -> None:
 
 def test_object_depth_lies_on_the_object_and_carries_its_box_and_id() -> None:
     index, objects = built("object_depth")
-    for thing in THINGS:
-        place = index.locate(thing.label)
+    for obj in THINGS:
+        place = index.locate(obj.label)
         assert place is not None and place.box_min is not None and place.box_max is not None
-        assert box_distance(np.array(place.position), np.array(thing.box_min), np.array(thing.box_max)) < 0.05
-        assert np.abs(np.subtract(place.box_min, thing.box_min)).max() < 0.45
-        assert next(o for o in objects if o.id == place.object_id).label == thing.label
+        assert box_distance(np.array(place.position), np.array(obj.box_min), np.array(obj.box_max)) < 0.05
+        assert np.abs(np.subtract(place.box_min, obj.box_min)).max() < 0.45
+        assert next(o for o in objects if o.id == place.object_id).label == obj.label
 
 
 def test_object_viewpoint_is_where_the_camera_stood_and_needs_no_depth() -> None:
@@ -91,7 +91,7 @@ def test_object_viewpoint_is_where_the_camera_stood_and_needs_no_depth() -> None
 @pytest.mark.parametrize("name", OF_OBJECTS)
 def test_what_is_only_tentative_is_not_listed(name: str) -> None:
     index, objects = built(name)
-    index.set_objects([dataclasses.replace(thing, confirmed=thing.label != "mug") for thing in objects])
+    index.set_objects([dataclasses.replace(obj, confirmed=obj.label != "mug") for obj in objects])
     assert index.names() == ["chair", "table"] and index.locate("mug") is None
 
 

@@ -25,7 +25,7 @@ from cartier.llm.prompts import (
     without_bounds,
 )
 from cartier.types import Inventory
-from flat import FLAT, OBJECTS, ROOMS, thing
+from flat import FLAT, OBJECTS, ROOMS, obj
 
 PAPER_SHA256 = "07df735743cc97700a5b9a59a5917010a564c6867d60ac6fa231c5f1f7b0a6dd"
 HOME = ["chair", "coffee machine", "Café table", 'a "b"', "a\nb"]
@@ -83,8 +83,8 @@ def test_names_of_objects_and_rooms_are_data() -> None:
 
 
 def test_a_home_of_hundreds_of_objects_stays_within_bounds_and_says_so() -> None:
-    cups = [thing(n, "cup", (n / 10, 0.0, 0.5), (0.1, 0.1, 0.1), 0) for n in range(300)]
-    plates = [thing(1000 + n, "plate", (90 + n, 0.0, 0.5), (0.2, 0.2, 0.02), 0) for n in range(3)]
+    cups = [obj(n, "cup", (n / 10, 0.0, 0.5), (0.1, 0.1, 0.1), 0) for n in range(300)]
+    plates = [obj(1000 + n, "plate", (90 + n, 0.0, 0.5), (0.2, 0.2, 0.02), 0) for n in range(3)]
     home = Inventory((*cups, *plates), ROOMS, from_xy=(0.0, 0.0))
     request = prompt_named("rich").request("bring me to a plate", home)
     said = request.messages[0]["content"]

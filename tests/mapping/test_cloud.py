@@ -40,9 +40,9 @@ def test_points_lie_on_surfaces_in_their_colours() -> None:
     assert len(seen.rgb) > 1000 and np.minimum(shell, solid).max() < cloud.SIDE_M, (
         "a mean of its voxel, no flying pixel"
     )
-    for thing in (CHAIR, TABLE):
-        on = (box_distance(seen.xyz_m, np.array(thing.box_min), np.array(thing.box_max)) < 0.01) & (shell > 0.1)
-        assert on.sum() > 20 and np.abs(seen.rgb[on] - COLOURS[thing.id]).max(1).mean() < 6
+    for obj in (CHAIR, TABLE):
+        on = (box_distance(seen.xyz_m, np.array(obj.box_min), np.array(obj.box_max)) < 0.01) & (shell > 0.1)
+        assert on.sum() > 20 and np.abs(seen.rgb[on] - COLOURS[obj.id]).max(1).mean() < 6
 
 
 def test_the_ceiling_does_not_hide_the_room() -> None:

@@ -26,16 +26,16 @@ def mapped(recording: RoomRecording, objects: Sequence[TrueObject] = THINGS, ord
 
 
 def told(objects: Iterable[MapObject]) -> list[tuple[str, bool]]:
-    return sorted((thing.label, thing.confirmed) for thing in objects)
+    return sorted((obj.label, obj.confirmed) for obj in objects)
 
 
 def test_each_thing_is_one_object_where_it_is() -> None:
     objects = mapped(walk()).objects()
-    assert sorted(thing.label for thing in objects) == sorted(thing.label for thing in THINGS)
-    for thing in objects:
-        true = next(t for t in THINGS if t.label == thing.label)
-        assert np.linalg.norm(np.subtract(thing.position, np.add(true.box_min, true.box_max) / 2)) < 0.4
-        assert thing.confirmed and 0 < thing.n_detected <= thing.n_observable
+    assert sorted(obj.label for obj in objects) == sorted(obj.label for obj in THINGS)
+    for obj in objects:
+        true = next(t for t in THINGS if t.label == obj.label)
+        assert np.linalg.norm(np.subtract(obj.position, np.add(true.box_min, true.box_max) / 2)) < 0.4
+        assert obj.confirmed and 0 < obj.n_detected <= obj.n_observable
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -50,7 +50,7 @@ def test_the_order_of_frames_and_seeing_them_twice_change_nothing(seed: int) -> 
 def test_two_alike_side_by_side_stay_two() -> None:
     recording = walk()
     both = RoomRecording(recording.poses, TWO_MUGS, name="two")
-    assert [thing.label for thing in mapped(both, TWO_MUGS).objects()] == ["mug", "mug"]
+    assert [obj.label for obj in mapped(both, TWO_MUGS).objects()] == ["mug", "mug"]
 
 
 def test_a_chair_seen_from_both_sides_of_a_table_is_one() -> None:
@@ -63,13 +63,13 @@ def test_a_chair_seen_from_both_sides_of_a_table_is_one() -> None:
     poses, made = walk().poses, ObjectMap(TrueBoxes.score_model)
     shown = [0]
     for half in (front, back):
-        things = (*whole, half)
-        for frame in RoomRecording(poses, things, name="half"):
-            seen = TrueBoxes(things).detect(frame)
+        objs = (*whole, half)
+        for frame in RoomRecording(poses, objs, name="half"):
+            seen = TrueBoxes(objs).detect(frame)
             shown[-1] += "chair" in seen.labels
             made.add(frame, seen)
     made.tidy()
-    assert shown[0] and [thing.label for thing in made.objects()] == ["chair"] * 4
+    assert shown[0] and [obj.label for obj in made.objects()] == ["chair"] * 4
 
 
 def test_what_is_looked_at_and_not_seen_again_is_doubted() -> None:
@@ -77,10 +77,10 @@ def test_what_is_looked_at_and_not_seen_again_is_doubted() -> None:
     detector, made, recording = TrueBoxes(THINGS), ObjectMap(cautious), walk()
     first = detector.detect(recording[0])
     made.add(recording[0], first)
-    at_once = {thing.label: thing.probability for thing in made.objects()}
+    at_once = {obj.label: obj.probability for obj in made.objects()}
     for number in range(1, len(recording)):
         made.add(recording[number], detector.detect(recording[number]).keep(np.zeros(0, int)))
-    assert all(thing.probability < at_once[thing.label] for thing in made.objects() if thing.n_observable > 5)
+    assert all(obj.probability < at_once[obj.label] for obj in made.objects() if obj.n_observable > 5)
 
 
 def test_many_frames_from_one_standpoint_are_hardly_more_than_one() -> None:

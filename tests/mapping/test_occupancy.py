@@ -29,18 +29,14 @@ def grid() -> OccupancyGrid:
 def test_the_room_is_mapped_where_it_is(grid: OccupancyGrid) -> None:
     centres = grid.centre(np.argwhere(grid.cells == FREE))
     assert ((centres > -0.05) & (centres < (5.05, 4.05))).all(), "nothing beyond the walls is free"
-    for thing in (CHAIR, TABLE):
-        inside = ((centres > np.array(thing.box_min[:2]) + 0.05) & (centres < np.array(thing.box_max[:2]) - 0.05)).all(
-            1
-        )
-        assert not inside.any(), f"a cell inside of the {thing.label} is free"
+    for obj in (CHAIR, TABLE):
+        inside = ((centres > np.array(obj.box_min[:2]) + 0.05) & (centres < np.array(obj.box_max[:2]) - 0.05)).all(1)
+        assert not inside.any(), f"a cell inside of the {obj.label} is free"
     solid = grid.centre(np.argwhere(grid.cells == OCCUPIED))
     to_wall = np.minimum(solid, (5, 4) - solid).min(1)
     near_thing = np.zeros(len(solid), bool)
-    for thing in (CHAIR, TABLE):
-        near_thing |= ((solid > np.array(thing.box_min[:2]) - 0.05) & (solid < np.array(thing.box_max[:2]) + 0.05)).all(
-            1
-        )
+    for obj in (CHAIR, TABLE):
+        near_thing |= ((solid > np.array(obj.box_min[:2]) - 0.05) & (solid < np.array(obj.box_max[:2]) + 0.05)).all(1)
     assert (near_thing | (to_wall < 0.06)).all(), "obstacles stand where there are walls or furniture"
     room = (grid.cells != UNKNOWN).sum() * grid.resolution_m**2
     assert room > 0.8 * 20, "most of the 5 m x 4 m room is known"
@@ -136,12 +132,12 @@ def from_the_left() -> list[np.ndarray]:
     return [look((*place, 1.5), target) for place in places for target in targets]
 
 
-def unread(recording: RoomRecording, thing: TrueObject) -> Iterator[Frame]:
+def unread(recording: RoomRecording, obj: TrueObject) -> Iterator[Frame]:
     """Frames in which a thing gives no reading: black leather swallows the light, glass lets it through."""
     for number in range(len(recording)):
         frame = recording[number]
         assert frame.depth_m is not None and frame.instances is not None
-        depth_m = np.where(frame.instances == thing.id, np.float32(np.nan), frame.depth_m)
+        depth_m = np.where(frame.instances == obj.id, np.float32(np.nan), frame.depth_m)
         yield dataclasses.replace(frame, depth_m=depth_m)
 
 

@@ -123,39 +123,37 @@ def test_a_mirrored_home_has_the_mirrored_rooms(turned) -> None:
 
 def test_nothing_seen_has_no_rooms() -> None:
     grid = Plan().grid()
-    assert find_rooms(grid, [thing("bed", (1, 1))]) == ()
-    assert room_of(thing("bed", (1, 1)), grid, ()) is None
-    assert room_of(thing("bed", (1, 1)), None, find_rooms(flat().grid(), ())) is None
+    assert find_rooms(grid, [obj("bed", (1, 1))]) == ()
+    assert room_of(obj("bed", (1, 1)), grid, ()) is None
+    assert room_of(obj("bed", (1, 1)), None, find_rooms(flat().grid(), ())) is None
 
 
 def test_what_hangs_on_a_wall_is_in_the_room_from_which_it_is_seen() -> None:
     grid = flat().grid()
     rooms = find_rooms(grid, ())
     on_the_wall = (4.05, 2.5)
-    assert room_of(thing("painting", on_the_wall, [(2.0, 1.5)]), grid, rooms) == 0
-    assert room_of(thing("painting", on_the_wall, [(6.0, 1.5)]), grid, rooms) == 1
-    assert room_of(thing("painting", on_the_wall, [(6.0, 1.5), (2.0, 1.5), (1.0, 1.5)]), grid, rooms) == 0, (
-        "the majority"
-    )
+    assert room_of(obj("painting", on_the_wall, [(2.0, 1.5)]), grid, rooms) == 0
+    assert room_of(obj("painting", on_the_wall, [(6.0, 1.5)]), grid, rooms) == 1
+    assert room_of(obj("painting", on_the_wall, [(6.0, 1.5), (2.0, 1.5), (1.0, 1.5)]), grid, rooms) == 0, "the majority"
 
 
 def test_what_is_seen_through_a_doorway_is_where_it_stands() -> None:
     grid = flat().grid()
     rooms = find_rooms(grid, ())
-    assert room_of(thing("sofa", (6.5, 1.5), [(1.0, 1.4)]), grid, rooms) == 1
+    assert room_of(obj("sofa", (6.5, 1.5), [(1.0, 1.4)]), grid, rooms) == 1
 
 
 def test_without_a_view_the_nearest_room_is_taken() -> None:
     grid = flat().grid()
     rooms = find_rooms(grid, ())
-    assert [room_of(thing("cup", xy), grid, rooms) for xy in ((1, 1), (6, 1), (7.4, 1), (-0.9, 2))] == [0, 1, 1, 0]
+    assert [room_of(obj("cup", xy), grid, rooms) for xy in ((1, 1), (6, 1), (7.4, 1), (-0.9, 2))] == [0, 1, 1, 0]
 
 
 def test_many_at_once_are_as_one_by_one() -> None:
     grid, rng = flat().grid(), np.random.default_rng(0)
     rooms = find_rooms(grid, ())
-    things = [thing("cup", rng.uniform(0, 7, 2), rng.uniform(0, 7, (k % 3, 2)).tolist()) for k in range(30)]
-    assert rooms_of(things, grid, rooms) == [room_of(one, grid, rooms) for one in things]
+    objs = [obj("cup", rng.uniform(0, 7, 2), rng.uniform(0, 7, (k % 3, 2)).tolist()) for k in range(30)]
+    assert rooms_of(objs, grid, rooms) == [room_of(one, grid, rooms) for one in objs]
     assert rooms_of([], grid, rooms) == []
 
 
@@ -168,21 +166,21 @@ def test_many_at_once_are_as_one_by_one() -> None:
     ],
 )  # fmt: skip
 def test_a_room_is_named_after_what_stands_in_it(labels: list[str], kind: str) -> None:
-    (room,) = find_rooms(Plan().rooms(LEFT).grid(), [thing(label, (2, 1.5), id=k) for k, label in enumerate(labels)])
+    (room,) = find_rooms(Plan().rooms(LEFT).grid(), [obj(label, (2, 1.5), id=k) for k, label in enumerate(labels)])
     assert (room.kind, room.name) == (kind, kind)
 
 
 def test_four_stools_tell_no_more_than_one_and_what_is_unsure_tells_nothing() -> None:
     grid = Plan().rooms(LEFT).grid()
-    burners = [thing("stove burner", (2, 1.5), id=k) for k in range(4)]
-    (room,) = find_rooms(grid, [*burners, thing("bed", (1, 1), id=9)])
+    burners = [obj("stove burner", (2, 1.5), id=k) for k in range(4)]
+    (room,) = find_rooms(grid, [*burners, obj("bed", (1, 1), id=9)])
     assert room.kind == "bedroom"
-    (room,) = find_rooms(grid, [replace(thing("bed", (1, 1)), confirmed=False)])
+    (room,) = find_rooms(grid, [replace(obj("bed", (1, 1)), confirmed=False)])
     assert room.kind == "room"
 
 
 def test_rooms_of_one_kind_are_numbered_and_a_corridor_is_a_hall() -> None:
     hall = (0.0, 3.1, 7.0, 4.1)
     plan = flat().rooms(hall).draw((1.0, 3.0, 1.9, 3.1), FREE, 2.15).draw((5.0, 3.0, 5.9, 3.1), FREE, 2.15)
-    beds = [thing("bed", (1, 1), id=0), thing("bed", (6, 1), id=1)]
+    beds = [obj("bed", (1, 1), id=0), obj("bed", (6, 1), id=1)]
     assert [room.name for room in find_rooms(plan.grid(), beds)] == ["bedroom", "bedroom 2", "hall"]

@@ -174,8 +174,8 @@ def test_the_reply_to_a_question_is_read_in_its_context(reasoner: embedded.Embed
         ("blue armchair", "go to the blue armchair"),
     ],
 )
-def test_names_without_a_card_of_their_own(reasoner: embedded.Embedded, thing: str, query: str) -> None:
-    assert reasoner.select(query, Inventory.of(["toilet", thing, "spoon"])).object == thing
+def test_names_without_a_card_of_their_own(reasoner: embedded.Embedded, obj: str, query: str) -> None:
+    assert reasoner.select(query, Inventory.of(["toilet", obj, "spoon"])).object == obj
 
 
 PLAIN = [

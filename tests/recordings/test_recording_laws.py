@@ -85,14 +85,14 @@ def test_what_is_seen_lies_where_the_room_is(layout: Path) -> None:
         )
         low, high = np.array(ROOM[0]), np.array(ROOM[1])
         walls_m = np.minimum(np.abs(points - low), np.abs(points - high)).min(axis=1)
-        boxes_m = [surface_distance(points, thing) for thing in room().objects]
+        boxes_m = [surface_distance(points, obj) for obj in room().objects]
         off_m = np.minimum.reduce([walls_m, *boxes_m])
         assert np.median(off_m) < 0.02 and (off_m < 0.05).mean() > 0.97
 
 
-def surface_distance(points: np.ndarray, thing: TrueObject) -> np.ndarray:
+def surface_distance(points: np.ndarray, obj: TrueObject) -> np.ndarray:
     """How far points are from the surface of a box, from within or without."""
-    low, high = np.array(thing.box_min), np.array(thing.box_max)
+    low, high = np.array(obj.box_min), np.array(obj.box_max)
     outside = box_distance(points, low, high)
     return np.where(outside > 0, outside, np.minimum(points - low, high - points).min(axis=1))
 

@@ -63,7 +63,7 @@ def test_a_home_alone_shows_its_evidence(home: Home, tmp_path: Path, logged: dic
     write_rrd(home, tmp_path / "a.rrd")
     assert (tmp_path / "a.rrd").read_bytes()[:3] == b"RRF"
     assert [path.name for path in tmp_path.iterdir()] == ["a.rrd"]
-    frames = {view.frame for thing in home.objects for view in thing.views}
+    frames = {view.frame for obj in home.objects for view in obj.views}
     assert {frame for frame, _ in of("LineStrips3D", logged["home/sight"])} == frames
     assert {frame for frame, _ in of("EncodedImage", logged["camera/image"])} == frames & home.photos.keys()
     assert [frame for frame, _ in of("Mesh3D", logged["home/floor_plan"])] == [0] and of(
@@ -100,7 +100,7 @@ def test_every_box_of_every_frame_that_was_looked_at_is_there(tmp_path: Path, lo
         if number != 9:
             labels = boxes.labels.as_arrow_array().to_pylist()
             for label, _, owner in (re.fullmatch(r"(.+) (\d\.\d\d), object (\d+)", text).groups() for text in labels):
-                assert next(thing for thing in home.objects if thing.id == int(owner)).label == label
+                assert next(obj for obj in home.objects if obj.id == int(owner)).label == label
     assert shown[9].labels.as_arrow_array().to_pylist() == ["ghost 0.10, no object"]
     texts = {frame: arrays(one.text)[0] for frame, one in of("TextDocument", logged["looked"])}
     told = {frame: text.startswith("looked at") for frame, text in texts.items()}
@@ -117,9 +117,9 @@ def test_objects_appear_with_their_first_box_and_rooms_are_areas(home: Home, tmp
     first: dict[str, int] = {}
     for number in reversed(range(FRAMES)):
         first |= dict.fromkeys(TrueBoxes(THINGS).detect(walk()[number]).labels, number)
-    for thing in home.objects:
-        ((frame, one),) = logged[f"home/objects/{'confirmed' if thing.confirmed else 'tentative'}/{thing.id}"]
-        assert frame == first[thing.label] and np.abs(arrays(one.centers)[0] - thing.position).max() < 1e-3
+    for obj in home.objects:
+        ((frame, one),) = logged[f"home/objects/{'confirmed' if obj.confirmed else 'tentative'}/{obj.id}"]
+        assert frame == first[obj.label] and np.abs(arrays(one.centers)[0] - obj.position).max() < 1e-3
     ((_, plan),) = logged["home/floor_plan"]
     assert home.grid is not None and home.rooms
     known = np.argwhere(home.grid.cells != UNKNOWN)

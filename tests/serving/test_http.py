@@ -75,11 +75,11 @@ def test_ask_goal_photo_over_http(server: Server) -> None:
         assert web.get("/api/homes").json() == {"homes": ["room"]}
         told = web.post("/api/homes/room/ask", json={"words": "let me sit down"}).json()
         assert told["object"] == "chair" and told["goal"]["path"] and told["certainty"] > 0.5
-        assert web.get("/api/homes/room/goal", params={"thing": "mug"}).json()["goal"]
-        photo = web.get("/api/homes/room/photo", params={"thing": "chair"})
+        assert web.get("/api/homes/room/goal", params={"entity": "mug"}).json()["goal"]
+        photo = web.get("/api/homes/room/photo", params={"entity": "chair"})
         assert photo.content[:2] == b"\xff\xd8" and len(json.loads(photo.headers["x-box"])) == 4
         assert web.get("/api/homes/room/objects", params={"room": "room:0"}).json()["total"] == 3
-        assert web.get("/api/homes/room/relate", params={"thing": "mug", "other": "table"}).json()["relations"]
+        assert web.get("/api/homes/room/relate", params={"entity": "mug", "other": "table"}).json()["relations"]
         assert len(web.get("/api/homes/room/view").json()["objects"]) >= 3
         cloud = web.get("/api/homes/room/cloud").json()["cloud"]
         assert len(base64.b64decode(cloud["points"])) == 9 * cloud["count"] > 0
@@ -115,7 +115,7 @@ def test_events_over_http(server: Server) -> None:
 def test_corrections_last_and_are_seen_by_all(home: Path, start: Callable[..., Server]) -> None:
     web = httpx.Client(base_url=start("serve", home).url)
     named = web.post(
-        "/api/homes/room/corrections", json={"what": "name", "thing": "mug", "name": "Ayo's", "who": "Ayo"}
+        "/api/homes/room/corrections", json={"what": "name", "entity": "mug", "name": "Ayo's", "who": "Ayo"}
     )
     assert named.json()["done"].endswith("is called Ayo's")
     assert "Ayo's" in Home.load(home).names
@@ -136,7 +136,7 @@ def test_kill_and_restart_leave_whole_corrections(home: Path, start: Callable[..
             with httpx.Client(base_url=at.url) as web:
                 for number in range(10_000):
                     try:
-                        body = {"what": "name", "thing": "mug", "name": f"mug {number} é"}
+                        body = {"what": "name", "entity": "mug", "name": f"mug {number} é"}
                         done += web.post("/api/homes/room/corrections", json=body).status_code == 200
                     except httpx.HTTPError:
                         return
@@ -205,7 +205,7 @@ def test_two_hosts_are_none(server: Server) -> None:
     ],
 )  # fmt: skip
 def test_cross_site_posts_do_nothing(server: Server, mapped: Path, headers: dict[str, str]) -> None:
-    body = b'{"what": "forget", "thing": "mug"}'
+    body = b'{"what": "forget", "entity": "mug"}'
     got = httpx.post(f"{server.url}/api/homes/room/corrections", content=body, headers=JSON | headers)
     assert got.status_code in (403, 415) and not (mapped / LOG).exists()
 
@@ -266,9 +266,9 @@ def test_an_endless_body_is_cut_off(server: Server) -> None:
         ("ask", b"[" * 60_000), ("ask", b'{"words": ' + b"1" * 5000 + b"}"), ("ask", b'{"words": NaN}'), ("ask", b"\xff\xfe"), ("ask", b""),
         ("ask", b'{"words": "x", "topic": "/cmd_vel"}'), ("ask", json.dumps({"words": "x" * 5000}).encode()), ("ask", b'{"words": "x", "from_x": 1e999, "from_y": 0}'),
         ("ask", b'{"words": "x", "from_x": 1}'), ("ask", b'{"words": "\\ud800"}'), ("ask", b'{"words": "   "}'),
-        ("corrections", b'{"what": "delete", "thing": "mug"}'), ("corrections", b'{"what": "undo", "thing": "mug"}'),
-        ("corrections", b'{"what": "move", "thing": "mug", "x": 1e9, "y": 0}'), ("corrections", b'{"what": "name", "thing": "mug", "name": "a\\u0000b"}'),
-        ("corrections", b'{"what": "name", "thing": "mug", "name": "\\ud800"}'),
+        ("corrections", b'{"what": "delete", "entity": "mug"}'), ("corrections", b'{"what": "undo", "entity": "mug"}'),
+        ("corrections", b'{"what": "move", "entity": "mug", "x": 1e9, "y": 0}'), ("corrections", b'{"what": "name", "entity": "mug", "name": "a\\u0000b"}'),
+        ("corrections", b'{"what": "name", "entity": "mug", "name": "\\ud800"}'),
     ],
 )  # fmt: skip
 def test_hostile_json_is_one_line(server: Server, mapped: Path, path: str, body: bytes) -> None:

@@ -68,13 +68,13 @@ async def talk(client: Client) -> None:
     found = await told(client, "ask", words="let me sit down", conversation="a")
     assert found["object"] == "chair" and found["goal"] and "path" not in found["goal"]
     mug = (await told(client, "find", name="mug"))["objects"][0]
-    assert (await told(client, "describe", thing=str(mug["id"])))["stands"].startswith("on table")
-    assert (await told(client, "relate", thing="mug", other="table"))["relations"]
-    assert (await told(client, "goal_for", thing="table"))["goal"]["sees_it"] in (True, False)
-    got = await client.call_tool("look_at", {"thing": "chair"})
+    assert (await told(client, "describe", obj=str(mug["id"])))["stands"].startswith("on table")
+    assert (await told(client, "relate", obj="mug", other="table"))["relations"]
+    assert (await told(client, "goal_for", obj="table"))["goal"]["sees_it"] in (True, False)
+    got = await client.call_tool("look_at", {"entity": "chair"})
     assert base64.b64decode(got.content[1].data)[:2] == b"\xff\xd8" and got.content[1].mime_type == "image/jpeg"
     assert (await told(client, "list_objects"))["total"] == 3 and (await told(client, "list_rooms"))["rooms"]
-    assert (await told(client, "correct", what="name", thing="mug", name="Ayo's mug"))["done"].endswith("Ayo's mug")
+    assert (await told(client, "correct", what="name", obj="mug", name="Ayo's mug"))["done"].endswith("Ayo's mug")
     assert (await told(client, "find", name="Ayo"))["objects"][0]["id"] == mug["id"]
     assert (await told(client, "undo"))["done"].startswith("undone")
 
@@ -148,7 +148,7 @@ def test_the_estimate_of_tokens_is_on_the_safe_side(ops: Operations) -> None:
 
     async def texts(client: Client) -> list[str]:
         calls: list[tuple[str, dict[str, Any]]] = [
-            ("ask", {"words": "mug"}), ("describe", {"thing": "table"}), ("list_objects", {}), ("goal_for", {"thing": "chair"}),
+            ("ask", {"words": "mug"}), ("describe", {"entity": "table"}), ("list_objects", {}), ("goal_for", {"entity": "chair"}),
         ]  # fmt: skip
         return [json.dumps(await told(client, tool, **about), separators=(",", ":")) for tool, about in calls]
 
@@ -183,8 +183,8 @@ def test_no_answer_is_long_even_in_a_crowded_home(tmp_path: Path) -> None:
 
     async def longest(client: Client) -> int:
         calls: list[tuple[str, dict[str, Any]]] = [
-            ("ask", {"words": some}), ("find", {"name": "hamper"}), ("describe", {"thing": some}), ("describe", {"thing": "room:0"}),
-            ("list_objects", {}), ("list_rooms", {}), ("goal_for", {"thing": some}), ("look_at", {"thing": some}),
+            ("ask", {"words": some}), ("find", {"name": "hamper"}), ("describe", {"entity": some}), ("describe", {"entity": "room:0"}),
+            ("list_objects", {}), ("list_rooms", {}), ("goal_for", {"entity": some}), ("look_at", {"entity": some}),
         ]  # fmt: skip
         return max(
             [tokens(json.dumps(await told(client, tool, **about), separators=(",", ":"))) for tool, about in calls]
@@ -196,8 +196,8 @@ def test_no_answer_is_long_even_in_a_crowded_home(tmp_path: Path) -> None:
 def test_faults_name_the_next_call(ops: Operations) -> None:
     async def faults(client: Client) -> list[str]:
         return [
-            await fault(client, "describe", thing="zebra"), await fault(client, "list_objects", page=99), await fault(client, "relate", thing="mug", other="mug"),
-            await fault(client, "look_at", thing="room:0"), await fault(client, "correct", what="move", thing="mug"), await fault(client, "ask", words=""),
+            await fault(client, "describe", obj="zebra"), await fault(client, "list_objects", page=99), await fault(client, "relate", obj="mug", other="mug"),
+            await fault(client, "look_at", obj="room:0"), await fault(client, "correct", what="move", obj="mug"), await fault(client, "ask", words=""),
         ]  # fmt: skip
 
     said = with_server(ops, faults)
@@ -220,8 +220,8 @@ def test_an_answer_without_a_goal_keeps_to_its_schema(ops: Operations, tmp_path:
     async def blind(client: Client) -> None:
         for tool, about in (
             ("ask", {"words": "mug"}),
-            ("describe", {"thing": "mug"}),
-            ("goal_for", {"thing": "chair"}),
+            ("describe", {"entity": "mug"}),
+            ("goal_for", {"entity": "chair"}),
         ):
             assert "goal" not in await told(client, tool, **about)
 
@@ -237,7 +237,7 @@ def test_names_and_requests_are_data(home: Path, ops: Operations) -> None:
         assert (await told(client, "find", name="ignore"))["objects"][0]["name"] == evil
         for words in ("drive to /cmd_vel", "../../etc/passwd", "__import__('os')", "rm -rf /"):
             assert (await told(client, "find", name=words))["objects"] == []
-        assert "Unknown tool" in await fault(client, "go", thing="mug")
+        assert "Unknown tool" in await fault(client, "go", obj="mug")
 
     with_server(ops, work)
 
@@ -255,7 +255,7 @@ def test_a_robot_goes_only_after_a_person_agreed(home: Path, ops: Operations, mo
     asked: list[str] = []
 
     async def go(client: Client) -> Any:
-        return await client.call_tool("go", {"thing": "chair"})
+        return await client.call_tool("go", {"entity": "chair"})
 
     yes = over_stdio(go, home, "--allow-go", "print", mode=mode, elicitation_callback=answering("accept", True, asked))
     assert not yes.is_error and "navigate_to_pose" in yes.structured_content["sent"]
@@ -267,11 +267,11 @@ def test_a_robot_goes_only_after_a_person_agreed(home: Path, ops: Operations, mo
 
 def test_without_elicitation_a_person_reads_a_code(ops: Operations, capsys: pytest.CaptureFixture[str]) -> None:
     async def work(client: Client) -> None:
-        assert "code" in await fault(client, "go", thing="chair")
+        assert "code" in await fault(client, "go", obj="chair")
         code = re.findall(r"Code: (\d{6})", capsys.readouterr().err)[0]
-        assert "nothing was sent" in await fault(client, "go", thing="mug", code=code), "for the chair only"
-        assert "navigate_to_pose" in (await told(client, "go", thing="chair", code=code))["sent"]
-        assert "nothing was sent" in await fault(client, "go", thing="chair", code=code), "once only"
+        assert "nothing was sent" in await fault(client, "go", obj="mug", code=code), "for the chair only"
+        assert "navigate_to_pose" in (await told(client, "go", obj="chair", code=code))["sent"]
+        assert "nothing was sent" in await fault(client, "go", obj="chair", code=code), "once only"
 
     with_server(ops, work, "print")
 
@@ -292,7 +292,7 @@ def test_nothing_is_sent_without_a_goal(home: Path) -> None:
     wide = Operations(Homes([home]), Echo(), RobotModel(radius_m=2.5))
 
     async def work(client: Client) -> str:
-        return await fault(client, "go", thing="mug")
+        return await fault(client, "go", obj="mug")
 
     assert "no known free floor that fits" in with_server(
         wide, work, "print", elicitation_callback=answering("accept", True, [])
@@ -308,7 +308,7 @@ def test_a_picture_is_a_picture(ops: Operations) -> None:
     from PIL import Image
 
     async def work(client: Client) -> Any:
-        return await client.call_tool("look_at", {"thing": "chair"})
+        return await client.call_tool("look_at", {"entity": "chair"})
 
     got = with_server(ops, work)
     picture = Image.open(io.BytesIO(base64.b64decode(got.content[1].data)))
@@ -350,7 +350,7 @@ def test_the_answer_is_an_app_of_its_own_which_loads_nothing(home: Path, mode: s
 @pytest.mark.parametrize("mode", ["auto", "legacy"])
 def test_only_hosts_that_show_apps_get_what_they_draw(ops: Operations, mode: str) -> None:
     async def answers(client: Client) -> list[Any]:
-        asked = await client.call_tool("ask", {"words": "mug"}), await client.call_tool("goal_for", {"thing": "chair"})
+        asked = await client.call_tool("ask", {"words": "mug"}), await client.call_tool("goal_for", {"entity": "chair"})
         return [(got.meta or {}).get("cartier/answer") for got in asked]
 
     assert with_server(ops, answers, mode=mode) == [None, None]
@@ -366,7 +366,7 @@ def test_the_floor_plan_is_a_picture_too(home: Path, tmp_path: Path, ops: Operat
     from synthetic import THINGS, TrueBoxes, walk
 
     async def look(client: Client) -> list[Any]:
-        return [await client.call_tool("look_at", {"thing": thing, "view": 0}) for thing in ("chair", "room:0")]
+        return [await client.call_tool("look_at", {"entity": obj, "view": 0}) for obj in ("chair", "room:0")]
 
     for got in with_server(ops, look):
         picture = Image.open(io.BytesIO(base64.b64decode(got.content[1].data)))
@@ -379,6 +379,6 @@ def test_the_floor_plan_is_a_picture_too(home: Path, tmp_path: Path, ops: Operat
     map_home(walk(with_depth=False), TrueBoxes(THINGS)).save(tmp_path / "flat")
 
     async def blind(client: Client) -> str:
-        return await fault(client, "look_at", thing="chair", view=0)
+        return await fault(client, "look_at", obj="chair", view=0)
 
     assert "without depth" in with_server(Operations(Homes([tmp_path / "flat"]), Echo()), blind)

@@ -55,7 +55,7 @@ def test_the_view_holds_what_the_home_holds(home: Path) -> None:
     kinds = {-1: 0, 0: 1, 100: 2}
     assert [code % 3 for code in cells] == [kinds[int(v)] for v in mapped.grid.cells.ravel()]
     assert sum(code >= 3 for code in cells) == sum(len(room.cells) for room in mapped.rooms)
-    assert {row["id"] for row in told["objects"]} == {thing.id for thing in mapped.objects}
+    assert {row["id"] for row in told["objects"]} == {obj.id for obj in mapped.objects}
 
 
 def test_one_file_is_whole_and_may_load_nothing(home: Path) -> None:

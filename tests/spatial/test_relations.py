@@ -33,20 +33,20 @@ def thing(label: str, low: Sequence[float], high: Sequence[float], id: int = 0, 
 
 
 def cube(label: str, x: float, y: float, side: float = 0.2, z: float = 0.0, id: int = 0) -> MapObject:
-    return thing(label, (x - side / 2, y - side / 2, z), (x + side / 2, y + side / 2, z + side), id)
+    return obj(label, (x - side / 2, y - side / 2, z), (x + side / 2, y + side / 2, z + side), id)
 
 
-TABLE = thing("dining table", (0, 0, 0), (1.6, 0.9, 0.75), 1)
-SOFA = thing("sofa", (3, 0, 0), (5, 0.9, 0.85), 2)
-SHELVES = thing("shelving unit", (6, 0, 0), (7, 0.35, 1.8), 3)
+TABLE = obj("dining table", (0, 0, 0), (1.6, 0.9, 0.75), 1)
+SOFA = obj("sofa", (3, 0, 0), (5, 0.9, 0.85), 2)
+SHELVES = obj("shelving unit", (6, 0, 0), (7, 0.35, 1.8), 3)
 MUG = cube("mug", 0.4, 0.4, 0.1, 0.75, 10)
 BOWL = cube("bowl", 1.0, 0.4, 0.2, 0.75, 11)
 APPLE = cube("apple", 1.0, 0.4, 0.08, 0.78, 12)
-PILLOW = thing("pillow", (3.2, 0.3, 0.42), (3.6, 0.6, 0.6), 13)
-VASE = thing("vase", (6.2, 0.1, 1.0), (6.3, 0.2, 1.25), 14)
-STATUE = thing("statue", (6.6, 0.1, 1.8), (6.7, 0.2, 2.0), 15)
-PAINTING = thing("painting", (3.5, -0.03, 1.3), (4.5, 0.0, 1.9), 16)
-CHAIR = thing("chair", (0.5, -0.3, 0), (0.95, 0.2, 0.85), 17)
+PILLOW = obj("pillow", (3.2, 0.3, 0.42), (3.6, 0.6, 0.6), 13)
+VASE = obj("vase", (6.2, 0.1, 1.0), (6.3, 0.2, 1.25), 14)
+STATUE = obj("statue", (6.6, 0.1, 1.8), (6.7, 0.2, 2.0), 15)
+PAINTING = obj("painting", (3.5, -0.03, 1.3), (4.5, 0.0, 1.9), 16)
+CHAIR = obj("chair", (0.5, -0.3, 0), (0.95, 0.2, 0.85), 17)
 BALL = cube("ball", 1.2, 0.6, 0.2, 0.0, 18)
 HOME = (TABLE, SOFA, SHELVES, MUG, BOWL, APPLE, PILLOW, VASE, STATUE, PAINTING, CHAIR, BALL)
 
@@ -74,7 +74,7 @@ def test_a_table_whose_box_has_some_of_what_stands_on_it_still_holds_it(high_m: 
 
 
 def test_a_chair_of_which_only_the_back_shows_above_a_table_does_not_stand_on_it() -> None:
-    back = thing("chair", (0.5, 0.5, 0.72), (0.95, 0.85, 0.95), 20)
+    back = obj("chair", (0.5, 0.5, 0.72), (0.95, 0.85, 0.95), 20)
     assert supports([TABLE, back, MUG]) == supports([TABLE, MUG]) != {}
 
 
@@ -93,7 +93,7 @@ def test_each_thing_has_one_holder_at_most_and_none_holds_itself(seed: int) -> N
     labels = ["table", "bowl", "box", "book", "pan", "shelf", "thing"]
     low = rng.uniform(0, 1, (40, 3)) * (1, 1, 0.5)
     crowd = [
-        thing(labels[k % len(labels)], low[k], low[k] + rng.uniform(0.02, 0.5, 3), id=100 + k) for k in range(len(low))
+        obj(labels[k % len(labels)], low[k], low[k] + rng.uniform(0.02, 0.5, 3), id=100 + k) for k in range(len(low))
     ]
     found = supports(crowd)
     assert len(found) > 5
@@ -125,8 +125,8 @@ def test_neither_the_order_of_things_nor_where_the_home_lies_matters() -> None:
 def test_in_a_home_with_true_boxes_what_stands_on_what_is_found(name: str) -> None:
     scene = load_home(name)
     boxes = {one.id: one.truth() for one in scene.things}
-    things = [thing(display_name(box.label), box.box_min, box.box_max, i) for i, box in boxes.items()]
-    found = supports(things)
+    objs = [obj(display_name(box.label), box.box_min, box.box_max, i) for i, box in boxes.items()]
+    found = supports(objs)
     held = [one for one in scene.things if one.on and one.type != "Faucet"]  # which counts as hanging on the wall
     right = [one for one in held if one.id in found and found[one.id].object == one.on]
     assert len(held) > 20 and len(right) >= 0.9 * len(held)
@@ -143,7 +143,7 @@ def test_under_a_table_is_what_it_does_not_hold() -> None:
 
 
 def test_next_to_is_beside_and_in_the_same_room() -> None:
-    lamp = thing("floor lamp", (5.1, 0.2, 0), (5.4, 0.5, 1.6), 20)
+    lamp = obj("floor lamp", (5.1, 0.2, 0), (5.4, 0.5, 1.6), 20)
     assert told(next_to(SOFA, [*HOME, lamp])) == [lamp.id], "neither the pillow on it nor the painting above it"
     assert told(next_to(lamp, [*HOME, lamp])) == [SOFA.id]
     apart = replace(SOFA, room=0), replace(lamp, room=1)
@@ -173,7 +173,7 @@ def test_between_is_on_the_line_and_not_beyond() -> None:
 
 
 def test_distances_are_between_boxes_and_not_their_middles() -> None:
-    long, small = thing("sofa", (1, 0, 0), (4, 1, 1), 1), cube("stool", -0.9, 0.5, 0.4, id=2)
+    long, small = obj("sofa", (1, 0, 0), (4, 1, 1), 1), cube("stool", -0.9, 0.5, 0.4, id=2)
     here = cube("lamp", 0.4, 0.5, 0.2, id=3)
     first, second = nearest(here, [long, small, here])
     assert (first.subject, first.object) == (1, 3)
@@ -227,13 +227,13 @@ def test_one_of_two_is_bigger() -> None:
     assert there.probability > 0.95 and there.probability + back.probability == pytest.approx(1)
     assert there.metres == pytest.approx(0.3) == -back.metres
     assert bigger(small, cube("plant", 5, 5, 0.2, id=3)).probability == pytest.approx(0.5)
-    flat = thing("plant", (0, 0, 0), (0, 0, 0), 4)
+    flat = obj("plant", (0, 0, 0), (0, 0, 0), 4)
     assert bigger(flat, small).probability < 0.05, "a box without extent is no fault"
 
 
 def test_in_a_room_are_those_that_the_map_has_there() -> None:
-    things = [replace(one, room=k % 2) for k, one in enumerate(HOME)]
-    found = in_room(1, things)
+    objs = [replace(one, room=k % 2) for k, one in enumerate(HOME)]
+    found = in_room(1, objs)
     assert [relation.subject for relation in found] == [one.id for one in HOME[1::2]]
     assert all(relation.object == 1 and relation.kind == "in room" for relation in found)
 

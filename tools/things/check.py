@@ -53,12 +53,12 @@ class Home:
     """The truth of a home, asked in the language of ``written.txt``."""
 
     def __init__(self, truth: TrueHome) -> None:
-        self.truth, self.by_id = truth, {thing.id: thing for thing in truth.objects}
+        self.truth, self.by_id = truth, {obj.id: obj for obj in truth.objects}
 
     def things(self, claim: str) -> list[MapObject]:
         labels, *filters = (part.strip() for part in claim.split(";"))
         names = [name.strip() for name in labels.split(",")]
-        found = [thing for thing in self.truth.objects if thing.label in names]
+        found = [obj for obj in self.truth.objects if obj.label in names]
         for one in filters:
             word, _, rest = one.partition(" ")
             found = self._filters()[word](found, [part.strip() for part in rest.split(",")])
@@ -82,21 +82,21 @@ class Home:
         }  # fmt: skip
 
     def _all(self, label: str) -> list[MapObject]:
-        found = [thing for thing in self.truth.objects if thing.label == label]
+        found = [obj for obj in self.truth.objects if obj.label == label]
         if not found:
             raise Fault(f"there is no {label}")
         return found
 
-    def _holder(self, thing: MapObject) -> MapObject | None:
-        held = self.truth.holder.get(thing.id)
+    def _holder(self, obj: MapObject) -> MapObject | None:
+        held = self.truth.holder.get(obj.id)
         return self.by_id[held[0]] if held else None
 
-    def below(self, thing: MapObject) -> list[MapObject]:
-        holder = self._holder(thing)
+    def below(self, obj: MapObject) -> list[MapObject]:
+        holder = self._holder(obj)
         return [holder, *self.below(holder)] if holder else []
 
-    def room(self, thing: MapObject) -> tuple[str, str]:
-        return self.truth.rooms[thing.room or 0]
+    def room(self, obj: MapObject) -> tuple[str, str]:
+        return self.truth.rooms[obj.room or 0]
 
     def _held(self, found: list[MapObject], of: list[str]) -> list[MapObject]:
         self._all(of[0])
@@ -139,27 +139,27 @@ def item(home: Home, kind: str, claim: str, turns: tuple[str, ...], key: str) ->
     if kind == "list":
         return _listed(home, claim, turns, key)
     said, _, rest = claim.partition(" ")
-    things = home.things(rest if kind in ("count", "exists") else claim)
-    ids = tuple(thing.id for thing in things)
+    objs = home.things(rest if kind in ("count", "exists") else claim)
+    ids = tuple(obj.id for obj in objs)
     hidden = [i for i in ids if i not in home.truth.shown]
     if kind == "count":
-        if int(said) != len(things) or hidden:
-            raise Fault(f"there are {len(things)}, of which {len(hidden)} were not shown")
-        return Item(key, name, kind, turns, ids, len(things))
+        if int(said) != len(objs) or hidden:
+            raise Fault(f"there are {len(objs)}, of which {len(hidden)} were not shown")
+        return Item(key, name, kind, turns, ids, len(objs))
     if kind == "exists":
-        if (said == "yes") != bool(things) or hidden:
-            raise Fault(f"there are {len(things)}, of which {len(hidden)} were not shown")
-        return Item(key, name, kind, turns, ids, bool(things))
+        if (said == "yes") != bool(objs) or hidden:
+            raise Fault(f"there are {len(objs)}, of which {len(hidden)} were not shown")
+        return Item(key, name, kind, turns, ids, bool(objs))
     if kind == "nothing":
-        if things:
-            raise Fault(f"there are {len(things)}")
+        if objs:
+            raise Fault(f"there are {len(objs)}")
         return Item(key, name, kind, turns)
-    if not things or (hidden and kind != "need") or not set(ids) & home.truth.shown:
-        raise Fault(f"{len(things)} things, of which {len(hidden)} were not shown")
+    if not objs or (hidden and kind != "need") or not set(ids) & home.truth.shown:
+        raise Fault(f"{len(objs)} things, of which {len(hidden)} were not shown")
     if kind == "where":
-        return _placed(home, things, turns, key)
+        return _placed(home, objs, turns, key)
     if kind == "bare":
-        far = {thing.id: away(home.truth.start_xy, thing) for thing in things}
+        far = {obj.id: away(home.truth.start_xy, obj) for obj in objs}
         if len(far) < 2:
             raise Fault("there is only one")
         ids = tuple(i for i, metres in far.items() if metres <= min(far.values()) + FAR_APART_M)
@@ -168,25 +168,25 @@ def item(home: Home, kind: str, claim: str, turns: tuple[str, ...], key: str) ->
     if not rejects and kind != "need":
         if len(ids) != 1:
             raise Fault(f"{len(ids)} things, not one: {ids}")
-        _alone(home, things[0])
+        _alone(home, objs[0])
     return Item(key, name, kind, turns, ids, rejects=rejects)
 
 
-def _alone(home: Home, thing: MapObject) -> None:
-    low, high = np.array(thing.box_min[:2]), np.array(thing.box_max[:2])
+def _alone(home: Home, obj: MapObject) -> None:
+    low, high = np.array(obj.box_min[:2]), np.array(obj.box_max[:2])
     for other in home.truth.objects:
         near = float(box_distance(np.array(other.position[:2]), low, high)) <= APART_M
-        if other.id != thing.id and other.label == thing.label and near:
+        if other.id != obj.id and other.label == obj.label and near:
             raise Fault(f"{other.label} {other.id} is so near that an answer could stand for both")
 
 
-def _placed(home: Home, things: Sequence[MapObject], turns: tuple[str, ...], key: str) -> Item:
-    if len(things) != 1:
-        raise Fault(f"{len(things)} things, not one")
-    thing, (_, kind) = things[0], home.room(things[0])
-    odd = kind == "living room" and any(t.label in SOMETHING_ELSE and t.room == thing.room for t in home.truth.objects)
+def _placed(home: Home, objs: Sequence[MapObject], turns: tuple[str, ...], key: str) -> Item:
+    if len(objs) != 1:
+        raise Fault(f"{len(objs)} things, not one")
+    obj, (_, kind) = objs[0], home.room(objs[0])
+    odd = kind == "living room" and any(t.label in SOMETHING_ELSE and t.room == obj.room for t in home.truth.objects)
     names = ONE_ROOM if odd else ROOMS.get(kind, (kind,))
-    return Item(key, home.truth.name, "where", turns, (thing.id,), (*names, *(t.label for t in home.below(thing))))
+    return Item(key, home.truth.name, "where", turns, (obj.id,), (*names, *(t.label for t in home.below(obj))))
 
 
 def _listed(home: Home, claim: str, turns: tuple[str, ...], key: str) -> Item:

@@ -24,31 +24,31 @@ Who = Annotated[str | None, typer.Option("--who", help="Who says so; default: th
 @app.command()
 def name(
     home: HomeFolder,
-    thing: Annotated[
+    entity: Annotated[
         str, typer.Argument(metavar="ROOM_OR_OBJECT", help="An object's id or label, a room's name, or room:ID.")
     ],
     called: Annotated[str, typer.Argument(metavar="NAME", help='What people call it, for example "Ayo\'s room".')],
     who: Who = None,
 ) -> None:
     """Give an object or a room the name that people call it by."""
-    _correct(home, "name", thing, name=called, who=who)
+    _correct(home, "name", entity, name=called, who=who)
 
 
 @app.command()
-def forget(home: HomeFolder, thing: Thing, who: Who = None) -> None:
+def forget(home: HomeFolder, obj: Thing, who: Who = None) -> None:
     """Take an object out of the home that is not there."""
-    _correct(home, "forget", thing, who=who)
+    _correct(home, "forget", obj, who=who)
 
 
 @app.command(context_settings={"ignore_unknown_options": True})  # -1,2 is a place
 def move(
     home: HomeFolder,
-    thing: Thing,
+    obj: Thing,
     to: Annotated[str, typer.Argument(metavar="X,Y", help="Where its middle is now, in metres of the floor plan.")],
     who: Who = None,
 ) -> None:
     """Say where an object stands now."""
-    _correct(home, "move", thing, to_xy=numbers(to, 2, "X,Y") or (), who=who)
+    _correct(home, "move", obj, to_xy=numbers(to, 2, "X,Y") or (), who=who)
 
 
 @app.command()
@@ -60,7 +60,7 @@ def undo(home: HomeFolder, who: Who = None) -> None:
 def _correct(
     home: Path,
     what: corrections.CorrectionKind,
-    thing: str = "",
+    entity: str = "",
     *,
     name: str = "",
     to_xy: Sequence[float] = (),
@@ -68,7 +68,7 @@ def _correct(
 ) -> None:
     from cartier.home import Home
 
-    print(Home.load(home).correct(what, thing, name=name, to_xy=to_xy, who=who or _user())[1])
+    print(Home.load(home).correct(what, entity, name=name, to_xy=to_xy, who=who or _user())[1])
 
 
 def _user() -> str:

@@ -159,13 +159,13 @@ def map_command(
         with suppress(OSError):  # the home is whole without
             unfinished.unlink()
     if as_json:
-        sure = sum(thing.confirmed for thing in home.objects)
+        sure = sum(obj.confirmed for obj in home.objects)
         told = {"home": str(output), "id": home.id, "names": home.names, "confirmed": sure, "notes": list(home.notes)}
         print(json.dumps(told | {"tentative": len(home.objects) - sure}))
     else:
         for note in (note for note in home.notes if note not in first):
             say(note)
-        sure, row = sum(thing.confirmed for thing in home.objects), home.settings["recordings"][-1]
+        sure, row = sum(obj.confirmed for obj in home.objects), home.settings["recordings"][-1]
         looked_at = f"{row.get('looked', row['frames'])} of {row['frames']} frames"
         print(f"{output}: {sure} objects of {len(home.names)} kinds in {looked_at} ({home.detector})")
         print(f"see them:          cartier show {output} --plot plan.png --sheet sheet.png")

@@ -26,7 +26,7 @@ app = typer.Typer()
 @app.command()
 def show(
     home: HomeFolder,
-    thing: Annotated[
+    obj: Annotated[
         int | None,
         typer.Option("--object", metavar="ID", help="One object: its evidence, and with --plot its best views."),
     ] = None,
@@ -69,14 +69,14 @@ def show(
         _find(mapped, check_query(find), index, plot, as_json)
         return
     told = mapped.to_dict()
-    if thing is not None:
-        told["objects"] = [row for row in told["objects"] if thing in (row["id"], *row["aliases"])]
+    if obj is not None:
+        told["objects"] = [row for row in told["objects"] if obj in (row["id"], *row["aliases"])]
         if not told["objects"]:
-            raise InputError(f"{home} has no object {thing}: cartier show {home} lists them with their ids")
+            raise InputError(f"{home} has no object {obj}: cartier show {home} lists them with their ids")
     if plot:
         from cartier.render.picture import draw_home, draw_object
 
-        draw_home(mapped, plot) if thing is None else draw_object(mapped, plot, thing)
+        draw_home(mapped, plot) if obj is None else draw_object(mapped, plot, obj)
         say(f"picture: {plot}")
     if sheet:
         from cartier.render.sheet import draw_sheet
@@ -93,7 +93,7 @@ def show(
         say(f"page: {html}")
     if as_json:
         print(json.dumps(told, ensure_ascii=False))
-    elif thing is not None:
+    elif obj is not None:
         _print_object(told["objects"][0], told["scale_guessed"])
     else:
         _print_rooms(told, everything)

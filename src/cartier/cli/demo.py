@@ -85,7 +85,7 @@ def run(
         else:
             mapped = map_home(recording, detects)
         mapped.save(new / "home")
-        there = {display_name(thing.label) for thing in world.objects(home)}
+        there = {display_name(obj.label) for obj in world.objects(home)}
         say(f"mapped: {_compared(set(mapped.names), there)}; named by {detects.name}")
         draw_home(mapped, new / "home.png")
         told = [_tell(mapped, scene, kind, words, new, say) for kind, words in _requests(mapped)]

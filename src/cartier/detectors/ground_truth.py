@@ -60,7 +60,7 @@ class GroundTruth:
         confusion: float,
         seed: int,
     ) -> None:
-        self._labels = {thing.id: display_name(thing.label) for thing in truth}
+        self._labels = {obj.id: display_name(obj.label) for obj in truth}
         self._names = sorted(set(self._labels.values()))
         self._min_pixels, self._misses, self._jitter, self._confusion, self._seed = (
             min_pixels,

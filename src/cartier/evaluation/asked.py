@@ -58,7 +58,7 @@ class Asked:
 def _digest(inventory: Inventory) -> str:
     """The same for the same objects, rooms, and standpoint of the robot."""
     rooms = [(room.id, room.name) for room in inventory.rooms]
-    seen = [asdict(thing) for thing in inventory.objects]
+    seen = [asdict(obj) for obj in inventory.objects]
     return hashlib.sha256(json.dumps([seen, rooms, inventory.from_xy]).encode()).hexdigest()[:16]
 
 

@@ -46,7 +46,7 @@ def distances(
     position: Sequence[float] | None, truth: Iterable[TrueObject], accept: Collection[str]
 ) -> tuple[float | None, float | None]:
     """Metres from a position to the nearest acceptable true box, in space and on the floor plan; None without a position."""
-    boxes = [thing for thing in truth if display_name(thing.label) in accept]
+    boxes = [obj for obj in truth if display_name(obj.label) in accept]
     if position is None or not boxes:
         return None, None
     low, high = np.array([b.box_min for b in boxes]), np.array([b.box_max for b in boxes])

@@ -97,7 +97,7 @@ def _asked(
     if unknown:
         raise InputError(f"there is no method {unknown[0]!r}; there are {', '.join(METHODS)}")
     truth = {home: maps.world.objects(home) for home in settings.homes}
-    names = {home: {display_name(thing.label) for thing in things} for home, things in truth.items()}
+    names = {home: {display_name(obj.label) for obj in objs} for home, objs in truth.items()}
     asked = cases(queries, names)
     if not asked:
         raise InputError(f"none of the {len(queries)} requests can be asked in {', '.join(settings.homes)}")
@@ -149,7 +149,7 @@ def _row(
     before = dict(memory.spent)
     answer: Answer = METHODS[method](home, query, bench)
     cost = {what: memory.spent[what] - before[what] for what in before}
-    there = {display_name(thing.label) for thing in truth}
+    there = {display_name(obj.label) for obj in truth}
     accept = [name for name in query.accept if name in there]
     position = None if answer.place is None else [round(v, 4) for v in answer.place.position]
     in_space, on_floor = distances(position, truth, accept)

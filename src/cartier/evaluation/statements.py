@@ -67,7 +67,7 @@ class Statement:
 
     kind: str
     word: str
-    thing: int
+    obj: int
     others: int
     adjective: str = ""
     tail: str = ""
@@ -82,9 +82,9 @@ class Statements:
 
     def __init__(self, home: TrueHome, words: Words, rng: Random) -> None:
         self.home, self.words, self.rng = home, words, rng
-        self.shown, self.by_id = home.shown, {thing.id: thing for thing in home.objects}
+        self.shown, self.by_id = home.shown, {obj.id: obj for obj in home.objects}
         kinds = Counter(kind for _, kind in home.rooms)
-        odd = {thing.room for thing in home.objects if thing.label in SOMETHING_ELSE}
+        odd = {obj.room for obj in home.objects if obj.label in SOMETHING_ELSE}
         self.rooms = {
             number: kind for number, (_, kind) in enumerate(home.rooms)
             if kinds[kind] == 1 and kind in words.texts["rooms"] and not (kind == "living room" and number in odd)
@@ -93,19 +93,19 @@ class Statements:
 
     @cached_property
     def labels(self) -> set[str]:
-        return {thing.label for thing in self.home.objects}
+        return {obj.label for obj in self.home.objects}
 
     def meant(self, word: str) -> list[MapObject]:
         """All things of the home that a word may mean."""
         labels = self.words.meant(word)
-        return [thing for thing in self.home.objects if thing.label in labels]
+        return [obj for obj in self.home.objects if obj.label in labels]
 
     def names(self, label: str) -> list[str]:
         return self.words.called.get(label, [label])
 
-    def so_called(self, word: str, things: Iterable[MapObject]) -> bool:
+    def so_called(self, word: str, objs: Iterable[MapObject]) -> bool:
         """Whether people call all of some things by a word, rather than that it might mean them."""
-        return all(word in self.names(thing.label) for thing in things)
+        return all(word in self.names(obj.label) for obj in objs)
 
     def only(self, label: str) -> str | None:
         """A word that means a thing of this type alone in this home, which is shown; else None."""
@@ -117,60 +117,56 @@ class Statements:
         found: dict[str, list[Statement]] = {"relation": [], "room": [], "attribute": [], "superlative": []}
         said = sorted({word for label in self.labels - SAME_PLACE for word in self.names(label)})
         for word in said:
-            things = self.meant(word)
+            objs = self.meant(word)
             for made in (self._held, self._next, self._under, self._between, self._closest, self._in_room):
-                for statement in made(word, things):
+                for statement in made(word, objs):
                     found[statement.kind].append(statement)
-            for statement in itertools.chain(self._coloured(word, things), self._ranked(word, things)):
+            for statement in itertools.chain(self._coloured(word, objs), self._ranked(word, objs)):
                 found[statement.kind].append(statement)
         return found
 
     def _make(
-        self, kind: str, word: str, things: Sequence[MapObject], thing: MapObject, **said: str
+        self, kind: str, word: str, objs: Sequence[MapObject], obj: MapObject, **said: str
     ) -> Iterator[Statement]:
         """The statement, if the thing was shown and no other of the name is where an answer could stand for both."""
-        low, high = np.array(thing.box_min[:2]), np.array(thing.box_max[:2])
-        middles = np.array([other.position[:2] for other in things if other.id != thing.id]).reshape(-1, 2)
-        if (
-            thing.id in self.shown
-            and self.so_called(word, [thing])
-            and (box_distance(middles, low, high) > APART_M).all()
-        ):
-            others = sum(self.so_called(word, [other]) for other in things) - 1
-            yield Statement(kind, word, thing.id, others, **said)
+        low, high = np.array(obj.box_min[:2]), np.array(obj.box_max[:2])
+        middles = np.array([other.position[:2] for other in objs if other.id != obj.id]).reshape(-1, 2)
+        if obj.id in self.shown and self.so_called(word, [obj]) and (box_distance(middles, low, high) > APART_M).all():
+            others = sum(self.so_called(word, [other]) for other in objs) - 1
+            yield Statement(kind, word, obj.id, others, **said)
 
     def _tail(self, how: str, *places: str) -> str:
         return self.words.pick(self.rng, "tails", how).format(**dict(zip("yz", places, strict=False)))
 
-    def _held(self, word: str, things: Sequence[MapObject]) -> Iterator[Statement]:
+    def _held(self, word: str, objs: Sequence[MapObject]) -> Iterator[Statement]:
         """What stands on or in something: only one of the name does on any such, and none by way of others."""
-        if FIXTURES & {thing.label for thing in things}:
+        if FIXTURES & {obj.label for obj in objs}:
             return
-        for label in sorted({self.by_id[self.home.holder[t.id][0]].label for t in things if t.id in self.home.holder}):
+        for label in sorted({self.by_id[self.home.holder[t.id][0]].label for t in objs if t.id in self.home.holder}):
             place = self.rng.choice(self.names(label))
-            direct, chain = self.held_by(things, place)
+            direct, chain = self.held_by(objs, place)
             if len(direct) != 1 or len(chain) > 1 or label in SAME_PLACE:
                 continue
-            thing = direct[0]
-            holder, how = self.home.holder[thing.id]
+            obj = direct[0]
+            holder, how = self.home.holder[obj.id]
             if holder in self.shown:
                 how = "shelf" if label == "shelving unit" else how
-                yield from self._make("relation", word, things, thing, how=how, tail=self._tail(how, place))
+                yield from self._make("relation", word, objs, obj, how=how, tail=self._tail(how, place))
 
-    def below(self, thing: MapObject) -> list[MapObject]:
+    def below(self, obj: MapObject) -> list[MapObject]:
         """What a thing stands on or in, what that does, and so on."""
-        found, held = list[MapObject](), self.home.holder.get(thing.id)
+        found, held = list[MapObject](), self.home.holder.get(obj.id)
         while held:
             found.append(self.by_id[held[0]])
             held = self.home.holder.get(held[0])
         return found
 
-    def held_by(self, things: Iterable[MapObject], place: str) -> tuple[list[MapObject], list[MapObject]]:
+    def held_by(self, objs: Iterable[MapObject], place: str) -> tuple[list[MapObject], list[MapObject]]:
         """What of some things stands on or in what a word means; and what does so by itself or by way of others."""
         holders = {holder.id for holder in self.meant(place)}
-        below = [(thing, [other.id for other in self.below(thing)]) for thing in things]
-        direct = [thing for thing, ids in below if ids and ids[0] in holders]
-        return direct, [thing for thing, ids in below if holders.intersection(ids)]
+        below = [(obj, [other.id for other in self.below(obj)]) for obj in objs]
+        direct = [obj for obj, ids in below if ids and ids[0] in holders]
+        return direct, [obj for obj, ids in below if holders.intersection(ids)]
 
     @cached_property
     def landmarks(self) -> list[tuple[str, MapObject]]:
@@ -181,23 +177,19 @@ class Statements:
     @cached_property
     def furniture(self) -> list[tuple[str, MapObject]]:
         """Those that stand on the floor by themselves."""
-        return [
-            (w, thing)
-            for w, thing in self.landmarks
-            if thing.id not in self.home.holder and thing.label not in FIXTURES
-        ]
+        return [(w, obj) for w, obj in self.landmarks if obj.id not in self.home.holder and obj.label not in FIXTURES]
 
-    def _next(self, word: str, things: Sequence[MapObject]) -> Iterator[Statement]:
+    def _next(self, word: str, objs: Sequence[MapObject]) -> Iterator[Statement]:
         for place, landmark in self.landmarks:
-            if landmark in things:
+            if landmark in objs:
                 continue
-            far = {thing.id: gap(thing, landmark) for thing in things}
-            beside = [thing for thing in things if is_beside(thing, landmark) and not self._holds(thing, landmark)]
+            far = {obj.id: gap(obj, landmark) for obj in objs}
+            beside = [obj for obj in objs if is_beside(obj, landmark) and not self._holds(obj, landmark)]
             if len(beside) == 1 and all(
-                far[t.id] >= max(NOT_NEXT_M, far[beside[0].id] + NEXT_M) or t.room != landmark.room for t in things if t != beside[0]
+                far[t.id] >= max(NOT_NEXT_M, far[beside[0].id] + NEXT_M) or t.room != landmark.room for t in objs if t != beside[0]
             ):  # fmt: skip
                 yield from self._make(
-                    "relation", word, things, beside[0], how="next to", tail=self._tail("next to", place)
+                    "relation", word, objs, beside[0], how="next to", tail=self._tail("next to", place)
                 )
 
     def _holds(self, one: MapObject, other: MapObject) -> bool:
@@ -205,86 +197,86 @@ class Statements:
         below, above = (self.home.holder.get(t.id, (0, ""))[0] for t in (one, other))
         return below == other.id or above == one.id
 
-    def _under(self, word: str, things: Sequence[MapObject]) -> Iterator[Statement]:
+    def _under(self, word: str, objs: Sequence[MapObject]) -> Iterator[Statement]:
         for place, landmark in self.landmarks:
-            below = [thing for thing in things if (thing.id, landmark.id) in self.home.covered]
-            if len(below) == 1 and landmark not in things:
-                yield from self._make("relation", word, things, below[0], how="under", tail=self._tail("under", place))
+            below = [obj for obj in objs if (obj.id, landmark.id) in self.home.covered]
+            if len(below) == 1 and landmark not in objs:
+                yield from self._make("relation", word, objs, below[0], how="under", tail=self._tail("under", place))
 
-    def _between(self, word: str, things: Sequence[MapObject]) -> Iterator[Statement]:
+    def _between(self, word: str, objs: Sequence[MapObject]) -> Iterator[Statement]:
         for (place, one), (other_place, other) in itertools.combinations(self.furniture, 2):
             far = float(np.linalg.norm(np.subtract(one.position, other.position)[:2]))
-            if one.room != other.room or not 1.0 < far < 3.5 or one in things or other in things:
+            if one.room != other.room or not 1.0 < far < 3.5 or one in objs or other in objs:
                 continue
-            told = between(one, other, [thing for thing in things if thing.id not in self.home.holder])
+            told = between(one, other, [obj for obj in objs if obj.id not in self.home.holder])
             sure = [relation for relation in told if relation.probability > 0.95]
             if len(told) == len(sure) == 1 and self.by_id[sure[0].subject].room == one.room:
                 tail = self._tail("between", place, other_place)
-                yield from self._make("relation", word, things, self.by_id[sure[0].subject], how="between", tail=tail)
+                yield from self._make("relation", word, objs, self.by_id[sure[0].subject], how="between", tail=tail)
 
-    def _closest(self, word: str, things: Sequence[MapObject]) -> Iterator[Statement]:
+    def _closest(self, word: str, objs: Sequence[MapObject]) -> Iterator[Statement]:
         for place, landmark in self.landmarks:
-            first = closest(landmark, things) if landmark not in things else None
+            first = closest(landmark, objs) if landmark not in objs else None
             if first is not None and self.by_id[first].room == landmark.room:  # nobody means what is behind a wall
                 yield from self._make(
-                    "relation", word, things, self.by_id[first], how="closest", tail=self._tail("closest", place)
+                    "relation", word, objs, self.by_id[first], how="closest", tail=self._tail("closest", place)
                 )
 
-    def _in_room(self, word: str, things: Sequence[MapObject]) -> Iterator[Statement]:
+    def _in_room(self, word: str, objs: Sequence[MapObject]) -> Iterator[Statement]:
         for number, kind in self.rooms.items():
-            inside = [thing for thing in things if thing.room == number]
+            inside = [obj for obj in objs if obj.room == number]
             if len(inside) == 1:
                 tail = self._tail("room", self.words.pick(self.rng, "rooms", kind))
-                yield from self._make("room", word, things, inside[0], how="room", tail=tail)
+                yield from self._make("room", word, objs, inside[0], how="room", tail=tail)
 
-    def _coloured(self, word: str, things: Sequence[MapObject]) -> Iterator[Statement]:
-        for thing in things:
-            colour, share = thing.colours[0] if thing.colours else ("", 0.0)
+    def _coloured(self, word: str, objs: Sequence[MapObject]) -> Iterator[Statement]:
+        for obj in objs:
+            colour, share = obj.colours[0] if obj.colours else ("", 0.0)
             near = {colour, *self.words.texts["colours"].get(colour, ())}
             clear = all(
-                share < TRACE or name not in near for t in things if t != thing for name, share in t.colours
-            ) and all(t == thing or t.colours for t in things)
-            if share >= DOMINANT and colour in self.words.texts["colours"] and clear and thing.label not in MOTLEY:
-                yield from self._make("attribute", word, things, thing, adjective=colour)
+                share < TRACE or name not in near for t in objs if t != obj for name, share in t.colours
+            ) and all(t == obj or t.colours for t in objs)
+            if share >= DOMINANT and colour in self.words.texts["colours"] and clear and obj.label not in MOTLEY:
+                yield from self._make("attribute", word, objs, obj, adjective=colour)
 
-    def _ranked(self, word: str, things: Sequence[MapObject]) -> Iterator[Statement]:
+    def _ranked(self, word: str, objs: Sequence[MapObject]) -> Iterator[Statement]:
         """The biggest, the smallest and the tallest; the nearest and the farthest from where the person stands."""
-        if len(things) < 2 or not self.so_called(word, things):
+        if len(objs) < 2 or not self.so_called(word, objs):
             return
-        volume, longest, height = sizes(things)
+        volume, longest, height = sizes(objs)
         for how, sign in (("biggest", 1), ("smallest", -1)):
             order = np.argsort(-sign * volume)
             first, second = (order[0], order[1]) if sign > 0 else (order[1], order[0])
             if volume[first] >= LARGER * volume[second] and longest[first] >= LONGER * longest[second]:
-                thing, said = things[int(order[0])], self.words.pick(self.rng, "superlatives", how)
-                yield from self._make("superlative", word, things, thing, adjective=said)
-                if len(things) == 2:
+                obj, said = objs[int(order[0])], self.words.pick(self.rng, "superlatives", how)
+                yield from self._make("superlative", word, objs, obj, adjective=said)
+                if len(objs) == 2:
                     said = self.words.pick(self.rng, "superlatives", "big" if sign > 0 else "small")
-                    yield from self._make("attribute", word, things, thing, adjective=said)
+                    yield from self._make("attribute", word, objs, obj, adjective=said)
         tall = np.argsort(-height)
         if height[tall[0]] >= LONGER * height[tall[1]]:
-            yield from self._make("superlative", word, things, things[int(tall[0])], adjective="tallest")
-        far = np.array([away(self.home.start_xy, thing) for thing in things])
+            yield from self._make("superlative", word, objs, objs[int(tall[0])], adjective="tallest")
+        far = np.array([away(self.home.start_xy, obj) for obj in objs])
         for how, order in (("nearest", np.argsort(far)), ("farthest", np.argsort(-far))):
             a, b = sorted(far[order[:2]].tolist())
             if b >= max(a + FAR_APART_M, a * FAR_APART):
                 said = self.words.pick(self.rng, "superlatives", how)
                 tail = self.words.pick(self.rng, "superlatives", f"{how}_to")
-                yield from self._make("superlative", word, things, things[int(order[0])], adjective=said, tail=tail)
+                yield from self._make("superlative", word, objs, objs[int(order[0])], adjective=said, tail=tail)
 
 
-def closest(landmark: MapObject, things: Sequence[MapObject]) -> int | None:
+def closest(landmark: MapObject, objs: Sequence[MapObject]) -> int | None:
     """The id of the one of two or more that is clearly the closest to a landmark, and close to it; else None."""
-    if len(things) < 2:
+    if len(objs) < 2:
         return None
-    first = nearest(landmark, things)[0]
-    second = min(r.metres for x in things if x.id != first.subject for r in nearest(landmark, [x]))
+    first = nearest(landmark, objs)[0]
+    second = min(r.metres for x in objs if x.id != first.subject for r in nearest(landmark, [x]))
     return first.subject if first.metres <= CLOSEST_M and second >= first.metres + MARGIN_M else None
 
 
 def is_beside(one: MapObject, other: MapObject) -> bool:
     """Whether true boxes are near each other in one room, neither of them mostly over or under the other."""
-    low, high = (np.array([getattr(thing, corner) for thing in (one, other)]) for corner in ("box_min", "box_max"))
+    low, high = (np.array([getattr(obj, corner) for obj in (one, other)]) for corner in ("box_min", "box_max"))
     apart = np.maximum(low.max(0) - high.min(0), 0)
     shared = np.maximum(high.min(0) - low.max(0), 0)[:2].prod() / (high - low)[:, :2].prod(1).min()
     return (
@@ -300,12 +292,12 @@ def gap(one: MapObject, other: MapObject) -> float:
     return float(np.linalg.norm(np.maximum(low.max(0) - high.min(0), 0)))
 
 
-def away(xy: Sequence[float], thing: MapObject) -> float:
+def away(xy: Sequence[float], obj: MapObject) -> float:
     """Metres from a point to a thing's box on the floor plan."""
-    return float(box_distance(np.array(xy), np.array(thing.box_min[:2]), np.array(thing.box_max[:2])))
+    return float(box_distance(np.array(xy), np.array(obj.box_min[:2]), np.array(obj.box_max[:2])))
 
 
-def sizes(things: Sequence[MapObject]) -> tuple[Any, Any, Any]:
+def sizes(objs: Sequence[MapObject]) -> tuple[Any, Any, Any]:
     """Volumes (m³), longest sides and heights (m) of boxes."""
-    sides = np.array([np.subtract(thing.box_max, thing.box_min) for thing in things])
+    sides = np.array([np.subtract(obj.box_max, obj.box_min) for obj in objs])
     return sides.prod(1), sides.max(1), sides[:, 2]

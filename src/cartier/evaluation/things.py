@@ -178,7 +178,7 @@ def _same(
 def _separates(question: str, item: Item, truth: Mapping[int, TrueObject]) -> bool:
     """Whether a question is about the thing that was named, and holds a word that tells several apart and is new."""
     named = _words(" ".join(_name(truth[i].label) for i in item.accept_ids if i in truth))
-    others = _words(" ".join(_name(thing.label) for thing in truth.values()))
+    others = _words(" ".join(_name(obj.label) for obj in truth.values()))
     said, asked = named | _words(" ".join(item.turns)), _words(question)
     return bool(asked & (named | WHICH)) and bool(asked & ((TELLING | others) - said))
 

@@ -99,15 +99,15 @@ class _Making(Statements):
         several = [statement for statement in stated if statement.others]
         alone = [statement for statement in stated if not statement.others]
         for statement in several + self.rng.sample(alone, min(len(alone), EASY)):
-            yield self._item(kind, self._say("find", "texts", x=statement.phrase()), accept_ids=(statement.thing,))
+            yield self._item(kind, self._say("find", "texts", x=statement.phrase()), accept_ids=(statement.obj,))
 
     def need(self) -> Iterator[Item]:
         """A need and a room: whatever serves it there."""
         for need, (number, kind) in itertools.product(self.words.texts["need"]["needs"], self.rooms.items()):
-            here = [thing for thing in self.home.objects if thing.room == number]
-            strict = [thing for thing in here if thing.label in need["strict"] and thing.id in self.shown]
+            here = [obj for obj in self.home.objects if obj.room == number]
+            strict = [obj for obj in here if obj.label in need["strict"] and obj.id in self.shown]
             if strict:
-                accept = [thing.id for thing in here if thing.label in (*need["strict"], *need["loose"])]
+                accept = [obj.id for obj in here if obj.label in (*need["strict"], *need["loose"])]
                 tail = self._tail("room", self.words.pick(self.rng, "rooms", kind))
                 what = f"{self.rng.choice(need['texts'])} {tail}"
                 yield self._item("need", self._say("need", "texts", x=what), accept_ids=tuple(accept))
@@ -116,24 +116,24 @@ class _Making(Statements):
         """A bare name, and which one in the next turn; or the other one of two."""
         stated = self.every()
         for statement in itertools.chain(*stated.values()):
-            things = self.meant(statement.word)
-            if not statement.others or not _apart(things) or not self.so_called(statement.word, things):
+            objs = self.meant(statement.word)
+            if not statement.others or not _apart(objs) or not self.so_called(statement.word, objs):
                 continue
             if not statement.adjective or not statement.tail:
                 how = "adjective" if statement.adjective else "second"
                 first = self._first(statement.word)
                 second = self._say("follow_up", how, t=statement.adjective or statement.tail)
-                yield self._item("follow_up", (first, second), accept_ids=(statement.thing,))
+                yield self._item("follow_up", (first, second), accept_ids=(statement.obj,))
             if statement.others == 1:
-                other = next(thing.id for thing in things if thing.id != statement.thing)
+                other = next(obj.id for obj in objs if obj.id != statement.obj)
                 if other in self.shown:
                     first = self._say("find", "texts", x=statement.phrase())
                     second = self._say("follow_up", "other", x=statement.word)
                     yield self._item("follow_up", (first, second), accept_ids=(other,))
-        for word, things in self._several():
-            if len(things) == 2:
+        for word, objs in self._several():
+            if len(objs) == 2:
                 turns = self._first(word), self._say("follow_up", "other", x=word)
-                yield self._item("follow_up", turns, accept_ids=tuple(t.id for t in things), rejects=True)
+                yield self._item("follow_up", turns, accept_ids=tuple(t.id for t in objs), rejects=True)
 
     def _first(self, word: str) -> str:
         return self._say("follow_up", "first", x=word, a=_a(word))
@@ -141,29 +141,24 @@ class _Making(Statements):
     def _several(self) -> Iterator[tuple[str, list[MapObject]]]:
         """Words for two or more shown things that do not stand together."""
         for word in sorted({word for label in self.labels - SAME_PLACE for word in self.names(label)}):
-            things = self.meant(word)
-            if (
-                len(things) > 1
-                and self.so_called(word, things)
-                and _apart(things)
-                and {t.id for t in things} <= self.shown
-            ):
-                yield word, things
+            objs = self.meant(word)
+            if len(objs) > 1 and self.so_called(word, objs) and _apart(objs) and {t.id for t in objs} <= self.shown:
+                yield word, objs
 
     def bare(self) -> Iterator[Item]:
         """A name of several, and nothing else: the nearest is accepted, where it is taken without a question."""
-        for word, things in self._several():
-            far = {thing.id: away(self.home.start_xy, thing) for thing in things}
+        for word, objs in self._several():
+            far = {obj.id: away(self.home.start_xy, obj) for obj in objs}
             accept = tuple(i for i, metres in far.items() if metres <= min(far.values()) + FAR_APART_M)
             yield self._item("bare", self._say("bare", "texts", x=word, a=_a(word)), accept_ids=accept)
 
     def _exactly(self) -> Iterator[tuple[str, list[MapObject]]]:
         """Words that mean one type alone in this home, every thing of which was shown."""
         for label in sorted(self.labels):
-            things = [thing for thing in self.home.objects if thing.label == label]
+            objs = [obj for obj in self.home.objects if obj.label == label]
             sole = [word for word in self.names(label) if self.words.meant(word) & self.labels == {label}]
-            if sole and {thing.id for thing in things} <= self.shown:
-                yield self.rng.choice(sole), things
+            if sole and {obj.id for obj in objs} <= self.shown:
+                yield self.rng.choice(sole), objs
 
     def _absent(self) -> list[str]:
         """Names of what this home has nothing of, not by another name either."""
@@ -175,14 +170,14 @@ class _Making(Statements):
 
     def count(self) -> Iterator[Item]:
         known = list(self._exactly())
-        alone = [word for word, things in known if len(things) == 1]
+        alone = [word for word, objs in known if len(objs) == 1]
         left_out = set(alone) - set(self.rng.sample(alone, min(len(alone), SINGLE)))
-        for word, things in known:
-            n, ids = len(things), tuple(thing.id for thing in things)
+        for word, objs in known:
+            n, ids = len(objs), tuple(obj.id for obj in objs)
             if word not in left_out:
                 yield self._item("count", self._say("count", "texts", xs=plural(word)), accept_ids=ids, answer=n)
             for number, kind in self.rooms.items():
-                inside = tuple(thing.id for thing in things if thing.room == number)
+                inside = tuple(obj.id for obj in objs if obj.room == number)
                 if inside and n > 1:
                     tail = _where(self._tail("room", self.words.pick(self.rng, "rooms", kind)))
                     yield self._item(
@@ -193,16 +188,16 @@ class _Making(Statements):
 
     def exists(self) -> Iterator[Item]:
         """As many that are true as are false, as far as there are."""
-        true = [self._exists(word, True, tuple(t.id for t in things)) for word, things in self._exactly()]
+        true = [self._exists(word, True, tuple(t.id for t in objs)) for word, objs in self._exactly()]
         false = [self._exists(word, False) for word in self._absent()]
-        for word, things in self._exactly():
+        for word, objs in self._exactly():
             for number, kind in self.rooms.items():
-                inside = tuple(thing.id for thing in things if thing.room == number)
+                inside = tuple(obj.id for obj in objs if obj.room == number)
                 tail = _where(self._tail("room", self.words.pick(self.rng, "rooms", kind)))
                 (true if inside else false).append(self._exists(word, bool(inside), inside, tail))
         for said in self.every()["relation"]:
             if said.how not in ("between", "closest"):
-                true.append(self._exists(said.word, True, (said.thing,), _where(said.tail)))
+                true.append(self._exists(said.word, True, (said.obj,), _where(said.tail)))
         false += [self._exists(word, False, (), tail) for word, tail in self._untrue()]
         true, false = (_spread(self.rng, some, EACH // 2) for some in (true, false))
         yield from itertools.chain(*zip(true, false, strict=False))
@@ -215,23 +210,23 @@ class _Making(Statements):
 
     def _untrue(self) -> Iterator[tuple[str, str]]:
         """A word and where nothing that it means is, nor nearly: on a thing, by one, or in a room."""
-        for word, things in self._exactly():
-            if FIXTURES & {thing.label for thing in things}:
+        for word, objs in self._exactly():
+            if FIXTURES & {obj.label for obj in objs}:
                 continue
             for place, landmark in self.furniture:
-                if landmark not in things and all(gap(thing, landmark) >= NOT_NEXT_M for thing in things):
+                if landmark not in objs and all(gap(obj, landmark) >= NOT_NEXT_M for obj in objs):
                     held = any(holder == landmark.id for holder, _ in self.home.holder.values())
-                    carried = all(thing.id in self.home.holder for thing in things)
+                    carried = all(obj.id in self.home.holder for obj in objs)
                     yield word, _where(self._tail("on" if held and carried else "next to", place))
 
     def where(self) -> Iterator[Item]:
         """Its room, or all that it stands on; not in a home of one room, where nobody asks for the room."""
-        for word, things in self._exactly() if len(self.home.rooms) > 1 else ():
-            if len(things) != 1 or things[0].room is None:
+        for word, objs in self._exactly() if len(self.home.rooms) > 1 else ():
+            if len(objs) != 1 or objs[0].room is None:
                 continue
-            thing, (_, kind) = things[0], self.home.rooms[things[0].room]
-            held, ids = tuple(other.label for other in self.below(thing)), (thing.id,)
-            if thing.room in self.rooms:
+            obj, (_, kind) = objs[0], self.home.rooms[objs[0].room]
+            held, ids = tuple(other.label for other in self.below(obj)), (obj.id,)
+            if obj.room in self.rooms:
                 rooms = tuple(self.words.texts["rooms"][kind])
                 yield self._item("where", self._say("where", "room", x=word), accept_ids=ids, answer=rooms)
                 yield self._item("where", self._say("where", "texts", x=word), accept_ids=ids, answer=(*rooms, *held))
@@ -242,23 +237,23 @@ class _Making(Statements):
     def list(self) -> Iterator[Item]:
         for place, landmark in self.landmarks:
             held = [self.by_id[i] for i, (holder, _) in self.home.holder.items() if holder == landmark.id]
-            sure = [thing for thing in held if thing.id in self.shown and thing.label not in FIXTURES]
+            sure = [obj for obj in held if obj.id in self.shown and obj.label not in FIXTURES]
             if sure:
                 _, chain = self.held_by(self.home.objects, place)
-                how = {self.home.holder[thing.id][1] for thing in sure}
+                how = {self.home.holder[obj.id][1] for obj in sure}
                 ways = ("on", "in") if landmark.label == "shelving unit" else ("on",) if how == {"on"} else ("in",)
                 if len(how) == 1 or landmark.label == "shelving unit":
                     yield self._listed(self._say("list", self.rng.choice(ways), y=place), sure, chain)
         for number, kind in self.rooms.items():
-            inside = [thing for thing in self.home.objects if thing.room == number]
-            sure = [thing for thing in inside if thing.id in self.shown and thing.id not in self.home.holder]
-            if len({thing.label for thing in sure}) <= MOST_LISTED:
+            inside = [obj for obj in self.home.objects if obj.room == number]
+            sure = [obj for obj in inside if obj.id in self.shown and obj.id not in self.home.holder]
+            if len({obj.label for obj in sure}) <= MOST_LISTED:
                 name = self.words.pick(self.rng, "rooms", kind)
                 yield self._listed(self._say("list", "room", y=name), sure, inside)
 
     def _listed(self, text: str, sure: Sequence[MapObject], maybe: Sequence[MapObject]) -> Item:
-        names = tuple(sorted({thing.label for thing in sure}))
-        others = tuple(sorted({thing.label for thing in maybe} - set(names)))
+        names = tuple(sorted({obj.label for obj in sure}))
+        others = tuple(sorted({obj.label for obj in maybe} - set(names)))
         return self._item("list", text, accept_ids=tuple(t.id for t in sure), answer=names, maybe=others)
 
     def compare(self) -> Iterator[Item]:
@@ -294,16 +289,16 @@ class _Making(Statements):
         for number, kind in self.rooms.items():
             name = self.words.pick(self.rng, "rooms", kind)
             untrue += [
-                (word, self._tail("room", name)) for word, things in self._exactly() if all(t.room != number for t in things)
+                (word, self._tail("room", name)) for word, objs in self._exactly() if all(t.room != number for t in objs)
             ]  # fmt: skip
         for word, tail in self.rng.sample(untrue, min(len(untrue), len(self.words.texts["nothing"]["needs"]))):
             phrase = Statement("nothing", word, 0, 0, tail=tail).phrase()
             yield self._item("nothing", self._say("find", "texts", x=phrase))
 
 
-def _apart(things: Sequence[MapObject]) -> bool:
+def _apart(objs: Sequence[MapObject]) -> bool:
     """Whether every two of some things are so far from each other that it matters which."""
-    return all(gap(a, b) >= SPREAD_M for a, b in itertools.combinations(things, 2))
+    return all(gap(a, b) >= SPREAD_M for a, b in itertools.combinations(objs, 2))
 
 
 def _where(tail: str) -> str:

@@ -72,17 +72,17 @@ class Blind:
         self._rng = np.random.default_rng(int.from_bytes(digest[:8], "big"))
 
     def select(self, query: str, inventory: Inventory, dialogue: Sequence[tuple[str, str]] = ()) -> Selection:
-        things = [thing for thing in inventory.objects if thing.confirmed]
-        thing = things[int(self._rng.integers(len(things)))]
+        objs = [obj for obj in inventory.objects if obj.confirmed]
+        obj = objs[int(self._rng.integers(len(objs)))]
         rooms = [room.name for room in inventory.rooms] or ["room"]
-        named = [name for name in inventory.names if name in query] or [thing.label]
+        named = [name for name in inventory.names if name in query] or [obj.label]
         guesses: dict[str, Any] = {
-            "count": 1, "exists": True, "where": rooms[int(self._rng.integers(len(rooms)))], "list": (thing.label,),
+            "count": 1, "exists": True, "where": rooms[int(self._rng.integers(len(rooms)))], "list": (obj.label,),
             "compare": named[int(self._rng.integers(len(named)))],
         }  # fmt: skip
         if self._kind in guesses:
             return Selection("answered", text="a guess", fact=Fact(self._kind, guesses[self._kind]))  # type: ignore[arg-type]
-        return Selection("found", thing.label, "drawn at random", object_id=thing.id)
+        return Selection("found", obj.label, "drawn at random", object_id=obj.id)
 
     def propose(self, query: str) -> list[str]:
         return []
@@ -113,7 +113,7 @@ def requests(settings: ThingsSettings, maps_folder: Path, progress: Progress | N
         if settings.queries != "made":
             items += [item for item in load_items(WRITTEN) if item.home in settings.homes]
     for home in settings.homes:
-        known = {thing.id for thing in world.objects(home)}
+        known = {obj.id for obj in world.objects(home)}
         for item in items:
             strange = set(item.accept_ids) - known if item.home == home else ()
             if strange:
@@ -201,7 +201,7 @@ def score_answers(
 
 
 def _truth(world: World, home: str) -> dict[int, TrueObject]:
-    return {thing.id: thing for thing in world.objects(home)}
+    return {obj.id: obj for obj in world.objects(home)}
 
 
 def _key(row: Mapping[str, Any]) -> tuple[str, str, str]:
@@ -238,7 +238,7 @@ def _given(item: Item, answers: Sequence[Answer], home: Home) -> Given:
 def _value(fact: Fact, home: Home) -> Any:
     """What a fact says; of a thing without a room, the names of what holds it."""
     if fact.kind == "where" and fact.value is None:
-        labels = {thing.id: thing.label for thing in home.objects}
+        labels = {obj.id: obj.label for obj in home.objects}
         return [labels[i] for i in fact.objects[1:] if i in labels]
     return list(fact.value) if isinstance(fact.value, tuple) else fact.value
 

@@ -92,15 +92,15 @@ def true_home(
         contacts = Contacts(scene)
         kept = {
             "things": [[o.id, o.label, *map(float, o.position)] for o in objects],
-            "holder": [[thing, *by] for thing, by in contacts.holder.items()],
+            "holder": [[obj, *by] for obj, by in contacts.holder.items()],
             "covered": sorted(contacts.covered),
             "pixels": _pixels(world, name, seed, progress),
         }
         write_json(file, kept)
     return TrueHome(
         name, tuple(objects), tuple((room.name, room.kind) for room in scene.rooms), scene.start_xy,
-        {int(thing): (int(by), str(how)) for thing, by, how in kept["holder"]},
-        frozenset((int(thing), int(above)) for thing, above in kept["covered"]),
+        {int(obj): (int(by), str(how)) for obj, by, how in kept["holder"]},
+        frozenset((int(obj), int(above)) for obj, above in kept["covered"]),
         {o.id: int(kept["pixels"][o.id]) if o.id < len(kept["pixels"]) else 0 for o in objects},
     )  # fmt: skip
 
@@ -109,8 +109,8 @@ def true_objects(scene: Scene) -> list[MapObject]:
     """A scene's things as a perfect map would have them; ``room`` is the number of the room."""
     rooms = np.array([room.box for room in scene.rooms])
     found = []
-    for thing in scene.things:
-        box = thing.truth()
+    for obj in scene.things:
+        box = obj.truth()
         low, high, name = box.box_min, box.box_max, display_name(box.label)
         middle = tuple((np.add(low, high) / 2).tolist())
         room = int(box_distance(np.array(middle[:2]), rooms[:, :2], rooms[:, 2:]).argmin())
@@ -122,15 +122,15 @@ def true_objects(scene: Scene) -> list[MapObject]:
             "last_looked_s": 0.0,
             "views": (),
         }
-        known: dict[str, Any] = never | {"colours": _colours(thing), "room": room}
-        found.append(MapObject(thing.id, name, ((name, 1.0),), middle, low, high, 1.0, True, **known))
+        known: dict[str, Any] = never | {"colours": _colours(obj), "room": room}
+        found.append(MapObject(obj.id, name, ((name, 1.0),), middle, low, high, 1.0, True, **known))
     return found
 
 
-def _colours(thing: Thing) -> tuple[tuple[str, float], ...]:
+def _colours(obj: Thing) -> tuple[tuple[str, float], ...]:
     """The colours of a thing's materials with their shares of its surface, the largest first; unknown ones left out."""
     areas: dict[str, float] = defaultdict(float)
-    for part in thing.shape.parts:
+    for part in obj.shape.parts:
         a, b, c = part.vertices[part.faces].astype(np.float64).transpose(1, 0, 2)
         kind, _, tint = part.material.partition(":")
         colour = _OF_MATERIAL.get(tint or _PLAIN.get(kind, kind), "")

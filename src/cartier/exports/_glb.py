@@ -30,14 +30,14 @@ def write(home: Home) -> bytes:
     unit_at = _add(about, parts, *unit)
     by_colour: dict[tuple[int, int, int], int] = {}
     for box in every:
-        if box.thing is None:
+        if box.obj is None:
             continue
         if box.rgb not in by_colour:
             by_colour[box.rgb] = _mesh(about, unit_at, colours[box.rgb])
         low, high = np.array(box.low), np.array(box.high)
         _node(about, box, by_colour[box.rgb], _up((low + high) / 2), np.maximum(high - low, 1e-4)[[0, 2, 1]])
     for kind in ("floor", "wall"):
-        same = [box for box in every if box.thing is None and box.name == kind]
+        same = [box for box in every if box.obj is None and box.name == kind]
         if same:
             faces = np.concatenate([8 * k + FACES for k in range(len(same))])
             at = _add(about, parts, *_flat(np.concatenate([corners(box) for box in same]), faces))
@@ -115,14 +115,14 @@ def _mesh(about: dict[str, Any], at: tuple[int, int], material: int) -> int:
 
 
 def _node(about: dict[str, Any], box: Box, mesh: int, middle: Any, size: Any) -> None:
-    thing = box.thing
-    assert thing is not None
+    obj = box.obj
+    assert obj is not None
     extras = {
-        "id": thing.id,
-        "label": thing.label,
-        "names": list(thing.names),
-        "probability": thing.probability,
-        "room": thing.room,
+        "id": obj.id,
+        "label": obj.label,
+        "names": list(obj.names),
+        "probability": obj.probability,
+        "room": obj.room,
     }
     about["nodes"].append(
         {"name": box.name, "mesh": mesh, "translation": middle.tolist(), "scale": size.tolist(), "extras": extras}

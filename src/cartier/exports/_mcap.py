@@ -36,7 +36,7 @@ def write(home: Home) -> bytes:
     buffer = io.BytesIO()
     writer = Writer(buffer)
     writer.start(profile="", library="cartier")
-    time_ns = round(max((thing.last_looked_s for thing in home.objects), default=0.0) * 1e9)
+    time_ns = round(max((obj.last_looked_s for obj in home.objects), default=0.0) * 1e9)
     stamp = {"sec": time_ns // 10**9, "nsec": time_ns % 10**9}
     messages = {"/tf": _transforms(home, stamp), "/objects": _objects(home, stamp), "/rooms": _rooms(home, stamp)}
     if home.grid is not None:
@@ -75,7 +75,7 @@ def _transforms(home: Home, stamp: dict[str, int]) -> dict[str, Any]:
 def _objects(home: Home, stamp: dict[str, int]) -> dict[str, Any]:
     entities = []
     for box in boxes(home):
-        if box.thing is None:
+        if box.obj is None:
             continue
         cube = {
             "pose": _pose(np.add(box.low, box.high) / 2),
@@ -83,10 +83,10 @@ def _objects(home: Home, stamp: dict[str, int]) -> dict[str, Any]:
             "color": _colour(box),
         }
         top = (*(np.add(box.low, box.high) / 2)[:2], box.high[2] + 0.08)
-        about = {"id": box.thing.id, "label": box.thing.label, "probability": box.thing.probability}
+        about = {"id": box.obj.id, "label": box.obj.label, "probability": box.obj.probability}
         notes = [{"key": key, "value": str(value)} for key, value in about.items()]
-        entity = _entity(f"object {box.thing.id}", stamp) | {"metadata": notes, "cubes": [cube]}
-        entities.append(entity | {"texts": [_text(top, called(box.thing), 0.09)]})
+        entity = _entity(f"object {box.obj.id}", stamp) | {"metadata": notes, "cubes": [cube]}
+        entities.append(entity | {"texts": [_text(top, called(box.obj), 0.09)]})
     return {"deletions": [], "entities": entities}
 
 

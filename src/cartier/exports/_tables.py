@@ -34,8 +34,8 @@ def csv(home: Home) -> bytes:
     text = io.StringIO(newline="")
     writer = table.writer(text)
     writer.writerow(COLUMNS)
-    for thing in home.objects:
-        row = _row(home, thing)
+    for obj in home.objects:
+        row = _row(home, obj)
         writer.writerow([f"'{v}" if isinstance(v, str) and v.startswith(FORMULA) else v for v in row.values()])
     return text.getvalue().encode()
 
@@ -51,10 +51,10 @@ def geojson(home: Home) -> bytes:
         shapes = [[_metres(ring, grid.origin_xy, grid.resolution_m) for ring in rings] for rings in outlines(mask)]
         about = {"kind": "room", "id": room.id, "name": room.name, "room_kind": room.kind}
         features.append(_feature(f"room:{room.id}", "MultiPolygon", shapes, about))
-    for thing in home.objects:
-        (x1, y1), (x2, y2) = thing.box_min[:2], thing.box_max[:2]
+    for obj in home.objects:
+        (x1, y1), (x2, y2) = obj.box_min[:2], obj.box_max[:2]
         ring = [[x1, y1], [x2, y1], [x2, y2], [x1, y2], [x1, y1]]
-        features.append(_feature(thing.id, "Polygon", [ring], {"kind": "object"} | _row(home, thing)))
+        features.append(_feature(obj.id, "Polygon", [ring], {"kind": "object"} | _row(home, obj)))
     about = {
         "home": home.name,
         "home_id": home.id,
@@ -124,11 +124,11 @@ def _feature(number: int | str, kind: str, coordinates: Any, properties: dict[st
     return {"type": "Feature", "id": number, "geometry": geometry, "properties": properties}
 
 
-def _row(home: Home, thing: MapObject) -> dict[str, Any]:
-    room = next((r.name for r in home.rooms if r.id == thing.room), "")
+def _row(home: Home, obj: MapObject) -> dict[str, Any]:
+    room = next((r.name for r in home.rooms if r.id == obj.room), "")
     values = (
-        thing.id, thing.label, thing.names[0] if thing.names else "", room, *thing.position, *thing.box_min, *thing.box_max, thing.probability,
-        thing.confirmed, thing.n_detected, thing.n_observable, thing.first_seen_s, thing.last_seen_s, thing.last_looked_s,
-        thing.colours[0][0] if thing.colours else "", " ".join(map(str, thing.aliases)),
+        obj.id, obj.label, obj.names[0] if obj.names else "", room, *obj.position, *obj.box_min, *obj.box_max, obj.probability,
+        obj.confirmed, obj.n_detected, obj.n_observable, obj.first_seen_s, obj.last_seen_s, obj.last_looked_s,
+        obj.colours[0][0] if obj.colours else "", " ".join(map(str, obj.aliases)),
     )  # fmt: skip
     return dict(zip(COLUMNS, values, strict=True))

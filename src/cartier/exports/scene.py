@@ -34,22 +34,22 @@ class Box:
     low: tuple[float, ...]
     high: tuple[float, ...]
     rgb: tuple[int, int, int]
-    thing: MapObject | None = None
+    obj: MapObject | None = None
 
 
 def boxes(home: Home) -> list[Box]:
     """The floor and the walls in few boxes, then the objects."""
     found = list(_ground(home.grid)) if home.grid is not None else []
-    for thing in home.objects:
-        if thing.confirmed:
-            colour = RGB.get(thing.colours[0][0], OTHER_RGB) if thing.colours else OTHER_RGB
-            found.append(Box(f"{called(thing)} {thing.id}", thing.box_min, thing.box_max, colour, thing))
+    for obj in home.objects:
+        if obj.confirmed:
+            colour = RGB.get(obj.colours[0][0], OTHER_RGB) if obj.colours else OTHER_RGB
+            found.append(Box(f"{called(obj)} {obj.id}", obj.box_min, obj.box_max, colour, obj))
     return found
 
 
-def called(thing: MapObject) -> str:
+def called(obj: MapObject) -> str:
     """What people call an object, else its label."""
-    return thing.names[0] if thing.names else thing.label
+    return obj.names[0] if obj.names else obj.label
 
 
 def corners(box: Box) -> npt.NDArray[np.float64]:

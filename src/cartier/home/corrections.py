@@ -93,7 +93,7 @@ def apply(
     log: Sequence[Correction], objects: tuple[MapObject, ...], rooms: tuple[Room, ...], grid: OccupancyGrid | None
 ) -> Corrected:
     """A map with all corrections that hold. One whose object or room is no longer found becomes a note."""
-    things, places = {thing.id: thing for thing in objects}, {room.id: room for room in rooms}
+    objs, places = {obj.id: obj for obj in objects}, {room.id: room for room in rooms}
     notes = []
     for entry in in_force(log):
         subject = cast(Subject, entry.subject)
@@ -104,10 +104,10 @@ def apply(
             notes.append(f"{subject.label} {subject.id} was forgotten, and is part of object {number} now, which stays")
         elif subject.kind == "room":
             places[number] = replace(places[number], name=str(entry.name))
-        elif number in things:
-            changed = _changed(things.pop(number), entry, tuple(places.values()), grid)
-            things |= {} if changed is None else {number: changed}
-    kept = tuple(things[thing.id] for thing in objects if thing.id in things)
+        elif number in objs:
+            changed = _changed(objs.pop(number), entry, tuple(places.values()), grid)
+            objs |= {} if changed is None else {number: changed}
+    kept = tuple(objs[obj.id] for obj in objects if obj.id in objs)
     return Corrected(kept, tuple(places[room.id] for room in rooms), objects, rooms, tuple(log), tuple(notes))
 
 
@@ -119,15 +119,15 @@ def find(text: str, objects: Sequence[MapObject], rooms: Sequence[Room] = ()) ->
     wanted = " ".join(text.split()).casefold()
     if wanted.removeprefix("#").isdecimal():
         number = int(wanted.removeprefix("#")[:18])
-        by_id: list[MapObject | Room] = [thing for thing in objects if number in (thing.id, *thing.aliases)]
+        by_id: list[MapObject | Room] = [obj for obj in objects if number in (obj.id, *obj.aliases)]
         return _one(by_id, text, objects)
     if wanted.startswith("room:"):
         return _one([room for room in rooms if str(room.id) == wanted[5:].strip()], text, objects)
     called: list[MapObject | Room] = [room for room in rooms if room.name.casefold() == wanted]
-    called += [thing for thing in objects if wanted in (name.casefold() for name in thing.names)]
+    called += [obj for obj in objects if wanted in (name.casefold() for name in obj.names)]
     if not called:
-        called = [thing for thing in objects if thing.label.casefold() == wanted]
-        called = [thing for thing in called if isinstance(thing, MapObject) and thing.confirmed] or called
+        called = [obj for obj in objects if obj.label.casefold() == wanted]
+        called = [obj for obj in called if isinstance(obj, MapObject) and obj.confirmed] or called
     return _one(called, text, objects)
 
 
@@ -135,7 +135,7 @@ def make(
     known: Corrected,
     grid: OccupancyGrid | None,
     what: CorrectionKind,
-    thing: str = "",
+    entity: str = "",
     name: str = "",
     to_xy: Sequence[float] = (),
     who: str = "somebody",
@@ -148,7 +148,7 @@ def make(
             raise InputError("there is no correction to undo")
         about["undoes"] = holding[-1].id
     elif what in ("name", "forget", "move"):
-        found = find(thing, known.objects, known.rooms)
+        found = find(entity, known.objects, known.rooms)
         if what != "name" and isinstance(found, Room):
             raise InputError(f"{found.name} is a room: it can be named, but only objects can be moved or forgotten")
         about["subject"] = _subject(found, known, grid)
@@ -172,13 +172,13 @@ def in_words(entry: Correction, log: Iterable[Correction] = ()) -> str:
     return f"{about} is forgotten" if entry.name is None else f"{about} is called {entry.name}"
 
 
-def _free_name(name: str, thing: MapObject | Room, rooms: Sequence[Room]) -> str:
+def _free_name(name: str, obj: MapObject | Room, rooms: Sequence[Room]) -> str:
     """A name that can be told from an id, and that no other room has."""
     name = _clean(name, MAX_NAME_CHARS, "a name")
     if name.removeprefix("#").isdecimal() or name.casefold().startswith("room:"):
         raise InputError(f"{name!r} reads like an id: a name has a letter, and does not begin with 'room:'")
     for room in rooms:
-        if room is not thing and room.name.casefold() == name.casefold():
+        if room is not obj and room.name.casefold() == name.casefold():
             raise InputError(f"room:{room.id} is called {name!r}: choose another name, or rename that room first")
     return name
 
@@ -203,15 +203,15 @@ def in_force(log: Iterable[Correction]) -> list[Correction]:
     return [entry for entry in entries if entry.what != "undo" and entry.id not in undone]
 
 
-def _subject(thing: MapObject | Room, known: Corrected, grid: OccupancyGrid | None) -> Subject:
+def _subject(obj: MapObject | Room, known: Corrected, grid: OccupancyGrid | None) -> Subject:
     """A thing as the map has it without corrections: that is where it is looked for again."""
-    if isinstance(thing, Room):
-        mapped = next(room for room in known.mapped_rooms if room.id == thing.id)
+    if isinstance(obj, Room):
+        mapped = next(room for room in known.mapped_rooms if room.id == obj.id)
         assert grid is not None  # there are no rooms without
         middle = mapped.cells[np.argmin(np.abs(mapped.cells - mapped.cells.mean(0)).sum(1))]
         x, y = grid.centre(middle).tolist()
-        return Subject("room", thing.id, mapped.name, (round(x, 4), round(y, 4)))
-    raw = next(each for each in known.mapped_objects if each.id == thing.id)
+        return Subject("room", obj.id, mapped.name, (round(x, 4), round(y, 4)))
+    raw = next(each for each in known.mapped_objects if each.id == obj.id)
     return Subject("object", raw.id, raw.label, raw.position)
 
 
@@ -226,29 +226,27 @@ def _find_room(subject: Subject, rooms: Sequence[Room], grid: OccupancyGrid | No
 def _find_object(subject: Subject, objects: Sequence[MapObject]) -> int | None:
     """The nearest object of the noted label, where the noted id counts for some distance; else the one of that id."""
 
-    def away_m(thing: MapObject) -> float:
-        return math.dist(thing.position, subject.position) - SAME_M * (subject.id in (thing.id, *thing.aliases))
+    def away_m(obj: MapObject) -> float:
+        return math.dist(obj.position, subject.position) - SAME_M * (subject.id in (obj.id, *obj.aliases))
 
-    called = [thing for thing in objects if subject.label in (thing.label, *(name for name, _ in thing.labels))]
+    called = [obj for obj in objects if subject.label in (obj.label, *(name for name, _ in obj.labels))]
     nearest = min(called, key=away_m, default=None)
     if nearest is not None and away_m(nearest) <= NEAR_M:
         return nearest.id
     return next((t.id for t in objects if subject.id in (t.id, *t.aliases) and away_m(t) <= 0), None)
 
 
-def _changed(
-    thing: MapObject, entry: Correction, rooms: Sequence[Room], grid: OccupancyGrid | None
-) -> MapObject | None:
+def _changed(obj: MapObject, entry: Correction, rooms: Sequence[Room], grid: OccupancyGrid | None) -> MapObject | None:
     if entry.what == "forget":
         return None
     if entry.what == "name":
-        return replace(thing, names=(str(entry.name),))
+        return replace(obj, names=(str(entry.name),))
     x, y = cast(tuple[float, float], entry.to_xy)
-    by = (x - thing.position[0], y - thing.position[1], 0.0)
-    room = thing.room if grid is None else _find_room(Subject("room", -1, "", (x, y)), rooms, grid)
+    by = (x - obj.position[0], y - obj.position[1], 0.0)
+    room = obj.room if grid is None else _find_room(Subject("room", -1, "", (x, y)), rooms, grid)
     return replace(
-        thing, position=_shifted(thing.position, by), box_min=_shifted(thing.box_min, by), box_max=_shifted(thing.box_max, by),
-        room=room, views=tuple(_shifted_view(view, by) for view in thing.views),
+        obj, position=_shifted(obj.position, by), box_min=_shifted(obj.box_min, by), box_max=_shifted(obj.box_max, by),
+        room=room, views=tuple(_shifted_view(view, by) for view in obj.views),
     )  # fmt: skip
 
 

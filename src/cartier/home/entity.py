@@ -92,10 +92,10 @@ class Home:
         if chosen.room is not None:
             return self._middle(next(room for room in self.rooms if room.id == chosen.room))
         held = self.index(index)[1]
-        thing = next((o for o in self.objects if o.id == chosen.object_id), None)
-        if thing is None or not isinstance(held, Instances):
+        obj = next((o for o in self.objects if o.id == chosen.object_id), None)
+        if obj is None or not isinstance(held, Instances):
             return held.locate(chosen.object)
-        return held.locate_object(thing)
+        return held.locate_object(obj)
 
     def _middle(self, room: Room) -> Place | None:
         """The point of a room's free floor that is farthest from all else."""
@@ -108,14 +108,14 @@ class Home:
         free[rows + 1, cols + 1] = self.grid.cells[rows, cols] == FREE
         open_m = np.asarray(distance_transform_edt(free))[1:-1, 1:-1]
         x, y = self.grid.centre(np.array(np.unravel_index(int(open_m.argmax()), open_m.shape))).tolist()
-        views = [view for thing in self.objects if thing.room == room.id for view in thing.views]
+        views = [view for obj in self.objects if obj.room == room.id for view in obj.views]
         best = max(views, key=lambda view: view.size_px2, default=None)
         return Place(room.name, (x, y, 0.0), 1.0, best.frame if best else -1)
 
     def photo(self, object_id: int) -> bytes | None:
         """The JPEG of an object's best view, None for an unknown id or a photo that was not kept."""
-        thing = next((o for o in self.objects if object_id == o.id or object_id in o.aliases), None)
-        return self.photos.get(thing.views[0].frame) if thing is not None and thing.views else None
+        obj = next((o for o in self.objects if object_id == o.id or object_id in o.aliases), None)
+        return self.photos.get(obj.views[0].frame) if obj is not None and obj.views else None
 
     def evidence(self, place: Place) -> npt.NDArray[np.uint8] | None:
         """The photo (H, W, 3) that shows a place. Raises InputError if it is damaged."""
@@ -163,14 +163,14 @@ class Home:
 
         What is not ``located`` has a box that covers where it may be: its ``size_m`` is that of the box.
         """
-        standing = supports([thing for thing in self.objects if thing.confirmed]) if self.grid is not None else {}
+        standing = supports([obj for obj in self.objects if obj.confirmed]) if self.grid is not None else {}
         rows = []
-        for thing in sorted(self.objects, key=lambda thing: (not thing.confirmed, thing.id)):
-            on = standing.get(thing.id)
+        for obj in sorted(self.objects, key=lambda obj: (not obj.confirmed, obj.id)):
+            on = standing.get(obj.id)
             row = {
-                **asdict(thing),
-                "located": thing.located,
-                "size_m": [round(high - low, 3) for low, high in zip(thing.box_min, thing.box_max, strict=True)],
+                **asdict(obj),
+                "located": obj.located,
+                "size_m": [round(high - low, 3) for low, high in zip(obj.box_min, obj.box_max, strict=True)],
             }
             row["on"] = (
                 None if on is None else {"id": on.object, "relation": on.kind, "probability": round(on.probability, 3)}
@@ -189,7 +189,7 @@ class Home:
     def correct(
         self,
         what: corrections.CorrectionKind,
-        thing: int | str = "",
+        entity: int | str = "",
         *,
         name: str = "",
         to_xy: Sequence[float] = (),
@@ -203,7 +203,7 @@ class Home:
         """
         if self.store is None or self.corrected is None:
             raise InputError(f"{self.name} was not loaded from a folder: save it, load it, and correct it then")
-        entry = corrections.make(self.corrected, self.grid, what, str(thing), name, to_xy, who)
+        entry = corrections.make(self.corrected, self.grid, what, str(entity), name, to_xy, who)
         self.store.append(corrections.LOG, corrections.line_of(entry))
         return Home.load(self.store.folder), corrections.in_words(entry, self.corrected.log)
 
@@ -218,7 +218,7 @@ class Home:
         as_mapped = (
             self.corrected.mapped_objects if self.corrected else self.objects
         )  # the log is applied when it is loaded
-        blobs = {"objects.json": json_bytes([asdict(thing) for thing in as_mapped])}
+        blobs = {"objects.json": json_bytes([asdict(obj) for obj in as_mapped])}
         for name, index in self.indexes.items():
             blobs |= {f"indexes/{name}/{part}": data for part, data in index.state().items()}
         blobs |= {f"{GROWTH}/{part}": data for part, data in self.growth.items()}

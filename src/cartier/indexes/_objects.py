@@ -18,25 +18,25 @@ class Objects(ABC):
         self._places: dict[str, Place] = {}
 
     @abstractmethod
-    def place(self, thing: MapObject, view: View) -> Place | None:
+    def place(self, obj: MapObject, view: View) -> Place | None:
         """The place that a view of an object gives, or None if it gives none."""
 
     def add(self, frame: Frame, detections: Detections) -> None:  # noqa: B027
         """Nothing to do: the objects come with their views."""
 
-    def locate_object(self, thing: MapObject) -> Place | None:
+    def locate_object(self, obj: MapObject) -> Place | None:
         """The place that the largest view of this very object gives."""
-        places = (self.place(thing, view) for view in sorted(thing.views, key=lambda view: -view.size_px2))
+        places = (self.place(obj, view) for view in sorted(obj.views, key=lambda view: -view.size_px2))
         return next((place for place in places if place is not None), None)
 
     def set_objects(self, objects: Sequence[MapObject]) -> None:
         best: dict[str, tuple[float, Place]] = {}
-        for thing in (thing for thing in objects if thing.confirmed):
-            for view in thing.views:
-                named = view.label == thing.label  # a view under another name only counts where there is none
+        for obj in (obj for obj in objects if obj.confirmed):
+            for view in obj.views:
+                named = view.label == obj.label  # a view under another name only counts where there is none
                 size = view.size_px2 if named else view.size_px2 * 1e-6
-                for name in (thing.label, *thing.names):
-                    place = self.place(thing, view) if size > best.get(name, (0.0,))[0] else None
+                for name in (obj.label, *obj.names):
+                    place = self.place(obj, view) if size > best.get(name, (0.0,))[0] else None
                     if place is not None:
                         best[name] = size, place
         self._places = {name: place for name, (_, place) in best.items()}

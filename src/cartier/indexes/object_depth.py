@@ -14,16 +14,16 @@ def make() -> ObjectDepth:
 class ObjectDepth(Objects):
     """Position = mean of the surface that the winning view shows (arXiv 2307.11865); objects seen without depth have none."""
 
-    def place(self, thing: MapObject, view: View) -> Place | None:
+    def place(self, obj: MapObject, view: View) -> Place | None:
         if view.surface is None:
             return None
         return Place(
-            thing.label,
+            obj.label,
             view.surface,
             view.score,
             view.frame,
             view.box_xyxy,
-            thing.box_min,
-            thing.box_max,
-            object_id=thing.id,
+            obj.box_min,
+            obj.box_max,
+            object_id=obj.id,
         )

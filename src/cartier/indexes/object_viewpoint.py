@@ -14,7 +14,5 @@ def make() -> ObjectViewpoint:
 class ObjectViewpoint(Objects):
     """Position = camera position of the winning view, with the heading in which its box's centre was seen."""
 
-    def place(self, thing: MapObject, view: View) -> Place:
-        return Place(
-            thing.label, view.camera, view.score, view.frame, view.box_xyxy, view_yaw=view.yaw, object_id=thing.id
-        )
+    def place(self, obj: MapObject, view: View) -> Place:
+        return Place(obj.label, view.camera, view.score, view.frame, view.box_xyxy, view_yaw=view.yaw, object_id=obj.id)

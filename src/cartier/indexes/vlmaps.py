@@ -70,9 +70,9 @@ class VLMaps:
         self._search = None
 
     def set_objects(self, objects: Sequence[MapObject]) -> None:
-        sure = [thing for thing in objects if thing.confirmed]
-        self._names = sorted({thing.label for thing in sure})
-        self._called = {name: thing.label for thing in sure for name in thing.names}  # no picture shows whose it is
+        sure = [obj for obj in objects if obj.confirmed]
+        self._names = sorted({obj.label for obj in sure})
+        self._called = {name: obj.label for obj in sure for name in obj.names}  # no picture shows whose it is
 
     def names(self) -> list[str]:
         return sorted({*self._names, *self._called}) if len(self._grid.cells) else []

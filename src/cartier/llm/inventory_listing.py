@@ -38,15 +38,15 @@ def names_only(inventory: Inventory, words: str) -> Listing:
 def described(inventory: Inventory, words: str) -> Listing:
     """Each name once with its objects, the rooms, and the metres from the robot to each object; ``words`` are the person's."""
     names = inventory.names
-    seen = [thing for thing in inventory.objects if thing.confirmed and thing.views]
+    seen = [obj for obj in inventory.objects if obj.confirmed and obj.views]
     if not seen:
         return Listing(f"Objects in this home, by their exact names: {_json(names)}", names)
     told = _first(seen, words, inventory.from_xy)
-    several = Counter(thing.label for thing in seen)
+    several = Counter(obj.label for obj in seen)
     lines = _lines(tuple(told), inventory.rooms)
     rows = []
     for name in names:
-        row = [lines[thing.id] for thing in told if thing.label == name]
+        row = [lines[obj.id] for obj in told if obj.label == name]
         left = several[name] - len(row)
         rows.append(f"{_json(name)}: {_json([*row, f'{left} more'] if left else row)}")
     rooms = [room_ref(room.name, room.id) for room in inventory.rooms]
@@ -58,44 +58,44 @@ def described(inventory: Inventory, words: str) -> Listing:
     if rooms:
         text += f"\nRooms: {_json(rooms)}"
     if inventory.from_xy is not None:
-        far = sorted((dist(thing.position[:2], inventory.from_xy), thing.id) for thing in told)
+        far = sorted((dist(obj.position[:2], inventory.from_xy), obj.id) for obj in told)
         text += "\nMetres from the robot, nearest first: " + ", ".join(f"#{number} {m:.1f}" for m, number in far)
-    which = [object_ref(thing.label, thing.id) for thing in told if several[thing.label] > 1]
+    which = [object_ref(obj.label, obj.id) for obj in told if several[obj.label] > 1]
     return Listing(text, [*names, *which, *rooms])
 
 
 def _first(seen: Sequence[MapObject], words: str, from_xy: Sequence[float] | None) -> list[MapObject]:
     """As many objects as are described, by name and number: first those that are named in the words, then the nearest."""
     if len(seen) > MOST_DESCRIBED:
-        said = {name for name, _ in names_of(tuple(sorted({thing.label for thing in seen}))).mentions(words)}
+        said = {name for name, _ in names_of(tuple(sorted({obj.label for obj in seen}))).mentions(words)}
         here = from_xy or seen[0].position[:2]
-        seen = sorted(seen, key=lambda thing: (thing.label not in said, dist(thing.position[:2], here)))
-    return sorted(seen[:MOST_DESCRIBED], key=lambda thing: (thing.label, thing.id))
+        seen = sorted(seen, key=lambda obj: (obj.label not in said, dist(obj.position[:2], here)))
+    return sorted(seen[:MOST_DESCRIBED], key=lambda obj: (obj.label, obj.id))
 
 
 @lru_cache(maxsize=8)  # a home is asked more than once
 def _lines(told: tuple[MapObject, ...], rooms: tuple[Room, ...]) -> dict[int, str]:
     """Each object in a few words, by its id: ``#12: kitchen; on counter top #5; by sink #8; white; 8x8x10``."""
-    refs = {thing.id: object_ref(thing.label, thing.id) for thing in told}
+    refs = {obj.id: object_ref(obj.label, obj.id) for obj in told}
     called = {room.id: room.name for room in rooms}
     twice = {name for name, count in Counter(called.values()).items() if count > 1}
     held = relations.supports(told)
     lines = {}
-    for thing in told:
+    for obj in told:
         parts = []
-        if thing.room in called:
-            name = called[thing.room]
-            parts.append(room_ref(name, thing.room) if name in twice else name)
-        if (holder := held.get(thing.id)) is not None and holder.object is not None:
+        if obj.room in called:
+            name = called[obj.room]
+            parts.append(room_ref(name, obj.room) if name in twice else name)
+        if (holder := held.get(obj.id)) is not None and holder.object is not None:
             parts.append(f"{holder.kind} {refs[holder.object]}")
-        near = [r for r in relations.next_to(thing, told) if r.probability >= relations.LIKELY][:BESIDE]
+        near = [r for r in relations.next_to(obj, told) if r.probability >= relations.LIKELY][:BESIDE]
         if near:
             parts.append("by " + " and ".join(refs[relation.subject] for relation in near))
-        if thing.colours:
-            parts.append(" and ".join(colour for colour, _ in thing.colours[:2]))
-        size = (100 * (high - low) for low, high in zip(thing.box_min, thing.box_max, strict=True))
+        if obj.colours:
+            parts.append(" and ".join(colour for colour, _ in obj.colours[:2]))
+        size = (100 * (high - low) for low, high in zip(obj.box_min, obj.box_max, strict=True))
         parts.append("x".join(f"{side:.0f}" for side in size))
-        lines[thing.id] = f"#{thing.id}: " + "; ".join(parts)
+        lines[obj.id] = f"#{obj.id}: " + "; ".join(parts)
     return lines
 
 

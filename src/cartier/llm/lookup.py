@@ -38,7 +38,7 @@ class Listed:
 
     def __init__(self, inventory: Inventory) -> None:
         self.names = names_of(tuple(inventory.names))
-        self.objects: dict[int, MapObject] = {thing.id: thing for thing in inventory.objects if thing.confirmed}
+        self.objects: dict[int, MapObject] = {obj.id: obj for obj in inventory.objects if obj.confirmed}
         self.rooms = {room.id: room.name for room in inventory.rooms}
 
     def find(self, text: str) -> Pick | None:
@@ -48,8 +48,8 @@ class Listed:
             return Pick(text)
         name, mark, number = text.rpartition("#")
         if mark and _is_number(number):
-            thing = self.objects.get(int(number))
-            return Pick(thing.label, thing.id) if thing and self.names.lookup(name) == thing.label else None
+            obj = self.objects.get(int(number))
+            return Pick(obj.label, obj.id) if obj and self.names.lookup(name) == obj.label else None
         name, mark, number = text.removesuffix(")").rpartition(" (room ")
         if mark and _is_number(number):
             room = int(number)

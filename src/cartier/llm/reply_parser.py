@@ -108,28 +108,28 @@ def _fact(stated: Any, listed: Listed) -> Fact:
     kind, value, numbers = stated["kind"], stated.get("value"), stated.get("objects") or []
     if any(type(number) is not int for number in numbers):
         raise TypeError("objects are numbers")
-    things = [listed.objects[number] for number in dict.fromkeys(numbers)]
-    rooms = [listed.rooms.get(thing.room) for thing in things if thing.room is not None]
+    objs = [listed.objects[number] for number in dict.fromkeys(numbers)]
+    rooms = [listed.rooms.get(obj.room) for obj in objs if obj.room is not None]
     if kind == "count":
-        value = _whole(value, len(things), max(len(listed.objects), len(listed.rooms)))
+        value = _whole(value, len(objs), max(len(listed.objects), len(listed.rooms)))
     elif kind == "exists":
         if type(value) is not bool:
             raise TypeError("there is, or there is not")
     elif kind == "where":
-        value = (rooms[0] if rooms else None) if things or value is None else _listed_as(value, listed)
+        value = (rooms[0] if rooms else None) if objs or value is None else _listed_as(value, listed)
     elif kind == "list":
         if not isinstance(value, list):
             raise TypeError("names are a list")
-        value = list(dict.fromkeys([_listed_as(name, listed) for name in value] or [thing.label for thing in things]))
+        value = list(dict.fromkeys([_listed_as(name, listed) for name in value] or [obj.label for obj in objs]))
     elif kind == "compare":
         value = _listed_as(value, listed)
-        if things and value not in [thing.label for thing in things]:
+        if objs and value not in [obj.label for obj in objs]:
             raise ValueError("what it names is not among what it compares")
     elif kind == "tell":
         value = _line(value)[:MAX_WORD_CHARS] if isinstance(value, str) else _number(value)
     else:
         raise ValueError("no kind of answer")
-    return Fact(kind, value, tuple(thing.id for thing in things))
+    return Fact(kind, value, tuple(obj.id for obj in objs))
 
 
 def _listed_as(name: Any, listed: Listed) -> str:

@@ -129,6 +129,6 @@ class BearingMap(ObjectMap):
         return np.asarray(np.sqrt(np.maximum(odds @ log**2 - mean**2, 0)))
 
     def _object(self, o: int, likely: float, names: Sequence[str], aliases: Mapping[int, Sequence[int]]) -> MapObject:
-        thing = super()._object(o, likely, names, aliases)
-        place = thing.position if self._spread()[o] < TOLD else None
-        return replace(thing, views=tuple(replace(view, surface=place) for view in thing.views))
+        obj = super()._object(o, likely, names, aliases)
+        place = obj.position if self._spread()[o] < TOLD else None
+        return replace(obj, views=tuple(replace(view, surface=place) for view in obj.views))

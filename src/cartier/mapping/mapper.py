@@ -185,7 +185,7 @@ class Mapper:
             told = "; ".join(getattr(self.detector, "notes", ())) or hint
             raise InputError(f"{self.detector.name} found nothing in the {self._looked()} frames: {told}")
         rooms = find_rooms(grid, objects) if grid is not None else ()
-        objects = tuple(replace(thing, room=room_of(thing, grid, rooms)) for thing in objects)
+        objects = tuple(replace(obj, room=room_of(obj, grid, rooms)) for obj in objects)
         all_notes = (
             *self._settings.get("doubts", ()),
             *self._notes,
@@ -221,7 +221,7 @@ class Mapper:
                 notes[f"image features: {made_with}"] = None
         empty = [name for name, index in copies.items() if not index.names()]
         if empty and (self._explicit or len(empty) == len(copies)):
-            sure = any(thing.confirmed for thing in objects)
+            sure = any(obj.confirmed for obj in objects)
             why = "no detection has what it needs (object_depth needs depth in the boxes)" if sure else (
                 f"of {len(objects)} possible objects none was seen often and surely enough"
             )  # fmt: skip
@@ -244,7 +244,7 @@ class Mapper:
 
     def _evidence(self, objects: Sequence[MapObject]) -> dict[int, bytes]:
         """The photos of all views of confirmed objects, and of the best one of the others."""
-        shown = {view.frame for thing in objects for view in thing.views[: None if thing.confirmed else 1]}
+        shown = {view.frame for obj in objects for view in obj.views[: None if obj.confirmed else 1]}
         return {frame: jpeg for frame, jpeg in sorted(self._photos.items()) if frame in shown}
 
     def _growth(self, objects: ObjectMap) -> dict[str, bytes]:

@@ -54,11 +54,11 @@ def find_rooms(grid: OccupancyGrid, objects: Sequence[MapObject]) -> tuple[Room,
         Room(number, "", "", np.argwhere(places == place).astype(np.int32))
         for number, place in enumerate(order.tolist())
     ]
-    standing = [thing for thing in objects if thing.confirmed]
+    standing = [obj for obj in objects if obj.confirmed]
     labels: list[set[str]] = [set() for _ in unnamed]
-    for thing, number in zip(standing, rooms_of(standing, grid, unnamed), strict=True):
+    for obj, number in zip(standing, rooms_of(standing, grid, unnamed), strict=True):
         if number is not None:
-            labels[number].add(thing.label)
+            labels[number].add(obj.label)
     rooms, count = [], Counter[str]()
     for room, inside in zip(unnamed, labels, strict=True):
         kind = _kind(inside, _long(room.cells, grid.resolution_m))
@@ -67,9 +67,9 @@ def find_rooms(grid: OccupancyGrid, objects: Sequence[MapObject]) -> tuple[Room,
     return tuple(rooms)
 
 
-def room_of(thing: MapObject, grid: OccupancyGrid | None, rooms: Sequence[Room]) -> int | None:
+def room_of(obj: MapObject, grid: OccupancyGrid | None, rooms: Sequence[Room]) -> int | None:
     """The id of the room in which an object is; of what hangs on a wall, that from which it is seen. None without rooms."""
-    return rooms_of([thing], grid, rooms)[0]
+    return rooms_of([obj], grid, rooms)[0]
 
 
 def rooms_of(objects: Sequence[MapObject], grid: OccupancyGrid | None, rooms: Sequence[Room]) -> list[int | None]:
@@ -83,7 +83,7 @@ def rooms_of(objects: Sequence[MapObject], grid: OccupancyGrid | None, rooms: Se
     places = np.zeros(grid.cells.shape, np.int32)
     for number, room in enumerate(rooms, 1):
         places[room.cells[:, 0], room.cells[:, 1]] = number
-    seen = [(k, view.surface or thing.position, view) for k, thing in enumerate(objects) for view in thing.views]
+    seen = [(k, view.surface or obj.position, view) for k, obj in enumerate(objects) for view in obj.views]
     owners = np.array([k for k, _, _ in seen], np.intp)
     surfaces = np.array([surface[:2] for _, surface, _ in seen], np.float64).reshape(-1, 2)
     ways = np.array([view.camera[:2] for _, _, view in seen], np.float64).reshape(-1, 2) - surfaces
@@ -94,8 +94,8 @@ def rooms_of(objects: Sequence[MapObject], grid: OccupancyGrid | None, rooms: Se
     votes = np.zeros((len(objects), len(rooms) + 1))
     np.add.at(votes, (owners, first), [view.score for _, _, view in seen])
     return [
-        rooms[int(row.argmax())].id if row.any() else _nearest(grid.cell(thing.position[:2]), rooms)
-        for row, thing in zip(votes[:, 1:], objects, strict=True)
+        rooms[int(row.argmax())].id if row.any() else _nearest(grid.cell(obj.position[:2]), rooms)
+        for row, obj in zip(votes[:, 1:], objects, strict=True)
     ]
 
 

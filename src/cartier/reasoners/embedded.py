@@ -17,7 +17,7 @@ import numpy as np
 
 from cartier.spatial.query import Scene, called
 from cartier.types import Inventory, MapObject, Selection, Status
-from cartier.understanding.candidates import Missing, Ranked, Things
+from cartier.understanding.candidates import Candidates, Missing, Ranked
 from cartier.understanding.cards import SHIPPED, Deck, bare, read_deck
 from cartier.understanding.dialogue import FollowUp, understand
 from cartier.understanding.dialogue_acts import DialogueAct, sort_out
@@ -29,7 +29,7 @@ from cartier.understanding.outcome_classifier import OUTCOMES, Choice
 from cartier.understanding.tentative import accepted, maybe_there, offer, tentative_matches, usual_place
 from cartier.understanding.utterance import MOST_CHARACTERS, mentions
 
-Candidates = tuple[tuple[str, float], ...]
+Shares = tuple[tuple[str, float], ...]
 
 NAME = "embedded (knowledge cards, MiniLM, learned scorer)"
 FITS = " fits: "  # in the reason of what serves a need, not named
@@ -59,7 +59,7 @@ class Embedded:
         self.name = NAME
         self.deck = deck
         self._given = scorer
-        self._listed = lru_cache(maxsize=8)(lambda names: Things(self.scorer, names))
+        self._listed = lru_cache(maxsize=8)(lambda names: Candidates(self.scorer, names))
 
     @cached_property
     def scorer(self) -> Scorer:
@@ -90,7 +90,7 @@ class Embedded:
     def _maybe(self, query: str, scene: Scene) -> MapObject | None:
         """What would serve the words, if it is there."""
         maybe = tentative_matches(scene)
-        names = tuple(sorted({thing.label for thing in maybe}))
+        names = tuple(sorted({candidate.label for candidate in maybe}))
         chosen = self._by_name(query, names, ()) if names else None
         return next(
             (o for o in maybe if chosen and chosen.status == "found" and called(o, [chosen.object or ""])), None
@@ -151,12 +151,12 @@ class Embedded:
         if not heard.sentences or sort_out(heard, self.deck.by_key).asked == "not":
             return []
         judged = self.scorer.judge(heard, self.deck.by_key.keys())
-        things = self._listed(tuple(card.name for card in self.deck.cards if card.at_home))
-        ranked = things.ranked(judged)
-        most = things.missing(judged, ranked[0].thing)
+        candidates = self._listed(tuple(card.name for card in self.deck.cards if card.at_home))
+        ranked = candidates.ranked(judged)
+        most = candidates.missing(judged, ranked[0].candidate)
         if most.logit > ranked[0].logit and not self.deck.cards[most.card].at_home:
             return []
-        return [r.thing.name for r in ranked[:5] if r.logit > judged.nothing]
+        return [r.candidate.name for r in ranked[:5] if r.logit > judged.nothing]
 
     def _keys(self, names: tuple[str, ...]) -> Set[str]:
         """The keys of all names to listen for."""
@@ -171,30 +171,34 @@ class Embedded:
 
     def _serve(self, text: str, names: tuple[str, ...], turn: FollowUp) -> Selection:
         """The thing that serves a need, or what is said instead."""
-        heard, things = self.scorer.hear(text), self._listed(names)
+        heard, candidates = self.scorer.hear(text), self._listed(names)
         if not heard.sentences:
             return Selection("clarify", reason="nothing said tells a need", question="What do you need?", model=NAME)
         judged = self.scorer.judge(heard, self._keys(names))
         out = {*turn.without, *turn.forbidden}
-        allowed = [r for r in things.ranked(judged) if r.thing.name in (turn.only or names) and r.thing.name not in out]
+        allowed = [
+            r
+            for r in candidates.ranked(judged)
+            if r.candidate.name in (turn.only or names) and r.candidate.name not in out
+        ]
         if not allowed:
             return Selection("not_found", reason="nothing else is listed", model=NAME)
-        choice = Choice(allowed, things, judged, turn.outright)
+        choice = Choice(allowed, candidates, judged, turn.outright)
         # who chooses from what was offered is not asked again, and who turns a thing down wants the next best
         only: tuple[Status, ...] = ("found",) if turn.only else ("found", "not_found") if turn.without else OUTCOMES
         return self._say(choice, choice.decide(only), turn)
 
     def weigh(self, text: str, names: Sequence[str]) -> Choice | None:
         """What is decided from, to fit the decision (tools/fit_decision.py); None for no words."""
-        heard, things = self.scorer.hear(text), self._listed(tuple(names))
+        heard, candidates = self.scorer.hear(text), self._listed(tuple(names))
         judged = self.scorer.judge(heard, self._keys(tuple(names))) if heard.sentences else None
         outright = sort_out(heard, self._keys(tuple(names))).asked == "outright"
-        return Choice(things.ranked(judged), things, judged, outright) if judged and things.all else None
+        return Choice(candidates.ranked(judged), candidates, judged, outright) if judged and candidates.all else None
 
     def _say(self, choice: Choice, status: Status, turn: FollowUp) -> Selection:
         """A decision in words."""
         best, second, missing, judged = choice.best, choice.rival, choice.missing, choice.judged
-        chosen = {"found": best.thing.name, "likely_near": choice.near}.get(status)
+        chosen = {"found": best.candidate.name, "likely_near": choice.near}.get(status)
         called = best.called if status == "found" and not best.stands_in else None
         reason, question = self._reason(best, judged), None
         if chosen is not None and called is not None and not turn.outright:
@@ -202,7 +206,7 @@ class Embedded:
             question, chosen, status = f"Shall I go to the {bare(chosen)}?", None, "clarify"
         elif status == "clarify" and second is not None:
             reason = f"{reason}, but also {self._reason(second, judged)}"
-            question = f"Do you mean the {bare(best.thing.name)} or the {bare(second.thing.name)}?"
+            question = f"Do you mean the {bare(best.candidate.name)} or the {bare(second.candidate.name)}?"
         elif status == "likely_near" and chosen is not None:
             reason = f"{self._not_seen(missing)}, but usually kept beside the {bare(chosen)}"
         elif status == "not_found":
@@ -224,9 +228,9 @@ class Embedded:
                 if ranked.stands_in
                 else f"'{said}' was asked for by name"
             )
-        if ranked.thing.card is None:
-            return f"'{_short(judged.sentences[0])}' fits the name {bare(ranked.thing.name)}"
-        sentence, use = self.scorer.why(judged, ranked.thing.card)
+        if ranked.candidate.card is None:
+            return f"'{_short(judged.sentences[0])}' fits the name {bare(ranked.candidate.name)}"
+        sentence, use = self.scorer.why(judged, ranked.candidate.card)
         return f"'{_short(sentence)}'{FITS}{use}"
 
 
@@ -241,13 +245,13 @@ def _told(said: DialogueAct) -> Selection:
     return Selection("answered", reason=reason, text="Understood.", model=NAME)
 
 
-def _candidates(ranked: Sequence[Ranked], judged: Judgement) -> Candidates:
+def _candidates(ranked: Sequence[Ranked], judged: Judgement) -> Shares:
     """The five best with their shares of the probability, the rest of which is with the others and with nothing."""
     logits = np.array([judged.nothing, *(r.logit for r in ranked)])
     shares = np.exp(logits - logits.max())
     shares = shares / shares.sum()
     return tuple(
-        (r.thing.name, round(float(p), 3)) for r, p in zip(ranked[:5], shares[1:6], strict=True) if p >= 0.0005
+        (r.candidate.name, round(float(p), 3)) for r, p in zip(ranked[:5], shares[1:6], strict=True) if p >= 0.0005
     )
 
 

@@ -70,40 +70,40 @@ def plan_jpeg(home: Home, place: Place, goal: Goal | None, robot: RobotModel) ->
 
 def draw_home(home: Home, file: Path) -> None:
     """Write a picture of the floor plan with its rooms and the box and name of every confirmed object."""
-    things = [thing for thing in home.objects if thing.confirmed]
+    objs = [obj for obj in home.objects if obj.confirmed]
     left, right, low, high = _extent(home)
     size = 1.2 * math.sqrt(
-        max(1.0, len(things) / ((right - left) * (high - low)) / 2)
+        max(1.0, len(objs) / ((right - left) * (high - low)) / 2)
     )  # inches per metre, as crowded as it is
     wide = float(np.clip((right - left) * size, 7, 26))
     figure, (axes,) = _figure(1, (wide, wide * (high - low) / (right - left) + 1.2))
     draw_plan(axes, home)
-    _draw_boxes(axes, things)
+    _draw_boxes(axes, objs)
     figure.suptitle(home.name, fontsize=14, x=0.02, ha="left", weight="bold")
-    tentative = len(home.objects) - len(things)
-    _caption(figure, home, f"{len(things)} objects of {len(home.names)} kinds, {tentative} more tentative")
+    tentative = len(home.objects) - len(objs)
+    _caption(figure, home, f"{len(objs)} objects of {len(home.names)} kinds, {tentative} more tentative")
     figure.canvas.draw()  # places must be final before names are put beside them
-    _name(figure, axes, [(thing.label, thing.position) for thing in things])
+    _name(figure, axes, [(obj.label, obj.position) for obj in objs])
     save_figure(figure, file)
 
 
 def draw_object(home: Home, file: Path, object_id: int) -> None:
     """Write the best views of one object with their boxes, and where it is. Raises InputError if there is no such object."""
-    thing = next((o for o in home.objects if object_id == o.id or object_id in o.aliases), None)
-    if thing is None:
+    obj = next((o for o in home.objects if object_id == o.id or object_id in o.aliases), None)
+    if obj is None:
         raise InputError(f"{home.name} has no object {object_id}")
-    figure, (plan, *views) = _figure(1 + len(thing.views), (5.0 * (1 + len(thing.views)), 4.4))
+    figure, (plan, *views) = _figure(1 + len(obj.views), (5.0 * (1 + len(obj.views)), 4.4))
     draw_plan(plan, home)
-    _draw_boxes(plan, [thing])
-    plan.plot(*thing.position[:2], "*", color=CHOSEN, ms=16, mec="white", zorder=6)
-    for axes, view in zip(views, thing.views, strict=True):
-        place = Place(view.label, thing.position, view.score, view.frame, view.box_xyxy)
+    _draw_boxes(plan, [obj])
+    plan.plot(*obj.position[:2], "*", color=CHOSEN, ms=16, mec="white", zorder=6)
+    for axes, view in zip(views, obj.views, strict=True):
+        place = Place(view.label, obj.position, view.score, view.frame, view.box_xyxy)
         _draw_evidence(axes, home, place)
-    state = "confirmed" if thing.confirmed else "tentative"
+    state = "confirmed" if obj.confirmed else "tentative"
     figure.suptitle(
-        f"{thing.label} {thing.id}: {state}, {thing.probability:.0%}", fontsize=13, x=0.02, ha="left", weight="bold"
+        f"{obj.label} {obj.id}: {state}, {obj.probability:.0%}", fontsize=13, x=0.02, ha="left", weight="bold"
     )
-    _caption(figure, home, f"seen in {thing.n_detected} of {thing.n_observable} frames that would have shown it")
+    _caption(figure, home, f"seen in {obj.n_detected} of {obj.n_observable} frames that would have shown it")
     save_figure(figure, file)
 
 
@@ -134,8 +134,8 @@ def draw_find(home: Home, words: str, file: Path, index: str | None = None) -> P
     figure.suptitle(textwrap.fill(f"“{_short(words, 100)}”", 60), fontsize=13, x=0.02, ha="left", weight="bold")
     _caption(figure, home, f"index: {name} · image features: {searched.encoder}")
     figure.canvas.draw()
-    things = [thing for thing in home.objects if thing.confirmed]
-    _name(figure, axes, [(thing.label, thing.position) for thing in things], all_of_them=False)
+    objs = [obj for obj in home.objects if obj.confirmed]
+    _name(figure, axes, [(obj.label, obj.position) for obj in objs], all_of_them=False)
     save_figure(figure, file)
     return place
 
@@ -198,7 +198,7 @@ def _figure(panels: int, size: tuple[float, float]) -> tuple[Figure, list[Axes]]
 def _extent(home: Home) -> tuple[float, float, float, float]:
     """x from, x to, y from, y to of what is known of a home, with a margin."""
     points = [np.array([home.start_xy])]
-    points += [np.array([thing.box_min[:2], thing.box_max[:2]]) for thing in home.objects if thing.confirmed]
+    points += [np.array([obj.box_min[:2], obj.box_max[:2]]) for obj in home.objects if obj.confirmed]
     if home.grid is not None and (home.grid.cells >= 0).any():
         points.append(home.grid.centre(np.argwhere(home.grid.cells >= 0)))
     every = np.concatenate(points)
@@ -223,15 +223,15 @@ def _draw_grid(axes: Axes, grid: OccupancyGrid, rooms: Sequence[Room]) -> None:
     )
 
 
-def _draw_boxes(axes: Axes, things: Sequence[MapObject]) -> None:
+def _draw_boxes(axes: Axes, objs: Sequence[MapObject]) -> None:
     from matplotlib.patches import Rectangle
 
-    for thing in sorted(things, key=lambda thing: thing.box_max[2]):  # what stands higher lies on top
-        (x1, y1), (x2, y2) = thing.box_min[:2], thing.box_max[:2]
-        if thing.located:
+    for obj in sorted(objs, key=lambda obj: obj.box_max[2]):  # what stands higher lies on top
+        (x1, y1), (x2, y2) = obj.box_min[:2], obj.box_max[:2]
+        if obj.located:
             box = Rectangle((x1, y1), x2 - x1, y2 - y1, fc=OBJECT, ec=OBJECT, alpha=0.25, lw=0, zorder=2.5)
             axes.add_patch(box)
-        style = "-" if thing.located else ":"  # dots: it is somewhere in there
+        style = "-" if obj.located else ":"  # dots: it is somewhere in there
         axes.add_patch(Rectangle((x1, y1), x2 - x1, y2 - y1, fill=False, ec=OBJECT, lw=0.8, ls=style, zorder=3))
 
 

@@ -131,26 +131,26 @@ def _objects(out: Any, home: Home, looked: Mapping[int, Looked]) -> None:
     first: dict[int, int] = {}
     for frame in sorted(looked, reverse=True):
         first |= dict.fromkeys(looked[frame].objects.tolist(), frame)
-    for thing in home.objects:
-        seen = [first[number] for number in (thing.id, *thing.aliases) if number in first]
-        seen += [view.frame for view in thing.views]
-        low, high = np.array(thing.box_min), np.array(thing.box_max)
-        label = f"{thing.label} {thing.id} ({thing.probability:.0%})"
+    for obj in home.objects:
+        seen = [first[number] for number in (obj.id, *obj.aliases) if number in first]
+        seen += [view.frame for view in obj.views]
+        low, high = np.array(obj.box_min), np.array(obj.box_max)
+        label = f"{obj.label} {obj.id} ({obj.probability:.0%})"
         out.set_time(TIMELINE, sequence=min(seen, default=0))
         out.log(
-            f"home/objects/{'confirmed' if thing.confirmed else 'tentative'}/{thing.id}",
+            f"home/objects/{'confirmed' if obj.confirmed else 'tentative'}/{obj.id}",
             rr.Boxes3D(
                 centers=[(low + high) / 2],
                 half_sizes=[(high - low) / 2],
                 labels=[label],
-                colors=_colour(thing),
-                show_labels=thing.confirmed,  # of dozens of tentative ones they would hide the home; a click shows them
+                colors=_colour(obj),
+                show_labels=obj.confirmed,  # of dozens of tentative ones they would hide the home; a click shows them
             ),
         )
 
 
-def _colour(thing: MapObject | None) -> tuple[int, int, int]:
-    return NONE if thing is None else SURE if thing.confirmed else UNSURE
+def _colour(obj: MapObject | None) -> tuple[int, int, int]:
+    return NONE if obj is None else SURE if obj.confirmed else UNSURE
 
 
 def _floor_plan(out: Any, home: Home, grid: OccupancyGrid | None) -> None:
@@ -204,55 +204,55 @@ def _photos(out: Any, home: Home) -> None:
 
 def _detections(out: Any, home: Home, looked: Mapping[int, Looked]) -> None:
     """All boxes of each frame that was looked at, with what became of each; and of every frame whether it was looked at."""
-    things = {number: thing for thing in home.objects for number in (thing.id, *thing.aliases)}
+    objs = {number: obj for obj in home.objects for number in (obj.id, *obj.aliases)}
     total = sum(int(row["frames"]) for row in home.settings["recordings"])
     for frame in sorted(looked.keys() | {frame + 1 for frame in looked} | {0}):
         out.set_time(TIMELINE, sequence=frame)
         seen = looked.get(frame)
         if seen is None and frame >= total > 0:
             continue
-        out.log("looked", rr.TextDocument(_in_words(frame, seen, things)))
+        out.log("looked", rr.TextDocument(_in_words(frame, seen, objs)))
         if seen is None or not len(seen.detections):
             out.log("camera/image/boxes", rr.Clear(recursive=False))
             continue
-        found, owners = seen.detections, [(number, things.get(number)) for number in seen.objects.tolist()]
+        found, owners = seen.detections, [(number, objs.get(number)) for number in seen.objects.tolist()]
         labels = [
-            f"{label} {score:.2f}, {_owner(number, thing)}"
-            for label, score, (number, thing) in zip(found.labels, found.scores, owners, strict=True)
+            f"{label} {score:.2f}, {_owner(number, obj)}"
+            for label, score, (number, obj) in zip(found.labels, found.scores, owners, strict=True)
         ]
         boxes = rr.Boxes2D(
             array=found.boxes_xyxy,
             array_format=rr.Box2DFormat.XYXY,
             labels=labels,
-            colors=[_colour(thing) for _, thing in owners],
+            colors=[_colour(obj) for _, obj in owners],
         )
         out.log("camera/image/boxes", boxes)
 
 
-def _owner(number: int, thing: MapObject | None) -> str:
-    if thing is not None:
-        return f"object {thing.id}"
+def _owner(number: int, obj: MapObject | None) -> str:
+    if obj is not None:
+        return f"object {obj.id}"
     return "no object" if number < 0 else f"object {number}, forgotten since"
 
 
-def _in_words(frame: int, seen: Looked | None, things: Mapping[int, MapObject]) -> str:
+def _in_words(frame: int, seen: Looked | None, objs: Mapping[int, MapObject]) -> str:
     if seen is None:
         return "not looked at: the detector did not see this frame"
-    owned = sum(number in things for number in seen.objects.tolist())
+    owned = sum(number in objs for number in seen.objects.tolist())
     return f"looked at in frame {frame}: {len(seen.detections)} boxes, {owned} of objects of this home"
 
 
 def _sights(out: Any, home: Home) -> None:
     """The evidence: in each frame that is among the best views of an object, a line from the camera to it."""
     shown: dict[int, list[tuple[MapObject, View]]] = defaultdict(list)
-    for thing in home.objects:
-        for view in thing.views:
-            shown[view.frame].append((thing, view))
+    for obj in home.objects:
+        for view in obj.views:
+            shown[view.frame].append((obj, view))
     for frame, pairs in sorted(shown.items()):
         out.set_time(TIMELINE, sequence=frame)
-        ends = [view.surface if view.surface is not None else thing.position for thing, view in pairs]
+        ends = [view.surface if view.surface is not None else obj.position for obj, view in pairs]
         strips = [np.array([view.camera, end]) for (_, view), end in zip(pairs, ends, strict=True)]
-        out.log("home/sight", rr.LineStrips3D(strips, colors=[_colour(thing) for thing, _ in pairs]))
+        out.log("home/sight", rr.LineStrips3D(strips, colors=[_colour(obj) for obj, _ in pairs]))
         if frame + 1 not in shown:
             out.set_time(TIMELINE, sequence=frame + 1)
             out.log("home/sight", rr.Clear(recursive=False))

@@ -29,38 +29,34 @@ def draw_sheet(home: Home, file: Path) -> None:
     """
     from PIL import Image, ImageDraw, ImageFont
 
-    sure = [thing for thing in home.objects if thing.confirmed and thing.views]
+    sure = [obj for obj in home.objects if obj.confirmed and obj.views]
     rooms = {room.id: number for number, room in enumerate(home.rooms)}
-    sure.sort(
-        key=lambda thing: (rooms.get(thing.room if thing.room is not None else -1, len(rooms)), thing.label, thing.id)
-    )
-    rest = sorted((o for o in home.objects if not o.confirmed and o.views), key=lambda thing: -thing.probability)
-    shown = [thing for thing in rest if thing.probability >= UNLIKELY]
+    sure.sort(key=lambda obj: (rooms.get(obj.room if obj.room is not None else -1, len(rooms)), obj.label, obj.id))
+    rest = sorted((o for o in home.objects if not o.confirmed and o.views), key=lambda obj: -obj.probability)
+    shown = [obj for obj in rest if obj.probability >= UNLIKELY]
     less = f", {len(rest) - len(shown)} of them below {UNLIKELY:.0%} and not shown" if len(shown) < len(rest) else ""
     groups = [
         (f"{home.name}: {len(sure)} confirmed objects (detector: {home.detector})", sure),
         (f"{len(rest)} tentative{less}", shown),
     ]
-    tall = (
-        sum(CAPTION + -(-len(things) // COLUMNS) * (SIDE + CAPTION + GAP) for _, things in groups if things) + 2 * GAP
-    )
+    tall = sum(CAPTION + -(-len(objs) // COLUMNS) * (SIDE + CAPTION + GAP) for _, objs in groups if objs) + 2 * GAP
     page = Image.new("RGB", (COLUMNS * (SIDE + GAP) + GAP, tall), "white")
     draw, small, large = ImageDraw.Draw(page), ImageFont.load_default(11), ImageFont.load_default(15)
     y = GAP
-    for title, things in groups:
-        if not things:
+    for title, objs in groups:
+        if not objs:
             continue
         draw.text((GAP, y), title, fill=SURE, font=large)
         y += CAPTION
-        for number, thing in enumerate(things):
+        for number, obj in enumerate(objs):
             row, column = divmod(number, COLUMNS)
             left, top = GAP + column * (SIDE + GAP), y + row * (SIDE + CAPTION + GAP)
-            page.paste(_tile(home, thing.views[0]), (left, top))
-            colour = SURE if thing.confirmed else UNSURE
-            draw.text((left, top + SIDE + 1), _cut(f"{thing.id} {thing.label}", draw, small), fill=colour, font=small)
-            told = f"{thing.probability:.0%}, {thing.n_detected} of {thing.n_observable}"
+            page.paste(_tile(home, obj.views[0]), (left, top))
+            colour = SURE if obj.confirmed else UNSURE
+            draw.text((left, top + SIDE + 1), _cut(f"{obj.id} {obj.label}", draw, small), fill=colour, font=small)
+            told = f"{obj.probability:.0%}, {obj.n_detected} of {obj.n_observable}"
             draw.text((left, top + SIDE + 14), told, fill=colour, font=small)
-        y += -(-len(things) // COLUMNS) * (SIDE + CAPTION + GAP)
+        y += -(-len(objs) // COLUMNS) * (SIDE + CAPTION + GAP)
     buffer = io.BytesIO()
     try:
         page.save(buffer, Image.registered_extensions()[file.suffix.lower() or ".png"])

@@ -47,7 +47,7 @@ class Put(BaseModel):
 
     model_config = ConfigDict(extra="forbid")
     what: Literal["name", "forget", "move"]
-    thing: Short
+    entity: Short
     name: Short = ""
     x: Metres = None
     y: Metres = None
@@ -151,27 +151,27 @@ def _add_reading(app: FastAPI, ops: Operations, run: Callable[..., Any]) -> None
         return await run(home, ops.list_rooms, home)
 
     @app.get("/api/homes/{home}/describe", summary="All that is known of one object or room")
-    async def describe(home: str, thing: ShortQuery) -> Any:
-        return await run(home, ops.describe, thing, home)
+    async def describe(home: str, entity: ShortQuery) -> Any:
+        return await run(home, ops.describe, entity, home)
 
     @app.get("/api/homes/{home}/relate", summary="How two objects lie to each other")
-    async def relate(home: str, thing: ShortQuery, other: ShortQuery) -> Any:
-        return await run(home, ops.relate, thing, other, home)
+    async def relate(home: str, entity: ShortQuery, other: ShortQuery) -> Any:
+        return await run(home, ops.relate, entity, other, home)
 
     @app.get("/api/homes/{home}/goal", summary="A reachable pose that faces an object or lies in a room")
-    async def goal(home: str, thing: ShortQuery, from_x: MetresQuery = None, from_y: MetresQuery = None) -> Any:
-        return await run(home, ops.goal_for, thing, home, from_x, from_y)
+    async def goal(home: str, entity: ShortQuery, from_x: MetresQuery = None, from_y: MetresQuery = None) -> Any:
+        return await run(home, ops.goal_for, entity, home, from_x, from_y)
 
     @app.get("/api/homes/{home}/photo", summary="The evidence for an object, as JPEG", response_class=Response)
-    async def photo(home: str, thing: ShortQuery, view: Annotated[int, Query(ge=1, le=100)] = 1) -> Response:
-        told, jpeg = await run(home, ops.look_at, thing, view, home)
+    async def photo(home: str, entity: ShortQuery, view: Annotated[int, Query(ge=1, le=100)] = 1) -> Response:
+        told, jpeg = await run(home, ops.look_at, entity, view, home)
         return Response(jpeg, media_type="image/jpeg", headers={"x-box": json.dumps(told["box_in_picture"])})
 
 
 def _add_writing(app: FastAPI, ops: Operations, run: Callable[..., Any]) -> None:
     @app.post("/api/homes/{home}/corrections", summary="Name, forget or move")
     async def correct(home: str, put: Put) -> Any:
-        return await run(home, ops.correct, put.what, put.thing, put.name, put.x, put.y, home, put.who)
+        return await run(home, ops.correct, put.what, put.entity, put.name, put.x, put.y, home, put.who)
 
     @app.post("/api/homes/{home}/undo", summary="Take back the latest correction that holds")
     async def undo(home: str, by: Who) -> Any:

@@ -135,8 +135,10 @@ def _add_reading(server: MCPServer, ops: Operations) -> None:
     def find(name: str, home: str = "") -> Result:
         return _told(ops.find, name, home)
 
-    def describe(thing: Annotated[str, Field(description="id, name, label or room:ID")], home: str = "") -> ResultAbout:
-        return _told(ops.describe, thing, home)
+    def describe(
+        entity: Annotated[str, Field(description="id, name, label or room:ID")], home: str = ""
+    ) -> ResultAbout:
+        return _told(ops.describe, entity, home)
 
     def list_objects(room: str = "", page: int = 1, home: str = "") -> Result:
         return _told(ops.list_objects, room, page, False, home)
@@ -144,20 +146,20 @@ def _add_reading(server: MCPServer, ops: Operations) -> None:
     def list_rooms(home: str = "") -> Result:
         return _told(ops.list_rooms, home)
 
-    def relate(thing: str, other: str, home: str = "") -> Result:
-        return _told(ops.relate, thing, other, home)
+    def relate(entity: str, other: str, home: str = "") -> Result:
+        return _told(ops.relate, entity, other, home)
 
     def goal_for(
-        thing: str,
+        entity: str,
         ctx: Context,
         home: str = "",
         from_x: Annotated[float | None, Field(description="robot, m")] = None,
         from_y: float | None = None,
     ) -> ResultAbout:
-        return _drawn(ops, ctx, ops.goal_for, thing, home, from_x, from_y)
+        return _drawn(ops, ctx, ops.goal_for, entity, home, from_x, from_y)
 
-    def look_at(thing: str, view: int = 1, home: str = "") -> Result:
-        return _told(ops.look_at, thing, view, home)
+    def look_at(entity: str, view: int = 1, home: str = "") -> Result:
+        return _told(ops.look_at, entity, view, home)
 
     for tool, says in (
         (ask, "Which object serves a need, where, and a pose to reach it; may ask back. 'my feet hurt' -> chair"),
@@ -176,14 +178,14 @@ def _add_reading(server: MCPServer, ops: Operations) -> None:
 def _add_writing(server: MCPServer, ops: Operations) -> None:
     def correct(
         what: Literal["name", "forget", "move"],
-        thing: str,
+        entity: str,
         ctx: Context,
         name: str = "",
         x: Annotated[float | None, Field(description="m, to move to")] = None,
         y: float | None = None,
         home: str = "",
     ) -> Result:
-        return _told(ops.correct, what, thing, name, x, y, home, _client(ctx))
+        return _told(ops.correct, what, entity, name, x, y, home, _client(ctx))
 
     def undo(ctx: Context, home: str = "") -> Result:
         return _told(ops.undo, home, _client(ctx))
@@ -195,9 +197,9 @@ def _add_writing(server: MCPServer, ops: Operations) -> None:
 def _add_go(server: MCPServer, ops: Operations, robot: str) -> None:
     codes = Codes()
 
-    async def consent(thing: str, ctx: Context, home: str = "", code: str = "") -> Consent | Elicit[Consent]:
+    async def consent(entity: str, ctx: Context, home: str = "", code: str = "") -> Consent | Elicit[Consent]:
         try:
-            goal = ops.goal(thing, home)
+            goal = ops.goal(entity, home)
         except CartierError as error:
             raise ToolError(str(error)) from error
         asked = f"{ops.homes.name(home)}: {goal.place.label} at x {goal.x:.2f} y {goal.y:.2f}"
@@ -209,7 +211,7 @@ def _add_go(server: MCPServer, ops: Operations, robot: str) -> None:
         raise ToolError("a person must agree: ask them for the code on cartier's terminal, then call go with code")
 
     def go(
-        thing: str,
+        entity: str,
         agreed: Annotated[Consent, Resolve(consent)],
         home: str = "",
         code: Annotated[str, Field(description="only if a person read it to you")] = "",
@@ -219,7 +221,7 @@ def _add_go(server: MCPServer, ops: Operations, robot: str) -> None:
                 "nothing was sent: the person did not agree, or the code is wrong or old; goal_for only shows the pose"
             )
 
-        return _told(ops.go, thing, robot, home)
+        return _told(ops.go, entity, robot, home)
 
     server.add_tool(go, description="Send the robot; a person is asked first", annotations=MOVES)
 

@@ -78,8 +78,8 @@ class Operations:
         if not wanted:
             raise InputError("find needs a name: call list_objects to see all")
         called = {
-            thing.id: [n.casefold() for n in (*thing.names, thing.label, *(n for n, _ in thing.labels))]
-            for thing in mapped.objects
+            obj.id: [n.casefold() for n in (*obj.names, obj.label, *(n for n, _ in obj.labels))]
+            for obj in mapped.objects
         }
         hits = [t for t in mapped.objects if any(wanted in each for each in called[t.id])]
         close = []
@@ -108,10 +108,10 @@ class Operations:
             )
         return self.about(home, mapped) | told
 
-    def describe(self, thing: str, home: str = "") -> dict[str, Any]:
+    def describe(self, entity: str, home: str = "") -> dict[str, Any]:
         """All that is known of one object or room."""
         mapped = self.homes.get(home)
-        one = find(thing, mapped.objects, mapped.rooms)
+        one = find(entity, mapped.objects, mapped.rooms)
         if isinstance(one, Room):
             inside = [t for t in mapped.objects if t.room == one.id and t.confirmed]
             told = _room_row(mapped, one) | {"holds": sorted({t.label for t in inside})[:30]}
@@ -148,12 +148,12 @@ class Operations:
         mapped = self.homes.get(home)
         return self.about(home, mapped) | {"rooms": [_room_row(mapped, r) for r in mapped.rooms]}
 
-    def relate(self, thing: str, other: str, home: str = "") -> dict[str, Any]:
+    def relate(self, entity: str, other: str, home: str = "") -> dict[str, Any]:
         """How two objects lie to each other, seen from where one would stand before the second."""
         mapped = self.homes.get(home)
-        a, b = (_an_object(find(each, mapped.objects, mapped.rooms)) for each in (thing, other))
+        a, b = (_an_object(find(each, mapped.objects, mapped.rooms)) for each in (entity, other))
         if a.id == b.id:
-            raise InputError(f"{brief(thing, 40)} and {brief(other, 40)} are the same object {a.id}: relate needs two")
+            raise InputError(f"{brief(entity, 40)} and {brief(other, 40)} are the same object {a.id}: relate needs two")
         goal = plan(mapped.grid, place_of(b), mapped.start_xy, self.robot)[0] if mapped.grid is not None else None
         seen_from = (goal.x, goal.y) if goal is not None else mapped.start_xy
         found = [r for k, r in relations.supports(_sure(mapped, a, b)).items() if {k, r.object} == {a.id, b.id}]
@@ -170,19 +170,19 @@ class Operations:
         }  # fmt: skip
 
     def goal_for(
-        self, thing: str, home: str = "", from_x: float | None = None, from_y: float | None = None
+        self, entity: str, home: str = "", from_x: float | None = None, from_y: float | None = None
     ) -> dict[str, Any]:
         """A pose that can be reached from a start, and faces an object or lies in a room."""
         mapped = self.homes.get(home)
-        one = find(thing, mapped.objects, mapped.rooms)
+        one = find(entity, mapped.objects, mapped.rooms)
         place = _room_place(mapped, one) if isinstance(one, Room) else place_of(one)
         row = _room_row(mapped, one) if isinstance(one, Room) else self._row(mapped, one)
         return self.about(home, mapped) | row | self._goal(mapped, place, _start(mapped, from_x, from_y))
 
-    def goal(self, thing: str, home: str = "", from_x: float | None = None, from_y: float | None = None) -> Goal:
+    def goal(self, entity: str, home: str = "", from_x: float | None = None, from_y: float | None = None) -> Goal:
         """The pose of ``goal_for``. Raises InputError where there is none."""
         mapped = self.homes.get(home)
-        one = find(thing, mapped.objects, mapped.rooms)
+        one = find(entity, mapped.objects, mapped.rooms)
         if mapped.grid is None:
             raise InputError(NO_PLAN)
         place = _room_place(mapped, one) if isinstance(one, Room) else place_of(one)
@@ -191,20 +191,20 @@ class Operations:
             raise InputError(why_not)
         return goal
 
-    def go(self, thing: str, robot: str, home: str = "") -> dict[str, Any]:
+    def go(self, entity: str, robot: str, home: str = "") -> dict[str, Any]:
         """Send a robot (as ``--go`` names it) to the pose of ``goal_for``. Whoever calls this has a person's consent."""
-        said = specs.robot(robot, self.homes.get(home), self.robot).go_to(self.goal(thing, home))
-        return self.goal_for(thing, home) | {"sent": said}
+        said = specs.robot(robot, self.homes.get(home), self.robot).go_to(self.goal(entity, home))
+        return self.goal_for(entity, home) | {"sent": said}
 
-    def look_at(self, thing: str, view: int = 1, home: str = "") -> tuple[dict[str, Any], bytes]:
+    def look_at(self, entity: str, view: int = 1, home: str = "") -> tuple[dict[str, Any], bytes]:
         """The evidence for an object: what a view says, and a JPEG of the part of the photo around its box.
 
         View 0 is the floor plan with the object or room and the way there.
         """
         mapped = self.homes.get(home)
         if view == 0:
-            return self._plan(find(thing, mapped.objects, mapped.rooms), home, mapped)
-        one = _an_object(find(thing, mapped.objects, mapped.rooms))
+            return self._plan(find(entity, mapped.objects, mapped.rooms), home, mapped)
+        one = _an_object(find(entity, mapped.objects, mapped.rooms))
         views = [v for v in one.views if v.frame in mapped.photos]
         if not views:
             raise InputError(f"the home keeps no photo of object {one.id}: call describe for all that is known")
@@ -230,7 +230,7 @@ class Operations:
     def correct(
         self,
         what: CorrectionKind,
-        thing: str = "",
+        entity: str = "",
         name: str = "",
         x: float | None = None,
         y: float | None = None,
@@ -241,7 +241,7 @@ class Operations:
         mapped, to_xy = self.homes.get(home), () if x is None or y is None else (x, y)
         if what == "move" and not to_xy:
             raise InputError("move needs x and y, in metres of the map: describe tells where a thing is now")
-        _, told = mapped.correct(what, thing, name=name, to_xy=to_xy, who=who)
+        _, told = mapped.correct(what, entity, name=name, to_xy=to_xy, who=who)
         return self.about(home, self.homes.get(home)) | {"done": told, "next": "undo takes it back"}
 
     def undo(self, home: str = "", who: str = "somebody") -> dict[str, Any]:
@@ -256,14 +256,14 @@ class Operations:
             told["age_h"] = round(max(0.0, time.time() - (mapped.store.folder / MANIFEST).stat().st_mtime) / 3600, 2)
         return told
 
-    def _row(self, mapped: Home, thing: MapObject) -> dict[str, Any]:
-        x, y, z = (round(v, 2) for v in thing.position)
-        room = next((r.name for r in mapped.rooms if r.id == thing.room), None)
-        named = {"name": thing.names[0]} if thing.names else {}
-        goal = plan(mapped.grid, place_of(thing), mapped.start_xy, self.robot)[0] if mapped.grid is not None else None
+    def _row(self, mapped: Home, obj: MapObject) -> dict[str, Any]:
+        x, y, z = (round(v, 2) for v in obj.position)
+        room = next((r.name for r in mapped.rooms if r.id == obj.room), None)
+        named = {"name": obj.names[0]} if obj.names else {}
+        goal = plan(mapped.grid, place_of(obj), mapped.start_xy, self.robot)[0] if mapped.grid is not None else None
         return {
-            "id": thing.id, "label": thing.label, **named, "room": room, "x": x, "y": y, "z": z,
-            "certainty": round(thing.probability, 2), "evidence": _evidence(thing), "reachable": goal is not None,
+            "id": obj.id, "label": obj.label, **named, "room": room, "x": x, "y": y, "z": z,
+            "certainty": round(obj.probability, 2), "evidence": _evidence(obj), "reachable": goal is not None,
         }  # fmt: skip
 
     def _goal(self, mapped: Home, place: Place, start: Sequence[float]) -> dict[str, Any]:
@@ -323,12 +323,12 @@ def _corners(path: Array) -> list[list[float]]:
     return [[round(float(x), 3), round(float(y), 3)] for x, y in path]
 
 
-def place_of(thing: MapObject) -> Place:
+def place_of(obj: MapObject) -> Place:
     """Where an object is, to plan for."""
-    view = thing.views[0] if thing.views else None
+    view = obj.views[0] if obj.views else None
     return Place(
-        thing.label, thing.position, thing.probability, view.frame if view else -1, view.box_xyxy if view else None,
-        thing.box_min, thing.box_max, object_id=thing.id,
+        obj.label, obj.position, obj.probability, view.frame if view else -1, view.box_xyxy if view else None,
+        obj.box_min, obj.box_max, object_id=obj.id,
     )  # fmt: skip
 
 
@@ -346,14 +346,14 @@ def _room_row(home: Home, room: Room) -> dict[str, Any]:
     return {"room": f"room:{room.id}", "name": room.name, "kind": room.kind, "area_m2": area, "objects": count}
 
 
-def _evidence(thing: MapObject) -> str:
-    frame = f", frame {thing.views[0].frame}" if thing.views else ""
-    return f"seen {thing.n_detected} of {thing.n_observable}{frame}"
+def _evidence(obj: MapObject) -> str:
+    frame = f", frame {obj.views[0].frame}" if obj.views else ""
+    return f"seen {obj.n_detected} of {obj.n_observable}{frame}"
 
 
 def _called(home: Home, number: int | None) -> str:
-    thing = next(t for t in home.objects if t.id == number)
-    return f"{thing.names[0] if thing.names else thing.label} {thing.id}"
+    obj = next(t for t in home.objects if t.id == number)
+    return f"{obj.names[0] if obj.names else obj.label} {obj.id}"
 
 
 def _than(kind: str) -> str:
@@ -364,12 +364,12 @@ def _sure(home: Home, *more: MapObject) -> list[MapObject]:
     return [t for t in home.objects if t.confirmed or t in more]
 
 
-def _an_object(thing: MapObject | Room) -> MapObject:
-    if isinstance(thing, Room):
+def _an_object(obj: MapObject | Room) -> MapObject:
+    if isinstance(obj, Room):
         raise InputError(
-            f"{thing.name} is a room: pass an object; list_objects with room={thing.name!r} shows what is in it"
+            f"{obj.name} is a room: pass an object; list_objects with room={obj.name!r} shows what is in it"
         )
-    return thing
+    return obj
 
 
 def _start(home: Home, from_x: float | None, from_y: float | None) -> Sequence[float]:

@@ -48,7 +48,7 @@ def view(home: Home) -> dict[str, Any]:
     about: dict[str, Any] = {
         "title": home.name, "home_id": home.id, "detector": home.detector, "start": _rounded(home.start_xy),
         "notes": home.to_dict()["notes"], "corrections": len(in_force(home.corrected.log)) if home.corrected else 0,
-        "objects": [_object(thing, held) for thing in home.objects], "rooms": [], "grid": None,
+        "objects": [_object(obj, held) for obj in home.objects], "rooms": [], "grid": None,
     }  # fmt: skip
     grid = home.grid
     if grid is not None:
@@ -103,12 +103,12 @@ def view_json(operations: Operations, home: str) -> bytes:
 def one_file(home: Home, robot: RobotModel | None = None) -> bytes:
     """The page with a home in it: opens from disk, and may load nothing from anywhere (its own policy says so)."""
     told = view(home) | {"goals": {}, "photos": {}, "home": home.name, "uses": _uses(home), "cloud": cloud(home)}
-    for thing in home.objects:
+    for obj in home.objects:
         if home.grid is not None:
-            goal, _ = plan(home.grid, place_of(thing), home.start_xy, robot or RobotModel())
-            told["goals"][thing.id] = None if goal is None else pose(goal)
-        if thing.confirmed and (photo := _photo(home, thing)) is not None:
-            told["photos"][thing.id] = photo
+            goal, _ = plan(home.grid, place_of(obj), home.start_xy, robot or RobotModel())
+            told["goals"][obj.id] = None if goal is None else pose(goal)
+        if obj.confirmed and (photo := _photo(home, obj)) is not None:
+            told["photos"][obj.id] = photo
     style, script = _text("style.css"), _text(*SCRIPTS)
     policy = f"default-src 'none'; img-src data: blob:; style-src '{_sha(style)}'; script-src '{_sha(script)}'; base-uri 'none'; form-action 'none'"
     html = _text("index.html")
@@ -134,13 +134,13 @@ def answer_page() -> str:
 def answer(operations: Operations, told: dict[str, Any]) -> dict[str, Any]:
     """What that page draws: the home as it is now, what an operation told of it, and the photo of its object."""
     home = operations.homes.get(told["home"])
-    thing = next((t for t in home.objects if t.id == told.get("id")), None)
-    return {"view": view(home), "told": told, "photo": None if thing is None else _photo(home, thing)}
+    obj = next((t for t in home.objects if t.id == told.get("id")), None)
+    return {"view": view(home), "told": told, "photo": None if obj is None else _photo(home, obj)}
 
 
-def _photo(home: Home, thing: MapObject) -> dict[str, Any] | None:
+def _photo(home: Home, obj: MapObject) -> dict[str, Any] | None:
     """A small photo of an object with its box, None where none was kept."""
-    best = next((v for v in thing.views if v.frame in home.photos), None)
+    best = next((v for v in obj.views if v.frame in home.photos), None)
     if best is None:
         return None
     jpeg, box = crop(home.photos[best.frame], best.box_xyxy, THUMB_PX, THUMB_QUALITY)
@@ -154,19 +154,19 @@ def _text(*names: str) -> str:
 def _uses(home: Home) -> dict[str, list[str]]:
     """What the confirmed things of a home are good for, by label: the phrases of the shipped knowledge cards."""
     deck = read_deck(SHIPPED)
-    cards = {label: deck.card_of(label) for label in {thing.label for thing in home.objects if thing.confirmed}}
+    cards = {label: deck.card_of(label) for label in {obj.label for obj in home.objects if obj.confirmed}}
     return {
         label: [*deck.cards[k].synonyms, *deck.cards[k].uses] for label, k in sorted(cards.items()) if k is not None
     }
 
 
-def _object(thing: MapObject, held: Any) -> dict[str, Any]:
-    on = held.get(thing.id)
+def _object(obj: MapObject, held: Any) -> dict[str, Any]:
+    on = held.get(obj.id)
     return {
-        "id": thing.id, "label": thing.label, "names": list(thing.names), "also": [n for n, _ in thing.labels[1:4]],
-        "room": thing.room, "at": _rounded(thing.position), "low": _rounded(thing.box_min), "high": _rounded(thing.box_max),
-        "sure": round(thing.probability, 3), "confirmed": thing.confirmed, "seen": thing.n_detected, "of": thing.n_observable,
-        "colours": [n for n, _ in thing.colours[:3]], "last_s": round(thing.last_seen_s, 1), "views": len(thing.views),
+        "id": obj.id, "label": obj.label, "names": list(obj.names), "also": [n for n, _ in obj.labels[1:4]],
+        "room": obj.room, "at": _rounded(obj.position), "low": _rounded(obj.box_min), "high": _rounded(obj.box_max),
+        "sure": round(obj.probability, 3), "confirmed": obj.confirmed, "seen": obj.n_detected, "of": obj.n_observable,
+        "colours": [n for n, _ in obj.colours[:3]], "last_s": round(obj.last_seen_s, 1), "views": len(obj.views),
         "on": None if on is None else [on.kind, on.object],
     }  # fmt: skip
 

@@ -32,13 +32,13 @@ class ReferringExpression:
     other: bool = False
     order: int = 0
     relations: tuple[SpatialRelation, ...] = ()
-    thing: int | None = None
+    obj: int | None = None
 
     @property
     def bare(self) -> bool:
         """Whether nothing but the name is said."""
         told = self.colours or self.size or self.most or self.other or self.order or self.relations
-        return not told and self.thing is None
+        return not told and self.obj is None
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ class EntityVocabulary:
     ``like`` gives the labels that a name may mean where nothing of the very name fits.
     """
 
-    things: Mapping[str, frozenset[str]]
+    objs: Mapping[str, frozenset[str]]
     rooms: Mapping[str, tuple[int, ...]]
     like: Callable[[str], frozenset[str]] = lambda _: frozenset()
 

@@ -30,9 +30,9 @@ BESIDE = {
 ALIKE = 0.9  # of the biggest: as big
 
 
-def called(thing: MapObject, names: Iterable[str]) -> bool:
+def called(obj: MapObject, names: Iterable[str]) -> bool:
     """Whether a thing has one of the names, by its label or from people."""
-    return not set(names).isdisjoint((thing.label, *thing.names))
+    return not set(names).isdisjoint((obj.label, *obj.names))
 
 
 class Scene:
@@ -40,43 +40,43 @@ class Scene:
 
     def __init__(self, inventory: Inventory) -> None:
         self.rooms = {room.id: room for room in inventory.rooms}
-        self.objects = [thing for thing in inventory.objects if thing.confirmed]
+        self.objects = [obj for obj in inventory.objects if obj.confirmed]
         maybe = [o for o in inventory.objects if not o.confirmed and o.probability >= LEAST]
         self.maybe = sorted(
             maybe, key=lambda o: -o.probability
         )  # what is tentative: named in words, never served unasked
-        self.by_id = {thing.id: thing for thing in self.objects} | {a: t for t in self.objects for a in t.aliases}
+        self.by_id = {obj.id: obj for obj in self.objects} | {a: t for t in self.objects for a in t.aliases}
         self.from_xy = inventory.from_xy
 
     @property
     def known(self) -> bool:
         """Whether more than names is known."""
-        return any(thing.box_max != thing.box_min for thing in self.objects)
+        return any(obj.box_max != obj.box_min for obj in self.objects)
 
     @cached_property
     def several(self) -> frozenset[str]:
         """The labels of more than one object."""
-        counts = Counter(thing.label for thing in self.objects)
+        counts = Counter(obj.label for obj in self.objects)
         return frozenset(label for label, count in counts.items() if count > 1)
 
     @cached_property
     def holders(self) -> dict[int, Relation]:
         return supports(self.objects)
 
-    def held_by(self, thing: MapObject) -> list[MapObject]:
+    def held_by(self, obj: MapObject) -> list[MapObject]:
         """What a thing stands on or in, and what that stands on, in order."""
         found: list[MapObject] = []
-        while thing.id in self.holders and self.holders[thing.id].object is not None and len(found) < 5:
-            thing = self.by_id[self.holders[thing.id].object or 0]
-            found.append(thing)
+        while obj.id in self.holders and self.holders[obj.id].object is not None and len(found) < 5:
+            obj = self.by_id[self.holders[obj.id].object or 0]
+            found.append(obj)
         return found
 
-    def room_of(self, thing: MapObject) -> Room | None:
-        return self.rooms.get(-1 if thing.room is None else thing.room)
+    def room_of(self, obj: MapObject) -> Room | None:
+        return self.rooms.get(-1 if obj.room is None else obj.room)
 
-    def distance_m(self, thing: MapObject, other: MapObject | None = None) -> float:
+    def distance_m(self, obj: MapObject, other: MapObject | None = None) -> float:
         """Between two boxes; of one to where the robot stands, along the floor."""
-        low, high = np.array(thing.box_min), np.array(thing.box_max)
+        low, high = np.array(obj.box_min), np.array(obj.box_max)
         if other is not None:
             apart = np.maximum(np.maximum(low - other.box_max, np.array(other.box_min) - high), 0)
             return float(np.linalg.norm(apart))
@@ -87,8 +87,8 @@ class Scene:
         self, phrase: ReferringExpression, without: Iterable[int] = ()
     ) -> tuple[list[MapObject], SpatialRelation | None]:
         """The objects that a phrase may mean, best first; without any, also what emptied the list."""
-        if phrase.thing is not None:
-            return [self.by_id[phrase.thing]] if phrase.thing in self.by_id else [], None
+        if phrase.obj is not None:
+            return [self.by_id[phrase.obj]] if phrase.obj in self.by_id else [], None
         out = set(without)
         found = [o for o in self.objects if (phrase.generic or called(o, phrase.labels)) and o.id not in out]
         found.sort(key=self.distance_m)
@@ -133,17 +133,17 @@ class Scene:
             return [max(found, key=lambda o: of[o.id])]
         return sorted((o for o in found if of[o.id] >= best - abs(best) * (1 - ALIKE)), key=lambda o: -of[o.id])[:1]
 
-    def measure(self, thing: MapObject, wish: str) -> float:
+    def measure(self, obj: MapObject, wish: str) -> float:
         """How much a thing has of what a superlative asks for."""
-        low, high = np.array(thing.box_min), np.array(thing.box_max)
+        low, high = np.array(obj.box_min), np.array(obj.box_max)
         size = np.maximum(high - low, 0.02)
         if wish in ("nearest", "farthest"):
-            far = self.distance_m(thing)
+            far = self.distance_m(obj)
             return -far if wish == "nearest" else far
         if wish in ("leftmost", "rightmost"):
             at = np.array(self.from_xy or (0.0, 0.0))[:2]
             mean = np.mean([np.array(o.position)[:2] for o in self.objects], axis=0) - at
-            way = np.array(thing.position)[:2] - at
+            way = np.array(obj.position)[:2] - at
             turn = math.atan2(mean[0] * way[1] - mean[1] * way[0], float(mean @ way))
             return turn if wish == "leftmost" else -turn
         measured = {
@@ -184,11 +184,11 @@ class Scene:
         held = direct or [o for o in found if any(h.id in ids for h in self.held_by(o))]
         return held or [o for o in found if any(self._stands(o, b) for b in beside)]
 
-    def _stands(self, thing: MapObject, below: MapObject) -> bool:
+    def _stands(self, obj: MapObject, below: MapObject) -> bool:
         """Whether a thing is over or in another's outline and close to it: what holds it may have been called otherwise."""
-        x, y, _ = thing.position
+        x, y, _ = obj.position
         over = below.box_min[0] <= x <= below.box_max[0] and below.box_min[1] <= y <= below.box_max[1]
-        return thing.id != below.id and over and self.distance_m(thing, below) <= TOUCHING_M
+        return obj.id != below.id and over and self.distance_m(obj, below) <= TOUCHING_M
 
     def _under(self, found: Sequence[MapObject], beside: Sequence[MapObject]) -> list[MapObject]:
         ids = {r.subject for b in beside for r in under(b, self.objects) if r.probability >= 0.3}
@@ -243,40 +243,38 @@ class Scene:
         near = [self.by_id[r.subject] for r in likely]
         return sorted(dict.fromkeys(near), key=lambda o: min(self.distance_m(o, b) for b in beside))[:1]
 
-    def whereabouts(self, thing: MapObject) -> str:
+    def whereabouts(self, obj: MapObject) -> str:
         """Where a thing is, in words: "on the table in the kitchen"."""
-        told = [*self._places(thing)[:1]] if self._places(thing) else []
-        room = self.room_of(thing)
+        told = [*self._places(obj)[:1]] if self._places(obj) else []
+        room = self.room_of(obj)
         if room is not None and not (told and told[0] == _inside(room)):
             told.append(_inside(room))
         return " ".join(told)
 
-    def _places(self, thing: MapObject) -> list[str]:
+    def _places(self, obj: MapObject) -> list[str]:
         """All that may be said of where a thing is, the most telling first."""
         told = []
-        held = self.holders.get(thing.id)
+        held = self.holders.get(obj.id)
         if held is not None and held.object is not None:
             told.append(f"{held.kind} the {self.by_id[held.object].label}")
-        size = float(np.prod(np.subtract(thing.box_max, thing.box_min)))
+        size = float(np.prod(np.subtract(obj.box_max, obj.box_min)))
         marks = (
             o for o in self.objects
-            if o.label != thing.label and o.id != (held.object if held else None)
+            if o.label != obj.label and o.id != (held.object if held else None)
             and (o.label not in self.several or held is None) and np.prod(np.subtract(o.box_max, o.box_min)) > max(size / 2, 0.02)
         )  # fmt: skip
-        beside = sorted(marks, key=lambda o: self.distance_m(thing, o))
-        told += [
-            f"by the {o.label}" for o in beside[:4] if self.distance_m(thing, o) <= NEAR_M and o.room == thing.room
-        ]
-        room = self.room_of(thing)
+        beside = sorted(marks, key=lambda o: self.distance_m(obj, o))
+        told += [f"by the {o.label}" for o in beside[:4] if self.distance_m(obj, o) <= NEAR_M and o.room == obj.room]
+        room = self.room_of(obj)
         return told + ([_inside(room)] if room is not None else [])
 
     def tell_apart(self, found: Sequence[MapObject]) -> list[str]:
         """For each object what none of the others has: room, place, colour or size; "" where nothing does."""
         every = []
-        for thing in found:
-            room = self.room_of(thing)
-            told = ([_inside(room)] if room is not None else []) + self._places(thing)
-            told += [f"the {thing.colours[0][0]} one"] if thing.colours else []
+        for obj in found:
+            room = self.room_of(obj)
+            told = ([_inside(room)] if room is not None else []) + self._places(obj)
+            told += [f"the {obj.colours[0][0]} one"] if obj.colours else []
             every.append(list(dict.fromkeys(told)))
         apart = [
             next((words for words in told if not any(words in other for k, other in enumerate(every) if k != i)), "")
@@ -294,10 +292,10 @@ def _inside(room: Room) -> str:
     return f"in {room.name}" if room.name[-1:].isdigit() or "'s" in room.name else f"in the {room.name}"
 
 
-def _coloured(thing: MapObject, colours: Sequence[str]) -> float:
+def _coloured(obj: MapObject, colours: Sequence[str]) -> float:
     """How much of a thing has one of the colours, or, for a third of that, one beside it."""
     near = {other for colour in colours for other in BESIDE.get(colour, ())} - set(colours)
     return (
-        sum(share for name, share in thing.colours if name in colours)
-        + sum(share for name, share in thing.colours if name in near) / 3
+        sum(share for name, share in obj.colours if name in colours)
+        + sum(share for name, share in obj.colours if name in near) / 3
     )

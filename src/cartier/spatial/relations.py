@@ -124,32 +124,32 @@ def supports(objects: Sequence[MapObject]) -> dict[int, Relation]:
     return found
 
 
-def under(thing: MapObject, objects: Sequence[MapObject]) -> tuple[Relation, ...]:
+def under(obj: MapObject, objects: Sequence[MapObject]) -> tuple[Relation, ...]:
     """What is below a thing and within its outline, surest first; neither what holds it nor what is in it."""
-    objects, low, high, own_low, own_high, apart = _around(thing, objects)
-    own = _HOLDERS.get(thing.label)
+    objects, low, high, own_low, own_high, apart = _around(obj, objects)
+    own = _HOLDERS.get(obj.label)
     fits = [own == _TABLE or (own == _SEAT and not _is_furniture(other)) for other in objects]  # between the legs
     between_legs = np.array(fits, bool) & (low[:, 2] < own_low[2] + FLOOR_M) & (high[:, 2] <= own_high[2])
     below = (high[:, 2] <= own_low[2] - PAD_M) | between_legs
-    held = supports([thing, *objects])
+    held = supports([obj, *objects])
     holder = {i: relation.object for i, relation in held.items()}
     # what has the same holder as the thing is beside it, or a shelf lower
-    free = [holder.get(o.id) is None or holder[o.id] not in (thing.id, holder.get(thing.id)) for o in objects]
+    free = [holder.get(o.id) is None or holder[o.id] not in (obj.id, holder.get(obj.id)) for o in objects]
     share = _within(low, high, own_low[None], own_high[None])[:, 0]
-    return _told("under", thing, objects, apart, UNDER * (below & np.array(free, bool)) * _chance((share - 0.5) / 0.2))
+    return _told("under", obj, objects, apart, UNDER * (below & np.array(free, bool)) * _chance((share - 0.5) / 0.2))
 
 
-def next_to(thing: MapObject, objects: Sequence[MapObject]) -> tuple[Relation, ...]:
+def next_to(obj: MapObject, objects: Sequence[MapObject]) -> tuple[Relation, ...]:
     """What is beside a thing in the same room, surest first; what is over, under, on or in it is not."""
-    objects, low, high, own_low, own_high, apart = _around(thing, objects)
+    objects, low, high, own_low, own_high, apart = _around(obj, objects)
     share = np.maximum(
         _within(low, high, own_low[None], own_high[None])[:, 0], _within(own_low[None], own_high[None], low, high)[0]
     )
     level = np.maximum(low[:, 2] - own_high[2], own_low[2] - high[:, 2]) < LEVEL_M
-    same_room = np.array([None in (thing.room, other.room) or thing.room == other.room for other in objects], bool)
+    same_room = np.array([None in (obj.room, other.room) or obj.room == other.room for other in objects], bool)
     larger = np.maximum((high - low)[:, :2].max(1), (own_high - own_low)[:2].max())
     close = _chance((NEXT_M - apart - OUTGROWN * (larger - USUAL_M)) / np.hypot(BLUR_M, BLUR * larger))
-    return _told("next to", thing, objects, apart, level * same_room * close * _chance((0.5 - share) / 0.2))
+    return _told("next to", obj, objects, apart, level * same_room * close * _chance((0.5 - share) / 0.2))
 
 
 def between(a: MapObject, b: MapObject, objects: Sequence[MapObject]) -> tuple[Relation, ...]:
@@ -164,29 +164,29 @@ def between(a: MapObject, b: MapObject, objects: Sequence[MapObject]) -> tuple[R
     return _told("between", a, objects, np.abs(across), likely, b.id)
 
 
-def nearest(thing: MapObject | Point, objects: Sequence[MapObject]) -> tuple[Relation, ...]:
+def nearest(obj: MapObject | Point, objects: Sequence[MapObject]) -> tuple[Relation, ...]:
     """All objects by how likely each is the nearest to a thing or a point: of two that are as near, each has one half."""
-    return _ranked("nearest", thing, objects, -NEARER)
+    return _ranked("nearest", obj, objects, -NEARER)
 
 
-def farthest(thing: MapObject | Point, objects: Sequence[MapObject]) -> tuple[Relation, ...]:
+def farthest(obj: MapObject | Point, objects: Sequence[MapObject]) -> tuple[Relation, ...]:
     """All objects by how likely each is the farthest from a thing or a point."""
-    return _ranked("farthest", thing, objects, NEARER)
+    return _ranked("farthest", obj, objects, NEARER)
 
 
-def left_of(thing: MapObject, objects: Sequence[MapObject], seen_from: Point) -> tuple[Relation, ...]:
+def left_of(obj: MapObject, objects: Sequence[MapObject], seen_from: Point) -> tuple[Relation, ...]:
     """What is to the left of a thing, surest first, for who looks at it from (x, y), or stands at (x, y, yaw) and looks ahead."""
-    return _sideways("left of", thing, objects, seen_from)
+    return _sideways("left of", obj, objects, seen_from)
 
 
-def right_of(thing: MapObject, objects: Sequence[MapObject], seen_from: Point) -> tuple[Relation, ...]:
+def right_of(obj: MapObject, objects: Sequence[MapObject], seen_from: Point) -> tuple[Relation, ...]:
     """What is to the right of a thing; see ``left_of``."""
-    return _sideways("right of", thing, objects, seen_from)
+    return _sideways("right of", obj, objects, seen_from)
 
 
 def in_room(room: int, objects: Iterable[MapObject]) -> tuple[Relation, ...]:
     """What is in a room, given by its id."""
-    return tuple(Relation("in room", thing.id, room, 0.0, IN_ROOM) for thing in objects if thing.room == room)
+    return tuple(Relation("in room", obj.id, room, 0.0, IN_ROOM) for obj in objects if obj.room == room)
 
 
 def bigger(one: MapObject, other: MapObject) -> Relation:
@@ -201,7 +201,7 @@ def bigger(one: MapObject, other: MapObject) -> Relation:
 
 def _holding(objects: Sequence[MapObject], low: Array, high: Array) -> Array:
     """Log-odds (n, n) that the second of each pair holds the first; -inf where that cannot be."""
-    holders = [_HOLDERS.get(thing.label, _OTHER) for thing in objects]
+    holders = [_HOLDERS.get(obj.label, _OTHER) for obj in objects]
     bias, per_metre, snug = np.array([holder[:3] for holder in holders]).T
     above = low[:, None, 2] - high[None, :, 2]
     rise = low[:, None, 2] - low[None, :, 2]
@@ -213,8 +213,8 @@ def _holding(objects: Sequence[MapObject], low: Array, high: Array) -> Array:
         bias + per_metre * np.clip(-above - PAD_M, 0, 1) + snug * fit
         + 4.1 * share - 8.9 * np.minimum(outside, 1) - 16.9 * np.maximum(above, 0) - 15.8 * np.maximum(-rise - THIN_M, 0)
     )  # fmt: skip
-    built_in = np.array([thing.label in _BUILT_IN for thing in objects])
-    furniture = np.array([_is_furniture(thing) for thing in objects])
+    built_in = np.array([obj.label in _BUILT_IN for obj in objects])
+    furniture = np.array([_is_furniture(obj) for obj in objects])
     table = np.array([holder == _TABLE for holder in holders])
     never = (np.maximum(share, share.T) == 0) | (above > FLOATS_M) | (rise < -SINKS_M)
     never |= built_in[:, None] & (snug > 0)
@@ -225,65 +225,61 @@ def _holding(objects: Sequence[MapObject], low: Array, high: Array) -> Array:
 
 def _standing_alone(objects: Sequence[MapObject], low: Array) -> Array:
     """Log-odds (n,) that nothing holds an object but the floor or a wall."""
-    fixed = np.array([thing.label in _FIXED for thing in objects])
-    furniture = np.array([_is_furniture(thing) for thing in objects])
+    fixed = np.array([obj.label in _FIXED for obj in objects])
+    furniture = np.array([_is_furniture(obj) for obj in objects])
     return np.asarray(3.7 * (low[:, 2] < FLOOR_M) + 4.1 * fixed + 3.9 * furniture)
 
 
-def _is_furniture(thing: MapObject) -> bool:
-    return _HOLDERS.get(thing.label) in (_TABLE, _SEAT, _STORE) and thing.label not in _PORTABLE
+def _is_furniture(obj: MapObject) -> bool:
+    return _HOLDERS.get(obj.label) in (_TABLE, _SEAT, _STORE) and obj.label not in _PORTABLE
 
 
-def _ranked(
-    kind: Kind, thing: MapObject | Point, objects: Sequence[MapObject], per_metre: float
-) -> tuple[Relation, ...]:
-    if isinstance(thing, MapObject):
-        objects, *_, apart = _around(thing, objects)
+def _ranked(kind: Kind, obj: MapObject | Point, objects: Sequence[MapObject], per_metre: float) -> tuple[Relation, ...]:
+    if isinstance(obj, MapObject):
+        objects, *_, apart = _around(obj, objects)
     else:
         low, high = _boxes(objects)
-        point = np.array([thing], dtype=np.float64)
+        point = np.array([obj], dtype=np.float64)
         axes = point.shape[1]
         apart = _apart(point, point, low[:, :axes], high[:, :axes])[0]
     odds = per_metre * apart + np.log([max(other.probability, 1e-6) for other in objects])
     weights = np.exp(odds - odds.max(initial=-np.inf))
-    here = thing if isinstance(thing, MapObject) else None
+    here = obj if isinstance(obj, MapObject) else None
     return _told(kind, here, objects, apart, weights / weights.sum(), least=0.0)
 
 
-def _sideways(kind: Kind, thing: MapObject, objects: Sequence[MapObject], seen_from: Point) -> tuple[Relation, ...]:
-    objects = [other for other in objects if other.id != thing.id]
+def _sideways(kind: Kind, obj: MapObject, objects: Sequence[MapObject], seen_from: Point) -> tuple[Relation, ...]:
+    objects = [other for other in objects if other.id != obj.id]
     low, high = _boxes(objects)
-    here, place = np.array(seen_from[:2], np.float64), (np.add(thing.box_min, thing.box_max) / 2)[:2]
+    here, place = np.array(seen_from[:2], np.float64), (np.add(obj.box_min, obj.box_max) / 2)[:2]
     way = place - here if len(seen_from) < 3 else np.array([math.cos(seen_from[2]), math.sin(seen_from[2])])
     way = way / max(float(np.linalg.norm(way)), 1e-9)
     middles = (low + high)[:, :2] / 2
     ahead = _components(middles - here, way)[0] > 0
     left = _components(middles - place, way)[1] * (1 if kind == "left of" else -1)
-    return _told(kind, thing, objects, left, ahead * _chance(left / AWRY_M))
+    return _told(kind, obj, objects, left, ahead * _chance(left / AWRY_M))
 
 
 def _told(
-    kind: Kind, thing: MapObject | None, objects: Sequence[MapObject], metres: Array, likely: Array,
+    kind: Kind, obj: MapObject | None, objects: Sequence[MapObject], metres: Array, likely: Array,
     other: int | None = None, least: float = LEAST,
 ) -> tuple[Relation, ...]:  # fmt: skip
     """The relations that are likely enough, surest first."""
     order = [k for k in np.argsort(-likely, kind="stable").tolist() if likely[k] >= least]
-    own = None if thing is None else thing.id
+    own = None if obj is None else obj.id
     return tuple(Relation(kind, objects[k].id, own, float(metres[k]), float(likely[k]), other) for k in order)
 
 
-def _around(
-    thing: MapObject, objects: Sequence[MapObject]
-) -> tuple[list[MapObject], Array, Array, Array, Array, Array]:
+def _around(obj: MapObject, objects: Sequence[MapObject]) -> tuple[list[MapObject], Array, Array, Array, Array, Array]:
     """All objects but a thing itself, their boxes, that of the thing, and how far they are from it."""
-    others = [other for other in objects if other.id != thing.id]
+    others = [other for other in objects if other.id != obj.id]
     low, high = _boxes(others)
-    own_low, own_high = np.array(thing.box_min), np.array(thing.box_max)
+    own_low, own_high = np.array(obj.box_min), np.array(obj.box_max)
     return others, low, high, own_low, own_high, _apart(own_low[None], own_high[None], low, high)[0]
 
 
 def _boxes(objects: Sequence[MapObject]) -> tuple[Array, Array]:
-    corners = np.array([(thing.box_min, thing.box_max) for thing in objects], np.float64).reshape(-1, 2, 3)
+    corners = np.array([(obj.box_min, obj.box_max) for obj in objects], np.float64).reshape(-1, 2, 3)
     return corners[:, 0], corners[:, 1]
 
 

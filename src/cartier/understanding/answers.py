@@ -51,40 +51,40 @@ def answer(asked: ParsedUtterance, scene: Scene, last: MapObject | None, model: 
 
 def _about(asked: ParsedUtterance, found: Sequence[MapObject], scene: Scene, model: str) -> Selection:
     """What is to be known of one thing, the nearest of those meant."""
-    thing = found[0]
-    it = next((name for name in thing.names if asked.head and name in asked.head.labels), f"the {thing.label}")
-    where = scene.whereabouts(thing) or "where I saw it"
+    obj = found[0]
+    it = next((name for name in obj.names if asked.head and name in asked.head.labels), f"the {obj.label}")
+    where = scene.whereabouts(obj) or "where I saw it"
     if asked.kind not in ("where", "room"):
-        say, value = _known(asked, thing, it, where, scene)
-        return _told(f"{say[:1].upper()}{say[1:]}.", Fact("tell", value, (thing.id,)), model, thing)
-    room = scene.room_of(thing)
+        say, value = _known(asked, obj, it, where, scene)
+        return _told(f"{say[:1].upper()}{say[1:]}.", Fact("tell", value, (obj.id,)), model, obj)
+    room = scene.room_of(obj)
     if len(found) > 1 and not (asked.head and asked.head.most):
         places = Counter(scene.whereabouts(o) or "somewhere" for o in found).most_common()
         told = "; ".join(f"{NUMBERS.get(n, n)} {place}" for place, n in places[:5])
         say = f"I know {len(found)}: {told}{' and more' if len(places) > 5 else ''}."
     else:
-        say = f"{it[:1].upper()}{it[1:]} is {where}, {scene.distance_m(thing):.1f} m from here."
-    return _told(say, Fact("where", room.name if room else None, tuple(o.id for o in found)), model, thing)
+        say = f"{it[:1].upper()}{it[1:]} is {where}, {scene.distance_m(obj):.1f} m from here."
+    return _told(say, Fact("where", room.name if room else None, tuple(o.id for o in found)), model, obj)
 
 
-def _known(asked: ParsedUtterance, thing: MapObject, it: str, where: str, scene: Scene) -> tuple[str, Any]:
+def _known(asked: ParsedUtterance, obj: MapObject, it: str, where: str, scene: Scene) -> tuple[str, Any]:
     """A sentence about one thing, without its full stop, and what it says for programs."""
     if asked.kind == "far":
         other = scene.meant(asked.other)[0] if asked.other is not None and asked.other.labels else []
-        far = scene.distance_m(thing, other[0] if other else None)
+        far = scene.distance_m(obj, other[0] if other else None)
         return f"{it} is {far:.1f} m from {f'the {other[0].label}' if other else 'here'}", round(far, 2)
     if asked.kind == "which":
-        return f"{it} {where}", thing.label
+        return f"{it} {where}", obj.label
     if asked.kind == "sure":
-        looks = f"I saw {it} in {thing.n_detected} of {thing.n_observable} frames that could show it"
-        return f"{looks}, and am {thing.probability:.0%} sure of it: it is {where}", thing.probability
+        looks = f"I saw {it} in {obj.n_detected} of {obj.n_observable} frames that could show it"
+        return f"{looks}, and am {obj.probability:.0%} sure of it: it is {where}", obj.probability
     if asked.kind == "when":
-        looked = f"and looked there last at {thing.last_looked_s:.0f} s"
-        return f"I saw {it} last {thing.last_seen_s:.0f} s into the recording, {looked}", thing.last_seen_s
+        looked = f"and looked there last at {obj.last_looked_s:.0f} s"
+        return f"I saw {it} last {obj.last_seen_s:.0f} s into the recording, {looked}", obj.last_seen_s
     if asked.kind == "colour":
-        names = [name for name, share in thing.colours if share >= 0.25][:2] or [name for name, _ in thing.colours[:1]]
+        names = [name for name, share in obj.colours if share >= 0.25][:2] or [name for name, _ in obj.colours[:1]]
         return f"{it} is {' and '.join(names) or 'of no colour that I could tell'}", names[0] if names else None
-    size = [round(high - low, 2) for low, high in zip(thing.box_min, thing.box_max, strict=True)]
+    size = [round(high - low, 2) for low, high in zip(obj.box_min, obj.box_max, strict=True)]
     return f"{it} is about {size[0]:.2f} m by {size[1]:.2f} m, and {size[2]:.2f} m high", size
 
 
@@ -173,8 +173,8 @@ def _compared(asked: ParsedUtterance, scene: Scene, model: str) -> Selection | N
     return _told(say, Fact("compare", more.label, (more.id,)), model, more)
 
 
-def _told(say: str, fact: Fact, model: str, thing: MapObject | None = None) -> Selection:
-    name, number = (thing.label, thing.id) if thing is not None else (None, None)
+def _told(say: str, fact: Fact, model: str, obj: MapObject | None = None) -> Selection:
+    name, number = (obj.label, obj.id) if obj is not None else (None, None)
     return Selection("answered", name, reason=say, text=say, fact=fact, model=model, object_id=number)
 
 

@@ -15,7 +15,7 @@ from cartier.understanding.need_scorer import Judgement, Scorer, Spoken
 from cartier.understanding.text_encoder import reader
 
 
-class Thing(NamedTuple):
+class Candidate(NamedTuple):
     """A listed name with its key, its card, and the keys of general words for it, as a floor lamp is a lamp."""
 
     name: str
@@ -27,7 +27,7 @@ class Thing(NamedTuple):
 class Ranked(NamedTuple):
     """A listed thing with its logit, the name by which it was called, and whether that is of something much the same."""
 
-    thing: Thing
+    candidate: Candidate
     logit: float
     called: Spoken | None
     stands_in: bool
@@ -41,7 +41,7 @@ class Missing(NamedTuple):
     called: Spoken | None
 
 
-class Things:
+class Candidates:
     """The things of one list."""
 
     def __init__(self, scorer: Scorer, names: Sequence[str]) -> None:
@@ -49,9 +49,9 @@ class Things:
         cards = {name: scorer.deck.card_of(name) for name in dict.fromkeys(names)}
         self.cards = frozenset(card for card in cards.values() if card is not None)
         own = frozenset(name_key(bare(name)) for name in cards)
-        self.all = [Thing(name, name_key(bare(name)), card, self._ends(name, own)) for name, card in cards.items()]
-        self.keys = own.union(key for thing in self.all for key in thing.ends)
-        strange = [thing.name for thing in self.all if thing.card is None]
+        self.all = [Candidate(name, name_key(bare(name)), card, self._ends(name, own)) for name, card in cards.items()]
+        self.keys = own.union(key for candidate in self.all for key in candidate.ends)
+        strange = [candidate.name for candidate in self.all if candidate.card is None]
         self._vectors = dict(zip(strange, reader().vectors([bare(name) for name in strange]), strict=True))
         self._twins: dict[int, frozenset[int]] = {}
 
@@ -73,12 +73,12 @@ class Things:
         """All things, the one that the request calls for most first; of equal ones that whose name was said."""
         by_card = self._by_card(judged)
         said = {singular(word) for word in judged.sentences[0].split()}
-        found = [self._rank(thing, judged, by_card) for thing in self.all]
+        found = [self._rank(candidate, judged, by_card) for candidate in self.all]
         return sorted(
-            found, key=lambda r: (-r.logit, -len(said.intersection(map(singular, words(plain(r.thing.name))))))
+            found, key=lambda r: (-r.logit, -len(said.intersection(map(singular, words(plain(r.candidate.name))))))
         )
 
-    def missing(self, judged: Judgement, best: Thing) -> Missing:
+    def missing(self, judged: Judgement, best: Candidate) -> Missing:
         """What is called for most by name, or else is good for something else than the best, and nothing listed is much the same."""
         by_card = {card: s for card, s in self._by_card(judged).items() if s.mention.key not in self.keys}
         logits = judged.logits.copy()
@@ -99,16 +99,20 @@ class Things:
                 found[card] = spoken
         return found
 
-    def _rank(self, thing: Thing, judged: Judgement, by_card: dict[int, Spoken]) -> Ranked:
+    def _rank(self, candidate: Candidate, judged: Judgement, by_card: dict[int, Spoken]) -> Ranked:
         """A thing is called by its name, the end of it, another name of its card, or the name of what is much the same."""
-        called = next((judged.spoken[key] for key in (thing.key, *thing.ends) if key in judged.spoken), None)
-        if thing.card is None:
-            logit, same = self.scorer.strange(judged, self._vectors[thing.name]), None
+        called = next((judged.spoken[key] for key in (candidate.key, *candidate.ends) if key in judged.spoken), None)
+        if candidate.card is None:
+            logit, same = self.scorer.strange(judged, self._vectors[candidate.name]), None
         else:
-            logit, called = float(judged.logits[thing.card]), called or by_card.get(thing.card)
-            same = next((spoken for card, spoken in by_card.items() if thing.card in self.near_synonyms(card)), None)
+            logit, called = float(judged.logits[candidate.card]), called or by_card.get(candidate.card)
+            same = next(
+                (spoken for card, spoken in by_card.items() if candidate.card in self.near_synonyms(card)), None
+            )
         spoken = called or same
-        return Ranked(thing, logit + (spoken.weight if spoken else 0.0), spoken, called is None and same is not None)
+        return Ranked(
+            candidate, logit + (spoken.weight if spoken else 0.0), spoken, called is None and same is not None
+        )
 
     def kept_beside(self, card: int) -> str | None:
         """The listed thing that a card's is kept beside first of all, or what is much the same as that.
@@ -118,4 +122,4 @@ class Things:
         """
         first = self.scorer.deck.card_of(next(iter(self.scorer.deck.cards[card].beside), ""))
         same = () if first is None else (first, *self.near_synonyms(first))
-        return next((thing.name for thing in self.all if thing.card in same), None)
+        return next((candidate.name for candidate in self.all if candidate.card in same), None)

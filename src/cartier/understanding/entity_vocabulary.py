@@ -86,5 +86,5 @@ def _lexicon(deck: Deck, names: tuple[str, ...], rooms: tuple[tuple[int, str, st
         of_kind = tuple(number for number, _, room_kind in rooms if room_kind == kind)
         called |= dict.fromkeys(map(name_key, (kind, *more)), of_kind)
     called |= {name_key(name): (number,) for number, name, kind in rooms if name != kind}
-    things = _Things(deck, names, called)
-    return EntityVocabulary(things, called, things.like)
+    objs = _Things(deck, names, called)
+    return EntityVocabulary(objs, called, objs.like)

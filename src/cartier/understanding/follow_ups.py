@@ -75,9 +75,7 @@ def _resolved(
     if last is not None and there and not replying:
         return ParsedUtterance("find", _same(last), need=last.label, direct=True)
     if last is not None and meant is not None and not replying and last.label in meant.labels and REFUSED.search(said):
-        return ParsedUtterance(
-            "find", replace(meant, other=True, thing=None, relations=()), need=last.label, direct=True
-        )
+        return ParsedUtterance("find", replace(meant, other=True, obj=None, relations=()), need=last.label, direct=True)
     if asked is not None and asked.kind in ("which", "sure"):
         return replace(asked, head=_asked_of(asked.head, meant, last))
     if asked is None or asked.head is None or asked.kind != "find":
@@ -125,8 +123,8 @@ def _pronoun(head: ReferringExpression | None) -> bool:
     return head is None or (head.generic and head.bare)
 
 
-def _same(thing: MapObject) -> ReferringExpression:
-    return ReferringExpression(thing.label, frozenset({thing.label}), thing=thing.id)
+def _same(obj: MapObject) -> ReferringExpression:
+    return ReferringExpression(obj.label, frozenset({obj.label}), obj=obj.id)
 
 
 def _beside_it(head: ReferringExpression, last: MapObject) -> ReferringExpression:

@@ -82,7 +82,7 @@ class ReferenceGrounder:
             return None
         if asked.kind == "back" and len(dict.fromkeys(self.served)) > 1:
             before = self.scene.by_id[list(dict.fromkeys(reversed(self.served)))[1]]
-            return self._found(ReferringExpression(before.label, frozenset({before.label}), thing=before.id))
+            return self._found(ReferringExpression(before.label, frozenset({before.label}), obj=before.id))
         if asked.kind in SAID:
             return Selection("answered", reason=SAID[asked.kind], text=SAID[asked.kind], model=self._model)
         if asked.kind != "find":
@@ -104,7 +104,7 @@ class ReferenceGrounder:
 
     def _common(self, head: ReferringExpression) -> bool:
         """Whether a name is that of a kind, and not one that people gave to a particular thing."""
-        return not any(head.labels & set(thing.names) for thing in self.scene.objects)
+        return not any(head.labels & set(obj.names) for obj in self.scene.objects)
 
     def refined(self, chosen: Selection) -> Selection:
         """A thing that was chosen by its name, as one of the objects of that name: that which the words tell, else the nearest."""
@@ -117,14 +117,14 @@ class ReferenceGrounder:
         ):
             here = [o for o in self.scene.objects if called(o, asked.head.labels)]
             if here and asked.head.bare and not asked.head.generic:  # a general word for what is listed: "the soap"
-                thing = self._likely(here)[0]
-                say = self._one_of(thing, here) if len(here) > 1 else ""
+                obj = self._likely(here)[0]
+                say = self._one_of(obj, here) if len(here) > 1 else ""
                 return replace(
                     chosen,
                     status="found",
                     question=None,
-                    object=thing.label,
-                    object_id=thing.id,
+                    object=obj.label,
+                    object_id=obj.id,
                     reason=f"'{asked.head.said}' was asked for",
                     text=say,
                 )
@@ -149,8 +149,8 @@ class ReferenceGrounder:
         if head is None or chosen.object not in head.labels or chosen.status == "likely_near":
             return chosen
         meant = [o for o in self.scene.meant(head)[0] if called(o, [chosen.object or ""])] if not head.bare else []
-        thing = (meant if not head.bare and meant else self._likely(same))[0]
-        return replace(chosen, object_id=thing.id, text=self._one_of(thing, same))
+        obj = (meant if not head.bare and meant else self._likely(same))[0]
+        return replace(chosen, object_id=obj.id, text=self._one_of(obj, same))
 
     def placed(self, head: ReferringExpression, chosen: Selection) -> Selection:
         """What serves instead of a thing that is not listed, where that was said to be."""
@@ -166,9 +166,9 @@ class ReferenceGrounder:
         sure = [o for o in same if o.probability >= SURE] or list(same)
         return sorted(sure, key=self.scene.distance_m)
 
-    def _one_of(self, thing: MapObject, same: Sequence[MapObject]) -> str:
-        where = self.scene.whereabouts(thing)
-        rest = [o for o in same if o.id != thing.id]
+    def _one_of(self, obj: MapObject, same: Sequence[MapObject]) -> str:
+        where = self.scene.whereabouts(obj)
+        rest = [o for o in same if o.id != obj.id]
         others = [self.scene.whereabouts(o) for o in self._likely(rest)]
         apart = list(dict.fromkeys(words for words in others if words and words != where))[:2]
         offer = f" Or do you mean {' or '.join(f'the one {words}' for words in apart)}?" if apart else ""
@@ -189,11 +189,11 @@ class ReferenceGrounder:
             return self._none(head, emptied is not None)
         if len(found) > 1 and not (head.other or HURRY.search(self.said) or head.plural):
             return self._which(found)
-        thing, where = found[0], self.scene.whereabouts(found[0])
-        name = next((name for name in thing.names if name in head.labels), thing.label)
-        say = f"{name if name in thing.names else f'The {name}'}{f' {where}' if where else ''}."
+        obj, where = found[0], self.scene.whereabouts(found[0])
+        name = next((name for name in obj.names if name in head.labels), obj.label)
+        say = f"{name if name in obj.names else f'The {name}'}{f' {where}' if where else ''}."
         return Selection(
-            "found", name, reason=f"this is {where or 'the one'}", object_id=thing.id, text=say,
+            "found", name, reason=f"this is {where or 'the one'}", object_id=obj.id, text=say,
             candidates=((name, 1.0),), model=self._model,
         )  # fmt: skip
 
@@ -206,13 +206,13 @@ class ReferenceGrounder:
             return Selection(
                 "clarify", reason=f"{len(found)} fit what was said", question=question, text=question, model=self._model
             )
-        thing = self._likely(found)[0]
+        obj = self._likely(found)[0]
         return Selection(
             "found",
-            thing.label,
+            obj.label,
             reason="the nearest of several",
-            object_id=thing.id,
-            text=self._one_of(thing, found),
+            object_id=obj.id,
+            text=self._one_of(obj, found),
             model=self._model,
         )
 
@@ -223,7 +223,7 @@ class ReferenceGrounder:
         elif others and emptied:
             say = f"There is {one(others[0].label)} {self.scene.whereabouts(others[0])}, but none as you say."
         else:
-            say = f"I have not seen any {head.said if not head.generic else 'such thing'}."
+            say = f"I have not seen any {head.said if not head.generic else 'such obj'}."
         return Selection("not_found", reason=say, text=say, model=self._model)
 
     def _room(self, head: ReferringExpression, asked: ParsedUtterance) -> Selection | None:
@@ -262,8 +262,8 @@ class ReferenceGrounder:
         fitting = [o for o in there if called(o, [chosen.object or ""])]
         if chosen.status != "found" or not fitting:
             return chosen if chosen.status != "likely_near" else self._none(head, True)
-        thing = self._likely(fitting)[0]
-        return replace(chosen, object_id=thing.id, text=f"The {thing.label} {self.scene.whereabouts(thing)}.")
+        obj = self._likely(fitting)[0]
+        return replace(chosen, object_id=obj.id, text=f"The {obj.label} {self.scene.whereabouts(obj)}.")
 
 
 def _or(parts: Sequence[str]) -> str:

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from cartier.types import Array, Status
-from cartier.understanding.candidates import Missing, Ranked, Things
+from cartier.understanding.candidates import Candidates, Missing, Ranked
 from cartier.understanding.card_vectors import ALIKE
 from cartier.understanding.need_scorer import Judgement
 
@@ -25,24 +25,24 @@ LEAST, MOST = -4.0, 3.0  # how far behind the missing, and ahead of the second, 
 class Choice:
     """What is decided from: listed things, the best first, the best that is not like it, and what is missing and where it is kept."""
 
-    def __init__(self, ranked: Sequence[Ranked], things: Things, judged: Judgement, outright: bool) -> None:
+    def __init__(self, ranked: Sequence[Ranked], candidates: Candidates, judged: Judgement, outright: bool) -> None:
         self.ranked, self.best, self.judged, self.outright = ranked, ranked[0], judged, outright
-        self._knowledge = things.scorer.knowledge
+        self._knowledge = candidates.scorer.knowledge
         self.rival = next((r for r in ranked[1:] if not self._alike(r)), None)
-        self.missing = things.missing(judged, self.best.thing)
-        self.at_home = things.scorer.deck.cards[self.missing.card].at_home
-        kept = things.kept_beside(self.missing.card)
-        self.near = kept if any(r.thing.name == kept for r in ranked) else None
+        self.missing = candidates.missing(judged, self.best.candidate)
+        self.at_home = candidates.scorer.deck.cards[self.missing.card].at_home
+        kept = candidates.kept_beside(self.missing.card)
+        self.near = kept if any(r.candidate.name == kept for r in ranked) else None
 
     def _alike(self, other: Ranked) -> bool:
-        one, two = self.best.thing, other.thing
+        one, two = self.best.candidate, other.candidate
         if one.card is None or two.card is None:
             return one.key == two.key
         return one.card == two.card or bool(self._knowledge.likeness(one.card)[two.card] > ALIKE)
 
     def features(self) -> Array:
         """(10,) what the decision is made from."""
-        card, logit, nothing = self.best.thing.card, self.best.logit, self.judged.nothing
+        card, logit, nothing = self.best.candidate.card, self.best.logit, self.judged.nothing
         better = max(self.missing.logit - logit, LEAST)
         fit = self.judged.fits.get(-1 if card is None else card)
         ahead = MOST if self.rival is None else min(logit - self.rival.logit, MOST)

@@ -206,12 +206,12 @@ def _need(said: Sequence[str], used: set[int]) -> str:
 def _compared(said: Sequence[str], mentions: Sequence[_Mention], by: str, text: str) -> ParsedUtterance | None:
     """The names on both sides of "or" or "than"; what else is named is what the nearer one is nearer to."""
     middle = next(i for i, word in enumerate(said) if word in ("or", "than"))
-    things = [m for m in mentions if m.phrase.rooms is None and not m.phrase.generic]
-    left, right = ([m for m in things if (m.end <= middle) == before] for before in (True, False))
+    objs = [m for m in mentions if m.phrase.rooms is None and not m.phrase.generic]
+    left, right = ([m for m in objs if (m.end <= middle) == before] for before in (True, False))
     if not left or not right:
         return None
     one, other = left[-1].phrase, right[0].phrase
-    to = next((m.phrase for m in things if m.phrase is not one and m.phrase is not other), None)
+    to = next((m.phrase for m in objs if m.phrase is not one and m.phrase is not other), None)
     clean = [replace(phrase, size="", most="") for phrase in (one, other)]
     return ParsedUtterance("compare", clean[0], clean[1], SIZES.get(by, by), text, to=to)
 
@@ -232,16 +232,16 @@ def _put_in_rooms(
     said: Sequence[str], mentions: Sequence[_Mention], phrases: list[ReferringExpression], used: set[int]
 ) -> None:
     """A room that is told by itself says where the thing is: "in the kitchen, the lamp", "something to eat in the kitchen"."""
-    things = [p for p in phrases if p.rooms is None]
+    objs = [p for p in phrases if p.rooms is None]
     rooms = [p for p in phrases if p.rooms is not None]
-    if len(rooms) != 1 or not things:
+    if len(rooms) != 1 or not objs:
         return
     at = next((m for m in mentions if m.phrase.rooms == rooms[0].rooms and m.phrase.said == rooms[0].said), None)
     before = [word for word in said[: at.start] if word not in ARTICLES][-1:] if at else []
     if at is None or before not in (["in"], ["inside"], ["from"], ["within"], ["of"]):
         return
-    first = phrases.index(things[0])
-    phrases[first] = replace(things[0], relations=(SpatialRelation("in", rooms[0]), *things[0].relations))
+    first = phrases.index(objs[0])
+    phrases[first] = replace(objs[0], relations=(SpatialRelation("in", rooms[0]), *objs[0].relations))
     phrases.remove(rooms[0])
     preposition = max((i for i in range(at.start) if said[i] == before[0]), default=at.start)
     used |= set(range(preposition, at.end))
@@ -279,14 +279,14 @@ def _question(core: str) -> tuple[Kind, str, int]:
 
 def _head(phrases: Sequence[ReferringExpression], kind: Kind) -> ReferringExpression | None:
     """The thing that a sentence is about: the first that is one, and of a list also a room."""
-    things = [phrase for phrase in phrases if phrase.rooms is None]
-    named = [phrase for phrase in things if not phrase.generic or not phrase.bare]
+    objs = [phrase for phrase in phrases if phrase.rooms is None]
+    named = [phrase for phrase in objs if not phrase.generic or not phrase.bare]
     if kind == "list" and phrases:
-        return next((p for p in things if p.relations), phrases[-1])
+        return next((p for p in objs if p.relations), phrases[-1])
     if kind == "find":
         asked = [p for p in named if not p.bare] or named
         return asked[0] if asked else phrases[0] if phrases else None
-    return next(iter(named or things or phrases), None)
+    return next(iter(named or objs or phrases), None)
 
 
 def _unknown(core: str) -> str:
@@ -325,19 +325,19 @@ def _named(said: Sequence[str], start: int, end: int, names: EntityVocabulary, k
     if name in names.rooms:
         return ReferringExpression(words, rooms=names.rooms[name])
     room_first = end - start > 1 and any(key(" ".join(said[start:k])) in names.rooms for k in range(start + 1, end))
-    if room_first and name not in map(key, names.things.get(name, ())):
+    if room_first and name not in map(key, names.objs.get(name, ())):
         return None  # the bathroom sink is a sink in the bathroom
-    if name in names.things:
+    if name in names.objs:
         before = ["", "", *said[:start]][-2:]
         verb = before[1] in VERB_BEFORE or (before[1] == "to" and before[0] in WISHING | NEEDY)
         verb = verb or (start == 0 and words in VERBS and "".join(said[end : end + 1]) in ARTICLES)  # light the way
         verb = verb or (
             words in ("switch", "sink", "roll") and said[end : end + 1] in UP_OR_DOWN
         )  # switch on, sink into
-        labels = names.things[name]
+        labels = names.objs[name]
         last = key(said[end - 1])
-        if not labels and last in names.things:  # a wine bottle is a bottle
-            labels = frozenset(label for label in names.things[last] if key(label) == last)
+        if not labels and last in names.objs:  # a wine bottle is a bottle
+            labels = frozenset(label for label in names.objs[last] if key(label) == last)
         return None if verb and end - start == 1 else ReferringExpression(words, labels, plural=plural)
     if (
         end - start == 1

@@ -17,22 +17,22 @@ OFFER = "Shall I look there?"
 
 def tentative_matches(scene: Scene) -> list[MapObject]:
     """What may be there, and is not listed by its name; the likeliest first."""
-    listed = {name for thing in scene.objects for name in (thing.label, *thing.names)}
-    return [thing for thing in scene.maybe if not called(thing, listed)]
+    listed = {name for obj in scene.objects for name in (obj.label, *obj.names)}
+    return [obj for obj in scene.maybe if not called(obj, listed)]
 
 
-def offer(thing: MapObject, scene: Scene, model: str) -> Selection:
+def offer(obj: MapObject, scene: Scene, model: str) -> Selection:
     """A question instead of a goal."""
-    where = scene.whereabouts(thing)
-    question = f"I may have seen {one(thing.label)}{f' {where}' if where else ''}, but too seldom to be sure. {OFFER}"
-    reason = f"seen in {thing.n_detected} of {thing.n_observable} frames that could show it"
+    where = scene.whereabouts(obj)
+    question = f"I may have seen {one(obj.label)}{f' {where}' if where else ''}, but too seldom to be sure. {OFFER}"
+    reason = f"seen in {obj.n_detected} of {obj.n_observable} frames that could show it"
     return Selection("clarify", reason=reason, question=question, text=question, model=model)
 
 
-def maybe_there(thing: MapObject, model: str) -> Selection:
+def maybe_there(obj: MapObject, model: str) -> Selection:
     """What was offered, to who wants it."""
-    reason, say = "it may be there: seen too seldom to be sure", f"I look for the {thing.label}."
-    return Selection("found", thing.label, reason=reason, object_id=thing.id, text=say, model=model)
+    reason, say = "it may be there: seen too seldom to be sure", f"I look for the {obj.label}."
+    return Selection("found", obj.label, reason=reason, object_id=obj.id, text=say, model=model)
 
 
 def usual_place(near: Selection) -> Selection:

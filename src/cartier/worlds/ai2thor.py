@@ -283,7 +283,7 @@ class ThorRecording:
 
     def fingerprint(self) -> str:
         content = {"stops": [vars(s) for s in self._stops], "camera": vars(self.camera), "home": self._home}
-        content["truth"] = [vars(thing) for thing in self.truth or ()]
+        content["truth"] = [vars(obj) for obj in self.truth or ()]
         return hashlib.sha256(("ai2thor 1 " + json.dumps(content, sort_keys=True)).encode()).hexdigest()
 
 

@@ -73,11 +73,11 @@ def things(objects: Sequence[Mapping[str, Any]]) -> tuple[list[TrueObject], dict
     truth: list[TrueObject] = []
     ids: dict[str, int] = {}
     without: list[str] = []
-    for thing in sorted(objects, key=lambda o: str(field(o, "objectId"))):
-        object_id, label = str(thing["objectId"]), type_of(thing)
+    for obj in sorted(objects, key=lambda o: str(field(o, "objectId"))):
+        object_id, label = str(obj["objectId"]), type_of(obj)
         if label in STRUCTURE:
             continue
-        bounds = thing.get("axisAlignedBoundingBox")
+        bounds = obj.get("axisAlignedBoundingBox")
         if not bounds:
             without.append(object_id)
             continue
@@ -90,10 +90,10 @@ def things(objects: Sequence[Mapping[str, Any]]) -> tuple[list[TrueObject], dict
     return truth, ids, notes
 
 
-def type_of(thing: Mapping[str, Any]) -> str:
+def type_of(obj: Mapping[str, Any]) -> str:
     """An object's type; older builds only have it in the objectId, ``Type|x|y|z`` or ``Parent|x|y|z|Type``."""
-    fields = str(thing["objectId"]).split("|")
-    return str(thing.get("objectType") or (fields[4] if len(fields) > 4 else fields[0]))
+    fields = str(obj["objectId"]).split("|")
+    return str(obj.get("objectType") or (fields[4] if len(fields) > 4 else fields[0]))
 
 
 def instances(masks: Mapping[str, Array], ids: Mapping[str, int], shape: tuple[int, int]) -> npt.NDArray[np.int32]:

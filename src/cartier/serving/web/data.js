@@ -28,12 +28,12 @@ class Served {
   view() { return this.json(this.at("view")); }
   async cloud() { return (await this.json(this.at("cloud"))).cloud; }
   ask(words) { return this.json(this.at("ask"), { words, conversation: this.talk }); }
-  async goal(thing) { const told = await this.json(this.at(`goal?thing=${thing.id}`)); return told.goal || { why: told.why_no_goal }; }
+  async goal(thing) { const told = await this.json(this.at(`goal?entity=${thing.id}`)); return told.goal || { why: told.why_no_goal }; }
   async photo(thing, view) {
-    const got = await this.call(this.at(`photo?thing=${thing.id}&view=${view}`));
+    const got = await this.call(this.at(`photo?entity=${thing.id}&view=${view}`));
     return { src: URL.createObjectURL(await got.blob()), box: JSON.parse(got.headers.get("x-box")) };
   }
-  correct(what, thing, more) { return this.json(this.at("corrections"), { what, thing: String(thing), who: "the page", ...more }); }
+  correct(what, thing, more) { return this.json(this.at("corrections"), { what, entity: String(thing), who: "the page", ...more }); }
   undo() { return this.json(this.at("undo"), { who: "the page" }); }
 }
 
