@@ -9,7 +9,7 @@ import numpy as np
 from cartier.types import Inventory, MapObject, Room, View
 
 
-def thing(
+def obj(
     number: int,
     label: str,
     middle: tuple[float, float, float],

@@ -27,7 +27,7 @@ from cartier.worlds.dollhouse.trace import available
 WORLD = str(Path(__file__).parent / "room_world.py")
 
 
-def thing(
+def obj(
     id: int, label: str, x: float, y: float, z: float, size: Sequence[float], room: int, colour: str = ""
 ) -> MapObject:
     low = np.array([x, y, z])

@@ -55,7 +55,7 @@ def folder(home: Home) -> Path:
     return home.store.folder
 
 
-def thing(id: int, label: str, x: float, *, aliases: tuple[int, ...] = (), labels: tuple[str, ...] = ()) -> MapObject:
+def obj(id: int, label: str, x: float, *, aliases: tuple[int, ...] = (), labels: tuple[str, ...] = ()) -> MapObject:
     votes = tuple((name, 1.0) for name in (label, *labels))
     low, high = (x - 0.1, 0.9, 0.0), (x + 0.1, 1.1, 0.2)
     return MapObject(id, label, votes, (x, 1.0, 0.1), low, high, 0.9, True, 3, 3, 0.0, 1.0, 1.0, (), aliases=aliases)

@@ -41,7 +41,7 @@ def flat(lintel_m: float = 2.15, wall_m: float = 2.2) -> Plan:
     return Plan().rooms(LEFT, RIGHT, wall_m=wall_m).draw(DOOR, FREE, lintel_m)
 
 
-def thing(label: str, xy: Sequence[float], seen_from: Sequence[tuple[float, float]] = (), id: int = 0) -> MapObject:
+def obj(label: str, xy: Sequence[float], seen_from: Sequence[tuple[float, float]] = (), id: int = 0) -> MapObject:
     x, y = xy
     views = tuple(View(0, (0, 0, 1, 1), 0.9, label, 1.0, (*camera, 1.5), 0.0, (x, y, 1.0)) for camera in seen_from)
     low, high = (x - 0.1, y - 0.1, 0.0), (x + 0.1, y + 0.1, 0.5)

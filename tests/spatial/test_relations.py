@@ -26,7 +26,7 @@ from cartier.types import MapObject
 from cartier.worlds.dollhouse.scene import load_home
 
 
-def thing(label: str, low: Sequence[float], high: Sequence[float], id: int = 0, room: int | None = None) -> MapObject:
+def obj(label: str, low: Sequence[float], high: Sequence[float], id: int = 0, room: int | None = None) -> MapObject:
     corners = tuple(map(float, low)), tuple(map(float, high))
     middle = tuple((np.add(low, high) / 2).tolist())
     return MapObject(id, label, ((label, 1.0),), middle, *corners, 1.0, True, 3, 3, 0.0, 0.0, 0.0, (), (), room)
