@@ -165,7 +165,7 @@ def test_the_reply_to_a_question_is_read_in_its_context(reasoner: embedded.Embed
 
 
 @pytest.mark.parametrize(
-    ("thing", "query"),
+    ("obj", "query"),
     [
         ("kitchen chair", "I want to sit down"),
         ("FluxCapacitor", "where is the flux capacitor"),
