@@ -66,6 +66,8 @@ def singular(word: str) -> str:
     """A noun without its plural ending; nothing else is taken off, so ``painting`` is not ``paint``."""
     if word in IRREGULAR_PLURALS:
         return IRREGULAR_PLURALS[word]
+    if word.endswith("shelves"):
+        return word.removesuffix("ves") + "f"
     if word in PLURAL_ONLY or len(word) < 4 or not word.endswith("s") or word.endswith(("ss", "us", "is")):
         return word
     if word.endswith("ies"):

@@ -19,6 +19,7 @@ import numpy as np
 
 from cartier.errors import MAX_FAR_M, InputError, brief
 from cartier.io.files import read_bytes
+from cartier.mapping.rooms import room_middle
 from cartier.types import MapObject, OccupancyGrid, Room, View
 
 LOG = "corrections.jsonl"
@@ -208,8 +209,7 @@ def _subject(obj: MapObject | Room, known: Corrected, grid: OccupancyGrid | None
     if isinstance(obj, Room):
         mapped = next(room for room in known.mapped_rooms if room.id == obj.id)
         assert grid is not None  # there are no rooms without
-        middle = mapped.cells[np.argmin(np.abs(mapped.cells - mapped.cells.mean(0)).sum(1))]
-        x, y = grid.centre(middle).tolist()
+        x, y = room_middle(mapped, grid)
         return Subject("room", obj.id, mapped.name, (round(x, 4), round(y, 4)))
     raw = next(each for each in known.mapped_objects if each.id == obj.id)
     return Subject("object", raw.id, raw.label, raw.position)

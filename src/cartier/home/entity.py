@@ -22,8 +22,9 @@ from cartier.home.map_server import grid_from, pgm, yaml
 from cartier.home.point_cloud import PointCloud, read_cloud
 from cartier.home.repository import Store, blob_file, digest_of
 from cartier.io.files import json_bytes, npz_bytes, parse_json, read_npz, typed
+from cartier.mapping.rooms import room_middle
 from cartier.spatial.relations import supports
-from cartier.types import FREE, Answer, Camera, Inventory, MapObject, OccupancyGrid, Place, Room, Selection
+from cartier.types import Answer, Camera, Inventory, MapObject, OccupancyGrid, Place, Room, Selection
 
 Key = TypeVar("Key", int, str)
 SCHEMA = 2
@@ -90,24 +91,18 @@ class Home:
         if chosen.object is None:
             return None
         if chosen.room is not None:
-            return self._middle(next(room for room in self.rooms if room.id == chosen.room))
+            return self._room_place(next(room for room in self.rooms if room.id == chosen.room))
         held = self.index(index)[1]
         obj = next((o for o in self.objects if o.id == chosen.object_id), None)
         if obj is None or not isinstance(held, Instances):
             return held.locate(chosen.object)
         return held.locate_object(obj)
 
-    def _middle(self, room: Room) -> Place | None:
-        """The point of a room's free floor that is farthest from all else."""
+    def _room_place(self, room: Room) -> Place | None:
+        """The middle of a room, with the frame that shows most of it. None without a floor plan."""
         if self.grid is None:
             return None
-        from scipy.ndimage import distance_transform_edt
-
-        free = np.zeros(np.add(self.grid.cells.shape, 2), bool)
-        rows, cols = room.cells.T
-        free[rows + 1, cols + 1] = self.grid.cells[rows, cols] == FREE
-        open_m = np.asarray(distance_transform_edt(free))[1:-1, 1:-1]
-        x, y = self.grid.centre(np.array(np.unravel_index(int(open_m.argmax()), open_m.shape))).tolist()
+        x, y = room_middle(room, self.grid)
         views = [view for obj in self.objects if obj.room == room.id for view in obj.views]
         best = max(views, key=lambda view: view.size_px2, default=None)
         return Place(room.name, (x, y, 0.0), 1.0, best.frame if best else -1)

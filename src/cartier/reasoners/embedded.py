@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
+from cartier.labels import name_key, object_ref, plain, words
 from cartier.spatial.query import Scene, called
 from cartier.types import Inventory, MapObject, Selection, Status
 from cartier.understanding.candidates import Candidates, Missing, Ranked
@@ -26,6 +27,8 @@ from cartier.understanding.follow_ups import SERVED
 from cartier.understanding.grounding import ReferenceGrounder
 from cartier.understanding.need_scorer import Judgement, Scorer
 from cartier.understanding.outcome_classifier import OUTCOMES, Choice
+from cartier.understanding.reference_words import STANDS_FOR
+from cartier.understanding.references import parse
 from cartier.understanding.tentative import accepted, maybe_there, offer, tentative_matches, usual_place
 from cartier.understanding.utterance import MOST_CHARACTERS, mentions
 
@@ -77,9 +80,20 @@ class Embedded:
         if agreed is False:
             return Selection("answered", reason="the offer was turned down", text="All right.", model=NAME)
         chosen = self._among(query, inventory, scene, dialogue)
-        if chosen.status in ("not_found", "likely_near") and (maybe := self._maybe(query, scene)) is not None:
-            return offer(maybe, scene, NAME)
+        if (
+            chosen.status in ("not_found", "likely_near")
+            and not chosen.next
+            and not self._listed_asked(query, inventory)
+        ):
+            maybe = self._maybe(query, scene)
+            if maybe is not None:
+                return offer(maybe, scene, NAME)
         return usual_place(chosen) if chosen.status == "likely_near" else chosen
+
+    def _listed_asked(self, query: str, inventory: Inventory) -> bool:
+        """Whether what is asked for is of a listed name: nothing of another name serves instead of it."""
+        asked = parse(plain(query[-MOST_CHARACTERS:]), lexicon(self.deck, inventory), name_key)
+        return asked is not None and asked.head is not None and bool(asked.head.labels)
 
     def _anyway(self, query: str, inventory: Inventory, scene: Scene, dialogue: Sequence[tuple[str, str]]) -> Selection:
         """What was offered, to who wants it."""
@@ -102,16 +116,31 @@ class Embedded:
         """What serves the words among all that is surely there."""
         needs = _parts(query)
         outright = needs if THEN.search(query) else needs[:1] if not ALSO.search(query) else ()
-        if len(needs) > 1 and all(map(self._asks, outright)):
-            chosen = [self._one(need, inventory, scene, dialogue) for need in needs]
-            goals = [(c.object, c.object_id, c.room) for c in chosen]
-            if all(c.status in ("found", "likely_near") for c in chosen) and len(set(goals)) == len(goals):
+        if len(needs) > 1 and all(self._asks(need) or (k and _anaphoric(need)) for k, need in enumerate(outright)):
+            chosen = self._each(needs, inventory, scene, dialogue)
+            goals = [(c.object, c.object_id, c.room) for c in chosen if c.status in ("found", "likely_near")]
+            others = [c.status for c in chosen if c.status not in ("found", "likely_near")]
+            # what "then" parts is served or said one by one; "and" may join words that are one need after all
+            said = goals and {*others} <= {"absent", "clarify"} and THEN.search(query)
+            if (said or not others) and len(set(goals)) == len(goals):
                 first, *rest = chosen
                 return replace(first, next=tuple(rest))
         return self._one(query, inventory, scene, dialogue, wanted)
 
-    def _asks(self, words: str) -> bool:
-        return sort_out(self.scorer.hear(words), self.deck.by_key).asked == "outright"
+    def _each(
+        self, needs: Sequence[str], inventory: Inventory, scene: Scene, dialogue: Sequence[tuple[str, str]]
+    ) -> list[Selection]:
+        """What serves each of several needs; "the blue one" is understood by the need before it."""
+        chosen: list[Selection] = []
+        for k, need in enumerate(needs):
+            turns = list(dialogue)
+            if chosen and chosen[-1].object_id is not None and _anaphoric(need):
+                turns.append((needs[k - 1], object_ref(chosen[-1].object or "", chosen[-1].object_id)))
+            chosen.append(self._one(need, inventory, scene, turns))
+        return chosen
+
+    def _asks(self, said: str) -> bool:
+        return sort_out(self.scorer.hear(said), self.deck.by_key).asked == "outright"
 
     def _one(
         self, query: str, inventory: Inventory, scene: Scene, dialogue: Sequence[tuple[str, str]], wanted: bool = False
@@ -232,6 +261,11 @@ class Embedded:
             return f"'{_short(judged.sentences[0])}' fits the name {bare(ranked.candidate.name)}"
         sentence, use = self.scorer.why(judged, ranked.candidate.card)
         return f"'{_short(sentence)}'{FITS}{use}"
+
+
+def _anaphoric(need: str) -> bool:
+    """Whether a need stands for what was named before it: "the blue one"."""
+    return not STANDS_FOR.isdisjoint(words(plain(need)))
 
 
 def _nowhere(told: Selection) -> bool:

@@ -23,6 +23,7 @@ from cartier.errors import InputError
 from cartier.home import Home
 from cartier.home.detection_log import Looked
 from cartier.mapping.occupancy import OccupancyMapper
+from cartier.mapping.rooms import room_middle
 from cartier.types import FREE, OCCUPIED, UNKNOWN, Array, MapObject, OccupancyGrid, Room, View
 
 TIMELINE = "frame"
@@ -167,7 +168,7 @@ def _floor_plan(out: Any, home: Home, grid: OccupancyGrid | None) -> None:
             hue = tuple(round(255 * part) for part in colorsys.hsv_to_rgb((BLUE + room.id * GOLDEN) % 1, 0.75, 0.85))
             own = picture[tuple(cells.T)]
             picture[tuple(cells.T)] = np.rint(own + ROOM_SHARE * (np.array(hue) - own)).astype(np.uint8)
-            shown.append((room.name, (*grid.centre(cells).mean(axis=0), 0.0), hue))
+            shown.append((room.name, (*room_middle(room, home.grid or grid), 0.0), hue))
     known = np.argwhere(grid.cells != UNKNOWN)
     if not len(known):
         return

@@ -115,7 +115,7 @@ class Operations:
         if isinstance(one, Room):
             inside = [t for t in mapped.objects if t.room == one.id and t.confirmed]
             told = _room_row(mapped, one) | {"holds": sorted({t.label for t in inside})[:30]}
-            return self.about(home, mapped) | told | self._goal(mapped, _room_place(mapped, one), mapped.start_xy)
+            return self.about(home, mapped) | told | self._goal(mapped, place_of(mapped, one), mapped.start_xy)
         held = relations.supports(mapped.objects)
         on = held.get(one.id)
         told = self._row(mapped, one) | {
@@ -127,7 +127,7 @@ class Operations:
             "next_to": [_called(mapped, r.subject) for r in relations.next_to(one, _sure(mapped)) if r.probability >= 0.5][:4],
             "last_seen_s": round(one.last_seen_s, 1), "last_looked_s": round(one.last_looked_s, 1),
         }  # fmt: skip
-        return self.about(home, mapped) | told | self._goal(mapped, place_of(one), mapped.start_xy)
+        return self.about(home, mapped) | told | self._goal(mapped, place_of(mapped, one), mapped.start_xy)
 
     def list_objects(self, room: str = "", page: int = 1, tentative: bool = False, home: str = "") -> dict[str, Any]:
         """The objects of a home or of one room, page by page."""
@@ -154,7 +154,9 @@ class Operations:
         a, b = (_an_object(find(each, mapped.objects, mapped.rooms)) for each in (entity, other))
         if a.id == b.id:
             raise InputError(f"{brief(entity, 40)} and {brief(other, 40)} are the same object {a.id}: relate needs two")
-        goal = plan(mapped.grid, place_of(b), mapped.start_xy, self.robot)[0] if mapped.grid is not None else None
+        goal = (
+            plan(mapped.grid, place_of(mapped, b), mapped.start_xy, self.robot)[0] if mapped.grid is not None else None
+        )
         seen_from = (goal.x, goal.y) if goal is not None else mapped.start_xy
         found = [r for k, r in relations.supports(_sure(mapped, a, b)).items() if {k, r.object} == {a.id, b.id}]
         for each in (relations.under(b, [a]), relations.next_to(b, [a])):
@@ -175,7 +177,7 @@ class Operations:
         """A pose that can be reached from a start, and faces an object or lies in a room."""
         mapped = self.homes.get(home)
         one = find(entity, mapped.objects, mapped.rooms)
-        place = _room_place(mapped, one) if isinstance(one, Room) else place_of(one)
+        place = place_of(mapped, one)
         row = _room_row(mapped, one) if isinstance(one, Room) else self._row(mapped, one)
         return self.about(home, mapped) | row | self._goal(mapped, place, _start(mapped, from_x, from_y))
 
@@ -185,7 +187,7 @@ class Operations:
         one = find(entity, mapped.objects, mapped.rooms)
         if mapped.grid is None:
             raise InputError(NO_PLAN)
-        place = _room_place(mapped, one) if isinstance(one, Room) else place_of(one)
+        place = place_of(mapped, one)
         goal, why_not = plan(mapped.grid, place, _start(mapped, from_x, from_y), self.robot)
         if goal is None:
             raise InputError(why_not)
@@ -220,7 +222,7 @@ class Operations:
 
         if mapped.grid is None:
             raise InputError("the home has no floor plan: it was mapped without depth; view 1 is the photo")
-        place = _room_place(mapped, one) if isinstance(one, Room) else place_of(one)
+        place = place_of(mapped, one)
         row = _room_row(mapped, one) if isinstance(one, Room) else self._row(mapped, one)
         goal, _ = plan(mapped.grid, place, mapped.start_xy, self.robot)
         return self.about(home, mapped) | row | {"picture": "floor plan, x to the right, y up"}, plan_jpeg(
@@ -260,7 +262,11 @@ class Operations:
         x, y, z = (round(v, 2) for v in obj.position)
         room = next((r.name for r in mapped.rooms if r.id == obj.room), None)
         named = {"name": obj.names[0]} if obj.names else {}
-        goal = plan(mapped.grid, place_of(obj), mapped.start_xy, self.robot)[0] if mapped.grid is not None else None
+        goal = (
+            plan(mapped.grid, place_of(mapped, obj), mapped.start_xy, self.robot)[0]
+            if mapped.grid is not None
+            else None
+        )
         return {
             "id": obj.id, "label": obj.label, **named, "room": room, "x": x, "y": y, "z": z,
             "certainty": round(obj.probability, 2), "evidence": _evidence(obj), "reachable": goal is not None,
@@ -323,20 +329,21 @@ def _corners(path: Array) -> list[list[float]]:
     return [[round(float(x), 3), round(float(y), 3)] for x, y in path]
 
 
-def place_of(obj: MapObject) -> Place:
-    """Where an object is, to plan for."""
-    view = obj.views[0] if obj.views else None
+def place_of(home: Home, one: MapObject | Room) -> Place:
+    """Where an object or a room is, to plan for: what ``ask`` drives to. Of an object without such a place its box."""
+    if isinstance(one, Room):
+        chosen = Selection("found", one.name, room=one.id)
+    else:
+        chosen = Selection("found", one.label, object_id=one.id)
+    place = home.locate(chosen)
+    if place is not None and (isinstance(one, Room) or place.object_id == one.id):
+        return place
+    assert isinstance(one, MapObject)  # there are no rooms without a floor plan
+    view = one.views[0] if one.views else None
     return Place(
-        obj.label, obj.position, obj.probability, view.frame if view else -1, view.box_xyxy if view else None,
-        obj.box_min, obj.box_max, object_id=obj.id,
+        one.label, one.position, one.probability, view.frame if view else -1, view.box_xyxy if view else None,
+        one.box_min, one.box_max, object_id=one.id,
     )  # fmt: skip
-
-
-def _room_place(home: Home, room: Room) -> Place:
-    assert home.grid is not None  # there are no rooms without
-    middle = room.cells[np.argmin(np.abs(room.cells - room.cells.mean(0)).sum(1))]
-    x, y = home.grid.centre(middle).tolist()
-    return Place(room.name, (x, y, 0.0), 1.0, -1)
 
 
 def _room_row(home: Home, room: Room) -> dict[str, Any]:

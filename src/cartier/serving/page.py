@@ -105,7 +105,7 @@ def one_file(home: Home, robot: RobotModel | None = None) -> bytes:
     told = view(home) | {"goals": {}, "photos": {}, "home": home.name, "uses": _uses(home), "cloud": cloud(home)}
     for obj in home.objects:
         if home.grid is not None:
-            goal, _ = plan(home.grid, place_of(obj), home.start_xy, robot or RobotModel())
+            goal, _ = plan(home.grid, place_of(home, obj), home.start_xy, robot or RobotModel())
             told["goals"][obj.id] = None if goal is None else pose(goal)
         if obj.confirmed and (photo := _photo(home, obj)) is not None:
             told["photos"][obj.id] = photo

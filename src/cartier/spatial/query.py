@@ -106,7 +106,9 @@ class Scene:
             if len(found) > 1 and of[found[0].id] > CLEARLY * of[found[1].id]:
                 found = found[:1]
         wish = phrase.most or (phrase.size if len(found) > 1 else "")
-        if wish and found:
+        if wish and found and phrase.order:  # the second nearest
+            found = sorted(found, key=lambda o: -self.measure(o, wish))
+        elif wish and found:
             found = self.most(found, wish)
         if phrase.order and found:
             found = found[phrase.order - 1 : phrase.order]

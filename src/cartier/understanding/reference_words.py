@@ -52,8 +52,9 @@ RELATIONS = {
     "behind": "near", "around": "near", "nearest": "nearest", "nearest to": "nearest", "closest to": "nearest", "closest": "nearest",
     "farthest from": "farthest", "furthest from": "farthest", "between": "between", "in between": "between", "left of": "left of",
     "to left of": "left of", "on left of": "left of", "on left side of": "left of", "right of": "right of", "to right of": "right of",
-    "on right of": "right of", "further from": "farthest", "farther from": "farthest", "closer to": "nearest", "nearer to": "nearest", "not in": "not in", "not on": "not on", "has": "with", "have": "with", "having": "with", "holding": "with", "carrying": "with", "where": "with", "on which": "with", "in which": "with", "on right side of": "right of", "with": "with", "of": "of", "adjacent to": "next to", "belonging to": "of",
+    "on right of": "right of", "further from": "farthest", "farther from": "farthest", "closer to": "nearest", "nearer to": "nearest", "outside": "not in", "outside of": "not in", "has": "with", "have": "with", "having": "with", "holding": "with", "carrying": "with", "where": "with", "on which": "with", "in which": "with", "on right side of": "right of", "with": "with", "of": "of", "adjacent to": "next to", "belonging to": "of",
 }  # fmt: skip
+RELATIONS |= {f"not {words}": f"not {kind}" for words, kind in RELATIONS.items() if kind not in ("of", "not in")}
 NEED = re.compile(r"\b(?:something|anything|somewhere|anywhere|(?:a|any) (?:place|spot)|someplace)\b")
 CUE = re.compile(
     r"\b(?:bring|drive|fetch|find|get|give|go|going|grab|head|lead|locate|move|navigate|need|needs|pass|pick|reach|roll|show|take|want|like|use"
@@ -61,11 +62,11 @@ CUE = re.compile(
     r"|approach|check|deliver|collect|have|rather|approach|park|stop|wait)\b"
 )
 GO_THERE = re.compile(
-    r"^(?!.*\b(?:do not|not|never)\b)(?:.*\b)?(?:go|drive|take me|bring me|lead me|guide me|head|roll|stand|get|fetch|show me)\b.*\b(?:there|it|them|one|that)\b"
+    r"^(?!.*\b(?:do not|not|never)\b)(?:.*\b)?(?:go|drive|take me|bring me|lead me|guide me|head|roll|stand|get|fetch|show me|bring(?= (?:it|that|them)\b))\b.*\b(?:there|it|them|one|that)\b"
 )
 PUTTING = re.compile(r"\b(?:put|throw|drop|place|lay|hang|pour|toss|dump|stick|leave|chuck)\b")
 NOT_THAT = re.compile(
-    r",? \b(?:and not|but not|not|rather than|instead of|except)(?= (?:for |on |in |at |from )?(?:the|a|an|my|that|this|those|our) )[^,.!?;\n]*"
+    r"(?! not (?:in|on)\b),? \b(?:and not|but not|not|rather than|instead of|except)(?= (?:for |on |in |at |from )?(?:the|a|an|my|that|this|those|our) )[^,.!?;\n]*"
 )
 NOT_FIRST = re.compile(r"^(?:no )?not ((?:the|that|my) [^,.;]+?) ?[,.;] ?(?=(?:the|that|my) )")
 SOMEBODY = _words("somebody someone i we you people they")
@@ -84,7 +85,8 @@ QUESTIONS: tuple[tuple[Kind, re.Pattern[str]], ...] = (
     ("size", re.compile(r"\bhow (?:big|large|tall|high|wide|long|small) \b")),
     ("room", re.compile(r"\b(?:which|what) room\b|^(?:tell me |name )?(?:the )?room (?:that|where|in which|of)\b")),
     ("where", re.compile(r"\b(?:where|wheres|whereabouts)\b(?! (?:in the \w+ )?(?:should|shall|(?:do i|do we)(?! (?:usually )?(?:keep|have|store))|can i put|could i put|to (?:put|sit|sleep|lie)|i (?:can|could|may)|can (?:i|we) (?!find|get|see)))|\bon what (?:is|are|does)\b|\bany idea where\b")),
-    ("list", re.compile(r"\b(?:is|are) there anything\b.* what\b|\b(?:what|which)(?: (?:else|all|things|objects|stuff|items|sort of things))?(?: is| are| s|s)? ?(?:all |else )?(?:there |standing |stands |stand |lying (?:around )?|lies |lie |kept |placed |sitting |sits |sit |stored |to be found |to be seen )?(?:on|in|inside|under|underneath|below|next to|beside|near|by|around|at|behind)\b")),
+    ("list", re.compile(r"\b(?:is|are) there anything\b.* what\b|\b(?:what|which)(?: (?:else|all|things|objects|stuff|items|sort of things))?(?: is| are| s|s)? ?(?:all |else )?(?:there |standing |stands |stand |lying (?:around )?|lies |lie |kept |placed |sitting |sits |sit |stored |to be found |to be seen )?(?:on|in|inside|under|underneath|below|next to|beside|near|by|around|at|behind|above|beneath|between)\b")),
+    ("list", re.compile(r"^(?:list|enumerate)\b")),
     ("list", re.compile(r"^(?:all )?(?:the |your )?(?:things|stuff|items|objects|everything|contents)(?: that| which)?(?: is| are| stands?| lies?)? (?:on|in|inside|under|of)\b")),
     ("list", re.compile(r"\b(?:what|which)(?: (?:things|objects|items|stuff|else))? (?:do|can|did|have|does|could) (?:you|we|i)\b.*\b(?:see|seen|saw|find|found|have|got|know|there|keep)\b|\binventory of\b|\b(?:list|name|enumerate|tell me|show me) (?:me )?(?:all|everything|every|the things|the objects|the contents|what)\b|\bwhat is (?:here|there)\b(?! to\b)")),
     ("exists", re.compile(r"\b(?:(?:is|are|was|were) there|(?:would|could|might|should|will) there be)\b(?! (?:something|anything|somewhere|anywhere) (?:to|i|we|that)\b)")),
@@ -96,7 +98,7 @@ QUESTIONS: tuple[tuple[Kind, re.Pattern[str]], ...] = (
 )  # fmt: skip
 COMMANDS: tuple[tuple[Kind, re.Pattern[str]], ...] = (
     ("come", re.compile(r"^(?:please )?(?:come (?:here|over(?: here)?|to me|back to me|closer)|over here|here boy)\b")),
-    ("back", re.compile(r"^(?:please )?(?:(?:go|drive|head|roll|move) back|return|back)(?: (?:to )?(?:where you (?:were|started|came from)|the start|your (?:base|dock|place)|home|again))?$")),
+    ("back", re.compile(r"^(?:please )?(?:(?:go|drive|head|roll|move) back|return|back)(?: please)?(?: (?:to )?(?:where you (?:were|started|came from)|the start|your (?:base|dock|place)|home|again))?$")),
     ("stop", re.compile(
         r"^(?=.*\b(?:stop|halt|freeze|wait|never ?mind|forget it|cancel|leave it|that is all|abort|changed my mind)\b)"
         r"(?:(?:stop|halt|freeze|wait|never ?mind|forget it|cancel|leave it|that is all|abort|i(?: have| ve)? changed my mind|it|that|now|there|here|please|moving"
@@ -138,7 +140,7 @@ WISHING = _words("want wants need needs like love how going have got time trying
 PLACING = frozenset(word for relation in RELATIONS for word in relation.split())
 BEFORE = re.compile(
     r"^(?:(?:please|hey|hi|hello|ok|okay|so|well|oh|um|uh|er|ah|now|then|and|but|robot|just|dear|excuse me|sorry|yes|yeah|quick question|say|listen|also"
-    r"|(?:can|could|would|will) you(?: please| kindly)?(?: tell me| say| check| let me know)?|tell me|do you know|do you happen to know|let me know"
+    r"|(?:can|could|would|will) you(?! see\b)(?: please| kindly)?(?: tell me| say| check| let me know)?|tell me|do you know|do you happen to know|let me know"
     r"|i wonder|i was wondering|i would like to know|i want to know|remind me|i ask myself|by the way|kindly)\s+)+(?=\w)"
 )
 AFTER = re.compile(

@@ -189,8 +189,19 @@ def _sentence(sentence: str, names: EntityVocabulary, key: Key) -> ParsedUtteran
     if kind in ("count", "exists") and head is None:
         unknown = _unknown(core)
         head = ReferringExpression(unknown) if unknown else None
-    other = next((p for p in phrases if p is not head), None) if kind == "far" else None
-    return ParsedUtterance(kind, head, other, need=text)
+    if kind == "far":
+        return _distance(head, phrases, text)
+    return ParsedUtterance(kind, head, need=text)
+
+
+def _distance(head: ReferringExpression | None, phrases: Sequence[ReferringExpression], text: str) -> ParsedUtterance:
+    """How far one thing is from another: "the sofa from the desk", "it from the bed to the desk"."""
+    other = next((p for p in phrases if p is not head), None)
+    start = next((c.target for c in head.relations if c.kind == "from"), None) if head is not None else None
+    if head is not None and start is not None:
+        head = replace(head, relations=tuple(c for c in head.relations if c.kind != "from"))
+        head, other = (start, other) if _pronoun(ParsedUtterance("far", head)) else (head, start)
+    return ParsedUtterance("far", head, other, need=text)
 
 
 def _need(said: Sequence[str], used: set[int]) -> str:
@@ -435,9 +446,14 @@ def _side(phrase: ReferringExpression, rest: Sequence[str]) -> ReferringExpressi
     return replace(phrase, most=side)
 
 
+def _is_side(gap: Sequence[str], k: int) -> bool:
+    """Whether "right" is a side, "to the right of", and not "right there"."""
+    return gap[k + 1 : k + 2] in (["of"], ["side"])
+
+
 def _relation(gap: Sequence[str]) -> str:
     """The relation that the words between two names tell; "" for no word, "?" for words that tell none."""
-    words = [word for word in gap if word not in FILLERS]
+    words = [word for k, word in enumerate(gap) if word not in FILLERS or (word == "right" and _is_side(gap, k))]
     text = LEFT.sub("", " ".join(words))
     if text in RELATIONS:
         return RELATIONS[text]
