@@ -51,6 +51,9 @@ class Matched:
 
 
 def photographs(folder: Path) -> Iterator[Photo]:
+    """The photographs of a folder with their true boxes; ends the program where there are none."""
+    if not (folder / "images").is_dir():
+        raise SystemExit(f"{folder} holds no images: give a folder of COCO photographs with --photos")
     names = coco80()
     for number, path in enumerate(sorted((folder / "images").iterdir())):
         rgb = np.asarray(Image.open(path).convert("RGB"))

@@ -1,4 +1,4 @@
-"""What the doctor is tried on: robots' walks through built-in homes, recordings with one fault put in, AI2-THOR frames of ../shared."""
+"""What the doctor is tried on: robots' walks through built-in homes, recordings with one fault put in, and AI2-THOR frames."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ Change = Callable[[Frame, Recording], Frame]
 
 
 class Thor:
-    """44 AI2-THOR frames on 4 paths through one house: 8-bit depth (metres = value / 51, 255 = 5 m or more)."""
+    """A folder of AI2-THOR frames: 8-bit depth (metres = value / 51, 255 = 5 m or more), poses in Unity's frame."""
 
-    name = "thor_house10"
+    name = "thor"
     truth: Sequence[TrueObject] | None = None
     notes: Sequence[str] = ()
 

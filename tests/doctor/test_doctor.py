@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import published
 import pytest
 from faulty_recordings import INJECTED, Faulty, Kept, Thor, leap, posed, rotated
 
@@ -33,22 +34,24 @@ def dollhouse() -> Recording:
 
 
 @pytest.fixture(scope="module")
-def kitchen() -> Recording:
-    """The real kitchen with its depth moved onto its colour, which 7-Scenes does not do (see the test of it)."""
-    raw = plugins.open_recording(_shared("kitchen_7scenes"))
-    return Kept(mend(raw, examine(raw)))
+def raw_kitchen(tmp_path_factory: pytest.TempPathFactory) -> Recording:
+    """A kitchen as 7-Scenes publishes one: the depth does not lie on the colour."""
+    walk, folder = published.kitchen(), tmp_path_factory.mktemp("7scenes") / "kitchen"
+    published.write_sevenscenes(walk, folder, range(len(walk)))
+    return plugins.open_recording(folder)
 
 
 @pytest.fixture(scope="module")
-def thor() -> Recording:
-    return Kept(Thor(_shared("thor_house10")))
+def kitchen(raw_kitchen: Recording) -> Recording:
+    """The same with its depth moved onto its colour."""
+    return Kept(mend(raw_kitchen, examine(raw_kitchen)))
 
 
-def _shared(name: str) -> Path:
-    folder = Path(__file__).parents[3] / "shared" / "recordings" / name
-    if not folder.is_dir():
-        pytest.skip(f"needs ../shared/recordings/{name}, which may not be redistributed")
-    return folder
+@pytest.fixture(scope="module")
+def thor(tmp_path_factory: pytest.TempPathFactory) -> Recording:
+    """AI2-THOR's conventions: a square picture of 90 degrees, 8-bit depth that ends at 5 m, and poses of Unity."""
+    published.write_thor("101", folder := tmp_path_factory.mktemp("thor"))
+    return Kept(Thor(folder))
 
 
 @pytest.fixture(params=["dollhouse", "kitchen", "thor"])
@@ -89,12 +92,11 @@ def test_a_fault_is_named_and_mended(home: Recording, injected: str) -> None:
         assert again.ok, again.faults
 
 
-def test_the_kitchen_as_it_came_has_unregistered_depth() -> None:
-    """7-Scenes' depth is the infrared camera's own (f = 585 px); its colour camera has f = 525 px: 0.9 of it."""
-    raw = plugins.open_recording(_shared("kitchen_7scenes"))
-    report = examine(raw)
+def test_unregistered_depth_is_known_as_published(raw_kitchen: Recording) -> None:
+    """7-Scenes' depth is the infrared camera's own; its colour camera has 0.9 of that focal length."""
+    report, raw_fx = examine(raw_kitchen), raw_kitchen.camera.fx
     assert report.ok and any("as this data set is published" in note for note in report.notes)
-    assert mend(raw, report).camera.fx == pytest.approx(525, rel=0.03)
+    assert mend(raw_kitchen, report).camera.fx == pytest.approx(0.91 * raw_fx, rel=0.03)
 
 
 @pytest.mark.parametrize("injected", ["turned to the left", "upside down", "y up", "tilted 12 degrees"])

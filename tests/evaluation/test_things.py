@@ -21,7 +21,7 @@ from cartier.evaluation.things_run import HOMES, NamesOnly, ThingsSettings
 from cartier.evaluation.true_home import TrueHome, true_home, true_objects
 from cartier.types import Fact, Inventory, MapObject, Room, Selection, TrueObject
 from cartier.worlds.dollhouse.contacts import Contacts
-from cartier.worlds.dollhouse.scene import load_scene
+from cartier.worlds.dollhouse.scene import load_home, load_scene
 from cartier.worlds.dollhouse.trace import available
 
 WORLD = str(Path(__file__).parent / "room_world.py")
@@ -331,6 +331,19 @@ things:
     }  # fmt: skip
     sofa = next(t for t in true_objects(scene) if t.label == "sofa")
     assert sofa.colours[0][0] == "blue" and sofa.colours[0][1] > 0.9 and sofa.room == 0
+
+
+@pytest.mark.parametrize(("home", "ring"), [("kitchen_diner", {31, 33}), ("family_flat", {35, 36})])
+def test_no_two_objects_hold_each_other(home: str, ring: set[int]) -> None:
+    """A cabinet over a bowl, and two plates in a pile: requests were made from such a home without an end."""
+    holder = Contacts(load_home(home)).holder
+    assert sum(holder.get(i, (0, ""))[0] in ring for i in ring) == 1
+    for first in holder:
+        seen, held = {first}, holder.get(first)
+        while held:
+            assert held[0] not in seen
+            seen.add(held[0])
+            held = holder.get(held[0])
 
 
 class Counts:

@@ -19,6 +19,8 @@ from cartier.understanding.cards import SHIPPED, read_deck
 from cartier.understanding.spelling import Spelling
 from cartier.understanding.text import stem
 
+THOR = Path(__file__).parents[1] / "data" / "thor_object_types.json"
+
 
 def test_every_shipped_card_is_whole() -> None:
     deck = read_deck(SHIPPED)
@@ -35,9 +37,9 @@ def test_every_text_of_the_cards_has_its_vector() -> None:
     assert [text for text in texts if text_key(text) not in known] == []
 
 
-def test_every_household_type_of_coco_and_thor_has_a_card(shared: Path) -> None:
+def test_every_household_type_of_coco_and_thor_has_a_card() -> None:
     deck = read_deck(SHIPPED)
-    thor = json.loads((shared / "reference" / "thor_object_types.json").read_text())
+    thor = json.loads(THOR.read_text("utf-8"))
     no_thing = {"ContainerFull", "Dirt", "MiscTableObject", "MassObjectSpawner", "TargetCircle", "Floor", "ScreenFrame"}
     no_thing |= {"PaintingHangerSmall", "PaintingHangerMedium", "PaintingHangerLarge"}
     coco = "bench tie suitcase handbag cat dog bed toilet donut|hot dog|teddy bear|hair drier|remote|pizza|broccoli"

@@ -152,7 +152,8 @@ def run(
                 home, truth = maps.get(name, progress), _truth(maps.world, name)
                 with file.open("a", encoding="utf-8") as out:
                     for item, how in missing:
-                        row = {"detector": detector, "run": how} | _ask(home, item, how, reasoner, settings.seed, truth)
+                        answer = answer_row(home, item, how, reasoner, settings.seed, truth)
+                        row = {"detector": detector, "run": how} | answer
                         done[_key(row)] = row
                         out.write(json.dumps(row, ensure_ascii=False) + "\n")
                         out.flush()
@@ -208,9 +209,10 @@ def _key(row: Mapping[str, Any]) -> tuple[str, str, str]:
     return row["detector"], row["id"], row["run"]
 
 
-def _ask(
+def answer_row(
     home: Home, item: Item, how: str, reasoner: Reasoner, seed: int, truth: Mapping[int, TrueObject]
 ) -> dict[str, Any]:
+    """A row of the results: the answer to one request in a home (``how`` is one of ``RUNS``), and whether it is right."""
     thinks = {"map": reasoner, "names only": NamesOnly(reasoner), "blind": Blind(item, seed)}[how]
     talk, answers = Conversation(home, thinks), list[Answer]()
     try:

@@ -22,7 +22,7 @@ from cartier.worlds.dollhouse.contacts import Contacts
 from cartier.worlds.dollhouse.model import Scene, Thing
 
 SHOWN_PX = 400  # in some frame of a walk, of what one may ask for
-VERSION = 1  # of what is kept of a home
+VERSION = 2  # of what is kept of a home
 COLOURS: dict[str, tuple[str, ...]] = {
     "white": ("white", "whitesmoke", "whitewood"),
     "cream": ("ivory", "cream", "antiquewhite", "honeydew"),

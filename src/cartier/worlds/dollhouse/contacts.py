@@ -27,6 +27,8 @@ class Contacts:
         self.covered: set[tuple[int, int]] = set()
         for i in self._boxes:
             self._look_at(i)
+        for i in self._boxes:
+            self._break_cycle(i)
 
     def mapped_holder(self, thing: int, mapped: set[int]) -> tuple[int, str] | None:
         """What holds a thing; if that is not in the map, what holds that."""
@@ -59,6 +61,16 @@ class Contacts:
         cover = _most(above)
         if cover and (above == cover).mean() >= COVERED and cover != holder and self.holder.get(cover, (0,))[0] != i:
             self.covered.add((i, cover))
+
+    def _break_cycle(self, i: int) -> None:
+        """Of things that hold each other in a ring, as a cabinet and a bowl in it seem to, the smallest holds none."""
+        ring = [i]
+        while (found := self.holder.get(ring[-1])) and found[0] not in ring:
+            ring.append(found[0])
+        if found:
+            ring = ring[ring.index(found[0]) :]
+            smallest = min(ring, key=lambda j: float(np.prod(self._boxes[j][1] - self._boxes[j][0])))
+            del self.holder[next(j for j in ring if self.holder[j][0] == smallest)]
 
     def _around(self, i: int) -> Array:
         """The faces of the structure and of what may touch or cover a thing."""

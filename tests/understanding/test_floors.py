@@ -1,0 +1,52 @@
+"""Floors of the embedded reasoner on the labelled sentences, a category each, over stored inventories."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+import stored
+from cartier import plugins
+from cartier.evaluation.things import WRITTEN, load_items
+from cartier.evaluation.things_run import answer_row
+
+DEVELOPMENT = Path(__file__).parents[2] / "tools" / "things" / "development.jsonl"
+SETS = {"development": DEVELOPMENT, "written": WRITTEN}
+"""The sentences of ``written`` are held out: only totals of them are printed."""
+FLOORS = {
+    "development": {
+        "relation": 91.3, "room": 98.0, "attribute": 87.7, "superlative": 98.0, "need": 81.3, "follow_up": 94.4,
+        "bare": 95.5, "count": 98.0, "exists": 98.0, "where": 95.1, "list": 89.3, "compare": 93.7, "nothing": 94.8,
+    },
+    "written": {
+        "relation": 78.2, "room": 78.5, "attribute": 76.0, "superlative": 75.4, "need": 59.7, "follow_up": 85.5,
+        "bare": 86.2, "count": 79.6, "exists": 71.8, "where": 92.7, "list": 70.2, "compare": 69.4, "nothing": 82.6,
+    },
+}  # fmt: skip
+"""Percent right, by set and category: two points less than on 23 November 2026."""
+
+
+@cache
+def scored(name: str) -> dict[str, tuple[int, int]]:
+    """Right answers and requests of each category, as ``cartier bench --suite things`` scores them."""
+    reasoner, world = plugins.make("reasoners", "embedded"), plugins.make("worlds", "dollhouse")
+    right: dict[str, list[bool]] = defaultdict(list)
+    items = load_items(SETS[name])
+    for number in dict.fromkeys(item.home for item in items):
+        home, truth = stored.home(number, "truth"), {obj.id: obj for obj in world.objects(number)}
+        for item in (item for item in items if item.home == number):
+            right[item.kind].append(answer_row(home, item, "map", reasoner, 0, truth)["right"])
+    return {kind: (sum(each), len(each)) for kind, each in right.items()}
+
+
+@pytest.mark.parametrize(("name", "kind"), [(name, kind) for name, floors in FLOORS.items() for kind in floors])
+def test_category_stays_above_its_floor(name: str, kind: str) -> None:
+    right, asked = scored(name)[kind]
+    assert 100 * right / asked >= FLOORS[name][kind], f"{name} {kind}: {right} of {asked}"
+
+
+def test_every_category_has_a_floor() -> None:
+    assert all(scored(name).keys() == FLOORS[name].keys() for name in SETS)
