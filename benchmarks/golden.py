@@ -37,10 +37,8 @@ from cartier.evaluation.queries import SPLITS, load_queries
 from cartier.evaluation.things import WRITTEN, load_items
 from cartier.types import Inventory, Selection
 
-STATUS = {"found": "found", "near": "likely_near", "absent": "not_found", "clarify": "clarify", "told": "answered"}
-"""Status of a Selection → what stands in the file, which a new name of the code does not change."""
-FIELDS = {"object": "object", "id": "object_id", "room": "room", "text": "say", "question": "question"}
-"""Key of the file → attribute of Selection; ``value`` is its ``fact``, ``next`` its ``then``."""
+FIELDS = {"object": "object", "id": "object_id", "room": "room", "text": "text", "question": "question"}
+"""Key of the file → attribute of Selection; ``value`` is its ``fact``, ``next`` its ``next``."""
 DEVELOPMENT = Path(__file__).resolve().parents[1] / "tools" / "things" / "development.jsonl"
 HIDDEN = "written"  # the set whose texts are not shown
 
@@ -80,7 +78,7 @@ def inventory(place: str) -> Inventory:
 def plain(chosen: Selection) -> dict[str, Any]:
     """An answer as it stands in the file: what is None or empty is left out."""
     fact = chosen.fact
-    row = {"status": STATUS.get(chosen.status, chosen.status)}
+    row = {"status": chosen.status}
     row |= {key: getattr(chosen, attribute) for key, attribute in FIELDS.items()}
     row["value"] = None if fact is None else [fact.kind, fact.value, list(fact.objects)]
     row["next"] = [plain(further) for further in chosen.next]

@@ -338,7 +338,10 @@ def told(kind: str, value: Any, objects: list[Any], **members: Any) -> str:
 def test_a_reply_names_an_object_by_its_number_or_a_room(stated: str, pick: tuple[Any, ...]) -> None:
     for status in ("found", "near", "told"):
         chosen = inside(json.dumps(CUP | {"status": status, "object": stated, "say": "There."}), FLAT)
-        assert chosen is not None and (chosen.status, chosen.object, chosen.object_id, chosen.room) == (REPLY_STATUSES[status], *pick)
+        assert chosen is not None and (chosen.status, chosen.object, chosen.object_id, chosen.room) == (
+            REPLY_STATUSES[status],
+            *pick,
+        )
 
 
 @pytest.mark.parametrize(

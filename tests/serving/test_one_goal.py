@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cartier.home import Home
-from cartier.mapping.rooms import room_middle
+from cartier.navigation.planning import room_middle
 from cartier.pipeline import serve
 from cartier.reasoners.embedded import make
 from cartier.serving.homes import Homes

@@ -19,7 +19,7 @@ import numpy as np
 
 from cartier.errors import MAX_FAR_M, InputError, brief
 from cartier.io.files import read_bytes
-from cartier.mapping.rooms import room_middle
+from cartier.navigation.planning import room_middle
 from cartier.types import MapObject, OccupancyGrid, Room, View
 
 LOG = "corrections.jsonl"

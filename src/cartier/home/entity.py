@@ -22,7 +22,7 @@ from cartier.home.map_server import grid_from, pgm, yaml
 from cartier.home.point_cloud import PointCloud, read_cloud
 from cartier.home.repository import Store, blob_file, digest_of
 from cartier.io.files import json_bytes, npz_bytes, parse_json, read_npz, typed
-from cartier.mapping.rooms import room_middle
+from cartier.navigation.planning import room_middle
 from cartier.spatial.relations import supports
 from cartier.types import Answer, Camera, Inventory, MapObject, OccupancyGrid, Place, Room, Selection
 

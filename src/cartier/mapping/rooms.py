@@ -72,23 +72,6 @@ def room_of(obj: MapObject, grid: OccupancyGrid | None, rooms: Sequence[Room]) -
     return rooms_of([obj], grid, rooms)[0]
 
 
-def room_middle(room: Room, grid: OccupancyGrid) -> tuple[float, float]:
-    """Where to drive to be in a room: (x, y) of the cell of its free floor that is farthest from all else, in metres.
-
-    It is a cell of the room. Of a room without any free floor it is the one in the middle of all of its cells.
-    """
-    from scipy.ndimage import distance_transform_edt
-
-    rows, cols = room.cells.T
-    free = np.zeros(np.add(grid.cells.shape, 2), bool)
-    free[rows + 1, cols + 1] = grid.cells[rows, cols] == FREE
-    if not free.any():
-        free[rows + 1, cols + 1] = True
-    open_cells = np.asarray(distance_transform_edt(free))[1:-1, 1:-1]
-    x, y = grid.centre(np.array(np.unravel_index(int(open_cells.argmax()), open_cells.shape))).tolist()
-    return x, y
-
-
 def rooms_of(objects: Sequence[MapObject], grid: OccupancyGrid | None, rooms: Sequence[Room]) -> list[int | None]:
     """``room_of`` of many objects, in a fraction of the time.
 

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from cartier.errors import InputError, brief, check_radius
 from cartier.geometry import box_distance, yaw_towards
-from cartier.types import FREE, OCCUPIED, Array, Goal, OccupancyGrid, Place, RobotModel
+from cartier.types import FREE, OCCUPIED, Array, Goal, OccupancyGrid, Place, RobotModel, Room
 
 CAMERA_HEIGHT_M = RobotModel.camera_height_m
 NEAREST_M = 0.35  # closer than this there is no telling what the robot faces
@@ -220,3 +220,20 @@ def _goal(area: Reach, cell: tuple[int, ...], yaw: float, place: Place, seen: bo
     path = area.path(cell)
     x, y = path[-1]
     return Goal(float(x), float(y), float(yaw), path, float(area.length_m[cell]), place, seen)
+
+
+def room_middle(room: Room, grid: OccupancyGrid) -> tuple[float, float]:
+    """Where to drive to be in a room: (x, y) of the cell of its free floor that is farthest from all else, in metres.
+
+    It is a cell of the room. Of a room without any free floor it is the one in the middle of all of its cells.
+    """
+    from scipy.ndimage import distance_transform_edt
+
+    rows, cols = room.cells.T
+    free = np.zeros(np.add(grid.cells.shape, 2), bool)
+    free[rows + 1, cols + 1] = grid.cells[rows, cols] == FREE
+    if not free.any():
+        free[rows + 1, cols + 1] = True
+    open_cells = np.asarray(distance_transform_edt(free))[1:-1, 1:-1]
+    x, y = grid.centre(np.array(np.unravel_index(int(open_cells.argmax()), open_cells.shape))).tolist()
+    return x, y

@@ -23,7 +23,7 @@ from cartier.errors import InputError
 from cartier.home import Home
 from cartier.home.detection_log import Looked
 from cartier.mapping.occupancy import OccupancyMapper
-from cartier.mapping.rooms import room_middle
+from cartier.navigation.planning import room_middle
 from cartier.types import FREE, OCCUPIED, UNKNOWN, Array, MapObject, OccupancyGrid, Room, View
 
 TIMELINE = "frame"
