@@ -49,15 +49,15 @@ def check(chosen: Selection, row: dict[str, Any]) -> None:
     then = row.get("then", [])
     assert len(chosen.next) == len(then), chosen
     for further, wanted in zip(chosen.next, then, strict=True):
-        assert gives_no_goal(further) if wanted == "absent" else further.object_id in wanted, further
+        assert gives_no_goal(further) if wanted == "not_found" else further.object_id in wanted, further
     match row["intent"]:
         case "go":
             assert chosen.status == "found" and chosen.object_id in objects, chosen
         case "go room":
             assert chosen.status == "found" and chosen.room == value, chosen
-        case "absent":  # said outright, or in the question whether to look at the usual place
+        case "not_found":  # said outright, or in the question whether to look at the usual place
             told = f"{chosen.reason} {chosen.question}".lower()
-            assert chosen.status in ("absent", "clarify") and gives_no_goal(chosen), chosen
+            assert chosen.status in ("not_found", "clarify") and gives_no_goal(chosen), chosen
             assert chosen.status == "not_found" or "not seen" in told or f"no {row['target']}" in told, chosen
         case "clarify":
             assert chosen.status == "clarify" and (chosen.question or "").endswith("?"), chosen

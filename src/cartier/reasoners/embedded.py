@@ -93,7 +93,7 @@ class Embedded:
     def _listed_asked(self, query: str, inventory: Inventory) -> bool:
         """Whether what is asked for is of a listed name: nothing of another name serves instead of it."""
         asked = parse(plain(query[-MOST_CHARACTERS:]), lexicon(self.deck, inventory), name_key)
-        return asked is not None and asked.head is not None and bool(asked.head.labels)
+        return asked is not None and asked.direct and asked.head is not None and bool(asked.head.labels)
 
     def _anyway(self, query: str, inventory: Inventory, scene: Scene, dialogue: Sequence[tuple[str, str]]) -> Selection:
         """What was offered, to who wants it."""
@@ -121,7 +121,7 @@ class Embedded:
             goals = [(c.object, c.object_id, c.room) for c in chosen if c.status in ("found", "likely_near")]
             others = [c.status for c in chosen if c.status not in ("found", "likely_near")]
             # what "then" parts is served or said one by one; "and" may join words that are one need after all
-            said = goals and {*others} <= {"absent", "clarify"} and THEN.search(query)
+            said = goals and {*others} <= {"not_found", "clarify"} and THEN.search(query)
             if (said or not others) and len(set(goals)) == len(goals):
                 first, *rest = chosen
                 return replace(first, next=tuple(rest))
