@@ -90,7 +90,7 @@ def gives_no_goal(chosen: Selection) -> bool:
 
 def test_rows_cover_what_is_asked() -> None:
     assert len(ROWS) >= 300
-    expected = "go, go room, count, exists, where, list, compare, describe, rooms, clarify, absent, none"
+    expected = "go, go room, count, exists, where, list, compare, describe, rooms, clarify, not_found, none"
     assert set(INTENTS) == set(expected.split(", ")) and min(INTENTS.values()) >= 2
     assert max(Counter((r["home"], r["text"], str(r.get("dialogue"))) for r in ROWS).values()) == 1
     for row in ROWS:
