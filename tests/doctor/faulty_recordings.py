@@ -1,4 +1,4 @@
-"""What the doctor is tried on: robots' walks through built-in homes, recordings with one fault put in, AI2-THOR frames of ../shared."""
+"""Recordings for the doctor's tests: walks through built-in homes, injected faults, AI2-THOR frames of ../shared."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from PIL import Image
 from scipy.ndimage import gaussian_filter
 
 from cartier.contracts import Recording
-from cartier.doctor._readings import QUARTER
+from cartier.doctor._hypotheses import QUARTER
 from cartier.errors import frame_number
 from cartier.recordings.common.posed import turned_camera, turned_image
 from cartier.types import Camera, Frame, TrueObject
