@@ -48,7 +48,7 @@ def ask(
     ] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Answer a request: the object that serves it, its place, and a goal pose to drive to."""
+    """Answer a request with an object and a goal pose."""
     from cartier.home import Home
     from cartier.pipeline import Conversation
     from cartier.types import RobotModel

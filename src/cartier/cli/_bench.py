@@ -77,7 +77,10 @@ def bench(
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Repeat the paper's evaluation: every method and kind of request in every home, with a report."""
+    """Repeat the paper's evaluation.
+
+    Runs every method on every kind of request in every home, and writes a report.
+    """
     from cartier.evaluation.batch import PromptWriter
 
     answered = specs.reasoner("replay", path=replies) if replies and write_prompts else None

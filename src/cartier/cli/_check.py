@@ -29,7 +29,7 @@ def convert(
     ],
     reader: dict[str, Any] = NOTHING,
 ) -> None:
-    """Convert a recording to cartier's own format: plain images, poses and intrinsics."""
+    """Convert a recording to cartier's own format."""
     from cartier.recordings.folder import save
 
     recording = plugins.open_recording(source, **reader)
@@ -57,9 +57,9 @@ def doctor(
     as_json: AsJson = False,
     reader: dict[str, Any] = NOTHING,
 ) -> None:
-    """Examine a recording (poses, depth, intrinsics) or a home (damaged files), and report how to repair it.
+    """Examine a recording or a home and report faults.
 
-    The exit code is 1 if anything is wrong.
+    Faults of a recording are in poses, depth, intrinsics or images; of a home, damaged files. The exit code is 1 if anything is wrong.
     """
     from cartier.doctor import Report, draw_report, examine, examine_home, is_home, open_for_doctor, repair
     from cartier.recordings.folder import save

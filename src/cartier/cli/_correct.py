@@ -36,7 +36,7 @@ def name(
 
 @app.command()
 def forget(home: HomeFolder, obj: Object, who: Who = None) -> None:
-    """Remove an object from the home, because it is not there."""
+    """Remove an object that is not there."""
     _correct(home, "forget", obj, who=who)
 
 

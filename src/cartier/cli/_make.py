@@ -29,7 +29,10 @@ def demo(
     seed: Seed = 0,
     detector: Annotated[str, typer.Option(help="embedded, or ground_truth (a perfect detector).")] = specs.DETECTOR,
 ) -> None:
-    """Run everything on a built-in home, offline: explore, map, ask three requests, drive there."""
+    """Run everything offline on a built-in home.
+
+    Explores and maps the home, asks three requests and drives to their goals.
+    """
     from cartier.cli.demo import run
 
     steps = run(home, out, seed, detector, say=print, progress=progress)
@@ -103,7 +106,10 @@ def map_command(
     as_json: AsJson = False,
     reader: dict[str, Any] = NOTHING,
 ) -> None:
-    """Map a recording: detect objects, build the indices and the floor plan, save a home."""
+    """Map a recording into a home.
+
+    Detects objects, builds the indices and the floor plan, and saves the home.
+    """
     from cartier.home import Home
     from cartier.io.atomic import locked
     from cartier.mapping.keyframes import Keyframes, forecast

@@ -59,7 +59,7 @@ def reads_recordings(command: Callable[..., None]) -> Callable[..., None]:
     own = [p.replace(annotation=hints[p.name]) for p in inspect.signature(command).parameters.values()]
     parameters = [p.replace(kind=p.KEYWORD_ONLY) for p in own if p.name != "reader"]
     for name, (option, kind, words) in OPTIONS.items():
-        annotation: Any = Annotated[kind | None, typer.Option(option, help=words)]  # type: ignore[valid-type]
+        annotation: Any = Annotated[kind | None, typer.Option(option, help=words)]
         parameters.append(inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=annotation))
     with_options.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     with_options.__annotations__ = {p.name: p.annotation for p in parameters}

@@ -38,7 +38,10 @@ def serve(
     model: ModelName = None,
     memory_mb: Memory = 1024,
 ) -> None:
-    """Serve homes to browsers and programs: a page to view, ask and correct them, and an HTTP API with OpenAPI."""
+    """Serve homes over HTTP: web page and API.
+
+    The page shows, answers and corrects; the API has an OpenAPI description.
+    """
     operations = _operations(homes, reasoner, model, memory_mb)
     try:
         from cartier.serving.http import make
@@ -66,7 +69,10 @@ def mcp(
     model: ModelName = None,
     memory_mb: Memory = 1024,
 ) -> None:
-    """Serve homes to agents over the Model Context Protocol: ten tools that read, correct and undo."""
+    """Serve homes to agents over MCP.
+
+    The Model Context Protocol server has ten tools that read, correct and undo.
+    """
     operations = _operations(homes, reasoner, model, memory_mb)
     try:
         from mcp.server.transport_security import TransportSecuritySettings
@@ -93,7 +99,10 @@ def export(
         typer.Option("--to", metavar="FILE", help="The file to write: .glb, .ply, .mcap, .geojson, .csv or .json."),
     ],
 ) -> None:
-    """Export a home to other programs: Blender, MeshLab, Lichtblick, QGIS, a spreadsheet."""
+    """Export a home to other programs.
+
+    For example Blender, MeshLab, Lichtblick, QGIS or a spreadsheet.
+    """
     from cartier.exports import export as write
     from cartier.home import Home
 

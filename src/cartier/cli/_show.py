@@ -47,7 +47,7 @@ def show(
     index: IndexName = None,
     as_json: AsJson = False,
 ) -> None:
-    """Show a home: its objects by room, the probability and the evidence of each."""
+    """Show the objects of a home and their evidence."""
     from cartier.home import Home
 
     mapped = Home.load(home)

@@ -276,7 +276,8 @@ def _draw_path(axes: Axes, place: Place | None, goal: Goal | None, robot: RobotM
         kind = "seen from here" if place.view_yaw is not None else place.label
         axes.annotate(
             kind, (place.position[0], place.position[1]), (9, 9), textcoords="offset points", color=CHOSEN,
-            weight="bold", zorder=7, annotation_clip=False, bbox={"fc": "white", "ec": "none", "alpha": 0.8, "pad": 1.5},
+            weight="bold", zorder=7, annotation_clip=False,
+            bbox={"fc": "white", "ec": "none", "alpha": 0.8, "pad": 1.5},
         )  # fmt: skip
 
 
