@@ -1,4 +1,4 @@
-"""Load on ``cartier serve``: many clients on loopback, each checks that every answer is its own; latencies and memory.
+"""Load benchmark of ``cartier serve``: clients on loopback that check every answer; latencies and memory.
 
 python benchmarks/serving.py HOME [--clients 200] [--seconds 60]
 """
@@ -38,14 +38,14 @@ async def client(
             elif kind == "find":
                 got = await web.get(f"/api/homes/{home}/find", params={"name": name})
             else:
-                got = await web.get(f"/api/homes/{home}/{kind}", params={"thing": str(labels[name])})
+                got = await web.get(f"/api/homes/{home}/{kind}", params={"entity": str(labels[name])})
             took.setdefault(kind, []).append(time.perf_counter() - begin)
-            told = got.json()
-            said = {"ask": told.get("object"), "find": told.get("objects", [{}])[0].get("label")}.get(
-                kind, told.get("label")
+            result = got.json()
+            said = {"ask": result.get("object"), "find": result.get("objects", [{}])[0].get("label")}.get(
+                kind, result.get("label")
             )
             if got.status_code != 200 or said != name:
-                wrong.append(f"{kind} {name}: {got.status_code} {json.dumps(told)[:200]}")
+                wrong.append(f"{kind} {name}: {got.status_code} {json.dumps(result)[:200]}")
             turn += 1
     return wrong
 
@@ -71,9 +71,8 @@ async def load(base: str, home: str, labels: dict[str, int], clients: int, secon
     runs = await asyncio.gather(watch(), *(client(k, base, home, labels, until, took) for k in range(clients)))
     wrong = [line for run in runs for line in run]
     every = np.concatenate([np.array(times) for times in took.values()])
-    print(
-        f"{clients} clients, {seconds:g} s: {len(every)} answers, {len(every) / seconds:.0f} a second, {len(wrong)} wrong"
-    )
+    rate = f"{len(every)} answers, {len(every) / seconds:.0f} a second, {len(wrong)} wrong"
+    print(f"{clients} clients, {seconds:g} s: {rate}")
     for kind, times in [*sorted(took.items()), ("all", every.tolist())]:
         middle, high = np.percentile(times, (50, 99)) * 1e3
         print(f"  {kind:9} {len(times):6}  median {middle:7.1f} ms  p99 {high:7.1f} ms  ({high / middle:.1f} x)")

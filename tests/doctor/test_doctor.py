@@ -1,4 +1,4 @@
-"""Every fault, put in one at a time, is named, and nothing else; what can be mended is well afterwards."""
+"""Every fault, put in one at a time, is named, and nothing else; what can be repaired is well afterwards."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from faulty_recordings import INJECTED, Faulty, Kept, Thor, leap, posed, rotated
 
 from cartier import plugins
 from cartier.contracts import Recording
-from cartier.doctor import FAULTS, Report, draw_report, examine, mend, open_for_doctor
-from cartier.doctor.sampling import MOST, chosen, is_mirror_fault, is_pose_fault
+from cartier.doctor import FAULTS, Report, draw_report, examine, open_for_doctor, repair
+from cartier.doctor.sampling import MAX_FRAMES, chosen, is_mirror_fault, is_pose_fault
 from cartier.errors import InputError, check_pose
 from cartier.recordings.folder import save
 
 ONE_OF_EACH = [
-    "inverted", "opengl", "mirrored y", "poses in mm", "depth x 1000", "depth 24 px right", "intrinsics x 2", "late by 1", "black depth",
-    "scaled rotations", "tilted 12 degrees", "turned to the right", "jump of one frame", "blurred", "5 frames",
+    "inverted", "opengl", "mirrored y", "poses in mm", "depth x 1000", "depth 24 px right", "intrinsics x 2", "late by 1",
+    "black depth", "scaled rotations", "tilted 12 degrees", "turned to the right", "jump of one frame", "blurred", "5 frames",
 ]  # fmt: skip
-UNMENDABLE = {"black depth", "blurred", "5 frames"}
+UNREPAIRABLE = {"black depth", "blurred", "5 frames"}
 
 
 @pytest.fixture(scope="module")
 def dollhouse() -> Recording:
-    """A small walk through a built-in home, so that the doctor is tried wherever the tests run."""
+    """A small walk through a built-in home, which needs no files."""
     return Kept(plugins.make("worlds", "dollhouse", width=320, height=240).explore("studio", max_frames=70))
 
 
@@ -44,7 +44,7 @@ def raw_kitchen(tmp_path_factory: pytest.TempPathFactory) -> Recording:
 @pytest.fixture(scope="module")
 def kitchen(raw_kitchen: Recording) -> Recording:
     """The same with its depth moved onto its colour."""
-    return Kept(mend(raw_kitchen, examine(raw_kitchen)))
+    return Kept(repair(raw_kitchen, examine(raw_kitchen)))
 
 
 @pytest.fixture(scope="module")
@@ -71,24 +71,24 @@ def test_one_injection_for_each_fault() -> None:
 def test_a_sound_recording_is_called_sound(home: Recording) -> None:
     report = examine(home)
     assert report.to_dict() == {"ok": True, "faults": []}
-    with pytest.raises(InputError, match="nothing to mend"):
-        mend(home, report)
+    with pytest.raises(InputError, match="nothing to repair"):
+        repair(home, report)
 
 
 @pytest.mark.parametrize("injected", ONE_OF_EACH)
-def test_a_fault_is_named_and_mended(home: Recording, injected: str) -> None:
+def test_a_fault_is_named_and_repaired(home: Recording, injected: str) -> None:
     fault, inject = INJECTED[injected]
     faulty = inject(home)
     report = examine(faulty)
     assert names(report) == [fault], report.faults
     found = report.to_dict()["faults"][0]
-    assert found.keys() == {"fault", "evidence", "mend"}
+    assert found.keys() == {"fault", "evidence", "repair"}
     assert any(c.isdigit() for c in found["evidence"]) or injected == "scaled rotations"
-    if injected in UNMENDABLE:
+    if injected in UNREPAIRABLE:
         with pytest.raises(InputError):
-            mend(faulty, report)
+            repair(faulty, report)
     elif home.name.startswith("dollhouse"):  # on the others benchmarks/doctor.py does it; a test should be quick
-        again = examine(mend(faulty, report))
+        again = examine(repair(faulty, report))
         assert again.ok, again.faults
 
 
@@ -96,7 +96,7 @@ def test_unregistered_depth_is_known_as_published(raw_kitchen: Recording) -> Non
     """7-Scenes' depth is the infrared camera's own; its colour camera has 0.9 of that focal length."""
     report, raw_fx = examine(raw_kitchen), raw_kitchen.camera.fx
     assert report.ok and any("as this data set is published" in note for note in report.notes)
-    assert mend(raw_kitchen, report).camera.fx == pytest.approx(0.91 * raw_fx, rel=0.03)
+    assert repair(raw_kitchen, report).camera.fx == pytest.approx(0.91 * raw_fx, rel=0.03)
 
 
 @pytest.mark.parametrize("injected", ["turned to the left", "upside down", "y up", "tilted 12 degrees"])
@@ -105,16 +105,16 @@ def test_a_world_is_tipped_only_where_it_leans(home: Recording, injected: str) -
     faulty = inject(home)
     report = examine(faulty)
     assert names(report) == [fault], report.faults
-    assert "--up" not in report.faults[0].mend  # this reader has no such option
-    mended, way = mend(faulty, report), []
-    assert (mended.camera.width, mended.camera.height) == (home.camera.width, home.camera.height)
+    assert "--up" not in report.faults[0].repair  # this reader has no such option
+    repaired, way = repair(faulty, report), []
+    assert (repaired.camera.width, repaired.camera.height) == (home.camera.width, home.camera.height)
     for i in (0, len(home) // 2):
         up = home[i].world_from_camera[2, :3]  # the world's up as the camera has it
-        assert np.allclose(mended[i].world_from_camera[2, :3], up, atol=0.03)
-        way.append(mended[i].world_from_camera[:2, 3] - home[i].world_from_camera[:2, 3])
+        assert np.allclose(repaired[i].world_from_camera[2, :3], up, atol=0.03)
+        way.append(repaired[i].world_from_camera[:2, 3] - home[i].world_from_camera[:2, 3])
         if fault == "rotated_images":
-            assert np.array_equal(mended[i].rgb, home[i].rgb)
-            assert np.array_equal(mended[i].depth_m, home[i].depth_m, equal_nan=True)
+            assert np.array_equal(repaired[i].rgb, home[i].rgb)
+            assert np.array_equal(repaired[i].depth_m, home[i].depth_m, equal_nan=True)
     if fault == "rotated_images":
         assert np.allclose(way, 0, atol=1e-9)
 
@@ -134,51 +134,51 @@ def test_pictures_on_their_side_are_known_without_depth(dollhouse: Recording, tu
 @pytest.mark.parametrize(
     "injected", ["inverted", "opengl", "pictures turned, poses not", "late by 1", "depth x 5", "intrinsics / 2"]
 )
-def test_mending_undoes_the_fault(dollhouse: Recording, injected: str) -> None:
+def test_repair_undoes_the_fault(dollhouse: Recording, injected: str) -> None:
     faulty = INJECTED[injected][1](dollhouse)
-    mended = mend(faulty, examine(faulty))
-    frame, true = mended[20], dollhouse[20]
+    repaired = repair(faulty, examine(faulty))
+    frame, true = repaired[20], dollhouse[20]
     assert np.allclose(frame.world_from_camera, true.world_from_camera, atol=1e-9)
     assert np.allclose(frame.depth_m, true.depth_m, rtol=0.02, equal_nan=True)
-    assert mended.camera.fx == pytest.approx(dollhouse.camera.fx)
+    assert repaired.camera.fx == pytest.approx(dollhouse.camera.fx)
 
 
 def test_a_mirrored_world_is_set_upright(thor: Recording) -> None:
     faulty = INJECTED["unity"][1](thor)
-    mended = mend(faulty, examine(faulty))
-    heights = [mended[i].world_from_camera[2, 3] for i in range(0, len(mended), 9)]
+    repaired = repair(faulty, examine(faulty))
+    heights = [repaired[i].world_from_camera[2, 3] for i in range(0, len(repaired), 9)]
     assert np.allclose(heights, thor[0].world_from_camera[2, 3], atol=0.05)
-    assert mended.truth is None
+    assert repaired.truth is None
 
 
 def test_two_faults_are_both_found(dollhouse: Recording) -> None:
     both = INJECTED["depth / 1000"][1](INJECTED["inverted"][1](dollhouse))
     report = examine(both)
     assert names(report) == ["inverted_poses", "depth_scale"]
-    assert examine(mend(both, report)).ok
+    assert examine(repair(both, report)).ok
 
 
 def test_a_jump_for_good_keeps_the_longest_piece_and_a_stray_frame_is_left_out(dollhouse: Recording) -> None:
     for_good = posed(leap(25, 10**6, 1.0))(dollhouse)
-    mended = mend(for_good, examine(for_good))
-    assert len(mended) == len(dollhouse) - 25
+    repaired = repair(for_good, examine(for_good))
+    assert len(repaired) == len(dollhouse) - 25
     stray = posed(leap(25, 25, 1.0))(dollhouse)
-    assert len(mend(stray, examine(stray))) == len(dollhouse) - 1
+    assert len(repair(stray, examine(stray))) == len(dollhouse) - 1
 
 
-def test_a_mended_recording_is_saved_and_read_as_any_other(dollhouse: Recording, tmp_path: Path) -> None:
+def test_repaired_recording_is_saved_and_read(dollhouse: Recording, tmp_path: Path) -> None:
     faulty = INJECTED["inverted"][1](Faulty(dollhouse, numbers=range(0, 60, 2)))
     save(faulty, tmp_path / "in")
     opened = open_for_doctor(tmp_path / "in")
     assert not isinstance(opened, Report)
     report = examine(opened)
     assert names(report) == ["inverted_poses"]
-    mended = mend(opened, report)
-    save(mended, tmp_path / "out")
+    repaired = repair(opened, report)
+    save(repaired, tmp_path / "out")
     again = plugins.open_recording(tmp_path / "out")
     assert examine(again).ok
-    assert any("mended by cartier doctor: inverted_poses" in note for note in again.notes)
-    assert mended.fingerprint() != opened.fingerprint()
+    assert any("repaired by cartier doctor: inverted_poses" in note for note in again.notes)
+    assert repaired.fingerprint() != opened.fingerprint()
 
 
 def test_poses_that_a_reader_refuses_are_a_finding(dollhouse: Recording, tmp_path: Path) -> None:
@@ -258,6 +258,6 @@ def test_progress_and_json_and_picture(dollhouse: Recording, tmp_path: Path) -> 
 
 def test_a_long_recording_is_looked_at_in_runs() -> None:
     numbers = chosen(12_345)
-    assert len(numbers) == MOST and numbers[0] == 0 and numbers[-1] == 12_344
+    assert len(numbers) == MAX_FRAMES and numbers[0] == 0 and numbers[-1] == 12_344
     assert sum(b - a != 1 for a, b in itertools.pairwise(numbers)) == 9
     assert chosen(7) == list(range(7))

@@ -18,7 +18,7 @@ from cartier.mapping.mapper import SCALE_GUESSED
 from cartier.pipeline import ask, map_home
 from cartier.recordings.common.posed import turned_camera, turned_image
 from cartier.recordings.folder import save
-from cartier.render.picture import draw_plan
+from cartier.render.floor_plan import draw_plan
 from cartier.types import Camera, Frame
 from synthetic import THINGS, RoomRecording, TrueBoxes, walk
 

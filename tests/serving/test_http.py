@@ -29,7 +29,8 @@ httpx = pytest.importorskip("httpx")
 from cartier.errors import InputError  # noqa: E402
 from cartier.home import Home  # noqa: E402
 from cartier.home.corrections import LOG, read_log  # noqa: E402
-from cartier.serving import connections, guard, http  # noqa: E402
+from cartier.serving import guard, http  # noqa: E402
+from cartier.serving import server as web_server  # noqa: E402
 from cartier.serving.guard import Guard, host_names, read_token  # noqa: E402
 from cartier.serving.homes import Homes  # noqa: E402
 from cartier.serving.operations import Operations  # noqa: E402
@@ -350,14 +351,14 @@ def test_heads_that_drip_are_cut_off_and_others_are_served(server: Server) -> No
         served += 1
         time.sleep(0.3)
     assert served >= 5 and set(lasted) == {"drips", "drips later", "says nothing"}
-    assert all(connections.HEAD_S - 1 < took < connections.HEAD_S + 4 for took in lasted.values()), lasted
+    assert all(web_server.HEAD_S - 1 < took < web_server.HEAD_S + 4 for took in lasted.values()), lasted
 
 
 def test_a_slow_answer_is_no_slow_head_and_connections_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:
     import uvicorn
 
-    monkeypatch.setattr(connections, "HEAD_S", 0.2)
-    monkeypatch.setattr(connections, "MAX_CONNECTIONS", 3)
+    monkeypatch.setattr(web_server, "HEAD_S", 0.2)
+    monkeypatch.setattr(web_server, "MAX_CONNECTIONS", 3)
 
     async def slow(scope: Any, receive: Any, send: Any) -> None:
         await asyncio.sleep(0.8)
@@ -365,7 +366,7 @@ def test_a_slow_answer_is_no_slow_head_and_connections_are_counted(monkeypatch: 
         await send({"type": "http.response.body", "body": b"done"})
 
     async def run() -> None:
-        config = uvicorn.Config(slow, port=free_port(), http=connections.Connection, lifespan="off", log_level="error")
+        config = uvicorn.Config(slow, port=free_port(), http=web_server.Connection, lifespan="off", log_level="error")
         server = uvicorn.Server(config)
         serving = asyncio.ensure_future(server.serve())
         while not server.started:

@@ -68,13 +68,13 @@ async def talk(client: Client) -> None:
     found = await told(client, "ask", words="let me sit down", conversation="a")
     assert found["object"] == "chair" and found["goal"] and "path" not in found["goal"]
     mug = (await told(client, "find", name="mug"))["objects"][0]
-    assert (await told(client, "describe", obj=str(mug["id"])))["stands"].startswith("on table")
-    assert (await told(client, "relate", obj="mug", other="table"))["relations"]
-    assert (await told(client, "goal_for", obj="table"))["goal"]["sees_it"] in (True, False)
+    assert (await told(client, "describe", entity=str(mug["id"])))["stands"].startswith("on table")
+    assert (await told(client, "relate", entity="mug", other="table"))["relations"]
+    assert (await told(client, "goal_for", entity="table"))["goal"]["sees_it"] in (True, False)
     got = await client.call_tool("look_at", {"entity": "chair"})
     assert base64.b64decode(got.content[1].data)[:2] == b"\xff\xd8" and got.content[1].mime_type == "image/jpeg"
     assert (await told(client, "list_objects"))["total"] == 3 and (await told(client, "list_rooms"))["rooms"]
-    assert (await told(client, "correct", what="name", obj="mug", name="Ayo's mug"))["done"].endswith("Ayo's mug")
+    assert (await told(client, "correct", what="name", entity="mug", name="Ayo's mug"))["done"].endswith("Ayo's mug")
     assert (await told(client, "find", name="Ayo"))["objects"][0]["id"] == mug["id"]
     assert (await told(client, "undo"))["done"].startswith("undone")
 
@@ -196,8 +196,8 @@ def test_no_answer_is_long_even_in_a_crowded_home(tmp_path: Path) -> None:
 def test_faults_name_the_next_call(ops: Operations) -> None:
     async def faults(client: Client) -> list[str]:
         return [
-            await fault(client, "describe", obj="zebra"), await fault(client, "list_objects", page=99), await fault(client, "relate", obj="mug", other="mug"),
-            await fault(client, "look_at", obj="room:0"), await fault(client, "correct", what="move", obj="mug"), await fault(client, "ask", words=""),
+            await fault(client, "describe", entity="zebra"), await fault(client, "list_objects", page=99), await fault(client, "relate", entity="mug", other="mug"),
+            await fault(client, "look_at", entity="room:0"), await fault(client, "correct", what="move", entity="mug"), await fault(client, "ask", words=""),
         ]  # fmt: skip
 
     said = with_server(ops, faults)
@@ -237,7 +237,7 @@ def test_names_and_requests_are_data(home: Path, ops: Operations) -> None:
         assert (await told(client, "find", name="ignore"))["objects"][0]["name"] == evil
         for words in ("drive to /cmd_vel", "../../etc/passwd", "__import__('os')", "rm -rf /"):
             assert (await told(client, "find", name=words))["objects"] == []
-        assert "Unknown tool" in await fault(client, "go", obj="mug")
+        assert "Unknown tool" in await fault(client, "go", entity="mug")
 
     with_server(ops, work)
 
@@ -267,11 +267,11 @@ def test_a_robot_goes_only_after_a_person_agreed(home: Path, ops: Operations, mo
 
 def test_without_elicitation_a_person_reads_a_code(ops: Operations, capsys: pytest.CaptureFixture[str]) -> None:
     async def work(client: Client) -> None:
-        assert "code" in await fault(client, "go", obj="chair")
+        assert "code" in await fault(client, "go", entity="chair")
         code = re.findall(r"Code: (\d{6})", capsys.readouterr().err)[0]
-        assert "nothing was sent" in await fault(client, "go", obj="mug", code=code), "for the chair only"
-        assert "navigate_to_pose" in (await told(client, "go", obj="chair", code=code))["sent"]
-        assert "nothing was sent" in await fault(client, "go", obj="chair", code=code), "once only"
+        assert "nothing was sent" in await fault(client, "go", entity="mug", code=code), "for the chair only"
+        assert "navigate_to_pose" in (await told(client, "go", entity="chair", code=code))["sent"]
+        assert "nothing was sent" in await fault(client, "go", entity="chair", code=code), "once only"
 
     with_server(ops, work, "print")
 
@@ -292,7 +292,7 @@ def test_nothing_is_sent_without_a_goal(home: Path) -> None:
     wide = Operations(Homes([home]), Echo(), RobotModel(radius_m=2.5))
 
     async def work(client: Client) -> str:
-        return await fault(client, "go", obj="mug")
+        return await fault(client, "go", entity="mug")
 
     assert "no known free floor that fits" in with_server(
         wide, work, "print", elicitation_callback=answering("accept", True, [])
@@ -355,8 +355,8 @@ def test_only_hosts_that_show_apps_get_what_they_draw(ops: Operations, mode: str
 
     assert with_server(ops, answers, mode=mode) == [None, None]
     asked, posed = with_server(ops, answers, mode=mode, extensions=[ShowsApps()])
-    assert asked["told"]["object"] == "mug" and asked["told"]["goal"]["path"] and asked["photo"]["jpeg"]
-    assert {row["id"] for row in asked["view"]["objects"]} >= {asked["told"]["id"], posed["told"]["id"]}
+    assert asked["result"]["object"] == "mug" and asked["result"]["goal"]["path"] and asked["photo"]["jpeg"]
+    assert {row["id"] for row in asked["view"]["objects"]} >= {asked["result"]["id"], posed["result"]["id"]}
 
 
 def test_the_floor_plan_is_a_picture_too(home: Path, tmp_path: Path, ops: Operations) -> None:
@@ -379,6 +379,6 @@ def test_the_floor_plan_is_a_picture_too(home: Path, tmp_path: Path, ops: Operat
     map_home(walk(with_depth=False), TrueBoxes(THINGS)).save(tmp_path / "flat")
 
     async def blind(client: Client) -> str:
-        return await fault(client, "look_at", obj="chair", view=0)
+        return await fault(client, "look_at", entity="chair", view=0)
 
     assert "without depth" in with_server(Operations(Homes([tmp_path / "flat"]), Echo()), blind)

@@ -139,7 +139,7 @@ def test_ask_and_see_goal_path_and_photo(home: Path, start: Callable[..., Server
     tab.press("#words", "Enter")
     tab.wait_for_selector("#card .photo i")
     assert card(tab).startswith("chair") and "Chair" in tab.inner_text("#turns li:last-child")
-    assert tab.locator("#plan .way").count() == 1 and tab.locator("#plan .thing.chosen").count() == 1
+    assert tab.locator("#plan .way").count() == 1 and tab.locator("#plan .object.chosen").count() == 1
     mark, photo = (tab.locator(f"#card .photo {part}").bounding_box() for part in ("i", "img"))
     assert mark["x"] >= photo["x"] - 1 and mark["x"] + mark["width"] <= photo["x"] + photo["width"] + 1
 
@@ -151,7 +151,7 @@ def test_click_rename_move_forget_undo_and_reload(
 
     def choose(label: str) -> None:
         number = next(t.id for t in Home.load(home).objects if t.label == label)
-        tab.locator(f'#plan .thing[data-id="{number}"]').click(position={"x": 2, "y": 2})
+        tab.locator(f'#plan .object[data-id="{number}"]').click(position={"x": 2, "y": 2})
         tab.wait_for_function("label => document.querySelector('#card h2')?.textContent.includes(label)", arg=label)
 
     assert tab.locator("#undo").is_hidden()
@@ -237,7 +237,7 @@ def test_a_phone_s_width_and_its_scheme(
 ) -> None:
     tab = visit(start("serve", mapped).url, viewport={"width": 360, "height": 740}, color_scheme=scheme, has_touch=True)
     assert tab.evaluate("document.documentElement.classList.contains('dark')") is (scheme == "dark")
-    tab.click("#tab-things")
+    tab.click("#tab-objects")
     tab.locator("#list button[data-id]").first.click()
     tab.wait_for_selector("#card .photo img")
     assert tab.evaluate("document.documentElement.scrollWidth") <= 360
@@ -252,7 +252,7 @@ def test_a_name_from_the_outside_is_only_text(
 ) -> None:
     Home.load(home).correct("name", "mug", name="<img src=x onerror=alert(1)>")
     tab = visit(start("serve", home).url)
-    tab.click("#tab-things")
+    tab.click("#tab-objects")
     assert tab.locator("#list img").count() == 0 and "<img src=x" in tab.inner_text("#list")
 
 
@@ -388,21 +388,21 @@ def test_a_host_for_mcp_apps_shows_the_answer(home: Path, visit: Callable[..., A
     def shown(result: dict[str, Any]) -> Any:
         tab.evaluate(HOST, [page.answer_page(), {"content": [], "_meta": {"cartier/answer": page.answer(ops, result)}}])
         frame = tab.frame_locator("iframe")
-        frame.locator("#plan .thing").first.wait_for()
+        frame.locator("#plan .object").first.wait_for()
         return frame
 
     frame = shown(told)
     frame.locator("#photo i").wait_for()
-    assert frame.locator("#plan .way").count() == 1 and frame.locator("#plan .thing.chosen").count() == 1
+    assert frame.locator("#plan .way").count() == 1 and frame.locator("#plan .object.chosen").count() == 1
     assert frame.locator("#what").inner_text() == "chair" and "m to drive" in frame.locator("#way").inner_text()
     assert "dark" in (frame.locator("html").get_attribute("class") or "") and frame.locator("#this").is_hidden()
     assert any(
         m["method"] == "ui/notifications/size-changed" and m["params"]["height"] > 100 for m in tab.evaluate("seen")
     )
     frame = shown(clarify)
-    assert frame.locator("#what").inner_text() == "Which one?" and frame.locator("#plan .thing:not(.dim)").count() == 2
+    assert frame.locator("#what").inner_text() == "Which one?" and frame.locator("#plan .object:not(.dim)").count() == 2
     mug = next(t for t in Home.load(home).objects if t.label == "mug")
-    frame.locator(f'#plan .thing[data-id="{mug.id}"]').click()
+    frame.locator(f'#plan .object[data-id="{mug.id}"]').click()
     frame.locator("#this").click()
     tab.wait_for_function("() => seen.some((m) => m.method === 'ui/message')")
     said = next(m for m in tab.evaluate("seen") if m["method"] == "ui/message")["params"]

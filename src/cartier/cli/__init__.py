@@ -1,4 +1,4 @@
-"""The command line: parse, call, print. No logic lives here."""
+"""Command line: parses options, calls the library, prints."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from cartier.cli import _ask, _bench, _check, _correct, _make, _serve, _show
 from cartier.errors import CartierError
 
 DISK = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPERM, errno.EIO)
-"""What a disk may say at any time, and only a person can mend."""
+"""Errors of the disk, which no program can repair: one line instead of a traceback."""
 
 app = typer.Typer(
     help="Talk to a mapped home: a recording and a need in, the object that serves it and a reachable pose out.",
@@ -25,7 +25,7 @@ for group in (_make, _check, _show, _ask, _correct, _serve, _bench):
 
 
 def main() -> None:
-    """Entry point: a user's mistake is one line and exit code 1, anything else keeps its traceback."""
+    """Entry point: a user's mistake is one line and exit code 1; any other exception keeps its traceback."""
     try:
         app()
     except CartierError as error:

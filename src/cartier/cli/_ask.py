@@ -1,4 +1,4 @@
-"""The command that talks to a home: ask."""
+"""Command that answers requests about a home: ask."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from cartier import specs
-from cartier.cli._common import AsJson, HomeFolder, IndexName, numbers, say
+from cartier.cli._common import AsJson, BaseUrl, HomeFolder, IndexName, ModelName, ReasonerName, numbers, say
 from cartier.errors import InputError, ReasonerError
 from cartier.robots import send
 
@@ -27,35 +27,28 @@ QUIT = {"", "q", "quit", "exit", "bye", "goodbye", "bye bye"}
 def ask(
     home: HomeFolder,
     words: Annotated[
-        str | None, typer.Argument(metavar="[WORDS]", help="What the person says; without it a conversation begins.")
+        str | None, typer.Argument(metavar="[WORDS]", help="The request; without it a conversation starts.")
     ] = None,
-    reasoner: Annotated[
-        str, typer.Option(help="auto: the language model that is configured, else embedded; or any of 'cartier list'.")
-    ] = "auto",
-    model: Annotated[str | None, typer.Option(help="The language model's name on its server, or a FILE.gguf.")] = None,
-    base_url: Annotated[str | None, typer.Option(help="The server's URL; default OPENAI_BASE_URL.")] = None,
-    replies: Annotated[Path | None, typer.Option(help="Recorded replies, for --reasoner replay.")] = None,
+    reasoner: ReasonerName = "auto",
+    model: ModelName = None,
+    base_url: BaseUrl = None,
+    replies: Annotated[Path | None, typer.Option(help="The recorded replies for --reasoner replay.")] = None,
     index: IndexName = None,
     start: Annotated[
-        str | None,
-        typer.Option("--from", metavar="X,Y", help="Where the robot stands; default: where the recording began."),
+        str | None, typer.Option("--from", metavar="X,Y", help="The robot's position. Default: the recording's start.")
     ] = None,
-    plot: Annotated[Path | None, typer.Option(help="Draw the answer into this picture.")] = None,
+    plot: Annotated[Path | None, typer.Option(help="Draw the answer into this image.")] = None,
     radius: Annotated[float, typer.Option(help="The robot's radius in metres.")] = 0.2,
-    camera_height: Annotated[float, typer.Option(help="The height of its camera in metres.")] = 1.5,
+    camera_height: Annotated[float, typer.Option(help="The height of the robot's camera in metres.")] = 1.5,
     go: Annotated[
-        str | None, typer.Option(metavar="ROBOT", help="Send the goal: print, ros2, dollhouse (see 'cartier list').")
+        str | None, typer.Option(metavar="ROBOT", help="Send the goal to a robot: print, ros2, dollhouse.")
     ] = None,
     show_prompt: Annotated[
-        bool,
-        typer.Option(
-            "--show-prompt",
-            help="Print exactly what would be sent to a language model, and send nothing; no key is needed.",
-        ),
+        bool, typer.Option("--show-prompt", help="Print the prompt for a language model, and send nothing.")
     ] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Say what you need; get the object that serves it, its place, and a pose to drive to."""
+    """Answer a request with an object and a goal pose."""
     from cartier.home import Home
     from cartier.pipeline import Conversation
     from cartier.types import RobotModel
@@ -65,37 +58,37 @@ def ask(
     if show_prompt:
         _show_prompt(mapped, words, specs.model_asked(reasoner, model, base_url), index, from_xy, as_json)
         return
-    thinks = specs.reasoner(reasoner, model=model, base_url=base_url, path=replies)
-    talk = Conversation(mapped, thinks, index=index, from_xy=from_xy, robot=model_of_robot)
+    chosen = specs.reasoner(reasoner, model=model, base_url=base_url, path=replies)
+    talk = Conversation(mapped, chosen, index=index, from_xy=from_xy, robot=model_of_robot)
     robot = specs.robot(go, mapped, model_of_robot) if go else None
-    told: set[str] = set()
-    for said in [words] if words is not None else _heard(mapped.name):
+    shown: set[str] = set()
+    for request in [words] if words is not None else _typed(mapped.name):
         try:
-            answer = talk.say(said)
+            answer = talk.say(request)
         except (InputError, ReasonerError) as error:
             if words is not None:
                 raise
             say(f"cartier: {error}")
             continue
         if plot:
-            from cartier.render.picture import draw_answer
+            from cartier.render.floor_plan import draw_answer
 
             draw_answer(mapped, answer, plot, model_of_robot)
-            say(f"picture: {plot}")
-        print(json.dumps(answer.to_dict(), ensure_ascii=False)) if as_json else _print_answer(answer, told)
+            say(f"image: {plot}")
+        print(json.dumps(answer.to_dict(), ensure_ascii=False)) if as_json else _print_answer(answer, shown)
         if robot is not None:
             say(f"robot: {send(robot, answer)}")
         try:
             mapped.remember(answer)
         except InputError as error:
-            say(f"the answer was not kept: {error}")
+            say(f"the answer was not saved: {error}")
 
 
 def _show_prompt(
-    home: Home, words: str | None, asked: tuple[str, str] | None, index: str | None, from_xy: tuple[float, ...] | None,
-    as_json: bool,
+    home: Home, words: str | None, asked: tuple[str, str] | None, index: str | None,
+    from_xy: tuple[float, ...] | None, as_json: bool,
 ) -> None:  # fmt: skip
-    """What would be sent to a server, or read by a model in this process."""
+    """Print the prompt, and the server that it would go to."""
     from cartier.llm.prompts import check_query, prompt_named
     from cartier.navigation.planning import check_start
 
@@ -111,17 +104,17 @@ def _show_prompt(
     if as_json:
         print(json.dumps({"to": to, "body": body}, ensure_ascii=False))
         return
-    print(f"this goes to {to} and nowhere else" if to else "nothing leaves this machine")
+    print(f"this is sent to {to} and nowhere else" if to else "nothing leaves this machine")
     if body is None:
         return
     print(f"model {model}, temperature {body['temperature']:g}, at most {body['max_tokens']} tokens")
     for message in body["messages"]:
         print(f"\n--- {message['role']}\n{message['content']}")
-    print(f"\n--- what a reply may be\n{json.dumps(body['response_format'], ensure_ascii=False)}")
+    print(f"\n--- the schema of replies\n{json.dumps(body['response_format'], ensure_ascii=False)}")
 
 
-def _heard(home: str) -> Iterator[str]:
-    """What a person types, line by line, until they end it."""
+def _typed(home: str) -> Iterator[str]:
+    """The lines that a person types, until they end the conversation."""
     say(f"talking to {home}; an empty line or 'bye' ends it")
     while True:
         try:
@@ -133,7 +126,7 @@ def _heard(home: str) -> Iterator[str]:
         yield line
 
 
-def _print_answer(answer: Answer, told: set[str]) -> None:
+def _print_answer(answer: Answer, shown: set[str]) -> None:
     chosen, place, goal = answer.selection, answer.place, answer.goal
     print(f"{chosen.status}: {chosen.text or chosen.object or chosen.question or chosen.reason}")
     if chosen.object and chosen.reason:
@@ -145,11 +138,11 @@ def _print_answer(answer: Answer, told: set[str]) -> None:
     if goal:
         print(f"  goal   x {goal.x:.2f}  y {goal.y:.2f} m  yaw {goal.yaw:.2f} rad   ({goal.length_m:.2f} m to drive)")
     for note in answer.notes:
-        if note not in told:  # in a conversation, once
+        if note not in shown:  # once in a conversation
             print(f"  note   {note}")
-    told.update(answer.notes)
+    shown.update(answer.notes)
     if not answer.next:
         print(f"  by     {answer.reasoner}, {answer.index}, {answer.detector}")
     for further in answer.next:
         print("then ", end="")
-        _print_answer(further, told)
+        _print_answer(further, shown)

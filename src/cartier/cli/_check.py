@@ -1,4 +1,4 @@
-"""Commands that look after recordings and homes: convert, doctor."""
+"""Commands that check and convert recordings: convert, doctor."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def convert(
     ],
     reader: dict[str, Any] = NOTHING,
 ) -> None:
-    """Write any recording in cartier's own format: plain images, poses and intrinsics."""
+    """Convert a recording to cartier's own format."""
     from cartier.recordings.folder import save
 
     recording = plugins.open_recording(source, **reader)
@@ -38,7 +38,7 @@ def convert(
     with progress("converting") as step:
         save(recording, output, step)
     print(f"{output}: {len(recording)} frames of {recording.name}")
-    print(f"is it sound?  cartier doctor {output}")
+    print(f"check it:  cartier doctor {output}")
 
 
 @app.command()
@@ -51,17 +51,17 @@ def doctor(
             help="A recording in any format that 'cartier list' shows, or a folder that 'cartier map' made.",
         ),
     ],
-    fix: Annotated[bool, typer.Option("--fix", help="Write the mended recording to --output.")] = False,
+    fix: Annotated[bool, typer.Option("--fix", help="Write the repaired recording to --output.")] = False,
     output: Annotated[Path | None, typer.Option("--output", "-o", metavar="OUT", help="Where --fix writes.")] = None,
-    plot: Annotated[Path | None, typer.Option(help="Draw what was found in a recording into this picture.")] = None,
+    plot: Annotated[Path | None, typer.Option(help="Draw the findings on a recording into this image.")] = None,
     as_json: AsJson = False,
     reader: dict[str, Any] = NOTHING,
 ) -> None:
-    """Say what is wrong with a recording's poses, depth and intrinsics, and how to mend it; or which files of a home are damaged.
+    """Examine a recording or a home and report faults.
 
-    Exit code 1 if anything is wrong.
+    Faults of a recording are in poses, depth, intrinsics or images; of a home, damaged files. The exit code is 1 if anything is wrong.
     """
-    from cartier.doctor import Report, draw_report, examine, examine_home, is_home, mend, open_for_doctor
+    from cartier.doctor import Report, draw_report, examine, examine_home, is_home, open_for_doctor, repair
     from cartier.recordings.folder import save
 
     if is_home(source):
@@ -76,18 +76,18 @@ def doctor(
     if isinstance(recording, Report):
         report = recording
     else:
-        with progress("looking") as step:
+        with progress("examining") as step:
             report = examine(recording, step)
         if plot:
             draw_report(recording, report, plot)
-            say(f"picture: {plot}")
+            say(f"image: {plot}")
     _print(report, as_json, () if isinstance(recording, Report) else recording.notes)
     if fix and output is not None:
         if isinstance(recording, Report):
-            raise CartierError(f"{source} cannot be read far enough to be mended by a program: {report.faults[0].mend}")
-        with progress("mending") as step:
-            save(mend(recording, report), output, step)
-        say(f"mended: {output}")
+            raise CartierError(f"{source} cannot be repaired by a program: {report.faults[0].repair}")
+        with progress("repairing") as step:
+            save(repair(recording, report), output, step)
+        say(f"repaired: {output}")
     elif not report.ok:
         raise typer.Exit(1)
 
@@ -100,6 +100,6 @@ def _print(report: Report, as_json: bool, recording_notes: Sequence[str] = ()) -
     found = f"{count} fault{'s' if count > 1 else ''}" if count else "sound" if report.ok else "contradicts itself"
     print(f"{report.name}: {found}")
     for fault in report.faults:
-        print(f"  {fault.fault}\n    seen  {fault.evidence}\n    mend  {fault.mend}")
+        print(f"  {fault.fault}\n    evidence  {fault.evidence}\n    repair    {fault.repair}")
     for note in (*recording_notes, *report.notes):
-        print(f"  note  {note}")
+        print(f"  note: {note}")

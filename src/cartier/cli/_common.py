@@ -1,4 +1,4 @@
-"""What the commands share: options, progress, and lines for people."""
+"""Options and output that the commands share."""
 
 from __future__ import annotations
 
@@ -14,13 +14,20 @@ import typer
 from cartier.errors import InputError, brief
 
 AsJson = Annotated[
-    bool, typer.Option("--json", help="Print one JSON object on standard output; all else goes to standard error.")
+    bool, typer.Option("--json", help="Print one JSON object on standard output; the rest goes to standard error.")
 ]
-HomeFolder = Annotated[Path, typer.Argument(metavar="HOME", help="A folder that 'cartier map' made.")]
-IndexName = Annotated[str | None, typer.Option("--index", help="Which of the home's indices to look in.")]
+HomeFolder = Annotated[Path, typer.Argument(metavar="HOME", help="A folder that 'cartier map' wrote.")]
+IndexName = Annotated[str | None, typer.Option("--index", help="The index of the home to search.")]
+ReasonerName = Annotated[
+    str, typer.Option(help="auto (the configured language model, else embedded), or any of 'cartier list'.")
+]
+ModelName = Annotated[str | None, typer.Option(help="The language model's name on its server, or a FILE.gguf.")]
+BaseUrl = Annotated[str | None, typer.Option(help="The server's URL; default OPENAI_BASE_URL.")]
+Seed = Annotated[int, typer.Option(help="Seed of all random choices.")]
 
 
 def numbers(text: str | None, count: int, option: str) -> tuple[float, ...] | None:
+    """The numbers of an option, separated by commas. Raises InputError if they are not ``count`` finite ones."""
     if text is None:
         return None
     try:
@@ -33,23 +40,20 @@ def numbers(text: str | None, count: int, option: str) -> tuple[float, ...] | No
 
 
 def duration(seconds: float) -> str:
-    """A time as people say it."""
-    return (
-        f"{seconds:.0f} s"
-        if seconds < 100
-        else f"{seconds / 60:.0f} min"
-        if seconds < 6000
-        else f"{seconds / 3600:.1f} h"
-    )
+    """A time in s, min or h."""
+    if seconds < 100:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 6000 else f"{seconds / 3600:.1f} h"
 
 
 def say(line: str) -> None:
+    """Print a line on standard error."""
     print(line, file=sys.stderr)
 
 
 @contextmanager
 def progress(what: str) -> Iterator[Callable[[int, int], None]]:
-    """A bar on standard error where a person watches; silence where nobody does."""
+    """A progress bar on standard error if that is a terminal."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 

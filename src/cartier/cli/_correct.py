@@ -1,4 +1,4 @@
-"""Commands with which people put a home right: name, forget, move, undo."""
+"""Commands that correct a home: name, forget, move, undo."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ if TYPE_CHECKING:
     from cartier.home import corrections
 
 app = typer.Typer()
-Thing = Annotated[
-    str, typer.Argument(metavar="OBJECT", help="Its id, its name, or its label if there is only one ('cartier show').")
+Object = Annotated[
+    str, typer.Argument(metavar="OBJECT", help="Its id, its name, or its label if it is the only one with it.")
 ]
-Who = Annotated[str | None, typer.Option("--who", help="Who says so; default: the user of this machine.")]
+Who = Annotated[str | None, typer.Option("--who", help="Who makes the correction. Default: the user of this machine.")]
 
 
 @app.command()
@@ -27,45 +27,40 @@ def name(
     entity: Annotated[
         str, typer.Argument(metavar="ROOM_OR_OBJECT", help="An object's id or label, a room's name, or room:ID.")
     ],
-    called: Annotated[str, typer.Argument(metavar="NAME", help='What people call it, for example "Ayo\'s room".')],
+    called: Annotated[str, typer.Argument(metavar="NAME", help='The new name, for example "Ayo\'s room".')],
     who: Who = None,
 ) -> None:
-    """Give an object or a room the name that people call it by."""
+    """Name an object or a room."""
     _correct(home, "name", entity, name=called, who=who)
 
 
 @app.command()
-def forget(home: HomeFolder, obj: Thing, who: Who = None) -> None:
-    """Take an object out of the home that is not there."""
+def forget(home: HomeFolder, obj: Object, who: Who = None) -> None:
+    """Remove an object that is not there."""
     _correct(home, "forget", obj, who=who)
 
 
 @app.command(context_settings={"ignore_unknown_options": True})  # -1,2 is a place
 def move(
     home: HomeFolder,
-    obj: Thing,
-    to: Annotated[str, typer.Argument(metavar="X,Y", help="Where its middle is now, in metres of the floor plan.")],
+    obj: Object,
+    to: Annotated[str, typer.Argument(metavar="X,Y", help="The new middle, in metres of the floor plan.")],
     who: Who = None,
 ) -> None:
-    """Say where an object stands now."""
+    """Move an object to where it stands now."""
     _correct(home, "move", obj, to_xy=numbers(to, 2, "X,Y") or (), who=who)
 
 
 @app.command()
 def undo(home: HomeFolder, who: Who = None) -> None:
-    """Take back the latest correction that holds."""
+    """Undo the latest correction."""
     _correct(home, "undo", who=who)
 
 
 def _correct(
-    home: Path,
-    what: corrections.CorrectionKind,
-    entity: str = "",
-    *,
-    name: str = "",
-    to_xy: Sequence[float] = (),
-    who: str | None,
-) -> None:
+    home: Path, what: corrections.CorrectionKind, entity: str = "", *,
+    name: str = "", to_xy: Sequence[float] = (), who: str | None,
+) -> None:  # fmt: skip
     from cartier.home import Home
 
     print(Home.load(home).correct(what, entity, name=name, to_xy=to_xy, who=who or _user())[1])
@@ -74,5 +69,5 @@ def _correct(
 def _user() -> str:
     try:
         return getpass.getuser()
-    except (KeyError, OSError):  # a number without an account, as in a container
+    except (KeyError, OSError):  # a user id without an account, as in a container
         return "somebody"

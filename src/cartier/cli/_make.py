@@ -1,4 +1,4 @@
-"""Commands that make recordings and homes: demo, record, map, list."""
+"""Commands that make recordings and homes: demo, record, map; and list."""
 
 from __future__ import annotations
 
@@ -10,39 +10,33 @@ from typing import Annotated, Any
 import typer
 
 from cartier import plugins, specs
-from cartier.cli._common import AsJson, duration, progress, say
+from cartier.cli._common import AsJson, Seed, duration, progress, say
 from cartier.cli._reader import NOTHING, reads_recordings
 from cartier.errors import InputError
 
 app = typer.Typer()
-A_DAY_S = 86_400.0  # somebody else may be mapping into the same home
+A_DAY_S = 86_400.0  # how long to wait for another process that maps into the same home
 
 
 @app.command()
 def demo(
     home: Annotated[
-        str,
-        typer.Option(
-            help="A home of the dollhouse, as for record: studio, dollhouse:studio, or a number for a generated one."
-        ),
+        str, typer.Option(help="A home of the dollhouse: studio, dollhouse:studio, or a number for a generated one.")
     ] = "kitchen_diner",
     out: Annotated[
-        Path,
-        typer.Option(
-            "--out", "-o", help="The folder to leave pictures and answers in; an older demo there is replaced."
-        ),
+        Path, typer.Option("--out", "-o", help="The folder for images and answers; an older demo there is replaced.")
     ] = Path("cartier-demo"),
-    seed: Annotated[int, typer.Option(help="Another number, another exploration.")] = 0,
-    detector: Annotated[
-        str,
-        typer.Option(help="embedded, the detector that ships inside, or ground_truth, a perfect one."),
-    ] = specs.DETECTOR,
+    seed: Seed = 0,
+    detector: Annotated[str, typer.Option(help="embedded, or ground_truth (a perfect detector).")] = specs.DETECTOR,
 ) -> None:
-    """Run the whole line on a built-in home, offline: explore, map, ask three requests, drive there."""
+    """Run everything offline on a built-in home.
+
+    Explores and maps the home, asks three requests and drives to their goals.
+    """
     from cartier.cli.demo import run
 
-    told = run(home, out, seed, detector, say=print, progress=progress)
-    print(f"\nlook at  {', '.join(str(out / t.picture) for t in told)}")
+    steps = run(home, out, seed, detector, say=print, progress=progress)
+    print(f"\nimages:      {', '.join(str(out / step.picture) for step in steps)}")
     print(f'ask more:    cartier ask {out / "home"} "I\'d like to read a little" --plot answer.png')
     print("your own:    cartier map RECORDING -o HOME      (cartier list shows the formats)")
 
@@ -51,16 +45,12 @@ def demo(
 def record(
     source: Annotated[
         str,
-        typer.Argument(
-            metavar="WORLD:HOME", help="For example dollhouse:studio, dollhouse:7 (generated), ai2thor:FloorPlan1."
-        ),
+        typer.Argument(metavar="WORLD:HOME", help="dollhouse:studio, dollhouse:7 (generated), ai2thor:FloorPlan1 …"),
     ],
-    output: Annotated[
-        Path, typer.Option("--output", "-o", metavar="DIR", help="The folder to write the recording to.")
-    ],
-    seed: Annotated[int, typer.Option(help="Another number, another exploration.")] = 0,
-    sensor: Annotated[bool, typer.Option(help="Disturb depth, image and poses as a real sensor does.")] = False,
-    drive: Annotated[bool, typer.Option("--drive", help="Steer with the keyboard instead of exploring.")] = False,
+    output: Annotated[Path, typer.Option("--output", "-o", metavar="DIR", help="The folder to write.")],
+    seed: Seed = 0,
+    sensor: Annotated[bool, typer.Option(help="Add the noise of a real sensor to depth, images and poses.")] = False,
+    drive: Annotated[bool, typer.Option("--drive", help="Drive with the keyboard instead of exploring.")] = False,
 ) -> None:
     """Explore a home of a simulator and save the recording."""
     from cartier.recordings.folder import save
@@ -84,47 +74,42 @@ def map_command(
         Path, typer.Argument(metavar="RECORDING", help="A recording in any format that 'cartier list' shows.")
     ],
     output: Annotated[
-        Path,
-        typer.Option(
-            "--output", "-o", metavar="HOME", help="The folder to write; an older home there is replaced at the end."
-        ),
+        Path, typer.Option("--output", "-o", metavar="HOME", help="The folder to write; an older home is replaced.")
     ],
     detector: Annotated[
         str | None,
         typer.Option(
-            help="FILE.onnx, detections in FILE.json or FILE.jsonl, transformers:MODEL, ./mine.py, or a name from 'cartier list'. "
-            "Default: photos, or embedded for a recording of the dollhouse."
+            help="FILE.onnx, detections in FILE.json or FILE.jsonl, transformers:MODEL, ./mine.py, or any of "
+            "'cartier list'. Default: photos, or embedded for a recording of the dollhouse."
         ),
     ] = None,
     threshold: Annotated[
-        float | None, typer.Option(help="Least score of a detection; each detector has its own default.")
+        float | None, typer.Option(help="The least score of a detection. Default: the detector's own.")
     ] = None,
     every: Annotated[
-        int | None,
-        typer.Option("--every", metavar="N", help="Look at each N-th frame. Default: those that show something new."),
+        int | None, typer.Option("--every", metavar="N", help="Process each N-th frame. Default: keyframes.")
     ] = None,
-    all_frames: Annotated[bool, typer.Option("--all", help="Look at every frame, however alike they are.")] = False,
+    all_frames: Annotated[bool, typer.Option("--all", help="Process every frame.")] = False,
     vocabulary: Annotated[
-        Path | None, typer.Option(help="Text file of names for a zero-shot transformers model; default: LVIS's 1,203.")
+        Path | None, typer.Option(help="A file of labels for a zero-shot transformers model. Default: those of LVIS.")
     ] = None,
     index: Annotated[
         str | None,
-        typer.Option("--index", help="Indices to build, separated by commas. Default: all that need no encoder."),
+        typer.Option("--index", help="The indices to build, separated by commas. Default: all without an encoder."),
     ] = None,
     encoder: Annotated[
-        str,
-        typer.Option(
-            help="For the index vlmaps: embedded, embedded:pixels, or clip:MODEL, lseg:FILE (a folder or a hub id)."
-        ),
+        str, typer.Option(help="For the index vlmaps: embedded, embedded:pixels, clip:MODEL or lseg:FILE.")
     ] = "embedded",
     append: Annotated[
-        bool,
-        typer.Option("--append", help="Add to the HOME that is there: poses in the same frame, the same detector."),
+        bool, typer.Option("--append", help="Add to the home at HOME (same pose frame, same detector).")
     ] = False,
     as_json: AsJson = False,
     reader: dict[str, Any] = NOTHING,
 ) -> None:
-    """Map a recording: detect objects, build the indices and the floor plan, save a home."""
+    """Map a recording into a home.
+
+    Detects objects, builds the indices and the floor plan, and saves the home.
+    """
     from cartier.home import Home
     from cartier.io.atomic import locked
     from cartier.mapping.keyframes import Keyframes, forecast
@@ -134,7 +119,7 @@ def map_command(
     if all_frames and every is not None:
         raise InputError("--all and --every exclude each other")
     every = 1 if all_frames else every
-    Keyframes(every)  # a number that makes no sense is said before anything is done
+    Keyframes(every)  # refuses an invalid number before any work
     source = plugins.open_recording(recording, **reader)
     chosen, why = specs.detector_for(source) if detector is None else (detector, "")
     detects = specs.detector(chosen, source, threshold=threshold, vocabulary=vocabulary)
@@ -147,8 +132,8 @@ def map_command(
     unfinished = output.parent / f".{output.name}.unfinished.jsonl"
     with locked(output, wait_s=A_DAY_S, told=say):
         onto = Home.load(output) if append else None
-        looks, seconds = forecast(source, detects, every) if len(source) else (0, 0.0)
-        say(f"about {looks} of {len(source)} frames to look at, in about {duration(seconds)}")
+        count, seconds = forecast(source, detects, every) if len(source) else (0, 0.0)
+        say(f"about {count} of {len(source)} frames to process, in about {duration(seconds)}")
         with progress("mapping") as step:
             home = map_home(
                 source, detects, names, encoder=encoder, onto=onto, every=every, resume=unfinished, progress=step
@@ -156,25 +141,25 @@ def map_command(
         if home is onto:
             say(f"{source.name} is in {output} already: nothing was added")
         home.save(output)
-        with suppress(OSError):  # the home is whole without
+        with suppress(OSError):  # the home is complete without it
             unfinished.unlink()
+    sure = sum(obj.confirmed for obj in home.objects)
     if as_json:
-        sure = sum(obj.confirmed for obj in home.objects)
-        told = {"home": str(output), "id": home.id, "names": home.names, "confirmed": sure, "notes": list(home.notes)}
-        print(json.dumps(told | {"tentative": len(home.objects) - sure}))
+        about = {"home": str(output), "id": home.id, "names": home.names, "confirmed": sure, "notes": list(home.notes)}
+        print(json.dumps(about | {"tentative": len(home.objects) - sure}))
     else:
         for note in (note for note in home.notes if note not in first):
             say(note)
-        sure, row = sum(obj.confirmed for obj in home.objects), home.settings["recordings"][-1]
-        looked_at = f"{row.get('looked', row['frames'])} of {row['frames']} frames"
-        print(f"{output}: {sure} objects of {len(home.names)} kinds in {looked_at} ({home.detector})")
+        row = home.settings["recordings"][-1]
+        frames = f"{row.get('looked', row['frames'])} of {row['frames']} frames"
+        print(f"{output}: {sure} objects of {len(home.names)} kinds in {frames} ({home.detector})")
         print(f"see them:          cartier show {output} --plot plan.png --sheet sheet.png")
         print(f'ask it something:  cartier ask {output} "I would love to sit down"')
 
 
 @app.command("list")
 def list_command(as_json: AsJson = False) -> None:
-    """List every backend there is, and what it needs."""
+    """List every backend and what it needs."""
     rows = [backend for kind in plugins.KINDS for backend in plugins.backends(kind)]
     if as_json:
         print(json.dumps([vars(row) for row in rows]))

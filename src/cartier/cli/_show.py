@@ -1,4 +1,4 @@
-"""The command that shows what is in a home: show."""
+"""Command that shows the contents of a home: show."""
 
 from __future__ import annotations
 
@@ -28,61 +28,49 @@ def show(
     home: HomeFolder,
     obj: Annotated[
         int | None,
-        typer.Option("--object", metavar="ID", help="One object: its evidence, and with --plot its best views."),
+        typer.Option("--object", metavar="ID", help="Only this object, its evidence, and with --plot its best views."),
     ] = None,
     everything: Annotated[bool, typer.Option("--all", help="List tentative objects, too.")] = False,
-    plot: Annotated[
-        Path | None, typer.Option(help="Draw the floor plan with rooms and objects into this picture.")
-    ] = None,
-    sheet: Annotated[Path | None, typer.Option(help="Draw a page of evidence photos, one for each object.")] = None,
+    plot: Annotated[Path | None, typer.Option(help="Draw the floor plan with rooms and objects.")] = None,
+    sheet: Annotated[Path | None, typer.Option(help="Draw a contact sheet: one photo of each object.")] = None,
     rrd: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Write all of it on one time line for the viewer of rerun.io (extra viz)."),
+        Path | None, typer.Option(metavar="FILE", help="Write a file for the viewer of rerun.io (extra viz).")
     ] = None,
     recording: Annotated[
-        Path | None, typer.Option(help="With --rrd: the recording that was mapped; adds its frames, depth and path.")
+        Path | None, typer.Option(help="With --rrd: the mapped recording; adds its frames, depth and path.")
     ] = None,
-    format: Annotated[
-        str | None, typer.Option(help="With --recording: its format, if a reader of your own read it, as for map.")
-    ] = None,
-    html: Annotated[
-        Path | None,
-        typer.Option(help="Write the home as one page that opens from disk: plan, 3-D, objects, photos, a search."),
-    ] = None,
+    format: Annotated[str | None, typer.Option(help="With --recording: its format, as for map.")] = None,
+    html: Annotated[Path | None, typer.Option(help="Write the home as a web page that opens from disk.")] = None,
     find: Annotated[
-        str | None,
-        typer.Option(
-            metavar="WORDS",
-            help="Where any words fit best, and with --plot how well they fit each place (index vlmaps).",
-        ),
+        str | None, typer.Option(metavar="WORDS", help="Find the place that fits any words best (index vlmaps).")
     ] = None,
     index: IndexName = None,
     as_json: AsJson = False,
 ) -> None:
-    """Show what is in a home: its objects by room, how sure each is, and the evidence for it."""
+    """Show the objects of a home and their evidence."""
     from cartier.home import Home
 
     mapped = Home.load(home)
     if recording is not None and rrd is None:
-        raise InputError("--recording is for --rrd FILE, which it adds frames, depth and path to: give both")
+        raise InputError("--recording adds frames, depth and path to --rrd FILE: give both")
     if find is not None:
         _find(mapped, check_query(find), index, plot, as_json)
         return
-    told = mapped.to_dict()
+    rows = mapped.to_dict()
     if obj is not None:
-        told["objects"] = [row for row in told["objects"] if obj in (row["id"], *row["aliases"])]
-        if not told["objects"]:
+        rows["objects"] = [row for row in rows["objects"] if obj in (row["id"], *row["aliases"])]
+        if not rows["objects"]:
             raise InputError(f"{home} has no object {obj}: cartier show {home} lists them with their ids")
     if plot:
-        from cartier.render.picture import draw_home, draw_object
+        from cartier.render.floor_plan import draw_home, draw_object
 
         draw_home(mapped, plot) if obj is None else draw_object(mapped, plot, obj)
-        say(f"picture: {plot}")
+        say(f"image: {plot}")
     if sheet:
         from cartier.render.sheet import draw_sheet
 
         draw_sheet(mapped, sheet)
-        say(f"picture: {sheet}")
+        say(f"image: {sheet}")
     if rrd:
         _write_rrd(mapped, rrd, recording, format)
     if html:
@@ -92,11 +80,11 @@ def show(
         write_file(html, one_file(mapped))
         say(f"page: {html}")
     if as_json:
-        print(json.dumps(told, ensure_ascii=False))
+        print(json.dumps(rows, ensure_ascii=False))
     elif obj is not None:
-        _print_object(told["objects"][0], told["scale_guessed"])
+        _print_object(rows["objects"][0], rows["scale_guessed"])
     else:
-        _print_rooms(told, everything)
+        _print_rooms(rows, everything)
 
 
 def _write_rrd(home: Home, file: Path, recording: Path | None, format: str | None) -> None:
@@ -107,18 +95,18 @@ def _write_rrd(home: Home, file: Path, recording: Path | None, format: str | Non
     source = None if recording is None else _as_mapped(home, recording, format)
     with progress("writing") as step:
         write_rrd(home, file, source, step)
-    say(f"look at it: rerun {file}")
+    say(f"open it: rerun {file}")
 
 
 def _as_mapped(home: Home, path: Path, format: str | None = None) -> Recording:
-    """A recording, read with the options that the home was mapped with; without any where none gives what was mapped."""
+    """A recording, read with the options that the home was mapped with, if they give the mapped recording."""
     tried: list[dict[str, Any]] = []
     own = {"format": format} if format else {}
     for row in home.settings["recordings"]:
         reader = remembered(row.get("read_with")) | own
         if reader not in tried:
             tried.append(reader)
-            with suppress(CartierError):  # the options of another recording of this home
+            with suppress(CartierError):  # they may be the options of another recording
                 source = plugins.open_recording(path, **reader)
                 if source.fingerprint() in (row["sha256"] for row in home.settings["recordings"]):
                     return source
@@ -130,77 +118,75 @@ def _find(home: Home, words: str, index: str | None, plot: Path | None, as_json:
     place = searched.locate(words)
     assert place is not None  # an index that holds nothing is not saved
     if plot:
-        from cartier.render.picture import draw_find
+        from cartier.render.floor_plan import draw_find
 
         draw_find(home, words, plot, name)
     for note in searched.notes:
         say(note)
     about = {"home": home.name, "index": name, "encoder": searched.encoder, "detector": home.detector}
     if as_json:
-        told = {"words": words, "place": place.to_dict(), "picture": str(plot) if plot else None}
-        print(json.dumps(about | told, ensure_ascii=False))
+        found = {"words": words, "place": place.to_dict(), "picture": str(plot) if plot else None}
+        print(json.dumps(about | found, ensure_ascii=False))
         return
     x, y, z = place.position
     print(f"best   x {x:.2f}  y {y:.2f}  z {z:.2f} m   (cosine {place.score:.2f}, frame {place.frame})")
     print(f"  by     {name}, {searched.encoder}, {home.detector}")
-    print(f"  look   {plot}" if plot else "  look   with --plot FILE.png")
+    print(f"  image  {plot}" if plot else "  image  with --plot FILE.png")
 
 
-def _print_rooms(told: dict[str, Any], everything: bool) -> None:
+def _print_rooms(home: dict[str, Any], everything: bool) -> None:
     from rich import box
     from rich.console import Console
     from rich.table import Table
 
     console = Console(width=None if sys.stdout.isatty() else 110)
-    rows = [row for row in told["objects"] if row["confirmed"] or everything]
-    names = {row["id"]: row["label"] for row in told["objects"]}
-    rooms = {room["id"]: f"{room['name']}, {room['area_m2']:.0f} m²" for room in told["rooms"]}
-    size = "size (cm, scale guessed)" if told["scale_guessed"] else "size (cm)"
-    columns = ("id", "object", "how sure", "seen", size, "colour", "stands", "last seen")
+    rows = [row for row in home["objects"] if row["confirmed"] or everything]
+    names = {row["id"]: row["label"] for row in home["objects"]}
+    rooms = {room["id"]: f"{room['name']}, {room['area_m2']:.0f} m²" for room in home["rooms"]}
+    size = "size (cm, scale guessed)" if home["scale_guessed"] else "size (cm)"
+    columns = ("id", "object", "probability", "detected", size, "colour", "stands", "last seen")
     for room in [*rooms, None]:
         here = [row for row in rows if row["room"] == room]
         if not here:
             continue
-        title = rooms.get(room, "not in a room" if rooms else told["home"])
+        title = rooms.get(room, "not in a room" if rooms else home["home"])
         table = Table(*columns, box=box.SIMPLE, title=title, title_justify="left")
         for row in sorted(here, key=lambda row: (not row["confirmed"], row["label"], row["id"])):
             on = row["on"]
             table.add_row(
-                str(row["id"]), ", ".join([*row["names"], row["label"]]) + ("" if row["confirmed"] else " ?"), f"{row['probability']:.0%}",
-                f"{row['n_detected']} of {row['n_observable']}", _size(row),
-                ", ".join(name for name, _ in row["colours"][:2]), "" if on is None else f"{on['relation']} {names[on['id']]}",
-                f"{row['last_seen_s']:.1f} s",
+                str(row["id"]), ", ".join([*row["names"], row["label"]]) + ("" if row["confirmed"] else " ?"),
+                f"{row['probability']:.0%}", f"{row['n_detected']} of {row['n_observable']}", _size(row),
+                ", ".join(name for name, _ in row["colours"][:2]),
+                "" if on is None else f"{on['relation']} {names[on['id']]}", f"{row['last_seen_s']:.1f} s",
             )  # fmt: skip
         console.print(table)
-    sure = sum(row["confirmed"] for row in told["objects"])
-    rest = len(told["objects"]) - sure
-    console.print(
-        f"{sure} objects confirmed, {rest} tentative{'' if everything or not rest else ' (--all lists them)'}"
-    )
-    console.print(f"detector: {told['detector']}", highlight=False, markup=False)
-    for note in told["notes"]:
+    sure = sum(row["confirmed"] for row in home["objects"])
+    rest = len(home["objects"]) - sure
+    hint = "" if everything or not rest else " (--all lists them)"
+    console.print(f"{sure} objects confirmed, {rest} tentative{hint}")
+    console.print(f"detector: {home['detector']}", highlight=False, markup=False)
+    for note in home["notes"]:
         console.print(f"note: {note}", highlight=False, markup=False)
 
 
 def _size(row: dict[str, Any]) -> str:
-    return " x ".join(f"{100 * side:.0f}" for side in row["size_m"]) if row["located"] else "distance open"
+    return " x ".join(f"{100 * side:.0f}" for side in row["size_m"]) if row["located"] else "distance unknown"
 
 
 def _print_object(row: dict[str, Any], scale_guessed: bool) -> None:
     state = "confirmed" if row["confirmed"] else "tentative"
-    print(f"{row['label']} {row['id']}: {state}, {row['probability']:.0%} likely there")
-    guess = ", by a scale that is a guess" if scale_guessed else ""
+    print(f"{row['label']} {row['id']}: {state}, {row['probability']:.0%} probable")
+    guess = ", by a guessed scale" if scale_guessed else ""
     if row["located"]:
         x, y, z = row["position"]
         print(f"  place  x {x:.2f}  y {y:.2f}  z {z:.2f} m, {_size(row)} cm{guess}")
     else:
         (x0, y0, _), (x1, y1, _) = row["box_min"], row["box_max"]
-        print(f"  place  x {x0:.2f} to {x1:.2f}  y {y0:.2f} to {y1:.2f} m: bearings leave its distance open{guess}")
-    print(
-        f"  seen   in {row['n_detected']} of {row['n_observable']} frames that would have shown it, last at {row['last_seen_s']:.1f} s"
-    )
-    print(f"  named  {', '.join(f'{name} ({weight:.2f})' for name, weight in row['labels'])}")
+        print(f"  place  x {x0:.2f} to {x1:.2f}  y {y0:.2f} to {y1:.2f} m: its distance is unknown{guess}")
+    frames = f"{row['n_detected']} of {row['n_observable']} frames in which it was observable"
+    print(f"  seen   in {frames}, last at {row['last_seen_s']:.1f} s")
+    print(f"  labels {', '.join(f'{name} ({weight:.2f})' for name, weight in row['labels'])}")
     if row["colours"]:
-        print(f"  looks  {', '.join(f'{name} {share:.0%}' for name, share in row['colours'])}")
+        print(f"  colour {', '.join(f'{name} {share:.0%}' for name, share in row['colours'])}")
     for view in row["views"]:
         print(f"  view   frame {view['frame']}, score {view['score']:.2f}, box {[round(v) for v in view['box_xyxy']]}")

@@ -1,8 +1,8 @@
-"""The doctor's tool: do two frames that see the same agree when the depth of one is carried into the other?
+"""Depth consistency: whether two overlapping frames agree when the depth of one is carried into the other.
 
-Every pixel sample of frame a is back-projected, moved into frame b and compared with b's depth there. A point that comes to
-lie behind what b sees is hidden, by a wall or a box, and says nothing; one that comes to lie before it contradicts. What is
-moved is ``b_from_a``, so any reading of the poses, the depth's unit or the intrinsics can be tried on the same pixels.
+Pixels of frame a are back-projected, moved into frame b by ``b_from_a`` and compared with b's depth there. A point
+behind b's surface is occluded and says nothing; a point before it contradicts. Any reading of poses, depth unit and
+intrinsics can be tried on the same pixels.
 """
 
 from __future__ import annotations
@@ -15,16 +15,14 @@ import numpy.typing as npt
 from cartier.doctor.sampling import Samples
 from cartier.types import Array, Camera
 
-PER_PAIR, LEAST_SEEN = 300, 20  # pixels of a pair that are compared, and those that a judgement needs
+PER_PAIR, LEAST_SEEN = 300, 20  # pixels of a pair to compare, and the fewest that count
 MOST_BLOCKS, LEAST_BLOCK, ANCHORS = 8, 10, 80
 NEAR_FRAMES, CHANGED, COARSE = 60, 0.5, 6
 PARTNERS, TIMES_AS_FAR = 3, 8
-MOST_TURN_DEG = (
-    95.0  # beyond, two frames share nothing; a quarter turn tells a mirrored world, which straight ways do not
-)
+MOST_TURN_DEG = 95.0  # frames turned further do not overlap; quarter turns are what shows a mirrored world
 FEWEST_PAIRS = 4
-CAP = 0.06  # of the distance: beyond, two depths do not agree at all
-TOLD_APART, FEWEST_SHARE, ONE_SIDED = 0.05, 0.1, 2
+CAP = 0.06  # relative depth difference from which two depths do not agree at all
+LEAST_GAIN, FEWEST_SHARE, ONE_SIDED = 0.05, 0.1, 2
 AGREED, AGREED_SHARE = 0.5, 0.9
 Floats64 = npt.NDArray[np.float64]
 Numbers = npt.NDArray[np.int64]
@@ -32,10 +30,10 @@ Numbers = npt.NDArray[np.int64]
 
 @dataclass(frozen=True, eq=False)
 class Agreement:
-    """How well P pairs agree. ``met`` (P,) is the share of a's readings that meet b's depth, from 0 to 1.
+    """How well P pairs agree. ``met`` (P,) is the share of a's points that meet b's depth, from 0 to 1.
 
-    ``agreed`` (P,) is that share of those alone which b could see. NaN where too few readings tell. ``off_m`` is the median
-    depth difference where b could see.
+    ``agreed`` (P,) is that share among the points that b observes. NaN where there are too few points. ``off_m`` is the
+    median depth difference of the observed points.
     """
 
     met: Floats64
@@ -44,7 +42,7 @@ class Agreement:
 
 
 class Pairs:
-    """P pairs (a, b) of sampled frames, with the pixels of a drawn once."""
+    """P pairs (a, b) of sampled frames, and the pixels of a that are compared."""
 
     def __init__(self, samples: Samples, pairs: Array, pixels: int = PER_PAIR) -> None:
         self.samples = samples
@@ -59,7 +57,7 @@ class Pairs:
         return len(self.pairs)
 
     def agreement(self, b_from_a: Array, scale: float = 1.0, small: Camera | None = None) -> Agreement:
-        """The agreement of (P, 4, 4) motions, with the depth times ``scale``, seen by the small camera or another one."""
+        """The agreement by motions (P, 4, 4), with the depth times ``scale`` and the small camera or another one."""
         camera = small or self.samples.small
         moved, u, v, inside = self._carry(b_from_a, scale, camera)
         there = self.samples.depth_m[self.pairs[:, 1:], v, u] * np.float32(scale)
@@ -79,7 +77,7 @@ class Pairs:
         )
 
     def alike(self, b_from_a: Array, scale: float, small: Camera) -> Floats64:
-        """The correlation (P,) of a's brightness with b's where a's points fall; NaN where too few do."""
+        """The correlation (P,) of a's brightness with b's at the points; NaN where there are too few."""
         _, u, v, inside = self._carry(b_from_a, scale, small)
         grey = self.samples.grey
         a = np.where(inside, grey[self.pairs[:, :1], self._rows, self._cols], 0)
@@ -87,8 +85,8 @@ class Pairs:
         count = np.maximum(inside.sum(axis=1, keepdims=True), 1)
         a, b = (np.where(inside, x - x.sum(axis=1, keepdims=True) / count, 0) for x in (a, b))
         norm = np.sqrt((a * a).sum(axis=1) * (b * b).sum(axis=1))
-        told = (count[:, 0] >= LEAST_SEEN) & (norm > 1e-6)
-        return np.asarray(np.where(told, (a * b).sum(axis=1) / np.maximum(norm, 1e-6), np.nan), dtype=np.float64)
+        enough = (count[:, 0] >= LEAST_SEEN) & (norm > 1e-6)
+        return np.asarray(np.where(enough, (a * b).sum(axis=1) / np.maximum(norm, 1e-6), np.nan), dtype=np.float64)
 
     def _carry(self, b_from_a: Array, scale: float, camera: Camera) -> tuple[Array, Array, Array, Array]:
         """z in b (P, n), the pixel there, and whether it lies in the image."""
@@ -109,7 +107,7 @@ class Pairs:
 
 @dataclass(frozen=True, eq=False)
 class Verdict:
-    """How well one reading makes ``pairs`` (P, 2) agree: ``met`` (P,), ``agreed`` (P,) and ``off_m`` as in Agreement."""
+    """How well a reading makes ``pairs`` (P, 2) agree: ``met`` (P,), ``agreed`` (P,) and ``off_m`` as in Agreement."""
 
     met: Floats64
     agreed: Floats64
@@ -118,33 +116,33 @@ class Verdict:
 
     @property
     def seen(self) -> int:
-        """How many of the pairs see the same in this reading."""
+        """How many of the pairs overlap in this reading."""
         return int(np.isfinite(self.agreed).sum())
 
     @property
     def score(self) -> float:
-        """The mean agreement (0 to 1) of the pairs that see the same; 0 if there is none."""
+        """The mean agreement (0 to 1) of the overlapping pairs; 0 without any."""
         return float(np.nanmean(self.agreed)) if self.seen else 0.0
 
     @property
     def fit(self) -> float:
-        """What readings are ranked by: the mean share of readings that meet, whether the pairs see the same or not."""
+        """What readings are ranked by: the mean of ``met`` over all pairs, overlapping or not."""
         known = self.met[np.isfinite(self.met)]
         return float(known.mean()) if known.size else 0.0
 
     @property
     def disagreeing(self) -> int:
-        """How many of the pairs that see the same disagree."""
+        """How many of the overlapping pairs disagree."""
         return int((self.agreed < AGREED).sum())
 
     @property
     def consistent(self) -> bool:
-        """Whether nearly all pairs that see the same agree."""
+        """Whether nearly all overlapping pairs agree."""
         return self.seen >= FEWEST_PAIRS and self.disagreeing <= (1 - AGREED_SHARE) * self.seen
 
 
 def judge(samples: Samples, poses: Array, scale: float, small: Camera, pairs: Numbers) -> Verdict:
-    """What pairs (P, 2) say to a reading of the poses (M, 4, 4; NaN = none), the depth and the camera."""
+    """How well pairs (P, 2) agree by poses (M, 4, 4; NaN = unknown), scale of depth and camera."""
     if not len(pairs):
         return Verdict(np.empty(0), np.empty(0), float("nan"), pairs)
     found = Pairs(samples, pairs).agreement(motions(poses, pairs), scale, small)
@@ -152,32 +150,31 @@ def judge(samples: Samples, poses: Array, scale: float, small: Camera, pairs: Nu
 
 
 def much_better(new: Verdict, old: Verdict) -> bool:
-    """Whether a reading makes the same pairs agree much better than another: nearly all that tell the two apart say so."""
+    """Whether one reading makes the same pairs agree much better: nearly all pairs that differ prefer it."""
     known = np.isfinite(new.met) & np.isfinite(old.met)
     gain = new.met[known] - old.met[known]
-    won, lost = int((gain > TOLD_APART).sum()), int((gain < -TOLD_APART).sum())
+    won, lost = int((gain > LEAST_GAIN).sum()), int((gain < -LEAST_GAIN).sum())
     enough = won >= max(FEWEST_PAIRS, FEWEST_SHARE * len(gain))
     return enough and won > ONE_SIDED * lost and new.score >= AGREED
 
 
 def near_pairs(samples: Samples) -> tuple[Numbers, Numbers]:
-    """Pairs (P, 2) of frames near in time, both ways round: those that choose a reading, and those that test the choice.
+    """Pairs (P, 2) of frames near in time, in both directions: those that choose a reading, and those that test it.
 
-    No frame is in both: every other stretch of the recording chooses. A frame is paired with the first later ones whose depth
-    image looks different, up to a few times as far away, and that are not turned away. How far two cameras are turned is the
-    same in every reading without a shift, so none picks pairs that flatter it; and frames far apart, whose points mostly hide
-    each other, decide nothing.
+    No frame is in both: stretches of the recording alternate. A frame is paired with the first later ones whose depth
+    image differs, up to a few times as far away, unless they are turned away. The turn between two cameras is the same
+    in every reading without a shift, so no reading selects pairs in its favour.
     """
     blocks = int(np.clip(len(samples) // LEAST_BLOCK, 2, MOST_BLOCKS))
     found = [
-        _pairs_within(samples, block[samples.read[block] > 0.05], ANCHORS // blocks)
+        _pairs_within(samples, block[samples.valid_share[block] > 0.05], ANCHORS // blocks)
         for block in np.array_split(np.arange(len(samples)), blocks)
     ]
     return np.concatenate(found[::2]), np.concatenate(found[1::2])
 
 
 def _pairs_within(samples: Samples, usable: Numbers, most: int) -> Numbers:
-    """Pairs (P, 2) of ``most`` frames of a stretch, spread over those that are ``usable``."""
+    """Pairs (P, 2) with ``most`` first frames, spread evenly over the ``usable`` ones of a stretch."""
     if len(usable) < 2:
         return np.empty((0, 2), np.int64)
     coarse = samples.depth_m[usable, ::COARSE, ::COARSE].reshape(len(usable), -1)

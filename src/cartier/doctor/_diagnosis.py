@@ -1,4 +1,4 @@
-"""Which reading of poses, depth and intrinsics makes the recording consistent, one fault at a time."""
+"""Diagnosis: which reading of poses, depth and intrinsics makes the recording consistent, one fault at a time."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cartier.doctor._consistency import FEWEST_PAIRS, Numbers, Pairs, Verdict, judge, motions, much_better, near_pairs
-from cartier.doctor._readings import Hypothesis, Reading, depth_by, hypotheses, positions_by, shift_by
+from cartier.doctor._hypotheses import Hypothesis, Reading, depth_by, hypotheses, positions_by, shift_by
 from cartier.doctor._report import Fault
 from cartier.doctor.checks import tilt
 from cartier.doctor.sampling import Samples
@@ -21,24 +21,23 @@ PLAUSIBLE_M = (0.15, 20.0)  # the median depth of a home
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
-    """The ``reading`` that fits best, the faults that it mends, and the verdicts on the recording as given and so read.
+    """The ``reading`` that fits best, the faults that it repairs, and how consistent the recording then is.
 
-    ``choosing`` and ``testing`` (P, 2) are the pairs of frames that chose the reading and that tested it. ``doubts`` are
-    changes that those which chose ask for, and the others do not.
+    ``choosing`` and ``testing`` (P, 2) are the pairs of frames that chose the reading and that tested it. ``doubts``
+    describe changes that only the choosing pairs support.
     """
 
     reading: Reading
     faults: tuple[Fault, ...]
     doubts: tuple[str, ...]
-    given: Verdict
-    mended: Verdict
+    repaired: Verdict
     choosing: Numbers
     testing: Numbers
 
     @property
     def contradictory(self) -> bool:
-        """Whether frames that see the same disagree and no reading mends it."""
-        return not self.mended.consistent and self.mended.seen >= FEWEST_PAIRS
+        """Whether overlapping frames disagree and no reading repairs it."""
+        return not self.repaired.consistent and self.repaired.seen >= FEWEST_PAIRS
 
 
 def small_camera(samples: Samples, camera: Camera) -> Camera:
@@ -56,33 +55,30 @@ def weigh(samples: Samples, reading: Reading, pairs: Numbers) -> Verdict:
 
 
 def diagnose(samples: Samples, level: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> Diagnosis:
-    """Take the best change of reading as long as each makes the frames agree much better, those that did not choose it, too."""
+    """Accept the best change of reading as long as it makes the choosing and the testing frames agree much better."""
     choosing, testing = near_pairs(samples)
     both = np.concatenate([choosing, testing])
     reading = Reading(level)
-    given = weigh(samples, reading, both)
     faults: list[Fault] = []
     doubts: list[str] = []
     while len(faults) < MOST_FAULTS and (found := _best(samples, reading, choosing)):
         better, now = (weigh(samples, r, testing) for r in (found[-1].reading, reading))
         if not much_better(better, now):
             doubts += [
-                f"{h.words}? --fix leaves it, for frames that did not suggest it deny it: {_evidence(better, now)}"
+                f"{h.words}? --fix does not apply it, for other frames contradict it: {_evidence(better, now)}"
                 for h in found
             ]
             break
-        faults += [Fault(h.fault, f"{h.words}: {_evidence(better, now)}", h.mend) for h in found]
+        faults += [Fault(h.fault, f"{h.words}: {_evidence(better, now)}", h.repair) for h in found]
         reading = found[-1].reading
-    return Diagnosis(
-        reading, tuple(faults), tuple(doubts), given, weigh(samples, reading, both), choosing, testing
-    )  # fmt: skip
+    return Diagnosis(reading, tuple(faults), tuple(doubts), weigh(samples, reading, both), choosing, testing)
 
 
 def _best(samples: Samples, reading: Reading, pairs: Numbers) -> list[Hypothesis]:
-    """The change that makes the pairs agree best, as one or two steps; empty if that is not much better than ``reading``.
+    """The change that makes the pairs agree best, in one or two steps; empty if it is not much better than ``reading``.
 
-    Where no single change settles it, each of the poses is tried together with each unit of depth: two faults may hide each
-    other. Of changes that fit alike the one is taken whose world stands most upright.
+    If no single change suffices, each change of the poses is tried with each unit of depth: two faults may hide each
+    other. Among changes that fit equally well, the most upright world wins.
     """
     if len(pairs) < FEWEST_PAIRS:
         return []
@@ -105,7 +101,7 @@ def _best(samples: Samples, reading: Reading, pairs: Numbers) -> list[Hypothesis
 
 
 def _fitting(samples: Samples, those: list[Hypothesis], pairs: Numbers) -> list[tuple[Hypothesis, Verdict]]:
-    """The hypotheses that fit best and nearly as well, best first."""
+    """The hypotheses that fit best or nearly as well, best first."""
     judged = [(h, weigh(samples, h.reading, pairs)) for h in those]
     judged.sort(key=lambda pair: -pair[1].fit)
     return [pair for pair in judged if pair[1].fit >= judged[0][1].fit - TIED]
@@ -119,7 +115,7 @@ def _lean(samples: Samples, reading: Reading) -> int:
 
 
 def _refined(samples: Samples, reading: Reading, found: Hypothesis, verdict: Verdict) -> Hypothesis:
-    """The same change with a finer factor of depth or number of frames."""
+    """The same change with a finer factor of depth or number of frames to shift."""
     if found.fault == "depth_scale":
         return _of_poses(samples, reading, _finer_scale(samples, reading, found, verdict))
     if found.fault != "time_offset":
@@ -131,7 +127,7 @@ def _refined(samples: Samples, reading: Reading, found: Hypothesis, verdict: Ver
 
 
 def _finer_scale(samples: Samples, reading: Reading, found: Hypothesis, verdict: Verdict) -> Hypothesis:
-    """The factor that fits the same pairs best; the known one, if it is as good."""
+    """The factor that fits the same pairs best; the known unit if it is as good."""
     pairs = Pairs(samples, verdict.pairs)
     motion = motions(found.reading.shifted(samples.poses, samples.index), verdict.pairs)
     small = small_camera(samples, found.reading.camera(samples.camera))
@@ -146,7 +142,7 @@ def _finer_scale(samples: Samples, reading: Reading, found: Hypothesis, verdict:
 
 
 def _of_poses(samples: Samples, reading: Reading, found: Hypothesis) -> Hypothesis:
-    """The same change made to the positions instead, where only they can be meant: the depth is that of a home as given."""
+    """The same change applied to the positions instead, if only the depth as given is plausible for a home."""
     scale = found.reading.depth_scale / reading.depth_scale
     median_m = float(np.nanmedian(samples.depth_m)) * reading.depth_scale
     low, high = PLAUSIBLE_M
@@ -156,13 +152,10 @@ def _of_poses(samples: Samples, reading: Reading, found: Hypothesis) -> Hypothes
 
 
 def _evidence(better: Verdict, now: Verdict) -> str:
-    as_given = (
-        f"{_metres(now.off_m)} as given"
-        if now.seen >= FEWEST_PAIRS and np.isfinite(now.off_m)
-        else "no two frames overlap as given"
-    )
+    known = now.seen >= FEWEST_PAIRS and np.isfinite(now.off_m)
+    as_given = f"{_metres(now.off_m)} as given" if known else "no two frames overlap as given"
     return (
-        f"the depth of overlapping frames agrees to {_metres(better.off_m)} if so read, {as_given} "
+        f"the depth of overlapping frames agrees to {_metres(better.off_m)} with it, {as_given} "
         f"(agreement {better.score:.2f} against {now.score:.2f}, {len(better.pairs)} pairs of frames)"
     )
 

@@ -1,4 +1,4 @@
-"""Edges in images: whether those of depth lie on those of colour."""
+"""Registration of depth to colour: by how much depth edges must be zoomed and moved to lie on colour edges."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from scipy.fft import irfft2, next_fast_len, rfft2
 
 from cartier.types import Array
 
-JUMP = 0.06  # relative step of depth that is an edge
-REACH = 32  # px of the fine images that the depth may lie off
+EDGE_STEP = 0.06  # relative step of depth that counts as an edge
+REACH = 32  # px of the fine images: the largest shift that is tried
 ZOOMS = (0.8, 0.85, 0.9, 0.95, 1.0, 1.05, 1.1, 1.15, 1.2, 1.25)
 
 
 @dataclass(frozen=True)
 class Registration:
-    """Where the depth must go to lie on the colour: zoomed by ``zoom`` about the middle, moved by ``dx``, ``dy``.
+    """How to register depth to colour: zoom it by ``zoom`` about the middle, then move it by ``dx``, ``dy``.
 
-    The shifts are in parts of the image width. ``fit`` and ``fit_as_given`` are correlations of depth edges with colour
-    edges there and where the depth lies; ``noise`` is the standard deviation of the correlation over all shifts.
+    The shifts are in image widths. ``fit`` and ``fit_as_given`` correlate depth edges with colour edges, registered and
+    as given; ``noise`` is the standard deviation of that correlation over all shifts.
     """
 
     zoom: float
@@ -31,12 +31,16 @@ class Registration:
     noise: float
 
     def corner_shift(self) -> float:
-        """How far the corners of a 4:3 image move at most, in parts of its width."""
+        """The largest shift of a corner of a 4:3 image, in image widths."""
         return float(np.hypot(abs(self.zoom - 1) * 0.5 + abs(self.dx), abs(self.zoom - 1) * 0.375 + abs(self.dy)))
+
+    def register(self, depth_m: Array) -> Array:
+        """A depth image (H, W) registered to its colour image."""
+        return zoomed(depth_m, self.zoom, self.dx, self.dy)
 
 
 def registration(images: Sequence[tuple[Array, Array]]) -> Registration | None:
-    """Find by edges how the depth lies to the colour, from (grey, depth) images of the same size; None without edges."""
+    """Find the registration by edges, from (grey, depth) images of the same size; None without edges."""
     colour = [_colour_edges(grey) for grey, _ in images]
     filled = [_filled(depth) for _, depth in images]
     if not images:
@@ -59,7 +63,7 @@ def registration(images: Sequence[tuple[Array, Array]]) -> Registration | None:
 
 
 def fits(images: Sequence[tuple[Array, Array]], found: Registration) -> tuple[float, float]:
-    """The correlation of edges in other images of that size: there, and as given."""
+    """The correlation of edges in other images of that size: registered, and as given."""
     colour = [_colour_edges(grey) for grey, _ in images]
     filled = [_filled(depth) for _, depth in images]
     width = images[0][0].shape[1]
@@ -104,15 +108,15 @@ def _colour_edges(grey: Array) -> Array:
 def _depth_edges(depth_m: Array) -> Array:
     edges = np.zeros(depth_m.shape, np.float32)
     with np.errstate(invalid="ignore"):
-        across = np.abs(depth_m[:, 2:] - depth_m[:, :-2]) > JUMP * np.minimum(depth_m[:, 2:], depth_m[:, :-2])
-        down = np.abs(depth_m[2:] - depth_m[:-2]) > JUMP * np.minimum(depth_m[2:], depth_m[:-2])
+        across = np.abs(depth_m[:, 2:] - depth_m[:, :-2]) > EDGE_STEP * np.minimum(depth_m[:, 2:], depth_m[:, :-2])
+        down = np.abs(depth_m[2:] - depth_m[:-2]) > EDGE_STEP * np.minimum(depth_m[2:], depth_m[:-2])
     edges[:, 1:-1] = across
     edges[1:-1] = np.maximum(edges[1:-1], down)
     return edges
 
 
 def _filled(depth_m: Array) -> Array:
-    """Holes filled with the farther of their two neighbours in the row: a sensor's shadow lies on what is behind."""
+    """Holes filled with the farther neighbour in the row: a sensor's shadow falls on the background."""
     width = depth_m.shape[1]
     read, cols = np.isfinite(depth_m), np.arange(width)
     left = np.maximum.accumulate(np.where(read, cols, -1), axis=1)

@@ -1,4 +1,4 @@
-"""Whether the files of a mapped home are as they were written."""
+"""Integrity of a saved home: every file against the checksum that it was written with."""
 
 from __future__ import annotations
 
@@ -17,31 +17,34 @@ NAV2 = "occupancy.yaml"
 
 
 def is_home(path: str | Path) -> bool:
-    """Whether there is a mapped home, damaged or not."""
+    """Whether the folder holds a mapped home, damaged or not."""
     return (Path(path) / MANIFEST).is_file()
 
 
 def examine_home(folder: str | Path) -> Report:
-    """Read every file of a saved home and say which are damaged: each is compared with its checksum, and all are loaded.
+    """Report the damaged files of a saved home: each is compared with its checksum, and all are loaded.
 
     The only fault is ``damaged_file``, once for each file.
     """
     store = Store(folder)
-    told = store.faults()
-    faults = [Fault("damaged_file", line.removesuffix(f": {AGAIN}"), AGAIN) for line in told]
+    faults = [_damaged(line) for line in store.faults()]
     if not faults:
         try:
             home = Home.load(folder)
         except InputError as error:
-            faults.append(Fault("damaged_file", str(error).removesuffix(f": {AGAIN}"), AGAIN))
+            faults.append(_damaged(str(error)))
         else:
             faults += _floor_plan(store, home)
     notes = () if faults else (f"{1 + len(store.manifest()['blobs'])} files read, all as they were written",)
     return Report(Path(folder).name, 0, tuple(faults), notes)
 
 
+def _damaged(line: str) -> Fault:
+    return Fault("damaged_file", line.removesuffix(f": {AGAIN}"), AGAIN)
+
+
 def _floor_plan(store: Store, home: Home) -> list[Fault]:
-    """The file that tells Nav2 where the map's picture is: cartier never reads it, but a robot does."""
+    """The YAML file with which Nav2 loads the floor plan; cartier itself never reads it."""
     if home.grid is None:
         return []
     file, picture = store.folder / NAV2, store.manifest()["blobs"]["occupancy.pgm"]
@@ -51,4 +54,4 @@ def _floor_plan(store: Store, home: Home) -> list[Fault]:
         what = f"{file} does not describe this home's floor plan"
     except InputError as error:
         what = str(error)
-    return [Fault("damaged_file", what, "cartier.Home.load(HOME).save(HOME) writes it anew")]
+    return [Fault("damaged_file", what, "write it again with cartier.Home.load(HOME).save(HOME)")]

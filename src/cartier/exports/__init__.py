@@ -1,4 +1,4 @@
-"""A home for other programs: GLB and PLY to look at, MCAP to replay, GeoJSON, CSV and JSON to work with."""
+"""Export of homes to other programs: GLB, PLY, MCAP, GeoJSON, CSV and JSON."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ from cartier.home import Home
 from cartier.io.atomic import write_file
 
 WRITERS: Mapping[str, Callable[[Home], bytes]] = {
-    ".glb": _glb.write, ".ply": _ply.write, ".mcap": _mcap.write, ".geojson": _tables.geojson, ".csv": _tables.csv, ".json": _tables.json,
+    ".glb": _glb.write, ".ply": _ply.write, ".mcap": _mcap.write,
+    ".geojson": _tables.geojson, ".csv": _tables.csv, ".json": _tables.json,
 }  # fmt: skip
 BESIDE: Mapping[str, tuple[str, Callable[[Home], bytes | None]]] = {
     ".mcap": (".layout.json", lambda home: _mcap.layout()), ".ply": (".points.ply", _ply.points),
@@ -20,13 +21,13 @@ BESIDE: Mapping[str, tuple[str, Callable[[Home], bytes | None]]] = {
 
 
 def export(home: Home, file: Path) -> list[Path]:
-    """Write a home as the file's suffix says; gives the files that were written. Raises InputError for another suffix.
+    """Write a home in the format of the suffix; returns the files written. Raises InputError for an unknown suffix.
 
-    Beside an MCAP lies the layout with which Lichtblick or Foxglove shows it, beside a PLY the point cloud where the home has one.
+    An MCAP comes with a layout for Lichtblick or Foxglove, a PLY with the point cloud if there is one.
     """
     writer = WRITERS.get(file.suffix.lower())
     if writer is None:
-        raise InputError(f"{file} has no suffix that tells a format: there are {', '.join(WRITERS)}")
+        raise InputError(f"{file} has no known suffix: there are {', '.join(WRITERS)}")
     try:
         data = writer(home)
     except ModuleNotFoundError as error:

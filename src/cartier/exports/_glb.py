@@ -1,4 +1,4 @@
-"""GLB (glTF 2.0): one node for each object, with its name and what is known of it, the floor and walls, the point cloud; y up, metres."""
+"""GLB (glTF 2.0) export: a node for each object with its attributes, floor, walls and points; y up, metres."""
 
 from __future__ import annotations
 
@@ -41,8 +41,7 @@ def write(home: Home) -> bytes:
         if same:
             faces = np.concatenate([8 * k + FACES for k in range(len(same))])
             at = _add(about, parts, *_flat(np.concatenate([corners(box) for box in same]), faces))
-            about["nodes"].append({"name": kind, "mesh": _mesh(about, at, colours[same[0].rgb])})
-            about["nodes"][0]["children"].append(len(about["nodes"]) - 1)
+            _add_node(about, {"name": kind, "mesh": _mesh(about, at, colours[same[0].rgb])})
     if (cloud := home.cloud()) is not None:
         _points(about, parts, cloud)
     binary = b"".join(parts)
@@ -54,13 +53,13 @@ def write(home: Home) -> bytes:
 
 
 def _up(points: Any) -> Any:
-    """Points (..., 3) of the map frame (z up) in that of glTF (y up)."""
+    """Points (..., 3) of the map frame (z up) in the frame of glTF (y up)."""
     points = np.asarray(points)
     return np.stack([points[..., 0], points[..., 2], -points[..., 1]], axis=-1)
 
 
 def _flat(points: Any, faces: Any) -> tuple[Any, Any]:
-    """Vertices (3F, 3) and normals (3F, 3) with which each triangle has its own shade."""
+    """Vertices (3F, 3) and normals (3F, 3) for flat shading."""
     vertices = _up(points)[faces].astype(np.float32)
     normals = np.cross(vertices[:, 1] - vertices[:, 0], vertices[:, 2] - vertices[:, 0])
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
@@ -68,66 +67,57 @@ def _flat(points: Any, faces: Any) -> tuple[Any, Any]:
 
 
 def _points(about: dict[str, Any], parts: list[bytes], cloud: PointCloud) -> None:
-    """Add the point cloud as a node of its own, which viewers can hide; its colours need no light."""
+    """Add the point cloud as a node of its own, which viewers can hide, unlit."""
     linear = np.ones((len(cloud.rgb), 4))
     linear[:, :3] = (cloud.rgb / 255) ** 2.2
     places, colours = _up(cloud.xyz_m).astype("<f4"), np.round(linear * 65535).astype("<u2")
-    about["materials"].append({"extensions": {"KHR_materials_unlit": {}}})
     about["extensionsUsed"] = ["KHR_materials_unlit"]
-    at = {
-        "POSITION": _accessor(about, parts, places, FLOAT),
-        "COLOR_0": _accessor(about, parts, colours, UNSIGNED_SHORT),
-    }
-    about["meshes"].append(
-        {"primitives": [{"attributes": at, "mode": POINTS, "material": len(about["materials"]) - 1}]}
-    )
-    about["nodes"].append({"name": "points", "mesh": len(about["meshes"]) - 1})
-    about["nodes"][0]["children"].append(len(about["nodes"]) - 1)
+    unlit = _append(about, "materials", {"extensions": {"KHR_materials_unlit": {}}})
+    at = {"POSITION": _accessor(about, parts, places, FLOAT)}
+    at["COLOR_0"] = _accessor(about, parts, colours, UNSIGNED_SHORT)
+    mesh = _append(about, "meshes", {"primitives": [{"attributes": at, "mode": POINTS, "material": unlit}]})
+    _add_node(about, {"name": "points", "mesh": mesh})
 
 
 def _add(about: dict[str, Any], parts: list[bytes], vertices: Any, normals: Any) -> tuple[int, int]:
-    """The numbers of the accessors of vertices and normals that were added."""
+    """Add vertices and normals; returns the numbers of their accessors."""
     one, other = (_accessor(about, parts, values.astype("<f4"), FLOAT) for values in (vertices, normals))
     return one, other
 
 
 def _accessor(about: dict[str, Any], parts: list[bytes], values: Any, kind: int) -> int:
-    """The number of the accessor of values (N, 3 or 4) that was added."""
+    """Add values (N, 3 or 4); returns the number of their accessor."""
     offset = sum(map(len, parts))
     parts.append(np.ascontiguousarray(values).tobytes())
-    about["bufferViews"].append(
-        {"buffer": 0, "byteOffset": offset, "byteLength": len(parts[-1]), "target": ARRAY_BUFFER}
-    )
-    accessor = {
-        "bufferView": len(about["bufferViews"]) - 1,
-        "componentType": kind,
-        "count": len(values),
-        "type": f"VEC{values.shape[1]}",
-    }
+    view = {"buffer": 0, "byteOffset": offset, "byteLength": len(parts[-1]), "target": ARRAY_BUFFER}
+    number = _append(about, "bufferViews", view)
+    vectors = f"VEC{values.shape[1]}"
+    accessor = {"bufferView": number, "componentType": kind, "count": len(values), "type": vectors}
     bounds = {"min": values.min(0).tolist(), "max": values.max(0).tolist()} if kind == FLOAT else {"normalized": True}
-    about["accessors"].append(accessor | bounds)
-    return len(about["accessors"]) - 1
+    return _append(about, "accessors", accessor | bounds)
 
 
 def _mesh(about: dict[str, Any], at: tuple[int, int], material: int) -> int:
-    about["meshes"].append({"primitives": [{"attributes": {"POSITION": at[0], "NORMAL": at[1]}, "material": material}]})
-    return len(about["meshes"]) - 1
+    primitive = {"attributes": {"POSITION": at[0], "NORMAL": at[1]}, "material": material}
+    return _append(about, "meshes", {"primitives": [primitive]})
+
+
+def _append(about: dict[str, Any], key: str, value: dict[str, Any]) -> int:
+    """Append to one of glTF's lists; returns the number of the value."""
+    about[key].append(value)
+    return len(about[key]) - 1
+
+
+def _add_node(about: dict[str, Any], node: dict[str, Any]) -> None:
+    about["nodes"][0]["children"].append(_append(about, "nodes", node))
 
 
 def _node(about: dict[str, Any], box: Box, mesh: int, middle: Any, size: Any) -> None:
     obj = box.obj
     assert obj is not None
-    extras = {
-        "id": obj.id,
-        "label": obj.label,
-        "names": list(obj.names),
-        "probability": obj.probability,
-        "room": obj.room,
-    }
-    about["nodes"].append(
-        {"name": box.name, "mesh": mesh, "translation": middle.tolist(), "scale": size.tolist(), "extras": extras}
-    )
-    about["nodes"][0]["children"].append(len(about["nodes"]) - 1)
+    extras = {"id": obj.id, "label": obj.label, "names": list(obj.names), "probability": obj.probability}
+    place = {"translation": middle.tolist(), "scale": size.tolist()}
+    _add_node(about, {"name": box.name, "mesh": mesh, **place, "extras": extras | {"room": obj.room}})
 
 
 def _material(rgb: tuple[int, int, int]) -> dict[str, Any]:

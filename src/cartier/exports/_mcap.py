@@ -1,6 +1,6 @@
-"""MCAP with Foxglove's well-known schemas as JSON: objects, rooms, the floor plan, and a transform, for Lichtblick or Foxglove.
+"""MCAP export with Foxglove's schemas as JSON: objects, rooms, floor plan and point cloud, for Lichtblick or Foxglove.
 
-Without a transform such viewers know no frame and show nothing; without a layout they hide the topics: both are written.
+Such viewers show nothing without a transform, and hide the topics without a layout: both are written.
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ TOPICS = {
     "/points": "foxglove.PointCloud",
 }
 UINT8, FLOAT32 = 1, 7  # of foxglove.NumericType
+RGBA = ("red", "green", "blue", "alpha")
 
 
 def write(home: Home) -> bytes:
@@ -60,7 +61,9 @@ def layout() -> bytes:
         "cameraState": {"perspective": True, "distance": 14, "phi": 40, "thetaOffset": 45, "targetOffset": [0, 0, 0]},
         "followMode": "follow-none", "followTf": FRAME, "scene": {}, "transforms": {}, "publish": {},
         "topics": {topic: {"visible": True} for topic in TOPICS if topic != "/tf"},
-        "layers": {"grid": {"layerId": "foxglove.Grid", "visible": True, "frameId": FRAME, "size": 20, "divisions": 20}},
+        "layers": {
+            "grid": {"layerId": "foxglove.Grid", "visible": True, "frameId": FRAME, "size": 20, "divisions": 20},
+        },
     }  # fmt: skip
     about = {"configById": {"3D!home": panel}, "globalVariables": {}, "userNodes": {}, "layout": "3D!home"}
     return json_bytes(about)
@@ -77,12 +80,9 @@ def _objects(home: Home, stamp: dict[str, int]) -> dict[str, Any]:
     for box in boxes(home):
         if box.obj is None:
             continue
-        cube = {
-            "pose": _pose(np.add(box.low, box.high) / 2),
-            "size": _xyz(np.subtract(box.high, box.low)),
-            "color": _colour(box),
-        }
-        top = (*(np.add(box.low, box.high) / 2)[:2], box.high[2] + 0.08)
+        middle, size = np.add(box.low, box.high) / 2, np.subtract(box.high, box.low)
+        cube = {"pose": _pose(middle), "size": _xyz(size), "color": _colour(box)}
+        top = (*middle[:2], box.high[2] + 0.08)
         about = {"id": box.obj.id, "label": box.obj.label, "probability": box.obj.probability}
         notes = [{"key": key, "value": str(value)} for key, value in about.items()]
         entity = _entity(f"object {box.obj.id}", stamp) | {"metadata": notes, "cubes": [cube]}
@@ -105,29 +105,28 @@ def _floor_plan(home: Home, stamp: dict[str, int]) -> dict[str, Any]:
     shade = np.full((*grid.cells.shape, 4), (250, 250, 247, 255), np.uint8)
     shade[grid.cells == OCCUPIED] = (74, 78, 89, 255)
     shade[grid.cells == UNKNOWN] = (0, 0, 0, 0)
-    fields = [{"name": name, "offset": k, "type": UINT8} for k, name in enumerate(("red", "green", "blue", "alpha"))]
     return {
-        "timestamp": stamp, "frame_id": FRAME, "pose": _pose((*grid.origin_xy, -0.01)), "column_count": grid.cells.shape[1],
-        "cell_size": {"x": grid.resolution_m, "y": grid.resolution_m}, "row_stride": 4 * grid.cells.shape[1], "cell_stride": 4,
-        "fields": fields, "data": base64.b64encode(shade.tobytes()).decode(),
+        "timestamp": stamp, "frame_id": FRAME, "pose": _pose((*grid.origin_xy, -0.01)),
+        "column_count": grid.cells.shape[1], "cell_size": {"x": grid.resolution_m, "y": grid.resolution_m},
+        "row_stride": 4 * grid.cells.shape[1], "cell_stride": 4, "fields": _fields(RGBA, UINT8),
+        "data": base64.b64encode(shade.tobytes()).decode(),
     }  # fmt: skip
 
 
 def _points(cloud: PointCloud, stamp: dict[str, int]) -> dict[str, Any]:
     rows = np.zeros(len(cloud.rgb), [("xyz", "<f4", 3), ("rgba", "u1", 4)])
     rows["xyz"], rows["rgba"][:, :3], rows["rgba"][:, 3] = cloud.xyz_m, cloud.rgb, 255
-    fields = [{"name": name, "offset": 4 * k, "type": FLOAT32} for k, name in enumerate("xyz")]
-    fields += [
-        {"name": name, "offset": 12 + k, "type": UINT8} for k, name in enumerate(("red", "green", "blue", "alpha"))
-    ]
-    about = {
-        "timestamp": stamp,
-        "frame_id": FRAME,
-        "pose": _pose((0, 0, 0)),
-        "point_stride": rows.itemsize,
-        "fields": fields,
-    }
-    return about | {"data": base64.b64encode(rows.tobytes()).decode()}
+    return {
+        "timestamp": stamp, "frame_id": FRAME, "pose": _pose((0, 0, 0)), "point_stride": rows.itemsize,
+        "fields": _fields(("x", "y", "z"), FLOAT32) + _fields(RGBA, UINT8, first=12),
+        "data": base64.b64encode(rows.tobytes()).decode(),
+    }  # fmt: skip
+
+
+def _fields(names: tuple[str, ...], kind: int, first: int = 0) -> list[dict[str, Any]]:
+    """Foxglove's description of packed fields of one type, from the byte ``first`` on."""
+    side = 4 if kind == FLOAT32 else 1
+    return [{"name": name, "offset": first + side * k, "type": kind} for k, name in enumerate(names)]
 
 
 def _entity(name: str, stamp: dict[str, int]) -> dict[str, Any]:
@@ -138,14 +137,8 @@ def _entity(name: str, stamp: dict[str, int]) -> dict[str, Any]:
 
 def _text(at: Any, text: str, size_m: float) -> dict[str, Any]:
     ink = {"r": 0.1, "g": 0.12, "b": 0.16, "a": 1.0}
-    return {
-        "pose": _pose(at),
-        "billboard": True,
-        "font_size": size_m,
-        "scale_invariant": False,
-        "color": ink,
-        "text": text,
-    }
+    style = {"billboard": True, "font_size": size_m, "scale_invariant": False, "color": ink}
+    return {"pose": _pose(at), **style, "text": text}
 
 
 def _pose(at: Any) -> dict[str, Any]:

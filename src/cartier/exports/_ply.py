@@ -1,4 +1,4 @@
-"""PLY (binary, little-endian): the boxes of a home as a coloured mesh, and its point cloud; z up, in metres of the map frame."""
+"""PLY export (binary, little-endian): the boxes of a home as a coloured mesh, and its point cloud; z up, metres."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def write(home: Home) -> bytes:
 
 
 def points(home: Home) -> bytes | None:
-    """The file's bytes for the point cloud, None where the home has none."""
+    """The file's bytes for the point cloud; None if the home has none."""
     cloud = home.cloud()
     return None if cloud is None else _head(len(cloud.rgb), []) + _vertices(cloud.xyz_m, cloud.rgb).tobytes()
 

@@ -1,4 +1,4 @@
-"""Objects and rooms as tables: GeoJSON for the floor plan, CSV for spreadsheets, JSON with all there is."""
+"""Tables of objects and rooms: GeoJSON for the floor plan, CSV for spreadsheets, JSON with all attributes."""
 
 from __future__ import annotations
 
@@ -17,11 +17,12 @@ from cartier.io.files import json_bytes
 from cartier.types import MapObject
 
 COLUMNS = (
-    "id", "label", "name", "room", "x", "y", "z", "x_min", "y_min", "z_min", "x_max", "y_max", "z_max", "probability", "confirmed",
-    "n_detected", "n_observable", "first_seen_s", "last_seen_s", "last_looked_s", "colour", "aliases",
+    "id", "label", "name", "room", "x", "y", "z", "x_min", "y_min", "z_min", "x_max", "y_max", "z_max",
+    "probability", "confirmed", "n_detected", "n_observable", "first_seen_s", "last_seen_s", "last_looked_s",
+    "colour", "aliases",
 )  # fmt: skip
 FORMULA = ("=", "+", "-", "@", "\t", "\r")
-"""What a spreadsheet takes for the begin of a formula."""
+"""How a formula begins in a spreadsheet."""
 
 
 def json(home: Home) -> bytes:
@@ -30,7 +31,7 @@ def json(home: Home) -> bytes:
 
 
 def csv(home: Home) -> bytes:
-    """One row for each object, tentative ones too. A name that a spreadsheet would run as a formula gets a ' before it."""
+    """One row for each object, also tentative ones. A text that a spreadsheet takes for a formula gets a leading '."""
     text = io.StringIO(newline="")
     writer = table.writer(text)
     writer.writerow(COLUMNS)
@@ -41,7 +42,7 @@ def csv(home: Home) -> bytes:
 
 
 def geojson(home: Home) -> bytes:
-    """Rooms and objects as polygons (RFC 7946), but in metres of the map frame: a home does not know where on Earth it is."""
+    """Rooms and objects as polygons (RFC 7946), but in metres of the map frame: a home has no geographic position."""
     features = []
     grid = home.grid
     for room in home.rooms if grid is not None else ():
@@ -55,18 +56,15 @@ def geojson(home: Home) -> bytes:
         (x1, y1), (x2, y2) = obj.box_min[:2], obj.box_max[:2]
         ring = [[x1, y1], [x2, y1], [x2, y2], [x1, y2], [x1, y1]]
         features.append(_feature(obj.id, "Polygon", [ring], {"kind": "object"} | _row(home, obj)))
-    about = {
-        "home": home.name,
-        "home_id": home.id,
-        "coordinates": "metres, x and y of the map frame; not longitude and latitude",
-    }
+    units = "metres, x and y of the map frame; not longitude and latitude"
+    about = {"home": home.name, "home_id": home.id, "coordinates": units}
     return (js.dumps({"type": "FeatureCollection", **about, "features": features}, ensure_ascii=False) + "\n").encode()
 
 
 def outlines(mask: npt.NDArray[np.bool_]) -> list[list[list[tuple[int, int]]]]:
-    """The polygons around true cells, each as rings of corners (x, y): the outer one counter-clockwise, then its holes clockwise.
+    """The polygons around true cells as rings of corners (x, y): the outer one counter-clockwise, then holes clockwise.
 
-    Cells that touch at a corner alone are apart.
+    Cells that only touch at a corner belong to different polygons.
     """
     from scipy import ndimage
 
@@ -80,11 +78,15 @@ def outlines(mask: npt.NDArray[np.bool_]) -> list[list[list[tuple[int, int]]]]:
 
 
 def _rings(mask: npt.NDArray[np.bool_]) -> list[list[tuple[int, int]]]:
-    """All rings around one part: along each edge the inside is to the left, and where two meet the way turns right,
-    so that a hole that touches the outside at a corner stays a hole."""
+    """The rings around one part, with the inside to the left of each edge.
+
+    Where two rings meet, the ring turns right, so that a hole that touches the outside at a corner stays a hole.
+    """
     padded = np.pad(mask, 1)
     edges: dict[tuple[int, int], list[tuple[int, int]]] = {}
-    for (dr, dc), (x0, y0), (x1, y1) in (((-1, 0), (0, 0), (1, 0)), ((0, 1), (1, 0), (1, 1)), ((1, 0), (1, 1), (0, 1)), ((0, -1), (0, 1), (0, 0))):  # fmt: skip
+    square = ((0, 0), (1, 0), (1, 1), (0, 1))  # corners (x, y) of a cell
+    for k, ((x0, y0), (x1, y1)) in enumerate(zip(square, square[1:] + square[:1], strict=True)):
+        dr, dc = ((-1, 0), (0, 1), (1, 0), (0, -1))[k]  # the cell across this edge
         outside = ~np.roll(padded, (-dr, -dc), (0, 1))[1:-1, 1:-1]
         for row, col in np.argwhere(mask & outside).tolist():
             edges.setdefault((col + x0, row + y0), []).append((col + x1, row + y1))
@@ -127,8 +129,8 @@ def _feature(number: int | str, kind: str, coordinates: Any, properties: dict[st
 def _row(home: Home, obj: MapObject) -> dict[str, Any]:
     room = next((r.name for r in home.rooms if r.id == obj.room), "")
     values = (
-        obj.id, obj.label, obj.names[0] if obj.names else "", room, *obj.position, *obj.box_min, *obj.box_max, obj.probability,
-        obj.confirmed, obj.n_detected, obj.n_observable, obj.first_seen_s, obj.last_seen_s, obj.last_looked_s,
-        obj.colours[0][0] if obj.colours else "", " ".join(map(str, obj.aliases)),
+        obj.id, obj.label, obj.names[0] if obj.names else "", room, *obj.position, *obj.box_min, *obj.box_max,
+        obj.probability, obj.confirmed, obj.n_detected, obj.n_observable, obj.first_seen_s, obj.last_seen_s,
+        obj.last_looked_s, obj.colours[0][0] if obj.colours else "", " ".join(map(str, obj.aliases)),
     )  # fmt: skip
     return dict(zip(COLUMNS, values, strict=True))

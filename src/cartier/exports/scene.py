@@ -1,4 +1,4 @@
-"""What of a home can be drawn in 3-D: the floor, the walls, and every confirmed object, as boxes with colours."""
+"""3-D scene of a home: the floor, the walls and every confirmed object as coloured boxes."""
 
 from __future__ import annotations
 
@@ -11,24 +11,26 @@ import numpy.typing as npt
 from cartier.home import Home
 from cartier.types import OCCUPIED, UNKNOWN, MapObject, OccupancyGrid
 
-WALL_M = 1.5  # what reaches higher is drawn as a wall
+WALL_M = 1.5  # occupied cells higher than this are walls
 FLOOR_M = 0.02
 FLOOR_RGB, WALL_RGB, OTHER_RGB = (222, 219, 210), (150, 155, 165), (74, 120, 184)
 RGB = {
-    "black": (38, 38, 42), "white": (244, 244, 240), "grey": (141, 144, 150), "red": (200, 64, 58), "orange": (217, 130, 59),
-    "brown": (138, 95, 60), "yellow": (220, 192, 76), "green": (91, 154, 82), "blue": (74, 120, 184), "purple": (128, 96, 159),
-    "pink": (216, 147, 174), "beige": (216, 198, 162), "turquoise": (79, 169, 164),
+    "black": (38, 38, 42), "white": (244, 244, 240), "grey": (141, 144, 150), "red": (200, 64, 58),
+    "orange": (217, 130, 59), "brown": (138, 95, 60), "yellow": (220, 192, 76), "green": (91, 154, 82),
+    "blue": (74, 120, 184), "purple": (128, 96, 159), "pink": (216, 147, 174), "beige": (216, 198, 162),
+    "turquoise": (79, 169, 164),
 }  # fmt: skip
 
 FACES = np.array(
-    [(0, 2, 3), (0, 3, 1), (4, 5, 7), (4, 7, 6), (0, 1, 5), (0, 5, 4), (2, 6, 7), (2, 7, 3), (0, 4, 6), (0, 6, 2), (1, 3, 7), (1, 7, 5)]
+    [(0, 2, 3), (0, 3, 1), (4, 5, 7), (4, 7, 6), (0, 1, 5), (0, 5, 4),
+     (2, 6, 7), (2, 7, 3), (0, 4, 6), (0, 6, 2), (1, 3, 7), (1, 7, 5)]
 )  # fmt: skip
 """The triangles (12, 3) of a box with the corners of ``corners``, counter-clockwise from outside."""
 
 
 @dataclass(frozen=True)
 class Box:
-    """An axis-aligned box in the map frame (m) with its colour; ``thing`` is the object that it stands for."""
+    """An axis-aligned box in the map frame (m) with its colour; ``obj`` is the object that it represents."""
 
     name: str
     low: tuple[float, ...]
@@ -38,7 +40,7 @@ class Box:
 
 
 def boxes(home: Home) -> list[Box]:
-    """The floor and the walls in few boxes, then the objects."""
+    """The floor and the walls in few boxes, then the confirmed objects."""
     found = list(_ground(home.grid)) if home.grid is not None else []
     for obj in home.objects:
         if obj.confirmed:
@@ -48,7 +50,7 @@ def boxes(home: Home) -> list[Box]:
 
 
 def called(obj: MapObject) -> str:
-    """What people call an object, else its label."""
+    """The name that people gave an object, else its label."""
     return obj.names[0] if obj.names else obj.label
 
 
@@ -71,7 +73,7 @@ def _ground(grid: OccupancyGrid) -> Iterator[Box]:
 
 
 def rectangles(mask: npt.NDArray[np.bool_]) -> Iterator[tuple[int, int, int, int]]:
-    """Row, column, rows and columns of rectangles that cover the true cells, each once."""
+    """Row, column, rows and columns of rectangles that cover each true cell once."""
     left = mask.copy()
     for row, col in np.argwhere(mask).tolist():
         if not left[row, col]:

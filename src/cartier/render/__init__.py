@@ -1,1 +1,1 @@
-"""Pictures of homes and answers: floor plan, contact sheet, Rerun recording."""
+"""Pictures of homes and answers: floor plan, contact sheet, Rerun file."""

@@ -1,8 +1,8 @@
-"""A home as a Rerun file: photos with boxes, objects, rooms and floor plan, and with the recording its frames, depth and path.
+"""Rerun file of a home: photos with boxes, objects, rooms, floor plan; with the recording also frames, depth, path.
 
-A wrong listing is found in one look: scrub along ``frame`` to where the object appears, and see which of the detector's boxes
-made it. Each frame says whether the detector looked at it. Objects appear as they are in the end, when their first box does;
-with the recording, floor plan and path grow. The file opens in the viewer of rerun.io (``rerun FILE.rrd``). Needs rerun-sdk.
+To explain a false positive, move along the time line ``frame`` to where the object appears: boxes there made it.
+An object appears with its first box, in its final state; with the recording, floor plan and path grow. Each frame says
+whether the detector processed it. The file opens in the viewer of rerun.io (``rerun FILE.rrd``). Needs rerun-sdk.
 """
 
 from __future__ import annotations
@@ -27,21 +27,21 @@ from cartier.navigation.planning import room_middle
 from cartier.types import FREE, OCCUPIED, UNKNOWN, Array, MapObject, OccupancyGrid, Room, View
 
 TIMELINE = "frame"
-SURE, UNSURE, NONE, PATH = (209, 73, 91), (200, 160, 60), (130, 130, 130), (66, 105, 178)
+CONFIRMED, TENTATIVE, NONE, PATH = (209, 73, 91), (200, 160, 60), (130, 130, 130), (66, 105, 178)
 CELLS = {FREE: (238, 238, 232), OCCUPIED: (60, 60, 66)}
 UNSEEN = (176, 176, 172)
-ROOM_SHARE = 0.35  # of a room's colour on its floor
-GOLDEN = 0.618  # of the circle of hues, so that rooms in a row have colours far apart
+ROOM_SHARE = 0.35  # opacity of a room's colour on its floor
+GOLDEN = 0.618  # step of the hue from room to room: neighbours in the list differ
 BLUE = 0.55  # the hue of the first room: red is for objects
 STEPS = 60  # in which floor plan and path grow
-DEPTH_WIDTH = 320  # px; a map is no point cloud
+DEPTH_WIDTH = 320  # px: enough to judge a map
 JPEG_QUALITY = 75
 
 
 def write_rrd(
     home: Home, file: Path, recording: Recording | None = None, progress: Callable[[int, int], None] | None = None
 ) -> None:
-    """Write a home to ``file``, whole or not at all; frames, depth and the camera's path only with its ``recording``.
+    """Write a home to ``file``, atomically; frames, depth and the camera's path only with its ``recording``.
 
     Raises InputError if the home was not mapped from the recording, or the file cannot be written.
     """
@@ -58,7 +58,9 @@ def write_rrd(
                 _photos(out, home)
             else:
                 _moving(out, home, recording, first, progress)
-                own = range(first, first + len(recording))  # of a home that grew, boxes without their pictures
+                own = range(
+                    first, first + len(recording)
+                )  # of a home with several recordings, only the boxes on this one's frames
                 looked = None if looked is None else {n: seen for n, seen in looked.items() if n in own}
             if looked is not None:
                 _detections(out, home, looked)
@@ -82,15 +84,14 @@ def _first_frame(home: Home, recording: Recording) -> int:
     named = [_read_with(row.get("read_with", {})) for row in rows if row["recording"] == recording.name]
     if not named:
         names = ", ".join(row["recording"] for row in rows)
+        wrong = f"{home.name} was not mapped from {recording.name}, but from {names}"
+        raise InputError(f"{wrong}: give that, or leave it out")
+    if here in named:
         raise InputError(
-            f"{home.name} was not mapped from {recording.name}, but from {names}: give that, or leave it out"
+            f"{home.name} was mapped from {recording.name}, but its files or its reader changed: map it again"
         )
-    differs = (
-        f"from {recording.name}, but its files are others now, or its reader is: map it again"
-        if here in named
-        else f"from {recording.name} read with {' or '.join(named)}; here it is read with {here}"
-    )
-    raise InputError(f"{home.name} was mapped {differs}")
+    options = f"read with {' or '.join(named)}; here it is read with {here}"
+    raise InputError(f"{home.name} was mapped from {recording.name} {options}")
 
 
 def _read_with(options: Mapping[str, Any]) -> str:
@@ -98,7 +99,7 @@ def _read_with(options: Mapping[str, Any]) -> str:
 
 
 def _looked(home: Home) -> tuple[dict[int, Looked] | None, float]:
-    """What the detector reported by frame, None of a home that does not know it; and the score below which boxes were let go."""
+    """The detections by frame (None if the home has no log), and the score below which boxes were not kept."""
     log = home.detections()
     return (None, 0.0) if log is None else (log.looked(), log.least)
 
@@ -107,7 +108,7 @@ def _blueprint() -> Any:
     space = rrb.Spatial3DView(origin="/", name="home")
     beside = rrb.Vertical(
         rrb.Spatial2DView(origin="/camera/image", name="picture"),
-        rrb.TextDocumentView(origin="/looked", name="looked at?"),
+        rrb.TextDocumentView(origin="/processed", name="processed?"),
         rrb.TextDocumentView(origin="/about", name="about"),
         row_shares=[5, 1, 2],
     )
@@ -115,7 +116,7 @@ def _blueprint() -> Any:
 
 
 def _still(out: Any, home: Home, logged: bool, least: float) -> None:
-    """What does not change with time: what the home says of itself."""
+    """What does not change with time: the description of the home."""
     out.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     notes = list(home.notes)
     if not logged:
@@ -128,7 +129,7 @@ def _still(out: Any, home: Home, logged: bool, least: float) -> None:
 
 
 def _objects(out: Any, home: Home, looked: Mapping[int, Looked]) -> None:
-    """Each object, as it is in the end, from the first frame in which a box was given to it."""
+    """Each object in its final state, from the first frame with a box of it."""
     first: dict[int, int] = {}
     for frame in sorted(looked, reverse=True):
         first |= dict.fromkeys(looked[frame].objects.tolist(), frame)
@@ -145,17 +146,17 @@ def _objects(out: Any, home: Home, looked: Mapping[int, Looked]) -> None:
                 half_sizes=[(high - low) / 2],
                 labels=[label],
                 colors=_colour(obj),
-                show_labels=obj.confirmed,  # of dozens of tentative ones they would hide the home; a click shows them
+                show_labels=obj.confirmed,  # the labels of dozens of tentative objects would hide the home
             ),
         )
 
 
 def _colour(obj: MapObject | None) -> tuple[int, int, int]:
-    return NONE if obj is None else SURE if obj.confirmed else UNSURE
+    return NONE if obj is None else CONFIRMED if obj.confirmed else TENTATIVE
 
 
 def _floor_plan(out: Any, home: Home, grid: OccupancyGrid | None) -> None:
-    """A grid as a picture that lies on the floor, the home's rooms in colours where the grid knows them; and their names."""
+    """A grid as a picture on the floor, with the colours and names of the rooms where the grid is known."""
     if grid is None:
         return
     picture = np.full((*grid.cells.shape, 3), UNSEEN, np.uint8)
@@ -172,7 +173,7 @@ def _floor_plan(out: Any, home: Home, grid: OccupancyGrid | None) -> None:
     known = np.argwhere(grid.cells != UNKNOWN)
     if not len(known):
         return
-    first, last = known.min(axis=0), known.max(axis=0)  # what is unknown all around would be most of the view
+    first, last = known.min(axis=0), known.max(axis=0)  # crop the unknown border
     picture = np.ascontiguousarray(picture[first[0] : last[0] + 1, first[1] : last[1] + 1])
     x, y = np.array(grid.origin_xy) + first[::-1] * grid.resolution_m
     right, far = np.array(grid.origin_xy) + (last[::-1] + 1) * grid.resolution_m
@@ -189,7 +190,7 @@ def _floor_plan(out: Any, home: Home, grid: OccupancyGrid | None) -> None:
 
 
 def _known_cells(home: Home, room: Room, grid: OccupancyGrid) -> Array:
-    """The cells (K, 2) of a room in a grid of the same home, of another size perhaps, that the grid knows or knows around."""
+    """The known cells (K, 2) of a room in another grid of the same home, perhaps of another size."""
     assert home.grid is not None
     moved = np.subtract(home.grid.origin_xy, grid.origin_xy)[::-1] / grid.resolution_m
     cells = room.cells + np.rint(moved).astype(np.int32)
@@ -204,7 +205,7 @@ def _photos(out: Any, home: Home) -> None:
 
 
 def _detections(out: Any, home: Home, looked: Mapping[int, Looked]) -> None:
-    """All boxes of each frame that was looked at, with what became of each; and of every frame whether it was looked at."""
+    """The boxes of each processed frame with their objects; and for every frame whether it was processed."""
     objs = {number: obj for obj in home.objects for number in (obj.id, *obj.aliases)}
     total = sum(int(row["frames"]) for row in home.settings["recordings"])
     for frame in sorted(looked.keys() | {frame + 1 for frame in looked} | {0}):
@@ -212,7 +213,7 @@ def _detections(out: Any, home: Home, looked: Mapping[int, Looked]) -> None:
         seen = looked.get(frame)
         if seen is None and frame >= total > 0:
             continue
-        out.log("looked", rr.TextDocument(_in_words(frame, seen, objs)))
+        out.log("processed", rr.TextDocument(_in_words(frame, seen, objs)))
         if seen is None or not len(seen.detections):
             out.log("camera/image/boxes", rr.Clear(recursive=False))
             continue
@@ -238,13 +239,13 @@ def _owner(number: int, obj: MapObject | None) -> str:
 
 def _in_words(frame: int, seen: Looked | None, objs: Mapping[int, MapObject]) -> str:
     if seen is None:
-        return "not looked at: the detector did not see this frame"
+        return "not processed: the detector was not run on this frame"
     owned = sum(number in objs for number in seen.objects.tolist())
-    return f"looked at in frame {frame}: {len(seen.detections)} boxes, {owned} of objects of this home"
+    return f"processed frame {frame}: {len(seen.detections)} boxes, {owned} of objects of this home"
 
 
 def _sights(out: Any, home: Home) -> None:
-    """The evidence: in each frame that is among the best views of an object, a line from the camera to it."""
+    """The evidence: in each best view of an object, a line from the camera to it."""
     shown: dict[int, list[tuple[MapObject, View]]] = defaultdict(list)
     for obj in home.objects:
         for view in obj.views:
@@ -262,7 +263,7 @@ def _sights(out: Any, home: Home) -> None:
 def _moving(
     out: Any, home: Home, recording: Recording, first: int, progress: Callable[[int, int], None] | None
 ) -> None:
-    """Every frame: the camera, its picture and depth; and, in steps, the path and the floor plan of the frames so far."""
+    """Every frame: camera, image and depth; and in steps the path and the floor plan so far."""
     floor, path, total = OccupancyMapper(), [], len(recording)
     for number in range(total):
         frame = recording[number]
@@ -277,10 +278,8 @@ def _moving(
             step = max(1, camera.width // DEPTH_WIDTH)
             small: Array = np.nan_to_num(frame.depth_m[::step, ::step] * 1000).clip(0, 65535).astype(np.uint16)
             height, width = small.shape
-            out.log(
-                "camera/depth",
-                _pinhole(width, height, camera.fx / step, camera.fy / step, camera.cx / step, camera.cy / step),
-            )
+            scaled = (camera.fx / step, camera.fy / step, camera.cx / step, camera.cy / step)
+            out.log("camera/depth", _pinhole(width, height, *scaled))
             out.log("camera/depth", rr.DepthImage(small, meter=1000.0))
         last = number + 1 == total
         if last or number % -(-total // STEPS) == 0:

@@ -1,4 +1,4 @@
-"""One page of small evidence photos, one for each object of a home: what is listed wrongly is seen at a glance."""
+"""Contact sheet of evidence: one small photo for each object of a home, to find false positives at a glance."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ if TYPE_CHECKING:
     from PIL import Image
 
 SIDE, CAPTION, GAP, COLUMNS = 132, 30, 8, 10  # pixels, and tiles in a row
-AROUND = 0.35  # of the box's size that is shown beside it, and at least so many pixels
-LEAST_PX = 24
-UNLIKELY = 0.05  # what is less probable is counted, not shown: in photographs there are dozens
-BOX, SURE, UNSURE = (209, 73, 91), (30, 30, 30), (150, 110, 20)
+AROUND = 0.35  # margin around the box in box sizes
+LEAST_PX = 24  # and in pixels on top
+UNLIKELY = 0.05  # less probable objects are counted, not shown: photographs have dozens of them
+BOX, CONFIRMED, TENTATIVE = (209, 73, 91), (30, 30, 30), (150, 110, 20)
 
 
 def draw_sheet(home: Home, file: Path) -> None:
-    """Write a PNG or JPEG: the best view of every confirmed object by room and name, then of the tentative ones.
+    """Write a PNG or JPEG: the best view of each confirmed object by room and name, then of each tentative one.
 
     Raises InputError if the suffix names no image format, or the file cannot be written.
     """
@@ -46,16 +46,16 @@ def draw_sheet(home: Home, file: Path) -> None:
     for title, objs in groups:
         if not objs:
             continue
-        draw.text((GAP, y), title, fill=SURE, font=large)
+        draw.text((GAP, y), title, fill=CONFIRMED, font=large)
         y += CAPTION
         for number, obj in enumerate(objs):
             row, column = divmod(number, COLUMNS)
             left, top = GAP + column * (SIDE + GAP), y + row * (SIDE + CAPTION + GAP)
             page.paste(_tile(home, obj.views[0]), (left, top))
-            colour = SURE if obj.confirmed else UNSURE
+            colour = CONFIRMED if obj.confirmed else TENTATIVE
             draw.text((left, top + SIDE + 1), _cut(f"{obj.id} {obj.label}", draw, small), fill=colour, font=small)
-            told = f"{obj.probability:.0%}, {obj.n_detected} of {obj.n_observable}"
-            draw.text((left, top + SIDE + 14), told, fill=colour, font=small)
+            line = f"{obj.probability:.0%}, {obj.n_detected} of {obj.n_observable}"
+            draw.text((left, top + SIDE + 14), line, fill=colour, font=small)
         y += -(-len(objs) // COLUMNS) * (SIDE + CAPTION + GAP)
     buffer = io.BytesIO()
     try:
@@ -66,7 +66,7 @@ def draw_sheet(home: Home, file: Path) -> None:
 
 
 def _tile(home: Home, view: View) -> Image.Image:
-    """The photo round a view's box, in a square, with the box drawn."""
+    """A square photo of a view with its box."""
     from PIL import Image, ImageDraw
 
     jpeg = home.photos.get(view.frame)
@@ -88,7 +88,7 @@ def _tile(home: Home, view: View) -> Image.Image:
 
 
 def _cut(text: str, draw: object, font: object) -> str:
-    """As much of a name as is as wide as a tile."""
+    """A name cut to the width of a tile."""
     while len(text) > 3 and draw.textlength(text, font=font) > SIDE:  # type: ignore[attr-defined]
         text = text[:-2].rstrip() + "…"
     return text

@@ -1,4 +1,4 @@
-"""A goal as ROS writes a pose: frame ``map``, a quaternion from the yaw (REP-103)."""
+"""Goal poses in ROS conventions: frame ``map``, a quaternion from the yaw (REP-103)."""
 
 from __future__ import annotations
 
@@ -15,15 +15,5 @@ def quaternion_zw(yaw: float) -> tuple[float, float]:
 
 
 def in_words(goal: Goal) -> str:
+    """A goal pose as text."""
     return f"x {goal.x:.3f} y {goal.y:.3f} m yaw {goal.yaw:.3f} rad in frame {FRAME}"
-
-
-def send_goal_command(goal: Goal) -> str:
-    """The shell line that sends a goal to Nav2."""
-    # Fixed point: YAML 1.1 reads 1e-05 as a string.
-    x, y, z, w = (f"{value:.6f}" for value in (goal.x, goal.y, *quaternion_zw(goal.yaw)))
-    return (
-        "ros2 action send_goal /navigate_to_pose nav2_msgs/action/NavigateToPose "
-        f'"{{pose: {{header: {{frame_id: {FRAME}}}, pose: {{position: {{x: {x}, y: {y}, z: 0.0}}, '
-        f'orientation: {{x: 0.0, y: 0.0, z: {z}, w: {w}}}}}}}}}"'
-    )

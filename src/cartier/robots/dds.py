@@ -1,7 +1,7 @@
-"""A PoseStamped on a ROS 2 topic, sent by cyclonedds without any ROS.
+"""PoseStamped publisher on a ROS 2 topic over DDS, with cyclonedds and without ROS.
 
-Names and encoding are those of ROS 2's middlewares: topic ``rt/NAME``, type ``pkg::msg::dds_::Type_``, plain CDR; reliable,
-volatile, the last 10 kept, which is ROS 2's default for a topic. Every middleware over DDS understands it.
+Names, encoding and quality of service are ROS 2's: topic ``rt/NAME``, type ``pkg::msg::dds_::Type_``, plain CDR;
+reliable, volatile, the last 10 kept. Every DDS middleware of ROS 2 understands it.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ from cartier.robots._pose import FRAME, in_words, quaternion_zw
 from cartier.types import Goal
 
 POLL_S = 0.02
-SETTLE_S = 0.3  # a second listener, perhaps the robot itself, may be found a moment after the first
-# Robots from Iron on look for it beside the topic, and complain in their log where it is missing.
+SETTLE_S = 0.3  # a second listener, perhaps the robot, may be discovered a moment after the first
+# Robots from Iron on expect it beside the topic, and log a complaint without it.
 TYPE_HASH = "RIHS01_10f3786d7d40fd2b54367835614bff85d4ad3b5dab62bf8bca0cc232d73b4cd8"
 
 
 def _message(package: str, name: str, **fields: Any) -> Any:
-    """A message type under the name that it has on the wire; its fields in their order."""
+    """A message type by its DDS name, with its fields in order."""
     return make_idl_struct(name, f"{package}::msg::dds_::{name}_", fields)
 
 
@@ -41,12 +41,12 @@ PoseStamped = _message("geometry_msgs", "PoseStamped", header=Header, pose=Pose)
 
 
 def send_pose(goal: Goal, topic: str, domain: int, timeout_s: float) -> str:
-    """Write one pose once somebody listens, and wait until it was received. Raises BackendError if nobody does in time."""
+    """Publish one pose once there is a listener, and wait until it is received. Raises BackendError on timeout."""
     header = Header(Time(0, 0), FRAME)  # time zero: the latest transform there is, on a real or a simulated clock
     pose = Pose(Point(goal.x, goal.y, 0.0), Quaternion(0.0, 0.0, *quaternion_zw(goal.yaw)))
     where = f"/{topic} in domain {domain}"
     try:
-        participant = DomainParticipant(domain)  # what lives in it goes with it
+        participant = DomainParticipant(domain)  # its writer and topic are deleted with it
         qos = Qos(
             Policy.Reliability.Reliable(duration(seconds=timeout_s)),
             Policy.Durability.Volatile,
@@ -62,17 +62,16 @@ def send_pose(goal: Goal, topic: str, domain: int, timeout_s: float) -> str:
             )
         writer.write(PoseStamped(header, pose))
         if not _received(writer, timeout_s):
-            raise BackendError(f"somebody listens on {where}, but did not take the goal within {timeout_s:g} s")
+            raise BackendError(f"a robot listens on {where}, but did not take the goal within {timeout_s:g} s")
     except DDSException as error:
-        raise BackendError(
-            f"DDS cannot send in domain {domain}: {error}; check CYCLONEDDS_URI and the network"
-        ) from error
+        hint = "check CYCLONEDDS_URI and the network"
+        raise BackendError(f"DDS cannot send in domain {domain}: {error}; {hint}") from error
     others = f" by {listeners} listeners" if listeners > 1 else ""
     return f"sent on {where} over DDS, and received{others}: {in_words(goal)}"
 
 
 def _listeners(writer: Any, timeout_s: float) -> int:
-    """How many readers are there, once there is one or the time is over."""
+    """The number of readers, once there is one or the time is over."""
     end = time.monotonic() + timeout_s
     while not writer.get_matched_subscriptions() and time.monotonic() < end:
         time.sleep(POLL_S)

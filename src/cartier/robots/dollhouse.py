@@ -1,4 +1,4 @@
-"""The built-in robot: drives to the goal in the dollhouse home that the map was made of, and stops at what is in the way."""
+"""Simulated robot: drives to the goal in the dollhouse home that was mapped, and stops at obstacles."""
 
 from __future__ import annotations
 
@@ -16,15 +16,13 @@ WORLD = "dollhouse"
 def make(home: str = "", radius_m: float = 0.2) -> Dollhouse:
     """``home`` is a home of the dollhouse (a name, a whole number or a .yaml file), or the name of a recording of one.
 
-    ``radius_m`` is the robot's radius, best the one the map was planned with. Raises InputError for a home that is none, or an
+    ``radius_m`` is the robot's radius; use the one of the planner. Raises InputError for an unknown home or an
     impossible radius.
     """
     if not home:
         raise BackendError("robot dollhouse: which home does it drive in? give option home, for example home=studio")
     name = home
-    while name.startswith(
-        f"{WORLD} "
-    ):  # recordings are called "dollhouse studio", and "dollhouse dollhouse 7" if generated
+    while name.startswith(f"{WORLD} "):  # of recordings: "dollhouse studio", or "dollhouse dollhouse 7" if generated
         name = name.removeprefix(f"{WORLD} ")
     try:
         world: Any = plugins.make("worlds", WORLD)
@@ -35,7 +33,7 @@ def make(home: str = "", radius_m: float = 0.2) -> Dollhouse:
 
 
 class Dollhouse:
-    """Obeys the Robot contract. A robot starts where the goal's path begins, and nothing but truth stops it."""
+    """Obeys the Robot contract. It starts where the goal's path begins; the true home, not the map, stops it."""
 
     name = WORLD
 
@@ -43,7 +41,7 @@ class Dollhouse:
         self._scene, self._radius_m = scene, radius_m
 
     def go_to(self, goal: Goal) -> str:
-        """Raises InputError if the robot does not fit at the start, or nothing could stand at the goal."""
+        """Raises InputError if the robot does not fit at the start or at the goal."""
         from cartier.worlds.dollhouse.drive import drive
 
         driven = drive(self._scene, goal.path[0], goal, self._radius_m)
@@ -51,6 +49,9 @@ class Dollhouse:
         where = f"after {driven.length_m:.2f} m through {self._scene.name}"
         if not driven.arrived:
             short_m = math.dist((x, y), (goal.x, goal.y))
-            return f"bumped {where}: stopped at x {x:.2f} y {y:.2f} m, {short_m:.2f} m short of the {goal.place.label}'s goal"
+            return (
+                f"bumped {where}: stopped at x {x:.2f} y {y:.2f} m, {short_m:.2f} m short of "
+                f"the {goal.place.label}'s goal"
+            )
         view = "in view" if driven.in_view else "not in view"
         return f"arrived {where} without a bump: {in_words(goal)}, with the {goal.place.label} {view}"

@@ -1,4 +1,4 @@
-"""A goal for Nav2's NavigateToPose action, through the ROS 2 that is sourced in this shell."""
+"""Client of Nav2's NavigateToPose action, with the ROS 2 that is sourced in this shell."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from cartier.types import Goal
 
 
 def send_action(goal: Goal, action: str, domain: int, timeout_s: float) -> str:
-    """Send the goal and wait until it is accepted. Raises BackendError if there is no server in time, or if it refuses."""
-    context = Context()  # our own: a program that uses ROS itself keeps its own
+    """Send the goal and wait until it is accepted. Raises BackendError on timeout or refusal."""
+    context = Context()  # a context of its own, beside that of a program that uses ROS
     rclpy.init(args=[], context=context, domain_id=domain)
     try:
         node = rclpy.create_node("cartier", context=context)
         client = ActionClient(node, NavigateToPose, action)
         if not client.wait_for_server(timeout_sec=timeout_s):
             raise BackendError(
-                f"no robot serves the action /{action} in domain {domain} (waited {timeout_s:g} s): is Nav2 up and active, "
-                f"and is its ROS_DOMAIN_ID {domain}?"
+                f"no robot serves the action /{action} in domain {domain} (waited {timeout_s:g} s): is Nav2 up and "
+                f"active, and is its ROS_DOMAIN_ID {domain}?"
             )
         future = client.send_goal_async(_message(goal))
         executor = SingleThreadedExecutor(context=context)
@@ -33,9 +33,8 @@ def send_action(goal: Goal, action: str, domain: int, timeout_s: float) -> str:
         if not future.done():
             raise BackendError(f"/{action} in domain {domain} did not answer within {timeout_s:g} s")
         if not future.result().accepted:
-            raise BackendError(
-                f"/{action} in domain {domain} refused the goal: {in_words(goal)}; the robot's log says why"
-            )
+            refused = f"/{action} in domain {domain} refused the goal: {in_words(goal)}"
+            raise BackendError(f"{refused}; the robot's log says why")
     finally:
         rclpy.shutdown(context=context)
     return f"accepted by /{action} in domain {domain}: {in_words(goal)}"

@@ -1,6 +1,6 @@
-"""Nav2 over ROS 2: NavigateToPose through rclpy where it is importable, else /goal_pose over DDS from plain Python.
+"""Robot with Nav2 on ROS 2: NavigateToPose through rclpy if it is importable, else /goal_pose over DDS.
 
-The second way needs no ROS at all on this machine: cyclonedds from pip speaks the wire protocol of ROS 2's topics.
+The latter needs no ROS on this machine: cyclonedds from pip speaks the wire protocol of ROS 2's topics.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ LAST_DOMAIN = 232  # the last whose ports fit into 16 bits
 
 
 def make(domain: int | None = None, timeout_s: float = 5.0, namespace: str = "") -> Ros2:
-    """``domain`` is the robot's ROS_DOMAIN_ID, by default this shell's, else 0; ``namespace`` the robot's, where it has one.
+    """``domain`` is the robot's ROS_DOMAIN_ID, by default this shell's, else 0; ``namespace`` is the robot's, if any.
 
-    Within ``timeout_s`` the robot must be found, and again must take the goal. Raises BackendError for an impossible option.
+    ``timeout_s`` bounds both finding the robot and its taking the goal. Raises BackendError for an impossible option.
     """
     if not (math.isfinite(timeout_s) and 0 < timeout_s <= 600):
         raise BackendError(f"robot ros2: timeout_s must be above 0 and at most 600 s, got {timeout_s:g}")
@@ -28,12 +28,12 @@ def make(domain: int | None = None, timeout_s: float = 5.0, namespace: str = "")
     domain = _domain(os.environ.get("ROS_DOMAIN_ID") or 0 if domain is None else domain)
     with_rclpy = _rclpy_is_here()
     if not with_rclpy:
-        import cyclonedds  # noqa: F401  # says at once that the extra is missing
+        import cyclonedds  # noqa: F401  # fails at once if the extra is missing
     return Ros2(domain, timeout_s, f"{prefix}/" if prefix else "", with_rclpy)
 
 
 class Ros2:
-    """Obeys the Robot contract. A goal is sent and taken, not followed: the line comes before the robot arrives."""
+    """Obeys the Robot contract. ``go_to`` returns when the goal is accepted, not when the robot arrives."""
 
     name = "ros2"
 
@@ -41,7 +41,7 @@ class Ros2:
         self._domain, self._timeout_s, self._prefix, self._with_rclpy = domain, timeout_s, prefix, with_rclpy
 
     def go_to(self, goal: Goal) -> str:
-        """Raises BackendError if no robot is there in time, or if it does not take the goal."""
+        """Raises BackendError if no robot is found in time, or if it does not take the goal."""
         if self._with_rclpy:
             from cartier.robots.rclpy_action import send_action
 
@@ -65,6 +65,6 @@ def _rclpy_is_here() -> bool:
     try:
         import nav2_msgs.action  # noqa: F401
         import rclpy  # noqa: F401
-    except ImportError:  # also where rclpy was built for another Python than this one
+    except ImportError:  # also if rclpy was built for another Python
         return False
     return True

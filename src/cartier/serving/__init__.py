@@ -1,1 +1,1 @@
-"""Homes within reach of other programs and of people: one set of operations, over MCP, over HTTP, and on a page."""
+"""Serving of homes: one set of operations over MCP, over HTTP and on a web page."""

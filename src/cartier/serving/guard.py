@@ -1,6 +1,6 @@
-"""Who may speak to a server of homes, how much and how fast: checked before anything else sees the request.
+"""Access control of the server: host, origin, token, sizes and rates, checked before the app gets the request.
 
-``docs/serving.md`` has the list of what is checked, after OWASP's Application Security Verification Standard.
+``docs/serving.md`` lists the checks, which follow OWASP's Application Security Verification Standard.
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ App = Callable[[Scope, Receive, Send], Awaitable[None]]
 TOKEN_VARIABLE = "CARTIER_TOKEN"
 MIN_TOKEN_CHARS, MAX_TOKEN_CHARS = 20, 4096
 MAX_BODY, MAX_TARGET = 64 * 1024, 4096  # bytes of a request's body, and of its path with the query
-BODY_S, SEND_S = 10.0, 30.0  # for a body to arrive, and for a piece of an answer to leave
+BODY_S, SEND_S = 10.0, 30.0  # for a body to arrive, and for a part of an answer to be sent
 MAX_IN_FLIGHT = 256
-RATE, BURST = 50.0, 200.0  # requests per second of one address that is not this machine's, and at once
-WRONG_TOKENS, WRONG_S = 20, 60.0  # from one address, in so many seconds
+RATE, BURST = 50.0, 200.0  # requests of one other machine per second, and at once
+WRONG_TOKENS, WRONG_S = 20, 60.0  # wrong tokens from one address within this time
 MAX_ADDRESSES = 10_000
 HEADERS = (
     (b"x-content-type-options", b"nosniff"),
@@ -51,7 +51,7 @@ HEADERS = (
 
 
 def is_loopback(host: str) -> bool:
-    """Whether an address to listen on is this machine's own and nobody else's."""
+    """Whether an address is a loopback address, which other machines cannot reach."""
     try:
         return host == "localhost" or ipaddress.ip_address(host.strip("[]")).is_loopback
     except ValueError:
@@ -59,22 +59,21 @@ def is_loopback(host: str) -> bool:
 
 
 def host_names(host: str, port: int, more: Iterable[str] = ()) -> frozenset[str]:
-    """The Host headers that a server goes by; the port may be left out where it is the scheme's own."""
+    """The Host headers that a server accepts; without the port if it is the default of the scheme."""
     names = {"localhost", "127.0.0.1", "[::1]"} if is_loopback(host) else set[str]()
     if host not in ("0.0.0.0", "::"):
         names.add(f"[{host}]" if ":" in host else host)
     names.update(more)
     if not names:
-        raise InputError(f"who listens on {host} must say by which names it is called: --name kitchen-robot.local")
-    return frozenset(
-        f"{name.lower()}{end}" for name in names for end in (f":{port}", *([""] if port in (80, 443) else []))
-    )
+        raise InputError(f"a server that listens on {host} needs the names it is called by: --name kitchen-robot.local")
+    ends = (f":{port}", "") if port in (80, 443) else (f":{port}",)
+    return frozenset(f"{name.lower()}{end}" for name in names for end in ends)
 
 
 def read_token(host: str, file: Path | None) -> str | None:
-    """The token from a file, else from the environment; none is needed on loopback.
+    """The token from a file, else from the environment; None if there is none and the server is on loopback.
 
-    Raises InputError if one is needed and missing, too short to be safe, or in a file that others may read.
+    Raises InputError if it is missing, too short to be safe, or in a file that others may read.
     """
     token = None
     if file is not None:
@@ -87,8 +86,8 @@ def read_token(host: str, file: Path | None) -> str | None:
         if is_loopback(host):
             return None
         raise InputError(
-            f"{host} can be reached from other machines: give a token in a file (--token-file) or in {TOKEN_VARIABLE}, for "
-            'example from: python -c "import secrets; print(secrets.token_urlsafe(32))"'
+            f"{host} can be reached from other machines: give a token in a file (--token-file) or in {TOKEN_VARIABLE}, "
+            'for example from: python -c "import secrets; print(secrets.token_urlsafe(32))"'
         )
     if len(token) < MIN_TOKEN_CHARS or not token.isascii() or not token.isprintable() or " " in token:
         raise InputError(f"the token needs {MIN_TOKEN_CHARS} or more printable ASCII characters without blanks")
@@ -96,7 +95,7 @@ def read_token(host: str, file: Path | None) -> str | None:
 
 
 class Guard:
-    """An ASGI layer around an app. ``hosts`` are the names that this server goes by, as a Host header has them, with the port.
+    """ASGI middleware. ``hosts`` are the accepted Host headers, with the port.
 
     ``open_paths`` (the page itself, which holds no data) need no token.
     """
@@ -114,8 +113,8 @@ class Guard:
         self._app, self._hosts, self._scheme = app, frozenset(h.lower() for h in hosts), "https" if tls else "http"
         self._token = None if token is None else hashlib.sha256(token.encode()).digest()
         self._open, self._clock, self._in_flight = frozenset(open_paths), clock, 0
-        self._buckets: OrderedDict[str, tuple[float, float]] = OrderedDict()  # of each address: tokens left, and when
-        self._wrong: OrderedDict[str, list[float]] = OrderedDict()  # of each address: when wrong tokens came
+        self._buckets: OrderedDict[str, tuple[float, float]] = OrderedDict()  # by address: requests left, and when
+        self._wrong: OrderedDict[str, list[float]] = OrderedDict()  # by address: times of wrong tokens
         self._headers = HEADERS + (((b"strict-transport-security", b"max-age=31536000"),) if tls else ())
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -133,7 +132,7 @@ class Guard:
                 kept = [(k, v) for k, v in message.get("headers", ()) if not k.lower().startswith(b"access-control-")]
                 cache = [] if any(k.lower() == b"cache-control" for k, _ in kept) else [(b"cache-control", b"no-store")]
                 message = {**message, "headers": [*kept, *cache, *self._headers]}
-            with anyio.fail_after(SEND_S):  # who does not read does not keep a place
+            with anyio.fail_after(SEND_S):  # a client that does not read keeps no place
                 await send(message)
 
         refused = self._refusal(scope)
@@ -156,33 +155,31 @@ class Guard:
             self._in_flight -= 1
 
     def _refusal(self, scope: Scope) -> tuple[int, str] | None:
-        """Status and line for a request that goes no further."""
+        """Status and message if the request is refused."""
         headers: dict[bytes, list[str]] = {}
         for key, value in scope["headers"]:
             headers.setdefault(key.lower(), []).append(value.decode("latin-1"))
         host, origin = headers.get(b"host", [""]), headers.get(b"origin", [])
         address = (scope.get("client") or ("unknown", 0))[0]
         if len(host) != 1 or host[0].lower() not in self._hosts:
-            return 421, "this server does not go by that name (Host)"
+            return 421, "this server has no such name (Host)"
         if any(o.lower() != f"{self._scheme}://{host[0].lower()}" for o in origin):
             return 403, "requests from other sites are refused (Origin)"
-        if (
-            headers.get(b"sec-fetch-site", ["none"])[0] not in ("none", "same-origin")
-            and scope["path"] not in self._open
-        ):
+        site = headers.get(b"sec-fetch-site", ["none"])[0]
+        if site not in ("none", "same-origin") and scope["path"] not in self._open:
             return 403, "requests from other sites are refused (Sec-Fetch-Site)"
         if len(scope.get("raw_path") or b"") + len(scope.get("query_string") or b"") > MAX_TARGET:
             return 414, f"the address is longer than {MAX_TARGET} bytes"
         if scope["method"] not in ("GET", "HEAD", "POST", "DELETE"):
-            return 405, f"{scope['method']} is not used here"
+            return 405, f"the method {scope['method']} is not allowed"
         if b"content-encoding" in headers:
-            return 415, "packed bodies are not read"
+            return 415, "compressed bodies are not accepted"
         length = headers.get(b"content-length", ["0"])[0]
         if not length.isdecimal() or int(length[:20]) > MAX_BODY:
             return 413, f"a body has {MAX_BODY} bytes at most"
         kind = headers.get(b"content-type", [""])[0].partition(";")[0].strip().lower()
         if scope["method"] == "POST" and kind != "application/json":
-            return 415, "a body is application/json"
+            return 415, "a body must be application/json"
         if not self._in_rate(address):
             return 429, "too many requests from this address: wait a second"
         if self._token is not None and scope["path"] not in self._open:
@@ -195,8 +192,8 @@ class Guard:
         if len(wrong) >= WRONG_TOKENS:
             return 429, "too many wrong tokens from this address: wait a minute"
         kind, _, token = given[0].partition(" ") if len(given) == 1 else ("", "", "")
-        told = hashlib.sha256(token.strip().encode("latin-1")).digest()
-        if kind.lower() == "bearer" and hmac.compare_digest(told, self._token or b""):
+        digest = hashlib.sha256(token.strip().encode("latin-1")).digest()
+        if kind.lower() == "bearer" and hmac.compare_digest(digest, self._token or b""):
             return None
         if given:
             self._wrong[address] = [*wrong, now]
@@ -220,7 +217,7 @@ def _trim(addresses: OrderedDict[str, Any]) -> None:
 
 
 async def _body(receive: Receive) -> bytes | tuple[int, str]:
-    """The whole body, or status and line if it is too long or too slow."""
+    """The whole body, or status and message if it is too long or too slow."""
     parts, size = [], 0
     with anyio.move_on_after(BODY_S):
         while True:
@@ -237,13 +234,13 @@ async def _body(receive: Receive) -> bytes | tuple[int, str]:
 
 
 def _replayed(body: bytes, receive: Receive) -> Receive:
-    told = False
+    sent = False
 
     async def again() -> Message:
-        nonlocal told
-        if told:
+        nonlocal sent
+        if sent:
             return await receive()
-        told = True
+        sent = True
         return {"type": "http.request", "body": body, "more_body": False}
 
     return again

@@ -1,4 +1,4 @@
-"""Many homes, loaded when asked for and put away when memory runs short; none waits for another."""
+"""Cache of saved homes: each is loaded on first use and dropped when memory runs short; none waits for another."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from cartier.home.corrections import LOG
 from cartier.home.repository import MANIFEST
 
 MAX_BYTES = 2**30
-CELL_BYTES = 128  # of one cell: the grid, its rooms, and the paths that planning keeps for the latest starts
+CELL_BYTES = 128  # per cell: grid, rooms, and the paths that planning caches
 OBJECT_BYTES = 8192
-UNPACKED = 4  # times as large as its file is what an index holds
+UNPACKED = 4  # memory of an index in sizes of its file
 
 
 @dataclass
@@ -29,14 +29,14 @@ class _Slot:
 
 
 class Homes:
-    """Saved homes by the names of their folders. A home that somebody replaced or corrected meanwhile is read again."""
+    """Saved homes by the names of their folders. A home that was replaced or corrected meanwhile is loaded again."""
 
     def __init__(self, folders: Sequence[Path], max_bytes: int = MAX_BYTES) -> None:
         if not folders:
-            raise InputError("no home was named: give the folders that 'cartier map' made")
+            raise InputError("no home was given: name the folders that 'cartier map' wrote")
         self._max_bytes = max_bytes
         self._slots: dict[str, _Slot] = {}
-        self._loaded: OrderedDict[str, int] = OrderedDict()  # bytes of each, the one used last at the end
+        self._loaded: OrderedDict[str, int] = OrderedDict()  # bytes of each, the last used at the end
         self._order = threading.Lock()
         for folder in folders:
             plain = folder.resolve().name
@@ -50,7 +50,7 @@ class Homes:
         return list(self._slots)
 
     def name(self, home: str = "") -> str:
-        """The name of the home that is meant: without any, the only one. Raises InputError for another."""
+        """The name of a home: if it is empty, the only one. Raises InputError for an unknown name."""
         wanted = home.partition("@")[0].strip()
         if not wanted and len(self._slots) == 1:
             return next(iter(self._slots))
@@ -60,7 +60,7 @@ class Homes:
         return wanted
 
     def get(self, home: str = "") -> Home:
-        """A home by its name, or by NAME@ID if it must be a certain map. Raises InputError if there is none, or it is another."""
+        """A home by NAME, or by NAME@ID if it must be that map. Raises InputError if there is no such home."""
         name = self.name(home)
         slot = self._slots[name]
         with slot.lock:
@@ -72,9 +72,8 @@ class Homes:
         self._make_room(name, slot.bytes)
         wanted = home.partition("@")[2].strip()
         if wanted and wanted != found.id:
-            raise InputError(
-                f"{name} was mapped again and is {found.id} now, not {brief(wanted, 20)}: list its objects again"
-            )
+            other = f"{name} was mapped again and is {found.id} now, not {brief(wanted, 20)}"
+            raise InputError(f"{other}: list its objects again")
         return found
 
     def _make_room(self, name: str, size: int) -> None:
@@ -87,18 +86,18 @@ class Homes:
 
 def _stamp(folder: Path) -> tuple[tuple[int, int], ...]:
     """What changes whenever a home is replaced or corrected."""
-    told = []
+    times = []
     for file in (folder / MANIFEST, folder / LOG):
         try:
             about = file.stat()
-            told.append((about.st_mtime_ns, about.st_size))
+            times.append((about.st_mtime_ns, about.st_size))
         except OSError:
-            told.append((0, 0))
-    return tuple(told)
+            times.append((0, 0))
+    return tuple(times)
 
 
 def _size(home: Home) -> int:
-    """About how many bytes a loaded home takes; its photos stay on the disk."""
+    """Estimated bytes of a loaded home; its photos stay on the disk."""
     cells = 0 if home.grid is None else home.grid.cells.size * CELL_BYTES
     held = sum(len(part) for index in home.indexes.values() for part in index.state().values())
     return cells + len(home.objects) * OBJECT_BYTES + held * UNPACKED

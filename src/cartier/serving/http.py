@@ -1,6 +1,6 @@
-"""The operations as an HTTP API with OpenAPI, and the page that uses it."""
+"""HTTP API of the operations, with OpenAPI, and the page that uses it."""
 
-# Annotations stay real: FastAPI reads those of functions within functions.
+# No postponed annotations: FastAPI reads those of nested functions.
 
 import asyncio
 import functools
@@ -22,8 +22,8 @@ from cartier.errors import CartierError, InputError
 from cartier.serving import page
 from cartier.serving.operations import Operations
 
-THREADS = 4  # that may work on one home at a time: a slow one holds up nobody else's
-BEAT_S = 1.0  # between two signs of life, while an answer takes its time
+THREADS = 4  # per home: slow requests to one home do not delay another
+BEAT_S = 1.0  # between two `thinking` events
 
 Text = Annotated[str, Field(max_length=4000)]
 Short = Annotated[str, Field(max_length=200)]
@@ -32,8 +32,8 @@ ShortQuery = Annotated[str, Query(max_length=200)]
 MetresQuery = Annotated[float | None, Query(ge=-1e5, le=1e5)]
 
 
-class Asked(BaseModel):
-    """What a person says; ``conversation`` is the same text for as long as it is the same talk."""
+class Question(BaseModel):
+    """What a person says; requests with the same ``conversation`` share their context."""
 
     model_config = ConfigDict(extra="forbid")
     words: Text
@@ -42,8 +42,8 @@ class Asked(BaseModel):
     from_y: Metres = None
 
 
-class Put(BaseModel):
-    """What is put right, and by whom."""
+class Correction(BaseModel):
+    """A correction, and who makes it."""
 
     model_config = ConfigDict(extra="forbid")
     what: Literal["name", "forget", "move"]
@@ -55,17 +55,17 @@ class Put(BaseModel):
 
 
 class Who(BaseModel):
-    """Who takes something back."""
+    """Who undoes a correction."""
 
     model_config = ConfigDict(extra="forbid")
     who: Short = "somebody"
 
 
 def make(operations: Operations) -> FastAPI:
-    """The app, without any guard: whoever serves it puts a ``Guard`` around it."""
+    """The app. It has no access control: put a ``Guard`` around it."""
     app = FastAPI(
         title="cartier", version=version("cartier"), docs_url=None, redoc_url=None, openapi_url="/openapi.json",
-        summary="Talk to mapped homes: where things are, how sure, and poses to reach them.",
+        summary="Talk to mapped homes: where objects are, how certain that is, and poses to reach them.",
     )  # fmt: skip
     limits = {name: anyio.CapacityLimiter(THREADS) for name in operations.homes.names}
     _add_faults(app)
@@ -78,7 +78,7 @@ def make(operations: Operations) -> FastAPI:
 async def _run(
     operations: Operations, limits: dict[str, anyio.CapacityLimiter], home: str, work: Callable[..., Any], *given: Any
 ) -> Any:
-    """Work on a home in a thread of its own, as one of a few."""
+    """Run an operation on a home in one of its threads."""
     name = operations.homes.name(home)
     return await anyio.to_thread.run_sync(functools.partial(work, *given), limiter=limits[name])
 
@@ -119,20 +119,18 @@ def _add_reading(app: FastAPI, ops: Operations, run: Callable[..., Any]) -> None
     async def homes() -> dict[str, list[str]]:
         return {"homes": ops.homes.names}
 
-    @app.post(
-        "/api/homes/{home}/ask", summary="What serves a person's words; as server-sent events if they are accepted"
-    )
-    async def ask(home: str, asked: Asked, accept: Annotated[str, Header()] = "") -> Any:
-        given = (home, ops.ask, asked.words, home, asked.conversation, asked.from_x, asked.from_y)
+    @app.post("/api/homes/{home}/ask", summary="The answer to a person's words; as server-sent events if accepted")
+    async def ask(home: str, question: Question, accept: Annotated[str, Header()] = "") -> Any:
+        given = (home, ops.ask, question.words, home, question.conversation, question.from_x, question.from_y)
         if "text/event-stream" not in accept:
             return await run(*given)
         return StreamingResponse(_events(functools.partial(run, *given)), media_type="text/event-stream")
 
-    @app.get("/api/homes/{home}/view", summary="All that the page draws: floor plan, rooms, objects")
+    @app.get("/api/homes/{home}/view", summary="The data of the page: floor plan, rooms, objects")
     async def view(home: str) -> Any:
         return Response(await run(home, page.view_json, ops, home), media_type="application/json")
 
-    @app.get("/api/homes/{home}/cloud", summary="The coloured points of the 3-D view, null where a home has none")
+    @app.get("/api/homes/{home}/cloud", summary="The point cloud of the 3-D view, null without one")
     async def cloud(home: str) -> Any:
         return Response(await run(home, page.cloud_json, ops, home), media_type="application/json")
 
@@ -140,7 +138,7 @@ def _add_reading(app: FastAPI, ops: Operations, run: Callable[..., Any]) -> None
     async def find(home: str, name: ShortQuery) -> Any:
         return await run(home, ops.find, name, home)
 
-    @app.get("/api/homes/{home}/objects", summary="The objects of a home or of one room, paged")
+    @app.get("/api/homes/{home}/objects", summary="The objects of a home or of one room, one page at a time")
     async def objects(
         home: str, room: ShortQuery = "", page: Annotated[int, Query(ge=1, le=100_000)] = 1, tentative: bool = False
     ) -> Any:
@@ -150,36 +148,36 @@ def _add_reading(app: FastAPI, ops: Operations, run: Callable[..., Any]) -> None
     async def rooms(home: str) -> Any:
         return await run(home, ops.list_rooms, home)
 
-    @app.get("/api/homes/{home}/describe", summary="All that is known of one object or room")
+    @app.get("/api/homes/{home}/describe", summary="All that is known about one object or room")
     async def describe(home: str, entity: ShortQuery) -> Any:
         return await run(home, ops.describe, entity, home)
 
-    @app.get("/api/homes/{home}/relate", summary="How two objects lie to each other")
+    @app.get("/api/homes/{home}/relate", summary="The spatial relations of two objects")
     async def relate(home: str, entity: ShortQuery, other: ShortQuery) -> Any:
         return await run(home, ops.relate, entity, other, home)
 
-    @app.get("/api/homes/{home}/goal", summary="A reachable pose that faces an object or lies in a room")
+    @app.get("/api/homes/{home}/goal", summary="A reachable goal pose that faces an object or lies in a room")
     async def goal(home: str, entity: ShortQuery, from_x: MetresQuery = None, from_y: MetresQuery = None) -> Any:
         return await run(home, ops.goal_for, entity, home, from_x, from_y)
 
-    @app.get("/api/homes/{home}/photo", summary="The evidence for an object, as JPEG", response_class=Response)
+    @app.get("/api/homes/{home}/photo", summary="A photo of an object, its evidence, as JPEG", response_class=Response)
     async def photo(home: str, entity: ShortQuery, view: Annotated[int, Query(ge=1, le=100)] = 1) -> Response:
-        told, jpeg = await run(home, ops.look_at, entity, view, home)
-        return Response(jpeg, media_type="image/jpeg", headers={"x-box": json.dumps(told["box_in_picture"])})
+        result, jpeg = await run(home, ops.look_at, entity, view, home)
+        return Response(jpeg, media_type="image/jpeg", headers={"x-box": json.dumps(result["box_in_picture"])})
 
 
 def _add_writing(app: FastAPI, ops: Operations, run: Callable[..., Any]) -> None:
-    @app.post("/api/homes/{home}/corrections", summary="Name, forget or move")
-    async def correct(home: str, put: Put) -> Any:
-        return await run(home, ops.correct, put.what, put.entity, put.name, put.x, put.y, home, put.who)
+    @app.post("/api/homes/{home}/corrections", summary="Name an object or a room, forget or move an object")
+    async def correct(home: str, made: Correction) -> Any:
+        return await run(home, ops.correct, made.what, made.entity, made.name, made.x, made.y, home, made.who)
 
-    @app.post("/api/homes/{home}/undo", summary="Take back the latest correction that holds")
+    @app.post("/api/homes/{home}/undo", summary="Undo the latest correction")
     async def undo(home: str, by: Who) -> Any:
         return await run(home, ops.undo, home, by.who)
 
 
 async def _events(work: Callable[[], Any]) -> AsyncIterator[str]:
-    """Signs of life, then the answer or the fault, as server-sent events."""
+    """Server-sent events: `thinking` while the answer takes its time, then `answer` or `fault`."""
     task = asyncio.ensure_future(work())
     try:
         while not (await asyncio.wait({task}, timeout=BEAT_S))[0]:

@@ -1,7 +1,7 @@
-"""What can be done with homes from outside, once: flat typed arguments in, plain JSON values out.
+"""Operations on homes for MCP, HTTP and Python: flat typed arguments in, plain JSON values out.
 
-Every result names the home, its id and its age; what is about an object says how certain it is, what the evidence is, and
-from where it can be reached. A fault is an InputError whose line says what to call next.
+Every result names the home, its id and its age; a result about an object also has its certainty, its evidence and
+whether it can be reached. A fault is an InputError whose line names the operation to call next.
 """
 
 from __future__ import annotations
@@ -31,15 +31,15 @@ from cartier.serving.homes import Homes
 from cartier.spatial import relations
 from cartier.types import Answer, Array, Goal, MapObject, Place, RobotModel, Room, Selection
 
-PAGE = 5  # objects of a list: a small model reads it whole
+PAGE = 5  # objects on a page of a list: few enough for a small model
 FOUND, RELATIONS, CANDIDATES, MEANT = 5, 5, 3, 12
 MAX_CONVERSATIONS, MAX_CONVERSATION_CHARS = 1000, 64
 NO_PLAN = "there is no goal: without depth the home has no floor plan to plan on"
-CROP_PX, MARGIN = 512, 0.35  # of a photo: its longer side, and what is shown around the object in sizes of it
+CROP_PX, MARGIN = 512, 0.35  # of a cropped photo: its longer side, and the margin in box sizes
 
 
 class Operations:
-    """The operations over some homes, for one kind of robot. Safe to be called from many threads at once."""
+    """The operations on some homes, for one kind of robot. Thread-safe."""
 
     def __init__(self, homes: Homes, reasoner: Reasoner, robot: RobotModel | None = None) -> None:
         self.homes, self.reasoner, self.robot = homes, reasoner, robot or RobotModel()
@@ -54,7 +54,7 @@ class Operations:
         from_x: float | None = None,
         from_y: float | None = None,
     ) -> dict[str, Any]:
-        """What serves a person's words, in the light of what was said in the ``conversation`` (any short text) before."""
+        """Answer a person's words, with the earlier turns of ``conversation`` (any short text) as context."""
         words, mapped = check_query(words), self.homes.get(home)
         key = (self.homes.name(home), conversation.strip()[:MAX_CONVERSATION_CHARS])
         with self._lock:
@@ -70,9 +70,9 @@ class Operations:
         return self.about(home, mapped) | _answer(mapped, answer)
 
     def find(self, name: str, home: str = "") -> dict[str, Any]:
-        """Objects and rooms by name, the surest first; close spellings where none has the name.
+        """Objects and rooms by name, the most probable first; similar spellings if none has the name.
 
-        ``maybe`` says how many more are not sure to be there, or are called so by some frames only.
+        ``maybe`` counts further objects that are tentative, or have the name in some frames only.
         """
         mapped, wanted = self.homes.get(home), " ".join(name.casefold().split())
         if not wanted:
@@ -88,49 +88,45 @@ class Operations:
             hits = [t for t in mapped.objects if set(close) & set(called[t.id])]
         hits.sort(key=lambda t: (wanted not in called[t.id][: 1 + len(t.names)], not t.confirmed, -t.probability, t.id))
         rooms = [{"room": f"room:{r.id}", "name": r.name} for r in mapped.rooms if wanted in r.name.casefold()]
-        named = {
-            t.id: any(n in each for each in called[t.id][: 1 + len(t.names)] for n in (wanted, *close)) for t in hits
-        }
-        sure = [t for t in hits if t.confirmed and named[t.id]]
-        sure = sure or [t for t in hits if t.confirmed] or hits
-        told: dict[str, Any] = {
-            "total": len(sure),
-            "objects": [self._row(mapped, t) for t in sure[:FOUND]],
-            "rooms": rooms,
-        }
+
+        def is_named(obj: MapObject) -> bool:
+            return any(n in each for each in called[obj.id][: 1 + len(obj.names)] for n in (wanted, *close))
+
+        confirmed = [t for t in hits if t.confirmed]
+        sure = [t for t in confirmed if is_named(t)] or confirmed or hits
+        rows = [self._row(mapped, t) for t in sure[:FOUND]]
+        result: dict[str, Any] = {"total": len(sure), "objects": rows, "rooms": rooms}
         if len(hits) > len(sure):
-            told["maybe"] = len(hits) - len(sure)
+            result["maybe"] = len(hits) - len(sure)
         if close:
-            told["spelt"] = close
+            result["spelt"] = close
         if not hits and not rooms:
-            told["next"] = (
-                f"nothing is called {brief(name, 40)!r}: ask understands needs in any words, list_objects shows all"
-            )
-        return self.about(home, mapped) | told
+            no_hit = f"nothing is called {brief(name, 40)!r}"
+            result["next"] = f"{no_hit}: ask understands needs in any words, list_objects shows all"
+        return self.about(home, mapped) | result
 
     def describe(self, entity: str, home: str = "") -> dict[str, Any]:
-        """All that is known of one object or room."""
-        mapped = self.homes.get(home)
-        one = find(entity, mapped.objects, mapped.rooms)
+        """All that is known about one object or room."""
+        mapped, one = self._one(entity, home)
+        about = self.about(home, mapped) | self._row(mapped, one)
+        goal = self._goal(mapped, one, mapped.start_xy)
         if isinstance(one, Room):
-            inside = [t for t in mapped.objects if t.room == one.id and t.confirmed]
-            told = _room_row(mapped, one) | {"holds": sorted({t.label for t in inside})[:30]}
-            return self.about(home, mapped) | told | self._goal(mapped, place_of(mapped, one), mapped.start_xy)
+            labels = {obj.label for obj in mapped.objects if obj.room == one.id and obj.confirmed}
+            return about | {"holds": sorted(labels)[:30]} | goal
         held = relations.supports(mapped.objects)
-        on = held.get(one.id)
-        told = self._row(mapped, one) | {
+        on, beside = held.get(one.id), relations.next_to(one, _confirmed(mapped))
+        return about | {
             "size_m": [round(high - low, 2) for low, high in zip(one.box_min, one.box_max, strict=True)],
             "colours": [name for name, _ in one.colours[:3]],
             "also_called": [name for name, _ in one.labels if name != one.label][:3],
             "stands": None if on is None else f"{on.kind} {_called(mapped, on.object)}",
             "holds": [_called(mapped, k) for k, r in held.items() if r.object == one.id][:6],
-            "next_to": [_called(mapped, r.subject) for r in relations.next_to(one, _sure(mapped)) if r.probability >= 0.5][:4],
-            "last_seen_s": round(one.last_seen_s, 1), "last_looked_s": round(one.last_looked_s, 1),
+            "next_to": [_called(mapped, r.subject) for r in beside if r.probability >= 0.5][:4],
+            "last_seen_s": round(one.last_seen_s, 1), "last_looked_s": round(one.last_looked_s, 1), **goal,
         }  # fmt: skip
-        return self.about(home, mapped) | told | self._goal(mapped, place_of(mapped, one), mapped.start_xy)
 
     def list_objects(self, room: str = "", page: int = 1, tentative: bool = False, home: str = "") -> dict[str, Any]:
-        """The objects of a home or of one room, page by page."""
+        """The objects of a home or of one room, one page at a time."""
         mapped = self.homes.get(home)
         rows = [t for t in mapped.objects if t.confirmed or tentative]
         if room:
@@ -144,69 +140,65 @@ class Operations:
         return self.about(home, mapped) | {"total": len(rows), "page": page, "pages": pages, "objects": shown}
 
     def list_rooms(self, home: str = "") -> dict[str, Any]:
-        """The rooms of a home; without a home that is the only one, the homes to choose from."""
+        """The rooms of a home."""
         mapped = self.homes.get(home)
         return self.about(home, mapped) | {"rooms": [_room_row(mapped, r) for r in mapped.rooms]}
 
     def relate(self, entity: str, other: str, home: str = "") -> dict[str, Any]:
-        """How two objects lie to each other, seen from where one would stand before the second."""
+        """The spatial relations of two objects, seen from the goal pose of the second."""
         mapped = self.homes.get(home)
         a, b = (_an_object(find(each, mapped.objects, mapped.rooms)) for each in (entity, other))
         if a.id == b.id:
-            raise InputError(f"{brief(entity, 40)} and {brief(other, 40)} are the same object {a.id}: relate needs two")
-        goal = (
-            plan(mapped.grid, place_of(mapped, b), mapped.start_xy, self.robot)[0] if mapped.grid is not None else None
-        )
+            raise InputError(f"{brief(entity, 40)} and {brief(other, 40)} are one object {a.id}: relate needs two")
+        goal, _ = self._planned(mapped, b, mapped.start_xy)
         seen_from = (goal.x, goal.y) if goal is not None else mapped.start_xy
-        found = [r for k, r in relations.supports(_sure(mapped, a, b)).items() if {k, r.object} == {a.id, b.id}]
-        for each in (relations.under(b, [a]), relations.next_to(b, [a])):
-            found += each
+        found = [r for k, r in relations.supports(_confirmed(mapped, a, b)).items() if {k, r.object} == {a.id, b.id}]
+        found += relations.under(b, [a]) + relations.next_to(b, [a])
         found += relations.left_of(b, [a], seen_from) + relations.right_of(b, [a], seen_from)
         found += [relations.bigger(a, b)]
         rows = sorted((r for r in found if r.probability >= 0.5), key=lambda r: -r.probability)[:RELATIONS]
-        told = [f"{_called(mapped, r.subject)} is {_than(r.kind)} {_called(mapped, r.object)}" for r in rows]
+        kinds = [f"{r.kind} than" if r.kind == "bigger" else r.kind for r in rows]
+        lines = [
+            f"{_called(mapped, r.subject)} is {kind} {_called(mapped, r.object)}"
+            for r, kind in zip(rows, kinds, strict=True)
+        ]
         gap = np.maximum(0, np.maximum(np.subtract(a.box_min, b.box_max), np.subtract(b.box_min, a.box_max)))
         return self.about(home, mapped) | {
-            "relations": told, "certainty": [round(r.probability, 2) for r in rows], "apart_m": round(float(np.linalg.norm(gap)), 2),
-            "same_room": a.room == b.room, "seen_from": [round(v, 2) for v in seen_from], "evidence": [_evidence(a), _evidence(b)],
+            "relations": lines, "certainty": [round(r.probability, 2) for r in rows],
+            "apart_m": round(float(np.linalg.norm(gap)), 2), "same_room": a.room == b.room,
+            "seen_from": [round(v, 2) for v in seen_from], "evidence": [_evidence(a), _evidence(b)],
         }  # fmt: skip
 
     def goal_for(
         self, entity: str, home: str = "", from_x: float | None = None, from_y: float | None = None
     ) -> dict[str, Any]:
-        """A pose that can be reached from a start, and faces an object or lies in a room."""
-        mapped = self.homes.get(home)
-        one = find(entity, mapped.objects, mapped.rooms)
-        place = place_of(mapped, one)
-        row = _room_row(mapped, one) if isinstance(one, Room) else self._row(mapped, one)
-        return self.about(home, mapped) | row | self._goal(mapped, place, _start(mapped, from_x, from_y))
+        """A goal pose that faces an object or lies in a room, reachable from the start."""
+        mapped, one = self._one(entity, home)
+        goal = self._goal(mapped, one, _start(mapped, from_x, from_y))
+        return self.about(home, mapped) | self._row(mapped, one) | goal
 
     def goal(self, entity: str, home: str = "", from_x: float | None = None, from_y: float | None = None) -> Goal:
-        """The pose of ``goal_for``. Raises InputError where there is none."""
-        mapped = self.homes.get(home)
-        one = find(entity, mapped.objects, mapped.rooms)
-        if mapped.grid is None:
-            raise InputError(NO_PLAN)
-        place = place_of(mapped, one)
-        goal, why_not = plan(mapped.grid, place, _start(mapped, from_x, from_y), self.robot)
+        """The pose of ``goal_for``. Raises InputError if there is none."""
+        mapped, one = self._one(entity, home)
+        goal, why_not = self._planned(mapped, one, _start(mapped, from_x, from_y))
         if goal is None:
             raise InputError(why_not)
         return goal
 
     def go(self, entity: str, robot: str, home: str = "") -> dict[str, Any]:
-        """Send a robot (as ``--go`` names it) to the pose of ``goal_for``. Whoever calls this has a person's consent."""
+        """Send a robot (named as for ``--go``) to the pose of ``goal_for``. The caller must have a person's consent."""
         said = specs.robot(robot, self.homes.get(home), self.robot).go_to(self.goal(entity, home))
         return self.goal_for(entity, home) | {"sent": said}
 
     def look_at(self, entity: str, view: int = 1, home: str = "") -> tuple[dict[str, Any], bytes]:
-        """The evidence for an object: what a view says, and a JPEG of the part of the photo around its box.
+        """The evidence of an object: one of its best views, and a JPEG of the photo around its box.
 
-        View 0 is the floor plan with the object or room and the way there.
+        View 0 is the floor plan with the object or room and the path to it.
         """
-        mapped = self.homes.get(home)
+        mapped, found = self._one(entity, home)
         if view == 0:
-            return self._plan(find(entity, mapped.objects, mapped.rooms), home, mapped)
-        one = _an_object(find(entity, mapped.objects, mapped.rooms))
+            return self._floor_plan(found, home, mapped)
+        one = _an_object(found)
         views = [v for v in one.views if v.frame in mapped.photos]
         if not views:
             raise InputError(f"the home keeps no photo of object {one.id}: call describe for all that is known")
@@ -214,20 +206,17 @@ class Operations:
             raise InputError(f"object {one.id} has the views 1 to {len(views)}, not {view}")
         seen = views[view - 1]
         jpeg, box = crop(mapped.photos[seen.frame], seen.box_xyxy)
-        told = {"frame": seen.frame, "box_in_picture": box, "score": round(seen.score, 2), "views": len(views)}
-        return self.about(home, mapped) | self._row(mapped, one) | told, jpeg
+        result = {"frame": seen.frame, "box_in_picture": box, "score": round(seen.score, 2), "views": len(views)}
+        return self.about(home, mapped) | self._row(mapped, one) | result, jpeg
 
-    def _plan(self, one: MapObject | Room, home: str, mapped: Home) -> tuple[dict[str, Any], bytes]:
-        from cartier.render.picture import plan_jpeg  # matplotlib, which all else does without
+    def _floor_plan(self, one: MapObject | Room, home: str, mapped: Home) -> tuple[dict[str, Any], bytes]:
+        from cartier.render.floor_plan import plan_jpeg  # loads matplotlib
 
         if mapped.grid is None:
             raise InputError("the home has no floor plan: it was mapped without depth; view 1 is the photo")
-        place = place_of(mapped, one)
-        row = _room_row(mapped, one) if isinstance(one, Room) else self._row(mapped, one)
-        goal, _ = plan(mapped.grid, place, mapped.start_xy, self.robot)
-        return self.about(home, mapped) | row | {"picture": "floor plan, x to the right, y up"}, plan_jpeg(
-            mapped, place, goal, self.robot
-        )
+        goal, _ = self._planned(mapped, one, mapped.start_xy)
+        row = self._row(mapped, one) | {"picture": "floor plan, x to the right, y up"}
+        return self.about(home, mapped) | row, plan_jpeg(mapped, place_of(one, mapped), goal, self.robot)
 
     def correct(
         self,
@@ -239,73 +228,71 @@ class Operations:
         home: str = "",
         who: str = "somebody",
     ) -> dict[str, Any]:
-        """Put something right: name an object or a room, forget an object, move an object to x, y, or undo the latest."""
+        """Correct a home: name an object or a room, forget an object, move an object to x, y, or undo the latest."""
         mapped, to_xy = self.homes.get(home), () if x is None or y is None else (x, y)
         if what == "move" and not to_xy:
-            raise InputError("move needs x and y, in metres of the map: describe tells where a thing is now")
-        _, told = mapped.correct(what, entity, name=name, to_xy=to_xy, who=who)
-        return self.about(home, self.homes.get(home)) | {"done": told, "next": "undo takes it back"}
+            raise InputError("move needs x and y, in metres of the map: describe says where the object is now")
+        _, result = mapped.correct(what, entity, name=name, to_xy=to_xy, who=who)
+        return self.about(home, self.homes.get(home)) | {"done": result, "next": "undo takes it back"}
 
     def undo(self, home: str = "", who: str = "somebody") -> dict[str, Any]:
-        """Take back the latest correction that holds."""
-        told = self.correct("undo", home=home, who=who)
-        return {key: value for key, value in told.items() if key != "next"}
+        """Undo the latest correction."""
+        result = self.correct("undo", home=home, who=who)
+        return {key: value for key, value in result.items() if key != "next"}
 
     def about(self, home: str, mapped: Home) -> dict[str, Any]:
-        """Which home it is, and how old its map."""
-        told: dict[str, Any] = {"home": self.homes.name(home), "home_id": mapped.id}
+        """The name and id of a home, and the age of its map."""
+        result: dict[str, Any] = {"home": self.homes.name(home), "home_id": mapped.id}
         if mapped.store is not None:
-            told["age_h"] = round(max(0.0, time.time() - (mapped.store.folder / MANIFEST).stat().st_mtime) / 3600, 2)
-        return told
+            result["age_h"] = round(max(0.0, time.time() - (mapped.store.folder / MANIFEST).stat().st_mtime) / 3600, 2)
+        return result
 
-    def _row(self, mapped: Home, obj: MapObject) -> dict[str, Any]:
-        x, y, z = (round(v, 2) for v in obj.position)
-        room = next((r.name for r in mapped.rooms if r.id == obj.room), None)
-        named = {"name": obj.names[0]} if obj.names else {}
-        goal = (
-            plan(mapped.grid, place_of(mapped, obj), mapped.start_xy, self.robot)[0]
-            if mapped.grid is not None
-            else None
-        )
-        return {
-            "id": obj.id, "label": obj.label, **named, "room": room, "x": x, "y": y, "z": z,
-            "certainty": round(obj.probability, 2), "evidence": _evidence(obj), "reachable": goal is not None,
-        }  # fmt: skip
+    def _one(self, entity: str, home: str) -> tuple[Home, MapObject | Room]:
+        """A home, and the object or room in it that is meant."""
+        mapped = self.homes.get(home)
+        return mapped, find(entity, mapped.objects, mapped.rooms)
 
-    def _goal(self, mapped: Home, place: Place, start: Sequence[float]) -> dict[str, Any]:
-        if mapped.grid is None:
-            return {"goal": None, "why_no_goal": NO_PLAN}
-        goal, why_not = plan(mapped.grid, place, start, self.robot)
+    def _planned(self, mapped: Home, one: MapObject | Room, start: Sequence[float]) -> tuple[Goal | None, str]:
+        """The goal pose at an object or in a room, or why there is none."""
+        return (None, NO_PLAN) if mapped.grid is None else plan(mapped.grid, place_of(one, mapped), start, self.robot)
+
+    def _goal(self, mapped: Home, one: MapObject | Room, start: Sequence[float]) -> dict[str, Any]:
+        goal, why_not = self._planned(mapped, one, start)
         return {"goal": None, "why_no_goal": why_not} if goal is None else {"goal": pose(goal)}
+
+    def _row(self, mapped: Home, one: MapObject | Room) -> dict[str, Any]:
+        if isinstance(one, Room):
+            return _room_row(mapped, one)
+        named = {"name": one.names[0]} if one.names else {}
+        return {
+            "id": one.id, "label": one.label, **named, "room": _room_name(mapped, one), **_xyz(one.position),
+            **_certainty(one), "reachable": self._planned(mapped, one, mapped.start_xy)[0] is not None,
+        }  # fmt: skip
 
 
 def _answer(home: Home, answer: Answer) -> dict[str, Any]:
     chosen, place, goal = answer.selection, answer.place, answer.goal
-    one = None
-    if place is not None:
-        one = next((t for t in home.objects if t.id == place.object_id), None)
-    told: dict[str, Any] = {"status": chosen.status, "object": chosen.object}
+    one = None if place is None else next((t for t in home.objects if t.id == place.object_id), None)
+    result: dict[str, Any] = {"status": chosen.status, "object": chosen.object}
     words = {getattr(chosen, key): key for key in ("reason", "text", "question")}  # the same text once
-    told |= {key: text for text, key in reversed(words.items()) if text}
+    result |= {key: text for text, key in reversed(words.items()) if text}
     if ids := _meant(home, chosen):
-        told["ids"] = ids
+        result["ids"] = ids
     if candidates := [[name, round(score, 2)] for name, score in chosen.candidates[:CANDIDATES] if score >= 0.01]:
-        told["candidates"] = candidates
+        result["candidates"] = candidates
     if one is not None:
-        room = next((r.name for r in home.rooms if r.id == one.room), None)
-        told |= {"name": one.names[0]} if one.names else {}
-        told |= {"id": one.id, "room": room, "certainty": round(one.probability, 2), "evidence": _evidence(one)}
-    if place is not None:  # the object's middle, as all else tells it; not the surface that the index aims at
-        position = place.position if one is None else one.position
-        told |= {axis: round(v, 2) for axis, v in zip("xyz", position, strict=True)}
-    told["goal"] = None if goal is None else pose(goal)
+        result |= {"name": one.names[0]} if one.names else {}
+        result |= {"id": one.id, "room": _room_name(home, one), **_certainty(one)}
+    if place is not None:  # the object's middle, as in every other result; not the surface that the index aims at
+        result |= _xyz(place.position if one is None else one.position)
+    result["goal"] = None if goal is None else pose(goal)
     notes = [note for note in answer.notes if "embedded reasoner answers" not in note]
-    told |= {"notes": notes} if notes else {}
-    return told | ({"next": [_answer(home, further) for further in answer.next]} if answer.next else {})
+    result |= {"notes": notes} if notes else {}
+    return result | ({"next": [_answer(home, further) for further in answer.next]} if answer.next else {})
 
 
 def _meant(home: Home, chosen: Selection) -> list[int]:
-    """The objects that an answer in words is about, or that a question names: who shows them lets a person point at one."""
+    """The objects that an answer is about, or that a question names, for a person to point at one."""
     if chosen.status != "clarify":
         return list(chosen.fact.objects[:MEANT]) if chosen.fact else []
     named = {name for name, _ in names_of(tuple(home.names)).mentions(chosen.question or "")}
@@ -313,7 +300,7 @@ def _meant(home: Home, chosen: Selection) -> list[int]:
 
 
 def pose(goal: Goal) -> dict[str, Any]:
-    """A goal with the corners of its path."""
+    """A goal pose with the corners of its path."""
     return {
         "x": round(goal.x, 3), "y": round(goal.y, 3), "yaw": round(goal.yaw, 3), "length_m": round(goal.length_m, 2),
         "sees_it": goal.line_of_sight, "path": _corners(goal.path),
@@ -321,7 +308,7 @@ def pose(goal: Goal) -> dict[str, Any]:
 
 
 def _corners(path: Array) -> list[list[float]]:
-    """A path (K, 2) without the points between which it goes straight on."""
+    """A path (K, 2) without the points on its straight parts."""
     if len(path) > 2:
         steps = np.diff(path, axis=0)
         turns = np.abs(steps[1:] - steps[:-1]).max(1) > 1e-6
@@ -329,16 +316,14 @@ def _corners(path: Array) -> list[list[float]]:
     return [[round(float(x), 3), round(float(y), 3)] for x, y in path]
 
 
-def place_of(home: Home, one: MapObject | Room) -> Place:
-    """Where an object or a room is, to plan for: what ``ask`` drives to. Of an object without such a place its box."""
-    if isinstance(one, Room):
-        chosen = Selection("found", one.name, room=one.id)
-    else:
-        chosen = Selection("found", one.label, object_id=one.id)
-    place = home.locate(chosen)
-    if place is not None and (isinstance(one, Room) or place.object_id == one.id):
+def place_of(one: MapObject | Room, home: Home) -> Place:
+    """The place of an object or a room, to plan a goal for: the one that ``ask`` drives to, else an object's box."""
+    room = one.id if isinstance(one, Room) else None
+    name = one.name if isinstance(one, Room) else one.label
+    place = home.locate(Selection("found", name, object_id=one.id if room is None else None, room=room))
+    if place is not None and (room is not None or place.object_id == one.id):
         return place
-    assert isinstance(one, MapObject)  # there are no rooms without a floor plan
+    assert isinstance(one, MapObject)  # a home without a floor plan has no rooms
     view = one.views[0] if one.views else None
     return Place(
         one.label, one.position, one.probability, view.frame if view else -1, view.box_xyxy if view else None,
@@ -363,19 +348,26 @@ def _called(home: Home, number: int | None) -> str:
     return f"{obj.names[0] if obj.names else obj.label} {obj.id}"
 
 
-def _than(kind: str) -> str:
-    return {"bigger": "bigger than"}.get(kind, kind)
-
-
-def _sure(home: Home, *more: MapObject) -> list[MapObject]:
+def _confirmed(home: Home, *more: MapObject) -> list[MapObject]:
     return [t for t in home.objects if t.confirmed or t in more]
+
+
+def _room_name(home: Home, obj: MapObject) -> str | None:
+    return next((room.name for room in home.rooms if room.id == obj.room), None)
+
+
+def _certainty(obj: MapObject) -> dict[str, Any]:
+    return {"certainty": round(obj.probability, 2), "evidence": _evidence(obj)}
+
+
+def _xyz(position: Sequence[float]) -> dict[str, float]:
+    return {axis: round(v, 2) for axis, v in zip("xyz", position, strict=True)}
 
 
 def _an_object(obj: MapObject | Room) -> MapObject:
     if isinstance(obj, Room):
-        raise InputError(
-            f"{obj.name} is a room: pass an object; list_objects with room={obj.name!r} shows what is in it"
-        )
+        hint = f"pass an object; list_objects with room={obj.name!r} shows what is in it"
+        raise InputError(f"{obj.name} is a room: {hint}")
     return obj
 
 

@@ -1,10 +1,9 @@
-"""What the page draws: a home as one JSON value; the page's own files; and both together as one file that opens from disk."""
+"""Web page of a home: its data as JSON, its own files, and both in one file that opens from disk."""
 
 from __future__ import annotations
 
 import base64
 import hashlib
-import itertools
 import json
 from collections.abc import Iterable
 from functools import cache
@@ -17,9 +16,10 @@ from cartier.home import Home
 from cartier.home.corrections import in_force
 from cartier.home.point_cloud import STEP_M, PointCloud
 from cartier.navigation.planning import plan
+from cartier.render.floor_plan import label_cell
 from cartier.serving.operations import Operations, crop, place_of, pose
 from cartier.spatial.relations import supports
-from cartier.types import FREE, OCCUPIED, Array, MapObject, RobotModel
+from cartier.types import FREE, OCCUPIED, MapObject, RobotModel
 from cartier.understanding.cards import SHIPPED, read_deck
 
 WEB = Path(__file__).with_name("web")
@@ -31,19 +31,19 @@ KINDS = {
     ".js": "text/javascript; charset=utf-8",
 }
 THUMB_PX, THUMB_QUALITY = 300, 72
-HEIGHT_M = 0.05  # step of the heights that are drawn
+HEIGHT_M = 0.05  # step of the heights of the floor plan
 
 
 @cache
 def files() -> dict[str, tuple[str, bytes]]:
-    """The page's files by the path they are served under: media type and bytes. No other path is ever read."""
+    """The page's files by the path of their URL: media type and bytes. No other file is served."""
     names = ("index.html", "style.css", *SCRIPTS)
-    told = {f"/{name}": (KINDS[Path(name).suffix], (WEB / name).read_bytes()) for name in names}
-    return {"/": told["/index.html"]} | told
+    served = {f"/{name}": (KINDS[Path(name).suffix], (WEB / name).read_bytes()) for name in names}
+    return {"/": served["/index.html"]} | served
 
 
 def view(home: Home) -> dict[str, Any]:
-    """Floor plan, rooms and objects of a home as plain JSON values; the cells as runs of (code, how many), row by row."""
+    """Floor plan, rooms and objects of a home as JSON values; the cells row by row as runs of (code, count)."""
     held = supports(home.objects)
     about: dict[str, Any] = {
         "title": home.name, "home_id": home.id, "detector": home.detector, "start": _rounded(home.start_xy),
@@ -56,20 +56,20 @@ def view(home: Home) -> dict[str, Any]:
         code[grid.cells == FREE], code[grid.cells == OCCUPIED] = 1, 2
         for number, room in enumerate(home.rooms):
             code[tuple(room.cells.T)] += 3 * (number + 1)
-            middle = _middle(grid.cells, room.cells)
             area = round(len(room.cells) * grid.resolution_m**2, 1)
             row = {"id": room.id, "name": room.name, "kind": room.kind, "area": area}
-            about["rooms"].append(row | {"at": _rounded(grid.centre(middle).tolist())})
+            about["rooms"].append(row | {"at": _rounded(grid.centre(label_cell(grid, room)).tolist())})
         steps = np.round(np.clip(grid.height_m.astype(np.float32), 0, 4) / HEIGHT_M).astype(np.int64)
         about["grid"] = {
-            "rows": grid.cells.shape[0], "cols": grid.cells.shape[1], "side": grid.resolution_m, "origin": _rounded(grid.origin_xy),
-            "cells": _runs(code), "heights": _runs(np.where(grid.cells == OCCUPIED, steps, 0)), "step": HEIGHT_M,
+            "rows": grid.cells.shape[0], "cols": grid.cells.shape[1], "side": grid.resolution_m,
+            "origin": _rounded(grid.origin_xy), "cells": _runs(code),
+            "heights": _runs(np.where(grid.cells == OCCUPIED, steps, 0)), "step": HEIGHT_M,
         }  # fmt: skip
     return about
 
 
 def cloud(home: Home) -> dict[str, Any] | None:
-    """The point cloud for the page: ``points`` is base64 of x, y, z as uint16 in ``step`` metres from ``low``, then red, green, blue."""
+    """The point cloud: ``points`` is base64 of x, y, z (uint16, in ``step`` metres from ``low``), then RGB."""
     seen = home.cloud()
     if seen is None:
         return None
@@ -80,7 +80,7 @@ def cloud(home: Home) -> dict[str, Any] | None:
 
 
 def _width(seen: PointCloud) -> float:
-    """How wide (m) points must be drawn to close most surfaces: a short recording leaves wider gaps than its voxels."""
+    """The width (m) of a drawn point that closes most surfaces: a short recording leaves gaps wider than its voxels."""
     from scipy.spatial import cKDTree
 
     some = seen.xyz_m[:: max(1, len(seen.xyz_m) // 3000)]
@@ -101,21 +101,22 @@ def view_json(operations: Operations, home: str) -> bytes:
 
 
 def one_file(home: Home, robot: RobotModel | None = None) -> bytes:
-    """The page with a home in it: opens from disk, and may load nothing from anywhere (its own policy says so)."""
-    told = view(home) | {"goals": {}, "photos": {}, "home": home.name, "uses": _uses(home), "cloud": cloud(home)}
+    """The page with a home in it: it opens from disk, and its Content-Security-Policy lets it load nothing."""
+    about = view(home) | {"goals": {}, "photos": {}, "home": home.name, "uses": _uses(home), "cloud": cloud(home)}
     for obj in home.objects:
         if home.grid is not None:
-            goal, _ = plan(home.grid, place_of(home, obj), home.start_xy, robot or RobotModel())
-            told["goals"][obj.id] = None if goal is None else pose(goal)
+            goal, _ = plan(home.grid, place_of(obj, home), home.start_xy, robot or RobotModel())
+            about["goals"][obj.id] = None if goal is None else pose(goal)
         if obj.confirmed and (photo := _photo(home, obj)) is not None:
-            told["photos"][obj.id] = photo
+            about["photos"][obj.id] = photo
     style, script = _text("style.css"), _text(*SCRIPTS)
-    policy = f"default-src 'none'; img-src data: blob:; style-src '{_sha(style)}'; script-src '{_sha(script)}'; base-uri 'none'; form-action 'none'"
+    policy = f"default-src 'none'; img-src data: blob:; style-src '{_sha(style)}'; script-src '{_sha(script)}'; "
+    policy += "base-uri 'none'; form-action 'none'"
     html = _text("index.html")
     head, _, rest = html.partition("<!-- head -->")
     _, _, body = rest.partition("<!-- /head -->")
     body, _, _ = body.partition("<!-- scripts -->")
-    data = _json(told).replace("<", "\\u003c")  # nothing in it ends the element
+    data = _json(about).replace("<", "\\u003c")  # so that no text in it ends the element
     return (
         f'{head}<meta http-equiv="Content-Security-Policy" content="{policy}">\n<style>{style}</style>{body}'
         f'<script type="application/json" id="home-data">{data}</script>\n<script>{script}</script>\n</body>\n</html>\n'
@@ -124,22 +125,21 @@ def one_file(home: Home, robot: RobotModel | None = None) -> bytes:
 
 @cache
 def answer_page() -> str:
-    """The page that draws one answer inside of a host for MCP Apps: one document, which loads nothing."""
+    """The page that draws one answer in a host for MCP Apps: one document, which loads nothing."""
     html, style, script = _text("answer.html"), _text("style.css"), _text(*ANSWER_SCRIPTS)
-    return html.replace("<!-- style -->", f"<style>{style}</style>").replace(
-        "<!-- scripts -->", f"<script>{script}</script>"
-    )
+    html = html.replace("<!-- style -->", f"<style>{style}</style>")
+    return html.replace("<!-- scripts -->", f"<script>{script}</script>")
 
 
-def answer(operations: Operations, told: dict[str, Any]) -> dict[str, Any]:
-    """What that page draws: the home as it is now, what an operation told of it, and the photo of its object."""
-    home = operations.homes.get(told["home"])
-    obj = next((t for t in home.objects if t.id == told.get("id")), None)
-    return {"view": view(home), "told": told, "photo": None if obj is None else _photo(home, obj)}
+def answer(operations: Operations, result: dict[str, Any]) -> dict[str, Any]:
+    """The data of that page: the home, the result of an operation, and the photo of its object."""
+    home = operations.homes.get(result["home"])
+    obj = next((t for t in home.objects if t.id == result.get("id")), None)
+    return {"view": view(home), "result": result, "photo": None if obj is None else _photo(home, obj)}
 
 
 def _photo(home: Home, obj: MapObject) -> dict[str, Any] | None:
-    """A small photo of an object with its box, None where none was kept."""
+    """A small photo of an object with its box; None if the home keeps none."""
     best = next((v for v in obj.views if v.frame in home.photos), None)
     if best is None:
         return None
@@ -152,12 +152,11 @@ def _text(*names: str) -> str:
 
 
 def _uses(home: Home) -> dict[str, list[str]]:
-    """What the confirmed things of a home are good for, by label: the phrases of the shipped knowledge cards."""
+    """The uses of the confirmed objects by label: the phrases of the shipped knowledge cards."""
     deck = read_deck(SHIPPED)
-    cards = {label: deck.card_of(label) for label in {obj.label for obj in home.objects if obj.confirmed}}
-    return {
-        label: [*deck.cards[k].synonyms, *deck.cards[k].uses] for label, k in sorted(cards.items()) if k is not None
-    }
+    labels = sorted({obj.label for obj in home.objects if obj.confirmed})
+    cards = [(label, deck.cards[k]) for label in labels if (k := deck.card_of(label)) is not None]
+    return {label: [*card.synonyms, *card.uses] for label, card in cards}
 
 
 def _object(obj: MapObject, held: Any) -> dict[str, Any]:
@@ -165,28 +164,18 @@ def _object(obj: MapObject, held: Any) -> dict[str, Any]:
     return {
         "id": obj.id, "label": obj.label, "names": list(obj.names), "also": [n for n, _ in obj.labels[1:4]],
         "room": obj.room, "at": _rounded(obj.position), "low": _rounded(obj.box_min), "high": _rounded(obj.box_max),
-        "sure": round(obj.probability, 3), "confirmed": obj.confirmed, "seen": obj.n_detected, "of": obj.n_observable,
-        "colours": [n for n, _ in obj.colours[:3]], "last_s": round(obj.last_seen_s, 1), "views": len(obj.views),
+        "probability": round(obj.probability, 3), "confirmed": obj.confirmed,
+        "n_detected": obj.n_detected, "n_observable": obj.n_observable, "colours": [n for n, _ in obj.colours[:3]],
+        "last_s": round(obj.last_seen_s, 1), "views": len(obj.views),
         "on": None if on is None else [on.kind, on.object],
     }  # fmt: skip
 
 
-def _middle(cells: Array, room: Array) -> Array:
-    """The cell (row, col) of a room that is farthest from all that stands in it: there is room for its name."""
-    from scipy.ndimage import distance_transform_edt
-
-    floor = np.zeros(np.add(cells.shape, 2), bool)
-    floor[tuple(room.T + 1)] = cells[tuple(room.T)] == FREE
-    if not floor.any():
-        return np.asarray(room[0])
-    return np.array(np.unravel_index(int(np.argmax(distance_transform_edt(floor))), floor.shape)) - 1
-
-
 def _runs(values: np.ndarray[Any, Any]) -> list[int]:
-    """Equal values in a row as value, count, value, count …"""
-    return list(
-        itertools.chain.from_iterable((k, sum(1 for _ in run)) for k, run in itertools.groupby(values.ravel().tolist()))
-    )
+    """Run lengths: value, count, value, count …"""
+    flat = values.ravel()
+    starts = np.flatnonzero(np.diff(flat, prepend=flat[:1] - 1))
+    return np.stack([flat[starts], np.diff(starts, append=flat.size)], axis=1).ravel().tolist()
 
 
 def _rounded(values: Iterable[float]) -> list[float]:

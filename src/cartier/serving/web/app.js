@@ -1,12 +1,12 @@
 "use strict";
-// The page: a conversation and a list beside the plan; what is chosen in one is chosen in all. Texts are only ever set as text.
+// The page: a conversation and a list of objects beside the floor plan. An object chosen in one of them is chosen in all.
 
 const stored = el("home-data"), source = stored ? new Stored(JSON.parse(stored.textContent)) : new Served();
 let data = null, chosen = null, offered = null, busy = false;
 const on = { choose: (t) => choose(t ? t.id : null), hover: tip };
 const plan = new Plan(el("plan"), on), scene = new Scene(el("scene"), on), views = [plan, scene];
 const byId = (id) => data.objects.find((t) => t.id === id);
-const roomOf = (thing) => data.rooms.find((r) => r.id === thing.room);
+const roomOf = (obj) => data.rooms.find((r) => r.id === obj.room);
 
 function toast(text) {
   const box = el("toast");
@@ -29,43 +29,43 @@ function choose(id, goal) {
 }
 
 function showCard(goal) {
-  const card = el("card"), thing = chosen === null ? null : byId(chosen);
-  card.hidden = !thing;
-  if (!thing) { card.replaceChildren(); return; }
-  const size = thing.high.map((h, i) => Math.round((h - thing.low[i]) * 100)).join(" × "), room = roomOf(thing), on = thing.on && byId(thing.on[1]);
-  const facts = [["Sure", `${Math.round(thing.sure * 100)} %, seen in ${thing.seen} of ${thing.of} frames`], ["Where", room ? room.name : `x ${thing.at[0].toFixed(2)} y ${thing.at[1].toFixed(2)}`], on ? ["Stands", `${thing.on[0]} ${called(on)}`] : null, ["Size", `${size} cm`], thing.colours.length ? ["Colour", thing.colours.join(", ")] : null, thing.names.length || thing.also.length ? ["Also", [...(thing.names.length ? [thing.label] : []), ...thing.also].join(", ")] : null].filter(Boolean);
+  const card = el("card"), obj = chosen === null ? null : byId(chosen);
+  card.hidden = !obj;
+  if (!obj) { card.replaceChildren(); return; }
+  const size = obj.high.map((h, i) => Math.round((h - obj.low[i]) * 100)).join(" × "), room = roomOf(obj), on = obj.on && byId(obj.on[1]);
+  const facts = [["Certainty", `${Math.round(obj.probability * 100)} %, detected in ${obj.n_detected} of ${obj.n_observable} frames`], ["Where", room ? room.name : `x ${obj.at[0].toFixed(2)} y ${obj.at[1].toFixed(2)}`], on ? ["Stands", `${obj.on[0]} ${called(on)}`] : null, ["Size", `${size} cm`], obj.colours.length ? ["Colour", obj.colours.join(", ")] : null, obj.names.length || obj.also.length ? ["Also", [...(obj.names.length ? [obj.label] : []), ...obj.also].join(", ")] : null].filter(Boolean);
   const way = make("dd", { id: "way" }, inWords(goal));
   const dl = make("dl", {}, ...facts.flatMap(([k, v]) => [make("dt", {}, k), make("dd", {}, v)]), make("dt", {}, "Way"), way);
   const photo = make("span", { class: "photo", hidden: "" }), doing = make("div", { class: "doing" });
-  const idle = () => doing.replaceChildren(button("Rename", () => rename(thing, doing, idle)), button("Move", () => move(thing, doing, idle)), button("Forget", () => correct("forget", thing, {})));
+  const idle = () => doing.replaceChildren(button("Rename", () => rename(obj, doing, idle)), button("Move", () => move(obj, doing, idle)), button("Forget", () => correct("forget", obj, {})));
   if (source.canCorrect) idle();
-  card.replaceChildren(make("div", { class: "top" }, make("h2", {}, called(thing), make("span", { class: "muted" }, ` ${thing.id}`)), make("button", { type: "button", "aria-label": "Close", onclick: () => { choose(null); el("words").focus(); } }, "×")), photo, dl, doing);
-  if (thing.views) safely(async () => showPhoto(photo, await source.photo(thing, 1), thing));
+  card.replaceChildren(make("div", { class: "top" }, make("h2", {}, called(obj), make("span", { class: "muted" }, ` ${obj.id}`)), make("button", { type: "button", "aria-label": "Close", onclick: () => { choose(null); el("words").focus(); } }, "×")), photo, dl, doing);
+  if (obj.views) safely(async () => showPhoto(photo, await source.photo(obj, 1), obj));
 }
 function form(doing, idle, fields, send) {
   const made = make("form", { class: "doing", onsubmit: (e) => { e.preventDefault(); send(); } }, ...fields, make("button", { class: "main" }, "Save"), button("Cancel", () => { stopPlacing(); idle(); }));
   doing.replaceChildren(made);
   fields[0].focus();
 }
-function rename(thing, doing, idle) {
-  const name = make("input", { "aria-label": "New name", placeholder: "What do you call it?", maxlength: "60", value: thing.names[0] || "" });
-  form(doing, idle, [name], () => correct("name", thing, { name: name.value }));
+function rename(obj, doing, idle) {
+  const name = make("input", { "aria-label": "New name", placeholder: "What do you call it?", maxlength: "60", value: obj.names[0] || "" });
+  form(doing, idle, [name], () => correct("name", obj, { name: name.value }));
 }
-function move(thing, doing, idle) {
-  const [x, y] = [0, 1].map((k) => make("input", { type: "number", step: "0.01", "aria-label": `${"xy"[k]} in metres`, value: thing.at[k].toFixed(2) }));
-  form(doing, idle, [x, y], () => correct("move", thing, { x: Number(x.value), y: Number(y.value) }));
+function move(obj, doing, idle) {
+  const [x, y] = [0, 1].map((k) => make("input", { type: "number", step: "0.01", "aria-label": `${"xy"[k]} in metres`, value: obj.at[k].toFixed(2) }));
+  form(doing, idle, [x, y], () => correct("move", obj, { x: Number(x.value), y: Number(y.value) }));
   if (el("plan").hasAttribute("hidden")) return;
   el("hint").textContent = "Click where it stands now"; el("hint").hidden = false; el("plan").classList.add("placing");
-  plan.placing = (px, py) => { x.value = px.toFixed(2); y.value = py.toFixed(2); correct("move", thing, { x: px, y: py }); };
+  plan.placing = (px, py) => { x.value = px.toFixed(2); y.value = py.toFixed(2); correct("move", obj, { x: px, y: py }); };
 }
 function stopPlacing() { plan.placing = null; el("hint").hidden = true; el("plan").classList.remove("placing"); }
-function correct(what, thing, more) {
+function correct(what, obj, more) {
   return safely(async () => {
-    const told = await source.correct(what, thing.id, more);
+    const result = await source.correct(what, obj.id, more);
     stopPlacing();
-    await reload(what === "forget" ? null : thing.id);
-    toast(`${told.done}. Undo takes it back.`);
-    (what === "forget" ? el("undo") : document.querySelector("#card .doing button")).focus(); // the form that had the focus is gone
+    await reload(what === "forget" ? null : obj.id);
+    toast(`${result.done}. Undo takes it back.`);
+    (what === "forget" ? el("undo") : document.querySelector("#card .doing button")).focus(); // the form that had the focus is closed
   });
 }
 
@@ -84,53 +84,53 @@ async function ask(words) {
   busy = false;
   waiting.scrollIntoView({ block: "nearest" });
 }
-function answer(into, told) {
-  const parts = [], goalText = told.goal ? make("small", {}, inWords(told.goal)) : null;
-  const head = told.text || (told.object ? `${told.status === "likely_near" ? "Likely near the " : ""}${told.name || told.object}${told.room ? `, in the ${told.room}` : ""}.` : told.question || "Nothing here serves that.");
-  parts.push(make("p", {}, head[0].toUpperCase() + head.slice(1)), told.reason ? make("small", {}, told.reason) : null, goalText, ...(told.notes || []).map((n) => make("small", {}, n)));
-  const ids = (told.ids || []).map(byId).filter(Boolean), names = told.status === "clarify" ? (told.candidates || []).map(([n]) => n) : [];
-  const options = ids.length ? ids : data.objects.filter((t) => t.confirmed && (names.includes(t.label) || t.names.some((n) => names.includes(n))));
+function answer(into, result) {
+  const parts = [], goalText = result.goal ? make("small", {}, inWords(result.goal)) : null;
+  const head = result.text || (result.object ? `${result.status === "likely_near" ? "Likely near the " : ""}${result.name || result.object}${result.room ? `, in the ${result.room}` : ""}.` : result.question || "Nothing here serves that.");
+  parts.push(make("p", {}, head[0].toUpperCase() + head.slice(1)), result.reason ? make("small", {}, result.reason) : null, goalText, ...(result.notes || []).map((n) => make("small", {}, n)));
+  const ids = (result.ids || []).map(byId).filter(Boolean), names = result.status === "clarify" ? (result.candidates || []).map(([n]) => n) : [];
+  const options = ids.length ? ids : calledAny(data.objects, names);
   offered = options.length ? new Set(options.map((t) => t.id)) : null;
   if (options.length) parts.push(make("div", { class: "choices" }, ...options.slice(0, 12).map((t) => { const b = button(apart(t, options), () => choose(t.id)); b.prepend(dot(t)); return b; })));
   into.replaceChildren(...parts.filter(Boolean));
-  if (told.id !== undefined) choose(told.id, told.goal || undefined); else choose(null);
-  for (const further of told.next || []) answer(say("robot", ""), further);
+  if (result.id !== undefined) choose(result.id, result.goal || undefined); else choose(null);
+  for (const further of result.next || []) answer(say("robot", ""), further);
   if (el("mic").dataset.used) speechSynthesis.speak(new SpeechSynthesisUtterance(head));
 }
-function apart(thing, others) { // its name, and what tells it from those of the same name
-  const same = others.filter((o) => called(o) === called(thing)), room = roomOf(thing), tells = (of) => new Set(same.map(of)).size === same.length;
+function apart(obj, others) { // its name, and what distinguishes it from others of that name
+  const same = others.filter((o) => called(o) === called(obj)), room = roomOf(obj), tells = (of) => new Set(same.map(of)).size === same.length;
   const colour = (t) => t.colours[0] || "", place = (t) => (roomOf(t) || { name: "" }).name;
-  if (same.length === 1) return `${called(thing)}${room && data.rooms.length > 1 ? ` · ${room.name}` : ""}`;
-  return `${called(thing)} · ${tells(place) ? place(thing) : tells(colour) ? colour(thing) : `${place(thing)} (${thing.id})`}`;
+  if (same.length === 1) return `${called(obj)}${room && data.rooms.length > 1 ? ` · ${room.name}` : ""}`;
+  return `${called(obj)} · ${tells(place) ? place(obj) : tells(colour) ? colour(obj) : `${place(obj)} (${obj.id})`}`;
 }
-function dot(thing) {
+function dot(obj) {
   const made = make("span", { class: "dot", "aria-hidden": "true" });
-  made.style.background = COLOURS[thing.colours[0]] || "#4a78b8";
+  made.style.background = COLOURS[obj.colours[0]] || "#4a78b8";
   return made;
 }
 
-function listThings() {
-  const wanted = plain(el("search").value), room = el("room").value, unsure = el("unsure").checked;
-  const fits = (t) => (t.confirmed || unsure) && (room === "" || String(t.room) === room) && (!wanted || plain([...t.names, t.label, ...t.also, ...t.colours, (roomOf(t) || { name: "" }).name].join(" ")).includes(wanted));
+function listObjects() {
+  const wanted = plain(el("search").value), room = el("room").value, tentative = el("tentative").checked;
+  const fits = (t) => (t.confirmed || tentative) && (room === "" || String(t.room) === room) && (!wanted || plain([...t.names, t.label, ...t.also, ...t.colours, (roomOf(t) || { name: "" }).name].join(" ")).includes(wanted));
   const found = data.objects.filter(fits), rows = [], places = [...data.rooms, { id: null, name: data.rooms.length ? "elsewhere" : "objects" }];
   for (const place of places) {
     const here = found.filter((t) => t.room === place.id || (place.id === null && !roomOf(t))).sort((a, b) => called(a).localeCompare(called(b)) || a.id - b.id);
     if (!here.length) continue;
     rows.push(make("li", {}, make("h2", {}, `${place.name}${place.area ? `, ${place.area} m²` : ""} `, source.canCorrect && place.id !== null ? make("button", { type: "button", class: "pen", "aria-label": `Rename ${place.name}`, onclick: () => renameRoom(place) }, "✎︎") : null)));
     for (const t of here) {
-      const row = make("button", { type: "button", "aria-current": String(t.id === chosen), onclick: () => choose(t.id) }, dot(t), `${called(t)}${t.confirmed ? "" : " ?"}`, make("span", { class: "muted" }, `${Math.round(t.sure * 100)} %`));
+      const row = make("button", { type: "button", "aria-current": String(t.id === chosen), onclick: () => choose(t.id) }, dot(t), `${called(t)}${t.confirmed ? "" : " ?"}`, make("span", { class: "muted" }, `${Math.round(t.probability * 100)} %`));
       row.dataset.id = t.id;
       rows.push(make("li", {}, row));
     }
   }
-  el("list").replaceChildren(...(rows.length ? rows : [make("li", { class: "muted" }, "Nothing here has that name.")]));
+  el("list").replaceChildren(...(rows.length ? rows : [make("li", { class: "muted" }, "No object matches.")]));
   el("count").textContent = String(data.objects.filter((t) => t.confirmed).length);
   offered = wanted || room !== "" ? new Set(found.map((t) => t.id)) : null;
   for (const v of views) v.mark(chosen, offered);
 }
 function renameRoom(place) {
   const name = make("input", { "aria-label": `New name of ${place.name}`, maxlength: "60", value: place.name }), row = [...el("list").querySelectorAll("h2")].find((h) => h.textContent.startsWith(place.name));
-  row.replaceChildren(make("form", { class: "doing", onsubmit: (e) => { e.preventDefault(); safely(async () => { const told = await source.correct("name", `room:${place.id}`, { name: name.value }); await reload(chosen); toast(`${told.done}. Undo takes it back.`); }); } }, name, make("button", { class: "main" }, "Save"), button("Cancel", listThings)));
+  row.replaceChildren(make("form", { class: "doing", onsubmit: (e) => { e.preventDefault(); safely(async () => { const result = await source.correct("name", `room:${place.id}`, { name: name.value }); await reload(chosen); toast(`${result.done}. Undo takes it back.`); }); } }, name, make("button", { class: "main" }, "Save"), button("Cancel", listObjects)));
   name.focus(); name.select();
 }
 
@@ -147,21 +147,21 @@ async function reload(keep) {
   el("room").value = room;
   plan.draw(data, css); scene.draw(data, css, plan.whole);
   loadPoints();
-  listThings();
+  listObjects();
   choose(keep !== undefined && keep !== null && byId(keep) ? keep : null);
 }
 function tab(which) {
-  for (const name of ["talk", "things"]) { el(name).hidden = name !== which; el(`tab-${name}`).setAttribute("aria-selected", String(name === which)); el(`tab-${name}`).tabIndex = name === which ? 0 : -1; }
+  for (const name of ["talk", "objects"]) { el(name).hidden = name !== which; el(`tab-${name}`).setAttribute("aria-selected", String(name === which)); el(`tab-${name}`).tabIndex = name === which ? 0 : -1; }
 }
 function show(solid) {
-  if (solid) { el("scene").hidden = false; if (!scene.start()) { el("scene").hidden = true; toast("This browser draws no WebGL2."); return; } }
+  if (solid) { el("scene").hidden = false; if (!scene.start()) { el("scene").hidden = true; toast("This browser has no WebGL2."); return; } }
   el("plan").toggleAttribute("hidden", solid); el("scene").hidden = !solid;
   el("flat").setAttribute("aria-pressed", String(!solid)); el("solid").setAttribute("aria-pressed", String(solid));
   stopPlacing();
   el("points-on").hidden = !solid || !scene.cloud;
   if (solid) { scene.paint(); loadPoints(); } else plan.name();
 }
-function loadPoints() { // when somebody looks at them, and not before
+function loadPoints() { // only once the 3-D view is open
   const of = `${source.home}@${data.home_id}`;
   if (el("scene").hidden || loadPoints.of === of) return;
   loadPoints.of = of;
@@ -177,26 +177,26 @@ function theme(dark) {
   document.documentElement.classList.toggle("dark", dark);
   if (data) { plan.draw(data, css); scene.paint(); choose(chosen); }
 }
-function listen() { // the browser's own speech, where it has one
-  const Heard = window.SpeechRecognition || window.webkitSpeechRecognition;
-  if (!Heard || !window.speechSynthesis || stored) return;
+function listen() { // speech recognition by the browser, where it has one
+  const Recognition = window.SpeechRecognition || window.webkitSpeechRecognition;
+  if (!Recognition || !window.speechSynthesis || stored) return;
   el("mic").hidden = false;
   el("mic").addEventListener("click", () => {
-    const ear = new Heard();
+    const recognition = new Recognition();
     el("mic").dataset.used = "1";
-    ear.lang = navigator.language;
-    ear.onresult = (e) => ask(e.results[0][0].transcript);
-    ear.onerror = (e) => toast(`The browser heard nothing (${e.error}).`);
-    ear.start();
+    recognition.lang = navigator.language;
+    recognition.onresult = (e) => ask(e.results[0][0].transcript);
+    recognition.onerror = (e) => toast(`The browser recognised no words (${e.error}).`);
+    recognition.start();
   });
 }
 
 const current = () => (el("scene").hidden ? plan : scene);
 el("ask").addEventListener("submit", (e) => { e.preventDefault(); const words = el("words").value; el("words").value = ""; ask(words); });
-for (const id of ["search", "room", "unsure"]) el(id).addEventListener("input", listThings);
-for (const name of ["talk", "things"]) {
+for (const id of ["search", "room", "tentative"]) el(id).addEventListener("input", listObjects);
+for (const name of ["talk", "objects"]) {
   el(`tab-${name}`).addEventListener("click", () => tab(name));
-  el(`tab-${name}`).addEventListener("keydown", (e) => { if (e.key === "ArrowLeft" || e.key === "ArrowRight") { const other = name === "talk" ? "things" : "talk"; tab(other); el(`tab-${other}`).focus(); } });
+  el(`tab-${name}`).addEventListener("keydown", (e) => { if (e.key === "ArrowLeft" || e.key === "ArrowRight") { const other = name === "talk" ? "objects" : "talk"; tab(other); el(`tab-${other}`).focus(); } });
 }
 el("flat").addEventListener("click", () => show(false));
 el("points").addEventListener("input", () => { scene.shown = el("points").checked; scene.paint(); });
@@ -205,13 +205,13 @@ el("in").addEventListener("click", () => current().zoom(0.7));
 el("out").addEventListener("click", () => current().zoom(1.4));
 el("fit").addEventListener("click", () => current().fit());
 el("theme").addEventListener("click", () => theme(!document.documentElement.classList.contains("dark")));
-el("undo").addEventListener("click", () => safely(async () => { const told = await source.undo(); await reload(chosen); toast(told.done); if (el("undo").hidden) el("flat").focus(); }));
+el("undo").addEventListener("click", () => safely(async () => { const result = await source.undo(); await reload(chosen); toast(result.done); if (el("undo").hidden) el("flat").focus(); }));
 document.addEventListener("keydown", (e) => {
   if (e.key === "Escape" && !el("key").open) { stopPlacing(); choose(null); }
   if (e.key === "/" && !/INPUT|SELECT/.test(document.activeElement.tagName)) { e.preventDefault(); el("words").focus(); }
 });
 el("homes").addEventListener("change", () => safely(async () => { source.home = el("homes").value; el("turns").replaceChildren(); await reload(); }));
-new ResizeObserver(() => { el("turns").scrollTop = el("turns").scrollHeight; }).observe(el("turns")); // the card takes its room from the talk
+new ResizeObserver(() => { el("turns").scrollTop = el("turns").scrollHeight; }).observe(el("turns")); // keep the last turn in view when the card opens
 theme(matchMedia("(prefers-color-scheme: dark)").matches);
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", (e) => theme(e.matches));
 tab("talk");
@@ -222,6 +222,6 @@ safely(async () => {
   el("homes").hidden = homes.length < 2; el("title").classList.toggle("hidden", homes.length > 1);
   el("homes").replaceChildren(...homes.map((h) => make("option", {}, h)));
   await reload();
-  say("robot", make("p", {}, stored ? "Which thing are you looking for?" : "What do you need? Say it as you like."));
+  say("robot", make("p", {}, stored ? "Which object are you looking for?" : "What do you need? Say it as you like."));
   document.documentElement.dataset.ready = "1";
 });

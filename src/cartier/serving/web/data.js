@@ -1,5 +1,5 @@
 "use strict";
-// Where the page's data come from: a server, or the value that is written into the file itself.
+// The page's data source: a server (Served), or the JSON that is stored in the page itself (Stored).
 
 const plain = (text) => text.toLowerCase().normalize("NFKD").replace(/[^\p{L}\p{N} ]+/gu, " ").replace(/\s+/g, " ").trim();
 
@@ -28,12 +28,12 @@ class Served {
   view() { return this.json(this.at("view")); }
   async cloud() { return (await this.json(this.at("cloud"))).cloud; }
   ask(words) { return this.json(this.at("ask"), { words, conversation: this.talk }); }
-  async goal(thing) { const told = await this.json(this.at(`goal?entity=${thing.id}`)); return told.goal || { why: told.why_no_goal }; }
-  async photo(thing, view) {
-    const got = await this.call(this.at(`photo?entity=${thing.id}&view=${view}`));
+  async goal(obj) { const result = await this.json(this.at(`goal?entity=${obj.id}`)); return result.goal || { why: result.why_no_goal }; }
+  async photo(obj, view) {
+    const got = await this.call(this.at(`photo?entity=${obj.id}&view=${view}`));
     return { src: URL.createObjectURL(await got.blob()), box: JSON.parse(got.headers.get("x-box")) };
   }
-  correct(what, thing, more) { return this.json(this.at("corrections"), { what, entity: String(thing), who: "the page", ...more }); }
+  correct(what, entity, more) { return this.json(this.at("corrections"), { what, entity: String(entity), who: "the page", ...more }); }
   undo() { return this.json(this.at("undo"), { who: "the page" }); }
 }
 
@@ -43,32 +43,32 @@ class Stored {
   async homes() { return [this.data.home]; }
   async view() { return this.data; }
   async cloud() { return this.data.cloud; }
-  async goal(thing) { return this.data.goals[thing.id] || { why: "no pose near it can be reached" }; }
-  async photo(thing) { const p = this.data.photos[thing.id]; return p && { src: `data:image/jpeg;base64,${p.jpeg}`, box: p.box }; }
-  // Without a server nobody reasons: words are looked up among names, labels, rooms and colours.
+  async goal(obj) { return this.data.goals[obj.id] || { why: "no reachable pose near it" }; }
+  async photo(obj) { const p = this.data.photos[obj.id]; return p && { src: `data:image/jpeg;base64,${p.jpeg}`, box: p.box }; }
+  // There is no reasoner without a server: words are looked up among names, labels, rooms and colours.
   async ask(words) {
     const asked = plain(words).split(" ").map((w) => w.replace(/(ss)$|(?<!s)s$/, "$1")), said = ` ${asked.join(" ")} `;
     const key = (name) => plain(name).split(" ").map((w) => w.replace(/(ss)$|(?<!s)s$/, "$1")).join(" ");
     const rooms = new Map(this.data.rooms.map((r) => [r.id, r]));
     let best = [], most = 0;
-    for (const thing of this.data.objects.filter((t) => t.confirmed)) {
-      const names = [...thing.names, thing.label, ...thing.also].map(key), hit = names.filter((n) => n && said.includes(` ${n} `)).sort((a, b) => b.length - a.length)[0];
+    for (const obj of this.data.objects.filter((t) => t.confirmed)) {
+      const names = [...obj.names, obj.label, ...obj.also].map(key), hit = names.filter((n) => n && said.includes(` ${n} `)).sort((a, b) => b.length - a.length)[0];
       if (!hit) continue;
-      const room = rooms.get(thing.room), extra = (room && said.includes(` ${key(room.name)} `) ? 5 : 0) + thing.colours.filter((c) => asked.includes(c)).length * 3;
-      const worth = hit.length + (names.indexOf(hit) < thing.names.length + 1 ? 2 : 0) + extra;
+      const room = rooms.get(obj.room), extra = (room && said.includes(` ${key(room.name)} `) ? 5 : 0) + obj.colours.filter((c) => asked.includes(c)).length * 3;
+      const worth = hit.length + (names.indexOf(hit) < obj.names.length + 1 ? 2 : 0) + extra;
       if (worth > most) { best = []; most = worth; }
-      if (worth === most) best.push(thing);
+      if (worth === most) best.push(obj);
     }
     if (!best.length) {
       const label = this.serves(asked);
       best = this.data.objects.filter((t) => t.confirmed && t.label === label);
     }
-    if (!best.length) return { status: "not_found", reason: "Nothing here has such a name or use. This file only compares words: serve the home to ask for anything.", goal: null };
+    if (!best.length) return { status: "not_found", reason: "No object here has such a name or use. This file only compares words: serve the home to ask anything.", goal: null };
     if (/\bhow many\b/i.test(words)) return { status: "answered", text: `${best.length} × ${best[0].label}`, ids: best.map((t) => t.id), goal: null };
     if (best.length > 1) return { status: "clarify", question: `There are ${best.length}. Which one?`, ids: best.map((t) => t.id), goal: null };
     return { status: "found", object: called(best[0]), id: best[0].id, goal: this.data.goals[best[0].id] };
   }
-  // The label one of whose uses shares the rarest words with what was asked, null where that says too little.
+  // The label whose uses share the rarest words with the request; null below a threshold.
   serves(asked) {
     const split = (text) => new Set(plain(text).split(" ")), phrases = Object.entries(this.data.uses).flatMap(([label, uses]) => uses.map((u) => [label, split(u)])), count = new Map();
     for (const [, words] of phrases) for (const w of words) count.set(w, (count.get(w) || 0) + 1);

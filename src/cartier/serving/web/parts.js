@@ -1,8 +1,9 @@
 "use strict";
-// What the page and the answer within another program both draw with. Texts are only ever set as text.
+// Helpers shared by the page (app.js) and the answer in an MCP host (answer.js). Texts are inserted as text, never as HTML.
 
 const COLOURS = { black: "#26262a", white: "#f4f4f0", grey: "#8d9096", red: "#c8403a", orange: "#d9823b", brown: "#8a5f3c", yellow: "#dcc04c", green: "#5b9a52", blue: "#4a78b8", purple: "#80609f", pink: "#d893ae", beige: "#d8c6a2", turquoise: "#4fa9a4" };
-const called = (thing) => thing.names[0] || thing.label;
+const called = (obj) => obj.names[0] || obj.label;
+const calledAny = (objects, names) => objects.filter((t) => t.confirmed && (names.includes(t.label) || t.names.some((n) => names.includes(n))));
 const el = (id) => document.getElementById(id);
 const make = (name, attributes = {}, ...inside) => {
   const made = document.createElement(name);
@@ -12,11 +13,11 @@ const make = (name, attributes = {}, ...inside) => {
 };
 const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 const button = (text, onclick, kind) => make("button", { type: "button", onclick, class: kind || null }, text);
-function tip(thing, e) {
+function tip(obj, e) {
   const box = el("tip");
-  box.hidden = !thing;
-  if (!thing) return;
-  box.textContent = `${called(thing)}${thing.names.length ? ` (${thing.label})` : ""} · ${Math.round(thing.sure * 100)} %`;
+  box.hidden = !obj;
+  if (!obj) return;
+  box.textContent = `${called(obj)}${obj.names.length ? ` (${obj.label})` : ""} · ${Math.round(obj.probability * 100)} %`;
   const stage = el("stage").getBoundingClientRect();
   box.style.left = `${Math.min(e.clientX - stage.left + 14, stage.width - box.offsetWidth - 6)}px`;
   box.style.top = `${Math.max(e.clientY - stage.top - 34, 4)}px`;
@@ -25,9 +26,9 @@ function inWords(goal) {
   if (!goal) return "…";
   return goal.path ? `${goal.length_m.toFixed(1)} m to drive, to x ${goal.x.toFixed(2)} y ${goal.y.toFixed(2)}${goal.sees_it === false ? ", something in between" : ""}` : goal.why || "none";
 }
-function showPhoto(into, photo, thing) {
+function showPhoto(into, photo, obj) {
   if (!photo) return;
-  const image = make("img", { src: photo.src, alt: `The photo that shows the ${called(thing)}, with its box` });
+  const image = make("img", { src: photo.src, alt: `The photo that shows the ${called(obj)}, with its box` });
   image.addEventListener("load", () => {
     const [x1, y1, x2, y2] = photo.box, w = image.naturalWidth, h = image.naturalHeight, mark = make("i"), low = (v, m) => Math.max(0, v) / m * 100;
     Object.assign(mark.style, { left: `${low(x1, w)}%`, top: `${low(y1, h)}%`, width: `${(Math.min(x2, w) - Math.max(0, x1)) / w * 100}%`, height: `${(Math.min(y2, h) - Math.max(0, y1)) / h * 100}%` });

@@ -1,7 +1,7 @@
 "use strict";
 // The floor plan as SVG, in metres: x to the right, y upwards.
 
-const WALL_M = 1.5; // what is higher is drawn as a wall
+const WALL_M = 1.5; // occupied cells higher than this are drawn as walls
 const SVG = "http://www.w3.org/2000/svg";
 const shape = (name, attributes = {}, text) => {
   const made = document.createElementNS(SVG, name);
@@ -12,7 +12,7 @@ const shape = (name, attributes = {}, text) => {
 
 class Plan {
   constructor(svg, on) {
-    this.svg = svg; this.on = on; this.things = new Map(); this.view = { x: 0, y: 0, w: 1, h: 1 }; this.chosen = null; this.placing = null;
+    this.svg = svg; this.on = on; this.shapes = new Map(); this.view = { x: 0, y: 0, w: 1, h: 1 }; this.chosen = null; this.placing = null;
     new ResizeObserver(() => this.data && this.fit()).observe(svg);
     svg.addEventListener("wheel", (e) => { e.preventDefault(); this.zoom(Math.exp(e.deltaY * 0.0015), this.metres(e)); }, { passive: false });
     svg.addEventListener("keydown", (e) => this.key(e));
@@ -63,7 +63,7 @@ class Plan {
   fit() { const { x, y, w, h } = this.whole; this.look(x, y, w, h); }
 
   draw(data, css) {
-    this.data = data; this.byId = new Map(data.objects.map((t) => [t.id, t])); this.things.clear();
+    this.data = data; this.byId = new Map(data.objects.map((t) => [t.id, t])); this.shapes.clear();
     const all = data.objects.flatMap((t) => [t.low, t.high]).concat([[...data.start, 0]]);
     let [x0, y0, x1, y1] = [Math.min(...all.map((p) => p[0])), Math.min(...all.map((p) => p[1])), Math.max(...all.map((p) => p[0])), Math.max(...all.map((p) => p[1]))];
     const ground = data.grid ? this.ground(data, css) : null;
@@ -72,10 +72,10 @@ class Plan {
     this.whole = { x: x0 - pad, y: -y1 - pad, w: x1 - x0 + 2 * pad, h: y1 - y0 + 2 * pad };
     const group = shape("g", { "aria-hidden": "true" });
     if (ground) group.append(ground.image);
-    for (const thing of [...data.objects].sort((a, b) => a.high[2] - b.high[2])) {
-      const r = shape("rect", { x: thing.low[0], y: -thing.high[1], width: Math.max(thing.high[0] - thing.low[0], 0.04), height: Math.max(thing.high[1] - thing.low[1], 0.04), rx: 0.03, class: thing.confirmed ? "thing" : "thing unsure", fill: COLOURS[thing.colours[0]] || "#4a78b8" });
-      r.dataset.id = thing.id;
-      this.things.set(thing.id, r);
+    for (const obj of [...data.objects].sort((a, b) => a.high[2] - b.high[2])) {
+      const r = shape("rect", { x: obj.low[0], y: -obj.high[1], width: Math.max(obj.high[0] - obj.low[0], 0.04), height: Math.max(obj.high[1] - obj.low[1], 0.04), rx: 0.03, class: obj.confirmed ? "object" : "object tentative", fill: COLOURS[obj.colours[0]] || "#4a78b8" });
+      r.dataset.id = obj.id;
+      this.shapes.set(obj.id, r);
       group.append(r);
     }
     this.way = shape("g"); this.texts = shape("g");
@@ -87,7 +87,7 @@ class Plan {
     const { rows, cols, side, origin, cells: runs } = data.grid, cells = expand(runs, rows * cols), heights = expand(data.grid.heights, rows * cols), canvas = document.createElement("canvas");
     canvas.width = cols; canvas.height = rows;
     const context = canvas.getContext("2d"), image = context.createImageData(cols, rows), rgb = (name) => css(name).match(/\w\w/g).map((h) => parseInt(h, 16));
-    const base = [rgb("--unknown"), rgb("--floor"), rgb("--wall")], low = rgb("--low"); // walls are dark, what stands on the floor is not
+    const base = [rgb("--unknown"), rgb("--floor"), rgb("--wall")], low = rgb("--low"); // walls are dark, furniture is light
     const tints = [[77, 148, 204], [224, 158, 70], [96, 168, 92], [168, 110, 190], [190, 172, 60], [214, 106, 120], [70, 170, 170], [130, 130, 150]];
     let [x0, y0, x1, y1] = [cols, rows, 0, 0];
     for (let i = 0; i < cells.length; i++) {
@@ -101,7 +101,7 @@ class Plan {
     const drawn = shape("image", { x: origin[0], y: -(origin[1] + rows * side), width: cols * side, height: rows * side, href: canvas.toDataURL(), preserveAspectRatio: "none", class: "ground" });
     return { image: drawn, known: [origin[0] + x0 * side, origin[1] + y0 * side, origin[0] + x1 * side, origin[1] + y1 * side] };
   }
-  // Names go where they hide no other: rooms first, then the chosen one, then what people named, then the large.
+  // Labels must not overlap: the chosen object comes first, then rooms, then named objects, then large ones.
   name() {
     const box = this.svg.getBoundingClientRect(), px = Math.max(this.view.w / (box.width || 1), this.view.h / (box.height || 1)), taken = [];
     const put = (text, x, y, size, kind, force) => {
@@ -111,7 +111,7 @@ class Plan {
       made.push(shape("text", { x, y: y + size * 0.35 * px, "font-size": size * px, "stroke-width": 3 * px, class: kind }, text));
     };
     const made = [], area = (t) => (t.high[0] - t.low[0]) * (t.high[1] - t.low[1]);
-    const shown = this.data.objects.filter((t) => this.things.has(t.id) && (t.confirmed || t.id === this.chosen) && !this.things.get(t.id).classList.contains("dim"));
+    const shown = this.data.objects.filter((t) => this.shapes.has(t.id) && (t.confirmed || t.id === this.chosen) && !this.shapes.get(t.id).classList.contains("dim"));
     const rank = (t) => (t.id === this.chosen ? 1e6 : t.names.length ? 1e3 : area(t));
     for (const t of shown.filter((t) => t.id === this.chosen)) put(called(t), t.at[0], -t.at[1], 13, "named", true);
     for (const r of this.data.rooms) put(r.name, r.at[0], -r.at[1], 14, "room");
@@ -120,8 +120,8 @@ class Plan {
   }
   mark(chosen, only) {
     this.chosen = chosen;
-    for (const [id, r] of this.things) { r.classList.toggle("chosen", id === chosen); r.classList.toggle("dim", only !== null && !only.has(id) && id !== chosen); }
-    if (chosen !== null && this.things.has(chosen)) this.way.before(this.things.get(chosen));
+    for (const [id, r] of this.shapes) { r.classList.toggle("chosen", id === chosen); r.classList.toggle("dim", only !== null && !only.has(id) && id !== chosen); }
+    if (chosen !== null && this.shapes.has(chosen)) this.way.before(this.shapes.get(chosen));
     this.name();
   }
   walk(goal) {

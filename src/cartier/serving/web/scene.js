@@ -1,8 +1,8 @@
 "use strict";
-// The home in 3-D with plain WebGL2: what the floor plan knows as columns, every object as a box in its colour; or the points that depth
-// showed, with the boxes as glass around them.
+// The home in 3-D with plain WebGL2: the floor plan as columns and each object as a box in its colour, or the point cloud with
+// transparent boxes.
 
-const CUT_M = 1.2; // walls are drawn so high
+const CUT_M = 1.2; // height at which walls are cut
 const VERTEX = `#version 300 es
 in vec3 corner; in vec3 normal; in vec3 low; in vec3 size; in vec4 colour;
 uniform mat4 view; uniform vec3 sun; out vec4 shade;
@@ -25,11 +25,11 @@ function built(gl, vertex, fragment) {
   return program;
 }
 
-function* edges(thing, thick) { // the edges of its box as thin boxes
-  const ends = [thing.low, thing.high];
+function* edges(obj, thick) { // the edges of an object's box as thin boxes
+  const ends = [obj.low, obj.high];
   for (let axis = 0; axis < 3; axis++) for (const u of [0, 1]) for (const v of [0, 1]) {
     const low = [0, 0, 0], high = [0, 0, 0], [i, j] = [(axis + 1) % 3, (axis + 2) % 3];
-    low[axis] = thing.low[axis] - thick; high[axis] = thing.high[axis] + thick;
+    low[axis] = obj.low[axis] - thick; high[axis] = obj.high[axis] + thick;
     for (const [k, end] of [[i, u], [j, v]]) { low[k] = ends[end][k] - thick; high[k] = ends[end][k] + thick; }
     yield [low, high];
   }
@@ -98,7 +98,7 @@ class Scene {
     }
     this.paint();
   }
-  below(cloud, places) { // the points to draw: walls and lintels are cut as high as without points, objects are whole
+  below(cloud, places) { // the points to draw: all below the cut, and those of confirmed objects above it
     const kept = [], whole = this.data.objects.filter((t) => t.confirmed && t.high[2] > CUT_M);
     for (let k = 0; k < cloud.count; k++) {
       const p = [0, 1, 2].map((i) => cloud.low[i] + places[3 * k + i] * cloud.step);
@@ -165,7 +165,7 @@ class Scene {
     const gl = this.gl, ratio = Math.min(window.devicePixelRatio || 1, 2), rgb = (name) => this.css(name).match(/\w\w/g).map((h) => parseInt(h, 16) / 255), put = (list, low, high, colour, alpha = 1) => list.push(...low, high[0] - low[0], high[1] - low[1], high[2] - low[2], ...colour, alpha);
     this.canvas.width = Math.max(1, Math.round(this.canvas.clientWidth * ratio)); this.canvas.height = Math.max(1, Math.round(this.canvas.clientHeight * ratio));
     const solid = [], clear = [], grid = this.data.grid, dots = this.cloud && this.shown;
-    if (grid) for (const [c, r, across, down, kind] of this.patches(grid)) { // walls are cut, so that one sees in
+    if (grid) for (const [c, r, across, down, kind] of this.patches(grid)) { // walls are cut, so that the rooms are visible
       const s = grid.side, low = [grid.origin[0] + c * s, grid.origin[1] + r * s], high = [low[0] + across * s, low[1] + down * s];
       put(solid, [...low, dots ? -0.05 : -0.002], [...high, dots ? -0.048 : 0], rgb("--floor")); // below the points of the floor
       if (kind === 2 && !dots) put(solid, [...low, 0], [...high, CUT_M], rgb("--solid"));

@@ -1,4 +1,4 @@
-"""The doctor says nothing against a sound recording, and mends only what frames that did not suggest the mend confirm."""
+"""The doctor reports no fault in a sound recording, and applies only repairs that other frames confirm."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from faulty_recordings import INJECTED, Faulty, Kept, Walk, deep, joined
 
 from cartier import cli
 from cartier.contracts import Recording
-from cartier.doctor import Report, examine, mend
+from cartier.doctor import Report, examine, repair
 from cartier.errors import InputError
 from cartier.recordings.folder import save
 
@@ -54,13 +54,13 @@ def test_a_turn_by_90_degrees_on_the_spot_is_no_jump(eye_m: float) -> None:
 
 
 def test_missing_frames_are_no_jump() -> None:
-    """Where frames were dropped a step takes more time and more way; and by noisy depth alone no step of 0.5 m is a leap."""
+    """A step over dropped frames is longer, and noisy depth alone makes no step of 0.5 m a jump."""
     thinned = Walk("101").seen(0.3)
     for seed in range(4):
         kept = np.random.default_rng(seed).permutation(len(thinned))[: int(0.7 * len(thinned))]
         assert names(examine(Faulty(thinned, numbers=sorted(kept.tolist())))) == []
     blurred = INJECTED["every 3rd blurred"][1](Walk("old_couple").seen(1.5, sensor=True))
-    assert names(examine(mend(blurred, examine(blurred)))) == []
+    assert names(examine(repair(blurred, examine(blurred)))) == []
 
 
 def test_poses_in_millimetres_are_called_that_and_the_depth_is_left_alone() -> None:
@@ -68,9 +68,9 @@ def test_poses_in_millimetres_are_called_that_and_the_depth_is_left_alone() -> N
     faulty = INJECTED["poses in mm"][1](whole)
     report = examine(faulty)
     assert names(report) == ["pose_scale"] and "poses in millimetres" in report.faults[0].evidence
-    mended = mend(faulty, report)
-    assert np.allclose(mended[30].world_from_camera, whole[30].world_from_camera, atol=1e-9)
-    assert np.array_equal(mended[30].depth_m, whole[30].depth_m, equal_nan=True)
+    repaired = repair(faulty, report)
+    assert np.allclose(repaired[30].world_from_camera, whole[30].world_from_camera, atol=1e-9)
+    assert np.array_equal(repaired[30].depth_m, whole[30].depth_m, equal_nan=True)
 
 
 @pytest.mark.parametrize("injected", ["opengl", "mirrored y"])
@@ -85,22 +85,22 @@ def test_jumps_are_looked_for_once_the_depth_lies_on_the_colour() -> None:
 
 
 def wrong_where_it_is_chosen() -> Recording:
-    """Depth five times too large in the first and last third of 38 frames: those that the doctor lets choose a mend."""
+    """Depth five times too large in the first and last third of 38 frames: the frames that choose a reading."""
     whole = seen("104", 1.5)
     return deep(lambda depth, i: depth * np.float32(1 if i * 3 // len(whole) == 1 else 5))(whole)
 
 
-def test_no_mend_of_the_depth_that_frames_which_did_not_choose_it_deny() -> None:
+def test_no_repair_that_other_frames_contradict() -> None:
     recording = wrong_where_it_is_chosen()
     report = examine(recording)
     assert not report.ok and "depth_scale" not in names(report)
     assert any("--fix leaves it" in note for note in report.notes)
     with pytest.raises(InputError, match="--fix leaves it"):
-        mend(recording, report)
+        repair(recording, report)
 
 
 @pytest.mark.parametrize("kind", ["sound", "contradicts itself", "5 frames"])
-def test_fix_without_a_mend_says_so_in_one_line_and_writes_nothing(
+def test_fix_without_a_repair_is_one_line(
     kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     whole = seen("studio", 1.5)
@@ -115,4 +115,4 @@ def test_fix_without_a_mend_says_so_in_one_line_and_writes_nothing(
     out, err = capsys.readouterr()
     assert ended.value.code == 1 and [path.name for path in tmp_path.iterdir()] == ["in"]
     said = [line for line in err.splitlines() if line.strip()]
-    assert len(said) == 1 and "nothing to mend" in said[0] and "Traceback" not in out + err
+    assert len(said) == 1 and "nothing to repair" in said[0] and "Traceback" not in out + err

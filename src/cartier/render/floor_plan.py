@@ -1,4 +1,4 @@
-"""Pictures of an answer and of a home: floor plan, rooms, objects, place, goal and path; and the photos that are the evidence."""
+"""Floor plans of homes and answers: rooms, objects, goal pose and path, with the photos that are the evidence."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 PLAN_COLOURS = {FREE: (250, 250, 247), OCCUPIED: (74, 78, 89)}
 UNKNOWN_COLOUR = (218, 220, 224)
 OBJECT, CHOSEN, PATH, INK = "#3b6ea8", "#d1495b", "#1b998b", "#333333"
-ROOM_TINTS = (
+ROOM_TINTS = [
     "#8ecae6",
     "#ffd6a5",
     "#caffbf",
@@ -35,16 +35,16 @@ ROOM_TINTS = (
     "#d8e2dc",
     "#f1c0e8",
     "#cfbaf0",
-)
+]
 MARGIN_M = 0.4
 
 
 def draw_answer(home: Home, answer: Answer, file: Path, robot: RobotModel | None = None) -> None:
-    """Write a PNG (or whatever the suffix names): the plan with place, goal pose and path; the evidence photo with its box."""
+    """Write an image in the format of the suffix: the plan with goal pose and path, and the evidence photo."""
     figure, (left, right) = _figure(2, (14.0, 5.4))
     place, goal = answer.place, answer.goal
     draw_plan(left, home)
-    _draw_way(left, place, goal, robot or RobotModel())
+    _draw_path(left, place, goal, robot or RobotModel())
     if place is not None:
         _draw_evidence(right, home, place)
     else:
@@ -57,12 +57,12 @@ def draw_answer(home: Home, answer: Answer, file: Path, robot: RobotModel | None
 
 
 def plan_jpeg(home: Home, place: Place, goal: Goal | None, robot: RobotModel) -> bytes:
-    """The floor plan with a place, and the goal pose and path to it, as JPEG of 700 pixels at most."""
+    """The floor plan with a place, its goal pose and path, as a JPEG of at most 700 pixels."""
     left, right, low, high = _extent(home)
     scale = 6.3 / max(right - left, high - low)
     figure, (axes,) = _figure(1, ((right - left) * scale, (high - low) * scale))
     draw_plan(axes, home)
-    _draw_way(axes, place, goal, robot)
+    _draw_path(axes, place, goal, robot)
     buffer = io.BytesIO()
     figure.savefig(buffer, format="jpeg")
     return buffer.getvalue()
@@ -72,9 +72,8 @@ def draw_home(home: Home, file: Path) -> None:
     """Write a picture of the floor plan with its rooms and the box and name of every confirmed object."""
     objs = [obj for obj in home.objects if obj.confirmed]
     left, right, low, high = _extent(home)
-    size = 1.2 * math.sqrt(
-        max(1.0, len(objs) / ((right - left) * (high - low)) / 2)
-    )  # inches per metre, as crowded as it is
+    crowded = max(1.0, len(objs) / ((right - left) * (high - low)) / 2)
+    size = 1.2 * math.sqrt(crowded)  # inches per metre
     wide = float(np.clip((right - left) * size, 7, 26))
     figure, (axes,) = _figure(1, (wide, wide * (high - low) / (right - left) + 1.2))
     draw_plan(axes, home)
@@ -82,13 +81,13 @@ def draw_home(home: Home, file: Path) -> None:
     figure.suptitle(home.name, fontsize=14, x=0.02, ha="left", weight="bold")
     tentative = len(home.objects) - len(objs)
     _caption(figure, home, f"{len(objs)} objects of {len(home.names)} kinds, {tentative} more tentative")
-    figure.canvas.draw()  # places must be final before names are put beside them
-    _name(figure, axes, [(obj.label, obj.position) for obj in objs])
+    figure.canvas.draw()  # positions must be final before labels are placed
+    _label(figure, axes, [(obj.label, obj.position) for obj in objs])
     save_figure(figure, file)
 
 
 def draw_object(home: Home, file: Path, object_id: int) -> None:
-    """Write the best views of one object with their boxes, and where it is. Raises InputError if there is no such object."""
+    """Write the best views of an object with their boxes, and its place. Raises InputError for an unknown object."""
     obj = next((o for o in home.objects if object_id == o.id or object_id in o.aliases), None)
     if obj is None:
         raise InputError(f"{home.name} has no object {object_id}")
@@ -100,15 +99,14 @@ def draw_object(home: Home, file: Path, object_id: int) -> None:
         place = Place(view.label, obj.position, view.score, view.frame, view.box_xyxy)
         _draw_evidence(axes, home, place)
     state = "confirmed" if obj.confirmed else "tentative"
-    figure.suptitle(
-        f"{obj.label} {obj.id}: {state}, {obj.probability:.0%}", fontsize=13, x=0.02, ha="left", weight="bold"
-    )
-    _caption(figure, home, f"seen in {obj.n_detected} of {obj.n_observable} frames that would have shown it")
+    title = f"{obj.label} {obj.id}: {state}, {obj.probability:.0%}"
+    figure.suptitle(title, fontsize=13, x=0.02, ha="left", weight="bold")
+    _caption(figure, home, f"detected in {obj.n_detected} of {obj.n_observable} frames in which it was observable")
     save_figure(figure, file)
 
 
 def draw_find(home: Home, words: str, file: Path, index: str | None = None) -> Place:
-    """Write a picture of how similar any words are to each cell of the home, and give back the best place.
+    """Write a picture of the similarity of words to each cell of the home; returns the best place.
 
     Raises InputError if the index cannot be searched with words.
     """
@@ -122,7 +120,7 @@ def draw_find(home: Home, words: str, file: Path, index: str | None = None) -> P
     figure, (axes,) = _figure(1, (9.5, float(np.clip(7 * (top - bottom) / (right - left), 3, 9)) + 1.2))
     draw_plan(axes, home, tinted=False)
     low, high = np.quantile(cosines, 0.5), max(float(cosines.max()), 1e-6)
-    shown = np.argsort(cosines)[len(cosines) // 2 :]  # the best cells last, on top; the lower half says nothing
+    shown = np.argsort(cosines)[len(cosines) // 2 :]  # the better half, the best cells last and on top
     corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * side / 2
     alpha = np.clip((cosines[shown] - low) / max(high - low, 1e-6), 0, 1)
     squares: list[Any] = [*(centres[shown][:, None] + corners)]
@@ -135,37 +133,28 @@ def draw_find(home: Home, words: str, file: Path, index: str | None = None) -> P
     _caption(figure, home, f"index: {name} · image features: {searched.encoder}")
     figure.canvas.draw()
     objs = [obj for obj in home.objects if obj.confirmed]
-    _name(figure, axes, [(obj.label, obj.position) for obj in objs], all_of_them=False)
+    _label(figure, axes, [(obj.label, obj.position) for obj in objs], every=False)
     save_figure(figure, file)
     return place
 
 
 def draw_plan(axes: Axes, home: Home, tinted: bool = True) -> None:
-    """The floor plan of a home with its rooms, in metres; a line that says so where there is none."""
+    """Draw the floor plan of a home with its rooms, in metres; a line of text if there is none."""
     left, right, low, high = _extent(home)
     if home.grid is not None:
         _draw_grid(axes, home.grid, home.rooms if tinted else ())
         for room in home.rooms if tinted else ():
-            x, y = home.grid.centre(_widest(home.grid, room)).tolist()
-            axes.text(
-                x,
-                y,
-                room.name,
-                color=INK,
-                alpha=0.45,
-                ha="center",
-                va="center",
-                fontsize=11,
-                zorder=2,
-            )
+            x, y = home.grid.centre(label_cell(home.grid, room)).tolist()
+            style: dict[str, Any] = {"ha": "center", "va": "center", "fontsize": 11, "zorder": 2}
+            axes.text(x, y, room.name, color=INK, alpha=0.45, **style)
     else:
         axes.text(0.02, 0.98, "no floor plan: the recording has no depth", transform=axes.transAxes, va="top")
     unit = "m, scale guessed" if home.scale_guessed else "m"
     axes.set(xlim=(left, right), ylim=(low, high), aspect="equal", xlabel=f"x ({unit})", ylabel=f"y ({unit})")
 
 
-def _widest(grid: OccupancyGrid, room: Room) -> tuple[int, int]:
-    """The cell of a room that is farthest from all that is not free: there its name hides least."""
+def label_cell(grid: OccupancyGrid, room: Room) -> tuple[int, int]:
+    """The cell (row, col) of a room that is farthest from all that is not free: its label hides least there."""
     from scipy.ndimage import distance_transform_edt
 
     free = np.zeros((grid.cells.shape[0] + 2, grid.cells.shape[1] + 2), bool)
@@ -177,7 +166,7 @@ def _widest(grid: OccupancyGrid, room: Room) -> tuple[int, int]:
 
 
 def write_photo(rgb: npt.NDArray[np.uint8], file: Path) -> None:
-    """Write an image (H, W, 3) as the suffix says."""
+    """Write an image (H, W, 3) in the format of the suffix."""
     from PIL import Image
 
     buffer = io.BytesIO()
@@ -196,7 +185,7 @@ def _figure(panels: int, size: tuple[float, float]) -> tuple[Figure, list[Axes]]
 
 
 def _extent(home: Home) -> tuple[float, float, float, float]:
-    """x from, x to, y from, y to of what is known of a home, with a margin."""
+    """The extent of a home with a margin: x from, x to, y from, y to."""
     points = [np.array([home.start_xy])]
     points += [np.array([obj.box_min[:2], obj.box_max[:2]]) for obj in home.objects if obj.confirmed]
     if home.grid is not None and (home.grid.cells >= 0).any():
@@ -226,30 +215,30 @@ def _draw_grid(axes: Axes, grid: OccupancyGrid, rooms: Sequence[Room]) -> None:
 def _draw_boxes(axes: Axes, objs: Sequence[MapObject]) -> None:
     from matplotlib.patches import Rectangle
 
-    for obj in sorted(objs, key=lambda obj: obj.box_max[2]):  # what stands higher lies on top
+    for obj in sorted(objs, key=lambda obj: obj.box_max[2]):  # higher objects are drawn on top
         (x1, y1), (x2, y2) = obj.box_min[:2], obj.box_max[:2]
         if obj.located:
             box = Rectangle((x1, y1), x2 - x1, y2 - y1, fc=OBJECT, ec=OBJECT, alpha=0.25, lw=0, zorder=2.5)
             axes.add_patch(box)
-        style = "-" if obj.located else ":"  # dots: it is somewhere in there
+        style = "-" if obj.located else ":"  # dotted: its distance is unknown
         axes.add_patch(Rectangle((x1, y1), x2 - x1, y2 - y1, fill=False, ec=OBJECT, lw=0.8, ls=style, zorder=3))
 
 
-def _name(figure: Figure, axes: Axes, names: Sequence[tuple[str, Sequence[float]]], all_of_them: bool = True) -> None:
-    """Write each name beside its place, where it hides no other, within the axes; a line leads to one that had to move.
+def _label(figure: Figure, axes: Axes, names: Sequence[tuple[str, Sequence[float]]], every: bool = True) -> None:
+    """Write each name beside its place so that none overlap; a line leads from the place to a name far from it.
 
-    Where not even far off there is room, the name goes smaller; without ``all_of_them`` it is left out.
+    A name that finds no room is written smaller; without ``every`` it is left out.
     """
     from matplotlib.patheffects import withStroke
 
-    halo = [withStroke(linewidth=2, foreground="white")]  # to be read on dark cells too
+    halo = [withStroke(linewidth=2, foreground="white")]  # legible on dark cells, too
     frame = axes.get_window_extent()
     taken: list[tuple[float, float, float, float]] = []
     renderer: Any = figure.canvas.get_renderer()  # type: ignore[attr-defined]
     steps = [(r, math.radians(turn)) for r in (7, 14, 24, 38, 56, 80, 110, 150) for turn in range(15, 375, 30)]
     for name, position in sorted(names, key=lambda named: -len(named[0])):
         at = axes.transData.transform(tuple(position[:2]))
-        for size in (7.5, 6.0, 5.0) if all_of_them else (7.5,):
+        for size in (7.5, 6.0, 5.0) if every else (7.5,):
             text = axes.text(0, 0, name, fontsize=size, color="#1f3f66", zorder=8, path_effects=halo)
             box = text.get_window_extent(renderer)
             wide, tall = box.width + 2, box.height + 1
@@ -272,14 +261,12 @@ def _name(figure: Figure, axes: Axes, names: Sequence[tuple[str, Sequence[float]
         axes.plot(*position[:2], ".", color="#1f3f66", ms=2.5, zorder=7)
 
 
-def _fits(
-    x: float, y: float, wide: float, tall: float, frame: Any, taken: Sequence[tuple[float, float, float, float]]
-) -> bool:
+def _fits(x: float, y: float, wide: float, tall: float, frame: Any, taken: Sequence[tuple[float, ...]]) -> bool:
     inside = frame.x0 < x and x + wide < frame.x1 and frame.y0 < y and y + tall < frame.y1
     return inside and all(x + wide < a or c < x or y + tall < b or d < y for a, b, c, d in taken)
 
 
-def _draw_way(axes: Axes, place: Place | None, goal: Goal | None, robot: RobotModel) -> None:
+def _draw_path(axes: Axes, place: Place | None, goal: Goal | None, robot: RobotModel) -> None:
     if goal is not None:
         axes.plot(*goal.path.T, color=PATH, lw=2.5, zorder=4)
         axes.plot(*goal.path[0], "o", color=PATH, ms=7, zorder=4)
@@ -288,8 +275,9 @@ def _draw_way(axes: Axes, place: Place | None, goal: Goal | None, robot: RobotMo
         axes.plot(place.position[0], place.position[1], "*", color=CHOSEN, ms=20, mec="white", zorder=6)
         kind = "seen from here" if place.view_yaw is not None else place.label
         axes.annotate(
-            kind, (place.position[0], place.position[1]), (9, 9), textcoords="offset points", color=CHOSEN, weight="bold", zorder=7,
-            bbox={"fc": "white", "ec": "none", "alpha": 0.8, "pad": 1.5}, annotation_clip=False,
+            kind, (place.position[0], place.position[1]), (9, 9), textcoords="offset points", color=CHOSEN,
+            weight="bold", zorder=7, annotation_clip=False,
+            bbox={"fc": "white", "ec": "none", "alpha": 0.8, "pad": 1.5},
         )  # fmt: skip
 
 
@@ -338,7 +326,7 @@ def _short(text: str, most: int) -> str:
 
 
 def save_figure(figure: Any, file: Path) -> None:
-    """Write a figure as a PNG, or as what the suffix names, whole or not at all. Raises InputError if that is not possible."""
+    """Write a figure in the format of the suffix (PNG without one). Raises InputError if that is not possible."""
     buffer = io.BytesIO()
     try:
         figure.savefig(buffer, format=file.suffix.lstrip(".") or "png")

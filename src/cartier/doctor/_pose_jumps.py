@@ -1,4 +1,4 @@
-"""Poses that jump while the images do not."""
+"""Pose jumps: steps between consecutive poses that the images contradict."""
 
 from __future__ import annotations
 
@@ -13,22 +13,20 @@ from cartier.doctor.sampling import Samples
 from cartier.types import Array, Camera
 
 PIXELS = 300
-AROUND = 5  # steps on each side that say how fast the camera usually moves here
+AROUND = 5  # steps on each side that the usual speed is taken from
 TIMES, LEAST_M, LEAST_DEG = 2.0, 0.12, 15.0
 TYPICAL_STEPS, STRAY_FRAMES = 24, 3
-A_VIDEO = 0.3  # of the readings must usually meet from frame to frame, else there is no usual motion
+VIDEO_AGREEMENT = 0.3  # median agreement of normal steps below which the frames are no video
 FITS, TIMES_BETTER, AGREES, DISPUTED = 0.6, 1.7, 0.7, 0.2
-AS_ALIKE = (
-    0.9  # of the brightness's agreement without: where the poses give as much, only noise in the depth is against them
-)
-ALIKE, ALIKE_UNSEEN = 0.5, 0.8  # of what is usual; the second where the poses leave the two frames no common view
+AS_ALIKE = 0.9  # of the other motion's correlation of brightness: a pose that reaches it is taken for right
+ALIKE, ALIKE_UNSEEN = 0.5, 0.8  # of the usual correlation; the second if by their poses the frames do not overlap
 
 
 @dataclass(frozen=True)
-class Jump:
-    """The pose leaps by ``way_m`` and ``turn_deg`` from frame ``before`` to ``after``, but the images show less.
+class PoseJump:
+    """A jump by ``way_m`` and ``turn_deg`` from frame ``before`` to ``after`` that the images do not show.
 
-    ``agreement`` is that of the two frames by their poses, ``without`` that by the motion of the steps around.
+    ``agreement`` is that of the two frames by their poses, ``without`` that by a motion as in the steps around.
     """
 
     before: int
@@ -41,19 +39,19 @@ class Jump:
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
-    """How K motions explain a step, both ways round: ``met`` and ``agreed`` as in Agreement, ``alike`` as in Pairs; (K,)."""
+    """How K motions explain a step in both directions: ``met``, ``agreed`` (Agreement), ``alike`` (Pairs); (K,)."""
 
     met: Array
     agreed: Array
     alike: Array
 
 
-def jumps(samples: Samples, poses: Array, scale: float, small: Camera) -> list[Jump]:
+def pose_jumps(samples: Samples, poses: Array, scale: float, small: Camera) -> list[PoseJump]:
     """Steps between consecutive frames that are much longer than those around, and that the images contradict.
 
-    A usual motion must make the depth of the two frames agree, and better than their poses do. It must make the brightness
-    agree, too, most of all where the poses leave no common view, as after a turn by 90° on the spot: one wall is as far as
-    another.
+    Another motion must make the depth of the two frames agree, better than their poses do. It must also make their
+    brightness agree, above all if by their poses the frames do not overlap: after a turn by 90° on the spot, one wall
+    may be as far as another.
     """
     known = np.isfinite(poses[:, 0, 0])
     at = np.flatnonzero((np.diff(samples.index) == 1) & known[1:] & known[:-1])
@@ -72,7 +70,7 @@ def jumps(samples: Samples, poses: Array, scale: float, small: Camera) -> list[J
     by_length = normal[np.argsort(way[normal], kind="stable")]
     some = by_length[np.unique(np.linspace(0, len(normal) - 1, 100).astype(int))]
     typical = _fit(samples, pairs[some], motion[some], scale, small)
-    if _middle(typical.met) < A_VIDEO:
+    if _middle(typical.met) < VIDEO_AGREEMENT:
         return []
     steps = by_length[np.unique(np.linspace(0, len(normal) - 1, TYPICAL_STEPS).astype(int))]
     result = []
@@ -84,12 +82,12 @@ def jumps(samples: Samples, poses: Array, scale: float, small: Camera) -> list[J
         if _contradicted(fit, best, typical):
             numbers = samples.index[pairs[i]]
             given, without = float(np.nan_to_num(fit.met[0])), float(fit.met[best])
-            result.append(Jump(int(numbers[0]), int(numbers[1]), float(way[i]), float(turn[i]), given, without))
+            result.append(PoseJump(int(numbers[0]), int(numbers[1]), float(way[i]), float(turn[i]), given, without))
     return result
 
 
 def _contradicted(fit: _Fit, best: int, typical: _Fit) -> bool:
-    """Whether the motion ``best`` explains the images, and the first one, by the poses, does not."""
+    """Whether the motion ``best`` explains the images and the first one, that of the poses, does not."""
     given, without = np.nan_to_num(fit.met[[0, best]])
     agreed, agreed_without = fit.agreed[[0, best]]
     unseen = np.isnan(agreed)
@@ -101,7 +99,7 @@ def _contradicted(fit: _Fit, best: int, typical: _Fit) -> bool:
 
 
 def _gaps(times_s: Array) -> npt.NDArray[np.float64]:
-    """How many usual steps' time lies between pairs of frames (P, 2), 1 at least: where a frame is missing, nobody leapt."""
+    """The time between pairs of frames (P, 2), in usual steps, at least 1: a missing frame is no jump."""
     spans = np.diff(times_s, axis=1)[:, 0]
     usual = float(np.median(spans))
     return np.maximum(spans / usual, 1.0) if usual > 0 else np.ones(len(spans))
@@ -116,7 +114,7 @@ def _usual(values: Array) -> npt.NDArray[np.float64]:
 
 
 def _usual_motions(motion: Array, steps: Sequence[int], i: int) -> Array:
-    """What the camera may have done at step i instead: stand still, only turn, or move as in other steps."""
+    """Other motions that step i may have had: none, only its turn, or those of other steps."""
     still, turned = np.eye(4), motion[i].copy()
     turned[:3, 3] = 0
     options = [still, turned]
@@ -144,13 +142,13 @@ def _fit(samples: Samples, pairs: Array, motion: Array, scale: float, small: Cam
     return _Fit(met, agreed, alike)
 
 
-def stray(found: Sequence[Jump], poses: Array, index: Array) -> tuple[frozenset[int], list[Jump]]:
-    """The numbers of frames that jump away and back, and the jumps that remain without them.
+def split_strays(found: Sequence[PoseJump], poses: Array, index: Array) -> tuple[frozenset[int], list[PoseJump]]:
+    """The numbers of stray frames, which jump away and back, and the jumps that remain without them.
 
     ``poses`` (M, 4, 4) are those of the frames with numbers ``index`` (M,).
     """
     left_out: set[int] = set()
-    remaining: list[Jump] = []
+    remaining: list[PoseJump] = []
     i = 0
     while i < len(found):
         away, back = found[i], found[i + 1] if i + 1 < len(found) else None

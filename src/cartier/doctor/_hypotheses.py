@@ -1,4 +1,4 @@
-"""Ways in which a recording's numbers may have been meant: the hypotheses that the doctor tries."""
+"""Hypotheses about conventions: which poses, depth units and intrinsics a recording may have been written with."""
 
 from __future__ import annotations
 
@@ -47,16 +47,16 @@ UNITS = {
 }
 FACTORS_OF_DEPTH = (*UNITS, 1.4, 0.7, 1.15, 0.87)
 POSE_UNITS = {1e-3: "millimetres", 1e-2: "centimetres", 1e3: "kilometres"}
-SIZES = ((1, 1), (2, 1.5), (3, 2.25), (1.5, 1.125), (1, 0.75), (1, 4 / 3))  # another aspect as well: 16:9 read as 4:3
+SIZES = ((1, 1), (2, 1.5), (3, 2.25), (1.5, 1.125), (1, 0.75), (1, 4 / 3))  # width and height: also 16:9 read as 4:3
 FACTORS = (1 / 4, 1 / 3, 1 / 2, 2 / 3, 3 / 4, 1, 4 / 3, 3 / 2, 2, 3, 4)
 SHIFTS = (1, 2, 3, 4, 5, 6, 8, 10, 12, 15, 18, 22, 26, 30, 36, 42, 50, 60)
 
 
 @dataclass(frozen=True, eq=False)
 class Reading:
-    """One way to read the numbers: what has to be done to poses, depth and intrinsics to have them in our conventions.
+    """One interpretation of the numbers: what converts poses, depth and intrinsics to cartier's conventions.
 
-    ``level`` (4, 4) is what the reader itself put in front of the poses to level them. Poses become
+    ``level`` (4, 4) is what the reader itself multiplied the poses with to level them. Poses become
     ``before @ flip(maybe inverted (level^-1 @ pose)) @ after``; frame i gets the pose of frame i + ``shift``.
     """
 
@@ -68,6 +68,12 @@ class Reading:
     shift: int = 0
     depth_scale: float = 1.0
     camera_factor: tuple[float, float] = (1.0, 1.0)
+
+    def changes(self) -> bool:
+        """Whether it differs from the numbers as given."""
+        numbers = (self.inverted, self.positions, self.shift, self.depth_scale, self.camera_factor)
+        same = numbers == (False, (1.0, 1.0, 1.0), 0, 1.0, (1.0, 1.0))
+        return not same or self.before is not None or self.after is not None
 
     def poses(self, given: Array) -> Matrix:
         """world_from_camera (N, 4, 4) in this reading, without the shift."""
@@ -83,7 +89,7 @@ class Reading:
         return poses
 
     def shifted(self, given: Array, index: Array) -> Matrix:
-        """The poses of sampled frames with numbers ``index`` (M,), shifted as well; NaN where no pose is known."""
+        """The poses of sampled frames with numbers ``index`` (M,), with the shift; NaN where no pose is known."""
         poses = self.poses(given)
         if self.shift == 0:
             return poses
@@ -102,19 +108,19 @@ class Reading:
 
 @dataclass(frozen=True, eq=False)
 class Hypothesis:
-    """A reading that differs in one thing: the fault it would be, in words, and how it is mended."""
+    """A reading that differs in one respect: the fault that this would be, in words, and its repair."""
 
     fault: str
     words: str
-    mend: str
+    repair: str
     reading: Reading
 
 
 def hypotheses(now: Reading, camera: Camera) -> Iterator[Hypothesis]:
-    """Every reading one step away from the present one."""
+    """Every reading that differs from the present one in one respect."""
     yield Hypothesis(
         "inverted_poses", "world-to-camera read as camera-to-world",
-        "invert each pose matrix: cartier wants camera-to-world", replace(now, inverted=not now.inverted),
+        "invert each pose matrix: cartier expects camera-to-world", replace(now, inverted=not now.inverted),
     )  # fmt: skip
     yield from _axes(now)
     yield from _mirrors(now)
@@ -128,7 +134,8 @@ def shift_by(now: Reading, shift: int) -> Hypothesis:
     late = f"{abs(shift)} frame{'s' if abs(shift) > 1 else ''} {'late' if shift > 0 else 'early'}"
     return Hypothesis(
         "time_offset", f"the poses come {late}",
-        f"give frame i the pose of frame i {'+' if shift > 0 else '-'} {abs(shift)}", replace(now, shift=now.shift + shift),
+        f"give frame i the pose of frame i {'+' if shift > 0 else '-'} {abs(shift)}",
+        replace(now, shift=now.shift + shift),
     )  # fmt: skip
 
 
@@ -160,10 +167,10 @@ def _axes(now: Reading) -> Iterator[Hypothesis]:
 
 
 def _mirrors(now: Reading) -> Iterator[Hypothesis]:
-    mend = "mirror one axis of the world, rotations and positions alike, and the matching axis of the camera"
+    repair = "mirror one axis of the world, rotations and positions alike, and the matching axis of the camera"
     for axis, after in MIRRORED_CAMERAS.items():
         reading = replace(now, after=_times(now.after, after), before=_times(MIRROR_Y, now.before))
-        yield Hypothesis("left_handed", f"the world is mirrored (camera axis {axis} flipped)", mend, reading)
+        yield Hypothesis("left_handed", f"the world is mirrored (camera axis {axis} flipped)", repair, reading)
     for i, axis in enumerate("xyz"):
         flip = [1.0, 1.0, 1.0]
         flip[i] = -1.0
@@ -175,7 +182,7 @@ def _mirrors(now: Reading) -> Iterator[Hypothesis]:
 
 
 def _cameras(now: Reading, camera: Camera) -> Iterator[Hypothesis]:
-    """Intrinsics of another image size; only those whose principal point comes to lie near the middle."""
+    """Intrinsics of another image size, if the principal point then lies near the middle."""
     given = now.camera(camera)
     for size in SIZES:
         for factor in FACTORS:
@@ -186,7 +193,8 @@ def _cameras(now: Reading, camera: Camera) -> Iterator[Hypothesis]:
             size_words = f"{round(camera.width * across)}x{round(camera.height * down)}"
             factors = (now.camera_factor[0] * across, now.camera_factor[1] * down)
             yield Hypothesis(
-                "intrinsics_resolution", f"intrinsics of {size_words} images used with {camera.width}x{camera.height} ones",
+                "intrinsics_resolution",
+                f"intrinsics of {size_words} images used with {camera.width}x{camera.height} ones",
                 f"scale fx, cx by {1 / across:.3g} and fy, cy by {1 / down:.3g}", replace(now, camera_factor=factors),
             )  # fmt: skip
 
