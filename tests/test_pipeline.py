@@ -52,6 +52,7 @@ def test_from_frames_to_a_goal_that_faces_the_chair(home: cartier.Home) -> None:
 
 
 def test_each_index_answers(home: cartier.Home) -> None:
+    assert set(home.indexes) == {"object_depth", "object_viewpoint"}
     for name in home.indexes:
         answer = cartier.ask(home, "let me sit down", Says("chair"), index=name)
         assert answer.index == name and answer.place is not None and answer.goal is not None
@@ -274,6 +275,7 @@ def test_a_home_grows_by_a_second_recording_as_if_both_were_one(tmp_path: Path) 
     assert [(o.id, o.label, o.confirmed) for o in grown.objects] == [
         (o.id, o.label, o.confirmed) for o in together.objects
     ]
+    assert together.names == sorted(obj.label for obj in THINGS)
     for index in names:
         for label in together.names:
             mine, theirs = grown.index(index)[1].locate(label), together.index(index)[1].locate(label)

@@ -40,10 +40,16 @@ def test_it_obeys_the_laws_of_every_index(name: str) -> None:
     assert index.names() == ["chair", "mug", "table"]
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", OF_OBJECTS)
+def test_index_of_objects_keeps_nothing(name: str) -> None:
+    assert built(name)[0].state() == {}, "it is made of the map's objects each time"
+
+
+@pytest.mark.parametrize("name", [n for n in NAMES if n not in OF_OBJECTS])
 @pytest.mark.parametrize("rubbish", ["", "[1, 2", "[1]", '{"a": 1}', "\x00\xff"])
 def test_a_damaged_state_is_one_clear_line(name: str, rubbish: str) -> None:
     state = built(name)[0].state()
+    assert state
     for blob in state:
         with pytest.raises(InputError, match=r"damaged|not valid JSON|no file of|not UTF-8"):
             plugins.make("indexes", name).restore(state | {blob: rubbish.encode("latin-1")})

@@ -62,7 +62,8 @@ def test_frames_far_apart_are_all_taken_however_blurred() -> None:
 def test_of_blurred_and_sharp_views_the_sharp_ones_are_taken() -> None:
     assert sharpness(view(0).rgb) > 2 * sharpness(view(0, blurred=True).rgb)
     frames = [view(i, x=0.02 * i, blurred=i % 3 != 0) for i in range(61)]
-    assert all(number % 3 == 0 for number in picked(frames))
+    taken = picked(frames)
+    assert len(taken) > 5 and all(number % 3 == 0 for number in taken)
 
 
 def test_every_nth_frame_is_taken_as_told() -> None:

@@ -80,7 +80,9 @@ def test_what_is_looked_at_and_not_seen_again_is_doubted() -> None:
     at_once = {obj.label: obj.probability for obj in made.objects()}
     for number in range(1, len(recording)):
         made.add(recording[number], detector.detect(recording[number]).keep(np.zeros(0, int)))
-    assert all(obj.probability < at_once[obj.label] for obj in made.objects() if obj.n_observable > 5)
+    doubted = [obj for obj in made.objects() if obj.n_observable > 3]
+    assert {obj.label for obj in doubted} == set(at_once) == {"chair"}
+    assert all(obj.n_detected == 1 and obj.probability < at_once[obj.label] for obj in doubted)
 
 
 def test_many_frames_from_one_standpoint_are_hardly_more_than_one() -> None:

@@ -106,10 +106,10 @@ class ObjectMap:
         self._note_together(
             row[(row >= 0) & (scores >= (self.score_model.zero_weight_score + self.score_model.full_weight_score) / 2)]
         )
+        ids = np.where(row >= 0, self._rows["id"][row], -1)  # before tidying moves the rows
         self._frames += 1
         if self._frames % TIDY_EVERY == 0:
             self.tidy()
-        ids = np.where(row >= 0, self._rows["id"][row], -1)
         given[order] = np.where(leader >= 0, ids[leader], -1)
         return given
 

@@ -1,0 +1,194 @@
+"""Mutation tests of mechanisms: which faults in the source, put there one at a time, no test notices.
+
+python benchmarks/mutants.py [--group association] [--group existence] [--json mutants.json]
+
+The mutations are a kept list, ``benchmarks/mutants*.toml``: each removes or inverts one mechanism (a term of a score, a gate, a
+limit), and each bug that is found adds one. Tools that mutate every operator, such as mutmut and cosmic-ray, make thousands of
+mutants, most of them equivalent or trivial, and cannot say which mechanism is untested. Run this before each release.
+
+An entry names its group, the file in ``src/cartier``, a text that occurs exactly once in it, and what takes its place. ``[tests]``
+names the quick tests of each group; an entry may have ``tests`` of its own.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import importlib.util
+import json
+import os
+import shutil
+import signal
+import sys
+import tempfile
+import time
+import tomllib
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import pytest
+
+HERE = Path(__file__).resolve().parent
+PASSED, FAILED = 0, 1  # exit codes of pytest
+HEAVY = [
+    "numpy",
+    "scipy.ndimage",
+    "scipy.optimize",
+    "scipy.sparse.csgraph",
+    "scipy.special",
+    "hypothesis.strategies",
+    "PIL.Image",
+    "pydantic",
+]
+
+
+@dataclass(frozen=True)
+class Mutant:
+    """One fault: ``replace`` stands where ``find`` stood, exactly once, in ``file`` below ``src/cartier``."""
+
+    group: str
+    name: str
+    file: str
+    find: str
+    replace: str
+    tests: tuple[str, ...]
+
+
+def main() -> int:
+    options = parsed()
+    mutants = [m for m in kept(options.root) if not options.group or m.group in options.group]
+    mutants = [m for m in mutants if not options.name or m.name in options.name]
+    if not mutants:
+        print("no such group or name", file=sys.stderr)
+        return 1
+    wrong = [line for mutant in mutants if (line := misfit(mutant, options.root))]
+    if wrong:
+        print(*wrong, sep="\n", file=sys.stderr)
+        return 1
+    for name in HEAVY:
+        importlib.import_module(name)
+    outcomes: dict[Mutant, str] = {}
+    with tempfile.TemporaryDirectory(prefix="mutants-") as folder:
+        shutil.copytree(options.root / "src" / "cartier", Path(folder) / "cartier")
+        for tests in dict.fromkeys(mutant.tests for mutant in mutants):
+            code, told = run(options.root, folder, tests, options.timeout_s)
+            if code != PASSED:
+                print(f"without any mutation {' '.join(tests)} fails:\n{told}", file=sys.stderr)
+                return 1
+        for number, mutant in enumerate(mutants, 1):
+            begin = time.perf_counter()
+            outcomes[mutant] = outcome(mutant, options.root, Path(folder), options.timeout_s)
+            took = time.perf_counter() - begin
+            print(
+                f"{number}/{len(mutants)} {mutant.group}: {mutant.name}: {outcomes[mutant]} ({took:.0f} s)", flush=True
+            )
+    print("\n" + table(outcomes))
+    if options.json:
+        rows = [asdict(mutant) | {"outcome": told} for mutant, told in outcomes.items()]
+        options.json.write_text(json.dumps(rows, indent=1) + "\n")
+    return int(any(told.startswith("broken") for told in outcomes.values()))
+
+
+def parsed() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--group", action="append", help="only this group; may be given more than once")
+    parser.add_argument("--name", action="append", help="only the mutant of this name; may be given more than once")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write every mutant with its outcome")
+    parser.add_argument(
+        "--root", type=Path, default=HERE.parent, help="the checkout that is tested (default: this one)"
+    )
+    parser.add_argument("--timeout-s", type=float, default=180.0, help="for the tests of one mutant (default: 180)")
+    return parser.parse_args()
+
+
+def kept(root: Path) -> list[Mutant]:
+    """All mutants of ``benchmarks/mutants*.toml``."""
+    found = []
+    for file in sorted((root / "benchmarks").glob("mutants*.toml")):
+        told = tomllib.loads(file.read_text())
+        for row in told["mutant"]:
+            tests = row.pop("tests", None) or told["tests"][row["group"]]
+            found.append(Mutant(**row, tests=tuple(tests)))
+    return found
+
+
+def misfit(mutant: Mutant, root: Path) -> str:
+    """Why a mutant cannot be made, or nothing."""
+    file = root / "src" / "cartier" / mutant.file
+    if not file.is_file():
+        return f"{mutant.name}: there is no {mutant.file}"
+    count = file.read_text().count(mutant.find)
+    return "" if count == 1 else f"{mutant.name}: its text occurs {count} times in {mutant.file}, not once"
+
+
+def outcome(mutant: Mutant, root: Path, folder: Path, timeout_s: float) -> str:
+    """ "killed", "survived", or "broken" and why, for a mutant that cannot even be imported."""
+    file = folder / "cartier" / mutant.file
+    whole = file.read_text()
+    try:
+        text = whole.replace(mutant.find, mutant.replace)
+        compile(text, mutant.file, "exec")
+        file.write_text(text)
+        Path(importlib.util.cache_from_source(file)).unlink(missing_ok=True)
+        code, told = run(root, str(folder), mutant.tests, timeout_s)
+    except SyntaxError as error:
+        return f"broken: {error}"
+    finally:
+        file.write_text(whole)
+    if code not in (PASSED, FAILED):
+        return f"broken: pytest ended with {code}: {told[-300:]}"
+    return "survived" if code == PASSED else "killed"
+
+
+def run(root: Path, folder: str, tests: Sequence[str], timeout_s: float) -> tuple[int, str]:
+    """The exit code of pytest with ``folder`` on the path, and what it printed; too long counts as a failure.
+
+    It runs in a fork of this process, which has the heavy libraries loaded already: five times as fast as a new interpreter.
+    """
+    with tempfile.TemporaryFile() as told:
+        child = os.fork()
+        if child == 0:
+            os.setpgid(0, 0)
+            os.dup2(told.fileno(), 1)
+            os.dup2(told.fileno(), 2)
+            os.chdir(root)
+            os.environ |= {"PYTHONPATH": folder, "OMP_NUM_THREADS": "1"}
+            sys.path.insert(0, folder)
+            sys.dont_write_bytecode = True
+            code = 70
+            try:
+                code = int(pytest.main(["-x", "-q", "-p", "no:cacheprovider", "--hypothesis-profile=ci", *tests]))
+            finally:
+                sys.stdout.flush()
+                os._exit(code)
+        code = waited(child, timeout_s)
+        told.seek(0)
+        return code, told.read()[-3000:].decode(errors="replace")
+
+
+def waited(child: int, timeout_s: float) -> int:
+    """The exit code of a child, or that of failed tests if it had to be ended."""
+    end = time.monotonic() + timeout_s
+    while time.monotonic() < end:
+        done, status = os.waitpid(child, os.WNOHANG)
+        if done:
+            return os.waitstatus_to_exitcode(status)
+        time.sleep(0.02)
+    os.killpg(child, signal.SIGKILL)
+    os.waitpid(child, 0)
+    return FAILED
+
+
+def table(outcomes: dict[Mutant, str]) -> str:
+    """Markdown: one row a group, survivors by name."""
+    rows = ["| group | mutants | killed | survivors |", "|---|---:|---:|---|"]
+    for group in dict.fromkeys(mutant.group for mutant in outcomes):
+        mine = {mutant.name: told for mutant, told in outcomes.items() if mutant.group == group}
+        left = [name for name, told in mine.items() if told != "killed"]
+        rows.append(f"| {group} | {len(mine)} | {len(mine) - len(left)} | {'; '.join(left) or 'none'} |")
+    return "\n".join(rows)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,290 @@
+"""Merging: which two objects turn out to be one, and what is left of both."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+
+from cartier.mapping.bearings import BearingMap
+from cartier.mapping.object_map import ObjectMap
+from cartier.types import DetectorScoreModel, Frame, MapObject
+from staged import SURE, WEAK, Box, about, all_of, flat, found, fresh, square
+
+table = pytest.mark.parametrize
+
+
+def both(
+    one: tuple[str, Box], two: tuple[str, Box], scores: Sequence[float], made: ObjectMap | None = None
+) -> ObjectMap:
+    """A map of frames that show two objects side by side, with the scores of one frame after another."""
+    made = made or fresh()
+    for number, score in enumerate(scores):
+        frame = flat(number)
+        assert len(set(made.add(frame, all_of(frame, (one[0], score, one[1]), (two[0], score, two[1]))).tolist())) == 2
+    return made
+
+
+# ---- twins: two overlapping objects, begun by reports too weak to show that they are two
+
+TWINS: dict[str, tuple[tuple[str, Box], tuple[str, Box], int]] = {
+    "half of each shared": (("chair", square()), ("chair", square(12)), 1),
+    "two fifths of their union shared": (("chair", square()), ("chair", square(18)), 1),
+    "a seventh shared": (("chair", square()), ("chair", square(30)), 2),
+    "side by side": (("chair", square()), ("chair", square(42)), 2),
+    "a small one within a large one": (("sofa", square(0, width=90)), ("sofa", square(0, width=20, height=20)), 1),
+    "a tiny one within a small one": (
+        ("mug", square(0, width=20, height=20)), ("mug", square(0, width=8, height=8)), 1,
+    ),
+    "a small one of another name within a large one": (
+        ("sofa", square(0, width=90)), ("cushion", square(0, width=20, height=20)), 2,
+    ),
+    "another name for the same": (("sofa", square()), ("couch", square(6)), 1),
+    "another name, half of each shared": (("sofa", square()), ("couch", square(15)), 2),
+    "another name for most of it": (("sofa", square()), ("couch", square(0, width=26)), 1),
+}  # fmt: skip
+
+
+@table(("one", "two", "count"), TWINS.values(), ids=TWINS.keys())
+def test_overlapping_objects_merge(one: tuple[str, Box], two: tuple[str, Box], count: int) -> None:
+    for first, second in ((one, two), (two, one)):
+        made = both(first, second, [WEAK])
+        assert len(made) == 2
+        made.tidy()
+        assert len(made) == count
+        made.tidy()
+        assert len(made) == count
+
+
+TOGETHER = {
+    "always side by side": ([SURE] * 4, 2),
+    "side by side in one of two": ([SURE, WEAK], 2),
+    "side by side in one of eight": ([SURE] + [WEAK] * 7, 1),
+    "never for sure": ([WEAK] * 4, 1),
+}
+
+
+@table(("scores", "count"), TOGETHER.values(), ids=TOGETHER.keys())
+def test_co_visible_twins_stay_two(scores: list[float], count: int) -> None:
+    made = both(("chair", square()), ("chair", square(18)), scores)
+    made.tidy()
+    assert len(made) == count
+    if count == 2:
+        assert about(made)["together"] == [[0, 1, scores.count(SURE)]]
+    else:
+        assert about(made)["together"] == []
+
+
+def test_objects_apart_are_not_counted_together() -> None:
+    assert about(both(("chair", square(-50)), ("chair", square(50)), [SURE] * 3))["together"] == []
+
+
+def test_merging_happens_every_ten_frames() -> None:
+    twins = ("chair", square()), ("chair", square(18))
+    assert len(both(*twins, [WEAK] * 9)) == 2
+    assert len(both(*twins, [WEAK] * 10)) == 1
+
+
+def test_ids_hold_in_the_frame_that_merges() -> None:
+    """Rows move when twins become one; what stands behind them in the map keeps its id."""
+    made = fresh()
+    for number in range(10):
+        frame = flat(number)
+        rows = [("chair", WEAK, square(-40)), ("chair", WEAK, square(-22)), ("lamp", WEAK, square(50))]
+        got = made.add(frame, all_of(frame, *rows)).tolist()
+        assert got == [0, 1, 2]
+    assert {(obj.label, obj.id, obj.aliases) for obj in made.objects()} == {("chair", 0, (1,)), ("lamp", 2, ())}
+
+
+# ---- halves: what shows of one chair on either side of a table
+
+WHOLE = (40.0, 60.0)
+UPPER, LOWER = square(50, -20, 40, 20), square(50, 20, 40, 20)
+
+
+def with_wholes(halves: Sequence[Box], shrunk: float = 1.0, wholes: int = 1, views: int = 1) -> int:
+    """How many objects are left of three whole chairs, seen ``wholes`` times, and halves, each seen alone ``views`` times."""
+    made, number = fresh(), 0
+    everything = [*[square(x, 0, *WHOLE) for x in (-45,)] * wholes, *[box for box in halves for _ in range(views)]]
+    for box in everything:
+        for x_m in (0.0, 5.0, 10.0) if box == everything[0] else (0.0,):
+            frame, number = flat(number, x_m=x_m), number + 1
+            x1, y1, x2, y2 = ((v - m) * shrunk + m for v, m in zip(box, (79.5, 59.5) * 2, strict=True))
+            made.add(frame, found(frame, ("chair", SURE, (x1, y1, x2, y2))))
+    before = len(made)
+    made.tidy()
+    assert before - len(made) in (0, 1)
+    return len(made)
+
+
+@table(
+    ("halves", "shrunk", "wholes", "views", "count"),
+    [
+        ([UPPER, LOWER], 1.0, 1, 1, 4),
+        ([square(50, -30, 40, 20), square(50, 30, 40, 20)], 1.0, 1, 1, 5),
+        ([UPPER, LOWER], 0.4, 1, 1, 5),
+        ([UPPER, LOWER], 1.0, 1, 4, 5),
+        ([UPPER, LOWER], 1.0, 4, 4, 4),
+    ],
+    ids=["as large as the others", "larger than the others", "too small", "the usual chair is small", "often seen"],
+)
+def test_halves_make_a_whole(halves: list[Box], shrunk: float, wholes: int, views: int, count: int) -> None:
+    assert with_wholes(halves, shrunk, wholes, views) == count
+
+
+# ---- what is left of both
+
+
+def merged(first: str = "sofa", second: str = "sofa", early: int = 1, late: int = 3) -> tuple[MapObject, ...]:
+    """A left part seen early, and the right part begun beside it by one weak frame and then seen later on: before and after."""
+    made = fresh()
+    for number in range(early):
+        frame = flat(number, grey=250)
+        made.add(frame, found(frame, (first, 0.6, square(0))))
+    frame = flat(early)
+    made.add(frame, all_of(frame, (first, WEAK, square(0)), (second, WEAK, square(18))))
+    for number in range(early + 1, early + 1 + late):
+        frame = flat(number, grey=5)
+        assert made.add(frame, found(frame, (second, 0.8, square(18)))).tolist() == [1]
+    before = made.objects()
+    made.tidy()
+    assert len(before) == 2 and len(made) == 1
+    return *before, *made.objects()
+
+
+def test_one_seen_more_keeps_its_id() -> None:
+    _, _, whole = merged()
+    assert (whole.id, whole.aliases) == (1, (0,))
+    _, _, whole = merged(early=5, late=1)
+    assert (whole.id, whole.aliases) == (0, (1,))
+
+
+def test_merged_object_has_the_evidence_of_both() -> None:
+    left, right, whole = merged()
+    assert whole.n_detected == min(left.n_detected + right.n_detected, max(left.n_observable, right.n_observable)) == 5
+    assert whole.n_observable == max(left.n_observable, right.n_observable) == 5
+    assert whole.first_seen_s == left.first_seen_s == 0.0 < right.first_seen_s
+    assert whole.last_seen_s == right.last_seen_s and whole.last_looked_s == right.last_looked_s
+    assert dict(whole.labels)["sofa"] == pytest.approx(dict(left.labels)["sofa"] + dict(right.labels)["sofa"], abs=1e-3)
+    worth = sorted((v.score * v.size_px2**0.5 for v in (*left.views, *right.views)), reverse=True)[:3]
+    assert [v.score * v.size_px2**0.5 for v in whole.views] == pytest.approx(worth)
+    _, right, whole = merged(early=3, late=1)
+    assert {view.frame for view in whole.views} > {view.frame for view in right.views if view.score > 0.5}
+    assert {name for name, _ in left.colours} | {name for name, _ in right.colours} == {n for n, _ in whole.colours}
+    assert {name for name, _ in left.colours} != {name for name, _ in right.colours}
+
+
+def test_box_grows_by_half_over_the_merged_one() -> None:
+    left, right, whole = merged()
+    assert left.box_min[0] < right.box_min[0] and left.box_max[0] < right.box_max[0]
+    assert whole.box_min[0] == pytest.approx((left.box_min[0] + right.box_min[0]) / 2, abs=2e-4)
+    assert whole.box_max[0] == pytest.approx(right.box_max[0], abs=2e-4)
+
+
+def test_labels_of_both_vote() -> None:
+    made = both(("sofa", square()), ("couch", square(6)), [WEAK] * 2)
+    made.tidy()
+    (obj,) = made.objects()
+    assert dict(obj.labels) == pytest.approx({"sofa": 2 * WEAK**2, "couch": 2 * WEAK**2}, abs=1e-3)
+
+
+@table(
+    ("scores", "hits"),
+    [([0.4] * 9, 2 * 9 * 0.08 / 0.18), ([SURE] * 2 + [0.4] * 7, 9.0)],
+    ids=["each had half of the reports", "more reports than tries"],
+)
+def test_hits_of_both_are_capped_by_tries(scores: list[float], hits: float) -> None:
+    made = both(("chair", square(-25)), ("chair", square(-7)), scores)
+    tried, apart, _ = made.weighed()
+    assert np.count_nonzero(tried.sum(0)) == 1, "one standpoint"
+    assert tried.sum(1).tolist() == [9, 9] and apart.sum() >= hits - 1e-3
+    made.tidy()
+    tried, together, _ = made.weighed()
+    assert len(made) == 1 and tried.sum() == 9 and together.sum() == pytest.approx(hits, rel=1e-3)
+
+
+def test_standpoints_of_both_are_known() -> None:
+    """The one was seen from far on before the other was begun near by."""
+    made = fresh()
+    far = flat(0, y_m=-1.0, depth_m=3.0)
+    made.add(far, found(far, ("chair", SURE, square(0, width=27, height=27))))
+    frame = flat(1)
+    made.add(frame, all_of(frame, ("chair", WEAK, square()), ("chair", WEAK, square(18))))
+    for number in range(2, 6):
+        made.add(flat(number), found(flat(number), ("chair", SURE, square(18))))
+    before = made.weighed()[0].copy()
+    assert [int((row > 0).sum()) for row in before] == [2, 1]
+    made.tidy()
+    (after,) = made.weighed()[0]
+    assert made.objects()[0].id == 1
+    assert np.array_equal(after, before.max(0))
+
+
+def test_widest_view_of_both_is_kept() -> None:
+    made = both(("chair", square(0, width=60, height=60)), ("chair", square(0, width=42, height=42)), [WEAK])
+    for number in range(1, 4):
+        made.add(flat(number), found(flat(number), ("chair", SURE, square(0, width=42, height=42))))
+    before = made.weighed()[2].copy()
+    made.tidy()
+    assert made.objects()[0].id == 1 and before[0] > before[1]
+    assert made.weighed()[2] == pytest.approx(before[:1])
+
+
+# ---- ids
+
+
+def test_alias_of_an_alias_leads_to_the_last() -> None:
+    made = both(("chair", square()), ("chair", square(18)), [WEAK])
+    for number in range(1, 3):
+        made.add(flat(number), found(flat(number), ("chair", SURE, square(18))))
+    made.tidy()
+    assert [(obj.id, obj.aliases) for obj in made.objects()] == [(1, (0,))]
+    frame = flat(3)
+    got = made.add(frame, all_of(frame, ("chair", WEAK, square(9)), ("chair", WEAK, square(27)))).tolist()
+    assert got == [1, 2]
+    for number in range(4, 10):
+        made.add(flat(number), found(flat(number), ("chair", SURE, square(27))))
+    made.tidy()
+    assert [(obj.id, obj.aliases) for obj in made.objects()] == [(2, (0, 1))]
+
+
+def test_id_is_never_given_again() -> None:
+    made = both(("chair", square()), ("chair", square(18)), [WEAK])
+    made.tidy()
+    (left,) = made.objects()
+    assert made.add(flat(1), found(flat(1), ("lamp", SURE, square(-60)))).tolist() == [2]
+    assert made.add(flat(2), found(flat(2), ("vase", SURE, square(60)))).tolist() == [3]
+    assert [obj.id for obj in made.objects()] == [left.id, 2, 3]
+
+
+def test_forgotten_object_takes_its_aliases_along() -> None:
+    made = both(("chair", square()), ("chair", square(18)), [WEAK])
+    made.tidy()
+    assert about(made)["aliases"] == [[1, 0]]
+    for number in range(1, 32):
+        made.add(flat(number), found(flat(number)))
+    made.tidy()
+    assert len(made) == 0 and about(made)["aliases"] == []
+
+
+# ---- without depth
+
+
+def test_merged_bearings_keep_the_box_of_the_surer_one() -> None:
+    """A box from bearings says where an object may be: two of them together are no better answer."""
+    made = BearingMap(DetectorScoreModel())
+    rows = [("chair", WEAK, square()), ("chair", WEAK, square(12))]
+
+    def view(number: int) -> Frame:
+        frame = flat(number)
+        return Frame(number, frame.time_s, frame.rgb, None, frame.world_from_camera, frame.camera)
+
+    made.add(view(0), all_of(view(0), *rows))
+    assert made.add(view(1), found(view(1), ("chair", SURE, square()))).tolist() == [0]
+    before = {obj.id: obj for obj in made.objects()}
+    made.tidy()
+    (whole,) = made.objects()
+    assert len(before) == 2 and whole.aliases
+    kept = before[whole.id]
+    assert (whole.box_min, whole.box_max, whole.position) == (kept.box_min, kept.box_max, kept.position)
