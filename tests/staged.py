@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from cartier.mapping.object_map import ObjectMap
-from cartier.types import DetectorScoreModel, Camera, Detections, Frame, TrueObject
+from cartier.types import Camera, Detections, DetectorScoreModel, Frame, TrueObject
 from synthetic import look, render
 
 CAMERA = Camera(160, 120, 120.0, 120.0, 79.5, 59.5)

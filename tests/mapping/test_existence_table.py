@@ -14,7 +14,6 @@ from cartier.mapping.existence import (
     CONFIRMED,
     STANDPOINTS,
     at_threshold,
-    calibration_from,
     probability,
     report_weight,
     standpoints,
