@@ -1,4 +1,4 @@
-"""Spatial relations as a table: each predicate both ways round, with a near miss of each, on boxes of known size and place."""
+"""Spatial relations as a table: each predicate both ways round, with a near miss of each, on boxes of known size."""
 
 from __future__ import annotations
 
@@ -135,14 +135,40 @@ ROWS = (
     Row("a ball on a table", under, (TABLE, [cube("ball", 0.8, 0.4, 0.2, 0.75)]), False),
     Row("a ball beside a table", under, (TABLE, [cube("ball", 2.0, 0.4, 0.2)]), False),
     Row("a ball by a quarter under a table", under, (TABLE, [cube("ball", 1.65, 0.4, 0.2)]), False),
-    Row("a table under a lamp that hangs over it", under, (cube("lamp", 0.4, 0.4, 2, 2.0, 1), [cube("mug", 0.4, 0.4, 0.1, 0.75)]), True),
+    Row(
+        "a table under a lamp that hangs over it",
+        under,
+        (cube("lamp", 0.4, 0.4, 2, 2.0, 1), [cube("mug", 0.4, 0.4, 0.1, 0.75)]),
+        True,
+    ),
     Row("a ball in a bowl's outline on the floor", under, (replace(BOWL, id=1), [cube("ball", 1.0, 0.4, 0.1)]), True),
     Row("a box between a bed's legs", under, (BED, [cube("box", 0.8, 1.0, 0.3)]), True),
     Row("a chair between a bed's legs", under, (BED, [box("chair", (0.5, 0.5, 0), (0.9, 0.9, 0.5), 2)]), False),
     Row("a ball between the legs of no table", under, (STONE, [BALL]), False),
-    Row("a pan under a hood, on one hob", under, (box("hood", (0.4, 0.2, 1.5), (1.2, 0.7, 1.7), 1), [box("pan", (0.6, 0.3, 0.75), (0.9, 0.6, 0.85), 2), TABLE_4]), True),
-    Row("the bowl under what is in it", under, (cube("apple", 1.0, 0.4, 0.08, 0.78, 1), [replace(BOWL, id=2), TABLE_4]), False),
-    Row("the lower of two that one shelf holds", under, (box("vase", (0.4, 0.1, 1.2), (0.6, 0.3, 1.4), 1), [box("cup", (0.45, 0.15, 0.5), (0.55, 0.25, 0.6), 2), replace(SHELVES, id=4)]), False),
+    Row(
+        "a pan under a hood, on one hob",
+        under,
+        (
+            box("hood", (0.4, 0.2, 1.5), (1.2, 0.7, 1.7), 1),
+            [box("pan", (0.6, 0.3, 0.75), (0.9, 0.6, 0.85), 2), TABLE_4],
+        ),
+        True,
+    ),
+    Row(
+        "the bowl under what is in it",
+        under,
+        (cube("apple", 1.0, 0.4, 0.08, 0.78, 1), [replace(BOWL, id=2), TABLE_4]),
+        False,
+    ),
+    Row(
+        "the lower of two that one shelf holds",
+        under,
+        (
+            box("vase", (0.4, 0.1, 1.2), (0.6, 0.3, 1.4), 1),
+            [box("cup", (0.45, 0.15, 0.5), (0.55, 0.25, 0.6), 2), replace(SHELVES, id=4)],
+        ),
+        False,
+    ),
     # next to
     Row("a lamp 0.2 m beside a sofa", next_to, (SOFA, [lamp(0.2)]), True),
     Row("that sofa next to the lamp", next_to, (replace(lamp(0.2), id=1), [replace(SOFA, id=2)]), True),
@@ -150,14 +176,34 @@ ROWS = (
     Row("a lamp behind the wall", next_to, (SOFA, [lamp(0.2, room=1)]), False),
     Row("a lamp of which no room is known", next_to, (SOFA, [replace(lamp(0.2), room=None)]), True),
     Row("a clock high beside a sofa", next_to, (SOFA, [box("clock", (2.1, 0.3, 1.5), (2.3, 0.5, 1.7), 2, 0)]), False),
-    Row("a shelf just above a sofa's height", next_to, (SOFA, [box("shelf", (2.1, 0.3, 1.0), (2.3, 0.5, 1.2), 2, 0)]), True),
-    Row("a cup 0.25 m higher than a cup", next_to, (cube("cup", 0, 0, 0.1, id=1), [cube("cup", 0.12, 0, 0.1, 0.35)]), True),
-    Row("a cup 0.38 m higher than a cup", next_to, (cube("cup", 0, 0, 0.1, id=1), [cube("cup", 0.12, 0, 0.1, 0.48)]), False),
+    Row(
+        "a shelf just above a sofa's height",
+        next_to,
+        (SOFA, [box("shelf", (2.1, 0.3, 1.0), (2.3, 0.5, 1.2), 2, 0)]),
+        True,
+    ),
+    Row(
+        "a cup 0.25 m higher than a cup",
+        next_to,
+        (cube("cup", 0, 0, 0.1, id=1), [cube("cup", 0.12, 0, 0.1, 0.35)]),
+        True,
+    ),
+    Row(
+        "a cup 0.38 m higher than a cup",
+        next_to,
+        (cube("cup", 0, 0, 0.1, id=1), [cube("cup", 0.12, 0, 0.1, 0.48)]),
+        False,
+    ),
     Row("a pillow on the sofa", next_to, (SOFA, [box("pillow", (0.2, 0.3, 0.6), (0.6, 0.7, 0.85), 2, 0)]), False),
     Row("a ball under a table is not beside it", next_to, (TABLE, [BALL]), False),
     Row("two cups 0.45 m apart", next_to, (cube("cup", 0, 0, 0.1, id=1), [cube("cup", 0.55, 0, 0.1)]), True),
     Row("two cups 0.65 m apart", next_to, (cube("cup", 0, 0, 0.1, id=1), [cube("cup", 0.75, 0, 0.1)]), False),
-    Row("two beds 0.45 m apart, which boxes outgrow", next_to, (box("bed", (0, 0, 0), (2, 3, 0.5), 1), [box("bed", (2.45, 0, 0), (4.45, 3, 0.5), 2)]), False),
+    Row(
+        "two beds 0.45 m apart, which boxes outgrow",
+        next_to,
+        (box("bed", (0, 0, 0), (2, 3, 0.5), 1), [box("bed", (2.45, 0, 0), (4.45, 3, 0.5), 2)]),
+        False,
+    ),
     # between
     Row("a ball half-way", between, (A, B, [cube("ball", 2, 0, 0.2)]), True),
     Row("a ball half-way, of B and A", between, (B, A, [cube("ball", 2, 0, 0.2)]), True),
@@ -175,14 +221,29 @@ ROWS = (
     Row("east of a desk from the north is left", left_of, (DESK, [cube("lamp", 0.5, 0.1, 0.2)], NORTH), True),
     Row("east of a desk from the north is not right", right_of, (DESK, [cube("lamp", 0.5, 0.1, 0.2)], NORTH), False),
     Row("behind who looks, to the left", left_of, (DESK, [cube("lamp", -0.5, -4, 0.2)], SOUTH), False),
-    Row("before who looks along x, to the left", left_of, (cube("desk", 2, 0, 0.4, id=1), [cube("lamp", 2, 1, 0.2)], (0, 0, 0.0)), True),
-    Row("who looks along y has the east right", right_of, (cube("desk", 2, 1, 0.4, id=1), [cube("lamp", 3, 2, 0.2)], (0, 0, math.pi / 2)), True),
-    Row("who looks along y has the east not left", left_of, (cube("desk", 2, 1, 0.4, id=1), [cube("lamp", 3, 2, 0.2)], (0, 0, math.pi / 2)), False),
+    Row(
+        "before who looks along x, to the left",
+        left_of,
+        (cube("desk", 2, 0, 0.4, id=1), [cube("lamp", 2, 1, 0.2)], (0, 0, 0.0)),
+        True,
+    ),
+    Row(
+        "who looks along y has the east right",
+        right_of,
+        (cube("desk", 2, 1, 0.4, id=1), [cube("lamp", 3, 2, 0.2)], (0, 0, math.pi / 2)),
+        True,
+    ),
+    Row(
+        "who looks along y has the east not left",
+        left_of,
+        (cube("desk", 2, 1, 0.4, id=1), [cube("lamp", 3, 2, 0.2)], (0, 0, math.pi / 2)),
+        False,
+    ),
     # in room
     Row("in the room", in_room, (4, [cube("ball", 0, 0, 0.2, room=4)]), True),
     Row("in another room", in_room, (4, [cube("ball", 0, 0, 0.2, room=3)]), False),
     Row("in no room", in_room, (4, [cube("ball", 0, 0, 0.2, room=None)]), False),
-)  # fmt: skip
+)
 
 
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: f"{row.predicate.__name__}: {row.says}")
@@ -200,8 +261,14 @@ RANKED = (  # from what, the objects, the id of the nearest and of the farthest
     ("from a point", (0.0, 0.0), [cube("cup", 1, 0, 0.2, id=2), cube("cup", 2, 0, 0.2, id=3)], 2, 3),
     ("a point has no height", (0.0, 0.0), [cube("cup", 0.5, 0, 0.2, 2.0, id=2), cube("cup", 1, 0, 0.2, id=3)], 2, 3),
     ("a point with a height", (0.0, 0.0, 0.0), [cube("cup", 0.5, 0, 0.2, 2, 2), cube("cup", 1, 0, 0.2, id=3)], 3, 2),
-    ("by the boxes and not their middles", ORIGIN, [box("sofa", (0.5, -1, 0), (4, 1, 1), 2), cube("cup", 1.5, 0, 0.2, id=3)], 2, 3),
-)  # fmt: skip
+    (
+        "by the boxes and not their middles",
+        ORIGIN,
+        [box("sofa", (0.5, -1, 0), (4, 1, 1), 2), cube("cup", 1.5, 0, 0.2, id=3)],
+        2,
+        3,
+    ),
+)
 
 
 @pytest.mark.parametrize("row", RANKED, ids=lambda row: row[0])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -22,13 +23,13 @@ def inventory(name: str) -> Inventory:
     return Inventory(tuple(map(_object, told["objects"])), rooms, from_xy=tuple(told["start_m"]))
 
 
-def _object(told: dict) -> MapObject:
+def _object(told: dict[str, Any]) -> MapObject:
     low, high = map(tuple, told["box_m"])
     middle = tuple((np.add(low, high) / 2).tolist())
     camera = (*told.get("seen_from_m", SEEN_FROM_M), 1.5)
     view = View(told["id"], (0.0, 0.0, 9.0, 9.0), 0.9, told["label"], 81.0, camera, 0.0, middle)
     sure = told.get("probability", 0.97)
     return MapObject(
-        told["id"], told["label"], ((told["label"], 1.0),), middle, low, high, sure, "probability" not in told, 5, 6, 0.0, 9.0, 9.0,
-        (view,), tuple(told["colours"].items()), told["room"],
+        told["id"], told["label"], ((told["label"], 1.0),), middle, low, high, sure, "probability" not in told,
+        5, 6, 0.0, 9.0, 9.0, (view,), tuple(told["colours"].items()), told["room"],
     )  # fmt: skip

@@ -80,14 +80,13 @@ class Embedded:
         if agreed is False:
             return Selection("answered", reason="the offer was turned down", text="All right.", model=NAME)
         chosen = self._among(query, inventory, scene, dialogue)
-        if (
+        nothing = (
             chosen.status in ("not_found", "likely_near")
             and not chosen.next
             and not self._listed_asked(query, inventory)
-        ):
-            maybe = self._maybe(query, scene)
-            if maybe is not None:
-                return offer(maybe, scene, NAME)
+        )
+        if nothing and (maybe := self._maybe(query, scene)) is not None:
+            return offer(maybe, scene, NAME)
         return usual_place(chosen) if chosen.status == "likely_near" else chosen
 
     def _listed_asked(self, query: str, inventory: Inventory) -> bool:
@@ -119,9 +118,9 @@ class Embedded:
         if len(needs) > 1 and all(self._asks(need) or (k and _anaphoric(need)) for k, need in enumerate(outright)):
             chosen = self._each(needs, inventory, scene, dialogue)
             goals = [(c.object, c.object_id, c.room) for c in chosen if c.status in ("found", "likely_near")]
-            others = [c.status for c in chosen if c.status not in ("found", "likely_near")]
+            others = {c.status for c in chosen} - {"found", "likely_near"}
             # what "then" parts is served or said one by one; "and" may join words that are one need after all
-            said = goals and {*others} <= {"not_found", "clarify"} and THEN.search(query)
+            said = goals and others <= {"not_found", "clarify"} and THEN.search(query)
             if (said or not others) and len(set(goals)) == len(goals):
                 first, *rest = chosen
                 return replace(first, next=tuple(rest))
