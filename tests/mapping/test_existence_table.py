@@ -13,7 +13,6 @@ from cartier.mapping.existence import (
     BEARINGS,
     CONFIRMED,
     STANDPOINTS,
-    at_threshold,
     probability,
     report_weight,
     standpoints,
@@ -179,7 +178,7 @@ def test_standpoints_are_counted_apart(eyes: Sequence[tuple[float, float]]) -> N
 
 # ---- the posterior in closed form
 
-PLAIN = DetectorScoreModel(beta_true=(2.0, 1.0), beta_false=(1.0, 3.0), prior_log_odds=-1.0, best=0.0)
+PLAIN = DetectorScoreModel(beta_true=(2.0, 1.0), beta_false=(1.0, 3.0), prior_log_odds=-1.0, best_view_log_odds=0.0)
 
 
 def log_odds(pairs: Sequence[tuple[float, float]], score_model: DetectorScoreModel, widest_rad: float = 0.1) -> float:
@@ -217,8 +216,10 @@ def test_posterior_is_beta_binomial(pairs: list[tuple[float, float]], expected: 
     assert log_odds(pairs, PLAIN) == pytest.approx(-1.0 + expected, abs=1e-6)
 
 
-BEST = DetectorScoreModel(beta_true=(2.0, 1.0), beta_false=(1.0, 3.0), prior_log_odds=-1.0, best=1.5)
-SIZED = DetectorScoreModel(beta_true=(2.0, 1.0), beta_false=(1.0, 3.0), prior_log_odds=-1.0, best=0.0, size=0.8)
+BEST = DetectorScoreModel(beta_true=(2.0, 1.0), beta_false=(1.0, 3.0), prior_log_odds=-1.0, best_view_log_odds=1.5)
+SIZED = DetectorScoreModel(
+    beta_true=(2.0, 1.0), beta_false=(1.0, 3.0), prior_log_odds=-1.0, best_view_log_odds=0.0, log_odds_per_log_width=0.8
+)
 TERMS: dict[str, tuple[DetectorScoreModel, list[tuple[float, float]], float, float]] = {
     "best standpoint: a steady one": (BEST, [(9, 9), (1, 0)], 0.1, 1.5 * (0.9 - 0.5)),
     "best standpoint: the best of three": (BEST, [(1, 1), (3, 3), (1, 0)], 0.1, 1.5 * (0.75 - 0.5)),
@@ -291,26 +292,26 @@ def test_seldom_seen_object_is_pruned(n_detected: int, n_observable: int, gone: 
     )
 
 
-# ---- calibrations
+# ---- score models
 
 NONSENSE: dict[str, dict[str, object]] = {
-    "low above high": {"low": 0.6, "high": 0.5},
-    "birth above one": {"birth": 1.1},
+    "low above high": {"zero_weight_score": 0.6, "full_weight_score": 0.5},
+    "birth above one": {"spawn_threshold": 1.1},
     "threshold under zero": {"threshold": -0.1},
-    "an infinite prior": {"prior": math.inf},
-    "a Beta of zero": {"there": [0.0, 1.0]},
-    "a Beta of three": {"not_there": [1.0, 1.0, 1.0]},
+    "an infinite prior": {"prior_log_odds": math.inf},
+    "a Beta of zero": {"beta_true": [0.0, 1.0]},
+    "a Beta of three": {"beta_false": [1.0, 1.0, 1.0]},
 }
 
 
 @table("told", NONSENSE.values(), ids=NONSENSE.keys())
-def test_nonsense_is_no_calibration(told: dict[str, object]) -> None:
+def test_nonsense_is_no_score_model(told: dict[str, object]) -> None:
     with pytest.raises(ValueError):
         DetectorScoreModel.from_dict(told)
 
 
-def test_calibration_is_read() -> None:
-    told = {"low": 0.1, "high": 0.6, "there": [1, 2], "measured": "here"}
+def test_score_model_is_read() -> None:
+    told = {"zero_weight_score": 0.1, "full_weight_score": 0.6, "beta_true": [1, 2], "measured": "here"}
     assert DetectorScoreModel.from_dict(told) == DetectorScoreModel(
         zero_weight_score=0.1, full_weight_score=0.6, beta_true=(1.0, 2.0), measured="here"
     )
@@ -320,9 +321,11 @@ def test_calibration_is_read() -> None:
 
 def test_another_threshold_moves_all_scores() -> None:
     whole = DetectorScoreModel(0.4, spawn_threshold=0.2, zero_weight_score=0.1, full_weight_score=0.3, measured="here")
-    moved = at_threshold(whole, 0.8)
-    assert (moved.threshold, moved.birth, moved.low, moved.high) == pytest.approx((0.8, 0.4, 0.2, 0.6))
-    assert moved.measured == "" and moved.there == whole.there
-    assert whole.with_threshold(None) is whole and at_threshold(whole, 0.4) is whole
+    moved = whole.with_threshold(0.8)
+    assert (moved.threshold, moved.spawn_threshold, moved.zero_weight_score, moved.full_weight_score) == pytest.approx(
+        (0.8, 0.4, 0.2, 0.6)
+    )
+    assert moved.measured == "" and moved.beta_true == whole.beta_true
+    assert whole.with_threshold(None) is whole and whole.with_threshold(0.4) is whole
     with pytest.raises(BackendError, match="threshold must be from 0 to 1"):
-        at_threshold(whole, 1.5)
+        whole.with_threshold(1.5)
