@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import cartier
-from cartier.home.repository import Store
+from cartier.home.store import Store
 from synthetic import THINGS, RoomRecording, TrueBoxes, box, walk
 
 SAVED = Path(__file__).parents[1] / "data" / "home_0_1_0"

@@ -11,7 +11,7 @@ import pytest
 
 import cartier
 from cartier.errors import InputError
-from cartier.home.repository import Store
+from cartier.home.store import Store
 from cartier.render.sheet import draw_sheet
 from synthetic import THINGS, TrueBoxes, walk
 
