@@ -14,7 +14,7 @@ from functools import cache
 from pathlib import Path
 
 from cartier import plugins
-from cartier.contracts import Detector, Encoder, Reasoner, Recording
+from cartier.contracts import Detector, Encoder, IndexDefaults, Reasoner, ReasonerDefaults, Recording, optional
 from cartier.errors import BackendError, InputError
 from cartier.home import Home
 from cartier.labels import object_ref, room_ref
@@ -96,7 +96,9 @@ def ask(
             )
     who = selection.model or reasoner.name  # of a reasoner that hands over to another, the one that answered
     answer = serve(home, query, selection, who, index=index, from_xy=from_xy, robot=robot, timing_ms=timing_ms)
-    return replace(answer, notes=(*getattr(reasoner, "notes", ()), *_doubts(home, query, selection), *answer.notes))
+    return replace(
+        answer, notes=(*optional(reasoner, ReasonerDefaults, "notes"), *_doubts(home, query, selection), *answer.notes)
+    )
 
 
 def _doubts(home: Home, query: str, selection: Selection) -> Iterator[str]:
@@ -151,7 +153,7 @@ def serve(
             here = (last.x, last.y)
     return Answer(
         query, selection, place, goal, reasoner, index_name, home.detector, home.name, timing_ms, tuple(notes),
-        getattr(spatial_index, "encoder", None), tuple(then),
+        optional(spatial_index, IndexDefaults, "encoder") or None, tuple(then),
     )  # fmt: skip
 
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from cartier.contracts import Recording
+from cartier.contracts import Recording, RecordingDefaults, optional
 from cartier.doctor._edges import zoomed
 from cartier.doctor._report import Cure
 from cartier.errors import InputError, frame_number
@@ -21,7 +21,7 @@ class Mended:
 
     def __init__(self, recording: Recording, cure: Cure, notes: Sequence[str]) -> None:
         self._source, self._cure = recording, cure
-        self.name, self.scale_guessed = recording.name, getattr(recording, "scale_guessed", False)
+        self.name, self.scale_guessed = recording.name, optional(recording, RecordingDefaults, "scale_guessed")
         self.camera, self._old_from_new = turned_camera(mended_camera(recording.camera, cure), cure.turns)
         moved = cure.level is not None or cure.reading.before is not None
         self.truth: Sequence[TrueObject] | None = None if moved else recording.truth

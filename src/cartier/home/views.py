@@ -21,7 +21,8 @@ def to_dict(home: HomeData) -> dict[str, Any]:
         "detector": home.detector,
         "objects": [_object(obj, standing.get(obj.id)) for obj in objects],
         "rooms": [
-            {"id": r.id, "name": r.name, "kind": r.kind, "area_m2": round(len(r.cells) * cell_m2, 2)} for r in home.rooms
+            {"id": r.id, "name": r.name, "kind": r.kind, "area_m2": round(len(r.cells) * cell_m2, 2)}
+            for r in home.rooms
         ],
         "scale_guessed": home.scale_guessed,
         "notes": [*home.notes, *(home.corrected.notes if home.corrected else ())],

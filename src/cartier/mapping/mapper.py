@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cartier import plugins
-from cartier.contracts import Detector, Encoder, Recording, SpatialIndex
+from cartier.contracts import Detector, Encoder, IndexDefaults, Recording, RecordingDefaults, SpatialIndex, optional
 from cartier.errors import InputError
 from cartier.home.detection_log import DetectionLog
 from cartier.home.entity import CLOUD, DETECTIONS, Home
@@ -50,8 +50,8 @@ class Mapper:
         onto: Home | None = None,
     ) -> None:
         self.detector, self._onto, self._explicit = detector, onto, indexes is not None
-        made_by = {"detector": detector.name, "detector_sha256": getattr(detector, "sha256", Detector.sha256)}
-        self._score_model = getattr(detector, "score_model", Detector.score_model)
+        made_by = {"detector": detector.name, "detector_sha256": optional(detector, Detector, "sha256")}
+        self._score_model = optional(detector, Detector, "score_model")
         self._objects: ObjectMap | None = None  # with or without depth: the first frame tells
         self._floor, self._cloud, self._conditions = OccupancyMapper(), CloudMapper(), Conditions()
         self._seen, self._photos, self._log = set[int](), dict[int, bytes](), DetectionLog()
@@ -66,7 +66,7 @@ class Mapper:
                 **made_by,
                 "indexes": list(self._indexes),
                 "encoder": None,
-                "knows": list(getattr(detector, "knows", Detector.knows)),
+                "knows": list(optional(detector, Detector, "knows")),
                 "doubts": [],
             }
         else:
@@ -99,7 +99,7 @@ class Mapper:
     def contains(self, recording: Recording) -> bool:
         """Whether this very recording is in the map already. Raises InputError if another's scale does not go with the map's."""
         held = recording.fingerprint() in (row["sha256"] for row in self._settings["recordings"])
-        guessed = self._settings.get("scale_guessed") or getattr(recording, "scale_guessed", False)
+        guessed = self._settings.get("scale_guessed") or optional(recording, RecordingDefaults, "scale_guessed")
         if guessed and not held and self._settings["recordings"]:
             raise InputError(
                 f"{recording.name} cannot be added: where a scale is a guess, two recordings do not fit together; let one "
@@ -161,12 +161,12 @@ class Mapper:
             "frames": len(recording),
         }
         made_of["looked"] = len(recording) if looked is None else looked
-        if read_with := getattr(recording, "read_with", None):  # so that it can be read again as it was
+        if read_with := optional(recording, RecordingDefaults, "read_with"):  # so that it can be read again as it was
             plain = {name: np.asarray(value).tolist() for name, value in read_with.items()}
             made_of["read_with"] = json.loads(json.dumps(plain, default=str))
         self._settings["recordings"].append(made_of)
         doubts = self._settings.setdefault("doubts", [])
-        if getattr(recording, "scale_guessed", False):
+        if optional(recording, RecordingDefaults, "scale_guessed"):
             self._settings["scale_guessed"] = True  # only where it is so: homes of others keep their ids
         scale = SCALE_GUESSED if self._settings.get("scale_guessed") else None
         doubts += [line for line in (doubt(self.detector, recording), scale) if line and line not in doubts]
@@ -182,7 +182,7 @@ class Mapper:
         objects, grid = tidied.objects(), self._floor.grid()
         if not objects:
             hint = "is the threshold too high, or are these not the things that it knows?"
-            told = "; ".join(getattr(self.detector, "notes", ())) or hint
+            told = "; ".join(optional(self.detector, Detector, "notes")) or hint
             raise InputError(f"{self.detector.name} found nothing in the {self._looked()} frames: {told}")
         rooms = find_rooms(grid, objects) if grid is not None else ()
         objects = tuple(replace(obj, room=room_of(obj, grid, rooms)) for obj in objects)
@@ -190,7 +190,7 @@ class Mapper:
             *self._settings.get("doubts", ()),
             *self._notes,
             *self._conditions.notes(),
-            *getattr(self.detector, "notes", ()),
+            *optional(self.detector, Detector, "notes"),
         )
         notes = dict.fromkeys(all_notes)
         if not self._score_model.measured:
@@ -216,7 +216,7 @@ class Mapper:
         copies = deepcopy(self._indexes)
         for index in copies.values():
             index.set_objects(objects)
-            if made_with := getattr(index, "encoder", ""):
+            if made_with := optional(index, IndexDefaults, "encoder"):
                 settings["encoder"] = made_with
                 notes[f"image features: {made_with}"] = None
         empty = [name for name, index in copies.items() if not index.names()]
@@ -268,7 +268,7 @@ def is_of(recording: Recording, world: str) -> bool:
 
 def doubt(detector: Detector, recording: Recording) -> str | None:
     """The line that says that a detector was not made for such a recording, None if it was, or if nobody knows."""
-    world = getattr(detector, "world", Detector.world)
+    world = optional(detector, Detector, "world")
     if world == "" and is_of(recording, DOLLHOUSE):
         return (
             f"WRONG DETECTOR: {detector.name} knows photographs, and {recording.name} is rendered: the {DOLLHOUSE} has a "

@@ -18,7 +18,7 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from cartier.contracts import Recording
+from cartier.contracts import Recording, RecordingDefaults, optional
 from cartier.errors import InputError
 from cartier.home import Home
 from cartier.home.detection_log import Looked
@@ -77,7 +77,7 @@ def _first_frame(home: Home, recording: Recording) -> int:
         if row["sha256"] == sha256:
             return first
         first += int(row["frames"])
-    here = _read_with(getattr(recording, "read_with", {}))
+    here = _read_with(optional(recording, RecordingDefaults, "read_with"))
     named = [_read_with(row.get("read_with", {})) for row in rows if row["recording"] == recording.name]
     if not named:
         names = ", ".join(row["recording"] for row in rows)
