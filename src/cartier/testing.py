@@ -252,7 +252,7 @@ def check_index(
     _check(bool(names) and set(names) <= confirmed, f"names() must be of confirmed objects: {set(names) - confirmed}")
     places = _places(index, {frame.index for frame in frames})
     if not isinstance(index, Searchable):
-        _check(index.locate("unicorn") is None, "locate() must be None for a name that the index does not have")
+        _check(index.locate("unicorn") is None, "locate() must be None for a name that it does not have: 'unicorn'")
     state, again = index.state(), make()
     _check(all(isinstance(blob, bytes) for blob in state.values()), "state() must give bytes by name")
     again.restore(state)

@@ -16,7 +16,7 @@ from cartier.types import Camera, Inventory, MapObject, OccupancyGrid, Room
 
 @dataclass(frozen=True, eq=False)
 class HomeData:
-    """The fields of a ``Home``, and what follows from them alone; ``repository.py`` and ``views.py`` read nothing else."""
+    """The fields of a ``Home``, and what follows from them; ``repository.py`` and ``views.py`` need nothing else."""
 
     name: str
     detector: str
@@ -35,7 +35,7 @@ class HomeData:
 
     @property
     def id(self) -> str:
-        """Twelve hex digits of a digest over ``settings``: equal for the same recordings mapped with the same settings."""
+        """Twelve hex digits: the same for the same recordings mapped with the same settings."""
         made_by = json.dumps(dict(self.settings), sort_keys=True)
         return hashlib.sha256(made_by.encode()).hexdigest()[:12]
 

@@ -1,8 +1,7 @@
-"""Where a home is kept: named blobs with their checksums, and a manifest that is written last.
+"""Content-addressed store of a home: named blobs with checksums, and a manifest that is written last.
 
-A folder today; whatever can put and get bytes by name could hold one. Blobs are never changed: each is a file that has its
-digest in its name, and the manifest says which of them are the home. Writing one file, the manifest, thus turns the old home
-into the new one, so that a reader needs no lock and a kill leaves the one or the other.
+Blobs never change: each is a file with its digest in its name, and the manifest says which of them are the home. Writing one
+file, the manifest, replaces the old home by the new one, so that readers need no lock and a killed writer leaves either.
 """
 
 from __future__ import annotations
@@ -26,13 +25,13 @@ BLOB = re.compile(r".+-([0-9a-f]{12})\.[a-z0-9]+")
 
 
 class Store:
-    """One home's blobs. ``get`` checks what it reads; ``put`` needs the lock of the home, which it takes by itself."""
+    """The blobs of one home in a folder. ``get`` verifies checksums; ``put`` takes the lock of the home."""
 
     def __init__(self, folder: str | Path) -> None:
         self.folder = Path(folder)
 
     def manifest(self) -> dict[str, Any]:
-        """What was put last. Raises InputError if there is no home here, or if its manifest is damaged."""
+        """The manifest. Raises InputError if the folder holds no home, or if the manifest is damaged."""
         file = self.folder / MANIFEST
         if not file.is_file():
             raise InputError(
@@ -42,7 +41,7 @@ class Store:
         about = read_json(file)
         if not isinstance(about, dict):
             raise InputError(f"{file} is damaged (no object): map the recording again")
-        blobs = about.get("blobs", {})  # older homes have none
+        blobs = about.get("blobs", {})  # homes of older schemas have none
         sound = isinstance(blobs, dict) and all(
             NAME.fullmatch(name) and isinstance(digest, str) and re.fullmatch("[0-9a-f]{64}", digest)
             for name, digest in blobs.items()
@@ -52,7 +51,7 @@ class Store:
         return about
 
     def get(self, name: str, about: Mapping[str, Any]) -> bytes:
-        """One blob of a manifest. Raises InputError if it is missing or is not as it was put."""
+        """One blob of a manifest. Raises InputError if it is missing or damaged."""
         digest = about["blobs"].get(name)
         if digest is None:
             raise InputError(f"{self.folder / MANIFEST} is damaged (it names no {name}): map the recording again")
@@ -63,9 +62,9 @@ class Store:
         return data
 
     def put(self, about: Mapping[str, Any], blobs: Mapping[str, bytes], files: Mapping[str, bytes]) -> None:
-        """Replace the home, whole or not at all; files of others in its folder stay. Raises InputError if it cannot be.
+        """Replace the home atomically; other files in its folder stay. Raises InputError if it cannot be written.
 
-        ``files`` are for other programs: they keep their names, come after the manifest, and are never read back.
+        ``files`` are for other programs: they keep their names, are written after the manifest, and are never read back.
         """
         digests = {name: digest_of(data) for name, data in blobs.items()}
         whole: dict[str, Any] = {**about, "blobs": digests}
@@ -79,11 +78,11 @@ class Store:
                     self._fill(new, whole, blobs, files)
 
     def append(self, log: str, line: str) -> None:
-        """Add a line to one of the home's logs, which no mapping ever replaces. Raises InputError if that is not possible."""
+        """Append a line to one of the home's logs, which mapping never replaces. Raises InputError if that fails."""
         append_line(self.folder / log, line)
 
     def faults(self) -> list[str]:
-        """What is damaged, one line each; nothing for a whole home."""
+        """What is damaged, one line each; empty for an intact home."""
         found = []
         try:
             about = self.manifest()
@@ -108,16 +107,16 @@ class Store:
             write_file(folder / name, data)
 
     def _sweep(self, whole: Mapping[str, Any]) -> None:
-        """Delete blobs that are no longer part of the home, and nothing else."""
+        """Delete blobs that are no longer part of the home, and no other file."""
         kept = {self.folder / blob_file(name, digest) for name, digest in whole["blobs"].items()}
         for file in [path for path in self.folder.rglob("*") if path.is_file() and not path.is_symlink()]:
             if file not in kept and (PART.fullmatch(file.name) or _is_blob(file)):
-                with suppress(OSError):  # the home is whole without
+                with suppress(OSError):  # a leftover does no harm
                     file.unlink()
 
 
 def blob_file(name: str, digest: str) -> str:
-    """Where a blob lies in the folder: its name with the begin of its digest."""
+    """The file of a blob: its name with the first digits of its digest."""
     stem, _, suffix = name.rpartition(".")
     return f"{stem}-{digest[:12]}.{suffix}"
 
@@ -141,6 +140,6 @@ def _holds(file: Path, data: bytes) -> bool:
 
 
 def _is_blob(file: Path) -> bool:
-    """Whether the name ends in the digest of the content: a stranger's file never does."""
+    """Whether the name ends in the digest of the content, which no other program's file does."""
     named = BLOB.fullmatch(file.name)
     return named is not None and digest_of(file.read_bytes())[:12] == named[1]

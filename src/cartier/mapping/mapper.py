@@ -35,10 +35,27 @@ COUNTS, FRAMES = "occupancy_counts.npz", "frames.npz"
 
 
 class Mapper:
-    """Grows a map of one home. Frames are taken in one by one and not kept, but for the photos of objects' best views.
+    """Grows the map of one home frame by frame; of the frames, only photos of the objects' best views are kept.
 
-    ``indexes`` are names; by default those that need no encoder and that the frames allow. ``encoder``, for those that need one,
-    is NAME, NAME:MODEL or an Encoder. ``onto`` is a home to go on from, by the same detector; its indices and settings stay.
+    Args:
+        detector: Detects the objects.
+        indexes: The names of the spatial indices to build; by default those that need no encoder and that the frames allow.
+        encoder: NAME, NAME:MODEL or an Encoder, for indices that need one.
+        onto: A home to grow, mapped by the same detector; its indices and settings stay.
+
+    Raises:
+        InputError: ``onto`` was mapped by another detector, or lacks what growing needs.
+        BackendError: An index or encoder is unknown.
+
+    Example:
+        >>> import cartier
+        >>> walk = cartier.make("worlds", "dollhouse", width=160, height=120).explore("studio", max_frames=12)
+        >>> mapper = cartier.Mapper(cartier.make("detectors", "ground_truth", truth=walk.truth, source="dollhouse"))
+        >>> for number in range(len(walk)):
+        ...     ids = mapper.add(walk[number])  # the ids of the objects that its detections belong to
+        >>> mapper.finish(walk)
+        >>> mapper.home().settings["recordings"][0]["frames"]
+        12
     """
 
     def __init__(
@@ -97,7 +114,17 @@ class Mapper:
             raise InputError(f"{home.name} keeps no {told} to go on from: map it again") from error
 
     def contains(self, recording: Recording) -> bool:
-        """Whether this very recording is in the map already. Raises InputError if another's scale does not go with the map's."""
+        """Whether the recording is already in the map.
+
+        Args:
+            recording: The recording.
+
+        Returns:
+            Whether a recording of the same content was mapped.
+
+        Raises:
+            InputError: It is not in the map and cannot be added, because a scale is a guess.
+        """
         held = recording.fingerprint() in (row["sha256"] for row in self._settings["recordings"])
         guessed = self._settings.get("scale_guessed") or optional(recording, RecordingDefaults, "scale_guessed")
         if guessed and not held and self._settings["recordings"]:
@@ -108,10 +135,17 @@ class Mapper:
         return held
 
     def add(self, frame: Frame, detections: Detections | None = None) -> npt.NDArray[np.int64]:
-        """Take in one frame; returns the object id of each of its detections, -1 for none.
+        """Map one frame. A frame that is already in the map changes nothing.
 
-        ``detections`` are the detector's, where they are known already. A frame that was seen before changes nothing. Raises
-        InputError if the frame does not go with the map, and what the detector raises.
+        Args:
+            frame: The frame.
+            detections: Its detections; by default the detector is run.
+
+        Returns:
+            (N,) the object id of each detection, -1 for none.
+
+        Raises:
+            CartierError: What the detector raises.
         """
         detections = self.detector.detect(frame) if detections is None else detections
         return (
@@ -121,7 +155,15 @@ class Mapper:
         )
 
     def integrate_depth(self, frame: Frame) -> bool:
-        """Take in a frame for the floor plan alone; whether it may be looked at too, being new and of the map's kind."""
+        """Add the depth of a frame to the floor plan and the point cloud.
+
+        Args:
+            frame: The frame.
+
+        Returns:
+            Whether its detections may be added: False for a frame that is already in the map, or that lacks depth while the
+            map has it.
+        """
         key, pose = _key(frame), frame.world_from_camera
         if key in self._seen:
             return False
@@ -140,7 +182,15 @@ class Mapper:
         return True
 
     def integrate_detections(self, frame: Frame, detections: Detections) -> npt.NDArray[np.int64]:
-        """Take in the detections of a frame that was measured; returns the object id of each, -1 for none."""
+        """Add the detections of a frame for which ``integrate_depth`` returned True.
+
+        Args:
+            frame: The frame.
+            detections: Its N detections.
+
+        Returns:
+            (N,) the object id of each detection, -1 for none.
+        """
         assert self._objects is not None
         if self._next_frame:
             frame = replace(frame, index=frame.index + self._next_frame)
@@ -154,7 +204,12 @@ class Mapper:
         return ids
 
     def finish(self, recording: Recording, looked: int | None = None) -> None:
-        """All frames of a recording are in: the next ones are of another. ``looked`` is at how many the detector looked, if not at all."""
+        """End a recording: all of its frames were added, and the next ones are of another recording.
+
+        Args:
+            recording: The recording.
+            looked: In how many of its frames objects were detected; by default in all.
+        """
         made_of: dict[str, Any] = {
             "recording": recording.name,
             "sha256": recording.fingerprint(),
@@ -174,7 +229,14 @@ class Mapper:
         self._notes |= dict.fromkeys(recording.notes)
 
     def home(self) -> Home:
-        """What is known so far, as a home that no further frame changes. Raises InputError before the first detection."""
+        """The map so far, as a home that further frames do not change.
+
+        Returns:
+            The home.
+
+        Raises:
+            InputError: No frame was added, nothing was detected, or an index that was asked for is empty.
+        """
         if self._start_xy is None or self._camera is None or self._objects is None:
             raise InputError("nothing was mapped yet: the recording holds no frames")
         tidied = deepcopy(self._objects)
