@@ -18,14 +18,15 @@ WITH_METHODS = ("Home", "Mapper")
 ERRORS = ("CartierError", "InputError", "BackendError", "MissingExtra", "ReasonerError")
 HEAD = """# The Python API
 
-Written by `python tools/build_api_page.py` from the code. All of it has types (`py.typed`); this sample passes `mypy --strict`, and survives an answer
-without an object, a place without a goal, and what a user gets wrong:
+Written by `python tools/build_api_page.py` from the code. All of it has types (`py.typed`); this sample passes `mypy
+--strict`, and survives an answer without an object, a place without a goal, and what a user gets wrong:
 
 ```python
 {sample}```
 
-`import cartier` brings all names of this page but the contracts (`cartier.contracts`) and the laws (`cartier.testing`). Metres, seconds, radians; the
-conventions stand at the head of `src/cartier/types.py`. What a user got wrong is a `CartierError` of one line. Names that are not here may change.
+`import cartier` brings all names of this page but the contracts (`cartier.contracts`) and the laws
+(`cartier.testing`). Metres, seconds, radians; the conventions stand at the head of `src/cartier/types.py`. What a user
+got wrong is a `CartierError` of one line. Names that are not here may change.
 """
 
 

@@ -2,7 +2,7 @@
 
 from cartier.contracts import Detector, Encoder, Reasoner, Recording, Robot, Searchable, SpatialIndex, World
 from cartier.errors import BackendError, CartierError, InputError, MissingExtra, ReasonerError
-from cartier.home import Home
+from cartier.home import DetectionLog, Home, PointCloud, ProcessedFrame
 from cartier.mapping.mapper import Mapper
 from cartier.pipeline import Conversation, ask, map_home
 from cartier.plugins import make, open_recording
@@ -32,6 +32,7 @@ __all__ = [
     "Camera",
     "CartierError",
     "Conversation",
+    "DetectionLog",
     "Detections",
     "Detector",
     "DetectorScoreModel",
@@ -47,6 +48,8 @@ __all__ = [
     "MissingExtra",
     "OccupancyGrid",
     "Place",
+    "PointCloud",
+    "ProcessedFrame",
     "Reasoner",
     "ReasonerError",
     "Recording",

@@ -1,9 +1,10 @@
 """Backend interfaces: recordings, detectors, encoders, spatial indices, reasoners, robots and simulated worlds.
 
-Each is a protocol, and a backend is any object that has its members. Members with a value are optional, and the value is
-what a backend without them is taken to have: those of a ``Detector`` stand in the protocol, those of the others in a class
-of their own (``RecordingDefaults``, …), and a backend may derive from either. cartier reads them with ``optional`` alone.
-``cartier.testing`` checks backends against all of this. Units, frames and layouts are those at the head of ``types.py``.
+Each is a protocol, and a backend is any object that has its members. Members with a value are optional, and the value
+is what a backend without them is taken to have: those of a ``Detector`` stand in the protocol, those of the others in
+a class of their own (``RecordingDefaults``, …), and a backend may derive from either. cartier reads them with
+``optional`` alone. ``cartier.testing`` checks backends against all of this. Units, frames and layouts are those at the
+head of ``types.py``.
 """
 
 from __future__ import annotations

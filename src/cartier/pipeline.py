@@ -1,8 +1,8 @@
 """End-to-end pipeline: ``map_home`` and ``ask``, and ``Conversation``, which asks with memory.
 
-Source: CARTIER (arXiv 2307.11865). Offline, ``map_home`` detects the objects of every keyframe, and the mapper makes objects,
-indices and a floor plan of the detections. Online, ``ask`` gives the words and the inventory to a reasoner, looks its choice
-up in an index, and plans a pose there.
+Source: CARTIER (arXiv 2307.11865). Offline, ``map_home`` detects the objects of every keyframe, and the mapper makes
+objects, indices and a floor plan of the detections. Online, ``ask`` gives the words and the inventory to a reasoner,
+looks its choice up in an index, and plans a pose there.
 """
 
 from __future__ import annotations
@@ -45,11 +45,13 @@ def map_home(
     Args:
         recording: What ``open_recording`` or a world gives.
         detector: Detects the objects.
-        indexes: The names of the spatial indices to build; by default those that need no encoder and that the frames allow.
+        indexes: The names of the spatial indices to build; by default those that need no encoder and that the frames
+            allow.
         encoder: NAME, NAME:MODEL or an Encoder, for indices that need one.
         onto: A home to grow, mapped by the same detector; its indices and settings stay. A home that already holds the
             recording is returned as it is.
-        every: Run the detector on each ``every``-th frame (1 for all) instead of on keyframes, which show something new.
+        every: Run the detector on each ``every``-th frame (1 for all) instead of on keyframes, which show something
+            new.
         resume: A file that keeps the detections of finished frames, so that a run that was killed can be continued.
         progress: Called after each frame with the number of frames done and of all frames.
 
@@ -109,8 +111,8 @@ def ask(
         dialogue: Earlier (person, robot) turns, oldest first; ``Conversation`` keeps them.
 
     Returns:
-        The answer. Its place and goal are None where nothing serves, where the robot asks back or answers in words; a goal
-        may also be missing where no pose can be reached, and ``notes`` say why.
+        The answer. Its place and goal are None where nothing serves, where the robot asks back or answers in words; a
+        goal may also be missing where no pose can be reached, and ``notes`` say why.
 
     Raises:
         InputError: The words are empty or too long, the start is not a point, or the home has no such index.
@@ -148,7 +150,7 @@ def ask(
 
 
 def _doubts(home: Home, query: str, selection: Selection) -> Iterator[str]:
-    """Why the detector may be the reason for the answer: it was made for other pictures, or lacks a label for the words."""
+    """Why the detector may be to blame: it was made for other pictures, or has no label for what was asked for."""
     yield from home.settings.get("doubts", ())
     names = home.settings.get("knows", ())
     if names and selection.status != "found" and (asked := out_of_vocabulary_mention(query, names)) is not None:
@@ -233,8 +235,8 @@ def _timed(timing_ms: dict[str, float], step: str) -> Iterator[None]:
 class Conversation:
     """A conversation about a home: requests in order, with the memory of both sides and of where the robot was sent.
 
-    ``turns`` holds the latest (person, robot) turns, oldest first, as many as a reasoner is shown. ``from_xy`` is where the
-    robot stands: the last goal, unless the caller sets it.
+    ``turns`` holds the latest (person, robot) turns, oldest first, as many as a reasoner is shown. ``from_xy`` is
+    where the robot stands: the last goal, unless the caller sets it.
 
     Args:
         home: The home.

@@ -1,7 +1,8 @@
 """Plugin registry: backends by name, by entry point (group ``cartier.KIND``) or by path to a .py file.
 
 A backend is a module whose docstring's first line describes it, with a factory ``make(**options)``; recordings have
-``matches(path)`` and ``open(path, **options)`` instead. ``EXTRA = "llm"`` names the optional dependencies that it needs.
+``matches(path)`` and ``open(path, **options)`` instead. ``EXTRA = "llm"`` names the optional dependencies that it
+needs.
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
 """Conformance checks of backends against the contracts, for the tests of their authors: ``check_detector(mine.make)``.
 
-Each check takes a function without arguments that makes the backend anew, such as ``lambda: mine.make(model="m.onnx")``, and
-raises AssertionError with a sentence that says what is wrong. cartier's own backends pass the same checks.
+Each check takes a function without arguments that makes the backend anew, such as ``lambda:
+mine.make(model="m.onnx")``, and raises AssertionError with a sentence that says what is wrong. cartier's own backends
+pass the same checks.
 """
 
 from __future__ import annotations
@@ -58,7 +59,7 @@ LISTS = (
 
 
 def check_recording(open_it: Callable[[], Recording], most: int = 20) -> None:
-    """Check that frames are typed, counted from 0, and the same in any order and to as many threads as ``readers`` says.
+    """Check that frames are typed, counted from 0, and the same in any order and to ``readers`` threads.
 
     Args:
         open_it: Opens the recording.
@@ -223,7 +224,7 @@ def check_encoder(make: Callable[[], Encoder]) -> None:
 def check_index(
     make: Callable[[], SpatialIndex], frames: Sequence[Frame] | None = None, detector: Detector | None = None
 ) -> SpatialIndex:
-    """Check that confirmed objects can be located, that ``state`` and ``restore`` keep all, and that copies are independent.
+    """Check that confirmed objects can be located, that ``restore`` takes ``state``, and that copies are independent.
 
     Args:
         make: Makes the index.
@@ -317,7 +318,7 @@ def check_reasoner(make: Callable[[], Reasoner], requests: Sequence[str] = REQUE
 
 
 def check_robot(make: Callable[[], Robot], goal: Goal | None = None) -> None:
-    """Check that a goal is sent, or refused with a CartierError, and that one line says what happened. The robot may drive!
+    """Check that a goal is sent or refused with a CartierError, and that one line says which. The robot may drive!
 
     Args:
         make: Makes the robot.

@@ -78,7 +78,8 @@ class Frame:
         depth_m: (H, W) float32, or None without depth.
         world_from_camera: (4, 4) pose.
         camera: The camera, of the size of the image.
-        instances: (H, W) int32, a simulator's true object ids (0 = none). Only what is *called* ground truth may read them.
+        instances: (H, W) int32, a simulator's true object ids (0 = none). Only what is *called* ground truth may read
+            them.
     """
 
     index: int
@@ -154,18 +155,18 @@ class Detections:
 
 @dataclass(frozen=True)
 class DetectorScoreModel:
-    """What a detector's scores say about existence; the defaults are cautious values for a detector that was not measured.
+    """What a detector's scores say about existence; the defaults are cautious values for unmeasured detectors.
 
     Args:
         threshold: The score from which a single detection counts.
         spawn_threshold: The score from which a detection starts a new object.
         zero_weight_score, full_weight_score: The scores at which a detection weighs 0 and 1.
-        beta_true, beta_false: Beta(a, b) distributions of the share of viewpoint bins with a detection, for real objects and
-            for false positives.
+        beta_true, beta_false: Beta(a, b) distributions of the share of viewpoint bins with a detection, for real
+            objects and for false positives.
         prior_log_odds: The log-odds of an object before any frame.
         best_view_log_odds: What its best viewpoint bin adds.
-        log_odds_per_log_width: What the log-odds lose for each factor e by which its best view is wider than 0.1 rad: real
-            objects that appear large are detected reliably.
+        log_odds_per_log_width: What the log-odds lose for each factor e by which its best view is wider than 0.1 rad:
+            real objects that appear large are detected reliably.
         measured: The data that it was measured on; empty for the defaults.
     """
 
@@ -457,7 +458,8 @@ class Place:
         """The place as plain JSON values.
 
         Returns:
-            What ``cartier ask --json`` prints as ``place``; its keys are the fields, without ``label`` and ``view_yaw``.
+            What ``cartier ask --json`` prints as ``place``; its keys are the fields, without ``label`` and
+            ``view_yaw``.
         """
         box, low, high = (None if v is None else list(v) for v in (self.box_xyxy, self.box_min, self.box_max))
         return {
@@ -471,7 +473,8 @@ class Fact:
     """The answer to a question, for programs.
 
     Args:
-        kind: What was asked: how many, whether there is one, where, which, which of two has more of something, or a property.
+        kind: What was asked: how many, whether there is one, where, which, which of two has more of something, or a
+            property.
         value: For "count" a number, for "exists" a bool, for "where" the name of a room or None, for "list" names, for
             "compare" the name of the object that has more, for "tell" a word or a length in metres.
         objects: The ids of the objects that the answer is about.
@@ -487,11 +490,11 @@ class Selection:
     """What a reasoner chose.
 
     Args:
-        status: "found" (an object or room serves the words), "likely_near" (the object stands for one that is not in the map
-            but usually near it), "not_found" (nothing serves), "clarify" (``question`` has to be answered first) or "answered"
-            (``text`` is the answer, and there is no goal).
-        object: The name of the chosen object or room, from the inventory. Given for "found" and "likely_near"; for "answered"
-            it may name what the answer is about.
+        status: "found" (an object or room serves the words), "likely_near" (the object stands for one that is not in
+            the map but usually near it), "not_found" (nothing serves), "clarify" (``question`` has to be answered
+            first) or "answered" (``text`` is the answer, and there is no goal).
+        object: The name of the chosen object or room, from the inventory. Given for "found" and "likely_near"; for
+            "answered" it may name what the answer is about.
         reason: Why, in one sentence.
         question: What to ask the person, for "clarify".
         candidates: Names that were considered, with their scores, best first.
@@ -519,9 +522,10 @@ class Selection:
 
     def __post_init__(self) -> None:
         need(self.status in STATUSES, f"selection status {self.status!r} is not one of {', '.join(STATUSES)}")
+        names_one = self.status in ("found", "likely_near")
         need(
-            self.status == "answered" or (self.object is not None) == (self.status in ("found", "likely_near")),
-            f"a selection that is {self.status!r} must {'' if self.status in ('found', 'likely_near') else 'not '}name an object",
+            self.status == "answered" or (self.object is not None) == names_one,
+            f"a selection that is {self.status!r} must {'' if names_one else 'not '}name an object",
         )
         need(self.object is not None or self.object_id is None, "a selection with an object's id must name the object")
 
@@ -576,8 +580,8 @@ class OccupancyGrid:
         cells: (rows, cols) int8 of FREE, OCCUPIED and UNKNOWN; row 0 has the smallest y.
         resolution_m: The side of a cell.
         origin_xy: The outer corner of cell (0, 0) in the map frame (m).
-        height_m: (rows, cols) float16, the height of the highest surface seen in each cell (0 = none): with it, lines of
-            sight can pass over a table.
+        height_m: (rows, cols) float16, the height of the highest surface seen in each cell (0 = none): with it, lines
+            of sight can pass over a table.
     """
 
     cells: npt.NDArray[np.int8]
@@ -641,7 +645,8 @@ class Answer:
         timing_ms: How long each step took.
         notes: What a person should know about the answer, one line each.
         encoder: Which encoder the index used, or None.
-        next: The answers to further needs in the same words, in order; each goal is planned from where the last one ends.
+        next: The answers to further needs in the same words, in order; each goal is planned from where the last one
+            ends.
     """
 
     query: str
@@ -665,12 +670,11 @@ class Answer:
         """
         chosen = self.selection
         return {
-            "query": self.query, "status": chosen.status, "object": chosen.object, "object_id": chosen.object_id, "room": chosen.room,
-            "reason": chosen.reason, "question": chosen.question, "text": chosen.text,
-            "answer": None if chosen.fact is None else asdict(chosen.fact),
-            "place": self.place.to_dict() if self.place else None, "goal": self.goal.to_dict() if self.goal else None,
-            "candidates": [{"object": name, "score": score} for name, score in chosen.candidates],
-            "reasoner": self.reasoner, "index": self.index, "encoder": self.encoder, "detector": self.detector,
-            "home": self.home, "timing_ms": {step: round(ms, 2) for step, ms in self.timing_ms.items()}, "notes": list(self.notes),
-            "next": [answer.to_dict() for answer in self.next],
+            "query": self.query, "status": chosen.status, "object": chosen.object, "object_id": chosen.object_id,
+            "room": chosen.room, "reason": chosen.reason, "question": chosen.question, "text": chosen.text, "answer":
+            None if chosen.fact is None else asdict(chosen.fact), "place": self.place.to_dict() if self.place else
+            None, "goal": self.goal.to_dict() if self.goal else None, "candidates": [{"object": name, "score": score}
+            for name, score in chosen.candidates], "reasoner": self.reasoner, "index": self.index, "encoder":
+            self.encoder, "detector": self.detector, "home": self.home, "timing_ms": {step: round(ms, 2) for step, ms
+            in self.timing_ms.items()}, "notes": list(self.notes), "next": [answer.to_dict() for answer in self.next],
         }  # fmt: skip

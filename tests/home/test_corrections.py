@@ -201,7 +201,7 @@ def test_what_is_nowhere_near_is_left_out_and_said() -> None:
 def test_which_one_is_asked_with_ids() -> None:
     two = (obj(3, "mug", 1.0), obj(5, "mug", 2.0))
     assert find("5", two) is two[1] and find("#5", two) is two[1]
-    with pytest.raises(InputError, match=r"2 things are called 'mug': say which by its id \(3, 5\)"):
+    with pytest.raises(InputError, match=r"2 objects or rooms are called 'mug': say which by its id \(3, 5\)"):
         find("mug", two)
     with pytest.raises(InputError, match="nothing in this home is called 'sofa'"):
         find("sofa", two)

@@ -1,6 +1,6 @@
-"""Compatibility with homes on disk: ``tests/data/home_0_1_0`` was written by cartier 0.1.0 from the first half of a walk.
+"""Homes of cartier 0.1.0: ``tests/data/home_0_1_0`` was written by that version from the first half of a walk.
 
-It holds a floor plan, the index object_depth, growth state, photos, and one correction: the chair is called Grandpa's chair.
+It holds a floor plan, the index object_depth, growth state, photos, and a correction: the chair is Grandpa's chair.
 """
 
 from __future__ import annotations

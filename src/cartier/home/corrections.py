@@ -1,7 +1,7 @@
 """Corrections that people make to a home: an append-only log of names, moves and removals.
 
-Each entry says who, when and what. The log is applied to the map whenever the home is loaded. An entry finds its object by
-id or alias, label and position, so that it stays valid when the home grows or is mapped again.
+Each entry says who, when and what. The log is applied to the map whenever the home is loaded. An entry finds its
+object by id or alias, label and position, so that it stays valid when the home grows or is mapped again.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ CorrectionKind = Literal["name", "forget", "move", "undo"]
 
 @dataclass(frozen=True)
 class Subject:
-    """What an entry corrects, as the map had it then; ``position`` (m) is an object's middle, or a point (x, y) of a room."""
+    """What an entry corrects, as it was then; ``position`` (m) is an object's middle, or a point (x, y) of a room."""
 
     kind: Literal["object", "room"]
     id: int
@@ -41,7 +41,7 @@ class Subject:
 
 @dataclass(frozen=True)
 class Correction:
-    """One entry of the log: ``name`` for "name", ``to_xy`` (m) for "move", ``undoes`` (the id of an entry) for "undo"."""
+    """One entry of the log: ``name`` for "name", ``to_xy`` (m) for "move", ``undoes`` (an entry's id) for "undo"."""
 
     id: str
     when: str
@@ -112,7 +112,7 @@ def apply(
 
 
 def find(text: str, objects: Sequence[MapObject], rooms: Sequence[Room] = ()) -> MapObject | Room:
-    """The object or room that a person means by an object's id, ``room:ID``, a name, or a label that only one object has.
+    """The object or room that a person means by an object's id, ``room:ID``, a name, or the label of only one object.
 
     Raises InputError, with the ids to choose from, if there is none or more than one.
     """

@@ -22,8 +22,13 @@ KINDS = {
 
 
 @dataclass(frozen=True, eq=False)
-class Looked:
-    """A processed frame: its N most confident detections, with boxes in whole pixels, and their object ids (-1 for none)."""
+class ProcessedFrame:
+    """A frame that the detector processed.
+
+    Args:
+        detections: Its N most confident detections, with boxes in whole pixels.
+        objects: (N,) int32, the id of the object that each was associated with, -1 for none.
+    """
 
     detections: Detections
     objects: npt.NDArray[np.int32]
@@ -32,8 +37,8 @@ class Looked:
 class DetectionLog:
     """Keeps the ``MAX_DETECTIONS`` most confident boxes of each frame, without masks.
 
-    Memory is bounded: of more than ``MAX_BOXES``, the more confident half stays. ``least`` is the score below which boxes
-    were dropped, 0 as long as none were.
+    Memory is bounded: of more than ``MAX_BOXES``, the more confident half stays. ``least`` is the score below which
+    boxes were dropped, 0 as long as none were.
     """
 
     def __init__(self) -> None:
@@ -43,7 +48,12 @@ class DetectionLog:
         self._boxes, self._scores, self._labels, self._objects = array("h"), array("f"), array("i"), array("i")
 
     def add(self, detections: Detections, objects: npt.NDArray[np.int64]) -> None:
-        """Keep the detections of one more frame; ``objects`` (N,) are the ids of their objects, -1 for none."""
+        """Keep the detections of one more frame.
+
+        Args:
+            detections: Its N detections.
+            objects: (N,) int64, the id of the object that each was associated with, -1 for none.
+        """
         best = np.argsort(-detections.scores, kind="stable")[:MAX_DETECTIONS]
         kept = detections.keep(best)
         limits = np.iinfo(np.int16)
@@ -80,14 +90,25 @@ class DetectionLog:
         self._labels, self._objects = (array("i", columns[name].tolist()) for name in ("labels", "objects"))
 
     def state(self) -> bytes:
-        """The log as bytes, for ``restore``."""
+        """The log in stored form.
+
+        Returns:
+            NPZ bytes, for ``restore``.
+        """
         columns = self._columns()
         columns["scores"] = columns["scores"].astype(np.float16)
         names = np.array(list(self._names), str)
         return npz_bytes(**columns, names=names, least=np.array(self.least))
 
     def restore(self, data: bytes) -> None:
-        """Replace the log by what ``state`` gave. Raises InputError if it is damaged."""
+        """Replace the log by a stored one.
+
+        Args:
+            data: What ``state`` returned.
+
+        Raises:
+            InputError: It is damaged.
+        """
         columns = read_npz(data, where="the log of detections")
         try:
             for name, kind in KINDS.items():
@@ -109,13 +130,21 @@ class DetectionLog:
         self._names = {str(name): number for number, name in enumerate(names.tolist())}
         self._take(columns)
 
-    def looked(self) -> dict[int, Looked]:
-        """The processed frames by their numbers. Raises InputError if a box or score is invalid."""
+    def looked(self) -> dict[int, ProcessedFrame]:
+        """The frames of the log.
+
+        Returns:
+            The processed frames by their numbers.
+
+        Raises:
+            InputError: A box or score is invalid.
+        """
         columns, names, found, start = self._columns(), list(self._names), {}, 0
         for frame, count in zip(self._frames, self._counts, strict=True):
             part = slice(start, start + count)
             labels = tuple(names[k] for k in columns["labels"][part])
             boxes = columns["boxes_px"][part].astype(np.float32)
-            found[frame] = Looked(Detections(frame, boxes, columns["scores"][part], labels), columns["objects"][part])
+            seen = Detections(frame, boxes, columns["scores"][part], labels)
+            found[frame] = ProcessedFrame(seen, columns["objects"][part])
             start += count
         return found

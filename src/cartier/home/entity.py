@@ -29,8 +29,8 @@ CLOUD, DETECTIONS = "cloud.npz", "detections.npz"
 class Home(HomeData):
     """A mapped home. It is immutable: growing and correcting give a new one.
 
-    ``map_home`` and ``Mapper.home`` make homes; ``Home.load`` reads a saved one. Positions are in the map frame: metres,
-    z up, floor at z = 0.
+    ``map_home`` and ``Mapper.home`` make homes; ``Home.load`` reads a saved one. Positions are in the map frame:
+    metres, z up, floor at z = 0.
 
     Args:
         name: The name of the first recording.
@@ -46,12 +46,14 @@ class Home(HomeData):
         notes: What a person should know about this map, one line each.
         growth: The state from which mapping goes on, as named blobs.
         store: Where it was loaded from, or None.
-        corrected: The objects and rooms with and without the corrections that people made, or None if it was not loaded.
+        corrected: The objects and rooms with and without the corrections that people made, or None if it was not
+            loaded.
 
     Example:
         >>> import cartier
         >>> walk = cartier.make("worlds", "dollhouse", width=160, height=120).explore("studio", max_frames=12)
-        >>> home = cartier.map_home(walk, cartier.make("detectors", "ground_truth", truth=walk.truth, source="dollhouse"))
+        >>> truth = cartier.make("detectors", "ground_truth", truth=walk.truth, source="dollhouse")
+        >>> home = cartier.map_home(walk, truth)
         >>> import tempfile
         >>> with tempfile.TemporaryDirectory() as folder:
         ...     home.save(folder)
@@ -87,7 +89,8 @@ class Home(HomeData):
             index: The name of an index, by default the first one.
 
         Returns:
-            The place of the object, the middle of the chosen room, or None if nothing was chosen or the index has no place.
+            The place of the object, the middle of the chosen room, or None if nothing was chosen or the index has no
+            place.
 
         Raises:
             InputError: The home has no such index.
@@ -224,9 +227,9 @@ class Home(HomeData):
         """Everything that was found, as plain JSON values: what ``cartier show --json`` prints.
 
         Returns:
-            ``home``, ``id``, ``detector``, ``objects``, ``rooms``, ``scale_guessed`` and ``notes``. Beside its fields, each
-            object has ``located``, ``size_m`` (x, y, z, metres; of an object that is not located, the size of the box that
-            covers where it may be) and ``on``: what it stands on or in, where depth shows that.
+            ``home``, ``id``, ``detector``, ``objects``, ``rooms``, ``scale_guessed`` and ``notes``. Beside its fields,
+            each object has ``located``, ``size_m`` (x, y, z, metres; of an object that is not located, the size of the
+            box that covers where it may be) and ``on``: what it stands on or in, where depth shows that.
         """
         return views.to_dict(self)
 
@@ -242,8 +245,8 @@ class Home(HomeData):
         """Correct the home; the correction is appended to the log of the saved home.
 
         Args:
-            what: "name" (give an object or a room a name), "forget" (remove an object), "move" (move an object's middle) or
-                "undo" (take the latest correction back).
+            what: "name" (give an object or a room a name), "forget" (remove an object), "move" (move an object's
+                middle) or "undo" (take the latest correction back).
             entity: What to correct: an object's id, ``room:ID``, a name, or a label that only one object has.
             name: The new name, for "name".
             to_xy: The new middle (x, y) in metres, map frame, for "move".
@@ -253,7 +256,8 @@ class Home(HomeData):
             The corrected home, and a sentence that says what was done.
 
         Raises:
-            InputError: The home was not loaded from a folder, the entity is unknown or ambiguous, or a value is invalid.
+            InputError: The home was not loaded from a folder, the entity is unknown or ambiguous, or a value is
+                invalid.
         """
         if self.store is None or self.corrected is None:
             raise InputError(f"{self.name} was not loaded from a folder: save it, load it, and correct it then")

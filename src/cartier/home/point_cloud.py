@@ -18,7 +18,13 @@ FAR_M = 1e8  # no map lies farther from its origin
 
 @dataclass(frozen=True, eq=False)
 class PointCloud:
-    """What depth showed of a home: ``xyz_m`` (N, 3) in the map frame, ``rgb`` (N, 3) uint8, one point per voxel of ``side_m``."""
+    """The points that depth showed, one per voxel.
+
+    Args:
+        xyz_m: (N, 3) float64, positions in the map frame.
+        rgb: (N, 3) uint8, colours.
+        side_m: The side of a voxel.
+    """
 
     xyz_m: npt.NDArray[np.float64]
     rgb: npt.NDArray[np.uint8]
@@ -31,7 +37,7 @@ def read_cloud(data: bytes) -> PointCloud:
 
 
 def parse_cloud(data: bytes) -> tuple[PointCloud, npt.NDArray[np.uint8], npt.NDArray[np.float64]]:
-    """Read the cloud, the number of samples per point (N,), and the lowest corner (3,). Raises InputError if damaged."""
+    """Read the cloud, its samples per point (N,), and its lowest corner (3,). Raises InputError if it is damaged."""
     arrays = read_npz(data, where="the point cloud")
     try:
         xyz, rgb, weight = arrays["xyz"], arrays["rgb"], arrays["weight"]

@@ -1,7 +1,8 @@
 """Content-addressed store of a home: named blobs with checksums, and a manifest that is written last.
 
-Blobs never change: each is a file with its digest in its name, and the manifest says which of them are the home. Writing one
-file, the manifest, replaces the old home by the new one, so that readers need no lock and a killed writer leaves either.
+Blobs never change: each is a file with its digest in its name, and the manifest says which of them are the home.
+Writing one file, the manifest, replaces the old home by the new one, so that readers need no lock and a killed writer
+leaves either.
 """
 
 from __future__ import annotations
@@ -64,7 +65,8 @@ class Store:
     def put(self, about: Mapping[str, Any], blobs: Mapping[str, bytes], files: Mapping[str, bytes]) -> None:
         """Replace the home atomically; other files in its folder stay. Raises InputError if it cannot be written.
 
-        ``files`` are for other programs: they keep their names, are written after the manifest, and are never read back.
+        ``files`` are for other programs: they keep their names, are written after the manifest, and are never read
+        back.
         """
         digests = {name: digest_of(data) for name, data in blobs.items()}
         whole: dict[str, Any] = {**about, "blobs": digests}

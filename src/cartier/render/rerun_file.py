@@ -21,7 +21,7 @@ import rerun.blueprint as rrb
 from cartier.contracts import Recording, RecordingDefaults, optional
 from cartier.errors import InputError
 from cartier.home import Home
-from cartier.home.detection_log import Looked
+from cartier.home.detection_log import ProcessedFrame
 from cartier.mapping.occupancy import OccupancyMapper
 from cartier.types import FREE, OCCUPIED, UNKNOWN, Array, MapObject, OccupancyGrid, Room, View
 
@@ -96,7 +96,7 @@ def _read_with(options: Mapping[str, Any]) -> str:
     return ", ".join(f"{name} {value}" for name, value in sorted(options.items())) or "no options"
 
 
-def _looked(home: Home) -> tuple[dict[int, Looked] | None, float]:
+def _looked(home: Home) -> tuple[dict[int, ProcessedFrame] | None, float]:
     """What the detector reported by frame, None of a home that does not know it; and the score below which boxes were let go."""
     log = home.detections()
     return (None, 0.0) if log is None else (log.looked(), log.least)
@@ -126,7 +126,7 @@ def _still(out: Any, home: Home, logged: bool, least: float) -> None:
     out.log("about", rr.TextDocument(about, media_type="text/markdown"), static=True)
 
 
-def _objects(out: Any, home: Home, looked: Mapping[int, Looked]) -> None:
+def _objects(out: Any, home: Home, looked: Mapping[int, ProcessedFrame]) -> None:
     """Each object, as it is in the end, from the first frame in which a box was given to it."""
     first: dict[int, int] = {}
     for frame in sorted(looked, reverse=True):
@@ -202,7 +202,7 @@ def _photos(out: Any, home: Home) -> None:
         out.log("camera/image", rr.EncodedImage(contents=jpeg, media_type="image/jpeg"))
 
 
-def _detections(out: Any, home: Home, looked: Mapping[int, Looked]) -> None:
+def _detections(out: Any, home: Home, looked: Mapping[int, ProcessedFrame]) -> None:
     """All boxes of each frame that was looked at, with what became of each; and of every frame whether it was looked at."""
     objs = {number: obj for obj in home.objects for number in (obj.id, *obj.aliases)}
     total = sum(int(row["frames"]) for row in home.settings["recordings"])
@@ -235,7 +235,7 @@ def _owner(number: int, obj: MapObject | None) -> str:
     return "no object" if number < 0 else f"object {number}, forgotten since"
 
 
-def _in_words(frame: int, seen: Looked | None, objs: Mapping[int, MapObject]) -> str:
+def _in_words(frame: int, seen: ProcessedFrame | None, objs: Mapping[int, MapObject]) -> str:
     if seen is None:
         return "not looked at: the detector did not see this frame"
     owned = sum(number in objs for number in seen.objects.tolist())

@@ -1,4 +1,4 @@
-"""What keeps a home: two writers lose nothing, readers never meet half, a kill or a full disk at any moment leaves old or new."""
+"""The store of homes: two writers lose nothing, and a kill or a full disk at any moment leaves the old or the new."""
 
 from __future__ import annotations
 
