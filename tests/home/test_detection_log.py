@@ -1,4 +1,4 @@
-"""What a home keeps of its detections: all of every frame that was looked at, with its object; bounded, and read with care."""
+"""The log of detections: all of every processed frame with their objects, bounded, and read with care."""
 
 from __future__ import annotations
 

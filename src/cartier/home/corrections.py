@@ -120,15 +120,13 @@ def find(text: str, objects: Sequence[MapObject], rooms: Sequence[Room] = ()) ->
     if wanted.removeprefix("#").isdecimal():
         number = int(wanted.removeprefix("#")[:18])
         by_id: list[MapObject | Room] = [obj for obj in objects if number in (obj.id, *obj.aliases)]
-        return _one(by_id, text, objects)
+        return _one(by_id, text)
     if wanted.startswith("room:"):
-        return _one([room for room in rooms if str(room.id) == wanted[5:].strip()], text, objects)
+        return _one([room for room in rooms if str(room.id) == wanted[5:].strip()], text)
     called: list[MapObject | Room] = [room for room in rooms if room.name.casefold() == wanted]
     called += [obj for obj in objects if wanted in (name.casefold() for name in obj.names)]
-    if not called:
-        called = [obj for obj in objects if obj.label.casefold() == wanted]
-        called = [obj for obj in called if isinstance(obj, MapObject) and obj.confirmed] or called
-    return _one(called, text, objects)
+    labelled = [obj for obj in objects if obj.label.casefold() == wanted]
+    return _one(called or [obj for obj in labelled if obj.confirmed] or labelled, text)
 
 
 def make(
@@ -260,15 +258,14 @@ def _shifted(point: Sequence[float], by: Sequence[float]) -> tuple[float, ...]:
     return tuple(round(value + step, 4) for value, step in zip(point, by, strict=True))
 
 
-def _one(found: Sequence[MapObject | Room], text: str, objects: Sequence[MapObject]) -> MapObject | Room:
+def _one(found: Sequence[MapObject | Room], text: str) -> MapObject | Room:
     if len(found) == 1:
         return found[0]
     if found:
         which = ", ".join(f"room:{t.id}" if isinstance(t, Room) else str(t.id) for t in found[:8])
         raise InputError(f"{len(found)} objects or rooms are called {brief(text, 60)!r}: say which by its id ({which})")
-    raise InputError(
-        f"nothing in this home is called {brief(text, 60)!r}: take an id from the list of objects (show, list_objects)"
-    )
+    mend = "take an id from the list of objects (show, list_objects)"
+    raise InputError(f"nothing in this home is called {brief(text, 60)!r}: {mend}")
 
 
 def _clean(text: str, most: int, what: str) -> str:

@@ -18,7 +18,7 @@ from cartier.home import corrections, repository, views
 from cartier.home.data import HomeData
 from cartier.home.detection_log import DetectionLog
 from cartier.home.point_cloud import PointCloud, read_cloud
-from cartier.types import FREE, Answer, Inventory, MapObject, Place, Room, Selection
+from cartier.types import FREE, Answer, Inventory, Place, Room, Selection
 
 ANSWERS = "answers.jsonl"
 CLOUD, DETECTIONS = "cloud.npz", "detections.npz"
@@ -132,11 +132,8 @@ class Home(HomeData):
         Raises:
             InputError: The saved photo is damaged.
         """
-        obj = self._object(object_id)
+        obj = next((o for o in self.objects if object_id == o.id or object_id in o.aliases), None)
         return self.photos.get(obj.views[0].frame) if obj is not None and obj.views else None
-
-    def _object(self, object_id: int) -> MapObject | None:
-        return next((o for o in self.objects if object_id == o.id or object_id in o.aliases), None)
 
     def evidence(self, place: Place) -> npt.NDArray[np.uint8] | None:
         """The photo that shows a place.
