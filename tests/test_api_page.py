@@ -1,4 +1,4 @@
-"""The page of the Python API is what the code says, and its sample survives answers without an object, a place or a goal."""
+"""The API page: it is what the code says, and its sample handles answers without an object, a place or a goal."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Contracts: cartier reads nothing of a backend that ``contracts.py`` does not name, and optional members have defaults."""
+"""Contracts: cartier reads only members that ``contracts.py`` names, and optional members have defaults."""
 
 from __future__ import annotations
 

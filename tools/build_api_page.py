@@ -1,4 +1,4 @@
-"""API page: writes docs/api.md from the code (``python tools/build_api_page.py``); a test fails when it is out of date."""
+"""API page: writes docs/api.md from the code; a test fails when it is out of date."""
 
 from __future__ import annotations
 
@@ -28,9 +28,10 @@ Written by `python tools/build_api_page.py` from the code. All of it is typed (`
 ```python
 {sample}```
 
-`import cartier` exports all names of this page except the defaults of optional members (`cartier.contracts`) and the checks
-(`cartier.testing`). Units are metres, seconds and radians; all conventions stand at the head of `src/cartier/types.py`.
-Mistakes of the user raise a `CartierError` whose message is one line. Names that are not on this page may change.
+`import cartier` exports all names of this page except the defaults of optional members (`cartier.contracts`) and the
+checks (`cartier.testing`). Units are metres, seconds and radians; all conventions stand at the head of
+`src/cartier/types.py`. Mistakes of the user raise a `CartierError` whose message is one line. Names that are not on
+this page may change.
 """
 
 

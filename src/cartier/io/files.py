@@ -159,7 +159,7 @@ def read_npy(path: Path, max_bytes: int = MAX_ARRAYS_BYTES) -> npt.NDArray[Any]:
 
 
 def _array_bytes(file: IO[bytes], size: int) -> int:
-    """The size in bytes of the array of an NPY stream of ``size`` bytes, by its header; ValueError if it does not fit."""
+    """The bytes that the array in an NPY stream of ``size`` bytes takes, by its header; ValueError if they differ."""
     version = np.lib.format.read_magic(file)
     readers = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
     if version not in readers:
