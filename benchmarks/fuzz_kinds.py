@@ -28,7 +28,7 @@ from cartier.evaluation.rows import check_rows, read_rows
 from cartier.evaluation.summary import summarise
 from cartier.evaluation.things import load_answers, load_items
 from cartier.home import Home, corrections
-from cartier.home.repository import NAME, Store
+from cartier.home.store import NAME, Store
 from cartier.io.files import read_bytes, read_json, read_npz
 from cartier.mapping.detection_cache import cached
 from cartier.mapping.mapper import Mapper

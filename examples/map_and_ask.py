@@ -1,4 +1,4 @@
-"""The whole line from Python: map a recording, ask it, print the goal.
+"""The whole pipeline from Python: map a recording, ask the home, print the goal.
 
 python examples/map_and_ask.py RECORDING DETECTOR "words"      (DETECTOR: FILE.onnx or ./mine.py)
 """
@@ -17,10 +17,10 @@ def main(path: str, model: str, words: str) -> None:
     answer = cartier.ask(home, words)
     chosen = answer.selection
     print(chosen.status, chosen.object or chosen.question or chosen.text, "-", chosen.reason)
-    if answer.place is None:  # nothing serves, a question comes back, or there are only words to say
+    if answer.place is None:  # nothing serves, the robot asks back, or it answers in words
         return
     print("place", [round(metres, 2) for metres in answer.place.position])
-    if answer.goal is None:  # no depth, or nothing near it can be reached
+    if answer.goal is None:  # there is no depth, or no pose near it can be reached
         print("no goal:", *answer.notes)
         return
     print(f"goal  x {answer.goal.x:.2f} m, y {answer.goal.y:.2f} m, yaw {answer.goal.yaw:.2f} rad")

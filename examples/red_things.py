@@ -1,4 +1,4 @@
-"""Red things: a toy detector in one file, for `cartier map … --detector examples/red_things.py`."""
+"""A toy detector in one file, for red objects: `cartier map … --detector examples/red_things.py`."""
 
 import numpy as np
 from scipy.ndimage import find_objects, label

@@ -1,4 +1,4 @@
-"""A recording from your own code: anything with frames and poses can be mapped. Writes a folder that `cartier map` reads.
+"""A recording from your own code: writes a folder of frames and poses that `cartier map` reads.
 
 python examples/room.py OUT
 """

@@ -1,4 +1,4 @@
-"""The page of the Python API is what the code says, and its sample survives answers without an object, a place or a goal."""
+"""The API page: it is what the code says, and its sample handles answers without an object, a place or a goal."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ def test_the_page_is_what_the_code_says() -> None:
     ("words", "told"),
     [
         ("bring me to the red thing", r"^found red thing - .*\nplace \[.*\]\ngoal  x"),
-        ("I want to play the trombone", r"^(absent|clarify) .*\n$"),
-        ("don't go to the red thing", r"^told .*\n$"),
+        ("I want to play the trombone", r"^(not_found|clarify) .*\n$"),
+        ("don't go to the red thing", r"^answered .*\n$"),
     ],
 )
 def test_the_sample_survives_what_is_not_found(

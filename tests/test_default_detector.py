@@ -59,7 +59,7 @@ def test_map_says_which_detector_it_takes(tmp_path: Path) -> None:
     head = tmp_path / "rec/recording.json"
     head.write_text(json.dumps(json.loads(head.read_text()) | {"name": "my flat", "simulator": False}))
     run = CliRunner().invoke(app, ["map", str(tmp_path / "rec"), "-o", str(tmp_path / "home")])
-    assert "detector: photos, which knows household things in photographs; --detector takes another" in run.stderr
+    assert "detector: photos, which knows household objects in photographs; --detector takes another" in run.stderr
 
 
 def test_a_wrong_choice_is_told_by_map_and_show_and_ask(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ import cartier
 from cartier.errors import BackendError, InputError
 from cartier.geometry import box_distance
 from cartier.home import Home
-from cartier.home.repository import Store
+from cartier.home.store import Store
 from cartier.pipeline import Conversation, map_home
 from cartier.types import Detections, Frame, Inventory, Selection
 from synthetic import CHAIR, THINGS, RoomRecording, TrueBoxes, walk

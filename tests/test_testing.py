@@ -1,4 +1,4 @@
-"""The public laws: a backend that breaks one is told which, and those of ours that no law test of a kind makes keep them."""
+"""Conformance checks: each names the broken rule, and our backends without a test of laws pass them."""
 
 from __future__ import annotations
 
@@ -92,7 +92,8 @@ def test_a_detector_that_breaks_a_law_is_told_which(change: Callable[[], Any], t
 
 @pytest.mark.parametrize(
     ("attribute", "value"),
-    [("name", ""), ("name", "a\nb"), ("notes", "one"), ("sha256", "x"), ("score_model", DetectorScoreModel(zero_weight_score=0.6)), ("score_model", 0.5),
+    [("name", ""), ("name", "a\nb"), ("notes", "one"), ("sha256", "x"),
+     ("score_model", DetectorScoreModel(zero_weight_score=0.6)), ("score_model", 0.5),
      ("batch", 0), ("detect_batch", lambda frames: [TrueBoxes(THINGS).detect(f) for f in reversed(frames)]),
      ("detect_batch", lambda frames: [TrueBoxes(THINGS).detect(f).keep(np.zeros(0, int)) for f in frames])],
 )  # fmt: skip
@@ -213,7 +214,8 @@ class Reasons:
 
 @pytest.mark.parametrize(
     "fault",
-    ["not in the list", "candidates", "no reason", "without a question", "where nothing is", "no request", "different names", "plain names"],
+    ["not in the list", "candidates", "no reason", "without a question", "where nothing is", "no request",
+     "different names", "plain names"],
 )  # fmt: skip
 def test_a_reasoner_that_breaks_a_law_is_told_which(fault: str) -> None:
     testing.check_reasoner(lambda: Reasons(""))

@@ -1,15 +1,17 @@
 """Talk to a mapped home: a recording and a need in, the object that serves it and a reachable pose out."""
 
+from cartier.contracts import Detector, Encoder, Reasoner, Recording, Robot, Searchable, SpatialIndex, World
 from cartier.errors import BackendError, CartierError, InputError, MissingExtra, ReasonerError
-from cartier.home import Home
+from cartier.home import DetectionLog, Home, PointCloud, ProcessedFrame
 from cartier.mapping.mapper import Mapper
-from cartier.pipeline import ask, map_home
+from cartier.pipeline import Conversation, ask, map_home
 from cartier.plugins import make, open_recording
 from cartier.types import (
     Answer,
     Camera,
     Detections,
     DetectorScoreModel,
+    Fact,
     Frame,
     Goal,
     Inventory,
@@ -20,6 +22,7 @@ from cartier.types import (
     Room,
     Selection,
     TrueObject,
+    View,
 )  # fmt: skip
 
 __version__ = "0.1.0"
@@ -28,8 +31,13 @@ __all__ = [
     "BackendError",
     "Camera",
     "CartierError",
+    "Conversation",
+    "DetectionLog",
     "Detections",
+    "Detector",
     "DetectorScoreModel",
+    "Encoder",
+    "Fact",
     "Frame",
     "Goal",
     "Home",
@@ -40,11 +48,20 @@ __all__ = [
     "MissingExtra",
     "OccupancyGrid",
     "Place",
+    "PointCloud",
+    "ProcessedFrame",
+    "Reasoner",
     "ReasonerError",
+    "Recording",
+    "Robot",
     "RobotModel",
     "Room",
+    "Searchable",
     "Selection",
+    "SpatialIndex",
     "TrueObject",
+    "View",
+    "World",
     "ask",
     "make",
     "map_home",

@@ -1,8 +1,17 @@
-"""What can be swapped: small protocols. A backend is one file; its laws are in cartier.testing, run over all of a kind."""
+"""Backend interfaces: recordings, detectors, encoders, spatial indices, reasoners, robots and simulated worlds.
+
+Each is a protocol, and a backend is any object that has its members. Members with a value are optional, and the value
+is what a backend without them is taken to have: those of a ``Detector`` stand in the protocol, those of the others in
+a class of their own (``RecordingDefaults``, …), and a backend may derive from either. cartier reads them with
+``optional`` alone. ``cartier.testing`` checks backends against all of this. Units, frames and layouts are those at the
+head of ``types.py``.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
+from types import MappingProxyType
 from typing import Any, Protocol, runtime_checkable
 
 from cartier.types import (
@@ -20,156 +29,394 @@ from cartier.types import (
 )  # fmt: skip
 
 
+def optional(backend: object, contract: type, name: str) -> Any:
+    """An optional member of a backend.
+
+    Args:
+        backend: A recording, detector, encoder, index or reasoner.
+        contract: The class that has the default, such as ``Detector`` or ``RecordingDefaults``.
+        name: An optional member of it.
+
+    Returns:
+        The backend's own value, or the default if it has none. A default method is bound to the backend.
+    """
+    default = getattr(contract, name)
+    return getattr(backend, name, partial(default, backend) if callable(default) else default)
+
+
 @runtime_checkable
 class Recording(Protocol):
-    """Frames of one home, read lazily: nothing but the frame asked for is held in memory.
-
-    It may have ``readers``, how many threads may ask for frames at once; without, only the one that opened it; and
-    ``scale_guessed``, true where nobody measured its metres. Who opens it by ``open_recording`` finds the options in ``read_with``.
-    """
+    """The frames of one home, read lazily: only the frames that were asked for are held in memory."""
 
     name: str
     camera: Camera
+    """The camera of all frames."""
     truth: Sequence[TrueObject] | None
-    """A simulator's true objects, or None: real recordings have none."""
+    """A simulator's true objects; None for real recordings."""
     notes: Sequence[str]
     """What the reader estimated or assumed, one line each, for the person to see."""
 
     def __len__(self) -> int: ...
-    def __getitem__(self, index: int) -> Frame: ...
+    def __getitem__(self, index: int) -> Frame:
+        """Read one frame.
+
+        Args:
+            index: From 0 to ``len(self) - 1``. Frames may be asked for in any order.
+
+        Returns:
+            The frame; the same for the same index.
+
+        Raises:
+            IndexError: There is no such frame, negative numbers included.
+            InputError: Its files are missing or damaged.
+        """
+        ...
 
     def fingerprint(self) -> str:
-        """sha256 (hex) over the recording's content and the reader's settings: equal content maps to an equal home."""
+        """A digest of the recording's content and of the reader's settings.
+
+        Returns:
+            sha256 in hex. Equal fingerprints give equal homes.
+        """
         ...
+
+
+class RecordingDefaults:
+    """Optional members of a Recording."""
+
+    readers: int = 0
+    """How many threads may read frames at once; 0 if only the thread that opened it may."""
+    scale_guessed: bool = False
+    """Whether the scale of poses and depth is a guess, so that metres are right only relative to each other."""
+    read_with: Mapping[str, Any] = MappingProxyType({})
+    """The options that it was opened with; ``open_recording`` sets them."""
+    level_from_world: Array | None = None
+    """(4, 4): how the reader levelled the recorded poses (z up, floor at z = 0); None if it did not."""
+    known_registration: tuple[float, float, float] | None = None
+    """How the format's published depth lies on its colour, if that is known to be off: zoom, dx and dy in pixels."""
 
 
 class Detector(Protocol):
-    """Finds objects in one frame. ``name`` says which model it is, for every output's provenance.
-
-    Who derives from this class may leave out what has a default: what its reports are worth, lines about what it assumed, and
-    the sha256 of the files that it was made from; all names that it can give, where they are known; the simulator whose
-    pictures it was made for, empty for photographs, None where nobody knows; and how many frames it likes best at once.
-    """
+    """Detects objects in single frames."""
 
     name: str
+    """Which model it is, for the provenance of every output."""
     score_model: DetectorScoreModel = DetectorScoreModel()
+    """What its scores say about existence."""
     notes: Sequence[str] = ()
+    """What it assumed, one line each, for the person to see."""
     sha256: str = ""
+    """Hex digest of the files that it was made from."""
     knows: Sequence[str] = ()
+    """All labels that it can give, where they are known."""
     world: str | None = None
+    """The simulator whose pictures it was trained for, empty for photographs, None if unknown."""
     batch: int = 1
+    """How many frames ``detect_batch`` processes most efficiently."""
 
     def detect(self, frame: Frame) -> Detections:
-        """All detections that may mean something, low scores too; labels are display names (see ``language.names``)."""
+        """Detect the objects of one frame.
+
+        Args:
+            frame: The frame; its ``rgb`` must not be changed.
+
+        Returns:
+            Boxes inside the image, low scores included; labels are display names (``labels.display_name``).
+        """
         ...
 
     def detect_batch(self, frames: Sequence[Frame]) -> list[Detections]:
-        """The same for several frames, in their order."""
+        """Detect the objects of several frames.
+
+        Args:
+            frames: Frames of one recording.
+
+        Returns:
+            What ``detect`` gives for each frame, in the order of ``frames``.
+        """
         return [self.detect(frame) for frame in frames]
 
 
 class Encoder(Protocol):
-    """Image and text features in one space of D dimensions. It may have ``notes``, lines about what it assumed or cut."""
+    """Encodes images and words as features in one space of D dimensions, for indices that compare both."""
 
     name: str
     text_only: bool
-    """An encoder of words only: what a detector found then gets the features of its labels."""
+    """Whether it encodes words only; detections are then given the features of their labels."""
 
     def image(self, frame: Frame) -> Array:
-        """(h, w, D) float32, row by row; together the h × w features cover the whole image, at the encoder's own resolution."""
+        """Encode an image.
+
+        Args:
+            frame: The frame.
+
+        Returns:
+            (h, w, D) float32 at the encoder's own resolution, row by row; the h × w features cover the whole image.
+
+        Raises:
+            CartierError: The encoder is ``text_only``.
+        """
         ...
 
     def text(self, texts: Sequence[str]) -> Array:
-        """(n, D) float32."""
+        """Encode words.
+
+        Args:
+            texts: n words or phrases.
+
+        Returns:
+            (n, D) float32.
+        """
         ...
+
+
+class EncoderDefaults:
+    """Optional members of an Encoder."""
+
+    notes: Sequence[str] = ()
+    """What it assumed or cut, one line each."""
 
 
 class SpatialIndex(Protocol):
-    """Where each named thing is, one place per name. A copy (``copy.deepcopy``) is an index of its own.
+    """Finds the place of a name. ``copy.deepcopy`` gives an independent index.
 
-    Its factory is ``make(…)``. One that needs image features also takes ``encoder``, and says which in its attribute ``encoder``.
+    Its factory is ``make(…)``. One that needs features also takes ``encoder``, a name or an ``Encoder``.
     """
 
     def add(self, frame: Frame, detections: Detections) -> None:
-        """Take in one more frame, with the detections that count by themselves."""
+        """Take in one more frame.
+
+        Args:
+            frame: The frame.
+            detections: Its detections with scores of at least the detector's threshold.
+        """
         ...
 
     def set_objects(self, objects: Sequence[MapObject]) -> None:
-        """What the map of objects holds now; names are those of confirmed objects."""
+        """Take in the objects of the map as they are now.
+
+        Args:
+            objects: All objects, confirmed and tentative. The names of the index are those of confirmed objects.
+        """
         ...
 
     def names(self) -> list[str]:
-        """The names that the index can locate, sorted."""
+        """The names that can be located.
+
+        Returns:
+            Each name once, sorted.
+        """
         ...
 
-    def locate(self, name: str) -> Place | None: ...
+    def locate(self, name: str) -> Place | None:
+        """The place of a name.
+
+        Args:
+            name: One of ``names()``; an index that is ``Searchable`` takes any words.
+
+        Returns:
+            The best place, in the map frame (m), or None if there is none.
+        """
+        ...
 
     def state(self) -> dict[str, bytes]:
-        """All that it holds besides the objects, as named blobs: ``grid.npz``. Whoever keeps a home keeps them."""
+        """What the index holds, without the objects, to be stored with the home.
+
+        Returns:
+            Blobs by name, such as ``grid.npz``.
+        """
         ...
 
     def restore(self, state: Mapping[str, bytes]) -> None:
-        """Take what ``state`` gave into a freshly made index. Raises InputError if it is damaged, KeyError for a missing blob."""
+        """Take a stored state into an index that was just made.
+
+        Args:
+            state: What ``state`` returned.
+
+        Raises:
+            InputError: A blob is damaged.
+            KeyError: A blob is missing.
+        """
         ...
+
+
+class IndexDefaults:
+    """Optional members of a SpatialIndex."""
+
+    encoder: str = ""
+    """Which encoder made its features, and from what; empty without features."""
 
 
 @runtime_checkable
 class Instances(Protocol):
-    """A spatial index that tells objects of one name apart."""
+    """A spatial index that distinguishes objects of the same name."""
 
-    def locate_object(self, obj: MapObject) -> Place | None: ...
+    def locate_object(self, obj: MapObject) -> Place | None:
+        """The place of one object.
+
+        Args:
+            obj: An object of the map.
+
+        Returns:
+            Its place, in the map frame (m), or None if the index has none.
+        """
+        ...
 
 
 @runtime_checkable
 class Searchable(Protocol):
-    """A spatial index that any words can be looked up in, not only the names of things that were detected."""
+    """A spatial index in which any words can be looked up, not only the names of detected objects."""
 
     encoder: str
     """Which encoder made the features, and from what."""
     notes: Sequence[str]
-    """What the encoder left out of the words so far."""
+    """What the encoder left out of the words so far, one line each."""
 
-    def locate(self, name: str) -> Place | None: ...
+    def locate(self, name: str) -> Place | None:
+        """The place most similar to the words.
+
+        Args:
+            name: Any words.
+
+        Returns:
+            The best place, in the map frame (m), or None if the index is empty.
+        """
+        ...
 
     def similarity(self, words: str) -> tuple[Array, Array, float]:
-        """Centres (n, 2) of square cells in metres, the cosine of the words with each (n,), and the cells' side in metres."""
+        """How similar each part of the floor is to the words.
+
+        Args:
+            words: Any words.
+
+        Returns:
+            Centres (n, 2) of square cells in the map frame (m), the cosine similarity (n,) of each, and their side (m).
+        """
         ...
 
 
 class Reasoner(Protocol):
-    """Picks the object that serves a person's words. Never returns one that is not in the inventory it was given.
-
-    It may count what it asked of a language model, in running totals ``calls`` and ``tokens``, and have ``notes``, lines
-    about how it came to its latest answer.
-    """
+    """Chooses the object that serves a person's words."""
 
     name: str
 
     def select(self, query: str, inventory: Inventory, dialogue: Sequence[tuple[str, str]] = ()) -> Selection:
-        """``dialogue`` holds earlier (person, robot) turns, oldest first."""
+        """Choose an object, answer in words, or ask back.
+
+        Args:
+            query: What the person says.
+            inventory: What there is to choose from.
+            dialogue: Earlier (person, robot) turns, oldest first.
+
+        Returns:
+            The choice. It never names an object that is not in ``inventory``.
+
+        Raises:
+            InputError: The words are empty or too long.
+            ReasonerError: A language model cannot be reached.
+        """
         ...
 
     def propose(self, query: str) -> list[str]:
-        """Names of things that would serve the words, without sight of any list (for the NLMap baseline)."""
+        """Name objects that would serve the words, without seeing an inventory (for the NLMap baseline).
+
+        Args:
+            query: What the person says.
+
+        Returns:
+            Up to 20 different names, best first.
+
+        Raises:
+            InputError: The words are empty or too long.
+            ReasonerError: A language model cannot be reached.
+        """
         ...
 
 
+class ReasonerDefaults:
+    """Optional members of a Reasoner."""
+
+    notes: Sequence[str] = ()
+    """How it came to its latest answer, one line each."""
+    calls: int = 0
+    """How many requests it has sent to a language model so far."""
+    tokens: int = 0
+    """How many tokens these took, prompts and replies together."""
+
+
 class Robot(Protocol):
-    """How a goal leaves the program."""
+    """Drives to goals, or passes them on to what drives."""
 
     name: str
 
     def go_to(self, goal: Goal) -> str:
-        """Send the goal; returns one line that says what happened."""
+        """Send a goal.
+
+        Args:
+            goal: Pose and path in the map frame (m, rad).
+
+        Returns:
+            One line that says what happened.
+
+        Raises:
+            CartierError: The goal was refused or could not be sent.
+        """
         ...
 
 
 class World(Protocol):
-    """A simulator that homes can be explored in."""
+    """A simulator with homes to explore."""
 
     name: str
 
-    def homes(self) -> list[str]: ...
-    def explore(self, home: str, **options: Any) -> Recording: ...
-    def objects(self, home: str) -> list[TrueObject]: ...
-    def free(self, home: str, xy: Sequence[float]) -> bool: ...
+    def homes(self) -> list[str]:
+        """The homes that can be explored.
+
+        Returns:
+            Their names, each once.
+        """
+        ...
+
+    def explore(self, home: str, **options: Any) -> Recording:
+        """Record a walk through a home.
+
+        Args:
+            home: One of ``homes()``.
+            **options: Options of the simulator, such as ``max_frames``.
+
+        Returns:
+            The recording, with ``truth``; the same for the same home and options.
+
+        Raises:
+            CartierError: There is no such home.
+        """
+        ...
+
+    def objects(self, home: str) -> list[TrueObject]:
+        """The true objects of a home.
+
+        Args:
+            home: One of ``homes()``.
+
+        Returns:
+            What ``explore(home).truth`` holds.
+
+        Raises:
+            CartierError: There is no such home.
+        """
+        ...
+
+    def free(self, home: str, xy: Sequence[float]) -> bool:
+        """Whether the robot can stand at a point.
+
+        Args:
+            home: One of ``homes()``.
+            xy: The point (x, y) in the map frame (m).
+
+        Returns:
+            False for points outside of the home, too.
+
+        Raises:
+            CartierError: There is no such home.
+        """
+        ...

@@ -1,4 +1,4 @@
-"""What goes wrong on the user's side: each message is one line that says what, where, and how to mend it."""
+"""Errors that users can mend, and checks of values; each message is one line with what, where, and how to mend it."""
 
 from __future__ import annotations
 
@@ -11,17 +11,20 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-ADDRESS = re.compile(r" at 0x[0-9a-fA-F]+")  # of an object, as Python prints it: it tells nobody anything
+ADDRESS = re.compile(r" at 0x[0-9a-fA-F]+")  # of an object, as Python prints it; useless to a user
 MAX_FAR_M = 1e5
-"""No home is larger; and beyond it, float32 no longer tells centimetres apart."""
+"""The largest coordinate (m). No home is larger, and beyond it float32 cannot resolve centimetres."""
 MAX_SIDE_PX, MAX_PIXELS = 1 << 15, 1 << 26
-MIN_FOCAL, MAX_FOCAL = 0.01, 1000.0  # of the image's longer side: a view of 179 degrees, and one of 3.4 minutes of arc
+MIN_FOCAL, MAX_FOCAL = 0.01, 1000.0  # of the image's longer side: views of 179° and 3.4'
 
 
 class CartierError(Exception):
     """A fault that the user can mend. The command line prints the message alone and exits with 1.
 
-    What stands in a message may come from a stranger's file: line breaks and control characters become blanks.
+    Messages may quote foreign files: line breaks and control characters become blanks.
+
+    Args:
+        message: What is wrong and how to mend it, in one line.
     """
 
     def __init__(self, message: object = "") -> None:
@@ -29,11 +32,11 @@ class CartierError(Exception):
 
 
 class InputError(CartierError):
-    """A recording, a detections file, a model or a saved home is not what it should be."""
+    """An input is invalid: a recording, a detections file, a model, a saved home, or a request."""
 
 
 class BackendError(CartierError):
-    """A backend is unknown, was given an option that it does not have, or misbehaved."""
+    """A backend is unknown, was given an invalid option, or broke its contract."""
 
 
 class MissingExtra(BackendError):
@@ -41,14 +44,14 @@ class MissingExtra(BackendError):
 
 
 class ReasonerError(CartierError):
-    """A language model could not be reached or refused to work. Rubbish in a reply is not an error but no answer."""
+    """A language model could not be reached or refused to answer. An unusable reply is no error, but no choice."""
 
 
 def brief(foreign: object, most: int = 100) -> str:
-    """What a file, a server or a library says, for a message: one printable line of ``most`` characters at most."""
+    """Text of a file, a server or a library for a message: one printable line of at most ``most`` characters."""
     try:
         text = foreign[: 4 * most] if isinstance(foreign, str) else str(foreign)
-    except (ValueError, RecursionError):  # a number of thousands of digits, a list nested without end
+    except (ValueError, RecursionError):  # a number of thousands of digits, an endlessly nested list
         text = type(foreign).__name__
     line = " ".join(_printable(ADDRESS.sub("", text[: 4 * most])).split())
     return line if len(line) <= most else line[: most - 1] + "…"
@@ -59,11 +62,13 @@ def _printable(text: str) -> str:
 
 
 def need(ok: bool, message: str) -> None:
+    """Raise an InputError unless ``ok``."""
     if not ok:
         raise InputError(message)
 
 
 def finite(values: Sequence[float] | npt.NDArray[Any], size: int, what: str) -> tuple[float, ...]:
+    """``values`` as a tuple of ``size`` finite numbers, or an InputError that names ``what``."""
     try:
         numbers = tuple(float(v) for v in values)
     except (TypeError, ValueError, OverflowError):  # no list of numbers, or a number of hundreds of digits
@@ -76,7 +81,7 @@ def finite(values: Sequence[float] | npt.NDArray[Any], size: int, what: str) -> 
 
 
 def check_camera(width: int, height: int, lens: Sequence[float]) -> None:
-    """The size in pixels and the lens (fx, fy, cx, cy) of a camera."""
+    """Raise an InputError for an impossible image size (px) or lens (fx, fy, cx, cy in px)."""
     need(
         0 < width <= MAX_SIDE_PX and 0 < height <= MAX_SIDE_PX,
         f"camera size must be 1 to {MAX_SIDE_PX} px, got {brief(width, 20)}x{brief(height, 20)}",
@@ -120,13 +125,13 @@ def check_pose(world_from_camera: npt.NDArray[Any], where: str = "pose") -> npt.
 
 
 def check_radius(radius_m: float) -> float:
-    """A robot's radius, or an InputError for one that no robot has."""
+    """A robot's radius (m), or an InputError unless it is above 0 and at most 5."""
     need(0 < radius_m <= 5, f"a robot's radius must be above 0 and at most 5 m, got {radius_m:g}")
     return float(radius_m)
 
 
 def frame_number(index: int, length: int, name: str) -> int:
-    """``index`` if there is such a frame, else an IndexError: a frame's number counts from 0, never from the end."""
+    """``index``, or an IndexError if there is no such frame; negative numbers do not count from the end."""
     number = operator.index(index)
     if not 0 <= number < length:
         raise IndexError(f"{name} has frames 0 to {length - 1}, not {number}")
@@ -134,7 +139,7 @@ def frame_number(index: int, length: int, name: str) -> int:
 
 
 def without_far(depth_m: npt.NDArray[np.float32], where: str) -> npt.NDArray[np.float32]:
-    """Depth (H, W) whose readings beyond any home are NaN, as infinity is: "out of range" (REP-117)."""
+    """Depth (H, W) in which readings beyond ``MAX_FAR_M`` are NaN: out of range, as infinity is by REP-117."""
     far = np.abs(depth_m) > MAX_FAR_M
     if not far.any():
         return depth_m

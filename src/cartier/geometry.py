@@ -1,4 +1,4 @@
-"""Back-projection, projection, transforms, and distances to boxes. Conventions: the head of ``types.py``."""
+"""Geometry: transforms, projection and back-projection, distances to boxes. Conventions: the head of ``types.py``."""
 
 from __future__ import annotations
 
@@ -56,12 +56,12 @@ def project(points_world: Array, camera: Camera, world_from_camera: Array) -> tu
 def weak_perspective_size(boxes_xyxy: Array, camera: Camera) -> npt.NDArray[np.float64]:
     """Areas (N,) of image boxes (N, 4) in px², corrected for where in the image they lie.
 
-    An object of width S, parallel to the image plane, at distance R from the camera and theta off the optical axis, has
-    depth Z = R cos(theta). Weak perspective scales the whole object by its mean depth, so its image is f S / Z =
-    (f S / R) / cos(theta) wide: 1 / cos(theta) larger than the same object at the same distance on the axis. Each side is
-    therefore multiplied by cos(theta) of the box centre, the area by cos²(theta), and what is left depends on the
-    distance alone. The correction is *partial*, as the paper (arXiv 2307.11865) says: exact for a plate parallel to the
-    image, while a sphere keeps another 1 / cos(theta) along the radius, because weak perspective has no shear.
+    An object of width S, parallel to the image plane, at distance R from the camera and theta off the optical axis,
+    has depth Z = R cos(theta). Weak perspective scales the whole object by its mean depth, so its image is f S / Z =
+    (f S / R) / cos(theta) wide: 1 / cos(theta) larger than the same object at the same distance on the axis. Each side
+    is therefore multiplied by cos(theta) of the box centre, the area by cos²(theta), and what is left depends on the
+    distance alone. The correction is *partial*, as the paper (arXiv 2307.11865) says: exact for a plate parallel to
+    the image, while a sphere keeps another 1 / cos(theta) along the radius, because weak perspective has no shear.
     """
     boxes = np.asarray(boxes_xyxy, dtype=np.float64).reshape(-1, 4)
     x = ((boxes[:, 0] + boxes[:, 2]) / 2 - camera.cx) / camera.fx
@@ -71,7 +71,7 @@ def weak_perspective_size(boxes_xyxy: Array, camera: Camera) -> npt.NDArray[np.f
 
 
 def box_distance(points: Array, box_min: Array, box_max: Array) -> npt.NDArray[np.float64]:
-    """Euclidean distances (...) of points (..., 3) to an axis-aligned box; 0 inside. Works for (..., 2) on a floor plan."""
+    """Euclidean distances (...) of points (..., 3) to an axis-aligned box, 0 inside; or of (..., 2) on a floor plan."""
     points = np.asarray(points, dtype=np.float64)
     outside = np.maximum(np.maximum(np.asarray(box_min) - points, points - np.asarray(box_max)), 0)
     return np.asarray(np.linalg.norm(outside, axis=-1), dtype=np.float64)

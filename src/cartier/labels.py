@@ -1,4 +1,4 @@
-"""Names of objects and rooms: the forms that people and language models read."""
+"""Labels and names of objects and rooms: display form, references, plurals, and keys of equal names."""
 
 from __future__ import annotations
 
@@ -7,27 +7,16 @@ import unicodedata
 from functools import lru_cache
 
 MAX_NAME_CHARS = 200
-"""Of an object's name in any file; the longest of LVIS has 60."""
+"""The longest name of an object in any file; the longest of LVIS has 60 characters."""
 WORD = re.compile(r"[^\W_]+")
 IRREGULAR_PLURALS = {
-    "feet": "foot", "teeth": "tooth", "knives": "knife", "shelves": "shelf", "leaves": "leaf", "loaves": "loaf", "mice": "mouse",
+    "feet": "foot", "teeth": "tooth", "knives": "knife", "shelves": "shelf", "leaves": "leaf", "loaves": "loaf",
+    "mice": "mouse",
 }  # fmt: skip
-PLURAL_ONLY = frozenset(
-    [
-        "clothes",
-        "glasses",
-        "goggles",
-        "headphones",
-        "jeans",
-        "news",
-        "pants",
-        "scissors",
-        "series",
-        "shorts",
-        "tights",
-        "trousers",
-    ]
-)
+PLURAL_ONLY = frozenset([
+    "clothes", "glasses", "goggles", "headphones", "jeans", "news", "pants", "scissors", "series", "shorts", "tights",
+    "trousers",
+])  # fmt: skip
 
 
 def display_name(label: str) -> str:
@@ -38,12 +27,12 @@ def display_name(label: str) -> str:
 
 
 def object_ref(label: str, number: int) -> str:
-    """Which of the objects of a name: ``cup #12``, in prompts, in replies, and in what the robot has said."""
+    """How prompts, replies and the robot's turns refer to one object: ``cup #12``."""
     return f"{label} #{number}"
 
 
 def room_ref(name: str, number: int) -> str:
-    """Which room: ``kitchen (room 3)``."""
+    """How they refer to a room: ``kitchen (room 3)``."""
     return f"{name} (room {number})"
 
 
@@ -63,7 +52,7 @@ def words(text: str) -> list[str]:
 
 @lru_cache(maxsize=1 << 14)
 def singular(word: str) -> str:
-    """A noun without its plural ending; nothing else is taken off, so ``painting`` is not ``paint``."""
+    """A noun without its plural ending; no other ending is removed, so ``painting`` is not ``paint``."""
     if word in IRREGULAR_PLURALS:
         return IRREGULAR_PLURALS[word]
     if word.endswith("shelves"):
@@ -77,8 +66,8 @@ def singular(word: str) -> str:
 
 @lru_cache(maxsize=1 << 14)
 def name_key(name: str) -> str:
-    """What names that mean the same share: ``Bath Tubs``, ``bath-tub`` and ``bathtub`` all give ``bathtub``."""
+    """A key that spellings of one name share: ``Bath Tubs``, ``bath-tub`` and ``bathtub`` all give ``bathtub``."""
     parts = [singular(w) for w in words(plain(name))]
-    if len(parts) > 1 and parts[-1] == "glasses":  # alone they are spectacles
+    if len(parts) > 1 and parts[-1] == "glasses":  # ``glasses`` alone are spectacles
         parts[-1] = "glass"
     return "".join(parts)

@@ -1,7 +1,8 @@
-"""The straight line of the paper (CARTIER, arXiv 2307.11865): recording → map → words → a place → a goal.
+"""End-to-end pipeline: ``map_home`` and ``ask``, and ``Conversation``, which asks with memory.
 
-Offline, ``map_home``: detect the objects of every frame, and let the mapper make objects, indices and a floor plan of them.
-Online, ``ask``: show the words and the inventory to a reasoner, look its choice up in an index, plan a pose there.
+Source: CARTIER (arXiv 2307.11865). Offline, ``map_home`` detects the objects of every keyframe, and the mapper makes
+objects, indices and a floor plan of the detections. Online, ``ask`` gives the words and the inventory to a reasoner,
+looks its choice up in an index, and plans a pose there.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from functools import cache
 from pathlib import Path
 
 from cartier import plugins
-from cartier.contracts import Detector, Encoder, Reasoner, Recording
+from cartier.contracts import Detector, Encoder, IndexDefaults, Reasoner, ReasonerDefaults, Recording, optional
 from cartier.errors import BackendError, InputError
 from cartier.home import Home
 from cartier.labels import object_ref, room_ref
@@ -39,19 +40,41 @@ def map_home(
     resume: Path | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Home:
-    """Map a recording, a few frames in memory at a time. All frames make the floor plan; the detector sees those that show something new.
+    """Map a recording. Frames are read a few at a time; all of them make the floor plan, keyframes get detections.
 
-    ``indexes``, ``encoder`` and ``onto`` are those of ``Mapper``; a home that holds the recording already is given back as it is.
-    ``every`` is for the detector to see each ``every``-th frame instead, 1 for all. ``resume`` is a file that keeps the detections of finished frames, so that a killed run does not detect twice. ``progress``
-    is told (frames done, frames in all). Raises InputError if the recording is empty or broken, if nothing was detected in it,
-    or if it does not go with ``onto``.
+    Args:
+        recording: What ``open_recording`` or a world gives.
+        detector: Detects the objects.
+        indexes: The names of the spatial indices to build; by default those that need no encoder and that the frames
+            allow.
+        encoder: NAME, NAME:MODEL or an Encoder, for indices that need one.
+        onto: A home to grow, mapped by the same detector; its indices and settings stay. A home that already holds the
+            recording is returned as it is.
+        every: Run the detector on each ``every``-th frame (1 for all) instead of on keyframes, which show something
+            new.
+        resume: A file that keeps the detections of finished frames, so that a run that was killed can be continued.
+        progress: Called after each frame with the number of frames done and of all frames.
+
+    Returns:
+        The home. Mapping the same recording with the same settings gives the same home.
+
+    Raises:
+        InputError: The recording is empty or broken, nothing was detected in it, or it does not go with ``onto``.
+
+    Example:
+        >>> import cartier
+        >>> walk = cartier.make("worlds", "dollhouse", width=160, height=120).explore("studio", max_frames=12)
+        >>> truth = cartier.make("detectors", "ground_truth", truth=walk.truth, source="dollhouse")
+        >>> home = cartier.map_home(walk, truth)
+        >>> len(home.names) > 5 and home.grid is not None
+        True
     """
     if not len(recording):
         raise InputError(f"recording {recording.name} holds no frames")
     mapper = Mapper(detector, indexes, encoder=encoder, onto=onto)
     if onto is not None and mapper.contains(recording):
         return onto
-    keyframes, looked, waiting, batch = Keyframes(every), 0, list[Frame](), batch_size(detector, recording.camera)
+    keyframes, processed, waiting, batch = Keyframes(every), 0, list[Frame](), batch_size(detector, recording.camera)
     with cached(detector, resume, recording.fingerprint()) as detect:
         for done, frame in enumerate(prefetch(recording, batch), 1):
             waiting += keyframes.push(frame) if mapper.integrate_depth(frame) else []
@@ -59,10 +82,10 @@ def map_home(
             if len(waiting) >= batch or done == len(recording):
                 for keyframe, detections in zip(waiting, detect(waiting), strict=True):
                     mapper.integrate_detections(keyframe, detections)
-                looked, waiting = looked + len(waiting), []
+                processed, waiting = processed + len(waiting), []
             if progress:
                 progress(done, len(recording))
-    mapper.finish(recording, looked)
+    mapper.finish(recording, processed)
     return mapper.home()
 
 
@@ -78,14 +101,39 @@ def ask(
 ) -> Answer:
     """Answer one request: the object that serves it, its place, and a reachable pose that faces it.
 
-    ``reasoner`` is by default the embedded one. ``index`` is one of the home's, by default its first; ``from_xy`` is where the
-    ``robot`` stands, by default where the recording began; ``dialogue`` holds earlier (person, robot) turns. Raises InputError
-    for an unusable query or start before anybody is asked, ReasonerError if a language model cannot be reached.
+    Args:
+        home: The home.
+        query: What the person says, in plain English.
+        reasoner: Chooses the object; by default the embedded reasoner.
+        index: The name of one of the home's indices; by default the first.
+        from_xy: Where the robot stands (x, y) in metres, map frame; by default where the recording began.
+        robot: The size of the robot; by default that of ``RobotModel()``.
+        dialogue: Earlier (person, robot) turns, oldest first; ``Conversation`` keeps them.
+
+    Returns:
+        The answer. Its place and goal are None where nothing serves, where the robot asks back or answers in words; a
+        goal may also be missing where no pose can be reached, and ``notes`` say why.
+
+    Raises:
+        InputError: The words are empty or too long, the start is not a point, or the home has no such index.
+        ReasonerError: A language model cannot be reached.
+        BackendError: The reasoner chose what is not in the inventory.
+
+    Example:
+        >>> import cartier
+        >>> walk = cartier.make("worlds", "dollhouse", width=160, height=120).explore("studio", max_frames=12)
+        >>> truth = cartier.make("detectors", "ground_truth", truth=walk.truth, source="dollhouse")
+        >>> home = cartier.map_home(walk, truth)
+        >>> answer = cartier.ask(home, "I am tired, I want to go to sleep")
+        >>> answer.selection.object
+        'bed'
+        >>> answer.goal is not None and answer.goal.path.shape[1] == 2
+        True
     """
     query = check_query(query)
     from_xy = check_start(home.start_xy if from_xy is None else from_xy)
     reasoner = _embedded() if reasoner is None else reasoner
-    inventory = home.inventory(index, from_xy)  # an index that is not there is said before anybody is asked
+    inventory = home.inventory(index, from_xy)  # raises for an unknown index before a model is called
     timing_ms: dict[str, float] = {}
     with _timed(timing_ms, "select"):
         selection = reasoner.select(query, inventory, dialogue)
@@ -94,13 +142,15 @@ def ask(
             raise BackendError(
                 f"reasoner {reasoner.name} chose {chosen.object!r}, which is not in the list it was given"
             )
-    who = selection.model or reasoner.name  # of a reasoner that hands over to another, the one that answered
+    who = selection.model or reasoner.name  # a reasoner may hand over to another one
     answer = serve(home, query, selection, who, index=index, from_xy=from_xy, robot=robot, timing_ms=timing_ms)
-    return replace(answer, notes=(*getattr(reasoner, "notes", ()), *_doubts(home, query, selection), *answer.notes))
+    return replace(
+        answer, notes=(*optional(reasoner, ReasonerDefaults, "notes"), *_doubts(home, query, selection), *answer.notes)
+    )
 
 
 def _doubts(home: Home, query: str, selection: Selection) -> Iterator[str]:
-    """Why the home's detector may be to blame: it was made for other pictures, or has no name for what was asked for."""
+    """Why the detector may be to blame: it was made for other pictures, or has no label for what was asked for."""
     yield from home.settings.get("doubts", ())
     names = home.settings.get("knows", ())
     if names and selection.status != "found" and (asked := out_of_vocabulary_mention(query, names)) is not None:
@@ -119,9 +169,24 @@ def serve(
     robot: RobotModel | None = None,
     timing_ms: dict[str, float] | None = None,
 ) -> Answer:
-    """From what was chosen to its place and a goal; then, from there, to what was asked for in the same breath.
+    """Find the place of a selection and plan a goal there; then, from that goal on, the same for its further needs.
 
-    ``place`` is where the object is, if that is known already; else the index says it. ``reasoner`` names who chose.
+    Args:
+        home: The home.
+        query: What the person said.
+        selection: What was chosen.
+        reasoner: The name of what chose it.
+        index: The name of one of the home's indices; by default the first.
+        place: Where the object is, if that is known; otherwise the index finds it.
+        from_xy: Where the robot stands (x, y) in metres; by default where the recording began.
+        robot: The size of the robot.
+        timing_ms: The durations of earlier steps, which those of "locate" and "plan" are added to.
+
+    Returns:
+        The answer.
+
+    Raises:
+        InputError: The home has no such index.
     """
     index_name, spatial_index = home.index(index)
     timing_ms, robot = {} if timing_ms is None else timing_ms, robot or RobotModel()
@@ -134,7 +199,7 @@ def serve(
             notes.append(f"{index_name} has no place for the {selection.object}: try another --index")
     goal: Goal | None = None
     if selection.status == "answered":
-        pass  # an answer in words sends nobody anywhere
+        pass  # an answer in words has no goal
     elif place is not None and home.grid is None:
         notes.append("no goal: without depth the home has no occupancy grid to plan on")
     elif place is not None and home.grid is not None:
@@ -144,14 +209,14 @@ def serve(
             notes.append(f"no goal: {why_not}")
         elif not goal.line_of_sight:
             notes.append(f"the goal faces the {place.label}, but something known stands in between")
-    then, here = [], from_xy if goal is None else (goal.x, goal.y)
-    for further in selection.next:
-        then.append(serve(home, query, further, reasoner, index=index, from_xy=here, robot=robot))
-        if (last := then[-1].goal) is not None:
+    further, here = [], from_xy if goal is None else (goal.x, goal.y)
+    for chosen in selection.next:
+        further.append(serve(home, query, chosen, reasoner, index=index, from_xy=here, robot=robot))
+        if (last := further[-1].goal) is not None:
             here = (last.x, last.y)
     return Answer(
         query, selection, place, goal, reasoner, index_name, home.detector, home.name, timing_ms, tuple(notes),
-        getattr(spatial_index, "encoder", None), tuple(then),
+        optional(spatial_index, IndexDefaults, "encoder") or None, tuple(further),
     )  # fmt: skip
 
 
@@ -168,10 +233,20 @@ def _timed(timing_ms: dict[str, float], step: str) -> Iterator[None]:
 
 
 class Conversation:
-    """Remembers what was said, on both sides, and where the robot has been sent.
+    """A conversation about a home: requests in order, with the memory of both sides and of where the robot was sent.
 
-    ``turns`` are the latest (person, robot) turns, oldest first, no more than a reasoner is shown. ``from_xy`` is where the
-    robot stands (m, map frame): the last goal, until somebody who knows better sets it; InputError for what is no point.
+    ``turns`` holds the latest (person, robot) turns, oldest first, as many as a reasoner is shown. ``from_xy`` is
+    where the robot stands: the last goal, unless the caller sets it.
+
+    Args:
+        home: The home.
+        reasoner: Chooses the objects.
+        index: The name of one of the home's indices; by default the first.
+        from_xy: Where the robot stands (x, y) in metres, map frame; by default where the recording began.
+        robot: The size of the robot; by default that of ``RobotModel()``.
+
+    Raises:
+        InputError: ``from_xy`` is not a point.
     """
 
     def __init__(
@@ -188,17 +263,22 @@ class Conversation:
         self.turns: list[tuple[str, str]] = []
 
     def say(self, words: str) -> Answer:
-        """The answer to what the person says next. Raises as ``pipeline.ask``; what raised was not said."""
+        """Answer what the person says next; words that raise are not remembered.
+
+        Args:
+            words: What the person says.
+
+        Returns:
+            The answer.
+
+        Raises:
+            InputError, ReasonerError, BackendError: As ``ask`` does.
+        """
         words = check_query(words)
         answer = ask(
-            self.home,
-            words,
-            self.reasoner,
-            index=self.index,
-            from_xy=self.from_xy,
-            robot=self.robot,
-            dialogue=self.turns,
-        )
+            self.home, words, self.reasoner,
+            index=self.index, from_xy=self.from_xy, robot=self.robot, dialogue=self.turns,
+        )  # fmt: skip
         self.turns = recent([*self.turns, (words, robot_turn(answer))])
         goals = [part.goal for part in (answer, *answer.next) if part.goal is not None]
         if goals:
@@ -207,9 +287,13 @@ class Conversation:
 
 
 def robot_turn(answer: Answer) -> str:
-    """What the robot has said with an answer, and then with that to the next need: ``cup #12, then kitchen (room 3)``.
+    """What the robot said with an answer, as the dialogue keeps it: ``cup #12, then kitchen (room 3)``.
 
-    It is the object that was served with its number, or the room; a sentence that was told; the question; or that nothing serves.
+    Args:
+        answer: What ``ask`` gave.
+
+    Returns:
+        For each need the object with its number, the room, the answer in words, the question, or that nothing serves.
     """
     return ", then ".join([_said(answer), *map(robot_turn, answer.next)])
 

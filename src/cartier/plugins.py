@@ -1,8 +1,8 @@
-"""Find a backend by name, by entry point (group ``cartier.KIND``) or by path to a .py file; say what is missing.
+"""Plugin registry: backends by name, by entry point (group ``cartier.KIND``) or by path to a .py file.
 
 A backend is a module whose docstring's first line describes it, with a factory ``make(**options)``; recordings have
-``matches(path)`` and ``open(path, **options)`` instead. ``EXTRA = "llm"`` names the optional dependencies that it needs.
-This module knows nothing about what the backends do.
+``matches(path)`` and ``open(path, **options)`` instead. ``EXTRA = "llm"`` names the optional dependencies that it
+needs.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ PACKAGE = Path(__file__).parent
 
 @dataclass(frozen=True)
 class Backend:
-    """One row of ``cartier list``; read from the source, so that listing imports nothing heavy."""
+    """One row of ``cartier list``, read from the source, so that listing imports nothing heavy."""
 
     kind: str
     name: str
@@ -65,10 +65,19 @@ def make(kind: Literal["robots"], name: str, **options: Any) -> Robot: ...
 @overload
 def make(kind: Literal["worlds"], name: str, **options: Any) -> World: ...
 def make(kind: str, name: str, **options: Any) -> Any:
-    """A new backend of a kind, with its options checked against its factory's signature.
+    """Make a backend.
 
-    ``kind`` is detectors, encoders, indexes, reasoners, robots or worlds; ``name`` one that ``cartier list`` shows, or a path
-    to a .py file. Raises BackendError for an unknown name or option, MissingExtra if a package is not installed.
+    Args:
+        kind: "detectors", "encoders", "indexes", "reasoners", "robots" or "worlds".
+        name: A name that ``cartier list`` shows, or the path to a .py file.
+        **options: The options of its factory, which ``cartier list`` names.
+
+    Returns:
+        A new backend, which obeys the protocol of its kind in ``cartier.contracts``.
+
+    Raises:
+        BackendError: The kind, the name or an option is unknown, or a required option is missing.
+        MissingExtra: It needs a package that is not installed.
     """
     return _call(kind, name, "make", (), options)
 
@@ -80,7 +89,7 @@ def make_from_spec(kind: Literal["encoders"], spec: str, **options: Any) -> Enco
 @overload
 def make_from_spec(kind: Literal["reasoners"], spec: str, **options: Any) -> Reasoner: ...
 def make_from_spec(kind: Any, spec: str, **options: Any) -> Any:
-    """A backend as people write it on a command line: NAME, or NAME:MODEL where it needs a model."""
+    """Make a backend from its form on the command line: NAME, or NAME:MODEL where it needs a model."""
     name, _, model = spec.partition(":")
     return make(kind, name, **({"model": model} if model else {}), **options)
 
@@ -92,7 +101,21 @@ def takes(kind: str, name: str, option: str) -> bool:
 
 
 def open_recording(path: str | Path, format: str | None = None, **options: Any) -> Recording:
-    """Open a recording in the format that recognises the path, or in the one named; its ``read_with`` are all options given."""
+    """Open a recording.
+
+    Args:
+        path: A file or folder.
+        format: The name of its format; by default the one that recognises the path.
+        **options: Options of that format's reader.
+
+    Returns:
+        The recording; ``read_with`` holds the options given.
+
+    Raises:
+        InputError: The path does not exist, no format or more than one recognises it, or the recording is damaged.
+        BackendError: The format or an option is unknown.
+        MissingExtra: The reader needs a package that is not installed.
+    """
     path = Path(path)
     options = {n: tuple(v) if isinstance(v, list) else v for n, v in options.items()}  # as fingerprints have them
     if not path.exists():
@@ -100,14 +123,14 @@ def open_recording(path: str | Path, format: str | None = None, **options: Any) 
     names = [format] if format else _formats_of(path)
     if not names:
         known = ", ".join(b.name for b in backends("recordings"))
-        hints = importlib.import_module("cartier.recordings.hints")  # above this module, as the readers are
+        hints = importlib.import_module("cartier.recordings.hints")  # it lies above this module, as the readers do
         generic = f"the formats are {known}, and 'cartier list' says what each one looks like"
         raise InputError(f"{path} is no recording that cartier knows: {hints.what_else(path, _formats_of) or generic}")
     if len(names) > 1:
         raise InputError(f"{path} may be one of {', '.join(names)}: say which with --format (in Python, format=…)")
     recording: Recording = _call("recordings", names[0], "open", (path,), options)
     given = {"format": format, **options}
-    with suppress(AttributeError):  # of somebody else's reader, which has slots
+    with suppress(AttributeError):  # a reader from elsewhere may have slots
         recording.read_with = {n: v for n, v in given.items() if v is not None}  # type: ignore[attr-defined]
     return recording
 
@@ -200,14 +223,14 @@ def _call(kind: str, name: str, function: str, args: tuple[Any, ...], options: d
         return factory(*args, **options)
     except ModuleNotFoundError as error:
         missing = (error.name or "").split(".")[0]
-        if missing in ("", "cartier"):  # a broken import of our own is a bug and keeps its traceback
+        if missing in ("", "cartier"):  # a broken import of ours is a bug and keeps its traceback
             raise
         extra = next((b.extra for b in backends(kind) if b.name == name), None)
         raise MissingExtra(f"{kind} {name!r} needs the package {missing!r}: {install(extra, missing)}") from error
 
 
 def install(extra: str | None, package: str) -> str:
-    """The command that brings a missing package; for a cartier that came from a folder or a repository, from there again."""
+    """The command that installs a missing package, from the folder or repository that cartier was installed from."""
     if not extra:
         return f"pip install '{package}'"
     from importlib.metadata import PackageNotFoundError, distribution

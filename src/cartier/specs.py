@@ -1,4 +1,4 @@
-"""What people write on a command line, turned into backends: ``FILE.onnx``, ``transformers:MODEL``, ``ground_truth:misses=0.3``."""
+"""Backend specifications of the command line: ``FILE.onnx``, ``transformers:MODEL``, ``ground_truth:misses=0.3``."""
 
 from __future__ import annotations
 
@@ -16,24 +16,24 @@ from cartier.reasoners.auto import configured
 from cartier.types import RobotModel
 
 DETECTOR = "embedded"
-"""The detector of the demo and the bench by default: the one that ships inside. ``ground_truth`` shows what a perfect one would do."""
-
+"""The default detector for recordings of the dollhouse, the demo and the benchmark."""
 PHOTOS = "photos"
-"""The detector of anything else by default."""
+"""The default detector for all other recordings."""
 
 
 def detector_for(recording: Recording) -> tuple[str, str]:
-    """The detector for a recording whose owner names none, and why that one. It is never ground truth."""
+    """The default detector for a recording, and why; it is never ground truth."""
     if is_of(recording, DOLLHOUSE):
-        return DETECTOR, "since this is a recording of the dollhouse, whose things it knows"
-    return PHOTOS, "which knows household things in photographs"
+        return DETECTOR, "since this is a recording of the dollhouse, whose objects it knows"
+    return PHOTOS, "which knows household objects in photographs"
 
 
 def detector(spec: str, recording: Recording, **options: Any) -> Detector:
     """A detector for a recording; options that are None are left to the detector.
 
-    ``spec`` is FILE.onnx, detections in FILE.json or FILE.jsonl, NAME, NAME:MODEL, ./mine.py, or ``ground_truth``, which may
-    be told what to get wrong: ``ground_truth:misses=0.3,jitter=0.05,seed=1``. Raises InputError or BackendError.
+    ``spec`` is FILE.onnx, detections in FILE.json or FILE.jsonl, NAME, NAME:MODEL, ./mine.py, or ``ground_truth``,
+    with the errors that it shall make: ``ground_truth:misses=0.3,jitter=0.05,seed=1``. Raises InputError or
+    BackendError.
     """
     given = {name: value for name, value in options.items() if value is not None}
     name, _, rest = spec.partition(":")
@@ -55,14 +55,14 @@ def reasoner(spec: str, **options: Any) -> Reasoner:
 
 
 def model_asked(spec: str, model: str | None = None, base_url: str | None = None) -> tuple[str, str] | None:
-    """(server's URL, model) of the language model that a reasoner would ask, the URL empty for one in this process, or None.
+    """Which language model a reasoner would ask: (server's URL, model), with an empty URL in this process; or None.
 
-    Nothing is asked, loaded or needed for that. Raises InputError for a reasoner of somebody else's, which alone knows.
+    Nothing is loaded or sent. Raises InputError for a reasoner that is not one of cartier's own.
     """
     name, _, given = spec.partition(":")
     model = model or given or None
     if name not in ("auto", "openai", "local", "embedded", "replay"):
-        raise InputError(f"what the reasoner {brief(name, 60)} sends, only it knows: it is not one of cartier's own")
+        raise InputError(f"it is unknown what the reasoner {brief(name, 60)} sends: it is not one of cartier's own")
     if name == "auto":
         name = configured(model, base_url) or "embedded"
     if name == "openai":
@@ -72,7 +72,7 @@ def model_asked(spec: str, model: str | None = None, base_url: str | None = None
 
 
 def robot(spec: str, home: Home, model: RobotModel) -> Robot:
-    """A robot by NAME; one that drives in a simulated home is told which and how wide it is, or NAME:PATH says it."""
+    """A robot by NAME or NAME:PATH; one that drives in a simulated home gets its name (or PATH) and radius."""
     name, _, where = spec.partition(":")
     told = {"home": where or home.name, "radius_m": model.radius_m}
     return plugins.make("robots", name, **(told if plugins.takes("robots", name, "home") else {}))

@@ -1,14 +1,15 @@
-"""The laws of each kind of plug-in, for its author's tests: ``check_detector(mine.make)`` raises AssertionError where one is broken.
+"""Conformance checks of backends against the contracts, for the tests of their authors: ``check_detector(mine.make)``.
 
-Each function takes one that makes the backend anew, without arguments: ``lambda: mine.make(model="m.onnx")``. What it is shown,
-unless told otherwise, is a short walk through a built-in home. cartier's own backends are under the same laws.
+Each check takes a function without arguments that makes the backend anew, such as ``lambda:
+mine.make(model="m.onnx")``, and raises AssertionError with a sentence that says what is wrong. cartier's own backends
+pass the same checks.
 """
 
 from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import cache
@@ -16,8 +17,22 @@ from functools import cache
 import numpy as np
 
 from cartier import plugins
-from cartier.contracts import Detector, Encoder, Reasoner, Recording, Robot, Searchable, SpatialIndex, World
-from cartier.errors import CartierError, check_pose
+from cartier.contracts import (
+    Detector,
+    Encoder,
+    EncoderDefaults,
+    IndexDefaults,
+    Reasoner,
+    ReasonerDefaults,
+    Recording,
+    RecordingDefaults,
+    Robot,
+    Searchable,
+    SpatialIndex,
+    World,
+    optional,
+)  # fmt: skip
+from cartier.errors import CartierError, brief, check_pose
 from cartier.labels import display_name
 from cartier.mapping.detection_cache import detecting
 from cartier.mapping.object_map import ObjectMap
@@ -33,24 +48,31 @@ REQUESTS = (
     "'; drop table objects; --",
     "?",
 )
-"""What ``check_reasoner`` asks: needs, and words that try to bring in an object that is not there."""
+"""Requests of ``check_reasoner``: needs, and words that try to bring in an object that is not in the inventory."""
 LISTS = (
     ("chair",),
     ("chair", "chairs", "Chair", "coffee machine", "machine"),
     ("nothing", "object", "none", "..."),
     ("bed", "кровать", "茶壶", "café table", "a\nb", "</words>", '{"object": "bed"}'),
 )
+"""Inventories of ``check_reasoner``: plain names, near duplicates, names that look like replies."""
 
 
 def check_recording(open_it: Callable[[], Recording], most: int = 20) -> None:
-    """Frames are typed, counted from 0 and the same in any order; the fingerprint and the poses stay. Reads ``most`` frames.
+    """Check that frames are typed, counted from 0, and the same in any order and to ``readers`` threads.
 
-    One with ``readers`` gives as many threads the same frames.
+    Args:
+        open_it: Opens the recording.
+        most: How many frames to read, evenly spread.
+
+    Raises:
+        AssertionError: The recording breaks the contract ``Recording``.
     """
     recording, again = open_it(), open_it()
     _check(isinstance(recording, Recording), "it has not all that cartier.contracts.Recording has")
     _line(recording.name, "its name")
     _lines(recording.notes, "its notes")
+    _check_recording_defaults(recording)
     length = len(recording)
     for number in (-1, length, 10**9):
         try:
@@ -68,12 +90,11 @@ def check_recording(open_it: Callable[[], Recording], most: int = 20) -> None:
         if frame.world_from_camera.flags.writeable:
             frame.world_from_camera[0, 3] += 9
         _check(np.array_equal(recording[number].world_from_camera, before), f"frame {number}: who has it can move it")
-    if (readers := getattr(recording, "readers", 0)) > 0:
+    if (readers := optional(recording, RecordingDefaults, "readers")) > 0:
         with ThreadPoolExecutor(readers) as pool:
             same = [*pool.map(lambda number: _same_frame(again[number], frames[number]), chosen)]
-        _check(
-            all(same), f"frame {chosen[same.index(False)] if False in same else 0} is another one to {readers} threads"
-        )
+        differing = [number for number, equal in zip(chosen, same, strict=True) if not equal]
+        _check(not differing, f"frames {differing[:3]} are others to {readers} threads")
     ids = [obj.id for obj in recording.truth or ()]
     _check(len(set(ids)) == len(ids) and 0 not in ids, "the ids of its true objects must differ, and 0 is none")
     sha = recording.fingerprint()
@@ -81,23 +102,39 @@ def check_recording(open_it: Callable[[], Recording], most: int = 20) -> None:
     _check(sha == again.fingerprint(), "its fingerprint is another one when it is opened again")
 
 
+def _check_recording_defaults(recording: Recording) -> None:
+    readers = optional(recording, RecordingDefaults, "readers")
+    _check(_whole(readers), f"readers must be an integer from 0 on, got {readers!r}")
+    guessed = optional(recording, RecordingDefaults, "scale_guessed")
+    _check(isinstance(guessed, bool), f"scale_guessed must be True or False, got {guessed!r}")
+    read_with = optional(recording, RecordingDefaults, "read_with")
+    named = isinstance(read_with, Mapping) and all(isinstance(name, str) for name in read_with)
+    _check(named, f"read_with must have options by name, got {read_with!r}")
+    level = optional(recording, RecordingDefaults, "level_from_world")
+    if level is not None:
+        check_pose(level, "level_from_world")
+    known = optional(recording, RecordingDefaults, "known_registration")
+    three = known is None or (len(known) == 3 and bool(np.isfinite(known).all()))
+    _check(three, f"known_registration must be zoom, dx and dy, got {known!r}")
+
+
 def check_detector(make: Callable[[], Detector], frames: Sequence[Frame] | None = None) -> list[Detections]:
-    """Detections lie in the image, bear display names and depend on the frame alone. Returns those of the frames."""
+    """Check that detections lie in the image, have display names as labels, and depend on the frame alone.
+
+    Args:
+        make: Makes the detector.
+        frames: What to detect in, by default ``sample_frames()``.
+
+    Returns:
+        The detections of the frames.
+
+    Raises:
+        AssertionError: The detector breaks the contract ``Detector``.
+    """
     detector, again = make(), make()
     frames = sample_frames() if frames is None else frames
     _line(detector.name, "its name")
-    _lines(getattr(detector, "notes", ()), "its notes")
-    sha = getattr(detector, "sha256", "")
-    _check(sha == "" or _is_sha256(sha), f"sha256 must be hex or empty, got {sha!r}")
-    worth = getattr(detector, "score_model", Detector.score_model)
-    _check(
-        isinstance(worth, DetectorScoreModel),
-        f"score_model must be a cartier.DetectorScoreModel, got {type(worth).__name__}",
-    )
-    _check(
-        0 <= worth.zero_weight_score < worth.full_weight_score <= 1,
-        f"score_model: 0 <= low < high <= 1, got {worth.zero_weight_score} and {worth.full_weight_score}",
-    )
+    _check_detector_defaults(detector)
     found = []
     for frame in frames:
         before, where = frame.rgb.copy(), f"frame {frame.index}"
@@ -109,9 +146,7 @@ def check_detector(make: Callable[[], Detector], frames: Sequence[Frame] | None 
         _check(bool(((seen.scores >= 0) & (seen.scores <= 1)).all()), f"{where}: scores must be from 0 to 1")
         for label in seen.labels:
             shown = display_name(label)
-            _check(
-                label == shown, f"{where}: {label!r} is no display name: language.names.display_name gives {shown!r}"
-            )
+            _check(label == shown, f"{where}: {label!r} is no display name: labels.display_name gives {shown!r}")
         _check(seen.masks is None or seen.masks.shape[1:] == frame.rgb.shape[:2], f"{where}: a mask is of another size")
         _check(np.array_equal(frame.rgb, before), f"{where}: it changed the image")
         found.append(seen)
@@ -127,21 +162,44 @@ def check_detector(make: Callable[[], Detector], frames: Sequence[Frame] | None 
     return found
 
 
+def _check_detector_defaults(detector: Detector) -> None:
+    _lines(optional(detector, Detector, "notes"), "its notes")
+    sha = optional(detector, Detector, "sha256")
+    _check(sha == "" or _is_sha256(sha), f"sha256 must be hex or empty, got {sha!r}")
+    model = optional(detector, Detector, "score_model")
+    typed = isinstance(model, DetectorScoreModel)
+    _check(typed, f"score_model must be a cartier.DetectorScoreModel, got {type(model).__name__}")
+    low, high = model.zero_weight_score, model.full_weight_score
+    _check(0 <= low < high <= 1, f"score_model: 0 <= zero_weight_score < full_weight_score <= 1, got {low} and {high}")
+    knows = optional(detector, Detector, "knows")
+    labels = not isinstance(knows, str) and all(label == display_name(label) for label in knows)
+    _check(labels, f"knows must be display names, got {brief(knows)}")
+    world = optional(detector, Detector, "world")
+    _check(world is None or isinstance(world, str), f"world must be a simulator's name, empty or None, got {world!r}")
+    size = optional(detector, Detector, "batch")
+    _check(_whole(size) and size >= 1, f"batch must be an integer from 1 on, got {size!r}")
+
+
 def _check_batch(detector: Detector, frames: Sequence[Frame], alone: Sequence[Detections]) -> None:
     together = detecting(detector)(frames)
     _check([seen.frame for seen in together] == [frame.index for frame in frames], "detect_batch: frames out of order")
     for one, other in zip(alone, together, strict=True):
         same = sorted(one.labels) == sorted(other.labels) and np.allclose(one.scores, other.scores, atol=0.01)
         _check(same, f"frame {one.frame}: detect_batch finds something else than detect")
-    size = getattr(detector, "batch", Detector.batch)
-    _check(isinstance(size, int) and size >= 1, f"batch must be an integer from 1 on, got {size!r}")
 
 
 def check_encoder(make: Callable[[], Encoder]) -> None:
-    """Words and, unless it has words only, images give finite features of one dimension, each by itself."""
+    """Check that words and, unless it is ``text_only``, images give finite features of one dimension, each by itself.
+
+    Args:
+        make: Makes the encoder.
+
+    Raises:
+        AssertionError: The encoder breaks the contract ``Encoder``.
+    """
     encoder = make()
     _line(encoder.name, "its name")
-    _lines(getattr(encoder, "notes", ()), "its notes")
+    _lines(optional(encoder, EncoderDefaults, "notes"), "its notes")
     words = ["mug", "a bed to sleep in", "coffee machine"]
     vectors = encoder.text(words)
     _check(vectors.ndim == 2 and len(vectors) == 3, f"text of 3 must be (3, D), got {vectors.shape}")
@@ -155,7 +213,7 @@ def check_encoder(make: Callable[[], Encoder]) -> None:
             encoder.image(frame)
         except CartierError:
             return
-        raise AssertionError("who is text_only must refuse an image with a CartierError")
+        raise AssertionError("an encoder that is text_only must refuse an image with a CartierError")
     image = encoder.image(frame)
     _check(image.ndim == 3 and min(image.shape) > 0, f"image must give (h, w, D), got {image.shape}")
     _check(image.shape[2] == vectors.shape[1], f"images have {image.shape[2]} dimensions, texts {vectors.shape[1]}")
@@ -166,31 +224,41 @@ def check_encoder(make: Callable[[], Encoder]) -> None:
 def check_index(
     make: Callable[[], SpatialIndex], frames: Sequence[Frame] | None = None, detector: Detector | None = None
 ) -> SpatialIndex:
-    """What was confirmed can be located, and after a state is taken and given back still; a copy is one of its own.
+    """Check that confirmed objects can be located, that ``restore`` takes ``state``, and that copies are independent.
 
-    ``detector`` finds the objects of the ``frames``; both or neither. Returns the index built.
+    Args:
+        make: Makes the index.
+        frames: What to build it from, with ``detector``; by default ``sample_frames()`` and their true boxes.
+        detector: Detects the objects of ``frames``.
+
+    Returns:
+        The index built.
+
+    Raises:
+        AssertionError: The index breaks the contract ``SpatialIndex``.
     """
     frames, detector = (sample_frames(), _truth()) if frames is None or detector is None else (frames, detector)
-    index, objects = make(), ObjectMap(detector.score_model)
+    score_model: DetectorScoreModel = optional(detector, Detector, "score_model")
+    index, objects = make(), ObjectMap(score_model)
     for frame in frames:
         found = detector.detect(frame)
         objects.add(frame, found)
-        index.add(frame, found.keep(found.scores >= detector.score_model.threshold))
+        index.add(frame, found.keep(found.scores >= score_model.threshold))
     index.set_objects(objects.objects())
     names = index.names()
     confirmed = {obj.label for obj in objects.objects() if obj.confirmed}
+    made_with = optional(index, IndexDefaults, "encoder")
+    _check(isinstance(made_with, str), f"encoder must say which encoder made the features, got {made_with!r}")
     _check(names == sorted(set(names)), "names() must be sorted, each once")
     _check(bool(names) and set(names) <= confirmed, f"names() must be of confirmed objects: {set(names) - confirmed}")
     places = _places(index, {frame.index for frame in frames})
     if not isinstance(index, Searchable):
-        _check(
-            index.locate("unicorn") is None, "locate() must be None for a name that it does not have, such as unicorn"
-        )
+        _check(index.locate("unicorn") is None, "locate() must be None for a name that it does not have: 'unicorn'")
     state, again = index.state(), make()
     _check(all(isinstance(blob, bytes) for blob in state.values()), "state() must give bytes by name")
     again.restore(state)
     again.set_objects(objects.objects())
-    _check(again.names() == names, "restore() and settle() give other names than before")
+    _check(again.names() == names, "restore() and set_objects() give other names than before")
     for name, place in places.items():
         other = again.locate(name)
         same = other is not None and math.isclose(other.score, place.score, abs_tol=2e-3)
@@ -210,19 +278,27 @@ def check_index(
 
 
 def check_reasoner(make: Callable[[], Reasoner], requests: Sequence[str] = REQUESTS) -> None:
-    """Nothing that anybody says brings an object out of the list that it was given, and nothing said means no goal."""
+    """Check that no request makes it choose what is not in the inventory, and that it refuses empty requests.
+
+    Args:
+        make: Makes the reasoner.
+        requests: What to ask.
+
+    Raises:
+        AssertionError: The reasoner breaks the contract ``Reasoner``.
+    """
     reasoner = make()
     _line(reasoner.name, "its name")
     turns = [("I was tired", "bed"), ("and now?", "helicopter")]
     for names in LISTS:
         for request in requests:
             chosen = reasoner.select(request, Inventory.of(names), turns)
-            told = f"{request!r} among {names}"
-            _check(chosen.object is None or chosen.object in names, f"{told}: {chosen.object!r} is not in the list")
+            where = f"{request!r} among {names}"
+            _check(chosen.object is None or chosen.object in names, f"{where}: {chosen.object!r} is not in the list")
             strange = [name for name, _ in chosen.candidates if name not in names]
-            _check(not strange, f"{told}: candidates {strange} are not in the list")
-            _check(bool(chosen.reason), f"{told}: it gives no reason")
-            _check(chosen.status != "clarify" or bool(chosen.question), f"{told}: clarify without a question")
+            _check(not strange, f"{where}: candidates {strange} are not in the list")
+            _check(bool(chosen.reason), f"{where}: it gives no reason")
+            _check(chosen.status != "clarify" or bool(chosen.question), f"{where}: clarify without a question")
     _check(reasoner.select(requests[0], Inventory.of([])).object is None, "it found something where nothing is")
     for empty in ("", " \n\t", "\x00\x1b"):
         try:
@@ -231,6 +307,10 @@ def check_reasoner(make: Callable[[], Reasoner], requests: Sequence[str] = REQUE
             _line(str(error), f"the refusal of {empty!r}")
         else:
             _check(chosen.object is None, f"{empty!r} is no request, but gets {chosen.object!r}")
+    _lines(optional(reasoner, ReasonerDefaults, "notes"), "its notes")
+    for total in ("calls", "tokens"):
+        count = optional(reasoner, ReasonerDefaults, total)
+        _check(_whole(count), f"{total} must be an integer from 0 on, got {count!r}")
     proposed = reasoner.propose(requests[0])
     _check(len(set(proposed)) == len(proposed) <= 20, "propose() must give up to 20 different names")
     for name in proposed:
@@ -238,7 +318,15 @@ def check_reasoner(make: Callable[[], Reasoner], requests: Sequence[str] = REQUE
 
 
 def check_robot(make: Callable[[], Robot], goal: Goal | None = None) -> None:
-    """A goal is sent, or refused with a CartierError, and one line says what happened. The robot may drive!"""
+    """Check that a goal is sent or refused with a CartierError, and that one line says which. The robot may drive!
+
+    Args:
+        make: Makes the robot.
+        goal: The goal to send, by default one at x = 1 m, y = 1 m.
+
+    Raises:
+        AssertionError: The robot breaks the contract ``Robot``.
+    """
     robot = make()
     _line(robot.name, "its name")
     place = Place("chair", (2.0, 1.0, 0.5), 1.0, 0)
@@ -253,9 +341,14 @@ def check_robot(make: Callable[[], Robot], goal: Goal | None = None) -> None:
 
 
 def check_world(make: Callable[[], World], home: str | None = None) -> None:
-    """Homes can be explored, the same each time, where the robot fits; their true objects name what the frames show.
+    """Check that homes can be explored, the same each time, and that their true objects are those that frames show.
 
-    ``home`` is by default the last that it lists.
+    Args:
+        make: Makes the world.
+        home: The home to explore, by default the last one listed.
+
+    Raises:
+        AssertionError: The world breaks the contract ``World``.
     """
     world = make()
     _line(world.name, "its name")
@@ -288,7 +381,11 @@ def _sample() -> Recording:
 
 @cache
 def sample_frames() -> tuple[Frame, ...]:
-    """Ten views of a walk through a built-in home, with depth and instances."""
+    """Frames to test with.
+
+    Returns:
+        Ten frames of a walk through a built-in home, with depth (m) and instances.
+    """
     return tuple(_sample()[number] for number in range(len(_sample())))
 
 
@@ -309,6 +406,10 @@ def _lines(lines: Sequence[str], what: str) -> None:
     _check(not isinstance(lines, str), f"{what} must be several lines, got one: {lines!r}")
     for line in lines:
         _line(line, what)
+
+
+def _whole(count: object) -> bool:
+    return isinstance(count, int) and count >= 0
 
 
 def _is_sha256(text: str) -> bool:

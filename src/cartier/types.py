@@ -1,15 +1,16 @@
-"""What flows through cartier: frozen dataclasses over numpy, checked once, at construction.
+"""Core data types: frozen dataclasses over numpy arrays, validated when they are made.
 
-Conventions, said once for the whole project:
+Conventions of the whole project:
 
-- Metres, seconds, radians, pixels. ``_m``, ``_s``, ``_px`` or the layout stands in the name.
+- Metres, seconds, radians, pixels; the unit or the layout stands in the name (``_m``, ``_s``, ``_px``, ``_xyxy``).
 - World: right-handed, z up (REP-103), the ``map`` frame of REP-105; z = 0 is the floor.
 - Camera: optical frame, x right, y down, z forward. Pixel (0, 0) is the *centre* of the top-left pixel.
 - ``b_from_a`` is the 4x4 transform that takes points of a to b.
-- Boxes in images are ``xyxy`` in pixels; in the world they are axis-aligned ``box_min``, ``box_max``.
-- Depth is z-depth (not range), float32, NaN where the sensor read nothing.
+- Boxes in images are ``xyxy`` in pixels; boxes in the world are axis-aligned, from ``box_min`` to ``box_max``.
+- Depth is z-depth (not range), float32, NaN where the sensor has no reading.
 
-Only the recording readers and the AI2-THOR adapter convert other conventions to these.
+Only the recording readers and the AI2-THOR adapter convert other conventions to these. A value that breaks them is an
+InputError.
 """
 
 from __future__ import annotations
@@ -35,7 +36,13 @@ FREE, OCCUPIED, UNKNOWN = 0, 100, -1
 
 @dataclass(frozen=True)
 class Camera:
-    """A pinhole camera without distortion; fx, fy, cx, cy in pixels."""
+    """A pinhole camera without distortion.
+
+    Args:
+        width, height: The size of its images in pixels.
+        fx, fy: The focal lengths in pixels.
+        cx, cy: The principal point in pixels.
+    """
 
     width: int
     height: int
@@ -48,16 +55,31 @@ class Camera:
         check_camera(self.width, self.height, (self.fx, self.fy, self.cx, self.cy))
 
     def scaled(self, width: int, height: int) -> Camera:
-        """The same camera read out at another size (pixel centres stay at whole numbers)."""
+        """The same camera with images of another size.
+
+        Args:
+            width, height: The new size in pixels.
+
+        Returns:
+            The camera; pixel centres stay at whole numbers.
+        """
         sx, sy = width / self.width, height / self.height
         return Camera(width, height, self.fx * sx, self.fy * sy, (self.cx + 0.5) * sx - 0.5, (self.cy + 0.5) * sy - 0.5)
 
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """One RGB-D view. ``rgb`` (H, W, 3) uint8; ``depth_m`` (H, W) float32 or None; ``world_from_camera`` (4, 4).
+    """One RGB-D image with its pose.
 
-    ``instances`` (H, W) int32 are a simulator's true object ids (0 = none); only what is *called* ground truth may read them.
+    Args:
+        index: Its number in the recording, from 0.
+        time_s: When it was taken.
+        rgb: (H, W, 3) uint8.
+        depth_m: (H, W) float32, or None without depth.
+        world_from_camera: (4, 4) pose.
+        camera: The camera, of the size of the image.
+        instances: (H, W) int32, a simulator's true object ids (0 = none). Only what is *called* ground truth may read
+            them.
     """
 
     index: int
@@ -83,7 +105,15 @@ class Frame:
 
 @dataclass(frozen=True, eq=False)
 class Detections:
-    """What a detector found in one frame, low scores included: parallel arrays of N. ``masks`` (N, H, W) bool or None."""
+    """The N detections of one frame, low scores included.
+
+    Args:
+        frame: The number of the frame.
+        boxes_xyxy: (N, 4) float32, pixels.
+        scores: (N,) float32, 0 to 1.
+        labels: N display names.
+        masks: (N, H, W) bool, or None.
+    """
 
     frame: int
     boxes_xyxy: npt.NDArray[np.float32]
@@ -109,7 +139,14 @@ class Detections:
         return len(self.labels)
 
     def keep(self, which: Array) -> Detections:
-        """The detections that an index array or a boolean mask names."""
+        """Some of the detections.
+
+        Args:
+            which: Their indices, or a boolean mask (N,).
+
+        Returns:
+            The detections chosen.
+        """
         chosen = np.arange(len(self))[which]
         labels = tuple(self.labels[i] for i in chosen)
         masks = None if self.masks is None else self.masks[chosen]
@@ -118,14 +155,19 @@ class Detections:
 
 @dataclass(frozen=True)
 class DetectorScoreModel:
-    """What a detector's scores say about existence, measured where the truth is known; the defaults are cautious ones for any detector.
+    """What a detector's scores say about existence; the defaults are cautious values for unmeasured detectors.
 
-    ``threshold`` is the score from which one detection counts by itself, ``spawn_threshold`` that from which one starts an
-    object; a detection weighs 0 at ``zero_weight_score`` and 1 at ``full_weight_score``. ``beta_true`` and ``beta_false`` are
-    Beta(a, b): how the share of viewpoint bins that report an object is distributed over real objects and over false positives.
-    ``prior_log_odds`` are the log-odds of an object before any frame, ``best_view_log_odds`` what its best viewpoint bin adds,
-    ``log_odds_per_log_width`` what they lose for each factor e that its best view is wider than 0.1 rad: a real object that
-    appears large is detected reliably.
+    Args:
+        threshold: The score from which a single detection counts.
+        spawn_threshold: The score from which a detection starts a new object.
+        zero_weight_score, full_weight_score: The scores at which a detection weighs 0 and 1.
+        beta_true, beta_false: Beta(a, b) distributions of the share of viewpoint bins with a detection, for real
+            objects and for false positives.
+        prior_log_odds: The log-odds of an object before any frame.
+        best_view_log_odds: What its best viewpoint bin adds.
+        log_odds_per_log_width: What the log-odds lose for each factor e by which its best view is wider than 0.1 rad:
+            real objects that appear large are detected reliably.
+        measured: The data that it was measured on; empty for the defaults.
     """
 
     threshold: float = 0.5
@@ -138,11 +180,20 @@ class DetectorScoreModel:
     best_view_log_odds: float = 1.4
     log_odds_per_log_width: float = 0.0
     measured: str = ""
-    """The data it was measured on; empty for the defaults."""
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> DetectorScoreModel:
-        """A score model from JSON values. Raises TypeError or ValueError for an unknown key, or a value out of range."""
+        """A score model from JSON values.
+
+        Args:
+            values: Fields by name; those left out have their defaults.
+
+        Returns:
+            The score model.
+
+        Raises:
+            TypeError, ValueError: A field is unknown, or a value is out of range.
+        """
         given: dict[str, Any] = {
             name: tuple(map(float, value)) if isinstance(value, list) else value for name, value in values.items()
         }
@@ -159,9 +210,16 @@ class DetectorScoreModel:
         return model
 
     def with_threshold(self, threshold: float | None) -> DetectorScoreModel:
-        """The same with another threshold: all scores are scaled with it, and it no longer counts as measured.
+        """The same with another threshold; its other scores are scaled with it, and it no longer counts as measured.
 
-        Raises BackendError for a threshold outside 0 to 1. None gives the model unchanged.
+        Args:
+            threshold: The new threshold; None changes nothing.
+
+        Returns:
+            The score model.
+
+        Raises:
+            BackendError: The threshold is not from 0 to 1.
         """
         if threshold is None or threshold == self.threshold:
             return self
@@ -178,7 +236,13 @@ class DetectorScoreModel:
 
 @dataclass(frozen=True)
 class TrueObject:
-    """A simulator's object with its true axis-aligned world box: ground truth, never an estimate."""
+    """A simulator's object: ground truth, never an estimate.
+
+    Args:
+        id: Its number in ``Frame.instances``, from 1.
+        label: Its display name.
+        box_min, box_max: Its axis-aligned box in the world (m).
+    """
 
     id: int
     label: str
@@ -188,10 +252,17 @@ class TrueObject:
 
 @dataclass(frozen=True)
 class View:
-    """A detection that shows an object: where in which frame, how surely, and from where (camera position and heading).
+    """A detection that shows an object of the map.
 
-    ``surface`` is the mean of the surface that it shows (m), None without depth; ``size_px2`` the area of its box, corrected for
-    perspective distortion.
+    Args:
+        frame: The number of the frame.
+        box_xyxy: The box in the image (px).
+        score: The score of the detection.
+        label: The label that it gave.
+        size_px2: The area of the box, corrected for perspective distortion.
+        camera: The camera's position (m).
+        yaw: The heading (rad) in which the object was seen.
+        surface: The mean of the surface points that it shows (m), or None without depth.
     """
 
     frame: int
@@ -212,12 +283,24 @@ class View:
 
 @dataclass(frozen=True)
 class MapObject:
-    """One object of a home, with the evidence for and against it.
+    """One object of a map, with the evidence for and against it.
 
-    ``id`` is its own for as long as the home lives; ``aliases`` are those of objects that turned out to be this one. ``labels``
-    are all names that frames gave it, with their weights. ``position`` is its box's middle. Of ``n_observable``, frames that
-    would have shown it, ``n_detected`` did; ``probability`` says how likely it is there, ``confirmed`` that this is enough.
-    ``views`` are the best few, ``colours`` the names of its colours with their shares, ``room`` the id of its room.
+    Args:
+        id: Its number; it stays the same for as long as the home lives.
+        label: Its name: the label with the most evidence.
+        labels: All labels that detections gave it, with their weights.
+        position: The middle of its box (m).
+        box_min, box_max: Its axis-aligned box in the world (m).
+        probability: How likely it exists.
+        confirmed: Whether that is enough to count as existing; otherwise it is tentative.
+        n_detected, n_observable: In how many frames it was detected, of those that would have shown it.
+        first_seen_s, last_seen_s: The times of its first and last detection.
+        last_looked_s: The time of the last frame that would have shown it.
+        views: The best views of it, best first.
+        colours: The names of its colours, with their shares.
+        room: The id of its room, or None.
+        aliases: The ids of objects that were merged into it.
+        names: The names that people gave it (``Home.correct``).
     """
 
     id: int
@@ -238,7 +321,6 @@ class MapObject:
     room: int | None = None
     aliases: tuple[int, ...] = ()
     names: tuple[str, ...] = ()
-    """What people call it (``corrections.py``)."""
 
     def __post_init__(self) -> None:
         for name in ("position", "box_min", "box_max"):
@@ -246,13 +328,20 @@ class MapObject:
 
     @property
     def located(self) -> bool:
-        """Whether its distance is known: bearings without depth may leave it open, and its box then covers where it may be."""
+        """Whether its distance is known. Without depth it may not be: its box then covers where the object may be."""
         return any(view.surface is not None for view in self.views) or not self.views
 
 
 @dataclass(frozen=True)
 class Room:
-    """A room of the floor plan: ``name`` as people call it, ``kind`` by what stands in it, its cells (K, 2) as (row, col)."""
+    """A room of the floor plan.
+
+    Args:
+        id: Its number.
+        name: Its name; each room has another.
+        kind: What the objects in it make it: "kitchen", "bathroom", …, or "room".
+        cells: (K, 2) int32, its cells of the floor plan as (row, col).
+    """
 
     id: int
     name: str
@@ -262,7 +351,14 @@ class Room:
 
 @dataclass(frozen=True)
 class Inventory:
-    """What a reasoner gets to see: a home's objects and rooms, the best photo of an object, and where the robot stands (m)."""
+    """What a reasoner chooses from.
+
+    Args:
+        objects: The objects of a home, confirmed and tentative.
+        rooms: Its rooms.
+        photo: Gives the JPEG of the best view of an object by its id, or None.
+        from_xy: Where the robot stands (x, y) in metres, or None if unknown.
+    """
 
     objects: tuple[MapObject, ...]
     rooms: tuple[Room, ...] = ()
@@ -271,11 +367,18 @@ class Inventory:
 
     @property
     def names(self) -> list[str]:
-        """The label of everything confirmed, and what people call it, each once, sorted."""
+        """The labels of all confirmed objects and the names that people gave them, each once, sorted."""
         return sorted({name for obj in self.objects if obj.confirmed for name in (obj.label, *obj.names)})
 
     def contains(self, chosen: Selection) -> bool:
-        """Whether all that a selection names is here."""
+        """Whether everything that a selection names is in the inventory.
+
+        Args:
+            chosen: What a reasoner chose.
+
+        Returns:
+            False if it names an unknown object, room or id.
+        """
         objects = {obj.id: obj for obj in self.objects}
         if not objects.keys() >= set(chosen.fact.objects if chosen.fact else ()):
             return False
@@ -288,7 +391,14 @@ class Inventory:
 
     @classmethod
     def of(cls, names: Iterable[str]) -> Inventory:
-        """Names alone, as objects of which nothing else is known."""
+        """An inventory of bare names.
+
+        Args:
+            names: The names; duplicates count once.
+
+        Returns:
+            One confirmed object for each name, of which nothing else is known.
+        """
         here, never = (0.0, 0.0, 0.0), (1.0, True, 1, 1, 0.0, 0.0, 0.0, ())
         every = enumerate(dict.fromkeys(names))
         return cls(tuple(MapObject(number, name, ((name, 1.0),), here, here, here, *never) for number, name in every))
@@ -296,7 +406,12 @@ class Inventory:
 
 @dataclass(frozen=True)
 class RobotModel:
-    """Who drives: the radius of its body and the height of its camera, in metres."""
+    """The robot that drives.
+
+    Args:
+        radius_m: The radius of its body, above 0 and at most 5.
+        camera_height_m: The height of its camera above the floor, above 0 and at most 5.
+    """
 
     radius_m: float = 0.2
     camera_height_m: float = 1.5
@@ -309,9 +424,17 @@ class RobotModel:
 
 @dataclass(frozen=True)
 class Place:
-    """Where something is: a world position, the frame that shows it, and its image box there.
+    """Where an object or a room is.
 
-    ``view_yaw`` is set where ``position`` is a *viewpoint* rather than the object: the direction in which it was seen.
+    Args:
+        label: Its name.
+        position: Where it is (m), or from where it was seen if ``view_yaw`` is set.
+        score: How well it fits; scores of one index compare.
+        frame: The number of the frame that shows it, -1 for none.
+        box_xyxy: Its box in that frame (px), or None.
+        box_min, box_max: Its axis-aligned box in the world (m), or None.
+        view_yaw: The heading (rad) in which it was seen, if ``position`` is a *viewpoint*; otherwise None.
+        object_id: The id of the object, or None.
     """
 
     label: str
@@ -332,7 +455,12 @@ class Place:
                 object.__setattr__(self, name, finite(value, size, f"place of {self.label!r}: {name}"))
 
     def to_dict(self) -> dict[str, Any]:
-        """The object that stands in ``cartier ask --json``."""
+        """The place as plain JSON values.
+
+        Returns:
+            What ``cartier ask --json`` prints as ``place``; its keys are the fields, without ``label`` and
+            ``view_yaw``.
+        """
         box, low, high = (None if v is None else list(v) for v in (self.box_xyxy, self.box_min, self.box_max))
         return {
             "position": list(self.position), "box_min": low, "box_max": high, "frame": self.frame, "box_xyxy": box,
@@ -342,8 +470,15 @@ class Place:
 
 @dataclass(frozen=True)
 class Fact:
-    """What a question gets, for programs. ``value`` is a number for ``count``, true or false for ``exists``, a room's name or None
-    for ``where``, names for ``list``, the name of the object that has more of it for ``compare``, a word or metres for ``tell``."""
+    """The answer to a question, for programs.
+
+    Args:
+        kind: What was asked: how many, whether there is one, where, which, which of two has more of something, or a
+            property.
+        value: For "count" a number, for "exists" a bool, for "where" the name of a room or None, for "list" names, for
+            "compare" the name of the object that has more, for "tell" a word or a length in metres.
+        objects: The ids of the objects that the answer is about.
+    """
 
     kind: Literal["count", "exists", "where", "list", "compare", "tell"]
     value: Any
@@ -352,12 +487,23 @@ class Fact:
 
 @dataclass(frozen=True)
 class Selection:
-    """What a reasoner chose. ``object`` is a listed name for ``found`` and ``likely_near``, or the name of a room, else None.
+    """What a reasoner chose.
 
-    ``object_id`` says which of the objects of that name, None whichever its index holds best; ``room`` the id of a room to drive
-    to. ``answered`` is an answer in words: ``text`` is the sentence, and for programs ``fact``; it may name the object that it is
-    about, and gives no goal. ``question`` is what to ask the person when the status is ``clarify``. ``next`` are further needs
-    said in the same breath, in the order in which to serve them. ``prompt``, ``reply`` and ``model`` are the trace.
+    Args:
+        status: "found" (an object or room serves the words), "likely_near" (the object stands for one that is not in
+            the map but usually near it), "not_found" (nothing serves), "clarify" (``question`` has to be answered
+            first) or "answered" (``text`` is the answer, and there is no goal).
+        object: The name of the chosen object or room, from the inventory. Given for "found" and "likely_near"; for
+            "answered" it may name what the answer is about.
+        reason: Why, in one sentence.
+        question: What to ask the person, for "clarify".
+        candidates: Names that were considered, with their scores, best first.
+        prompt, reply, model: What a language model was sent, what it returned, and which one it was; empty without one.
+        next: The choices for further needs in the same words, in the order in which to serve them.
+        object_id: Which object of that name, or None to leave it to the index.
+        room: The id of the chosen room, or None for an object.
+        text: The answer in words, for "answered".
+        fact: The same answer for programs, or None.
     """
 
     status: Status
@@ -376,18 +522,25 @@ class Selection:
 
     def __post_init__(self) -> None:
         need(self.status in STATUSES, f"selection status {self.status!r} is not one of {', '.join(STATUSES)}")
+        names_one = self.status in ("found", "likely_near")
         need(
-            self.status == "answered" or (self.object is not None) == (self.status in ("found", "likely_near")),
-            f"a selection that is {self.status!r} must {'' if self.status in ('found', 'likely_near') else 'not '}name an object",
+            self.status == "answered" or (self.object is not None) == names_one,
+            f"a selection that is {self.status!r} must {'' if names_one else 'not '}name an object",
         )
         need(self.object is not None or self.object_id is None, "a selection with an object's id must name the object")
 
 
 @dataclass(frozen=True, eq=False)
 class Goal:
-    """A reachable pose in the map frame: x, y (m), yaw (rad), and the collision-free ``path`` (K, 2) of xy that leads there.
+    """A reachable pose that faces a place, in the map frame.
 
-    ``line_of_sight`` tells whether no known obstacle stands between the pose and the place.
+    Args:
+        x, y: Where to stand (m).
+        yaw: The heading (rad), counter-clockwise from +x.
+        path: (K, 2) float64, the collision-free way there as points (x, y) in metres.
+        length_m: The length of the path.
+        place: What the pose faces.
+        line_of_sight: Whether nothing known stands between the pose and the place.
     """
 
     x: float
@@ -407,23 +560,28 @@ class Goal:
         need(0 <= self.length_m < math.inf, f"{what}: its path's length must be finite, got {self.length_m}")
 
     def to_dict(self) -> dict[str, Any]:
+        """The goal as plain JSON values.
+
+        Returns:
+            What ``cartier ask --json`` prints as ``goal``; its keys are the fields, without ``place``.
+        """
         path = [[round(x, 4), round(y, 4)] for x, y in self.path.tolist()]
         return {
-            "x": self.x,
-            "y": self.y,
-            "yaw": self.yaw,
-            "path": path,
-            "length_m": self.length_m,
+            "x": self.x, "y": self.y, "yaw": self.yaw, "path": path, "length_m": self.length_m,
             "line_of_sight": self.line_of_sight,
-        }
+        }  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
 class OccupancyGrid:
-    """A floor plan: ``cells`` (rows, cols) int8 of FREE, OCCUPIED, UNKNOWN; row 0 is the smallest y.
+    """A floor plan.
 
-    ``origin_xy`` is the outer corner of cell (0, 0) in the map frame. ``height_m`` (rows, cols) is how high what was seen
-    above the floor reaches in each cell (0 = nothing seen): with it, lines of sight can pass over a table.
+    Args:
+        cells: (rows, cols) int8 of FREE, OCCUPIED and UNKNOWN; row 0 has the smallest y.
+        resolution_m: The side of a cell.
+        origin_xy: The outer corner of cell (0, 0) in the map frame (m).
+        height_m: (rows, cols) float16, the height of the highest surface seen in each cell (0 = none): with it, lines
+            of sight can pass over a table.
     """
 
     cells: npt.NDArray[np.int8]
@@ -438,16 +596,37 @@ class OccupancyGrid:
         need(self.resolution_m > 0, f"grid resolution must be positive, got {self.resolution_m}")
 
     def cell(self, xy: Sequence[float] | Array) -> npt.NDArray[np.int64]:
-        """(row, col) of points (..., 2); may lie outside of the grid."""
+        """The cells of points.
+
+        Args:
+            xy: (..., 2) points in the map frame (m).
+
+        Returns:
+            (..., 2) int64 as (row, col); they may lie outside of the grid.
+        """
         cells = np.floor((np.asarray(xy, dtype=np.float64) - self.origin_xy) / self.resolution_m)
         return cells.astype(np.int64)[..., ::-1]
 
     def centre(self, cell: Sequence[int] | Array) -> npt.NDArray[np.float64]:
-        """Map-frame xy of the centres of cells (..., 2) given as (row, col)."""
+        """The centres of cells.
+
+        Args:
+            cell: (..., 2) as (row, col).
+
+        Returns:
+            (..., 2) points in the map frame (m).
+        """
         return np.asarray((np.asarray(cell)[..., ::-1] + 0.5) * self.resolution_m + self.origin_xy, dtype=np.float64)
 
     def value(self, xy: Sequence[float]) -> int:
-        """The cell value at a point, UNKNOWN outside of the grid."""
+        """The cell value at a point.
+
+        Args:
+            xy: The point in the map frame (m).
+
+        Returns:
+            FREE, OCCUPIED or UNKNOWN; outside of the grid UNKNOWN.
+        """
         row, col = self.cell(xy)
         inside = 0 <= row < self.cells.shape[0] and 0 <= col < self.cells.shape[1]
         return int(self.cells[row, col]) if inside else UNKNOWN
@@ -455,7 +634,20 @@ class OccupancyGrid:
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """The whole trace of one request: what was chosen, where it is, how to get there, and what it took."""
+    """The answer to one request, with its whole trace.
+
+    Args:
+        query: What the person said.
+        selection: What the reasoner chose.
+        place: Where that is, or None.
+        goal: How to get there, or None; ``notes`` say why.
+        reasoner, index, detector, home: The names of what the answer comes from.
+        timing_ms: How long each step took.
+        notes: What a person should know about the answer, one line each.
+        encoder: Which encoder the index used, or None.
+        next: The answers to further needs in the same words, in order; each goal is planned from where the last one
+            ends.
+    """
 
     query: str
     selection: Selection
@@ -469,18 +661,20 @@ class Answer:
     notes: tuple[str, ...] = ()
     encoder: str | None = None
     next: tuple[Answer, ...] = ()
-    """The answers to further needs in the same words, in order; each goal is planned from where the one before ends."""
 
     def to_dict(self) -> dict[str, Any]:
-        """The object that ``cartier ask --json`` prints."""
+        """The answer as plain JSON values.
+
+        Returns:
+            What ``cartier ask --json`` prints.
+        """
         chosen = self.selection
         return {
-            "query": self.query, "status": chosen.status, "object": chosen.object, "object_id": chosen.object_id, "room": chosen.room,
-            "reason": chosen.reason, "question": chosen.question, "text": chosen.text,
-            "answer": None if chosen.fact is None else asdict(chosen.fact),
-            "place": self.place.to_dict() if self.place else None, "goal": self.goal.to_dict() if self.goal else None,
-            "candidates": [{"object": name, "score": score} for name, score in chosen.candidates],
-            "reasoner": self.reasoner, "index": self.index, "encoder": self.encoder, "detector": self.detector,
-            "home": self.home, "timing_ms": {step: round(ms, 2) for step, ms in self.timing_ms.items()}, "notes": list(self.notes),
-            "next": [answer.to_dict() for answer in self.next],
+            "query": self.query, "status": chosen.status, "object": chosen.object, "object_id": chosen.object_id,
+            "room": chosen.room, "reason": chosen.reason, "question": chosen.question, "text": chosen.text, "answer":
+            None if chosen.fact is None else asdict(chosen.fact), "place": self.place.to_dict() if self.place else
+            None, "goal": self.goal.to_dict() if self.goal else None, "candidates": [{"object": name, "score": score}
+            for name, score in chosen.candidates], "reasoner": self.reasoner, "index": self.index, "encoder":
+            self.encoder, "detector": self.detector, "home": self.home, "timing_ms": {step: round(ms, 2) for step, ms
+            in self.timing_ms.items()}, "notes": list(self.notes), "next": [answer.to_dict() for answer in self.next],
         }  # fmt: skip

@@ -1,4 +1,4 @@
-"""What people put right: it holds whenever the home is loaded, whatever is mapped meanwhile, and the log only ever grows."""
+"""Corrections: they hold whenever the home is loaded, whatever is mapped meanwhile, and the log only grows."""
 
 from __future__ import annotations
 
@@ -201,7 +201,7 @@ def test_what_is_nowhere_near_is_left_out_and_said() -> None:
 def test_which_one_is_asked_with_ids() -> None:
     two = (obj(3, "mug", 1.0), obj(5, "mug", 2.0))
     assert find("5", two) is two[1] and find("#5", two) is two[1]
-    with pytest.raises(InputError, match=r"2 things are called 'mug': say which by its id \(3, 5\)"):
+    with pytest.raises(InputError, match=r"2 objects or rooms are called 'mug': say which by its id \(3, 5\)"):
         find("mug", two)
     with pytest.raises(InputError, match="nothing in this home is called 'sofa'"):
         find("sofa", two)
@@ -242,9 +242,11 @@ ROW = {"id": "1", "when": "2026", "who": "x", "what": "move", "to_xy": [1, 2],
     "line",
     [
         "[]", "3", "{}", "[" * 100_000, '{"id": 1' + "0" * 5000 + "}", "\udcff", json.dumps(ROW | {"what": "delete"}),
-        json.dumps(ROW | {"to_xy": [1, float("nan")]}), json.dumps(ROW | {"to_xy": "12"}), json.dumps(ROW | {"who": ["x"]}),
-        json.dumps(ROW | {"subject": {"kind": "home"}}), json.dumps(ROW | {"subject": ROW["subject"] | {"position": [1]}}),
-        json.dumps(ROW | {"what": "name", "name": "x" * 1000}), json.dumps(ROW | {"subject": ROW["subject"] | {"kind": "room"}}),
+        json.dumps(ROW | {"to_xy": [1, float("nan")]}), json.dumps(ROW | {"to_xy": "12"}),
+        json.dumps(ROW | {"who": ["x"]}), json.dumps(ROW | {"subject": {"kind": "home"}}),
+        json.dumps(ROW | {"subject": ROW["subject"] | {"position": [1]}}),
+        json.dumps(ROW | {"what": "name", "name": "x" * 1000}),
+        json.dumps(ROW | {"subject": ROW["subject"] | {"kind": "room"}}),
     ],
 )  # fmt: skip
 def test_a_strangers_line_is_left_out_and_said(home: Home, line: str) -> None:

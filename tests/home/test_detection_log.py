@@ -1,4 +1,4 @@
-"""What a home keeps of its detections: all of every frame that was looked at, with its object; bounded, and read with care."""
+"""The log of detections: all of every processed frame with their objects, bounded, and read with care."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def test_it_grows_with_its_home() -> None:
 
 
 def test_its_size_is_bounded_and_the_surest_stay(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(detection_log, "MOST_BOXES", 100)
+    monkeypatch.setattr(detection_log, "MAX_BOXES", 100)
     log, chance = DetectionLog(), np.random.default_rng(0)
     scores = chance.uniform(0, 1, (40, 5)).astype(np.float32)
     for frame, row in enumerate(scores):
@@ -112,7 +112,7 @@ def test_a_damaged_one_is_one_line(name: str, value: np.ndarray) -> None:
     log.add(Detections(0, np.zeros((2, 4)), np.ones(2), ("a", "b")), np.array([1, -1]))
     arrays = read_npz(log.state())
     DetectionLog().restore(npz_bytes(**arrays))
-    with pytest.raises(InputError, match="the record of detections is damaged"):
+    with pytest.raises(InputError, match="the log of detections is damaged"):
         DetectionLog().restore(npz_bytes(**(arrays | {name: value})))
 
 

@@ -11,7 +11,7 @@ import pytest
 
 import cartier
 from cartier.errors import InputError
-from cartier.home.repository import Store
+from cartier.home.store import Store
 from cartier.render.sheet import draw_sheet
 from synthetic import THINGS, TrueBoxes, walk
 
@@ -54,8 +54,10 @@ def value(path: str, to: Any) -> Callable[[bytes], bytes]:
 @pytest.mark.parametrize(
     ("path", "to"),
     [
-        ("0", []), ("0/label", 5), ("0/views/0", 7), ("0/views/0/surface", [1.0]), ("0/views/0/box_xyxy", [1, 2]), ("0/position", [1.0]),
-        ("0/position/0", float("nan")), ("0/box_min/0", 1e999), ("0/probability", None), ("0/confirmed", "yes"), ("0/labels", [["mug"]]),
+        ("0", []), ("0/label", 5), ("0/views/0", 7), ("0/views/0/surface", [1.0]), ("0/views/0/box_xyxy", [1, 2]),
+        ("0/position", [1.0]),
+        ("0/position/0", float("nan")), ("0/box_min/0", 1e999), ("0/probability", None), ("0/confirmed", "yes"),
+        ("0/labels", [["mug"]]),
         ("0/unheard", 1),
     ],
 )  # fmt: skip

@@ -1,4 +1,4 @@
-"""Files from anybody: what is no plain file is never opened, and arrays are bounded by their headers before they are read."""
+"""Bounded reads: only plain files are opened, and arrays are bounded by their headers before they are read."""
 
 from __future__ import annotations
 
@@ -157,8 +157,9 @@ def test_only_plain_files_are_opened(tmp_path: Path) -> None:
         finally:
             os.chdir(here)
         faults = {
-            "pipe": "a pipe", "folder": "a folder", "zero": "a device", "nowhere": "is missing", "circle": "cannot be read",
-            "socket": "a socket", "none": "is missing", "a\0b": "cannot be read", "x" * 300: "cannot be read",
+            "pipe": "a pipe", "folder": "a folder", "zero": "a device", "nowhere": "is missing",
+            "circle": "cannot be read", "socket": "a socket", "none": "is missing",
+            "a\0b": "cannot be read", "x" * 300: "cannot be read",
         }  # fmt: skip
         for name, fault in faults.items():
             for read in (
@@ -217,8 +218,9 @@ def test_json_becomes_what_the_types_say() -> None:
 @pytest.mark.parametrize(
     "wrong",
     [
-        {"name": 5}, {"size_m": "1"}, {"size_m": True}, {"size_m": float("nan")}, {"size_m": 10**400}, {"size_m": None}, {"parts": {}},
-        {"parts": [["ear"]]}, {"parts": [["ear", 2, 3]]}, {"parts": [["ear", 2.0]]}, {"room": "kitchen"}, {"room": True}, {"more": 1},
+        {"name": 5}, {"size_m": "1"}, {"size_m": True}, {"size_m": float("nan")}, {"size_m": 10**400}, {"size_m": None},
+        {"parts": {}}, {"parts": [["ear"]]}, {"parts": [["ear", 2, 3]]}, {"parts": [["ear", 2.0]]},
+        {"room": "kitchen"}, {"room": True}, {"more": 1},
     ],
 )  # fmt: skip
 def test_json_of_another_type_is_refused(wrong: dict[str, Any]) -> None:

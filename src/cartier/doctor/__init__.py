@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cartier import plugins
-from cartier.contracts import Recording
+from cartier.contracts import Recording, RecordingDefaults, optional
 from cartier.doctor import checks
 from cartier.doctor._consistency import FEWEST_PAIRS, Numbers, Verdict, judge
 from cartier.doctor._diagnosis import Diagnosis, diagnose, small_camera
@@ -86,7 +86,9 @@ def examine(recording: Recording, progress: Progress | None = None) -> Report:
     blur, unsharp = checks.blurred(samples)
     few = checks.few_views(samples)
     faults += [f for f in (no_depth, blur, few) if f is not None]
-    diagnosis = diagnose(samples, np.asarray(getattr(recording, "level_from_world", np.eye(4)), dtype=np.float64))
+    levelled = optional(recording, RecordingDefaults, "level_from_world")
+    levelling = np.eye(4) if levelled is None else np.asarray(levelled, dtype=np.float64)
+    diagnosis = diagnose(samples, levelling)
     faults += diagnosis.faults
     found = Repair(diagnosis.reading)
     if few is None:
@@ -152,8 +154,8 @@ def _registered(samples: Samples, moved: Registration) -> Samples:
 
 
 def _as_published(found: Registration, recording: Recording) -> bool:
-    """Whether this is the registration that the reader knows of its data set."""
-    known = getattr(recording, "known_registration", None)
+    """Whether the depth lies beside the colour just as far as the format's own reader knows it to."""
+    known = optional(recording, RecordingDefaults, "known_registration")
     if known is None:
         return False
     zoom, dx_px, dy_px = known
@@ -203,8 +205,9 @@ def _level(
     if not tilt.wrong:
         return best, None
     if all(f.fault in ("time_offset", "intrinsics_resolution", "depth_scale") for f in diagnosis.faults):
-        option = "give --up X,Y,Z, or " if hasattr(recording, "level_from_world") else ""  # only those readers have it
-        how = f"{option}turn the poses so that gravity points along -z and z = 0 is the floor; --fix does"
+        levelled = optional(recording, RecordingDefaults, "level_from_world")
+        told = "" if levelled is None else "give --up X,Y,Z, or "  # only readers that level have the option
+        how = f"{told}turn the poses so that gravity points along -z and z = 0 is the floor; --fix does"
         faults.append(Fault("not_level", tilt.words(), how))
     return best, tilt.level
 

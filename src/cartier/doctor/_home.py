@@ -8,7 +8,7 @@ from cartier.doctor._report import Fault, Report
 from cartier.errors import InputError
 from cartier.home import Home
 from cartier.home.map_server import yaml
-from cartier.home.repository import MANIFEST, Store, blob_file
+from cartier.home.store import MANIFEST, Store, blob_file
 from cartier.io.files import read_bytes
 
 MAX_YAML_BYTES = 1 << 16

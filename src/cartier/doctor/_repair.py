@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from cartier.contracts import Recording
+from cartier.contracts import Recording, RecordingDefaults, optional
 from cartier.doctor._report import Repair
 from cartier.errors import InputError, frame_number
 from cartier.recordings.common.posed import turned_camera, turned_image
@@ -20,7 +20,7 @@ class RepairedRecording:
 
     def __init__(self, recording: Recording, repair: Repair, notes: Sequence[str]) -> None:
         self._source, self._repair = recording, repair
-        self.name, self.scale_guessed = recording.name, getattr(recording, "scale_guessed", False)
+        self.name, self.scale_guessed = recording.name, optional(recording, RecordingDefaults, "scale_guessed")
         self.camera, self._old_from_new = turned_camera(repaired_camera(recording.camera, repair), repair.turns)
         moved = repair.level is not None or repair.reading.before is not None
         self.truth: Sequence[TrueObject] | None = None if moved else recording.truth

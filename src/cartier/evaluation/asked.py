@@ -10,7 +10,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from cartier.contracts import Reasoner
+from cartier.contracts import Reasoner, ReasonerDefaults, optional
 from cartier.io.atomic import append_line
 from cartier.io.files import read_rows
 from cartier.types import Fact, Inventory, Selection
@@ -39,13 +39,13 @@ class Asked:
     def _recall(self, question: list[Any], ask: Callable[[], Any]) -> Any:
         row = self._known.get(json.dumps(question))
         if row is None:
-            calls, tokens = (getattr(self._reasoner, total, 0) for total in ("calls", "tokens"))
+            calls, tokens = (optional(self._reasoner, ReasonerDefaults, total) for total in ("calls", "tokens"))
             begin = time.perf_counter()
             reply = ask()
             cost = {
                 "seconds": time.perf_counter() - begin,
-                "calls": getattr(self._reasoner, "calls", 0) - calls,
-                "tokens": getattr(self._reasoner, "tokens", 0) - tokens,
+                "calls": optional(self._reasoner, ReasonerDefaults, "calls") - calls,
+                "tokens": optional(self._reasoner, ReasonerDefaults, "tokens") - tokens,
             }
             row = {"asked": question, "reply": reply, "cost": cost}
             self._known[json.dumps(question)] = row

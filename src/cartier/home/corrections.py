@@ -1,7 +1,7 @@
-"""What people put right in a home: names, things that are not there, and places, as a log that is only ever appended to.
+"""Corrections that people make to a home: an append-only log of names, moves and removals.
 
-Each entry says who, when and what. It is applied whenever the home is loaded, to the map as frames made it, and finds its
-object again by id or alias, label and position, so that it outlives growing and mapping again.
+Each entry says who, when and what. The log is applied to the map whenever the home is loaded. An entry finds its
+object by id or alias, label and position, so that it stays valid when the home grows or is mapped again.
 """
 
 from __future__ import annotations
@@ -24,15 +24,15 @@ from cartier.types import MapObject, OccupancyGrid, Room, View
 
 LOG = "corrections.jsonl"
 MAX_BYTES, MAX_NAME_CHARS, MAX_WHO_CHARS, MAX_LABEL_CHARS = 2**24, 60, 60, 200
-NEAR_M = 1.0  # an object of the same label so near, in a map made anew, is the same
-SAME_M = 0.3  # how much farther off the one of the same id may be; and at most, if it has another label now
-OUTSIDE_M = 1.0  # so far beyond the floor plan an object may be moved
+NEAR_M = 1.0  # the object of the noted label within this distance is the one meant
+SAME_M = 0.3  # the object of the noted id counts as this much nearer; with another label, it must lie within it
+OUTSIDE_M = 1.0  # how far beyond the floor plan an object may be moved
 CorrectionKind = Literal["name", "forget", "move", "undo"]
 
 
 @dataclass(frozen=True)
 class Subject:
-    """What an entry is about, as the map had it then: ``position`` is an object's middle, or a point (x, y) of a room."""
+    """What an entry corrects, as it was then; ``position`` (m) is an object's middle, or a point (x, y) of a room."""
 
     kind: Literal["object", "room"]
     id: int
@@ -42,7 +42,7 @@ class Subject:
 
 @dataclass(frozen=True)
 class Correction:
-    """One entry: ``name`` for "name", ``to_xy`` (m, map frame) for "move", ``undoes`` (the id of an entry) for "undo"."""
+    """One entry of the log: ``name`` for "name", ``to_xy`` (m) for "move", ``undoes`` (an entry's id) for "undo"."""
 
     id: str
     when: str
@@ -56,7 +56,7 @@ class Correction:
 
 @dataclass(frozen=True, eq=False)
 class Corrected:
-    """A home's objects and rooms with the corrections that hold, as mapped without them, and what could not be applied."""
+    """Objects and rooms with and without corrections, the log, and notes about entries that could not be applied."""
 
     objects: tuple[MapObject, ...]
     rooms: tuple[Room, ...]
@@ -67,9 +67,9 @@ class Corrected:
 
 
 def read_log(folder: Path) -> tuple[tuple[Correction, ...], tuple[str, ...]]:
-    """The entries of a home's log, oldest first, and a line for each that is damaged and left out.
+    """The entries of a home's log, oldest first, and a note for each damaged line, which is left out.
 
-    A line that a kill cut short is no entry. Raises InputError if the log cannot be read at all.
+    Raises InputError if the log cannot be read at all.
     """
     file = folder / LOG
     if not file.exists():
@@ -93,7 +93,7 @@ def line_of(entry: Correction) -> str:
 def apply(
     log: Sequence[Correction], objects: tuple[MapObject, ...], rooms: tuple[Room, ...], grid: OccupancyGrid | None
 ) -> Corrected:
-    """A map with all corrections that hold. One whose object or room is no longer found becomes a note."""
+    """Apply all corrections in force to a map; one whose object or room is not found becomes a note."""
     objs, places = {obj.id: obj for obj in objects}, {room.id: room for room in rooms}
     notes = []
     for entry in in_force(log):
@@ -102,7 +102,7 @@ def apply(
         if number is None:
             notes.append(f"a correction fits nothing in this map and is left out: {in_words(entry)}")
         elif entry.what == "forget" and subject.id in next(t.aliases for t in objects if t.id == number):
-            notes.append(f"{subject.label} {subject.id} was forgotten, and is part of object {number} now, which stays")
+            notes.append(f"{subject.label} {subject.id} was forgotten, but is part of object {number} now, which stays")
         elif subject.kind == "room":
             places[number] = replace(places[number], name=str(entry.name))
         elif number in objs:
@@ -113,23 +113,21 @@ def apply(
 
 
 def find(text: str, objects: Sequence[MapObject], rooms: Sequence[Room] = ()) -> MapObject | Room:
-    """The one object or room that a person means: an object's id, ``room:ID``, a name, or a label that only one has.
+    """The object or room that a person means by an object's id, ``room:ID``, a name, or the label of only one object.
 
-    Raises InputError, with the ids to choose from, where there is none or more than one.
+    Raises InputError, with the ids to choose from, if there is none or more than one.
     """
     wanted = " ".join(text.split()).casefold()
     if wanted.removeprefix("#").isdecimal():
         number = int(wanted.removeprefix("#")[:18])
         by_id: list[MapObject | Room] = [obj for obj in objects if number in (obj.id, *obj.aliases)]
-        return _one(by_id, text, objects)
+        return _one(by_id, text)
     if wanted.startswith("room:"):
-        return _one([room for room in rooms if str(room.id) == wanted[5:].strip()], text, objects)
+        return _one([room for room in rooms if str(room.id) == wanted[5:].strip()], text)
     called: list[MapObject | Room] = [room for room in rooms if room.name.casefold() == wanted]
     called += [obj for obj in objects if wanted in (name.casefold() for name in obj.names)]
-    if not called:
-        called = [obj for obj in objects if obj.label.casefold() == wanted]
-        called = [obj for obj in called if isinstance(obj, MapObject) and obj.confirmed] or called
-    return _one(called, text, objects)
+    labelled = [obj for obj in objects if obj.label.casefold() == wanted]
+    return _one(called or [obj for obj in labelled if obj.confirmed] or labelled, text)
 
 
 def make(
@@ -141,7 +139,7 @@ def make(
     to_xy: Sequence[float] = (),
     who: str = "somebody",
 ) -> Correction:
-    """A new entry for a home's log; see ``Home.correct``. Raises InputError for one that the home cannot take."""
+    """A new entry for a home's log; see ``Home.correct``. Raises InputError for an invalid one."""
     about: dict[str, Any] = {}
     if what == "undo":
         holding = in_force(known.log)
@@ -162,7 +160,7 @@ def make(
 
 
 def in_words(entry: Correction, log: Iterable[Correction] = ()) -> str:
-    """What an entry does, in a few words; ``log`` holds the one that it undoes."""
+    """What an entry does, in a few words; ``log`` holds the entry that it undoes."""
     if entry.what == "undo":
         undone = next((each for each in log if each.id == entry.undoes), None)
         return "undone" if undone is None else f"undone: {in_words(undone)}"
@@ -174,7 +172,7 @@ def in_words(entry: Correction, log: Iterable[Correction] = ()) -> str:
 
 
 def _free_name(name: str, obj: MapObject | Room, rooms: Sequence[Room]) -> str:
-    """A name that can be told from an id, and that no other room has."""
+    """A valid name: it does not read like an id, and no other room has it."""
     name = _clean(name, MAX_NAME_CHARS, "a name")
     if name.removeprefix("#").isdecimal() or name.casefold().startswith("room:"):
         raise InputError(f"{name!r} reads like an id: a name has a letter, and does not begin with 'room:'")
@@ -198,14 +196,14 @@ def _on_the_plan(to_xy: Sequence[float], grid: OccupancyGrid | None) -> tuple[fl
 
 
 def in_force(log: Iterable[Correction]) -> list[Correction]:
-    """The corrections that nobody took back, oldest first."""
+    """The corrections that were not undone, oldest first."""
     entries = list(log)
     undone = {entry.undoes for entry in entries if entry.what == "undo"}
     return [entry for entry in entries if entry.what != "undo" and entry.id not in undone]
 
 
 def _subject(obj: MapObject | Room, known: Corrected, grid: OccupancyGrid | None) -> Subject:
-    """A thing as the map has it without corrections: that is where it is looked for again."""
+    """The object or room as it is in the map without corrections, where it will be searched again."""
     if isinstance(obj, Room):
         mapped = next(room for room in known.mapped_rooms if room.id == obj.id)
         assert grid is not None  # there are no rooms without
@@ -216,7 +214,7 @@ def _subject(obj: MapObject | Room, known: Corrected, grid: OccupancyGrid | None
 
 
 def _find_room(subject: Subject, rooms: Sequence[Room], grid: OccupancyGrid | None) -> int | None:
-    """The room that the noted point lies in."""
+    """The room that contains the noted point."""
     if grid is None:
         return None
     cell = grid.cell(subject.position[:2])
@@ -224,7 +222,7 @@ def _find_room(subject: Subject, rooms: Sequence[Room], grid: OccupancyGrid | No
 
 
 def _find_object(subject: Subject, objects: Sequence[MapObject]) -> int | None:
-    """The nearest object of the noted label, where the noted id counts for some distance; else the one of that id."""
+    """The nearest object of the noted label, where having the noted id counts as nearer; else the one of that id."""
 
     def away_m(obj: MapObject) -> float:
         return math.dist(obj.position, subject.position) - SAME_M * (subject.id in (obj.id, *obj.aliases))
@@ -251,7 +249,7 @@ def _changed(obj: MapObject, entry: Correction, rooms: Sequence[Room], grid: Occ
 
 
 def _shifted_view(view: View, by: Sequence[float]) -> View:
-    """A view of an object that was moved since: it is still seen like that, from where it stands now."""
+    """A view of an object that was moved: the camera moves along with the surface."""
     surface = None if view.surface is None else _shifted(view.surface, by)
     return replace(view, camera=_shifted(view.camera, by), surface=surface)
 
@@ -260,15 +258,14 @@ def _shifted(point: Sequence[float], by: Sequence[float]) -> tuple[float, ...]:
     return tuple(round(value + step, 4) for value, step in zip(point, by, strict=True))
 
 
-def _one(found: Sequence[MapObject | Room], text: str, objects: Sequence[MapObject]) -> MapObject | Room:
+def _one(found: Sequence[MapObject | Room], text: str) -> MapObject | Room:
     if len(found) == 1:
         return found[0]
     if found:
         which = ", ".join(f"room:{t.id}" if isinstance(t, Room) else str(t.id) for t in found[:8])
-        raise InputError(f"{len(found)} things are called {brief(text, 60)!r}: say which by its id ({which})")
-    raise InputError(
-        f"nothing in this home is called {brief(text, 60)!r}: take an id from the list of objects (show, list_objects)"
-    )
+        raise InputError(f"{len(found)} objects or rooms are called {brief(text, 60)!r}: say which by its id ({which})")
+    mend = "take an id from the list of objects (show, list_objects)"
+    raise InputError(f"nothing in this home is called {brief(text, 60)!r}: {mend}")
 
 
 def _clean(text: str, most: int, what: str) -> str:
@@ -279,7 +276,7 @@ def _clean(text: str, most: int, what: str) -> str:
 
 
 def _entry(row: Mapping[str, Any]) -> Correction:
-    """An entry from its line. Raises ValueError, KeyError, TypeError or InputError for one that is none."""
+    """An entry from its line. Raises ValueError, KeyError, TypeError or InputError for an invalid one."""
     what = row["what"]
     if what not in get_args(CorrectionKind):
         raise ValueError(what)
@@ -299,8 +296,6 @@ def _entry(row: Mapping[str, Any]) -> Correction:
 
 
 def _floats(values: Any, size: int) -> tuple[float, ...]:
-    if (
-        not isinstance(values, list) or len(values) != size or not all(abs(v) <= MAX_FAR_M for v in values)
-    ):  # NaN neither
-        raise ValueError(values)
+    if not isinstance(values, list) or len(values) != size or not all(abs(v) <= MAX_FAR_M for v in values):
+        raise ValueError(values)  # NaN, too
     return tuple(map(float, values))

@@ -1,4 +1,4 @@
-"""What the detector reported in every frame that it looked at, and to which object each report went: to be looked at later."""
+"""Log of detections: the boxes of every processed frame, and the object that each was associated with."""
 
 from __future__ import annotations
 
@@ -12,26 +12,33 @@ from cartier.errors import InputError
 from cartier.io.files import npz_bytes, read_npz
 from cartier.types import Array, Detections
 
-MOST_DETECTIONS = 60  # per frame: as many as are associated
-MOST_BOXES = 400_000  # 16 bytes each
-LABEL_LENGTH = 80  # of a saved name; characters
+MAX_DETECTIONS = 60  # per frame, as many as are associated
+MAX_BOXES = 400_000  # 16 bytes each
+MAX_LABEL_CHARS = 80
 KINDS = {
-    "frames": "i4", "counts": "i4", "boxes_px": "i2", "scores": "f2", "labels": "i4", "objects": "i4", "names": "U", "least": "f8",
+    "frames": "i4", "counts": "i4", "boxes_px": "i2", "scores": "f2", "labels": "i4", "objects": "i4",
+    "names": "U", "least": "f8",
 }  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
-class Looked:
-    """A frame that the detector looked at: its surest detections, boxes to a pixel, and each one's object id (N,), -1 for none."""
+class ProcessedFrame:
+    """A frame that the detector processed.
+
+    Args:
+        detections: Its N most confident detections, with boxes in whole pixels.
+        objects: (N,) int32, the id of the object that each was associated with, -1 for none.
+    """
 
     detections: Detections
     objects: npt.NDArray[np.int32]
 
 
 class DetectionLog:
-    """Keeps the ``MOST_DETECTIONS`` surest boxes of each frame, without masks. Memory is bounded: of too many, the surer half stays.
+    """Keeps the ``MAX_DETECTIONS`` most confident boxes of each frame, without masks.
 
-    ``least`` is the score below which boxes were let go, 0 while all are there.
+    Memory is bounded: of more than ``MAX_BOXES``, the more confident half stays. ``least`` is the score below which
+    boxes were dropped, 0 as long as none were.
     """
 
     def __init__(self) -> None:
@@ -41,24 +48,29 @@ class DetectionLog:
         self._boxes, self._scores, self._labels, self._objects = array("h"), array("f"), array("i"), array("i")
 
     def add(self, detections: Detections, objects: npt.NDArray[np.int64]) -> None:
-        """Keep the detections of one more frame; ``objects`` (N,) are the ids of their objects, -1 for none."""
-        surest = np.argsort(-detections.scores, kind="stable")[:MOST_DETECTIONS]
-        kept = detections.keep(surest)
+        """Keep the detections of one more frame.
+
+        Args:
+            detections: Its N detections.
+            objects: (N,) int64, the id of the object that each was associated with, -1 for none.
+        """
+        best = np.argsort(-detections.scores, kind="stable")[:MAX_DETECTIONS]
+        kept = detections.keep(best)
         limits = np.iinfo(np.int16)
         self._frames.append(detections.frame)
         self._counts.append(len(kept))
         self._boxes.frombytes(np.rint(kept.boxes_xyxy).clip(limits.min, limits.max).astype(np.int16).tobytes())
         self._scores.frombytes(kept.scores.tobytes())
-        self._labels.extend(self._names.setdefault(name[:LABEL_LENGTH], len(self._names)) for name in kept.labels)
-        self._objects.frombytes(objects[surest].astype(np.int32).tobytes())
-        if len(self._scores) > MOST_BOXES:
+        self._labels.extend(self._names.setdefault(name[:MAX_LABEL_CHARS], len(self._names)) for name in kept.labels)
+        self._objects.frombytes(objects[best].astype(np.int32).tobytes())
+        if len(self._scores) > MAX_BOXES:
             self._thin()
 
     def _thin(self) -> None:
-        """Let go of the weaker half."""
+        """Drop the less confident half."""
         columns = self._columns()
         order = np.argsort(-columns["scores"], kind="stable")
-        stays = np.sort(order[: MOST_BOXES // 2])
+        stays = np.sort(order[: MAX_BOXES // 2])
         owner = np.repeat(np.arange(len(columns["counts"])), columns["counts"])[stays]
         columns |= {name: columns[name][stays] for name in ("boxes_px", "scores", "labels", "objects")}
         columns["counts"] = np.bincount(owner, minlength=len(columns["counts"])).astype(np.int32)
@@ -78,15 +90,26 @@ class DetectionLog:
         self._labels, self._objects = (array("i", columns[name].tolist()) for name in ("labels", "objects"))
 
     def state(self) -> bytes:
-        """What ``restore`` reads."""
+        """The log in stored form.
+
+        Returns:
+            NPZ bytes, for ``restore``.
+        """
         columns = self._columns()
         columns["scores"] = columns["scores"].astype(np.float16)
         names = np.array(list(self._names), str)
         return npz_bytes(**columns, names=names, least=np.array(self.least))
 
     def restore(self, data: bytes) -> None:
-        """Go on from ``state``. Raises InputError if it is none."""
-        columns = read_npz(data, where="the record of detections")
+        """Replace the log by a stored one.
+
+        Args:
+            data: What ``state`` returned.
+
+        Raises:
+            InputError: It is damaged.
+        """
+        columns = read_npz(data, where="the log of detections")
         try:
             for name, kind in KINDS.items():
                 if columns[name].dtype.kind != kind[0] or (kind != "U" and columns[name].dtype != np.dtype(kind)):
@@ -96,28 +119,32 @@ class DetectionLog:
             if not shapes or columns["scores"].shape != (count,) or columns["labels"].shape != (count,):
                 raise ValueError("columns of other lengths")
             counts, labels, names = columns["counts"], columns["labels"], columns["names"]
-            if (
-                counts.shape != looked
-                or counts.ndim != 1
-                or counts.min(initial=0) < 0
-                or int(counts.sum(dtype=np.int64)) != count
-            ):
+            flat = counts.shape == looked and counts.ndim == 1 and counts.min(initial=0) >= 0
+            if not flat or int(counts.sum(dtype=np.int64)) != count:
                 raise ValueError("frames and boxes that do not go together")
             if names.ndim != 1 or labels.min(initial=0) < 0 or labels.max(initial=-1) >= len(names):
                 raise ValueError("a label has no name")
             self.least = float(columns["least"])
         except (KeyError, TypeError, ValueError) as error:
-            raise InputError(f"the record of detections is damaged ({error}): map the recording again") from error
+            raise InputError(f"the log of detections is damaged ({error}): map the recording again") from error
         self._names = {str(name): number for number, name in enumerate(names.tolist())}
         self._take(columns)
 
-    def looked(self) -> dict[int, Looked]:
-        """The frames that the detector looked at, by their numbers. Raises InputError if a box or score makes no sense."""
+    def looked(self) -> dict[int, ProcessedFrame]:
+        """The frames of the log.
+
+        Returns:
+            The processed frames by their numbers.
+
+        Raises:
+            InputError: A box or score is invalid.
+        """
         columns, names, found, start = self._columns(), list(self._names), {}, 0
         for frame, count in zip(self._frames, self._counts, strict=True):
             part = slice(start, start + count)
             labels = tuple(names[k] for k in columns["labels"][part])
             boxes = columns["boxes_px"][part].astype(np.float32)
-            found[frame] = Looked(Detections(frame, boxes, columns["scores"][part], labels), columns["objects"][part])
+            seen = Detections(frame, boxes, columns["scores"][part], labels)
+            found[frame] = ProcessedFrame(seen, columns["objects"][part])
             start += count
         return found

@@ -1,13 +1,12 @@
-"""A mapped home: its objects with their evidence, its rooms and floor plan, and the indices; kept by ``store.py``, never pickle."""
+"""Mapped home: the frozen entity that ``map_home`` makes and ``ask`` reads, and the queries that both need."""
 
 from __future__ import annotations
 
-import hashlib
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -15,71 +14,68 @@ import numpy.typing as npt
 from cartier import plugins
 from cartier.contracts import Instances, Searchable, SpatialIndex
 from cartier.errors import InputError
-from cartier.home import corrections
-from cartier.home.corrections import Corrected
+from cartier.home import corrections, repository, views
+from cartier.home.data import HomeData
 from cartier.home.detection_log import DetectionLog
-from cartier.home.map_server import grid_from, pgm, yaml
 from cartier.home.point_cloud import PointCloud, read_cloud
-from cartier.home.repository import Store, blob_file, digest_of
-from cartier.io.files import json_bytes, npz_bytes, parse_json, read_npz, typed
 from cartier.navigation.planning import room_middle
-from cartier.spatial.relations import supports
-from cartier.types import Answer, Camera, Inventory, MapObject, OccupancyGrid, Place, Room, Selection
+from cartier.types import Answer, Inventory, Place, Room, Selection
 
-Key = TypeVar("Key", int, str)
-SCHEMA = 2
 ANSWERS = "answers.jsonl"
-OLD_FIELDS = {"sightings": "n_detected", "chances": "n_observable"}
-TRIES = 5  # to read a home that others replace meanwhile
-GROWTH, CLOUD, DETECTIONS = "growth", "cloud.npz", "detections.npz"
-"""The folder of what growing needs and asking does not; the point cloud and what the detector reported lie there, too."""
+CLOUD, DETECTIONS = "cloud.npz", "detections.npz"
+"""Keys of ``Home.growth`` under which the point cloud and the log of detections are kept."""
 
 
 @dataclass(frozen=True, eq=False)
-class Home:
-    """What ``map_home`` makes and ``ask`` reads; nobody changes it.
+class Home(HomeData):
+    """A mapped home. It is immutable: growing and correcting give a new one.
 
-    ``objects`` are all of the map, confirmed and tentative. ``settings`` is all that made it, for provenance, and ``detector``
-    names that. ``photos`` are the JPEGs of the frames that objects' views name. ``growth`` is the state that mapping goes on from.
+    ``map_home`` and ``Mapper.home`` make homes; ``Home.load`` reads a saved one. Positions are in the map frame:
+    metres, z up, floor at z = 0.
+
+    Args:
+        name: The name of the first recording.
+        detector: The name of the detector that mapped it.
+        camera: The camera of the recordings.
+        objects: All objects of the map, confirmed and tentative, with corrections applied.
+        indexes: The spatial indices by name; the first one is the default.
+        grid: The floor plan, or None if the recordings have no depth.
+        start_xy: Where the first recording began (x, y), metres.
+        settings: Everything that made the map (recordings, detector, encoder, …), as JSON values.
+        rooms: The rooms of the floor plan, with corrections applied.
+        photos: JPEG bytes by frame number, of the frames that the objects' views name.
+        notes: What a person should know about this map, one line each.
+        growth: The state from which mapping goes on, as named blobs.
+        store: Where it was loaded from, or None.
+        corrected: The objects and rooms with and without the corrections that people made, or None if it was not
+            loaded.
+
+    Example:
+        >>> import cartier
+        >>> walk = cartier.make("worlds", "dollhouse", width=160, height=120).explore("studio", max_frames=12)
+        >>> truth = cartier.make("detectors", "ground_truth", truth=walk.truth, source="dollhouse")
+        >>> home = cartier.map_home(walk, truth)
+        >>> import tempfile
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     home.save(folder)
+        ...     again = cartier.Home.load(folder)
+        >>> again.id == home.id, again.names == home.names
+        (True, True)
     """
 
-    name: str
-    detector: str
-    camera: Camera
-    objects: tuple[MapObject, ...]
-    indexes: Mapping[str, SpatialIndex]
-    grid: OccupancyGrid | None
-    start_xy: tuple[float, float]
-    settings: Mapping[str, Any]
-    rooms: tuple[Room, ...] = ()
-    photos: Mapping[int, bytes] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()
-    growth: Mapping[str, bytes] = field(default_factory=dict)
-    store: Store | None = None
-    """Where it was loaded from."""
-    corrected: Corrected | None = None
-    """What people put right in it: ``objects`` and ``rooms`` are with, those of ``corrected.mapped_…`` without."""
-
-    @property
-    def id(self) -> str:
-        """The same for the same recordings, mapped with the same settings."""
-        made_by = json.dumps(dict(self.settings), sort_keys=True)
-        return hashlib.sha256(made_by.encode()).hexdigest()[:12]
-
-    @property
-    def scale_guessed(self) -> bool:
-        """Whether its metres are none that anybody measured: whoever shows lengths says so."""
-        return self.settings.get("scale_guessed") is True
-
-    @property
-    def names(self) -> list[str]:
-        """The label of everything confirmed, and what people call it, each once, sorted."""
-        return Inventory(self.objects).names
-
     def inventory(self, index: str | None = None, from_xy: Sequence[float] | None = None) -> Inventory:
-        """What a reasoner gets to see: the objects; or the names of an index that has others, such as the paper's own.
+        """What a reasoner may choose from.
 
-        ``from_xy`` is where the robot stands (m), by default where the recording began.
+        Args:
+            index: The name of an index, by default the first one. An index with names of its own (such as the paper's)
+                gives an inventory of bare names.
+            from_xy: Where the robot stands (x, y), metres; by default ``start_xy``.
+
+        Returns:
+            The objects and rooms, or the index's names.
+
+        Raises:
+            InputError: The home has no such index.
         """
         names, at = self.index(index)[1].names(), tuple(self.start_xy if from_xy is None else from_xy)
         if set(names) <= set(self.names):
@@ -87,7 +83,19 @@ class Home:
         return Inventory.of(names)
 
     def locate(self, chosen: Selection, index: str | None = None) -> Place | None:
-        """Where what was chosen is, as an index says: the very object, else the one of its name; or the middle of a room."""
+        """Where a reasoner's choice is.
+
+        Args:
+            chosen: The choice. Its object id, where it has one, decides among objects of one name.
+            index: The name of an index, by default the first one.
+
+        Returns:
+            The place of the object, the middle of the chosen room, or None if nothing was chosen or the index has no
+            place.
+
+        Raises:
+            InputError: The home has no such index.
+        """
         if chosen.object is None:
             return None
         if chosen.room is not None:
@@ -108,24 +116,58 @@ class Home:
         return Place(room.name, (x, y, 0.0), 1.0, best.frame if best else -1)
 
     def photo(self, object_id: int) -> bytes | None:
-        """The JPEG of an object's best view, None for an unknown id or a photo that was not kept."""
+        """The photo of an object's best view.
+
+        Args:
+            object_id: The id of an object, or one of its aliases.
+
+        Returns:
+            JPEG bytes, or None for an unknown id or a photo that was not kept.
+
+        Raises:
+            InputError: The saved photo is damaged.
+        """
         obj = next((o for o in self.objects if object_id == o.id or object_id in o.aliases), None)
         return self.photos.get(obj.views[0].frame) if obj is not None and obj.views else None
 
     def evidence(self, place: Place) -> npt.NDArray[np.uint8] | None:
-        """The photo (H, W, 3) that shows a place. Raises InputError if it is damaged."""
+        """The photo that shows a place.
+
+        Args:
+            place: A place of this home.
+
+        Returns:
+            RGB (H, W, 3) uint8, or None if the frame was not kept.
+
+        Raises:
+            InputError: The photo is damaged.
+        """
         from cartier.io.images import decode_rgb  # Pillow, which asking a home need not load
 
         data = self.photos.get(place.frame)
         return None if data is None else decode_rgb(data, None, f"{self.name}'s photo of frame {place.frame}")
 
     def cloud(self) -> PointCloud | None:
-        """The points that depth showed, as frames saw them; None without depth, or from an older cartier. Raises InputError if damaged."""
+        """The coloured points that depth showed.
+
+        Returns:
+            The cloud in the map frame (metres), or None without depth.
+
+        Raises:
+            InputError: The saved cloud is damaged.
+        """
         data = self.growth.get(CLOUD)
         return None if data is None else read_cloud(data)
 
     def detections(self) -> DetectionLog | None:
-        """What the detector reported in each frame that it looked at; None from an older cartier. Raises InputError if damaged."""
+        """The log of detections of all frames that the detector processed.
+
+        Returns:
+            The log, or None for a home that was built without one.
+
+        Raises:
+            InputError: The saved log is damaged.
+        """
         if (data := self.growth.get(DETECTIONS)) is None:
             return None
         log = DetectionLog()
@@ -133,7 +175,17 @@ class Home:
         return log
 
     def index(self, name: str | None = None) -> tuple[str, SpatialIndex]:
-        """An index by name, or the home's first one."""
+        """An index of the home.
+
+        Args:
+            name: Its name; by default the first one.
+
+        Returns:
+            The name and the index.
+
+        Raises:
+            InputError: The home has no such index.
+        """
         name = name or next(iter(self.indexes))
         if name not in self.indexes:
             known = [b.name for b in plugins.backends("indexes")]
@@ -143,7 +195,17 @@ class Home:
         return name, self.indexes[name]
 
     def searchable(self, name: str | None = None) -> tuple[str, Searchable]:
-        """An index that any words can be looked up in: the one named, or the home's first such."""
+        """An index in which any words can be looked up, not only the names of detected objects.
+
+        Args:
+            name: Its name; by default the first that can.
+
+        Returns:
+            The name and the index.
+
+        Raises:
+            InputError: The home has no such index, or the index named is not searchable.
+        """
         for candidate in [name] if name else self.indexes:
             index = self.index(candidate)[1]
             if isinstance(index, Searchable):
@@ -154,32 +216,14 @@ class Home:
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """All that was found, as plain JSON values: what ``cartier show --json`` prints. ``on`` is what a thing stands on or in, where depth tells.
+        """Everything that was found, as plain JSON values: what ``cartier show --json`` prints.
 
-        What is not ``located`` has a box that covers where it may be: its ``size_m`` is that of the box.
+        Returns:
+            ``home``, ``id``, ``detector``, ``objects``, ``rooms``, ``scale_guessed`` and ``notes``. Beside its fields,
+            each object has ``located``, ``size_m`` (x, y, z, metres; of an object that is not located, the size of the
+            box that covers where it may be) and ``on``: what it stands on or in, where depth shows that.
         """
-        standing = supports([obj for obj in self.objects if obj.confirmed]) if self.grid is not None else {}
-        rows = []
-        for obj in sorted(self.objects, key=lambda obj: (not obj.confirmed, obj.id)):
-            on = standing.get(obj.id)
-            row = {
-                **asdict(obj),
-                "located": obj.located,
-                "size_m": [round(high - low, 3) for low, high in zip(obj.box_min, obj.box_max, strict=True)],
-            }
-            row["on"] = (
-                None if on is None else {"id": on.object, "relation": on.kind, "probability": round(on.probability, 3)}
-            )
-            rows.append(row)
-        area = self.grid.resolution_m**2 if self.grid else 0.0
-        rooms = [
-            {"id": r.id, "name": r.name, "kind": r.kind, "area_m2": round(len(r.cells) * area, 2)} for r in self.rooms
-        ]
-        about = {"home": self.name, "id": self.id, "detector": self.detector, "objects": rows, "rooms": rooms}
-        return about | {
-            "scale_guessed": self.scale_guessed,
-            "notes": [*self.notes, *(self.corrected.notes if self.corrected else ())],
-        }
+        return views.to_dict(self)
 
     def correct(
         self,
@@ -190,11 +234,22 @@ class Home:
         to_xy: Sequence[float] = (),
         who: str = "somebody",
     ) -> tuple[Home, str]:
-        """Put something right, as a line in the saved home's log: gives the home anew, and in words what was done.
+        """Correct the home; the correction is appended to the log of the saved home.
 
-        ``what`` is "name" (an object or a room, with ``name``), "forget" (an object), "move" (an object, its middle to ``to_xy``
-        in metres, map frame) or "undo" (the latest correction that holds). ``thing`` is an object's id, ``room:ID``, a name, or a
-        label that only one has. Raises InputError for a home that was not saved, a thing that is not there or not told apart.
+        Args:
+            what: "name" (give an object or a room a name), "forget" (remove an object), "move" (move an object's
+                middle) or "undo" (take the latest correction back).
+            entity: What to correct: an object's id, ``room:ID``, a name, or a label that only one object has.
+            name: The new name, for "name".
+            to_xy: The new middle (x, y) in metres, map frame, for "move".
+            who: Who corrects, for the log.
+
+        Returns:
+            The corrected home, and a sentence that says what was done.
+
+        Raises:
+            InputError: The home was not loaded from a folder, the entity is unknown or ambiguous, or a value is
+                invalid.
         """
         if self.store is None or self.corrected is None:
             raise InputError(f"{self.name} was not loaded from a folder: save it, load it, and correct it then")
@@ -203,137 +258,39 @@ class Home:
         return Home.load(self.store.folder), corrections.in_words(entry, self.corrected.log)
 
     def remember(self, answer: Answer) -> None:
-        """Append an answer to the saved home's ``answers.jsonl``. Raises InputError where that cannot be written."""
+        """Append an answer to the saved home's ``answers.jsonl``; a home that was not loaded keeps none.
+
+        Args:
+            answer: What ``ask`` gave.
+
+        Raises:
+            InputError: The file cannot be written.
+        """
         if self.store is not None:
             self.store.append(ANSWERS, json.dumps(answer.to_dict(), ensure_ascii=False))
 
     def save(self, folder: str | Path) -> None:
-        """Write the home whole or not at all; an older home in that place stays until the new one is complete."""
-        camera, grid = self.camera, self.grid
-        as_mapped = (
-            self.corrected.mapped_objects if self.corrected else self.objects
-        )  # the log is applied when it is loaded
-        blobs = {"objects.json": json_bytes([asdict(obj) for obj in as_mapped])}
-        for name, index in self.indexes.items():
-            blobs |= {f"indexes/{name}/{part}": data for part, data in index.state().items()}
-        blobs |= {f"{GROWTH}/{part}": data for part, data in self.growth.items()}
-        blobs |= {f"photos/{frame:06d}.jpg": jpeg for frame, jpeg in self.photos.items()}
-        if grid is not None:
-            rooms = np.full(grid.cells.shape, -1, np.int16)
-            for number, room in enumerate(self.rooms):
-                rooms[tuple(room.cells.T)] = number
-            blobs |= {"occupancy.pgm": pgm(grid), "occupancy.npz": npz_bytes(height_m=grid.height_m, rooms=rooms)}
-        about = {
-            "schema": SCHEMA, "id": self.id, "name": self.name, "detector": self.detector,
-            "camera": [camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy], "indexes": list(self.indexes),
-            "grid": None if grid is None else {"resolution_m": grid.resolution_m, "origin_xy": list(grid.origin_xy)},
-            "rooms": [[r.id, r.name, r.kind] for r in (self.corrected.mapped_rooms if self.corrected else self.rooms)], "start_xy": list(self.start_xy),
-            "settings": dict(self.settings), "notes": list(self.notes),
-        }  # fmt: skip
-        files = {}
-        if grid is not None:  # for Nav2, which wants a name that stays
-            files["occupancy.yaml"] = yaml(grid, blob_file("occupancy.pgm", digest_of(blobs["occupancy.pgm"])))
-        if self.corrected and self.corrected.log and not (Path(folder) / corrections.LOG).exists():
-            files[corrections.LOG] = "".join(f"{corrections.line_of(entry)}\n" for entry in self.corrected.log).encode()
-        Store(folder).put(about, blobs, files)
+        """Write the home to a folder, atomically: an older home there stays until the new one is complete.
+
+        Args:
+            folder: Where to; it is created if need be.
+
+        Raises:
+            InputError: The folder cannot be written.
+        """
+        repository.save(self, folder)
 
     @classmethod
     def load(cls, folder: str | Path) -> Home:
-        """Read a saved home, as it is now or as it was a moment ago, if somebody is just replacing it.
+        """Read a saved home, while others may replace it.
 
-        Raises InputError for a folder that is none, was made by another cartier, or is damaged.
+        Args:
+            folder: What ``save`` wrote.
+
+        Returns:
+            The home, with the corrections of its log applied.
+
+        Raises:
+            InputError: The folder holds no home, or one of another schema, or is damaged.
         """
-        store = Store(folder)
-        for attempt in range(TRIES):
-            about = store.manifest()
-            try:
-                return cls._read(store, about)
-            except InputError:
-                if attempt + 1 == TRIES or store.manifest().get("sha256") == about.get("sha256"):
-                    raise
-        raise AssertionError("not reached")
-
-    @classmethod
-    def _read(cls, store: Store, about: Mapping[str, Any]) -> Home:
-        folder = store.folder
-        if about.get("schema") != SCHEMA:
-            newer = isinstance(about.get("schema"), int) and about["schema"] > SCHEMA
-            mend = "upgrade cartier" if newer else f"map its recording again: cartier map RECORDING -o {folder}"
-            raise InputError(
-                f"{folder} was made by {'a newer' if newer else 'an older'} cartier (schema {str(about.get('schema'))[:20]}, "
-                f"this one reads {SCHEMA}): {mend}"
-            )
-        try:
-            rows = parse_json(store.get("objects.json", about), "objects.json")
-            objects = typed([_renamed(row) for row in rows], tuple[MapObject, ...])
-            grid, rooms = _floor(store, about)
-            log, faults = corrections.read_log(folder)
-            corrected = corrections.apply(log, objects, rooms, grid)
-            indexes = {name: _index(store, about, name) for name in about["indexes"]}
-            for index in indexes.values():
-                index.set_objects(corrected.objects)
-            return cls(
-                name=str(about["name"]),
-                detector=str(about["detector"]),
-                camera=Camera(*about["camera"]),
-                objects=corrected.objects,
-                indexes=indexes,
-                grid=grid,
-                start_xy=(float(about["start_xy"][0]), float(about["start_xy"][1])),
-                settings={**about["settings"]},
-                rooms=corrected.rooms,
-                photos=_Blobs(store, about, "photos/", lambda name: int(name.partition(".")[0])),
-                notes=tuple(about["notes"]),
-                growth=_Blobs(store, about, f"{GROWTH}/", str),
-                store=store,
-                corrected=replace(corrected, notes=(*faults, *corrected.notes)),
-            )
-        except (KeyError, TypeError, ValueError, IndexError, OverflowError, InputError) as error:
-            told = str(error) if str(folder) in str(error) else f"{folder} is damaged ({type(error).__name__}: {error})"
-            raise InputError(told.replace("\n", " ")[:300]) from error
-
-
-class _Blobs(Mapping[Key, bytes]):
-    """Blobs of a saved home whose names begin alike, read when asked for."""
-
-    def __init__(self, store: Store, about: Mapping[str, Any], begin: str, key: Callable[[str], Key]) -> None:
-        self._store, self._about = store, about
-        self._names: dict[Key, str] = {
-            key(name[len(begin) :]): name for name in about["blobs"] if name.startswith(begin)
-        }
-
-    def __getitem__(self, key: Key) -> bytes:
-        return self._store.get(self._names[key], self._about)
-
-    def __iter__(self) -> Iterator[Key]:
-        return iter(self._names)
-
-    def __len__(self) -> int:
-        return len(self._names)
-
-
-def _renamed(row: Mapping[str, Any]) -> dict[str, Any]:
-    """A row of objects.json with today's field names: cartier 0.1.0 called two of them otherwise."""
-    return {OLD_FIELDS.get(name, name): value for name, value in row.items()}
-
-
-def _floor(store: Store, about: Mapping[str, Any]) -> tuple[OccupancyGrid | None, tuple[Room, ...]]:
-    if about["grid"] is None:
-        return None, ()
-    x, y = about["grid"]["origin_xy"]
-    arrays = read_npz(store.get("occupancy.npz", about), where="occupancy.npz")
-    image = store.get("occupancy.pgm", about)
-    grid = grid_from(image, float(about["grid"]["resolution_m"]), (float(x), float(y)), arrays["height_m"])
-    rooms = tuple(
-        Room(int(number), str(name), str(kind), np.argwhere(arrays["rooms"] == place).astype(np.int32))
-        for place, (number, name, kind) in enumerate(about["rooms"])
-    )
-    return grid, rooms
-
-
-def _index(store: Store, about: Mapping[str, Any], name: str) -> SpatialIndex:
-    if name not in [b.name for b in plugins.backends("indexes")]:
-        raise InputError(f"{store.folder} names an index {str(name)[:60]!r} that is not installed")
-    index = plugins.make("indexes", name)
-    index.restore(dict(_Blobs(store, about, f"indexes/{name}/", str)))
-    return index
+        return repository.load(folder, cls)

@@ -1,4 +1,4 @@
-"""A floor plan as the files that Nav2's map_server reads, and back."""
+"""Nav2 map_server files: a floor plan as PGM and YAML, and back."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _PIXELS = {FREE: 254, OCCUPIED: 0, UNKNOWN: 205}
 
 
 def pgm(grid: OccupancyGrid) -> bytes:
-    """The cells as a PGM image; its first row is the largest y."""
+    """The cells as a PGM image; its first row has the largest y."""
     pixels = np.full(grid.cells.shape, _PIXELS[UNKNOWN], np.uint8)
     for value, pixel in _PIXELS.items():
         pixels[grid.cells == value] = pixel
@@ -20,12 +20,12 @@ def pgm(grid: OccupancyGrid) -> bytes:
 
 
 def yaml(grid: OccupancyGrid, image: str) -> bytes:
-    """The file that map_server is given; ``image`` is the PGM's name beside it.
+    """The YAML file that map_server is given; ``image`` is the name of the PGM beside it.
 
-    ``free_thresh`` is 0.196, not Nav2's default of 0.25: unknown is written as 205, that is 0.19608 occupied, which
-    a threshold of 0.25 would take for free.
+    ``free_thresh`` is 0.196, not Nav2's default of 0.25: unknown is written as 205, that is 0.19608 occupied, which a
+    threshold of 0.25 would read as free.
     """
-    # YAML takes 1e-05 for text
+    # YAML reads 1e-05 as text
     resolution, x, y = (np.format_float_positional(v, trim="0") for v in (grid.resolution_m, *grid.origin_xy))
     return (
         f"image: {image}\nmode: trinary\nresolution: {resolution}\norigin: [{x}, {y}, 0.0]\n"
@@ -34,7 +34,7 @@ def yaml(grid: OccupancyGrid, image: str) -> bytes:
 
 
 def grid_from(data: bytes, resolution_m: float, origin_xy: tuple[float, float], height_m: Array) -> OccupancyGrid:
-    """The floor plan of a PGM that ``pgm`` wrote. Raises InputError if it is damaged."""
+    """Read the floor plan from a PGM that ``pgm`` wrote. Raises InputError if it is damaged."""
     try:
         magic, size, depth, pixels = data.split(b"\n", 3)
         cols, rows = (int(v) for v in size.split())

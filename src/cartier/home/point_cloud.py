@@ -1,4 +1,4 @@
-"""The coloured point cloud of a home, as it is stored."""
+"""Coloured point cloud of a home, in the form in which it is stored."""
 
 from __future__ import annotations
 
@@ -11,14 +11,20 @@ from cartier.errors import InputError
 from cartier.io.files import read_npz
 
 MAX_POINTS = 60_000
-SIDE_M = 0.03  # of a voxel at first
-STEP_M = 0.005  # of saved positions: 16 bits of them reach 327 m
+SIDE_M = 0.03  # the side of the smallest voxels
+STEP_M = 0.005  # the resolution of saved positions: 16 bits reach 327 m
 FAR_M = 1e8  # no map lies farther from its origin
 
 
 @dataclass(frozen=True, eq=False)
 class PointCloud:
-    """What depth showed of a home, to look at: ``xyz_m`` (N, 3) in the map frame, ``rgb`` (N, 3) uint8, one point a voxel of ``side_m``."""
+    """The points that depth showed, one per voxel.
+
+    Args:
+        xyz_m: (N, 3) float64, positions in the map frame.
+        rgb: (N, 3) uint8, colours.
+        side_m: The side of a voxel.
+    """
 
     xyz_m: npt.NDArray[np.float64]
     rgb: npt.NDArray[np.uint8]
@@ -26,12 +32,12 @@ class PointCloud:
 
 
 def read_cloud(data: bytes) -> PointCloud:
-    """The cloud that a ``CloudMapper`` saved. Raises InputError if it is damaged."""
+    """Read the cloud that a ``CloudMapper`` saved. Raises InputError if it is damaged."""
     return parse_cloud(data)[0]
 
 
 def parse_cloud(data: bytes) -> tuple[PointCloud, npt.NDArray[np.uint8], npt.NDArray[np.float64]]:
-    """The cloud, how many samples each point (N,) has at most, and the lowest corner (3,). Raises InputError if it is damaged."""
+    """Read the cloud, its samples per point (N,), and its lowest corner (3,). Raises InputError if it is damaged."""
     arrays = read_npz(data, where="the point cloud")
     try:
         xyz, rgb, weight = arrays["xyz"], arrays["rgb"], arrays["weight"]

@@ -1,146 +1,166 @@
-"""Where a home is kept: named blobs with their checksums, and a manifest that is written last.
-
-A folder today; whatever can put and get bytes by name could hold one. Blobs are never changed: each is a file that has its
-digest in its name, and the manifest says which of them are the home. Writing one file, the manifest, thus turns the old home
-into the new one, so that a reader needs no lock and a kill leaves the one or the other.
-"""
+"""Repository of homes: what is saved of a home, in which blobs, and how it is read back."""
 
 from __future__ import annotations
 
-import hashlib
-import json
-import re
-from collections.abc import Mapping
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
+import numpy as np
+
+from cartier import plugins
+from cartier.contracts import SpatialIndex
 from cartier.errors import InputError
-from cartier.io.atomic import PART, append_line, locked, replaced_folder, write_file, write_json
-from cartier.io.files import read_bytes, read_json
+from cartier.home import corrections
+from cartier.home.data import HomeData
+from cartier.home.map_server import grid_from, pgm, yaml
+from cartier.home.store import Store, blob_file, digest_of
+from cartier.io.files import json_bytes, npz_bytes, parse_json, read_npz, typed
+from cartier.types import Camera, MapObject, OccupancyGrid, Room
 
-MANIFEST = "home.json"
-MAX_BYTES = 2**31
-NAME = re.compile(r"[a-z0-9_]+(?:/[a-z0-9_]+)*\.[a-z0-9]+")
-BLOB = re.compile(r".+-([0-9a-f]{12})\.[a-z0-9]+")
+Key = TypeVar("Key", int, str)
+AnyHome = TypeVar("AnyHome", bound=HomeData)
+SCHEMA = 2
+OLD_FIELDS = {"sightings": "n_detected", "chances": "n_observable"}
+"""Fields of an object that cartier 0.1.0 wrote under another name."""
+MAX_ATTEMPTS = 5  # to read a home while other processes replace it
+GROWTH, PHOTOS, INDEXES = "growth/", "photos/", "indexes/"
+"""How the names of blobs begin: the state that growing needs, JPEGs by frame, the states of the indices."""
 
 
-class Store:
-    """One home's blobs. ``get`` checks what it reads; ``put`` needs the lock of the home, which it takes by itself."""
+def save(home: HomeData, folder: str | Path) -> None:
+    """Write a home; see ``Home.save``."""
+    grid, known, log_file = home.grid, home.corrected, Path(folder) / corrections.LOG
+    objects, rooms = (home.objects, home.rooms) if known is None else (known.mapped_objects, known.mapped_rooms)
+    blobs = {"objects.json": json_bytes([asdict(obj) for obj in objects])}
+    for name, index in home.indexes.items():
+        blobs |= {f"{INDEXES}{name}/{part}": data for part, data in index.state().items()}
+    blobs |= {f"{GROWTH}{part}": data for part, data in home.growth.items()}
+    blobs |= {f"{PHOTOS}{frame:06d}.jpg": jpeg for frame, jpeg in home.photos.items()}
+    files = {}
+    if grid is not None:
+        room_of_cell = np.full(grid.cells.shape, -1, np.int16)
+        for number, room in enumerate(home.rooms):
+            room_of_cell[tuple(room.cells.T)] = number
+        blobs |= {"occupancy.pgm": pgm(grid), "occupancy.npz": npz_bytes(height_m=grid.height_m, rooms=room_of_cell)}
+        # for Nav2, which wants a name that stays
+        files["occupancy.yaml"] = yaml(grid, blob_file("occupancy.pgm", digest_of(blobs["occupancy.pgm"])))
+    if known and known.log and not log_file.exists():
+        files[corrections.LOG] = "".join(f"{corrections.line_of(entry)}\n" for entry in known.log).encode()
+    Store(folder).put(_manifest(home, rooms), blobs, files)
 
-    def __init__(self, folder: str | Path) -> None:
-        self.folder = Path(folder)
 
-    def manifest(self) -> dict[str, Any]:
-        """What was put last. Raises InputError if there is no home here, or if its manifest is damaged."""
-        file = self.folder / MANIFEST
-        if not file.is_file():
-            raise InputError(
-                f"{self.folder} is no mapped home (it holds no {MANIFEST}); "
-                f"make one with: cartier map RECORDING -o {self.folder}"
-            )
-        about = read_json(file)
-        if not isinstance(about, dict):
-            raise InputError(f"{file} is damaged (no object): map the recording again")
-        blobs = about.get("blobs", {})  # older homes have none
-        sound = isinstance(blobs, dict) and all(
-            NAME.fullmatch(name) and isinstance(digest, str) and re.fullmatch("[0-9a-f]{64}", digest)
-            for name, digest in blobs.items()
-        )
-        if not sound or ("blobs" in about and about.get("sha256") != _digest(about)):
-            raise InputError(f"{file} is damaged (it is not as it was written): map the recording again")
-        return about
+def _manifest(home: HomeData, rooms: tuple[Room, ...]) -> dict[str, Any]:
+    camera, grid = home.camera, home.grid
+    return {
+        "schema": SCHEMA,
+        "id": home.id,
+        "name": home.name,
+        "detector": home.detector,
+        "camera": [camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy],
+        "indexes": list(home.indexes),
+        "grid": None if grid is None else {"resolution_m": grid.resolution_m, "origin_xy": list(grid.origin_xy)},
+        "rooms": [[room.id, room.name, room.kind] for room in rooms],
+        "start_xy": list(home.start_xy),
+        "settings": dict(home.settings),
+        "notes": list(home.notes),
+    }
 
-    def get(self, name: str, about: Mapping[str, Any]) -> bytes:
-        """One blob of a manifest. Raises InputError if it is missing or is not as it was put."""
-        digest = about["blobs"].get(name)
-        if digest is None:
-            raise InputError(f"{self.folder / MANIFEST} is damaged (it names no {name}): map the recording again")
-        file = self.folder / blob_file(name, digest)
-        data = read_bytes(file, MAX_BYTES, follow_link=False)
-        if digest_of(data) != digest:
-            raise InputError(f"{file} is damaged (its bytes are not those that were written): map the recording again")
-        return data
 
-    def put(self, about: Mapping[str, Any], blobs: Mapping[str, bytes], files: Mapping[str, bytes]) -> None:
-        """Replace the home, whole or not at all; files of others in its folder stay. Raises InputError if it cannot be.
-
-        ``files`` are for other programs: they keep their names, come after the manifest, and are never read back.
-        """
-        digests = {name: digest_of(data) for name, data in blobs.items()}
-        whole: dict[str, Any] = {**about, "blobs": digests}
-        whole["sha256"] = _digest(whole)
-        with locked(self.folder, wait_s=60.0):
-            if (self.folder / MANIFEST).is_file():
-                self._fill(self.folder, whole, blobs, files)
-                self._sweep(whole)
-            else:
-                with replaced_folder(self.folder, MANIFEST) as new:
-                    self._fill(new, whole, blobs, files)
-
-    def append(self, log: str, line: str) -> None:
-        """Add a line to one of the home's logs, which no mapping ever replaces. Raises InputError if that is not possible."""
-        append_line(self.folder / log, line)
-
-    def faults(self) -> list[str]:
-        """What is damaged, one line each; nothing for a whole home."""
-        found = []
+def load(folder: str | Path, kind: type[AnyHome]) -> AnyHome:
+    """Read a saved home as a ``kind``; see ``Home.load``."""
+    store = Store(folder)
+    for attempt in range(MAX_ATTEMPTS):
+        about = store.manifest()
         try:
-            about = self.manifest()
-            for name in about.get("blobs", {}):
-                try:
-                    self.get(name, about)
-                except InputError as error:
-                    found.append(str(error))
-        except InputError as error:
-            found.append(str(error))
-        return found
-
-    def _fill(
-        self, folder: Path, whole: dict[str, Any], blobs: Mapping[str, bytes], files: Mapping[str, bytes]
-    ) -> None:
-        for name, data in blobs.items():
-            file = folder / blob_file(name, whole["blobs"][name])
-            if not _holds(file, data):
-                write_file(file, data)
-        write_json(folder / MANIFEST, whole)
-        for name, data in files.items():
-            write_file(folder / name, data)
-
-    def _sweep(self, whole: Mapping[str, Any]) -> None:
-        """Delete blobs that are no longer part of the home, and nothing else."""
-        kept = {self.folder / blob_file(name, digest) for name, digest in whole["blobs"].items()}
-        for file in [path for path in self.folder.rglob("*") if path.is_file() and not path.is_symlink()]:
-            if file not in kept and (PART.fullmatch(file.name) or _is_blob(file)):
-                with suppress(OSError):  # the home is whole without
-                    file.unlink()
+            return _read(store, about, kind)
+        except InputError:  # a blob is missing: was the home replaced after its manifest was read?
+            if attempt + 1 == MAX_ATTEMPTS or store.manifest().get("sha256") == about.get("sha256"):
+                raise
+    raise AssertionError("not reached")
 
 
-def blob_file(name: str, digest: str) -> str:
-    """Where a blob lies in the folder: its name with the begin of its digest."""
-    stem, _, suffix = name.rpartition(".")
-    return f"{stem}-{digest[:12]}.{suffix}"
-
-
-def digest_of(data: bytes) -> str:
-    """sha256 (hex)."""
-    return hashlib.sha256(data).hexdigest()
-
-
-def _digest(about: Mapping[str, Any]) -> str:
-    """sha256 (hex) of a manifest without its own digest."""
-    rest = {key: value for key, value in about.items() if key != "sha256"}
-    return digest_of(json.dumps(rest, sort_keys=True).encode())
-
-
-def _holds(file: Path, data: bytes) -> bool:
+def _read(store: Store, about: Mapping[str, Any], kind: type[AnyHome]) -> AnyHome:
+    folder, schema = store.folder, about.get("schema")
+    if schema != SCHEMA:
+        newer = isinstance(schema, int) and schema > SCHEMA
+        mend = "upgrade cartier" if newer else f"map its recording again: cartier map RECORDING -o {folder}"
+        raise InputError(
+            f"{folder} was made by {'a newer' if newer else 'an older'} cartier (schema {str(schema)[:20]}, "
+            f"this one reads {SCHEMA}): {mend}"
+        )
     try:
-        return read_bytes(file, MAX_BYTES, follow_link=False) == data
-    except InputError:
-        return False
+        rows = parse_json(store.get("objects.json", about), "objects.json")
+        objects = typed([_renamed(row) for row in rows], tuple[MapObject, ...])
+        grid, rooms = _floor(store, about)
+        log, faults = corrections.read_log(folder)
+        corrected = corrections.apply(log, objects, rooms, grid)
+        indexes = {name: _index(store, about, name) for name in about["indexes"]}
+        for index in indexes.values():
+            index.set_objects(corrected.objects)
+        return kind(
+            name=str(about["name"]),
+            detector=str(about["detector"]),
+            camera=Camera(*about["camera"]),
+            objects=corrected.objects,
+            indexes=indexes,
+            grid=grid,
+            start_xy=(float(about["start_xy"][0]), float(about["start_xy"][1])),
+            settings={**about["settings"]},
+            rooms=corrected.rooms,
+            photos=_Blobs(store, about, PHOTOS, lambda name: int(name.partition(".")[0])),
+            notes=tuple(about["notes"]),
+            growth=_Blobs(store, about, GROWTH, str),
+            store=store,
+            corrected=replace(corrected, notes=(*faults, *corrected.notes)),
+        )
+    except (KeyError, TypeError, ValueError, IndexError, OverflowError, InputError) as error:
+        told = str(error) if str(folder) in str(error) else f"{folder} is damaged ({type(error).__name__}: {error})"
+        raise InputError(told.replace("\n", " ")[:300]) from error
 
 
-def _is_blob(file: Path) -> bool:
-    """Whether the name ends in the digest of the content: a stranger's file never does."""
-    named = BLOB.fullmatch(file.name)
-    return named is not None and digest_of(file.read_bytes())[:12] == named[1]
+class _Blobs(Mapping[Key, bytes]):
+    """The blobs of a saved home whose names begin with ``begin``, read on access."""
+
+    def __init__(self, store: Store, about: Mapping[str, Any], begin: str, key: Callable[[str], Key]) -> None:
+        self._store, self._about = store, about
+        self._names: dict[Key, str] = {
+            key(name[len(begin) :]): name for name in about["blobs"] if name.startswith(begin)
+        }
+
+    def __getitem__(self, key: Key) -> bytes:
+        return self._store.get(self._names[key], self._about)
+
+    def __iter__(self) -> Iterator[Key]:
+        return iter(self._names)
+
+    def __len__(self) -> int:
+        return len(self._names)
+
+
+def _renamed(row: Any) -> Any:
+    """A row of objects.json with today's field names."""
+    return {OLD_FIELDS.get(name, name): value for name, value in row.items()} if isinstance(row, dict) else row
+
+
+def _floor(store: Store, about: Mapping[str, Any]) -> tuple[OccupancyGrid | None, tuple[Room, ...]]:
+    if about["grid"] is None:
+        return None, ()
+    x, y = about["grid"]["origin_xy"]
+    arrays = read_npz(store.get("occupancy.npz", about), where="occupancy.npz")
+    image = store.get("occupancy.pgm", about)
+    grid = grid_from(image, float(about["grid"]["resolution_m"]), (float(x), float(y)), arrays["height_m"])
+    rooms = tuple(
+        Room(int(number), str(name), str(kind), np.argwhere(arrays["rooms"] == place).astype(np.int32))
+        for place, (number, name, kind) in enumerate(about["rooms"])
+    )
+    return grid, rooms
+
+
+def _index(store: Store, about: Mapping[str, Any], name: str) -> SpatialIndex:
+    if name not in [b.name for b in plugins.backends("indexes")]:
+        raise InputError(f"{store.folder} names an index {str(name)[:60]!r} that is not installed")
+    index = plugins.make("indexes", name)
+    index.restore(dict(_Blobs(store, about, f"{INDEXES}{name}/", str)))
+    return index

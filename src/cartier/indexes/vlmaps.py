@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cartier import plugins
-from cartier.contracts import Encoder
+from cartier.contracts import Encoder, EncoderDefaults, optional
 from cartier.errors import BackendError, CartierError, InputError
 from cartier.indexes._label_features import label_features
 from cartier.indexes.fusion import CELL, FeatureGrid
@@ -51,7 +51,7 @@ class VLMaps:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        return tuple(getattr(self._encoder, "notes", ()))
+        return tuple(optional(self._encoder, EncoderDefaults, "notes"))
 
     def add(self, frame: Frame, detections: Detections) -> None:
         if frame.depth_m is None:

@@ -1,4 +1,4 @@
-"""Files that are written whole or not at all, and locks: what a kill, a full disk or a second process leaves is old or new."""
+"""Atomic writes and locks: a kill, a full disk or a second process leaves the old content or the new, never a part."""
 
 from __future__ import annotations
 
@@ -17,15 +17,13 @@ from cartier.errors import InputError
 from cartier.io.files import json_bytes
 
 TEMPORARY = ".cartier-temporary"
-"""The file that says of a folder that it is a half-written one of ours, which may be deleted."""
-
-
+"""The file that marks a folder as a half-written one of ours, which may be deleted."""
 PART = re.compile(r"\..+-[0-9a-f]{8}\.part")
 """The names under which ``write_file`` writes."""
 
 
 def sweep_parts(file: Path) -> None:
-    """Delete what killed ``write_file``s of this file left beside it; whoever else may write it must be locked out."""
+    """Delete what killed calls of ``write_file`` left beside a file; the caller must hold the lock of the file."""
     left = file.parent.iterdir() if file.parent.is_dir() else ()
     for path in [path for path in left if PART.fullmatch(path.name) and path.name.startswith(f".{file.name[:80]}-")]:
         with suppress(OSError):
@@ -33,12 +31,12 @@ def sweep_parts(file: Path) -> None:
 
 
 def write_json(path: Path, value: Any) -> None:
-    """``json_bytes`` into a file, whole or not at all."""
+    """Write ``json_bytes`` to a file, atomically."""
     write_file(path, json_bytes(value))
 
 
 def write_file(path: Path, data: bytes) -> None:
-    """Write beside and rename: a kill or a full disk leaves the older file whole. Raises InputError if it cannot be written."""
+    """Write a file atomically, by writing beside it and renaming. Raises InputError if it cannot be written."""
     beside = path.with_name(f".{path.name[:80]}-{secrets.token_hex(4)}.part")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -56,7 +54,7 @@ def write_file(path: Path, data: bytes) -> None:
 
 
 def sync_folder(folder: Path) -> None:
-    """See that the names in a folder are on the disk; where folders cannot be opened for that, nothing is done."""
+    """Flush the names in a folder to the disk, where the platform can."""
     with suppress(OSError):
         handle = os.open(folder, os.O_RDONLY)
         try:
@@ -66,9 +64,9 @@ def sync_folder(folder: Path) -> None:
 
 
 def append_line(path: Path, line: str) -> None:
-    """Append a line to a log that is kept for people; one that a kill cut short is ended first. Never through a link.
+    """Append a line to a log, and end a line that a kill cut short first. Links are not followed.
 
-    Raises InputError if that is not possible.
+    Raises InputError if the file cannot be written.
     """
     flags = os.O_RDWR | os.O_APPEND | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
     try:
@@ -86,10 +84,10 @@ def append_line(path: Path, line: str) -> None:
 
 @contextmanager
 def locked(target: Path, wait_s: float = 0.0, told: Callable[[str], None] | None = None) -> Iterator[None]:
-    """Nobody else who asks for the lock of ``target`` has it meanwhile; a killed process leaves it free.
+    """Hold the lock of ``target``, the file ``.NAME.lock`` beside it; a killed process releases it.
 
-    The lock is the file ``.NAME.lock`` beside the target. ``told`` hears one line if it has to wait.
-    Raises InputError if another process has not released it after ``wait_s`` seconds, or if none can be made.
+    ``told`` is called with one line if it has to wait. Raises InputError if another process has not released the lock
+    after ``wait_s`` seconds, or if it cannot be made.
     """
     from filelock import FileLock, Timeout  # 20 ms that asking a home need not pay
 
@@ -111,7 +109,7 @@ def locked(target: Path, wait_s: float = 0.0, told: Callable[[str], None] | None
     try:
         yield
     finally:
-        if lock.lock_counter == 1:  # nobody of ours goes on holding it
+        if lock.lock_counter == 1:  # no outer block of this process holds it
             with suppress(OSError):
                 Path(lock.lock_file).unlink()
         lock.release()
@@ -119,11 +117,11 @@ def locked(target: Path, wait_s: float = 0.0, told: Callable[[str], None] | None
 
 @contextmanager
 def replaced_folder(target: Path, marker: str) -> Iterator[Path]:
-    """A temporary folder beside ``target`` that takes its place when the block ends well, and vanishes when it does not.
+    """A temporary folder beside ``target`` that takes its place when the block succeeds, and is deleted otherwise.
 
-    An old ``target`` is replaced only if it holds the file ``marker`` or nothing: only our own folders are ever deleted. A kill
-    between the two renames leaves the old folder beside, as ``.NAME-….old``; the next replacement puts it back first.
-    Raises InputError if there is something else, or if the disk does not let it be written.
+    An old ``target`` is replaced only if it holds the file ``marker`` or nothing: only our own folders are ever
+    deleted. A kill between the two renames leaves the old folder beside, as ``.NAME-….old``; the next replacement puts
+    it back first. Raises InputError if there is something else, or if it cannot be written.
     """
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
@@ -151,7 +149,7 @@ def replaced_folder(target: Path, marker: str) -> Iterator[Path]:
 
 
 def _tidy(target: Path, marker: str) -> None:
-    """Under the lock: put back what a kill between two renames left beside, and delete what we left half-written."""
+    """Put back what a kill between two renames left beside, and delete what was half-written; needs the lock."""
     beside = f".{target.name[:80]}-"
     left = [p for p in target.parent.iterdir() if p.name.startswith(beside) and p.suffix in (".new", ".old")]
     for folder in left:

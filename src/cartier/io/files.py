@@ -1,4 +1,4 @@
-"""Files that came from outside, or may be damaged: read within bounds, with one clear line on a fault."""
+"""Bounded reads of files that may be hostile or damaged; each fault is an InputError of one line."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def read_json(path: Path) -> Any:
 
 
 def parse_json(data: bytes, where: Path | str) -> Any:
-    """The value in JSON text, or an InputError that says where it came from, the line and the fault."""
+    """The value in JSON text, or an InputError with ``where``, the line and the fault."""
     try:
         return json.loads(_text(data, where))
     except json.JSONDecodeError as error:
@@ -43,7 +43,7 @@ def parse_json(data: bytes, where: Path | str) -> Any:
 
 
 def typed(value: Any, kind: Any) -> Any:
-    """A parsed JSON value as what a type says: a dataclass from its fields, a tuple from a list, a finite number.
+    """Convert a parsed JSON value to a type: a dataclass from its fields, a tuple from a list, a finite number.
 
     Raises TypeError or ValueError for a value of another type.
     """
@@ -75,7 +75,7 @@ def _hints(kind: type) -> dict[str, Any]:
 
 
 def check_file(path: Path, max_bytes: int | None = None) -> None:
-    """Raises InputError where there is no plain file, or a larger one: a pipe or a device may never end."""
+    """Raises InputError unless there is a plain file of at most ``max_bytes``: a pipe or a device may never end."""
     try:
         about = path.stat()
     except FileNotFoundError as error:
@@ -94,9 +94,8 @@ def read_bytes(path: Path, max_bytes: int, follow_link: bool = True) -> bytes:
     check_file(path, max_bytes)
     try:
         with os.fdopen(os.open(path, os.O_RDONLY | (0 if follow_link else getattr(os, "O_NOFOLLOW", 0))), "rb") as file:
-            return file.read(
-                min(max_bytes, os.fstat(file.fileno()).st_size)
-            )  # as much as is asked for is set aside first
+            size = os.fstat(file.fileno()).st_size  # read() allocates as much as it is asked for
+            return file.read(min(max_bytes, size))
     except OSError as error:
         raise InputError(f"{path} cannot be read ({_why(error)})") from error
 
@@ -118,7 +117,7 @@ def read_npz(source: Path | bytes, max_bytes: int = MAX_ARRAYS_BYTES, where: str
     """The arrays of an NPZ file (or of one in memory, which ``where`` names in errors) by name.
 
     The headers of all members are checked before the first one is unpacked: the kind of the numbers, the shapes and the
-    sizes, which may come to ``max_bytes`` together. Raises InputError with one line for whatever is wrong.
+    sizes, which together may reach ``max_bytes``. Raises InputError for a missing, large or damaged file.
     """
     where = where or (str(source) if isinstance(source, Path) else "the archive of arrays")
     if isinstance(source, Path):
@@ -148,7 +147,7 @@ def read_npz(source: Path | bytes, max_bytes: int = MAX_ARRAYS_BYTES, where: str
 
 
 def read_npy(path: Path, max_bytes: int = MAX_ARRAYS_BYTES) -> npt.NDArray[Any]:
-    """The array of an NPY file, its header checked before it is read. Raises InputError for whatever is wrong."""
+    """The array of an NPY file; its header is checked first. Raises InputError for a missing or damaged file."""
     check_file(path, max_bytes)
     try:
         with path.open("rb") as file:
@@ -160,7 +159,7 @@ def read_npy(path: Path, max_bytes: int = MAX_ARRAYS_BYTES) -> npt.NDArray[Any]:
 
 
 def _array_bytes(file: IO[bytes], size: int) -> int:
-    """How many bytes the array of an NPY stream of ``size`` bytes takes, by its header; ValueError if they are not there."""
+    """The bytes that the array in an NPY stream of ``size`` bytes takes, by its header; ValueError if they differ."""
     version = np.lib.format.read_magic(file)
     readers = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
     if version not in readers:
@@ -198,7 +197,7 @@ def sha256_of(*files: Path) -> str:
 def read_rows(file: Path, keys: Sequence[str]) -> list[dict[str, Any]]:
     """The rows of a JSON-lines file that a run appends to; [] if there is none yet.
 
-    A last line that a kill cut short is taken off the file. Raises InputError for a damaged line elsewhere.
+    A last line that a kill cut short is removed from the file. Raises InputError for a damaged line elsewhere.
     """
     if not file.exists():
         return []
@@ -213,9 +212,8 @@ def read_rows(file: Path, keys: Sequence[str]) -> list[dict[str, Any]]:
             read += len(line)
         except (ValueError, TypeError, RecursionError):
             if number < len(lines):
-                raise InputError(
-                    f"{file} line {number} is damaged: delete the line, and the run makes it again"
-                ) from None
+                mend = "delete the line, and the run makes it again"
+                raise InputError(f"{file} line {number} is damaged: {mend}") from None
             os.truncate(file, read)
     return rows
 

@@ -1,4 +1,4 @@
-"""Colour, depth and instance images to and from disk: size known beforehand, one clear line on a fault."""
+"""Colour, depth and instance images on disk; sizes are checked before decoding, and each fault is an InputError."""
 
 from __future__ import annotations
 
@@ -41,12 +41,12 @@ def read_rgb(path: Path, camera: Camera) -> npt.NDArray[np.uint8]:
 
 
 def decode_rgb(data: bytes, camera: Camera | None, where: str) -> npt.NDArray[np.uint8]:
-    """As ``read_rgb``, of a JPEG or PNG in memory, of any size where ``camera`` is None; ``where`` names it in errors."""
+    """As ``read_rgb``, of a JPEG or PNG in memory; of any size if ``camera`` is None. ``where`` names it in errors."""
     return _rgb(_decode(BytesIO(data), None if camera is None else _size(camera), where), where)
 
 
 def read_depth(path: Path, camera: Camera | None, per_metre: float = 1000.0) -> npt.NDArray[np.float32]:
-    """(H, W) float32 metres of a 16-bit PNG in 1/per_metre m, of any size where ``camera`` is None.
+    """(H, W) float32 metres of a 16-bit PNG in 1/per_metre m; of any size if ``camera`` is None.
 
     0 and 65535, which mean no reading, become NaN.
     """
@@ -139,7 +139,7 @@ def _decode(source: Path | BytesIO, size: Size | None, where: str) -> Image.Imag
 
 @contextmanager
 def opened(source: Path | BytesIO, where: str) -> Iterator[Image.Image]:
-    """A JPEG or PNG of a camera's size whose header was read; InputError for all that goes wrong until the block ends."""
+    """A JPEG or PNG whose header was read and is not too large; faults until the block ends become InputErrors."""
     try:
         with Image.open(source, formats=("JPEG", "PNG")) as image:
             if image.width * image.height > MAX_PIXELS:

@@ -1,4 +1,4 @@
-"""YAML from anybody, as plain values with the line of each entry: no aliases, no tags, no nesting without end."""
+"""Strict YAML: plain values with the line of each entry; no aliases, no tags, bounded nesting."""
 
 from __future__ import annotations
 

@@ -6,11 +6,10 @@ import json
 import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from functools import partial
 from pathlib import Path
 from typing import Any
 
-from cartier.contracts import Detector
+from cartier.contracts import Detector, optional
 from cartier.errors import InputError
 from cartier.io.files import read_bytes
 from cartier.types import Detections, Frame
@@ -21,8 +20,8 @@ Detect = Callable[[Sequence[Frame]], list[Detections]]
 
 def detecting(detector: Detector) -> Detect:
     """The detector's ``detect_batch``, or that of the contract for one that has none."""
-    given: Detect | None = getattr(detector, "detect_batch", None)
-    return given or partial(Detector.detect_batch, detector)
+    detect: Detect = optional(detector, Detector, "detect_batch")
+    return detect
 
 
 @contextmanager
@@ -37,7 +36,7 @@ def cached(detector: Detector, file: Path | None, fingerprint: str) -> Iterator[
     made_of = {
         "sha256": fingerprint,
         "detector": detector.name,
-        "detector_sha256": getattr(detector, "sha256", Detector.sha256),
+        "detector_sha256": optional(detector, Detector, "sha256"),
     }
     key = (json.dumps(made_of) + "\n").encode()
     known: dict[int, Detections] = {}

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cartier import plugins
-from cartier.contracts import Detector, Encoder, Recording, SpatialIndex
+from cartier.contracts import Detector, Encoder, IndexDefaults, Recording, RecordingDefaults, SpatialIndex, optional
 from cartier.errors import InputError
 from cartier.home.detection_log import DetectionLog
 from cartier.home.entity import CLOUD, DETECTIONS, Home
@@ -35,10 +35,27 @@ COUNTS, FRAMES = "occupancy_counts.npz", "frames.npz"
 
 
 class Mapper:
-    """Grows a map of one home. Frames are taken in one by one and not kept, but for the photos of objects' best views.
+    """Grows the map of one home frame by frame; of the frames, only photos of the objects' best views are kept.
 
-    ``indexes`` are names; by default those that need no encoder and that the frames allow. ``encoder``, for those that need one,
-    is NAME, NAME:MODEL or an Encoder. ``onto`` is a home to go on from, by the same detector; its indices and settings stay.
+    Args:
+        detector: Detects the objects.
+        indexes: The names of the spatial indices to build; by default those that need no encoder and that the frames allow.
+        encoder: NAME, NAME:MODEL or an Encoder, for indices that need one.
+        onto: A home to grow, mapped by the same detector; its indices and settings stay.
+
+    Raises:
+        InputError: ``onto`` was mapped by another detector, or lacks what growing needs.
+        BackendError: An index or encoder is unknown.
+
+    Example:
+        >>> import cartier
+        >>> walk = cartier.make("worlds", "dollhouse", width=160, height=120).explore("studio", max_frames=12)
+        >>> mapper = cartier.Mapper(cartier.make("detectors", "ground_truth", truth=walk.truth, source="dollhouse"))
+        >>> for number in range(len(walk)):
+        ...     ids = mapper.add(walk[number])  # the ids of the objects that its detections belong to
+        >>> mapper.finish(walk)
+        >>> mapper.home().settings["recordings"][0]["frames"]
+        12
     """
 
     def __init__(
@@ -50,8 +67,8 @@ class Mapper:
         onto: Home | None = None,
     ) -> None:
         self.detector, self._onto, self._explicit = detector, onto, indexes is not None
-        made_by = {"detector": detector.name, "detector_sha256": getattr(detector, "sha256", Detector.sha256)}
-        self._score_model = getattr(detector, "score_model", Detector.score_model)
+        made_by = {"detector": detector.name, "detector_sha256": optional(detector, Detector, "sha256")}
+        self._score_model = optional(detector, Detector, "score_model")
         self._objects: ObjectMap | None = None  # with or without depth: the first frame tells
         self._floor, self._cloud, self._conditions = OccupancyMapper(), CloudMapper(), Conditions()
         self._seen, self._photos, self._log = set[int](), dict[int, bytes](), DetectionLog()
@@ -66,7 +83,7 @@ class Mapper:
                 **made_by,
                 "indexes": list(self._indexes),
                 "encoder": None,
-                "knows": list(getattr(detector, "knows", Detector.knows)),
+                "knows": list(optional(detector, Detector, "knows")),
                 "doubts": [],
             }
         else:
@@ -97,9 +114,19 @@ class Mapper:
             raise InputError(f"{home.name} keeps no {told} to go on from: map it again") from error
 
     def contains(self, recording: Recording) -> bool:
-        """Whether this very recording is in the map already. Raises InputError if another's scale does not go with the map's."""
+        """Whether the recording is already in the map.
+
+        Args:
+            recording: The recording.
+
+        Returns:
+            Whether a recording of the same content was mapped.
+
+        Raises:
+            InputError: It is not in the map and cannot be added, because a scale is a guess.
+        """
         held = recording.fingerprint() in (row["sha256"] for row in self._settings["recordings"])
-        guessed = self._settings.get("scale_guessed") or getattr(recording, "scale_guessed", False)
+        guessed = self._settings.get("scale_guessed") or optional(recording, RecordingDefaults, "scale_guessed")
         if guessed and not held and self._settings["recordings"]:
             raise InputError(
                 f"{recording.name} cannot be added: where a scale is a guess, two recordings do not fit together; let one "
@@ -108,10 +135,17 @@ class Mapper:
         return held
 
     def add(self, frame: Frame, detections: Detections | None = None) -> npt.NDArray[np.int64]:
-        """Take in one frame; returns the object id of each of its detections, -1 for none.
+        """Map one frame. A frame that is already in the map changes nothing.
 
-        ``detections`` are the detector's, where they are known already. A frame that was seen before changes nothing. Raises
-        InputError if the frame does not go with the map, and what the detector raises.
+        Args:
+            frame: The frame.
+            detections: Its detections; by default the detector is run.
+
+        Returns:
+            (N,) the object id of each detection, -1 for none.
+
+        Raises:
+            CartierError: What the detector raises.
         """
         detections = self.detector.detect(frame) if detections is None else detections
         return (
@@ -121,7 +155,15 @@ class Mapper:
         )
 
     def integrate_depth(self, frame: Frame) -> bool:
-        """Take in a frame for the floor plan alone; whether it may be looked at too, being new and of the map's kind."""
+        """Add the depth of a frame to the floor plan and the point cloud.
+
+        Args:
+            frame: The frame.
+
+        Returns:
+            Whether its detections may be added: False for a frame that is already in the map, or that lacks depth while the
+            map has it.
+        """
         key, pose = _key(frame), frame.world_from_camera
         if key in self._seen:
             return False
@@ -140,7 +182,15 @@ class Mapper:
         return True
 
     def integrate_detections(self, frame: Frame, detections: Detections) -> npt.NDArray[np.int64]:
-        """Take in the detections of a frame that was measured; returns the object id of each, -1 for none."""
+        """Add the detections of a frame for which ``integrate_depth`` returned True.
+
+        Args:
+            frame: The frame.
+            detections: Its N detections.
+
+        Returns:
+            (N,) the object id of each detection, -1 for none.
+        """
         assert self._objects is not None
         if self._next_frame:
             frame = replace(frame, index=frame.index + self._next_frame)
@@ -154,19 +204,24 @@ class Mapper:
         return ids
 
     def finish(self, recording: Recording, looked: int | None = None) -> None:
-        """All frames of a recording are in: the next ones are of another. ``looked`` is at how many the detector looked, if not at all."""
+        """End a recording: all of its frames were added, and the next ones are of another recording.
+
+        Args:
+            recording: The recording.
+            looked: In how many of its frames objects were detected; by default in all.
+        """
         made_of: dict[str, Any] = {
             "recording": recording.name,
             "sha256": recording.fingerprint(),
             "frames": len(recording),
         }
         made_of["looked"] = len(recording) if looked is None else looked
-        if read_with := getattr(recording, "read_with", None):  # so that it can be read again as it was
+        if read_with := optional(recording, RecordingDefaults, "read_with"):  # so that it can be read again as it was
             plain = {name: np.asarray(value).tolist() for name, value in read_with.items()}
             made_of["read_with"] = json.loads(json.dumps(plain, default=str))
         self._settings["recordings"].append(made_of)
         doubts = self._settings.setdefault("doubts", [])
-        if getattr(recording, "scale_guessed", False):
+        if optional(recording, RecordingDefaults, "scale_guessed"):
             self._settings["scale_guessed"] = True  # only where it is so: homes of others keep their ids
         scale = SCALE_GUESSED if self._settings.get("scale_guessed") else None
         doubts += [line for line in (doubt(self.detector, recording), scale) if line and line not in doubts]
@@ -174,7 +229,14 @@ class Mapper:
         self._notes |= dict.fromkeys(recording.notes)
 
     def home(self) -> Home:
-        """What is known so far, as a home that no further frame changes. Raises InputError before the first detection."""
+        """The map so far, as a home that further frames do not change.
+
+        Returns:
+            The home.
+
+        Raises:
+            InputError: No frame was added, nothing was detected, or an index that was asked for is empty.
+        """
         if self._start_xy is None or self._camera is None or self._objects is None:
             raise InputError("nothing was mapped yet: the recording holds no frames")
         tidied = deepcopy(self._objects)
@@ -182,7 +244,7 @@ class Mapper:
         objects, grid = tidied.objects(), self._floor.grid()
         if not objects:
             hint = "is the threshold too high, or are these not the things that it knows?"
-            told = "; ".join(getattr(self.detector, "notes", ())) or hint
+            told = "; ".join(optional(self.detector, Detector, "notes")) or hint
             raise InputError(f"{self.detector.name} found nothing in the {self._looked()} frames: {told}")
         rooms = find_rooms(grid, objects) if grid is not None else ()
         objects = tuple(replace(obj, room=room_of(obj, grid, rooms)) for obj in objects)
@@ -190,7 +252,7 @@ class Mapper:
             *self._settings.get("doubts", ()),
             *self._notes,
             *self._conditions.notes(),
-            *getattr(self.detector, "notes", ()),
+            *optional(self.detector, Detector, "notes"),
         )
         notes = dict.fromkeys(all_notes)
         if not self._score_model.measured:
@@ -216,7 +278,7 @@ class Mapper:
         copies = deepcopy(self._indexes)
         for index in copies.values():
             index.set_objects(objects)
-            if made_with := getattr(index, "encoder", ""):
+            if made_with := optional(index, IndexDefaults, "encoder"):
                 settings["encoder"] = made_with
                 notes[f"image features: {made_with}"] = None
         empty = [name for name, index in copies.items() if not index.names()]
@@ -268,7 +330,7 @@ def is_of(recording: Recording, world: str) -> bool:
 
 def doubt(detector: Detector, recording: Recording) -> str | None:
     """The line that says that a detector was not made for such a recording, None if it was, or if nobody knows."""
-    world = getattr(detector, "world", Detector.world)
+    world = optional(detector, Detector, "world")
     if world == "" and is_of(recording, DOLLHOUSE):
         return (
             f"WRONG DETECTOR: {detector.name} knows photographs, and {recording.name} is rendered: the {DOLLHOUSE} has a "

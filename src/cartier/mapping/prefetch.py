@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 
-from cartier.contracts import Detector, Recording
+from cartier.contracts import Detector, Recording, RecordingDefaults, optional
 from cartier.types import Camera, Frame
 
 # Of the frames that wait for the detector, and of those that are read ahead: with depth some 250 MB each.
@@ -21,7 +21,7 @@ def prefetch(recording: Recording, batch: int = 1) -> Iterator[Frame]:
     when it is that frame's turn.
     """
     cores = os.cpu_count() or 1
-    threads = min(cores, getattr(recording, "readers", 0))
+    threads = min(cores, optional(recording, RecordingDefaults, "readers"))
     if cores == 1 or threads < 1:
         yield from (recording[number] for number in range(len(recording)))
         return
@@ -42,4 +42,4 @@ def prefetch(recording: Recording, batch: int = 1) -> Iterator[Frame]:
 def batch_size(detector: Detector, camera: Camera) -> int:
     """How many frames of a camera the detector is given at once: as many as it likes best, fewer of large ones."""
     most = max(1, MOST_PIXELS // (camera.width * camera.height))
-    return min(int(getattr(detector, "batch", Detector.batch)), most)
+    return min(int(optional(detector, Detector, "batch")), most)

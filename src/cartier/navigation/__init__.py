@@ -1,1 +1,1 @@
-"""Goal poses and paths on the occupancy grid."""
+"""Navigation: goal poses and paths on the floor plan."""

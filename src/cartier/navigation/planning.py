@@ -1,4 +1,4 @@
-"""From a place to a goal: a reachable, collision-free pose near it that faces it and, where possible, sees it."""
+"""Goal planning: a reachable, collision-free pose near a place that faces it and, where possible, sees it."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from cartier.geometry import box_distance, yaw_towards
 from cartier.types import FREE, OCCUPIED, Array, Goal, OccupancyGrid, Place, RobotModel, Room
 
 CAMERA_HEIGHT_M = RobotModel.camera_height_m
-NEAREST_M = 0.35  # closer than this there is no telling what the robot faces
-FARTHEST_M = 2.0  # a pose from which the thing is out of anybody's reach is no answer
-WHOLE = 0.45  # how far off a thing is faced, in its largest sides: from nearer a fridge is but a wall
-WHOLE_M = 0.8  # and at most
-SIGHT_DETOUR_M = 0.75  # how much worse its distance may be if a pose sees the place and the best does not
-OWN_HEIGHT_M = 0.4  # how far a thing of unknown size may reach above its centre
-FARTHEST_START_M = 1e6  # from the map's origin; no NaN either
-SNAP_M = 1.0  # how far the start may lie from floor that the robot fits on
+NEAREST_M = 0.35  # from closer to an object's centre, its direction is ambiguous
+FARTHEST_M = 2.0  # from farther away, the object counts as out of reach
+VIEWING_DISTANCE = 0.45  # preferred distance, in largest sides of the object: from nearer a fridge looks like a wall
+MAX_VIEWING_DISTANCE_M = 0.8
+SIGHT_DETOUR_M = 0.75  # how much worse the distance of a pose with line of sight may be than that of the best without
+OWN_HEIGHT_M = 0.4  # how far an object of unknown size may reach above its centre
+MAX_START_M = 1e6  # from the map's origin
+SNAP_M = 1.0  # how far the start may be moved to floor that the robot fits on
 
 
 @dataclass(frozen=True, eq=False)
 class Reach:
-    """Where a robot of one radius can get to from one start: path lengths (rows, cols), inf where it cannot."""
+    """Where a robot of one radius can get from one start: path lengths (rows, cols) in metres, inf where it cannot."""
 
     grid: OccupancyGrid
     start: tuple[int, int]
@@ -54,7 +54,7 @@ def traversable(grid: OccupancyGrid, radius_m: float) -> npt.NDArray[np.bool_]:
     rows, cols = occupied.shape
     before = np.cumsum(np.pad(occupied, ((high, high), (high + 1, high))), axis=1, dtype=np.int32)
     blocked = np.zeros(occupied.shape, bool)
-    for down in range(-high, high + 1):  # the disc, row by row: are there occupied cells so far to either side?
+    for down in range(-high, high + 1):  # the disc, row by row
         wide = math.ceil(math.sqrt(max(near_cells**2 - down**2, 0))) - 1
         counts = before[high + down : high + down + rows]
         blocked |= counts[:, high + wide + 1 : high + wide + 1 + cols] > counts[:, high - wide : high - wide + cols]
@@ -62,12 +62,12 @@ def traversable(grid: OccupancyGrid, radius_m: float) -> npt.NDArray[np.bool_]:
 
 
 def check_start(start_xy: Sequence[float] | Array) -> tuple[float, float]:
-    """Where a robot starts, or an InputError for what is no point of any home."""
+    """A start as (x, y) in metres, or an InputError unless it is two finite numbers."""
     try:
         start = np.asarray(start_xy, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):  # no numbers, or one of hundreds of digits
         start = np.empty(0)
-    if start.shape != (2,) or not (np.abs(start) <= FARTHEST_START_M).all():
+    if start.shape != (2,) or not (np.abs(start) <= MAX_START_M).all():  # NaN is not
         raise InputError(f"the start must be two finite numbers, x and y in metres, got {brief(start_xy)}")
     return float(start[0]), float(start[1])
 
@@ -75,13 +75,13 @@ def check_start(start_xy: Sequence[float] | Array) -> tuple[float, float]:
 def reach(grid: OccupancyGrid, start_xy: Sequence[float] | Array, radius_m: float) -> Reach | None:
     """Shortest paths from a start to everywhere (Dijkstra, 8-connected), or None if no floor fits the robot near it.
 
-    A start where the robot does not fit, or that nobody mapped, is moved to the nearest floor from which no known obstacle
-    parts it. Raises InputError for a start that is no point, and for an impossible radius.
+    A start where the robot does not fit, or that is unknown, is moved to the nearest floor that no known obstacle
+    separates from it. Raises InputError for an invalid start or radius.
     """
     return _reach(grid, check_start(start_xy), check_radius(radius_m))
 
 
-@lru_cache(maxsize=8)  # a person asks for many things from one start
+@lru_cache(maxsize=8)  # many requests come from one start
 def _reach(grid: OccupancyGrid, start_xy: tuple[float, float], radius_m: float) -> Reach | None:
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import dijkstra
@@ -115,9 +115,9 @@ def _reach(grid: OccupancyGrid, start_xy: tuple[float, float], radius_m: float) 
 
 
 def plan(grid: OccupancyGrid, place: Place, start_xy: Sequence[float], robot: RobotModel) -> tuple[Goal | None, str]:
-    """A goal for a place, and an empty string; or None and one line that says why there is none.
+    """A goal for a place, and an empty string; or None, and one line that says why there is none.
 
-    Raises InputError as ``reach``.
+    Raises InputError for an invalid start or radius.
     """
     radius_m = robot.radius_m
     area = reach(grid, start_xy, radius_m)
@@ -134,26 +134,26 @@ def plan(grid: OccupancyGrid, place: Place, start_xy: Sequence[float], robot: Ro
 
 
 def goal_for(area: Reach, place: Place, camera_height_m: float = CAMERA_HEIGHT_M) -> Goal | None:
-    """The reachable pose that sees a place from nearest; or, if none that sees it is hardly farther off, the nearest.
+    """The reachable pose at the best distance from a place, preferably one with line of sight; None if all are too far.
 
-    Of a thing whose size is known the nearest is where most of it is in view: ``WHOLE`` of its largest side away.
+    The best distance is 0 for a place of unknown size, otherwise ``VIEWING_DISTANCE`` times the largest side. A pose
+    with line of sight is chosen if its distance is at most ``SIGHT_DETOUR_M`` worse than the best.
     """
     grid, target, wanted_m = area.grid, np.array(place.position), 0.0
     cells = np.argwhere(np.isfinite(area.length_m))
     xy = grid.centre(cells)
     if place.box_min is not None and place.box_max is not None:
         low, high = np.array(place.box_min), np.array(place.box_max)
-        distance, wanted_m = box_distance(xy, low[:2], high[:2]), min(WHOLE * float((high - low).max()), WHOLE_M)
+        distance = box_distance(xy, low[:2], high[:2])
+        wanted_m = min(VIEWING_DISTANCE * float((high - low).max()), MAX_VIEWING_DISTANCE_M)
     else:
         distance = np.linalg.norm(xy - target[:2], axis=1)
     centre_distance = np.linalg.norm(xy - target[:2], axis=1)
-    if place.view_yaw is not None:  # the place is where the camera stood: stand there, and look where it looked
+    if place.view_yaw is not None:  # the place is a viewpoint: stand there, with the same heading
         best = int(np.argmin(distance))
-        return (
-            None
-            if distance[best] > FARTHEST_M
-            else _goal(area, tuple(cells[best]), place.view_yaw, place, bool(distance[best] < 0.5))
-        )
+        if distance[best] > FARTHEST_M:
+            return None
+        return _goal(area, tuple(cells[best]), place.view_yaw, place, bool(distance[best] < 0.5))
     off_m = np.abs(distance - wanted_m)
     order = np.lexsort((area.length_m[tuple(cells.T)], np.round(off_m, 2)))
     order = order[(centre_distance[order] >= NEAREST_M) & (distance[order] <= FARTHEST_M)]
@@ -169,9 +169,9 @@ def goal_for(area: Reach, place: Place, camera_height_m: float = CAMERA_HEIGHT_M
 def line_of_sight(
     grid: OccupancyGrid, from_xy: npt.NDArray[np.float64], place: Place, camera_height_m: float = CAMERA_HEIGHT_M
 ) -> bool:
-    """Whether a straight line from the robot's camera to the place passes over everything known, in the 2.5-D grid.
+    """Whether the line from the robot's camera to the place passes over everything known, in the 2.5-D grid.
 
-    Within 0.3 m of the place, what is no taller than the thing itself is the thing itself; within 0.1 m nothing hides it.
+    Within 0.3 m of the place, surfaces no higher than the object are the object itself; the last 0.1 m are not checked.
     """
     target = np.array(place.position)
     own_top_m = (place.box_max[2] if place.box_max else target[2] + OWN_HEIGHT_M) + 0.1
@@ -190,7 +190,7 @@ def line_of_sight(
 def _near(
     grid: OccupancyGrid, open_cells: npt.NDArray[np.bool_], start_xy: npt.NDArray[np.float64]
 ) -> npt.NDArray[np.intp]:
-    """The open cells (N, 2) that a start may be moved to, the nearest first."""
+    """The open cells (N, 2) to which a start may be moved, nearest first."""
     cells = np.argwhere(open_cells)
     distance_m = np.hypot(*(grid.centre(cells) - start_xy).T)
     order = np.argsort(distance_m, kind="stable")
@@ -200,9 +200,9 @@ def _near(
 def _way_in(
     grid: OccupancyGrid, start_xy: npt.NDArray[np.float64], cells: npt.NDArray[np.intp]
 ) -> tuple[int, int] | None:
-    """The first of some cells to which a straight line from the start crosses nothing that is occupied.
+    """The first of some cells to which a straight line from the start crosses no occupied cell.
 
-    A start in an obstacle (a camera that was held over a table) may leave that obstacle, and enter no other.
+    A start inside an obstacle (a camera held over a table) may leave that obstacle, but not enter another.
     """
     for cell in cells:
         end = grid.centre(cell)
@@ -210,7 +210,7 @@ def _way_in(
         rows, cols = grid.cell(np.linspace(start_xy, end, steps)).T
         inside = (rows >= 0) & (cols >= 0) & (rows < grid.cells.shape[0]) & (cols < grid.cells.shape[1])
         met = grid.cells[rows[inside], cols[inside]] == OCCUPIED
-        out = int(np.argmin(met)) if inside[0] else 0  # where the line has left the obstacle that it starts in
+        out = int(np.argmin(met)) if inside[0] else 0  # where the line leaves the obstacle that it starts in
         if not met[out:].any():
             return int(cell[0]), int(cell[1])
     return None

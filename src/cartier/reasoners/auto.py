@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from cartier import plugins
-from cartier.contracts import Reasoner
+from cartier.contracts import Reasoner, ReasonerDefaults, optional
 from cartier.errors import CartierError, InputError, ReasonerError
 from cartier.llm.deadline import Late, Value, within
 from cartier.llm.prompts import check_query, prompt_named
@@ -76,12 +76,12 @@ class Auto:
     @property
     def calls(self) -> int:
         """How often the language model was asked."""
-        return int(getattr(self._model, "calls", 0))
+        return int(optional(self._model, ReasonerDefaults, "calls"))
 
     @property
     def tokens(self) -> int:
         """The tokens that this took."""
-        return int(getattr(self._model, "tokens", 0))
+        return int(optional(self._model, ReasonerDefaults, "tokens"))
 
     def select(self, query: str, inventory: Inventory, dialogue: Sequence[tuple[str, str]] = ()) -> Selection:
         """The model's choice, else the embedded reasoner's. ``Selection.model`` says whose it is, ``notes`` why."""

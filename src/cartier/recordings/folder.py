@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, TextIO
 
-from cartier.contracts import Recording
+from cartier.contracts import Recording, RecordingDefaults, optional
 from cartier.errors import InputError, brief, frame_number
 from cartier.io import images
 from cartier.io.atomic import replaced_folder, write_json
@@ -150,7 +150,7 @@ def _write_head(recording: Recording, kinds: Sequence[str], root: Path) -> None:
         "simulator": recording.truth is not None,
         "notes": list(recording.notes),
     }
-    if getattr(recording, "scale_guessed", False):
+    if optional(recording, RecordingDefaults, "scale_guessed"):
         head["scale_guessed"] = True
     write_json(root / HEAD, head)
 

@@ -18,10 +18,10 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from cartier.contracts import Recording
+from cartier.contracts import Recording, RecordingDefaults, optional
 from cartier.errors import InputError
 from cartier.home import Home
-from cartier.home.detection_log import Looked
+from cartier.home.detection_log import ProcessedFrame
 from cartier.mapping.occupancy import OccupancyMapper
 from cartier.navigation.planning import room_middle
 from cartier.types import FREE, OCCUPIED, UNKNOWN, Array, MapObject, OccupancyGrid, Room, View
@@ -80,7 +80,7 @@ def _first_frame(home: Home, recording: Recording) -> int:
         if row["sha256"] == sha256:
             return first
         first += int(row["frames"])
-    here = _read_with(getattr(recording, "read_with", {}))
+    here = _read_with(optional(recording, RecordingDefaults, "read_with"))
     named = [_read_with(row.get("read_with", {})) for row in rows if row["recording"] == recording.name]
     if not named:
         names = ", ".join(row["recording"] for row in rows)
@@ -98,7 +98,7 @@ def _read_with(options: Mapping[str, Any]) -> str:
     return ", ".join(f"{name} {value}" for name, value in sorted(options.items())) or "no options"
 
 
-def _looked(home: Home) -> tuple[dict[int, Looked] | None, float]:
+def _looked(home: Home) -> tuple[dict[int, ProcessedFrame] | None, float]:
     """The detections by frame (None if the home has no log), and the score below which boxes were not kept."""
     log = home.detections()
     return (None, 0.0) if log is None else (log.looked(), log.least)
@@ -128,7 +128,7 @@ def _still(out: Any, home: Home, logged: bool, least: float) -> None:
     out.log("about", rr.TextDocument(about, media_type="text/markdown"), static=True)
 
 
-def _objects(out: Any, home: Home, looked: Mapping[int, Looked]) -> None:
+def _objects(out: Any, home: Home, looked: Mapping[int, ProcessedFrame]) -> None:
     """Each object in its final state, from the first frame with a box of it."""
     first: dict[int, int] = {}
     for frame in sorted(looked, reverse=True):
@@ -204,7 +204,7 @@ def _photos(out: Any, home: Home) -> None:
         out.log("camera/image", rr.EncodedImage(contents=jpeg, media_type="image/jpeg"))
 
 
-def _detections(out: Any, home: Home, looked: Mapping[int, Looked]) -> None:
+def _detections(out: Any, home: Home, looked: Mapping[int, ProcessedFrame]) -> None:
     """The boxes of each processed frame with their objects; and for every frame whether it was processed."""
     objs = {number: obj for obj in home.objects for number in (obj.id, *obj.aliases)}
     total = sum(int(row["frames"]) for row in home.settings["recordings"])
@@ -237,7 +237,7 @@ def _owner(number: int, obj: MapObject | None) -> str:
     return "no object" if number < 0 else f"object {number}, forgotten since"
 
 
-def _in_words(frame: int, seen: Looked | None, objs: Mapping[int, MapObject]) -> str:
+def _in_words(frame: int, seen: ProcessedFrame | None, objs: Mapping[int, MapObject]) -> str:
     if seen is None:
         return "not processed: the detector was not run on this frame"
     owned = sum(number in objs for number in seen.objects.tolist())

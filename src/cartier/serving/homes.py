@@ -11,7 +11,7 @@ from pathlib import Path
 from cartier.errors import InputError, brief
 from cartier.home import Home
 from cartier.home.corrections import LOG
-from cartier.home.repository import MANIFEST
+from cartier.home.store import MANIFEST
 
 MAX_BYTES = 2**30
 CELL_BYTES = 128  # per cell: grid, rooms, and the paths that planning caches

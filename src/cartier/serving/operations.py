@@ -22,7 +22,7 @@ from cartier.contracts import Reasoner
 from cartier.errors import InputError, brief
 from cartier.home import Home
 from cartier.home.corrections import CorrectionKind, find
-from cartier.home.repository import MANIFEST
+from cartier.home.store import MANIFEST
 from cartier.llm.lookup import names_of
 from cartier.llm.prompts import check_query, recent
 from cartier.navigation.planning import plan

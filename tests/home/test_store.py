@@ -1,4 +1,4 @@
-"""What keeps a home: two writers lose nothing, readers never meet half, a kill or a full disk at any moment leaves old or new."""
+"""The store of homes: two writers lose nothing, and a kill or a full disk at any moment leaves the old or the new."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import pytest
 
 import cartier
 from cartier.errors import InputError
-from cartier.home.repository import MANIFEST, Store
+from cartier.home.store import MANIFEST, Store
 from cartier.io.atomic import append_line, locked, replaced_folder, sweep_parts, write_file
 from cartier.io.files import read_rows
 from cartier.recordings import folder as own_format

@@ -1,0 +1,123 @@
+"""Public API: what ``cartier`` exports, what its docstrings say, and that their examples run."""
+
+from __future__ import annotations
+
+import dataclasses
+import doctest
+import inspect
+import re
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+
+import cartier
+from cartier import contracts, pipeline, testing
+from cartier.home import entity
+from cartier.mapping import mapper
+
+INTERNAL = {"Store", "Corrected"}
+"""Classes of fields that ``Home.load`` sets and no user makes."""
+PUBLIC: dict[str, Any] = {f"cartier.{name}": getattr(cartier, name) for name in cartier.__all__}
+PUBLIC |= {
+    f"{module.__name__}.{name}": value
+    for module in (contracts, testing)
+    for name, value in vars(module).items()
+    if not name.startswith("_") and callable(value) and getattr(value, "__module__", "") == module.__name__
+}
+
+
+def callables() -> Iterator[tuple[str, Callable[..., Any]]]:
+    """Every public function, class and method, by its name."""
+    for name, value in PUBLIC.items():
+        yield name, value
+        if not inspect.isclass(value) or issubclass(value, Exception):
+            continue
+        for method, member in vars(value).items():
+            plain = inspect.unwrap(getattr(member, "__func__", member))
+            public = not method.startswith("_") or method == "__getitem__"
+            if inspect.isfunction(plain) and public and plain.__name__ != "<lambda>":  # the default of a field
+                yield f"{name}.{method}", plain
+
+
+def parameters(what: Callable[..., Any]) -> list[str]:
+    if inspect.isclass(what) and dataclasses.is_dataclass(what):
+        return [field.name for field in dataclasses.fields(what) if field.init]
+    if inspect.isclass(what) and ("__init__" not in vars(what) or getattr(what, "_is_protocol", False)):
+        return []
+    given = inspect.signature(inspect.unwrap(what)).parameters
+    return [name for name in given if name not in ("self", "cls")]
+
+
+def sections(doc: str) -> dict[str, str]:
+    """The Google-style sections of a docstring by their names."""
+    parts = re.split(r"^(Args|Returns|Raises|Example):\n", inspect.cleandoc(doc), flags=re.MULTILINE)
+    return dict(zip(parts[1::2], parts[2::2], strict=True))
+
+
+def documented(args: str) -> set[str]:
+    heads = re.findall(r"^ {4}([\w*, ]+): ", args, flags=re.MULTILINE)
+    return {name.strip().lstrip("*") for head in heads for name in head.split(",")}
+
+
+@pytest.mark.parametrize(("name", "what"), list(callables()), ids=lambda value: value if isinstance(value, str) else "")
+def test_docstrings_name_every_argument_and_result(name: str, what: Callable[..., Any]) -> None:
+    doc = inspect.getdoc(what)
+    assert doc, name
+    found, expected = sections(doc), set(parameters(what))
+    assert documented(found.get("Args", "")) == expected, name
+    if inspect.isclass(what):
+        return
+    back = inspect.signature(inspect.unwrap(what)).return_annotation
+    assert ("Returns" in found) == (back not in ("None", inspect.Signature.empty)), name
+
+
+def test_raises_sections_name_errors() -> None:
+    known = {"IndexError", "KeyError", "TypeError", "ValueError", "AssertionError"} | set(cartier.__all__)
+    count = 0
+    for name, what in callables():
+        raises = documented(sections(inspect.getdoc(what) or "").get("Raises", ""))
+        assert raises <= known, name
+        count += bool(raises)
+    assert count > 30
+
+
+def test_classes_in_public_signatures_are_exported() -> None:
+    seen = set()
+    for name in cartier.__all__:
+        value = getattr(cartier, name)
+        holders = list(value.__mro__[:-1]) if inspect.isclass(value) else []
+        texts = [str(kind) for holder in holders for kind in inspect.get_annotations(holder).values()]
+        functions = [what for found, what in callables() if found.split(".")[1] == name and not inspect.isclass(what)]
+        texts += [str(kind) for function in functions for kind in function.__annotations__.values()]
+        seen |= {word for text in texts for word in re.findall(r"\b[A-Z]\w+", text)}
+    ours = {word for word in seen if any(word in vars(module) for module in ours_of_cartier(word))}
+    assert ours - INTERNAL <= set(cartier.__all__), ours - INTERNAL - set(cartier.__all__)
+
+
+def ours_of_cartier(word: str) -> list[Any]:
+    """The modules of cartier that define a class of this name."""
+    modules = [module for name, module in sys.modules.items() if name.startswith("cartier.")]
+    return [m for m in modules if getattr(getattr(m, word, None), "__module__", "") == m.__name__]
+
+
+@pytest.mark.parametrize(
+    "where", [pipeline.map_home, pipeline.ask, mapper.Mapper, entity.Home], ids=lambda where: where.__name__
+)
+def test_examples_run(where: Any) -> None:
+    tests = doctest.DocTestFinder(recurse=False).find(where, where.__name__, globs={})
+    assert len(tests) == 1 and len(tests[0].examples) >= 5
+    result = doctest.DocTestRunner().run(tests[0])
+    assert result.failed == 0
+
+
+def test_importing_cartier_loads_numpy_alone() -> None:
+    code = (
+        "import sys; before = set(sys.modules); import cartier\n"
+        "loaded = {name.split('.')[0] for name in set(sys.modules) - before}\n"
+        "print(sorted(n for n in loaded - set(sys.stdlib_module_names) if not n.startswith('_')))"
+    )
+    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert loaded.strip() == "['cartier', 'numpy']"
