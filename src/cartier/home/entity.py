@@ -19,6 +19,7 @@ from cartier.home import corrections
 from cartier.home.corrections import Corrected
 from cartier.home.detection_log import DetectionLog
 from cartier.home.map_server import grid_from, pgm, yaml
+from cartier.home.old_names import OLD_OBJECTS
 from cartier.home.point_cloud import PointCloud, read_cloud
 from cartier.home.repository import Store, blob_file, digest_of
 from cartier.io.files import json_bytes, npz_bytes, parse_json, read_npz, typed
@@ -28,7 +29,6 @@ from cartier.types import FREE, Answer, Camera, Inventory, MapObject, OccupancyG
 Key = TypeVar("Key", int, str)
 SCHEMA = 2
 ANSWERS = "answers.jsonl"
-OLD_FIELDS = {"sightings": "n_detected", "chances": "n_observable"}
 TRIES = 5  # to read a home that others replace meanwhile
 GROWTH, CLOUD, DETECTIONS = "growth", "cloud.npz", "detections.npz"
 """The folder of what growing needs and asking does not; the point cloud and what the detector reported lie there, too."""
@@ -319,7 +319,7 @@ class _Blobs(Mapping[Key, bytes]):
 
 def _renamed(row: Mapping[str, Any]) -> dict[str, Any]:
     """A row of objects.json with today's field names: cartier 0.1.0 called two of them otherwise."""
-    return {OLD_FIELDS.get(name, name): value for name, value in row.items()}
+    return {OLD_OBJECTS.get(name, name): value for name, value in row.items()}
 
 
 def _floor(store: Store, about: Mapping[str, Any]) -> tuple[OccupancyGrid | None, tuple[Room, ...]]:

@@ -19,8 +19,9 @@ from cartier.errors import InputError
 from cartier.home.detection_log import DetectionLog
 from cartier.home.entity import CLOUD, DETECTIONS, Home
 from cartier.io.files import npz_bytes, read_npz
-from cartier.mapping.bearings import BearingMap
+from cartier.mapping.bearings import BearingGeometry
 from cartier.mapping.cloud import CloudMapper
+from cartier.mapping.extent import DepthGeometry
 from cartier.mapping.object_map import ObjectMap
 from cartier.mapping.occupancy import OccupancyMapper
 from cartier.mapping.quality import Conditions
@@ -72,6 +73,9 @@ class Mapper:
         else:
             self._go_on(onto, made_by)
 
+    def _object_map(self, with_depth: bool) -> ObjectMap:
+        return ObjectMap(self._score_model, geometry=DepthGeometry if with_depth else BearingGeometry)
+
     def _go_on(self, home: Home, made_by: Mapping[str, str]) -> None:
         for what, mine in made_by.items():
             if home.settings.get(what) != mine:
@@ -82,7 +86,7 @@ class Mapper:
         self._start_xy, self._camera, self._photos = home.start_xy, home.camera, dict(home.photos)
         self._notes = dict.fromkeys(home.notes)
         try:
-            self._objects = ObjectMap(self._score_model) if home.grid is not None else BearingMap(self._score_model)
+            self._objects = self._object_map(home.grid is not None)
             rows = [(row["recording"], row["sha256"], int(row["frames"])) for row in self._settings["recordings"]]
             self._next_frame = sum(frames for _, _, frames in rows)
             self._objects.restore(home.growth)
@@ -129,12 +133,12 @@ class Mapper:
         self._start_xy = self._start_xy or (float(pose[0, 3]), float(pose[1, 3]))
         self._camera = self._camera or frame.camera
         if self._objects is None:
-            self._objects = (BearingMap if frame.depth_m is None else ObjectMap)(self._score_model)
+            self._objects = self._object_map(frame.depth_m is not None)
         if frame.depth_m is not None:
             self._floor.add(frame)
             self._cloud.add(frame)
         self._conditions.add(frame)
-        if frame.depth_m is None and not isinstance(self._objects, BearingMap):
+        if frame.depth_m is None and self._objects.geometry.with_depth:
             self._blind += 1
             return False
         return True
@@ -178,7 +182,7 @@ class Mapper:
         if self._start_xy is None or self._camera is None or self._objects is None:
             raise InputError("nothing was mapped yet: the recording holds no frames")
         tidied = deepcopy(self._objects)
-        tidied.tidy()
+        tidied.merge_and_prune()
         objects, grid = tidied.objects(), self._floor.grid()
         if not objects:
             hint = "is the threshold too high, or are these not the things that it knows?"
@@ -226,13 +230,17 @@ class Mapper:
                 f"of {len(objects)} possible objects none was seen often and surely enough"
             )  # fmt: skip
             raise InputError(f"index {empty[0]} stayed empty: {why}")
-        lack = "bearings told no distance" if isinstance(self._objects, BearingMap) else "no detection had depth"
+        lack = (
+            "bearings told no distance"
+            if self._objects and not self._objects.geometry.with_depth
+            else "no detection had depth"
+        )
         notes |= dict.fromkeys(f"index {name} is left out: {lack}" for name in empty)
         return {name: index for name, index in copies.items() if name not in empty}
 
     def _keep_photo(self, frame: Frame) -> None:
         """Keep the photo of a frame that is one of the best views of something, and forget those that no longer are."""
-        wanted = self._objects.frames() if self._objects else set()
+        wanted = self._objects.best_frames() if self._objects else set()
         if frame.index in wanted:
             from PIL import Image
 
