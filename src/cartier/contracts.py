@@ -90,10 +90,6 @@ class SpatialIndex(Protocol):
     Its factory is ``make(…)``. One that needs image features also takes ``encoder``, and says which in its attribute ``encoder``.
     """
 
-    def add(self, frame: Frame, detections: Detections) -> None:
-        """Take in one more frame, with the detections that count by themselves."""
-        ...
-
     def set_objects(self, objects: Sequence[MapObject]) -> None:
         """What the map of objects holds now; names are those of confirmed objects."""
         ...
@@ -110,6 +106,15 @@ class SpatialIndex(Protocol):
 
     def restore(self, state: Mapping[str, bytes]) -> None:
         """Take what ``state`` gave into a freshly made index. Raises InputError if it is damaged, KeyError for a missing blob."""
+        ...
+
+
+@runtime_checkable
+class FrameIndex(Protocol):
+    """A spatial index that takes in every frame, such as one of image features; others are made of the objects alone."""
+
+    def add(self, frame: Frame, detections: Detections) -> None:
+        """Take in one more frame, with the detections that count by themselves."""
         ...
 
 

@@ -19,6 +19,7 @@ from cartier.errors import BackendError, InputError
 from cartier.home import Home
 from cartier.labels import object_ref, room_ref
 from cartier.llm.prompts import check_query, recent
+from cartier.mapping.config import MappingConfig
 from cartier.mapping.detection_cache import cached
 from cartier.mapping.keyframes import Keyframes
 from cartier.mapping.mapper import Mapper
@@ -35,23 +36,25 @@ def map_home(
     *,
     encoder: str | Encoder = "embedded",
     onto: Home | None = None,
+    config: MappingConfig | None = None,
     every: int | None = None,
     resume: Path | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Home:
     """Map a recording, a few frames in memory at a time. All frames make the floor plan; the detector sees those that show something new.
 
-    ``indexes``, ``encoder`` and ``onto`` are those of ``Mapper``; a home that holds the recording already is given back as it is.
+    ``indexes``, ``encoder``, ``onto`` and ``config`` are those of ``Mapper``; a home that holds the recording already is given back as it is.
     ``every`` is for the detector to see each ``every``-th frame instead, 1 for all. ``resume`` is a file that keeps the detections of finished frames, so that a killed run does not detect twice. ``progress``
     is told (frames done, frames in all). Raises InputError if the recording is empty or broken, if nothing was detected in it,
     or if it does not go with ``onto``.
     """
     if not len(recording):
         raise InputError(f"recording {recording.name} holds no frames")
-    mapper = Mapper(detector, indexes, encoder=encoder, onto=onto)
+    mapper = Mapper(detector, indexes, encoder=encoder, onto=onto, config=config)
     if onto is not None and mapper.contains(recording):
         return onto
-    keyframes, looked, waiting, batch = Keyframes(every), 0, list[Frame](), batch_size(detector, recording.camera)
+    keyframes, looked, waiting = Keyframes(every, mapper.config.keyframes), 0, list[Frame]()
+    batch = batch_size(detector, recording.camera)
     with cached(detector, resume, recording.fingerprint()) as detect:
         for done, frame in enumerate(prefetch(recording, batch), 1):
             waiting += keyframes.push(frame) if mapper.integrate_depth(frame) else []

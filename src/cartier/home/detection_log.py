@@ -43,13 +43,15 @@ class DetectionLog:
     def add(self, detections: Detections, objects: npt.NDArray[np.int64]) -> None:
         """Keep the detections of one more frame; ``objects`` (N,) are the ids of their objects, -1 for none."""
         surest = np.argsort(-detections.scores, kind="stable")[:MOST_DETECTIONS]
-        kept = detections.keep(surest)
         limits = np.iinfo(np.int16)
         self._frames.append(detections.frame)
-        self._counts.append(len(kept))
-        self._boxes.frombytes(np.rint(kept.boxes_xyxy).clip(limits.min, limits.max).astype(np.int16).tobytes())
-        self._scores.frombytes(kept.scores.tobytes())
-        self._labels.extend(self._names.setdefault(name[:LABEL_LENGTH], len(self._names)) for name in kept.labels)
+        self._counts.append(len(surest))
+        self._boxes.frombytes(
+            np.rint(detections.boxes_xyxy[surest]).clip(limits.min, limits.max).astype(np.int16).tobytes()
+        )
+        self._scores.frombytes(detections.scores[surest].tobytes())
+        names = (detections.labels[k][:LABEL_LENGTH] for k in surest)
+        self._labels.extend(self._names.setdefault(name, len(self._names)) for name in names)
         self._objects.frombytes(objects[surest].astype(np.int32).tobytes())
         if len(self._scores) > MOST_BOXES:
             self._thin()

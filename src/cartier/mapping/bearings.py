@@ -7,7 +7,6 @@ with a single camera, 2003.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
@@ -41,7 +40,7 @@ class BearingGeometry:
     def lift(self, frame: Frame, boxes_xyxy: Array, masks: npt.NDArray[np.bool_] | None) -> LiftedDetections:
         """As if all stood in one plane, a metre away; the points are those along each ray."""
         plane = np.ones(frame.rgb.shape[:2], np.float32)
-        lifted = lift(replace(frame, depth_m=plane), boxes_xyxy, masks)
+        lifted = lift(frame, plane, boxes_xyxy, masks)
         camera = frame.world_from_camera[:3, 3]
         points = camera + (lifted.centroid - camera)[:, None] * DISTANCES_M[:, None]
         return lifted._replace(points=points.astype(np.float32))

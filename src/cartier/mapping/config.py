@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from cartier.errors import InputError, brief
+from cartier.home.entity import Home
 from cartier.io.files import read_text
 
 MAX_CONFIG_BYTES = 1 << 20
@@ -199,6 +200,27 @@ def read_config(path: Path) -> MappingConfig:
         raise InputError(f"{path}: not valid TOML ({brief(error)})") from error
     except InputError as error:
         raise InputError(str(error) if str(path) in str(error) else f"{path}: {error}") from error
+
+
+def config_for(given: MappingConfig | None, onto: Home | None) -> MappingConfig:
+    """The configuration given, or that of the home to go on from, from which the given one must not differ."""
+    if onto is None:
+        return given or DEFAULT_CONFIG
+    try:
+        stored = MappingConfig.from_dict(onto.settings.get("config", {}))
+    except (InputError, AttributeError) as error:
+        raise InputError(
+            f"{onto.name} keeps no sound configuration to go on from ({brief(error)}): map it again"
+        ) from error
+    if given is not None and given != stored:
+        (section, values), *_ = given.differences(stored).items()
+        name, value = next(iter(values.items()))
+        kept = getattr(getattr(stored, section), name)
+        raise InputError(
+            f"{onto.name} was mapped with {section}.{name} = {kept:g}, not {value:g}: leave the configuration out, or map "
+            "it again"
+        )
+    return stored
 
 
 def _check_known(name: str, known: Mapping[str, Any] | list[str], where: str) -> None:

@@ -103,7 +103,8 @@ class DepthGeometry:
         self.config = config
 
     def lift(self, frame: Frame, boxes_xyxy: Array, masks: npt.NDArray[np.bool_] | None) -> LiftedDetections:
-        return lift(frame, boxes_xyxy, masks)
+        assert frame.depth_m is not None
+        return lift(frame, frame.depth_m, boxes_xyxy, masks)
 
     def predict(self, columns: Columns, frame: Frame) -> tuple[npt.NDArray[np.bool_], Array, Indices]:
         extent = columns["extent_min"], columns["extent_max"]

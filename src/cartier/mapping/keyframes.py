@@ -9,12 +9,12 @@ import numpy as np
 
 from cartier.contracts import Detector, Recording
 from cartier.errors import InputError
+from cartier.mapping.config import DEFAULT_CONFIG, KeyframesConfig, MappingConfig
 from cartier.mapping.detection_cache import detecting
 from cartier.mapping.occupancy import OccupancyMapper
 from cartier.mapping.prefetch import batch_size
 from cartier.types import Array, Frame
 
-FAR_M, FAR_RAD = 0.15, np.deg2rad(10)  # from the last keyframe on, a view is another one; a sixth of it is new
 NEAR_M = 1.0  # what is nearer than this moves more in the image, and less way makes another view
 STEP_M, STEP_RAD = 0.06, np.deg2rad(4)  # between two frames: no 30 Hz recording, and each of them is wanted
 TRIED = 6  # pairs of frames for a forecast
@@ -37,10 +37,11 @@ class Keyframes:
     frames instead: each ``every``-th is taken, whatever it shows. Raises InputError unless that is 1 or more.
     """
 
-    def __init__(self, every: int | None = None) -> None:
+    def __init__(self, every: int | None = None, config: KeyframesConfig = DEFAULT_CONFIG.keyframes) -> None:
         if every is not None and every < 1:
             raise InputError(f"every {every}th frame cannot be taken: 1 takes all, 2 every other one")
         self._every, self._count = every, 0
+        self._far = config.distance_m, np.deg2rad(config.angle_deg)
         self._last: Pose | None = None
         self._before: Pose | None = None
         self._waiting: tuple[float, Frame, Pose] | None = None
@@ -57,7 +58,7 @@ class Keyframes:
             self._last = here
             return chosen
         self._consider(frame, here)
-        if change(self._last, here) < 1:
+        if change(self._last, here, *self._far) < 1:
             return []
         chosen = self.flush()
         if chosen[0] is not frame:
@@ -66,7 +67,7 @@ class Keyframes:
 
     def _consider(self, frame: Frame, here: Pose) -> None:
         """Let a frame wait that is far enough from the last keyframe, if it is the sharpest so far."""
-        if self._last is not None and change(self._last, here) >= HALF:
+        if self._last is not None and change(self._last, here, *self._far) >= HALF:
             sharp = sharpness(frame.rgb)
             if self._waiting is None or sharp > self._waiting[0]:
                 self._waiting = sharp, frame, here
@@ -80,7 +81,7 @@ class Keyframes:
         return [frame]
 
 
-def change(one: Pose, two: Pose, far_m: float = FAR_M, far_rad: float = FAR_RAD) -> float:
+def change(one: Pose, two: Pose, far_m: float, far_rad: float) -> float:
     """How far two views differ: 1 is far enough to be another one."""
     a, b = one.world_from_camera, two.world_from_camera
     moved = float(np.linalg.norm(a[:3, 3] - b[:3, 3]))
@@ -98,9 +99,12 @@ def sharpness(rgb: Array) -> float:
     )
 
 
-def forecast(recording: Recording, detector: Detector, every: int | None = None) -> tuple[int, float]:
+def forecast(
+    recording: Recording, detector: Detector, every: int | None = None, config: MappingConfig = DEFAULT_CONFIG
+) -> tuple[int, float]:
     """About how many frames of a recording will be looked at, and how many seconds mapping it will take, from a few of its frames."""
-    length, ways, floor = len(recording), [], OccupancyMapper()
+    length, ways, floor = len(recording), [], OccupancyMapper(config.occupancy)
+    far = config.keyframes.distance_m, np.deg2rad(config.keyframes.angle_deg)
     begin, sampled = time.perf_counter(), 0
     for first in np.unique(np.linspace(0, max(length - 2, 0), TRIED).astype(int)).tolist():
         pair = [recording[number] for number in range(first, min(first + 2, length))]
@@ -109,7 +113,7 @@ def forecast(recording: Recording, detector: Detector, every: int | None = None)
             if frame.depth_m is not None:
                 floor.add(frame)
         one, two = _pose(pair[0]), _pose(pair[-1])
-        ways.append(1.0 if change(one, two, STEP_M, STEP_RAD) >= 1 else min(change(one, two) / USUAL_WAY, 1.0))
+        ways.append(1.0 if change(one, two, STEP_M, STEP_RAD) >= 1 else min(change(one, two, *far) / USUAL_WAY, 1.0))
     a_frame = (time.perf_counter() - begin) / sampled
     batch = [pair[-1]] * batch_size(detector, recording.camera)
     detecting(detector)(batch)  # the first time is the longest

@@ -1,11 +1,11 @@
-"""Mapping frame by frame: detections become objects, depth a floor plan; a home can be had at any time."""
+"""Incremental mapping: frames and detections in, objects and a floor plan kept, a home out at any time."""
 
 from __future__ import annotations
 
 import hashlib
 import io
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import replace
 from typing import Any
@@ -13,15 +13,17 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cartier import plugins
-from cartier.contracts import Detector, Encoder, Recording, SpatialIndex
+from cartier.contracts import Detector, Encoder, FrameIndex, Recording
 from cartier.errors import InputError
 from cartier.home.detection_log import DetectionLog
 from cartier.home.entity import CLOUD, DETECTIONS, Home
 from cartier.io.files import npz_bytes, read_npz
 from cartier.mapping.bearings import BearingGeometry
 from cartier.mapping.cloud import CloudMapper
+from cartier.mapping.config import MappingConfig, config_for
+from cartier.mapping.domain import domain_warning
 from cartier.mapping.extent import DepthGeometry
+from cartier.mapping.indexing import filled_indexes, make_indexes
 from cartier.mapping.object_map import ObjectMap
 from cartier.mapping.occupancy import OccupancyMapper
 from cartier.mapping.quality import Conditions
@@ -29,17 +31,17 @@ from cartier.mapping.rooms import find_rooms, room_of
 from cartier.types import Camera, Detections, Frame, MapObject
 
 DEFAULT_INDEXES = ("object_depth", "object_viewpoint")
-DOLLHOUSE = "dollhouse"  # the simulator whose pictures a detector of ours was made for
 SCALE_GUESSED = "the scale of this home is a guess: its metres and centimetres are right only relative to each other"
 JPEG_QUALITY = 88
 COUNTS, FRAMES = "occupancy_counts.npz", "frames.npz"
 
 
 class Mapper:
-    """Grows a map of one home. Frames are taken in one by one and not kept, but for the photos of objects' best views.
+    """Maps one home frame by frame. Frames are not kept, but for the photos of objects' best views.
 
-    ``indexes`` are names; by default those that need no encoder and that the frames allow. ``encoder``, for those that need one,
-    is NAME, NAME:MODEL or an Encoder. ``onto`` is a home to go on from, by the same detector; its indices and settings stay.
+    ``indexes`` are names; by default those that need no encoder and that the frames allow. ``encoder``, for those that
+    need one, is NAME, NAME:MODEL or an Encoder. ``onto`` is a home to go on from, with the same detector; its indices,
+    settings and configuration stay. ``config`` holds the numbers of the mapping.
     """
 
     def __init__(
@@ -49,32 +51,34 @@ class Mapper:
         *,
         encoder: str | Encoder = "embedded",
         onto: Home | None = None,
+        config: MappingConfig | None = None,
     ) -> None:
         self.detector, self._onto, self._explicit = detector, onto, indexes is not None
         made_by = {"detector": detector.name, "detector_sha256": getattr(detector, "sha256", Detector.sha256)}
         self._score_model = getattr(detector, "score_model", Detector.score_model)
         self._objects: ObjectMap | None = None  # with or without depth: the first frame tells
-        self._floor, self._cloud, self._conditions = OccupancyMapper(), CloudMapper(), Conditions()
+        self.config = config_for(config, onto)
+        self._floor, self._cloud = OccupancyMapper(self.config.occupancy), CloudMapper()
+        self._conditions = Conditions()
         self._seen, self._photos, self._log = set[int](), dict[int, bytes](), DetectionLog()
         self._start_xy: tuple[float, float] | None = None
         self._camera: Camera | None = None
         self._next_frame = self._blind = 0
         self._notes: dict[str, None] = {}
         if onto is None:
-            self._indexes = {name: _index(name, encoder) for name in indexes or DEFAULT_INDEXES}
+            self._indexes = make_indexes(indexes or DEFAULT_INDEXES, encoder)
             self._settings: dict[str, Any] = {
-                "recordings": [],
-                **made_by,
-                "indexes": list(self._indexes),
-                "encoder": None,
-                "knows": list(getattr(detector, "knows", Detector.knows)),
-                "doubts": [],
-            }
+                "recordings": [], **made_by, "indexes": list(self._indexes), "encoder": None,
+                "knows": list(getattr(detector, "knows", Detector.knows)), "doubts": [],
+            }  # fmt: skip
+            if changed := self.config.differences():
+                self._settings["config"] = changed  # only what differs: homes mapped with the defaults keep their ids
         else:
             self._go_on(onto, made_by)
+        self._frame_indexes = [index for index in self._indexes.values() if isinstance(index, FrameIndex)]
 
     def _object_map(self, with_depth: bool) -> ObjectMap:
-        return ObjectMap(self._score_model, geometry=DepthGeometry if with_depth else BearingGeometry)
+        return ObjectMap(self._score_model, self.config, DepthGeometry if with_depth else BearingGeometry)
 
     def _go_on(self, home: Home, made_by: Mapping[str, str]) -> None:
         for what, mine in made_by.items():
@@ -101,7 +105,7 @@ class Mapper:
             raise InputError(f"{home.name} keeps no {told} to go on from: map it again") from error
 
     def contains(self, recording: Recording) -> bool:
-        """Whether this very recording is in the map already. Raises InputError if another's scale does not go with the map's."""
+        """Whether this very recording is in the map already. Raises InputError if its scale does not fit the map's."""
         held = recording.fingerprint() in (row["sha256"] for row in self._settings["recordings"])
         guessed = self._settings.get("scale_guessed") or getattr(recording, "scale_guessed", False)
         if guessed and not held and self._settings["recordings"]:
@@ -112,20 +116,17 @@ class Mapper:
         return held
 
     def add(self, frame: Frame, detections: Detections | None = None) -> npt.NDArray[np.int64]:
-        """Take in one frame; returns the object id of each of its detections, -1 for none.
+        """Integrate one frame; returns the object id of each of its detections, -1 for none.
 
-        ``detections`` are the detector's, where they are known already. A frame that was seen before changes nothing. Raises
-        InputError if the frame does not go with the map, and what the detector raises.
+        ``detections`` are the detector's, where they are known already. A frame that was integrated before changes
+        nothing. Raises InputError if the frame does not fit the map, and what the detector raises.
         """
         detections = self.detector.detect(frame) if detections is None else detections
-        return (
-            self.integrate_detections(frame, detections)
-            if self.integrate_depth(frame)
-            else np.full(len(detections), -1)
-        )
+        new = self.integrate_depth(frame)
+        return self.integrate_detections(frame, detections) if new else np.full(len(detections), -1)
 
     def integrate_depth(self, frame: Frame) -> bool:
-        """Take in a frame for the floor plan alone; whether it may be looked at too, being new and of the map's kind."""
+        """Integrate a frame into the floor plan; returns whether its detections are wanted: not if it was seen before."""
         key, pose = _key(frame), frame.world_from_camera
         if key in self._seen:
             return False
@@ -144,27 +145,26 @@ class Mapper:
         return True
 
     def integrate_detections(self, frame: Frame, detections: Detections) -> npt.NDArray[np.int64]:
-        """Take in the detections of a frame that was measured; returns the object id of each, -1 for none."""
+        """Integrate the detections of a frame that ``integrate_depth`` took; returns their object ids (N,), -1 for none."""
         assert self._objects is not None
         if self._next_frame:
             frame = replace(frame, index=frame.index + self._next_frame)
             detections = replace(detections, frame=frame.index)
         ids = self._objects.add(frame, detections)
         self._log.add(detections, ids)
-        counting = detections.keep(detections.scores >= self._score_model.threshold)
-        for index in self._indexes.values():
-            index.add(frame, counting)
+        if self._frame_indexes:
+            counting = detections.keep(detections.scores >= self._score_model.threshold)
+            for index in self._frame_indexes:
+                index.add(frame, counting)
         self._keep_photo(frame)
         return ids
 
     def finish(self, recording: Recording, looked: int | None = None) -> None:
-        """All frames of a recording are in: the next ones are of another. ``looked`` is at how many the detector looked, if not at all."""
+        """End a recording: the next frames are of another. ``looked`` counts the frames with detections, by default all."""
         made_of: dict[str, Any] = {
-            "recording": recording.name,
-            "sha256": recording.fingerprint(),
-            "frames": len(recording),
-        }
-        made_of["looked"] = len(recording) if looked is None else looked
+            "recording": recording.name, "sha256": recording.fingerprint(), "frames": len(recording),
+            "looked": len(recording) if looked is None else looked,
+        }  # fmt: skip
         if read_with := getattr(recording, "read_with", None):  # so that it can be read again as it was
             plain = {name: np.asarray(value).tolist() for name, value in read_with.items()}
             made_of["read_with"] = json.loads(json.dumps(plain, default=str))
@@ -173,73 +173,48 @@ class Mapper:
         if getattr(recording, "scale_guessed", False):
             self._settings["scale_guessed"] = True  # only where it is so: homes of others keep their ids
         scale = SCALE_GUESSED if self._settings.get("scale_guessed") else None
-        doubts += [line for line in (doubt(self.detector, recording), scale) if line and line not in doubts]
+        doubts += [line for line in (domain_warning(self.detector, recording), scale) if line and line not in doubts]
         self._next_frame += len(recording)
         self._notes |= dict.fromkeys(recording.notes)
 
     def home(self) -> Home:
-        """What is known so far, as a home that no further frame changes. Raises InputError before the first detection."""
+        """The map so far, as a home that no further frame changes. Raises InputError before the first detection."""
         if self._start_xy is None or self._camera is None or self._objects is None:
             raise InputError("nothing was mapped yet: the recording holds no frames")
-        tidied = deepcopy(self._objects)
-        tidied.merge_and_prune()
-        objects, grid = tidied.objects(), self._floor.grid()
+        merged = deepcopy(self._objects)
+        merged.merge_and_prune()
+        objects, grid = merged.objects(), self._floor.grid()
         if not objects:
             hint = "is the threshold too high, or are these not the things that it knows?"
             told = "; ".join(getattr(self.detector, "notes", ())) or hint
-            raise InputError(f"{self.detector.name} found nothing in the {self._looked()} frames: {told}")
-        rooms = find_rooms(grid, objects) if grid is not None else ()
+            raise InputError(f"{self.detector.name} found nothing in the {len(self._seen)} frames: {told}")
+        rooms = find_rooms(grid, objects, self.config.rooms) if grid is not None else ()
         objects = tuple(replace(obj, room=room_of(obj, grid, rooms)) for obj in objects)
-        all_notes = (
-            *self._settings.get("doubts", ()),
-            *self._notes,
-            *self._conditions.notes(),
-            *getattr(self.detector, "notes", ()),
-        )
-        notes = dict.fromkeys(all_notes)
-        if not self._score_model.measured:
-            notes[f"{self.detector.name} was never measured: how likely its objects are there is a sober guess"] = None
-        if grid is None:
-            notes["the recording has no depth: no occupancy grid, and so no goals; objects lie where bearings meet"] = (
-                None
-            )
-        if self._blind:
-            notes[f"{self._blind} frames without depth add nothing to a map that has depth"] = None
-        settings = dict(self._settings)
-        indexes = self._usable(objects, settings, notes)
+        with_depth = self._objects.geometry.with_depth
+        indexes, about_indexes, encoder = filled_indexes(self._indexes, objects, self._explicit, with_depth)
+        settings = self._settings | ({} if encoder is None else {"encoder": encoder})
+        notes = dict.fromkeys([*self._home_notes(grid is not None), *about_indexes])
         names = " + ".join(row["recording"] for row in self._settings["recordings"][:1]) or "live"
         return Home(
             self._onto.name if self._onto else names, self.detector.name, self._camera, objects, indexes, grid, self._start_xy,
-            settings, rooms, self._evidence(objects), tuple(notes), self._growth(tidied),
+            settings, rooms, self._evidence(objects), tuple(notes), self._growth(merged),
         )  # fmt: skip
 
-    def _usable(
-        self, objects: Sequence[MapObject], settings: dict[str, Any], notes: dict[str, None]
-    ) -> dict[str, SpatialIndex]:
-        """Copies of the indices that hold anything; one that was asked for by name and stayed empty is an error."""
-        copies = deepcopy(self._indexes)
-        for index in copies.values():
-            index.set_objects(objects)
-            if made_with := getattr(index, "encoder", ""):
-                settings["encoder"] = made_with
-                notes[f"image features: {made_with}"] = None
-        empty = [name for name, index in copies.items() if not index.names()]
-        if empty and (self._explicit or len(empty) == len(copies)):
-            sure = any(obj.confirmed for obj in objects)
-            why = "no detection has what it needs (object_depth needs depth in the boxes)" if sure else (
-                f"of {len(objects)} possible objects none was seen often and surely enough"
-            )  # fmt: skip
-            raise InputError(f"index {empty[0]} stayed empty: {why}")
-        lack = (
-            "bearings told no distance"
-            if self._objects and not self._objects.geometry.with_depth
-            else "no detection had depth"
-        )
-        notes |= dict.fromkeys(f"index {name} is left out: {lack}" for name in empty)
-        return {name: index for name, index in copies.items() if name not in empty}
+    def _home_notes(self, with_grid: bool) -> Iterator[str]:
+        """What a user of the home should know about how it was made."""
+        yield from self._settings.get("doubts", ())
+        yield from self._notes
+        yield from self._conditions.notes()
+        yield from getattr(self.detector, "notes", ())
+        if not self._score_model.measured:
+            yield f"{self.detector.name} was never measured: how likely its objects are there is a sober guess"
+        if not with_grid:
+            yield "the recording has no depth: no occupancy grid, and so no goals; objects lie where bearings meet"
+        if self._blind:
+            yield f"{self._blind} frames without depth add nothing to a map that has depth"
 
     def _keep_photo(self, frame: Frame) -> None:
-        """Keep the photo of a frame that is one of the best views of something, and forget those that no longer are."""
+        """Keep the photo of a frame that is among the best views of an object, and drop those that no longer are."""
         wanted = self._objects.best_frames() if self._objects else set()
         if frame.index in wanted:
             from PIL import Image
@@ -265,37 +240,8 @@ class Mapper:
             **({} if cloud is None else {CLOUD: cloud}),
         }
 
-    def _looked(self) -> int:
-        return len(self._seen)
-
-
-def is_of(recording: Recording, world: str) -> bool:
-    """Whether a recording is a simulator's, as it says itself."""
-    return recording.truth is not None and recording.name.startswith(f"{world} ")
-
-
-def doubt(detector: Detector, recording: Recording) -> str | None:
-    """The line that says that a detector was not made for such a recording, None if it was, or if nobody knows."""
-    world = getattr(detector, "world", Detector.world)
-    if world == "" and is_of(recording, DOLLHOUSE):
-        return (
-            f"WRONG DETECTOR: {detector.name} knows photographs, and {recording.name} is rendered: the {DOLLHOUSE} has a "
-            "detector of its own, which fits; map again without --detector"
-        )
-    if not world or is_of(recording, world):
-        return None
-    return (
-        f"WRONG DETECTOR: {detector.name} knows only rendered pictures of the {world}, and {recording.name} is none of it: "
-        "trust nothing that it lists; map again without --detector"
-    )
-
-
-def _index(name: str, encoder: str | Encoder) -> SpatialIndex:
-    options = {"encoder": encoder} if plugins.takes("indexes", name, "encoder") else {}
-    return plugins.make("indexes", name, **options)
-
 
 def _key(frame: Frame) -> int:
-    """A number that tells frames apart: by pose and by pixels, not by index, so that a copy of a recording is known again."""
-    told = np.round(frame.world_from_camera, 4).tobytes() + np.ascontiguousarray(frame.rgb[::16, ::16]).tobytes()
-    return int.from_bytes(hashlib.blake2b(told, digest_size=8).digest(), "little", signed=True)
+    """A hash of a frame's pose and pixels, not of its index, so that a copy of a recording is recognised."""
+    content = np.round(frame.world_from_camera, 4).tobytes() + np.ascontiguousarray(frame.rgb[::16, ::16]).tobytes()
+    return int.from_bytes(hashlib.blake2b(content, digest_size=8).digest(), "little", signed=True)

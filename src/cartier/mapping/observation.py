@@ -39,21 +39,22 @@ class LiftedDetections(NamedTuple):
     colours: Array
 
 
-def lift(frame: Frame, boxes_xyxy: Array, masks: npt.NDArray[np.bool_] | None = None) -> LiftedDetections:
-    """Lift boxes (N, 4), in pixels, into space; the frame must have depth.
+def lift(
+    frame: Frame, depth_m: Array, boxes_xyxy: Array, masks: npt.NDArray[np.bool_] | None = None
+) -> LiftedDetections:
+    """Lift boxes (N, 4), in pixels, into space by the depth (H, W) of a frame.
 
     A box also shows what stands behind the object. The surface of the object is where its mask is; without a mask,
     where the depth lies within half the object's width or height of the near third of the middle of the box.
     """
-    assert frame.depth_m is not None
     n, camera = len(boxes_xyxy), frame.camera
-    height, width = frame.depth_m.shape
+    height, width = depth_m.shape
     part = (np.arange(GRID, dtype=np.float32) + np.float32(0.5)) / GRID
     x1, y1, x2, y2 = np.asarray(boxes_xyxy, np.float32).T[:, :, None]
     cols = np.clip(x1 + part * (x2 - x1), 0, width - 1).astype(np.intp)
     rows = np.clip(y1 + part * (y2 - y1), 0, height - 1).astype(np.intp)
     pixels = (rows[:, :, None] * width + cols[:, None, :]).reshape(n, GRID * GRID)
-    z = frame.depth_m.ravel()[pixels]
+    z = depth_m.ravel()[pixels]
     surface = z > 0  # NaN compares as False
     if masks is not None:
         surface &= masks.reshape(n, height * width)[np.arange(n)[:, None], pixels]

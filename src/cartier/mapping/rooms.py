@@ -14,13 +14,11 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
+from cartier.mapping.config import DEFAULT_CONFIG, RoomsConfig
 from cartier.types import FREE, OCCUPIED, UNKNOWN, Array, MapObject, OccupancyGrid, Room
 
 BELOW_M = 0.15  # under the highest that is seen: what reaches so high is a wall, a lintel, or stands before one
-LOW_M = 1.2  # nothing lower is one
-DOOR_M = 1.1  # a narrower passage parts two rooms
-LEAST_M2 = 1.0  # a smaller room is a corner of its neighbour,
-SEEN_M2 = 0.4  # unless it has none: so much is seen through a doorway of a room that nobody entered
+SEEN_M2 = 0.4  # least floor of a room without a neighbour, which nobody entered and a doorway shows
 OPEN = 0.25  # of a room's floor at least that is free, else it is the inside of a cupboard
 HOLE_M2, GAP_M = 2.0, 0.6  # unknown floor of this size inside of a home, or between what is known, is floor as well
 STEPS_M = np.arange(0.1, 0.65, 0.05)  # from an object towards who sees it
@@ -45,9 +43,11 @@ TELLING: Mapping[str, Mapping[str, int]] = {
 """How much each thing tells about the room that it stands in."""
 
 
-def find_rooms(grid: OccupancyGrid, objects: Sequence[MapObject]) -> tuple[Room, ...]:
+def find_rooms(
+    grid: OccupancyGrid, objects: Sequence[MapObject], config: RoomsConfig = DEFAULT_CONFIG.rooms
+) -> tuple[Room, ...]:
     """The rooms of a floor plan, the largest first, each named after its kind; those of one kind are numbered."""
-    places = _segmented(grid)
+    places = _segmented(grid, config)
     sizes = np.bincount(places.ravel())[1:]
     order = np.argsort(-sizes, kind="stable")[: int((sizes > 0).sum())] + 1
     unnamed = [
@@ -110,12 +110,12 @@ def _at(places: npt.NDArray[np.int32], cells: Array) -> npt.NDArray[np.int32]:
     return np.asarray(np.where(inside, places[row, col], 0), np.int32)
 
 
-def _segmented(grid: OccupancyGrid) -> npt.NDArray[np.int32]:
+def _segmented(grid: OccupancyGrid, config: RoomsConfig) -> npt.NDArray[np.int32]:
     """The number of each cell's room (rows, cols), 0 for none."""
     from scipy import ndimage
 
-    cell_m2, margin = grid.resolution_m**2, DOOR_M / 2 / grid.resolution_m
-    wall = _walls(grid)
+    cell_m2, margin = grid.resolution_m**2, config.door_width_m / 2 / grid.resolution_m
+    wall = _walls(grid, config.min_wall_height_m)
     floor = ~wall & _seen(grid, wall)
     wide = floor & (np.asarray(ndimage.distance_transform_edt(~wall)) > margin)  # what nobody saw makes nothing narrow
     reached = np.asarray(ndimage.distance_transform_edt(~wide)) <= margin + 1 if wide.any() else wide
@@ -123,14 +123,14 @@ def _segmented(grid: OccupancyGrid) -> npt.NDArray[np.int32]:
     narrow, _ = ndimage.label(floor & ~reached)  # corridors, doorways, and what one sees of a room from outside
     some = np.flatnonzero(np.bincount(narrow.ravel()) * cell_m2 >= SEEN_M2)
     cores = np.where((narrow > 0) & np.isin(narrow, some), narrow + count, cores)
-    return _without_corners(_grown(np.asarray(cores, np.int32), floor), grid)
+    return _without_corners(_grown(np.asarray(cores, np.int32), floor), grid, config.min_area_m2)
 
 
-def _walls(grid: OccupancyGrid) -> npt.NDArray[np.bool_]:
+def _walls(grid: OccupancyGrid, min_height_m: float) -> npt.NDArray[np.bool_]:
     """Walls and lintels: what is nearly as high as the highest that was seen."""
     heights = grid.height_m[grid.cells == OCCUPIED]
     highest = float(np.quantile(heights.astype(np.float32), 0.95)) if len(heights) else np.inf
-    return np.asarray(grid.height_m >= max(highest - BELOW_M, LOW_M), bool)
+    return np.asarray(grid.height_m >= max(highest - BELOW_M, min_height_m), bool)
 
 
 def _seen(grid: OccupancyGrid, wall: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
@@ -158,7 +158,7 @@ def _grown(places: npt.NDArray[np.int32], floor: npt.NDArray[np.bool_]) -> npt.N
         empty &= ~new
 
 
-def _without_corners(places: npt.NDArray[np.int32], grid: OccupancyGrid) -> npt.NDArray[np.int32]:
+def _without_corners(places: npt.NDArray[np.int32], grid: OccupancyGrid, min_area_m2: float) -> npt.NDArray[np.int32]:
     """What is too small to be a room, or shows too little free floor, goes to the neighbour that it touches most."""
     from scipy import ndimage
 
@@ -166,7 +166,7 @@ def _without_corners(places: npt.NDArray[np.int32], grid: OccupancyGrid) -> npt.
     for number in np.argsort(sizes, kind="stable"):
         mine = places == number
         area, open_floor = mine.sum() * grid.resolution_m**2, (grid.cells[mine] == FREE).sum() >= OPEN * mine.sum()
-        if number == 0 or not area or (area >= LEAST_M2 and open_floor):
+        if number == 0 or not area or (area >= min_area_m2 and open_floor):
             continue
         touching = np.bincount(places[ndimage.binary_dilation(mine) & ~mine], minlength=len(sizes))
         touching[0] = 0
