@@ -2,6 +2,7 @@
 
 from cartier.errors import BackendError, CartierError, InputError, MissingExtra, ReasonerError
 from cartier.home import Home
+from cartier.mapping.config import MappingConfig
 from cartier.mapping.mapper import Mapper
 from cartier.pipeline import ask, map_home
 from cartier.plugins import make, open_recording
@@ -37,6 +38,7 @@ __all__ = [
     "Inventory",
     "MapObject",
     "Mapper",
+    "MappingConfig",
     "MissingExtra",
     "OccupancyGrid",
     "Place",

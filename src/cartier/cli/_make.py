@@ -124,7 +124,7 @@ def map_command(
     config: Annotated[
         Path | None,
         typer.Option(
-            metavar="FILE.toml", help="Numbers of the mapping that differ from the defaults (docs/mapping.md)."
+            metavar="FILE.toml", help="Numbers of the mapping that differ from the defaults, by section; docs/design.md names them."
         ),
     ] = None,
     as_json: AsJson = False,

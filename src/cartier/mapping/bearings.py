@@ -119,8 +119,7 @@ def _projected(columns: Columns, frame: Frame) -> tuple[Array, Array]:
 
 
 def _likelihoods(boxes_xyxy: Array, centres: Array, sizes: Array, frame: Frame) -> Array:
-    """Likelihood (n, m, 48), 1 at best, of boxes (n, 4) by the ``centres`` and ``sizes`` (1, m, 48, 2) of each
-    distance."""
+    """Likelihood (n, m, 48), 1 at best, of boxes (n, 4) by ``centres`` and ``sizes`` (1, m, 48, 2) at each distance."""
     middle, size = (boxes_xyxy[:, :2] + boxes_xyxy[:, 2:]) / 2, boxes_xyxy[:, 2:] - boxes_xyxy[:, :2]
     middle, size = middle[:, None, None], size[:, None, None]
     off = np.square((centres - middle) / (POSITION_SIGMA * np.maximum(size, sizes))).sum(3)

@@ -28,7 +28,8 @@ COLUMNS: ColumnKinds = {
     "id": ((), "i8"), "points": ((SURFACE_POINTS, 3), "f4"), "box_min": ((3,), "f8"), "box_max": ((3,), "f8"),
     "extent_min": ((3,), "f8"), "extent_max": ((3,), "f8"), "label_votes": ((LABELS_KEPT,), "i2"),
     "label_weights": ((LABELS_KEPT,), "f4"), "n_detected": ((), "i4"), "n_observable": ((), "i4"),
-    "first_s": ((), "f8"), "last_s": ((), "f8"), "looked_s": ((), "f8"), "widest_rad": ((), "f4"), "observable": ((VIEWPOINT_BINS,), "f4"),
+    "first_s": ((), "f8"), "last_s": ((), "f8"), "looked_s": ((), "f8"), "widest_rad": ((), "f4"),
+    "observable": ((VIEWPOINT_BINS,), "f4"),
     "detected": ((VIEWPOINT_BINS,), "f4"), "views": ((VIEWS_KEPT,), VIEW_KIND), "colours": ((len(COLOURS),), "f4"),
     "changed": ((), "?"),
 }  # fmt: skip

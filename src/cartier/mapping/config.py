@@ -51,8 +51,7 @@ class AssociationConfig(_Section):
     bearing_threshold: float = bounded(0.4, 0.0, 1.0)
     """The same without depth, where a score is a likelihood. By hand."""
     label_weight: float = bounded(0.35, 0.0, 1.0)
-    """What an equal label adds to a score. More: neighbours of other labels are confused less, and a wrong label
-    splits an object sooner. By hand."""
+    """What an equal label adds to a score. More: wrong labels split objects, neighbours are confused less. By hand."""
     duplicate_iou: float = bounded(0.7, 0.0, 1.0)
     """Overlap in the image from which boxes of any labels are of one object. More: more duplicates stay. By hand."""
 
@@ -64,8 +63,7 @@ class ExistenceConfig(_Section):
     confirmed_probability: float = bounded(0.7, 0.0, 1.0)
     """Probability from which an object is listed. More: fewer false positives, more objects missed. By hand."""
     min_in_view_share: float = bounded(0.7, 0.0, 1.0)
-    """Share of the surface that must lie in the image for a frame to count as observable. More: less evidence against
-    objects at the edge of the image. By hand."""
+    """Share of the surface in the image from which a frame is observable. More: less evidence at its edges. By hand."""
     min_visible_share: float = bounded(0.5, 0.0, 1.0)
     """Share of the surface that depth must show in place. More: less evidence against what is half hidden. By hand."""
     min_angle_rad: float = bounded(0.03, 0.0, 1.0)
@@ -99,8 +97,7 @@ class MergingConfig(_Section):
     other_label_iou: float = bounded(0.55, 0.0, 1.0)
     """The same for two objects of different labels. More: less merging. By hand."""
     max_fragment_ratio: float = bounded(1.1, 0.0, 10.0)
-    """Two fragments are one object if their union is at most so many times the usual size of the label. More: more
-    merging, also of neighbours. By hand."""
+    """Two fragments whose union is at most so many usual sizes of the label are one. More: more merging. By hand."""
     prune_max_detected: int = bounded(2, 0, 10_000)
     """Objects detected at most so often are pruned. More: fewer false positives, more rare objects lost. By hand."""
     prune_min_observable: int = bounded(30, 1, 10_000)
@@ -131,13 +128,11 @@ class OccupancyConfig(_Section):
     band_top_m: float = bounded(1.5, 0.1, 5.0)
     """What hangs higher is no obstacle. More: tables under lamps and open doors may block. Above a usual robot."""
     range_m: float = bounded(5.0, 0.5, 100.0)
-    """Depth beyond this is not used. More: larger plans from few frames, with more noise. Range of usual depth
-    cameras."""
+    """Depth beyond this is not used. More: larger plans from few frames, more noise. Range of usual depth cameras."""
     min_points: int = bounded(2, 1, 1000)
     """Points in a cell and frame that count. More: fewer flying pixels, small obstacles missed. By hand."""
     free_beats_occupied: int = bounded(4, 1, 1000)
-    """A cell is free if its floor was seen in so many frames for each frame that saw an obstacle. More: moved
-    furniture stays in the plan longer. By hand."""
+    """Frames that show floor, per frame with an obstacle, that free a cell. More: moved furniture stays. By hand."""
 
 
 @dataclass(frozen=True)
@@ -217,8 +212,8 @@ def config_for(given: MappingConfig | None, onto: Home | None) -> MappingConfig:
         name, value = next(iter(values.items()))
         kept = getattr(getattr(stored, section), name)
         raise InputError(
-            f"{onto.name} was mapped with {section}.{name} = {kept:g}, not {value:g}: leave the configuration out, or map "
-            "it again"
+            f"{onto.name} was mapped with {section}.{name} = {kept:g}, not {value:g}: leave the configuration out, or "
+            "map it again"
         )
     return stored
 

@@ -17,12 +17,12 @@ def domain_warning(detector: Detector, recording: Recording) -> str | None:
     world = getattr(detector, "world", Detector.world)
     if world == "" and is_from_world(recording, DOLLHOUSE):
         return (
-            f"WRONG DETECTOR: {detector.name} knows photographs, and {recording.name} is rendered: the {DOLLHOUSE} has a "
-            "detector of its own, which fits; map again without --detector"
+            f"WRONG DETECTOR: {detector.name} knows photographs, and {recording.name} is rendered: the {DOLLHOUSE} has "
+            "a detector of its own, which fits; map again without --detector"
         )
     if not world or is_from_world(recording, world):
         return None
     return (
-        f"WRONG DETECTOR: {detector.name} knows only rendered pictures of the {world}, and {recording.name} is none of it: "
-        "trust nothing that it lists; map again without --detector"
+        f"WRONG DETECTOR: {detector.name} knows only rendered pictures of the {world}, and {recording.name} is none of "
+        "it: trust nothing that it lists; map again without --detector"
     )

@@ -1,5 +1,4 @@
-"""Existence of mapped objects: the probability that each is real, from detected and observable frames by viewpoint
-bin."""
+"""Existence of mapped objects: the probability that each is real, by detections in the frames that could show it."""
 
 from __future__ import annotations
 
@@ -62,7 +61,7 @@ def update_existence(
     observable: npt.NDArray[np.bool_],
     config: ExistenceConfig,
 ) -> None:
-    """Count one frame: objects that were ``observable`` (n,) or detected with some of the ``weights`` (n,), in place."""
+    """Count a frame, in place: objects ``observable`` (n,) in it, or detected with positive ``weights`` (n,)."""
     rows = np.flatnonzero(observable | (weights > 0))
     centres = (columns["box_min"][rows] + columns["box_max"][rows]) / 2
     bins = viewpoint_bins(centres, frame.world_from_camera[:3, 3], config)

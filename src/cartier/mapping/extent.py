@@ -76,8 +76,7 @@ NewGeometry = Callable[[MappingConfig], Geometry]
 def smooth_box(
     columns: Columns, rows: Indices | int, observed: Mapping[str, Array], shrink: Array | float, config: ExtentConfig
 ) -> None:
-    """Move each side of objects' boxes towards the ``observed`` ones: outwards by the grow rate, inwards by
-    ``shrink``."""
+    """Move the sides of boxes towards ``observed`` ones: outwards by the grow rate, inwards by ``shrink``."""
     for side, outwards in SIDES.items():
         current = columns[side][rows]
         way = observed[side] - current
@@ -85,8 +84,7 @@ def smooth_box(
 
 
 def update_surface(columns: Columns, rows: Indices, points: Array) -> None:
-    """Renew surfaces from the ``points`` (k, K, 3) of a view: the first views fill them, a later one changes an
-    eighth."""
+    """Renew surfaces by the ``points`` (k, K, 3) of a view: the first views fill them, later ones change an eighth."""
     count = columns["n_detected"][rows, None]
     first, each = count % SURFACE_STRIDE, np.arange(SURFACE_POINTS)
     some = (each >= first) & ((each - first) % np.minimum(1 + count, SURFACE_STRIDE) == 0)

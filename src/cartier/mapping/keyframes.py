@@ -1,4 +1,4 @@
-"""Which frames a detector should see: those that show something new, and of those the sharp ones."""
+"""Keyframe selection: the frames that show a new view, and of those the sharp ones."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from cartier.mapping.occupancy import OccupancyMapper
 from cartier.mapping.prefetch import batch_size
 from cartier.types import Array, Frame
 
-NEAR_M = 1.0  # what is nearer than this moves more in the image, and less way makes another view
-STEP_M, STEP_RAD = 0.06, np.deg2rad(4)  # between two frames: no 30 Hz recording, and each of them is wanted
+NEAR_M = 1.0  # nearer surfaces move more in the image, and less way makes another view
+STEP_M, STEP_RAD = 0.06, np.deg2rad(4)  # from which frames are sparse, and each of them is a keyframe
 TRIED = 6  # pairs of frames for a forecast
 USUAL_WAY = 0.85  # between two keyframes, since the sharpest from half of the way on is taken
 HALF = 0.5  # of the way: from there on a frame may stand in for a blurred one
@@ -32,9 +32,10 @@ class Pose(NamedTuple):
 class Keyframes:
     """Picks frames as they come. At most one is kept waiting, the sharpest of those that would do.
 
-    A frame is another view once the camera moved by 15 cm (less where all is near) or turned by 10 degrees since the last
-    keyframe, so that five sixths of the view still overlap. Frames that lie far apart are all taken. ``every`` is a number of
-    frames instead: each ``every``-th is taken, whatever it shows. Raises InputError unless that is 1 or more.
+    A frame is another view once the camera moved by 15 cm (less where all is near) or turned by 10 degrees since the
+    last keyframe, so that five sixths of the view still overlap. Frames that lie far apart are all taken. ``every`` is
+    a number of frames instead: each ``every``-th is taken, whatever it shows. Raises InputError unless that is 1 or
+    more.
     """
 
     def __init__(self, every: int | None = None, config: KeyframesConfig = DEFAULT_CONFIG.keyframes) -> None:
@@ -47,7 +48,7 @@ class Keyframes:
         self._waiting: tuple[float, Frame, Pose] | None = None
 
     def push(self, frame: Frame) -> list[Frame]:
-        """The next frame of the recording; returns those to be looked at now, at most two, in their order."""
+        """Add the next frame of the recording; returns the keyframes decided by it, at most two, in order."""
         if self._every is not None:
             self._count += 1
             return [frame] if (self._count - 1) % self._every == 0 else []
@@ -90,7 +91,7 @@ def change(one: Pose, two: Pose, far_m: float, far_rad: float) -> float:
 
 
 def sharpness(rgb: Array) -> float:
-    """How much neighbouring pixels of an image (H, W, 3) differ: motion blur takes it away. To be compared within a recording."""
+    """Sharpness of an image (H, W, 3): how much neighbouring pixels differ; comparable within a recording only."""
     green = rgb[::2, ::2, 1].astype(np.float32)
     return (
         float(np.square(np.diff(green, axis=0)).mean() + np.square(np.diff(green, axis=1)).mean())
@@ -102,7 +103,7 @@ def sharpness(rgb: Array) -> float:
 def forecast(
     recording: Recording, detector: Detector, every: int | None = None, config: MappingConfig = DEFAULT_CONFIG
 ) -> tuple[int, float]:
-    """About how many frames of a recording will be looked at, and how many seconds mapping it will take, from a few of its frames."""
+    """Estimates, from a few frames, how many keyframes a recording has and how many seconds mapping it takes."""
     length, ways, floor = len(recording), [], OccupancyMapper(config.occupancy)
     far = config.keyframes.distance_m, np.deg2rad(config.keyframes.angle_deg)
     begin, sampled = time.perf_counter(), 0

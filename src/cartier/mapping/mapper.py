@@ -56,7 +56,7 @@ class Mapper:
         self.detector, self._onto, self._explicit = detector, onto, indexes is not None
         made_by = {"detector": detector.name, "detector_sha256": getattr(detector, "sha256", Detector.sha256)}
         self._score_model = getattr(detector, "score_model", Detector.score_model)
-        self._objects: ObjectMap | None = None  # with or without depth: the first frame tells
+        self._objects: ObjectMap | None = None  # the first frame decides: with or without depth
         self.config = config_for(config, onto)
         self._floor, self._cloud = OccupancyMapper(self.config.occupancy), CloudMapper()
         self._conditions = Conditions()
@@ -84,7 +84,8 @@ class Mapper:
         for what, mine in made_by.items():
             if home.settings.get(what) != mine:
                 raise InputError(
-                    f"{home.name} was mapped by {home.detector}, not by {self.detector.name}: add with the same detector"
+                    f"{home.name} was mapped by {home.detector}, not by {self.detector.name}: "
+                    "add with the same detector"
                 )
         self._settings, self._indexes = deepcopy(dict(home.settings)), deepcopy(dict(home.indexes))
         self._start_xy, self._camera, self._photos = home.start_xy, home.camera, dict(home.photos)
@@ -110,8 +111,8 @@ class Mapper:
         guessed = self._settings.get("scale_guessed") or getattr(recording, "scale_guessed", False)
         if guessed and not held and self._settings["recordings"]:
             raise InputError(
-                f"{recording.name} cannot be added: where a scale is a guess, two recordings do not fit together; let one "
-                "reconstruction have the pictures of both"
+                f"{recording.name} cannot be added: where a scale is a guess, two recordings do not fit together; let "
+                "one reconstruction have the pictures of both"
             )
         return held
 
@@ -126,7 +127,7 @@ class Mapper:
         return self.integrate_detections(frame, detections) if new else np.full(len(detections), -1)
 
     def integrate_depth(self, frame: Frame) -> bool:
-        """Integrate a frame into the floor plan; returns whether its detections are wanted: not if it was seen before."""
+        """Integrate a frame into the floor plan; returns whether its detections are needed: it is new to the map."""
         key, pose = _key(frame), frame.world_from_camera
         if key in self._seen:
             return False
@@ -145,7 +146,7 @@ class Mapper:
         return True
 
     def integrate_detections(self, frame: Frame, detections: Detections) -> npt.NDArray[np.int64]:
-        """Integrate the detections of a frame that ``integrate_depth`` took; returns their object ids (N,), -1 for none."""
+        """Integrate the detections of a frame after its depth; returns their object ids (N,), -1 for none."""
         assert self._objects is not None
         if self._next_frame:
             frame = replace(frame, index=frame.index + self._next_frame)
@@ -160,7 +161,7 @@ class Mapper:
         return ids
 
     def finish(self, recording: Recording, looked: int | None = None) -> None:
-        """End a recording: the next frames are of another. ``looked`` counts the frames with detections, by default all."""
+        """End a recording: the next frames are of another. ``looked`` counts the frames with detections, if not all."""
         made_of: dict[str, Any] = {
             "recording": recording.name, "sha256": recording.fingerprint(), "frames": len(recording),
             "looked": len(recording) if looked is None else looked,
@@ -196,8 +197,8 @@ class Mapper:
         notes = dict.fromkeys([*self._home_notes(grid is not None), *about_indexes])
         names = " + ".join(row["recording"] for row in self._settings["recordings"][:1]) or "live"
         return Home(
-            self._onto.name if self._onto else names, self.detector.name, self._camera, objects, indexes, grid, self._start_xy,
-            settings, rooms, self._evidence(objects), tuple(notes), self._growth(merged),
+            self._onto.name if self._onto else names, self.detector.name, self._camera, objects, indexes, grid,
+            self._start_xy, settings, rooms, self._evidence(objects), tuple(notes), self._growth(merged),
         )  # fmt: skip
 
     def _home_notes(self, with_grid: bool) -> Iterator[str]:

@@ -22,11 +22,11 @@ MIN_FRAGMENTED_M = 0.4  # nothing smaller is hidden by halves
 def merge_and_prune(
     columns: Columns, covisible: Mapping[tuple[int, int], int], geometry: Geometry, config: MergingConfig
 ) -> tuple[dict[int, int], Indices]:
-    """Merge objects that turn out to be one, in place, and find those to prune; objects seen since the last pass are
-    examined.
+    """Merge objects that turn out to be one, in place, and find those to prune.
 
-    ``covisible`` counts the frames that show two touching objects, by their ids, side by side: those stay two.
-    Returns the ids that were merged with the ids that they were merged into, and the rows to remove.
+    Only objects that changed since the last pass are compared. ``covisible`` counts the frames that show two touching
+    objects, by their ids, side by side: those stay two. Returns the ids that were merged with the ids that they were
+    merged into, and the rows to remove.
     """
     seen, ids = columns["n_detected"], columns["id"].tolist()
     merged, gone = dict[int, int](), set[int]()
@@ -61,8 +61,7 @@ def _one_object(columns: Columns, changed: Indices, config: MergingConfig) -> np
 def merge_fragments(
     columns: Columns, changed: Indices, names: npt.NDArray[np.integer], config: MergingConfig
 ) -> npt.NDArray[np.bool_]:
-    """Which pairs (k, n) make up one object of the usual size of their label, as what shows of a chair around a
-    table."""
+    """Which pairs (k, n) make up one object of their label's usual size: the parts of a chair around a table."""
     low, high, seen = columns["extent_min"], columns["extent_max"], columns["n_detected"]
     usual_m = np.zeros((len(names), 3))
     for name in np.unique(names[changed]):
@@ -86,7 +85,8 @@ def merge_pair(columns: Columns, keep: int, drop: int, geometry: Geometry) -> No
     """Add the evidence of one row to another, in place."""
     geometry.merge(columns, keep, drop)
     for name, better in (
-        ("observable", np.maximum), ("widest_rad", max), ("n_observable", max), ("last_s", max), ("looked_s", max), ("first_s", min),
+        ("observable", np.maximum), ("widest_rad", max), ("n_observable", max), ("last_s", max), ("looked_s", max),
+        ("first_s", min),
     ):  # fmt: skip
         columns[name][keep] = better(columns[name][keep], columns[name][drop])
     for name, limit in (

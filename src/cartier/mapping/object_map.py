@@ -102,8 +102,7 @@ class ObjectMap:
     def _associate(
         self, frame: Frame, boxes_xyxy: Array, lifted: LiftedDetections, label_ids: Indices, representative: Indices
     ) -> tuple[Indices, npt.NDArray[np.bool_]]:
-        """The row of the object of each detection (N,), -1 for none or a duplicate; and which objects (n,) were
-        observable."""
+        """The row of each detection's object (N,), -1 for none or a duplicate; which objects (n,) were observable."""
         columns, row = self.columns(), np.full(len(representative), -1)
         observable, expected_xyxy, candidates = self.geometry.predict(columns, frame)
         distinct = np.flatnonzero(representative == np.arange(len(representative)))

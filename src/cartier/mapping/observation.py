@@ -95,8 +95,7 @@ def lift(
 
 
 def colour_shares(rgb: npt.NDArray[np.uint8], pixels: npt.NDArray[np.intp], mask: npt.NDArray[np.bool_]) -> Array:
-    """Share (N, 11) of each named colour among the masked (N, K) ``pixels`` (N, K), flat indices into ``rgb`` (H, W,
-    3)."""
+    """Shares (N, 11) of the named colours among masked (N, K) ``pixels`` (N, K), flat indices into an image."""
     values = rgb.reshape(-1, 3)[pixels] >> 3
     index = (values[..., 0].astype(np.intp) * LEVELS + values[..., 1]) * LEVELS + values[..., 2]
     names = colour_table()[index] + np.arange(len(pixels))[:, None] * len(COLOURS)

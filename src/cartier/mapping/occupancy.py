@@ -1,9 +1,10 @@
-"""A floor plan from depth: free, occupied and unknown kept apart.
+"""Occupancy grid from depth: free, occupied and unknown cells of the floor plan.
 
-A cell is *occupied* where points were seen in the robot's height band, or through the floor, *free* where the floor was seen or where every
-ray down to knee height passed, and *unknown* otherwise. A ray that reads nothing, or passes below the floor, may have met
-black leather, glass or a stairwell: rays above it clear nothing from there on. Obstacles win over free space, unless the
-floor was seen far more often: a chair that was moved does not haunt the map, and neither does its height.
+A cell is *occupied* where points were seen in the robot's height band, or through the floor, *free* where the floor
+was seen or where every ray down to knee height passed, and *unknown* otherwise. A ray that reads nothing, or passes
+below the floor, may have met black leather, glass or a stairwell: rays above it clear nothing from there on. Obstacles
+win over free space, unless the floor was seen far more often: a chair that was moved does not haunt the map, and
+neither does its height.
 """
 
 from __future__ import annotations
@@ -23,13 +24,13 @@ from cartier.types import FREE, OCCUPIED, UNKNOWN, Frame, OccupancyGrid
 SIGHT_TOP_M = 2.2  # ceilings and door lintels are no obstacles to sight
 KNEE_M = 0.5  # rays clear a cell if everything from here up was seen to be empty; lower things must be seen to count
 STEP_M = 1.0  # the way between two camera positions closer than this was walked
-COLUMNS = 160  # image columns that are looked at: enough for a 5 cm grid, and cheap
+COLUMNS = 160  # image columns that are sampled: enough for a 5 cm grid, and cheap
 DROP_M = 0.3  # what lies so far below the floor is seen through a hole in it: stairs, a shaft
 MAX_SIDE_M = 200.0
 SMALL_M2 = 2500.0  # a map smaller than this grows on all sides at once, a larger one only where it must
 BINS = 720  # azimuth bins of half a degree
 BESIDE = 3  # bins to each side of a ray without a reading that it speaks for, too: about the width of a pixel near by
-LOOKS_THROUGH = 3  # frames that look through a top, without one that sees it, after which it is gone
+LOOKS_THROUGH = 3  # frames that see through a top, without one that sees it, after which it is gone
 SINK_M = 0.25  # and how far the height falls then
 THROUGH_M = 0.15  # how much farther than the top a ray must end to have passed through it
 
@@ -37,8 +38,8 @@ THROUGH_M = 0.15  # how much farther than the top a ray must end to have passed 
 class OccupancyMapper:
     """Grows a grid frame by frame. Memory depends on the area seen, not on the number of frames.
 
-    ``exact`` depth is a simulator's of a home in which nothing moves: no reading means that nothing is there, and heights
-    are the highest ever seen.
+    ``exact`` depth is a simulator's of a home in which nothing moves: no reading means that nothing is there, and
+    heights are the highest ever seen.
     """
 
     def __init__(self, config: OccupancyConfig = DEFAULT_CONFIG.occupancy, exact: bool = False) -> None:
@@ -174,9 +175,10 @@ class OccupancyMapper:
     def _sink(
         self, frame: Frame, points: npt.NDArray[np.floating], depth_m: npt.NDArray[np.float32], stride: int
     ) -> None:
-        """Lower the heights through whose tops this frame looks, between the camera and its points: what stood there is gone.
+        """Lower the heights of cells through whose tops this frame sees: the obstacle there is gone.
 
-        ``depth_m`` is every ``stride``-th pixel's. All pixels around a top must end beyond it, so that an edge is none.
+        ``depth_m`` is every ``stride``-th pixel's. All pixels around a top must end beyond it, so that an edge is
+        none.
         """
         rows, cols = self._cells(np.concatenate([frame.world_from_camera[None, :2, 3], points[:, :2]]))
         row, col = slice(rows.min(), rows.max() + 1), slice(cols.min(), cols.max() + 1)
@@ -212,7 +214,7 @@ class OccupancyMapper:
         if self.exact:
             np.maximum.at(heights, flat[tall], z[tall].astype(np.float16))
             return
-        # sorted by cell and millimetre; the second highest counts, for one point alone above the others is a flying pixel
+        # sorted by cell and millimetre; the second highest counts, as a single highest point may be a flying pixel
         order = np.sort(flat[tall] << 12 | (z[tall] * 1000).astype(np.int64))
         cells = order >> 12
         twice = cells[:-1] == cells[1:]
@@ -229,10 +231,11 @@ class OccupancyMapper:
     def _drop(
         self, frame: Frame, rays: npt.NDArray[np.float32], z: npt.NDArray[np.float32], stride: int
     ) -> npt.NDArray[np.float32]:
-        """Count the cells in which rays pass through the floor; and how far the floor is to be trusted, per azimuth bin.
+        """Count cells in which rays pass through the floor; returns how far the floor is reliable, per azimuth bin.
 
-        ``rays`` (N, 3) are points of the rays at 1 m in the camera's frame, ``z`` (N,) their depths. It is to be trusted up
-        to where the last ray met it before the first that reads nothing, or passes below it: (BINS,) m, infinite without one.
+        ``rays`` (N, 3) are points of the rays at 1 m in the camera's frame, ``z`` (N,) their depths. It is to be
+        trusted up to where the last ray met it before the first that reads nothing, or passes below it: (BINS,) m,
+        infinite without one.
         """
         turn, eye_m = frame.world_from_camera[:3, :3].astype(np.float32), np.float32(frame.world_from_camera[2, 3])
         if eye_m <= self.config.floor_m:  # the floor is not at z = 0
@@ -251,9 +254,10 @@ class OccupancyMapper:
         return np.asarray(np.minimum.reduce([np.roll(first, k) for k in range(-BESIDE, BESIDE + 1)]))
 
     def _cast(self, frame: Frame, points: npt.NDArray[np.floating], trusted: npt.NDArray[np.float32]) -> None:
-        """Free the cells that every ray from knee height up passed, per half degree of azimuth, up to the first obstacle.
+        """Free the cells that all rays from knee height up passed, per azimuth bin, up to the first obstacle.
 
-        ``trusted`` (BINS,) is how far off the floor is to be trusted; where no ray reads below the first that is lost, not at all.
+        ``trusted`` (BINS,) is how far off the floor is to be trusted; where no ray reads below the first that is lost,
+        not at all.
         """
         eye = frame.world_from_camera[:3, 3]
         offset = points[:, :2] - eye[:2].astype(np.float32)

@@ -1,8 +1,8 @@
-"""Rooms from a floor plan: walls and lintels part them, doorways are the narrow places between; what stands in a room says its kind.
+"""Room segmentation of a floor plan: walls and lintels divide it, doorways are narrow; objects give a room its kind.
 
-The narrow places are found by distance to the walls, as in "distance transform-based segmentation" (Bormann et al., Room
-segmentation: survey, implementation, and analysis, ICRA 2016), with furniture taken out first: what is lower than a person
-parts no rooms.
+The narrow places are found by distance to the walls, as in "distance transform-based segmentation" (Bormann et al.,
+Room segmentation: survey, implementation, and analysis, ICRA 2016), with furniture removed first: nothing lower than a
+person divides rooms.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy.typing as npt
 from cartier.mapping.config import DEFAULT_CONFIG, RoomsConfig
 from cartier.types import FREE, OCCUPIED, UNKNOWN, Array, MapObject, OccupancyGrid, Room
 
-BELOW_M = 0.15  # under the highest that is seen: what reaches so high is a wall, a lintel, or stands before one
+BELOW_M = 0.15  # below the highest obstacle: what reaches so high is a wall, a lintel, or furniture against a wall
 SEEN_M2 = 0.4  # least floor of a room without a neighbour, which nobody entered and a doorway shows
 OPEN = 0.25  # of a room's floor at least that is free, else it is the inside of a cupboard
 HOLE_M2, GAP_M = 2.0, 0.6  # unknown floor of this size inside of a home, or between what is known, is floor as well
@@ -25,22 +25,22 @@ STEPS_M = np.arange(0.1, 0.65, 0.05)  # from an object towards who sees it
 HALL, HALL_M2 = 2.2, 3.0  # a corridor is so many times as long as wide, and no mere sliver
 TELLING: Mapping[str, Mapping[str, int]] = {
     "bathroom": {
-        "toilet": 4, "bathtub": 4, "shower": 4, "shower door": 3, "shower head": 2, "shower curtain": 2, "sink": 1, "towel": 1,
-        "hand towel": 1, "toilet paper": 1, "toothbrush": 1,
+        "toilet": 4, "bathtub": 4, "shower": 4, "shower door": 3, "shower head": 2, "shower curtain": 2, "sink": 1,
+        "towel": 1, "hand towel": 1, "toilet paper": 1, "toothbrush": 1,
     },
     "kitchen": {
-        "fridge": 3, "refrigerator": 3, "stove": 3, "stove burner": 3, "oven": 3, "microwave": 2, "toaster": 1, "coffee machine": 1,
-        "kettle": 1, "dish sponge": 1, "sink": 1, "dishwasher": 3,
+        "fridge": 3, "refrigerator": 3, "stove": 3, "stove burner": 3, "oven": 3, "microwave": 2, "toaster": 1,
+        "coffee machine": 1, "kettle": 1, "dish sponge": 1, "sink": 1, "dishwasher": 3,
     },
     "bedroom": {"bed": 4, "wardrobe": 2, "dresser": 1, "pillow": 1, "alarm clock": 1, "nightstand": 1},
     "living room": {
-        "sofa": 3, "couch": 3, "television": 2, "tv": 2, "tv stand": 1, "arm chair": 1, "armchair": 1, "coffee table": 1,
-        "ottoman": 1, "fireplace": 2,
+        "sofa": 3, "couch": 3, "television": 2, "tv": 2, "tv stand": 1, "arm chair": 1, "armchair": 1,
+        "coffee table": 1, "ottoman": 1, "fireplace": 2,
     },
     "study": {"desk": 2, "desktop": 1, "laptop": 1, "monitor": 1, "keyboard": 1, "mouse": 1, "printer": 1},
     "dining room": {"dining table": 2},
 }  # fmt: skip
-"""How much each thing tells about the room that it stands in."""
+"""How much the label of an object is evidence for each kind of room."""
 
 
 def find_rooms(
@@ -68,15 +68,15 @@ def find_rooms(
 
 
 def room_of(obj: MapObject, grid: OccupancyGrid | None, rooms: Sequence[Room]) -> int | None:
-    """The id of the room in which an object is; of what hangs on a wall, that from which it is seen. None without rooms."""
+    """The id of an object's room; for an object on a wall, the room from which it is seen. None without rooms."""
     return rooms_of([obj], grid, rooms)[0]
 
 
 def rooms_of(objects: Sequence[MapObject], grid: OccupancyGrid | None, rooms: Sequence[Room]) -> list[int | None]:
     """``room_of`` of many objects, in a fraction of the time.
 
-    Each view votes for the first room that lies between the object's surface and the camera; where there is none, the room
-    nearest to the object is taken.
+    Each view votes for the first room that lies between the object's surface and the camera; where there is none, the
+    room nearest to the object is taken.
     """
     if grid is None or not rooms:
         return [None] * len(objects)
@@ -117,7 +117,9 @@ def _segmented(grid: OccupancyGrid, config: RoomsConfig) -> npt.NDArray[np.int32
     cell_m2, margin = grid.resolution_m**2, config.door_width_m / 2 / grid.resolution_m
     wall = _walls(grid, config.min_wall_height_m)
     floor = ~wall & _seen(grid, wall)
-    wide = floor & (np.asarray(ndimage.distance_transform_edt(~wall)) > margin)  # what nobody saw makes nothing narrow
+    wide = floor & (
+        np.asarray(ndimage.distance_transform_edt(~wall)) > margin
+    )  # unknown cells do not make a passage narrow
     reached = np.asarray(ndimage.distance_transform_edt(~wide)) <= margin + 1 if wide.any() else wide
     cores, count = ndimage.label(wide)
     narrow, _ = ndimage.label(floor & ~reached)  # corridors, doorways, and what one sees of a room from outside
