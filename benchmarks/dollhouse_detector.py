@@ -135,7 +135,7 @@ def index_of(recording: Recording | Kept, found: Sequence[Detections], score_mod
     objects, index = ObjectMap(score_model), plugins.make("indexes", "object_depth")
     for number, detections in enumerate(found):
         objects.add(recording[number], detections.keep(detections.scores >= score_model.zero_weight_score))
-    objects.tidy()
+    objects.merge_and_prune()
     index.set_objects(objects.objects())
     return index
 

@@ -194,7 +194,7 @@ def walked(name: str) -> tuple[OccupancyGrid, dict[str, Home]]:
     for key, of in maps.items():
         size = sum(map(len, of["every frame"].state().values())) / max(1, len(of["every frame"]))
         for made in of.values():
-            made.tidy()
+            made.merge_and_prune()
         listed = {turn: made.objects() for turn, made in of.items()}
         homes[key] = Home(list(objs), pixels[[t.id for t in objs]], listed, spent[key] / n * 1e3, size)
     grid = floor.grid()

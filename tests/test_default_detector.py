@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from cartier import plugins, specs
 from cartier.cli import app
 from cartier.home import Home
-from cartier.mapping.mapper import doubt, is_of
+from cartier.mapping.domain import domain_warning, is_from_world
 from cartier.pipeline import ask, map_home
 from cartier.recordings.folder import save
 from cartier.understanding.out_of_vocabulary import out_of_vocabulary_mention
@@ -46,7 +46,9 @@ def test_the_dollhouses_recordings_get_its_detector_and_all_others_the_photograp
     ):
         spec, why = specs.detector_for(named(name, truth))
         assert spec == "photos" and "photographs" in why
-    assert is_of(plugins.make("worlds", "dollhouse", width=64, height=48).explore("studio", max_frames=2), "dollhouse")
+    assert is_from_world(
+        plugins.make("worlds", "dollhouse", width=64, height=48).explore("studio", max_frames=2), "dollhouse"
+    )
 
 
 def test_map_says_which_detector_it_takes(tmp_path: Path) -> None:
@@ -65,11 +67,11 @@ def test_map_says_which_detector_it_takes(tmp_path: Path) -> None:
 def test_a_wrong_choice_is_told_by_map_and_show_and_ask(tmp_path: Path) -> None:
     flat = named("my flat", truth=False)
     detector = Dollhouse(THINGS)
-    told = doubt(detector, flat)
+    told = domain_warning(detector, flat)
     assert told is not None and told.startswith(
         "WRONG DETECTOR: a dollhouse detector (test) knows only rendered pictures"
     )
-    assert doubt(detector, named("dollhouse 7")) is None and doubt(TrueBoxes(THINGS), flat) is None
+    assert domain_warning(detector, named("dollhouse 7")) is None and domain_warning(TrueBoxes(THINGS), flat) is None
     map_home(flat, detector).save(tmp_path / "home")
     home = Home.load(tmp_path / "home")
     assert home.notes[0] == told and told in ask(home, "I would love to sit down").notes
@@ -84,14 +86,14 @@ def test_a_wrong_choice_is_told_by_map_and_show_and_ask(tmp_path: Path) -> None:
 def test_a_photograph_detector_is_told_of_the_dollhouses_own(tmp_path: Path) -> None:
     doll, flat = named("dollhouse studio"), named("my flat", truth=False)
     photos = plugins.make("detectors", "photos", threads=1)
-    told = doubt(photos, doll)
+    told = domain_warning(photos, doll)
     assert told is not None and "\n" not in told and told.startswith("WRONG DETECTOR: photos NanoDet")
     assert "the dollhouse has a detector of its own, which fits; map again without --detector" in told
-    assert doubt(photos, flat) is None and doubt(photos, named("ai2thor FloorPlan1")) is None
-    assert doubt(plugins.make("detectors", "embedded", threads=1), doll) is None
-    assert doubt(specs.detector("ground_truth", doll), doll) is None, "it was made for any simulator"
+    assert domain_warning(photos, flat) is None and domain_warning(photos, named("ai2thor FloorPlan1")) is None
+    assert domain_warning(plugins.make("detectors", "embedded", threads=1), doll) is None
+    assert domain_warning(specs.detector("ground_truth", doll), doll) is None, "it was made for any simulator"
     (tmp_path / "a.jsonl").write_text('{"frame": 0, "label": "cup", "score": 0.9, "xyxy": [0, 0, 5, 5]}\n')
-    assert doubt(specs.detector(str(tmp_path / "a.jsonl"), doll), doll) is None, "nobody knows what made it"
+    assert domain_warning(specs.detector(str(tmp_path / "a.jsonl"), doll), doll) is None, "nobody knows what made it"
 
 
 @pytest.mark.parametrize(

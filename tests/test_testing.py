@@ -143,9 +143,6 @@ class Index:
     def __init__(self, fault: str) -> None:
         self.fault, self.inner, self.state_given = fault, plugins.make("indexes", "object_depth"), {"a.json": b"{}"}
 
-    def add(self, frame: Frame, detections: Detections) -> None:
-        self.inner.add(frame, detections)
-
     def set_objects(self, objects: Any) -> None:
         self.inner.set_objects(objects)
 

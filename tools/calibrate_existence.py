@@ -18,7 +18,7 @@ from _detector_choice import on_walks
 from scipy.optimize import minimize
 
 from cartier.contracts import Recording
-from cartier.mapping.existence import probability
+from cartier.mapping.existence import posterior
 from cartier.mapping.object_map import ObjectMap
 from cartier.types import Array, DetectorScoreModel
 
@@ -29,6 +29,7 @@ STEPS = (1, 2, 4)  # every frame, every second, every fourth: a walk's density m
 STIFF = 0.02  # of a Gaussian prior on the logarithms of the Beta distributions' numbers
 FOLDS = 5
 MAX_FRAMES = 400
+LOG_ODDS = ("prior_log_odds", "best_view_log_odds", "log_odds_per_log_width")
 Evidence = tuple[Array, Array, Array, Array]
 """Of N objects: n_observable and reports per standpoint (N, 36), how wide each was seen (N,), whether it is there (N,)."""
 
@@ -47,10 +48,10 @@ def evidence(recording: Recording, detector: Any) -> list[Evidence]:
     objs = [obj for obj in recording.truth or () if obj.id in shown]
     rows = []
     for made in maps.values():
-        made.tidy()
+        made.merge_and_prune()
         objects = made.objects()
         real = one_to_one(objects, objs)
-        rows.append((*made.weighed(), np.array([i in real for i in range(len(objects))])))
+        rows.append((*made.evidence(), np.array([i in real for i in range(len(objects))])))
     return rows
 
 
@@ -59,8 +60,8 @@ def fit(homes: Sequence[Sequence[Evidence]], before: DetectorScoreModel) -> Dete
 
     def told(numbers: Array) -> DetectorScoreModel:
         there, not_there = (tuple(np.exp(pair).tolist()) for pair in (numbers[:2], numbers[2:4]))
-        prior, best, size = numbers[4:].tolist()
-        return replace(before, beta_true=there, beta_false=not_there, prior_log_odds=prior, best=best, size=size)
+        log_odds = dict(zip(LOG_ODDS, numbers[4:].tolist(), strict=True))
+        return replace(before, beta_true=there, beta_false=not_there, **log_odds)
 
     def fitted(chosen: Sequence[Sequence[Evidence]]) -> DetectorScoreModel:
         rows = [row for home in chosen for row in home]
@@ -68,18 +69,19 @@ def fit(homes: Sequence[Sequence[Evidence]], before: DetectorScoreModel) -> Dete
         def loss(numbers: Array) -> float:
             made, total = told(numbers), STIFF * float(np.sum(numbers[:4] ** 2))
             for tried, hits, widest, right in rows:
-                chance = np.clip(probability(tried, hits, widest, made), 1e-9, 1 - 1e-9)
+                chance = np.clip(posterior(tried, hits, widest, made), 1e-9, 1 - 1e-9)
                 total -= float(np.log(np.where(right, chance, 1 - chance)).sum())
             return total
 
-        start = np.array([*np.log([*before.there, *before.not_there]), before.prior, before.best, before.size])
+        betas = np.log([*before.beta_true, *before.beta_false])
+        start = np.array([*betas, *(getattr(before, name) for name in LOG_ODDS)])
         return told(minimize(loss, start, method="L-BFGS-B").x)
 
     guessed, true = [], []
     for fold in range(FOLDS):
         made = fitted([home for k, home in enumerate(homes) if k % FOLDS != fold])
         for tried, hits, widest, right in (row for home in homes[fold::FOLDS] for row in home):
-            guessed.append(probability(tried, hits, widest, made))
+            guessed.append(posterior(tried, hits, widest, made))
             true.append(right)
     chance, right = np.concatenate(guessed), np.concatenate(true).astype(float)
     tenth = np.minimum((chance * 10).astype(int), 9)

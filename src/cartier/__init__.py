@@ -3,6 +3,7 @@
 from cartier.contracts import Detector, Encoder, Reasoner, Recording, Robot, Searchable, SpatialIndex, World
 from cartier.errors import BackendError, CartierError, InputError, MissingExtra, ReasonerError
 from cartier.home import DetectionLog, Home, PointCloud, ProcessedFrame
+from cartier.mapping.config import MappingConfig
 from cartier.mapping.mapper import Mapper
 from cartier.pipeline import Conversation, ask, map_home
 from cartier.plugins import make, open_recording
@@ -45,6 +46,7 @@ __all__ = [
     "Inventory",
     "MapObject",
     "Mapper",
+    "MappingConfig",
     "MissingExtra",
     "OccupancyGrid",
     "Place",

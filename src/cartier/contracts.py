@@ -183,15 +183,6 @@ class SpatialIndex(Protocol):
     Its factory is ``make(…)``. One that needs features also takes ``encoder``, a name or an ``Encoder``.
     """
 
-    def add(self, frame: Frame, detections: Detections) -> None:
-        """Take in one more frame.
-
-        Args:
-            frame: The frame.
-            detections: Its detections with scores of at least the detector's threshold.
-        """
-        ...
-
     def set_objects(self, objects: Sequence[MapObject]) -> None:
         """Take in the objects of the map as they are now.
 
@@ -245,6 +236,20 @@ class IndexDefaults:
 
     encoder: str = ""
     """Which encoder made its features, and from what; empty without features."""
+
+
+@runtime_checkable
+class FrameIndex(Protocol):
+    """A spatial index that takes in every keyframe, such as one of image features; others need the objects alone."""
+
+    def add(self, frame: Frame, detections: Detections) -> None:
+        """Take in one more keyframe.
+
+        Args:
+            frame: The frame.
+            detections: Its detections with scores of at least the detector's threshold.
+        """
+        ...
 
 
 @runtime_checkable

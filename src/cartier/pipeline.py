@@ -20,6 +20,7 @@ from cartier.errors import BackendError, InputError
 from cartier.home import Home
 from cartier.labels import object_ref, room_ref
 from cartier.llm.prompts import check_query, recent
+from cartier.mapping.config import MappingConfig
 from cartier.mapping.detection_cache import cached
 from cartier.mapping.keyframes import Keyframes
 from cartier.mapping.mapper import Mapper
@@ -36,6 +37,7 @@ def map_home(
     *,
     encoder: str | Encoder = "embedded",
     onto: Home | None = None,
+    config: MappingConfig | None = None,
     every: int | None = None,
     resume: Path | None = None,
     progress: Callable[[int, int], None] | None = None,
@@ -50,6 +52,7 @@ def map_home(
         encoder: NAME, NAME:MODEL or an Encoder, for indices that need one.
         onto: A home to grow, mapped by the same detector; its indices and settings stay. A home that already holds the
             recording is returned as it is.
+        config: The numbers of the mapping; by default those of ``onto``, else ``MappingConfig()``.
         every: Run the detector on each ``every``-th frame (1 for all) instead of on keyframes, which show something
             new.
         resume: A file that keeps the detections of finished frames, so that a run that was killed can be continued.
@@ -71,10 +74,11 @@ def map_home(
     """
     if not len(recording):
         raise InputError(f"recording {recording.name} holds no frames")
-    mapper = Mapper(detector, indexes, encoder=encoder, onto=onto)
+    mapper = Mapper(detector, indexes, encoder=encoder, onto=onto, config=config)
     if onto is not None and mapper.contains(recording):
         return onto
-    keyframes, processed, waiting, batch = Keyframes(every), 0, list[Frame](), batch_size(detector, recording.camera)
+    keyframes, processed, waiting = Keyframes(every, mapper.config.keyframes), 0, list[Frame]()
+    batch = batch_size(detector, recording.camera)
     with cached(detector, resume, recording.fingerprint()) as detect:
         for done, frame in enumerate(prefetch(recording, batch), 1):
             waiting += keyframes.push(frame) if mapper.integrate_depth(frame) else []

@@ -11,7 +11,7 @@ from cartier.contracts import Detector, Reasoner, Recording, Robot
 from cartier.errors import InputError, brief
 from cartier.home import Home
 from cartier.llm.client import server_asked, without_credentials
-from cartier.mapping.mapper import DOLLHOUSE, is_of
+from cartier.mapping.domain import DOLLHOUSE, is_from_world
 from cartier.reasoners.auto import configured
 from cartier.types import RobotModel
 
@@ -23,7 +23,7 @@ PHOTOS = "photos"
 
 def detector_for(recording: Recording) -> tuple[str, str]:
     """The default detector for a recording, and why; it is never ground truth."""
-    if is_of(recording, DOLLHOUSE):
+    if is_from_world(recording, DOLLHOUSE):
         return DETECTOR, "since this is a recording of the dollhouse, whose objects it knows"
     return PHOTOS, "which knows household objects in photographs"
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cartier import plugins
-from cartier.contracts import SpatialIndex
+from cartier.contracts import FrameIndex, SpatialIndex
 from cartier.errors import BackendError, InputError
 from cartier.geometry import box_distance
 from cartier.mapping.object_map import ObjectMap
@@ -26,7 +26,8 @@ def built(name: str, with_depth: bool = True) -> tuple[SpatialIndex, tuple[MapOb
     objects = ObjectMap(detector.score_model)
     for number in range(len(recording)):
         detections = detector.detect(recording[number])
-        index.add(recording[number], detections)
+        if isinstance(index, FrameIndex):
+            index.add(recording[number], detections)
         objects.add(recording[number], detections)
     found = objects.objects()
     index.set_objects(found)
@@ -67,7 +68,8 @@ def test_the_largest_corrected_view_of_a_name_wins(name: str) -> None:
     recording, detector = type(walk())(poses, [near, far]), TrueBoxes([near, far])
     index, objects = plugins.make("indexes", name), ObjectMap(detector.score_model)
     for number in range(3):
-        index.add(recording[number], detector.detect(recording[number]))
+        if isinstance(index, FrameIndex):
+            index.add(recording[number], detector.detect(recording[number]))
         objects.add(recording[number], detector.detect(recording[number]))
     index.set_objects(objects.objects())
     place = index.locate("cup")

@@ -66,7 +66,8 @@ def test_a_large_home_gets_larger_voxels_and_no_more_points(monkeypatch: pytest.
 def test_the_largest_cloud_is_less_than_a_megabyte() -> None:
     noise = np.random.default_rng(0)
     grown = CloudMapper()
-    grown._points = np.column_stack([noise.uniform(-100, 100, (60_000, 3)), noise.uniform(0, 255, (60_000, 3)), noise.integers(1, 255, 60_000)]).astype(np.float32)  # fmt: skip
+    xyz, rgb = noise.uniform(-100, 100, (60_000, 3)), noise.uniform(0, 255, (60_000, 3))
+    grown._points = np.column_stack([xyz, rgb, noise.integers(1, 255, 60_000)]).astype(np.float32)
     data = grown.state()
     assert data is not None and len(data) < 1_000_000
 
@@ -120,8 +121,9 @@ def test_images_of_any_shape_are_taken(size: tuple[int, int]) -> None:
 @pytest.mark.parametrize(
     "change",
     [
-        {"xyz": None}, {"rgb": np.zeros((3, 3), np.uint8)}, {"weight": np.zeros(1, np.uint8)}, {"low_m": np.array([np.nan, 0, 0])}, {"low_m": np.array([1e300, 0, 0])},
-        {"side_m": np.array(np.inf)}, {"side_m": np.array([1, 2])}, {"xyz": np.zeros((0, 3), np.uint16)}, {"low_m": np.array(["x", "y", "z"])},
+        {"xyz": None}, {"rgb": np.zeros((3, 3), np.uint8)}, {"weight": np.zeros(1, np.uint8)},
+        {"low_m": np.array([np.nan, 0, 0])}, {"low_m": np.array([1e300, 0, 0])}, {"low_m": np.array(["x", "y", "z"])},
+        {"side_m": np.array(np.inf)}, {"side_m": np.array([1, 2])}, {"xyz": np.zeros((0, 3), np.uint16)},
     ],
 )  # fmt: skip
 def test_a_damaged_cloud_is_refused_in_one_line(change: dict[str, np.ndarray | None]) -> None:

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable, Sequence
 
 import numpy as np
 import pytest
 
 from cartier.errors import InputError
-from cartier.mapping.bearings import BearingMap
-from cartier.mapping.existence import probability
+from cartier.home.old_names import OLD_GROWTH
+from cartier.io.files import json_bytes, npz_bytes, read_npz
+from cartier.mapping.bearings import BearingGeometry
+from cartier.mapping.existence import posterior
+from cartier.mapping.extent import DepthGeometry, Geometry
 from cartier.mapping.object_map import ObjectMap
 from cartier.types import DetectorScoreModel, MapObject, TrueObject
 from synthetic import THINGS, RoomRecording, TrueBoxes, box, walk
@@ -21,7 +25,7 @@ def mapped(recording: RoomRecording, objects: Sequence[TrueObject] = THINGS, ord
     detector, made = TrueBoxes(objects), ObjectMap(TrueBoxes.score_model)
     for number in order or range(len(recording)):
         made.add(recording[number], detector.detect(recording[number]))
-    made.tidy()
+    made.merge_and_prune()
     return made
 
 
@@ -29,7 +33,7 @@ def told(objects: Iterable[MapObject]) -> list[tuple[str, bool]]:
     return sorted((obj.label, obj.confirmed) for obj in objects)
 
 
-def test_each_thing_is_one_object_where_it_is() -> None:
+def test_each_object_is_mapped_once() -> None:
     objects = mapped(walk()).objects()
     assert sorted(obj.label for obj in objects) == sorted(obj.label for obj in THINGS)
     for obj in objects:
@@ -39,7 +43,7 @@ def test_each_thing_is_one_object_where_it_is() -> None:
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_the_order_of_frames_and_seeing_them_twice_change_nothing(seed: int) -> None:
+def test_frame_order_and_repeats_change_nothing(seed: int) -> None:
     recording = walk()
     shuffled = np.random.default_rng(seed).permutation(len(recording)).tolist()
     once = told(mapped(recording).objects())
@@ -47,13 +51,13 @@ def test_the_order_of_frames_and_seeing_them_twice_change_nothing(seed: int) -> 
     assert told(mapped(recording, order=[*range(len(recording))] * 2).objects()) == once
 
 
-def test_two_alike_side_by_side_stay_two() -> None:
+def test_alike_neighbours_stay_two() -> None:
     recording = walk()
     both = RoomRecording(recording.poses, TWO_MUGS, name="two")
     assert [obj.label for obj in mapped(both, TWO_MUGS).objects()] == ["mug", "mug"]
 
 
-def test_a_chair_seen_from_both_sides_of_a_table_is_one() -> None:
+def test_fragments_of_a_chair_merge() -> None:
     """What shows of it never touches; but together it is as large as the other chairs, and no frame shows both."""
     whole = tuple(box(40 + k, "chair", (1.0 + k, 3.0, 0.0), (1.45 + k, 3.5, 0.9)) for k in range(3))
     front, back = (
@@ -68,11 +72,11 @@ def test_a_chair_seen_from_both_sides_of_a_table_is_one() -> None:
             seen = TrueBoxes(objs).detect(frame)
             shown[-1] += "chair" in seen.labels
             made.add(frame, seen)
-    made.tidy()
+    made.merge_and_prune()
     assert shown[0] and [obj.label for obj in made.objects()] == ["chair"] * 4
 
 
-def test_what_is_looked_at_and_not_seen_again_is_doubted() -> None:
+def test_missed_objects_become_less_likely() -> None:
     cautious = DetectorScoreModel(beta_true=(2.0, 1.0), beta_false=(0.3, 6.0), prior_log_odds=-1.0)
     detector, made, recording = TrueBoxes(THINGS), ObjectMap(cautious), walk()
     first = detector.detect(recording[0])
@@ -85,18 +89,18 @@ def test_what_is_looked_at_and_not_seen_again_is_doubted() -> None:
     assert all(obj.n_detected == 1 and obj.probability < at_once[obj.label] for obj in doubted)
 
 
-def test_many_frames_from_one_standpoint_are_hardly_more_than_one() -> None:
+def test_frames_from_one_viewpoint_count_little() -> None:
     cautious = DetectorScoreModel(beta_true=(2.0, 1.0), beta_false=(0.3, 6.0), prior_log_odds=-1.0)
     tried = np.zeros((2, 36), np.float32)
     tried[:, 0] = 1, 1000
-    few, many = probability(tried, tried, np.full(2, 0.1), cautious)
+    few, many = posterior(tried, tried, np.full(2, 0.1), cautious)
     assert many < 1 - (1 - few) / 6
 
 
-@pytest.mark.parametrize("kind", [ObjectMap, BearingMap])
-def test_the_state_goes_on_as_if_nothing_had_been(kind: type[ObjectMap]) -> None:
-    detector, recording = TrueBoxes(THINGS), walk(with_depth=kind is ObjectMap)
-    whole, half, rest = (kind(TrueBoxes.score_model) for _ in range(3))
+@pytest.mark.parametrize("geometry", [DepthGeometry, BearingGeometry])
+def test_restored_state_goes_on_as_before(geometry: type[Geometry]) -> None:
+    detector, recording = TrueBoxes(THINGS), walk(with_depth=geometry.with_depth)
+    whole, half, rest = (ObjectMap(TrueBoxes.score_model, geometry=geometry) for _ in range(3))
     for number in range(len(recording)):
         if number == 10:
             rest.restore(half.state())
@@ -105,10 +109,25 @@ def test_the_state_goes_on_as_if_nothing_had_been(kind: type[ObjectMap]) -> None
         (half if number < 10 else rest).add(frame, detector.detect(frame))
     assert rest.objects() == whole.objects()
     with pytest.raises(InputError, match="damaged"):
-        kind(TrueBoxes.score_model).restore(half.state() | {"object_map.json": b"{}"})
+        ObjectMap(TrueBoxes.score_model, geometry=geometry).restore(half.state() | {"object_map.json": b"{}"})
 
 
-def test_memory_is_that_of_the_objects() -> None:
+@pytest.mark.parametrize("geometry", [DepthGeometry, BearingGeometry])
+def test_state_of_cartier_0_1_0_loads(geometry: type[Geometry]) -> None:
+    detector, recording = TrueBoxes(THINGS), walk(with_depth=geometry.with_depth)
+    today, read = (ObjectMap(TrueBoxes.score_model, geometry=geometry) for _ in range(2))
+    for number in range(len(recording)):
+        today.add(recording[number], detector.detect(recording[number]))
+    state, old = today.state(), {new: old for old, new in OLD_GROWTH.items()}
+    arrays = {old.get(name, name): column for name, column in read_npz(state["object_map.npz"]).items()}
+    about = {old.get(name, name): part for name, part in json.loads(state["object_map.json"]).items()}
+    assert {"sightings", "chances", "tried", "hits", "low", "high", "reach_low", "reach_high"} <= arrays.keys()
+    assert "together" in about
+    read.restore({"object_map.npz": npz_bytes(**arrays), "object_map.json": json_bytes(about)})
+    assert read.objects() == today.objects() and read.state() == state
+
+
+def test_memory_depends_on_objects_only() -> None:
     recording = walk()
     once, often = (mapped(recording, order=[*range(len(recording))] * times) for times in (1, 10))
     sizes = [sum(map(len, made.state().values())) / len(made) for made in (once, often)]

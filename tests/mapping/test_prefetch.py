@@ -1,4 +1,4 @@
-"""Frames are read ahead in order, by as many threads as a recording allows, and detected in batches: the map is the same."""
+"""Prefetching: frames in order, by as many threads as a recording allows, and batches that give the same map."""
 
 from __future__ import annotations
 

@@ -85,7 +85,7 @@ def test_each_condition_is_one_line_and_good_frames_have_none(change: Callable[[
 
 def test_small_pictures_are_said_and_depth_is_not_needed() -> None:
     recording = walk(with_depth=False)
-    assert notes(list(recording)) == ["the pictures are small (160x120 px): small things are missed"]
+    assert notes(list(recording)) == ["the pictures are small (160x120 px): small objects are missed"]
     assert notes([]) == []
 
 
@@ -98,4 +98,4 @@ def test_a_long_recording_is_not_held() -> None:
 
 def test_a_map_says_it() -> None:
     home = map_home(walk(), TrueBoxes(THINGS))
-    assert "the pictures are small (160x120 px): small things are missed" in home.notes
+    assert "the pictures are small (160x120 px): small objects are missed" in home.notes

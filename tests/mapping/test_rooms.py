@@ -160,8 +160,9 @@ def test_many_at_once_are_as_one_by_one() -> None:
 @pytest.mark.parametrize(
     ("labels", "kind"),
     [
-        (["bed", "pillow", "desk"], "bedroom"), (["sofa", "television", "dining table"], "living room"), (["toilet", "sink"], "bathroom"),
-        (["stove", "fridge", "dining table"], "kitchen"), (["desk", "laptop"], "study"), (["dining table", "chair"], "dining room"),
+        (["bed", "pillow", "desk"], "bedroom"), (["sofa", "television", "dining table"], "living room"),
+        (["toilet", "sink"], "bathroom"), (["stove", "fridge", "dining table"], "kitchen"),
+        (["desk", "laptop"], "study"), (["dining table", "chair"], "dining room"),
         (["stove", "fridge", "bed"], "living room"), (["cup"], "room"), ([], "room"),
     ],
 )  # fmt: skip

@@ -103,6 +103,13 @@ def map_command(
     append: Annotated[
         bool, typer.Option("--append", help="Add to the home at HOME (same pose frame, same detector).")
     ] = False,
+    config: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE.toml",
+            help="Numbers of the mapping that differ from the defaults, by section; docs/design.md names them.",
+        ),
+    ] = None,
     as_json: AsJson = False,
     reader: dict[str, Any] = NOTHING,
 ) -> None:
@@ -112,18 +119,20 @@ def map_command(
     """
     from cartier.home import Home
     from cartier.io.atomic import locked
+    from cartier.mapping.config import config_for, read_config
+    from cartier.mapping.domain import domain_warning
     from cartier.mapping.keyframes import Keyframes, forecast
-    from cartier.mapping.mapper import doubt
     from cartier.pipeline import map_home
 
     if all_frames and every is not None:
         raise InputError("--all and --every exclude each other")
     every = 1 if all_frames else every
     Keyframes(every)  # refuses an invalid number before any work
+    settings = read_config(config) if config else None
     source = plugins.open_recording(recording, **reader)
     chosen, why = specs.detector_for(source) if detector is None else (detector, "")
     detects = specs.detector(chosen, source, threshold=threshold, vocabulary=vocabulary)
-    first = [*source.notes, *(line for line in (doubt(detects, source),) if line)]
+    first = [*source.notes, *(line for line in (domain_warning(detects, source),) if line)]
     for note in first:
         say(note)
     if detector is None:
@@ -132,12 +141,14 @@ def map_command(
     unfinished = output.parent / f".{output.name}.unfinished.jsonl"
     with locked(output, wait_s=A_DAY_S, told=say):
         onto = Home.load(output) if append else None
-        count, seconds = forecast(source, detects, every) if len(source) else (0, 0.0)
+        settings = config_for(settings, onto)
+        count, seconds = forecast(source, detects, every, settings) if len(source) else (0, 0.0)
         say(f"about {count} of {len(source)} frames to process, in about {duration(seconds)}")
         with progress("mapping") as step:
             home = map_home(
-                source, detects, names, encoder=encoder, onto=onto, every=every, resume=unfinished, progress=step
-            )
+                source, detects, names, encoder=encoder, onto=onto, config=settings, every=every, resume=unfinished,
+                progress=step,
+            )  # fmt: skip
         if home is onto:
             say(f"{source.name} is in {output} already: nothing was added")
         home.save(output)

@@ -55,13 +55,15 @@ class DetectionLog:
             objects: (N,) int64, the id of the object that each was associated with, -1 for none.
         """
         best = np.argsort(-detections.scores, kind="stable")[:MAX_DETECTIONS]
-        kept = detections.keep(best)
         limits = np.iinfo(np.int16)
         self._frames.append(detections.frame)
-        self._counts.append(len(kept))
-        self._boxes.frombytes(np.rint(kept.boxes_xyxy).clip(limits.min, limits.max).astype(np.int16).tobytes())
-        self._scores.frombytes(kept.scores.tobytes())
-        self._labels.extend(self._names.setdefault(name[:MAX_LABEL_CHARS], len(self._names)) for name in kept.labels)
+        self._counts.append(len(best))
+        self._boxes.frombytes(
+            np.rint(detections.boxes_xyxy[best]).clip(limits.min, limits.max).astype(np.int16).tobytes()
+        )
+        self._scores.frombytes(detections.scores[best].tobytes())
+        names = (detections.labels[k][:MAX_LABEL_CHARS] for k in best)
+        self._labels.extend(self._names.setdefault(name, len(self._names)) for name in names)
         self._objects.frombytes(objects[best].astype(np.int32).tobytes())
         if len(self._scores) > MAX_BOXES:
             self._thin()

@@ -15,6 +15,7 @@ from cartier.errors import InputError
 from cartier.home import corrections
 from cartier.home.data import HomeData
 from cartier.home.map_server import grid_from, pgm, yaml
+from cartier.home.old_names import OLD_OBJECTS
 from cartier.home.store import Store, blob_file, digest_of
 from cartier.io.files import json_bytes, npz_bytes, parse_json, read_npz, typed
 from cartier.types import Camera, MapObject, OccupancyGrid, Room
@@ -22,7 +23,7 @@ from cartier.types import Camera, MapObject, OccupancyGrid, Room
 Key = TypeVar("Key", int, str)
 AnyHome = TypeVar("AnyHome", bound=HomeData)
 SCHEMA = 2
-OLD_FIELDS = {"sightings": "n_detected", "chances": "n_observable"}
+
 """Fields of an object that cartier 0.1.0 wrote under another name."""
 MAX_ATTEMPTS = 5  # to read a home while other processes replace it
 GROWTH, PHOTOS, INDEXES = "growth/", "photos/", "indexes/"
@@ -141,7 +142,7 @@ class _Blobs(Mapping[Key, bytes]):
 
 def _renamed(row: Any) -> Any:
     """A row of objects.json with today's field names."""
-    return {OLD_FIELDS.get(name, name): value for name, value in row.items()} if isinstance(row, dict) else row
+    return {OLD_OBJECTS.get(name, name): value for name, value in row.items()} if isinstance(row, dict) else row
 
 
 def _floor(store: Store, about: Mapping[str, Any]) -> tuple[OccupancyGrid | None, tuple[Room, ...]]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 
-from cartier.types import Detections, Frame, MapObject, Place, View
+from cartier.types import MapObject, Place, View
 
 
 class Objects(ABC):
@@ -20,9 +20,6 @@ class Objects(ABC):
     @abstractmethod
     def place(self, obj: MapObject, view: View) -> Place | None:
         """The place that a view of an object gives, or None if it gives none."""
-
-    def add(self, frame: Frame, detections: Detections) -> None:  # noqa: B027
-        """Nothing to do: the objects come with their views."""
 
     def locate_object(self, obj: MapObject) -> Place | None:
         """The place that the largest view of this very object gives."""

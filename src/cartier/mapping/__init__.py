@@ -1,1 +1,1 @@
-"""From frames to a map: the floor plan, which way is up, and detections that were computed before."""
+"""From frames to a map: objects, floor plan, rooms, gravity, and the checks of a recording."""

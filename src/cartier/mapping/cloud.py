@@ -1,4 +1,4 @@
-"""A coloured point cloud from depth, thinned to one point for each voxel: to be looked at, not to be measured on.
+"""Coloured point cloud from depth, thinned to one point per voxel: for display, not for measurement.
 
 Points above door height are left out, so that no ceiling hides the room below it.
 """
@@ -17,8 +17,8 @@ from cartier.types import Frame
 
 ROOMY = 0.9  # of as many points as may be, so many are left when voxels get larger
 LOW_M, HIGH_M = -0.5, 2.2  # heights that are kept
-RANGE_M = 5.0  # depth cameras tell little beyond
-COLUMNS = 40  # image columns that are looked at in one frame; other frames look at others
+RANGE_M = 5.0  # depth beyond is too noisy
+COLUMNS = 40  # image columns that are sampled in one frame; other frames sample others
 FLYING = 0.05  # a pixel whose neighbour's depth differs by more of its own lies on an edge
 PENDING = 150_000  # samples that wait until they are merged all at once
 MAX_WEIGHT = 255
@@ -98,7 +98,8 @@ class CloudMapper:
         points = self._points
         low = np.floor(points[:, :3].min(0) / self.side_m) * self.side_m  # so that a restored cloud has the same voxels
         return npz_bytes(
-            xyz=np.round((points[:, :3] - low) / STEP_M).astype(np.uint16), rgb=np.round(points[:, 3:6]).astype(np.uint8),
+            xyz=np.round((points[:, :3] - low) / STEP_M).astype(np.uint16),
+            rgb=np.round(points[:, 3:6]).astype(np.uint8),
             weight=points[:, 6].astype(np.uint8), low_m=self._origin + low, side_m=np.array(self.side_m),
         )  # fmt: skip
 

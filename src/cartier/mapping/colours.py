@@ -1,4 +1,4 @@
-"""The colours of objects by the eleven names that people use (Berlin and Kay 1969), from the pixels of their surfaces."""
+"""Colour naming: the eleven basic colour terms (Berlin and Kay 1969) of RGB values and of objects' surfaces."""
 
 from __future__ import annotations
 
@@ -11,32 +11,25 @@ from cartier.types import Array
 
 COLOURS = ("black", "grey", "white", "red", "orange", "yellow", "green", "blue", "purple", "pink", "brown")
 LEVELS = 32  # per channel of the table
-SHARE = 0.12  # of the surface under which a colour goes unnamed
-MOST = 3  # colours that are named
-
-
-def colour_shares(rgb: npt.NDArray[np.uint8], pixels: npt.NDArray[np.intp], own: npt.NDArray[np.bool_]) -> Array:
-    """For N objects the share (N, 11) of each colour among their ``own`` (N, K) of the ``pixels`` (N, K), flat into ``rgb`` (H, W, 3)."""
-    values = rgb.reshape(-1, 3)[pixels] >> 3
-    index = (values[..., 0].astype(np.intp) * LEVELS + values[..., 1]) * LEVELS + values[..., 2]
-    names = _table()[index] + np.arange(len(pixels))[:, None] * len(COLOURS)
-    counts = np.bincount(names[own], minlength=len(pixels) * len(COLOURS)).reshape(len(pixels), len(COLOURS))
-    return np.asarray(counts / np.maximum(counts.sum(1, keepdims=True), 1))
+MIN_NAMED_SHARE = 0.12  # of the surface; colours with less are not named
+MAX_NAMED = 3  # colours
 
 
 def named_shares(weights: Array) -> tuple[tuple[str, float], ...]:
-    """The colours (name, share) that make up an object, the largest first; () where no pixel was seen."""
+    """The main colours (name, share) of an object by their weights (11,), largest first; () without any."""
     total = float(weights.sum())
     if total <= 0:
         return ()
     shares = weights / total
-    largest = [int(i) for i in np.argsort(-shares, kind="stable")[:MOST]]
-    return tuple((COLOURS[i], round(float(shares[i]), 3)) for i in largest if shares[i] >= SHARE or i == largest[0])
+    largest = [int(i) for i in np.argsort(-shares, kind="stable")[:MAX_NAMED]]
+    return tuple(
+        (COLOURS[i], round(float(shares[i]), 3)) for i in largest if shares[i] >= MIN_NAMED_SHARE or i == largest[0]
+    )
 
 
 @cache
-def _table() -> npt.NDArray[np.uint8]:
-    """The colour's number for each of 32 x 32 x 32 values of red, green and blue, by hue, chroma and lightness in CIE L*a*b*."""
+def colour_table() -> npt.NDArray[np.uint8]:
+    """The number of the colour of each of 32 x 32 x 32 RGB values, by hue, chroma and lightness in CIE L*a*b*."""
     level = (np.arange(LEVELS) + 0.5) / LEVELS
     srgb = np.stack(np.meshgrid(level, level, level, indexing="ij"), -1).reshape(-1, 3)
     linear = np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)

@@ -1,4 +1,4 @@
-"""Detections of finished frames, kept in a file, so that a mapping that was killed does not detect twice."""
+"""Detection cache: the detections of finished frames in a file, so that a run that was killed need not repeat them."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ def detecting(detector: Detector) -> Detect:
 
 @contextmanager
 def cached(detector: Detector, file: Path | None, fingerprint: str) -> Iterator[Detect]:
-    """``detector.detect_batch`` that keeps its boxes in a JSON-lines file, if one is named, and takes finished frames from there.
+    """``detector.detect_batch`` with a JSON-lines file, if one is named, from which it takes the frames that are done.
 
-    ``fingerprint`` is the recording's; the detections of another one, or of another detector, are not taken.
+    ``fingerprint`` is the recording's; detections of another recording or another detector are not used.
     """
     if file is None:
         yield detecting(detector)

@@ -1,7 +1,8 @@
-"""Whether poses drift: surfaces of an early and a late part of a recording that lie on each other only once one part is moved.
+"""Pose drift: surfaces of an early and a late part of a recording that coincide only after one part is moved.
 
-Oriented surface points are registered, point to plane (Chen and Medioni, Object modelling by registration of multiple range
-images, 1992), by a turn about z and a shift: the poses are level already. Normals tell the two sides of a wall apart.
+Oriented surface points are registered, point to plane (Chen and Medioni, Object modelling by registration of multiple
+range images, 1992), by a turn about z and a shift: the poses are level already. Normals tell the two sides of a wall
+apart.
 """
 
 from __future__ import annotations
@@ -19,10 +20,10 @@ REACHES_M = (1.0, 1.0, 0.7, 0.7, 0.5, 0.5, 0.35, 0.35, 0.25, 0.25, 0.2, 0.15, 0.
 NORMAL_M = 0.5  # what it costs a pair of points, per unit, that their normals differ
 ALIKE = 0.8  # least cosine of the normals of one surface
 BESIDE_M, APART_M = 0.15, 0.05  # two points lie on one surface: so near, and so flat
-DAMPING = 1e-2  # of the mean curvature: along a bare wall nothing holds the shift
+DAMPING = 1e-2  # of the mean curvature: along a bare wall the shift is not determined
 FEWEST = 100
 SHARED, TIMES_MORE = 0.4, 1.25  # of the points that must come to lie on the others, and against how many before
-TWICE_M = 0.1  # two cells of the floor plan, across the surfaces (root mean square): they stand in the map twice
+TWICE_M = 0.1  # two cells of the floor plan, across the surfaces (root mean square): surfaces appear twice in the map
 
 
 class Drift(NamedTuple):
@@ -35,7 +36,7 @@ class Drift(NamedTuple):
 
 
 def find_drift(parts: Sequence[Floats]) -> Drift | None:
-    """The largest drift between successive parts of a recording: points and unit normals (N, 6), m, z up; None if there is none."""
+    """The largest drift between parts of a recording, points and unit normals (N, 6) in m, z up; None without one."""
     found = [_between(late, early) for i, early in enumerate(parts) for late in parts[i + 1 :]]
     return max(
         (drift for drift in found if drift is not None), key=lambda drift: drift.after - drift.before, default=None
@@ -53,7 +54,7 @@ def _between(late: Floats, early: Floats) -> Drift | None:
     middle, motion = late[:, :3].mean(axis=0), np.zeros(4)
 
     def pairs(reach_m: float) -> tuple[Array, Array, Array]:
-        """The late points where they are now, the early ones nearest to them, and which of those are the same surface."""
+        """The moved late points, the early points nearest to them, and which of the pairs are of one surface."""
         turn = _about_z(motion[0])
         points, normals = (late[:, :3] - middle) @ turn.T + middle + motion[1:], late[:, 3:] @ turn.T
         other = early[tree.query(np.hstack([points, NORMAL_M * normals]))[1]]
@@ -78,7 +79,7 @@ def _between(late: Floats, early: Floats) -> Drift | None:
 
 
 def _step(arms: Floats, points: Floats, other: Floats, reach_m: float) -> Floats:
-    """The turn about z (rad) and shift (m) that bring points (N, 3) onto the planes of others (N, 6), far ones weighing little."""
+    """The turn about z (rad) and shift (m) that bring points (N, 3) onto the planes of others (N, 6), robustly."""
     normals = other[:, 3:]
     off = ((other[:, :3] - points) * normals).sum(axis=1)
     slopes = np.column_stack([normals[:, 1] * arms[:, 0] - normals[:, 0] * arms[:, 1], normals])

@@ -1,10 +1,11 @@
-"""Which way is up and how high the floor is, for recordings whose world knows neither.
+"""Gravity and floor estimation: which way is up and how high the floor is, where a recording does not say.
 
-Cameras are held level: upright, or turned by a quarter as phones are. Whoever looks around turns about up, which so stands still
-in the images, and walks on the floor, so that cameras move least along up: where that is clear they are taken to lie on a side,
-else to be upright. That gives a guess of up, which is all there is without depth. With depth, the horizontal surfaces (floor,
-tables, seats) are the largest set of normals near the guess, and the thin layers that they form give up to a fraction of a
-degree. The lowest layer is the floor.
+Cameras are held level: upright, or turned by a quarter as phones are. People who look around turn about up, which
+therefore keeps its direction in the images, and they walk on the floor, so that cameras move least along up. Where
+both are clear for a camera on its side it is taken to lie on that side, else to be upright. That gives a guess of up,
+which is all there is without depth. With depth, the horizontal surfaces (floor, tables, seats) are the largest set of
+normals near the guess, and the thin layers that they form give up to a fraction of a degree. The lowest layer is the
+floor.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ ASSUMED_CAMERA_HEIGHT_M = 1.5
 UP_IN_IMAGE = np.array([(0.0, -1.0), (1.0, 0.0), (0.0, 1.0), (-1.0, 0.0)])
 LYING = ("stand upright", "lie on their right side", "stand on their heads", "lie on their left side")
 USUAL = 3.0  # how many times more surface that faces up the opposite turn must show
-# How much stiller one axis of the images stands than the other: telling by itself, and telling if the cameras walk.
+# How much less one axis of the images moves than the other: enough by itself, and enough if the cameras walk.
 PANS, PANS_LITTLE = 0.25, 0.03
 WALKS_M, WALKS_TIMES = 0.25, 2.0  # root mean square along one direction, and times that along the other
 
@@ -129,11 +130,11 @@ def _seen_up(poses: Array, surfaces: _Surfaces) -> tuple[int, Vector, float] | N
 
 
 def _turn_held(poses: Array) -> int:
-    """The turn of the images by the poses alone: upright, unless cameras clearly pan and walk as those that lie on a side do.
+    """The turn of the images by poses alone: upright, unless cameras clearly pan and walk as cameras on a side do.
 
-    On which side, their pitch says: people look down more than up.
+    Their pitch says on which side: people look down more than up.
     """
-    axes = poses[:, :3, :2].mean(axis=0)  # whoever looks around turns about up, and that axis of the image stays
+    axes = poses[:, :3, :2].mean(axis=0)  # looking around turns about up, and that axis of the image stays
     across, down = np.linalg.norm(axes, axis=0)
     if across - down < PANS and not (across - down > PANS_LITTLE and _walks_sideways(poses, axes)):
         return 0
@@ -142,7 +143,7 @@ def _turn_held(poses: Array) -> int:
 
 
 def _walks_sideways(poses: Array, axes: Array) -> bool:
-    """Whether cameras move along what would be up for upright ones, and far less along what is up for those on a side."""
+    """Whether cameras move along the up of upright ones, and far less along the up of those on a side."""
     away = poses[:, :3, 3] - poses[:, :3, 3].mean(axis=0)
     lying_m, upright_m = np.sqrt(np.square(away @ axes).mean(axis=0)) / np.linalg.norm(axes, axis=0)
     return bool(upright_m > WALKS_M and upright_m > WALKS_TIMES * lying_m)
@@ -157,7 +158,7 @@ def _camera_up(poses: Array, turn: int) -> tuple[Vector, str]:
 
 
 def _up_by(poses: Array, turn: int) -> tuple[Vector, str] | None:
-    """The direction least along the axes that are level if the cameras look around, else the mean of those that point up."""
+    """The direction least along the level axes if the cameras look around, else the mean of the axes that point up."""
     mean_up = (poses[:, :3, :2] @ UP_IN_IMAGE[turn]).mean(axis=0)
     length = float(np.linalg.norm(mean_up))
     if length < 0.1:
@@ -184,7 +185,7 @@ def _surfaces(poses: Array, camera: Camera, depth_of: Callable[[int], Array | No
 
 
 def oriented(world_from_camera: Array, camera: Camera, depth_m: Array) -> tuple[Array, Array]:
-    """World points and unit normals (m, 3), towards the camera, of one depth image (H, W), from central differences on a coarse raster."""
+    """World points and unit normals (m, 3), towards the camera, of a depth image (H, W), by central differences."""
     stride = max(1, camera.width // SAMPLES_ACROSS)
     points = backproject(depth_m, camera, stride)
     centre = points[1:-1, 1:-1]
@@ -201,7 +202,7 @@ def oriented(world_from_camera: Array, camera: Camera, depth_m: Array) -> tuple[
 
 
 def _surface_up(surfaces: _Surfaces, guess: Vector) -> tuple[Vector, float]:
-    """The mode of the normals near the guess, refined on flat layers, and the share of the normals that agree with it."""
+    """The mode of the normals near the guess, refined on flat layers, and the share of normals that agree with it."""
     normals = surfaces.normals
     near = normals[_near(normals, guess, CONE_DEG)]
     if len(near) < MIN_SAMPLES:

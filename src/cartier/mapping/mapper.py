@@ -1,11 +1,11 @@
-"""Mapping frame by frame: detections become objects, depth a floor plan; a home can be had at any time."""
+"""Incremental mapping: frames and detections in, objects and a floor plan kept, a home out at any time."""
 
 from __future__ import annotations
 
 import hashlib
 import io
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import replace
 from typing import Any
@@ -13,14 +13,17 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cartier import plugins
-from cartier.contracts import Detector, Encoder, IndexDefaults, Recording, RecordingDefaults, SpatialIndex, optional
+from cartier.contracts import Detector, Encoder, FrameIndex, Recording, RecordingDefaults, optional
 from cartier.errors import InputError
 from cartier.home.detection_log import DetectionLog
 from cartier.home.entity import CLOUD, DETECTIONS, Home
 from cartier.io.files import npz_bytes, read_npz
-from cartier.mapping.bearings import BearingMap
+from cartier.mapping.bearings import BearingGeometry
 from cartier.mapping.cloud import CloudMapper
+from cartier.mapping.config import MappingConfig, config_for
+from cartier.mapping.domain import domain_warning
+from cartier.mapping.extent import DepthGeometry
+from cartier.mapping.indexing import filled_indexes, make_indexes
 from cartier.mapping.object_map import ObjectMap
 from cartier.mapping.occupancy import OccupancyMapper
 from cartier.mapping.quality import Conditions
@@ -28,7 +31,6 @@ from cartier.mapping.rooms import find_rooms, room_of
 from cartier.types import Camera, Detections, Frame, MapObject
 
 DEFAULT_INDEXES = ("object_depth", "object_viewpoint")
-DOLLHOUSE = "dollhouse"  # the simulator whose pictures a detector of ours was made for
 SCALE_GUESSED = "the scale of this home is a guess: its metres and centimetres are right only relative to each other"
 JPEG_QUALITY = 88
 COUNTS, FRAMES = "occupancy_counts.npz", "frames.npz"
@@ -41,7 +43,8 @@ class Mapper:
         detector: Detects the objects.
         indexes: The names of the spatial indices to build; by default those that need no encoder and that the frames allow.
         encoder: NAME, NAME:MODEL or an Encoder, for indices that need one.
-        onto: A home to grow, mapped by the same detector; its indices and settings stay.
+        onto: A home to grow, mapped by the same detector; its indices, settings and configuration stay.
+        config: The numbers of the mapping; by default those of ``onto``, else ``MappingConfig()``.
 
     Raises:
         InputError: ``onto`` was mapped by another detector, or lacks what growing needs.
@@ -65,41 +68,47 @@ class Mapper:
         *,
         encoder: str | Encoder = "embedded",
         onto: Home | None = None,
+        config: MappingConfig | None = None,
     ) -> None:
         self.detector, self._onto, self._explicit = detector, onto, indexes is not None
         made_by = {"detector": detector.name, "detector_sha256": optional(detector, Detector, "sha256")}
         self._score_model = optional(detector, Detector, "score_model")
-        self._objects: ObjectMap | None = None  # with or without depth: the first frame tells
-        self._floor, self._cloud, self._conditions = OccupancyMapper(), CloudMapper(), Conditions()
+        self._objects: ObjectMap | None = None  # the first frame decides: with or without depth
+        self.config = config_for(config, onto)
+        self._floor, self._cloud = OccupancyMapper(self.config.occupancy), CloudMapper()
+        self._conditions = Conditions()
         self._seen, self._photos, self._log = set[int](), dict[int, bytes](), DetectionLog()
         self._start_xy: tuple[float, float] | None = None
         self._camera: Camera | None = None
         self._next_frame = self._blind = 0
         self._notes: dict[str, None] = {}
         if onto is None:
-            self._indexes = {name: _index(name, encoder) for name in indexes or DEFAULT_INDEXES}
+            self._indexes = make_indexes(indexes or DEFAULT_INDEXES, encoder)
             self._settings: dict[str, Any] = {
-                "recordings": [],
-                **made_by,
-                "indexes": list(self._indexes),
-                "encoder": None,
-                "knows": list(optional(detector, Detector, "knows")),
-                "doubts": [],
-            }
+                "recordings": [], **made_by, "indexes": list(self._indexes), "encoder": None,
+                "knows": list(optional(detector, Detector, "knows")), "doubts": [],
+            }  # fmt: skip
+            if changed := self.config.differences():
+                self._settings["config"] = changed  # only what differs: homes mapped with the defaults keep their ids
         else:
             self._go_on(onto, made_by)
+        self._frame_indexes = [index for index in self._indexes.values() if isinstance(index, FrameIndex)]
+
+    def _object_map(self, with_depth: bool) -> ObjectMap:
+        return ObjectMap(self._score_model, self.config, DepthGeometry if with_depth else BearingGeometry)
 
     def _go_on(self, home: Home, made_by: Mapping[str, str]) -> None:
         for what, mine in made_by.items():
             if home.settings.get(what) != mine:
                 raise InputError(
-                    f"{home.name} was mapped by {home.detector}, not by {self.detector.name}: add with the same detector"
+                    f"{home.name} was mapped by {home.detector}, not by {self.detector.name}: "
+                    "add with the same detector"
                 )
         self._settings, self._indexes = deepcopy(dict(home.settings)), deepcopy(dict(home.indexes))
         self._start_xy, self._camera, self._photos = home.start_xy, home.camera, dict(home.photos)
         self._notes = dict.fromkeys(home.notes)
         try:
-            self._objects = ObjectMap(self._score_model) if home.grid is not None else BearingMap(self._score_model)
+            self._objects = self._object_map(home.grid is not None)
             rows = [(row["recording"], row["sha256"], int(row["frames"])) for row in self._settings["recordings"]]
             self._next_frame = sum(frames for _, _, frames in rows)
             self._objects.restore(home.growth)
@@ -129,8 +138,8 @@ class Mapper:
         guessed = self._settings.get("scale_guessed") or optional(recording, RecordingDefaults, "scale_guessed")
         if guessed and not held and self._settings["recordings"]:
             raise InputError(
-                f"{recording.name} cannot be added: where a scale is a guess, two recordings do not fit together; let one "
-                "reconstruction have the pictures of both"
+                f"{recording.name} cannot be added: where a scale is a guess, two recordings do not fit together; let "
+                "one reconstruction have the pictures of both"
             )
         return held
 
@@ -148,11 +157,8 @@ class Mapper:
             CartierError: What the detector raises.
         """
         detections = self.detector.detect(frame) if detections is None else detections
-        return (
-            self.integrate_detections(frame, detections)
-            if self.integrate_depth(frame)
-            else np.full(len(detections), -1)
-        )
+        new = self.integrate_depth(frame)
+        return self.integrate_detections(frame, detections) if new else np.full(len(detections), -1)
 
     def integrate_depth(self, frame: Frame) -> bool:
         """Add the depth of a frame to the floor plan and the point cloud.
@@ -171,12 +177,12 @@ class Mapper:
         self._start_xy = self._start_xy or (float(pose[0, 3]), float(pose[1, 3]))
         self._camera = self._camera or frame.camera
         if self._objects is None:
-            self._objects = (BearingMap if frame.depth_m is None else ObjectMap)(self._score_model)
+            self._objects = self._object_map(frame.depth_m is not None)
         if frame.depth_m is not None:
             self._floor.add(frame)
             self._cloud.add(frame)
         self._conditions.add(frame)
-        if frame.depth_m is None and not isinstance(self._objects, BearingMap):
+        if frame.depth_m is None and self._objects.geometry.with_depth:
             self._blind += 1
             return False
         return True
@@ -197,9 +203,10 @@ class Mapper:
             detections = replace(detections, frame=frame.index)
         ids = self._objects.add(frame, detections)
         self._log.add(detections, ids)
-        counting = detections.keep(detections.scores >= self._score_model.threshold)
-        for index in self._indexes.values():
-            index.add(frame, counting)
+        if self._frame_indexes:
+            counting = detections.keep(detections.scores >= self._score_model.threshold)
+            for index in self._frame_indexes:
+                index.add(frame, counting)
         self._keep_photo(frame)
         return ids
 
@@ -211,11 +218,9 @@ class Mapper:
             looked: In how many of its frames objects were detected; by default in all.
         """
         made_of: dict[str, Any] = {
-            "recording": recording.name,
-            "sha256": recording.fingerprint(),
-            "frames": len(recording),
-        }
-        made_of["looked"] = len(recording) if looked is None else looked
+            "recording": recording.name, "sha256": recording.fingerprint(), "frames": len(recording),
+            "looked": len(recording) if looked is None else looked,
+        }  # fmt: skip
         if read_with := optional(recording, RecordingDefaults, "read_with"):  # so that it can be read again as it was
             plain = {name: np.asarray(value).tolist() for name, value in read_with.items()}
             made_of["read_with"] = json.loads(json.dumps(plain, default=str))
@@ -224,7 +229,7 @@ class Mapper:
         if optional(recording, RecordingDefaults, "scale_guessed"):
             self._settings["scale_guessed"] = True  # only where it is so: homes of others keep their ids
         scale = SCALE_GUESSED if self._settings.get("scale_guessed") else None
-        doubts += [line for line in (doubt(self.detector, recording), scale) if line and line not in doubts]
+        doubts += [line for line in (domain_warning(self.detector, recording), scale) if line and line not in doubts]
         self._next_frame += len(recording)
         self._notes |= dict.fromkeys(recording.notes)
 
@@ -239,62 +244,41 @@ class Mapper:
         """
         if self._start_xy is None or self._camera is None or self._objects is None:
             raise InputError("nothing was mapped yet: the recording holds no frames")
-        tidied = deepcopy(self._objects)
-        tidied.tidy()
-        objects, grid = tidied.objects(), self._floor.grid()
+        merged = deepcopy(self._objects)
+        merged.merge_and_prune()
+        objects, grid = merged.objects(), self._floor.grid()
         if not objects:
             hint = "is the threshold too high, or are these not the things that it knows?"
             told = "; ".join(optional(self.detector, Detector, "notes")) or hint
-            raise InputError(f"{self.detector.name} found nothing in the {self._looked()} frames: {told}")
-        rooms = find_rooms(grid, objects) if grid is not None else ()
+            raise InputError(f"{self.detector.name} found nothing in the {len(self._seen)} frames: {told}")
+        rooms = find_rooms(grid, objects, self.config.rooms) if grid is not None else ()
         objects = tuple(replace(obj, room=room_of(obj, grid, rooms)) for obj in objects)
-        all_notes = (
-            *self._settings.get("doubts", ()),
-            *self._notes,
-            *self._conditions.notes(),
-            *optional(self.detector, Detector, "notes"),
-        )
-        notes = dict.fromkeys(all_notes)
-        if not self._score_model.measured:
-            notes[f"{self.detector.name} was never measured: how likely its objects are there is a sober guess"] = None
-        if grid is None:
-            notes["the recording has no depth: no occupancy grid, and so no goals; objects lie where bearings meet"] = (
-                None
-            )
-        if self._blind:
-            notes[f"{self._blind} frames without depth add nothing to a map that has depth"] = None
-        settings = dict(self._settings)
-        indexes = self._usable(objects, settings, notes)
+        with_depth = self._objects.geometry.with_depth
+        indexes, about_indexes, encoder = filled_indexes(self._indexes, objects, self._explicit, with_depth)
+        settings = self._settings | ({} if encoder is None else {"encoder": encoder})
+        notes = dict.fromkeys([*self._home_notes(grid is not None), *about_indexes])
         names = " + ".join(row["recording"] for row in self._settings["recordings"][:1]) or "live"
         return Home(
-            self._onto.name if self._onto else names, self.detector.name, self._camera, objects, indexes, grid, self._start_xy,
-            settings, rooms, self._evidence(objects), tuple(notes), self._growth(tidied),
+            self._onto.name if self._onto else names, self.detector.name, self._camera, objects, indexes, grid,
+            self._start_xy, settings, rooms, self._evidence(objects), tuple(notes), self._growth(merged),
         )  # fmt: skip
 
-    def _usable(
-        self, objects: Sequence[MapObject], settings: dict[str, Any], notes: dict[str, None]
-    ) -> dict[str, SpatialIndex]:
-        """Copies of the indices that hold anything; one that was asked for by name and stayed empty is an error."""
-        copies = deepcopy(self._indexes)
-        for index in copies.values():
-            index.set_objects(objects)
-            if made_with := optional(index, IndexDefaults, "encoder"):
-                settings["encoder"] = made_with
-                notes[f"image features: {made_with}"] = None
-        empty = [name for name, index in copies.items() if not index.names()]
-        if empty and (self._explicit or len(empty) == len(copies)):
-            sure = any(obj.confirmed for obj in objects)
-            why = "no detection has what it needs (object_depth needs depth in the boxes)" if sure else (
-                f"of {len(objects)} possible objects none was seen often and surely enough"
-            )  # fmt: skip
-            raise InputError(f"index {empty[0]} stayed empty: {why}")
-        lack = "bearings told no distance" if isinstance(self._objects, BearingMap) else "no detection had depth"
-        notes |= dict.fromkeys(f"index {name} is left out: {lack}" for name in empty)
-        return {name: index for name, index in copies.items() if name not in empty}
+    def _home_notes(self, with_grid: bool) -> Iterator[str]:
+        """What a user of the home should know about how it was made."""
+        yield from self._settings.get("doubts", ())
+        yield from self._notes
+        yield from self._conditions.notes()
+        yield from optional(self.detector, Detector, "notes")
+        if not self._score_model.measured:
+            yield f"{self.detector.name} was never measured: how likely its objects are there is a sober guess"
+        if not with_grid:
+            yield "the recording has no depth: no occupancy grid, and so no goals; objects lie where bearings meet"
+        if self._blind:
+            yield f"{self._blind} frames without depth add nothing to a map that has depth"
 
     def _keep_photo(self, frame: Frame) -> None:
-        """Keep the photo of a frame that is one of the best views of something, and forget those that no longer are."""
-        wanted = self._objects.frames() if self._objects else set()
+        """Keep the photo of a frame that is among the best views of an object, and drop those that no longer are."""
+        wanted = self._objects.best_frames() if self._objects else set()
         if frame.index in wanted:
             from PIL import Image
 
@@ -319,37 +303,8 @@ class Mapper:
             **({} if cloud is None else {CLOUD: cloud}),
         }
 
-    def _looked(self) -> int:
-        return len(self._seen)
-
-
-def is_of(recording: Recording, world: str) -> bool:
-    """Whether a recording is a simulator's, as it says itself."""
-    return recording.truth is not None and recording.name.startswith(f"{world} ")
-
-
-def doubt(detector: Detector, recording: Recording) -> str | None:
-    """The line that says that a detector was not made for such a recording, None if it was, or if nobody knows."""
-    world = optional(detector, Detector, "world")
-    if world == "" and is_of(recording, DOLLHOUSE):
-        return (
-            f"WRONG DETECTOR: {detector.name} knows photographs, and {recording.name} is rendered: the {DOLLHOUSE} has a "
-            "detector of its own, which fits; map again without --detector"
-        )
-    if not world or is_of(recording, world):
-        return None
-    return (
-        f"WRONG DETECTOR: {detector.name} knows only rendered pictures of the {world}, and {recording.name} is none of it: "
-        "trust nothing that it lists; map again without --detector"
-    )
-
-
-def _index(name: str, encoder: str | Encoder) -> SpatialIndex:
-    options = {"encoder": encoder} if plugins.takes("indexes", name, "encoder") else {}
-    return plugins.make("indexes", name, **options)
-
 
 def _key(frame: Frame) -> int:
-    """A number that tells frames apart: by pose and by pixels, not by index, so that a copy of a recording is known again."""
-    told = np.round(frame.world_from_camera, 4).tobytes() + np.ascontiguousarray(frame.rgb[::16, ::16]).tobytes()
-    return int.from_bytes(hashlib.blake2b(told, digest_size=8).digest(), "little", signed=True)
+    """A hash of a frame's pose and pixels, not of its index, so that a copy of a recording is recognised."""
+    content = np.round(frame.world_from_camera, 4).tobytes() + np.ascontiguousarray(frame.rgb[::16, ::16]).tobytes()
+    return int.from_bytes(hashlib.blake2b(content, digest_size=8).digest(), "little", signed=True)

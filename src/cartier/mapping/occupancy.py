@@ -1,9 +1,10 @@
-"""A floor plan from depth: free, occupied and unknown kept apart.
+"""Occupancy grid from depth: free, occupied and unknown cells of the floor plan.
 
-A cell is *occupied* where points were seen in the robot's height band, or through the floor, *free* where the floor was seen or where every
-ray down to knee height passed, and *unknown* otherwise. A ray that reads nothing, or passes below the floor, may have met
-black leather, glass or a stairwell: rays above it clear nothing from there on. Obstacles win over free space, unless the
-floor was seen far more often: a chair that was moved does not haunt the map, and neither does its height.
+A cell is *occupied* where points were seen in the robot's height band, or through the floor, *free* where the floor
+was seen or where every ray down to knee height passed, and *unknown* otherwise. A ray that reads nothing, or passes
+below the floor, may have met black leather, glass or a stairwell: rays above it clear nothing from there on. Obstacles
+win over free space, unless the floor was seen far more often: a chair that was moved does not haunt the map, and
+neither does its height.
 """
 
 from __future__ import annotations
@@ -15,25 +16,21 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cartier.errors import InputError, check_radius
+from cartier.errors import InputError
 from cartier.geometry import backproject, project, transform
+from cartier.mapping.config import DEFAULT_CONFIG, OccupancyConfig
 from cartier.types import FREE, OCCUPIED, UNKNOWN, Frame, OccupancyGrid
 
-FLOOR_M = 0.10  # points up to this height are floor: depth noise at 4 m is about this large
-BAND_TOP_M = 1.5  # what hangs higher does not stop the robot
 SIGHT_TOP_M = 2.2  # ceilings and door lintels are no obstacles to sight
 KNEE_M = 0.5  # rays clear a cell if everything from here up was seen to be empty; lower things must be seen to count
 STEP_M = 1.0  # the way between two camera positions closer than this was walked
-RANGE_M = 5.0  # depth cameras tell little beyond
-COLUMNS = 160  # image columns that are looked at: enough for a 5 cm grid, and cheap
-MIN_POINTS = 2  # one lone point in a cell and frame is a flying pixel
+COLUMNS = 160  # image columns that are sampled: enough for a 5 cm grid, and cheap
 DROP_M = 0.3  # what lies so far below the floor is seen through a hole in it: stairs, a shaft
-FREE_BEATS_OCCUPIED = 4  # frames in which the floor was seen for one in which an obstacle was
 MAX_SIDE_M = 200.0
 SMALL_M2 = 2500.0  # a map smaller than this grows on all sides at once, a larger one only where it must
 BINS = 720  # azimuth bins of half a degree
 BESIDE = 3  # bins to each side of a ray without a reading that it speaks for, too: about the width of a pixel near by
-LOOKS_THROUGH = 3  # frames that look through a top, without one that sees it, after which it is gone
+LOOKS_THROUGH = 3  # frames that see through a top, without one that sees it, after which it is gone
 SINK_M = 0.25  # and how far the height falls then
 THROUGH_M = 0.15  # how much farther than the top a ray must end to have passed through it
 
@@ -41,14 +38,13 @@ THROUGH_M = 0.15  # how much farther than the top a ray must end to have passed 
 class OccupancyMapper:
     """Grows a grid frame by frame. Memory depends on the area seen, not on the number of frames.
 
-    ``exact`` depth is a simulator's of a home in which nothing moves: no reading means that nothing is there, and heights
-    are the highest ever seen.
+    ``exact`` depth is a simulator's of a home in which nothing moves: no reading means that nothing is there, and
+    heights are the highest ever seen.
     """
 
-    def __init__(self, resolution_m: float = 0.05, robot_radius_m: float = 0.2, exact: bool = False) -> None:
-        self.resolution_m = resolution_m
-        self.robot_radius_m = check_radius(robot_radius_m)
-        self.exact = exact
+    def __init__(self, config: OccupancyConfig = DEFAULT_CONFIG.occupancy, exact: bool = False) -> None:
+        self.config, self.exact = config, exact
+        self.resolution_m, self.robot_radius_m = config.resolution_m, config.robot_radius_m
         self._last_xy: npt.NDArray[np.float64] | None = None
         self._reach: tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]] | None = None  # cells from, to (row, col)
         self._low = np.zeros(
@@ -71,7 +67,7 @@ class OccupancyMapper:
         depth_m = np.where(depth_m <= MAX_SIDE_M, depth_m, np.float32(np.nan))  # what is no depth is as no reading
         z = depth_m.ravel()
         rays = backproject(np.broadcast_to(np.float32(1), frame.depth_m.shape), frame.camera, stride).reshape(-1, 3)
-        near = (z > 0) & (z <= RANGE_M)
+        near = (z > 0) & (z <= self.config.range_m)
         points = transform(frame.world_from_camera, rays[near] * z[near, None])
         camera_xy = frame.world_from_camera[:2, 3]
         self._cover(camera_xy, points[:, :2], frame.index)
@@ -117,7 +113,7 @@ class OccupancyMapper:
         cells = np.full(self._occupied.shape, UNKNOWN, np.int8)
         seen_free = self._floor + self._passed
         cells[seen_free > 0] = FREE
-        solid = self._occupied * FREE_BEATS_OCCUPIED > self._floor
+        solid = self._occupied * self.config.free_beats_occupied > self._floor
         cells[(self._occupied > 0) & solid] = OCCUPIED
         height_m = np.where((self._occupied > 0) & ~solid, np.float16(0), self._height_m)  # what stood there is gone
         return OccupancyGrid(cells, self.resolution_m, self._origin(), height_m)
@@ -179,9 +175,10 @@ class OccupancyMapper:
     def _sink(
         self, frame: Frame, points: npt.NDArray[np.floating], depth_m: npt.NDArray[np.float32], stride: int
     ) -> None:
-        """Lower the heights through whose tops this frame looks, between the camera and its points: what stood there is gone.
+        """Lower the heights of cells through whose tops this frame sees: the obstacle there is gone.
 
-        ``depth_m`` is every ``stride``-th pixel's. All pixels around a top must end beyond it, so that an edge is none.
+        ``depth_m`` is every ``stride``-th pixel's. All pixels around a top must end beyond it, so that an edge is
+        none.
         """
         rows, cols = self._cells(np.concatenate([frame.world_from_camera[None, :2, 3], points[:, :2]]))
         row, col = slice(rows.min(), rows.max() + 1), slice(cols.min(), cols.max() + 1)
@@ -209,15 +206,15 @@ class OccupancyMapper:
         z = points[:, 2]
         rows, cols = self._cells(points[:, :2])
         flat = rows * self._occupied.shape[1] + cols
-        floor, solid = np.abs(z) < FLOOR_M, (z >= FLOOR_M) & (z <= BAND_TOP_M)
+        floor, solid = np.abs(z) < self.config.floor_m, (z >= self.config.floor_m) & (z <= self.config.band_top_m)
         self._count(self._floor, flat[floor])
         self._count(self._occupied, flat[solid])
-        tall = (z >= FLOOR_M) & (z <= SIGHT_TOP_M)
+        tall = (z >= self.config.floor_m) & (z <= SIGHT_TOP_M)
         heights = self._height_m.reshape(-1)
         if self.exact:
             np.maximum.at(heights, flat[tall], z[tall].astype(np.float16))
             return
-        # sorted by cell and millimetre; the second highest counts, for one point alone above the others is a flying pixel
+        # sorted by cell and millimetre; the second highest counts, as a single highest point may be a flying pixel
         order = np.sort(flat[tall] << 12 | (z[tall] * 1000).astype(np.int64))
         cells = order >> 12
         twice = cells[:-1] == cells[1:]
@@ -229,22 +226,23 @@ class OccupancyMapper:
     def _count(self, layer: npt.NDArray[np.uint32], flat: npt.NDArray[np.int64]) -> None:
         """One more frame for the cells in which enough points lie; ``flat`` (N,) are the points' cells."""
         cells, count = np.unique(flat, return_counts=True)
-        layer.reshape(-1)[cells[count >= MIN_POINTS]] += 1
+        layer.reshape(-1)[cells[count >= self.config.min_points]] += 1
 
     def _drop(
         self, frame: Frame, rays: npt.NDArray[np.float32], z: npt.NDArray[np.float32], stride: int
     ) -> npt.NDArray[np.float32]:
-        """Count the cells in which rays pass through the floor; and how far the floor is to be trusted, per azimuth bin.
+        """Count cells in which rays pass through the floor; returns how far the floor is reliable, per azimuth bin.
 
-        ``rays`` (N, 3) are points of the rays at 1 m in the camera's frame, ``z`` (N,) their depths. It is to be trusted up
-        to where the last ray met it before the first that reads nothing, or passes below it: (BINS,) m, infinite without one.
+        ``rays`` (N, 3) are points of the rays at 1 m in the camera's frame, ``z`` (N,) their depths. It is to be
+        trusted up to where the last ray met it before the first that reads nothing, or passes below it: (BINS,) m,
+        infinite without one.
         """
         turn, eye_m = frame.world_from_camera[:3, :3].astype(np.float32), np.float32(frame.world_from_camera[2, 3])
-        if eye_m <= FLOOR_M:  # the floor is not at z = 0
+        if eye_m <= self.config.floor_m:  # the floor is not at z = 0
             return np.full(BINS, np.inf, np.float32)
         fall = rays @ turn[2]
         end_m = fall * z + eye_m  # the height at which a ray ends
-        lost = np.flatnonzero((fall < 0) & ~((z > 0) & (end_m >= -FLOOR_M)))
+        lost = np.flatnonzero((fall < 0) & ~((z > 0) & (end_m >= -self.config.floor_m)))
         ways = rays[lost] @ turn[:2].T
         deep = end_m[lost] < -DROP_M
         rows, cols = self._cells(frame.world_from_camera[:2, 3] - ways[deep] * (eye_m / fall[lost][deep])[:, None])
@@ -256,9 +254,10 @@ class OccupancyMapper:
         return np.asarray(np.minimum.reduce([np.roll(first, k) for k in range(-BESIDE, BESIDE + 1)]))
 
     def _cast(self, frame: Frame, points: npt.NDArray[np.floating], trusted: npt.NDArray[np.float32]) -> None:
-        """Free the cells that every ray from knee height up passed, per half degree of azimuth, up to the first obstacle.
+        """Free the cells that all rays from knee height up passed, per azimuth bin, up to the first obstacle.
 
-        ``trusted`` (BINS,) is how far off the floor is to be trusted; where no ray reads below the first that is lost, not at all.
+        ``trusted`` (BINS,) is how far off the floor is to be trusted; where no ray reads below the first that is lost,
+        not at all.
         """
         eye = frame.world_from_camera[:3, 3]
         offset = points[:, :2] - eye[:2].astype(np.float32)
@@ -270,16 +269,16 @@ class OccupancyMapper:
             np.zeros(BINS, np.float32),
             np.full(BINS, np.inf, np.float32),
         )
-        solid = (points[:, 2] >= FLOOR_M) & (points[:, 2] <= BAND_TOP_M)
+        solid = (points[:, 2] >= self.config.floor_m) & (points[:, 2] <= self.config.band_top_m)
         np.minimum.at(stop, bins[solid], reach[solid])
-        np.maximum.at(floor_end, bins[~solid], np.where(np.abs(points[:, 2]) < FLOOR_M, reach, 0)[~solid])
+        np.maximum.at(floor_end, bins[~solid], np.where(np.abs(points[:, 2]) < self.config.floor_m, reach, 0)[~solid])
         np.minimum.at(lowest, bins, slope)
         down = -np.minimum(lowest, np.float32(-1e-6))
         begin = np.where(lowest < 0, (eye[2] - KNEE_M) / down, np.inf)
         end = np.where(np.isfinite(stop), stop - self.resolution_m, floor_end)
         end = np.where(trusted > eye[2] / down, np.minimum(end, trusted - self.resolution_m), 0)
         angles = (np.arange(BINS) + 0.5) * (math.tau / BINS) - math.pi
-        steps = np.arange(0, RANGE_M * 1.5, self.resolution_m / 2)
+        steps = np.arange(0, self.config.range_m * 1.5, self.resolution_m / 2)
         seen = np.flatnonzero(begin < end)
         b, s = np.nonzero((steps >= begin[seen, None]) & (steps < end[seen, None]))
         b = seen[b]

@@ -1,4 +1,4 @@
-"""Frames read ahead by other threads, and how many of them a detector is given at once."""
+"""Prefetching of frames by reader threads, and the batch size for the detector."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ MOST_PIXELS = 16 * 1920 * 1080
 
 
 def prefetch(recording: Recording, batch: int = 1) -> Iterator[Frame]:
-    """All frames in order. While one is worked on, other threads read the next few, where the recording's ``readers`` allow it.
+    """All frames in order. Other threads read the next few meanwhile, as many as the recording's ``readers`` allow.
 
     At most two frames per thread are held, or as many as will be in one ``batch``. Raises what reading a frame raises,
     when it is that frame's turn.
@@ -34,7 +34,7 @@ def prefetch(recording: Recording, batch: int = 1) -> Iterator[Frame]:
                     yield waiting.popleft().result()
             while waiting:
                 yield waiting.popleft().result()
-        finally:  # whoever stops early need not wait for what nobody asks for
+        finally:  # a consumer that stops early does not wait for frames that it will not use
             for future in waiting:
                 future.cancel()
 

@@ -1,4 +1,4 @@
-"""What the pictures and poses of a recording are like, as notes to whoever reads its map: blur, exposure, size, turn, drift."""
+"""Quality checks of a recording's images and poses: blur, exposure, size, orientation and drift, as notes."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from cartier.mapping.gravity import LYING, oriented, quarter_turns
 from cartier.mapping.sharpness import edge_width_px
 from cartier.types import Camera, Frame
 
-SAMPLES = 64  # frames that are looked at closely, spread evenly over the recording
+SAMPLES = 64  # frames that are examined, spread evenly over the recording
 SHARP_WIDTH = 640  # px at which edges are judged
 BLURRED_PX, BLURRED_SHARE = 6.2, 0.5
 JUMP_FACTOR, JUMP_SHARE = 1.8, 0.15  # in mean brightness from a frame to the next, and in how many of them
@@ -31,7 +31,7 @@ class _Sample:
 
 
 class Conditions:
-    """Looks at frames as they pass by; nothing but some small samples is kept."""
+    """Examines frames as they pass; keeps only some small samples."""
 
     def __init__(self) -> None:
         self._samples: list[_Sample] = []
@@ -61,26 +61,27 @@ class Conditions:
         widths = np.array([s.edge_px for s in self._samples if np.isfinite(s.edge_px)])
         if len(widths) and (widths > BLURRED_PX).mean() > BLURRED_SHARE:
             found.append(
-                f"the pictures are blurred (edges {np.median(widths):.1f} px wide, where a sharp one has 1 to 5): things are "
-                "missed; move slower, with more light"
+                f"the pictures are blurred (edges {np.median(widths):.1f} px wide, where a sharp one has 1 to 5): "
+                "objects are missed; move slower, with more light"
             )
         if self._frames > 1 and self._jumps / (self._frames - 1) > JUMP_SHARE:
             found.append(
-                f"the exposure jumps between {self._jumps} of {self._frames} frames and those before them: lock it, or things "
-                "are missed"
+                f"the exposure jumps between {self._jumps} of {self._frames} frames and those before them: lock it, or "
+                "objects are missed"
             )
         if 0 < max(self._size) < SMALL_PX:
-            found.append(f"the pictures are small ({self._size[0]}x{self._size[1]} px): small things are missed")
+            found.append(f"the pictures are small ({self._size[0]}x{self._size[1]} px): small objects are missed")
         turns = quarter_turns(self._up)
         if turns and self._frames:
             found.append(
-                f"by their poses the pictures {LYING[turns]}: few things are recognised so; 'cartier doctor RECORDING --fix -o OUT' turns them"
+                f"by their poses the pictures {LYING[turns]}: few objects are recognised so; "
+                "'cartier doctor RECORDING --fix -o OUT' turns them"
             )
         found += self._drift()
         return found
 
     def _drift(self) -> list[str]:
-        """Whether what the recording shows late lies beside what it showed early."""
+        """Whether a late part of the recording is misaligned with an early one."""
         seen = [s.surfaces for s in self._samples if len(s.surfaces)]
         if len(seen) < 2 * PARTS:
             return []
@@ -89,9 +90,10 @@ class Conditions:
         if found is None:
             return []
         return [
-            f"the poses drift: a later part of the recording fits an earlier one only if it is moved by {found.shift_m:.2f} m and "
-            f"turned by {found.turn_deg:.0f}° (then {found.after:.0%} of its surfaces lie on the other's, {found.before:.0%} as "
-            "given): one thing stands in the map twice; run the SLAM with loop closure, or map a part"
+            "the poses drift: a later part of the recording fits an earlier one only if it is moved by "
+            f"{found.shift_m:.2f} m and turned by {found.turn_deg:.0f}° (then {found.after:.0%} of its surfaces lie "
+            f"on the other's, {found.before:.0%} as given): objects appear twice in the map; run the SLAM with loop "
+            "closure, or map a part"
         ]
 
 

@@ -1,8 +1,8 @@
-"""Rooms from a floor plan: walls and lintels part them, doorways are the narrow places between; what stands in a room says its kind.
+"""Room segmentation of a floor plan: walls and lintels divide it, doorways are narrow; objects give a room its kind.
 
-The narrow places are found by distance to the walls, as in "distance transform-based segmentation" (Bormann et al., Room
-segmentation: survey, implementation, and analysis, ICRA 2016), with furniture taken out first: what is lower than a person
-parts no rooms.
+The narrow places are found by distance to the walls, as in "distance transform-based segmentation" (Bormann et al.,
+Room segmentation: survey, implementation, and analysis, ICRA 2016), with furniture removed first: nothing lower than a
+person divides rooms.
 """
 
 from __future__ import annotations
@@ -14,40 +14,40 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
+from cartier.mapping.config import DEFAULT_CONFIG, RoomsConfig
 from cartier.types import FREE, OCCUPIED, UNKNOWN, Array, MapObject, OccupancyGrid, Room
 
-BELOW_M = 0.15  # under the highest that is seen: what reaches so high is a wall, a lintel, or stands before one
-LOW_M = 1.2  # nothing lower is one
-DOOR_M = 1.1  # a narrower passage parts two rooms
-LEAST_M2 = 1.0  # a smaller room is a corner of its neighbour,
-SEEN_M2 = 0.4  # unless it has none: so much is seen through a doorway of a room that nobody entered
+BELOW_M = 0.15  # below the highest obstacle: what reaches so high is a wall, a lintel, or furniture against a wall
+SEEN_M2 = 0.4  # least floor of a room without a neighbour, which nobody entered and a doorway shows
 OPEN = 0.25  # of a room's floor at least that is free, else it is the inside of a cupboard
 HOLE_M2, GAP_M = 2.0, 0.6  # unknown floor of this size inside of a home, or between what is known, is floor as well
 STEPS_M = np.arange(0.1, 0.65, 0.05)  # from an object towards who sees it
 HALL, HALL_M2 = 2.2, 3.0  # a corridor is so many times as long as wide, and no mere sliver
 TELLING: Mapping[str, Mapping[str, int]] = {
     "bathroom": {
-        "toilet": 4, "bathtub": 4, "shower": 4, "shower door": 3, "shower head": 2, "shower curtain": 2, "sink": 1, "towel": 1,
-        "hand towel": 1, "toilet paper": 1, "toothbrush": 1,
+        "toilet": 4, "bathtub": 4, "shower": 4, "shower door": 3, "shower head": 2, "shower curtain": 2, "sink": 1,
+        "towel": 1, "hand towel": 1, "toilet paper": 1, "toothbrush": 1,
     },
     "kitchen": {
-        "fridge": 3, "refrigerator": 3, "stove": 3, "stove burner": 3, "oven": 3, "microwave": 2, "toaster": 1, "coffee machine": 1,
-        "kettle": 1, "dish sponge": 1, "sink": 1, "dishwasher": 3,
+        "fridge": 3, "refrigerator": 3, "stove": 3, "stove burner": 3, "oven": 3, "microwave": 2, "toaster": 1,
+        "coffee machine": 1, "kettle": 1, "dish sponge": 1, "sink": 1, "dishwasher": 3,
     },
     "bedroom": {"bed": 4, "wardrobe": 2, "dresser": 1, "pillow": 1, "alarm clock": 1, "nightstand": 1},
     "living room": {
-        "sofa": 3, "couch": 3, "television": 2, "tv": 2, "tv stand": 1, "arm chair": 1, "armchair": 1, "coffee table": 1,
-        "ottoman": 1, "fireplace": 2,
+        "sofa": 3, "couch": 3, "television": 2, "tv": 2, "tv stand": 1, "arm chair": 1, "armchair": 1,
+        "coffee table": 1, "ottoman": 1, "fireplace": 2,
     },
     "study": {"desk": 2, "desktop": 1, "laptop": 1, "monitor": 1, "keyboard": 1, "mouse": 1, "printer": 1},
     "dining room": {"dining table": 2},
 }  # fmt: skip
-"""How much each thing tells about the room that it stands in."""
+"""How much the label of an object is evidence for each kind of room."""
 
 
-def find_rooms(grid: OccupancyGrid, objects: Sequence[MapObject]) -> tuple[Room, ...]:
+def find_rooms(
+    grid: OccupancyGrid, objects: Sequence[MapObject], config: RoomsConfig = DEFAULT_CONFIG.rooms
+) -> tuple[Room, ...]:
     """The rooms of a floor plan, the largest first, each named after its kind; those of one kind are numbered."""
-    places = _segmented(grid)
+    places = _segmented(grid, config)
     sizes = np.bincount(places.ravel())[1:]
     order = np.argsort(-sizes, kind="stable")[: int((sizes > 0).sum())] + 1
     unnamed = [
@@ -68,15 +68,15 @@ def find_rooms(grid: OccupancyGrid, objects: Sequence[MapObject]) -> tuple[Room,
 
 
 def room_of(obj: MapObject, grid: OccupancyGrid | None, rooms: Sequence[Room]) -> int | None:
-    """The id of the room in which an object is; of what hangs on a wall, that from which it is seen. None without rooms."""
+    """The id of an object's room; for an object on a wall, the room from which it is seen. None without rooms."""
     return rooms_of([obj], grid, rooms)[0]
 
 
 def rooms_of(objects: Sequence[MapObject], grid: OccupancyGrid | None, rooms: Sequence[Room]) -> list[int | None]:
     """``room_of`` of many objects, in a fraction of the time.
 
-    Each view votes for the first room that lies between the object's surface and the camera; where there is none, the room
-    nearest to the object is taken.
+    Each view votes for the first room that lies between the object's surface and the camera; where there is none, the
+    room nearest to the object is taken.
     """
     if grid is None or not rooms:
         return [None] * len(objects)
@@ -110,27 +110,29 @@ def _at(places: npt.NDArray[np.int32], cells: Array) -> npt.NDArray[np.int32]:
     return np.asarray(np.where(inside, places[row, col], 0), np.int32)
 
 
-def _segmented(grid: OccupancyGrid) -> npt.NDArray[np.int32]:
+def _segmented(grid: OccupancyGrid, config: RoomsConfig) -> npt.NDArray[np.int32]:
     """The number of each cell's room (rows, cols), 0 for none."""
     from scipy import ndimage
 
-    cell_m2, margin = grid.resolution_m**2, DOOR_M / 2 / grid.resolution_m
-    wall = _walls(grid)
+    cell_m2, margin = grid.resolution_m**2, config.door_width_m / 2 / grid.resolution_m
+    wall = _walls(grid, config.min_wall_height_m)
     floor = ~wall & _seen(grid, wall)
-    wide = floor & (np.asarray(ndimage.distance_transform_edt(~wall)) > margin)  # what nobody saw makes nothing narrow
+    wide = floor & (
+        np.asarray(ndimage.distance_transform_edt(~wall)) > margin
+    )  # unknown cells do not make a passage narrow
     reached = np.asarray(ndimage.distance_transform_edt(~wide)) <= margin + 1 if wide.any() else wide
     cores, count = ndimage.label(wide)
     narrow, _ = ndimage.label(floor & ~reached)  # corridors, doorways, and what one sees of a room from outside
     some = np.flatnonzero(np.bincount(narrow.ravel()) * cell_m2 >= SEEN_M2)
     cores = np.where((narrow > 0) & np.isin(narrow, some), narrow + count, cores)
-    return _without_corners(_grown(np.asarray(cores, np.int32), floor), grid)
+    return _without_corners(_grown(np.asarray(cores, np.int32), floor), grid, config.min_area_m2)
 
 
-def _walls(grid: OccupancyGrid) -> npt.NDArray[np.bool_]:
+def _walls(grid: OccupancyGrid, min_height_m: float) -> npt.NDArray[np.bool_]:
     """Walls and lintels: what is nearly as high as the highest that was seen."""
     heights = grid.height_m[grid.cells == OCCUPIED]
     highest = float(np.quantile(heights.astype(np.float32), 0.95)) if len(heights) else np.inf
-    return np.asarray(grid.height_m >= max(highest - BELOW_M, LOW_M), bool)
+    return np.asarray(grid.height_m >= max(highest - BELOW_M, min_height_m), bool)
 
 
 def _seen(grid: OccupancyGrid, wall: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
@@ -158,7 +160,7 @@ def _grown(places: npt.NDArray[np.int32], floor: npt.NDArray[np.bool_]) -> npt.N
         empty &= ~new
 
 
-def _without_corners(places: npt.NDArray[np.int32], grid: OccupancyGrid) -> npt.NDArray[np.int32]:
+def _without_corners(places: npt.NDArray[np.int32], grid: OccupancyGrid, min_area_m2: float) -> npt.NDArray[np.int32]:
     """What is too small to be a room, or shows too little free floor, goes to the neighbour that it touches most."""
     from scipy import ndimage
 
@@ -166,7 +168,7 @@ def _without_corners(places: npt.NDArray[np.int32], grid: OccupancyGrid) -> npt.
     for number in np.argsort(sizes, kind="stable"):
         mine = places == number
         area, open_floor = mine.sum() * grid.resolution_m**2, (grid.cells[mine] == FREE).sum() >= OPEN * mine.sum()
-        if number == 0 or not area or (area >= LEAST_M2 and open_floor):
+        if number == 0 or not area or (area >= min_area_m2 and open_floor):
             continue
         touching = np.bincount(places[ndimage.binary_dilation(mine) & ~mine], minlength=len(sizes))
         touching[0] = 0

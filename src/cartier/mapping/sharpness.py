@@ -1,4 +1,4 @@
-"""How sharp an image is: the width of its strong edges."""
+"""Image sharpness: the width of the strong edges."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ ROW_STEP = 12
 def edge_width_px(grey: Array) -> float:
     """Median width (px) of the strong edges of a uint8 image (H, W): the step's height over its steepest slope.
 
-    The larger of that along the rows and along the columns, because a moving camera blurs in one direction. A step blurred
-    by a Gaussian of s px is 2.5 s wide. NaN where there are fewer than 20 strong edges.
+    The larger of that along the rows and along the columns, because a moving camera blurs in one direction. A step
+    blurred by a Gaussian of s px is 2.5 s wide. NaN where there are fewer than 20 strong edges.
     """
     both = [_widths(grey[::ROW_STEP]), _widths(grey[:, ::ROW_STEP].T)]
     medians = [float(np.median(widths)) for widths in both if len(widths) >= 20]

@@ -10,7 +10,8 @@ import numpy.typing as npt
 from scipy import ndimage
 
 from cartier.geometry import backproject, transform
-from cartier.mapping.occupancy import BAND_TOP_M, FLOOR_M, OccupancyMapper
+from cartier.mapping.config import OccupancyConfig
+from cartier.mapping.occupancy import OccupancyMapper
 from cartier.navigation.planning import traversable
 from cartier.types import FREE, OCCUPIED, UNKNOWN, Camera, Frame, OccupancyGrid
 
@@ -35,7 +36,8 @@ class Knowledge:
 
     def __init__(self, camera: Camera, radius_m: float, eye_m: float) -> None:
         self._camera, self._radius_m, self._eye_m = camera, radius_m, eye_m
-        self._mapper = OccupancyMapper(robot_radius_m=radius_m, exact=True)
+        self._config = OccupancyConfig(robot_radius_m=radius_m)
+        self._mapper = OccupancyMapper(self._config, exact=True)
         self._black = np.zeros((camera.height, camera.width, 3), np.uint8)
         self._near = self._tries = self._bumps = np.zeros((0, 0), np.uint8)
         self._at_m = np.arange(0.3, SIGHT_M, STEP_M)
@@ -56,7 +58,8 @@ class Knowledge:
         points = backproject(depth_m, self._camera, 2).reshape(-1, 3)
         points = points[(points[:, 2] > 0) & (points[:, 2] <= NEAR_M)]
         xyz = transform(world_from_camera, points)
-        rows, cols = self.grid.cell(xyz[(xyz[:, 2] > FLOOR_M) & (xyz[:, 2] < BAND_TOP_M), :2]).T
+        solid = (xyz[:, 2] > self._config.floor_m) & (xyz[:, 2] < self._config.band_top_m)
+        rows, cols = self.grid.cell(xyz[solid, :2]).T
         self._near[rows, cols] = 1
         self._weigh(world_from_camera[:2, 3])
 

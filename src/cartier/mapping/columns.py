@@ -1,0 +1,95 @@
+"""Columns of the map of objects: what is kept of each object, as one array per property with one row per object."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from cartier.mapping.colours import COLOURS, named_shares
+from cartier.mapping.existence import VIEWPOINT_BINS
+from cartier.mapping.observation import SURFACE_POINTS
+from cartier.types import Array, MapObject, View
+
+Indices = npt.NDArray[np.intp]
+Columns = Mapping[str, npt.NDArray[Any]]
+"""Arrays by name; functions that change rows do so in place."""
+ColumnKinds = Mapping[str, tuple[tuple[int, ...], Any]]
+"""The shape of a row and the kind of number of each column."""
+
+LABELS_KEPT, VIEWS_KEPT = 6, 3  # per object
+VIEW_KIND = np.dtype(
+    [("frame", "i4"), ("box", "f4", 4), ("score", "f4"), ("label", "i2"), ("size_px2", "f4"), ("camera", "f4", 3),
+     ("yaw", "f4"), ("surface", "f4", 3), ("worth", "f4")]
+)  # fmt: skip
+COLUMNS: ColumnKinds = {
+    "id": ((), "i8"), "points": ((SURFACE_POINTS, 3), "f4"), "box_min": ((3,), "f8"), "box_max": ((3,), "f8"),
+    "extent_min": ((3,), "f8"), "extent_max": ((3,), "f8"), "label_votes": ((LABELS_KEPT,), "i2"),
+    "label_weights": ((LABELS_KEPT,), "f4"), "n_detected": ((), "i4"), "n_observable": ((), "i4"),
+    "first_s": ((), "f8"), "last_s": ((), "f8"), "looked_s": ((), "f8"), "widest_rad": ((), "f4"),
+    "observable": ((VIEWPOINT_BINS,), "f4"),
+    "detected": ((VIEWPOINT_BINS,), "f4"), "views": ((VIEWS_KEPT,), VIEW_KIND), "colours": ((len(COLOURS),), "f4"),
+    "changed": ((), "?"),
+}  # fmt: skip
+
+
+def empty_columns(kinds: ColumnKinds, rows: int) -> dict[str, npt.NDArray[Any]]:
+    """Columns of so many rows of zeros."""
+    return {name: np.zeros((rows, *shape), kind) for name, (shape, kind) in kinds.items()}
+
+
+def check_columns(columns: Columns, kinds: ColumnKinds, labels: int) -> None:
+    """Raises KeyError or ValueError for columns that are not of these kinds, or that use more than so many labels."""
+    for name, empty in empty_columns(kinds, len(columns["id"])).items():
+        if columns[name].shape != empty.shape or columns[name].dtype != empty.dtype:
+            raise ValueError(f"{name} is of another kind or length")
+    most = max(int(columns["label_votes"].max(initial=-1)), int(columns["views"]["label"].max(initial=-1)))
+    if most >= labels:
+        raise ValueError(f"label {most} has no name")
+
+
+def map_objects(
+    columns: Columns,
+    names: Sequence[str],
+    aliases: Mapping[int, int],
+    likely: Array,
+    confirmed: npt.NDArray[np.bool_],
+    located: npt.NDArray[np.bool_] | None,
+) -> tuple[MapObject, ...]:
+    """Rows as objects, with their probabilities (n,). ``aliases`` are merged ids with those of the rows that have them.
+
+    ``located`` (n,) says which distances are known where views show no surface; None where they do.
+    """
+    old_ids: dict[int, list[int]] = {}
+    for old, new in aliases.items():
+        old_ids.setdefault(new, []).append(old)
+    objects = []
+    for o, number in enumerate(columns["id"].tolist()):
+        row = {name: column[o] for name, column in columns.items()}
+        by_label = zip(row["label_votes"], row["label_weights"], strict=True)
+        votes = sorted(((names[k], round(float(w), 4)) for k, w in by_label if k >= 0), key=lambda vote: -vote[1])
+        position = _metres((row["box_min"] + row["box_max"]) / 2)
+        best = [view for view in np.sort(row["views"], order="worth")[::-1] if view["frame"] >= 0]
+        surfaces = [_metres(view["surface"]) if located is None else position if located[o] else None for view in best]
+        views = tuple(_view(view, names, surface) for view, surface in zip(best, surfaces, strict=True))
+        objects.append(MapObject(
+            number, votes[0][0], tuple(votes), position, _metres(row["box_min"]), _metres(row["box_max"]),
+            round(float(likely[o]), 4), bool(confirmed[o]), int(row["n_detected"]), int(row["n_observable"]),
+            float(row["first_s"]), float(row["last_s"]), float(row["looked_s"]), views, named_shares(row["colours"]),
+            aliases=tuple(old_ids.get(number, ())),
+        ))  # fmt: skip
+    return tuple(objects)
+
+
+def _view(view: Any, names: Sequence[str], surface: tuple[float, ...] | None) -> View:
+    return View(
+        int(view["frame"]), tuple(map(float, view["box"].round(2))), round(float(view["score"]), 4),
+        names[view["label"]], round(float(view["size_px2"]), 1), _metres(view["camera"]), float(view["yaw"]), surface,
+    )  # fmt: skip
+
+
+def _metres(values: Array) -> tuple[float, ...]:
+    """To a tenth of a millimetre, as written in files."""
+    return tuple(round(float(v), 4) for v in values)

@@ -1,0 +1,145 @@
+"""Extent of objects: how boxes and surfaces follow the views that show them, where frames have depth."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import ClassVar, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from cartier.mapping.association import assign, cost_matrix
+from cartier.mapping.columns import ColumnKinds, Columns, Indices
+from cartier.mapping.config import ExtentConfig, MappingConfig
+from cartier.mapping.existence import predict_visibility
+from cartier.mapping.observation import SURFACE_POINTS, LiftedDetections, lift
+from cartier.types import Array, Frame
+
+SIDES = {"box_min": -1, "box_max": 1, "extent_min": -1, "extent_max": 1}
+"""The corners of an object's box, and of all that may belong to it; which way is outwards."""
+SURFACE_STRIDE = 8  # a view renews one in so many points of a surface
+
+
+class Geometry(Protocol):
+    """How a map of objects finds out where objects are: from depth, or from bearings alone."""
+
+    with_depth: ClassVar[bool]
+    columns: ClassVar[ColumnKinds]
+    """Columns besides those that every map has."""
+
+    def lift(self, frame: Frame, boxes_xyxy: Array, masks: npt.NDArray[np.bool_] | None) -> LiftedDetections:
+        """Detections in space."""
+        ...
+
+    def predict(self, columns: Columns, frame: Frame) -> tuple[npt.NDArray[np.bool_], Array, Indices]:
+        """Which objects are observable (n,), where they should appear (n, 4), and the rows of those that may appear."""
+        ...
+
+    def associate(
+        self,
+        columns: Columns,
+        candidates: Indices,
+        frame: Frame,
+        boxes_xyxy: Array,
+        extents: tuple[Array, Array],
+        expected_xyxy: Array,
+        agreement: Array,
+    ) -> Indices:
+        """Matches (k, 2) of n detections with ``candidates`` (m,), rows of objects.
+
+        ``extents`` are the corners (n, 3) of the detections in space, ``agreement`` (n, m) is that of labels.
+        """
+        ...
+
+    def spawn(self, columns: Columns, row: int, lifted: LiftedDetections, detection: int) -> None:
+        """Start a new object from a detection."""
+        ...
+
+    def update(
+        self, columns: Columns, rows: Indices, lifted: LiftedDetections, detections: Indices, shrink: Array
+    ) -> None:
+        """Let the extents of detected objects follow a view; ``shrink`` (k,) is how fast each may get smaller."""
+        ...
+
+    def merge(self, columns: Columns, keep: int, drop: int) -> None:
+        """Join the extents of two rows that are one object."""
+        ...
+
+    def distance_known(self, columns: Columns) -> npt.NDArray[np.bool_]:
+        """Which objects (n,) have a known place; the boxes of the others cover where they may be."""
+        ...
+
+
+NewGeometry = Callable[[MappingConfig], Geometry]
+
+
+def smooth_box(
+    columns: Columns, rows: Indices | int, observed: Mapping[str, Array], shrink: Array | float, config: ExtentConfig
+) -> None:
+    """Move the sides of boxes towards ``observed`` ones: outwards by the grow rate, inwards by ``shrink``."""
+    for side, outwards in SIDES.items():
+        current = columns[side][rows]
+        way = observed[side] - current
+        columns[side][rows] = current + way * np.where(way * outwards > 0, config.grow_rate, shrink)
+
+
+def update_surface(columns: Columns, rows: Indices, points: Array) -> None:
+    """Renew surfaces by the ``points`` (k, K, 3) of a view: the first views fill them, later ones change an eighth."""
+    count = columns["n_detected"][rows, None]
+    first, each = count % SURFACE_STRIDE, np.arange(SURFACE_POINTS)
+    some = (each >= first) & ((each - first) % np.minimum(1 + count, SURFACE_STRIDE) == 0)
+    columns["points"][rows] = np.where(some[..., None], points, columns["points"][rows])
+
+
+class DepthGeometry:
+    """Objects from depth: each detection shows a surface."""
+
+    with_depth: ClassVar[bool] = True
+    columns: ClassVar[ColumnKinds] = {}
+
+    def __init__(self, config: MappingConfig) -> None:
+        self.config = config
+
+    def lift(self, frame: Frame, boxes_xyxy: Array, masks: npt.NDArray[np.bool_] | None) -> LiftedDetections:
+        assert frame.depth_m is not None
+        return lift(frame, frame.depth_m, boxes_xyxy, masks)
+
+    def predict(self, columns: Columns, frame: Frame) -> tuple[npt.NDArray[np.bool_], Array, Indices]:
+        extent = columns["extent_min"], columns["extent_max"]
+        return predict_visibility(columns["points"], *extent, frame, self.config.existence)
+
+    def associate(
+        self,
+        columns: Columns,
+        candidates: Indices,
+        frame: Frame,
+        boxes_xyxy: Array,
+        extents: tuple[Array, Array],
+        expected_xyxy: Array,
+        agreement: Array,
+    ) -> Indices:
+        config = self.config.association
+        known = columns["extent_min"][candidates], columns["extent_max"][candidates]
+        cost = cost_matrix(boxes_xyxy, *extents, expected_xyxy, *known, agreement, config.label_weight)
+        return assign(cost, -config.threshold)[0]
+
+    def spawn(self, columns: Columns, row: int, lifted: LiftedDetections, detection: int) -> None:
+        columns["points"][row] = lifted.points[detection]
+        for side in SIDES:
+            columns[side][row] = getattr(lifted, side)[detection]
+
+    def update(
+        self, columns: Columns, rows: Indices, lifted: LiftedDetections, detections: Indices, shrink: Array
+    ) -> None:
+        update_surface(columns, rows, lifted.points[detections])
+        observed = {side: getattr(lifted, side)[detections] for side in SIDES}
+        smooth_box(columns, rows, observed, shrink[:, None], self.config.extent)
+
+    def merge(self, columns: Columns, keep: int, drop: int) -> None:
+        columns["points"][keep, ::4] = columns["points"][drop, ::4]
+        better_of = {-1: np.minimum, 1: np.maximum}
+        union = {side: better_of[out](columns[side][keep], columns[side][drop]) for side, out in SIDES.items()}
+        smooth_box(columns, keep, union, 0, self.config.extent)
+
+    def distance_known(self, columns: Columns) -> npt.NDArray[np.bool_]:
+        return np.ones(len(columns["id"]), bool)

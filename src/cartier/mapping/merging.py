@@ -1,0 +1,104 @@
+"""Merging and pruning of objects: which turn out to be one, which are fragments of one, and which are forgotten."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import numpy.typing as npt
+
+from cartier.mapping.association import PAD_M, add_label_vote, box_overlaps
+from cartier.mapping.columns import Columns, Indices
+from cartier.mapping.config import MergingConfig
+from cartier.mapping.extent import Geometry
+from cartier.types import Array
+
+SAME_LABEL_CONTAINMENT = 0.7  # share of one within the other from which two objects of one label are one
+OTHER_LABEL_NESTING = 0.85  # the same for different labels, of those whose IoU is above that for one label
+USUAL_SIZE_QUANTILE = 0.6  # of the sizes of all objects of a label, weighted by detections
+MIN_FRAGMENTED_M = 0.4  # nothing smaller is hidden by halves
+
+
+def merge_and_prune(
+    columns: Columns, covisible: Mapping[tuple[int, int], int], geometry: Geometry, config: MergingConfig
+) -> tuple[dict[int, int], Indices]:
+    """Merge objects that turn out to be one, in place, and find those to prune.
+
+    Only objects that changed since the last pass are compared. ``covisible`` counts the frames that show two touching
+    objects, by their ids, side by side: those stay two. Returns the ids that were merged with the ids that they were
+    merged into, and the rows to remove.
+    """
+    seen, ids = columns["n_detected"], columns["id"].tolist()
+    merged, gone = dict[int, int](), set[int]()
+    changed = np.flatnonzero(columns["changed"])
+    for i, j in np.argwhere(_one_object(columns, changed, config)):
+        i, j = int(changed[i]), int(j)
+        together = covisible.get((ids[min(i, j)], ids[max(i, j)]), 0)
+        if i != j and not {i, j} & gone and together <= config.max_covisible_share * min(seen[i], seen[j]):
+            keep, drop = (i, j) if seen[i] >= seen[j] else (j, i)
+            merge_pair(columns, keep, drop, geometry)
+            merged[ids[drop]] = ids[keep]
+            gone.add(drop)
+    columns["changed"][:] = False
+    rare = (seen <= config.prune_max_detected) & (columns["n_observable"] >= config.prune_min_observable)
+    gone.update(np.flatnonzero(rare).tolist())
+    return merged, np.array(sorted(gone), np.intp)
+
+
+def _one_object(columns: Columns, changed: Indices, config: MergingConfig) -> npt.NDArray[np.bool_]:
+    """Which of the ``changed`` objects (k,) look like one object with which of all (n,): (k, n)."""
+    names = columns["label_votes"][np.arange(len(columns["id"])), columns["label_weights"].argmax(1)]
+    low, high = columns["extent_min"], columns["extent_max"]
+    iou, nested, contained = box_overlaps(low[changed], high[changed], low, high, PAD_M)
+    contains = box_overlaps(low, high, low[changed], high[changed], PAD_M)[2].T
+    same_label = (iou > config.same_label_iou) | (np.maximum(contained, contains) > SAME_LABEL_CONTAINMENT)
+    other_label = (iou > config.other_label_iou) | ((iou > config.same_label_iou) & (nested > OTHER_LABEL_NESTING))
+    equal = names[changed][:, None] == names
+    alike = np.where(equal, same_label, other_label)
+    return np.asarray(alike | (equal & merge_fragments(columns, changed, names, config)))
+
+
+def merge_fragments(
+    columns: Columns, changed: Indices, names: npt.NDArray[np.integer], config: MergingConfig
+) -> npt.NDArray[np.bool_]:
+    """Which pairs (k, n) make up one object of their label's usual size: the parts of a chair around a table."""
+    low, high, seen = columns["extent_min"], columns["extent_max"], columns["n_detected"]
+    usual_m = np.zeros((len(names), 3))
+    for name in np.unique(names[changed]):
+        of = np.flatnonzero(names == name)
+        size_m = _upright((high - low)[of])
+        order = np.argsort(size_m, axis=0)
+        share = np.cumsum(seen[of][order], axis=0) / max(seen[of].sum(), 1)
+        at = (share >= USUAL_SIZE_QUANTILE).argmax(0)[None]
+        usual_m[of] = np.take_along_axis(size_m, np.take_along_axis(order, at, 0), 0)
+    union_m = _upright(np.maximum(high[changed][:, None], high) - np.minimum(low[changed][:, None], low))
+    fits = (union_m <= config.max_fragment_ratio * usual_m).all(2) & (usual_m.max(1) >= MIN_FRAGMENTED_M)
+    return np.asarray(fits)
+
+
+def _upright(size_m: Array) -> Array:
+    """Sizes (…, 3) as width, length and height, however objects are turned."""
+    return np.stack([size_m[..., :2].min(-1), size_m[..., :2].max(-1), size_m[..., 2]], axis=-1)
+
+
+def merge_pair(columns: Columns, keep: int, drop: int, geometry: Geometry) -> None:
+    """Add the evidence of one row to another, in place."""
+    geometry.merge(columns, keep, drop)
+    for name, better in (
+        ("observable", np.maximum), ("widest_rad", max), ("n_observable", max), ("last_s", max), ("looked_s", max),
+        ("first_s", min),
+    ):  # fmt: skip
+        columns[name][keep] = better(columns[name][keep], columns[name][drop])
+    for name, limit in (
+        ("detected", "observable"),
+        ("n_detected", "n_observable"),
+    ):  # a frame's detection was of one of them
+        columns[name][keep] = np.minimum(columns[name][keep] + columns[name][drop], columns[limit][keep])
+    columns["colours"][keep] += columns["colours"][drop]
+    views = np.concatenate([columns["views"][keep], columns["views"][drop]])
+    best = np.argsort(-views["worth"], kind="stable")[: columns["views"].shape[1]]
+    columns["views"][keep] = views[best]
+    votes, weights = columns["label_votes"], columns["label_weights"]
+    for label, weight in zip(votes[drop].tolist(), weights[drop].tolist(), strict=True):
+        if label >= 0:
+            add_label_vote(votes[keep], weights[keep], label, weight)
