@@ -18,7 +18,7 @@ from cartier.errors import InputError, brief, frame_number
 from cartier.io import images
 from cartier.io.atomic import replaced_folder, write_json
 from cartier.io.files import read_json
-from cartier.recordings.common.content import READERS, check_inside, content_hash, names_in
+from cartier.recordings.common.files import READERS, check_inside, content_hash, names_in
 from cartier.recordings.common.poses import read_trajectory, trajectory_line
 from cartier.types import Camera, Frame, TrueObject
 

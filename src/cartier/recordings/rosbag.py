@@ -21,11 +21,10 @@ from cartier.contracts import Recording
 from cartier.errors import InputError, frame_number
 from cartier.io.images import check_depth
 from cartier.mapping import gravity
-from cartier.recordings.common.content import READERS, content_hash
-from cartier.recordings.common.lens import resampled
+from cartier.recordings.common.files import READERS, content_hash
+from cartier.recordings.common.lens import registered, resampled
+from cartier.recordings.common.posed import check_floor
 from cartier.recordings.common.poses import rigid
-from cartier.recordings.common.registration import registered
-from cartier.recordings.common.tables import check_floor
 from cartier.recordings.ros.bags import METADATA, Bag, files_of
 from cartier.recordings.ros.file import Index
 from cartier.recordings.ros.images import colour as colour_image

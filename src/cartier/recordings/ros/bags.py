@@ -13,7 +13,7 @@ import numpy as np
 from cartier.errors import InputError, brief
 from cartier.io.files import read_text
 from cartier.io.strict_yaml import YamlFault, read_yaml
-from cartier.recordings.common.content import check_inside, names_in
+from cartier.recordings.common.files import check_inside, names_in
 from cartier.recordings.ros.bag1 import Bag1
 from cartier.recordings.ros.file import MAX_BLOCK, MAX_TOPICS, WHOLE, Index, Storage, Topic
 from cartier.recordings.ros.mcap import Mcap

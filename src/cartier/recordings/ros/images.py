@@ -10,9 +10,9 @@ import numpy.typing as npt
 
 from cartier.errors import InputError, brief
 from cartier.io import images
-from cartier.recordings.common.lens import Lens, Model, straight
-from cartier.recordings.common.tables import camera_of, off_centre
-from cartier.types import Array, Camera
+from cartier.recordings.common.depth import valid
+from cartier.recordings.common.lens import Lens, Model, camera_of, off_centre, straight
+from cartier.types import Camera
 
 INFO = "sensor_msgs/msg/CameraInfo"
 COLOURS = {"rgb8": 3, "bgr8": 3, "8UC3": 3, "rgba8": 4, "bgra8": 4, "8UC4": 4, "mono8": 1, "8UC1": 1}
@@ -71,14 +71,6 @@ def depth(message: Any, camera: Camera, where: str) -> npt.NDArray[np.float32]:
     kind = np.dtype(DEPTHS[name]).newbyteorder(">" if message.is_bigendian else "<")
     pixels = _rows(message, camera, kind, 1, where)[..., 0]
     return images.metres(pixels.astype(np.uint16)) if DEPTHS[name] is np.uint16 else valid(pixels)
-
-
-def valid(depth_m: Array) -> npt.NDArray[np.float32]:
-    """A copy as float32 with NaN in place of all that is no positive, finite depth."""
-    with np.errstate(invalid="ignore", over="ignore"):
-        out = np.array(depth_m, dtype=np.float32)
-        out[~((out > 0) & (out < np.inf))] = np.nan
-    return out
 
 
 def lens_of(info: Any, rectified: bool, size: tuple[int, int], where: str) -> Lens:

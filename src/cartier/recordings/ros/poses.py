@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cartier.errors import InputError, brief
-from cartier.recordings.common.interpolation import MAX_GAP_S, interpolated
+from cartier.recordings.common.poses import MAX_GAP_S, by_time, interpolated
 from cartier.recordings.ros.bags import TRANSFORMS, Bag, frame_name
 from cartier.recordings.ros.tf import Tree, checked_rows
 
@@ -112,9 +112,7 @@ def _samples(bag: Bag, name: str) -> tuple[npt.NDArray[np.float64], str, str]:
         body = frame_name(str(getattr(message, "child_frame_id", "")), bag.path)
     if not rows:
         raise InputError(f"{bag.path}: topic {name} holds no pose")
-    table = np.array(rows)
-    table = table[np.argsort(table[:, 0], kind="stable")]
-    return table[np.append(np.diff(table[:, 0]) > 0, True)], world, body
+    return by_time(np.array(rows)), world, body
 
 
 def _left_out(outside: int, in_gaps: int, what: str) -> list[str]:

@@ -13,8 +13,7 @@ import numpy.typing as npt
 
 from cartier.errors import InputError, brief
 from cartier.geometry import invert
-from cartier.recordings.common.interpolation import interpolated
-from cartier.recordings.common.poses import matrices
+from cartier.recordings.common.poses import by_time, interpolated, matrices
 from cartier.recordings.ros.bags import frame_name
 from cartier.types import Array
 
@@ -34,10 +33,7 @@ class Edge:
     def table(self) -> npt.NDArray[np.float64]:
         """(N, 8) by time, one row per time; of equal times the last."""
         rows = np.frombuffer(self.samples, np.float64).reshape(-1, 8)
-        if self.static:
-            return np.asarray(rows[-1:])
-        rows = rows[np.argsort(rows[:, 0], kind="stable")]
-        return np.asarray(rows[np.append(np.diff(rows[:, 0]) > 0, True)])
+        return np.asarray(rows[-1:]) if self.static else by_time(rows)
 
 
 @dataclass(frozen=True, eq=False)

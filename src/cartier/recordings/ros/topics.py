@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from cartier.errors import InputError, brief
-from cartier.recordings.common.lens import Lens
-from cartier.recordings.common.tables import off_centre_notes
+from cartier.recordings.common.lens import Lens, off_centre_notes
 from cartier.recordings.ros.bags import COMPRESSED, IMAGE, Bag, frame_name
 from cartier.recordings.ros.file import Index
 from cartier.recordings.ros.images import (
