@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from cartier.detectors._annotations import Annotations, read_annotations
-from cartier.detectors._rows import rows
+from cartier.detectors.annotations import Annotations, read_annotations
 from cartier.detectors.boxes import clip
+from cartier.detectors.rows import rows
 from cartier.errors import InputError, brief
 from cartier.io.files import sha256_of
 from cartier.types import Array, Detections, DetectorScoreModel, Frame

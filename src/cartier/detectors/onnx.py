@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from cartier.detectors._pixels import to_tensor
 from cartier.detectors.boxes import clip, nms
 from cartier.detectors.layouts import ANY_NAME, LAYOUTS, Candidates, Size, recognised
+from cartier.detectors.pixels import to_tensor
 from cartier.detectors.sidecar import Sidecar, read_sidecar
 from cartier.errors import BackendError, InputError, brief
 from cartier.io.files import sha256_of

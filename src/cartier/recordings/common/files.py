@@ -73,7 +73,7 @@ def numbers(words: Sequence[object], where: str, finite: bool = True) -> list[fl
         values = [float(word) for word in words]  # type: ignore[arg-type]
     except (TypeError, ValueError, OverflowError) as error:
         raise InputError(f"{where}: {brief(error)}") from error
-    if finite and not all(abs(value) < MAX_NUMBER for value in values):  # false for NaN too
+    if finite and not all(abs(value) <= MAX_NUMBER for value in values):  # false for NaN too
         raise InputError(f"{where}: NaN, infinity or a senseless size where a number belongs")
     return values
 
