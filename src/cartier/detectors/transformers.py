@@ -14,6 +14,7 @@ from cartier.detectors.device_images import DeviceImages
 from cartier.detectors.vocabulary import read_vocabulary
 from cartier.detectors.zero_shot import ClosedSet, Grounding, OmDetTurbo, Owl, Pass
 from cartier.errors import BackendError, CartierError
+from cartier.models.hub import best_device, line_of
 from cartier.types import Detections, DetectorScoreModel, Floats, Frame
 
 EXTRA = "detect"
@@ -64,7 +65,7 @@ def make(
 
     Older DETRs take their backbone from timm, which brings torchvision: ``facebook/detr-resnet-50@no_timm`` needs neither.
     """
-    chosen = hub.best_device(device)
+    chosen = best_device(device)
     source = hub.find(model, FAMILIES)
     family = FAMILIES[source.config.model_type]
     closed = family.head is ClosedSet
@@ -197,4 +198,4 @@ def _running(model: Any, name: str, what: str) -> Iterator[None]:
     except CartierError:
         raise
     except Exception as error:  # torch's and transformers' errors share no base class
-        raise BackendError(f"{name} failed on {what}: {hub.line_of(error)}") from error
+        raise BackendError(f"{name} failed on {what}: {line_of(error)}") from error

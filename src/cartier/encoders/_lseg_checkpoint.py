@@ -12,8 +12,8 @@ import torch
 import transformers
 
 from cartier.encoders.lseg_network import LSegNetwork, Shape
-from cartier.encoders.torch_backend import first_line
 from cartier.errors import InputError
+from cartier.models.hub import line_of
 
 Tensors = dict[str, torch.Tensor]
 
@@ -46,7 +46,7 @@ def read_tensors(path: Path) -> Tensors:
     try:
         tensors = _safetensors(path) if path.suffix == ".safetensors" else _pickled(path)
     except Exception as error:  # torch's, pickle's and safetensors' errors share no base class
-        raise InputError(f"{path} cannot be read ({first_line(error)}); {CONVERT}") from error
+        raise InputError(f"{path} cannot be read ({line_of(error)}); {CONVERT}") from error
     if not isinstance(tensors, Mapping) or not all(isinstance(value, torch.Tensor) for value in tensors.values()):
         raise InputError(f"{path} holds no table of parameters (state_dict): is it LSeg's checkpoint?")
     named = {str(name).removeprefix("net."): value for name, value in tensors.items()}

@@ -18,7 +18,7 @@ from cartier.types import Array, Frame
 if TYPE_CHECKING:
     import torch
 
-    from cartier.encoders.clip_text import TextTower
+    from cartier.encoders.torch_backend import TextTower
 
 EXTRA = "detect"
 MODEL = "openai/clip-vit-large-patch14"
@@ -133,7 +133,7 @@ class Clip:
 
 
 def _text_tower(network: Any, tokenizer: Any, siglip: bool, device: torch.device) -> TextTower:
-    from cartier.encoders.clip_text import TextTower
+    from cartier.encoders.torch_backend import TextTower
 
     config = network.config.text_config
 

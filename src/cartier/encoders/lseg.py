@@ -18,8 +18,8 @@ from cartier.types import Array, Frame
 if TYPE_CHECKING:
     import torch
 
-    from cartier.encoders.clip_text import TextTower
     from cartier.encoders.lseg_network import LSegNetwork, Shape
+    from cartier.encoders.torch_backend import TextTower
 
 EXTRA = "detect"
 TOKENIZER = "openai/clip-vit-base-patch32"
@@ -46,8 +46,7 @@ def build(checkpoint: Path, shape: Shape, tokenizer: str, device: str | None, lo
     import transformers
 
     from cartier.encoders._lseg_checkpoint import load_network, load_text_tower, read_tensors
-    from cartier.encoders.clip_text import TextTower
-    from cartier.encoders.torch_backend import from_hub, pick_device
+    from cartier.encoders.torch_backend import TextTower, from_hub, pick_device
 
     step = 2 * shape.patch
     if not step <= long_side_px <= MAX_LONG_SIDE_PX:

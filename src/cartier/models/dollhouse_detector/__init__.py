@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import io
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +10,7 @@ import numpy as np
 
 from cartier.errors import InputError
 from cartier.io.files import read_json
+from cartier.models import read_shipped
 from cartier.types import Array, DetectorScoreModel
 
 FOLDER = Path(__file__).parent
@@ -62,18 +62,9 @@ def load(folder: Path = FOLDER) -> DetectorModel:
         raise InputError(f"{beside} is damaged ({type(error).__name__}: {error}): install cartier again") from error
     if not (0 < width <= 4096 and 0 < height <= 4096 and names and around):
         raise InputError(f"{beside} is damaged (a size or the names): install cartier again")
-    _same(path, digests[MODEL])
-    words = _words(folder / WORDS, _same(folder / WORDS, digests[WORDS]))
+    read_shipped(path, digests[MODEL])
+    words = _words(folder / WORDS, read_shipped(folder / WORDS, digests[WORDS]))
     return DetectorModel(path, digests[MODEL], (width, height), names, around, score_model, trained, words)
-
-
-def _same(path: Path, digest: str) -> bytes:
-    """The content of a file, if it is the one that was shipped."""
-    data = path.read_bytes()
-    found = hashlib.sha256(data).hexdigest()
-    if found != digest:
-        raise InputError(f"{path} was changed: its sha256 is {found[:12]}…, not {digest[:12]}…; install cartier again")
-    return data
 
 
 def _words(path: Path, data: bytes) -> Array:
