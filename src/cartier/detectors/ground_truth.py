@@ -37,7 +37,7 @@ def make(
 
 
 class GroundTruth:
-    """Obeys the Detector contract, with masks where nothing is disturbed. Its name says that it is no detector at all."""
+    """Obeys the Detector contract, with masks where nothing is disturbed. Its name says that it is no real detector."""
 
     score_model = DetectorScoreModel(
         0.5,

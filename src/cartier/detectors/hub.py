@@ -59,8 +59,8 @@ def find(model: str | Path, types: Collection[str]) -> Source:
         ) from error
     if config.model_type not in types:
         raise InputError(
-            f"{model} is no detector that cartier runs: its type is {brief(config.model_type, 40)}, and those that run are "
-            f"{', '.join(types)}"
+            f"{model} is no detector that cartier runs: its type is {brief(config.model_type, 40)}, and those that run "
+            f"are {', '.join(types)}"
         )
     if not folder:  # every file from one commit; and without "main" transformers never asks the hub to convert pickles
         where["revision"] = _folder(where).name

@@ -1,7 +1,7 @@
 """Detections in files of other programs: read one by one and checked.
 
-A file is a JSON list or JSON lines of COCO results, or of objects that name frame and label. One object is in memory at a
-time, so that a file of 1 GiB can be read.
+A file is a JSON list or JSON lines of COCO results, or of objects that name frame and label. One object is in memory at
+a time, so that a file of 1 GiB can be read.
 """
 
 from __future__ import annotations
@@ -63,8 +63,8 @@ def _coco(line: int, record: dict[str, Any], annotations: Annotations | None) ->
     image, category = _whole(record, "image_id"), _whole(record, "category_id")
     if annotations is None:
         raise _Fault(
-            f"category_id {_short(category)} needs a name: put the COCO or LVIS annotations (or a list of names) beside the "
-            "file as NAME.categories.json, or give the option categories"
+            f"category_id {_short(category)} needs a name: put the COCO or LVIS annotations (or a list of names) "
+            "beside the file as NAME.categories.json, or give the option categories"
         )
     if category not in annotations.names:
         raise _Fault(f"there is no category {_short(category)} in {annotations.path}")

@@ -51,7 +51,7 @@ class Sidecar(BaseModel):
     threshold: Annotated[float, Field(ge=0, le=1)]
     """The score from which a detection counts by itself."""
     score_model: DetectorScoreModel | None = None
-    """What its reports are worth, where that was measured: the fields of ``types.DetectorScoreModel``, ``measured`` among them."""
+    """What its detections are worth, if that was measured: the fields of ``types.DetectorScoreModel``."""
     min_views: int | None = None
     """Of older sidecars, and without effect: the map weighs each object's evidence."""
     activation: Literal["softmax", "sigmoid"] = "softmax"

@@ -1,4 +1,4 @@
-"""LSeg's public checkpoint: read without running anything in it, its names held against the network's, its text tower."""
+"""LSeg's public checkpoint: read without running code from it, checked against the network, with its text tower."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ CONVERT = (
 
 
 class _Inert:
-    """Stands in for whatever a checkpoint holds besides tensors (callbacks, settings): takes anything and does nothing."""
+    """Stands in for what a checkpoint holds besides tensors (callbacks, settings): takes anything and does nothing."""
 
     def __init__(self, *args: object, **options: object) -> None: ...
 
@@ -40,7 +40,7 @@ class _Inert:
 
 
 def read_tensors(path: Path) -> Tensors:
-    """The parameters in a .safetensors file or a Lightning checkpoint, without the prefix ``net.``; none of its code runs."""
+    """The parameters of a .safetensors file or a Lightning checkpoint, without the prefix ``net.``; runs no code."""
     if not path.is_file():
         raise InputError(f"LSeg checkpoint {path} does not exist")
     try:
@@ -78,7 +78,7 @@ def load_network(tensors: Tensors, where: str, shape: Shape) -> LSegNetwork:
 
 
 def load_text_tower(tensors: Tensors, where: str, end_token: int) -> Any:
-    """CLIP's text side, which the checkpoint holds under OpenAI's names, as a transformers.CLIPTextModelWithProjection."""
+    """CLIP's text side, stored under OpenAI's names, as a transformers.CLIPTextModelWithProjection."""
     own = {name.removeprefix(TEXT): value for name, value in tensors.items() if name.startswith(TEXT)}
     sizes = (
         "token_embedding.weight",

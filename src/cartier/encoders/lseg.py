@@ -31,8 +31,8 @@ MEAN_STD = ((0.5, 0.5, 0.5), (0.5, 0.5, 0.5))
 def make(model: str, tokenizer: str = TOKENIZER, device: str | None = None, long_side_px: int = LONG_SIDE_PX) -> LSeg:
     """LSeg from its public checkpoint, the file ``model``: download it from the authors (isl-org/lang-seg) first.
 
-    ``tokenizer``: hub id or folder with CLIP's tokenizer. ``device``: a torch device, by default the GPU when there is one
-    (half precision there). Raises InputError for a file that is missing, damaged or another network's.
+    ``tokenizer``: hub id or folder with CLIP's tokenizer. ``device``: a torch device, by default the GPU if there is
+    one (half precision there). Raises InputError for a file that is missing, damaged or another network's.
     """
     import torch  # noqa: F401  (a missing package is named before a large file is read)
 
@@ -93,7 +93,7 @@ class LSeg:
         self.notes: Sequence[str] = text.notes
 
     def image(self, frame: Frame) -> Array:
-        """(h, w, 512) float32 at half the network's resolution; cell (i, j) covers rows [i H/h, (i+1) H/h), columns likewise.
+        """(h, w, 512) float32 at half the network's resolution; cell (i, j) covers rows [i H/h, (i+1) H/h).
 
         The network enlarges with its corners aligned, so a cell may lie up to half an input pixel off that place.
         """

@@ -65,7 +65,7 @@ def from_hub(load: Callable[..., Loaded], model: str, what: str, **options: Any)
 
 @dataclass
 class TextTower:
-    """``embed`` takes the tokens as a transformers model does and gives (n, D); ``limit`` and ``vocabulary`` count tokens."""
+    """``embed`` takes the tokens like a transformers model and gives (n, D); ``limit``, ``vocabulary`` count tokens."""
 
     embed: Callable[..., torch.Tensor]
     tokenizer: Any

@@ -16,7 +16,7 @@ def make() -> ObjectDepth:
 class LargestView(ABC):
     """One place per name: of the frame with the largest box, corrected for perspective distortion.
 
-    Source: CARTIER (arXiv 2307.11865), object detection and spatial language index. The map of objects has kept the views.
+    Source: CARTIER (arXiv 2307.11865), object detection and spatial language index. The map of objects keeps the views.
     """
 
     def __init__(self) -> None:
@@ -60,7 +60,7 @@ class LargestView(ABC):
 
 
 class ObjectDepth(LargestView):
-    """Position = mean of the surface that the winning view shows (arXiv 2307.11865); objects seen without depth have none."""
+    """Position = mean of the surface that the largest view shows (arXiv 2307.11865); None for objects without depth."""
 
     def place(self, obj: MapObject, view: View) -> Place | None:
         if view.surface is None:

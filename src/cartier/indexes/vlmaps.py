@@ -30,8 +30,9 @@ def make(encoder: str | Encoder = "embedded", cell_m: float = 0.05) -> VLMaps:
 class VLMaps:
     """Per cell the mean feature over all points that fell into it; a place is the cell most similar to the words.
 
-    Source: VLMaps (Huang et al. 2023, arXiv 2210.05714) as CARTIER (arXiv 2307.11865) uses it: 2-D grid, cosine similarity
-    after dropping the dominating embedding dimensions, the best cell wins. Memory grows with the cells seen, not with frames.
+    Source: VLMaps (Huang et al. 2023, arXiv 2210.05714) as CARTIER (arXiv 2307.11865) uses it: 2-D grid, cosine
+    similarity after dropping the dominating dimensions, the best cell wins. Memory grows with the cells seen, not with
+    frames.
     """
 
     def __init__(self, encoder: str | Encoder, cell_m: float) -> None:
@@ -168,9 +169,10 @@ class VLMaps:
 def searchable(sums: Array) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.bool_]]:
     """Unit rows (n, kept dimensions) for cosines, and which of the D dimensions are kept.
 
-    CLIP-like features have a few dimensions that are large and nearly the same everywhere; they say nothing about *where*,
-    yet they decide the cosine. A dimension is dropped if its mean over the cells holds more than 5 % of the energy of the mean
-    vector (or 5 times an even share, where there are few dimensions) and varies less than a third of that mean.
+    CLIP-like features have a few dimensions that are large and nearly the same everywhere. They say nothing about
+    *where*, yet they decide the cosine. A dimension is dropped if its mean over the cells holds more than 5 % of the
+    energy of the mean vector (or 5 times an even share, where there are few dimensions) and varies less than a third of
+    that mean.
     """
     norms = np.linalg.norm(sums, axis=1, keepdims=True)
     rows = np.divide(sums, norms, out=np.zeros(sums.shape, np.float32), where=norms > 0)
@@ -192,7 +194,7 @@ def searchable(sums: Array) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.boo
 def label_features(
     frame: Frame, detections: Detections, text: Callable[[Sequence[str]], Array]
 ) -> npt.NDArray[np.float32]:
-    """(h, w, D) features of a frame with depth: the vector of the label in each mask, or in a box where there is no mask.
+    """(h, w, D) features of a frame with depth: the vector of the label in each mask, or in each box without masks.
 
     In a box only the thing's own surface gets it: depths within half its own width or height of the near third of the
     box's middle, as in object_depth. Smaller things lie over larger ones, and the rest is "wall and floor".

@@ -47,7 +47,7 @@ def located(model: str) -> dict[str, Any]:
 
 
 def best_device(asked: str | None) -> str:
-    """The device asked for, by default the first GPU or else the CPU. Raises BackendError if torch has no such device."""
+    """The device asked for, by default the first GPU or the CPU. Raises BackendError if torch has no such device."""
     import torch
 
     chosen = asked or ("cuda" if torch.cuda.is_available() else "cpu")

@@ -1,4 +1,4 @@
-"""ARCore: images/TIME.jpg, poses.csv, intrinsics.json and, where the phone gave them, depth/TIME.png, confidence/TIME.png.
+"""ARCore: images/TIME.jpg, poses.csv, intrinsics.json, and optional depth/TIME.png, confidence/TIME.png.
 
 ARCore has no export of its own; an app writes this per ``Frame``, with TIME = ``Frame.getTimestamp()`` in nanoseconds:
 
@@ -6,7 +6,8 @@ ARCore has no export of its own; an app writes this per ``Frame``, with TIME = `
 - ``poses.csv``: a line ``timestamp_ns,tx,ty,tz,qx,qy,qz,qw`` of names, then ``Camera.getPose()`` (OpenGL camera axes,
   world with y up) of each frame whose camera was TRACKING. Images without a pose are left out and counted.
 - ``intrinsics.json``: ``{"width", "height", "fx", "fy", "cx", "cy"}`` of ``Camera.getImageIntrinsics()``.
-- ``depth/TIME.png``: ``acquireDepthImage16Bits`` or ``acquireRawDepthImage16Bits`` as 16-bit PNG, millimetres, 0 = none;
+- ``depth/TIME.png``: ``acquireDepthImage16Bits`` or ``acquireRawDepthImage16Bits`` as 16-bit PNG, millimetres, 0 =
+  none;
   it may be smaller than the image, but must show the same field of view.
 - ``confidence/TIME.png``: ``acquireRawDepthConfidenceImage`` as 8-bit PNG; below ``confidence`` depth is dropped.
 """
@@ -41,7 +42,7 @@ def matches(path: Path) -> bool:
 def open(
     path: str | Path, confidence: int = 77, up: Sequence[float] | None = None, floor_m: float | None = None
 ) -> Recording:
-    """Read such a folder; ``confidence`` from 0 to 255 is the least that depth must have (77 is 0.3, as in Google's samples)."""
+    """Read such a folder; ``confidence``, 0 to 255, is the least that depth must have (77 is 0.3: Google's samples)."""
     check_confidence(confidence, 255)
     root = Path(path)
     notes: list[str] = []

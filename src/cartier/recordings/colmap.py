@@ -1,8 +1,9 @@
-"""COLMAP: a sparse model (cameras and images, .bin or .txt) in sparse/0, sparse or beside images/: poses without scale or depth.
+"""COLMAP: a sparse model (cameras and images, .bin or .txt) beside or above images/; no scale and no depth.
 
-Poses are camera-from-world with optical axes, in a world of any rotation and scale. Up is estimated. The scale is guessed
-so that rooms are as large as usual, whatever the model's units. Distortion is removed. The numbers of the camera models
-and the layouts of the files are those of COLMAP's "Output Format". Schönberger and Frahm, CVPR 2016.
+Poses are camera-from-world with optical axes, in a world of any rotation and scale. The model lies in sparse/0, sparse,
+colmap/sparse/0 or the folder itself. Up is estimated. The scale is guessed so that rooms are as large as usual,
+whatever the model's units. Distortion is removed. The numbers of the camera models and the layouts of the files are
+those of COLMAP's "Output Format". Schönberger and Frahm, CVPR 2016.
 """
 
 from __future__ import annotations
@@ -82,7 +83,7 @@ def matches(path: Path) -> bool:
 
 
 def open(path: str | Path, up: Sequence[float] | None = None, floor_m: float | None = None) -> Recording:
-    """Read a model and its images; ``up`` (x, y, z in COLMAP's world) and ``floor_m`` (along up) override the estimates."""
+    """Read a model and its images; ``up`` (x, y, z in its world) and ``floor_m`` (along up) override the estimates."""
     root = Path(path)
     found = _model(root)
     if found is None:
@@ -132,7 +133,7 @@ def _pair(folder: Path) -> str | None:
 
 
 def _scale(cameras: Mapping[int, Array], points: Path) -> tuple[float, str]:
-    """Metres per unit of a model by what is usual in homes, and in words by what; ``cameras`` are the images' positions by key."""
+    """Metres per unit of a model, as usual in homes, and the reason; ``cameras`` are the images' positions by key."""
     away = [
         float(np.linalg.norm(point - cameras[key]))
         for key, point in (_points(points) if points.is_file() else ())

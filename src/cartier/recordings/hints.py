@@ -1,4 +1,4 @@
-"""What is said of a path that is no recording: one nearby, one in an archive, pictures without poses, or nothing of the kind.
+"""Hints for a path that is no recording: a recording nearby or in an archive, or pictures without poses.
 
 Folders are looked into two levels down, archives by their names only, both within bounds. Nothing is unpacked.
 """
@@ -24,13 +24,13 @@ PICTURES = (".jpg", ".jpeg", ".png", ".heic", ".heif", ".dng", ".tif", ".tiff", 
 KINDS = {"a picture": PICTURES, "a video": VIDEOS}
 TARS = (".tar", ".tgz", ".tar.gz", ".tar.bz2", ".tar.xz")
 NO_POSES = (
-    "no camera poses and no intrinsics: COLMAP or nerfstudio's ns-process-data work them out from pictures (without depth "
-    "and scale), and Record3D, Stray Scanner, Polycam and RTAB-Map record them with depth (docs/phone.md)"
+    "no camera poses and no intrinsics: COLMAP or nerfstudio's ns-process-data work them out from pictures (without "
+    "depth and scale), and Record3D, Stray Scanner, Polycam and RTAB-Map record them with depth (docs/phone.md)"
 )
 POSES = ("*pose*.json", "*pose*.txt", "*pose*.csv", "*traj*.json", "*traj*.txt", "*traj*.csv")
 OWN_LAYOUT = (
-    "in a layout of their own: write them as transforms.json (nerfstudio) or as the four plain files of the README, or name "
-    "a reader of your own, --format ./mine.py (CONTRIBUTING.md)"
+    "in a layout of their own: write them as transforms.json (nerfstudio) or as the four plain files of the README, or "
+    "name a reader of your own, --format ./mine.py (CONTRIBUTING.md)"
 )
 MOST_ENTRIES, MOST_PATHS, MOST_ARCHIVES = 100, 300, 5  # looked at: in a folder, in all, and archives of those
 MOST_NAMES, MOST_TAR_BYTES = 20_000, 256 << 20
@@ -139,7 +139,7 @@ def _names(path: Path) -> tuple[list[str], bool]:
 
 
 def _recording_of(names: list[str], formats: Formats) -> tuple[str, str] | None:
-    """The folder or file in an archive that is a recording, and its format: found among empty files of the same names."""
+    """The recording in an archive and its format, found by empty files of the same names in a temporary folder."""
     alike: Counter[tuple[str, str]] = Counter()
     with tempfile.TemporaryDirectory(prefix="cartier-") as temporary:
         root, folders = Path(temporary), {Path(temporary)}

@@ -1,9 +1,9 @@
 """nerfstudio: transforms.json with camera-to-world matrices in OpenGL axes, intrinsics for all or for each frame.
 
-``ns-process-data`` and instant-ngp write it. Distortion (``k1 k2 p1 p2 k3``, or the fisheye's ``k1``-``k4``) is removed;
-frames of other intrinsics are resampled to those of the first. Depth is ``depth_file_path``, a 16-bit PNG, a ``.npy`` or
-an ``.exr`` (needs OpenEXR) in units of ``depth_unit_scale_factor`` metres (default 0.001), or instant-ngp's
-``depth_path`` in units of ``integer_depth_scale``. The scale is metric if a phone's LiDAR made the file, not if COLMAP did.
+``ns-process-data`` and instant-ngp write it. Distortion (``k1 k2 p1 p2 k3``, or the fisheye's ``k1``-``k4``) is
+removed; frames of other intrinsics are resampled to those of the first. Depth is ``depth_file_path``, a 16-bit PNG, a
+``.npy`` or an ``.exr`` (needs OpenEXR) in units of ``depth_unit_scale_factor`` metres (default 0.001), or instant-ngp's
+``depth_path`` in units of ``integer_depth_scale``. The scale is metric from a phone's LiDAR, but not from COLMAP.
 """
 
 from __future__ import annotations
@@ -89,7 +89,7 @@ def open(path: str | Path, up: Sequence[float] | None = None, floor_m: float | N
 
 
 def _metres_per_unit(poses: Array, colmap: bool, notes: list[str]) -> float:
-    """1 where poses without depth may well be metric, as ARKit's; else what makes the cameras stand as is usual in homes."""
+    """1 if poses without depth may well be metric, as ARKit's; else the scale that is usual for homes."""
     positions = poses[:, :3, 3]
     way = float(np.median(np.linalg.norm(positions - np.median(positions, axis=0), axis=1)))
     if way < 1e-12 or (PLAUSIBLE_WAY_M[0] <= way <= PLAUSIBLE_WAY_M[1] and not colmap):

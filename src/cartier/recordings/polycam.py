@@ -1,8 +1,8 @@
-"""Polycam (iPhone with LiDAR), its "raw data" export: keyframes/images, cameras, depth, confidence, and corrected_images, _cameras.
+"""Polycam (iPhone with LiDAR): its "raw data" export, keyframes/ with images, cameras, depth and confidence.
 
-The corrected images and cameras, which the app makes when it closes loops, are read where they are there. Poses are ARKit's:
-OpenGL camera axes, world with y up. Depth is in millimetres and smaller than colour; depth below ``confidence`` (0, 127 or 255)
-is dropped. Images of a phone held upright are turned upright. The layout is that of Polycam's own polyform.
+The corrected images and cameras, which the app makes when it closes loops, are preferred. Poses are ARKit's: OpenGL
+camera axes, world with y up. Depth is in millimetres and smaller than colour; depth below ``confidence`` (0, 127 or
+255) is dropped. Images of a phone held upright are turned upright. The layout is that of Polycam's own polyform.
 """
 
 from __future__ import annotations
@@ -61,8 +61,8 @@ def open(
         notes.append("there are no corrected cameras: the poses are ARKit's own, which drift in large scans")
     elif uncorrected:
         notes.append(
-            f"{uncorrected} of {len(every)} keyframes left out: they have no corrected camera, and the others' world is "
-            f"not theirs (without {FOLDER}/{cameras} all are read with ARKit's own poses)"
+            f"{uncorrected} of {len(every)} keyframes left out: they have no corrected camera, and the others' world "
+            f"is not theirs (without {FOLDER}/{cameras} all are read with ARKit's own poses)"
         )
     views, poses, files = [], [], []
     for stem in kept:

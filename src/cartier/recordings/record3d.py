@@ -1,7 +1,7 @@
-"""Record3D (iPhone): a .r3d file or what is in it (metadata, rgbd/), or its "EXR + JPG" export (metadata.json, rgb/, depth/).
+"""Record3D (iPhone): a .r3d file or its unpacked content, or the "EXR + JPG" export (metadata.json, rgb/, depth/).
 
 Poses are ARKit's: OpenGL camera axes, world with y up. Depth is smaller than colour, in float32 metres: LZFSE-packed in
-a .r3d (needs pyliblzfse), EXR in the export (needs OpenEXR). Depth below ``confidence`` (0, 1 or 2) is dropped where the
+a .r3d (needs pyliblzfse), EXR in the export (needs OpenEXR). Depth below ``confidence`` (0, 1 or 2) is dropped if the
 file holds it. Intrinsics are the frame's own where they are given. Images of a phone held sideways are turned upright.
 """
 
@@ -160,8 +160,8 @@ def _lzfse() -> Callable[[bytes], bytes]:
         import liblzfse
     except ImportError as error:
         raise MissingExtra(
-            "depth in a .r3d is packed with LZFSE: pip install pyliblzfse (it is compiled on your machine), or share the "
-            "capture from the app as 'EXR + JPG sequence'"
+            "depth in a .r3d is packed with LZFSE: pip install pyliblzfse (it is compiled on your machine), or share "
+            "the capture from the app as 'EXR + JPG sequence'"
         ) from error
 
     def unpack(packed: bytes) -> bytes:

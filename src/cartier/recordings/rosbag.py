@@ -189,7 +189,8 @@ class RosBag:
         matrix = tree.fixed(colour.frame, depth.frame)
         if matrix is None:
             notes.append(
-                f"depth assumed to be registered to colour: no fixed transform leads from {depth.frame!r} to {colour.frame!r}"
+                f"depth assumed to be registered to colour: no fixed transform leads from {depth.frame!r} to "
+                f"{colour.frame!r}"
             )
             return None
         notes.append(f"depth of {depth.name} is reprojected into the colour camera")
@@ -197,7 +198,7 @@ class RosBag:
 
 
 def _stamps(bag: Bag, stream: Stream, notes: list[str]) -> tuple[Index, npt.NDArray[np.float64]]:
-    """The rows of the stream's index that hold an image, and each one's own time in seconds; the recorder's where it has none."""
+    """The rows of the stream's index that hold an image, and their times in seconds: their own, else the recorder's."""
     headers = [bag.header(stream.name, row) for row in stream.index]
     rows = np.flatnonzero([not header.empty_image for header in headers])
     if len(rows) < len(headers):

@@ -1,7 +1,7 @@
-"""RTAB-Map: its database (.db), or its export with poses of format 11: NAME_rgb/, NAME_depth/, NAME_calib/, NAME_camera_poses.txt.
+"""RTAB-Map: its database (.db), or its export with poses of format 11: rgb/, depth/, calib/, camera_poses.txt.
 
 ``rtabmap-export --images_id --poses_camera --poses_format 11 FILE.db`` writes the export; its images may be named by id
-or by time. Poses are the optimised graph's, else the odometry's; the world has z up. Images are assumed to be rectified,
+or by time. Poses are the optimised graph's, else the odometry's; the world has z up. Images are assumed rectified,
 as RTAB-Map itself assumes. Labbé and Michaud, J. Field Robotics 2019.
 """
 

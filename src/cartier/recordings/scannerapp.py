@@ -1,7 +1,7 @@
-"""3D Scanner App (iPhone with LiDAR), its "All Data" export: frame_00000.json and .jpg, depth_00000.png, conf_00000.png.
+"""3D Scanner App (iPhone with LiDAR): its "All Data" export, frame_00000.json, .jpg, depth_00000.png, conf_00000.png.
 
-Each JSON file holds ``cameraPoseARFrame``, 16 numbers row by row, and ``intrinsics``, 9 numbers row by row, in pixels of
-the JPEG. Poses are ARKit's: OpenGL camera axes, world with y up. Frames without a colour image are left out. Depth is in
+Each JSON file holds ``cameraPoseARFrame``, 16 numbers row by row, and ``intrinsics``, 9 numbers row by row, in pixels
+of the JPEG. Poses are ARKit's: OpenGL camera axes, world with y up. Frames without an image are left out. Depth is in
 millimetres and smaller than colour; depth below ``confidence`` (0, 1 or 2) is dropped.
 """
 

@@ -48,7 +48,8 @@ def open(path: str | Path, up: Sequence[float] | None = None, floor_m: float | N
     source = Source(
         root, "sevenscenes 1", views, np.array([rigid(read_matrix(pose, 4), str(pose)) for pose in poses]),
         [INTRINSICS, *(pose.name for pose in poses), *colours, *(depth.name for depth in depths if depth is not None)],
-        [f"times assumed: {FRAMES_PER_SECOND:g} frames per second, by frame number"], partial(read_depth, camera=camera),
+        [f"times assumed: {FRAMES_PER_SECOND:g} frames per second, by frame number"],
+        partial(read_depth, camera=camera),
         handheld=False, known_registration=REGISTRATION,
     )  # fmt: skip
     return PosedImages(source, up, floor_m)

@@ -2,7 +2,7 @@
 
 Poses are those of the camera's optical frame. An image takes the depth nearest in time, at most 20 ms away as in the
 benchmark's own ``associate.py``, and its pose is interpolated; without a pose on both sides it is left out. The files
-hold no intrinsics: those published for freiburg1 to freiburg3 are chosen by the name of the sequence, which is that of the
+hold no intrinsics: those published for freiburg1 to freiburg3 are chosen by the sequence's name, which is that of the
 folder or stands in the second line of the files. Otherwise give ``camera``, or write ``calibration.txt``
 (``fx fy cx cy [k1 k2 p1 p2 k3]``). Sturm et al., IROS 2012.
 """

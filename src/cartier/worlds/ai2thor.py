@@ -1,6 +1,6 @@
 """AI2-THOR: any iTHOR or RoboTHOR scene of an installed build, or a ProcTHOR house from a JSON file.
 
-Uses ``ai2thor.controller.Controller``. Unity itself was never run by this project's tests: they start the real client on a
+Uses ``ai2thor.controller.Controller``. This project's tests never run Unity itself: they start the real client on a
 stand-in that speaks the build's protocol.
 """
 
@@ -51,8 +51,9 @@ def make(
     """A world; its build is started when it is first needed.
 
     ``executable`` is the build's command line; without it the client downloads the build that belongs to its version.
-    ``fov`` is Unity's vertical one, in degrees; ``grid_size`` (m) the distance of neighbouring places; a build that leaves
-    an action unanswered for ``timeout_s`` is taken for hung and stopped. Raises BackendError for an impossible option.
+    ``fov`` is Unity's vertical one, in degrees; ``grid_size`` (m) the distance of neighbouring places; a build that
+    does not answer an action within ``timeout_s`` counts as hung and is stopped. Raises BackendError for an impossible
+    option.
     """
     import ai2thor  # noqa: F401  # says at once that the extra is missing
 
@@ -66,8 +67,8 @@ def make(
         options["local_executable_path"] = _command(executable)
         if sys.platform.startswith("linux") and not (x_display or os.environ.get("DISPLAY")):
             raise BackendError(
-                "AI2-THOR's Linux build needs an X display: start one (Xvfb :1 -screen 0 1024x768x24 &) and set DISPLAY=:1, "
-                "or give the option x_display=:1"
+                "AI2-THOR's Linux build needs an X display: start one (Xvfb :1 -screen 0 1024x768x24 &) and set "
+                "DISPLAY=:1, or give the option x_display=:1"
             )
     return Thor(server, options, timeout_s)
 
@@ -103,7 +104,7 @@ class Stop:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """What is known of a home once it was loaded: true objects, their ids by objectId, and the reachable ``places`` (N, 3)."""
+    """A loaded home: true objects, their ids by objectId, and the reachable ``places`` (N, 3)."""
 
     camera: Camera
     truth: list[TrueObject]
@@ -141,9 +142,9 @@ class Thor:
     ) -> Recording:
         """Views from places that lie at most ``spacing_m`` of walking from every reachable one, on a greedy tour.
 
-        At each place ``headings`` directions, at each of the camera pitches ``horizons`` (degrees, positive down). Seed 0
-        begins where the agent wakes up, any other at a place of its own. Frames are rendered when they are asked for.
-        Raises InputError for an unknown home, BackendError if the build fails.
+        At each place it looks in ``headings`` directions, at each camera pitch of ``horizons`` (degrees, positive
+        down). Seed 0 begins where the agent wakes up, any other at a place of its own. Frames are rendered when they
+        are asked for. Raises InputError for an unknown home, BackendError if the build fails.
         """
         if unknown:
             known = "spacing_m, headings, horizons, seed"

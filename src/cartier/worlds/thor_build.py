@@ -1,6 +1,6 @@
 """A running AI2-THOR build, watched: one that dies or hangs is noticed, stopped and named in one line.
 
-The client itself waits for its whole time-out when a build dies, and starts another one behind its user's back. So each call
+The client itself waits for its whole time-out when a build dies, and starts another one without a message. So each call
 of the client runs in a thread of its own, while this one looks after the build's process.
 """
 
@@ -107,7 +107,7 @@ class Build:
         return results[0]
 
     def _wait(self, worker: threading.Thread, doing: str, limit_s: float) -> str | None:
-        """Wait until the worker is done; what went wrong with the build, if it did. A download has all the time it needs."""
+        """Wait for the worker; returns what went wrong with the build, if it did. A download may take any time."""
         deadline: float | None = None
         while True:
             worker.join(POLL_S)
@@ -119,7 +119,8 @@ class Build:
                 deadline = time.monotonic() + limit_s
             if deadline is not None and time.monotonic() > deadline:
                 return (
-                    f"the AI2-THOR build hangs: no answer within {limit_s:g} s while {doing}, so it was stopped ({_log(self._log_begin)}); "
+                    f"the AI2-THOR build hangs: no answer within {limit_s:g} s while {doing}, so it was stopped "
+                    f"({_log(self._log_begin)}); "
                     "on a slow machine make the world with a larger timeout_s"
                 )
 
@@ -168,8 +169,8 @@ def _explain(doing: str, fault: BaseException) -> str:
     text = _line(fault)
     if "no build exists" in text or "No build exists" in text or "ConnectionError" in type(fault).__name__:
         return (
-            "there is no AI2-THOR build on this machine and none could be downloaded: connect to the network for the first "
-            "run, or give the option executable=/path/to/the/build"
+            "there is no AI2-THOR build on this machine and none could be downloaded: connect to the network for the "
+            "first run, or give the option executable=/path/to/the/build"
         )
     return f"AI2-THOR failed while {doing}: {text or type(fault).__name__}"
 

@@ -1,4 +1,4 @@
-"""The detector that ships inside: a small network that knows the dollhouse's types from colour alone (built by tools/train_dollhouse_detector.py)."""
+"""Embedded dollhouse detector: the network's files, checked (built by tools/train_dollhouse_detector.py)."""
 
 from __future__ import annotations
 
@@ -22,9 +22,10 @@ MODEL, WORDS, NAMES = "detector.onnx", "words.npy", "names.json"
 class DetectorModel:
     """The file of the network, what it was made to know, and how to read it.
 
-    ``size`` is the input's (w, h) in pixels; ``names`` are the classes in the network's order, ``around`` the words for what
-    is no thing; ``score_model`` says what its reports are worth; ``trained`` says on what it was. ``words`` (1 + D, 384): the middle of the names' vectors, and the D directions in
-    which the network's features say how another text vector differs from it.
+    ``size`` is the input's (w, h) in pixels; ``names`` are the classes in the network's order, ``around`` the words for
+    background; ``score_model`` says what its detections are worth; ``trained`` names its training data. ``words`` (1 +
+    D, 384) holds the mean of the names' vectors, and the D directions in which the network's features say how another
+    text vector differs from it.
     """
 
     path: Path

@@ -1,4 +1,4 @@
-"""The photograph detector that ships inside: NanoDet-Plus-m (RangiLyu, Apache-2.0), trained on COCO; see NOTICE and LICENSE."""
+"""Embedded photograph detector: NanoDet-Plus-m (RangiLyu, Apache-2.0), trained on COCO; see NOTICE and LICENSE."""
 
 from __future__ import annotations
 

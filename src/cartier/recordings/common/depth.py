@@ -50,10 +50,10 @@ def read_exr(path: Path) -> npt.NDArray[np.float32]:
 
 
 def unpack_rvl(data: bytes, width: int, height: int) -> npt.NDArray[np.uint16]:
-    """(height, width) of a stream of 32-bit words, first nibble highest; ValueError if it holds another number of pixels.
+    """(height, width) of a stream of 32-bit words, highest nibble first. Raises ValueError if the size differs.
 
-    Numbers are nibbles of 3 bits, lowest first, each but the last with its fourth bit set. They are, in turns: how many zeros
-    follow, how many other pixels, and their differences from the pixel before (2d for d >= 0, -2d - 1 else).
+    A number is nibbles of 3 bits, lowest first, each but the last with its fourth bit set. In turns they are: how many
+    zeros follow, how many other pixels, and their differences from the pixel before (2d for d >= 0, -2d - 1 else).
     """
     words = np.frombuffer(data, "<u4", len(data) // 4)
     nibbles = ((words[:, None] >> SHIFTS) & 15).astype(np.int64).ravel()

@@ -44,13 +44,11 @@ def check_inside(root: Path, names: Collection[str]) -> None:
     above = {parent for folder in folders for parent in PurePosixPath(folder, "_").parents if parent.parts}
     for path in [root / part for part in names] + [root / part for part in above]:
         if path.is_symlink() and not Path(os.path.realpath(path)).is_relative_to(home):
-            raise InputError(
-                f"{path} is a link that leads out of the recording's folder: put the file itself there, not a link to it"
-            )
+            raise InputError(f"{path} is a link that leads out of the recording's folder: put the file itself there")
 
 
 def inside(name: object, where: str) -> str:
-    """A file name relative to a recording's folder. Raises InputError if it leads out; ``check_inside`` checks links."""
+    """A file name relative to a recording's folder. Raises InputError if it leads out; links: ``check_inside``."""
     if not isinstance(name, str) or not _is_name(name):
         raise InputError(f"{where}: {brief(name, 60)!r} is no file name")
     path = PurePosixPath(name)
@@ -68,7 +66,7 @@ def _is_name(name: str) -> bool:
 
 
 def numbers(words: Sequence[object], where: str, finite: bool = True) -> list[float]:
-    """Numbers of text or JSON. Raises InputError for anything else, and if ``finite`` for NaN, infinity and huge values."""
+    """Numbers of text or JSON. Raises InputError for others, and if ``finite`` for NaN, infinity and huge values."""
     try:
         values = [float(word) for word in words]  # type: ignore[arg-type]
     except (TypeError, ValueError, OverflowError) as error:

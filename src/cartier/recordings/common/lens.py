@@ -29,7 +29,7 @@ RESIZED, SAME_RATIO = 0.1, 0.08
 
 
 def camera_of(width: int, height: int, values: Sequence[float], where: str) -> Camera:
-    """A camera of fx, fy, cx, cy, or an InputError that names the file, also where they belong to images of another size."""
+    """A camera of fx, fy, cx, cy. Raises InputError, also if they are for images of another size."""
     try:
         camera = Camera(width, height, *values)
     except InputError as error:
@@ -39,14 +39,15 @@ def camera_of(width: int, height: int, values: Sequence[float], where: str) -> C
     resized = one_factor and min(abs(ratio - 1) for ratio in ratios) >= RESIZED
     if resized or off_centre((width, height), (camera.cx, camera.cy)) > MAX_OFF_CENTRE:
         raise InputError(
-            f"{where}: the principal point {camera.cx:g}, {camera.cy:g} is that of images of some {max(2 * camera.cx, 0):.0f}x"
-            f"{max(2 * camera.cy, 0):.0f} px, but these have {width}x{height}: scale fx, fy, cx, cy as the images were resized"
+            f"{where}: the principal point {camera.cx:g}, {camera.cy:g} is that of images of some "
+            f"{max(2 * camera.cx, 0):.0f}x{max(2 * camera.cy, 0):.0f} px, but these have {width}x{height}: scale fx, "
+            "fy, cx, cy as the images were resized"
         )
     return camera
 
 
 def off_centre(size: tuple[int, int], centre: tuple[float, float]) -> float:
-    """How far a principal point is from the middle of images (width, height), in shares of the side that it is further off on."""
+    """How far a principal point is from the middle of images (w, h), the larger of its shares of the two sides."""
     return max(abs(c + 0.5 - side / 2) / side for c, side in zip(centre, size, strict=True))
 
 
@@ -153,7 +154,8 @@ def registered(depth_m: Array, camera: Camera, target: Camera, target_from_camer
     across, down = math.ceil(target.fx / camera.fx), math.ceil(target.fy / camera.fy)
     if across * down * len(z) > MAX_COVER * target.width * target.height:
         raise InputError(
-            f"a depth image with fx={camera.fx:g}, fy={camera.fy:g} cannot be put on a colour image with fx={target.fx:g}, "
+            f"a depth image with fx={camera.fx:g}, fy={camera.fy:g} cannot be put on a colour image with "
+            f"fx={target.fx:g}, "
             f"fy={target.fy:g}: are the depth camera's intrinsics right?"
         )
     first_u, first_v = np.rint(u - (across - 1) / 2).astype(np.int64), np.rint(v - (down - 1) / 2).astype(np.int64)

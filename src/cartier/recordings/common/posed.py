@@ -1,8 +1,8 @@
 """A recording of image files with a pose each: what the readers of folder formats share.
 
 A reader gives a ``Source``: the files of each frame, the lens that took them, and the poses in the source's own world,
-camera axes already optical. This module puts depth of another size or lens on the colour camera's pixels, reduces images
-that are too large for a map, levels the world, and turns the images of a camera that was held sideways.
+camera axes already optical. This module moves depth of another size or lens to the colour camera's pixels, reduces
+images that are too large for a map, levels the world, and turns the images of a camera that was held sideways.
 """
 
 from __future__ import annotations
@@ -99,8 +99,8 @@ class PosedImages:
         far = np.abs(poses[:, :3, 3]).max(axis=1)
         if far.max() > MAX_FAR_M:
             raise InputError(
-                f"{source.root}: {source.views[int(far.argmax())].colour.name} was taken {far.max():.3g} m from the origin "
-                "by its pose, which is no home: are the units metres?"
+                f"{source.root}: {source.views[int(far.argmax())].colour.name} was taken {far.max():.3g} m from the "
+                "origin by its pose, which is no home: are the units metres?"
             )
         self._check_confidence()
         depth = self._depth if any(view.depth for view in source.views) else None
@@ -158,8 +158,8 @@ class PosedImages:
             dropped += bool(np.isfinite(source.read_depth(view.depth)).any())
         if dropped:
             raise InputError(
-                f"{source.root}: all depth is below --confidence {source.min_confidence} in the {dropped} frames looked at: "
-                "give a lower one, 0 for all depth"
+                f"{source.root}: all depth is below --confidence {source.min_confidence} in the {dropped} frames "
+                "checked: give a lower one, 0 for all depth"
             )
 
     def _colour(self, i: int) -> Colours:
@@ -200,8 +200,8 @@ def check_floor(level_from_camera: npt.NDArray[np.float64], floor_m: float | Non
     highest_m = float(level_from_camera[:, 2, 3].max())
     if floor_m is not None and highest_m <= 0:
         raise InputError(
-            f"--floor {floor_m:g} lies above every camera: the highest is at {floor_m + highest_m:.2f} m along up in the "
-            "recording's own world"
+            f"--floor {floor_m:g} lies above every camera: the highest is at {floor_m + highest_m:.2f} m along up in "
+            "the recording's own world"
         )
 
 

@@ -107,7 +107,7 @@ def _quaternion(rotation: Array) -> npt.NDArray[np.float64]:
 
 @dataclass(frozen=True, eq=False)
 class Interpolated:
-    """Rows (N, 7) ``x y z qx qy qz qw``, and which of them lie outside of the samples' time and in gaps between them."""
+    """Rows (N, 7) ``x y z qx qy qz qw``, and which lie outside of the samples' time and in gaps between samples."""
 
     rows: npt.NDArray[np.float64]
     outside: npt.NDArray[np.bool_]

@@ -78,7 +78,7 @@ class Database:
         return {key for (key,) in self._file.ask("SELECT id FROM Data WHERE length(depth) > 0")}
 
     def depth(self, key: int) -> Depths:
-        """(h, w) float32 metres, of millimetres as RVL or 16-bit PNG, or of a PNG whose four channels are float32 metres."""
+        """(h, w) float32 metres, of millimetres as RVL or 16-bit PNG, or of a PNG whose channels are float32 metres."""
         data, where = self._file.blob("Data", "depth", key), f"{self.path}: depth of node {key}"
         if data.startswith(RVL):
             return metres(_rvl(data, where))

@@ -79,7 +79,7 @@ class Bag:
         return self._topics[name][0][1].type if name in self._topics else ""
 
     def index(self, name: str) -> Index:
-        """(N, 4): log time in ns, file, chunk and offset of a topic's messages, by log time; its rows go to ``read``."""
+        """(N, 4): log time in ns, file, chunk and offset of a topic's messages, by log time; ``read`` takes a row."""
         kind, parts = self.type_of(name), []
         for number, topic in self._topics[name]:
             if topic.type != kind:
@@ -132,7 +132,7 @@ class Bag:
 
 
 def _no_image(data: bytes, at: int, order: str, ros1: bool, kind: str) -> bool:
-    """Whether the image message whose header ends at ``at`` has no height, no width or no bytes; False for what is damaged."""
+    """Whether the image whose header ends at ``at`` has no height, no width or no bytes; False for a damaged one."""
 
     def word(at: int) -> int | None:
         return struct.unpack_from(f"{order}I", data, at)[0] if at + 4 <= len(data) else None

@@ -26,7 +26,7 @@ VIDEOS = ("h264", "h265", "hevc", "av1", "vp9", "theora", "ffmpeg")
 
 
 def encoding_of(message: Any) -> str:
-    """The pixel encoding of an Image or CompressedImage, e.g. ``rgb8`` or ``16UC1``; ``rgb8`` where only ``jpeg`` is said."""
+    """The pixel encoding of an Image or CompressedImage, e.g. ``16UC1``; ``rgb8`` where the format is only ``jpeg``."""
     if hasattr(message, "encoding"):
         return str(message.encoding)
     first = str(message.format).split(";")[0].strip()
@@ -76,8 +76,8 @@ def depth(message: Any, camera: Camera, where: str) -> npt.NDArray[np.float32]:
 def lens_of(info: Any, rectified: bool, size: tuple[int, int], where: str) -> Lens:
     """The lens that a CameraInfo describes; of its projection matrix where the images are rectified.
 
-    It is at the CameraInfo's own size, or at ``size``, (width, height) of the images, where the principal point lies nearer to
-    their middle: a driver that reduces images may forget either.
+    It is at the CameraInfo's own size, or at ``size``, (width, height) of the images, if the principal point lies
+    nearer to their middle: a driver that reduces images may forget either.
     """
     matrix = np.asarray(getattr(info, "k", None) if hasattr(info, "k") else info.K, dtype=np.float64).reshape(3, 3)
     if rectified:
@@ -120,7 +120,8 @@ def _payload(message: Any, where: str) -> bytes:
     data = np.asarray(message.data, dtype=np.uint8).tobytes()
     if any(codec in str(message.format).lower() for codec in VIDEOS):
         raise InputError(
-            f"{where}: its images are a video stream ({brief(message.format, 40)}); cartier reads raw, JPEG and PNG images"
+            f"{where}: its images are a video stream ({brief(message.format, 40)}); cartier reads raw, JPEG and PNG "
+            "images"
         )
     if RAW_DEPTH not in str(message.format):
         return data

@@ -58,7 +58,8 @@ def camera_poses(
                 else "there is no odometry topic either"
             )
             raise InputError(
-                f"{bag.path} has no poses for the camera: {why}, and {there}: choose with --odometry TOPIC --extrinsic X,Y,Z,QX,QY,QZ,QW"
+                f"{bag.path} has no poses for the camera: {why}, and {there}: choose with --odometry TOPIC "
+                "--extrinsic X,Y,Z,QX,QY,QZ,QW"
             )
         odometry = topics[0]
     name = next((topic for topic in topics if topic.lstrip("/") == odometry.lstrip("/")), None)
@@ -90,8 +91,8 @@ def _from_odometry(
         body_from_camera = tree.fixed(body, camera) if body else None
     if body_from_camera is None:
         raise InputError(
-            f"{bag.path}: topic {name} says where {body or 'something'!r} was, but not where the camera {camera!r} sits on "
-            "it: give --extrinsic X,Y,Z,QX,QY,QZ,QW"
+            f"{bag.path}: topic {name} says where {body or 'something'!r} was, but not where the camera "
+            f"{camera!r} sits on it: give --extrinsic X,Y,Z,QX,QY,QZ,QW"
         )
     samples = interpolated(checked_rows(rows, name), times_s)
     poses = samples.matrices() @ body_from_camera

@@ -78,7 +78,7 @@ class Tree:
         return names
 
     def world(self, frame: str) -> str | None:
-        """The frame to map in: ``map``, else ``odom``, else ``world``, else the root; None if the frame hangs nowhere."""
+        """The frame to map in: ``map``, ``odom``, ``world`` or the root, in this order; None without a parent."""
         chain = self.chain(frame)
         return next((name for name in WORLDS if name in chain[1:]), chain[-1] if len(chain) > 1 else None)
 
@@ -108,7 +108,8 @@ class Tree:
         chain = self.chain(source)
         if target not in chain:
             raise InputError(
-                f"no transform leads from {target!r} to {source!r}: above it are {brief(', '.join(chain[1:]), 200) or 'none'}"
+                f"no transform leads from {target!r} to {source!r}: above it are "
+                f"{brief(', '.join(chain[1:]), 200) or 'none'}"
             )
         total = np.tile(np.eye(4), (len(times_s), 1, 1))
         outside, gaps = np.zeros(len(times_s), bool), np.zeros(len(times_s), bool)
