@@ -470,7 +470,7 @@ def test_metadata_of_another_shape_is_named(broken: dict[str, Any], words: str) 
 
 def test_metadata_of_a_real_scene(shared: Path) -> None:
     objects = json.loads((shared / "reference" / "ithor_room_metadata.json").read_text())["objects"]
-    truth, ids, notes = unity.things(objects)
+    truth, ids, notes = unity.true_objects(objects)
     assert notes == []
     assert [t.id for t in truth] == list(range(1, len(truth) + 1)) == list(ids.values())
     assert len(truth) == sum(bool(o["axisAlignedBoundingBox"]) and o["objectType"] != "Floor" for o in objects)

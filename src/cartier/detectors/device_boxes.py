@@ -8,7 +8,7 @@ from cartier.detectors.boxes import MIN_SIDE_PX
 
 CANDIDATES = 1000  # the best so many boxes of a frame enter the suppression of duplicates
 SAME_NAME_IOU = 0.5  # of two boxes of one name that overlap by more, the weaker goes
-ANY_NAME_IOU = 0.8  # and of two of any names: one thing has one name
+ANY_NAME_IOU = 0.8  # and of two of any names: one object has one name
 
 
 def to_pixels(boxes_cxcywh: Any, width: int, height: int, square: bool) -> Any:
@@ -49,7 +49,7 @@ def _overlaps(boxes: Any) -> Any:
 
 
 def _greedy(beats: Any, stays: Any) -> Any:
-    """Who stays (B, N) if each who stays removes whom it beats (B, N, N), all of them later ones.
+    """Which boxes stay (B, N) if each that stays removes those that it ``beats`` (B, N, N), all of them later ones.
 
     All are judged at once by what was found of those before, repeatedly until nothing changes: the first is right at
     once, and each round makes right at least the next whose judges are.

@@ -54,7 +54,7 @@ class Embedded:
         )
 
     def detect(self, frame: Frame) -> Detections:
-        """Boxes clipped to the frame, best score first; one thing may come with two names.
+        """Boxes clipped to the frame, best score first; one object may come with two names.
 
         Raises BackendError if the network gives what it must not.
         """

@@ -80,10 +80,10 @@ def load(source: Source, device: str, zero_shot: bool) -> Loaded:
     kind: Any = AutoModelForZeroShotObjectDetection if zero_shot else AutoModelForObjectDetection
     tokens: Any = AutoTokenizer
     safe = {"use_safetensors": True, "dtype": torch.float32}
-    told = {"output_loading_info": True, "ignore_mismatched_sizes": True}  # what does not fit is told below
+    checks = {"output_loading_info": True, "ignore_mismatched_sizes": True}  # misfits are reported below
     try:
         with quiet():
-            model, info = kind.from_pretrained(**source.where, config=source.config, **safe, **told)
+            model, info = kind.from_pretrained(**source.where, config=source.config, **safe, **checks)
             images = AutoImageProcessor.from_pretrained(**source.where, backend="pil")  # torchvision is never needed
             tokenizer = tokens.from_pretrained(**source.where) if zero_shot else None
     except ImportError as error:

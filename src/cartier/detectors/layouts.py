@@ -41,7 +41,7 @@ class Layout:
     outputs: tuple[tuple[str, ...], ...]
     """Names of each output; ANY_NAME is a model's only output. Empty: all that the model has, in its order."""
     shapes: Callable[[Sidecar, Size, int], list[Shape]]
-    """Of the outputs, whose number is told."""
+    """Shapes of the outputs, given their number."""
     decode: Callable[[Sequence[Array], Sidecar, Size], Candidates]
     nms: bool
     """Whether it gives many boxes per object, to be suppressed."""

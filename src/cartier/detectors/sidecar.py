@@ -96,9 +96,9 @@ class Sidecar(BaseModel):
 
     @field_validator("score_model", mode="before")
     @classmethod
-    def _sound(cls, told: Any) -> Any:
+    def _score_model(cls, given: Any) -> Any:
         try:
-            return DetectorScoreModel.from_dict(told) if isinstance(told, dict) else told
+            return DetectorScoreModel.from_dict(given) if isinstance(given, dict) else given
         except TypeError as error:
             raise ValueError(f"must hold the fields of a score_model ({error})") from error
 

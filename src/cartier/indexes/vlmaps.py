@@ -196,8 +196,8 @@ def label_features(
 ) -> npt.NDArray[np.float32]:
     """(h, w, D) features of a frame with depth: the vector of the label in each mask, or in each box without masks.
 
-    In a box only the thing's own surface gets it: depths within half its own width or height of the near third of the
-    box's middle, as in object_depth. Smaller things lie over larger ones, and the rest is "wall and floor".
+    In a box only the object's own surface gets it: depths within half its own width or height of the near third of the
+    box's middle, as in object_depth. Smaller objects lie over larger ones, and the rest is "wall and floor".
     """
     assert frame.depth_m is not None
     height, width = frame.depth_m.shape

@@ -65,7 +65,7 @@ def open(path: str | Path, up: Sequence[float] | None = None, floor_m: float | N
     there.sort(key=lambda item: item[0].colour.as_posix())
     views = [view for view, _ in there]
     if any(view.depth is not None and view.depth.suffix == EXR for view in views):
-        import OpenEXR  # noqa: F401  # so that a missing package is said at once, not at some frame
+        import OpenEXR  # noqa: F401  # a missing package is reported at once, not at some frame
     partly = sum(view.depth is None for view in views)
     if 0 < partly < len(views):
         raise InputError(f"{where}: {partly} of {len(views)} frames have no {_depth_key(frames)}; give all or none")

@@ -60,7 +60,7 @@ def open(
     PoseStamped to take the poses from instead of /tf; ``extrinsic``, x,y,z,qx,qy,qz,qw, is the camera's pose in the
     frame that it moves. ``up`` and ``floor_m`` level a world that is not level.
     """
-    import rosbags  # noqa: F401  # so that a missing package is said at once, by the name of the extra
+    import rosbags  # noqa: F401  # a missing package is reported at once, with its extra
 
     bag = Bag(Path(path))
     choice = choose(bag, colour, depth, info)

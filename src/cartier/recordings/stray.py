@@ -122,7 +122,7 @@ class Video:
         self._path = path
         check_file(path)
         try:
-            # the format is said, so that a playlist in disguise cannot name other files
+            # a given format: a playlist with this suffix could name other files
             self._container = av.open(str(path.resolve()), format="mp4")
             self._stream = self._container.streams.video[0]
             codec = self._stream.codec_context

@@ -7,6 +7,8 @@ of the client runs in a thread of its own, while this one looks after the build'
 from __future__ import annotations
 
 import os
+import shlex
+import shutil
 import threading
 import time
 import warnings
@@ -76,7 +78,7 @@ class Build:
         return {str(name) for name in found}
 
     def clip_planes_m(self) -> tuple[float, float]:
-        """The camera's near and far plane, as the build told them at its start (old builds: the client's guess)."""
+        """The camera's near and far plane, as the build reported them at its start (old builds: the client's guess)."""
         return float(self._client.server.camera_near_plane), float(self._client.server.camera_far_plane)
 
     def _watched(self, doing: str, work: Callable[[], T], limit_s: float) -> T:
@@ -153,6 +155,18 @@ class Build:
             getattr(server, "stop", lambda: None)()
         if worker is not None:
             worker.join(1.0)
+
+
+def command_line(executable: str | Path) -> str:
+    """A command line that the client can split; its program must be there."""
+    text = shlex.quote(str(executable)) if Path(executable).is_file() else str(executable)
+    try:
+        words = shlex.split(text)
+    except ValueError as error:
+        raise BackendError(f"the AI2-THOR build {text!r} is no command line ({error})") from error
+    if not words or shutil.which(words[0]) is None:
+        raise BackendError(f"there is no AI2-THOR build at {text!r}: the file is missing or not executable (chmod +x)")
+    return text
 
 
 def _done(event: Any) -> Any:

@@ -1,4 +1,4 @@
-"""Unity's conventions to cartier's: the one place that converts what AI2-THOR says.
+"""Conversion of AI2-THOR's metadata and images from Unity's conventions to cartier's.
 
 Unity: metres, left-handed, x right, y up, z forward; yaw in degrees, clockwise from +z seen from above;
 ``cameraHorizon`` in degrees, positive looks down; the field of view is vertical. Ours: see ``cartier.types``. Swapping
@@ -18,7 +18,7 @@ from cartier.errors import BackendError
 from cartier.types import Array, Camera, TrueObject
 
 STRUCTURE = frozenset({"Floor", "Wall", "Ceiling", "Room", "Undefined"})
-"""Types that are the home itself rather than things in it: they get no box, and instance id 0."""
+"""Types of the home itself rather than objects in it: they get no box, and instance id 0."""
 
 
 def point(metadata: Any, key: str) -> tuple[float, float, float]:
@@ -65,7 +65,7 @@ def depth(depth_m: Array, near_m: float, far_m: float) -> npt.NDArray[np.float32
     return metres
 
 
-def things(objects: Sequence[Mapping[str, Any]]) -> tuple[list[TrueObject], dict[str, int], list[str]]:
+def true_objects(objects: Sequence[Mapping[str, Any]]) -> tuple[list[TrueObject], dict[str, int], list[str]]:
     """True objects with ids from 1 in the order of their objectIds, the id of each objectId, and notes.
 
     Objects without a box are left out, with a note; so is the home's structure.

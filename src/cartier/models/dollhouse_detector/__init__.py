@@ -53,12 +53,12 @@ def load(folder: Path = FOLDER) -> DetectorModel:
     for file in (path, folder / WORDS, beside):
         if not file.is_file():
             raise InputError(f"{file} is missing: install cartier again")
-    told = read_json(beside)
+    head = read_json(beside)
     try:
-        width, height = (int(side) for side in told["size"])
-        names, around = (tuple(str(name) for name in told[key]) for key in ("names", "around"))
-        digests = {file: str(told["sha256"][file]) for file in (MODEL, WORDS)}
-        score_model, trained = DetectorScoreModel.from_dict(told["score_model"]), str(told["trained"])
+        width, height = (int(side) for side in head["size"])
+        names, around = (tuple(str(name) for name in head[key]) for key in ("names", "around"))
+        digests = {file: str(head["sha256"][file]) for file in (MODEL, WORDS)}
+        score_model, trained = DetectorScoreModel.from_dict(head["score_model"]), str(head["trained"])
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(f"{beside} is damaged ({type(error).__name__}: {error}): install cartier again") from error
     if not (0 < width <= 4096 and 0 < height <= 4096 and names and around):

@@ -74,7 +74,7 @@ class Inference:
 
 
 def open_inference(folder: Path, provider: str = "cpu", threads: int | None = None) -> Inference:
-    """The model in a folder, ready to run; the same object for all who ask for the same.
+    """The model in a folder, ready to run; equal arguments share one object.
 
     Raises InputError if a file is missing or was changed, BackendError if onnxruntime has no such provider.
     """
@@ -83,7 +83,7 @@ def open_inference(folder: Path, provider: str = "cpu", threads: int | None = No
 
 
 @lru_cache(maxsize=2)
-def _opened(path: Path, sha256: str, told: bytes, provider: str, threads: int | None) -> Inference:
+def _opened(path: Path, sha256: str, names: bytes, provider: str, threads: int | None) -> Inference:
     model, session = load(path.parent), Session(path, provider, threads)
     if session.size not in (None, model.size):
         raise InputError(f"{path} takes images of {session.size}, but its names.json says {model.size}")

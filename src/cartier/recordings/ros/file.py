@@ -1,7 +1,7 @@
 """Bounded reads of bag files, shared by the three storages: topics, message places and decompressed chunks.
 
-rosbags gives us the message types, but not the storages: its readers decompress without a bound and load whole chunks for
-one time stamp, which is unsafe for untrusted bags and slow for long ones.
+rosbags gives us the message types, but not the storages: its readers decompress without a bound and load whole chunks
+for one time stamp, which is unsafe for untrusted bags and slow for long ones.
 """
 
 from __future__ import annotations
