@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from tiny_onnx import frame
 
 from cartier import plugins
-from cartier.detectors import records
+from cartier.detectors import rows
 from cartier.errors import BackendError, CartierError, InputError
 
 COCO = [
@@ -66,7 +66,7 @@ FORMS = {
 @pytest.mark.parametrize("chunk", [1, 7, 2**20])
 @pytest.mark.parametrize("form", FORMS)
 def test_every_form_says_the_same(form: str, chunk: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(records, "CHUNK", chunk)
+    monkeypatch.setattr(rows, "CHUNK", chunk)
     detector = make(write(tmp_path, *FORMS[form]))
     one = detector.detect(frame(1))
     assert one.labels == ("mug", "coffee maker", "mug")
@@ -220,14 +220,14 @@ def test_files_that_are_missing_large_or_no_text(tmp_path: Path, monkeypatch: py
     path.write_bytes(b"\xff\xfe" + path.read_bytes())
     with pytest.raises(InputError, match="is not UTF-8 text"):
         make(path)
-    monkeypatch.setattr(records, "MAX_FILE_BYTES", 100)
+    monkeypatch.setattr(rows, "MAX_FILE_BYTES", 100)
     with pytest.raises(InputError, match="is larger than"):
         make(path)
 
 
 def test_one_endless_record_is_refused_early(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(records, "MAX_RECORD_CHARACTERS", 1000)
-    monkeypatch.setattr(records, "CHUNK", 100)
+    monkeypatch.setattr(rows, "MAX_RECORD_CHARACTERS", 1000)
+    monkeypatch.setattr(rows, "CHUNK", 100)
     with pytest.raises(InputError, match="one object of more than 1000 characters"):
         make(write(tmp_path, ROW[:-1] + ', "note": "' + "x" * 5000 + '"}'))
 

@@ -177,10 +177,14 @@ def test_a_sidecar_sets_the_threshold_or_the_whole_calibration(tmp_path: Path) -
         model,
         layout="yolov8",
         labels=["cup", "book"],
-        score_model={"low": 0.7, "high": 0.9, "prior": -1, "measured": "here"},
+        score_model={"zero_weight_score": 0.7, "full_weight_score": 0.9, "prior_log_odds": -1, "measured": "here"},
     )
     known = plugins.make("detectors", "onnx", model=model).score_model
-    assert len(detect(model)) == 1 and (known.low, known.prior, known.measured) == (0.7, -1, "here")
+    assert len(detect(model)) == 1 and (known.zero_weight_score, known.prior_log_odds, known.measured) == (
+        0.7,
+        -1,
+        "here",
+    )
 
 
 def test_outputs_by_name(tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ transformers = pytest.importorskip("transformers", reason="the extra 'detect' (t
 import tiny_clip  # noqa: E402
 
 from cartier import plugins  # noqa: E402
-from cartier.encoders import clip_text, torch_backend  # noqa: E402
+from cartier.encoders import torch_backend  # noqa: E402
 from cartier.errors import BackendError, InputError  # noqa: E402
 
 KINDS = ("clip", "siglip")
@@ -128,7 +128,7 @@ def test_texts_are_the_models_own_in_any_batch(
     together = made.text(texts)
     assert together.dtype == np.float32
     np.testing.assert_allclose(together, np.concatenate([made.text([text]) for text in texts]), **TOLERANCE)
-    monkeypatch.setattr(clip_text, "BATCH", 2)
+    monkeypatch.setattr(torch_backend, "BATCH", 2)
     np.testing.assert_allclose(made.text(texts), together, **TOLERANCE)
     assert made.text([]).shape == (0, together.shape[1])
     stock = transformers.AutoModel.from_pretrained(folders[kind]).eval()
@@ -192,7 +192,7 @@ def test_what_is_no_model_of_ours_is_one_clear_line(folders: dict[str, Path], tm
     (tmp_path / "code.py").write_text(f"open({str(tmp_path / 'ran')!r}, 'w')\n")
     refused("cannot be loaded", tmp_path)
     assert not (tmp_path / "ran").exists()
-    refused("torch cannot use the device 'toaster'", folders["clip"], device="toaster")
+    refused("torch cannot use 'toaster'", folders["clip"], device="toaster")
     refused("short_side_px must be 8 .one patch. to 2048, got 4", folders["clip"], short_side_px=4)
 
 

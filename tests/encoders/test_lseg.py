@@ -365,7 +365,7 @@ def test_what_is_no_checkpoint_is_one_clear_line(make: Make, tmp_path: Path) -> 
         (tmp_path / name).write_bytes(b"\x80rubbish" * 50)
         refused("cannot be read .*if you trust the file, convert it", name)
     refused("long_side_px must be 32 to 2048, got 4000", "rubbish.ckpt", long_side_px=4000)
-    refused("torch cannot use the device 'toaster'", "rubbish.ckpt", device="toaster")
+    refused("torch cannot use 'toaster'", "rubbish.ckpt", device="toaster")
     make()  # a small network where the published one is due
     refused(r"is not LSeg's published network: it lacks pretrained\.model\.blocks\.10", "tiny.ckpt")
     with pytest.raises(InputError, match="tokenizer of 'nobody/nothing' cannot be loaded"):

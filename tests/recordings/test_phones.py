@@ -296,7 +296,7 @@ DAMAGE: list[tuple[str, Callable[[Path], object], str]] = [
     ("record3d-export", lambda root: write_exr(root / "depth/0.exr", dict.fromkeys("RGBAZ", np.ones((9, 9)))), "claims 9x9 px and 5 channels"),
     ("record3d-export", lambda root: write_exr(root / "depth/0.exr", {"R": np.ones((1, 5000))}), "claims 5000x1 px and 1 channels"),
     ("record3d-export", lambda root: (root / "depth/0.exr").write_bytes(b"v/1\1junk"), "no readable OpenEXR image"),
-    ("arcore", text("intrinsics.json", "{}"), "must hold an object with width, height, fx"),
+    ("arcore", text("intrinsics.json", "{}"), "lacks width, height, fx"),
     ("arcore", head(fx="wide"), r"intrinsics\.json: could not convert"),
     ("arcore", head(width=0), "camera size must be 1 to 32768 px"),
     ("arcore", text("poses.csv", "timestamp_ns,tx,ty,tz,qx,qy,qz\n"), "qw is missing"),

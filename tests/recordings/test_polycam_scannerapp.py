@@ -100,7 +100,7 @@ def head(**changes: object) -> Callable[[Path], object]:
 
 
 DAMAGE: list[tuple[str, Callable[[Path], object], str]] = [
-    ("polycam", head(t_11=None), "json lacks t_11: is it a camera of Polycam's raw data"),
+    ("polycam", head(t_11=None), "json lacks t_11"),
     ("polycam", head(fx="wide"), "json: could not convert"),
     ("polycam", head(cx=1000.0), "the principal point 1000, "),
     ("polycam", head(t_11=9.0), "the rotation is not orthonormal"),

@@ -10,11 +10,9 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from cartier.errors import InputError
 from cartier.mapping.gravity import quarter_turns
-from cartier.recordings.common.interpolation import interpolated
-from cartier.recordings.common.lens import Lens, resampled
+from cartier.recordings.common.lens import Lens, camera_of, off_centre_notes, registered, resampled
 from cartier.recordings.common.posed import turned_camera, turned_image
-from cartier.recordings.common.registration import registered
-from cartier.recordings.common.tables import camera_of, off_centre_notes
+from cartier.recordings.common.poses import interpolated
 from cartier.types import Camera
 from synthetic import THINGS, look, render
 

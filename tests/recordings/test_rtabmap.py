@@ -16,7 +16,7 @@ from layouts import room
 from cartier import plugins
 from cartier.contracts import Recording
 from cartier.errors import InputError
-from cartier.recordings.common.rvl import unpacked
+from cartier.recordings.common.depth import unpack_rvl
 
 
 def same(found: Recording, pose_error: float, depth_error: float = 0.00051) -> None:
@@ -125,12 +125,12 @@ def test_a_truncated_database(tmp_path: Path) -> None:
     )
 )
 def test_rvl_comes_back(image: np.ndarray) -> None:
-    assert np.array_equal(unpacked(rvl(image), image.shape[1], image.shape[0]), image)
+    assert np.array_equal(unpack_rvl(rvl(image), image.shape[1], image.shape[0]), image)
 
 
 def test_rvl_by_hand() -> None:
     """Two zeros, three pixels 5, 4, 12 in steps of 5, -1 and 8 (written 10, 1, 16), one zero, no pixel."""
-    assert unpacked(struct.pack("<2I", 0x23A11821, 0), 6, 1).tolist() == [[0, 0, 5, 4, 12, 0]]
+    assert unpack_rvl(struct.pack("<2I", 0x23A11821, 0), 6, 1).tolist() == [[0, 0, 5, 4, 12, 0]]
 
 
 def text(name: str, change: Callable[[str], str]) -> Callable[[Path], object]:

@@ -471,7 +471,7 @@ def test_metadata_of_another_shape_is_named(broken: dict[str, Any], words: str) 
 
 def test_metadata_in_the_key_set_of_version_5() -> None:
     objects = json.loads(METADATA.read_text("utf-8"))["objects"]
-    truth, ids, notes = unity.things(objects)
+    truth, ids, notes = unity.true_objects(objects)
     knob = "StoveKnob|+00.13|+00.86|-02.18"
     assert notes == [f"left out, because AI2-THOR gives no box for them: {knob}"]
     assert [t.id for t in truth] == list(range(1, len(truth) + 1)) == list(ids.values())

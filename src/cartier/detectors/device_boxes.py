@@ -8,11 +8,11 @@ from cartier.detectors.boxes import MIN_SIDE_PX
 
 CANDIDATES = 1000  # the best so many boxes of a frame enter the suppression of duplicates
 SAME_NAME_IOU = 0.5  # of two boxes of one name that overlap by more, the weaker goes
-ANY_NAME_IOU = 0.8  # and of two of any names: one thing has one name
+ANY_NAME_IOU = 0.8  # and of two of any names: one object has one name
 
 
 def to_pixels(boxes_cxcywh: Any, width: int, height: int, square: bool) -> Any:
-    """Boxes xyxy (B, Q, 4) in pixels, clipped to the image; they come as shares of the image or, ``square``, of its longer side."""
+    """Boxes xyxy (B, Q, 4) in pixels, clipped to the image, of shares of the image or of a ``square`` around it."""
     import torch
 
     centres, halves = boxes_cxcywh[..., :2], boxes_cxcywh[..., 2:] / 2
@@ -23,7 +23,7 @@ def to_pixels(boxes_cxcywh: Any, width: int, height: int, square: bool) -> Any:
 
 
 def best_first(scores: Any, usable: Any, boxes_xyxy: Any) -> tuple[Any, Any]:
-    """Which boxes (B, N), best score first, and which of these (B, N) are ``usable`` (B, Q) and no slivers; N is at least 1."""
+    """Which boxes (B, N), best score first, and which are ``usable`` (B, Q) and no slivers; N is at least 1."""
     usable = usable & ((boxes_xyxy[..., 2:] - boxes_xyxy[..., :2]) >= MIN_SIDE_PX).all(dim=-1)
     most = min(CANDIDATES, max(1, int(usable.sum(dim=-1).max())))
     best = scores.where(usable, scores.new_tensor(-1.0)).sort(dim=-1, descending=True, stable=True)[1][:, :most]
@@ -49,9 +49,9 @@ def _overlaps(boxes: Any) -> Any:
 
 
 def _greedy(beats: Any, stays: Any) -> Any:
-    """Who stays (B, N) if each who stays removes whom it beats (B, N, N), all of them later ones.
+    """Which boxes stay (B, N) if each that stays removes those that it ``beats`` (B, N, N), all of them later ones.
 
-    All are judged at once by what was found of those before, again and again until nothing changes: the first is right at
+    All are judged at once by what was found of those before, repeatedly until nothing changes: the first is right at
     once, and each round makes right at least the next whose judges are.
     """
     there = stays

@@ -1,4 +1,4 @@
-"""A model's input made on the model's own device: what its image processor does on the CPU, as a few operations of torch."""
+"""Image preprocessing on the model's own device: an image processor's CPU work as a few operations of torch."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ Size = tuple[int, int]
 class DeviceImages:
     """Turns images of one size into a model's input.
 
-    For each new size of image, noise is prepared by the model's own processor and here. Where the two agree, the work is
+    For each new size of image, noise is prepared by the model's own processor and here. If the two agree, the work is
     done here from then on; where not, the processor goes on doing it, and ``notes`` say so.
 
-    ``square`` is for OWLv2, whose processor pads images to a square and resizes with scipy; the others resize with Pillow.
+    ``square`` is for OWLv2, whose processor pads images to a square and resizes with scipy; others resize with Pillow.
     """
 
     def __init__(self, processor: Any, device: Any, square: bool) -> None:

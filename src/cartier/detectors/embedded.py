@@ -1,4 +1,4 @@
-"""The detector that ships inside: a small network trained on generated dollhouse homes; it knows no photographs (onnxruntime)."""
+"""Embedded dollhouse detector: a small network trained on generated homes, for simulated images (onnxruntime)."""
 
 from __future__ import annotations
 
@@ -27,8 +27,9 @@ def make(
 ) -> Embedded:
     """``threshold`` is the score from which a detection counts by itself, by default that chosen on generated homes.
 
-    ``folder`` holds another model of the same make (tools/train_dollhouse_detector.py); ``provider`` is onnxruntime's, such as "cuda";
-    ``threads`` is onnxruntime's own choice by default. Raises InputError if the network's file is missing or was changed.
+    ``folder`` holds another model of the same make (tools/train_dollhouse_detector.py); ``provider`` is onnxruntime's,
+    such as "cuda"; ``threads`` is onnxruntime's choice by default. Raises InputError if the network's file is missing
+    or changed.
     """
     from cartier.models.dollhouse_detector.inference import open_inference
 
@@ -38,7 +39,7 @@ def make(
 
 
 class Embedded:
-    """Obeys the Detector contract: a CenterNet (Zhou et al. 2019) with TTFNet's training (Liu et al. 2020) over RGB alone."""
+    """Obeys the Detector contract: a CenterNet (Zhou et al. 2019), trained as TTFNet (Liu et al. 2020), on RGB."""
 
     world = "dollhouse"
 
@@ -53,7 +54,7 @@ class Embedded:
         )
 
     def detect(self, frame: Frame) -> Detections:
-        """Boxes clipped to the frame, best score first; one thing may come with two names.
+        """Boxes clipped to the frame, best score first; one object may come with two names.
 
         Raises BackendError if the network gives what it must not.
         """

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from cartier.detectors._annotations import Annotations, read_annotations
-from cartier.detectors._rows import rows
+from cartier.detectors.annotations import Annotations, read_annotations
 from cartier.detectors.boxes import clip
+from cartier.detectors.rows import rows
 from cartier.errors import InputError, brief
 from cartier.io.files import sha256_of
 from cartier.types import Array, Detections, DetectorScoreModel, Frame
@@ -21,13 +21,14 @@ OVERHANG = 0.1  # detectors that do not clip reach a little over the edge; more 
 def make(path: str | Path, threshold: float = EVA_THRESHOLD, categories: str | Path | None = None) -> DetectionsFile:
     """A detector that looks up what another program detected in the same frames.
 
-    ``path`` holds a JSON list or JSON lines of COCO results (``image_id``, ``category_id``, ``score``, ``bbox``
-    x, y, width, height) or of ``{"frame": 0, "label": "cup", "score": 0.9, "xyxy": [x1, y1, x2, y2]}``, or per frame
+    ``path`` holds a JSON list or JSON lines of COCO results (``image_id``, ``category_id``, ``score``, ``bbox`` x, y,
+    width, height) or of ``{"frame": 0, "label": "cup", "score": 0.9, "xyxy": [x1, y1, x2, y2]}``, or per frame
     ``{"frame": 0, "detections": [{"label", "score", "xyxy"}, …]}``; boxes are in pixels of the recording's frames.
-    Detections that score ``threshold`` or more count by themselves, EVA's own scale; those of two fifths of it are evidence. ``categories`` names the category ids: a COCO or LVIS annotations
-    file, or a list of names (the first is id 1), by default ``NAME.categories.json`` beside NAME.json. If it lists
-    ``images``, the k-th of them is frame k; else image_id is the frame's number, from 0.
-    Raises InputError with the line for whatever is wrong, also if no detection is left.
+    Detections that score ``threshold`` or more count by themselves (default: EVA's own scale); those of two fifths of
+    it are evidence. ``categories`` names the category ids: a COCO or LVIS annotations file, or a list of names (the
+    first is id 1), by default ``NAME.categories.json`` beside NAME.json. If it lists ``images``, the k-th of them is
+    frame k; else image_id is the frame's number, from 0. Raises InputError with the line for whatever is wrong, also if
+    no detection is left.
     """
     path = Path(path)
     beside = path.with_suffix(".categories.json")
@@ -53,7 +54,8 @@ class DetectionsFile:
                 labels.append(numbers.setdefault(row.label, len(numbers)))
                 values.extend((*row.xyxy, row.score))
         if not frames:
-            low = f"none of its {total} detections scores {self.score_model.zero_weight_score:g} or more (the best has {best:g})"
+            least = f"{self.score_model.zero_weight_score:g} or more (the best has {best:g})"
+            low = f"none of its {total} detections scores {least}"
             raise InputError(f"{path}: {low + ': lower the threshold' if total else 'it holds no detections'}")
         table = np.array(values).reshape(-1, 5)
         order = np.lexsort((-table[:, 4], np.array(frames)))

@@ -25,19 +25,20 @@ def make(
 ) -> GroundTruth:
     """``truth`` are the recording's true objects; ``source`` says whose they are.
 
-    ``misses`` is the chance to miss a thing of ``min_pixels``, falling with the square root of its area; ``jitter`` the
-    standard deviation of each box side as a share of the box; ``confusion`` the chance of another object's name.
+    ``misses`` is the chance to miss an object of ``min_pixels``, falling with the square root of its area; ``jitter``
+    the standard deviation of each box side as a share of the box; ``confusion`` the chance of another object's name.
     """
     if truth is None:
         raise BackendError("the ground_truth detector needs a simulator's recording: this one has no true objects")
-    for name, value in (("misses", misses), ("jitter", jitter), ("confusion", confusion)):
+    disturbed = {"misses": misses, "jitter": jitter, "confusion": confusion}
+    for name, value in disturbed.items():
         if not 0 <= value <= 1:
             raise BackendError(f"option {name} must be from 0 to 1, got {value}")
-    return GroundTruth(truth, source, max(1, min_pixels), misses, jitter, confusion, seed)
+    return GroundTruth(truth, source, max(1, min_pixels), disturbed, seed)
 
 
 class GroundTruth:
-    """Obeys the Detector contract, with masks where nothing is disturbed. Its name says that it is no detector at all."""
+    """Obeys the Detector contract, with masks where nothing is disturbed. Its name says that it is no real detector."""
 
     score_model = DetectorScoreModel(
         0.5,
@@ -51,31 +52,17 @@ class GroundTruth:
     sha256 = ""
 
     def __init__(
-        self,
-        truth: Sequence[TrueObject],
-        source: str,
-        min_pixels: int,
-        misses: float,
-        jitter: float,
-        confusion: float,
-        seed: int,
+        self, truth: Sequence[TrueObject], source: str, min_pixels: int, disturbed: dict[str, float], seed: int
     ) -> None:
         self._labels = {obj.id: display_name(obj.label) for obj in truth}
         self._names = sorted(set(self._labels.values()))
-        self._min_pixels, self._misses, self._jitter, self._confusion, self._seed = (
-            min_pixels,
-            misses,
-            jitter,
-            confusion,
-            seed,
-        )
-        disturbed = {"misses": misses, "jitter": jitter, "confusion": confusion}
+        self._min_pixels, self._disturbance, self._seed = min_pixels, disturbed, seed
         with_what = "".join(f", {name} {value:g}" for name, value in disturbed.items() if value)
         self.name = f"ground truth ({source}{with_what}{f', seed {seed}' if with_what else ''})"
         self._exact = not with_what
 
     def detect(self, frame: Frame) -> Detections:
-        """Every thing with enough visible pixels. Raises BackendError if the frame holds no instances."""
+        """Every object with enough visible pixels. Raises BackendError if the frame holds no instances."""
         if frame.instances is None:
             raise BackendError(f"frame {frame.index} has no instances: ground truth exists in simulators only")
         ids, boxes, pixels = _visible(frame.instances, self._min_pixels)
@@ -91,13 +78,13 @@ class GroundTruth:
         self, frame: Frame, boxes: npt.NDArray[np.float32], labels: list[str], pixels: npt.NDArray[np.int64]
     ) -> Detections:
         rng = np.random.default_rng((self._seed, frame.index))
-        chance = self._misses * np.sqrt(self._min_pixels / np.maximum(pixels, 1))
+        chance = self._disturbance["misses"] * np.sqrt(self._min_pixels / np.maximum(pixels, 1))
         seen = rng.random(len(boxes)) >= chance
         side = np.tile(boxes[:, 2:] - boxes[:, :2], 2)
-        shaken = boxes + self._jitter * side * rng.standard_normal(boxes.shape).astype(np.float32)
+        shaken = boxes + self._disturbance["jitter"] * side * rng.standard_normal(boxes.shape).astype(np.float32)
         shaken = np.clip(shaken, 0, np.tile((frame.camera.width, frame.camera.height), 2)).astype(np.float32)
         ordered = np.hstack([np.minimum(shaken[:, :2], shaken[:, 2:]), np.maximum(shaken[:, :2], shaken[:, 2:])])
-        confused = rng.random(len(boxes)) < self._confusion
+        confused = rng.random(len(boxes)) < self._disturbance["confusion"]
         others = rng.integers(0, max(1, len(self._names)), len(boxes))
         names = [
             self._names[other] if mixed else label for label, mixed, other in zip(labels, confused, others, strict=True)

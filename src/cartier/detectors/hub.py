@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Collection, Iterator
-from contextlib import contextmanager
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from cartier.errors import BackendError, InputError, brief
 from cartier.io.files import sha256_of
-from cartier.models import hub
+from cartier.models.hub import FETCH, line_of, located, quiet
 
 HASHED = (".safetensors", ".json", ".txt")  # weights, configuration, tokenizer
 
@@ -47,34 +46,25 @@ def find(model: str | Path, types: Collection[str]) -> Source:
         raise InputError(f"{model} is no folder of a model")
     if folder and not (Path(model) / "config.json").is_file():
         raise InputError(f"{Path(model)} holds no config.json: it is no folder that transformers saved a model in")
-    name, _, revision = (str(model), "", "") if folder else str(model).partition("@")
-    where: dict[str, Any] = {"pretrained_model_name_or_path": name, "trust_remote_code": False}
-    if revision:
-        where["revision"] = revision
-    cut_off = not folder and hub.offline()
-    if cut_off:
-        where["local_files_only"] = True
+    where = located(str(model))
     try:
         config = AutoConfig.from_pretrained(**where)
     except Exception as error:  # the hub's, JSON's and transformers' errors share no base class
         if folder:
             raise InputError(f"{model}: its config.json cannot be read ({line_of(error)})") from error
-        why = (
-            f"there is no way to the hub: {hub.FETCH}"
-            if cut_off
-            else f"the hub does not give it out ({line_of(error)})"
-        )
+        cut_off = "local_files_only" in where
+        why = f"there is no way to the hub: {FETCH}" if cut_off else f"the hub does not give it out ({line_of(error)})"
         raise InputError(
             f"{str(model)!r:.120} is neither a folder here nor a model that is downloaded already, and {why}"
         ) from error
     if config.model_type not in types:
         raise InputError(
-            f"{model} is no detector that cartier runs: its type is {brief(config.model_type, 40)}, and those that run are "
-            f"{', '.join(types)}"
+            f"{model} is no detector that cartier runs: its type is {brief(config.model_type, 40)}, and those that run "
+            f"are {', '.join(types)}"
         )
     if not folder:  # every file from one commit; and without "main" transformers never asks the hub to convert pickles
         where["revision"] = _folder(where).name
-    return Source(Path(name).resolve().name if folder else str(model), where, config)
+    return Source(Path(model).resolve().name if folder else str(model), where, config)
 
 
 def load(source: Source, device: str, zero_shot: bool) -> Loaded:
@@ -90,10 +80,10 @@ def load(source: Source, device: str, zero_shot: bool) -> Loaded:
     kind: Any = AutoModelForZeroShotObjectDetection if zero_shot else AutoModelForObjectDetection
     tokens: Any = AutoTokenizer
     safe = {"use_safetensors": True, "dtype": torch.float32}
-    told = {"output_loading_info": True, "ignore_mismatched_sizes": True}  # what does not fit is told below
+    checks = {"output_loading_info": True, "ignore_mismatched_sizes": True}  # misfits are reported below
     try:
-        with _quiet():
-            model, info = kind.from_pretrained(**source.where, config=source.config, **safe, **told)
+        with quiet():
+            model, info = kind.from_pretrained(**source.where, config=source.config, **safe, **checks)
             images = AutoImageProcessor.from_pretrained(**source.where, backend="pil")  # torchvision is never needed
             tokenizer = tokens.from_pretrained(**source.where) if zero_shot else None
     except ImportError as error:
@@ -122,31 +112,6 @@ def _check_whole(source: Source, model: Any, info: Any, tokenizer: Any) -> None:
             )
 
 
-@contextmanager
-def _quiet() -> Iterator[None]:
-    """Without transformers' table of weights that do not fit."""
-    from transformers.utils import logging
-
-    before = logging.get_verbosity()
-    logging.set_verbosity_error()
-    try:
-        yield
-    finally:
-        logging.set_verbosity(before)
-
-
-def best_device(device: str | None) -> str:
-    """The device asked for, by default the first GPU or else the processor; BackendError if torch has no such device."""
-    import torch
-
-    chosen = device or ("cuda" if torch.cuda.is_available() else "cpu")
-    try:
-        torch.empty(1, device=chosen)
-    except (RuntimeError, AssertionError, NotImplementedError) as error:
-        raise BackendError(f"option device: torch cannot use {chosen!r} here ({line_of(error)})") from error
-    return chosen
-
-
 def _moved(model: Any, device: str) -> Any:
     try:
         return model.to(device)
@@ -172,10 +137,3 @@ def _sha256(source: Source) -> str:
 def with_names(sha256: str, names: Collection[str]) -> str:
     """The sha256 of a model together with the names that it is asked for."""
     return hashlib.sha256("\n".join((sha256, *names)).encode()).hexdigest()
-
-
-def line_of(error: BaseException) -> str:
-    """The first sentence-like line of a library's error, of a readable length."""
-    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-    text = lines[0] if lines else type(error).__name__
-    return text if len(text) <= 200 else text[:199] + "…"

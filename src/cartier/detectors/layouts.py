@@ -25,7 +25,7 @@ ANY_NAME: tuple[str, ...] = ()
 STRIDES = (8, 16, 32)
 NANODET_STRIDES: tuple[int, ...] = (8, 16, 32, 64)
 DISTANCES = 8
-"""NanoDet and PicoDet tell how far each side is from the cell as a distribution over 0 to 7 strides (their reg_max is 7)."""
+"""NanoDet and PicoDet give the distance to each side as a distribution over 0 to 7 strides (their reg_max is 7)."""
 FASTESTDET_STRIDE = 16
 MAX_LOG_SIDE = 12.0  # YOLOX sides beyond e^12 strides would overflow float32, and are clipped to the image anyhow
 
@@ -39,9 +39,9 @@ class Candidates(NamedTuple):
 @dataclass(frozen=True)
 class Layout:
     outputs: tuple[tuple[str, ...], ...]
-    """Per output the names that it goes by; ANY_NAME is a model's only output. Empty: all that the model has, in its order."""
+    """Names of each output; ANY_NAME is a model's only output. Empty: all that the model has, in its order."""
     shapes: Callable[[Sidecar, Size, int], list[Shape]]
-    """Of the outputs, whose number is told."""
+    """Shapes of the outputs, given their number."""
     decode: Callable[[Sequence[Array], Sidecar, Size], Candidates]
     nms: bool
     """Whether it gives many boxes per object, to be suppressed."""
@@ -94,9 +94,9 @@ def _yolox(outputs: Sequence[Array], sidecar: Sidecar, size: Size) -> Candidates
 
 
 def _nanodet(outputs: Sequence[Array], sidecar: Sidecar, size: Size) -> Candidates:
-    """Generalized Focal Loss (Li et al. 2020): the sides of a box lie at the mean of a distribution of distances from a cell.
+    """Generalized Focal Loss (Li et al. 2020): each side of a box is the mean of a distribution of distances.
 
-    NanoDet-Plus gives scores and distributions in one table, seen from the corners of its cells; NanoDet and PicoDet give
+    NanoDet-Plus gives scores and distributions in one table, from the corners of its cells; NanoDet and PicoDet give
     those of each stride, all scores first, seen from the middles.
     """
     if len(outputs) == 1:

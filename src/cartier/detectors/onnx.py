@@ -1,4 +1,4 @@
-"""Any ONNX detector, run by onnxruntime: FastestDet, YOLOv8, YOLOX, NanoDet, PicoDet, DETR or exported with labels, boxes, scores."""
+"""Any ONNX detector: FastestDet, YOLOv8, YOLOX, NanoDet, PicoDet, DETR, or labels, boxes and scores (onnxruntime)."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from cartier.detectors._pixels import to_tensor
 from cartier.detectors.boxes import clip, nms
 from cartier.detectors.layouts import ANY_NAME, LAYOUTS, Candidates, Size, recognised
+from cartier.detectors.pixels import to_tensor
 from cartier.detectors.sidecar import Sidecar, read_sidecar
 from cartier.errors import BackendError, InputError, brief
 from cartier.io.files import sha256_of
@@ -30,10 +30,11 @@ def make(
 ) -> OnnxDetector:
     """A detector from an ONNX file and its sidecar, by default ``MODEL.json`` beside it.
 
-    ``threshold`` is the score from which a detection counts by itself, by default the sidecar's or the layout's; ``iou`` is the overlap above which the
-    weaker of two boxes of a class goes (layouts fastestdet, yolov8, yolox, nanodet). ``provider`` is onnxruntime's, such as
-    "cuda"; ``threads`` is onnxruntime's own choice by default. Raises InputError if the model cannot be loaded, if the
-    sidecar is wrong or does not fit it, or if there is none and the model's shapes do not prove what it is.
+    ``threshold`` is the score from which a detection counts by itself, by default the sidecar's or the layout's;
+    ``iou`` is the overlap above which the weaker of two boxes of a class goes (layouts fastestdet, yolov8, yolox,
+    nanodet). ``provider`` is onnxruntime's, as "cuda"; ``threads`` is onnxruntime's own choice by default. Raises
+    InputError if the model cannot be loaded, if the sidecar is wrong or does not fit it, or if there is none and the
+    model's shapes do not prove what it is.
     """
     if not 0 <= iou <= 1:
         raise BackendError(f"option iou must be from 0 to 1, got {iou}")
@@ -133,7 +134,8 @@ class OnnxDetector:
             if not _fits(outputs[name].shape, shape):
                 raise InputError(
                     f"{self._session.path}: {what}: layout {self._sidecar.layout} with {len(self._sidecar.labels)} "
-                    f"labels and a {_wxh(self._size)} input needs the output {brief(name, 40)} to be {shape_text(shape)}, "
+                    f"labels and a {_wxh(self._size)} input needs the output {brief(name, 40)} to be "
+                    f"{shape_text(shape)}, "
                     f"but it is {shape_text(outputs[name].shape)}"
                 )
 

@@ -1,4 +1,4 @@
-"""The detector for photographs that ships inside: NanoDet-Plus-m, 51 household names of COCO, 28 ms of one core (onnxruntime)."""
+"""Embedded photograph detector: NanoDet-Plus-m, 51 household names of COCO, 28 ms of one core (onnxruntime)."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from cartier.models.onnx_session import Session
 def make(threshold: float | None = None, provider: str = "cpu", threads: int | None = None) -> OnnxDetector:
     """``threshold`` is the score from which a detection counts by itself, by default that chosen on photographs.
 
-    ``provider`` is onnxruntime's, such as "cuda"; ``threads`` is onnxruntime's own choice by default. Raises InputError if the
+    ``provider`` is onnxruntime's, such as "cuda"; ``threads`` is its own choice by default. Raises InputError if the
     network's file is missing or was changed.
     """
     if threads is not None and threads < 1:

@@ -51,7 +51,7 @@ class Sidecar(BaseModel):
     threshold: Annotated[float, Field(ge=0, le=1)]
     """The score from which a detection counts by itself."""
     score_model: DetectorScoreModel | None = None
-    """What its reports are worth, where that was measured: the fields of ``types.DetectorScoreModel``, ``measured`` among them."""
+    """What its detections are worth, if that was measured: the fields of ``types.DetectorScoreModel``."""
     min_views: int | None = None
     """Of older sidecars, and without effect: the map weighs each object's evidence."""
     activation: Literal["softmax", "sigmoid"] = "softmax"
@@ -96,9 +96,9 @@ class Sidecar(BaseModel):
 
     @field_validator("score_model", mode="before")
     @classmethod
-    def _sound(cls, told: Any) -> Any:
+    def _score_model(cls, given: Any) -> Any:
         try:
-            return DetectorScoreModel.from_dict(told) if isinstance(told, dict) else told
+            return DetectorScoreModel.from_dict(given) if isinstance(given, dict) else given
         except TypeError as error:
             raise ValueError(f"must hold the fields of a score_model ({error})") from error
 

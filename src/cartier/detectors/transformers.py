@@ -14,6 +14,7 @@ from cartier.detectors.device_images import DeviceImages
 from cartier.detectors.vocabulary import read_vocabulary
 from cartier.detectors.zero_shot import ClosedSet, Grounding, OmDetTurbo, Owl, Pass
 from cartier.errors import BackendError, CartierError
+from cartier.models.hub import best_device, line_of
 from cartier.types import Detections, DetectorScoreModel, Floats, Frame
 
 EXTRA = "detect"
@@ -33,7 +34,7 @@ class Family:
 
 
 FAMILIES = {
-    # Scores of open vocabularies are low even on good boxes, and with 1,203 names some wrong one always scores a little:
+    # Scores of open vocabularies are low even on good boxes, and of 1,203 names some wrong one always scores a little:
     # the thresholds lie above the 0.1 of OWL's own examples and below the 0.4 that Grounding DINO's have for the best
     # token, since ours is the mean over a name's tokens. No published weights were measured here.
     "owlv2": Family(Owl, 0.25, square=True),
@@ -57,14 +58,16 @@ def make(
 ) -> TransformersDetector:
     """A detector from a hub id (``google/owlv2-base-patch16-ensemble``), such an id ``@revision``, or a saved folder.
 
-    ``threshold`` is the score from which a detection counts by itself, by default that of FAMILIES. ``vocabulary`` are the names that a zero-shot model is
-    asked for, a text file or a list; by default LVIS's 1,203. ``device`` is torch's, by default the GPU if there is one;
-    there it runs in half precision. Only safetensors are read, and no code from outside runs. Raises InputError if there
-    is no such model, if it is damaged or no detector, or if the vocabulary is wrong; BackendError for a wrong option.
+    ``threshold`` is the score from which a detection counts by itself, by default that of FAMILIES. ``vocabulary`` are
+    the names that a zero-shot model is asked for, a text file or a list; by default LVIS's 1,203. ``device`` is
+    torch's, by default the GPU if there is one, where it runs in half precision. Only safetensors are read, and no code
+    from outside runs. Raises InputError if there is no such model, if it is damaged or no detector, or if the
+    vocabulary is wrong; BackendError for a wrong option.
 
-    Older DETRs take their backbone from timm, which brings torchvision: ``facebook/detr-resnet-50@no_timm`` needs neither.
+    Older DETRs take their backbone from timm, which needs torchvision: ``facebook/detr-resnet-50@no_timm`` needs
+    neither.
     """
-    chosen = hub.best_device(device)
+    chosen = best_device(device)
     source = hub.find(model, FAMILIES)
     family = FAMILIES[source.config.model_type]
     closed = family.head is ClosedSet
@@ -97,7 +100,8 @@ class TransformersDetector:
         if self._zero_shot:
             self.sha256, asked = hub.with_names(loaded.sha256, head.names), f", {len(head.names)} names"
         half = _is_half(loaded.model)
-        self.name = f"transformers {loaded.source.name} (counts from {score_model.threshold:g}{asked}{', half precision' * half})"
+        counts = f"counts from {score_model.threshold:g}{asked}{', half precision' * half}"
+        self.name = f"transformers {loaded.source.name} ({counts})"
         self.knows = tuple(name for name in head.names if name)
         self._notes = tuple(notes)
         self._images = DeviceImages(loaded.images, loaded.model.device, family.square)
@@ -197,4 +201,4 @@ def _running(model: Any, name: str, what: str) -> Iterator[None]:
     except CartierError:
         raise
     except Exception as error:  # torch's and transformers' errors share no base class
-        raise BackendError(f"{name} failed on {what}: {hub.line_of(error)}") from error
+        raise BackendError(f"{name} failed on {what}: {line_of(error)}") from error

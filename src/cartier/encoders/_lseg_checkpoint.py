@@ -1,4 +1,4 @@
-"""LSeg's public checkpoint: read without running anything in it, its names held against the network's, its text tower."""
+"""LSeg's public checkpoint: read without running code from it, checked against the network, with its text tower."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ import torch
 import transformers
 
 from cartier.encoders.lseg_network import LSegNetwork, Shape
-from cartier.encoders.torch_backend import first_line
 from cartier.errors import InputError
+from cartier.models.hub import line_of
 
 Tensors = dict[str, torch.Tensor]
 
@@ -32,7 +32,7 @@ CONVERT = (
 
 
 class _Inert:
-    """Stands in for whatever a checkpoint holds besides tensors (callbacks, settings): takes anything and does nothing."""
+    """Stands in for what a checkpoint holds besides tensors (callbacks, settings): takes anything and does nothing."""
 
     def __init__(self, *args: object, **options: object) -> None: ...
 
@@ -40,13 +40,13 @@ class _Inert:
 
 
 def read_tensors(path: Path) -> Tensors:
-    """The parameters in a .safetensors file or a Lightning checkpoint, without the prefix ``net.``; none of its code runs."""
+    """The parameters of a .safetensors file or a Lightning checkpoint, without the prefix ``net.``; runs no code."""
     if not path.is_file():
         raise InputError(f"LSeg checkpoint {path} does not exist")
     try:
         tensors = _safetensors(path) if path.suffix == ".safetensors" else _pickled(path)
     except Exception as error:  # torch's, pickle's and safetensors' errors share no base class
-        raise InputError(f"{path} cannot be read ({first_line(error)}); {CONVERT}") from error
+        raise InputError(f"{path} cannot be read ({line_of(error)}); {CONVERT}") from error
     if not isinstance(tensors, Mapping) or not all(isinstance(value, torch.Tensor) for value in tensors.values()):
         raise InputError(f"{path} holds no table of parameters (state_dict): is it LSeg's checkpoint?")
     named = {str(name).removeprefix("net."): value for name, value in tensors.items()}
@@ -78,7 +78,7 @@ def load_network(tensors: Tensors, where: str, shape: Shape) -> LSegNetwork:
 
 
 def load_text_tower(tensors: Tensors, where: str, end_token: int) -> Any:
-    """CLIP's text side, which the checkpoint holds under OpenAI's names, as a transformers.CLIPTextModelWithProjection."""
+    """CLIP's text side, stored under OpenAI's names, as a transformers.CLIPTextModelWithProjection."""
     own = {name.removeprefix(TEXT): value for name, value in tensors.items() if name.startswith(TEXT)}
     sizes = (
         "token_embedding.weight",

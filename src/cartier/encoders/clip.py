@@ -2,8 +2,8 @@
 
 Dense features (MaskCLIP: Zhou et al. 2022, "Extract Free Dense Labels from CLIP"): what a patch would give if the last
 attention looked at nothing but that patch. For CLIP that is the last block's value and output projections, without the
-residual and the MLP, then the post-layernorm and the visual projection. SigLIP's last attention is its pooling head: the
-head is applied to each patch alone. Needs no training and no other weights.
+residual and the MLP, then the post-layernorm and the visual projection. SigLIP's last attention is its pooling head,
+which is applied to each patch alone. Needs no training and no other weights.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from cartier.types import Array, Frame
 if TYPE_CHECKING:
     import torch
 
-    from cartier.encoders.clip_text import TextTower
+    from cartier.encoders.torch_backend import TextTower
 
 EXTRA = "detect"
 MODEL = "openai/clip-vit-large-patch14"
@@ -30,8 +30,8 @@ def make(model: str = MODEL, device: str | None = None, short_side_px: int | Non
     """A CLIP or SigLIP model with safetensors weights, by folder or by hub id (``id@revision`` for one revision).
 
     ``short_side_px``: the image's short side at the model's input, its own resolution by default; larger gives more
-    patches. ``device``: a torch device, by default the GPU when there is one (half precision there). Raises InputError for
-    a model that is not there, is of another kind, or lacks a tower.
+    patches. ``device``: a torch device, by default the GPU if there is one (half precision there). Raises InputError
+    for a model that is not there, is of another kind, or lacks a tower.
     """
     import torch  # noqa: F401  (a missing package is named before anything is fetched)
     import transformers
@@ -43,7 +43,8 @@ def make(model: str = MODEL, device: str | None = None, short_side_px: int | Non
     classes: dict[str, Any] = {"clip": transformers.CLIPModel, "siglip": transformers.SiglipModel}
     if config.model_type not in classes:
         raise InputError(
-            f"{model!r} is a {config.model_type!r} model, not one of {', '.join(classes)} with an image and a text tower"
+            f"{model!r} is a {config.model_type!r} model, not one of {', '.join(classes)} with an image and a text "
+            "tower"
         )
     _check_side(short_side_px, config.vision_config.patch_size)
     network: Any
@@ -133,7 +134,7 @@ class Clip:
 
 
 def _text_tower(network: Any, tokenizer: Any, siglip: bool, device: torch.device) -> TextTower:
-    from cartier.encoders.clip_text import TextTower
+    from cartier.encoders.torch_backend import TextTower
 
     config = network.config.text_config
 

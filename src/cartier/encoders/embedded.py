@@ -1,4 +1,4 @@
-"""The text encoder that ships inside (MiniLM, int8); its images are label features, or with embedded:pixels the dense features of the detector inside."""
+"""Embedded text encoder (MiniLM, int8): label features, or with embedded:pixels the detector's dense features."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 def make(
     model: str = "words", folder: str | Path = FOLDER, provider: str = "cpu", threads: int | None = None
 ) -> Embedded:
-    """``model`` is "words", which encodes labels only, or "pixels": the dense features of the detector that ships inside.
+    """``model`` is "words", which encodes labels only, or "pixels": the dense features of the embedded detector.
 
     ``folder``, ``provider`` and ``threads`` are those of the detector ``embedded``; both share one inference per frame.
     """
@@ -57,7 +57,7 @@ class Embedded:
 
 
 class FromPixels(Embedded):
-    """Dense features after LSeg (Li et al. 2022): the text side stayed frozen, and the network learnt to match the names' vectors.
+    """Dense features after LSeg (Li et al. 2022): trained to match the names' vectors of a frozen text encoder.
 
     Of the 384 dimensions only those directions are kept in which the names of the dollhouse's types differ.
     """

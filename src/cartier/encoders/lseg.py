@@ -18,8 +18,8 @@ from cartier.types import Array, Frame
 if TYPE_CHECKING:
     import torch
 
-    from cartier.encoders.clip_text import TextTower
     from cartier.encoders.lseg_network import LSegNetwork, Shape
+    from cartier.encoders.torch_backend import TextTower
 
 EXTRA = "detect"
 TOKENIZER = "openai/clip-vit-base-patch32"
@@ -31,8 +31,8 @@ MEAN_STD = ((0.5, 0.5, 0.5), (0.5, 0.5, 0.5))
 def make(model: str, tokenizer: str = TOKENIZER, device: str | None = None, long_side_px: int = LONG_SIDE_PX) -> LSeg:
     """LSeg from its public checkpoint, the file ``model``: download it from the authors (isl-org/lang-seg) first.
 
-    ``tokenizer``: hub id or folder with CLIP's tokenizer. ``device``: a torch device, by default the GPU when there is one
-    (half precision there). Raises InputError for a file that is missing, damaged or another network's.
+    ``tokenizer``: hub id or folder with CLIP's tokenizer. ``device``: a torch device, by default the GPU if there is
+    one (half precision there). Raises InputError for a file that is missing, damaged or another network's.
     """
     import torch  # noqa: F401  (a missing package is named before a large file is read)
 
@@ -46,8 +46,7 @@ def build(checkpoint: Path, shape: Shape, tokenizer: str, device: str | None, lo
     import transformers
 
     from cartier.encoders._lseg_checkpoint import load_network, load_text_tower, read_tensors
-    from cartier.encoders.clip_text import TextTower
-    from cartier.encoders.torch_backend import from_hub, pick_device
+    from cartier.encoders.torch_backend import TextTower, from_hub, pick_device
 
     step = 2 * shape.patch
     if not step <= long_side_px <= MAX_LONG_SIDE_PX:
@@ -94,7 +93,7 @@ class LSeg:
         self.notes: Sequence[str] = text.notes
 
     def image(self, frame: Frame) -> Array:
-        """(h, w, 512) float32 at half the network's resolution; cell (i, j) covers rows [i H/h, (i+1) H/h), columns likewise.
+        """(h, w, 512) float32 at half the network's resolution; cell (i, j) covers rows [i H/h, (i+1) H/h).
 
         The network enlarges with its corners aligned, so a cell may lie up to half an input pixel off that place.
         """

@@ -1,9 +1,9 @@
 """LSeg's network up to its pixel features, with the public checkpoint's parameter names.
 
-Li et al. 2022, "Language-driven Semantic Segmentation": a ViT-L/16 whose blocks 6, 12, 18 and 24 are reassembled to maps at
-1/4, 1/8, 1/16 and 1/32 of the image and fused from coarse to fine (DPT: Ranftl et al. 2021, "Vision Transformers for
-Dense Prediction"); head1 takes the result, at half the image's resolution, into CLIP's space. The last step of the published
-network, an enlargement x2, is left out: it adds no information.
+Li et al. 2022, "Language-driven Semantic Segmentation": a ViT-L/16 whose blocks 6, 12, 18 and 24 are reassembled to
+maps at 1/4, 1/8, 1/16 and 1/32 of the image and fused from coarse to fine (DPT: Ranftl et al. 2021, "Vision
+Transformers for Dense Prediction"); head1 takes the result, at half the image's resolution, to CLIP's space. The last
+step of the published network, an enlargement x2, is left out: it adds no information.
 """
 
 from __future__ import annotations

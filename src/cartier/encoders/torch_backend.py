@@ -1,31 +1,27 @@
-"""What the encoders on torch share: a device, a frame as a tensor, a model from a folder or the hub, faults in one line."""
+"""Encoders on torch: a frame as a tensor, a model from a folder or the hub, and texts through a text tower."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 import torch
-import transformers
 from PIL import Image
 
 from cartier.errors import BackendError, InputError
 from cartier.models import hub
 
 Loaded = TypeVar("Loaded")
+BATCH = 256  # texts in one forward
 
 
 def pick_device(asked: str | None) -> tuple[torch.device, torch.dtype]:
     """The device asked for, else the GPU, else the CPU; and the precision to compute in there: half on a GPU."""
-    try:
-        device = torch.device(asked or ("cuda" if torch.cuda.is_available() else "cpu"))
-        torch.empty(1, device=device)
-    except (RuntimeError, AssertionError, NotImplementedError) as error:  # torch built without CUDA asserts
-        raise BackendError(f"torch cannot use the device {asked!r} here: {first_line(error)}") from error
+    device = torch.device(hub.best_device(asked))
     return device, torch.float32 if device.type == "cpu" else torch.float16
 
 
@@ -50,41 +46,70 @@ def to_array(values: torch.Tensor) -> npt.NDArray[np.float32]:
 def from_hub(load: Callable[..., Loaded], model: str, what: str, **options: Any) -> Loaded:
     """What ``load`` (a ``from_pretrained``) makes of a folder or a hub id, which may end in ``@revision``.
 
-    Code that comes with a model never runs. Raises InputError, one line, where there is no such model or it does not load.
+    Raises InputError, one line, if there is no such model or it does not load.
     """
-    folder = Path(model).is_dir()
-    name, _, revision = (model, "", "") if folder else model.partition("@")
-    where: dict[str, Any] = {"revision": revision} if revision else {}
-    if cut_off := not folder and hub.offline():
-        where["local_files_only"] = True
-    with _quiet():
-        try:
-            return load(name, trust_remote_code=False, **where, **options)
-        except ImportError as error:
-            raise BackendError(f"the {what} of {model!r} needs another package: {first_line(error)}") from error
-        except Exception as error:  # transformers, huggingface_hub and safetensors share no base class
-            if cut_off:
-                gone = "it is neither a folder here nor downloaded already, and there is no way to the hub"
-                raise InputError(f"the {what} of {model!r} cannot be loaded: {gone}: {hub.FETCH}") from error
-            place = "this folder" if folder else "neither a folder here nor the hub has it, or it is damaged"
-            raise InputError(f"the {what} of {model!r} cannot be loaded ({place}): {first_line(error)}") from error
-
-
-def first_line(error: BaseException) -> str:
-    """The first line of what a library says, at most 300 characters."""
-    return (str(error).strip().split("\n")[0] or type(error).__name__)[:300]
-
-
-@contextmanager
-def _quiet() -> Iterator[None]:
-    """Hold transformers' own log and progress bars back: what matters arrives as an exception."""
-    log: Any = transformers.utils.logging
-    level, bars = log.get_verbosity(), log.is_progress_bar_enabled()
-    log.set_verbosity_error()
-    log.disable_progress_bar()
+    where = hub.located(model)
     try:
-        yield
-    finally:
-        log.set_verbosity(level)
-        if bars:
-            log.enable_progress_bar()
+        with hub.quiet():
+            return load(**where, **options)
+    except ImportError as error:
+        raise BackendError(f"the {what} of {model!r} needs another package: {hub.line_of(error)}") from error
+    except Exception as error:  # transformers, huggingface_hub and safetensors share no base class
+        if "local_files_only" in where:
+            gone = "it is neither a folder here nor downloaded already, and there is no way to the hub"
+            raise InputError(f"the {what} of {model!r} cannot be loaded: {gone}: {hub.FETCH}") from error
+        folder = Path(model).is_dir()
+        place = "this folder" if folder else "neither a folder here nor the hub has it, or it is damaged"
+        raise InputError(f"the {what} of {model!r} cannot be loaded ({place}): {hub.line_of(error)}") from error
+
+
+@dataclass
+class TextTower:
+    """``embed`` takes the tokens like a transformers model and gives (n, D); ``limit``, ``vocabulary`` count tokens."""
+
+    embed: Callable[..., torch.Tensor]
+    tokenizer: Any
+    limit: int
+    vocabulary: int
+    width: int
+    padding: str
+    """'longest', or 'max_length' for a model that was trained on padded texts (SigLIP)."""
+    device: torch.device
+    notes: list[str] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        if len(self.tokenizer) <= self.vocabulary / 2:  # transformers makes an empty one where files are missing
+            raise InputError(
+                f"the tokenizer has {len(self.tokenizer)} tokens, but the text tower {self.vocabulary}: "
+                "is a file of the tokenizer missing?"
+            )
+
+    def encode(self, texts: Sequence[str]) -> npt.NDArray[np.float32]:
+        """(n, D) float32, one row per text, as the tower gives them: not normalised."""
+        if not texts:
+            return np.empty((0, self.width), np.float32)
+        return np.concatenate([self._batch(list(texts[i : i + BATCH])) for i in range(0, len(texts), BATCH)])
+
+    def _batch(self, texts: list[str]) -> npt.NDArray[np.float32]:
+        self._say_cuts(texts)
+        tokens = self.tokenizer(
+            texts, padding=self.padding, truncation=True, max_length=self.limit, return_tensors="pt"
+        )
+        highest = int(tokens["input_ids"].max())
+        if highest >= self.vocabulary:  # on a GPU an index fault would kill the process's context
+            raise InputError(
+                f"the tokenizer gives token {highest}, but the text tower knows {self.vocabulary}: they do not belong "
+                "together"
+            )
+        with torch.inference_mode():
+            return to_array(self.embed(**tokens.to(self.device)))
+
+    def _say_cuts(self, texts: list[str]) -> None:
+        if self.notes:
+            return
+        for text, tokens in zip(texts, self.tokenizer(texts, verbose=False)["input_ids"], strict=True):
+            if len(tokens) > self.limit:
+                self.notes.append(
+                    f"texts longer than {self.limit} tokens are cut there: {text[:40]!r}… has {len(tokens)}"
+                )
+                return

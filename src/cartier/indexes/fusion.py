@@ -1,7 +1,8 @@
 """Fuse dense image features into a top-down grid: features, depth, camera, pose → mean feature per cell.
 
-The mean is taken over *every* pixel with depth, with bilinear sampling of the features at that pixel, yet no pixel's feature is
-ever formed: which share of which feature vector falls into which cell is one sparse matrix, and one sparse product does it all.
+The mean is taken over *every* pixel with depth, with bilinear sampling of the features at that pixel, but no pixel's
+feature is formed: the share of each feature vector in each cell is one sparse matrix, and one sparse product does it
+all.
 """
 
 from __future__ import annotations
@@ -28,9 +29,9 @@ CELL = np.dtype(
 class FeatureGrid:
     """A sparse top-down grid: only cells that something was seen in take memory.
 
-    ``cells`` (n,) are records: ``xy`` whole numbers, (i, j) spans [i, i + 1) × [j, j + 1) times ``cell_m``; ``pixels`` that
-    fell into it; ``height_sum`` of their metres above the floor; ``frame``, the one that shows most of it, with ``most``
-    pixels. ``sums`` (n, D) are float32 sums of the pixels' features.
+    ``cells`` (n,) are records: ``xy`` whole numbers, (i, j) spans [i, i + 1) × [j, j + 1) times ``cell_m``; ``pixels``
+    that fell into it; ``height_sum`` of their metres above the floor; ``frame``, the one that shows most of it, in
+    ``most`` pixels. ``sums`` (n, D) are float32 sums of the pixels' features.
     """
 
     def __init__(self, cell_m: float = 0.05) -> None:
@@ -54,7 +55,7 @@ class FeatureGrid:
     def add(self, features: Array, depth_m: Array, camera: Camera, world_from_camera: Array, frame: int = 0) -> None:
         """Fuse one frame: ``features`` (h, w, D) float32 cover the image of depth (H, W), at any resolution.
 
-        Raises InputError if the pose would make the grid larger than 200 m, BackendError for features that are no numbers.
+        Raises InputError if the pose would make the grid larger than 200 m, BackendError for NaN or infinite features.
         """
         features = np.ascontiguousarray(features, np.float32)
         if self._tables is None or self._tables.of != (depth_m.shape, features.shape[:2], camera):
@@ -134,7 +135,7 @@ class FeatureGrid:
 
 @dataclass(frozen=True)
 class _Window:
-    """What a frame shows, on the grid: cell number per pixel (0 = none) in a window from ``low_xy``, ``size_x`` cells wide."""
+    """What a frame shows, on the grid: cell number per pixel (0 = none) from ``low_xy`` on, ``size_x`` cells wide."""
 
     cells: npt.NDArray[np.int32]
     heights_m: npt.NDArray[np.float64]
@@ -173,7 +174,7 @@ def _window(depth_m: Array, world_from_camera: Array, tables: _Tables, cell_m: f
 
 
 class _Tables:
-    """What depends on sizes and intrinsics only: ray slopes, bilinear taps, and the way from half-way sums to features."""
+    """What depends on sizes and intrinsics only: ray slopes, bilinear taps, the matrix from row sums to features."""
 
     def __init__(self, depth_shape: tuple[int, ...], feature_shape: tuple[int, ...], camera: Camera) -> None:
         from scipy.sparse import csr_array
@@ -232,7 +233,7 @@ class _Tables:
 
 
 def _product(a: Any, b: Any) -> Any:
-    """``a @ b`` of sparse arrays. scipy counts the result's entries before it makes them; here they have a bound: a third faster."""
+    """``a @ b`` of sparse arrays, a third faster: scipy first counts the entries, here bounded."""
     from scipy.sparse import csr_array
 
     try:

@@ -1,4 +1,4 @@
-"""The paper's plain ObjectDepth: each name's largest box of all frames, the mean of all depth in it; believes every detection."""
+"""ObjectDepth as in the paper: each name's largest box of all frames, mean depth in it; trusts every detection."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def make(min_views: int = 1) -> ObjectDepthPaper:
 
 
 class ObjectDepthPaper:
-    """Source: CARTIER (arXiv 2307.11865), object detection and spatial language index; sizes are corrected for perspective."""
+    """Source: CARTIER (arXiv 2307.11865), object detection and spatial language index; sizes are corrected."""
 
     def __init__(self, min_views: int) -> None:
         self._min_views = min_views

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cartier.indexes._objects import Objects
+from cartier.indexes.object_depth import LargestView
 from cartier.types import MapObject, Place, View
 
 
@@ -11,7 +11,7 @@ def make() -> ObjectViewpoint:
     return ObjectViewpoint()
 
 
-class ObjectViewpoint(Objects):
+class ObjectViewpoint(LargestView):
     """Position = camera position of the winning view, with the heading in which its box's centre was seen."""
 
     def place(self, obj: MapObject, view: View) -> Place:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from copy import deepcopy
 from typing import Any
 
@@ -12,14 +12,14 @@ import numpy.typing as npt
 from cartier import plugins
 from cartier.contracts import Encoder, EncoderDefaults, optional
 from cartier.errors import BackendError, CartierError, InputError
-from cartier.indexes._label_features import label_features
 from cartier.indexes.fusion import CELL, FeatureGrid
 from cartier.io.files import json_bytes, npz_bytes, parse_json, read_npz
 from cartier.types import Array, Detections, Frame, MapObject, Place
 
 DOMINATES = 0.05  # share of the map's mean energy in one dimension; evenly spread it would be 1 / D, 0.2 % for 512
-
 EQUAL = 1e-3  # cosines this close are the same
+BACKGROUND = "wall and floor"  # of uncovered surfaces; with zeros, a trace of the object beside them would pass for it
+STRIDE = 4  # pixels per label feature: a mug at 3 m is still 15 features wide in a 640 px image
 
 
 def make(encoder: str | Encoder = "embedded", cell_m: float = 0.05) -> VLMaps:
@@ -30,8 +30,9 @@ def make(encoder: str | Encoder = "embedded", cell_m: float = 0.05) -> VLMaps:
 class VLMaps:
     """Per cell the mean feature over all points that fell into it; a place is the cell most similar to the words.
 
-    Source: VLMaps (Huang et al. 2023, arXiv 2210.05714) as CARTIER (arXiv 2307.11865) uses it: 2-D grid, cosine similarity
-    after dropping the dominating embedding dimensions, the best cell wins. Memory grows with the cells seen, not with frames.
+    Source: VLMaps (Huang et al. 2023, arXiv 2210.05714) as CARTIER (arXiv 2307.11865) uses it: 2-D grid, cosine
+    similarity after dropping the dominating dimensions, the best cell wins. Memory grows with the cells seen, not with
+    frames.
     """
 
     def __init__(self, encoder: str | Encoder, cell_m: float) -> None:
@@ -168,9 +169,10 @@ class VLMaps:
 def searchable(sums: Array) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.bool_]]:
     """Unit rows (n, kept dimensions) for cosines, and which of the D dimensions are kept.
 
-    CLIP-like features have a few dimensions that are large and nearly the same everywhere; they say nothing about *where*,
-    yet they decide the cosine. A dimension is dropped if its mean over the cells holds more than 5 % of the energy of the mean
-    vector (or 5 times an even share, where there are few dimensions) and varies less than a third of that mean.
+    CLIP-like features have a few dimensions that are large and nearly the same everywhere. They say nothing about
+    *where*, yet they decide the cosine. A dimension is dropped if its mean over the cells holds more than 5 % of the
+    energy of the mean vector (or 5 times an even share, where there are few dimensions) and varies less than a third of
+    that mean.
     """
     norms = np.linalg.norm(sums, axis=1, keepdims=True)
     rows = np.divide(sums, norms, out=np.zeros(sums.shape, np.float32), where=norms > 0)
@@ -187,3 +189,47 @@ def searchable(sums: Array) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.boo
     return np.asfortranarray(
         rows
     ), kept  # column by column: a product with one vector is then twice as fast on one thread
+
+
+def label_features(
+    frame: Frame, detections: Detections, text: Callable[[Sequence[str]], Array]
+) -> npt.NDArray[np.float32]:
+    """(h, w, D) features of a frame with depth: the vector of the label in each mask, or in each box without masks.
+
+    In a box only the object's own surface gets it: depths within half its own width or height of the near third of the
+    box's middle, as in object_depth. Smaller objects lie over larger ones, and the rest is "wall and floor".
+    """
+    assert frame.depth_m is not None
+    height, width = frame.depth_m.shape
+    h, w = max(1, height // STRIDE), max(1, width // STRIDE)
+    rows = ((np.arange(h) + 0.5) * height / h).astype(np.intp)
+    cols = ((np.arange(w) + 0.5) * width / w).astype(np.intp)
+    depth_m = frame.depth_m[np.ix_(rows, cols)]
+    names = sorted(set(detections.labels))
+    which = np.zeros((h, w), np.intp)  # 0 = background
+    x1, y1, x2, y2 = detections.boxes_xyxy.T
+    for i in np.argsort(-(x2 - x1) * (y2 - y1), kind="stable"):
+        if detections.masks is not None:
+            inside = detections.masks[i][np.ix_(rows, cols)]
+        else:
+            inside = _surface(frame, depth_m, rows, cols, detections.boxes_xyxy[i])
+        which[inside] = 1 + names.index(detections.labels[i])
+    features: npt.NDArray[np.float32] = text([BACKGROUND, *names])[which]
+    return features
+
+
+def _surface(
+    frame: Frame, depth_m: Array, rows: npt.NDArray[np.intp], cols: npt.NDArray[np.intp], box: npt.NDArray[np.float32]
+) -> npt.NDArray[np.bool_]:
+    (x1, y1, x2, y2), camera = box, frame.camera
+    inside = np.outer((rows >= y1) & (rows < y2), (cols >= x1) & (cols < x2)) & (depth_m > 0)
+    middle = inside & np.outer(
+        np.abs(rows - (y1 + y2) / 2) <= (y2 - y1) / 4, np.abs(cols - (x1 + x2) / 2) <= (x2 - x1) / 4
+    )
+    depths = depth_m[middle] if middle.any() else depth_m[inside]
+    if not len(depths):
+        return inside
+    seed = float(np.partition(depths, len(depths) // 3)[len(depths) // 3])
+    extent_m = max(float(x2 - x1) / camera.fx, float(y2 - y1) / camera.fy) * seed
+    own: npt.NDArray[np.bool_] = inside & (np.abs(depth_m - seed) <= extent_m / 2)
+    return own

@@ -1,4 +1,4 @@
-"""ARCore: images/TIME.jpg, poses.csv, intrinsics.json and, where the phone gave them, depth/TIME.png, confidence/TIME.png.
+"""ARCore: images/TIME.jpg, poses.csv, intrinsics.json, and optional depth/TIME.png, confidence/TIME.png.
 
 ARCore has no export of its own; an app writes this per ``Frame``, with TIME = ``Frame.getTimestamp()`` in nanoseconds:
 
@@ -6,7 +6,8 @@ ARCore has no export of its own; an app writes this per ``Frame``, with TIME = `
 - ``poses.csv``: a line ``timestamp_ns,tx,ty,tz,qx,qy,qz,qw`` of names, then ``Camera.getPose()`` (OpenGL camera axes,
   world with y up) of each frame whose camera was TRACKING. Images without a pose are left out and counted.
 - ``intrinsics.json``: ``{"width", "height", "fx", "fy", "cx", "cy"}`` of ``Camera.getImageIntrinsics()``.
-- ``depth/TIME.png``: ``acquireDepthImage16Bits`` or ``acquireRawDepthImage16Bits`` as 16-bit PNG, millimetres, 0 = none;
+- ``depth/TIME.png``: ``acquireDepthImage16Bits`` or ``acquireRawDepthImage16Bits`` as 16-bit PNG, millimetres, 0 =
+  none;
   it may be smaller than the image, but must show the same field of view.
 - ``confidence/TIME.png``: ``acquireRawDepthConfidenceImage`` as 8-bit PNG; below ``confidence`` depth is dropped.
 """
@@ -22,21 +23,10 @@ import numpy as np
 from cartier.contracts import Recording
 from cartier.errors import InputError
 from cartier.io.files import read_json
-from cartier.recordings.common.content import names_in
-from cartier.recordings.common.lens import Lens
-from cartier.recordings.common.posed import PosedImages, Source, View, png_depth
-from cartier.recordings.common.poses import matrices
-from cartier.recordings.common.tables import (
-    GL_FROM_OPTICAL,
-    Y_UP,
-    camera_of,
-    check_confidence,
-    numbers,
-    read_cells,
-    read_table,
-    unit_quaternions,
-)
-from cartier.types import Camera
+from cartier.recordings.common.files import names_in, read_cells, read_fields, read_table, relative
+from cartier.recordings.common.lens import Lens, camera_of
+from cartier.recordings.common.posed import PosedImages, Source, View, check_confidence
+from cartier.recordings.common.poses import GL_FROM_OPTICAL, Y_UP, matrices, unit_quaternions
 
 POSES, CAMERA = "poses.csv", "intrinsics.json"
 COLUMNS = ("tx", "ty", "tz", "qx", "qy", "qz", "qw")
@@ -52,18 +42,16 @@ def matches(path: Path) -> bool:
 def open(
     path: str | Path, confidence: int = 77, up: Sequence[float] | None = None, floor_m: float | None = None
 ) -> Recording:
-    """Read such a folder; ``confidence``, 0 to 255, is the least that depth must have (77 is 0.3, as in Google's samples)."""
+    """Read such a folder; ``confidence``, 0 to 255, is the least that depth must have (77 is 0.3: Google's samples)."""
     check_confidence(confidence, 255)
     root = Path(path)
     notes: list[str] = []
     rows = read_table(root / POSES, ("timestamp_ns", *COLUMNS), (), notes)
-    times = _times(root / POSES)
-    camera = _camera(root / CAMERA)
+    row_of = {time: i for i, time in enumerate(_times(root / POSES))}
+    width, height, *intrinsics = read_fields(read_json(root / CAMERA), FIELDS, str(root / CAMERA))
+    lens = Lens(camera_of(int(width), int(height), intrinsics, str(root / CAMERA)))
     images = {int(m[1]): m[0] for m in map(COLOUR.fullmatch, names_in(root / "images")) if m}
-    depths, confidences = (
-        names_in(root / name) if (root / name).is_dir() else set() for name in ("depth", "confidence")
-    )
-    row_of = {time: i for i, time in enumerate(times)}
+    depths, confidences = (names_in(root / name, optional=True) for name in ("depth", "confidence"))
     posed = [time for time in sorted(images) if time in row_of]
     kept = [time for time in posed if not depths or f"{time}.png" in depths]
     notes += [f"{len(images) - len(posed)} images without a pose left out"] if len(images) > len(posed) else []
@@ -73,16 +61,15 @@ def open(
     views, files = [], [POSES, CAMERA]
     for time in kept:
         depth = root / "depth" / f"{time}.png" if depths else None
-        sure = root / "confidence" / f"{time}.png" if depths and f"{time}.png" in confidences else None
-        views.append(View(time / 1e9, root / "images" / images[time], Lens(camera), depth, sure))
-        files += [p.relative_to(root).as_posix() for p in (views[-1].colour, depth, sure) if p is not None]
+        trust = root / "confidence" / f"{time}.png" if depths and f"{time}.png" in confidences else None
+        views.append(View(time / 1e9, root / "images" / images[time], lens, depth, trust))
+        files += relative(root, views[-1].colour, depth, trust)
     poses = np.column_stack([rows[name] for name in COLUMNS])[[row_of[time] for time in kept]]
     poses[:, 3:] = unit_quaternions(poses[:, 3:], str(root / POSES))
-    settings = f"arcore 1 {confidence} up={up} floor_m={floor_m}"
+    poses = matrices(poses) @ GL_FROM_OPTICAL
     source = Source(
-        root, root.resolve().name, settings, views, matrices(poses) @ GL_FROM_OPTICAL, files, notes, png_depth,
-        min_confidence=confidence, known_up=Y_UP, handheld=True,
-    )  # fmt: skip
+        root, f"arcore 1 {confidence}", views, poses, files, notes, min_confidence=confidence, known_up=Y_UP
+    )
     return PosedImages(source, up, floor_m)
 
 
@@ -95,11 +82,3 @@ def _times(path: Path) -> list[int]:
     if odd is not None:
         raise InputError(f"{path}: timestamp_ns must be a whole number, got {odd[:40]!r}")
     return [int(word) for word in words]
-
-
-def _camera(path: Path) -> Camera:
-    head = read_json(path)
-    if not isinstance(head, dict) or any(name not in head for name in FIELDS):
-        raise InputError(f"{path} must hold an object with {', '.join(FIELDS)}")
-    width, height, *intrinsics = numbers([head[name] for name in FIELDS], str(path))
-    return camera_of(int(width), int(height), intrinsics, str(path))

@@ -1,8 +1,9 @@
-"""COLMAP: a sparse model (cameras and images, .bin or .txt) in sparse/0, sparse or beside images/: poses without scale or depth.
+"""COLMAP: a sparse model (cameras and images, .bin or .txt) beside or above images/; no scale and no depth.
 
-Poses are camera-from-world with optical axes, in a world of any turn and scale: up is estimated, and the scale is guessed, so
-that rooms are as large as usual and the map is the same in whatever units. Distortion is taken out. The numbers of the camera models and the layouts of the files are those of
-COLMAP's "Output Format". Schönberger and Frahm, CVPR 2016.
+Poses are camera-from-world with optical axes, in a world of any rotation and scale. The model lies in sparse/0, sparse,
+colmap/sparse/0 or the folder itself. Up is estimated. The scale is guessed so that rooms are as large as usual,
+whatever the model's units. Distortion is removed. The numbers of the camera models and the layouts of the files are
+those of COLMAP's "Output Format". Schönberger and Frahm, CVPR 2016.
 """
 
 from __future__ import annotations
@@ -19,10 +20,10 @@ from cartier.contracts import Recording
 from cartier.errors import MAX_SIDE_PX, InputError, brief
 from cartier.geometry import invert
 from cartier.io.files import read_text
-from cartier.recordings.common.lens import Lens, Model, straight
+from cartier.recordings.common.files import inside, numbers, relative
+from cartier.recordings.common.lens import Lens, Model, camera_of, straight
 from cartier.recordings.common.posed import PosedImages, Source, View
-from cartier.recordings.common.poses import matrices
-from cartier.recordings.common.tables import USUAL_WAY_M, camera_of, inside, numbers, unit_quaternions
+from cartier.recordings.common.poses import USUAL_WAY_M, matrices, unit_quaternions
 from cartier.recordings.ros.file import File
 from cartier.types import Array
 
@@ -82,48 +83,42 @@ def matches(path: Path) -> bool:
 
 
 def open(path: str | Path, up: Sequence[float] | None = None, floor_m: float | None = None) -> Recording:
-    """Read a model and its images; ``up`` (x, y, z in COLMAP's world) and ``floor_m`` (along up) override the estimates."""
+    """Read a model and its images; ``up`` (x, y, z in its world) and ``floor_m`` (along up) override the estimates."""
     root = Path(path)
     found = _model(root)
     if found is None:
         raise InputError(f"{root} holds no cameras and images of a sparse model, .bin or .txt")
     folder, suffix = found
     lenses = dict(_cameras(folder / f"cameras{suffix}"))
-    pictures = sorted(_images(folder / f"images{suffix}"), key=lambda image: image.name)
     where = str(folder / f"images{suffix}")
+    pictures = sorted(_images(Path(where)), key=lambda image: image.name)
     names = [inside(image.name, where) for image in pictures]
     base = next((b for b in (root / "images", root) if any((b / name).is_file() for name in names)), None)
     if base is None:
-        first = f", such as {brief(names[0], 60)}" if names else ""
-        raise InputError(
-            f"{where} names {len(names)} images{first}, but none of them is in {root / 'images'}: give the folder that holds "
-            "images/ and sparse/"
-        )
+        named = f"{len(names)} images" + (f", such as {brief(names[0], 60)}" if names else "")
+        there = f"none of them is in {root / 'images'}"
+        raise InputError(f"{where} names {named}, but {there}: give the folder that holds images/ and sparse/")
     kept = [i for i, name in enumerate(names) if (base / name).is_file()]
     unknown = next((pictures[i].camera for i in kept if pictures[i].camera not in lenses), None)
     if unknown is not None:
         raise InputError(f"{where}: camera {unknown} is not in cameras{suffix}")
-    notes = (
-        [f"{len(names) - len(kept)} images of the model left out: they are missing"] if len(kept) < len(names) else []
-    )
+    missing = len(names) - len(kept)
+    notes = [f"{missing} images of the model left out: they are missing"] if missing else []
     others = [f"sparse/{n}" for n in range(1, 10) if folder.name == "0" and _pair(folder.parent / str(n))]
     notes += [f"the model has other parts that do not hang together with it: {', '.join(others)}"] if others else []
     notes.append(f"times assumed: {FRAMES_PER_SECOND:g} frames per second, in the order of the file names")
     rows = np.array([pictures[i].pose for i in kept])
     rows[:, 3:] = unit_quaternions(rows[:, 3:], where)
     views = [View(n / FRAMES_PER_SECOND, base / names[i], lenses[pictures[i].camera]) for n, i in enumerate(kept)]
-    files = [(folder / f"{kind}{suffix}").relative_to(root).as_posix() for kind in ("cameras", "images")]
-    files += [view.colour.relative_to(root).as_posix() for view in views]
     poses = np.array([invert(pose) for pose in matrices(rows)])
-    cameras = {pictures[i].key: poses[n, :3, 3] for n, i in enumerate(kept)}
-    metres_per_unit, by = _scale(cameras, folder / f"points3D{suffix}")
+    positions = {pictures[i].key: poses[n, :3, 3] for n, i in enumerate(kept)}
+    points = folder / f"points3D{suffix}"
+    metres_per_unit, by = _scale(positions, points)
     poses[:, :3, 3] *= metres_per_unit
     notes.append(f"COLMAP knows no scale: metres are a guess, {by}; and it gives no depth, so no floor plan")
-    files += (
-        [f"{folder.relative_to(root).as_posix()}/points3D{suffix}"] if (folder / f"points3D{suffix}").is_file() else []
-    )
-    settings = f"colmap 2 up={up} floor_m={floor_m}"
-    source = Source(root, root.resolve().name, settings, views, poses, files, notes, handheld=True, scale_guessed=True)
+    head = [folder / f"{kind}{suffix}" for kind in ("cameras", "images")]
+    files = relative(root, *head, *(view.colour for view in views), points if points.is_file() else None)
+    source = Source(root, "colmap 2", views, poses, files, notes, scale_guessed=True)
     return PosedImages(source, up, floor_m)
 
 
@@ -138,17 +133,15 @@ def _pair(folder: Path) -> str | None:
 
 
 def _scale(cameras: Mapping[int, Array], points: Path) -> tuple[float, str]:
-    """Metres per unit of a model by what is usual in homes, and in words by what; ``cameras`` are the images' positions by key."""
+    """Metres per unit of a model, as usual in homes, and the reason; ``cameras`` are the images' positions by key."""
     away = [
         float(np.linalg.norm(point - cameras[key]))
         for key, point in (_points(points) if points.is_file() else ())
         if key in cameras
     ]
     if away and 1e-12 < (middle := float(np.median(away))) < 1e12:
-        return (
-            USUAL_DISTANCE_M / middle,
-            f"by which the points of the model lie {USUAL_DISTANCE_M:g} m from the cameras",
-        )
+        by = f"by which the points of the model lie {USUAL_DISTANCE_M:g} m from the cameras"
+        return USUAL_DISTANCE_M / middle, by
     positions = np.array(list(cameras.values()))
     way = float(np.median(np.linalg.norm(positions - np.median(positions, axis=0), axis=1)))
     if not 1e-12 < way < 1e12:
@@ -164,10 +157,8 @@ def _points(path: Path) -> Iterator[tuple[int, Array]]:
         for _ in range(min(count, MOST_POINTS)):
             *xyz, _, tracks = struct.unpack("<8x3d3xdQ", file.at(at, 51))
             if tracks:
-                yield (
-                    struct.unpack("<I", file.at(at + 51, 4))[0],
-                    np.array(numbers(xyz, f"{path}: the point at byte {at}")),
-                )
+                (image,) = struct.unpack("<I", file.at(at + 51, 4))
+                yield image, np.array(numbers(xyz, f"{path}: the point at byte {at}"))
             at += 51 + 8 * tracks
         return
     lines = (line for line in read_text(path, MAX_TEXT_BYTES).splitlines() if line.strip() and not line.startswith("#"))
@@ -238,10 +229,9 @@ def _binary_images(file: File) -> Iterator[_Image]:
         at += 64 + len(name) + 1
         (points,) = struct.unpack("<Q", file.at(at, 8))
         at += 8 + POINT_BYTES * points
-        pose = tuple(
-            numbers((x, y, z, qx, qy, qz, qw), f"{file.path}: image {brief(name.decode(errors='replace'), 60)}")
-        )
-        yield _Image(key, name.decode("utf-8", "replace"), camera, pose)
+        decoded = name.decode("utf-8", "replace")
+        pose = numbers((x, y, z, qx, qy, qz, qw), f"{file.path}: image {brief(decoded, 60)}")
+        yield _Image(key, decoded, camera, tuple(pose))
     file.at(at, 0)  # the last image's points are there, too
 
 

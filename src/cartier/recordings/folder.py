@@ -1,9 +1,9 @@
 """cartier's own format: recording.json, rgb/000000.jpg, depth/000000.png (uint16 mm), trajectory.txt (TUM).
 
-``recording.json`` needs schema, name and camera. ``depth`` and ``instances`` say whether these folders are read (where nothing is
-said, if they are there), ``simulator`` that truth.json is, ``notes`` what was estimated. It names no files: the layout is fixed, so
-nothing in it can lead out of the folder; a link that does is refused, as in every format. A simulator's recording also holds
-``truth.json`` (the true objects with their boxes) and ``instances/000000.png`` (uint16 ids).
+``recording.json`` needs schema, name and camera. ``depth`` and ``instances`` say whether these folders are read (by
+default if they exist), ``simulator`` that truth.json is read, ``notes`` what was estimated. It names no files: the
+layout is fixed, so nothing in it can lead out of the folder; links that do are refused. A simulator's recording also
+holds ``truth.json`` (the true objects with their boxes) and ``instances/000000.png`` (uint16 ids).
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from cartier.errors import InputError, brief, frame_number
 from cartier.io import images
 from cartier.io.atomic import replaced_folder, write_json
 from cartier.io.files import read_json
-from cartier.recordings.common.content import READERS, check_inside, content_hash, names_in
+from cartier.recordings.common.files import READERS, check_inside, content_hash, names_in
 from cartier.recordings.common.poses import read_trajectory, trajectory_line
 from cartier.types import Camera, Frame, TrueObject
 

@@ -1,4 +1,4 @@
-"""What is said of a path that is no recording: one nearby, one in an archive, pictures without poses, or nothing of the kind.
+"""Hints for a path that is no recording: a recording nearby or in an archive, or pictures without poses.
 
 Folders are looked into two levels down, archives by their names only, both within bounds. Nothing is unpacked.
 """
@@ -24,13 +24,13 @@ PICTURES = (".jpg", ".jpeg", ".png", ".heic", ".heif", ".dng", ".tif", ".tiff", 
 KINDS = {"a picture": PICTURES, "a video": VIDEOS}
 TARS = (".tar", ".tgz", ".tar.gz", ".tar.bz2", ".tar.xz")
 NO_POSES = (
-    "no camera poses and no intrinsics: COLMAP or nerfstudio's ns-process-data work them out from pictures (without depth "
-    "and scale), and Record3D, Stray Scanner, Polycam and RTAB-Map record them with depth (docs/phone.md)"
+    "no camera poses and no intrinsics: COLMAP or nerfstudio's ns-process-data work them out from pictures (without "
+    "depth and scale), and Record3D, Stray Scanner, Polycam and RTAB-Map record them with depth (docs/phone.md)"
 )
 POSES = ("*pose*.json", "*pose*.txt", "*pose*.csv", "*traj*.json", "*traj*.txt", "*traj*.csv")
 OWN_LAYOUT = (
-    "in a layout of their own: write them as transforms.json (nerfstudio) or as the four plain files of the README, or name "
-    "a reader of your own, --format ./mine.py (CONTRIBUTING.md)"
+    "in a layout of their own: write them as transforms.json (nerfstudio) or as the four plain files of the README, or "
+    "name a reader of your own, --format ./mine.py (CONTRIBUTING.md)"
 )
 MOST_ENTRIES, MOST_PATHS, MOST_ARCHIVES = 100, 300, 5  # looked at: in a folder, in all, and archives of those
 MOST_NAMES, MOST_TAR_BYTES = 20_000, 256 << 20
@@ -55,9 +55,8 @@ def what_else(path: Path, formats: Formats) -> str | None:
     for other in below:
         if found := formats(other):
             return f"but {other} is one ({found[0]}): give that"
-    archives = [
-        (file, *_archive(file, formats)) for file in itertools.islice(filter(_is_archive, below), MOST_ARCHIVES)
-    ]
+    archived = itertools.islice(filter(_is_archive, below), MOST_ARCHIVES)
+    archives = [(file, *_archive(file, formats)) for file in archived]
     for file, says, is_recording in archives:
         if is_recording:
             return f"it holds {file.relative_to(path)}: {says}"
@@ -98,10 +97,8 @@ def _archive(path: Path, formats: Formats) -> tuple[str, bool]:
     try:
         names, whole = _names(path)
     except Exception as error:  # zipfile's, tarfile's and zlib's share no base class
-        return (
-            f"by its name it is an archive, but it is none, or it is damaged ({brief(error, 80)}): fetch it again",
-            False,
-        )
+        says = f"by its name it is an archive, but it is none, or it is damaged ({brief(error, 80)}): fetch it again"
+        return says, False
     target = path.with_name(path.name[: -len(next(s for s in (".zip", *TARS) if path.name.lower().endswith(s)))])
     source, folder = shlex.quote(str(path)), shlex.quote(str(target))
     is_zip = path.suffix.lower() == ".zip"
@@ -109,17 +106,13 @@ def _archive(path: Path, formats: Formats) -> tuple[str, bool]:
     found = _recording_of(names, formats)
     if found is not None:
         inside, format = found
-        return (
-            f"a recording ({format}) is in it: unpack it ({unpack}), and give {shlex.quote(str(target / inside))}",
-            True,
-        )
+        give = shlex.quote(str(target / inside))
+        return f"a recording ({format}) is in it: unpack it ({unpack}), and give {give}", True
     pictures = next((name for name in names if PurePosixPath(name).suffix.lower() in (*PICTURES, *VIDEOS)), None)
     seen = f"{len(names)} names" if whole else f"first {len(names)} names"
     if pictures is not None:
-        return (
-            f"by its {seen} no recording is in it, only pictures such as {brief(pictures, 80)}, with {NO_POSES}",
-            False,
-        )
+        such = f"only pictures such as {brief(pictures, 80)}, with {NO_POSES}"
+        return f"by its {seen} no recording is in it, {such}", False
     return f"by its {seen} no recording is in it" + (f" (such as {brief(names[0], 80)})" if names else ""), False
 
 
@@ -139,7 +132,7 @@ def _names(path: Path) -> tuple[list[str], bool]:
 
 
 def _recording_of(names: list[str], formats: Formats) -> tuple[str, str] | None:
-    """The folder or file in an archive that is a recording, and its format: found among empty files of the same names."""
+    """The recording in an archive and its format, found by empty files of the same names in a temporary folder."""
     alike: Counter[tuple[str, str]] = Counter()
     with tempfile.TemporaryDirectory(prefix="cartier-") as temporary:
         root, folders = Path(temporary), {Path(temporary)}
@@ -158,10 +151,8 @@ def _recording_of(names: list[str], formats: Formats) -> tuple[str, str] | None:
                 continue
             files.append(file)
             folders.update(parent for parent in file.parents if parent.is_relative_to(root))
-        for other in (
-            *sorted(folders, key=lambda folder: (len(folder.parts), folder))[:MOST_PATHS],
-            *files[:MOST_PATHS],
-        ):
+        outer_first = sorted(folders, key=lambda folder: (len(folder.parts), folder))
+        for other in outer_first[:MOST_PATHS] + files[:MOST_PATHS]:
             if found := formats(other):
                 return other.relative_to(root).as_posix(), found[0]
     return None

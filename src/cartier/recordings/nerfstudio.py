@@ -1,9 +1,9 @@
 """nerfstudio: transforms.json with camera-to-world matrices in OpenGL axes, intrinsics for all or for each frame.
 
-``ns-process-data`` and instant-ngp write it. Distortion (``k1 k2 p1 p2 k3``, or the fisheye's ``k1``-``k4``) is taken out,
-frames of other intrinsics are resampled to those of the first. Depth is ``depth_file_path``, a 16-bit PNG, a ``.npy`` or an ``.exr`` (needs
-OpenEXR) in units of ``depth_unit_scale_factor`` metres (0.001 if not said), or instant-ngp's ``depth_path`` in units of
-``integer_depth_scale``. The scale is whatever made the file: it is metric from a phone's LiDAR, but not from COLMAP.
+``ns-process-data`` and instant-ngp write it. Distortion (``k1 k2 p1 p2 k3``, or the fisheye's ``k1``-``k4``) is
+removed; frames of other intrinsics are resampled to those of the first. Depth is ``depth_file_path``, a 16-bit PNG, a
+``.npy`` or an ``.exr`` (needs OpenEXR) in units of ``depth_unit_scale_factor`` metres (default 0.001), or instant-ngp's
+``depth_path`` in units of ``integer_depth_scale``. The scale is metric from a phone's LiDAR, but not from COLMAP.
 """
 
 from __future__ import annotations
@@ -19,12 +19,11 @@ from cartier.contracts import Recording
 from cartier.errors import MAX_SIDE_PX, InputError, brief
 from cartier.io.files import read_json, read_npy
 from cartier.io.images import image_size
-from cartier.recordings.common.exr import read_exr
-from cartier.recordings.common.lens import Lens, straight
+from cartier.recordings.common.depth import read_exr, valid
+from cartier.recordings.common.files import inside, numbers, relative
+from cartier.recordings.common.lens import Lens, camera_of, straight
 from cartier.recordings.common.posed import Depths, PosedImages, Source, View, png_depth
-from cartier.recordings.common.poses import Matrix, rigid
-from cartier.recordings.common.tables import GL_FROM_OPTICAL, USUAL_WAY_M, camera_of, inside, numbers
-from cartier.recordings.ros.images import valid
+from cartier.recordings.common.poses import GL_FROM_OPTICAL, USUAL_WAY_M, Matrix, rigid
 from cartier.types import Array, Camera
 
 FILE, EXR = "transforms.json", ".exr"
@@ -66,13 +65,13 @@ def open(path: str | Path, up: Sequence[float] | None = None, floor_m: float | N
     there.sort(key=lambda item: item[0].colour.as_posix())
     views = [view for view, _ in there]
     if any(view.depth is not None and view.depth.suffix == EXR for view in views):
-        import OpenEXR  # noqa: F401  # so that a missing package is said at once, not at some frame
+        import OpenEXR  # noqa: F401  # a missing package is reported at once, not at some frame
     partly = sum(view.depth is None for view in views)
     if 0 < partly < len(views):
         raise InputError(f"{where}: {partly} of {len(views)} frames have no {_depth_key(frames)}; give all or none")
     if "time" not in frames[0]:
         notes.append(f"times assumed: {FRAMES_PER_SECOND:g} frames per second, in the order of the file names")
-    files = [FILE, *(p.relative_to(root).as_posix() for v in views for p in (v.colour, v.depth) if p is not None)]
+    files = [FILE, *relative(root, *(path for view in views for path in (view.colour, view.depth)))]
     unit = DEPTH_KEYS[_depth_key(frames)]
     unit_m = _number(head, unit, DEPTH_UNIT_M, where)
     if not 1e-6 <= unit_m <= 1:
@@ -80,28 +79,17 @@ def open(path: str | Path, up: Sequence[float] | None = None, floor_m: float | N
     if not partly and unit not in head:
         notes.append(f"{FILE} does not say {unit}: depth is taken in units of {DEPTH_UNIT_M:g} m")
     views = [_timed(view, number) for number, view in enumerate(views)]
-    settings = f"nerfstudio 2 up={up} floor_m={floor_m}"
     poses, scale_guessed = np.array([pose for _, pose in there]), not any(view.depth for view in views)
     poses[:, :3, 3] *= _metres_per_unit(poses, "colmap_im_id" in frames[0], notes) if scale_guessed else 1.0
     if not scale_guessed:
         notes.append("the scale is taken as metres, as its depth has it")
-    source = Source(
-        root,
-        root.resolve().name,
-        settings,
-        views,
-        poses,
-        files,
-        notes,
-        partial(_depth, unit_m=unit_m, unit=unit),
-        handheld=True,
-        scale_guessed=scale_guessed,
-    )
+    read = partial(_depth, unit_m=unit_m, unit=unit)
+    source = Source(root, "nerfstudio 2", views, poses, files, notes, read, scale_guessed=scale_guessed)
     return PosedImages(source, up, floor_m)
 
 
 def _metres_per_unit(poses: Array, colmap: bool, notes: list[str]) -> float:
-    """1 where poses without depth may well be metric, as ARKit's; else what makes the cameras stand as is usual in homes."""
+    """1 if poses without depth may well be metric, as ARKit's; else the scale that is usual for homes."""
     positions = poses[:, :3, 3]
     way = float(np.median(np.linalg.norm(positions - np.median(positions, axis=0), axis=1)))
     if way < 1e-12 or (PLAUSIBLE_WAY_M[0] <= way <= PLAUSIBLE_WAY_M[1] and not colmap):

@@ -1,8 +1,8 @@
-"""Polycam (iPhone with LiDAR), its "raw data" export: keyframes/images, cameras, depth, confidence, and corrected_images, _cameras.
+"""Polycam (iPhone with LiDAR): its "raw data" export, keyframes/ with images, cameras, depth and confidence.
 
-The corrected images and cameras, which the app makes when it closes loops, are read where they are there. Poses are ARKit's:
-OpenGL camera axes, world with y up. Depth is in millimetres and smaller than colour; depth below ``confidence`` (0, 127 or 255)
-is dropped. Images of a phone held upright are turned upright. The layout is that of Polycam's own polyform.
+The corrected images and cameras, which the app makes when it closes loops, are preferred. Poses are ARKit's: OpenGL
+camera axes, world with y up. Depth is in millimetres and smaller than colour; depth below ``confidence`` (0, 127 or
+255) is dropped. Images of a phone held upright are turned upright. The layout is that of Polycam's own polyform.
 """
 
 from __future__ import annotations
@@ -16,11 +16,10 @@ from cartier.contracts import Recording
 from cartier.errors import InputError
 from cartier.io.files import read_json
 from cartier.io.images import image_size
-from cartier.recordings.common.content import names_in
-from cartier.recordings.common.lens import Lens
-from cartier.recordings.common.posed import PosedImages, Source, View, png_depth
-from cartier.recordings.common.poses import Matrix, rigid
-from cartier.recordings.common.tables import GL_FROM_OPTICAL, Y_UP, camera_of, check_confidence, numbers
+from cartier.recordings.common.files import names_in, read_fields, relative
+from cartier.recordings.common.lens import Lens, camera_of
+from cartier.recordings.common.posed import PosedImages, Source, View, check_confidence
+from cartier.recordings.common.poses import GL_FROM_OPTICAL, Y_UP, Matrix, rigid
 from cartier.types import Camera
 
 FOLDER = "keyframes"
@@ -62,8 +61,8 @@ def open(
         notes.append("there are no corrected cameras: the poses are ARKit's own, which drift in large scans")
     elif uncorrected:
         notes.append(
-            f"{uncorrected} of {len(every)} keyframes left out: they have no corrected camera, and the others' world is not "
-            f"theirs (without {FOLDER}/{cameras} all are read with ARKit's own poses)"
+            f"{uncorrected} of {len(every)} keyframes left out: they have no corrected camera, and the others' world "
+            f"is not theirs (without {FOLDER}/{cameras} all are read with ARKit's own poses)"
         )
     views, poses, files = [], [], []
     for stem in kept:
@@ -72,31 +71,21 @@ def open(
         trust = base / "confidence" / f"{stem}.png" if depths and stem in sure else None
         views.append(View(int(stem) / 1e6, base / images / f"{stem}.jpg", Lens(camera), depth, trust))
         poses.append(pose @ GL_FROM_OPTICAL)
-        parts = (base / cameras / f"{stem}.json", views[-1].colour, depth, trust)
-        files += [part.relative_to(root).as_posix() for part in parts if part is not None]
-    settings = f"polycam 1 {confidence} up={up} floor_m={floor_m}"
-    source = Source(
-        root, root.resolve().name, settings, views, np.array(poses), files, notes, png_depth,
-        min_confidence=confidence, known_up=Y_UP, handheld=True,
-    )  # fmt: skip
+        files += relative(root, base / cameras / f"{stem}.json", views[-1].colour, depth, trust)
+    settings = f"polycam 1 {confidence}"
+    source = Source(root, settings, views, np.array(poses), files, notes, min_confidence=confidence, known_up=Y_UP)
     return PosedImages(source, up, floor_m)
 
 
 def _names(folder: Path, suffix: str) -> set[str]:
     """The names with a suffix in a folder, without it; none if there is no such folder."""
-    if not folder.is_dir():
-        return set()
-    return {name.removesuffix(suffix) for name in names_in(folder) if name.endswith(suffix)}
+    return {name.removesuffix(suffix) for name in names_in(folder, optional=True) if name.endswith(suffix)}
 
 
 def _camera(path: Path, image: Path) -> tuple[Camera, Matrix]:
     """The camera at the size of its image, and world_from_camera (4, 4) with OpenGL axes."""
-    head = read_json(path)
-    lack = [name for name in (*INTRINSICS, *POSE) if not isinstance(head, dict) or name not in head]
-    if lack:
-        raise InputError(f"{path} lacks {', '.join(lack[:6])}: is it a camera of Polycam's raw data?")
-    width, height, *intrinsics = numbers([head[name] for name in INTRINSICS], str(path))
+    width, height, *values = read_fields(read_json(path), (*INTRINSICS, *POSE), str(path))
     matrix = np.eye(4)
-    matrix[:3] = np.reshape(numbers([head[name] for name in POSE], str(path)), (3, 4))
-    camera = camera_of(int(width), int(height), intrinsics, str(path))
+    matrix[:3] = np.reshape(values[4:], (3, 4))
+    camera = camera_of(int(width), int(height), values[:4], str(path))
     return camera.scaled(*image_size(image)), rigid(matrix, str(path))

@@ -1,7 +1,7 @@
-"""Record3D (iPhone): a .r3d file or what is in it (metadata, rgbd/), or its "EXR + JPG" export (metadata.json, rgb/, depth/).
+"""Record3D (iPhone): a .r3d file or its unpacked content, or the "EXR + JPG" export (metadata.json, rgb/, depth/).
 
 Poses are ARKit's: OpenGL camera axes, world with y up. Depth is smaller than colour, in float32 metres: LZFSE-packed in
-a .r3d (needs pyliblzfse), EXR in the export (needs OpenEXR). Depth below ``confidence`` (0, 1 or 2) is dropped where the
+a .r3d (needs pyliblzfse), EXR in the export (needs OpenEXR). Depth below ``confidence`` (0, 1 or 2) is dropped if the
 file holds it. Intrinsics are the frame's own where they are given. Images of a phone held sideways are turned upright.
 """
 
@@ -19,19 +19,11 @@ from cartier.contracts import Recording
 from cartier.errors import InputError, MissingExtra, brief
 from cartier.io import images
 from cartier.io.files import read_bytes
-from cartier.recordings.common.exr import read_exr
-from cartier.recordings.common.lens import Lens
-from cartier.recordings.common.posed import Colours, Depths, PosedImages, Source, View
-from cartier.recordings.common.poses import matrices
-from cartier.recordings.common.tables import (
-    GL_FROM_OPTICAL,
-    Y_UP,
-    camera_of,
-    check_confidence,
-    numbers,
-    unit_quaternions,
-)
-from cartier.recordings.ros.images import valid
+from cartier.recordings.common.depth import read_exr, valid
+from cartier.recordings.common.files import numbers
+from cartier.recordings.common.lens import Lens, camera_of
+from cartier.recordings.common.posed import Colours, Depths, PosedImages, Source, View, check_confidence
+from cartier.recordings.common.poses import GL_FROM_OPTICAL, Y_UP, matrices, unit_quaternions
 
 EXTRA = "phone"
 MAX_BYTES = 64 << 20
@@ -54,32 +46,28 @@ def open(
     box = _Box(Path(path))
     head = _head(box)
     poses = _rows(head, "poses", 7, box.where)
-    numbers_there = [i for i in range(len(poses)) if box.has(box.colour(i))]
-    notes = (
-        [f"{len(poses) - len(numbers_there)} poses without an image left out"]
-        if len(numbers_there) < len(poses)
-        else []
-    )
-    if not numbers_there:
+    kept = [i for i in range(len(poses)) if box.has(box.colour(i))]
+    notes = [f"{len(poses) - len(kept)} poses without an image left out"] if len(kept) < len(poses) else []
+    if not kept:
         raise InputError(f"{box.where}: none of its {len(poses)} poses has an image {box.colour(0)}")
-    lenses = _lenses(head, box, numbers_there)
-    with_depth = [box.has(box.depth(i)) for i in numbers_there]
+    lenses = _lenses(head, box, kept)
+    with_depth = [box.has(box.depth(i)) for i in kept]
     if any(with_depth) and not all(with_depth):
-        raise InputError(f"{box.where}: {box.depth(numbers_there[with_depth.index(False)])} is missing")
+        raise InputError(f"{box.where}: {box.depth(kept[with_depth.index(False)])} is missing")
     times_s = _times(head, len(poses), box.where)
+    depths = [Path(box.depth(i)) if any(with_depth) else None for i in kept]
     views = [
-        View(times_s[i], Path(box.colour(i)), lens, Path(box.depth(i)) if any(with_depth) else None)
-        for i, lens in zip(numbers_there, lenses, strict=True)
+        View(times_s[i], Path(box.colour(i)), lens, depth) for i, lens, depth in zip(kept, lenses, depths, strict=True)
     ]
     quaternions = unit_quaternions(poses[:, :4], box.where)
-    world_from_gl = matrices(np.hstack([poses[:, 4:], quaternions]))[numbers_there]
-    size = (_whole(head, "dw", box.where), _whole(head, "dh", box.where)) if box.packed and any(with_depth) else (0, 0)
+    world_from_gl = matrices(np.hstack([poses[:, 4:], quaternions]))[kept]
+    size = (0, 0)
     if box.packed and any(with_depth):
-        _lzfse()  # so that a missing package is said at once
+        size = (_whole(head, "dw", box.where), _whole(head, "dh", box.where))
+        _lzfse()  # a missing package is reported when the recording is opened
     source = Source(
-        box.root, box.name, f"record3d 1 {confidence} up={up} floor_m={floor_m}", views, world_from_gl @ GL_FROM_OPTICAL,
-        box.files(views), notes, lambda name: box.read_depth(name, size, confidence),
-        known_up=Y_UP, read_colour=box.read_colour, handheld=True,
+        box.root, f"record3d 1 {confidence}", views, world_from_gl @ GL_FROM_OPTICAL, box.files(views), notes,
+        lambda name: box.read_depth(name, size, confidence), box.read_colour, box.name, known_up=Y_UP,
     )  # fmt: skip
     return PosedImages(source, up, floor_m)
 
@@ -172,8 +160,8 @@ def _lzfse() -> Callable[[bytes], bytes]:
         import liblzfse
     except ImportError as error:
         raise MissingExtra(
-            "depth in a .r3d is packed with LZFSE: pip install pyliblzfse (it is compiled on your machine), or share the "
-            "capture from the app as 'EXR + JPG sequence'"
+            "depth in a .r3d is packed with LZFSE: pip install pyliblzfse (it is compiled on your machine), or share "
+            "the capture from the app as 'EXR + JPG sequence'"
         ) from error
 
     def unpack(packed: bytes) -> bytes:
@@ -214,9 +202,8 @@ def _lenses(head: dict[str, Any], box: _Box, frames: Sequence[int]) -> list[Lens
     if head.get("perFrameIntrinsicCoeffs"):
         rows = _rows(head, "perFrameIntrinsicCoeffs", 4, box.where)
         if max(frames) >= len(rows):
-            raise InputError(
-                f"{box.where}: there are intrinsics for {len(rows)} frames, but images up to {max(frames)}"
-            )
+            where, last = box.where, max(frames)
+            raise InputError(f"{where}: there are intrinsics for {len(rows)} frames, but images up to {last}")
         values = [rows[i].tolist() for i in frames]
     else:
         flat = _rows({"K": [head.get("K")]}, "K", 9, box.where)[0]  # column by column

@@ -18,15 +18,15 @@ from cartier.contracts import Recording
 from cartier.errors import InputError
 from cartier.io.files import read_json, read_text
 from cartier.io.images import read_depth
-from cartier.recordings.common.content import names_in
-from cartier.recordings.common.lens import Lens
+from cartier.recordings.common.files import MAX_TABLE_BYTES, names_in, numbers, read_fields
+from cartier.recordings.common.lens import Lens, camera_of
 from cartier.recordings.common.posed import PosedImages, Source, View
-from cartier.recordings.common.poses import MAX_TABLE_BYTES, rigid
-from cartier.recordings.common.tables import camera_of, numbers
+from cartier.recordings.common.poses import Z_UP, rigid
 from cartier.types import Camera
 
 POSES, CAMERA = "traj.txt", "cam_params.json"
 COLOUR = re.compile(r"frame(\d{1,9})\.(?:jpg|png)", re.ASCII)
+FIELDS = ("w", "h", "fx", "fy", "cx", "cy", "scale")
 FRAMES_PER_SECOND = 30.0
 
 
@@ -48,18 +48,17 @@ def open(path: str | Path, up: Sequence[float] | None = None, floor_m: float | N
     there = [name in names for name in measured]
     if any(there) and not all(there):
         raise InputError(f"{root / 'results' / measured[there.index(False)]} is missing")
+    depths = [root / "results" / name if any(there) else None for name in measured]
     views = [
-        View(
-            i / FRAMES_PER_SECOND, root / "results" / name, Lens(camera), root / "results" / depth if there[i] else None
-        )
-        for i, ((_, name, _), depth) in enumerate(zip(found, measured, strict=True))
+        View(i / FRAMES_PER_SECOND, root / "results" / name, Lens(camera), depth)
+        for i, ((_, name, _), depth) in enumerate(zip(found, depths, strict=True))
     ]
     files = [POSES, *([CAMERA] if camera_file.parent == root else []), *(f"results/{name}" for _, name, _ in found)]
     files += [f"results/{name}" for name in measured if any(there)]
-    settings = f"replica 1 {camera} {per_metre} up={up} floor_m={floor_m}"
+    settings = f"replica 1 {camera} {per_metre}"
     notes = [f"times assumed: {FRAMES_PER_SECOND:g} frames per second"]
     read = partial(read_depth, camera=camera, per_metre=per_metre)
-    source = Source(root, root.resolve().name, settings, views, poses, files, notes, read, known_up=(0.0, 0.0, 1.0))
+    source = Source(root, settings, views, poses, files, notes, read, known_up=Z_UP, handheld=False)
     return PosedImages(source, up, floor_m)
 
 
@@ -82,14 +81,8 @@ def _camera(root: Path) -> tuple[Camera, float, Path]:
             "there (for Replica: 1200, 680, 600, 600, 599.5, 339.5, 6553.5)"
         )
     head = read_json(path)
-    fields = head.get("camera") if isinstance(head, dict) else None
-    if not isinstance(fields, dict):
-        raise InputError(f"{path} must hold an object 'camera'")
-    wanted = ("w", "h", "fx", "fy", "cx", "cy", "scale")
-    lack = [name for name in wanted if name not in fields]
-    if lack:
-        raise InputError(f"{path}: 'camera' lacks {', '.join(lack)}")
-    width, height, *intrinsics, scale = numbers([fields[name] for name in wanted], str(path))
+    inner = head.get("camera") if isinstance(head, dict) else None
+    width, height, *intrinsics, scale = read_fields(inner, FIELDS, f"{path}: 'camera'")
     if not 1 <= scale <= 1e6:
         raise InputError(f"{path}: scale must be from 1 to a million depth units per metre, got {scale:g}")
     return camera_of(int(width), int(height), intrinsics, str(path)), scale, path

@@ -21,11 +21,10 @@ from cartier.contracts import Recording
 from cartier.errors import InputError, frame_number
 from cartier.io.images import check_depth
 from cartier.mapping import gravity
-from cartier.recordings.common.content import READERS, content_hash
-from cartier.recordings.common.lens import resampled
+from cartier.recordings.common.files import READERS, content_hash
+from cartier.recordings.common.lens import registered, resampled
+from cartier.recordings.common.posed import check_floor
 from cartier.recordings.common.poses import rigid
-from cartier.recordings.common.registration import registered
-from cartier.recordings.common.tables import check_floor
 from cartier.recordings.ros.bags import METADATA, Bag, files_of
 from cartier.recordings.ros.file import Index
 from cartier.recordings.ros.images import colour as colour_image
@@ -61,7 +60,7 @@ def open(
     PoseStamped to take the poses from instead of /tf; ``extrinsic``, x,y,z,qx,qy,qz,qw, is the camera's pose in the
     frame that it moves. ``up`` and ``floor_m`` level a world that is not level.
     """
-    import rosbags  # noqa: F401  # so that a missing package is said at once, by the name of the extra
+    import rosbags  # noqa: F401  # a missing package is reported at once, with its extra
 
     bag = Bag(Path(path))
     choice = choose(bag, colour, depth, info)
@@ -190,7 +189,8 @@ class RosBag:
         matrix = tree.fixed(colour.frame, depth.frame)
         if matrix is None:
             notes.append(
-                f"depth assumed to be registered to colour: no fixed transform leads from {depth.frame!r} to {colour.frame!r}"
+                f"depth assumed to be registered to colour: no fixed transform leads from {depth.frame!r} to "
+                f"{colour.frame!r}"
             )
             return None
         notes.append(f"depth of {depth.name} is reprojected into the colour camera")
@@ -198,7 +198,7 @@ class RosBag:
 
 
 def _stamps(bag: Bag, stream: Stream, notes: list[str]) -> tuple[Index, npt.NDArray[np.float64]]:
-    """The rows of the stream's index that hold an image, and each one's own time in seconds; the recorder's where it has none."""
+    """The rows of the stream's index that hold an image, and their times in seconds: their own, else the recorder's."""
     headers = [bag.header(stream.name, row) for row in stream.index]
     rows = np.flatnonzero([not header.empty_image for header in headers])
     if len(rows) < len(headers):

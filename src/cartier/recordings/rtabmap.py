@@ -1,8 +1,8 @@
-"""RTAB-Map: its database (.db), or its export with poses of format 11: NAME_rgb/, NAME_depth/, NAME_calib/, NAME_camera_poses.txt.
+"""RTAB-Map: its database (.db), or its export with poses of format 11: rgb/, depth/, calib/, camera_poses.txt.
 
-``rtabmap-export --images_id --poses_camera --poses_format 11 FILE.db`` writes the export; its images may be named by id or
-by time. Poses are the optimised graph's, else the odometry's; the world has z up. Images are taken to be rectified, as
-RTAB-Map itself takes them. Labbé and Michaud, J. Field Robotics 2019.
+``rtabmap-export --images_id --poses_camera --poses_format 11 FILE.db`` writes the export; its images may be named by id
+or by time. Poses are the optimised graph's, else the odometry's; the world has z up. Images are assumed rectified,
+as RTAB-Map itself assumes. Labbé and Michaud, J. Field Robotics 2019.
 """
 
 from __future__ import annotations
@@ -18,18 +18,17 @@ from cartier.errors import InputError, brief
 from cartier.io import images
 from cartier.io.files import read_text
 from cartier.io.strict_yaml import YamlFault, read_yaml
-from cartier.recordings.common.content import names_in
-from cartier.recordings.common.lens import Lens
-from cartier.recordings.common.posed import Colours, PosedImages, Source, View, png_depth
-from cartier.recordings.common.poses import MAX_TABLE_BYTES, Matrix, matrices, read_trajectory_rows, rigid
+from cartier.recordings.common.files import MAX_TABLE_BYTES, names_in, numbers, relative
+from cartier.recordings.common.lens import Lens, camera_of
+from cartier.recordings.common.posed import Colours, PosedImages, Source, View
+from cartier.recordings.common.poses import Z_UP, Matrix, matrices, read_trajectory_rows, rigid
 from cartier.recordings.common.rtabmap_database import Database
 from cartier.recordings.common.sqlite import is_sqlite
-from cartier.recordings.common.tables import camera_of, numbers
 from cartier.types import Camera
 
+SETTINGS = "rtabmap 1"
 POSES = ("camera_poses.txt", "poses.txt")  # of the camera, and of the robot's base
 PICTURES = (".jpg", ".png")
-Z_UP = (0.0, 0.0, 1.0)
 MAX_CALIBRATION = 1 << 16
 
 
@@ -43,12 +42,10 @@ def matches(path: Path) -> bool:
 def open(path: str | Path, up: Sequence[float] | None = None, floor_m: float | None = None) -> Recording:
     """Read a database or an export."""
     root = Path(path)
-    settings = f"rtabmap 1 up={up} floor_m={floor_m}"
-    source = _of_export(root, settings) if root.is_dir() else _of_database(root, settings)
-    return PosedImages(source, up, floor_m)
+    return PosedImages(_of_export(root) if root.is_dir() else _of_database(root), up, floor_m)
 
 
-def _of_database(path: Path, settings: str) -> Source:
+def _of_database(path: Path) -> Source:
     base = Database(path)
     nodes, notes = base.nodes()
     deep = base.has_depth()
@@ -56,19 +53,19 @@ def _of_database(path: Path, settings: str) -> Source:
     if not kept:
         raise InputError(f"{path} holds no node with an image, a pose and a calibration")
     notes += [f"{len(nodes) - len(kept)} nodes without depth left out"] if len(kept) < len(nodes) else []
+    keys = [Path(str(node.id)) for node in kept]
     views = [
-        View(node.time_s, Path(str(node.id)), Lens(node.camera), Path(str(node.id)) if deep else None) for node in kept
+        View(node.time_s, key, Lens(node.camera), key if deep else None) for node, key in zip(kept, keys, strict=True)
     ]
 
     def colour(view: View) -> Colours:
-        return images.decode_rgb(
-            base.colour(int(view.colour.name)), view.lens.camera, f"{path}: image of node {view.colour}"
-        )
+        data = base.colour(int(view.colour.name))
+        return images.decode_rgb(data, view.lens.camera, f"{path}: image of node {view.colour}")
 
     poses = np.array([rigid(node.world_from_camera, f"{path}: node {node.id}") for node in kept])
     return Source(
-        path.parent, path.stem, settings, views, poses, [path.name], notes, lambda name: base.depth(int(name.name)),
-        known_up=Z_UP, read_colour=colour, handheld=True,
+        path.parent, SETTINGS, views, poses, [path.name], notes, lambda name: base.depth(int(name.name)), colour,
+        name=path.stem, known_up=Z_UP,
     )  # fmt: skip
 
 
@@ -83,16 +80,14 @@ def _export(root: Path) -> tuple[str, str] | None:
     return next((name for name in found if name.endswith(POSES[0])), found[0]), prefix
 
 
-def _of_export(root: Path, settings: str) -> Source:
+def _of_export(root: Path) -> Source:
     found = _export(root)
     if found is None:
         raise InputError(f"{root} is no export of RTAB-Map: it lacks NAME_camera_poses.txt, NAME_rgb/ or NAME_calib/")
     file, prefix = found
     rows, names = read_trajectory_rows(root / file), _row_names(root / file)
-    colours, depths, calibrations = (
-        names_in(root / f"{prefix}{kind}") if (root / f"{prefix}{kind}").is_dir() else set()
-        for kind in ("rgb", "depth", "calib")
-    )
+    kinds = ("rgb", "depth", "calib")
+    colours, depths, calibrations = (names_in(root / f"{prefix}{kind}", optional=True) for kind in kinds)
     views, poses, files = [], [], [file]
     for row, pose, either in zip(rows, matrices(rows[:, 1:]), names, strict=True):
         stem = next((s for s in either if any(s + suffix in colours for suffix in PICTURES)), None)
@@ -100,27 +95,20 @@ def _of_export(root: Path, settings: str) -> Source:
             continue
         colour = next(stem + suffix for suffix in PICTURES if stem + suffix in colours)
         calibration = f"{stem}.yaml" if f"{stem}.yaml" in calibrations else min(calibrations, default="none.yaml")
-        camera, base_from_camera = _calibration(root / f"{prefix}calib" / calibration)
+        calibration_file = root / f"{prefix}calib" / calibration
+        camera, base_from_camera = _calibration(calibration_file)
         depth = root / f"{prefix}depth" / f"{stem}.png" if depths else None
         views.append(View(float(row[0]), root / f"{prefix}rgb" / colour, Lens(camera), depth))
         poses.append(rigid(pose if file.endswith(POSES[0]) else pose @ base_from_camera, f"{root / file}: pose {stem}"))
-        files += [
-            f"{prefix}rgb/{colour}",
-            f"{prefix}calib/{calibration}",
-            *([f"{prefix}depth/{stem}.png"] if depth else []),
-        ]
+        files += relative(root, views[-1].colour, calibration_file, depth)
     if not views:
         raise InputError(f"{root}: none of the {len(rows)} poses in {file} has an image (by id or time) and depth")
     left = len(rows) - len(views)
     notes = [f"{left} poses without an image or depth left out"] if left else []
     if not file.endswith(POSES[0]):
-        notes.append(
-            f"{file} is taken for poses of the robot's base; 'rtabmap-export --poses_camera' gives the camera's"
-        )
-    return Source(
-        root, root.resolve().name, settings, views, np.array(poses), list(dict.fromkeys(files)), notes, png_depth,
-        known_up=Z_UP, handheld=True,
-    )  # fmt: skip
+        camera_poses = "'rtabmap-export --poses_camera' gives the camera's"
+        notes.append(f"{file} is taken for poses of the robot's base; {camera_poses}")
+    return Source(root, SETTINGS, views, np.array(poses), list(dict.fromkeys(files)), notes, known_up=Z_UP)
 
 
 def _row_names(path: Path) -> list[tuple[str, str]]:
@@ -157,8 +145,7 @@ def _numbers(fields: dict[str, Any], name: str, path: Path) -> np.ndarray[Any, n
     value = fields.get(name)
     data = value.get("data") if isinstance(value, dict) else None
     values = numbers(data, f"{path}: {name}") if isinstance(data, Sequence) and not isinstance(data, str) else []
-    if len(values) != (9 if name == "camera_matrix" else 12):
-        raise InputError(
-            f"{path}: {name} must have data of {9 if name == 'camera_matrix' else 12} numbers, got {brief(data, 60)}"
-        )
+    size = 9 if name == "camera_matrix" else 12
+    if len(values) != size:
+        raise InputError(f"{path}: {name} must have data of {size} numbers, got {brief(data, 60)}")
     return np.array(values)

@@ -1,8 +1,8 @@
-"""3D Scanner App (iPhone with LiDAR), its "All Data" export: frame_00000.json and .jpg, depth_00000.png, conf_00000.png.
+"""3D Scanner App (iPhone with LiDAR): its "All Data" export, frame_00000.json, .jpg, depth_00000.png, conf_00000.png.
 
-Each JSON file holds ``cameraPoseARFrame``, 16 numbers row by row, and ``intrinsics``, 9 numbers row by row, in pixels of the
-JPEG. Poses are ARKit's: OpenGL camera axes, world with y up. Colour is kept of some frames only; the others are left out. Depth
-is in millimetres and smaller than colour; depth below ``confidence`` (0, 1 or 2) is dropped.
+Each JSON file holds ``cameraPoseARFrame``, 16 numbers row by row, and ``intrinsics``, 9 numbers row by row, in pixels
+of the JPEG. Poses are ARKit's: OpenGL camera axes, world with y up. Frames without an image are left out. Depth is in
+millimetres and smaller than colour; depth below ``confidence`` (0, 1 or 2) is dropped.
 """
 
 from __future__ import annotations
@@ -17,11 +17,10 @@ from cartier.contracts import Recording
 from cartier.errors import InputError, brief
 from cartier.io.files import read_json
 from cartier.io.images import image_size
-from cartier.recordings.common.content import names_in
-from cartier.recordings.common.lens import Lens
-from cartier.recordings.common.posed import PosedImages, Source, View, png_depth
-from cartier.recordings.common.poses import rigid
-from cartier.recordings.common.tables import GL_FROM_OPTICAL, Y_UP, camera_of, check_confidence, numbers
+from cartier.recordings.common.files import names_in, numbers, relative
+from cartier.recordings.common.lens import Lens, camera_of
+from cartier.recordings.common.posed import PosedImages, Source, View, check_confidence
+from cartier.recordings.common.poses import GL_FROM_OPTICAL, Y_UP, rigid
 
 FRAME = re.compile(r"frame_(\d{1,9})\.json", re.ASCII)
 FRAMES_PER_SECOND = 60.0
@@ -62,18 +61,15 @@ def open(
         time_s = numbers([head.get("time", number / FRAMES_PER_SECOND)], f"{file}: time")[0]
         lens = Lens(camera_of(*size, (k[0], k[4], k[2], k[5]), str(file)))
         depth = root / f"depth_{digits}.png" if deep else None
-        sure = root / f"conf_{digits}.png" if deep and f"conf_{digits}.png" in names else None
-        views.append(View(time_s, root / f"frame_{digits}.jpg", lens, depth, sure))
+        trust = root / f"conf_{digits}.png" if deep and f"conf_{digits}.png" in names else None
+        views.append(View(time_s, root / f"frame_{digits}.jpg", lens, depth, trust))
         poses.append(rigid(np.reshape(pose, (4, 4)), f"{file}: cameraPoseARFrame") @ GL_FROM_OPTICAL)
-        files += [part.name for part in (file, views[-1].colour, depth, sure) if part is not None]
+        files += relative(root, file, views[-1].colour, depth, trust)
     left = len(every) - len(kept)
     notes = [f"{left} frames without an image or depth left out"] if left else []
     notes += [] if timed else [f"times assumed: {FRAMES_PER_SECOND:g} frames per second, by frame number"]
-    settings = f"scannerapp 1 {confidence} up={up} floor_m={floor_m}"
-    source = Source(
-        root, root.resolve().name, settings, views, np.array(poses), files, notes, png_depth,
-        min_confidence=confidence, known_up=Y_UP, handheld=True,
-    )  # fmt: skip
+    settings = f"scannerapp 1 {confidence}"
+    source = Source(root, settings, views, np.array(poses), files, notes, min_confidence=confidence, known_up=Y_UP)
     return PosedImages(source, up, floor_m)
 
 

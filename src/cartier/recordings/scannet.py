@@ -1,7 +1,7 @@
 """ScanNet, as its SensReader exports it: color/0.jpg, depth/0.png (mm), pose/0.txt (camera-to-world), intrinsic/*.txt.
 
-Camera axes are optical. Frames that lost track have a pose of -inf and are left out. Depth has a lens of its own, in the
-colour camera's place, and is put on the colour camera's pixels. Dai et al., CVPR 2017.
+Camera axes are optical. Frames without tracking have a pose of -inf and are left out. Depth has its own lens, in the
+colour camera's place, and is resampled to the colour camera's pixels. Dai et al., CVPR 2017.
 """
 
 from __future__ import annotations
@@ -15,11 +15,10 @@ import numpy as np
 from cartier.contracts import Recording
 from cartier.errors import InputError
 from cartier.io.images import image_size
-from cartier.recordings.common.content import names_in
-from cartier.recordings.common.lens import Lens
-from cartier.recordings.common.posed import PosedImages, Source, View, png_depth
+from cartier.recordings.common.files import names_in
+from cartier.recordings.common.lens import Lens, camera_of, off_centre
+from cartier.recordings.common.posed import PosedImages, Source, View
 from cartier.recordings.common.poses import read_matrix, rigid
-from cartier.recordings.common.tables import camera_of, off_centre
 from cartier.types import Camera
 
 COLOUR = re.compile(r"(\d{1,9})\.(?:jpg|png)", re.ASCII)
@@ -27,7 +26,7 @@ COLOUR_MATRIX, DEPTH_MATRIX = "intrinsic/intrinsic_color.txt", "intrinsic/intrin
 SIZES = {
     COLOUR_MATRIX: (1296, 968),
     DEPTH_MATRIX: (640, 480),
-}  # px of the sensors, which the exported intrinsics are for
+}  # px of the sensors: the exported intrinsics are for them
 SAME_SHAPE = 0.02
 FRAMES_PER_SECOND = 30.0
 
@@ -45,7 +44,7 @@ def open(path: str | Path, up: Sequence[float] | None = None, floor_m: float | N
         raise InputError(f"{root / 'color'} holds no image 0.jpg")
     notes: list[str] = []
     colour = _camera(root, COLOUR_MATRIX, root / "color" / found[0][1], notes)
-    depths = names_in(root / "depth") if (root / "depth").is_dir() else set()
+    depths = names_in(root / "depth", optional=True)
     poses, views, files = [], [], [COLOUR_MATRIX]
     lost = 0
     for number, name in found:
@@ -67,26 +66,15 @@ def open(path: str | Path, up: Sequence[float] | None = None, floor_m: float | N
     if views[0].depth is not None and (root / DEPTH_MATRIX).is_file():
         depth_lens = Lens(_camera(root, DEPTH_MATRIX, views[0].depth, notes))
         files.append(DEPTH_MATRIX)
-    settings = f"scannet 2 up={up} floor_m={floor_m}"
-    source = Source(
-        root,
-        root.resolve().name,
-        settings,
-        views,
-        np.array(poses),
-        files,
-        notes,
-        png_depth,
-        depth_lens=depth_lens,
-        handheld=True,
+    return PosedImages(
+        Source(root, "scannet 2", views, np.array(poses), files, notes, depth_lens=depth_lens), up, floor_m
     )
-    return PosedImages(source, up, floor_m)
 
 
 def _camera(root: Path, name: str, image: Path, notes: list[str]) -> Camera:
-    """The camera at its images' size: resized images often come with the intrinsics of the sensor's own.
+    """The camera at its images' size. Resized images often come with the intrinsics of the sensor's own size.
 
-    Which of the two sizes a matrix is for is told by the principal point: it is that in whose middle it lies.
+    A matrix is for the size in whose middle its principal point lies.
     """
     fx, fy, cx, cy = (float(v) for v in read_matrix(root / name, 4)[[0, 1, 0, 1], [0, 1, 2, 2]])
     size, sensor = image_size(image), SIZES[name]

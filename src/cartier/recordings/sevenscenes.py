@@ -1,29 +1,32 @@
 """7-Scenes: frame-000000.color.jpg|png, .depth.png (mm), .pose.txt (4x4 camera-to-world), camera-intrinsics.txt.
 
-Its world hangs on the first camera. Up and the floor are estimated (see ``cartier.mapping.gravity``), and the poses come out
-levelled: z up, z = 0 on the floor. The files carry no times: 30 frames per second are assumed.
+The first camera defines its world. Up and the floor are estimated. The files carry no times: 30 frames per second are
+assumed.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from cartier.contracts import Recording
-from cartier.errors import InputError, frame_number
-from cartier.io.images import image_size, read_depth, read_rgb
-from cartier.mapping import gravity
-from cartier.recordings.common.content import READERS, check_inside, content_hash, names_in
+from cartier.errors import InputError
+from cartier.io.images import image_size, read_depth
+from cartier.recordings.common.files import names_in
+from cartier.recordings.common.lens import Lens, camera_of
+from cartier.recordings.common.posed import PosedImages, Source, View
 from cartier.recordings.common.poses import read_matrix, rigid
-from cartier.recordings.common.tables import camera_of, check_floor, off_centre_notes
-from cartier.types import Camera, Frame, TrueObject
+from cartier.types import Camera
 
 COLOUR = re.compile(r"(frame-(\d{1,9}))\.color\.(?:jpg|png)", re.ASCII)
 INTRINSICS = "camera-intrinsics.txt"
 FRAMES_PER_SECOND = 30.0
+REGISTRATION = (0.91, -8.0, -2.0)
+"""Its depth is published raw, not registered to colour: how it would have to be zoomed and moved (px, at 2 m)."""
 
 
 def matches(path: Path) -> bool:
@@ -32,61 +35,24 @@ def matches(path: Path) -> bool:
 
 
 def open(path: str | Path, up: Sequence[float] | None = None, floor_m: float | None = None) -> Recording:
-    """Read a sequence folder; ``up`` (x, y, z in the source's world) and ``floor_m`` (along up) override the estimates."""
-    return SevenScenes(Path(path), up, floor_m)
-
-
-class SevenScenes:
-    """A 7-Scenes sequence, levelled. Poses are read when it is opened, images when a frame is asked for."""
-
-    truth: Sequence[TrueObject] | None = None
-    readers = READERS
-    known_registration = (0.91, -8.0, -2.0)
-    """Its depth is published raw, not moved onto the colour: there it would be zoomed and moved so far (px, at 2 m)."""
-
-    def __init__(self, root: Path, up: Sequence[float] | None, floor_m: float | None) -> None:
-        self.name = root.resolve().name
-        self._root = root
-        self._colour, self._stems, self._numbers, self._has_depth = _listing(root)
-        depths = [f"{stem}.depth.png" for stem in self._stems] if self._has_depth else []
-        self._files = [INTRINSICS, *(f"{stem}.pose.txt" for stem in self._stems), *self._colour, *depths]
-        check_inside(root, self._files)
-        self._settings = f"sevenscenes 1 up={up} floor_m={floor_m}"
-        self._fingerprint: str | None = None
-        self.camera = _camera(root, root / self._colour[0])
-        poses = np.array([rigid(read_matrix(p, 4), str(p)) for p in (root / f"{s}.pose.txt" for s in self._stems)])
-        levelling = gravity.level(poses, self.camera, self._depth if self._has_depth else None, up, floor_m)
-        self.level_from_world = levelling.level_from_world  # so that the doctor sees the poses as they were given
-        self._poses = levelling.level_from_world @ poses
-        check_floor(self._poses, floor_m)
-        self._poses.setflags(write=False)
-        self.notes: Sequence[str] = [
-            *off_centre_notes(self.camera),
-            *levelling.notes,
-            f"times assumed: {FRAMES_PER_SECOND:g} frames per second, by frame number",
-        ]
-
-    def __len__(self) -> int:
-        return len(self._stems)
-
-    def __getitem__(self, index: int) -> Frame:
-        i = frame_number(index, len(self), self.name)
-        return Frame(
-            index=i,
-            time_s=self._numbers[i] / FRAMES_PER_SECOND,
-            rgb=read_rgb(self._root / self._colour[i], self.camera),
-            depth_m=self._depth(i) if self._has_depth else None,
-            world_from_camera=self._poses[i],
-            camera=self.camera,
-        )
-
-    def fingerprint(self) -> str:
-        if self._fingerprint is None:
-            self._fingerprint = content_hash(self._settings, self._root, self._files)
-        return self._fingerprint
-
-    def _depth(self, i: int) -> np.ndarray[tuple[int, ...], np.dtype[np.float32]]:
-        return read_depth(self._root / f"{self._stems[i]}.depth.png", self.camera)
+    """Read a sequence; ``up`` (x, y, z in the source's world) and ``floor_m`` (along up) override the estimates."""
+    root = Path(path)
+    colours, stems, frames, has_depth = _listing(root)
+    poses = [root / f"{stem}.pose.txt" for stem in stems]
+    depths = [root / f"{stem}.depth.png" if has_depth else None for stem in stems]
+    camera = _camera(root, root / colours[0])
+    views = [
+        View(number / FRAMES_PER_SECOND, root / colour, Lens(camera), depth)
+        for number, colour, depth in zip(frames, colours, depths, strict=True)
+    ]
+    source = Source(
+        root, "sevenscenes 1", views, np.array([rigid(read_matrix(pose, 4), str(pose)) for pose in poses]),
+        [INTRINSICS, *(pose.name for pose in poses), *colours, *(depth.name for depth in depths if depth is not None)],
+        [f"times assumed: {FRAMES_PER_SECOND:g} frames per second, by frame number"],
+        partial(read_depth, camera=camera),
+        handheld=False, known_registration=REGISTRATION,
+    )  # fmt: skip
+    return PosedImages(source, up, floor_m)
 
 
 def _listing(root: Path) -> tuple[list[str], list[str], list[int], bool]:

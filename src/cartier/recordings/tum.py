@@ -2,8 +2,9 @@
 
 Poses are those of the camera's optical frame. An image takes the depth nearest in time, at most 20 ms away as in the
 benchmark's own ``associate.py``, and its pose is interpolated; without a pose on both sides it is left out. The files
-hold no intrinsics: the published ones of freiburg1 to freiburg3 are taken by the sequence's name, which is the folder's or
-stands in the second line of the files, else give ``camera``, or write them as ``calibration.txt`` (``fx fy cx cy [k1 k2 p1 p2 k3]``). Sturm et al., IROS 2012.
+hold no intrinsics: those published for freiburg1 to freiburg3 are chosen by the sequence's name, which is that of the
+folder or stands in the second line of the files. Otherwise give ``camera``, or write ``calibration.txt``
+(``fx fy cx cy [k1 k2 p1 p2 k3]``). Sturm et al., IROS 2012.
 """
 
 from __future__ import annotations
@@ -19,11 +20,10 @@ from cartier.contracts import Recording
 from cartier.errors import InputError
 from cartier.io.files import read_text
 from cartier.io.images import image_size
-from cartier.recordings.common.interpolation import interpolated
-from cartier.recordings.common.lens import Lens, straight
+from cartier.recordings.common.files import MAX_TABLE_BYTES, inside, numbers, relative
+from cartier.recordings.common.lens import Lens, camera_of, straight
 from cartier.recordings.common.posed import PosedImages, Source, View, png_depth
-from cartier.recordings.common.poses import rigid
-from cartier.recordings.common.tables import camera_of, inside, numbers, read_samples
+from cartier.recordings.common.poses import by_time, interpolated, read_trajectory_rows, rigid, unit_quaternions
 
 COLOUR, DEPTH, POSES, CALIBRATION = "rgb.txt", "depth.txt", "groundtruth.txt", "calibration.txt"
 PER_METRE = 5000.0
@@ -51,7 +51,9 @@ def open(
     times_s, images = _listing(root / COLOUR)
     lens, lens_note = _lens(root, root / images[0], camera)
     depth = _listing(root / DEPTH) if (root / DEPTH).is_file() else None
-    samples = interpolated(read_samples(root / POSES), times_s)
+    table = by_time(read_trajectory_rows(root / POSES))
+    table[:, 4:] = unit_quaternions(table[:, 4:], str(root / POSES))
+    samples = interpolated(table, times_s)
     lost = samples.outside | samples.in_gaps
     notes = [lens_note]
     if lost.any():
@@ -71,18 +73,16 @@ def open(
     if not rows:
         raise InputError(f"{root}: no image has a pose and depth: {'; '.join(notes)}")
     files = [name for name in (COLOUR, DEPTH, POSES, CALIBRATION) if (root / name).is_file()]
-    files += [str(p.relative_to(root).as_posix()) for view in views for p in (view.colour, view.depth) if p is not None]
+    files += relative(root, *(path for view in views for path in (view.colour, view.depth)))
     poses = np.array([rigid(pose, f"{root / POSES}") for pose in samples.matrices()[rows]])
-    settings = f"tum 2 {camera} up={up} floor_m={floor_m}"
     read = partial(png_depth, per_metre=PER_METRE)
-    source = Source(root, root.resolve().name, settings, views, poses, files, notes, read, handheld=True)
-    return PosedImages(source, up, floor_m)
+    return PosedImages(Source(root, f"tum 2 {camera}", views, poses, files, notes, read), up, floor_m)
 
 
 def _listing(path: Path) -> tuple[npt.NDArray[np.float64], list[str]]:
     """Times in seconds and image files of lines ``time file``, by time."""
     rows = []
-    for number, line in enumerate(read_text(path, 1 << 26).splitlines(), 1):
+    for number, line in enumerate(read_text(path, MAX_TABLE_BYTES).splitlines(), 1):
         if line.strip() and not line.startswith("#"):
             words = line.split(maxsplit=1)
             if len(words) != 2:
@@ -116,9 +116,8 @@ def _lens(root: Path, first: Path, given: Sequence[float] | str | None) -> tuple
             )
         values, note = list(PUBLISHED[sequence]), f"intrinsics of {sequence} as published, by {by}"
     if len(values) not in (4, 8, 9):
-        raise InputError(
-            f"{root}: the camera needs fx fy cx cy and, if it distorts, k1 k2 p1 p2 [k3], got {len(values)}"
-        )
+        wanted = "fx fy cx cy and, if it distorts, k1 k2 p1 p2 [k3]"
+        raise InputError(f"{root}: the camera needs {wanted}, got {len(values)}")
     return straight(camera_of(*image_size(first), values[:4], str(root)), "plumb_bob", tuple(values[4:])), note
 
 
@@ -126,7 +125,7 @@ def _sequence(root: Path) -> tuple[str | None, str]:
     """The published camera whose sequence this is, and what said so: the folder, or the comments of its files."""
     says = {"the folder's name": root.resolve().name}
     says |= {
-        f"the head of {name}": "\n".join(read_text(root / name, 1 << 26).split("\n", 4)[:4])
+        f"the head of {name}": "\n".join(read_text(root / name, MAX_TABLE_BYTES).split("\n", 4)[:4])
         for name in (COLOUR, POSES, DEPTH)
         if (root / name).is_file()
     }

@@ -1,6 +1,6 @@
 """AI2-THOR: any iTHOR or RoboTHOR scene of an installed build, or a ProcTHOR house from a JSON file.
 
-Uses ``ai2thor.controller.Controller``. Unity itself was never run by this project's tests: they start the real client on a
+Uses ``ai2thor.controller.Controller``. This project's tests never run Unity itself: they start the real client on a
 stand-in that speaks the build's protocol.
 """
 
@@ -10,8 +10,6 @@ import hashlib
 import json
 import os
 import re
-import shlex
-import shutil
 import sys
 import weakref
 from collections.abc import Callable, Sequence
@@ -24,7 +22,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cartier.contracts import Recording
-from cartier.errors import BackendError, InputError
+from cartier.errors import BackendError, InputError, frame_number
 from cartier.io.files import read_json
 from cartier.types import Camera, Frame, TrueObject
 from cartier.worlds import unity
@@ -51,10 +49,11 @@ def make(
     """A world; its build is started when it is first needed.
 
     ``executable`` is the build's command line; without it the client downloads the build that belongs to its version.
-    ``fov`` is Unity's vertical one, in degrees; ``grid_size`` (m) the distance of neighbouring places; a build that leaves
-    an action unanswered for ``timeout_s`` is taken for hung and stopped. Raises BackendError for an impossible option.
+    ``fov`` is Unity's vertical one, in degrees; ``grid_size`` (m) the distance of neighbouring places; a build that
+    does not answer an action within ``timeout_s`` counts as hung and is stopped. Raises BackendError for an impossible
+    option.
     """
-    import ai2thor  # noqa: F401  # says at once that the extra is missing
+    from cartier.worlds.thor_build import command_line  # reports at once that the extra is missing
 
     _check(server in ("fifo", "wsgi"), f"server must be fifo or wsgi, got {server!r}")
     _check(0 < width <= 4096 and 0 < height <= 4096, f"width and height must be 1 to 4096 px, got {width}x{height}")
@@ -63,11 +62,11 @@ def make(
     _check(0 < timeout_s <= 600, f"timeout_s must be above 0 and at most 600, got {timeout_s:g}")
     options = {"width": width, "height": height, "fieldOfView": fov, "gridSize": grid_size, "x_display": x_display}
     if executable is not None:
-        options["local_executable_path"] = _command(executable)
+        options["local_executable_path"] = command_line(executable)
         if sys.platform.startswith("linux") and not (x_display or os.environ.get("DISPLAY")):
             raise BackendError(
-                "AI2-THOR's Linux build needs an X display: start one (Xvfb :1 -screen 0 1024x768x24 &) and set DISPLAY=:1, "
-                "or give the option x_display=:1"
+                "AI2-THOR's Linux build needs an X display: start one (Xvfb :1 -screen 0 1024x768x24 &) and set "
+                "DISPLAY=:1, or give the option x_display=:1"
             )
     return Thor(server, options, timeout_s)
 
@@ -75,18 +74,6 @@ def make(
 def _check(ok: bool, message: str) -> None:
     if not ok:
         raise BackendError(f"AI2-THOR: {message}")
-
-
-def _command(executable: str | Path) -> str:
-    """A command line that the client can split; its program must be there."""
-    text = shlex.quote(str(executable)) if Path(executable).is_file() else str(executable)
-    try:
-        words = shlex.split(text)
-    except ValueError as error:
-        raise BackendError(f"the AI2-THOR build {text!r} is no command line ({error})") from error
-    if not words or shutil.which(words[0]) is None:
-        raise BackendError(f"there is no AI2-THOR build at {text!r}: the file is missing or not executable (chmod +x)")
-    return text
 
 
 @dataclass(frozen=True)
@@ -103,7 +90,7 @@ class Stop:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """What is known of a home once it was loaded: true objects, their ids by objectId, and the reachable ``places`` (N, 3)."""
+    """A loaded home: true objects, their ids by objectId, and the reachable ``places`` (N, 3)."""
 
     camera: Camera
     truth: list[TrueObject]
@@ -141,9 +128,9 @@ class Thor:
     ) -> Recording:
         """Views from places that lie at most ``spacing_m`` of walking from every reachable one, on a greedy tour.
 
-        At each place ``headings`` directions, at each of the camera pitches ``horizons`` (degrees, positive down). Seed 0
-        begins where the agent wakes up, any other at a place of its own. Frames are rendered when they are asked for.
-        Raises InputError for an unknown home, BackendError if the build fails.
+        At each place it looks in ``headings`` directions, at each camera pitch of ``horizons`` (degrees, positive
+        down). Seed 0 begins where the agent wakes up, any other at a place of its own. Frames are rendered when they
+        are asked for. Raises InputError for an unknown home, BackendError if the build fails.
         """
         if unknown:
             known = "spacing_m, headings, horizons, seed"
@@ -163,7 +150,7 @@ class Thor:
         return ThorRecording(self, home, scene, stops)
 
     def objects(self, home: str) -> list[TrueObject]:
-        """All things of a home with their true boxes, as they are when it is loaded."""
+        """All objects of a home with their true boxes, as they are when it is loaded."""
         return self._scene(home).truth
 
     def free(self, home: str, xy: Sequence[float]) -> bool:
@@ -192,7 +179,7 @@ class Thor:
             if not places:
                 raise BackendError(f"AI2-THOR finds no reachable place in {home}: try a smaller grid_size")
             begin = unity.point(unity.field(start, "agent"), "position")
-            truth, ids, notes = unity.things(unity.field(start, "objects"))
+            truth, ids, notes = unity.true_objects(unity.field(start, "objects"))
             if re.match(r"FloorPlan_(Train|Val)", home):
                 notes.append("a RoboTHOR scene, seen with the default agent's camera: LoCoBot's camera hangs lower")
             self._scenes[home] = Scene(unity.camera(start), truth, ids, notes, begin, np.array(places))
@@ -266,8 +253,7 @@ class ThorRecording:
         return len(self._stops)
 
     def __getitem__(self, index: int) -> Frame:
-        if not 0 <= index < len(self):
-            raise IndexError(f"{self.name} has frames 0 to {len(self) - 1}, not {index}")
+        index = frame_number(index, len(self), self.name)
         event, (near_m, far_m) = self._world.view(self._home, self._stops[index])
         if event.frame is None or event.depth_frame is None or event.instance_segmentation_frame is None:
             raise BackendError(f"frame {index}: AI2-THOR's build sent no picture, depth or instance masks")

@@ -1,12 +1,14 @@
 """A running AI2-THOR build, watched: one that dies or hangs is noticed, stopped and named in one line.
 
-The client itself waits for its whole time-out when a build dies, and starts another one behind its user's back. So each call
+The client itself waits for its whole time-out when a build dies, and starts another one without a message. So each call
 of the client runs in a thread of its own, while this one looks after the build's process.
 """
 
 from __future__ import annotations
 
 import os
+import shlex
+import shutil
 import threading
 import time
 import warnings
@@ -76,7 +78,7 @@ class Build:
         return {str(name) for name in found}
 
     def clip_planes_m(self) -> tuple[float, float]:
-        """The camera's near and far plane, as the build told them at its start (old builds: the client's guess)."""
+        """The camera's near and far plane, as the build reported them at its start (old builds: the client's guess)."""
         return float(self._client.server.camera_near_plane), float(self._client.server.camera_far_plane)
 
     def _watched(self, doing: str, work: Callable[[], T], limit_s: float) -> T:
@@ -107,7 +109,7 @@ class Build:
         return results[0]
 
     def _wait(self, worker: threading.Thread, doing: str, limit_s: float) -> str | None:
-        """Wait until the worker is done; what went wrong with the build, if it did. A download has all the time it needs."""
+        """Wait for the worker; returns what went wrong with the build, if it did. A download may take any time."""
         deadline: float | None = None
         while True:
             worker.join(POLL_S)
@@ -119,7 +121,8 @@ class Build:
                 deadline = time.monotonic() + limit_s
             if deadline is not None and time.monotonic() > deadline:
                 return (
-                    f"the AI2-THOR build hangs: no answer within {limit_s:g} s while {doing}, so it was stopped ({_log(self._log_begin)}); "
+                    f"the AI2-THOR build hangs: no answer within {limit_s:g} s while {doing}, so it was stopped "
+                    f"({_log(self._log_begin)}); "
                     "on a slow machine make the world with a larger timeout_s"
                 )
 
@@ -154,6 +157,18 @@ class Build:
             worker.join(1.0)
 
 
+def command_line(executable: str | Path) -> str:
+    """A command line that the client can split; its program must be there."""
+    text = shlex.quote(str(executable)) if Path(executable).is_file() else str(executable)
+    try:
+        words = shlex.split(text)
+    except ValueError as error:
+        raise BackendError(f"the AI2-THOR build {text!r} is no command line ({error})") from error
+    if not words or shutil.which(words[0]) is None:
+        raise BackendError(f"there is no AI2-THOR build at {text!r}: the file is missing or not executable (chmod +x)")
+    return text
+
+
 def _done(event: Any) -> Any:
     metadata = event.metadata
     if not metadata["lastActionSuccess"]:
@@ -168,8 +183,8 @@ def _explain(doing: str, fault: BaseException) -> str:
     text = _line(fault)
     if "no build exists" in text or "No build exists" in text or "ConnectionError" in type(fault).__name__:
         return (
-            "there is no AI2-THOR build on this machine and none could be downloaded: connect to the network for the first "
-            "run, or give the option executable=/path/to/the/build"
+            "there is no AI2-THOR build on this machine and none could be downloaded: connect to the network for the "
+            "first run, or give the option executable=/path/to/the/build"
         )
     return f"AI2-THOR failed while {doing}: {text or type(fault).__name__}"
 

@@ -1,8 +1,8 @@
-"""Unity's conventions to cartier's: the one place that converts what AI2-THOR says.
+"""Conversion of AI2-THOR's metadata and images from Unity's conventions to cartier's.
 
-Unity: metres, left-handed, x right, y up, z forward; yaw in degrees, clockwise from +z seen from above; ``cameraHorizon`` in
-degrees, positive looks down; the field of view is vertical. Ours: the head of ``cartier.types``. Swapping y and z turns one
-frame into the other, and mirrors it.
+Unity: metres, left-handed, x right, y up, z forward; yaw in degrees, clockwise from +z seen from above;
+``cameraHorizon`` in degrees, positive looks down; the field of view is vertical. Ours: see ``cartier.types``. Swapping
+y and z turns one frame into the other, and mirrors it.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from cartier.errors import BackendError
 from cartier.types import Array, Camera, TrueObject
 
 STRUCTURE = frozenset({"Floor", "Wall", "Ceiling", "Room", "Undefined"})
-"""Types that are the home itself rather than things in it: they get no box, and instance id 0."""
+"""Types of the home itself rather than objects in it: they get no box, and instance id 0."""
 
 
 def point(metadata: Any, key: str) -> tuple[float, float, float]:
@@ -48,7 +48,7 @@ def pose(metadata: Any) -> npt.NDArray[np.float64]:
 
 
 def camera(metadata: Any) -> Camera:
-    """The pinhole camera of a vertical field of view; pixels are square, and pixel (0, 0) is the top-left one's centre."""
+    """The pinhole camera of a vertical field of view; pixels are square, pixel (0, 0) is the top-left one's centre."""
     width, height = (int(number(metadata, key)) for key in ("screenWidth", "screenHeight"))
     focal = 0.5 * height / math.tan(math.radians(number(metadata, "fov")) / 2)
     return Camera(width, height, focal, focal, (width - 1) / 2, (height - 1) / 2)
@@ -57,7 +57,7 @@ def camera(metadata: Any) -> Camera:
 def depth(depth_m: Array, near_m: float, far_m: float) -> npt.NDArray[np.float32]:
     """The client's metric z-depth with NaN where nothing is hit.
 
-    The client makes metres of an old build's normalised depth by multiplying with far - near, so that its background lies
+    The client makes metres of an old build's normalised depth by multiplying with far - near, so the background lies
     there and not at the far plane.
     """
     metres = np.array(depth_m, dtype=np.float32)
@@ -65,7 +65,7 @@ def depth(depth_m: Array, near_m: float, far_m: float) -> npt.NDArray[np.float32
     return metres
 
 
-def things(objects: Sequence[Mapping[str, Any]]) -> tuple[list[TrueObject], dict[str, int], list[str]]:
+def true_objects(objects: Sequence[Mapping[str, Any]]) -> tuple[list[TrueObject], dict[str, int], list[str]]:
     """True objects with ids from 1 in the order of their objectIds, the id of each objectId, and notes.
 
     Objects without a box are left out, with a note; so is the home's structure.

@@ -1,8 +1,7 @@
-"""The detector that ships inside: a small network that knows the dollhouse's types from colour alone (built by tools/train_dollhouse_detector.py)."""
+"""Embedded dollhouse detector: the network's files, checked (built by tools/train_dollhouse_detector.py)."""
 
 from __future__ import annotations
 
-import hashlib
 import io
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +10,7 @@ import numpy as np
 
 from cartier.errors import InputError
 from cartier.io.files import read_json
+from cartier.models import read_shipped
 from cartier.types import Array, DetectorScoreModel
 
 FOLDER = Path(__file__).parent
@@ -22,9 +22,10 @@ MODEL, WORDS, NAMES = "detector.onnx", "words.npy", "names.json"
 class DetectorModel:
     """The file of the network, what it was made to know, and how to read it.
 
-    ``size`` is the input's (w, h) in pixels; ``names`` are the classes in the network's order, ``around`` the words for what
-    is no thing; ``score_model`` says what its reports are worth; ``trained`` says on what it was. ``words`` (1 + D, 384): the middle of the names' vectors, and the D directions in
-    which the network's features say how another text vector differs from it.
+    ``size`` is the input's (w, h) in pixels; ``names`` are the classes in the network's order, ``around`` the words for
+    background; ``score_model`` says what its detections are worth; ``trained`` names its training data. ``words`` (1 +
+    D, 384) holds the mean of the names' vectors, and the D directions in which the network's features say how another
+    text vector differs from it.
     """
 
     path: Path
@@ -52,28 +53,19 @@ def load(folder: Path = FOLDER) -> DetectorModel:
     for file in (path, folder / WORDS, beside):
         if not file.is_file():
             raise InputError(f"{file} is missing: install cartier again")
-    told = read_json(beside)
+    head = read_json(beside)
     try:
-        width, height = (int(side) for side in told["size"])
-        names, around = (tuple(str(name) for name in told[key]) for key in ("names", "around"))
-        digests = {file: str(told["sha256"][file]) for file in (MODEL, WORDS)}
-        score_model, trained = DetectorScoreModel.from_dict(told["score_model"]), str(told["trained"])
+        width, height = (int(side) for side in head["size"])
+        names, around = (tuple(str(name) for name in head[key]) for key in ("names", "around"))
+        digests = {file: str(head["sha256"][file]) for file in (MODEL, WORDS)}
+        score_model, trained = DetectorScoreModel.from_dict(head["score_model"]), str(head["trained"])
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(f"{beside} is damaged ({type(error).__name__}: {error}): install cartier again") from error
     if not (0 < width <= 4096 and 0 < height <= 4096 and names and around):
         raise InputError(f"{beside} is damaged (a size or the names): install cartier again")
-    _same(path, digests[MODEL])
-    words = _words(folder / WORDS, _same(folder / WORDS, digests[WORDS]))
+    read_shipped(path, digests[MODEL])
+    words = _words(folder / WORDS, read_shipped(folder / WORDS, digests[WORDS]))
     return DetectorModel(path, digests[MODEL], (width, height), names, around, score_model, trained, words)
-
-
-def _same(path: Path, digest: str) -> bytes:
-    """The content of a file, if it is the one that was shipped."""
-    data = path.read_bytes()
-    found = hashlib.sha256(data).hexdigest()
-    if found != digest:
-        raise InputError(f"{path} was changed: its sha256 is {found[:12]}…, not {digest[:12]}…; install cartier again")
-    return data
 
 
 def _words(path: Path, data: bytes) -> Array:

@@ -31,7 +31,7 @@ class Outputs:
 
 
 class Inference:
-    """A model with its session. The latest image's outputs are kept, so that a detector and an encoder share one inference."""
+    """A model with its session. It keeps the latest image's outputs: a detector and an encoder share one inference."""
 
     def __init__(self, model: DetectorModel, session: Session) -> None:
         self.model, self._session = model, session
@@ -47,7 +47,7 @@ class Inference:
         return found
 
     def detections(self, frame: Frame) -> tuple[Array, Array, Array]:
-        """Boxes (N, 4) xyxy in pixels of the frame, scores (N,) and classes (N,), of the shapes and bounds they must have."""
+        """Boxes (N, 4) xyxy in pixels of the frame, scores (N,) and classes (N,), with shapes and bounds checked."""
         found = self.outputs(frame)
         boxes, scores, classes = (found.outputs.get(name, np.empty(0)) for name in ("boxes", "scores", "classes"))
         if boxes.shape != (len(scores), 4) or scores.ndim != 1 or classes.shape != scores.shape:
@@ -74,7 +74,7 @@ class Inference:
 
 
 def open_inference(folder: Path, provider: str = "cpu", threads: int | None = None) -> Inference:
-    """The model in a folder, ready to run; the same object for all who ask for the same.
+    """The model in a folder, ready to run; equal arguments share one object.
 
     Raises InputError if a file is missing or was changed, BackendError if onnxruntime has no such provider.
     """
@@ -83,7 +83,7 @@ def open_inference(folder: Path, provider: str = "cpu", threads: int | None = No
 
 
 @lru_cache(maxsize=2)
-def _opened(path: Path, sha256: str, told: bytes, provider: str, threads: int | None) -> Inference:
+def _opened(path: Path, sha256: str, names: bytes, provider: str, threads: int | None) -> Inference:
     model, session = load(path.parent), Session(path, provider, threads)
     if session.size not in (None, model.size):
         raise InputError(f"{path} takes images of {session.size}, but its names.json says {model.size}")
@@ -93,7 +93,7 @@ def _opened(path: Path, sha256: str, told: bytes, provider: str, threads: int | 
 def _tensor(
     rgb: npt.NDArray[np.uint8], size: tuple[int, int]
 ) -> tuple[npt.NDArray[np.float32], float, tuple[int, int]]:
-    """An image (H, W, 3) in the top left of an input (1, 3, h, w) float32, 0 to 1, grey elsewhere; input = image * scale."""
+    """An image (H, W, 3) top left in an input (1, 3, h, w) float32, 0 to 1, padded with grey; and its scale."""
     height, width = rgb.shape[:2]
     scale = min(size[0] / width, size[1] / height)
     inner = max(1, round(width * scale)), max(1, round(height * scale))

@@ -1,4 +1,4 @@
-"""The text encoder that ships inside: all-MiniLM-L6-v2 with int8 weights on onnxruntime (built by tools/build_text_encoder.py)."""
+"""Embedded text encoder: all-MiniLM-L6-v2, int8, on onnxruntime (built by tools/build_text_encoder.py)."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ MAX_TOKENS = 256  # the original's own limit
 
 
 class TextEncoder:
-    """Sentence vectors of length 1 (Sentence-BERT, Reimers and Gurevych 2019). Texts are encoded one by one, and remembered.
+    """Sentence vectors of length 1 (Sentence-BERT, Reimers and Gurevych 2019), encoded one by one and remembered.
 
     ``cut`` counts the texts that were longer than 256 tokens, of which only the beginning was read.
     """

@@ -1,7 +1,9 @@
-"""From the pixels that a lens gave to those of a pinhole camera: another size, other intrinsics, no distortion."""
+"""Cameras and lenses: checked intrinsics, images without distortion, and depth of one camera as another one sees it."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Literal
@@ -10,11 +12,54 @@ import numpy as np
 import numpy.typing as npt
 
 from cartier.errors import InputError, brief
+from cartier.geometry import backproject, transform
 from cartier.types import Array, Camera
 
 Model = Literal["pinhole", "plumb_bob", "equidistant"]
 Source = npt.NDArray[np.int32]
 MAX_COEFFICIENT = 1e6
+MAX_COVER = 16  # how often the depth pixels may cover the target: about once, where both cameras see the same
+USUAL_OFF_CENTRE, MAX_OFF_CENTRE = 0.05, 0.2
+"""How far from the middle of an image, in shares of its side, a principal point may lie without a note, and at all.
+
+A real camera's lies off by a few hundredths, that of an image with a strip cut off by half the strip's share.
+"""
+RESIZED, SAME_RATIO = 0.1, 0.08
+"""A principal point off by one factor (to 8 %) of 10 % or more in both directions is that of images of another size."""
+
+
+def camera_of(width: int, height: int, values: Sequence[float], where: str) -> Camera:
+    """A camera of fx, fy, cx, cy. Raises InputError, also if they are for images of another size."""
+    try:
+        camera = Camera(width, height, *values)
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from error
+    ratios = (2 * (camera.cx + 0.5) / width, 2 * (camera.cy + 0.5) / height)
+    one_factor = abs(ratios[0] - ratios[1]) <= SAME_RATIO * max(ratios)
+    resized = one_factor and min(abs(ratio - 1) for ratio in ratios) >= RESIZED
+    if resized or off_centre((width, height), (camera.cx, camera.cy)) > MAX_OFF_CENTRE:
+        raise InputError(
+            f"{where}: the principal point {camera.cx:g}, {camera.cy:g} is that of images of some "
+            f"{max(2 * camera.cx, 0):.0f}x{max(2 * camera.cy, 0):.0f} px, but these have {width}x{height}: scale fx, "
+            "fy, cx, cy as the images were resized"
+        )
+    return camera
+
+
+def off_centre(size: tuple[int, int], centre: tuple[float, float]) -> float:
+    """How far a principal point is from the middle of images (w, h), the larger of its shares of the two sides."""
+    return max(abs(c + 0.5 - side / 2) / side for c, side in zip(centre, size, strict=True))
+
+
+def off_centre_notes(camera: Camera) -> list[str]:
+    """The line to say where the principal point is further from the middle than a whole image's ever is."""
+    off = off_centre((camera.width, camera.height), (camera.cx, camera.cy))
+    if off <= USUAL_OFF_CENTRE:
+        return []
+    return [
+        f"the principal point {camera.cx:g}, {camera.cy:g} lies {off:.0%} of the side off the middle of the images "
+        f"({camera.width}x{camera.height} px): right if they were cropped, wrong if they were resized"
+    ]
 
 
 @dataclass(frozen=True)
@@ -91,3 +136,34 @@ def _bent(lens: Lens, x: Array, y: Array) -> tuple[Array, Array]:
     scale = (1 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1 + r2 * (k4 + r2 * (k5 + r2 * k6)))
     xy = x * y
     return x * scale + 2 * p1 * xy + p2 * (r2 + 2 * x * x), y * scale + p1 * (r2 + 2 * y * y) + 2 * p2 * xy
+
+
+def registered(depth_m: Array, camera: Camera, target: Camera, target_from_camera: Array) -> npt.NDArray[np.float32]:
+    """(H, W) float32 z-depth of the target camera, NaN where nothing falls; of two points on a pixel the nearer.
+
+    A depth pixel covers as many pixels of the target as its focal lengths ask for, so that a small depth image leaves
+    no sieve of holes.
+    """
+    points = transform(target_from_camera, backproject(depth_m, camera).reshape(-1, 3))
+    z = points[:, 2]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        u = points[:, 0] / z * target.fx + target.cx
+        v = points[:, 1] / z * target.fy + target.cy
+        seen = (z > 0) & (u > -1) & (u < target.width) & (v > -1) & (v < target.height)
+    u, v, z = u[seen], v[seen], z[seen]
+    across, down = math.ceil(target.fx / camera.fx), math.ceil(target.fy / camera.fy)
+    if across * down * len(z) > MAX_COVER * target.width * target.height:
+        raise InputError(
+            f"a depth image with fx={camera.fx:g}, fy={camera.fy:g} cannot be put on a colour image with "
+            f"fx={target.fx:g}, "
+            f"fy={target.fy:g}: are the depth camera's intrinsics right?"
+        )
+    first_u, first_v = np.rint(u - (across - 1) / 2).astype(np.int64), np.rint(v - (down - 1) / 2).astype(np.int64)
+    out = np.full(target.height * target.width, np.inf, np.float32)
+    for dy in range(down):
+        for dx in range(across):
+            column, row = first_u + dx, first_v + dy
+            inside = (column >= 0) & (column < target.width) & (row >= 0) & (row < target.height)
+            np.minimum.at(out, row[inside] * target.width + column[inside], z[inside].astype(np.float32))
+    out[np.isinf(out)] = np.nan
+    return out.reshape(target.height, target.width)

@@ -1,31 +1,38 @@
 """A recording of image files with a pose each: what the readers of folder formats share.
 
-A reader gives a ``Source``: which files make each frame, the lens that took them, and the poses in the source's own
-world, camera axes already optical. Here depth of another size or lens is put on the colour camera's pixels, images too
-large for a map are reduced, the world is levelled, and a camera that was held sideways is turned upright.
+A reader gives a ``Source``: the files of each frame, the lens that took them, and the poses in the source's own world,
+camera axes already optical. This module moves depth of another size or lens to the colour camera's pixels, reduces
+images that are too large for a map, levels the world, and turns the images of a camera that was held sideways.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
+from PIL import Image
 
 from cartier.errors import MAX_FAR_M, InputError, frame_number
 from cartier.io.images import check_depth, read_depth, read_grey8, read_rgb
 from cartier.mapping import gravity
-from cartier.recordings.common.content import READERS, check_inside, content_hash
-from cartier.recordings.common.lens import Lens, resampled
-from cartier.recordings.common.tables import check_floor, off_centre_notes
+from cartier.recordings.common.files import READERS, check_inside, content_hash
+from cartier.recordings.common.lens import Lens, off_centre_notes, resampled
 from cartier.types import Array, Camera, Frame, TrueObject
 
 MAX_SIDE = 1300  # px; larger images are reduced by a whole factor: no map needs a phone's 12 megapixels
+MAX_ASPECT_ERROR = 0.02  # between the shapes of depth and colour images
 CONFIDENCE_FRAMES = 5
 Depths = npt.NDArray[np.float32]
 Colours = npt.NDArray[np.uint8]
+
+
+def png_depth(path: Path, per_metre: float = 1000.0) -> Depths:
+    """(h, w) float32 metres of a 16-bit PNG of any size, in units of 1/per_metre m."""
+    return read_depth(path, None, per_metre)
 
 
 @dataclass(frozen=True)
@@ -41,33 +48,40 @@ class View:
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """What a reader found.
+    """What a reader found in the files below ``root``.
 
-    ``world_from_camera`` (N, 4, 4) is in the source's world, camera axes optical. ``depth_lens`` is the depth camera's,
-    if it is not the colour camera's at the depth's own size. ``read_depth(path)`` gives (h, w) float32 metres, NaN for
-    no reading. ``known_up`` is the source's up where its makers say so; ``files`` are hashed for the fingerprint. Images of a
-    ``handheld`` camera are turned upright; ``scale_guessed`` says that no one measured the metres. ``readers`` threads may call these at once; a video is read by one, in order.
+    ``settings`` names the reader, its version and its own options; ``files`` are hashed with them for the fingerprint.
     """
 
     root: Path
-    name: str
     settings: str
     views: Sequence[View]
     world_from_camera: Array
+    """(N, 4, 4) in the source's own world, camera axes optical."""
     files: Sequence[str]
     notes: Sequence[str]
-    read_depth: Callable[[Path], Depths] | None = None
+    read_depth: Callable[[Path], Depths] = png_depth
+    """(h, w) float32 metres, NaN for no reading. ``readers`` threads may call it and ``read_colour`` at once."""
+    read_colour: Callable[[View], Colours] | None = None
+    name: str = ""
+    """By default the root's."""
     depth_lens: Lens | None = None
+    """The depth camera's, if it is not the colour camera's at the depth's own size."""
     min_confidence: int = 0
     known_up: tuple[float, float, float] | None = None
-    read_colour: Callable[[View], Colours] | None = None
-    handheld: bool = False
+    """The source's up, if its makers document it."""
+    handheld: bool = True
+    """Whether images may have to be turned upright."""
     scale_guessed: bool = False
+    """Whether nobody measured the metres."""
+    known_registration: tuple[float, float, float] | None = None
+    """How depth that is published raw lies on the colour images: zoom, and shift right and down in px at 2 m."""
     readers: int = READERS
+    """A video is read by one thread, in order."""
 
 
 class PosedImages:
-    """A recording over a Source. Poses are there when it is opened, images are read when a frame is asked for."""
+    """A recording over a Source. Poses are read when it is opened, images when a frame is asked for."""
 
     truth: Sequence[TrueObject] | None = None
 
@@ -75,41 +89,33 @@ class PosedImages:
         if not source.views:
             raise InputError(f"{source.root} holds no image with a pose")
         check_inside(source.root, source.files)
-        self.name, self.readers = source.name, source.readers
-        self._source, self.scale_guessed = source, source.scale_guessed
-        self._fingerprint: str | None = None
+        self.name, self.readers = source.name or source.root.resolve().name, source.readers
+        self.scale_guessed, self.known_registration = source.scale_guessed, source.known_registration
+        self._source, self._settings = source, f"{source.settings} up={up} floor_m={floor_m}"
         first = source.views[0].lens.camera
         self._factor = -(-max(first.width, first.height) // MAX_SIDE)
         self._upright_camera = _reduced(first, self._factor)
-        self._turns = 0
-        notes = [*source.notes, *off_centre_notes(first)]
         poses = np.asarray(source.world_from_camera, dtype=np.float64)
         far = np.abs(poses[:, :3, 3]).max(axis=1)
         if far.max() > MAX_FAR_M:
             raise InputError(
-                f"{source.root}: {source.views[int(far.argmax())].colour.name} was taken {far.max():.3g} m from the origin "
-                "by its pose, which is no home: are the units metres?"
+                f"{source.root}: {source.views[int(far.argmax())].colour.name} was taken {far.max():.3g} m from the "
+                "origin by its pose, which is no home: are the units metres?"
             )
         self._check_confidence()
-        levelling = gravity.level(
-            poses,
-            self._upright_camera,
-            self._depth if any(view.depth for view in source.views) else None,
-            source.known_up if up is None else up,
-            floor_m,
-        )
-        self.level_from_world = levelling.level_from_world  # so that the doctor sees the poses as they were given
+        depth = self._depth if any(view.depth for view in source.views) else None
+        levelling = gravity.level(poses, self._upright_camera, depth, source.known_up if up is None else up, floor_m)
+        self.level_from_world = levelling.level_from_world  # the doctor checks the poses as they were given
         poses = levelling.level_from_world @ poses
         check_floor(poses, floor_m)
         up_note, floor_note = levelling.notes
         if up is None and source.known_up is not None:
             up_note = f"up is {source.known_up} in this format's world; override with --up X,Y,Z"
-        notes += [up_note, floor_note]
-        if source.handheld:
-            self._turns = gravity.quarter_turns(poses[:, 2, :2].sum(axis=0))
+        self._turns = gravity.quarter_turns(poses[:, 2, :2].sum(axis=0)) if source.handheld else 0
         self.camera, old_from_new = turned_camera(self._upright_camera, self._turns)
         self._poses = poses @ old_from_new
         self._poses.setflags(write=False)
+        notes = [*source.notes, *off_centre_notes(first), up_note, floor_note]
         if self._factor > 1:
             notes.append(f"images of {first.width}x{first.height} px reduced by {self._factor}")
         if self._turns:
@@ -134,14 +140,16 @@ class PosedImages:
         )
 
     def fingerprint(self) -> str:
-        if self._fingerprint is None:
-            self._fingerprint = content_hash(self._source.settings, self._source.root, self._source.files)
         return self._fingerprint
+
+    @cached_property
+    def _fingerprint(self) -> str:
+        return content_hash(self._settings, self._source.root, self._source.files)
 
     def _check_confidence(self) -> None:
         """Raises InputError where all depth of some frames is dropped for its confidence."""
         source, dropped = self._source, 0
-        if not source.min_confidence or source.read_depth is None:
+        if not source.min_confidence:
             return
         for i in np.unique(np.linspace(0, len(self) - 1, CONFIDENCE_FRAMES).round().astype(int)).tolist():
             view, depth_m = source.views[i], self._depth(i)
@@ -150,26 +158,26 @@ class PosedImages:
             dropped += bool(np.isfinite(source.read_depth(view.depth)).any())
         if dropped:
             raise InputError(
-                f"{source.root}: all depth is below --confidence {source.min_confidence} in the {dropped} frames looked at: "
-                "give a lower one, 0 for all depth"
+                f"{source.root}: all depth is below --confidence {source.min_confidence} in the {dropped} frames "
+                "checked: give a lower one, 0 for all depth"
             )
 
     def _colour(self, i: int) -> Colours:
         view, read = self._source.views[i], self._source.read_colour
         rgb = read_rgb(view.colour, view.lens.camera) if read is None else read(view)
-        lens = Lens(_reduced(view.lens.camera, self._factor), view.lens.model, view.lens.coefficients)
+        lens = replace(view.lens, camera=_reduced(view.lens.camera, self._factor))
         return np.asarray(resampled(_shrunk(rgb, self._factor), lens, self._upright_camera, 0), dtype=np.uint8)
 
     def _depth(self, i: int) -> Depths | None:
-        view, read = self._source.views[i], self._source.read_depth
-        if view.depth is None or read is None:
+        view = self._source.views[i]
+        if view.depth is None:
             return None
-        depth_m = read(view.depth)
+        depth_m = self._source.read_depth(view.depth)
         check_depth(depth_m, str(view.depth))
         height, width = depth_m.shape
         lens = self._source.depth_lens or view.lens
         if (lens.camera.width, lens.camera.height) != (width, height):
-            if abs(width / height / (lens.camera.width / lens.camera.height) - 1) > 0.02:
+            if abs(width / height / (lens.camera.width / lens.camera.height) - 1) > MAX_ASPECT_ERROR:
                 raise InputError(
                     f"{view.depth} is {width}x{height} px, which is not the shape of the colour images "
                     f"({lens.camera.width}x{lens.camera.height})"
@@ -181,9 +189,20 @@ class PosedImages:
         return np.asarray(resampled(depth_m, lens, self._upright_camera, np.nan), dtype=np.float32)
 
 
-def png_depth(path: Path, per_metre: float = 1000.0) -> Depths:
-    """(h, w) float32 metres of a 16-bit PNG of any size, in units of 1/per_metre m."""
-    return read_depth(path, None, per_metre)
+def check_confidence(confidence: int, highest: int) -> None:
+    """Raises InputError for a least confidence of depth that the format does not have."""
+    if not 0 <= confidence <= highest:
+        raise InputError(f"--confidence {confidence}: this format's depth has confidences of 0 to {highest}")
+
+
+def check_floor(level_from_camera: npt.NDArray[np.float64], floor_m: float | None) -> None:
+    """Raises InputError if the user's floor, z = 0 of levelled poses (N, 4, 4), lies above every camera."""
+    highest_m = float(level_from_camera[:, 2, 3].max())
+    if floor_m is not None and highest_m <= 0:
+        raise InputError(
+            f"--floor {floor_m:g} lies above every camera: the highest is at {floor_m + highest_m:.2f} m along up in "
+            "the recording's own world"
+        )
 
 
 def _reduced(camera: Camera, factor: int) -> Camera:
@@ -198,8 +217,6 @@ def _shrunk(rgb: Colours, factor: int) -> Colours:
     """Means of blocks of ``factor`` x ``factor`` pixels."""
     if factor == 1:
         return rgb
-    from PIL import Image
-
     height, width = (side // factor * factor for side in rgb.shape[:2])
     return np.asarray(Image.fromarray(rgb).reduce(factor, box=(0, 0, width, height)))
 

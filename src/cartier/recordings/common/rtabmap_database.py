@@ -13,19 +13,17 @@ import numpy.typing as npt
 
 from cartier.errors import InputError, brief
 from cartier.io.images import GREY16, decoded_size, metres, opened
+from cartier.recordings.common.depth import unpack_rvl, valid
+from cartier.recordings.common.files import numbers
+from cartier.recordings.common.lens import camera_of
 from cartier.recordings.common.posed import Depths
 from cartier.recordings.common.poses import Matrix
-from cartier.recordings.common.rvl import unpacked
 from cartier.recordings.common.sqlite import SqliteFile
-from cartier.recordings.common.tables import camera_of, numbers
-from cartier.recordings.ros.images import valid
 from cartier.types import Array, Camera
 
 MAX_BYTES = 1 << 28
 MAX_NODES = 1_000_000
-HEAD = struct.Struct(
-    "<11i"
-)  # version (3), kind, width, height, and how many numbers K, D, R, P and the local transform have
+HEAD = struct.Struct("<11i")  # version (3), kind, width, height, sizes of K, D, R, P and the local transform
 MONO = 0
 RVL = b"DEPTHRVL"
 MAX_SIDE = 4096  # px
@@ -68,12 +66,8 @@ class Database:
             camera, base_from_camera = self._calibration(key, calibration, where)
             found.append(Node(key, numbers([stamp], where)[0], pose @ base_from_camera, camera))
         notes = [f"{lost} nodes left out: they have no pose or no calibration"] if lost else []
-        notes.append(
-            "poses are those of the optimised graph"
-            if best
-            else "poses are the odometry's: the file holds no optimised graph (open it in RTAB-Map and save it)"
-        )
-        return found, notes
+        odometry = "poses are the odometry's: the file holds no optimised graph (open it in RTAB-Map and save it)"
+        return found, [*notes, "poses are those of the optimised graph" if best else odometry]
 
     def colour(self, key: int) -> bytes:
         """A JPEG or PNG."""
@@ -84,7 +78,7 @@ class Database:
         return {key for (key,) in self._file.ask("SELECT id FROM Data WHERE length(depth) > 0")}
 
     def depth(self, key: int) -> Depths:
-        """(h, w) float32 metres, of millimetres as RVL or 16-bit PNG, or of a PNG whose four channels are float32 metres."""
+        """(h, w) float32 metres, of millimetres as RVL or 16-bit PNG, or of a PNG whose channels are float32 metres."""
         data, where = self._file.blob("Data", "depth", key), f"{self.path}: depth of node {key}"
         if data.startswith(RVL):
             return metres(_rvl(data, where))
@@ -95,25 +89,20 @@ class Database:
                 return metres(pixels.astype(np.uint16))
             if image.mode != "RGBA":
                 raise InputError(f"{where} is a {image.mode} {image.format}, which is no depth")
-        floats = np.ascontiguousarray(pixels[..., [2, 1, 0, 3]]).view("<f4")[
-            ..., 0
-        ]  # it was packed as blue, green, red
-        return valid(floats)
+        packed = np.ascontiguousarray(pixels[..., [2, 1, 0, 3]])  # its bytes were stored as blue, green, red, alpha
+        return valid(packed.view("<f4")[..., 0])
 
     def _calibration(self, key: int, data: bytes, where: str) -> tuple[Camera, Matrix]:
         """The camera, and base_from_camera (4, 4) with optical axes, of a blob as RTAB-Map's CameraModel writes it."""
+        damaged = f"{where}: its calibration is damaged, or of an RTAB-Map older than 0.18: {_anew(self.path)}"
         if not isinstance(data, bytes) or len(data) < HEAD.size:
-            raise InputError(
-                f"{where}: its calibration is damaged, or of an RTAB-Map older than 0.18: {_anew(self.path)}"
-            )
+            raise InputError(damaged)
         *_, kind, width, height, k, d, r, p, moved = HEAD.unpack_from(data)
         if kind != MONO:
             raise InputError(f"{where} is of a stereo camera; cartier reads databases with depth images")
         size = HEAD.size + 8 * (k + d + r + p) + 4 * moved
         if k != 9 or p not in (0, 12) or moved not in (0, 12) or min(d, r) < 0 or len(data) < size:
-            raise InputError(
-                f"{where}: its calibration is damaged, or of an RTAB-Map older than 0.18: {_anew(self.path)}"
-            )
+            raise InputError(damaged)
         if len(data) > size:
             raise InputError(f"{where} is of several cameras; cartier reads databases of one")
         values = np.frombuffer(data, "<f8", k + d + r + p, HEAD.size)
@@ -128,17 +117,14 @@ class Database:
         """The poses (4, 4) of the optimised graph by node; {} if there is none."""
         if not {"opt_ids", "opt_poses"} <= set(self._file.columns("Admin")):
             return {}
-        rows = self._file.ask(
-            "SELECT opt_ids, opt_poses FROM Admin WHERE length(opt_ids) > 0 AND length(opt_poses) > 0"
-        )
+        there = "length(opt_ids) > 0 AND length(opt_poses) > 0"
+        rows = self._file.ask(f"SELECT opt_ids, opt_poses FROM Admin WHERE {there}")
         if not rows:
             return {}
         where = f"{self.path}: its optimised graph"
         ids, poses = _array(rows[-1][0], "<i4", where), _array(rows[-1][1], "<f4", where)
         if len(poses) != 12 * len(ids):
-            raise InputError(
-                f"{self.path}: its optimised graph has {len(ids)} nodes, but {len(poses)} numbers of poses"
-            )
+            raise InputError(f"{where} has {len(ids)} nodes, but {len(poses)} numbers of poses")
         return {int(key): _rows(row) for key, row in zip(ids, poses.reshape(-1, 12), strict=True)}
 
 
@@ -162,7 +148,7 @@ def _rvl(data: bytes, where: str) -> npt.NDArray[np.uint16]:
         width, height = struct.unpack_from("<2I", data, len(RVL))
         if not (0 < width <= MAX_SIDE and 0 < height <= MAX_SIDE):
             raise ValueError(f"it claims {width}x{height} px")
-        return unpacked(data[len(RVL) + 8 :], width, height)
+        return unpack_rvl(data[len(RVL) + 8 :], width, height)
     except (ValueError, struct.error) as error:
         raise InputError(f"{where} is damaged ({brief(error)})") from error
 

@@ -1,4 +1,4 @@
-"""SQLite files from anybody, read-only: no views or computed columns, which may have no end, and no piece without bounds."""
+"""SQLite files of any origin, read-only: no views or computed columns, which may never end, and every read bounded."""
 
 from __future__ import annotations
 

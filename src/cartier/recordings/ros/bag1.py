@@ -1,18 +1,22 @@
-"""One ROS 1 bag (format 2.0): topics and message places from its index, messages one by one (wiki.ros.org/Bags/Format)."""
+"""One ROS 1 bag (format 2.0): topics and message places from its index, messages one by one.
+
+The format: wiki.ros.org/Bags/Format.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 
 from cartier.errors import InputError
 from cartier.recordings.ros.file import (
+    KEPT_CHUNKS,
     MAX_BLOCK,
     WHOLE,
-    Chunks,
     Fields,
     File,
     Index,
@@ -47,7 +51,7 @@ class Bag1:
 
     def __init__(self, path: Path) -> None:
         self._file, self._path = File(path), path
-        self._kept = Chunks()
+        self._unpacked = lru_cache(KEPT_CHUNKS)(self._unpack)
         if self._file.at(0, min(len(MAGIC), self._file.size)) != MAGIC:
             raise InputError(f"{path} is no ROS 1 bag of format 2.0")
         head, _, _ = self._record(len(MAGIC), BAG)
@@ -85,10 +89,12 @@ class Bag1:
         place = self._chunks[chunk]
         if place.compression == "none":
             return self._message(self._file.at, place.data, offset, place.size, limit)
-        data = self._kept.get(chunk) or self._kept.put(
-            chunk, unpacked(place.compression, self._file.at(place.data, place.packed), place.size, self._path)
-        )
+        data = self._unpacked(chunk)
         return self._message(lambda start, size: data[start : start + size], 0, offset, place.size, limit)
+
+    def _unpack(self, number: int) -> bytes:
+        chunk = self._chunks[number]
+        return unpacked(chunk.compression, self._file.at(chunk.data, chunk.packed), chunk.size, self._path)
 
     def _message(self, at: Callable[[int, int], bytes], base: int, offset: int, room: int, limit: int) -> bytes:
         """The message at ``offset`` of a chunk of ``room`` bytes; connection records before it are passed over."""

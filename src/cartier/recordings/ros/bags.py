@@ -13,21 +13,48 @@ import numpy as np
 from cartier.errors import InputError, brief
 from cartier.io.files import read_text
 from cartier.io.strict_yaml import YamlFault, read_yaml
-from cartier.recordings.common.content import check_inside, names_in
+from cartier.recordings.common.files import check_inside, names_in
+from cartier.recordings.common.sqlite import SqliteFile
 from cartier.recordings.ros.bag1 import Bag1
-from cartier.recordings.ros.file import MAX_BLOCK, MAX_TOPICS, WHOLE, Index, Storage, Topic
+from cartier.recordings.ros.file import MAX_BLOCK, MAX_TOPICS, WHOLE, Index, Storage, Topic, check_count, index_part
 from cartier.recordings.ros.mcap import Mcap
-from cartier.recordings.ros.sqlite import Sqlite
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
 
 METADATA = "metadata.yaml"
-READERS: dict[str, Callable[[Path], Storage]] = {".bag": Bag1, ".mcap": Mcap, ".db3": Sqlite}
 MAX_METADATA = 4 << 20
 MAX_NAME = 256  # of a topic or a frame
 IMAGE, COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
 TRANSFORMS = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
+
+
+class Sqlite:
+    """A .db3 file, opened read-only."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        kinds = ("TABLE", "INDEX", "UNIQUE INDEX")
+        self._file = SqliteFile(path, "ROS 2 bag", ("topics", "messages"), kinds, MAX_BLOCK)
+        rows = self._file.ask(f"SELECT id, name, type, serialization_format FROM topics LIMIT {MAX_TOPICS + 1}")
+        check_count(len(rows), path)
+        self.topics: Sequence[Topic] = [
+            Topic(str(name), str(kind), str(form), key) for key, name, kind, form in rows if isinstance(key, int)
+        ]
+
+    def index(self, topic: Topic) -> Index:
+        rows = self._file.ask("SELECT timestamp, id FROM messages WHERE topic_id = ? ORDER BY timestamp, id", topic.key)
+        if not rows:
+            return np.empty((0, 3), np.int64)
+        if not all(isinstance(value, int) for row in rows for value in row):
+            raise InputError(f"{self._path} is damaged: a message of {topic.name} has no time or number")
+        return index_part([time_ns for time_ns, _ in rows], 0, [number for _, number in rows])
+
+    def read(self, chunk: int, offset: int, limit: int = WHOLE) -> bytes:
+        return self._file.blob("messages", "data", offset, None if limit == WHOLE else limit)
+
+
+READERS: dict[str, Callable[[Path], Storage]] = {".bag": Bag1, ".mcap": Mcap, ".db3": Sqlite}
 
 
 class Header(NamedTuple):
@@ -79,7 +106,7 @@ class Bag:
         return self._topics[name][0][1].type if name in self._topics else ""
 
     def index(self, name: str) -> Index:
-        """(N, 4): log time in ns, file, chunk and offset of a topic's messages, by log time; its rows go to ``read``."""
+        """(N, 4): log time in ns, file, chunk and offset of a topic's messages, by log time; ``read`` takes a row."""
         kind, parts = self.type_of(name), []
         for number, topic in self._topics[name]:
             if topic.type != kind:
@@ -132,7 +159,7 @@ class Bag:
 
 
 def _no_image(data: bytes, at: int, order: str, ros1: bool, kind: str) -> bool:
-    """Whether the image message whose header ends at ``at`` has no height, no width or no bytes; False for what is damaged."""
+    """Whether the image whose header ends at ``at`` has no height, no width or no bytes; False for a damaged one."""
 
     def word(at: int) -> int | None:
         return struct.unpack_from(f"{order}I", data, at)[0] if at + 4 <= len(data) else None

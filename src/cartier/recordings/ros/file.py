@@ -1,13 +1,13 @@
-"""What the bag readers share: reads that never leave the file or outgrow memory, and where each message lies.
+"""Bounded reads of bag files, shared by the three storages: topics, message places and decompressed chunks.
 
-rosbags reads bags too, and gives us the message types. Its readers decompress without a bound and load whole chunks to
-learn a time stamp; a bag from a stranger, or of an hour, needs more care than that.
+rosbags gives us the message types, but not the storages: its readers decompress without a bound and load whole chunks
+for one time stamp, which is unsafe for untrusted bags and slow for long ones.
 """
 
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
@@ -20,6 +20,7 @@ from cartier.io.files import check_file
 
 MAX_BLOCK = 256 << 20  # bytes of one chunk, message or index; a 4K float depth image has 35 MB
 MAX_TOPICS = 10_000
+KEPT_CHUNKS = 2  # decompressed: messages of one time lie in one or two chunks
 WHOLE = -1
 
 Index = npt.NDArray[np.int64]
@@ -159,23 +160,7 @@ def _decompress(compression: str, data: bytes, limit: int) -> bytes:
     raise KeyError(compression)
 
 
-class Chunks:
-    """The chunks that were decompressed last: messages of one time lie in one or two of them."""
-
-    def __init__(self, keep: int = 2) -> None:
-        self._keep, self._chunks = keep, dict[int, bytes]()
-
-    def get(self, number: int) -> bytes | None:
-        return self._chunks.get(number)
-
-    def put(self, number: int, data: bytes) -> bytes:
-        while len(self._chunks) >= self._keep:
-            del self._chunks[next(iter(self._chunks))]
-        self._chunks[number] = data
-        return data
-
-
-def by_time(parts: Iterator[Index]) -> Index:
+def by_time(parts: Iterable[Index]) -> Index:
     """Index parts as one, by log time, equal times in the order given."""
     there = [part for part in parts if len(part)]
     if not there:

@@ -10,9 +10,9 @@ import numpy.typing as npt
 
 from cartier.errors import InputError, brief
 from cartier.io import images
-from cartier.recordings.common.lens import Lens, Model, straight
-from cartier.recordings.common.tables import camera_of, off_centre
-from cartier.types import Array, Camera
+from cartier.recordings.common.depth import valid
+from cartier.recordings.common.lens import Lens, Model, camera_of, off_centre, straight
+from cartier.types import Camera
 
 INFO = "sensor_msgs/msg/CameraInfo"
 COLOURS = {"rgb8": 3, "bgr8": 3, "8UC3": 3, "rgba8": 4, "bgra8": 4, "8UC4": 4, "mono8": 1, "8UC1": 1}
@@ -26,7 +26,7 @@ VIDEOS = ("h264", "h265", "hevc", "av1", "vp9", "theora", "ffmpeg")
 
 
 def encoding_of(message: Any) -> str:
-    """The pixel encoding of an Image or CompressedImage, e.g. ``rgb8`` or ``16UC1``; ``rgb8`` where only ``jpeg`` is said."""
+    """The pixel encoding of an Image or CompressedImage, e.g. ``16UC1``; ``rgb8`` where the format is only ``jpeg``."""
     if hasattr(message, "encoding"):
         return str(message.encoding)
     first = str(message.format).split(";")[0].strip()
@@ -73,19 +73,11 @@ def depth(message: Any, camera: Camera, where: str) -> npt.NDArray[np.float32]:
     return images.metres(pixels.astype(np.uint16)) if DEPTHS[name] is np.uint16 else valid(pixels)
 
 
-def valid(depth_m: Array) -> npt.NDArray[np.float32]:
-    """A copy as float32 with NaN in place of all that is no positive, finite depth."""
-    with np.errstate(invalid="ignore", over="ignore"):
-        out = np.array(depth_m, dtype=np.float32)
-        out[~((out > 0) & (out < np.inf))] = np.nan
-    return out
-
-
 def lens_of(info: Any, rectified: bool, size: tuple[int, int], where: str) -> Lens:
     """The lens that a CameraInfo describes; of its projection matrix where the images are rectified.
 
-    It is at the CameraInfo's own size, or at ``size``, (width, height) of the images, where the principal point lies nearer to
-    their middle: a driver that reduces images may forget either.
+    It is at the CameraInfo's own size, or at ``size``, (width, height) of the images, if the principal point lies
+    nearer to their middle: a driver that reduces images may forget either.
     """
     matrix = np.asarray(getattr(info, "k", None) if hasattr(info, "k") else info.K, dtype=np.float64).reshape(3, 3)
     if rectified:
@@ -128,7 +120,8 @@ def _payload(message: Any, where: str) -> bytes:
     data = np.asarray(message.data, dtype=np.uint8).tobytes()
     if any(codec in str(message.format).lower() for codec in VIDEOS):
         raise InputError(
-            f"{where}: its images are a video stream ({brief(message.format, 40)}); cartier reads raw, JPEG and PNG images"
+            f"{where}: its images are a video stream ({brief(message.format, 40)}); cartier reads raw, JPEG and PNG "
+            "images"
         )
     if RAW_DEPTH not in str(message.format):
         return data

@@ -5,15 +5,16 @@ from __future__ import annotations
 import zlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property, lru_cache
 from pathlib import Path
 
 import numpy as np
 
 from cartier.errors import InputError
 from cartier.recordings.ros.file import (
+    KEPT_CHUNKS,
     MAX_BLOCK,
     WHOLE,
-    Chunks,
     Fields,
     File,
     Index,
@@ -55,8 +56,7 @@ class Mcap:
         self._file, self._path = File(path), path
         self.topics: Sequence[Topic] = []
         self._chunks: list[Chunk] = []
-        self._kept = Chunks()
-        self._loose: dict[int, Index] | None = None
+        self._unpacked = lru_cache(KEPT_CHUNKS)(self._unpack)
         start, end = self._summary_place()
         self._end = start
         self._read_summary(Fields(self._file.at(start, end - start), path))
@@ -64,8 +64,6 @@ class Mcap:
     def index(self, topic: Topic) -> Index:
         if self._chunks:
             return by_time(self._indexed(topic.key))
-        if self._loose is None:
-            self._loose = self._walk()
         return self._loose.get(topic.key, np.empty((0, 3), np.int64))
 
     def read(self, chunk: int, offset: int, limit: int = WHOLE) -> bytes:
@@ -75,7 +73,7 @@ class Mcap:
             size = self._message_size(self._file.at(base + offset, HEAD), bound - base - offset)
             wanted = size if limit == WHOLE else min(size, limit)
             return self._file.at(base + offset + HEAD + MESSAGE_HEAD, wanted)
-        data = self._kept.get(chunk) or self._load(chunk)
+        data = self._unpacked(chunk)
         head = data[offset : offset + HEAD] if offset >= 0 else b""
         size = self._message_size(head, len(data) - offset)
         start = offset + HEAD + MESSAGE_HEAD
@@ -98,7 +96,8 @@ class Mcap:
         footer = self._file.at(size - FOOTER, FOOTER) if size >= FOOTER + len(MAGIC) else b""
         if not footer.endswith(MAGIC) or footer[0] != 2 or int.from_bytes(footer[1:9], "little") != 20:
             raise InputError(
-                f"{path} is truncated (the recording was not closed): mend it with 'mcap recover {path.name} -o MENDED.mcap'"
+                f"{path} is truncated (the recording was not closed): mend it with "
+                f"'mcap recover {path.name} -o MENDED.mcap'"
             )
         start = int.from_bytes(footer[9:17], "little")
         if start == 0:
@@ -158,10 +157,11 @@ class Mcap:
             entries = np.frombuffer(block[: len(block) // ENTRY.itemsize * ENTRY.itemsize], ENTRY)
             yield index_part(entries["time"].astype(np.int64), number, entries["offset"].astype(np.int64))
 
-    def _walk(self) -> dict[int, Index]:
+    @cached_property
+    def _loose(self) -> dict[int, Index]:
         """The messages that stand outside of chunks, by channel."""
         position = len(MAGIC)
-        found: dict[int, list[tuple[int, int]]] = {}
+        found: dict[int, list[tuple[int, int, int]]] = {}
         while position < self._end:
             head = self._file.at(position, min(HEAD + MESSAGE_HEAD, self._end - position))
             opcode, size = Fields(head, self._path).numbers("<BQ")
@@ -169,22 +169,18 @@ class Mcap:
                 raise InputError(f"{self._path} has chunks that its index does not know: mend it with 'mcap recover'")
             if opcode == MESSAGE:
                 key, _, time_ns = Fields(head[HEAD:], self._path).numbers("<HIq")
-                found.setdefault(key, []).append((time_ns, position))
+                found.setdefault(key, []).append((time_ns, -1, position))
             position += HEAD + size
-        return {key: by_time(iter([index_part(*_columns(rows))])) for key, rows in found.items()}
+        return {key: by_time([np.array(rows, np.int64)]) for key, rows in found.items()}
 
-    def _load(self, number: int) -> bytes:
+    def _unpack(self, number: int) -> bytes:
         chunk = self._chunks[number]
         packed = self._file.at(chunk.data(), chunk.packed)
         data = unpacked(chunk.compression, packed, chunk.size, self._path)
         (crc,) = Fields(self._file.at(chunk.start + HEAD + 24, 4), self._path).numbers("<I")
         if crc and zlib.crc32(data) != crc:
             raise InputError(f"{self._path} is damaged: the checksum of chunk {number} is wrong")
-        return self._kept.put(number, data)
-
-
-def _columns(rows: list[tuple[int, int]]) -> tuple[list[int], int, list[int]]:
-    return [time_ns for time_ns, _ in rows], -1, [offset for _, offset in rows]
+        return data
 
 
 def _ros2_name(name: str) -> str:

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cartier.errors import InputError, brief
-from cartier.recordings.common.interpolation import MAX_GAP_S, interpolated
+from cartier.recordings.common.poses import MAX_GAP_S, by_time, interpolated
 from cartier.recordings.ros.bags import TRANSFORMS, Bag, frame_name
 from cartier.recordings.ros.tf import Tree, checked_rows
 
@@ -58,7 +58,8 @@ def camera_poses(
                 else "there is no odometry topic either"
             )
             raise InputError(
-                f"{bag.path} has no poses for the camera: {why}, and {there}: choose with --odometry TOPIC --extrinsic X,Y,Z,QX,QY,QZ,QW"
+                f"{bag.path} has no poses for the camera: {why}, and {there}: choose with --odometry TOPIC "
+                "--extrinsic X,Y,Z,QX,QY,QZ,QW"
             )
         odometry = topics[0]
     name = next((topic for topic in topics if topic.lstrip("/") == odometry.lstrip("/")), None)
@@ -90,8 +91,8 @@ def _from_odometry(
         body_from_camera = tree.fixed(body, camera) if body else None
     if body_from_camera is None:
         raise InputError(
-            f"{bag.path}: topic {name} says where {body or 'something'!r} was, but not where the camera {camera!r} sits on "
-            "it: give --extrinsic X,Y,Z,QX,QY,QZ,QW"
+            f"{bag.path}: topic {name} says where {body or 'something'!r} was, but not where the camera "
+            f"{camera!r} sits on it: give --extrinsic X,Y,Z,QX,QY,QZ,QW"
         )
     samples = interpolated(checked_rows(rows, name), times_s)
     poses = samples.matrices() @ body_from_camera
@@ -112,9 +113,7 @@ def _samples(bag: Bag, name: str) -> tuple[npt.NDArray[np.float64], str, str]:
         body = frame_name(str(getattr(message, "child_frame_id", "")), bag.path)
     if not rows:
         raise InputError(f"{bag.path}: topic {name} holds no pose")
-    table = np.array(rows)
-    table = table[np.argsort(table[:, 0], kind="stable")]
-    return table[np.append(np.diff(table[:, 0]) > 0, True)], world, body
+    return by_time(np.array(rows)), world, body
 
 
 def _left_out(outside: int, in_gaps: int, what: str) -> list[str]:

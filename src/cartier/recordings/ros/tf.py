@@ -13,8 +13,7 @@ import numpy.typing as npt
 
 from cartier.errors import InputError, brief
 from cartier.geometry import invert
-from cartier.recordings.common.interpolation import interpolated
-from cartier.recordings.common.poses import matrices
+from cartier.recordings.common.poses import by_time, interpolated, matrices
 from cartier.recordings.ros.bags import frame_name
 from cartier.types import Array
 
@@ -34,10 +33,7 @@ class Edge:
     def table(self) -> npt.NDArray[np.float64]:
         """(N, 8) by time, one row per time; of equal times the last."""
         rows = np.frombuffer(self.samples, np.float64).reshape(-1, 8)
-        if self.static:
-            return np.asarray(rows[-1:])
-        rows = rows[np.argsort(rows[:, 0], kind="stable")]
-        return np.asarray(rows[np.append(np.diff(rows[:, 0]) > 0, True)])
+        return np.asarray(rows[-1:]) if self.static else by_time(rows)
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +78,7 @@ class Tree:
         return names
 
     def world(self, frame: str) -> str | None:
-        """The frame to map in: ``map``, else ``odom``, else ``world``, else the root; None if the frame hangs nowhere."""
+        """The frame to map in: ``map``, ``odom``, ``world`` or the root, in this order; None without a parent."""
         chain = self.chain(frame)
         return next((name for name in WORLDS if name in chain[1:]), chain[-1] if len(chain) > 1 else None)
 
@@ -112,7 +108,8 @@ class Tree:
         chain = self.chain(source)
         if target not in chain:
             raise InputError(
-                f"no transform leads from {target!r} to {source!r}: above it are {brief(', '.join(chain[1:]), 200) or 'none'}"
+                f"no transform leads from {target!r} to {source!r}: above it are "
+                f"{brief(', '.join(chain[1:]), 200) or 'none'}"
             )
         total = np.tile(np.eye(4), (len(times_s), 1, 1))
         outside, gaps = np.zeros(len(times_s), bool), np.zeros(len(times_s), bool)

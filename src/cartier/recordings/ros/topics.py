@@ -1,4 +1,4 @@
-"""Which topics of a bag make a recording: colour, depth and their CameraInfo, found by type; what was chosen is said."""
+"""Choice of a bag's topics for a recording: colour, depth and their CameraInfo, found by type, with notes."""
 
 from __future__ import annotations
 
@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from cartier.errors import InputError, brief
-from cartier.recordings.common.lens import Lens
-from cartier.recordings.common.tables import off_centre_notes
+from cartier.recordings.common.lens import Lens, off_centre_notes
 from cartier.recordings.ros.bags import COMPRESSED, IMAGE, Bag, frame_name
 from cartier.recordings.ros.file import Index
 from cartier.recordings.ros.images import (
@@ -196,7 +195,8 @@ def _of_info(info: Any, stream: Stream, name: str, notes: list[str]) -> Lens:
         notes.append(f"{name} is of another resolution than {stream.name}; its intrinsics were scaled")
     elif (info.width, info.height) != size:
         notes.append(
-            f"{name} says {info.width}x{info.height} px, but its intrinsics are those of {stream.name}'s {size[0]}x{size[1]}"
+            f"{name} says {info.width}x{info.height} px, but its intrinsics are those of {stream.name}'s "
+            f"{size[0]}x{size[1]}"
         )
     return _scaled(described, stream, name)
 
@@ -220,7 +220,8 @@ def _scaled(lens: Lens, stream: Stream, name: str) -> Lens:
         return lens
     if abs(stream.width / width / (stream.height / height) - 1) > ASPECT_TOLERANCE:
         raise InputError(
-            f"{name} is for images of {width}x{height} px, but those of {stream.name} have {stream.width}x{stream.height}"
+            f"{name} is for images of {width}x{height} px, but those of {stream.name} have "
+            f"{stream.width}x{stream.height}"
         )
     return lens.scaled(stream.width, stream.height)
 
