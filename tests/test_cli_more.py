@@ -285,7 +285,7 @@ def test_show_prompt_prints_what_would_be_sent_and_sends_nothing(run: Run, home:
         expected = prompt_named("rich").request("let me sit", Home.load(home).inventory(from_xy=(1.0, 1.0))).body("m")
         assert shown["body"] == expected
     code, out, err = run("ask", home, "let me sit", "--show-prompt", *server)
-    assert code == 0 and "this goes to http://127.0.0.1:9/v1/chat/completions and nowhere else" in out
+    assert code == 0 and "this is sent to http://127.0.0.1:9/v1/chat/completions and nowhere else" in out
     assert all(message["content"] in out for message in expected["messages"]) and '"json_schema"' in out
     code, out, err = run("ask", home, "let me sit", "--show-prompt", "--reasoner", "local", "--model", "x.gguf")
     assert (

@@ -274,7 +274,7 @@ def test_one_file_from_disk_shows_finds_and_asks_nobody(home: Path, tmp_path: Pa
     file = tmp_path / "home.html"
     file.write_bytes(one_file(Home.load(home)))
     tab = visit(file.as_uri())
-    for words, expected in (("where is the mug?", "Mug"), ("my feet hurt", "Chair"), ("how many tables are there", "1 × table"), ("zzz", "Nothing")):  # fmt: skip
+    for words, expected in (("where is the mug?", "Mug"), ("my feet hurt", "Chair"), ("how many tables are there", "1 × table"), ("zzz", "No object")):  # fmt: skip
         tab.fill("#words", words)
         tab.press("#words", "Enter")
         tab.wait_for_function("() => !document.querySelector('#turns li:last-child').textContent.startsWith('…')")
