@@ -119,8 +119,8 @@ def test_convert_and_doctor(run: Run, tmp_path: Path) -> None:
     assert (tmp_path / "doctor.png").read_bytes()[:4] == b"\x89PNG"
     code, _, err = run("doctor", tmp_path / "inverted", "--fix")
     assert code == 1 and "-o OUT" in err
-    assert run("doctor", tmp_path / "inverted", "--fix", "-o", tmp_path / "mended")[0] == 0
-    assert (tmp_path / "mended" / "trajectory.txt").is_file()
+    assert run("doctor", tmp_path / "inverted", "--fix", "-o", tmp_path / "repaired")[0] == 0
+    assert (tmp_path / "repaired" / "trajectory.txt").is_file()
 
 
 def test_the_doctor_names_the_damaged_files_of_a_home(run: Run, home: Path, tmp_path: Path) -> None:
@@ -141,13 +141,13 @@ def test_the_doctor_names_the_damaged_files_of_a_home(run: Run, home: Path, tmp_
             else:
                 faults = json.loads(out)["faults"]
                 assert code == 1 and [fault["fault"] for fault in faults] == ["damaged_file"]
-                assert str(file) in faults[0]["evidence"] and faults[0]["mend"]
+                assert str(file) in faults[0]["evidence"] and faults[0]["repair"]
             file.write_bytes(whole)
     files[1].unlink()
     files[2].write_bytes(b"")
     code, out, _ = run("doctor", tmp_path / "h")
     assert code == 1 and "h: 2 faults" in out and str(files[1]) in out and str(files[2]) in out
-    for option in (["--fix", "-o", tmp_path / "mended"], ["--plot", tmp_path / "x.png"]):
+    for option in (["--fix", "-o", tmp_path / "repaired"], ["--plot", tmp_path / "x.png"]):
         code, _, err = run("doctor", home, *option)
         assert code == 1 and "for recordings" in err and not (tmp_path / str(option[-1])).exists()
 
@@ -285,7 +285,7 @@ def test_show_prompt_prints_what_would_be_sent_and_sends_nothing(run: Run, home:
         expected = prompt_named("rich").request("let me sit", Home.load(home).inventory(from_xy=(1.0, 1.0))).body("m")
         assert shown["body"] == expected
     code, out, err = run("ask", home, "let me sit", "--show-prompt", *server)
-    assert code == 0 and "this goes to http://127.0.0.1:9/v1/chat/completions and nowhere else" in out
+    assert code == 0 and "this is sent to http://127.0.0.1:9/v1/chat/completions and nowhere else" in out
     assert all(message["content"] in out for message in expected["messages"]) and '"json_schema"' in out
     code, out, err = run("ask", home, "let me sit", "--show-prompt", "--reasoner", "local", "--model", "x.gguf")
     assert (
@@ -348,4 +348,4 @@ def test_a_rerun_file_without_the_package_names_the_extra(
     assert code == 1 and err.startswith("cartier: --rrd needs the package 'rerun-sdk': pip install ") and "[viz]" in err
     assert not list(tmp_path.glob("*.rrd"))
     code, _, err = run("show", home, "--recording", tmp_path)
-    assert code == 1 and err.startswith("cartier: --recording is for --rrd FILE")
+    assert code == 1 and err.startswith("cartier: --recording adds frames, depth and path to --rrd FILE")

@@ -21,8 +21,10 @@ from cartier.errors import InputError, check_pose
 from cartier.recordings.folder import save
 
 ONE_OF_EACH = [
-    "inverted", "opengl", "mirrored y", "poses in mm", "depth x 1000", "depth 24 px right", "intrinsics x 2", "late by 1",
-    "black depth", "scaled rotations", "tilted 12 degrees", "turned to the right", "jump of one frame", "blurred", "5 frames",
+    "inverted", "opengl", "mirrored y", "poses in mm", "depth x 1000", "depth 24 px right", "intrinsics x 2",
+    "late by 1",
+    "black depth", "scaled rotations", "tilted 12 degrees", "turned to the right", "jump of one frame", "blurred",
+    "5 frames",
 ]  # fmt: skip
 UNREPAIRABLE = {"black depth", "blurred", "5 frames"}
 

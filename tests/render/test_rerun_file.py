@@ -76,7 +76,7 @@ def test_every_box_of_every_frame_that_was_looked_at_is_there(tmp_path: Path, lo
     from cartier.render.rerun_file import write_rrd
 
     class Blinking(TrueBoxes):
-        """Reports nothing in one of the frames that it looks at, and in another what is not there."""
+        """Detects nothing in one frame, and a false positive in another."""
 
         def detect(self, frame: Frame) -> Detections:
             found = super().detect(frame)
@@ -102,12 +102,12 @@ def test_every_box_of_every_frame_that_was_looked_at_is_there(tmp_path: Path, lo
             for label, _, owner in (re.fullmatch(r"(.+) (\d\.\d\d), object (\d+)", text).groups() for text in labels):
                 assert next(obj for obj in home.objects if obj.id == int(owner)).label == label
     assert shown[9].labels.as_arrow_array().to_pylist() == ["ghost 0.10, no object"]
-    texts = {frame: arrays(one.text)[0] for frame, one in of("TextDocument", logged["looked"])}
-    told = {frame: text.startswith("looked at") for frame, text in texts.items()}
-    assert told == {n: n % 3 == 0 for n in range(FRAMES) if n % 3 < 2}, "what is said holds until the next is"
-    assert texts[6] == "looked at in frame 6: 0 boxes, 0 of objects of this home"
+    texts = {frame: arrays(one.text)[0] for frame, one in of("TextDocument", logged["processed"])}
+    processed = {frame: text.startswith("processed") for frame, text in texts.items()}
+    assert processed == {n: n % 3 == 0 for n in range(FRAMES) if n % 3 < 2}, "what is said holds until the next is"
+    assert texts[6] == "processed frame 6: 0 boxes, 0 of objects of this home"
     cleared = {frame for frame, _ in of("Clear", logged["camera/image/boxes"])}
-    assert cleared == {n for n in told if n not in shown}
+    assert cleared == {n for n in processed if n not in shown}
 
 
 def test_objects_appear_with_their_first_box_and_rooms_are_areas(home: Home, tmp_path: Path, logged: Any) -> None:
@@ -163,7 +163,7 @@ def test_another_recording_and_a_folder_that_is_not_there_are_one_line(home: Hom
     save(walk(with_depth=False), tmp_path / "other")
     from cartier.recordings import folder
 
-    with pytest.raises(InputError, match="was mapped from synthetic room, but its files are others now"):
+    with pytest.raises(InputError, match="was mapped from synthetic room, but its files or its reader changed"):
         write_rrd(home, tmp_path / "a.rrd", folder.open(tmp_path / "other"))
     elsewhere = replace(walk(with_depth=False), name="elsewhere")
     with pytest.raises(InputError, match="was not mapped from elsewhere, but from synthetic room: give that"):

@@ -28,10 +28,10 @@ def goal_at(x: float, y: float, yaw: float, label: str = "chair") -> Goal:
     )
 
 
-def answer(status: str, goal: Goal | None, notes: tuple[str, ...] = (), then: tuple[Answer, ...] = ()) -> Answer:
+def answer(status: str, goal: Goal | None, notes: tuple[str, ...] = (), next: tuple[Answer, ...] = ()) -> Answer:
     named = "chair" if status in ("found", "likely_near") else None
     chosen = Selection(status, named, "because", "which one?" if status == "clarify" else None)
-    return Answer("words", chosen, goal and goal.place, goal, "test", "test", "test", "test", {}, notes, None, then)
+    return Answer("words", chosen, goal and goal.place, goal, "test", "test", "test", "test", {}, notes, None, next)
 
 
 def any_domain() -> int:

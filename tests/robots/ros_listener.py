@@ -1,4 +1,4 @@
-"""Another process on the same DDS domain: prints each goal on a topic as one line of JSON. usage: DOMAIN TOPIC GOALS SECONDS
+"""Listener on a DDS domain: prints each goal on a topic as one line of JSON. usage: DOMAIN TOPIC GOALS SECONDS
 
 The message types are written down here once more, from the ROS 2 interface files: a slip in cartier's own cannot hide.
 """

@@ -1,7 +1,7 @@
 """The way through rclpy, against a stand-in: no ROS runs where these tests run.
 
-The stand-in has the names and signatures of rclpy's own source (Humble to Kilted) and nothing behind them. What it cannot
-show is that a real Nav2 takes the goal; what it shows is what is sent, and what is said of each outcome.
+The stand-in has the names and signatures of rclpy's own source (Humble to Kilted) and nothing behind them. What it
+cannot show is that a real Nav2 takes the goal; what it shows is what is sent, and what is said of each outcome.
 """
 
 from __future__ import annotations

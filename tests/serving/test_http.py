@@ -201,7 +201,8 @@ def test_two_hosts_are_none(server: Server) -> None:
 @pytest.mark.parametrize(
     "headers",
     [
-        {"origin": "https://evil.example"}, {"origin": "null"}, {"sec-fetch-site": "cross-site"}, {"sec-fetch-site": "same-site"},
+        {"origin": "https://evil.example"}, {"origin": "null"}, {"sec-fetch-site": "cross-site"},
+        {"sec-fetch-site": "same-site"},
         {"content-type": "text/plain"}, {"content-type": "application/x-www-form-urlencoded"},
     ],
 )  # fmt: skip
@@ -228,8 +229,10 @@ def test_every_answer_has_the_security_headers(server: Server) -> None:
 
 
 PATHS = [
-    "/../../../../etc/passwd", "/..%2f..%2fetc/passwd", "/%2e%2e/%2e%2e/etc/passwd", "//etc/passwd", "/app.js/../../../page.py", "/.git/config",
-    "/api/homes/..%2f..%2f..%2fetc/rooms", "/api/homes/%2e%2e/view", "/api/homes/room%00/view", "/api/homes/room/../../x", "/page.py", "/api/homes//view",
+    "/../../../../etc/passwd", "/..%2f..%2fetc/passwd", "/%2e%2e/%2e%2e/etc/passwd", "//etc/passwd",
+    "/app.js/../../../page.py", "/.git/config",
+    "/api/homes/..%2f..%2f..%2fetc/rooms", "/api/homes/%2e%2e/view", "/api/homes/room%00/view",
+    "/api/homes/room/../../x", "/page.py", "/api/homes//view",
 ]  # fmt: skip
 
 
@@ -248,7 +251,8 @@ def test_a_body_of_ten_megabytes_is_refused_unread(server: Server) -> None:
 
 def test_an_endless_body_is_cut_off(server: Server) -> None:
     with socket.create_connection(("127.0.0.1", server.port), timeout=10) as line:
-        head = f"POST /api/homes/room/ask HTTP/1.1\r\nHost: 127.0.0.1:{server.port}\r\nContent-Type: application/json\r\nTransfer-Encoding: chunked\r\n\r\n"
+        head = f"POST /api/homes/room/ask HTTP/1.1\r\nHost: 127.0.0.1:{server.port}\r\n"
+        head += "Content-Type: application/json\r\nTransfer-Encoding: chunked\r\n\r\n"
         line.sendall(head.encode())
         sent = 0
         try:
@@ -264,11 +268,14 @@ def test_an_endless_body_is_cut_off(server: Server) -> None:
 @pytest.mark.parametrize(
     ("path", "body"),
     [
-        ("ask", b"[" * 60_000), ("ask", b'{"words": ' + b"1" * 5000 + b"}"), ("ask", b'{"words": NaN}'), ("ask", b"\xff\xfe"), ("ask", b""),
-        ("ask", b'{"words": "x", "topic": "/cmd_vel"}'), ("ask", json.dumps({"words": "x" * 5000}).encode()), ("ask", b'{"words": "x", "from_x": 1e999, "from_y": 0}'),
+        ("ask", b"[" * 60_000), ("ask", b'{"words": ' + b"1" * 5000 + b"}"), ("ask", b'{"words": NaN}'),
+        ("ask", b"\xff\xfe"), ("ask", b""),
+        ("ask", b'{"words": "x", "topic": "/cmd_vel"}'), ("ask", json.dumps({"words": "x" * 5000}).encode()),
+        ("ask", b'{"words": "x", "from_x": 1e999, "from_y": 0}'),
         ("ask", b'{"words": "x", "from_x": 1}'), ("ask", b'{"words": "\\ud800"}'), ("ask", b'{"words": "   "}'),
         ("corrections", b'{"what": "delete", "entity": "mug"}'), ("corrections", b'{"what": "undo", "entity": "mug"}'),
-        ("corrections", b'{"what": "move", "entity": "mug", "x": 1e9, "y": 0}'), ("corrections", b'{"what": "name", "entity": "mug", "name": "a\\u0000b"}'),
+        ("corrections", b'{"what": "move", "entity": "mug", "x": 1e9, "y": 0}'),
+        ("corrections", b'{"what": "name", "entity": "mug", "name": "a\\u0000b"}'),
         ("corrections", b'{"what": "name", "entity": "mug", "name": "\\ud800"}'),
     ],
 )  # fmt: skip
@@ -458,7 +465,7 @@ def test_no_secret_and_no_word_of_a_person_is_logged(locked: Server) -> None:
 def test_other_machines_need_a_token_and_names(mapped: Path, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="give a token in a file"):
         read_token("0.0.0.0", None)
-    with pytest.raises(InputError, match="by which names"):
+    with pytest.raises(InputError, match="needs the names"):
         host_names("0.0.0.0", 80)
     assert host_names("0.0.0.0", 443, ["Home.local"]) == {"home.local:443", "home.local"}
     assert read_token("127.0.0.1", None) is None
@@ -485,7 +492,8 @@ def test_tls_is_spoken_where_a_certificate_is_given(home: Path, tmp_path: Path, 
     if shutil.which("openssl") is None:
         pytest.skip("needs openssl to make a certificate")
     subprocess.run(
-        ["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-keyout", tmp_path / "key.pem", "-out", tmp_path / "cert.pem",
+        ["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-keyout", tmp_path / "key.pem",
+         "-out", tmp_path / "cert.pem",
          "-days", "1", "-subj", "/CN=localhost", "-addext", "subjectAltName=DNS:localhost"],
         check=True, capture_output=True,
     )  # fmt: skip

@@ -127,8 +127,7 @@ def ops(home: Path) -> Operations:
 
 
 def tokens(text: str) -> int:
-    """At least as many as a language model's tokenizer makes of it: words in pieces of eight letters, digits one by one, runs of
-    marks in pieces of four, and an eighth more."""
+    """An upper bound of a tokenizer's count: eight letters, one digit or four marks each, and an eighth more."""
     parts = re.findall(r"[^\W\d_]+|\d|[^\w\s]+|_", text)
     return math.ceil(1.125 * sum(-(-len(part) // (8 if part[0].isalpha() else 4)) for part in parts))
 
@@ -148,7 +147,8 @@ def test_the_estimate_of_tokens_is_on_the_safe_side(ops: Operations) -> None:
 
     async def texts(client: Client) -> list[str]:
         calls: list[tuple[str, dict[str, Any]]] = [
-            ("ask", {"words": "mug"}), ("describe", {"entity": "table"}), ("list_objects", {}), ("goal_for", {"entity": "chair"}),
+            ("ask", {"words": "mug"}), ("describe", {"entity": "table"}), ("list_objects", {}),
+            ("goal_for", {"entity": "chair"}),
         ]  # fmt: skip
         return [json.dumps(await told(client, tool, **about), separators=(",", ":")) for tool, about in calls]
 
@@ -176,14 +176,19 @@ def test_no_answer_is_long_even_in_a_crowded_home(tmp_path: Path) -> None:
     from synthetic import TrueBoxes, box, walk
 
     names = [f"{kind} {k}" for k in range(1, 13) for kind in ("laundry hamper", "toilet paper hanger")]
-    crowd = [box(k, name, (0.3 + 0.35 * (k % 12), 3.4 + 0.25 * (k // 13), 0), (0.5 + 0.35 * (k % 12), 3.55 + 0.25 * (k // 13), 0.9)) for k, name in enumerate(names, 1)]  # fmt: skip
+    crowd = [
+        box(k, name, (0.3 + 0.35 * (k % 12), 3.4 + 0.25 * (k // 13), 0),
+            (0.5 + 0.35 * (k % 12), 3.55 + 0.25 * (k // 13), 0.9))
+        for k, name in enumerate(names, 1)
+    ]  # fmt: skip
     map_home(walk(crowd), TrueBoxes(crowd)).save(tmp_path / "crowd")
     crowded = Operations(Homes([tmp_path / "crowd"]), Echo())
     some = Home.load(tmp_path / "crowd").objects[0].label
 
     async def longest(client: Client) -> int:
         calls: list[tuple[str, dict[str, Any]]] = [
-            ("ask", {"words": some}), ("find", {"name": "hamper"}), ("describe", {"entity": some}), ("describe", {"entity": "room:0"}),
+            ("ask", {"words": some}), ("find", {"name": "hamper"}), ("describe", {"entity": some}),
+            ("describe", {"entity": "room:0"}),
             ("list_objects", {}), ("list_rooms", {}), ("goal_for", {"entity": some}), ("look_at", {"entity": some}),
         ]  # fmt: skip
         return max(
@@ -196,8 +201,10 @@ def test_no_answer_is_long_even_in_a_crowded_home(tmp_path: Path) -> None:
 def test_faults_name_the_next_call(ops: Operations) -> None:
     async def faults(client: Client) -> list[str]:
         return [
-            await fault(client, "describe", entity="zebra"), await fault(client, "list_objects", page=99), await fault(client, "relate", entity="mug", other="mug"),
-            await fault(client, "look_at", entity="room:0"), await fault(client, "correct", what="move", entity="mug"), await fault(client, "ask", words=""),
+            await fault(client, "describe", entity="zebra"), await fault(client, "list_objects", page=99),
+            await fault(client, "relate", entity="mug", other="mug"),
+            await fault(client, "look_at", entity="room:0"),
+            await fault(client, "correct", what="move", entity="mug"), await fault(client, "ask", words=""),
         ]  # fmt: skip
 
     said = with_server(ops, faults)

@@ -1,4 +1,4 @@
-"""One set of operations for every door: flat arguments in, plain values out, evidence and a reachable pose with each."""
+"""Operations: flat arguments in, plain values out, evidence and a reachable pose with each."""
 
 from __future__ import annotations
 
@@ -94,7 +94,9 @@ def test_find_keeps_apart_what_is_only_maybe_so(home: Path) -> None:
     about = json.loads((home / "home.json").read_text())
     mapped = Home.load(home)
     objects = [
-        replace(t, confirmed=False) if t.label == "mug" else replace(t, labels=((t.label, 2.0), ("mug", 0.1))) if t.label == "chair" else replace(t, label="mug table")
+        replace(t, confirmed=False) if t.label == "mug"
+        else replace(t, labels=((t.label, 2.0), ("mug", 0.1))) if t.label == "chair"
+        else replace(t, label="mug table")
         for t in mapped.objects
     ]  # fmt: skip
     replace(mapped, objects=tuple(objects), corrected=None).save(home)
@@ -244,7 +246,10 @@ class Asks(Echo):
     ("chosen", "labels"),
     [
         (Selection("clarify", question="Which mug: the red one or the blue one?"), {"mug"}),
-        (Selection("clarify", question="Do you mean the CHAIR or the table?", candidates=(("mug", 0.4),)), {"chair", "table"}),
+        (
+            Selection("clarify", question="Do you mean the CHAIR or the table?", candidates=(("mug", 0.4),)),
+            {"chair", "table"},
+        ),
         (Selection("clarify", question="What do you need?"), set()),
         (Selection("clarify", question="Which carpet, and what for?"), set()),
     ],

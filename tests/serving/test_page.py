@@ -1,4 +1,4 @@
-"""The page as people use it: in Debian's Chromium, by mouse, by keyboard alone, on a phone, and as one file from disk."""
+"""The page in Chromium: by mouse, by keyboard alone, on a phone, and as one file from disk."""
 
 from __future__ import annotations
 
@@ -35,7 +35,8 @@ def luminance(hexadecimal: str) -> float:
 def test_contrasts_are_those_of_wcag_aa(theme: str) -> None:
     block = STYLE[STYLE.index(theme + " {") :].partition("}")[0]
     colours = dict(re.findall(r"--([\w-]+): (#[0-9a-f]{6})", block))
-    texts = {"ink": ("page", "panel", "tint"), "muted": ("page", "panel", "tint"), "accent": ("panel",), "on-accent": ("accent",), "label": ("floor", "low"), "panel": ("ink",)}  # fmt: skip
+    texts = {"ink": ("page", "panel", "tint"), "muted": ("page", "panel", "tint"), "accent": ("panel",),
+             "on-accent": ("accent",), "label": ("floor", "low"), "panel": ("ink",)}  # fmt: skip
     marks = {"field": ("panel",), "way": ("floor",), "chosen": ("floor",), "wall": ("floor",), "accent": ("page",)}
     for least, pairs in ((4.5, texts), (3.0, marks)):
         for one, others in pairs.items():
@@ -105,7 +106,7 @@ def browser() -> Iterator[Any]:
 
 @pytest.fixture
 def visit(browser: Any) -> Iterator[Callable[..., Any]]:
-    """Opens a page; when the test ends, its console must be empty and every request have gone where the page came from."""
+    """Opens a page. At the end its console must be empty, and it must have called no other server."""
     opened: list[tuple[Any, list[str], list[str], str]] = []
 
     def open_page(url: str, **options: Any) -> Any:
@@ -225,8 +226,8 @@ def test_the_keyboard_alone_suffices(home: Path, start: Callable[..., Server], v
     keys.press("Escape")
     assert tab.locator("#card").is_hidden()
     unnamed = tab.evaluate(
-        "[...document.querySelectorAll('button, input, select')].filter(e => !(e.getAttribute('aria-label') || e.textContent.trim()"
-        " || e.labels?.length)).map(e => e.outerHTML)"
+        "[...document.querySelectorAll('button, input, select')].filter(e => !(e.getAttribute('aria-label')"
+        " || e.textContent.trim() || e.labels?.length)).map(e => e.outerHTML)"
     )
     assert unnamed == [], "a screen reader has a name for everything"
 
@@ -242,7 +243,8 @@ def test_a_phone_s_width_and_its_scheme(
     tab.wait_for_selector("#card .photo img")
     assert tab.evaluate("document.documentElement.scrollWidth") <= 360
     small = tab.evaluate(
-        "[...document.querySelectorAll('button:not(.pen), select')].map(e => e.getBoundingClientRect()).filter(r => r.width && r.height < 34).length"
+        "[...document.querySelectorAll('button:not(.pen), select')].map(e => e.getBoundingClientRect())"
+        ".filter(r => r.width && r.height < 34).length"
     )
     assert small == 0, "fingers are wide"
 
@@ -274,7 +276,9 @@ def test_one_file_from_disk_shows_finds_and_asks_nobody(home: Path, tmp_path: Pa
     file = tmp_path / "home.html"
     file.write_bytes(one_file(Home.load(home)))
     tab = visit(file.as_uri())
-    for words, expected in (("where is the mug?", "Mug"), ("my feet hurt", "Chair"), ("how many tables are there", "1 × table"), ("zzz", "Nothing")):  # fmt: skip
+    expectations = {"where is the mug?": "Mug", "my feet hurt": "Chair", "how many tables are there": "1 × table"}
+    expectations["zzz"] = "No object"
+    for words, expected in expectations.items():
         tab.fill("#words", words)
         tab.press("#words", "Enter")
         tab.wait_for_function("() => !document.querySelector('#turns li:last-child').textContent.startsWith('…')")
@@ -297,9 +301,11 @@ def test_an_object_in_3d_has_its_colour_where_it_should_be(
     tab.click("#solid")
     tab.wait_for_function("() => scene.gl && scene.canvas.width > 10")
     tab.uncheck("#points")
-    top = """id => { const t = byId(id), [x, y] = scene.project([(t.low[0] + t.high[0]) / 2, (t.low[1] + t.high[1]) / 2, t.high[2]]),
+    top = """id => { const t = byId(id),
+      [x, y] = scene.project([(t.low[0] + t.high[0]) / 2, (t.low[1] + t.high[1]) / 2, t.high[2]]),
       box = scene.canvas.getBoundingClientRect(), k = scene.canvas.width / box.width, pixel = new Uint8Array(4);
-      scene.gl.readPixels(Math.round((x - box.left) * k), scene.canvas.height - 1 - Math.round((y - box.top) * k), 1, 1, scene.gl.RGBA, scene.gl.UNSIGNED_BYTE, pixel);
+      scene.gl.readPixels(Math.round((x - box.left) * k), scene.canvas.height - 1 - Math.round((y - box.top) * k),
+        1, 1, scene.gl.RGBA, scene.gl.UNSIGNED_BYTE, pixel);
       return { x, y, pixel: [...pixel], colour: COLOURS[t.colours[0]] }; }"""
     table = next(t for t in Home.load(home).objects if t.label == "chair")
     seen = tab.evaluate(top, table.id)
@@ -325,9 +331,11 @@ def test_the_points_are_where_depth_showed_them_and_can_be_switched_off(
     ), "nothing here is taller than the cut"
     floor = seen.xyz_m[:, 2] < 0.01
     middle = seen.xyz_m[floor][np.abs(seen.xyz_m[floor][:, :2] - (2.5, 1.5)).sum(1).argmin()]
-    pixel = """p => { scene.fit(); scene.rotate(0, 1); const [x, y] = scene.project(p), box = scene.canvas.getBoundingClientRect(),
+    pixel = """p => { scene.fit(); scene.rotate(0, 1);
+      const [x, y] = scene.project(p), box = scene.canvas.getBoundingClientRect(),
       k = scene.canvas.width / box.width, pixel = new Uint8Array(4);
-      scene.gl.readPixels(Math.round((x - box.left) * k), scene.canvas.height - 1 - Math.round((y - box.top) * k), 1, 1, scene.gl.RGBA, scene.gl.UNSIGNED_BYTE, pixel);
+      scene.gl.readPixels(Math.round((x - box.left) * k), scene.canvas.height - 1 - Math.round((y - box.top) * k),
+        1, 1, scene.gl.RGBA, scene.gl.UNSIGNED_BYTE, pixel);
       return [...pixel]; }"""
     colour = seen.rgb[floor][0]
     assert np.abs(np.array(tab.evaluate(pixel, middle.tolist())[:3]) - colour).max() < 12
@@ -360,9 +368,12 @@ HOST = """async ([html, result]) => {
     if (!frame.contentWindow || e.source !== frame.contentWindow) return;
     const said = e.data, send = (message) => frame.contentWindow.postMessage({ jsonrpc: "2.0", ...message }, "*");
     seen.push(said);
-    if (said.method === "ui/initialize") send({ id: said.id, result: { protocolVersion: "2026-01-26", hostInfo: { name: "test", version: "1" },
+    if (said.method === "ui/initialize") send({ id: said.id, result: {
+      protocolVersion: "2026-01-26", hostInfo: { name: "test", version: "1" },
       hostCapabilities: {}, hostContext: { theme: "dark", containerDimensions: { maxHeight: 600 } } } });
-    if (said.method === "ui/notifications/initialized") { send({ method: "ui/notifications/tool-input", params: { arguments: {} } }); send({ method: "ui/notifications/tool-result", params: result }); }
+    if (said.method === "ui/notifications/initialized") {
+      send({ method: "ui/notifications/tool-input", params: { arguments: {} } });
+      send({ method: "ui/notifications/tool-result", params: result }); }
     if (said.method === "ui/message") send({ id: said.id, result: {} });
   });
   window.seen = seen;

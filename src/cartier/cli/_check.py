@@ -59,7 +59,8 @@ def doctor(
 ) -> None:
     """Examine a recording or a home and report faults.
 
-    Faults of a recording are in poses, depth, intrinsics or images; of a home, damaged files. The exit code is 1 if anything is wrong.
+    A recording has faults in poses, depth, intrinsics or images, a home has damaged files. The exit code is 1 if
+    anything is wrong.
     """
     from cartier.doctor import Report, draw_report, examine, examine_home, is_home, open_for_doctor, repair
     from cartier.recordings.folder import save

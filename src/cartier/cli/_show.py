@@ -144,7 +144,7 @@ def _print_rooms(home: dict[str, Any], everything: bool) -> None:
     names = {row["id"]: row["label"] for row in home["objects"]}
     rooms = {room["id"]: f"{room['name']}, {room['area_m2']:.0f} m²" for room in home["rooms"]}
     size = "size (cm, scale guessed)" if home["scale_guessed"] else "size (cm)"
-    columns = ("id", "object", "probability", "detected", size, "colour", "stands", "last seen")
+    columns = ("id", "object", "certainty", "seen", size, "colour", "stands", "last seen")
     for room in [*rooms, None]:
         here = [row for row in rows if row["room"] == room]
         if not here:

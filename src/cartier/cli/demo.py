@@ -38,14 +38,14 @@ REQUESTS = (
     (
         "conversational", "GarbageCan",
         "My brother was here with the kids, and we ate cake and laughed a lot. The sofa is fine, and somebody "
-        "even washed the plates. But I keep finding wrappers and an apple core and wet tissues. They stick to my hand by now, "
-        "and I want to be rid of them.",
+        "even washed the plates. But I keep finding wrappers and an apple core and wet tissues. They stick to my hand "
+        "by now, and I want to be rid of them.",
     ),
     (
         "conversational", "Television",
         "What a week. On Monday the car would not start, and on Tuesday it rained into my shoes. Anyway, the final "
-        "is on tonight and my sister says it will be a great match. I do not want to hear the score from the neighbours, I "
-        "want to watch it myself.",
+        "is on tonight and my sister says it will be a great match. I do not want to hear the score from the "
+        "neighbours, I want to watch it myself.",
     ),
 )  # fmt: skip
 

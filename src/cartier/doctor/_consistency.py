@@ -59,7 +59,7 @@ class Pairs:
     def agreement(self, b_from_a: Array, scale: float = 1.0, small: Camera | None = None) -> Agreement:
         """The agreement by motions (P, 4, 4), with the depth times ``scale`` and the small camera or another one."""
         camera = small or self.samples.small
-        moved, u, v, inside = self._carry(b_from_a, scale, camera)
+        moved, u, v, inside = self.carry(b_from_a, scale, camera)
         there = self.samples.depth_m[self.pairs[:, 1:], v, u] * np.float32(scale)
         with np.errstate(invalid="ignore", divide="ignore"):
             behind = np.where(inside, moved - there, 0)
@@ -78,7 +78,7 @@ class Pairs:
 
     def alike(self, b_from_a: Array, scale: float, small: Camera) -> Floats64:
         """The correlation (P,) of a's brightness with b's at the points; NaN where there are too few."""
-        _, u, v, inside = self._carry(b_from_a, scale, small)
+        _, u, v, inside = self.carry(b_from_a, scale, small)
         grey = self.samples.grey
         a = np.where(inside, grey[self.pairs[:, :1], self._rows, self._cols], 0)
         b = np.where(inside, grey[self.pairs[:, 1:], v, u], 0)
@@ -88,8 +88,8 @@ class Pairs:
         enough = (count[:, 0] >= LEAST_SEEN) & (norm > 1e-6)
         return np.asarray(np.where(enough, (a * b).sum(axis=1) / np.maximum(norm, 1e-6), np.nan), dtype=np.float64)
 
-    def _carry(self, b_from_a: Array, scale: float, camera: Camera) -> tuple[Array, Array, Array, Array]:
-        """z in b (P, n), the pixel there, and whether it lies in the image."""
+    def carry(self, b_from_a: Array, scale: float, camera: Camera) -> tuple[Array, Array, Array, Array]:
+        """The points of a in b: z (m), pixel column u and row v, and whether they lie in the image; each (P, n)."""
         z = self._z * np.float32(scale)
         points = np.stack(
             [z * ((self._cols - camera.cx) / camera.fx), z * ((self._rows - camera.cy) / camera.fy), z], axis=-1

@@ -16,7 +16,6 @@ from cartier.doctor._hypotheses import Reading
 from cartier.doctor._report import EvidencePair, Report
 from cartier.doctor.sampling import Samples
 from cartier.errors import InputError
-from cartier.geometry import backproject, transform
 from cartier.render.floor_plan import save_figure
 from cartier.types import Array
 
@@ -44,20 +43,13 @@ def evidence_pair(samples: Samples, diagnosis: Diagnosis) -> EvidencePair | None
 def _difference_m(samples: Samples, reading: Reading, a: int, b: int) -> Array:
     """How far a's depth, carried into b, differs from b's, at b's pixels (h, w); NaN where no point falls."""
     camera = small_camera(samples, reading.camera(samples.camera))
-    depth = samples.depth_m[[a, b]] * np.float32(reading.depth_scale)
-    image = np.full(depth.shape[1:], np.nan, np.float32)
-    motion = motions(reading.shifted(samples.poses, samples.index), np.array([[a, b]]))[0]
-    if not np.isfinite(motion).all():
-        return image
-    points = transform(motion, backproject(depth[0], camera).reshape(-1, 3))
-    points = points[np.isfinite(points[:, 2]) & (points[:, 2] > 1e-6)]
-    u = np.rint(points[:, 0] / points[:, 2] * camera.fx + camera.cx)
-    v = np.rint(points[:, 1] / points[:, 2] * camera.fy + camera.cy)
-    inside = (u >= 0) & (u < camera.width) & (v >= 0) & (v < camera.height)
-    rows, cols, z = v[inside].astype(int), u[inside].astype(int), points[inside, 2]
-    order = np.argsort(-z)  # the nearest is written last and stays
-    image[rows[order], cols[order]] = z[order]
-    return np.asarray(np.abs(image - depth[1]), dtype=np.float32)
+    image = np.full(samples.depth_m.shape[1:], np.nan, np.float32)
+    pairs = np.array([[a, b]])
+    motion = motions(reading.shifted(samples.poses, samples.index), pairs)
+    z, u, v, inside = (x[0] for x in Pairs(samples, pairs, image.size).carry(motion, reading.depth_scale, camera))
+    order = np.argsort(-z[inside])  # the nearest is written last and stays
+    image[v[inside][order], u[inside][order]] = z[inside][order]
+    return np.asarray(np.abs(image - samples.depth_m[b] * np.float32(reading.depth_scale)), dtype=np.float32)
 
 
 def draw_report(recording: Recording, report: Report, file: Path) -> None:

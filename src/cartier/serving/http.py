@@ -128,11 +128,14 @@ def _add_reading(app: FastAPI, ops: Operations, run: Callable[..., Any]) -> None
 
     @app.get("/api/homes/{home}/view", summary="The data of the page: floor plan, rooms, objects")
     async def view(home: str) -> Any:
-        return Response(await run(home, page.view_json, ops, home), media_type="application/json")
+        return Response(await run(home, page.served_json, ops, home, page.view), media_type="application/json")
 
     @app.get("/api/homes/{home}/cloud", summary="The point cloud of the 3-D view, null without one")
     async def cloud(home: str) -> Any:
-        return Response(await run(home, page.cloud_json, ops, home), media_type="application/json")
+        return Response(
+            await run(home, page.served_json, ops, home, lambda mapped: {"cloud": page.cloud(mapped)}),
+            media_type="application/json",
+        )
 
     @app.get("/api/homes/{home}/find", summary="Objects and rooms by name")
     async def find(home: str, name: ShortQuery) -> Any:

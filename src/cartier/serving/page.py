@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -88,16 +88,10 @@ def _width(seen: PointCloud) -> float:
     return round(float(np.clip(1.2 * np.percentile(far, 95), seen.side_m, 3 * seen.side_m)), 3)
 
 
-def cloud_json(operations: Operations, home: str) -> bytes:
-    """``cloud`` of a served home, with its name and age."""
+def served_json(operations: Operations, home: str, data: Callable[[Home], dict[str, Any]]) -> bytes:
+    """``data`` of a served home, with its name and age, as JSON."""
     mapped = operations.homes.get(home)
-    return _json(operations.about(home, mapped) | {"cloud": cloud(mapped)}).encode()
-
-
-def view_json(operations: Operations, home: str) -> bytes:
-    """``view`` of a served home, with its name and age."""
-    mapped = operations.homes.get(home)
-    return _json(operations.about(home, mapped) | view(mapped)).encode()
+    return _json(operations.about(home, mapped) | data(mapped)).encode()
 
 
 def one_file(home: Home, robot: RobotModel | None = None) -> bytes:
