@@ -64,6 +64,13 @@ def test_middle_is_where_most_is_free() -> None:
     assert mean[1] > 2.5
 
 
+def test_middle_is_on_free_floor() -> None:
+    plan = grid(["#######", "####..#", "####..#", "####..#", "#######"])
+    inside = [(r, c) for r in range(1, 4) for c in range(1, 6)]  # a room with a wide cupboard
+    x, y = room_middle(room(inside), plan)
+    assert x in (14.5, 15.5) and plan.cells[tuple(plan.cell((x, y)))] == FREE
+
+
 def test_middle_of_a_room_without_free_floor_lies_in_it() -> None:
     plan = grid(["####", "####", "####"])
     assert room_middle(room([(r, c) for r in range(3) for c in range(3)]), plan) == (11.5, 21.5)
