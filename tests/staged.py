@@ -1,7 +1,7 @@
-"""Small frames for tables of data association, existence and merging: a camera that looks at a flat surface, and boxes in its image.
+"""Small frames for tables of data association, existence and merging: a flat surface, and boxes in its image.
 
-On a surface that faces the camera at ``FAR_M`` = 2 m a pixel is 1/60 m wide, so that what a box is worth can be told in closed
-form. ``looks`` renders boxes in space instead, for what hides what.
+On a surface that faces the camera at ``FAR_M`` = 2 m a pixel is 1/60 m wide, so that what a box is worth can be told in
+closed form. ``looks`` renders boxes in space instead, for what hides what.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Data association: which detection becomes which object, row by row, on a flat surface where worth is known in closed form."""
+"""Data association: which detection becomes which object, row by row, on a flat surface."""
 
 from __future__ import annotations
 
@@ -119,7 +119,8 @@ DUPLICATES: dict[str, tuple[Callable[[], Frame], Row, Row, int]] = {
     "a sofa and a cushion on it": (flat, ("sofa", SURE, square(0, width=80)), ("cushion", 0.5, square(-20)), 2),
     "two chairs side by side": (flat, ("chair", SURE, square(-12)), ("chair", 0.5, square(12)), 2),
     "a near chair before a far one": (
-        near_and_far, ("chair", SURE, square(0, width=24, height=24)), ("chair", 0.5, square(0, width=110, height=100)), 2,
+        near_and_far, ("chair", SURE, square(0, width=24, height=24)),
+        ("chair", 0.5, square(0, width=110, height=100)), 2,
     ),
     "boxes that meet in space and not in the image": (
         slanted, ("chair", SURE, SLANTED_UP), ("chair", 0.5, SLANTED_DOWN), 2,
@@ -169,7 +170,7 @@ STARTS: dict[str, tuple[float, np.ndarray | float, int]] = {
     "under the threshold for births": (0.31, 2.0, -1),
     "no depth": (0.9, np.nan, -1),
     "a few pixels of depth": (
-        0.9, np.where(np.arange(CAMERA.width) == 66, np.where(np.arange(CAMERA.height) < 50, 2.0, np.nan)[:, None], np.nan), -1,
+        0.9, np.where(np.arange(160) == 66, np.where(np.arange(120) < 50, 2.0, np.nan)[:, None], np.nan), -1,
     ),
 }  # fmt: skip
 
@@ -183,7 +184,8 @@ def test_report_starts_an_object(score: float, depth: np.ndarray | float, given:
 
 def test_sixty_surest_of_many_count() -> None:
     frame, made = flat(), fresh()
-    boxes: list[Box] = [(x, y, x + 9, y + 9) for y in range(5, 105, 14) for x in range(5, 145, 14)][:75]
+    corners = [(float(x), float(y)) for y in range(5, 105, 14) for x in range(5, 145, 14)]
+    boxes: list[Box] = [(x, y, x + 9, y + 9) for x, y in corners[:75]]
     rows = [("thing", 0.4 + 0.005 * k, box) for k, box in enumerate(boxes)]
     got = made.add(frame, found(frame, *rows))
     assert got[:15].tolist() == [-1] * 15 and sorted(got[15:].tolist()) == list(range(60))

@@ -119,7 +119,7 @@ ROUND = [(2.5 + 1.7 * math.cos(a), 2.0 + 1.7 * math.sin(a), 1.0) for a in np.deg
 
 
 def ten_misses(eyes: Sequence[Sequence[float]]) -> tuple[MapObject, MapObject]:
-    """A post reported from three standpoints, before and after ten frames that show where it stands and report nothing."""
+    """A post reported from three standpoints, before and after ten frames without a report."""
     made = fresh()
     for number, eye in enumerate(ROUND[:3]):
         frame = looks(eye, AT, [POST], number)
@@ -163,7 +163,7 @@ def test_standpoint_of_a_camera(camera: tuple[float, float, float], bearing: int
 
 
 @table("eyes", [[(1.5, 2.0), (0.6, 2.0)], [(0.8, 2.0), (1.3, 3.2)]], ids=["two ranges", "two bearings"])
-def test_standpoints_are_counted_apart(eyes: Sequence[tuple[float, float]]) -> None:
+def test_standpoints_are_counted_apart(eyes: list[tuple[float, float]]) -> None:
     counts = []
     for where in (eyes, eyes[:1] * 2):
         made = fresh()

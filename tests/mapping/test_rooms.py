@@ -185,3 +185,58 @@ def test_rooms_of_one_kind_are_numbered_and_a_corridor_is_a_hall() -> None:
     plan = flat().rooms(hall).draw((1.0, 3.0, 1.9, 3.1), FREE, 2.15).draw((5.0, 3.0, 5.9, 3.1), FREE, 2.15)
     beds = [obj("bed", (1, 1), id=0), obj("bed", (6, 1), id=1)]
     assert [room.name for room in find_rooms(plan.grid(), beds)] == ["bedroom", "bedroom 2", "hall"]
+
+
+HALL, SLIVER, LARGE = (0.0, 0.0, 4.0, 0.8), (0.0, 0.0, 3.4, 0.8), (0.0, 0.0, 7.0, 5.0)
+SHAPES: dict[str, tuple[Plan, int, tuple[Box, float] | None]] = {
+    "an unseen block beside a passage": (
+        Plan().rooms((0.0, 0.0, 7.0, 3.2)).draw((2.5, 0.9, 4.5, 3.2), UNKNOWN), 1, None,
+    ),
+    "an obstacle beside a passage": (
+        Plan().rooms((0.0, 0.0, 7.0, 3.2)).draw((2.5, 0.9, 4.5, 3.2), OCCUPIED, 2.2), 3, None,
+    ),
+    "a speck far away": (Plan().rooms(LEFT).draw((7.0, 1.0, 7.4, 1.6), FREE), 1, ((7.0, 1.0, 7.4, 1.6), 0.0)),
+    "a patch far away": (Plan().rooms(LEFT).draw((7.0, 1.0, 8.0, 1.6), FREE), 2, None),
+    "an alcove": (
+        Plan().rooms(LEFT, (4.1, 1.0, 4.9, 1.7)).draw((4.0, 1.0, 4.1, 1.7), FREE), 1, ((4.1, 1.0, 4.9, 1.7), 1.0),
+    ),
+    "a narrow gap that nobody saw": (
+        Plan().rooms(LARGE).draw((3.0, 0.0, 3.5, 5.0), UNKNOWN), 1, ((3.0, 0.0, 3.5, 5.0), 1.0),
+    ),
+    "a large hole that nobody saw": (
+        Plan().rooms(LARGE).draw((2.0, 1.0, 5.0, 4.0), UNKNOWN), 1, ((2.5, 1.5, 4.5, 3.5), 0.0),
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("plan", "count", "part"), SHAPES.values(), ids=SHAPES.keys())
+def test_shape_of_rooms(plan: Plan, count: int, part: tuple[Box, float] | None) -> None:
+    grid = plan.grid()
+    rooms = find_rooms(grid, ())
+    assert len(rooms) == count
+    if part is not None:
+        assert covered(grid, rooms[0].cells, part[0]) == pytest.approx(part[1], abs=0.07)
+
+
+KINDS: dict[str, tuple[Box, list[str], str]] = {
+    "a corridor": (HALL, [], "hall"),
+    "a corridor with a sign of something": (HALL, ["desk"], "hall"),
+    "a long bedroom": (HALL, ["bed"], "bedroom"),
+    "a sliver": (SLIVER, [], "room"),
+    "one towel": (LEFT, ["towel"], "room"),
+    "a towel and a sink": (LEFT, ["towel", "sink"], "bathroom"),
+}
+
+
+@pytest.mark.parametrize(("box", "labels", "kind"), KINDS.values(), ids=KINDS.keys())
+def test_kind_of_a_room(box: Box, labels: list[str], kind: str) -> None:
+    objs = [obj(label, (1.5, 0.4), id=k) for k, label in enumerate(labels)]
+    assert [room.kind for room in find_rooms(Plan().rooms(box).grid(), objs)] == [kind]
+
+
+def test_views_vote_by_their_scores() -> None:
+    grid = flat().grid()
+    rooms = find_rooms(grid, ())
+    one = obj("painting", (4.05, 2.5), [(2.0, 1.5), (6.0, 1.5), (6.0, 1.0)])
+    weak = replace(one, views=(one.views[0], *(replace(view, score=0.2) for view in one.views[1:])))
+    assert (room_of(one, grid, rooms), room_of(weak, grid, rooms)) == (1, 0)

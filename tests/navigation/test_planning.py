@@ -42,6 +42,83 @@ def clearance(grid: OccupancyGrid, xy: np.ndarray) -> float:
     return float(np.linalg.norm(outside, axis=1).min())
 
 
+def unseen(grid: OccupancyGrid, x1: float, x2: float) -> OccupancyGrid:
+    grid.cells[:, round(x1 / 0.05) : round(x2 / 0.05)] = UNKNOWN
+    return grid
+
+
+MIDDLE, SHELF = at(3.0, 3.0, 0.5), Place("cup", (3.0, 3.0, 1.0), 1.0, 0)
+FRIDGE = Place("fridge", (3.0, 3.0, 0.9), 1.0, 0, box_min=(2.7, 2.7, 0.0), box_max=(3.3, 3.3, 1.8))
+VIEWPOINT = Place("door", (3.0, 3.0, 1.5), 1.0, 0, view_yaw=0.7)
+PLINTH = [(2.9, 2.9, 3.1, 3.1, 1.2)]
+CUPBOARD = [(2.4, 2.4, 3.6, 3.6, 2.0)]
+THREE_WALLS = [(2.2, 2.2, 2.3, 3.8, 2.2), (2.2, 2.2, 3.6, 2.3, 2.2), (2.2, 3.7, 3.6, 3.8, 2.2)]
+DEEP = [(2.2, 2.2, 4.6, 2.3, 2.2), (2.2, 3.7, 4.6, 3.8, 2.2), (2.2, 2.2, 2.3, 3.8, 2.2), (2.3, 2.3, 4.6, 3.7, 0.9)]
+
+GOALS: dict[str, tuple[OccupancyGrid, Place, tuple[float, float], RobotModel, tuple[float, float] | None, bool]] = {
+    # the grid, the place, the start, the robot, about where the goal is, and whether it sees the place
+    "from the left": (world(), MIDDLE, (1.0, 3.0), RobotModel(RADIUS), (2.65, 3.0), True),
+    "from the right": (world(), MIDDLE, (5.0, 3.0), RobotModel(RADIUS), (3.35, 3.0), True),
+    "a fridge, from three quarters of a metre": (
+        world(FRIDGE.box_min[:2] + FRIDGE.box_max[:2] + (1.8,)),  # type: ignore[index]
+        FRIDGE, (1.0, 3.0), RobotModel(RADIUS), (1.9, 3.0), True,
+    ),
+    "on a plinth that it stands above": (
+        world(*PLINTH), Place("bust", (3.0, 3.0, 0.6), 1.0, 0, box_min=(2.9, 2.9, 0.0), box_max=(3.1, 3.1, 1.2)),
+        (1.0, 3.0), RobotModel(RADIUS), (2.35, 3.0), True,
+    ),
+    "within a cupboard": (world(*CUPBOARD), SHELF, (1.0, 3.0), RobotModel(RADIUS), (2.15, 3.0), False),
+    "open to the right alone": (world(*THREE_WALLS), SHELF, (1.0, 3.0), RobotModel(RADIUS), (3.35, 3.0), True),
+    "seen only from much farther away": (world(*DEEP), SHELF, (1.0, 3.0), RobotModel(RADIUS), (1.95, 3.0), False),
+    "unseen floor is not driven over": (
+        unseen(world(), 2.0, 2.5), at(2.0, 3.0), (1.0, 3.0), RobotModel(RADIUS), (1.65, 3.0), True,
+    ),
+    "all beyond unseen floor": (unseen(world(), 2.0, 2.5), at(4.5, 3.0), (1.0, 3.0), RobotModel(RADIUS), None, False),
+    "a viewpoint": (world(), VIEWPOINT, (1.0, 3.0), RobotModel(RADIUS), (3.0, 3.0), True),
+    "a viewpoint in a cupboard": (world(*CUPBOARD), VIEWPOINT, (1.0, 3.0), RobotModel(RADIUS), (3.0, 2.2), False),
+    "a viewpoint out of reach": (
+        unseen(world(), 0.0, 4.0), Place("door", (1.5, 3.0, 1.5), 1.0, 0, view_yaw=0.7), (5.0, 3.0), RobotModel(RADIUS),
+        None, False,
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("grid", "place", "start", "robot", "wanted", "sees"), GOALS.values(), ids=GOALS.keys())
+def test_goal_of_a_place(
+    grid: OccupancyGrid,
+    place: Place,
+    start: tuple[float, float],
+    robot: RobotModel,
+    wanted: tuple[float, float] | None,
+    sees: bool,
+) -> None:
+    goal, why_not = plan(grid, place, start, robot)
+    if wanted is None:
+        assert goal is None and why_not
+        return
+    assert goal is not None and not why_not
+    assert math.hypot(goal.x - wanted[0], goal.y - wanted[1]) < 0.3
+    assert goal.line_of_sight is sees
+    if place.view_yaw is None:
+        assert goal.yaw == pytest.approx(math.atan2(place.position[1] - goal.y, place.position[0] - goal.x))
+    else:
+        assert goal.yaw == place.view_yaw
+
+
+@pytest.mark.parametrize(("height_m", "sees"), [(1.5, True), (0.4, False)], ids=["tall", "low"])
+def test_camera_height_decides_what_is_seen(height_m: float, sees: bool) -> None:
+    grid = world((2.2, 0.05, 2.5, 5.95, 0.9))
+    goal, _ = plan(grid, Place("cup", (3.0, 3.0, 0.7), 1.0, 0), (1.0, 3.0), RobotModel(RADIUS, height_m))
+    assert goal is not None and goal.x < 2.2 and goal.line_of_sight is sees
+
+
+def test_path_cuts_corners() -> None:
+    goal, _ = plan(world(), at(5.0, 5.0), (1.0, 1.0), RobotModel(RADIUS))
+    assert goal is not None
+    straight_m = math.hypot(goal.x - 1.0, goal.y - 1.0)
+    assert straight_m - 0.1 <= goal.length_m <= 1.03 * straight_m + 0.1
+
+
 @settings(max_examples=40, deadline=None)
 @given(st.data())
 def test_every_goal_is_free_reachable_and_faces_its_place(data: st.DataObject) -> None:
