@@ -11,7 +11,6 @@ tests/reasoners/nothing_asked.py (a goal for what asks for nothing; no goal for 
 
 from __future__ import annotations
 
-import argparse
 import sys
 import tempfile
 from collections.abc import Iterator
@@ -21,6 +20,7 @@ from typing import Any
 from unittest.mock import patch
 
 import numpy as np
+from command_line import Parser, run_script
 
 ROOT = Path(__file__).parents[1]
 sys.path[:0] = [str(ROOT / "tools"), str(ROOT / "tests/reasoners")]
@@ -84,10 +84,10 @@ class Measures:
 
     def __init__(self, reference: Path, maps: Path, candidates: Path) -> None:
         self.deck = read_deck(SHIPPED)
+        self.lists = Homes(self.deck, reference)
         kept = Maps(maps, MapSettings())
         self.homes = {name: kept.get(name).inventory() for name in kept.world.homes()}
         self.truth = {n: {display_name(t.label) for t in kept.world.objects(n)} for n in self.homes}
-        self.lists = Homes(self.deck, reference)
         self.requests = [r for r in read_requests(self.deck) if r.style in REPORTED]
         self.things, self.settings = candidates, things_run.ThingsSettings(detectors=("ground_truth",), queries="made")
         self.items = things_run.requests(self.settings, candidates)
@@ -126,11 +126,14 @@ def _percents(*groups: list[bool]) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    for name in ("reference", "maps", "things"):
-        parser.add_argument(name, type=Path)
-    parser.add_argument("rules", nargs="*", metavar="rule", help=", ".join(RULES))
+    parser = Parser(__doc__)
+    parser.add_argument("reference", type=Path, help="folder with thor_object_types.json and lvis_v1_categories.json")
+    parser.add_argument("maps", type=Path, help="folder of mapped homes of the bench")
+    parser.add_argument("things", type=Path, help="folder of mapped homes of --suite things")
+    parser.add_argument("rules", nargs="*", help=f"{', '.join(RULES)}; default: all")
     options = parser.parse_args()
+    if unknown := set(options.rules) - set(RULES):
+        parser.error(f"no rule {', '.join(sorted(unknown))}")
     measures, reasoner = Measures(options.reference, options.maps, options.things), embedded.make()
     Remembered(reasoner.scorer)
     print(
@@ -146,4 +149,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

@@ -11,12 +11,12 @@ answers of each status there were, and every text whose answer was outside or th
 
 from __future__ import annotations
 
-import argparse
 import random
-import sys
 import time
 from collections import Counter
 from pathlib import Path
+
+from command_line import Parser, run_script
 
 from cartier import plugins
 from cartier.errors import InputError
@@ -50,10 +50,10 @@ def some(rng: random.Random, names: list[str]) -> str:
 
 
 def main() -> int:
-    options = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    options.add_argument("homes", nargs="+", type=Path)
-    options.add_argument("--texts", type=int, default=20_000)
-    options.add_argument("--seed", type=int, default=0)
+    options = Parser(__doc__)
+    options.add_argument("homes", nargs="+", type=Path, help="folders of mapped homes")
+    options.add_argument("--texts", type=int, default=20_000, help="how many requests (default: %(default)s)")
+    options.add_argument("--seed", type=int, default=0, help="of the random texts (default: %(default)s)")
     asked = options.parse_args()
     rng, reasoner = random.Random(asked.seed), plugins.make("reasoners", "embedded")
     inventories = [Home.load(folder).inventory() for folder in asked.homes]
@@ -91,4 +91,4 @@ def names_in(inventory: Inventory) -> list[str]:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run_script(main)

@@ -13,13 +13,13 @@ os.environ["OMP_NUM_THREADS"] = "1"
 import json
 import math
 import statistics
-import sys
 import time
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from command_line import Parser, run_script
 
 from cartier.types import Camera
 from cartier.worlds.dollhouse.model import Scene
@@ -56,7 +56,9 @@ def median_ms(look: Callable[[npt.NDArray[np.float64]], Any], where: list[npt.ND
 
 
 def main() -> None:
-    scene = load_home(sys.argv[1] if len(sys.argv) > 1 else "studio")
+    parser = Parser(__doc__)
+    parser.add_argument("home", nargs="?", default="studio", help="a built-in home, or a number (default: %(default)s)")
+    scene = load_home(parser.parse_args().home)
     where = poses(scene)
     for width, height in ((640, 480), (320, 240)):
         camera = Camera(width, height, width * 0.6, width * 0.6, width / 2 - 0.5, height / 2 - 0.5)
@@ -74,4 +76,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

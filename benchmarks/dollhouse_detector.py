@@ -15,7 +15,6 @@ import os
 
 os.environ["OMP_NUM_THREADS"] = "1"
 
-import argparse
 import time
 from collections import defaultdict
 from collections.abc import Sequence
@@ -25,6 +24,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from command_line import Parser, run_script
 
 from cartier import plugins
 from cartier.contracts import Recording
@@ -121,7 +121,7 @@ def average_precision(hits: Sequence[tuple[float, bool]], boxes: int) -> float:
 
 def ap50(all_outputs: Sequence[Outputs]) -> dict[str, float]:
     """Per name of which there are true boxes."""
-    hits, boxes = defaultdict(list), defaultdict(int)
+    hits, boxes = defaultdict[str, list[tuple[float, bool]]](list), defaultdict[str, int](int)
     for outputs in all_outputs:
         for name, count in outputs.boxes.items():
             boxes[name] += count
@@ -280,10 +280,10 @@ def speed(frame: Frame) -> float:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("homes", nargs="*")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--max-frames", type=int, default=800)
+    parser = Parser(__doc__)
+    parser.add_argument("homes", nargs="*", help="built-in homes, or numbers (default: the seven built-in ones)")
+    parser.add_argument("--seed", type=int, default=0, help="of the walks (default: %(default)s)")
+    parser.add_argument("--max-frames", type=int, default=800, help="of each walk (default: %(default)s)")
     parser.add_argument(
         "--sensor", action="store_true", help="with a real camera's faults: noise, exposure, holes, drift"
     )
@@ -300,4 +300,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

@@ -10,11 +10,11 @@ import os
 os.environ["OMP_NUM_THREADS"] = "1"
 
 import statistics
-import sys
 import time
 from dataclasses import replace
 
 import numpy as np
+from command_line import Parser, run_script
 
 from cartier import plugins
 from cartier.contracts import Detector, Recording, SpatialIndex
@@ -72,8 +72,10 @@ class WithoutMasks:
 
 
 def main() -> None:
+    parser = Parser(__doc__)
+    parser.add_argument("homes", nargs="*", help="built-in homes, or numbers (default: the seven built-in ones)")
     world = plugins.make("worlds", "dollhouse")
-    for name in sys.argv[1:] or world.homes():
+    for name in parser.parse_args().homes or world.homes():
         begin = time.perf_counter()
         recording = world.explore(name)
         explored_s = time.perf_counter() - begin
@@ -103,4 +105,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

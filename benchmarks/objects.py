@@ -14,16 +14,18 @@ import os
 
 os.environ["OMP_NUM_THREADS"] = "1"
 
-import argparse
 import time
 from collections import defaultdict
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from copy import deepcopy
 from dataclasses import dataclass, field
+from functools import partial
 from multiprocessing import get_context
+from typing import Any
 
 import numpy as np
+from command_line import Parser, run_script
 from scipy.optimize import linear_sum_assignment
 
 from cartier import plugins
@@ -163,13 +165,13 @@ def _ece(told: Sequence[tuple[float, bool]]) -> float:
 
 def walked(name: str) -> tuple[OccupancyGrid, dict[str, Home]]:
     """A home's floor plan, and what each detector makes of its walk: three times, since frames are not kept."""
-    world = plugins.make("worlds", "dollhouse")
+    world: Any = plugins.make("worlds", "dollhouse")
     recording, objs = world.explore(name), world.scene(name).truth()
     n, floor, found = len(recording), OccupancyMapper(), dict[int, Detections]()
     truth = plugins.make("detectors", "ground_truth", truth=objs, source=name)
     pixels_only = plugins.make("detectors", "embedded", threads=1)
     detectors = {"ground_truth": truth, "embedded": pixels_only}
-    maps = {key: defaultdict(lambda c=made.score_model: ObjectMap(c)) for key, made in detectors.items()}  # type: ignore[misc]
+    maps = {key: defaultdict[str, ObjectMap](partial(ObjectMap, made.score_model)) for key, made in detectors.items()}
     pixels, spent = np.zeros(max(t.id for t in objs) + 1, np.int64), dict.fromkeys(detectors, 0.0)
     shuffled = np.random.default_rng(0).permutation(n)
     for turn, order in (("every frame", np.arange(n)), ("twice", np.arange(n)), ("shuffled", shuffled)):
@@ -224,9 +226,9 @@ def cost_ms() -> float:
 
 
 def report(title: str, names: Sequence[str]) -> None:
-    counts, spatial = ({key: kind() for key in DETECTORS} for kind in (Counts, Figures))
+    counts, spatial = {key: Counts() for key in DETECTORS}, {key: Figures() for key in DETECTORS}
     ms, sizes = ({key: list[float]() for key in DETECTORS} for _ in range(2))
-    world = plugins.make("worlds", "dollhouse")
+    world: Any = plugins.make("worlds", "dollhouse")
     with ProcessPoolExecutor(2, get_context("spawn")) as pool:
         for name, (grid, homes) in zip(names, pool.map(walked, names), strict=True):
             print(f"{name} …", end=" ", flush=True)
@@ -244,9 +246,9 @@ def report(title: str, names: Sequence[str]) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("homes", nargs="*")
-    parser.add_argument("--generated", type=int, default=20, metavar="N")
+    parser = Parser(__doc__)
+    parser.add_argument("homes", nargs="*", help="built-in homes, or numbers (default: the seven built-in ones)")
+    parser.add_argument("--generated", type=int, default=20, metavar="N", help="generated homes (default: %(default)s)")
     options = parser.parse_args()
     print(f"a frame with 30 detections of 300 known objects in view: {cost_ms():.1f} ms")
     report(
@@ -257,4 +259,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

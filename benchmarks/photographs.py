@@ -12,7 +12,6 @@ import os
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
-import argparse
 import time
 from collections import defaultdict
 from collections.abc import Iterator
@@ -21,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from command_line import Parser, run_script
 from dollhouse_detector import average_precision
 from PIL import Image
 
@@ -115,10 +115,10 @@ def _rates(hits: list[tuple[float, bool]], boxes: int, threshold: float) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("detectors", nargs="*", default=["photos"])
-    parser.add_argument("--photos", type=Path, default=SHARED / "photos")
-    parser.add_argument("--least", type=int, default=3)
+    parser = Parser(__doc__)
+    parser.add_argument("detectors", nargs="*", default=["photos"], help="as of cartier map (default: photos)")
+    parser.add_argument("--photos", type=Path, default=SHARED / "photos", help="folder with images/ and labels/")
+    parser.add_argument("--least", type=int, default=3, help="boxes of a name that has a row (default: %(default)s)")
     options = parser.parse_args()
     photos = list(photographs(options.photos))
     for spec in options.detectors:
@@ -136,4 +136,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

@@ -74,7 +74,7 @@ class Mapped:
             far = float(box_distance(middle, np.array(true.box_min), np.array(true.box_max)))
             if self.objects[a].label == true.label and far <= SAME_M:
                 cost[a, b] = far + 0.2 * float(np.linalg.norm(middle - true.position))
-        pairs = zip(*linear_sum_assignment(cost), strict=True)
+        pairs = zip(*(k.tolist() for k in linear_sum_assignment(cost)), strict=True)
         return {self.objects[a].id: seen[b].id for a, b in pairs if cost[a, b] < 1e6}
 
 

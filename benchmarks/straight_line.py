@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from command_line import Parser, run_script
 
 from cartier import plugins
 from cartier.contracts import Recording
@@ -114,7 +115,7 @@ def per_frame(recording: Recording) -> dict[str, float]:
 def peak_mb(path: str, times: int) -> float:
     """Peak memory (MB) of a fresh process that maps the recording so many times over."""
     done = subprocess.run(
-        [sys.executable, __file__, "--map", path, str(times)], capture_output=True, text=True, check=True
+        [sys.executable, __file__, path, "--times", str(times)], capture_output=True, text=True, check=True
     )
     return float(json.loads(done.stdout)["peak_mb"])
 
@@ -130,13 +131,19 @@ def seconds(*command: str, runs: int = 7) -> float:
 
 
 def main() -> None:
-    if sys.argv[1:2] == ["--map"]:
-        recording = Repeated(plugins.open_recording(sys.argv[2]), int(sys.argv[3]))
+    parser = Parser(__doc__)
+    parser.add_argument("recording", nargs="?", type=Path, help="default: the kitchen, else a rendered room")
+    parser.add_argument(
+        "--times", type=int, help="only map RECORDING so often in this process, and print its peak memory"
+    )
+    given = parser.parse_args()
+    if given.times:
+        recording = Repeated(plugins.open_recording(given.recording), given.times)
         map_home(recording, ManyThings(recording))
         print(json.dumps({"peak_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024}))
         return
     with tempfile.TemporaryDirectory() as scratch:
-        path = Path(sys.argv[1]) if sys.argv[1:] else KITCHEN if KITCHEN.is_dir() else rendered_room(Path(scratch))
+        path = given.recording or (KITCHEN if KITCHEN.is_dir() else rendered_room(Path(scratch)))
         recording = plugins.open_recording(path)
         camera = recording.camera
         print(
@@ -156,4 +163,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

@@ -13,13 +13,14 @@ os.environ["OMP_NUM_THREADS"] = "1"
 
 import statistics
 import sys
-import tempfile
 import time
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from command_line import Parser, run_script
 
 from cartier import plugins
 from cartier.indexes.fusion import CELL, FeatureGrid
@@ -75,6 +76,7 @@ def touched_rows(features: np.ndarray, frame: Frame) -> np.ndarray:
     """Which feature vectors have a share in any cell."""
     from cartier.indexes import fusion
 
+    assert frame.depth_m is not None
     tables = fusion._Tables(frame.depth_m.shape, features.shape[:2], frame.camera)
     window = fusion._window(frame.depth_m, frame.world_from_camera, tables, 0.05, 0)
     assert window is not None
@@ -92,7 +94,7 @@ def find() -> None:
             return np.random.default_rng(1).standard_normal((len(texts), SHAPE[2]), dtype=np.float32)
 
     for count, limit in ((10_000, 1), (100_000, 15)):
-        index = plugins.make("indexes", "vlmaps", encoder=Words())
+        index: Any = plugins.make("indexes", "vlmaps", encoder=Words())
         cells = np.zeros(count, CELL)
         cells["xy"] = np.stack(np.divmod(np.arange(count), 400), 1)
         cells["pixels"] = 1
@@ -105,20 +107,24 @@ def find() -> None:
 def size() -> None:
     recording = plugins.make("worlds", "dollhouse").explore("family_flat")
     detector = plugins.make("detectors", "ground_truth", truth=recording.truth, source=recording.name)
-    index = plugins.make("indexes", "vlmaps")
+    index: Any = plugins.make("indexes", "vlmaps")
     for number in range(len(recording)):
         frame = recording[number]
         detections: Detections = detector.detect(frame)
         index.add(frame, detections)
-    with tempfile.TemporaryDirectory() as folder:
-        index.save(Path(folder))
-        stored = sum(f.stat().st_size for f in Path(folder).iterdir())
+    stored = sum(map(len, index.state().values()))
     print(
         f"family_flat's map      {stored / 1e6:6.1f} MB for {len(index._grid.cells):,} cells, {DENSE / stored:.0f} × smaller than dense (limit 50)"
     )
 
 
-if __name__ == "__main__":
-    fusion(sys.argv[1] if len(sys.argv) > 1 else None)
+def main() -> None:
+    parser = Parser(__doc__)
+    parser.add_argument("recording", nargs="?", help="default: a rendered room")
+    fusion(parser.parse_args().recording)
     find()
     size()
+
+
+if __name__ == "__main__":
+    run_script(main)

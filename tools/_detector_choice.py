@@ -32,7 +32,8 @@ THERE = 0.3  # overlap from which on a box tells where its thing is; a list asks
 
 def walk(number: int, max_frames: int) -> Recording:
     """An exploration of a generated home at 640 x 480, without the sensor's faults; every other home holds things of all types."""
-    world, seed = plugins.make("worlds", "dollhouse"), FIRST + number
+    world: Any = plugins.make("worlds", "dollhouse")
+    seed = FIRST + number
     if number % 2 == 0:
         recording: Recording = world.explore(str(seed), seed=0, max_frames=max_frames)
         return recording

@@ -241,7 +241,7 @@ def _on_floor(scene: Scene, rng: np.random.Generator) -> list[Thing]:
 
 def _on_walls(scene: Scene, rng: np.random.Generator) -> list[Thing]:
     """Two to five things per room on its walls; one that hides behind furniture is simply not seen."""
-    (kinds, odds), found = _kinds("wall"), []
+    (kinds, odds), found = _kinds("wall"), list[Any]()
     holes = [(np.array(o.start), np.array(o.end)) for o in scene.openings]
     for room in scene.rooms:
         x1, y1, x2, y2 = room.box

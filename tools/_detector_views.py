@@ -115,7 +115,7 @@ def frames(seed: int, close: bool = False) -> dict[str, Any]:
     renderer = Renderer(scene, pinhole(wide, high, part))
     number = {kind: k for k, kind in enumerate(shapes.types())}
     kind_of = np.array([-1] + [number[t.type] for t in scene.things])
-    images, boxes, labels, which, pixels, kinds = [], [], [], [], [], []
+    images, boxes, labels, which, pixels, kinds = (list[Any]() for _ in range(6))
     for pose in seen_from:
         view = renderer.render(pose)
         count_of = np.bincount(view.instances.ravel())

@@ -7,8 +7,13 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import sys
+from pathlib import Path
 
 from cartier.understanding.cards import BUILT, SHIPPED, read_cards, source, work_out
+
+sys.path.append(str(Path(__file__).parents[1] / "benchmarks"))
+from command_line import Parser, run_script
 
 
 def built() -> bytes:
@@ -18,5 +23,10 @@ def built() -> bytes:
     return json.dumps({"sha256": source(), "cards": rows, **work_out(cards)}, separators=(",", ":")).encode()
 
 
-if __name__ == "__main__":
+def main() -> None:
+    Parser(__doc__).parse_args()
     BUILT.write_bytes(built())
+
+
+if __name__ == "__main__":
+    run_script(main)

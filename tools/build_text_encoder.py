@@ -15,11 +15,14 @@ import json
 import shutil
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import onnx
 from onnx import TensorProto, helper, numpy_helper
-from safetensors.numpy import load_file
+
+sys.path.append(str(Path(__file__).parents[1] / "benchmarks"))
+from command_line import Parser, run_script
 
 SHA256 = "53aa51172d142c89d9012cce15ae4d6cc0ca6895895114379cacb4fab128d9db"
 OUT = Path(__file__).parents[1] / "src/cartier/models/minilm"
@@ -39,7 +42,7 @@ class Graph:
         self.constants.setdefault(name, numpy_helper.from_array(values, name))
         return name
 
-    def op(self, kind: str, *inputs: str, **attributes: object) -> str:
+    def op(self, kind: str, *inputs: str, **attributes: Any) -> str:
         output = f"{kind}_{len(self.nodes)}"
         self.nodes.append(helper.make_node(kind, inputs, [output], **attributes))
         return output
@@ -81,7 +84,7 @@ class Graph:
         scores = self.op(
             "MatMul", self.op("Transpose", query, perm=[1, 0, 2]), self.op("Transpose", key, perm=[1, 2, 0])
         )
-        scaled = self.op("Mul", scores, self.constant("by_width", np.float32((WIDTH // HEADS) ** -0.5)))
+        scaled = self.op("Mul", scores, self.constant("by_width", np.array((WIDTH // HEADS) ** -0.5, np.float32)))
         mixed = self.op("MatMul", self.op("Softmax", scaled, axis=-1), self.op("Transpose", value, perm=[1, 0, 2]))
         flat = self.constant("flat", np.array([0, WIDTH], np.int64))
         return self.op("Reshape", self.op("Transpose", mixed, perm=[1, 0, 2]), flat)
@@ -115,7 +118,11 @@ def build(weights: dict[str, np.ndarray], exact: bool = False) -> onnx.ModelProt
 
 
 def main() -> None:
-    source = Path(sys.argv[1])
+    parser = Parser(__doc__)
+    parser.add_argument("folder", type=Path, help="with model.safetensors and vocab.txt of all-MiniLM-L6-v2")
+    source = parser.parse_args().folder
+    from safetensors.numpy import load_file
+
     found = hashlib.sha256((source / "model.safetensors").read_bytes()).hexdigest()
     if found != SHA256:
         sys.exit(f"{source / 'model.safetensors'} has sha256 {found}, wanted {SHA256}")
@@ -140,4 +147,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

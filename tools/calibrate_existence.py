@@ -5,7 +5,6 @@ python tools/calibrate_existence.py FOLDER [--first 60] [--homes 40]      FOLDER
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 from collections.abc import Sequence
@@ -23,6 +22,7 @@ from cartier.mapping.object_map import ObjectMap
 from cartier.types import Array, DetectorScoreModel
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
+from command_line import Parser, run_script
 from objects import one_to_one
 
 STEPS = (1, 2, 4)  # every frame, every second, every fourth: a walk's density must not matter
@@ -96,10 +96,10 @@ def fit(homes: Sequence[Sequence[Evidence]], before: DetectorScoreModel) -> Dete
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("--first", type=int, default=60)
-    parser.add_argument("--homes", type=int, default=40)
+    parser = Parser(__doc__)
+    parser.add_argument("folder", type=Path, help="of an exported dollhouse detector")
+    parser.add_argument("--first", type=int, default=60, help="number of the first home (default: %(default)s)")
+    parser.add_argument("--homes", type=int, default=40, help="how many generated homes (default: %(default)s)")
     asked = parser.parse_args()
     file = asked.folder / "names.json"
     told = json.loads(file.read_text())
@@ -114,4 +114,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

@@ -9,7 +9,6 @@ is fitted: how real objects and inventions spread over standpoints cannot be had
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 from pathlib import Path
@@ -21,6 +20,7 @@ from scipy.special import expit, logit
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
 
+from command_line import Parser, run_script
 from photographs import LOW, SHARED, Matched, match, photographs
 
 from cartier import specs
@@ -36,9 +36,9 @@ def fit(scores: Any, right: Any) -> tuple[float, float]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("detector", nargs="?", default="photos")
-    parser.add_argument("--photos", type=Path, default=SHARED / "photos")
+    parser = Parser(__doc__)
+    parser.add_argument("detector", nargs="?", default="photos", help="as of cartier map (default: photos)")
+    parser.add_argument("--photos", type=Path, default=SHARED / "photos", help="folder with images/ and labels/")
     options = parser.parse_args()
     photos, matched = list(photographs(options.photos)), Matched()
     detector = specs.detector(options.detector, None, threshold=LOW)  # type: ignore[arg-type]  # none of these reads it
@@ -60,4 +60,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

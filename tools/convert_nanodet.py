@@ -7,14 +7,17 @@ layout yolov8 of the `onnx` detector. Only the layers that NanoDet-Plus has are 
 
 from __future__ import annotations
 
-import argparse
 import math
+import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import onnx
 from onnx import TensorProto, helper, numpy_helper
+
+sys.path.append(str(Path(__file__).parents[1] / "benchmarks"))
+from command_line import Parser, run_script
 
 FLOAT16_TAG = 0x01306B47  # before weights that ncnn stores as float16
 REST = -233  # ncnn for "all that is left"
@@ -198,12 +201,12 @@ def _number(text: str) -> int | float:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("param", type=Path)
-    parser.add_argument("bin", type=Path)
-    parser.add_argument("out", type=Path)
-    parser.add_argument("--size", type=int, default=416)
-    parser.add_argument("--names", type=int, default=80)
+    parser = Parser(__doc__)
+    parser.add_argument("param", type=Path, help="ncnn's file of layers")
+    parser.add_argument("bin", type=Path, help="ncnn's file of weights")
+    parser.add_argument("out", type=Path, help="the ONNX file to write")
+    parser.add_argument("--size", type=int, default=416, help="of the input, in pixels (default: %(default)s)")
+    parser.add_argument("--names", type=int, default=80, help="how many classes it has (default: %(default)s)")
     options = parser.parse_args()
     onnx.save(
         convert(options.param.read_text(encoding="utf-8"), options.bin.read_bytes(), options.names, options.size),
@@ -212,4 +215,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

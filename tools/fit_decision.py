@@ -8,9 +8,9 @@ in the scorer's own, and in frames, where it is listed and where not. Needs no t
 
 from __future__ import annotations
 
-import argparse
 import json
 import random
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
@@ -18,6 +18,9 @@ from typing import NamedTuple
 import numpy as np
 from _scorer_requests import FRAMES, Homes, Request, read_requests
 from scipy.optimize import minimize
+
+sys.path.append(str(Path(__file__).parents[1] / "benchmarks"))
+from command_line import Parser, run_script
 
 from cartier.reasoners import embedded
 from cartier.understanding.card_vectors import ALIKE
@@ -133,10 +136,10 @@ def write(reasoner: embedded.Embedded, reference: Path) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("reference", type=Path)
+    parser = Parser(__doc__)
+    parser.add_argument("reference", type=Path, help="folder with thor_object_types.json and lvis_v1_categories.json")
     write(embedded.make(), parser.parse_args().reference)
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

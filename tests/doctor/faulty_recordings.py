@@ -179,7 +179,7 @@ def moved(zoom: float, dx: int, dy: int) -> Callable[[np.ndarray, int], np.ndarr
         height, width = depth_m.shape
         cols = np.rint((np.arange(width) - width / 2 - dx * width / 640) / zoom + width / 2).astype(int)
         rows = np.rint((np.arange(height) - height / 2 - dy * width / 640) / zoom + height / 2).astype(int)
-        there = depth_m[rows.clip(0, height - 1)[:, None], cols.clip(0, width - 1)].copy()
+        there: np.ndarray = depth_m[rows.clip(0, height - 1)[:, None], cols.clip(0, width - 1)].copy()
         there[(rows < 0) | (rows >= height)] = np.nan
         there[:, (cols < 0) | (cols >= width)] = np.nan
         return there

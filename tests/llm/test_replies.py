@@ -306,7 +306,7 @@ def test_proposals_are_cleaned() -> None:
     assert parse_list("") == []
 
 
-CUP = {
+CUP: dict[str, object] = {
     "reason": "It is white.",
     "status": "found",
     "object": "cup #12",

@@ -187,7 +187,7 @@ def serve(model: Path) -> None:
                     max_tokens=asked.get("max_tokens", 64),
                     **grammar,
                 )
-                reply = runner.send_chat_completion_request(request)
+                reply: Any = runner.send_chat_completion_request(request)
                 text, used = reply.choices[0].message.content, reply.usage.total_tokens
             choice = {"index": 0, "finish_reason": "stop", "message": {"role": "assistant", "content": text}}
             about = {"id": "x", "object": "chat.completion", "created": 0, "model": name, "choices": [choice]}

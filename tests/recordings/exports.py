@@ -69,7 +69,7 @@ def write_scannet(recording: Recording, root: Path) -> None:
             save_depth(root / f"depth/{i * 10}.png", frame.depth_m)
         np.savetxt(root / f"pose/{i * 10}.txt", frame.world_from_camera)
     c = recording.camera
-    matrix = [[c.fx, 0, c.cx, 0], [0, c.fy, c.cy, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
+    matrix = np.array([[c.fx, 0, c.cx, 0], [0, c.fy, c.cy, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
     for kind in ("color", "depth"):
         np.savetxt(root / f"intrinsic/intrinsic_{kind}.txt", matrix)
 

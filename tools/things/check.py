@@ -13,13 +13,16 @@ where an answer could stand for both, and that superlatives and comparisons have
 
 from __future__ import annotations
 
-import argparse
 import json
+import sys
 import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
+
+sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
+from command_line import Parser, run_script
 
 from cartier import plugins
 from cartier.evaluation.statements import (
@@ -230,7 +233,7 @@ def _compared(home: Home, claim: str, turns: tuple[str, ...], key: str) -> Item:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = Parser(__doc__)
     parser.add_argument(
         "--keep", type=Path, help="where the truth of homes is kept between runs, as by cartier bench --maps"
     )
@@ -255,4 +258,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

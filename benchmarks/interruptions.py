@@ -1,7 +1,7 @@
 """Kill every writing command, or fill its disk, before each of its file-system events: old or new must be left, never half.
 
-    python benchmarks/interrupted.py             all events of map, append, convert, record, doctor --fix, demo and bench
-    python benchmarks/interrupted.py map --every 5
+    python benchmarks/interruptions.py             all events of map, append, convert, record, doctor --fix and bench
+    python benchmarks/interruptions.py map --every 5
 
 After each interruption what is there is read (the old or the new content, or nothing where there was nothing), the command is run
 again, and the result must be what an undisturbed run gives, with nothing left beside it.
@@ -9,7 +9,6 @@ again, and the result must be what an undisturbed run gives, with nothing left b
 
 from __future__ import annotations
 
-import argparse
 import collections
 import json
 import shutil
@@ -23,6 +22,7 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 import numpy as np
+from command_line import Parser, run_script
 
 import cartier
 import cartier.cli
@@ -149,10 +149,12 @@ def sweep(case: Case, base: Path, every: int, error: bool) -> tuple[int, collect
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("cases", nargs="*")
-    parser.add_argument("--every", type=int, default=1, help="interrupt only every so manieth event")
+    parser = Parser(__doc__)
+    parser.add_argument("cases", nargs="*", help=f"{', '.join(cases(Path()))} (default: all)")
+    parser.add_argument("--every", type=int, default=1, metavar="N", help="interrupt only every N-th event")
     given = parser.parse_args()
+    if unknown := set(given.cases) - set(cases(Path())):
+        parser.error(f"no case {', '.join(sorted(unknown))}")
     with tempfile.TemporaryDirectory() as folder:
         base = Path(folder)
         (base / "made").mkdir()
@@ -173,4 +175,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)
