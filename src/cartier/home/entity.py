@@ -317,9 +317,9 @@ class _Blobs(Mapping[Key, bytes]):
         return len(self._names)
 
 
-def _renamed(row: Mapping[str, Any]) -> dict[str, Any]:
+def _renamed(row: Any) -> Any:
     """A row of objects.json with today's field names: cartier 0.1.0 called two of them otherwise."""
-    return {OLD_OBJECTS.get(name, name): value for name, value in row.items()}
+    return {OLD_OBJECTS.get(name, name): value for name, value in row.items()} if isinstance(row, dict) else row
 
 
 def _floor(store: Store, about: Mapping[str, Any]) -> tuple[OccupancyGrid | None, tuple[Room, ...]]:
