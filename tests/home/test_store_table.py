@@ -12,7 +12,7 @@ import pytest
 
 import cartier.home.repository
 from cartier.errors import InputError
-from cartier.home.repository import MANIFEST, Store, blob_file, digest_of
+from cartier.home.store import MANIFEST, Store, blob_file, digest_of
 from cartier.io.atomic import locked, write_file
 
 ABOUT = {"schema": 3, "name": "flat"}
