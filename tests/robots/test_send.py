@@ -70,7 +70,7 @@ def test_of_several_needs_the_first_that_can_be_served_is_and_the_others_are_nam
     robot, sofa = Recorder(), goal_at(3.0, 1.0, 0.0, "sofa")
     line = send(robot, answer("not_found", None, next=(answer("found", GOAL), answer("found", sofa))))
     assert robot.goals == [GOAL]
-    assert line == "off it goes; still to come, once it is there: sofa"
+    assert line == "off it goes; after that: sofa"
 
 
 def test_every_robot_obeys_the_contract_by_name() -> None:
