@@ -70,7 +70,7 @@ def _class(kind: type, methods: bool) -> Iterator[str]:
     for name, member in _members(kind) if methods else ():
         plain = inspect.unwrap(getattr(member, "__func__", member))
         if isinstance(member, property):
-            yield f"**`.{name}`** `: {inspect.signature(member.fget).return_annotation}`  \n{_said(member)}\n"
+            yield f"**`.{name}`** `: {inspect.signature(member.fget).return_annotation}`  \n{_said(member)}\n"  # type: ignore[arg-type]
         elif inspect.isfunction(plain) and (not name.startswith("_") or name in ("__len__", "__getitem__")):
             yield _function(plain, f"{kind.__name__}.{name}", bound=getattr(kind, name))
 
