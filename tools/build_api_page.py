@@ -88,7 +88,7 @@ def _field_notes(kind: type) -> dict[str, str]:
         if isinstance(member, ast.AnnAssign):
             default = "" if member.value is None else f" = {ast.unparse(member.value)}"
             said = isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant)
-            note = f"  # {after.value.value}" if said else ""  # type: ignore[attr-defined]
+            note = f"  # {after.value.value}" if said else ""
             notes[ast.unparse(member.target)] = default + note.replace("``", "")
     return notes
 
