@@ -16,6 +16,7 @@ def fuzz(*options: str) -> subprocess.CompletedProcess[str]:
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="it forks, and limits the address space")
+@pytest.mark.no_cover  # too many rounds to trace each line
 def test_no_broken_file_is_a_traceback_a_wait_or_a_gigabyte() -> None:
     done = fuzz("--cases", "500", "--first", "20")
     assert done.returncode == 0, done.stdout[-5000:] + done.stderr[-3000:]

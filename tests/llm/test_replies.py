@@ -190,6 +190,7 @@ def test_what_a_model_says_to_the_person_is_one_short_line() -> None:
     assert chosen is not None and chosen.reason.startswith("a [31mb") and len(chosen.reason) <= 300 and chosen.question
 
 
+@pytest.mark.no_cover  # too many rounds to trace each line
 def test_ten_thousand_adversarial_replies_never_leave_the_list() -> None:
     rng = random.Random(0)
     bits = [
@@ -281,6 +282,7 @@ def strange(rng: random.Random, depth: int = 0) -> Any:
     return rng.choice([None, True, 1e9, float("nan"), *STRANGE * 2])
 
 
+@pytest.mark.no_cover  # too many rounds to trace each line
 def test_ten_thousand_adversarial_needs_never_leave_the_list() -> None:
     rng = random.Random(1)
     answers = 0

@@ -165,7 +165,7 @@ def test_a_goal_that_is_no_pose_never_comes_to_a_robot(field: int, wrong: float)
     pose = [1.0, 2.0, 0.5]
     pose[field] = wrong
     with pytest.raises(InputError, match="goal for the dining table: x, y and yaw must be 3 finite numbers"):
-        Goal(*pose, np.zeros((1, 2)), 0.0, TABLE, True)
+        Goal(*pose, np.zeros((1, 2)), 0.0, TABLE, True)  # type: ignore[call-arg]
     with pytest.raises(InputError, match="goal for the dining table: its path must be"):
         way((1.0, 1.0), (wrong, 2.0), (1.0, 2.2))
 
