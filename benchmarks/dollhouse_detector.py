@@ -165,7 +165,7 @@ def dense_features(recording: Recording | Kept, detector: Any, outputs: Outputs,
     names = list(detector.model.names)
     vectors = encoder.text([*names, *detector.model.around])
     truth = plugins.make("detectors", "ground_truth", truth=recording.truth)
-    maps = {name: plugins.make("indexes", "vlmaps", encoder=made_by) for name, made_by in MAPS.items()}
+    maps: dict[str, Any] = {name: plugins.make("indexes", "vlmaps", encoder=made_by) for name, made_by in MAPS.items()}
     true_names = {obj.id: display_name(obj.label) for obj in recording.truth or ()}
     for number in range(0, len(recording), DENSE_STEP):
         frame = recording[number]

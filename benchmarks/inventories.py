@@ -67,10 +67,10 @@ class RenderedWorld(Dollhouse):
 
     _latest: tuple[str, Any] = ("", None)
 
-    def explore(self, home: str, seed: int = 0, **options: Any) -> Any:
+    def explore(self, home: str, seed: int = 0, *args: Any, **options: Any) -> Any:
         if self._latest[0] != home:
             self._latest = (home, None)  # one walk at a time is a gigabyte
-            self._latest = (home, Rendered(super().explore(home, seed=seed, **options)))
+            self._latest = (home, Rendered(super().explore(home, seed, *args, **options)))
         return self._latest[1]
 
 

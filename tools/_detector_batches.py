@@ -92,7 +92,7 @@ def _jpeg(rgb: Any) -> bytes:
 class Batch:
     """``images`` (B, 3, h, w) float32, 0 to 1; of the heatmaps only what is not zero: ``spots`` (M, 4) of image, row,
     column and class, with their ``heat`` (M,), of which ``hits`` (K,) are the middles; ``boxes`` (B, 5, h/4, w/4): xyxy and
-    weight; ``kinds`` (B, h/4, w/4): the class of each cell, -1 for walls; ``things`` (T, 6): image, xyxy and class of each."""
+    weight; ``kinds`` (B, h/4, w/4): the class of each cell, -1 for walls; ``objects`` (T, 6): image, xyxy and class of each."""
 
     images: Any
     spots: Any
@@ -100,7 +100,7 @@ class Batch:
     hits: Any
     boxes: Any
     kinds: Any
-    objs: Any
+    objects: Any
 
 
 def batch(pool: Pool, size: int, rng: np.random.Generator) -> Batch:

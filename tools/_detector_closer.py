@@ -130,7 +130,7 @@ def wanted(boxes: Tensor, true: Batch, classes: int) -> tuple[Tensor, Tensor, Te
     names, counts = torch.zeros(*boxes.shape[:2], classes), torch.ones(*boxes.shape[:2], classes)
     right_ones = [torch.zeros(0, 6)]
     for image in range(len(boxes)):
-        objs = torch.from_numpy(true.things[true.things[:, 0] == image]).float()
+        objs = torch.from_numpy(true.objects[true.objects[:, 0] == image]).float()
         if not len(objs):
             continue
         box, kind = objs[:, 1:5], objs[:, 5].long()

@@ -77,7 +77,8 @@ def test_a_broken_frame_is_told_when_its_turn_comes_and_no_thread_stays() -> Non
     recording = read(4)
     recording.broken, seen = 7, []
     with pytest.raises(InputError, match="frame 7 is broken"):
-        seen += [frame.index for frame in prefetch(recording) if not seen.append(frame.index)]
+        for frame in prefetch(recording):
+            seen.append(frame.index)
     assert seen == list(range(7))
     stopped = prefetch(read(4))
     next(stopped)

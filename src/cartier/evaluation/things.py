@@ -289,5 +289,5 @@ class _AnswerLine(_Line):
     object_id: int | None = None
     answer: bool | int | str | Names | None = None
     question: Text | None = ""
-    say: Text | None = ""
+    text: Text | None = ""
     before_xy: Annotated[tuple[float, float], Field(strict=False)] | None = None
