@@ -1,11 +1,12 @@
 """The map of objects against the truth of the simulator: ground-truth detections, and from pixels.
 
-python benchmarks/objects.py [HOME …] [--generated 20]     (default: the seven built-in homes; a number is a generated one)
-Objects and true things are matched one to one, by label, where an object's middle lies at most 0.5 m from the thing's true box.
-Precision is over what is confirmed, recall over things of 400 px or more in some frame; a listed thing of fewer is no fault.
-Entries: confirmed objects per true thing that has any. Invented: confirmed, and no thing of that name is within 0.5 m.
-Shuffled, twice: the share of confirmed objects that another order of the frames, or the same frames again, lose and add.
-Then the rooms and relations of spatial.py. Nothing was fitted on any of these homes.
+python benchmarks/objects.py [HOME …] [--generated 20]
+    (default: the seven built-in homes; a number is a generated one)
+Objects and true things are matched one to one, by label, where an object's middle lies at most 0.5 m from the thing's
+true box. Precision is over what is confirmed, recall over things of 400 px or more in some frame; a listed thing of
+fewer is no fault. Entries: confirmed objects per true thing that has any. Invented: confirmed, and no thing of that
+name is within 0.5 m. Shuffled, twice: the share of confirmed objects that another order of the frames, or the same
+frames again, lose and add. Then the rooms and relations of spatial.py. Nothing was fitted on any of these homes.
 """
 
 from __future__ import annotations

@@ -184,7 +184,8 @@ def _held(scene: Scene, rng: np.random.Generator) -> list[Thing]:
 def _put(
     carrier: Thing, surface: Any, kind: str, at: Any, rng: np.random.Generator, taken: list[Any], over: float = 0.0
 ) -> list[Thing]:
-    """A new thing on a surface, anywhere or ``at`` a point of it, in a list: empty where it does not fit or meets ``taken``.
+    """A new thing on a surface, anywhere or ``at`` a point of it, in a list: empty where it does not fit or meets
+    ``taken``.
 
     ``over``: metres by which it may stick out.
     """
