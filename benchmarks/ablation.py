@@ -2,11 +2,12 @@
 
 python benchmarks/ablation.py REFERENCE MAPS THINGS_MAPS [RULE …]
 
-REFERENCE as for tools/train_scorer.py; MAPS and THINGS_MAPS are folders of mapped homes, as ``cartier bench --maps`` keeps them (made
-where they are missing). Per line: the bench's paper and extended splits over the built-in homes (ground truth, explicit / implicit /
-conversational, % right), the requests of ``--suite things`` made from the truth (% of finds right, of "nothing serves" with a goal),
-the held-back voices (% right; with a goal where nothing serves, and where all that serves was taken away), and the sentences of
-tests/reasoners/nothing_asked.py (a goal for what asks for nothing; no goal for what asks).
+REFERENCE as for tools/train_scorer.py; MAPS and THINGS_MAPS are folders of mapped homes, as ``cartier bench --maps``
+keeps them (made where they are missing). Per line: the bench's paper and extended splits over the built-in homes
+(ground truth, explicit / implicit / conversational, % right), the requests of ``--suite things`` made from the truth (%
+of finds right, of "nothing serves" with a goal), the held-back voices (% right; with a goal where nothing serves, and
+where all that serves was taken away), and the sentences of tests/reasoners/nothing_asked.py (a goal for what asks for
+nothing; no goal for what asks).
 """
 
 from __future__ import annotations

@@ -2,11 +2,12 @@
 
 python benchmarks/adversarial.py HOME … [--texts 20000] [--seed 0]
 
-HOME are folders that ``cartier map`` made. Texts are put together of names that are there and that are not, numbers of objects, rooms,
-questions, orders to a model, JSON, and letters of many scripts; each comes with up to three made-up turns of a conversation. An answer
-is inside if the inventory holds all that it names (``Inventory.holds``), what it tells for programs included. It prints how many
-answers of each status there were, and every text whose answer was outside or that raised anything but an InputError; then it exits 1.
-(Replies of a language model have the same law in ``tests/language/test_replies.py``.)
+HOME are folders that ``cartier map`` made. Texts are put together of names that are there and that are not, numbers of
+objects, rooms, questions, orders to a model, JSON, and letters of many scripts; each comes with up to three made-up
+turns of a conversation. An answer is inside if the inventory holds all that it names (``Inventory.contains``), what it
+tells for programs included. It prints how many answers of each status there were, and every text whose answer was
+outside or that raised anything but an InputError; then it exits 1. (Replies of a language model have the same law in
+``tests/language/test_replies.py``.)
 """
 
 from __future__ import annotations
@@ -74,7 +75,7 @@ def main() -> int:
             continue
         needs = (chosen, *chosen.next)
         statuses[chosen.status] += 1
-        if not all(map(inventory.holds, needs)) or any(
+        if not all(map(inventory.contains, needs)) or any(
             name not in inventory.names for n in needs for name, _ in n.candidates
         ):
             outside += 1

@@ -1,6 +1,8 @@
-"""How fast a 640x480 RGB-D bag is read, decoded and paired with poses, and in how much memory: frames per second, one core.
+"""How fast a 640x480 RGB-D bag is read, decoded and paired with poses, and in how much memory: frames per second, one
+core.
 
-python benchmarks/bag_reading.py [FRAMES ...]    (default: 150 600, so that the memory of a short and a long bag can be compared)
+python benchmarks/bag_reading.py [FRAMES ...]
+    (default: 150 600, so that the memory of a short and a long bag can be compared)
 Raw rgb8 and 16UC1 images with noise, CameraInfo, /tf at 50 Hz; each figure is of a fresh process, opening included.
 """
 

@@ -1,11 +1,13 @@
-"""How well the embedded dollhouse detector sees: boxes, lists of objects and distances in homes, and frames per second on one core.
+"""How well the embedded dollhouse detector sees: boxes, lists of objects and distances in homes, and frames per second
+on one core.
 
-python benchmarks/dollhouse_detector.py [HOME …] [--seed 0] [--max-frames 800] [--sensor] [--sheet FILE]     (default: the seven homes that no training saw)
-Per home: AP50 over its types; recall of the types of which a thing of 400 px or more was seen, and precision, of the list
-of confirmed objects; the mean distance from where a name is located to the nearest true
-thing of that name, from pixels and with ground-truth detections. Goals: AP50 0.5, recall 0.85, precision 0.9, 0.2 m, 8 frames/s.
-Then what the dense features are worth: the share of cells whose nearest name is right, of all and as a mean over types, and how
-far from the nearest true thing VLMaps finds each name that was there to be seen: from pixels, with the labels of the
+python benchmarks/dollhouse_detector.py [HOME …] [--seed 0] [--max-frames 800] [--sensor] [--sheet FILE]
+    (default: the seven homes that no training saw)
+Per home: AP50 over its types; recall of the types of which a thing of 400 px or more was seen, and precision, of the
+list of confirmed objects; the mean distance from where a name is located to the nearest true thing of that name, from
+pixels and with ground-truth detections. Goals: AP50 0.5, recall 0.85, precision 0.9, 0.2 m, 8 frames/s. Then what the
+dense features are worth: the share of cells whose nearest name is right, of all and as a mean over types, and how far
+from the nearest true thing VLMaps finds each name that was there to be seen: from pixels, with the labels of the
 detector, with those of the truth.
 """
 
@@ -63,7 +65,8 @@ def _no_cells() -> Any:
 
 @dataclass
 class Outputs:
-    """What a detector gave in a home, beside the truth. ``hits``: per name, (score, right) of boxes; ``boxes``: true ones per name."""
+    """What a detector gave in a home, beside the truth. ``hits``: per name, (score, right) of boxes; ``boxes``: true
+    ones per name."""
 
     name: str
     found: list[Detections] = field(default_factory=list)
@@ -92,7 +95,8 @@ def run_detector(recording: Recording | Kept, detector: Any, least: float = 0.5)
 
 
 def match(found: Detections, true: Detections, pixels: Any, outputs: Outputs, least: float = 0.5) -> None:
-    """Best score first, each box to the true one of its name that it overlaps most, by ``least``, if none had it before."""
+    """Best score first, each box to the true one of its name that it overlaps most, by ``least``, if none had it
+    before."""
     names, counted = np.array(true.labels), pixels >= LEAST_PX
     for name, count in zip(true.labels, pixels.tolist(), strict=True):
         outputs.boxes[name] += count >= LEAST_PX
@@ -141,7 +145,8 @@ def index_of(recording: Recording | Kept, found: Sequence[Detections], score_mod
 
 
 def listed(outputs: Outputs, names: Sequence[str]) -> tuple[float, float]:
-    """Recall over names of which 400 px or more were seen, and precision: the share of listed names that were there to be seen."""
+    """Recall over names of which 400 px or more were seen, and precision: the share of listed names that were there to
+    be seen."""
     there = {name for name, pixels in outputs.pixels.items() if pixels >= LISTED_PX}
     right = [name for name in names if outputs.pixels.get(name, 0) > 0]
     return len(there & set(names)) / max(1, len(there)), len(right) / max(1, len(names))
@@ -165,7 +170,7 @@ def dense_features(recording: Recording | Kept, detector: Any, outputs: Outputs,
     names = list(detector.model.names)
     vectors = encoder.text([*names, *detector.model.around])
     truth = plugins.make("detectors", "ground_truth", truth=recording.truth)
-    maps = {name: plugins.make("indexes", "vlmaps", encoder=made_by) for name, made_by in MAPS.items()}
+    maps: dict[str, Any] = {name: plugins.make("indexes", "vlmaps", encoder=made_by) for name, made_by in MAPS.items()}
     true_names = {obj.id: display_name(obj.label) for obj in recording.truth or ()}
     for number in range(0, len(recording), DENSE_STEP):
         frame = recording[number]
@@ -240,7 +245,8 @@ def report(recordings: Sequence[Recording], detector: Any) -> None:
 
 
 def sheet(recordings: Sequence[Recording], detector: Any, path: Path) -> None:
-    """A picture: of each home the frame in which most is to be seen, found boxes in green, the truth that was missed in red."""
+    """A picture: of each home the frame in which most is to be seen, found boxes in green, the truth that was missed in
+    red."""
     from PIL import Image, ImageDraw
 
     tiles = []

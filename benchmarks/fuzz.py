@@ -1,8 +1,10 @@
-"""Fuzz over every kind of file that the program reads: each broken one is read in a process of its own, bounded in time and memory.
+"""Fuzz over every kind of file that the program reads: each broken one is read in a process of its own, bounded in time
+and memory.
 
 python benchmarks/fuzz.py [--minutes 10 | --cases 500] [--jobs 2] [--kinds home,tum] [--without home] [--first 0]
 python benchmarks/fuzz.py --replay tum:17        the same files again, in this process, with the traceback
-Outcomes: ok; refused in one line; unclear (a line too long, or several); traceback; hang (over 10 s); killed; memory (over 1 GiB).
+Outcomes: ok; refused in one line; unclear (a line too long, or several); traceback; hang (over 10 s); killed; memory
+(over 1 GiB).
 """
 
 from __future__ import annotations
@@ -185,7 +187,8 @@ def run(cases: Iterable[tuple[str, int]], goods: dict[str, Path], jobs: int) -> 
 
 
 def make_goods(names: Sequence[str], folder: Path) -> dict[str, Path]:
-    """A good folder of each kind, each made and read once in a process of its own; kinds that lack a package are left out."""
+    """A good folder of each kind, each made and read once in a process of its own; kinds that lack a package are left
+    out."""
     goods = {}
     for kind in names:
         pid = os.fork()

@@ -28,7 +28,8 @@ OUTSIDE_M = 0.02
 
 
 def inside_their_boxes(recording: Recording) -> tuple[int, int, set[int]]:
-    """Depth pixels of things that lie in their true boxes (2 cm), all of them, and the ids seen with 200 pixels or more."""
+    """Depth pixels of things that lie in their true boxes (2 cm), all of them, and the ids seen with 200 pixels or
+    more."""
     boxes = {obj.id: (np.array(obj.box_min), np.array(obj.box_max)) for obj in recording.truth or ()}
     good = total = 0
     seen: set[int] = set()

@@ -1,8 +1,11 @@
-"""What a detector of the hub costs per frame, reading the frames included: OWLv2-base with LVIS's 1,203 names, and D-FINE.
+"""What a detector of the hub costs per frame, reading the frames included: OWLv2-base with LVIS's 1,203 names, and
+D-FINE.
 
-python benchmarks/hub.py [RECORDING] [--frames N] [--device cuda]    (default: 64 frames of the dollhouse's studio, 640×480, 2 on a CPU)
-Their weights are random: the time is that of trained ones, the boxes mean nothing. Medians of five; on a CPU one thread.
-Limits on an H100 with four threads that read: OWLv2 6 ms a frame, D-FINE 4 ms; on a CPU no slower than with the model's own processor.
+python benchmarks/hub.py [RECORDING] [--frames N] [--device cuda]
+    (default: 64 frames of the dollhouse's studio, 640×480, 2 on a CPU)
+Their weights are random: the time is that of trained ones, the boxes mean nothing. Medians of five; on a CPU one
+thread. Limits on an H100 with four threads that read: OWLv2 6 ms a frame, D-FINE 4 ms; on a CPU no slower than with the
+model's own processor.
 """
 
 from __future__ import annotations

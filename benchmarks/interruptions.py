@@ -1,10 +1,11 @@
-"""Kill every writing command, or fill its disk, before each of its file-system events: old or new must be left, never half.
+"""Kill every writing command, or fill its disk, before each of its file-system events: old or new must be left, never
+half.
 
     python benchmarks/interruptions.py             all events of map, append, convert, record, doctor --fix and bench
     python benchmarks/interruptions.py map --every 5
 
-After each interruption what is there is read (the old or the new content, or nothing where there was nothing), the command is run
-again, and the result must be what an undisturbed run gives, with nothing left beside it.
+After each interruption what is there is read (the old or the new content, or nothing where there was nothing), the
+command is run again, and the result must be what an undisturbed run gives, with nothing left beside it.
 """
 
 from __future__ import annotations
@@ -35,7 +36,8 @@ from synthetic import THINGS, RoomRecording, walk
 
 @dataclass(frozen=True)
 class Case:
-    """A command that writes ``result`` below a work folder, what is there before, and how to read what is there after."""
+    """A command that writes ``result`` below a work folder, what is there before, and how to read what is there
+    after."""
 
     arguments: Callable[[Path], list[object]]
     before: Callable[[Path], None]

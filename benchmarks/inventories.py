@@ -3,9 +3,9 @@
 python benchmarks/inventories.py [HOME …]      (default: every home that something stored is about; 20 minutes)
 
 The built-in homes are mapped from ground truth and from pixels (detector ``embedded``), and requests about particular
-objects are made for each as ``cartier bench --suite things`` makes them (``tests/data/made.jsonl``). The generated homes
-of the labelled sentences are mapped from ground truth, in small pictures. Each home is rendered once. What is there is
-not made again.
+objects are made for each as ``cartier bench --suite things`` makes them (``tests/data/made.jsonl``). The generated
+homes of the labelled sentences are mapped from ground truth, in small pictures. Each home is rendered once. What is
+there is not made again.
 """
 
 from __future__ import annotations
@@ -36,7 +36,8 @@ from cartier.worlds.dollhouse import Dollhouse, make
 
 DEVELOPMENT = Path(__file__).resolve().parents[1] / "tools" / "things" / "development.jsonl"
 BUILT_IN, GENERATED = (640, 480, 62.0, 0.2), (320, 240, 62.0, 0.2)
-"""The pictures' size, their field of view and the robot's radius: the bench's, and for quick maps a quarter of the pixels."""
+"""The pictures' size, their field of view and the robot's radius: the bench's, and for quick maps a quarter of the
+pixels."""
 DETECTORS = {"truth": "ground_truth", "pixels": "embedded"}
 LEAST_PX = {640: 64, 320: 16}  # visible pixels from which ground truth sees something, by the pictures' width
 MADE = stored.DATA / "made.jsonl"
@@ -67,10 +68,10 @@ class RenderedWorld(Dollhouse):
 
     _latest: tuple[str, Any] = ("", None)
 
-    def explore(self, home: str, seed: int = 0, **options: Any) -> Any:
+    def explore(self, home: str, seed: int = 0, *args: Any, **options: Any) -> Any:
         if self._latest[0] != home:
             self._latest = (home, None)  # one walk at a time is a gigabyte
-            self._latest = (home, Rendered(super().explore(home, seed=seed, **options)))
+            self._latest = (home, Rendered(super().explore(home, seed, *args, **options)))
         return self._latest[1]
 
 

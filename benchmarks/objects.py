@@ -1,11 +1,12 @@
 """The map of objects against the truth of the simulator: ground-truth detections, and from pixels.
 
-python benchmarks/objects.py [HOME …] [--generated 20]     (default: the seven built-in homes; a number is a generated one)
-Objects and true things are matched one to one, by label, where an object's middle lies at most 0.5 m from the thing's true box.
-Precision is over what is confirmed, recall over things of 400 px or more in some frame; a listed thing of fewer is no fault.
-Entries: confirmed objects per true thing that has any. Invented: confirmed, and no thing of that name is within 0.5 m.
-Shuffled, twice: the share of confirmed objects that another order of the frames, or the same frames again, lose and add.
-Then the rooms and relations of spatial.py. Nothing was fitted on any of these homes.
+python benchmarks/objects.py [HOME …] [--generated 20]
+    (default: the seven built-in homes; a number is a generated one)
+Objects and true things are matched one to one, by label, where an object's middle lies at most 0.5 m from the thing's
+true box. Precision is over what is confirmed, recall over things of 400 px or more in some frame; a listed thing of
+fewer is no fault. Entries: confirmed objects per true thing that has any. Invented: confirmed, and no thing of that
+name is within 0.5 m. Shuffled, twice: the share of confirmed objects that another order of the frames, or the same
+frames again, lose and add. Then the rooms and relations of spatial.py. Nothing was fitted on any of these homes.
 """
 
 from __future__ import annotations
@@ -42,10 +43,10 @@ FIRST_GENERATED = 70_001  # neither the detector nor its score_model was made on
 BUDGET = 30, 300  # detections in a frame, and objects known, of which the cost is measured
 
 
-def one_to_one(objects: Sequence[MapObject], objs: Sequence[TrueObject], named: bool = True) -> dict[int, int]:
+def one_to_one(objects: Sequence[MapObject], truth: Sequence[TrueObject], named: bool = True) -> dict[int, int]:
     """The things that objects are, both by their place in the lists; ``named``: only of the same name."""
-    cost = np.full((len(objects), len(objs)), 1e6)
-    for k, obj in enumerate(objs):
+    cost = np.full((len(objects), len(truth)), 1e6)
+    for k, obj in enumerate(truth):
         low, high = np.array(obj.box_min), np.array(obj.box_max)
         for i, mapped in enumerate(objects):
             far = float(box_distance(np.array(mapped.position), low, high))
@@ -66,7 +67,7 @@ def changed(before: Sequence[MapObject], after: Sequence[MapObject]) -> int:
 class Home:
     """One home, mapped by one detector in all variants."""
 
-    objs: list[TrueObject]
+    true_objects: list[TrueObject]
     pixels: Array
     """In how many pixels each thing was shown at best."""
     maps: dict[str, tuple[MapObject, ...]]
@@ -83,7 +84,7 @@ class Counts:
     wrong: list[str] = field(default_factory=list)
 
     def add(self, home: Home) -> None:
-        seen = [obj for obj, pixels in zip(home.things, home.pixels, strict=True) if pixels > 0]
+        seen = [obj for obj, pixels in zip(home.true_objects, home.pixels, strict=True) if pixels > 0]
         shown = {k for k, pixels in enumerate(home.pixels[home.pixels > 0]) if pixels >= SHOWN_PX}
         every = home.maps["every frame"]
         listed = [obj for obj in every if obj.confirmed]
@@ -235,7 +236,7 @@ def report(title: str, names: Sequence[str]) -> None:
             scene = world.scene(name)
             contacts, pixels = Contacts(scene), np.zeros(max(obj.id for obj in scene.things) + 1, np.int64)
             for key, home in homes.items():
-                pixels[[obj.id for obj in home.things]] = home.pixels
+                pixels[[obj.id for obj in home.true_objects]] = home.pixels
                 counts[key].add(home)
                 spatial[key].add(Mapped(scene, grid, home.maps["every frame"], pixels), contacts)
                 ms[key].append(home.ms)

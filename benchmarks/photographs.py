@@ -1,9 +1,10 @@
-"""How well detectors see household things in photographs: AP50, and precision and recall at their default score, by name.
+"""How well detectors see household things in photographs: AP50, and precision and recall at their default score, by
+name.
 
 python benchmarks/photographs.py [DETECTOR …] [--photos ../shared/photos] [--least 3]     (default: photos)
 A detector is what `cartier map --detector` takes. The photographs are COCO's, with boxes in YOLO's text format
-(labels/*.txt: class, cx, cy, w, h as fractions of the image); a box is right that has the name and overlaps the true one by half.
-Names of which there are fewer than `--least` boxes are only in the sums.
+(labels/*.txt: class, cx, cy, w, h as fractions of the image); a box is right that has the name and overlaps the true
+one by half. Names of which there are fewer than `--least` boxes are only in the sums.
 """
 
 from __future__ import annotations
@@ -44,7 +45,8 @@ class Photo:
 
 @dataclass
 class Matched:
-    """``hits``: per name, (score, right) of detections; ``boxes``: per name, the best right score (or 0) of each true box."""
+    """``hits``: per name, (score, right) of detections; ``boxes``: per name, the best right score (or 0) of each true
+    box."""
 
     hits: dict[str, list[tuple[float, bool]]] = field(default_factory=lambda: defaultdict(list))
     boxes: dict[str, list[float]] = field(default_factory=lambda: defaultdict(list))

@@ -1,10 +1,10 @@
 """What ``objects.py`` says of rooms and relations in dollhouse homes, against the truth of the simulator.
 
-Rooms: how much they overlap the true ones, their kinds, the share of objects in the right one. Then what things stand on or in,
-requests for "the X closest to the Y", and the other relations. Of each relation: how many were told with a probability of
-one half or more, which share of them is true, which share of the true ones was told, and how far the probabilities are off.
-What touches what is known from the home's triangles: rays from under each thing meet what holds it. All else is true if it
-holds between the true boxes.
+Rooms: how much they overlap the true ones, their kinds, the share of objects in the right one. Then what things stand
+on or in, requests for "the X closest to the Y", and the other relations. Of each relation: how many were told with a
+probability of one half or more, which share of them is true, which share of the true ones was told, and how far the
+probabilities are off. What touches what is known from the home's triangles: rays from under each thing meet what holds
+it. All else is true if it holds between the true boxes.
 """
 
 from __future__ import annotations
@@ -48,7 +48,8 @@ Told = list[tuple[float, bool]]
 
 
 class Mapped:
-    """A home as it was mapped, beside the truth; ``is_true`` are the ids of true things by those of the objects that are these."""
+    """A home as it was mapped, beside the truth; ``is_true`` are the ids of true things by those of the objects that
+    are these."""
 
     def __init__(self, scene: Scene, grid: OccupancyGrid, objects: Sequence[MapObject], pixels: Array) -> None:
         self.scene, self.grid = scene, grid
@@ -132,7 +133,8 @@ class Figures:
             self.true[name] += sum(holder is not None for holder in held.values())
 
     def _closest(self, home: Mapped) -> None:
-        """ "The X closest to the Y" where it is true of one thing alone: as the truth has it, and as the map says by itself."""
+        """ "The X closest to the Y" where it is true of one thing alone: as the truth has it, and as the map says by
+        itself."""
         known, is_of = _by_label(home.objects), {true: mapped for mapped, true in home.is_true.items()}
         for y, xs, first in _statements(list(home.true.values())):
             if {y.id, first} <= home.shown:

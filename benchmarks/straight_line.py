@@ -37,7 +37,8 @@ BOXES = 30  # detections per frame at most
 
 
 class ManyThings:
-    """Boxes of things at fixed places in the home, as a busy detector gives them, at no cost: the rest of the line is measured."""
+    """Boxes of things at fixed places in the home, as a busy detector gives them, at no cost: the rest of the line is
+    measured."""
 
     name = "many things (benchmark)"
 

@@ -1,10 +1,12 @@
-"""What a reasoner that makes no mistake could reach in ``cartier bench --suite things``: what is lost is lost by the map.
+"""What a reasoner that makes no mistake could reach in ``cartier bench --suite things``: what is lost is lost by the
+map.
 
 python benchmarks/things.py RUN/requests.jsonl [--maps DIR]
 
-Finds and bare names: whether the map has an object where an accepted thing is, and leads to it. Counts: how many objects of those types
-the map has, in the rooms in question. Where: the object's room, and what the map says it stands on. Lists: what stands on the same
-thing, or in the same room. Exists: whether what is there is in the map. Detections are ground truth and from pixels.
+Finds and bare names: whether the map has an object where an accepted thing is, and leads to it. Counts: how many
+objects of those types the map has, in the rooms in question. Where: the object's room, and what the map says it stands
+on. Lists: what stands on the same thing, or in the same room. Exists: whether what is there is in the map. Detections
+are ground truth and from pixels.
 """
 
 from __future__ import annotations

@@ -1,8 +1,10 @@
 """What VLMaps costs: fusing a frame against reading its features once, finding words, and the map's size on disk.
 
-python benchmarks/vlmaps.py [RECORDING]    (default: a rendered 6 × 5 m room; a dollhouse home is explored for the map's size)
-One thread; medians of frames interleaved with reads of the same features. Limits: fusion 6 × the read of the touched rows;
-locate 1 ms in 10,000 cells and 15 ms in 100,000; the stored map 50 × smaller than a dense 1000 × 1000 × 512 float32 grid.
+python benchmarks/vlmaps.py [RECORDING]
+    (default: a rendered 6 × 5 m room; a dollhouse home is explored for the map's size)
+One thread; medians of frames interleaved with reads of the same features. Limits: fusion 6 × the read of the touched
+rows; locate 1 ms in 10,000 cells and 15 ms in 100,000; the stored map 50 × smaller than a dense 1000 × 1000 × 512
+float32 grid.
 """
 
 from __future__ import annotations

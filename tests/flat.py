@@ -1,4 +1,5 @@
-"""A made-up flat for tests of what is said about it: a kitchen and two bedrooms, three cups, and what nobody is sure of."""
+"""A made-up flat for tests of what is said about it: a kitchen and two bedrooms, three cups, and what nobody is sure
+of."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Which detector maps a recording when nobody names one, and what is said about a wrong one, when mapping and ever after."""
+"""Which detector maps a recording when nobody names one, and what is said about a wrong one, when mapping and ever
+after."""
 
 from __future__ import annotations
 
@@ -52,7 +53,8 @@ def test_the_dollhouses_recordings_get_its_detector_and_all_others_the_photograp
 
 
 def test_map_says_which_detector_it_takes(tmp_path: Path) -> None:
-    """An exported home of the dollhouse stays one; photographs of noise hold nothing, which is said with the detector's name."""
+    """An exported home of the dollhouse stays one; photographs of noise hold nothing, which is said with the detector's
+    name."""
     explored = plugins.make("worlds", "dollhouse", width=160, height=120).explore("studio", max_frames=12)
     save(explored, tmp_path / "rec")
     run = CliRunner().invoke(app, ["map", str(tmp_path / "rec"), "-o", str(tmp_path / "home")])

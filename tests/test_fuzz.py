@@ -1,4 +1,5 @@
-"""A slice of benchmarks/fuzz.py: files broken in every way are read, or refused in one line, in little time and memory."""
+"""A slice of benchmarks/fuzz.py: files broken in every way are read, or refused in one line, in little time and
+memory."""
 
 from __future__ import annotations
 

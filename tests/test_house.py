@@ -53,7 +53,8 @@ def private_imports(folder: str) -> Iterator[str]:
 
 
 def home_of(parts: list[str], path: Path) -> bool:
-    """Whether a file lies in the folder to which a private module belongs. A private name belongs to its module alone."""
+    """Whether a file lies in the folder to which a private module belongs. A private name belongs to its module
+    alone."""
     if parts[0] != "cartier":
         return (path.parent / f"{parts[0]}.py").is_file()
     is_module = (ROOT / "src").joinpath(*parts).with_suffix(".py").is_file() or (ROOT / "src").joinpath(*parts).is_dir()

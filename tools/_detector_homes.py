@@ -75,13 +75,13 @@ def varied(scene: Scene, rng: np.random.Generator, crowd: float = 1.0) -> Scene:
     if rng.random() < 0.6:
         swap: dict[str, str] = {}
         structure = tuple(replace(part, material=_other(part.material, rng, swap, 0.5)) for part in structure)
-    return replace(scene, objs=tuple(objs), structure=structure)
+    return replace(scene, things=tuple(objs), structure=structure)
 
 
 def _with(scene: Scene, extra: list[Thing]) -> Scene:
     """The home with more things, numbered on: ids count from 1 in the order of the things."""
     first = len(scene.things) + 1
-    return replace(scene, objs=(*scene.things, *(replace(obj, id=first + k) for k, obj in enumerate(extra))))
+    return replace(scene, things=(*scene.things, *(replace(obj, id=first + k) for k, obj in enumerate(extra))))
 
 
 def _recoloured(obj: Thing, rng: np.random.Generator) -> Thing:
@@ -184,7 +184,8 @@ def _held(scene: Scene, rng: np.random.Generator) -> list[Thing]:
 def _put(
     carrier: Thing, surface: Any, kind: str, at: Any, rng: np.random.Generator, taken: list[Any], over: float = 0.0
 ) -> list[Thing]:
-    """A new thing on a surface, anywhere or ``at`` a point of it, in a list: empty where it does not fit or meets ``taken``.
+    """A new thing on a surface, anywhere or ``at`` a point of it, in a list: empty where it does not fit or meets
+    ``taken``.
 
     ``over``: metres by which it may stick out.
     """

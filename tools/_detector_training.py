@@ -34,8 +34,8 @@ ROOM = 4 << 30  # bytes of frames in memory
 def new_network() -> Network:
     """The untrained network over the vectors of the names.
 
-    Principal directions are scaled by the root of their spread (half whitened): else names as near as "pan lid" and "pot
-    lid" could hardly be told apart by a cosine.
+    Principal directions are scaled by the root of their spread (half whitened): else names as near as "pan lid" and
+    "pot lid" could hardly be told apart by a cosine.
     """
     from cartier.models.minilm import TextEncoder
 
@@ -162,7 +162,8 @@ def closer_run(data: Path, run: Path, minutes: float, seed: int) -> None:
 
 
 def export_run(run: Path, into: Path) -> None:
-    """The averaged weights as ONNX, calibrated if there is something to calibrate them with, and what belongs beside it."""
+    """The averaged weights as ONNX, calibrated if there is something to calibrate them with, and what belongs beside
+    it."""
     from _detector_export import SIZE, compare, export
 
     network, closer = new_network(), Closer(len(names()))

@@ -22,7 +22,8 @@ SERVED = ("explicit", "implicit", "conversational")
 class Outcome:
     """What became of one request over one list. ``serves`` is False where the list held nothing that serves.
 
-    ``goals`` and ``right`` are what was chosen, and whether it was that; ``top`` is whether the most probable thing serves.
+    ``goals`` and ``right`` are what was chosen, and whether it was that; ``top`` is whether the most probable thing
+    serves.
     """
 
     text: str

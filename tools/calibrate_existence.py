@@ -1,6 +1,8 @@
-"""How sure a map may be of an object: the numbers of a DetectorScoreModel, fitted on generated homes that no training saw.
+"""How sure a map may be of an object: the numbers of a DetectorScoreModel, fitted on generated homes that no training
+saw.
 
-python tools/calibrate_existence.py FOLDER [--first 60] [--homes 40]      FOLDER holds an exported dollhouse detector; into its names.json
+python tools/calibrate_existence.py FOLDER [--first 60] [--homes 40]
+    FOLDER holds an exported dollhouse detector; into its names.json
 """
 
 from __future__ import annotations
@@ -31,7 +33,8 @@ FOLDS = 5
 MAX_FRAMES = 400
 LOG_ODDS = ("prior_log_odds", "best_view_log_odds", "log_odds_per_log_width")
 Evidence = tuple[Array, Array, Array, Array]
-"""Of N objects: n_observable and reports per standpoint (N, 36), how wide each was seen (N,), whether it is there (N,)."""
+"""Of N objects: n_observable and reports per standpoint (N, 36), how wide each was seen (N,), whether it is there
+(N,)."""
 
 
 def evidence(recording: Recording, detector: Any) -> list[Evidence]:

@@ -1,10 +1,10 @@
 """What a detector's scores are worth, measured on photographs with true boxes: the score_model of its sidecar.
 
 python tools/calibrate_on_photographs.py [DETECTOR] [--photos ../shared/photos]     (default: photos)
-Its last line goes into the sidecar.
-A logistic regression of "right" on the score's logit, over every detection of a household thing but persons, who would be half
-of all: `low` and `birth` are the score from which one of ten is right, `threshold` one of two, `high` seven of ten. Nothing else
-is fitted: how real objects and inventions spread over standpoints cannot be had from single photographs, and stays at the defaults.
+Its last line goes into the sidecar. A logistic regression of "right" on the score's logit, over every detection of a
+household thing but persons, who would be half of all: `low` and `birth` are the score from which one of ten is right,
+`threshold` one of two, `high` seven of ten. Nothing else is fitted: how real objects and inventions spread over
+standpoints cannot be had from single photographs, and stays at the defaults.
 """
 
 from __future__ import annotations

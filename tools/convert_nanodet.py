@@ -1,8 +1,10 @@
-"""NanoDet-Plus's public ncnn files to the ONNX file that ships: weights kept as float16, the boxes decoded in the graph.
+"""NanoDet-Plus's public ncnn files to the ONNX file that ships: weights kept as float16, the boxes decoded in the
+graph.
 
 python tools/convert_nanodet.py nanodet-plus-m_416.param nanodet-plus-m_416.bin OUT.onnx [--size 416]     (needs onnx)
-The .bin's sha256 begins with f7555ca6. The output is 1 x (4 + names) x cells: cx, cy, w, h in input pixels, then scores; that is
-layout yolov8 of the `onnx` detector. Only the layers that NanoDet-Plus has are known; anything else stops with an error.
+The .bin's sha256 begins with f7555ca6. The output is 1 x (4 + names) x cells: cx, cy, w, h in input pixels, then
+scores; that is layout yolov8 of the `onnx` detector. Only the layers that NanoDet-Plus has are known; anything else
+stops with an error.
 """
 
 from __future__ import annotations

@@ -1,9 +1,10 @@
-"""Fit when the embedded reasoner answers, asks back or says that nothing serves: ``python tools/fit_decision.py REFERENCE``.
+"""Fit when the embedded reasoner answers, asks back or says that nothing serves: ``python tools/fit_decision.py
+REFERENCE``.
 
-Writes reasoners/decision.json: a multinomial logistic model over the numbers of ``_decision.Choice``. REFERENCE as for train_scorer.py,
-which runs this, too. It is fitted on the voices in ``FITTED`` that no training of the scorer saw, over lists of generated
-homes (none of the bench's), with what serves and without; and on what is asked for by name, in those voices and
-in the scorer's own, and in frames, where it is listed and where not. Needs no torch.
+Writes reasoners/decision.json: a multinomial logistic model over the numbers of ``_decision.Choice``. REFERENCE as for
+train_scorer.py, which runs this, too. It is fitted on the voices in ``FITTED`` that no training of the scorer saw, over
+lists of generated homes (none of the bench's), with what serves and without; and on what is asked for by name, in those
+voices and in the scorer's own, and in frames, where it is listed and where not. Needs no torch.
 """
 
 from __future__ import annotations

@@ -1,11 +1,11 @@
 """Train the learned scorer of the embedded reasoner: ``python tools/train_scorer.py REFERENCE MINILM``.
 
 REFERENCE holds thor_object_types.json and lvis_v1_categories.json, from which lists of objects are drawn; MINILM is the
-folder with model.safetensors of all-MiniLM-L6-v2 (see build_text_encoder.py). Without it nothing is trained: what ships is
-put to the test anew. Needs torch, onnx, safetensors.
+folder with model.safetensors of all-MiniLM-L6-v2 (see build_text_encoder.py). Without it nothing is trained: what ships
+is put to the test anew. Needs torch, onnx, safetensors.
 
-Whole styles are held back: what ships is fitted on some of them to know when nothing serves (fit_decision.py), and put to the others, which
-no training saw, for the table of docs/embedded.md.
+Whole styles are held back: what ships is fitted on some of them to know when nothing serves (fit_decision.py), and put
+to the others, which no training saw, for the table of docs/embedded.md.
 """
 
 from __future__ import annotations

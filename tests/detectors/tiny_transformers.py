@@ -1,4 +1,5 @@
-"""Every family of transformers' detectors, tiny, with random weights: what is built, saved and loaded here never learned."""
+"""Every family of transformers' detectors, tiny, with random weights: what is built, saved and loaded here never
+learned."""
 
 from __future__ import annotations
 

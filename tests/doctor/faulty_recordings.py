@@ -1,4 +1,5 @@
-"""What the doctor is tried on: robots' walks through built-in homes, recordings with one fault put in, and AI2-THOR frames."""
+"""What the doctor is tried on: robots' walks through built-in homes, recordings with one fault put in, and AI2-THOR
+frames."""
 
 from __future__ import annotations
 

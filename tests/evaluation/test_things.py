@@ -1,4 +1,5 @@
-"""Requests about particular things: what is stated is true of one thing alone, answers are scored exactly, files are read strictly."""
+"""Requests about particular things: what is stated is true of one thing alone, answers are scored exactly, files are
+read strictly."""
 
 from __future__ import annotations
 
@@ -347,7 +348,8 @@ def test_no_two_objects_hold_each_other(home: str, ring: set[int]) -> None:
 
 
 class Counts:
-    """Tells how many things there are of the first name in the words; it goes to others, and keeps what it was shown."""
+    """Tells how many things there are of the first name in the words; it goes to others, and keeps what it was
+    shown."""
 
     name = "counts (test)"
 

@@ -1,4 +1,5 @@
-"""Bags that are truncated, empty, without an index, damaged or made to hurt: one line each, quickly, in little memory."""
+"""Bags that are truncated, empty, without an index, damaged or made to hurt: one line each, quickly, in little
+memory."""
 
 from __future__ import annotations
 

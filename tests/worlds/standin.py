@@ -1,13 +1,13 @@
 """Stands in for AI2-THOR's Unity player: speaks its FIFO and WSGI protocols and serves homes of the dollhouse.
 
-The real ``ai2thor.controller.Controller`` starts it in place of a build. It imports nothing from the ai2thor package, so that
-the client is the only other party that must agree with it. What it sends is our reading of the protocol of version 5.0.
+The real ``ai2thor.controller.Controller`` starts it in place of a build. It imports nothing from the ai2thor package,
+so that the client is the only other party that must agree with it. What it sends is our reading of the protocol of
+version 5.0.
 
     python standin.py HOME… [--legacy] [--fault exit:Teleport]
 
-A HOME is one of the dollhouse's or a YAML file. The first is FloorPlan1 (and what ProcTHOR's "Procedural" shows), the next
-FloorPlan2, and so on. ``--legacy`` sends an old
-build's normalised depth; ``--fault`` exits or hangs at an action.
+A HOME is one of the dollhouse's or a YAML file. The first is FloorPlan1 (and what ProcTHOR's "Procedural" shows), the
+next FloorPlan2, and so on. ``--legacy`` sends an old build's normalised depth; ``--fault`` exits or hangs at an action.
 """
 
 from __future__ import annotations

@@ -1,4 +1,5 @@
-"""Pictures of a dollhouse: exact depth, ids and boxes that agree, two engines with the same pixels, light that makes sense."""
+"""Pictures of a dollhouse: exact depth, ids and boxes that agree, two engines with the same pixels, light that makes
+sense."""
 
 from __future__ import annotations
 

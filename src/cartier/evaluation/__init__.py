@@ -1,1 +1,2 @@
-"""The paper's evaluation: requests with the objects that serve them, the methods, the metrics, the run and its report."""
+"""The paper's evaluation: requests with the objects that serve them, the methods, the metrics, the run and its
+report."""

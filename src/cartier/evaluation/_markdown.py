@@ -20,7 +20,8 @@ PAPER_NOTE = (
 def report(
     summary: Summary, rows: Sequence[Row], settings: Mapping[str, Any], failed: int, others: Mapping[str, Summary]
 ) -> str:
-    """The whole ``report.md``; ``others`` are the summaries of runs that stand beside this one, by their folder's name."""
+    """The whole ``report.md``; ``others`` are the summaries of runs that stand beside this one, by their folder's
+    name."""
     methods, head = summary["methods"], f"method ({summary['objects_from']})"
     parts = [
         "# The paper's evaluation: a run",

@@ -35,7 +35,8 @@ class MapSettings:
 
 
 def encoder_for(detector: str) -> str:
-    """The encoder that goes with a detector: one that has dense features gives them, for others label features are used."""
+    """The encoder that goes with a detector: one that has dense features gives them, for others label features are
+    used."""
     return PIXELS if detector.partition(":")[0] == "embedded" else "embedded"
 
 

@@ -45,7 +45,8 @@ def listed_as(name: str, objects: Sequence[str]) -> str | None:
 def distances(
     position: Sequence[float] | None, truth: Iterable[TrueObject], accept: Collection[str]
 ) -> tuple[float | None, float | None]:
-    """Metres from a position to the nearest acceptable true box, in space and on the floor plan; None without a position."""
+    """Metres from a position to the nearest acceptable true box, in space and on the floor plan; None without a
+    position."""
     boxes = [obj for obj in truth if display_name(obj.label) in accept]
     if position is None or not boxes:
         return None, None

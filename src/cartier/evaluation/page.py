@@ -1,4 +1,5 @@
-"""``failures.html``: one page, without a network, that lets a person leaf through what went wrong, with photos beside it."""
+"""``failures.html``: one page, without a network, that lets a person leaf through what went wrong, with photos beside
+it."""
 
 from __future__ import annotations
 
@@ -88,7 +89,8 @@ def _failure(row: Row, case: int, photos: Mapping[tuple[str, int], str]) -> dict
 
 
 def _fill(data: Mapping[str, Any]) -> str:
-    """The template with its data: nothing in the data can end the block that it stands in, and only our script may run."""
+    """The template with its data: nothing in the data can end the block that it stands in, and only our script may
+    run."""
     text = json.dumps(data, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
     for mark in "<>&\u2028\u2029":
         text = text.replace(mark, f"\\u{ord(mark):04x}")  # such marks stand only inside JSON strings

@@ -1,4 +1,5 @@
-"""``cartier bench``: map the homes, ask every request by every method, and write it down so that a killed run goes on."""
+"""``cartier bench``: map the homes, ask every request by every method, and write it down so that a killed run goes
+on."""
 
 from __future__ import annotations
 
@@ -60,8 +61,8 @@ def run(
 ) -> list[dict[str, Any]]:
     """Ask everything that is not answered yet and return all rows, in order of home, request and method.
 
-    ``maps_folder`` may be shared between runs; by default it is in the run folder. Raises InputError for an unknown home or
-    method, or a run folder of other settings; what was answered before an error stays.
+    ``maps_folder`` may be shared between runs; by default it is in the run folder. Raises InputError for an unknown
+    home or method, or a run folder of other settings; what was answered before an error stays.
     """
     maps = Maps(maps_folder or folder / MAPS, settings.maps)
     truth, asked = _asked(settings, queries, maps)
@@ -76,7 +77,8 @@ def write_prompts(
     maps_folder: Path,
     progress: Progress | None = None,
 ) -> None:
-    """Let the writer see all that a run would ask a language model. Raises InputError as ``run`` does; no run folder is made."""
+    """Let the writer see all that a run would ask a language model. Raises InputError as ``run`` does; no run folder is
+    made."""
     maps = Maps(maps_folder, settings.maps)
     _, asked = _asked(settings, queries, maps)
     depends = "nlmap" in settings.methods and writer.replies is not None  # its choice is among what came back at first
@@ -192,7 +194,8 @@ def _calibrated(maps: Maps, asked: Sequence[str], progress: Progress | None) -> 
 
 
 def claim(folder: Path, settings: Any, queries: Iterable[Any], reasoner: str) -> None:
-    """Make the run folder, or see that it is of the same settings (a dataclass, as each query is). Raises InputError if not."""
+    """Make the run folder, or see that it is of the same settings (a dataclass, as each query is). Raises InputError if
+    not."""
     import hashlib
 
     asked = json.dumps([asdict(query) for query in queries], sort_keys=True)

@@ -60,7 +60,8 @@ class Words:
 
 @dataclass(frozen=True)
 class Statement:
-    """A noun phrase that is true of one thing: "the ``adjective`` ``word`` ``tail``"; ``others`` are so many of its name.
+    """A noun phrase that is true of one thing: "the ``adjective`` ``word`` ``tail``"; ``others`` are so many of its
+    name.
 
     ``how`` is the sort of its tail: on, in, under, next to, between, closest, room.
     """

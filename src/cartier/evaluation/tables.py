@@ -28,7 +28,8 @@ Summary = Mapping[str, Any]
 
 
 def tidy_csv(summary: Summary) -> str:
-    """One line per method and type: whence the objects come, every number of the summary and the paper's mean, with a header."""
+    """One line per method and type: whence the objects come, every number of the summary and the paper's mean, with a
+    header."""
     lines = [
         {"objects": summary["objects_from"]} | _tidy(name, kind, x)
         for name, kinds in summary["methods"].items()

@@ -63,9 +63,10 @@ Names = Annotated[tuple[Name, ...], Field(strict=False, max_length=MAX_IDS)]
 class Item:
     """One request: what a person says, in one turn or several, in a home; and what is true.
 
-    ``accept_ids`` are the simulator's ids of the things that serve it. ``answer`` is a number for ``count``, true or false for
-    ``exists``, names for ``where`` (each is right), ``list`` (all are meant) and ``compare``, None for the others; ``maybe`` are
-    names that a list may hold or not. ``rejects``: the last turn turns down what the one before it led to.
+    ``accept_ids`` are the simulator's ids of the things that serve it. ``answer`` is a number for ``count``, true or
+    false for ``exists``, names for ``where`` (each is right), ``list`` (all are meant) and ``compare``, None for the
+    others; ``maybe`` are names that a list may hold or not. ``rejects``: the last turn turns down what the one before
+    it led to.
     """
 
     id: str
@@ -88,8 +89,8 @@ class Item:
 
 @dataclass(frozen=True)
 class Given:
-    """A system's answer. ``at`` is the place it leads to, (x, y) or (x, y, z) in metres, or the id of a true thing; ``before``
-    the same for the turn before the last one, where there is one."""
+    """A system's answer. ``at`` is the place it leads to, (x, y) or (x, y, z) in metres, or the id of a true thing;
+    ``before`` the same for the turn before the last one, where there is one."""
 
     id: str
     status: str
@@ -112,9 +113,9 @@ class Score:
 def score(item: Item, given: Given, truth: Mapping[int, TrueObject]) -> Score:
     """Whether an answer is right; ``truth`` are the home's things by their ids.
 
-    A find is right if its place lies in or within 0.3 m of an accepted thing's box. A bare name of several is right with a
-    question that holds a word that tells them apart, or with the nearest one and a word that says so. Answers to questions
-    are compared exactly. What nothing serves is right without a place.
+    A find is right if its place lies in or within 0.3 m of an accepted thing's box. A bare name of several is right
+    with a question that holds a word that tells them apart, or with the nearest one and a word that says so. Answers to
+    questions are compared exactly. What nothing serves is right without a place.
     """
     sent = given.at if given.status in ("found", "likely_near") else None
     distance = _distance(sent, item.accept_ids, truth)
@@ -289,5 +290,5 @@ class _AnswerLine(_Line):
     object_id: int | None = None
     answer: bool | int | str | Names | None = None
     question: Text | None = ""
-    say: Text | None = ""
+    text: Text | None = ""
     before_xy: Annotated[tuple[float, float], Field(strict=False)] | None = None

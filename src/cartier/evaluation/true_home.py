@@ -1,4 +1,5 @@
-"""What is true of a dollhouse home: where each thing is, what it stands on, its colour, and how large a walk shows it."""
+"""What is true of a dollhouse home: where each thing is, what it stands on, its colour, and how large a walk shows
+it."""
 
 from __future__ import annotations
 
@@ -55,9 +56,11 @@ _PLAIN = {
 
 @dataclass(frozen=True, eq=False)
 class TrueHome:
-    """A home's truth; ids are the simulator's, ``room`` of an object the number of its room in ``rooms``, (name, kind) each.
+    """A home's truth; ids are the simulator's, ``room`` of an object the number of its room in ``rooms``, (name, kind)
+    each.
 
-    ``holder`` has what a thing stands on or in, ``covered`` (thing, what is above it); ``pixels`` are those of its best view.
+    ``holder`` has what a thing stands on or in, ``covered`` (thing, what is above it); ``pixels`` are those of its best
+    view.
     """
 
     name: str

@@ -27,7 +27,8 @@ Points = npt.NDArray[np.float64]
 
 
 def of_things(scene: Scene) -> Iterator[tuple[Thing, str]]:
-    """(thing, what is wrong with its place) for every thing that is in a wall, outside, in a doorway or in another thing."""
+    """(thing, what is wrong with its place) for every thing that is in a wall, outside, in a doorway or in another
+    thing."""
     solids = {thing.id: _Solid(thing) for thing in scene.things}
     for solid in solids.values():
         for reason in (_outside(solid, scene), _in_doorway(solid, scene)):

@@ -1,4 +1,5 @@
-"""What each thing of a home truly stands on or in: rays against the home's triangles say it, whatever the home file meant."""
+"""What each thing of a home truly stands on or in: rays against the home's triangles say it, whatever the home file
+meant."""
 
 from __future__ import annotations
 
@@ -16,8 +17,8 @@ UP, DOWN = np.array([0, 0, 1], np.float32), np.array([0, 0, -1], np.float32)
 
 
 class Contacts:
-    """What each thing of a scene stands on or in: ``holder`` has (id, "on" or "in") by id; ``covered`` are (id, id of what is
-    above more than half of it)."""
+    """What each thing of a scene stands on or in: ``holder`` has (id, "on" or "in") by id; ``covered`` are (id, id of
+    what is above more than half of it)."""
 
     def __init__(self, scene: Scene) -> None:
         self._mesh = triangles(scene)

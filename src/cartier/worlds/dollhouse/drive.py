@@ -1,4 +1,5 @@
-"""Drives a planned goal in the true home: stopped by what is really there, and with a picture of what is seen on arrival."""
+"""Drives a planned goal in the true home: stopped by what is really there, and with a picture of what is seen on
+arrival."""
 
 from __future__ import annotations
 
@@ -25,10 +26,11 @@ Floats = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Drive:
-    """What came of a goal: the robot's ``poses`` (N, 3) of x, y (m) and yaw (rad), and the ``view`` (H, W, 3) uint8 at the end.
+    """What came of a goal: the robot's ``poses`` (N, 3) of x, y (m) and yaw (rad), and the ``view`` (H, W, 3) uint8 at
+    the end.
 
-    ``collided_at`` is the (x, y) at which something stopped it, or None. ``in_view`` tells whether the place lies in the view
-    with nothing before it.
+    ``collided_at`` is the (x, y) at which something stopped it, or None. ``in_view`` tells whether the place lies in
+    the view with nothing before it.
     """
 
     arrived: bool

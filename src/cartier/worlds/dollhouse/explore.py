@@ -43,8 +43,8 @@ Floats = npt.NDArray[np.float64]
 class Exploration:
     """A walk: camera ``poses`` (N, 4, 4), the robot's ``track`` (N, 3) of x, y (m) and yaw (rad), and what came of it.
 
-    ``grid`` is the robot's own floor plan at the end; ``coverage`` the share of the truly reachable floor that it knows to be
-    free; ``complete`` tells whether it ended by itself.
+    ``grid`` is the robot's own floor plan at the end; ``coverage`` the share of the truly reachable floor that it knows
+    to be free; ``complete`` tells whether it ended by itself.
     """
 
     poses: Poses
@@ -66,7 +66,8 @@ def explore(
 ) -> Exploration:
     """Cover all free space of a home from ``scene.start_xy``. Deterministic: another seed, another walk.
 
-    ``stop`` is asked before each frame. Raises InputError if it says so, or if the robot does not fit where it wakes up.
+    ``stop`` is asked before each frame. Raises InputError if it says so, or if the robot does not fit where it wakes
+    up.
     """
     return _Explorer(scene, camera, radius_m, eye_m, seed, max_frames, stop).run()
 

@@ -17,7 +17,8 @@ MAX_FAULTS = 50
 MAX_THINGS = 2000  # with those that stand on others
 Side = Literal["north", "south", "east", "west"]
 DIRECTIONS = {"south": 0.0, "east": math.pi / 2, "north": math.pi, "west": -math.pi / 2}
-"""Yaws of things that face a direction; among things on others, directions in the parent's frame (south = its front)."""
+"""Yaws of things that face a direction; among things on others, directions in the parent's frame (south = its
+front)."""
 
 Metres = Annotated[float, Field(ge=-100, le=100)]
 Length = Annotated[float, Field(gt=0, le=20)]
@@ -143,7 +144,8 @@ def direction(word: str) -> float | None:
 
 @dataclass(frozen=True)
 class Read:
-    """What a home's text holds: its form, or None with the faults that make it unreadable; and the lines of its entries."""
+    """What a home's text holds: its form, or None with the faults that make it unreadable; and the lines of its
+    entries."""
 
     form: HomeForm | None
     faults: tuple[Fault, ...]

@@ -1,4 +1,5 @@
-"""Furniture for generated homes: groups against walls with room to use them, and small things on what they usually stand on."""
+"""Furniture for generated homes: groups against walls with room to use them, and small things on what they usually
+stand on."""
 
 from __future__ import annotations
 
@@ -86,7 +87,8 @@ class Place:
         return not any(_overlap(before, other) for other in self.taken)
 
     def fits(self, footprint: Rect, front: Rect) -> bool:
-        """Whether furniture may stand there: apart from all else, with room before it, and the floor stays in one piece."""
+        """Whether furniture may stand there: apart from all else, with room before it, and the floor stays in one
+        piece."""
         x1, y1, x2, y2 = self.box
         inside = footprint[0] >= x1 and footprint[1] >= y1 and footprint[2] <= x2 and footprint[3] <= y2
         usable = front[0] >= x1 - 0.3 and front[1] >= y1 - 0.3 and front[2] <= x2 + 0.3 and front[3] <= y2 + 0.3
@@ -171,7 +173,8 @@ class Furnisher:
         return things
 
     def _spot(self, place: Place, group: Group, opposite: tuple[str, float] | None) -> tuple[str, float, Spot]:
-        """A random place for a group, or one across from a seat: a wall, where along it, the middle of the group's back."""
+        """A random place for a group, or one across from a seat: a wall, where along it, the middle of the group's
+        back."""
         side = OPPOSITE[opposite[0]] if opposite else self._rng.choice(list(FACING))
         (low, high), half = place.span(side), group.width / 2 + GAP_M
         x1, y1, x2, y2 = place.box

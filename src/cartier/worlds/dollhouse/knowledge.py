@@ -30,8 +30,8 @@ Floats = npt.NDArray[np.float64]
 class Knowledge:
     """Grows frame by frame, from depth and bumps alone. What it knows is there after the first frame.
 
-    ``grid`` is the floor plan with the bumps in it, ``open`` (rows, cols) where the robot may drive, ``worth`` (rows, cols)
-    what each cell is worth looking at.
+    ``grid`` is the floor plan with the bumps in it, ``open`` (rows, cols) where the robot may drive, ``worth`` (rows,
+    cols) what each cell is worth looking at.
     """
 
     def __init__(self, camera: Camera, radius_m: float, eye_m: float) -> None:
@@ -98,7 +98,8 @@ class Knowledge:
     def _visible(
         self, xy: Floats, down: float = math.radians(22.5)
     ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], npt.NDArray[np.bool_]]:
-        """Rows, columns (K, azimuth, step) along rays from points, and which of these cells can be seen over what is known."""
+        """Rows, columns (K, azimuth, step) along rays from points, and which of these cells can be seen over what is
+        known."""
         grid = self.grid
         cells = grid.cell(xy[:, None, None] + self._rays)
         shape = np.array(grid.cells.shape)
@@ -127,7 +128,8 @@ class Knowledge:
         self._height_m += self._tops
 
     def _weigh(self, xy: Sequence[float] | Floats) -> None:
-        """What each cell is worth looking at: unknown cells beside floor that can be reached, obstacles not seen from near."""
+        """What each cell is worth looking at: unknown cells beside floor that can be reached, obstacles not seen from
+        near."""
         parts, _ = ndimage.label(self.open, np.ones((3, 3)))
         cells = np.argwhere(self.open)
         reached = self.open

@@ -1,4 +1,5 @@
-"""Primitives that shapes are built from: boxes, prisms, lathes, tubes and cushions, each one part with texture coordinates."""
+"""Primitives that shapes are built from: boxes, prisms, lathes, tubes and cushions, each one part with texture
+coordinates."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
 """What the dollhouse is made of: parts, shapes, things with a place, rooms, and the scene that holds them.
 
-A shape's frame: origin in the middle of its footprint, at the bottom; z up; its front faces -y, so that x is to the right
-of who looks at it. ``size`` is (width along x, depth along y, height along z) in metres. A thing's ``yaw`` turns it
-counter-clockwise about z: yaw 0 faces south (-y), pi/2 faces east (+x).
+A shape's frame: origin in the middle of its footprint, at the bottom; z up; its front faces -y, so that x is to the
+right of who looks at it. ``size`` is (width along x, depth along y, height along z) in metres. A thing's ``yaw`` turns
+it counter-clockwise about z: yaw 0 faces south (-y), pi/2 faces east (+x).
 """
 
 from __future__ import annotations
@@ -22,7 +22,8 @@ Vec3 = tuple[float, float, float]
 class Part:
     """Triangles of one material: vertices (N, 3) float32, faces (M, 3) int32, counter-clockwise seen from outside.
 
-    ``uv_m`` (N, 2) float32 are texture coordinates in metres, so that planks and tiles keep their size on every surface.
+    ``uv_m`` (N, 2) float32 are texture coordinates in metres, so that planks and tiles keep their size on every
+    surface.
     """
 
     vertices: npt.NDArray[np.float32]
@@ -61,7 +62,8 @@ class Shape:
 
 @dataclass(frozen=True, eq=False)
 class Thing:
-    """One object of a scene. ``at`` is its shape's origin in the world; ``on`` the id of what it stands on or in, or 0."""
+    """One object of a scene. ``at`` is its shape's origin in the world; ``on`` the id of what it stands on or in, or
+    0."""
 
     id: int
     type: str
@@ -131,7 +133,8 @@ class Scene:
 
 @dataclass(frozen=True, eq=False)
 class Triangles:
-    """A scene as one mesh: vertices (N, 3) float32, faces (M, 3) int32, and per face its instance id and its part's number."""
+    """A scene as one mesh: vertices (N, 3) float32, faces (M, 3) int32, and per face its instance id and its part's
+    number."""
 
     vertices: npt.NDArray[np.float32]
     faces: npt.NDArray[np.int32]

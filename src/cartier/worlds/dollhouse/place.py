@@ -54,7 +54,8 @@ class Plan:
         return OccupancyGrid(cells.astype(np.int8), CELL_M, self._corner, heights.astype(np.float16))
 
     def reachable(self, start_xy: Sequence[float]) -> npt.NDArray[np.bool_]:
-        """Cells of ``grid()`` on whose centres the robot can stand after driving there from a point; all False if it is not free."""
+        """Cells of ``grid()`` on whose centres the robot can stand after driving there from a point; all False if it is
+        not free."""
         parts, _ = ndimage.label(self._clearance_m >= self.radius_m)
         if not self.free(start_xy):
             return np.zeros(_blocks(parts).shape[::2], bool)

@@ -50,8 +50,8 @@ def lit_renderer(scene: Scene, camera: Camera) -> Renderer:
 class DollhouseRecording:
     """Obeys the Recording contract. Nothing is kept of a frame once it was handed out.
 
-    With a ``sensor``, images, depth and the poses that are told are disturbed; what is rendered follows the true ``poses``
-    (N, 4, 4). ``notes`` are added to those that say how the frames came about.
+    With a ``sensor``, images, depth and the poses that are told are disturbed; what is rendered follows the true
+    ``poses`` (N, 4, 4). ``notes`` are added to those that say how the frames came about.
     """
 
     def __init__(

@@ -1,4 +1,5 @@
-"""Rays against a scene's triangles: embreex, called directly and in tiles (three times faster than one call per frame)."""
+"""Rays against a scene's triangles: embreex, called directly and in tiles (three times faster than one call per
+frame)."""
 
 from __future__ import annotations
 
