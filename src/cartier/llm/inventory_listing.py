@@ -52,7 +52,8 @@ def described(inventory: Inventory, words: str) -> Listing:
     rooms = [room_ref(room.name, room.id) for room in inventory.rooms]
     most = "" if len(told) == len(seen) else f"; {len(seen) - len(told)} of them, farther away, are only counted"
     text = (
-        "Objects in this home: each name once, and of its objects the number, the room, what it stands on or is in, what it "
+        "Objects in this home: each name once, and of its objects the number, the room, what it stands on or is in, "
+        "what it "
         f"is beside, its colours, and its width, depth and height in centimetres{most}:\n{{" + ",\n".join(rows) + "}"
     )
     if rooms:

@@ -15,7 +15,8 @@ NOTHING = "nothing"
 """What a model answers when no object of the list serves the person."""
 
 _CHOSEN = re.compile(
-    r"(?:\b(?:choose|choosing|pick|select|suggest|recommend|called|named|(?:go|drive|head|over) to|send \w+(?: \w+)? to)"
+    r"(?:\b(?:choose|choosing|pick|select|suggest|recommend|called|named|(?:go|drive|head|over) to"
+    r"|send \w+(?: \w+)? to)"
     r"|\b(?:answer|choice|object|option) (?:is|would be))(?: the| a| an| object)* $"
 )
 _REFUSED = re.compile(

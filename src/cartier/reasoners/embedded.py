@@ -38,11 +38,13 @@ NAME = "embedded (knowledge cards, MiniLM, learned scorer)"
 FITS = " fits: "  # in the reason of what serves a need, not named
 MOST_NEEDS, LONGEST_PART = 4, 30  # needs in one breath, and words of each
 THEN = re.compile(
-    r"[,;.]?\s+(?:and\s+)?(?:then|afterwards|after\s+that|after\s+which|next(?!\s+to\b))\b[,\s]*|\s*;\s*|[,.]?\s+(?:and|n)\s+then\b[,\s]*",
+    r"[,;.]?\s+(?:and\s+)?(?:then|afterwards|after\s+that|after\s+which|next(?!\s+to\b))\b[,\s]*|\s*;\s*"
+    r"|[,.]?\s+(?:and|n)\s+then\b[,\s]*",
     re.IGNORECASE,
 )
 AND = re.compile(
-    r"[,;.]?\s+(?:(?:and\s+)?also\b|plus\b|as\s+well\s+as\b|and\s+(?=(?:something|somewhere|i\s+(?:need|want)|(?:my|the|an?|some)\s+\w+)\b))[,\s]*",
+    r"[,;.]?\s+(?:(?:and\s+)?also\b|plus\b|as\s+well\s+as\b|and\s+(?=(?:something|somewhere|i\s+(?:need|want)"
+    r"|(?:my|the|an?|some)\s+\w+)\b))[,\s]*",
     re.IGNORECASE,
 )
 ALSO = re.compile(r"\balso\b", re.IGNORECASE)

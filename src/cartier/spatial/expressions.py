@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 Kind = Literal[
-    "find", "count", "exists", "where", "list", "compare", "far", "when", "colour", "size", "room", "rooms", "which", "sure",
-    "stop", "come", "back", "follow", "able", "thanks", "bye",
+    "find", "count", "exists", "where", "list", "compare", "far", "when", "colour", "size", "room", "rooms", "which",
+    "sure", "stop", "come", "back", "follow", "able", "thanks", "bye",
 ]  # fmt: skip
 
 

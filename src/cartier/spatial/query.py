@@ -22,9 +22,10 @@ LIKELY = 0.3  # probability from which what is tentative may tell others apart
 LEAST = 0.1  # probability under which a thing is not even named
 CLEARLY = 1.3  # how much more of a colour than the next a thing has that is meant by it
 BESIDE = {
-    "white": ("grey", "yellow"), "black": ("grey", "brown"), "grey": ("white", "black"), "brown": ("orange", "red", "black", "yellow"),
-    "yellow": ("orange", "brown"), "orange": ("brown", "red", "yellow"), "red": ("brown", "orange", "pink"), "pink": ("red", "purple"),
-    "blue": ("purple", "grey"), "green": ("blue", "yellow"), "purple": ("blue", "pink"),
+    "white": ("grey", "yellow"), "black": ("grey", "brown"), "grey": ("white", "black"),
+    "brown": ("orange", "red", "black", "yellow"), "yellow": ("orange", "brown"), "orange": ("brown", "red", "yellow"),
+    "red": ("brown", "orange", "pink"), "pink": ("red", "purple"), "blue": ("purple", "grey"),
+    "green": ("blue", "yellow"), "purple": ("blue", "pink"),
 }  # fmt: skip
 """What a colour is taken for in warm light or in shadow."""
 ALIKE = 0.9  # of the biggest: as big

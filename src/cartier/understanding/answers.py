@@ -14,7 +14,8 @@ from cartier.understanding.reference_words import STANDS_FOR
 
 NUMBERS = {1: "one", 2: "two", 3: "three"}
 PLURALS = (
-    ("ss", "sses"), ("s", "s"), ("ch", "ches"), ("sh", "shes"), ("x", "xes"), ("ato", "atoes"), ("fe", "ves"), ("lf", "lves"),
+    ("ss", "sses"), ("s", "s"), ("ch", "ches"), ("sh", "shes"), ("x", "xes"), ("ato", "atoes"), ("fe", "ves"),
+    ("lf", "lves"),
 )  # fmt: skip
 
 

@@ -21,12 +21,14 @@ STORY = 30  # words from which on a need is told, and what is named in passing a
 SURE = 0.85  # probability of objects that are preferred where any of several will do
 MOST_ASKED = 4  # objects among which a question lets choose
 DRIVES = re.compile(
-    r"\b(?:go|drive|head|navigate|move|take|bring|lead|guide|roll|come|wait|meet|visit|walk|show|get|check|return|run|to)\b"
+    r"\b(?:go|drive|head|navigate|move|take|bring|lead|guide|roll|come|wait|meet|visit|walk|show|get|check|return|run"
+    r"|to)\b"
 )
 OTHER = re.compile(r"\b(?:other|others|another|else|different)\b")
 SAID: Mapping[str, str] = {
     "stop": "All right.", "come": "I do not know where you are: name a room or a thing beside you.",
-    "back": "I do not know where back is: name a room or a thing.", "follow": "I cannot follow anybody: name a room or a thing.",
+    "back": "I do not know where back is: name a room or a thing.",
+    "follow": "I cannot follow anybody: name a room or a thing.",
     "able": "I know where things are in this home: ask me where something is, or tell me what you need.",
     "thanks": "You are welcome.", "bye": "Goodbye.",
 }  # fmt: skip

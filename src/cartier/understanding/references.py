@@ -303,7 +303,8 @@ def _head(phrases: Sequence[ReferringExpression], kind: Kind) -> ReferringExpres
 def _unknown(core: str) -> str:
     """What is asked for, of which no name is known: "is there a unicorn"."""
     found = re.search(
-        r"\b(?:how many|(?:is|are) there(?: any| a| an| some)?|any|have(?: a| an| any)|see(?: a| an| any))((?: \w+){1,3}?)(?: (?:in|on|are|is|at|do|here|there)\b|$)",
+        r"\b(?:how many|(?:is|are) there(?: any| a| an| some)?|any|have(?: a| an| any)"
+        r"|see(?: a| an| any))((?: \w+){1,3}?)(?: (?:in|on|are|is|at|do|here|there)\b|$)",
         core,
     )
     return found[1].strip() if found else ""

@@ -10,9 +10,11 @@ from cartier.labels import words
 SHORTEST, LONGEST = 3, 20  # letters of a word that is mended
 LONG = 6  # letters from which one may be wrong: a short word with another letter is another word
 ENDINGS = ("s", "es", "d", "ed", "ing", "r", "er", "y", "ly", "ish", "n", "ness")
-TYPED = frozenset(words("""arent aint bday brb btw bruh cant couldnt daren didnt dont doesnt duh hadn hasnt havent hes hows idk
-    im isnt ive lol mins mustn needn oops omg plz pls shes shouldnt thats theres theyre thx tho tmrw ur wanna wasnt weve whats
-    wheres whos wont wouldnt yall youre youve"""))  # fmt: skip
+TYPED = frozenset(words("""
+    arent aint bday brb btw bruh cant couldnt daren didnt dont doesnt duh hadn hasnt havent hes hows idk im isnt ive lol
+    mins mustn needn oops omg plz pls shes shouldnt thats theres theyre thx tho tmrw ur wanna wasnt weve whats wheres
+    whos wont wouldnt yall youre youve
+    """))  # fmt: skip
 
 
 class Spelling:
