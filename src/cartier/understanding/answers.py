@@ -20,7 +20,7 @@ PLURALS = (
 
 
 def answer(asked: ParsedUtterance, scene: Scene, last: MapObject | None, model: str) -> Selection | None:
-    """What a question gets; None if it is about nothing that is known here. ``last`` is what was spoken of before."""
+    """The answer to a question; None if it is about nothing known here. ``last`` is the object mentioned before."""
     head = asked.head
     if asked.kind == "rooms":
         rooms = [room.name for room in scene.rooms.values()]
@@ -51,7 +51,7 @@ def answer(asked: ParsedUtterance, scene: Scene, last: MapObject | None, model: 
 
 
 def _about(asked: ParsedUtterance, found: Sequence[MapObject], scene: Scene, model: str) -> Selection:
-    """What is to be known of one thing, the nearest of those meant."""
+    """The answer about one object, the nearest of those that the question may mean."""
     obj = found[0]
     it = next((name for name in obj.names if asked.head and name in asked.head.labels), f"the {obj.label}")
     where = scene.whereabouts(obj) or "where I saw it"
@@ -69,7 +69,7 @@ def _about(asked: ParsedUtterance, found: Sequence[MapObject], scene: Scene, mod
 
 
 def _known(asked: ParsedUtterance, obj: MapObject, it: str, where: str, scene: Scene) -> tuple[str, Any]:
-    """A sentence about one thing, without its full stop, and what it says for programs."""
+    """A sentence about one object, without its full stop, and the same as a fact for programs."""
     if asked.kind == "far":
         other = scene.meant(asked.other)[0] if asked.other is not None and asked.other.labels else []
         far = scene.distance_m(obj, other[0] if other else None)
@@ -170,7 +170,8 @@ def _compared(asked: ParsedUtterance, scene: Scene, model: str) -> Selection | N
         "highest": "higher",
         "lowest": "lower",
     }
-    say = f"The {more.label}{f' {scene.whereabouts(more)}' if one.label == other.label else ''} is {words.get(asked.by, asked.by)}."
+    where = f" {scene.whereabouts(more)}" if one.label == other.label else ""
+    say = f"The {more.label}{where} is {words.get(asked.by, asked.by)}."
     return _told(say, Fact("compare", more.label, (more.id,)), model, more)
 
 

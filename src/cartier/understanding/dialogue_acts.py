@@ -1,9 +1,8 @@
-"""Whether words ask for anything: prohibitions, opinions and thanks are understood, but they are no needs.
+"""Dialogue acts: whether words ask for anything, or only prohibit, judge, thank or chat.
 
-A request is sorted clause by clause, by its words. What ends in a prohibition asks for nothing, unless another clause asks
-outright or told a need before; what else its sentence says is its reason. What but turns things down, judges them or chats
-asks for nothing either. In other words that ask for nothing outright a need may be heard, but the things they name are not
-asked for.
+Clauses are classified one by one, by their words. A clause that ends in a prohibition asks for nothing, unless another
+clause asks outright or stated a need before; the rest of its sentence is its reason. Clauses that only refuse, judge or
+chat ask for nothing either. All other words may state a need, but the objects that they name are not asked for.
 """
 
 from __future__ import annotations
@@ -145,7 +144,7 @@ class DialogueAct(NamedTuple):
 
 
 def sort_out(heard: Utterance, known: Container[str]) -> DialogueAct:
-    """Sort the clauses of what was said; ``known`` are the keys of the names of things."""
+    """Sort the clauses of an utterance; ``known`` are the keys of the names of objects."""
     clauses = [(clause, begins, _kind(clause, known)) for clause, begins in _clauses(heard.tokens)]
     kinds = [kind for _, _, kind in clauses]
     forbidden = ", ".join(clause for clause, _, kind in clauses if kind == "forbids")
@@ -197,7 +196,7 @@ def _kind(clause: str, known: Container[str]) -> Kind:
 
 
 def _forbids(clause: str) -> bool:
-    """Whether the robot is told not to do something: a "not", of nobody else, right before what robots do."""
+    """Whether the words forbid the robot to do something: a "not" for nobody else, right before an action of robots."""
     said = clause.split()
     if UNLESS.search(clause):
         return False
@@ -212,7 +211,7 @@ def _forbids(clause: str) -> bool:
 
 
 def _is_name(said: str, known: Container[str]) -> bool:
-    """Whether words are no more than the name of a thing, its part or its place: "that old chair, please", "the bin's lid"."""
+    """Whether words only name an object, its part or its place: "that old chair, please", "the bin's lid"."""
     whole = WHOLE.fullmatch(said)
     if whole:
         return len(said.split()) <= 2 * LONGEST_NAME and _is_name(whole["of"] or whole["thing"], known)

@@ -1,4 +1,4 @@
-"""What may be named in a home: which listed names the words of people may mean, and which rooms."""
+"""Names of a home's entities: which listed names and rooms people's words may mean."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ class _Things(Mapping[str, frozenset[str]]):
         return self._found[key]
 
     def like(self, key: str) -> frozenset[str]:
-        """What may be meant where nothing of the very name fits: a mug for a cup, an arm chair for a chair."""
+        """Listed names that may be meant where none has the very name: a mug for a cup, an arm chair for a chair."""
         sort = {name for own, listed in self._own.items() if own in SORTS.get(key, ()) for name in listed}
         return frozenset(self._ends.get(key, set()) | sort)
 

@@ -1,4 +1,4 @@
-"""What the words of a turn ask for in the light of the turns before: "the other one", "the one by the sink", "take me to it"."""
+"""Follow-ups: turns that depend on earlier ones, such as "the other one", "the one by the sink", "take me to it"."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ Parse = Callable[[str], ParsedUtterance | None]
 def in_context(
     said: str, dialogue: Sequence[tuple[str, str]], parse: Parse, by_id: dict[int, MapObject]
 ) -> ParsedUtterance | None:
-    """What the latest words ask for; ``dialogue`` are the (person, robot) turns before, ``by_id`` the objects of the home."""
+    """What the latest words ask for; ``dialogue``: the earlier (person, robot) turns, ``by_id``: the home's objects."""
     before: ParsedUtterance | None = None
     robot, last = "", None
     for person, reply in dialogue:
@@ -134,7 +134,7 @@ def _same(obj: MapObject) -> ReferringExpression:
 
 
 def _beside_it(head: ReferringExpression, last: MapObject) -> ReferringExpression:
-    """With "it" in "the bed next to it" for the thing that was spoken of."""
+    """With "it" in "the bed next to it" resolved to the object mentioned before."""
     told = (
         replace(c, target=_same(last)) if c.target is not None and c.target.bare and c.target.said in STANDS_FOR else c
         for c in head.relations

@@ -1,4 +1,4 @@
-"""Particular things: a reference or a question in a person's words, in the light of what was said before, over a home's objects."""
+"""Grounding: referring expressions and questions, resolved to the objects of a home in the context of the dialogue."""
 
 from __future__ import annotations
 
@@ -74,11 +74,11 @@ class ReferenceGrounder:
 
     @property
     def anywhere(self) -> bool:
-        """Whether nothing was said of where the thing is."""
+        """Whether the words say nothing about where the object is."""
         return self.asked is None or self.asked.head is None or not self.asked.head.relations
 
     def answer(self, serve: Serve) -> Selection | None:
-        """What is asked for outright or to be known; None for a need in other words. ``serve`` judges a need among names."""
+        """The answer to a request or question; None for a need in other words. ``serve`` judges a need among names."""
         asked = self.asked
         if asked is None:
             return None
@@ -105,11 +105,11 @@ class ReferenceGrounder:
         return self.placed(head, serve(asked.need, ())) if wanted else None
 
     def _common(self, head: ReferringExpression) -> bool:
-        """Whether a name is that of a kind, and not one that people gave to a particular thing."""
+        """Whether a name is that of a kind, not one that people gave to a particular object."""
         return not any(head.labels & set(obj.names) for obj in self.scene.objects)
 
     def refined(self, chosen: Selection) -> Selection:
-        """A thing that was chosen by its name, as one of the objects of that name: that which the words tell, else the nearest."""
+        """The object of the chosen name that the words describe, else the nearest of that name."""
         asked = self.asked if self.asked is not None and self.asked.kind == "find" else None
         if (
             chosen.status in ("likely_near", "not_found", "clarify")
@@ -155,7 +155,7 @@ class ReferenceGrounder:
         return replace(chosen, object_id=obj.id, text=self._one_of(obj, same))
 
     def placed(self, head: ReferringExpression, chosen: Selection) -> Selection:
-        """What serves instead of a thing that is not listed, where that was said to be."""
+        """A substitute for an object that is not listed, at the place where the words put that object."""
         same = [o for o in self.scene.objects if called(o, [chosen.object or ""])]
         if chosen.status != "found" or not same:
             return chosen
@@ -200,11 +200,12 @@ class ReferenceGrounder:
         )  # fmt: skip
 
     def _which(self, found: Sequence[MapObject]) -> Selection:
-        """A question that separates those meant; the nearest, and what else there is, where nothing tells them apart."""
+        """A question that separates the candidates; where nothing does, the nearest, with the others listed."""
         few = list(found[:MOST_ASKED])
         apart = self.scene.tell_apart(few)
         if all(apart):
-            question = f"Which {few[0].label}: {_or([f'the one {words}' if not words.startswith('the ') else words for words in apart])}?"
+            ones = [words if words.startswith("the ") else f"the one {words}" for words in apart]
+            question = f"Which {few[0].label}: {_or(ones)}?"
             return Selection(
                 "clarify", reason=f"{len(found)} fit what was said", question=question, text=question, model=self._model
             )
@@ -229,7 +230,7 @@ class ReferenceGrounder:
         return Selection("not_found", reason=say, text=say, model=self._model)
 
     def _room(self, head: ReferringExpression, asked: ParsedUtterance) -> Selection | None:
-        """To drive to a room, if nothing but that is asked for."""
+        """A drive to a room, if the words ask for nothing else."""
         rest = [
             word
             for word in words(asked.need)
@@ -239,7 +240,8 @@ class ReferenceGrounder:
             return None
         rooms = [self.scene.rooms[i] for i in head.rooms or ()]
         if not rooms:
-            say = f"I know no {head.said} here; there is {_or([f'the {room.name}' for room in self.scene.rooms.values()]) or 'no room that I know'}."
+            known = _or([f"the {room.name}" for room in self.scene.rooms.values()]) or "no room that I know"
+            say = f"I know no {head.said} here; there is {known}."
             return Selection("not_found", reason=say, text=say, model=self._model)
         inside = {room.id: [o for o in self.scene.objects if o.room == room.id] for room in rooms}
         room = min(rooms, key=lambda room: min(map(self.scene.distance_m, inside[room.id]), default=1e9))
@@ -253,7 +255,7 @@ class ReferenceGrounder:
         )
 
     def _need(self, head: ReferringExpression, asked: ParsedUtterance, serve: Serve) -> Selection | None:
-        """A need and where it is to be served: "something to sit on in the kitchen"."""
+        """A need with a place: "something to sit on in the kitchen"."""
         there, _ = self.scene.meant(head)
         names = tuple(sorted({o.label for o in there}))
         if all(word in STOP for word in words(asked.need)):

@@ -1,4 +1,4 @@
-"""The words of references and questions: what tells a colour, a size, a relation, a question; tables and patterns only."""
+"""Tables and patterns for references and questions: colours, sizes, spatial relations, kinds of question."""
 
 from __future__ import annotations
 
@@ -193,11 +193,20 @@ POLITE = _words("""
     please thanks thank you robot hey hi hello ok okay so well oh um uh er ah now then and but just dear no yes i mean
     """)
 CONTRACTIONS = (
-    (re.compile(r"\b(?:i guess|i think|kind of|sort of|um+|uh+|erm?|hmm+)\b|(?:^|,) ?you (?:know|see)(?= ?(?:,|$))"), " "),
-    (re.compile(r"\b(what|where|there|that|it|who|which|he|she|how)'?s\b"), r"\1 is"), (re.compile(r"\b(\w+)'re\b"), r"\1 are"),
-    (re.compile(r"\b(?:that |which )?(?:it is|its|it s) (?:standing |sitting |lying )?(?:on|in|inside)(?= *(?:$|[.!?;\n]))"), "with it"),
-    (re.compile(r"n't\b|\b(?<=isn) t\b|\b(?<=aren) t\b"), " not"), (re.compile(r"\b(?:is|are|wa)n not\b"), "is not"),
-    (re.compile(r"\bmost distant\b"), "farthest"), (re.compile(r"\bpieces? of furniture\b"), "thing"), (re.compile(r"\bwhats\b"), "what is"), (re.compile(r"\bwheres\b"), "where is"),
+    (re.compile(
+        r"\b(?:i guess|i think|kind of|sort of|um+|uh+|erm?|hmm+)\b|(?:^|,) ?you (?:know|see)(?= ?(?:,|$))"
+    ), " "),
+    (re.compile(r"\b(what|where|there|that|it|who|which|he|she|how)'?s\b"), r"\1 is"),
+    (re.compile(r"\b(\w+)'re\b"), r"\1 are"),
+    (re.compile(
+        r"\b(?:that |which )?(?:it is|its|it s) (?:standing |sitting |lying )?(?:on|in|inside)(?= *(?:$|[.!?;\n]))"
+    ), "with it"),
+    (re.compile(r"n't\b|\b(?<=isn) t\b|\b(?<=aren) t\b"), " not"),
+    (re.compile(r"\b(?:is|are|wa)n not\b"), "is not"),
+    (re.compile(r"\bmost distant\b"), "farthest"),
+    (re.compile(r"\bpieces? of furniture\b"), "thing"),
+    (re.compile(r"\bwhats\b"), "what is"),
+    (re.compile(r"\bwheres\b"), "where is"),
 )  # fmt: skip
 AROUND = _words("""
     quick quickly off right left to me us over way for at now with of on in up it i you we here there straight hurry

@@ -1,4 +1,4 @@
-"""Mistyped words: ``teh cofee tabel`` is the coffee table. Only words that nobody knows are touched."""
+"""Spelling correction: ``teh cofee tabel`` is the coffee table. Only unknown words are changed."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ TYPED = frozenset(words("""
 class Spelling:
     """The nearest likely word within one slip: a letter too many, missing, wrong, or swapped with its neighbour.
 
-    ``known`` words, and their forms by common endings, stay as they are. A short word is mended only to one of ``names``.
+    ``known`` words and their inflected forms stay as they are. A short word is only corrected to one of ``names``.
     """
 
     def __init__(self, known: Container[str], names: Iterable[str], others: Iterable[str]) -> None:

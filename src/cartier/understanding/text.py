@@ -1,4 +1,4 @@
-"""Words for lexical matching: plain letters, stems, the words that tell nothing, and keys under which names are equal."""
+"""Text normalisation: plain letters, stems, stop words, and keys under which names are equal."""
 
 from __future__ import annotations
 
@@ -73,5 +73,5 @@ def _tidy(base: str) -> str:
 
 @lru_cache(maxsize=1 << 15)
 def telling(phrase: str) -> tuple[str, ...]:
-    """The stems of the words that tell something, each once, in their order."""
+    """The stems of the content words, each once, in their order."""
     return tuple(dict.fromkeys(stem(w) for w in words(phrase.lower()) if w not in STOP))
