@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 from cartier.labels import name_key, words
+from cartier.spatial.describe import tell_apart, whereabouts
 from cartier.spatial.expressions import EntityVocabulary, ParsedUtterance, ReferringExpression
 from cartier.spatial.query import Scene, called
 from cartier.types import MapObject, Selection
@@ -169,9 +170,9 @@ class ReferenceGrounder:
         return sorted(sure, key=self.scene.distance_m)
 
     def _one_of(self, obj: MapObject, same: Sequence[MapObject]) -> str:
-        where = self.scene.whereabouts(obj)
+        where = whereabouts(self.scene, obj)
         rest = [o for o in same if o.id != obj.id]
-        others = [self.scene.whereabouts(o) for o in self._likely(rest)]
+        others = [whereabouts(self.scene, o) for o in self._likely(rest)]
         apart = list(dict.fromkeys(words for words in others if words and words != where))[:2]
         offer = f" Or do you mean {' or '.join(f'the one {words}' for words in apart)}?" if apart else ""
         return f"There are {len(same)}; this is the nearest{f', {where}' if where else ''}.{offer}"
@@ -191,7 +192,7 @@ class ReferenceGrounder:
             return self._none(head, emptied is not None)
         if len(found) > 1 and not (head.other or HURRY.search(self.said) or head.plural):
             return self._which(found)
-        obj, where = found[0], self.scene.whereabouts(found[0])
+        obj, where = found[0], whereabouts(self.scene, found[0])
         name = next((name for name in obj.names if name in head.labels), obj.label)
         say = f"{name if name in obj.names else f'The {name}'}{f' {where}' if where else ''}."
         return Selection(
@@ -202,7 +203,7 @@ class ReferenceGrounder:
     def _which(self, found: Sequence[MapObject]) -> Selection:
         """A question that separates the candidates; where nothing does, the nearest, with the others listed."""
         few = list(found[:MOST_ASKED])
-        apart = self.scene.tell_apart(few)
+        apart = tell_apart(self.scene, few)
         if all(apart):
             ones = [words if words.startswith("the ") else f"the one {words}" for words in apart]
             question = f"Which {few[0].label}: {_or(ones)}?"
@@ -224,7 +225,7 @@ class ReferenceGrounder:
         if head.other and others:
             say = f"I know no other {others[0].label}."
         elif others and emptied:
-            say = f"There is {one(others[0].label)} {self.scene.whereabouts(others[0])}, but none as you say."
+            say = f"There is {one(others[0].label)} {whereabouts(self.scene, others[0])}, but none as you say."
         else:
             say = f"I have not seen any {head.said if not head.generic else 'such obj'}."
         return Selection("not_found", reason=say, text=say, model=self._model)
@@ -267,7 +268,7 @@ class ReferenceGrounder:
         if chosen.status != "found" or not fitting:
             return chosen if chosen.status != "likely_near" else self._none(head, True)
         obj = self._likely(fitting)[0]
-        return replace(chosen, object_id=obj.id, text=f"The {obj.label} {self.scene.whereabouts(obj)}.")
+        return replace(chosen, object_id=obj.id, text=f"The {obj.label} {whereabouts(self.scene, obj)}.")
 
 
 def _or(parts: Sequence[str]) -> str:

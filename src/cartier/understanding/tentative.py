@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from cartier.labels import plain, words
+from cartier.spatial.describe import whereabouts
 from cartier.spatial.query import Scene, called
 from cartier.types import MapObject, Selection
 from cartier.understanding.answers import one
@@ -23,7 +24,7 @@ def tentative_matches(scene: Scene) -> list[MapObject]:
 
 def offer(obj: MapObject, scene: Scene, model: str) -> Selection:
     """A question instead of a goal."""
-    where = scene.whereabouts(obj)
+    where = whereabouts(scene, obj)
     question = f"I may have seen {one(obj.label)}{f' {where}' if where else ''}, but too seldom to be sure. {OFFER}"
     reason = f"seen in {obj.n_detected} of {obj.n_observable} frames that could show it"
     return Selection("clarify", reason=reason, question=question, text=question, model=model)
