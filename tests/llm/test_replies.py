@@ -470,8 +470,9 @@ def test_two_objects_of_one_name_are_two_needs() -> None:
 
 
 POINTERS = [
-    "cup", "cup #12", "cup #14", "cup #13", "cup #20", "bed #20", "#12", "vase #32", "kitchen (room 0)", "kitchen", "bedroom",
-    "bedroom (room 1)", "kitchen (room 1)", "garage (room 3)", "table #", "cup # 12", "helicopter", "nothing", "", "room 0", "cup #0x12",
+    "cup", "cup #12", "cup #14", "cup #13", "cup #20", "bed #20", "#12", "vase #32", "kitchen (room 0)", "kitchen",
+    "bedroom", "bedroom (room 1)", "kitchen (room 1)", "garage (room 3)", "table #", "cup # 12", "helicopter",
+    "nothing", "", "room 0", "cup #0x12",
 ]  # fmt: skip
 VALUES = [
     None,

@@ -1,4 +1,4 @@
-"""Word matching: for each card, the phrase whose telling words were said best, each word weighed by how few cards know it."""
+"""Lexical matching: for each card, the best-matched phrase, with each word weighed by how few cards contain it."""
 
 from __future__ import annotations
 
