@@ -1,6 +1,6 @@
 """Small frames for tables of data association, existence and merging: a flat surface, and boxes in its image.
 
-On a surface that faces the camera at ``FAR_M`` = 2 m a pixel is 1/60 m wide, so that what a box is worth can be told in
+On a surface that faces the camera at ``FAR_M`` = 2 m a pixel is 1/60 m wide, so that what a box is worth is known in
 closed form. ``looks`` renders boxes in space instead, for what hides what.
 """
 
@@ -17,7 +17,7 @@ from synthetic import look, render
 
 CAMERA = Camera(160, 120, 120.0, 120.0, 79.5, 59.5)
 FAR_M = 2.0
-SURE, WEAK = 0.9, 0.35  # a report that counts in full, and one that starts an object but shows nothing for sure
+SURE, WEAK = 0.9, 0.35  # a detection that counts in full, and one that starts an object but shows nothing for sure
 Box = tuple[float, float, float, float]
 Row = tuple[str, float, Box]
 
@@ -75,5 +75,5 @@ def fresh(**changed: float | tuple[float, float]) -> ObjectMap:
 
 def about(made: ObjectMap) -> dict[str, list[list[int]]]:
     """What a saved map says of aliases and of objects seen side by side."""
-    told = json.loads(made.state()["object_map.json"])
-    return {name: told[name] for name in ("aliases", "together")}
+    values = json.loads(made.state()["object_map.json"])
+    return {name: values[name] for name in ("aliases", "covisible")}

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-import cartier.home.repository
+import cartier.home.store
 from cartier.errors import InputError
 from cartier.home.store import MANIFEST, Store, blob_file, digest_of
 from cartier.io.atomic import locked, write_file
@@ -170,7 +170,7 @@ def test_manifest_is_written_last(home: Store, monkeypatch: pytest.MonkeyPatch) 
             raise InputError("the disk is full")
         write_file(path, data)
 
-    monkeypatch.setattr(cartier.home.repository, "write_file", full)
+    monkeypatch.setattr(cartier.home.store, "write_file", full)
     with pytest.raises(InputError, match="full"):
         home.put(ABOUT | {"name": "new"}, {"objects.json": b"new", "map.npz": b"also new"}, {})
     assert home.manifest()["name"] == "flat" and home.faults() == []

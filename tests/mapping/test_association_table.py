@@ -242,7 +242,7 @@ def test_best_views_are_kept() -> None:
             made.add(frame, found(frame, ("sofa", score, square(width=width, height=width))))
         (obj,) = made.objects()
         assert [view.frame for view in obj.views] == [5, 2, 4]
-        assert made.frames() == {2, 4, 5}
+        assert made.best_frames() == {2, 4, 5}
 
 
 # ---- from boxes to space

@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cartier.mapping.bearings import BearingMap
+from cartier.mapping.bearings import BearingGeometry
+from cartier.mapping.object_map import ObjectMap
 from cartier.types import DetectorScoreModel, Frame, MapObject
 from staged import CAMERA, SURE, Box, all_of, flat, found
 
@@ -29,14 +30,14 @@ def projected(x_m: float, y_m: float, away_m: float = AWAY_M, at_m: float = 0.0,
             CAMERA.cy + half_m * scale)  # fmt: skip
 
 
-def walked(places: Sequence[tuple[float, float]], **where: float) -> tuple[BearingMap, list[MapObject]]:
+def walked(places: Sequence[tuple[float, float]], **where: float) -> tuple[ObjectMap, list[MapObject]]:
     """A map of views of one square from some places, and the object after each of them."""
-    made, told = BearingMap(DetectorScoreModel()), []
+    made, after = ObjectMap(DetectorScoreModel(), geometry=BearingGeometry), []
     for number, (x_m, y_m) in enumerate(places):
         frame = view(number, x_m, y_m)
         assert made.add(frame, found(frame, ("box", SURE, projected(x_m, y_m, **where)))).tolist() == [0], number
-        told.append(made.objects()[0])
-    return made, told
+        after.append(made.objects()[0])
+    return made, after
 
 
 ASIDE = [(x, 0.0) for x in np.linspace(-1.2, 1.2, 9)]
@@ -48,17 +49,17 @@ TOWARDS = [(0.0, y) for y in np.linspace(-0.5, 1.8, 9)]
     [(ASIDE, 2.4), (ASIDE, 3.0), (ASIDE, 4.0), (TOWARDS, 2.4)],
     ids=["bearings: 2.4 m", "bearings: 3 m", "bearings: 4 m", "sizes alone: 2.4 m"],
 )
-def test_distance_is_told_by_several_views(places: Sequence[tuple[float, float]], away_m: float) -> None:
-    _, told = walked(places, away_m=away_m)
-    assert not told[0].located and told[-1].located
-    assert told[-1].position[1] == pytest.approx(away_m, rel=0.15)
-    assert abs(told[-1].position[0]) < 0.1
-    assert all(view.surface == told[-1].position for view in told[-1].views)
+def test_several_views_give_the_distance(places: Sequence[tuple[float, float]], away_m: float) -> None:
+    _, after = walked(places, away_m=away_m)
+    assert not after[0].located and after[-1].located
+    assert after[-1].position[1] == pytest.approx(away_m, rel=0.15)
+    assert abs(after[-1].position[0]) < 0.1
+    assert all(view.surface == after[-1].position for view in after[-1].views)
 
 
 def test_open_distance_is_a_long_box_and_no_place() -> None:
-    _, told = walked(ASIDE)
-    once, last = told[0], told[-1]
+    _, after = walked(ASIDE)
+    once, last = after[0], after[-1]
     assert once.box_max[1] - once.box_min[1] > 3 * (last.box_max[1] - last.box_min[1]) and once.box_max[1] > AWAY_M
     assert all(view.surface is None for view in once.views) and len(once.views) == 1
 
@@ -103,7 +104,7 @@ def test_box_cut_by_the_edge_is_of_its_object() -> None:
 
 def test_wrong_view_is_outvoted() -> None:
     """A second view that lies: the distances that it speaks against come back."""
-    made = BearingMap(DetectorScoreModel())
+    made = ObjectMap(DetectorScoreModel(), geometry=BearingGeometry)
     views = [(0.0, projected(0.0, 0.0)), (0.6, projected(0.6, 0.0, away_m=1.6, half_m=HALF_M * 1.6 / 3))]
     views += [(x, projected(x, 0.0)) for x in (0.15, 0.3, 0.45, 0.6, 0.75, 0.9, 1.05, 1.2)]
     for number, (x_m, box) in enumerate(views):
@@ -113,21 +114,21 @@ def test_wrong_view_is_outvoted() -> None:
     assert obj.located and obj.position[1] == pytest.approx(AWAY_M, abs=0.12)
 
 
-def test_chances_begin_where_the_distance_is_known() -> None:
+def test_frames_are_observable_once_the_distance_is_known() -> None:
     made, _ = walked(ASIDE[:1])
     made.add(view(1, -1.2), found(view(1, -1.2)))
     assert made.objects()[0].n_observable == 1
-    made, told = walked(ASIDE)
+    made, after = walked(ASIDE)
     made.add(view(20, 0.0), found(view(20, 0.0)))
     (obj,) = made.objects()
-    assert obj.n_observable == told[-1].n_observable + 1 and obj.n_detected == told[-1].n_detected
-    assert obj.probability < told[-1].probability
+    assert obj.n_observable == after[-1].n_observable + 1 and obj.n_detected == after[-1].n_detected
+    assert obj.probability < after[-1].probability
     made.add(view(21, 4.0), found(view(21, 4.0)))
     assert made.objects()[0].n_observable == obj.n_observable, "out of view"
 
 
 def test_two_of_a_name_stay_two() -> None:
-    made = BearingMap(DetectorScoreModel())
+    made = ObjectMap(DetectorScoreModel(), geometry=BearingGeometry)
     for number, (x_m, y_m) in enumerate(ASIDE):
         frame = view(number, x_m, y_m)
         rows = [("box", SURE, projected(x_m, y_m, at_m=at)) for at in (-0.4, 0.4)]

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from cartier.mapping.bearings import BearingMap
+from cartier.mapping.bearings import BearingGeometry
 from cartier.mapping.object_map import ObjectMap
 from cartier.types import DetectorScoreModel, Frame, MapObject
 from staged import SURE, WEAK, Box, about, all_of, flat, found, fresh, square
@@ -26,7 +26,7 @@ def both(
     return made
 
 
-# ---- twins: two overlapping objects, begun by reports too weak to show that they are two
+# ---- twins: two overlapping objects, begun by detections too weak to show that they are two
 
 TWINS: dict[str, tuple[tuple[str, Box], tuple[str, Box], int]] = {
     "half of each shared": (("chair", square()), ("chair", square(12)), 1),
@@ -51,9 +51,9 @@ def test_overlapping_objects_merge(one: tuple[str, Box], two: tuple[str, Box], c
     for first, second in ((one, two), (two, one)):
         made = both(first, second, [WEAK])
         assert len(made) == 2
-        made.tidy()
+        made.merge_and_prune()
         assert len(made) == count
-        made.tidy()
+        made.merge_and_prune()
         assert len(made) == count
 
 
@@ -68,16 +68,16 @@ TOGETHER = {
 @table(("scores", "count"), TOGETHER.values(), ids=TOGETHER.keys())
 def test_co_visible_twins_stay_two(scores: list[float], count: int) -> None:
     made = both(("chair", square()), ("chair", square(18)), scores)
-    made.tidy()
+    made.merge_and_prune()
     assert len(made) == count
     if count == 2:
-        assert about(made)["together"] == [[0, 1, scores.count(SURE)]]
+        assert about(made)["covisible"] == [[0, 1, scores.count(SURE)]]
     else:
-        assert about(made)["together"] == []
+        assert about(made)["covisible"] == []
 
 
 def test_objects_apart_are_not_counted_together() -> None:
-    assert about(both(("chair", square(-50)), ("chair", square(50)), [SURE] * 3))["together"] == []
+    assert about(both(("chair", square(-50)), ("chair", square(50)), [SURE] * 3))["covisible"] == []
 
 
 def test_merging_happens_every_ten_frames() -> None:
@@ -111,7 +111,7 @@ def with_wholes(halves: Sequence[Box], scale: float, whole_views: int, half_view
         frame, number = flat(number, x_m=x_m), number + 1
         x1, y1, x2, y2 = ((v - m) * scale + m for v, m in zip(box, (79.5, 59.5) * 2, strict=True))
         made.add(frame, found(frame, ("chair", SURE, (x1, y1, x2, y2))))
-    made.tidy()
+    made.merge_and_prune()
     return len(made)
 
 
@@ -145,7 +145,7 @@ def merged(first: str = "sofa", second: str = "sofa", early: int = 1, late: int 
         frame = flat(number, grey=5)
         assert made.add(frame, found(frame, (second, 0.8, square(18)))).tolist() == [1]
     before = made.objects()
-    made.tidy()
+    made.merge_and_prune()
     assert len(before) == 2 and len(made) == 1
     return *before, *made.objects()
 
@@ -181,7 +181,7 @@ def test_box_grows_by_half_over_the_merged_one() -> None:
 
 def test_labels_of_both_vote() -> None:
     made = both(("sofa", square()), ("couch", square(6)), [WEAK] * 2)
-    made.tidy()
+    made.merge_and_prune()
     (obj,) = made.objects()
     assert dict(obj.labels) == pytest.approx({"sofa": 2 * WEAK**2, "couch": 2 * WEAK**2}, abs=1e-3)
 
@@ -189,19 +189,19 @@ def test_labels_of_both_vote() -> None:
 @table(
     ("scores", "hits"),
     [([0.4] * 9, 2 * 9 * 0.08 / 0.18), ([SURE] * 2 + [0.4] * 7, 9.0)],
-    ids=["each had half of the reports", "more reports than tries"],
+    ids=["each had half of the detections", "more detections than frames"],
 )
-def test_hits_of_both_are_capped_by_tries(scores: list[float], hits: float) -> None:
+def test_detections_of_both_are_capped_by_observable_frames(scores: list[float], hits: float) -> None:
     made = both(("chair", square(-25)), ("chair", square(-7)), scores)
-    tried, apart, _ = made.weighed()
-    assert np.count_nonzero(tried.sum(0)) == 1, "one standpoint"
+    tried, apart, _ = made.evidence()
+    assert np.count_nonzero(tried.sum(0)) == 1, "one viewpoint"
     assert tried.sum(1).tolist() == [9, 9] and apart.sum() >= hits - 1e-3
-    made.tidy()
-    tried, together, _ = made.weighed()
+    made.merge_and_prune()
+    tried, together, _ = made.evidence()
     assert len(made) == 1 and tried.sum() == 9 and together.sum() == pytest.approx(hits, rel=1e-3)
 
 
-def test_standpoints_of_both_are_known() -> None:
+def test_viewpoints_of_both_are_known() -> None:
     """The one was seen from far on before the other was begun near by."""
     made = fresh()
     far = flat(0, y_m=-1.0, depth_m=3.0)
@@ -210,10 +210,10 @@ def test_standpoints_of_both_are_known() -> None:
     made.add(frame, all_of(frame, ("chair", WEAK, square()), ("chair", WEAK, square(18))))
     for number in range(2, 6):
         made.add(flat(number), found(flat(number), ("chair", SURE, square(18))))
-    before = made.weighed()[0].copy()
+    before = made.evidence()[0].copy()
     assert [int((row > 0).sum()) for row in before] == [2, 1]
-    made.tidy()
-    (after,) = made.weighed()[0]
+    made.merge_and_prune()
+    (after,) = made.evidence()[0]
     assert made.objects()[0].id == 1
     assert np.array_equal(after, before.max(0))
 
@@ -222,10 +222,10 @@ def test_widest_view_of_both_is_kept() -> None:
     made = both(("chair", square(0, width=60, height=60)), ("chair", square(0, width=42, height=42)), [WEAK])
     for number in range(1, 4):
         made.add(flat(number), found(flat(number), ("chair", SURE, square(0, width=42, height=42))))
-    before = made.weighed()[2].copy()
-    made.tidy()
+    before = made.evidence()[2].copy()
+    made.merge_and_prune()
     assert made.objects()[0].id == 1 and before[0] > before[1]
-    assert made.weighed()[2] == pytest.approx(before[:1])
+    assert made.evidence()[2] == pytest.approx(before[:1])
 
 
 # ---- ids
@@ -235,20 +235,20 @@ def test_alias_of_an_alias_leads_to_the_last() -> None:
     made = both(("chair", square()), ("chair", square(18)), [WEAK])
     for number in range(1, 3):
         made.add(flat(number), found(flat(number), ("chair", SURE, square(18))))
-    made.tidy()
+    made.merge_and_prune()
     assert [(obj.id, obj.aliases) for obj in made.objects()] == [(1, (0,))]
     frame = flat(3)
     got = made.add(frame, all_of(frame, ("chair", WEAK, square(9)), ("chair", WEAK, square(27)))).tolist()
     assert got == [1, 2]
     for number in range(4, 10):
         made.add(flat(number), found(flat(number), ("chair", SURE, square(27))))
-    made.tidy()
+    made.merge_and_prune()
     assert [(obj.id, obj.aliases) for obj in made.objects()] == [(2, (0, 1))]
 
 
 def test_id_is_never_given_again() -> None:
     made = both(("chair", square()), ("chair", square(18)), [WEAK])
-    made.tidy()
+    made.merge_and_prune()
     (left,) = made.objects()
     assert made.add(flat(1), found(flat(1), ("lamp", SURE, square(-60)))).tolist() == [2]
     assert made.add(flat(2), found(flat(2), ("vase", SURE, square(60)))).tolist() == [3]
@@ -257,20 +257,20 @@ def test_id_is_never_given_again() -> None:
 
 def test_forgotten_object_takes_its_aliases_along() -> None:
     made = both(("chair", square()), ("chair", square(18)), [WEAK])
-    made.tidy()
+    made.merge_and_prune()
     assert about(made)["aliases"] == [[1, 0]]
     for number in range(1, 32):
         made.add(flat(number), found(flat(number)))
-    made.tidy()
+    made.merge_and_prune()
     assert len(made) == 0 and about(made)["aliases"] == []
 
 
 # ---- without depth
 
 
-def test_merged_bearings_keep_the_box_of_the_surer_one() -> None:
+def test_merged_bearings_keep_the_box_of_the_more_confident_one() -> None:
     """A box from bearings says where an object may be: two of them together are no better answer."""
-    made = BearingMap(DetectorScoreModel())
+    made = ObjectMap(DetectorScoreModel(), geometry=BearingGeometry)
     rows = [("chair", WEAK, square()), ("chair", WEAK, square(12))]
 
     def view(number: int) -> Frame:
@@ -280,7 +280,7 @@ def test_merged_bearings_keep_the_box_of_the_surer_one() -> None:
     made.add(view(0), all_of(view(0), *rows))
     assert made.add(view(1), found(view(1), ("chair", SURE, square()))).tolist() == [0]
     before = {obj.id: obj for obj in made.objects()}
-    made.tidy()
+    made.merge_and_prune()
     (whole,) = made.objects()
     assert len(before) == 2 and whole.aliases
     kept = before[whole.id]

@@ -88,10 +88,10 @@ class ObjectMap:
         here = np.sort(row[(row >= 0) & likely])  # so that ids ascend
         for pair in touching_pairs(columns["extent_min"][here], columns["extent_max"][here], columns["id"][here]):
             self._covisible[pair] = self._covisible.get(pair, 0) + 1
+        ids = np.where(row >= 0, self._rows["id"][row], -1)  # before merging moves the rows
         self._frames += 1
         if self._frames % self.config.merging.interval_frames == 0:
             self.merge_and_prune()
-        ids = np.where(row >= 0, self._rows["id"][row], -1)
         given = np.full(len(detections.scores), -1)
         given[order] = np.where(representative >= 0, ids[representative], -1)
         return given
