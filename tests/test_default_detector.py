@@ -59,7 +59,7 @@ def test_map_says_which_detector_it_takes(tmp_path: Path) -> None:
     save(explored, tmp_path / "rec")
     run = CliRunner().invoke(app, ["map", str(tmp_path / "rec"), "-o", str(tmp_path / "home")])
     assert "detector: embedded, since this is a recording of the dollhouse" in run.stderr
-    assert "of 12 frames to look at, in about" in run.stderr and "WRONG DETECTOR" not in run.stderr
+    assert "of 12 frames to process, in about" in run.stderr and "WRONG DETECTOR" not in run.stderr
     head = tmp_path / "rec/recording.json"
     head.write_text(json.dumps(json.loads(head.read_text()) | {"name": "my flat", "simulator": False}))
     run = CliRunner().invoke(app, ["map", str(tmp_path / "rec"), "-o", str(tmp_path / "home")])

@@ -156,7 +156,7 @@ def test_a_link_for_answers_is_not_followed_and_the_answer_is_still_printed(made
             capture_output=True, text=True, env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
         )  # fmt: skip
         assert asked.returncode == 0 and json.loads(asked.stdout)["object"] == "chair"
-        assert "was not kept" in asked.stderr and "Traceback" not in asked.stderr
+        assert "was not saved" in asked.stderr and "Traceback" not in asked.stderr
     assert victim.read_text() == "precious"
 
 
