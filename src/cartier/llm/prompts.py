@@ -146,7 +146,8 @@ def needs_schema(choices: Sequence[str]) -> Schema:
     })  # fmt: skip
     need = {
         "reason": line, "status": {"type": "string", "enum": list(REPLY_STATUSES)},
-        **choice_schema(choices)["properties"], "question": line, "say": line, "answer": {"anyOf": [{"type": "null"}, fact]},
+        **choice_schema(choices)["properties"], "question": line, "say": line,
+        "answer": {"anyOf": [{"type": "null"}, fact]},
     }  # fmt: skip
     return _record({**need, "then": {"type": "array", "items": _record(need), "maxItems": MAX_FURTHER}})
 
