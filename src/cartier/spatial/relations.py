@@ -96,9 +96,8 @@ _HOLDERS = {
     )
     for name in names.split(", ")
 }  # fmt: skip
-_PORTABLE = frozenset(
-    {"shelf", "microwave", "box", "basket"}
-)  # not furniture on the floor, unlike other tables, seats and stores
+_PORTABLE = frozenset({"shelf", "microwave", "box", "basket"})
+"""Tables and stores that may stand on others; all other furniture stands on the floor."""
 _FIXED = frozenset({
     "mirror", "painting", "poster", "picture", "window", "curtain", "curtains", "blinds", "door", "clock",
     "light switch", "faucet", "tap", "towel", "hand towel", "towel holder", "hand towel holder", "toilet paper hanger",
