@@ -19,7 +19,7 @@ from cartier.spatial import relations
 from cartier.types import Inventory, MapObject, Room
 
 MOST_DESCRIBED = 150
-BESIDE = 2  # neighbours that are told of each object
+BESIDE = 2  # neighbours listed for each object
 
 
 class Listing(NamedTuple):
@@ -74,7 +74,7 @@ def _first(seen: Sequence[MapObject], words: str, from_xy: Sequence[float] | Non
     return sorted(seen[:MOST_DESCRIBED], key=lambda obj: (obj.label, obj.id))
 
 
-@lru_cache(maxsize=8)  # a home is asked more than once
+@lru_cache(maxsize=8)  # the same home serves many requests
 def _lines(told: tuple[MapObject, ...], rooms: tuple[Room, ...]) -> dict[int, str]:
     """Each object in a few words, by its id: ``#12: kitchen; on counter top #5; by sink #8; white; 8x8x10``."""
     refs = {obj.id: object_ref(obj.label, obj.id) for obj in told}

@@ -146,7 +146,8 @@ def needs_schema(choices: Sequence[str]) -> Schema:
     })  # fmt: skip
     need = {
         "reason": line, "status": {"type": "string", "enum": list(REPLY_STATUSES)},
-        **choice_schema(choices)["properties"], "question": line, "say": line, "answer": {"anyOf": [{"type": "null"}, fact]},
+        **choice_schema(choices)["properties"], "question": line, "say": line,
+        "answer": {"anyOf": [{"type": "null"}, fact]},
     }  # fmt: skip
     return _record({**need, "then": {"type": "array", "items": _record(need), "maxItems": MAX_FURTHER}})
 
@@ -170,7 +171,7 @@ def _record(properties: Schema) -> Schema:
 
 
 PROMPTS = {
-    "paper": Prompt(PAPER, names_only, choice_schema, max_tokens=256),  # some grammars allow white space without end
+    "paper": Prompt(PAPER, names_only, choice_schema, max_tokens=256),  # some grammars allow endless white space
     "rich": Prompt(RICH, described, needs_schema, max_tokens=1024),
 }
 """``paper`` is CARTIER's prompt (arXiv 2307.11865): task, list, words. ``rich`` asks for all fields that we use."""
@@ -216,5 +217,5 @@ def propose_request(query: str) -> Request:
 def fenced(words: str) -> str:
     """A person's words between marks that the words cannot contain."""
     while words != (bare := re.sub(r"</?words>", "", words, flags=re.IGNORECASE)):
-        words = bare  # what is left of <wor<words>ds> is a mark again
+        words = bare  # removing from <wor<words>ds> leaves a mark again
     return f"<words>{words}</words>"

@@ -13,7 +13,7 @@ from cartier.labels import object_ref
 from cartier.llm.lookup import NOTHING, Listed, Pick, names_of
 from cartier.types import Fact, Inventory, Selection, Status
 
-# The words of the prompts for each status: short ones, with which every figure of a language model was measured.
+# The prompts' words for each status; all published figures of language models were measured with these.
 REPLY_STATUSES: Mapping[str, Status] = {
     "found": "found", "near": "likely_near", "absent": "not_found", "clarify": "clarify", "told": "answered",
 }  # fmt: skip

@@ -9,7 +9,7 @@ from cartier.errors import ReasonerError
 from cartier.llm.prompts import Schema, json_schema, without_bounds
 
 Form = dict[str, Any]
-_works: dict[tuple[str, str], str] = {}  # (server, model) → the first form that it honoured
+_works: dict[tuple[str, str], str] = {}  # (server, model) → the first form that worked
 
 
 class NotUnderstood(Exception):
@@ -70,7 +70,7 @@ def request_with_fallback(
             _works[server, model] = name
             break
         if name == known:
-            break  # a form that has worked: this reply is rubbish, not the form
+            break  # this form has worked before, so the reply is at fault
     if refusal is not None:
         raise refusal.error from refusal
     return reply

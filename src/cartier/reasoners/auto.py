@@ -21,7 +21,7 @@ from cartier.llm.prompts import check_query, prompt_named
 from cartier.types import Inventory, Selection
 
 REST_S = 60.0
-GRACE_S = 0.5  # so that a model's own complaint about the time, which says more, comes first
+GRACE_S = 0.5  # so that the model's own, more precise timeout error comes first
 
 
 def make(
@@ -38,7 +38,7 @@ def make(
     prompt_named(prompt)
     backend = configured(model, base_url, api_key)
     options: dict[str, Any] = {"prompt": prompt, "cache": cache}
-    if backend == "local":  # it may think on after its time: what it has read by then, it need not read again
+    if backend == "local":  # it may go on after its time, so that the next request need not read the prompt again
         return Auto(backend, options | {"model": model or os.environ["CARTIER_MODEL"]}, timeout_s)
     server = {"model": model, "base_url": base_url, "api_key": api_key, "timeout_s": timeout_s}
     return Auto(backend, options | server if backend else {}, timeout_s)

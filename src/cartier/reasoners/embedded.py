@@ -36,8 +36,8 @@ from cartier.understanding.utterance import MOST_CHARACTERS, mentions
 Shares = tuple[tuple[str, float], ...]
 
 NAME = "embedded (knowledge cards, MiniLM, learned scorer)"
-FITS = " fits: "  # in the reason of what serves a need, not named
-MOST_NEEDS, LONGEST_PART = 4, 30  # needs in one breath, and words of each
+FITS = " fits: "  # in the reason for an object that serves a need and was not named
+MOST_NEEDS, LONGEST_PART = 4, 30  # most needs in one utterance, and most words of each
 THEN = re.compile(
     r"[,;.]?\s+(?:and\s+)?(?:then|afterwards|after\s+that|after\s+which|next(?!\s+to\b))\b[,\s]*|\s*;\s*"
     r"|[,.]?\s+(?:and|n)\s+then\b[,\s]*",
@@ -49,7 +49,7 @@ AND = re.compile(
     re.IGNORECASE,
 )
 ALSO = re.compile(r"\balso\b", re.IGNORECASE)
-BETWEEN = re.compile(r"\b(?:between|both|either)\b", re.IGNORECASE)  # what "and" joins here is one
+BETWEEN = re.compile(r"\b(?:between|both|either)\b", re.IGNORECASE)  # "and" after these joins one need
 OPENING = re.compile(r"^\s*(?:first(?:ly)?(?: of all)?|and|then|so|also|finally)\b[,\s]*", re.IGNORECASE)
 
 
@@ -169,7 +169,7 @@ class Embedded:
         if turn.picked is not None:
             reason = f"'{_short(query)}' means this one"
             return Selection("found", turn.picked, reason=reason, candidates=((turn.picked, 1.0),), model=NAME)
-        if turn == FollowUp(query):  # what is said about an offer is a correction
+        if turn == FollowUp(query):  # words about an offer are a correction
             said = sort_out(self.scorer.hear(query), self._keys(names))
             if said.asked == "not":
                 return _told(said)

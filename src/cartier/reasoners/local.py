@@ -63,7 +63,7 @@ class GGUF:
         deadline, text, used = time.monotonic() + self._timeout_s, "", 0
         self.calls += 1
         try:
-            for chunk in self._runner.send_chat_completion_request(request):  # ended by leaving: it computes no further
+            for chunk in self._runner.send_chat_completion_request(request):  # leaving the loop ends the computation
                 text += chunk.choices[0].delta.content or ""
                 used = chunk.usage.total_tokens if chunk.usage else used
                 if time.monotonic() > deadline:

@@ -143,7 +143,7 @@ class Server:
             try:
                 body = within(left_s, lambda: ask(**asked, timeout=left_s).http_response.content)
             except Late as late:
-                client.close()  # what is left of the exchange ends with its connection
+                client.close()  # closing the connection ends the exchange
                 raise self._too_late() from late
             except openai.APIConnectionError as error:
                 if isinstance(error.__cause__, ReasonerError):  # older SDKs wrap what their transport raises

@@ -38,11 +38,11 @@ ASKED_UNDER_M, ASKED_ABOVE_M = 0.1, 0.3  # "under" and "above": largest gap betw
 
 BLUR_M, BLUR = 0.05, 0.13  # standard deviation of distances between boxes: at least, and per metre of the larger one
 OUTGROWN, USUAL_M = 0.1, 0.4  # boxes from pixels are too close by this share of the larger one's side above the usual
-AWRY_M = 0.07  # standard deviation of the middles of boxes
-BLUR_SIZE = 0.15  # and of the logarithms of sizes
-NEARER = 10.0  # log-odds for being the nearest that a metre less is worth
-UNDER = 0.6  # share of what lies below a thing and within its outline that is under it
-IN_ROOM = 0.98  # share of objects that are in the room which the map says
+AWRY_M = 0.07  # standard deviation of the centres of boxes
+BLUR_SIZE = 0.15  # standard deviation of the logarithms of sizes
+NEARER = 10.0  # log-odds of being the nearest, per metre
+UNDER = 0.6  # share of the objects below an object and within its outline that people call under it
+IN_ROOM = 0.98  # share of objects that are in the room that the map states
 LIKELY, LEAST = 0.5, 0.05  # least probability of a reported support, and of most other reported relations
 
 
@@ -77,7 +77,7 @@ class _Holder(NamedTuple):
 
 
 _TABLE = _Holder(2.9, -5.5, 0.0, 0.5)
-_SEAT = _Holder(0.4, -1.9, 0.0, -math.inf)  # its back is higher than what one sits on
+_SEAT = _Holder(0.4, -1.9, 0.0, -math.inf)  # its back is higher than its seat
 _STORE = _Holder(0.6, 0.0, 0.0, 0.85)
 _VESSEL = _Holder(1.4, -15.6, 3.3, math.inf)  # stands on something itself
 _PLATE = _VESSEL._replace(on_from=-math.inf)
@@ -96,7 +96,8 @@ _HOLDERS = {
     )
     for name in names.split(", ")
 }  # fmt: skip
-_PORTABLE = frozenset({"shelf", "microwave", "box", "basket"})  # of the first three; the others stand on the floor
+_PORTABLE = frozenset({"shelf", "microwave", "box", "basket"})
+"""Tables and stores that may stand on others; all other furniture stands on the floor."""
 _FIXED = frozenset({
     "mirror", "painting", "poster", "picture", "window", "curtain", "curtains", "blinds", "door", "clock",
     "light switch", "faucet", "tap", "towel", "hand towel", "towel holder", "hand towel holder", "toilet paper hanger",
@@ -145,7 +146,7 @@ def under(obj: MapObject, objects: Sequence[MapObject]) -> tuple[Relation, ...]:
     below = (high[:, 2] <= own_low[2] - PAD_M) | between_legs
     held = supports([obj, *objects])
     holder = {i: relation.object for i, relation in held.items()}
-    # what has the same holder as the thing is beside it, or a shelf lower
+    # an object with the same support is beside it, or a shelf lower
     free = [holder.get(o.id) is None or holder[o.id] not in (obj.id, holder.get(obj.id)) for o in objects]
     share = _within(low, high, own_low[None], own_high[None])[:, 0]
     return _told("under", obj, objects, apart, UNDER * (below & np.array(free, bool)) * _chance((share - 0.5) / 0.2))
@@ -234,7 +235,7 @@ def _holding(objects: Sequence[MapObject], low: Array, high: Array) -> Array:
     table = np.array([holder == _TABLE for holder in holders])
     never = (np.maximum(share, share.T) == 0) | (above > FLOATS_M) | (rise < -SINKS_M)
     never |= built_in[:, None] & (snug > 0)
-    never |= furniture[:, None] & table  # a chair whose legs a table hides begins where its top ends
+    never |= furniture[:, None] & table  # the visible box of a chair behind a table begins at the table's top
     np.fill_diagonal(never, True)
     return np.where(never, -np.inf, odds)
 

@@ -15,10 +15,10 @@ from cartier.understanding.cards import Deck
 from cartier.understanding.text_encoder import reader
 
 VECTORS = Path(__file__).with_name("vectors.npz")
-UNLIKE = 0.7  # cosine of two cards up to which their things are good for different things
-ALIKE = 0.8  # cosine of two cards from which their things serve alike
-MUCH_ALIKE = 0.83  # that from which they may stand for each other, if they are called alike, too
-CALLED_ALIKE = 0.6  # cosine of two names that say about the same
+UNLIKE = 0.7  # cosine of two cards up to which their objects have different uses
+ALIKE = 0.8  # cosine of two cards from which their objects serve the same needs
+MUCH_ALIKE = 0.83  # cosine from which one may replace the other, if their names are similar too
+CALLED_ALIKE = 0.6  # cosine of two names from which they count as similar
 
 
 def text_key(text: str) -> int:

@@ -23,8 +23,8 @@ EITHER = re.compile(
 AGAIN = re.compile(
     r"^(no|nope|nah|not|but|and|or|without|wrong|i said|i meant|i mean|actually|sorry|it s|that s|too)\b"
 )
-NEW = 3  # words that tell something, besides what is refused, are a need of their own
-FEW = 7  # words up to which what follows an answer may belong to it
+NEW = 3  # content words besides the refused names that make a new need
+FEW = 7  # words after an answer, up to which they may belong to it
 REFUSES = re.compile(r"\b(not|without|except|anything but|don t want|instead of)\b")
 NOT = re.compile(r"\b(not|no|without|except|but not|don t(?! know| mind)|never|instead of)\b")
 

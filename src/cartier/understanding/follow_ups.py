@@ -12,7 +12,7 @@ from cartier.types import MapObject
 from cartier.understanding.reference_words import COMMANDS, GO_THERE, NEEDY, STANDS_FOR
 from cartier.understanding.references import sentences
 
-LATEST = 3000  # characters that are read
+LATEST = 3000  # characters at the end of a text that are read
 SERVED = re.compile(r"#(\d+)")
 TURNING_DOWN = re.compile(
     r"^(?:(?:no|nope|nah|not (?:that|this)(?: one)?|not it|wrong(?: one)?|i (?:mean|meant|said)|sorry|actually"
@@ -39,7 +39,7 @@ REFUSED = re.compile(
     r"|^(?:no|nope)(?: (?:that|this|it) (?:is|s) (?:not it|wrong|not the one))?$"
 )
 COMMANDED = frozenset(kind for kind, _ in COMMANDS)
-SHORT = 6  # words of a reply that says which
+SHORT = 6  # most words of a reply that chooses one
 Parse = Callable[[str], ParsedUtterance | None]
 
 

@@ -18,9 +18,9 @@ from cartier.understanding.references import parse, sentences
 from cartier.understanding.tentative import maybe_there, offer
 from cartier.understanding.text import STOP
 
-STORY = 30  # words from which on a need is told, and what is named in passing asks for nothing
-SURE = 0.85  # probability of objects that are preferred where any of several will do
-MOST_ASKED = 4  # objects among which a question lets choose
+STORY = 30  # words from which an utterance is a story, whose names in passing are not requests
+SURE = 0.85  # least probability of an object that is preferred where any of several will do
+MOST_ASKED = 4  # objects that a question offers for choice
 DRIVES = re.compile(
     r"\b(?:go|drive|head|navigate|move|take|bring|lead|guide|roll|come|wait|meet|visit|walk|show|get|check|return|run"
     r"|to)\b"
@@ -102,7 +102,7 @@ class ReferenceGrounder:
         if head.labels and asked.direct and not (head.bare and self._common(head)):
             return self._found(head)
         placed = any(c.kind != "from" for c in head.relations)
-        wanted = asked.direct and placed and asked.need  # what is not listed may be so by another name
+        wanted = asked.direct and placed and asked.need  # an unlisted name may mean an object listed by another name
         return self.placed(head, serve(asked.need, ())) if wanted else None
 
     def _common(self, head: ReferringExpression) -> bool:
@@ -119,7 +119,7 @@ class ReferenceGrounder:
             and asked.direct
         ):
             here = [o for o in self.scene.objects if called(o, asked.head.labels)]
-            if here and asked.head.bare and not asked.head.generic:  # a general word for what is listed: "the soap"
+            if here and asked.head.bare and not asked.head.generic:  # a general word for a listed object: "the soap"
                 obj = self._likely(here)[0]
                 say = self._one_of(obj, here) if len(here) > 1 else ""
                 return replace(

@@ -28,9 +28,8 @@ from cartier.understanding.utterance import Mention, Utterance, listen, mentions
 SHIPPED = Path(__file__).parent  # with scorer.onnx, the layers, scorer.npz, the heads, and vectors.npz, the cards
 MOST_TOKENS = 110
 MOST_SENTENCES = 9
-ALONE = (
-    4.0  # logits that the only name in a request of one sentence weighs more, or less if turned down; of several: half
-)
+# logits that the only name in a one-sentence request adds, or subtracts if refused; half for several names
+ALONE = 4.0
 
 
 class Tokens(NamedTuple):

@@ -19,7 +19,7 @@ from cartier.understanding.need_scorer import Judgement
 
 FITTED = Path(__file__).with_name("decision.json")
 OUTCOMES: tuple[Status, ...] = ("found", "likely_near", "not_found", "clarify")
-LEAST, MOST = -4.0, 3.0  # how far behind the missing, and ahead of the second, is told apart
+LEAST, MOST = -4.0, 3.0  # bounds of the logit differences to the missing and to the second candidate
 
 
 class Choice:

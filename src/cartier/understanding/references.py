@@ -69,7 +69,7 @@ Key = Callable[[str], str]
 LONGEST = 4
 ABOUT = frozenset(
     {"find", "count", "exists", "where", "far", "when", "colour", "size", "room", "which", "sure"}
-)  # a thing
+)  # an object
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,8 @@ from collections.abc import Container, Iterable
 
 from cartier.labels import words
 
-SHORTEST, LONGEST = 3, 20  # letters of a word that is mended
-LONG = 6  # letters from which one may be wrong: a short word with another letter is another word
+SHORTEST, LONGEST = 3, 20  # letters of a word that may be corrected
+LONG = 6  # letters from which one may be wrong: in short words, another letter makes another word
 ENDINGS = ("s", "es", "d", "ed", "ing", "r", "er", "y", "ly", "ish", "n", "ness")
 TYPED = frozenset(words("""
     arent aint bday brb btw bruh cant couldnt daren didnt dont doesnt duh hadn hasnt havent hes hows idk im isnt ive lol
@@ -32,7 +32,7 @@ class Spelling:
     def __call__(self, word: str) -> str:
         if not SHORTEST <= len(word) <= LONGEST or not word.isalpha() or self._is_word(word):
             return word
-        if self._shortened is None:  # made when the first unknown word is met
+        if self._shortened is None:  # built at the first unknown word
             self._shortened = _shortened(self._likely)
         near = {w for s in (word, *_less(word)) for w in self._shortened.get(s, ()) if _one_slip(word, w)}
         return min(near, key=lambda w: _strangeness(word, w), default=word)

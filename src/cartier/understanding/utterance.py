@@ -10,7 +10,7 @@ from cartier.labels import name_key, plain, words
 from cartier.understanding.text import STOP
 
 LONGEST_NAME = 4  # words
-MOST_CHARACTERS = 8000  # the last ones, for there the request is
+MOST_CHARACTERS = 8000  # the last ones, which hold the request
 NEGATION_REACHES = 4  # words
 
 MOTION = frozenset(words("back closer drive go head heading me move navigate next over ride roll straight us walk"))
