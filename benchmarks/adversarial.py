@@ -1,4 +1,4 @@
-"""Twenty thousand hostile requests to the embedded reasoner: does any answer name what is not in the home?
+"""Adversarial requests to the embedded reasoner: twenty thousand; does any answer name what is not in the home?
 
 python benchmarks/adversarial.py HOME … [--texts 20000] [--seed 0]
 

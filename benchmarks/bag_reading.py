@@ -1,5 +1,4 @@
-"""How fast a 640x480 RGB-D bag is read, decoded and paired with poses, and in how much memory: frames per second, one
-core.
+"""Benchmark of bag reading: frames per second on one core, and memory, of a 640x480 RGB-D bag with poses.
 
 python benchmarks/bag_reading.py [FRAMES ...]
     (default: 150 600, so that the memory of a short and a long bag can be compared)

@@ -1,4 +1,4 @@
-"""Frames per second of the built-in home: colour, depth and instances, with the shares of tracing and of shading.
+"""Benchmark of the renderer: frames per second of a built-in home, with the shares of tracing and of shading.
 
 python benchmarks/dollhouse.py [HOME]    (default: studio)
 One thread, medians over views from the middle of every room. For one core: taskset -c 0 python benchmarks/dollhouse.py

@@ -1,5 +1,4 @@
-"""How well the embedded dollhouse detector sees: boxes, lists of objects and distances in homes, and frames per second
-on one core.
+"""Benchmark of the embedded dollhouse detector: boxes, objects, distances, and frames per second on one core.
 
 python benchmarks/dollhouse_detector.py [HOME …] [--seed 0] [--max-frames 800] [--sensor] [--sheet FILE]
     (default: the seven homes that no training saw)

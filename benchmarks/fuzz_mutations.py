@@ -1,4 +1,4 @@
-"""The ways in which ``fuzz.py`` breaks a file: what a bad disk, a bad program or a bad person would do to it."""
+"""Mutations of ``fuzz.py``: what a bad disk, a bad program or a bad person would do to a file."""
 
 from __future__ import annotations
 

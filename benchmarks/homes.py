@@ -1,4 +1,4 @@
-"""The seven homes: how much exploration covers, whether depth and boxes agree, and how near ObjectDepth comes.
+"""Benchmark of the seven homes: coverage of exploration, depth against boxes, and the error of ObjectDepth.
 
 python benchmarks/homes.py [HOME …]      one BLAS thread; detections are ground truth (dollhouse), said so in each row
 """

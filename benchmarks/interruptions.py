@@ -1,5 +1,4 @@
-"""Kill every writing command, or fill its disk, before each of its file-system events: old or new must be left, never
-half.
+"""Interruption test of every writing command, killed or with a full disk at each event: old or new files are left.
 
     python benchmarks/interruptions.py             all events of map, append, convert, record, doctor --fix and bench
     python benchmarks/interruptions.py map --every 5

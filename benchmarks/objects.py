@@ -1,4 +1,4 @@
-"""The map of objects against the truth of the simulator: ground-truth detections, and from pixels.
+"""Benchmark of the object map against ground truth: with ground-truth detections, and from pixels.
 
 python benchmarks/objects.py [HOME …] [--generated 20]
     (default: the seven built-in homes; a number is a generated one)

@@ -1,4 +1,4 @@
-"""What ``objects.py`` says of rooms and relations in dollhouse homes, against the truth of the simulator.
+"""Benchmark of rooms and relations in dollhouse homes against ground truth; ``objects.py`` prints it.
 
 Rooms: how much they overlap the true ones, their kinds, the share of objects in the right one. Then what things stand
 on or in, requests for "the X closest to the Y", and the other relations. Of each relation: how many were told with a

@@ -1,4 +1,4 @@
-"""What mapping costs besides the detector: milliseconds per frame, peak memory, start-up times.
+"""Benchmark of mapping without the detector: milliseconds per frame, peak memory, start-up times.
 
 python benchmarks/straight_line.py [RECORDING]    (default: the kitchen in ../shared, else a rendered room)
 One BLAS thread; medians; memory is the peak of a fresh process.

@@ -1,4 +1,4 @@
-"""What VLMaps costs: fusing a frame against reading its features once, finding words, and the map's size on disk.
+"""Benchmark of VLMaps: fusing a frame against reading its features once, finding words, and the map's size on disk.
 
 python benchmarks/vlmaps.py [RECORDING]
     (default: a rendered 6 × 5 m room; a dollhouse home is explored for the map's size)

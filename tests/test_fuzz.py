@@ -1,5 +1,4 @@
-"""A slice of benchmarks/fuzz.py: files broken in every way are read, or refused in one line, in little time and
-memory."""
+"""A slice of benchmarks/fuzz.py: broken files are read, or refused in one line, in little time and memory."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Homes to train the dollhouse detector in: generated ones with more clutter, laid tables and other colours."""
+"""Training homes of the dollhouse detector: generated ones with more clutter, laid tables and other colours."""
 
 from __future__ import annotations
 

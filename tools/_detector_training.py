@@ -1,4 +1,4 @@
-"""Training, score_model and export of the dollhouse detector, as train_dollhouse_detector.py starts them."""
+"""Training, calibration and export of the dollhouse detector, as train_dollhouse_detector.py starts them."""
 
 from __future__ import annotations
 

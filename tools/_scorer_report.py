@@ -1,4 +1,4 @@
-"""What a reasoner made of requests that validate: the outcomes, and the table of them."""
+"""Report on validation requests: the outcomes, and the table of them."""
 
 from __future__ import annotations
 

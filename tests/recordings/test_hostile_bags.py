@@ -1,5 +1,4 @@
-"""Bags that are truncated, empty, without an index, damaged or made to hurt: one line each, quickly, in little
-memory."""
+"""Hostile bags, truncated, empty, unindexed or damaged: one line each, quickly, in little memory."""
 
 from __future__ import annotations
 

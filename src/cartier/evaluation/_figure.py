@@ -1,4 +1,4 @@
-"""The two pictures of a run: how far from the thing, and how often the right thing. Same numbers, same bytes."""
+"""Figures of a run: the distance to the object, and the share of right objects. Same numbers, same bytes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A run's ``report.md``: the tables that a person reads, and how to read them."""
+"""Markdown report of a run, ``report.md``: the tables, and how to read them."""
 
 from __future__ import annotations
 

@@ -1,5 +1,4 @@
-"""``failures.html``: one page, without a network, that lets a person leaf through what went wrong, with photos beside
-it."""
+"""Failure page: ``failures.html``, one page for browsing the failed answers with their photos, without a network."""
 
 from __future__ import annotations
 

@@ -1,5 +1,4 @@
-"""``cartier bench``: map the homes, ask every request by every method, and write it down so that a killed run goes
-on."""
+"""Run of ``cartier bench``: it maps the homes and asks every method every request; a killed run can be resumed."""
 
 from __future__ import annotations
 

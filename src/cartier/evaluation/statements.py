@@ -1,4 +1,4 @@
-"""What is true of one thing alone, in words: "the cup next to the sink", "the biggest table"; each with a margin."""
+"""Referring expressions that are true of one object: "the cup next to the sink", "the biggest table"; with a margin."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A run's numbers for other programs: a tidy CSV, and Table I for a LaTeX paper; and the paper's own numbers."""
+"""Tables for other programs: a tidy CSV file, Table I for a LaTeX paper, and the paper's own numbers."""
 
 from __future__ import annotations
 

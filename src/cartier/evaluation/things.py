@@ -1,4 +1,4 @@
-"""Requests and questions about particular things, with what is true of them; and whether an answer is right.
+"""Requests and questions about particular objects with their ground truth, and the score of an answer.
 
 ``docs/things.md`` has both file formats: that of requests, and that in which any system's answers are scored.
 """

@@ -1,4 +1,4 @@
-"""Requests and questions made from the truth of a home: the same home and seed give the same lines."""
+"""Requests and questions generated from the ground truth of a home; the same home and seed give the same lines."""
 
 from __future__ import annotations
 

@@ -1,5 +1,4 @@
-"""What is true of a dollhouse home: where each thing is, what it stands on, its colour, and how large a walk shows
-it."""
+"""Ground truth of a dollhouse home: where each object is, what it stands on, its colour, and its pixels in a walk."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From the form of a home to its scene: which things are where; what cannot be placed is noted with its line."""
+"""Builder of scenes from home forms; what cannot be placed is noted with its line."""
 
 from __future__ import annotations
 

@@ -1,5 +1,4 @@
-"""Drives a planned goal in the true home: stopped by what is really there, and with a picture of what is seen on
-arrival."""
+"""Simulated drive to a planned goal in the true home: collisions stop it, and a picture shows the view at the end."""
 
 from __future__ import annotations
 

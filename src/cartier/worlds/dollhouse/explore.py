@@ -1,4 +1,4 @@
-"""A robot that does not know the home covers all of its floor, guided by the floor plan that grows from its own depth.
+"""Exploration of an unknown home: the robot covers the floor, guided by the floor plan from its own depth.
 
 It looks round where it wakes up, then goes again and again to where it would see most anew for the way (floor beside
 the unknown, obstacles that it has not seen from near), until nothing of use is left. The true plan of the home only

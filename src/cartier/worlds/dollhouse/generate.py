@@ -1,5 +1,4 @@
-"""Further homes from a seed: rooms in two rows, or along a hall, with doors that join them all, windows and
-furniture."""
+"""Generator of homes from a seed: rooms in two rows or along a hall, doors, windows and furniture."""
 
 from __future__ import annotations
 

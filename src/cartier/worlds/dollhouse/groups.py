@@ -1,4 +1,4 @@
-"""What rooms of generated homes hold: furniture in groups (a bed with its night tables), and what lies on what."""
+"""Furnishing rules of generated homes: furniture in groups (a bed with its night tables), and what lies on what."""
 
 from __future__ import annotations
 
