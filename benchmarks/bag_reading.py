@@ -99,7 +99,8 @@ def compare(counts: list[int]) -> None:
                 rate = frames / (opened + reading)
                 name = f"{kind} {compression}"
                 print(
-                    f"{name:12}  {frames:6.0f}   {size:10.0f}   {opened:6.2f}   {reading:6.2f}   {rate:8.0f}   {peak:7.0f}"
+                    f"{name:12}  {frames:6.0f}   {size:10.0f}   {opened:6.2f}   {reading:6.2f}   {rate:8.0f}   "
+                    f"{peak:7.0f}"
                 )
                 if not compression and rate < WANTED:
                     slow.append(name)

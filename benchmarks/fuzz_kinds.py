@@ -231,7 +231,8 @@ THING = {
     "answer": None,
 }
 THINGS_MORE: tuple[dict[str, Any], ...] = (
-    {}, {"id": "d", "kind": "list", "answer": ["cup", "bowl"], "maybe": ["pen"]}, {"id": "e", "kind": "count", "answer": 2}
+    {}, {"id": "d", "kind": "list", "answer": ["cup", "bowl"], "maybe": ["pen"]},
+    {"id": "e", "kind": "count", "answer": 2}
 )  # fmt: skip
 QUERY = {"id": "a", "type": "implicit", "target": "sofa", "accept": ["sofa", "arm chair"], "text": "My feet hurt."}
 REPLY = {"query": "tired", "reply": '{"object": "bed"}', "objects": ["bed", "mug"]}

@@ -166,7 +166,8 @@ def main() -> None:
                 begin = time.perf_counter()
                 events, found = sweep(known[name], base, given.every, error)
                 print(
-                    f"{name:9} {'I/O error' if error else 'kill':9} {events:4} events  {time.perf_counter() - begin:5.0f} s"
+                    f"{name:9} {'I/O error' if error else 'kill':9} {events:4} events  "
+                    f"{time.perf_counter() - begin:5.0f} s"
                 )
                 for what, count in found.most_common():
                     print(f"    {count:4} {what}", flush=True)

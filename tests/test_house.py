@@ -29,8 +29,9 @@ LONG_FUNCTIONS = dict.fromkeys(
     "the options of one command, each with its help",
 )
 HEAVY = (
-    "PIL", "aiohttp", "ai2thor", "av", "embreex", "fastapi", "filelock", "httpx", "huggingface_hub", "matplotlib", "mcp", "mistralrs", "onnxruntime",
-    "openai", "pydantic", "rerun", "rich", "rosbags", "scipy", "torch", "transformers", "typer", "uvicorn", "yaml",
+    "PIL", "aiohttp", "ai2thor", "av", "embreex", "fastapi", "filelock", "httpx", "huggingface_hub", "matplotlib",
+    "mcp", "mistralrs", "onnxruntime", "openai", "pydantic", "rerun", "rich", "rosbags", "scipy", "torch",
+    "transformers", "typer", "uvicorn", "yaml",
 )  # fmt: skip
 
 

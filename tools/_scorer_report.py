@@ -71,7 +71,8 @@ def _outcome(reasoner: Embedded, request: Request, names: list[str], serves: boo
 def table(outcomes: list[Outcome]) -> str:
     """Per style and kind: how often the choice was right; and what became of requests that nothing serves."""
     lines = [
-        "| style | explicit | implicit | conversational | best guess: implicit | conversational | asked back | nothing: a goal |",
+        "| style | explicit | implicit | conversational | best guess: implicit | conversational | asked back | "
+        "nothing: a goal |",
         "|---|---|---|---|---|---|---|---|",
     ]
     styles = sorted({o.style for o in outcomes})

@@ -143,7 +143,8 @@ def main() -> None:
     cosines = np.sum(TextEncoder()(texts) * vectors, 1)
     megabytes = sum(f.stat().st_size for f in OUT.iterdir() if f.suffix != ".py") / 1e6
     print(
-        f"{megabytes:.1f} MB; cosine to float32 over {len(texts)} texts: least {cosines.min():.4f}, mean {cosines.mean():.4f}"
+        f"{megabytes:.1f} MB; cosine to float32 over {len(texts)} texts: least {cosines.min():.4f}, mean "
+        f"{cosines.mean():.4f}"
     )
     print(f"sha256 {hashlib.sha256((OUT / 'minilm.onnx').read_bytes()).hexdigest()}")
 

@@ -123,8 +123,9 @@ class Graph:
         if p.get(5):
             inputs.append(self.weights.floats(p[0]))
         made = self.op(
-            "Conv", *inputs, out=out if not p.get(9) else None, kernel_shape=[down, across], strides=[p.get(13, stride), stride],
-            pads=[top, left, p.get(16, top), p.get(15, left)], dilations=[p.get(12, dilation), dilation], group=p.get(7, 1),
+            "Conv", *inputs, out=out if not p.get(9) else None, kernel_shape=[down, across],
+            strides=[p.get(13, stride), stride], pads=[top, left, p.get(16, top), p.get(15, left)],
+            dilations=[p.get(12, dilation), dilation], group=p.get(7, 1),
         )  # fmt: skip
         if p.get(9) in (1, 2):
             self.op("LeakyRelu", made, out=out, alpha=float(p[10][0]) if p[9] == 2 else 0.0)

@@ -53,7 +53,8 @@ def match_png(summary: Summary, made_by: Mapping[str, str]) -> bytes:
             axes.barh(at, share, 0.9 * STEP, color=LOOKS[kind][0], zorder=2)
             axes.plot([low, high], [at, at], color=INK, lw=1.2, zorder=3)
             axes.annotate(
-                f"{share:.0f}", (max(high, share), at), (5, 0), textcoords="offset points", va="center", fontsize=8, color=INK
+                f"{share:.0f}", (max(high, share), at), (5, 0), textcoords="offset points", va="center", fontsize=8,
+                color=INK
             )  # fmt: skip
     axes.set_xlim(0, 107)
     axes.set_xticks(range(0, 101, 20))

@@ -81,8 +81,8 @@ def page(
 def _failure(row: Row, case: int, photos: Mapping[tuple[str, int], str]) -> dict[str, Any]:
     return {
         "case": case, "method": row.method, "kind": failure_kind(row), "object": row.object, "match": row.match,
-        "status": row.status, "distance": row.distance_m, "floor": row.distance_floor_m, "reachable": row.goal_reachable,
-        "note": row.note, "position": row.position, "frame": row.frame,
+        "status": row.status, "distance": row.distance_m, "floor": row.distance_floor_m,
+        "reachable": row.goal_reachable, "note": row.note, "position": row.position, "frame": row.frame,
         "photo": None if row.frame is None else photos.get((row.home, row.frame)),
     }  # fmt: skip
 
