@@ -1,4 +1,4 @@
-"""What each rule of the embedded reasoner is worth: all that it is measured by, with one rule taken away at a time.
+"""Ablation of the embedded reasoner: all its measures, with one rule removed at a time.
 
 python benchmarks/ablation.py REFERENCE MAPS THINGS_MAPS [RULE …]
 

@@ -1,5 +1,4 @@
-"""How fast a 640x480 RGB-D bag is read, decoded and paired with poses, and in how much memory: frames per second, one
-core.
+"""Benchmark of bag reading: frames per second on one core, and memory, of a 640x480 RGB-D bag with poses.
 
 python benchmarks/bag_reading.py [FRAMES ...]
     (default: 150 600, so that the memory of a short and a long bag can be compared)
@@ -100,7 +99,8 @@ def compare(counts: list[int]) -> None:
                 rate = frames / (opened + reading)
                 name = f"{kind} {compression}"
                 print(
-                    f"{name:12}  {frames:6.0f}   {size:10.0f}   {opened:6.2f}   {reading:6.2f}   {rate:8.0f}   {peak:7.0f}"
+                    f"{name:12}  {frames:6.0f}   {size:10.0f}   {opened:6.2f}   {reading:6.2f}   {rate:8.0f}   "
+                    f"{peak:7.0f}"
                 )
                 if not compression and rate < WANTED:
                     slow.append(name)

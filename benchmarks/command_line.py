@@ -1,5 +1,4 @@
-"""Command line of the scripts in benchmarks/ and tools/: help from the docstring, mistakes and missing data as one
-line."""
+"""Command line of the scripts: help from the docstring, mistakes and missing data as one line."""
 
 from __future__ import annotations
 

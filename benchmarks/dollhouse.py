@@ -1,4 +1,4 @@
-"""Frames per second of the built-in home: colour, depth and instances, with the shares of tracing and of shading.
+"""Benchmark of the renderer: frames per second of a built-in home, with the shares of tracing and of shading.
 
 python benchmarks/dollhouse.py [HOME]    (default: studio)
 One thread, medians over views from the middle of every room. For one core: taskset -c 0 python benchmarks/dollhouse.py
@@ -68,9 +68,10 @@ def main() -> None:
         first_s = time.perf_counter() - start
         whole, trace = median_ms(renderer.render, where), median_ms(renderer.depth, where)
         figures = {
-            "home": scene.name, "triangles": len(renderer.mesh.faces), "size": f"{width}x{height}", "engine": renderer.engine,
-            "first_frame_with_light_s": round(first_s, 2), "frames_per_s": round(1000 / whole, 1), "ms": round(whole, 1),
-            "tracing_ms": round(trace, 1), "shading_ms": round(whole - trace, 1),
+            "home": scene.name, "triangles": len(renderer.mesh.faces), "size": f"{width}x{height}",
+            "engine": renderer.engine, "first_frame_with_light_s": round(first_s, 2),
+            "frames_per_s": round(1000 / whole, 1), "ms": round(whole, 1), "tracing_ms": round(trace, 1),
+            "shading_ms": round(whole - trace, 1),
         }  # fmt: skip
         print(json.dumps(figures))
 

@@ -1,5 +1,4 @@
-"""How well the embedded dollhouse detector sees: boxes, lists of objects and distances in homes, and frames per second
-on one core.
+"""Benchmark of the embedded dollhouse detector: boxes, objects, distances, and frames per second on one core.
 
 python benchmarks/dollhouse_detector.py [HOME …] [--seed 0] [--max-frames 800] [--sensor] [--sheet FILE]
     (default: the seven homes that no training saw)
@@ -200,11 +199,11 @@ def report_cells(all_outputs: Sequence[Outputs], far: dict[str, list[float]]) ->
     shares = {name: right / count for name, (right, count) in cells.items()}
     right, count = np.sum(list(cells.values()), axis=0)
     objs = [shares[name] for name in cells if name]
-    print(f"cells: {right / count:.3f} of all are right, {shares['']:.3f} of walls and floors, {np.mean(objs):.3f} as a mean "
-          f"over {len(objs)} types")  # fmt: skip
+    print(f"cells: {right / count:.3f} of all are right, {shares['']:.3f} of walls and floors, {np.mean(objs):.3f} as "
+          f"a mean over {len(objs)} types")  # fmt: skip
     for name, metres in far.items():
-        print(f"VLMaps {name}: {len(metres)} names found at {np.mean(metres):.2f} m on average, median {np.median(metres):.2f} m, "
-              f"{np.mean(np.array(metres) <= 1):.0%} within 1 m")  # fmt: skip
+        print(f"VLMaps {name}: {len(metres)} names found at {np.mean(metres):.2f} m on average, median "
+              f"{np.median(metres):.2f} m, {np.mean(np.array(metres) <= 1):.0%} within 1 m")  # fmt: skip
 
 
 def report(recordings: Sequence[Recording], detector: Any) -> None:
@@ -227,17 +226,21 @@ def report(recordings: Sequence[Recording], detector: Any) -> None:
         far, bound = (float(np.mean(distances(recording, it) or [np.nan])) for it in (index, best))
         rows.append((float(np.mean(list(ap50([outputs]).values()))), recall, precision, far, bound))
         print(
-            f"{recording.name:18} {len(recording):6}  {rows[-1][0]:.2f}  {recall:6.2f}  {precision:9.2f}  {far:6.2f} m  {bound:8.2f} m",
+            f"{recording.name:18} {len(recording):6}  {rows[-1][0]:.2f}  {recall:6.2f}  {precision:9.2f}  {far:6.2f} m "
+            f" {bound:8.2f} m",
             flush=True,
         )
         missed = sorted({n for n, p in outputs.pixels.items() if p >= LISTED_PX} - set(index.names()))
         print(
-            f"    missed: {', '.join(missed) or 'none'}; invented: {', '.join(n for n in index.names() if not outputs.pixels.get(n)) or 'none'}"
+            f"    missed: {', '.join(missed) or 'none'}; invented: "
+            f"{', '.join(n for n in index.names() if not outputs.pixels.get(n)) or 'none'}"
         )
     types = ap50(all_outputs)
     mean = np.nanmean(np.array(rows), axis=0)
-    print(f"all: AP50 over {len(types)} types {np.mean(list(types.values())):.3f}; means of homes: recall {mean[1]:.2f}, "
-          f"precision {mean[2]:.2f}, distance {mean[3]:.2f} m (ground truth {mean[4]:.2f} m)")  # fmt: skip
+    print(
+        f"all: AP50 over {len(types)} types {np.mean(list(types.values())):.3f}; means of homes: recall {mean[1]:.2f}, "
+        f"precision {mean[2]:.2f}, distance {mean[3]:.2f} m (ground truth {mean[4]:.2f} m)"
+    )
     ordered = sorted(types.items(), key=lambda item: item[1])
     report_cells(all_outputs, mapped)
     print("lowest AP50:", ", ".join(f"{name} {value:.2f}" for name, value in ordered[:25]))

@@ -1,5 +1,4 @@
-"""Fuzz over every kind of file that the program reads: each broken one is read in a process of its own, bounded in time
-and memory.
+"""Fuzz test of every file format that the program reads: each case in its own process, bounded in time and memory.
 
 python benchmarks/fuzz.py [--minutes 10 | --cases 500] [--jobs 2] [--kinds home,tum] [--without home] [--first 0]
 python benchmarks/fuzz.py --replay tum:17        the same files again, in this process, with the traceback

@@ -1,5 +1,4 @@
-"""What ``fuzz.py`` breaks: every kind of file that the program reads, made as the tests make it, and read as the
-program does.
+"""File formats that ``fuzz.py`` breaks: made as the tests make them, and read as the program does.
 
 Another kind is one more entry of ``KINDS``: how a good one is written into a folder, and how it is read. The tests'
 folders must be in ``sys.path``, as ``fuzz.py`` puts them there.
@@ -232,7 +231,8 @@ THING = {
     "answer": None,
 }
 THINGS_MORE: tuple[dict[str, Any], ...] = (
-    {}, {"id": "d", "kind": "list", "answer": ["cup", "bowl"], "maybe": ["pen"]}, {"id": "e", "kind": "count", "answer": 2}
+    {}, {"id": "d", "kind": "list", "answer": ["cup", "bowl"], "maybe": ["pen"]},
+    {"id": "e", "kind": "count", "answer": 2}
 )  # fmt: skip
 QUERY = {"id": "a", "type": "implicit", "target": "sofa", "accept": ["sofa", "arm chair"], "text": "My feet hurt."}
 REPLY = {"query": "tired", "reply": '{"object": "bed"}', "objects": ["bed", "mug"]}

@@ -1,4 +1,4 @@
-"""The seven homes: how much exploration covers, whether depth and boxes agree, and how near ObjectDepth comes.
+"""Benchmark of the seven homes: coverage of exploration, depth against boxes, and the error of ObjectDepth.
 
 python benchmarks/homes.py [HOME …]      one BLAS thread; detections are ground truth (dollhouse), said so in each row
 """
@@ -86,18 +86,21 @@ def main() -> None:
         mapped_s = time.perf_counter() - begin
         good, total, seen = inside_their_boxes(recording)
         print(
-            f"{name}: {len(recording)} frames, explored in {explored_s:.1f} s, mapped in {mapped_s:.1f} s, by {truth.name}"
+            f"{name}: {len(recording)} frames, explored in {explored_s:.1f} s, mapped in {mapped_s:.1f} s, by "
+            f"{truth.name}"
         )
         print(f"  {recording.notes[-1]}")
         print(
-            f"  {len(seen)} of {len(recording.truth)} things seen with {ENOUGH_PX} px or more; {good / total:.4%} of their depth in their true boxes"
+            f"  {len(seen)} of {len(recording.truth)} things seen with {ENOUGH_PX} px or more; {good / total:.4%} of "
+            "their depth in their true boxes"
         )
         for what, made in (("masks", home), ("boxes only", map_home(recording, WithoutMasks(truth)))):
             rows = distances(made.index("object_depth")[1], recording)
             metres = [row[0] for row in rows]
             mean, median = statistics.mean(metres), statistics.median(metres)
             print(
-                f"  ObjectDepth from {what}: mean {mean:.3f} m, median {median:.3f} m to the nearest true box, {len(rows)} names"
+                f"  ObjectDepth from {what}: mean {mean:.3f} m, median {median:.3f} m to the nearest true box, "
+                f"{len(rows)} names"
             )
             print(
                 "    worst: " + ", ".join(f"{label} {m:.2f} m (frame {frame})" for m, label, frame in rows[:5]),

@@ -1,5 +1,4 @@
-"""What a detector of the hub costs per frame, reading the frames included: OWLv2-base with LVIS's 1,203 names, and
-D-FINE.
+"""Benchmark of hub detectors, time per frame with reading: OWLv2-base with LVIS's 1,203 names, and D-FINE.
 
 python benchmarks/hub.py [RECORDING] [--frames N] [--device cuda]
     (default: 64 frames of the dollhouse's studio, 640×480, 2 on a CPU)

@@ -1,5 +1,4 @@
-"""Kill every writing command, or fill its disk, before each of its file-system events: old or new must be left, never
-half.
+"""Interruption test of every writing command, killed or with a full disk at each event: old or new files are left.
 
     python benchmarks/interruptions.py             all events of map, append, convert, record, doctor --fix and bench
     python benchmarks/interruptions.py map --every 5
@@ -167,7 +166,8 @@ def main() -> None:
                 begin = time.perf_counter()
                 events, found = sweep(known[name], base, given.every, error)
                 print(
-                    f"{name:9} {'I/O error' if error else 'kill':9} {events:4} events  {time.perf_counter() - begin:5.0f} s"
+                    f"{name:9} {'I/O error' if error else 'kill':9} {events:4} events  "
+                    f"{time.perf_counter() - begin:5.0f} s"
                 )
                 for what, count in found.most_common():
                     print(f"    {count:4} {what}", flush=True)

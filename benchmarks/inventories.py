@@ -1,4 +1,4 @@
-"""The stored inventories of ``tests/data/inventories``, and the requests that are made from the truth of homes.
+"""Builder of the stored inventories of ``tests/data/inventories``, and of requests made from the truth of homes.
 
 python benchmarks/inventories.py [HOME …]      (default: every home that something stored is about; 20 minutes)
 

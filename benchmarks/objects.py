@@ -1,4 +1,4 @@
-"""The map of objects against the truth of the simulator: ground-truth detections, and from pixels.
+"""Benchmark of the object map against ground truth: with ground-truth detections, and from pixels.
 
 python benchmarks/objects.py [HOME …] [--generated 20]
     (default: the seven built-in homes; a number is a generated one)
@@ -140,7 +140,8 @@ class Counts:
             "exact count per home and type": f"{of['exact'] / of['kinds']:.3f} of {of['kinds']:.0f}",
             "invented, every 4th frame → every frame": f"{of['invented of 4th'] / of['listed of 4th']:.3f} → "
             f"{of['invented'] / of['listed']:.3f} of {of['listed']:.0f}",
-            "changed by shuffling / by the same again": f"{of['shuffled'] / of['listed']:.3f} / {of['twice'] / of['listed']:.3f}",
+            "changed by shuffling / by the same again": f"{of['shuffled'] / of['listed']:.3f} / "
+            f"{of['twice'] / of['listed']:.3f}",
             "calibration error (ECE)": f"{_ece(self.told):.3f} over {len(self.told)} objects",
             "cost": f"{np.median(ms):.2f} ms a frame (most {max(ms):.2f}), {np.median(sizes):.0f} bytes an object",
         }

@@ -1,5 +1,4 @@
-"""How well detectors see household things in photographs: AP50, and precision and recall at their default score, by
-name.
+"""Benchmark of detectors on photographs of household objects: AP50, and precision and recall, by name.
 
 python benchmarks/photographs.py [DETECTOR …] [--photos ../shared/photos] [--least 3]     (default: photos)
 A detector is what `cartier map --detector` takes. The photographs are COCO's, with boxes in YOLO's text format

@@ -1,4 +1,4 @@
-"""What ``objects.py`` says of rooms and relations in dollhouse homes, against the truth of the simulator.
+"""Benchmark of rooms and relations in dollhouse homes against ground truth; ``objects.py`` prints it.
 
 Rooms: how much they overlap the true ones, their kinds, the share of objects in the right one. Then what things stand
 on or in, requests for "the X closest to the Y", and the other relations. Of each relation: how many were told with a
@@ -162,7 +162,8 @@ class Figures:
             )
         near = [
             (i, j) for i, j in itertools.permutations(range(len(real)), 2)
-            if truth[i].room == truth[j].room and 0.5 < np.linalg.norm(np.subtract(truth[i].position, truth[j].position)) < 3
+            if truth[i].room == truth[j].room
+            and 0.5 < np.linalg.norm(np.subtract(truth[i].position, truth[j].position)) < 3
         ]  # fmt: skip
         for k in rng.permutation(len(near))[:PAIRS].tolist():
             i, j = near[k]
@@ -197,8 +198,8 @@ class Figures:
             sure = likely >= 0.5
             hits, bins = float(right[sure].sum()), np.minimum(likely * 5, 4).astype(int)
             off = sum(abs(float((likely - right)[bins == k].sum())) for k in range(5)) / max(1, len(told))
-            print(f"  {name:16} {sure.sum():5d} told, {hits / max(1, sure.sum()):.3f} right; {self.true[name]:5d} true, "
-                  f"{hits / max(1, self.true[name]):.3f} told; probabilities off by {off:.3f}")  # fmt: skip
+            print(f"  {name:16} {sure.sum():5d} told, {hits / max(1, sure.sum()):.3f} right; {self.true[name]:5d} "
+                  f"true, {hits / max(1, self.true[name]):.3f} told; probabilities off by {off:.3f}")  # fmt: skip
         times = ", ".join(f"{name} {np.median(ms):.1f} ms (most {max(ms):.0f})" for name, ms in self.ms.items())
         print(f"  {times}", flush=True)
 

@@ -1,4 +1,4 @@
-"""What mapping costs besides the detector: milliseconds per frame, peak memory, start-up times.
+"""Benchmark of mapping without the detector: milliseconds per frame, peak memory, start-up times.
 
 python benchmarks/straight_line.py [RECORDING]    (default: the kitchen in ../shared, else a rendered room)
 One BLAS thread; medians; memory is the peak of a fresh process.
@@ -158,7 +158,8 @@ def main() -> None:
             print(f"  peak memory, recording x {times:<3} {peak_mb(str(path), times):7.1f} MB")
     bare, numpy, ours = (seconds(sys.executable, "-c", code) for code in ("pass", "import numpy", "import cartier"))
     print(
-        f"  import numpy {numpy - bare:.3f} s, import cartier {ours - bare:.3f} s: ratio {(ours - bare) / (numpy - bare):.2f}   (limit 2)"
+        f"  import numpy {numpy - bare:.3f} s, import cartier {ours - bare:.3f} s: ratio "
+        f"{(ours - bare) / (numpy - bare):.2f}   (limit 2)"
     )
     print(f"  cartier --help {seconds(str(Path(sys.executable).parent / 'cartier'), '--help'):.3f} s   (limit 0.5)")
 

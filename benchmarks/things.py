@@ -1,5 +1,4 @@
-"""What a reasoner that makes no mistake could reach in ``cartier bench --suite things``: what is lost is lost by the
-map.
+"""Upper bound of ``cartier bench --suite things``: what a perfect reasoner could reach with the maps.
 
 python benchmarks/things.py RUN/requests.jsonl [--maps DIR]
 

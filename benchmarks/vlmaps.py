@@ -1,4 +1,4 @@
-"""What VLMaps costs: fusing a frame against reading its features once, finding words, and the map's size on disk.
+"""Benchmark of VLMaps: fusing a frame against reading its features once, finding words, and the map's size on disk.
 
 python benchmarks/vlmaps.py [RECORDING]
     (default: a rendered 6 × 5 m room; a dollhouse home is explored for the map's size)
@@ -70,7 +70,8 @@ def fusion(recording: str | None) -> None:
     print(f"read bandwidth         {size / read / 1e6:6.1f} GB/s, one thread")
     print(f"touched features       {size / 1e6:6.1f} MB a frame, read once in {read:.1f} ms")
     print(
-        f"fusion of every pixel  {fuse:6.1f} ms a frame = {ratio:.1f} × the read (limit 6; worst {max(r[3] for r in rows):.1f})"
+        f"fusion of every pixel  {fuse:6.1f} ms a frame = {ratio:.1f} × the read (limit 6; worst "
+        f"{max(r[3] for r in rows):.1f})"
     )
 
 
@@ -116,7 +117,8 @@ def size() -> None:
         index.add(frame, detections)
     stored = sum(map(len, index.state().values()))
     print(
-        f"family_flat's map      {stored / 1e6:6.1f} MB for {len(index._grid.cells):,} cells, {DENSE / stored:.0f} × smaller than dense (limit 50)"
+        f"family_flat's map      {stored / 1e6:6.1f} MB for {len(index._grid.cells):,} cells, {DENSE / stored:.0f} × "
+        "smaller than dense (limit 50)"
     )
 
 

@@ -1,5 +1,4 @@
-"""Which detector maps a recording when nobody names one, and what is said about a wrong one, when mapping and ever
-after."""
+"""Default detector of a recording, and the message about a wrong one."""
 
 from __future__ import annotations
 

@@ -33,8 +33,9 @@ LONG_FUNCTIONS = {
     "understanding/references.py _sentence": "part of the parser that a learned one replaces",
 }
 HEAVY = (
-    "PIL", "aiohttp", "ai2thor", "av", "embreex", "fastapi", "filelock", "httpx", "huggingface_hub", "matplotlib", "mcp", "mistralrs", "onnxruntime",
-    "openai", "pydantic", "rerun", "rich", "rosbags", "scipy", "torch", "transformers", "typer", "uvicorn", "yaml",
+    "PIL", "aiohttp", "ai2thor", "av", "embreex", "fastapi", "filelock", "httpx", "huggingface_hub", "matplotlib",
+    "mcp", "mistralrs", "onnxruntime", "openai", "pydantic", "rerun", "rich", "rosbags", "scipy", "torch",
+    "transformers", "typer", "uvicorn", "yaml",
 )  # fmt: skip
 
 

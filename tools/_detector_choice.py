@@ -1,4 +1,4 @@
-"""Walks through generated homes that no training saw, and how far to trust each name there."""
+"""Calibration of the detector's scores, per name, on walks through generated homes that no training saw."""
 
 from __future__ import annotations
 

@@ -1,5 +1,4 @@
-"""The second stage: of each place where the first sees something, whatever it is, a patch of the image is named by
-itself.
+"""Second stage of the detector: it classifies a patch of the image at each place where the first stage sees something.
 
 A heatmap of all names at once learns thin and small things badly: knives were not told from the table in any frame of
 the training, though their places stood out. As in Faster R-CNN (Ren et al. 2015), naming is left to a second network,

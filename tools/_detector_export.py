@@ -1,5 +1,4 @@
-"""The trained detector as one ONNX file, written node by node: batch norms folded in, peaks and boxes picked inside the
-graph."""
+"""ONNX export of the detector, node by node: batch norms folded in, peaks and boxes picked inside the graph."""
 
 from __future__ import annotations
 

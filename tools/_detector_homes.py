@@ -1,4 +1,4 @@
-"""Homes to train the dollhouse detector in: generated ones with more clutter, laid tables and other colours."""
+"""Training homes of the dollhouse detector: generated ones with more clutter, laid tables and other colours."""
 
 from __future__ import annotations
 
@@ -16,9 +16,10 @@ from cartier.worlds.dollhouse.place import Plan
 
 ROBOT_M = 0.2
 SELDOM = (  # what generated homes hold in none or hardly any: scattered as often as four others
-    "BaseballBat", "Cabinet", "Cart", "Cloth", "Desktop", "DishSponge", "Dumbbell", "Footstool", "HandTowel", "KeyChain", "Ladle",
-    "LightSwitch", "Microwave", "Newspaper", "Ottoman", "PaperTowelRoll", "Plunger", "Poster", "ScrubBrush", "Shelf",
-    "ShowerDoor", "TennisRacket", "TissueBox", "VacuumCleaner", "WashingMachine", "Watch", "WineBottle",
+    "BaseballBat", "Cabinet", "Cart", "Cloth", "Desktop", "DishSponge", "Dumbbell", "Footstool", "HandTowel",
+    "KeyChain", "Ladle", "LightSwitch", "Microwave", "Newspaper", "Ottoman", "PaperTowelRoll", "Plunger", "Poster",
+    "ScrubBrush", "Shelf", "ShowerDoor", "TennisRacket", "TissueBox", "VacuumCleaner", "WashingMachine", "Watch",
+    "WineBottle",
 )  # fmt: skip
 TINY_M = 0.24  # what is smaller is mostly hidden or too far away to be learnt, so that there must be more of it
 TABLES = {
@@ -45,9 +46,9 @@ OVER_M = {"Pan": 0.1}  # its handle sticks out
 WOODS = ("oak", "walnut", "pine", "whitewood", "birch", "cherry", "beech", "ash", "teak")
 FAMILIES = ("paint", "fabric", "plastic", "ceramic", "leather", "carpet", "tiles", "planks", "stripes", "wood")
 COLOURS = (
-    "white", "cream", "ivory", "wheat", "sand", "grey", "lightgrey", "charcoal", "black", "petrol", "mustard", "terracotta",
-    "sage", "olive", "steelblue", "darkred", "lightsteelblue", "mistyrose", "honeydew", "lightblue", "navy", "firebrick",
-    "seagreen", "slategrey", "tan", "peru", "khaki", "lavender",
+    "white", "cream", "ivory", "wheat", "sand", "grey", "lightgrey", "charcoal", "black", "petrol", "mustard",
+    "terracotta", "sage", "olive", "steelblue", "darkred", "lightsteelblue", "mistyrose", "honeydew", "lightblue",
+    "navy", "firebrick", "seagreen", "slategrey", "tan", "peru", "khaki", "lavender",
 )  # fmt: skip
 APPLES = ("red", "crimson", "darkred", "firebrick", "green", "limegreen", "yellowgreen", "olivedrab", "gold")
 METALS = {"metal": "#9a9da1", "steel": "#b9bcc0", "black": "#242526"}

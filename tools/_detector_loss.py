@@ -1,5 +1,4 @@
-"""What the dollhouse detector is trained to make small: CenterNet's focal loss, the boxes' GIoU loss, and LSeg's
-cross-entropy of cells."""
+"""Losses of the dollhouse detector: CenterNet's focal loss, the boxes' GIoU, and LSeg's cross-entropy of cells."""
 
 from __future__ import annotations
 

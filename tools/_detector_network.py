@@ -1,5 +1,4 @@
-"""The dollhouse detector's network: a small residual backbone, a feature pyramid, and CenterNet's heads over vectors of
-names."""
+"""Network of the dollhouse detector: a small ResNet, a feature pyramid, CenterNet's heads over vectors of names."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The shipped ONNX file as weights to train on from, where only the repository is at hand."""
+"""Training weights restored from the shipped ONNX file, where only the repository is at hand."""
 
 from __future__ import annotations
 

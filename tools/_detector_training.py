@@ -1,4 +1,4 @@
-"""Training, score_model and export of the dollhouse detector, as train_dollhouse_detector.py starts them."""
+"""Training, calibration and export of the dollhouse detector, as train_dollhouse_detector.py starts them."""
 
 from __future__ import annotations
 
@@ -79,7 +79,8 @@ def train(data: Path, run: Path, minutes: float, seed: int) -> None:
         sums += [loss.item() for loss in losses]
         if step % 25 == 0:
             print(f"{spent:.0f} s step {step} lr {rate:.5f} heat {sums[0] / 25:.3f} box {sums[1] / 25:.3f} "
-                  f"paint {sums[2] / 25:.3f} scale {network.scale.item():.1f} frames {len(pool.frames)}", flush=True)  # fmt: skip
+                  f"paint {sums[2] / 25:.3f} scale {network.scale.item():.1f} frames {len(pool.frames)}",
+                  flush=True)  # fmt: skip
             sums[:] = 0
         if time.time() - saved > SAVE_S:
             saved = time.time()

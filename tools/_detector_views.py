@@ -26,8 +26,8 @@ POSES = 90  # views per home: the light's bake is paid once, and costs more than
 CLOSE_POSES, CLOSE_CROWD = 160, 1.8
 SMALL_M = 0.45  # what is not larger is looked at in close-ups
 HARD = (  # what is taken for something else the most: faced four times as often
-    "Apple", "ButterKnife", "Candle", "Cloth", "CreditCard", "DishSponge", "Fork", "KeyChain", "Knife", "Ladle", "Pan", "Pen",
-    "Plunger", "Spatula", "Spoon",
+    "Apple", "ButterKnife", "Candle", "Cloth", "CreditCard", "DishSponge", "Fork", "KeyChain", "Knife", "Ladle", "Pan",
+    "Pen", "Plunger", "Spatula", "Spoon",
 )  # fmt: skip
 
 

@@ -1,4 +1,4 @@
-"""The network of the embedded reasoner's scorer in torch, for training, and its way into the files that ship."""
+"""Network of the embedded reasoner's scorer in torch, for training, and its way into the files that ship."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a reasoner made of requests that validate: the outcomes, and the table of them."""
+"""Report on validation requests: the outcomes, and the table of them."""
 
 from __future__ import annotations
 
@@ -71,7 +71,8 @@ def _outcome(reasoner: Embedded, request: Request, names: list[str], serves: boo
 def table(outcomes: list[Outcome]) -> str:
     """Per style and kind: how often the choice was right; and what became of requests that nothing serves."""
     lines = [
-        "| style | explicit | implicit | conversational | best guess: implicit | conversational | asked back | nothing: a goal |",
+        "| style | explicit | implicit | conversational | best guess: implicit | conversational | asked back | "
+        "nothing: a goal |",
         "|---|---|---|---|---|---|---|---|",
     ]
     styles = sorted({o.style for o in outcomes})

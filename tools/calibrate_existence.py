@@ -1,5 +1,4 @@
-"""How sure a map may be of an object: the numbers of a DetectorScoreModel, fitted on generated homes that no training
-saw.
+"""Calibration of existence probabilities: the DetectorScoreModel, fitted on generated homes that no training saw.
 
 python tools/calibrate_existence.py FOLDER [--first 60] [--homes 40]
     FOLDER holds an exported dollhouse detector; into its names.json
@@ -91,7 +90,8 @@ def fit(homes: Sequence[Sequence[Evidence]], before: DetectorScoreModel) -> Dete
     for k in range(10):
         mine = tenth == k
         print(
-            f"told {k / 10:.1f} to {(k + 1) / 10:.1f}: {right[mine].mean() if mine.any() else np.nan:.2f} of {mine.sum()} are there"
+            f"told {k / 10:.1f} to {(k + 1) / 10:.1f}: {right[mine].mean() if mine.any() else np.nan:.2f} of "
+            f"{mine.sum()} are there"
         )
     off = sum(abs(float((chance - right)[tenth == k].sum())) for k in range(10)) / len(chance)
     print(f"calibration error {off:.3f} over {len(chance)} objects of {len(homes)} homes", flush=True)

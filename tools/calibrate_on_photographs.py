@@ -1,4 +1,4 @@
-"""What a detector's scores are worth, measured on photographs with true boxes: the score_model of its sidecar.
+"""Calibration of a detector's scores on photographs with true boxes: the score_model of its sidecar.
 
 python tools/calibrate_on_photographs.py [DETECTOR] [--photos ../shared/photos]     (default: photos)
 Its last line goes into the sidecar. A logistic regression of "right" on the score's logit, over every detection of a
@@ -51,7 +51,8 @@ def main() -> None:
         here = hits[(hits[:, 0] >= low) & (hits[:, 0] < low + 0.1), 1]
         if len(here):
             print(
-                f"score {low:.1f}-{low + 0.1:.1f}: {here.mean():4.0%} of {len(here)} right, fitted {expit(a + b * logit(low + 0.05)):4.0%}"
+                f"score {low:.1f}-{low + 0.1:.1f}: {here.mean():4.0%} of {len(here)} right, fitted "
+                f"{expit(a + b * logit(low + 0.05)):4.0%}"
             )
     at = {share: round(float(expit((logit(share) - a) / b)), 2) for share in (0.1, 0.5, 0.7)}
     about = f"{len(photos)} COCO photographs with {boxes} household things"

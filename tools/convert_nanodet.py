@@ -1,5 +1,4 @@
-"""NanoDet-Plus's public ncnn files to the ONNX file that ships: weights kept as float16, the boxes decoded in the
-graph.
+"""Converter from NanoDet-Plus's public ncnn files to the ONNX file that ships: float16 weights, decoded boxes.
 
 python tools/convert_nanodet.py nanodet-plus-m_416.param nanodet-plus-m_416.bin OUT.onnx [--size 416]     (needs onnx)
 The .bin's sha256 begins with f7555ca6. The output is 1 x (4 + names) x cells: cx, cy, w, h in input pixels, then
@@ -124,8 +123,9 @@ class Graph:
         if p.get(5):
             inputs.append(self.weights.floats(p[0]))
         made = self.op(
-            "Conv", *inputs, out=out if not p.get(9) else None, kernel_shape=[down, across], strides=[p.get(13, stride), stride],
-            pads=[top, left, p.get(16, top), p.get(15, left)], dilations=[p.get(12, dilation), dilation], group=p.get(7, 1),
+            "Conv", *inputs, out=out if not p.get(9) else None, kernel_shape=[down, across],
+            strides=[p.get(13, stride), stride], pads=[top, left, p.get(16, top), p.get(15, left)],
+            dilations=[p.get(12, dilation), dilation], group=p.get(7, 1),
         )  # fmt: skip
         if p.get(9) in (1, 2):
             self.op("LeakyRelu", made, out=out, alpha=float(p[10][0]) if p[9] == 2 else 0.0)

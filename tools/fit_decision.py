@@ -1,5 +1,4 @@
-"""Fit when the embedded reasoner answers, asks back or says that nothing serves: ``python tools/fit_decision.py
-REFERENCE``.
+"""Fit of the embedded reasoner's decision to answer, ask back or refuse: ``python tools/fit_decision.py REFERENCE``.
 
 Writes reasoners/decision.json: a multinomial logistic model over the numbers of ``_decision.Choice``. REFERENCE as for
 train_scorer.py, which runs this, too. It is fitted on the voices in ``FITTED`` that no training of the scorer saw, over

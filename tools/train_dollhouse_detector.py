@@ -1,5 +1,4 @@
-"""Train the dollhouse detector that ships inside: `render` homes into shards while `train` learns from what is there;
-`export`.
+"""Training of the dollhouse detector that ships: `render` makes shards of homes, `train` learns, `export` writes.
 
 Usage:  python tools/train_dollhouse_detector.py render DATA/train --first 100000 --homes 2000
         python tools/train_dollhouse_detector.py render DATA/held-back --first 95000 --homes 48
@@ -11,7 +10,7 @@ Usage:  python tools/train_dollhouse_detector.py render DATA/train --first 10000
         python tools/calibrate_existence.py src/cartier/models/dollhouse_detector
 
 It sees RGB alone. `closer` trains the second stage, which names each place, over a trained network; `begin` reads
-exported ones back, to be trained on. `calibrate` makes scores n_observable, name by name; `export` writes the network,
+exported ones back, to be trained on. `calibrate` makes scores probabilities, name by name; `export` writes the network,
 the words that its features understand, and names.json; tools/calibrate_existence.py sets there how sure a map may be of
 what is seen. Both calibrations work on generated homes that were held back. All may be stopped and started again; only
 torch and onnx are needed besides cartier. The seven built-in homes are never looked at:

@@ -1,4 +1,4 @@
-"""Train the learned scorer of the embedded reasoner: ``python tools/train_scorer.py REFERENCE MINILM``.
+"""Training of the embedded reasoner's scorer: ``python tools/train_scorer.py REFERENCE MINILM``.
 
 REFERENCE holds thor_object_types.json and lvis_v1_categories.json, from which lists of objects are drawn; MINILM is the
 folder with model.safetensors of all-MiniLM-L6-v2 (see build_text_encoder.py). Without it nothing is trained: what ships

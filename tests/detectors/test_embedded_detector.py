@@ -1,5 +1,4 @@
-"""The eyes that ship inside: they see in a home they never saw, they keep the detectors' laws, and they refuse what was
-changed."""
+"""Embedded detector: it works in a home that it never saw, obeys the contract, and refuses changed files."""
 
 from __future__ import annotations
 

@@ -1,5 +1,4 @@
-"""The photograph detector that ships inside, and the layout that it was exported in before its decoding entered the
-graph."""
+"""Photograph detector that ships, and the older layout whose boxes are decoded outside of the graph."""
 
 from __future__ import annotations
 

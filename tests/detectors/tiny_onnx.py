@@ -169,5 +169,6 @@ def _exported(net: Net, box: Sequence[str], score: str, keys: dict[str, Any]) ->
 
 
 ENCODERS: dict[str, Callable[[Net, Sequence[str], str, dict[str, Any]], Encoded]] = {
-    "fastestdet": _fastestdet, "yolov8": _yolov8, "yolox": _yolox, "nanodet": _nanodet, "detr": _detr, "exported": _exported,
+    "fastestdet": _fastestdet, "yolov8": _yolov8, "yolox": _yolox, "nanodet": _nanodet, "detr": _detr,
+    "exported": _exported,
 }  # fmt: skip

@@ -1,5 +1,4 @@
-"""What the doctor is tried on: robots' walks through built-in homes, recordings with one fault put in, and AI2-THOR
-frames."""
+"""Recordings for the doctor: walks through built-in homes, the same with one fault each, and AI2-THOR frames."""
 
 from __future__ import annotations
 

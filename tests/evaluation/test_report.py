@@ -23,7 +23,10 @@ FILES = {
     "report.md", "results.json", "tables.csv", "table.tex", "object_match.png", "distance.png", "failures.html",
     "results.jsonl", "settings.json", "failures",
 }  # fmt: skip
-HOSTILE = "</script><script>alert(1)</script><img src=x onerror=alert(2)>&amp;\u2028 | `x` [l](http://e) $x^2$ \\input{x} __DATA__"
+HOSTILE = (
+    "</script><script>alert(1)</script><img src=x onerror=alert(2)>&amp;\u2028 | `x` [l](http://e) $x^2$ "
+    "\\input{x} __DATA__"
+)
 
 
 def photo(home: str, frame: int) -> np.ndarray[Any, np.dtype[np.uint8]] | None:
@@ -237,7 +240,8 @@ FAULTS = [
     ("", "holds no answer yet"),
     ('{"home": "h"\n', "line 1: not valid JSON"),
     (json.dumps(row("h", "q", "nlmap")) + "\n[1]\n", "line 2: the whole line"),
-    (json.dumps(row("h", "q", "nlmap")) + "\n\n" + json.dumps(row("h", "q", "nlmap", distance_m=float("nan"))), "line 3: not valid JSON (NaN"),
+    (json.dumps(row("h", "q", "nlmap")) + "\n\n" + json.dumps(row("h", "q", "nlmap", distance_m=float("nan"))),
+        "line 3: not valid JSON (NaN"),
     (json.dumps(row("h", "q", "nlmap"))[:-9], "line 1: not valid JSON"),
     ("\xff", "line 1: not valid JSON"),
     ("[" * 100_000, "line 1: not valid JSON"),

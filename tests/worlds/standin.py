@@ -38,9 +38,9 @@ PART_NAMES = {RGB: "image", DEPTH: "image_depth", IDS: "image_ids"}
 AGENT_Y_M, EYE_M, RADIUS_M, NEAR_M, FAR_M = 0.9009992, 1.5759992, 0.2, 0.1, 20.0
 NO_BOX = "Sink|+01.38|+00.81|-01.27|SinkBasin"  # whatever a build gives no box for must not trip the adapter
 FLAGS = """
-visible obstructed isInteractable receptacle toggleable isToggled breakable isBroken canFillWithLiquid isFilledWithLiquid dirtyable
-isDirty canBeUsedUp isUsedUp cookable isCooked isHeatSource isColdSource sliceable isSliced openable isOpen pickupable isPickedUp
-moveable isMoving
+visible obstructed isInteractable receptacle toggleable isToggled breakable isBroken canFillWithLiquid
+isFilledWithLiquid dirtyable isDirty canBeUsedUp isUsedUp cookable isCooked isHeatSource isColdSource sliceable isSliced
+openable isOpen pickupable isPickedUp moveable isMoving
 """
 Message = tuple[dict[str, Any], dict[int, bytes]]
 
@@ -87,10 +87,11 @@ class Player:
             list(unity(c).values()) for c in np.stack(np.meshgrid(*zip(low, high, strict=True)), -1).reshape(-1, 3)
         ]
         return dict.fromkeys(FLAGS.split(), False) | {
-            "name": f"{type}_0a1b2c3d", "objectType": type, "objectId": object_id(type, middle), "assetId": "", "position": unity(middle),
-            "rotation": unity((0, 0, 0)), "mass": 1.0, "distance": 0.0, "openness": 0.0, "temperature": "RoomTemp", "salientMaterials": None,
-            "receptacleObjectIds": None, "parentReceptacles": None, "controlledObjects": None, "fillLiquid": None,
-            "axisAlignedBoundingBox": {"cornerPoints": corners, "center": unity(middle), "size": size}, "objectOrientedBoundingBox": None,
+            "name": f"{type}_0a1b2c3d", "objectType": type, "objectId": object_id(type, middle), "assetId": "",
+            "position": unity(middle), "rotation": unity((0, 0, 0)), "mass": 1.0, "distance": 0.0, "openness": 0.0,
+            "temperature": "RoomTemp", "salientMaterials": None, "receptacleObjectIds": None, "parentReceptacles": None,
+            "controlledObjects": None, "fillLiquid": None, "objectOrientedBoundingBox": None,
+            "axisAlignedBoundingBox": {"cornerPoints": corners, "center": unity(middle), "size": size},
         }  # fmt: skip
 
     def do(self, action: dict[str, Any]) -> None:
@@ -185,10 +186,11 @@ class Player:
             "cameraHorizon": self.horizon, "isStanding": True, "inHighFrictionArea": False,
         }  # fmt: skip
         metadata = {
-            "objects": self.objects, "agent": agent, "fov": fov, "cameraPosition": unity((*self.xy, EYE_M)), "sceneName": self.name,
-            "lastAction": last["action"], "lastActionSuccess": last["ok"], "errorMessage": last["error"], "errorCode": last["code"],
-            "actionReturn": last["return"], "screenWidth": self.width, "screenHeight": self.height, "thirdPartyCameras": [],
-            "agentId": 0, "isSceneAtRest": True, "inventoryObjects": [], "collidedObjects": [], "collided": False, "currentTime": 0.0,
+            "objects": self.objects, "agent": agent, "fov": fov, "cameraPosition": unity((*self.xy, EYE_M)),
+            "sceneName": self.name, "lastAction": last["action"], "lastActionSuccess": last["ok"],
+            "errorMessage": last["error"], "errorCode": last["code"], "actionReturn": last["return"],
+            "screenWidth": self.width, "screenHeight": self.height, "thirdPartyCameras": [], "agentId": 0,
+            "isSceneAtRest": True, "inventoryObjects": [], "collidedObjects": [], "collided": False, "currentTime": 0.0,
             "depthFormat": "Meters",
         }  # fmt: skip
         if self.legacy:

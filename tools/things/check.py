@@ -1,4 +1,4 @@
-"""The requests of ``written.txt`` against the truth of their homes, into the package's ``thing_texts/written.jsonl``.
+"""Accepted answers of ``written.txt``, computed from the truth of their homes: ``thing_texts/written.jsonl``.
 
 python tools/things/check.py [--keep FOLDER]
     prints faults by line, never the words; writes only where there is none

@@ -1,4 +1,4 @@
-"""The two pictures of a run: how far from the thing, and how often the right thing. Same numbers, same bytes."""
+"""Figures of a run: the distance to the object, and the share of right objects. Same numbers, same bytes."""
 
 from __future__ import annotations
 
@@ -53,7 +53,8 @@ def match_png(summary: Summary, made_by: Mapping[str, str]) -> bytes:
             axes.barh(at, share, 0.9 * STEP, color=LOOKS[kind][0], zorder=2)
             axes.plot([low, high], [at, at], color=INK, lw=1.2, zorder=3)
             axes.annotate(
-                f"{share:.0f}", (max(high, share), at), (5, 0), textcoords="offset points", va="center", fontsize=8, color=INK
+                f"{share:.0f}", (max(high, share), at), (5, 0), textcoords="offset points", va="center", fontsize=8,
+                color=INK
             )  # fmt: skip
     axes.set_xlim(0, 107)
     axes.set_xticks(range(0, 101, 20))

@@ -1,5 +1,4 @@
-"""Nobody is asked the same thing twice: a reasoner with a memory in a file, which also keeps what each question
-cost."""
+"""Cache of a reasoner's answers in a file, with what each question cost; no question is asked twice."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The prompts of a run as a batch file of OpenAI's Batch API: half the price, or for whoever answers them by hand."""
+"""Batch file of a run's prompts for OpenAI's Batch API, which costs half, or for anybody who answers them by hand."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The mapped homes of a bench, each made once and kept: recording → home folder, named after what made it."""
+"""Cache of mapped homes: each is mapped once and kept in a folder that is named after what made it."""
 
 from __future__ import annotations
 

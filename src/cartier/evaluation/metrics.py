@@ -1,4 +1,4 @@
-"""Whether an answer names the right thing, and how far from it the robot was sent."""
+"""Metrics of an answer: whether it names an accepted object, and the distance from its place to one."""
 
 from __future__ import annotations
 

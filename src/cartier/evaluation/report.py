@@ -1,5 +1,4 @@
-"""A run folder's report: tables, pictures and the failures page from its rows; and marking by hand, with the
-agreement."""
+"""Report of a run folder: tables, pictures and the failure page; and the labels of a person, with the agreement."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The rows of a run folder's ``results.jsonl``, checked: one answer of one method to one request in one home."""
+"""Rows of a run folder's ``results.jsonl``, checked: one answer of one method to one request in one home."""
 
 from __future__ import annotations
 

@@ -1,5 +1,4 @@
-"""``cartier bench``: map the homes, ask every request by every method, and write it down so that a killed run goes
-on."""
+"""Run of ``cartier bench``: it maps the homes and asks every method every request; a killed run can be resumed."""
 
 from __future__ import annotations
 
@@ -158,14 +157,14 @@ def _row(
     after_choice = sum(ms for step, ms in answer.timing_ms.items() if step != "select") / 1e3
     return {
         "home": home_name, "query_id": query.id, "type": query.type, "method": method,
-        "status": answer.selection.status, "object": answer.selection.object, "match": matches(answer.selection.object, accept),
-        "distance_m": _rounded(in_space), "distance_floor_m": _rounded(on_floor),
+        "status": answer.selection.status, "object": answer.selection.object,
+        "match": matches(answer.selection.object, accept), "distance_m": _rounded(in_space),
+        "distance_floor_m": _rounded(on_floor),
         "goal_reachable": None if answer.place is None else answer.goal is not None,
         "seconds": round(cost["seconds"] + after_choice, SECONDS), "llm_calls": cost["calls"], "tokens": cost["tokens"],
-        "detector": answer.detector, "encoder": answer.encoder, "reasoner": answer.reasoner,
-        "target": query.target, "accept": accept, "text": query.text, "position": position,
-        "frame": None if answer.place is None else answer.place.frame,
-        "note": answer.selection.reason,
+        "detector": answer.detector, "encoder": answer.encoder, "reasoner": answer.reasoner, "target": query.target,
+        "accept": accept, "text": query.text, "position": position,
+        "frame": None if answer.place is None else answer.place.frame, "note": answer.selection.reason,
     }  # fmt: skip
 
 
@@ -210,7 +209,8 @@ def claim(folder: Path, settings: Any, queries: Iterable[Any], reasoner: str) ->
         other = [name for name, value in mine.items() if kept.get(name) != value]
         if other:
             raise InputError(
-                f"{folder} holds a run of other settings ({', '.join(other)}): choose another folder, or delete that one"
+                f"{folder} holds a run of other settings ({', '.join(other)}): choose another folder, or delete that "
+                "one"
             )
         return
     strange = (

@@ -1,4 +1,4 @@
-"""What is true of one thing alone, in words: "the cup next to the sink", "the biggest table"; each with a margin."""
+"""Referring expressions that are true of one object: "the cup next to the sink", "the biggest table"; with a margin."""
 
 from __future__ import annotations
 
@@ -187,7 +187,8 @@ class Statements:
             far = {obj.id: gap(obj, landmark) for obj in objs}
             beside = [obj for obj in objs if is_beside(obj, landmark) and not self._holds(obj, landmark)]
             if len(beside) == 1 and all(
-                far[t.id] >= max(NOT_NEXT_M, far[beside[0].id] + NEXT_M) or t.room != landmark.room for t in objs if t != beside[0]
+                far[t.id] >= max(NOT_NEXT_M, far[beside[0].id] + NEXT_M) or t.room != landmark.room
+                for t in objs if t != beside[0]
             ):  # fmt: skip
                 yield from self._make(
                     "relation", word, objs, beside[0], how="next to", tail=self._tail("next to", place)

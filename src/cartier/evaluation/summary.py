@@ -1,5 +1,4 @@
-"""The numbers of a run: per method and type of request, with bootstrap intervals over requests and paired
-differences."""
+"""Statistics of a run: per method and type of request, with bootstrap intervals and paired differences."""
 
 from __future__ import annotations
 

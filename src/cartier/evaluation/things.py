@@ -1,4 +1,4 @@
-"""Requests and questions about particular things, with what is true of them; and whether an answer is right.
+"""Requests and questions about particular objects with their ground truth, and the score of an answer.
 
 ``docs/things.md`` has both file formats: that of requests, and that in which any system's answers are scored.
 """
@@ -46,9 +46,10 @@ def _words(text: str) -> set[str]:
 
 
 TELLING = _words("""
-    kitchen bedroom bathroom living hall hallway study office room lounge left right nearest closest nearer closer farther farthest near
-    window door wall corner big bigger biggest large larger largest small smaller smallest tall taller low lower high higher black grey
-    gray white red orange yellow green blue purple pink brown first second third metre metres meters m
+    kitchen bedroom bathroom living hall hallway study office room lounge left right nearest closest nearer closer
+    farther farthest near window door wall corner big bigger biggest large larger largest small smaller smallest tall
+    taller low lower high higher black grey gray white red
+    orange yellow green blue purple pink brown first second third metre metres meters m
 """)
 """Words of a question that tell things apart, besides the names of other things."""
 WHICH = frozenset({"which", "one", "ones"})

@@ -1,4 +1,4 @@
-"""Requests and questions made from the truth of a home: the same home and seed give the same lines."""
+"""Requests and questions generated from the ground truth of a home; the same home and seed give the same lines."""
 
 from __future__ import annotations
 
@@ -43,8 +43,8 @@ MOST_LISTED = 12  # names in a list that anybody would want to hear
 def make_items(home: TrueHome, seed: int = 0, each: int = EACH) -> list[Item]:
     """The requests of a home, ``each`` of a kind at most; ids are unique over homes."""
     words, made = Words(), list[Item]()
-    for kind in ("relation", "room", "attribute", "superlative", "need", "follow_up", "bare", "count", "exists", "where",
-                 "list", "compare", "nothing"):  # fmt: skip
+    for kind in ("relation", "room", "attribute", "superlative", "need", "follow_up", "bare", "count", "exists",
+                 "where", "list", "compare", "nothing"):  # fmt: skip
         rng = Random(f"{home.name} {kind} {seed}")
         making = _Making(home, words, rng)
         found = list(making.finds(kind) if kind in _STATED else getattr(making, kind)())
@@ -181,7 +181,8 @@ class _Making(Statements):
                 if inside and n > 1:
                     tail = _where(self._tail("room", self.words.pick(self.rng, "rooms", kind)))
                     yield self._item(
-                        "count", self._say("count", "placed", xs=plural(word), t=tail), accept_ids=inside, answer=len(inside)
+                        "count", self._say("count", "placed", xs=plural(word), t=tail), accept_ids=inside,
+                        answer=len(inside)
                     )  # fmt: skip
         for name in self.rng.sample(self._absent(), NONE):
             yield self._item("count", self._say("count", "texts", xs=plural(name)), answer=0)
@@ -289,7 +290,8 @@ class _Making(Statements):
         for number, kind in self.rooms.items():
             name = self.words.pick(self.rng, "rooms", kind)
             untrue += [
-                (word, self._tail("room", name)) for word, objs in self._exactly() if all(t.room != number for t in objs)
+                (word, self._tail("room", name))
+                for word, objs in self._exactly() if all(t.room != number for t in objs)
             ]  # fmt: skip
         for word, tail in self.rng.sample(untrue, min(len(untrue), len(self.words.texts["nothing"]["needs"]))):
             phrase = Statement("nothing", word, 0, 0, tail=tail).phrase()

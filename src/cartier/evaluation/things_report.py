@@ -1,4 +1,4 @@
-"""The tables and failures of ``cartier bench --suite things``."""
+"""Report of ``cartier bench --suite things``: its tables and failures."""
 
 from __future__ import annotations
 

@@ -1,5 +1,4 @@
-"""``cartier bench --suite things``: ask every request with the map, with names alone and blindly, and tell how many are
-right."""
+"""Run of ``cartier bench --suite things``: each request with the map, with names only, and blind."""
 
 from __future__ import annotations
 

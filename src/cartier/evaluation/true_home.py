@@ -1,5 +1,4 @@
-"""What is true of a dollhouse home: where each thing is, what it stands on, its colour, and how large a walk shows
-it."""
+"""Ground truth of a dollhouse home: where each object is, what it stands on, its colour, and its pixels in a walk."""
 
 from __future__ import annotations
 
@@ -34,8 +33,8 @@ COLOURS: dict[str, tuple[str, ...]] = {
     "rust": ("terracotta",),
     "orange": ("orange",),
     "yellow": ("mustard", "gold", "darkgoldenrod"),
-    "green": ("sage", "olive", "olivedrab", "darkgreen", "forestgreen", "green", "limegreen", "seagreen", "mediumseagreen",
-              "yellowgreen", "plant"),
+    "green": ("sage", "olive", "olivedrab", "darkgreen", "forestgreen", "green", "limegreen", "seagreen",
+              "mediumseagreen", "yellowgreen", "plant"),
     "blue": ("petrol", "steelblue", "dodgerblue", "royalblue", "navy", "cornflowerblue", "skyblue"),
     "pink": ("pink", "lightpink"),
     "brown": ("walnut", "brown", "saddlebrown", "chocolate", "peru"),

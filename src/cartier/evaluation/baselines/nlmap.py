@@ -1,5 +1,4 @@
-"""NLMap (Chen et al. 2022, arXiv 2209.09874) as the paper compares it: propose blindly, keep what the map holds, then
-choose."""
+"""NLMap baseline (Chen et al. 2022, arXiv 2209.09874): propose names, keep those that the map holds, then choose."""
 
 from __future__ import annotations
 

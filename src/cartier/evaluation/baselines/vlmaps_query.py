@@ -1,4 +1,4 @@
-"""VLMaps-baseline: the person's words straight into the VLMaps index, with no language model in between."""
+"""VLMaps baseline: the words of the request go straight to the VLMaps index, without a language model."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The dollhouse: seven furnished homes built in, and as many more as there are whole numbers; no download.
+"""Dollhouse world: seven furnished homes built in, and one generated from each whole number; no download.
 
 What is rendered is a simulation with exact truth: colour, depth, instance ids and true boxes come from the same
 triangles.

@@ -1,5 +1,4 @@
-"""Where on the light map each triangle finds its light: large flat faces share a lattice, small and round ones their
-corners.
+"""Light map atlas: large flat faces share a lattice of light nodes, small and round ones use their corners.
 
 Light is computed at *nodes* (points with a normal) and read from *texels* between them, at most FINE times as many per
 direction, so that a frame needs one gather per pixel.

@@ -1,4 +1,4 @@
-"""What cannot be in a home: things inside each other, in walls, off their surface, too tall, or in a doorway."""
+"""Clash tests of a home: furnishings inside each other, in walls, off their surface, too tall, or in a doorway."""
 
 from __future__ import annotations
 

@@ -1,5 +1,4 @@
-"""What each thing of a home truly stands on or in: rays against the home's triangles say it, whatever the home file
-meant."""
+"""True contacts of furnishings: rays against the home's triangles find what each one stands on or in."""
 
 from __future__ import annotations
 

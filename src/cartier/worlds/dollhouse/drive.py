@@ -1,5 +1,4 @@
-"""Drives a planned goal in the true home: stopped by what is really there, and with a picture of what is seen on
-arrival."""
+"""Simulated drive to a planned goal in the true home: collisions stop it, and a picture shows the view at the end."""
 
 from __future__ import annotations
 
@@ -56,8 +55,8 @@ def drive(
     plan = standing_plan(scene, (float(start_xy[0]), float(start_xy[1])), radius_m)
     if plan.clearance((goal.x, goal.y)) == 0:
         raise InputError(
-            f"the goal ({goal.x:.2f}, {goal.y:.2f}) for the {goal.place.label} lies in a wall, in furniture or outside of "
-            f"{scene.name}: no robot can stand there"
+            f"the goal ({goal.x:.2f}, {goal.y:.2f}) for the {goal.place.label} lies in a wall, in furniture or outside "
+            f"of {scene.name}: no robot can stand there"
         )
     xy = np.array(start_xy, dtype=np.float64)
     poses, collided_at = [(*xy.tolist(), goal.yaw)], None

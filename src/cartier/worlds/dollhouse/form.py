@@ -1,4 +1,4 @@
-"""The YAML form of a home: strictly typed, and with the line of every entry, so that each fault can say where it is."""
+"""YAML schema of a home: strictly typed, with the line of every entry, so that each fault can name its line."""
 
 from __future__ import annotations
 

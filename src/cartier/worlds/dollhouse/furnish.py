@@ -1,5 +1,4 @@
-"""Furniture for generated homes: groups against walls with room to use them, and small things on what they usually
-stand on."""
+"""Furnishing of generated homes: groups against walls with room to use them, and small objects on surfaces."""
 
 from __future__ import annotations
 

@@ -1,5 +1,4 @@
-"""Further homes from a seed: rooms in two rows, or along a hall, with doors that join them all, windows and
-furniture."""
+"""Generator of homes from a seed: rooms in two rows or along a hall, doors, windows and furniture."""
 
 from __future__ import annotations
 
@@ -77,7 +76,8 @@ def generate(seed: int) -> str:
     furnisher = Furnisher(rng)
     things = [thing for place in places for thing in furnisher.furnish(place, _plan(place.kind, kinds))]
     rooms = [
-        {"name": p.name, "kind": p.kind, "box": p.box, "floor": rng.choice(FLOORS[p.kind]), "walls": rng.choice(WALLS[p.kind])}
+        {"name": p.name, "kind": p.kind, "box": p.box,
+         "floor": rng.choice(FLOORS[p.kind]), "walls": rng.choice(WALLS[p.kind])}
         for p in places
     ]  # fmt: skip
     gaps = [{"between": [names[d.a], names[d.b]], "at": d.at, "width": DOOR_M} for d in doors]

@@ -1,4 +1,4 @@
-"""What rooms of generated homes hold: furniture in groups (a bed with its night tables), and what lies on what."""
+"""Furnishing rules of generated homes: furniture in groups (a bed with its night tables), and what lies on what."""
 
 from __future__ import annotations
 
@@ -233,9 +233,10 @@ COMMON: dict[str, dict[str, float]] = {
         "CreditCard": 0.13, "Plate": 0.11, "CellPhone": 0.1, "KeyChain": 0.09, "Cup": 0.08, "Candle": 0.05,
     },
     "CounterTop": {
-        "CoffeeMachine": 0.27, "Toaster": 0.27, "Bread": 0.21, "Microwave": 0.17, "SoapBottle": 0.5, "PepperShaker": 0.27,
-        "SaltShaker": 0.27, "Spatula": 0.27, "ButterKnife": 0.25, "Bowl": 0.19, "Fork": 0.18, "Knife": 0.18,
-        "Potato": 0.18, "Spoon": 0.18, "Apple": 0.16, "Cup": 0.16, "DishSponge": 0.16, "Plate": 0.15, "Mug": 0.13,
+        "CoffeeMachine": 0.27, "Toaster": 0.27, "Bread": 0.21, "Microwave": 0.17, "SoapBottle": 0.5,
+        "PepperShaker": 0.27, "SaltShaker": 0.27, "Spatula": 0.27, "ButterKnife": 0.25, "Bowl": 0.19, "Fork": 0.18,
+        "Knife": 0.18, "Potato": 0.18, "Spoon": 0.18, "Apple": 0.16, "Cup": 0.16, "DishSponge": 0.16, "Plate": 0.15,
+        "Mug": 0.13,
     },
     "Desk": {
         "Laptop": 0.43, "DeskLamp": 0.29, "Book": 0.47, "Pencil": 0.34, "Pen": 0.32, "Mug": 0.25, "CreditCard": 0.25,

@@ -1,4 +1,4 @@
-"""What the exploring robot knows: its own floor plan from depth, where it bumped, and what it has not yet looked at."""
+"""Knowledge of the exploring robot: its own floor plan from depth, its collisions, and what it has not yet seen."""
 
 from __future__ import annotations
 

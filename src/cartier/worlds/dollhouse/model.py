@@ -1,4 +1,4 @@
-"""What the dollhouse is made of: parts, shapes, things with a place, rooms, and the scene that holds them.
+"""Model of a home: parts, shapes, placed furnishings, rooms, and the scene that holds them.
 
 A shape's frame: origin in the middle of its footprint, at the bottom; z up; its front faces -y, so that x is to the
 right of who looks at it. ``size`` is (width along x, depth along y, height along z) in metres. A thing's ``yaw`` turns

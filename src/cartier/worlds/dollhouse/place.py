@@ -1,4 +1,4 @@
-"""The true floor plan of a scene: where a round robot fits, exact from the triangles of everything in it."""
+"""True floor plan of a scene: where a round robot fits, exact from all triangles."""
 
 from __future__ import annotations
 

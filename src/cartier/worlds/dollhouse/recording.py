@@ -1,4 +1,4 @@
-"""A walk through a scene as a Recording: each frame is rendered when it is asked for."""
+"""Recording of a walk through a scene; each frame is rendered on demand."""
 
 from __future__ import annotations
 

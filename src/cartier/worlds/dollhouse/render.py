@@ -1,4 +1,4 @@
-"""Pictures of a dollhouse: colour, exact depth and exact instances of each pixel, on one CPU core.
+"""Renderer of a dollhouse: colour, exact depth and exact instance of each pixel, on one CPU core.
 
 Window panes are left out of the picture: a robot looks through them into a garden, at no depth. Other glass (a shower
 door, a table top, a vase) is pale and opaque, so that colour, depth and instance always speak of the same thing.

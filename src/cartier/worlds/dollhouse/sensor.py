@@ -1,5 +1,4 @@
-"""What a real RGB-D camera would have made of a perfect picture: coarse depth, holes, flying pixels, noise, drifting
-poses."""
+"""Noise model of an RGB-D camera: coarse depth, holes, flying pixels, image noise, drifting poses."""
 
 from __future__ import annotations
 

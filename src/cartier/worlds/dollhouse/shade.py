@@ -1,4 +1,4 @@
-"""Colours of hit points: one gather in the textures, one on the light map, one product."""
+"""Shading of hit points: one look-up in the textures, one on the light map, one product."""
 
 from __future__ import annotations
 

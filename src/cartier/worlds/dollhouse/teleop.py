@@ -1,4 +1,4 @@
-"""Steer the robot through a home with the keyboard, and see in the terminal what its camera sees."""
+"""Teleoperation: a person steers the robot with the keyboard and sees the camera's picture in the terminal."""
 
 from __future__ import annotations
 

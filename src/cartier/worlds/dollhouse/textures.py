@@ -1,5 +1,4 @@
-"""Small tileable pictures that stand for what homes are made of: grain, weave, grout, veins, prints. All from seeded
-noise."""
+"""Procedural textures, tileable, from seeded noise: grain, weave, grout, veins, prints."""
 
 from __future__ import annotations
 

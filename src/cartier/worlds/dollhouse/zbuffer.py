@@ -1,4 +1,4 @@
-"""A z-buffer in numpy with the same pixels as embreex gives: slower, for where embreex has no wheel."""
+"""Z-buffer in numpy with the same pixels as embreex: slower, for platforms without an embreex wheel."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Every type of thing that the dollhouse knows, by AI2-THOR's name: ``build("Mug", colour="red")`` makes its shape.
+"""Catalogue of furnishings by AI2-THOR's type names: ``build("Mug", colour="red")`` makes a shape.
 
 A builder is one function, decorated with its type, its usual size and where it stands; the other modules of this
 package are full of them::

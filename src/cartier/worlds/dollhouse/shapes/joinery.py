@@ -1,4 +1,4 @@
-"""What furniture is made of: upholstery, carcasses, legs, handles, basins and hanging cloth."""
+"""Components of furniture: upholstery, carcasses, legs, handles, basins and hanging cloth."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Kitchens: counters, sinks, faucets, burners, bins."""
+"""Shapes of kitchens: counters, sinks, faucets, burners, bins."""
 
 from __future__ import annotations
 

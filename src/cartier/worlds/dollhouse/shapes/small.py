@@ -1,4 +1,4 @@
-"""What the builders of small things share: more primitives, and the shape made of them."""
+"""Primitives for small objects, and the shape that is made of them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What keeps things: shelves, drawers, cabinets, a safe, a trolley, a laundry basket."""
+"""Shapes of storage: shelves, drawers, cabinets, a safe, a trolley, a laundry basket."""
 
 from __future__ import annotations
 
