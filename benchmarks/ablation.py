@@ -26,10 +26,10 @@ from command_line import Parser, run_script
 ROOT = Path(__file__).parents[1]
 sys.path[:0] = [str(ROOT / "tools"), str(ROOT / "tests/reasoners")]
 
-from _scorer_report import SERVED, put  # noqa: E402
-from _scorer_requests import Homes, read_requests  # noqa: E402
 from fit_decision import REPORTED  # noqa: E402
 from nothing_asked import ASKED, FRESH_ASKED, FRESH_TOLD, HOME, LATER_ASKED, LATER_TOLD, TOLD  # noqa: E402
+from scorer_report import SERVED, put  # noqa: E402
+from scorer_requests import Homes, read_requests  # noqa: E402
 
 from cartier.evaluation import things_run  # noqa: E402
 from cartier.evaluation.maps import Maps, MapSettings  # noqa: E402

@@ -36,7 +36,7 @@ from cartier.recordings.hints import what_else
 from cartier.render.sheet import draw_sheet
 from cartier.types import Inventory, Selection
 from cartier.understanding.cards import read_deck
-from cartier.worlds.ai2thor import _house
+from cartier.worlds.ai2thor import read_house
 from cartier.worlds.dollhouse.scene import load_scene
 from synthetic import THINGS, TrueBoxes
 
@@ -278,7 +278,7 @@ KINDS |= {
     ),
     "cards": Kind(lambda p: write_text(p, cards__toml=CARDS), lambda p: read_deck(p / "cards.toml")),
     "dollhouse-home": Kind(lambda p: write_text(p, home__yaml=SCENE), lambda p: load_scene(p / "home.yaml")),
-    "thor-house": Kind(lambda p: write_text(p, house__json=json.dumps(HOUSE)), lambda p: _house(p / "house.json")),
+    "thor-house": Kind(lambda p: write_text(p, house__json=json.dumps(HOUSE)), lambda p: read_house(p / "house.json")),
     "bench-run": Kind(write_bench, read_bench),
     "resume": Kind(write_resume, read_resume),
     "arrays": Kind(write_arrays, lambda p: read_npz(p / "a.npz")),

@@ -10,10 +10,10 @@ import fit_decision
 import numpy as np
 import torch
 from _scorer_network import NOWHERE, Network, save
-from _scorer_report import Outcome, put, summary, table, write
-from _scorer_requests import Homes, Request, Sample, Variations, read_requests
 from fit_decision import FITTED, REPORTED
 from safetensors.numpy import load_file
+from scorer_report import Outcome, put, summary, table, write
+from scorer_requests import Homes, Request, Sample, Variations, read_requests
 
 from cartier.reasoners.embedded import Embedded
 from cartier.understanding.cards import SHIPPED, Deck, read_deck

@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from _scorer_requests import FRAMES, Homes, Request, read_requests
 from scipy.optimize import minimize
+from scorer_requests import FRAMES, Homes, Request, read_requests
 
 sys.path.append(str(Path(__file__).parents[1] / "benchmarks"))
 from command_line import Parser, run_script

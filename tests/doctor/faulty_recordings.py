@@ -13,7 +13,7 @@ from PIL import Image
 from scipy.ndimage import gaussian_filter
 
 from cartier.contracts import Recording
-from cartier.doctor._hypotheses import QUARTER
+from cartier.doctor.hypotheses import QUARTER
 from cartier.errors import frame_number
 from cartier.recordings.common.posed import turned_camera, turned_image
 from cartier.types import Camera, Frame, TrueObject

@@ -189,7 +189,7 @@ class Thor:
 
     def _show(self, home: str) -> Any:
         """Load a home anew; the metadata of its first event."""
-        house = _house(Path(home)) if home.endswith(".json") else None
+        house = read_house(Path(home)) if home.endswith(".json") else None
         if house is None and home not in (known := self.homes()):
             close = get_close_matches(home, known, 3) or known[:3]
             raise InputError(
@@ -228,7 +228,7 @@ class Thor:
         self._build = self._shown = None
 
 
-def _house(file: Path) -> dict[str, Any]:
+def read_house(file: Path) -> dict[str, Any]:
     house = read_json(file)
     if not isinstance(house, dict) or not isinstance(house.get("rooms"), list):
         raise InputError(f"{file} is no ProcTHOR house: it holds no list of rooms")

@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
-from _scorer_requests import Homes, Request
+from scorer_requests import Homes, Request
 
 from cartier.reasoners.embedded import Embedded
 from cartier.types import Inventory
