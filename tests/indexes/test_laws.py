@@ -1,4 +1,4 @@
-"""Laws of every index: confirmed objects can be located, evidence is named, a state that is restored changes nothing."""
+"""Laws of every index: confirmed objects can be located, evidence is named, restoring a state changes nothing."""
 
 from __future__ import annotations
 
