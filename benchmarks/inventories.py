@@ -14,7 +14,6 @@ import os
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
-import argparse
 import json
 import sys
 import tempfile
@@ -23,6 +22,8 @@ from pathlib import Path
 from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+
+from command_line import Parser, run_script
 
 import stored
 from cartier import specs
@@ -101,8 +102,8 @@ def store_requests(world: RenderedWorld, home: str, keep: Path) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("homes", nargs="*")
+    parser = Parser(__doc__)
+    parser.add_argument("homes", nargs="*", help="homes (default: every home that something stored is about)")
     chosen = parser.parse_args().homes
     built_in = make().homes()
     generated = list(dict.fromkeys(item.home for file in (DEVELOPMENT, WRITTEN) for item in load_items(file)))
@@ -117,4 +118,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

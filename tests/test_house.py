@@ -87,7 +87,6 @@ def test_core_loads_nothing_heavier_than_numpy() -> None:
     assert not set(loaded) & set(HEAVY)
 
 
-@pytest.mark.xfail(strict=False, reason="long lines are being broken: drop this mark when E501 is on")
 def test_line_length_is_linted() -> None:
     lint = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["tool"]["ruff"]["lint"]
     assert "E" in lint["select"]

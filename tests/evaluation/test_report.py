@@ -193,9 +193,9 @@ def test_hostile_words_stay_words(run: Path, tmp_path: Path) -> None:
 
 
 def test_the_page_needs_nothing_from_elsewhere(run: Path) -> None:
-    page = (run / "failures.html").read_text("utf-8")
-    assert tags(run).links == [] and "://" not in page
-    assert "default-src 'none'" in page and "unsafe" not in page
+    html = (run / "failures.html").read_text("utf-8")
+    assert tags(run).links == [] and "://" not in html
+    assert "default-src 'none'" in html and "unsafe" not in html
     script = (Path(page.__file__).parent / "failures.js").read_text("utf-8")
     assert not re.search(r"innerHTML|outerHTML|insertAdjacent|document\.write|eval\(", script)
 
