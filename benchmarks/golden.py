@@ -136,7 +136,7 @@ def compare(file: Path, every: int) -> int:
 
 def main() -> None:
     parser = Parser(__doc__)
-    parser.add_argument("what", choices=("write", "compare"), help="write the answers, or compare with written ones")
+    parser.add_argument("what", choices=("write", "compare"), metavar="what", help="write, or compare")
     parser.add_argument("file", type=Path, help="the answers, as .jsonl.gz")
     parser.add_argument("--every", type=int, default=1, help="compare each N-th row (default: all)")
     options = parser.parse_args()
