@@ -136,9 +136,8 @@ def compare(file: Path, every: int) -> int:
 
 def main() -> None:
     parser = Parser(__doc__)
-    about = "write FILE, or compare the answers with it"
-    parser.add_argument("what", choices=("write", "compare"), metavar="what", help=about)
-    parser.add_argument("file", type=Path, help="tests/data/golden_answers.jsonl.gz, or another")
+    parser.add_argument("what", choices=("write", "compare"), metavar="what", help="write, or compare")
+    parser.add_argument("file", type=Path, help="the answers, as .jsonl.gz")
     parser.add_argument("--every", type=int, default=1, help="compare each N-th row (default: all)")
     options = parser.parse_args()
     if options.what == "write":

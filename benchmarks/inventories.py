@@ -103,7 +103,7 @@ def store_requests(world: RenderedWorld, home: str, keep: Path) -> None:
 
 def main() -> None:
     parser = Parser(__doc__)
-    parser.add_argument("homes", nargs="*", help="names of homes (default: all that the sets of requests need)")
+    parser.add_argument("homes", nargs="*", help="homes (default: every home that something stored is about)")
     chosen = parser.parse_args().homes
     built_in = make().homes()
     generated = list(dict.fromkeys(item.home for file in (DEVELOPMENT, WRITTEN) for item in load_items(file)))

@@ -430,7 +430,7 @@ def test_requests_are_made_only_where_all_is_known(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="in the dollhouse, not in rooms"):
         true_home(Maps(tmp_path, MapSettings(WORLD)).world, "south", 0, tmp_path)
     (tmp_path / "far.jsonl").write_text(json.dumps(GOOD | {"home": "south", "accept_ids": [999]}))
-    with pytest.raises(InputError, match="'a': south has no thing with the id 999"):
+    with pytest.raises(InputError, match="'a': south has no object with the id 999"):
         things_run.requests(ThingsSettings(("south",), queries=str(tmp_path / "far.jsonl"), world=WORLD), tmp_path)
     with pytest.raises(InputError, match="is about south: add that to --homes"):
         things_run.requests(ThingsSettings(("east",), queries=str(tmp_path / "far.jsonl"), world=WORLD), tmp_path)

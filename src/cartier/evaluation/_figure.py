@@ -39,7 +39,7 @@ def distance_png(summary: Summary, made_by: Mapping[str, str]) -> bytes:
     axes.set_xlim(left=0)
     axes.set_xlabel("mean distance to the nearest acceptable object (m), answers with a place, 95 % interval")
     _legend(axes, drawn)
-    return _finish(figure, axes, f"How far from the thing: {summary['objects_from']}", made_by)
+    return _finish(figure, axes, f"How far from the object: {summary['objects_from']}", made_by)
 
 
 def match_png(summary: Summary, made_by: Mapping[str, str]) -> bytes:
@@ -60,7 +60,7 @@ def match_png(summary: Summary, made_by: Mapping[str, str]) -> bytes:
     axes.set_xticks(range(0, 101, 20))
     axes.set_xlabel("answers that name an acceptable object (%), 95 % interval")
     _legend(axes, {kind for kinds in methods.values() for kind in kinds}, bars=True)
-    return _finish(figure, axes, f"How often the right thing: {summary['objects_from']}", made_by)
+    return _finish(figure, axes, f"How often the right object: {summary['objects_from']}", made_by)
 
 
 def _lines(methods: Summary) -> tuple[Figure, Axes, dict[str, float]]:

@@ -28,13 +28,13 @@ def report(
         _head(settings, rows),
         _gaps(methods),
         _beside(summary, others),
-        "## How far from the thing: Table I",
+        "## How far from the object: Table I",
         "Mean distance in metres, in 3-D, from the place that a method gives to the nearest acceptable true box, over "
         f"the answers that give a place, with its 95 % interval. {PAPER_NOTE}",
         _table_one(methods, head),
         "![Mean distance by method and type of request](distance.png)",
         _spread(methods, head),
-        "## How often the right thing: object match",
+        "## How often the right object: object match",
         "Share of answers that name an acceptable object, by the published table of synonyms "
         "(`evaluation/matching.toml`). The paper has this as a bar chart judged by hand, without numbers, so it has no "
         "column here. *VLMaps, words alone* names nothing itself: the object whose place is nearest to its spot "
@@ -179,9 +179,9 @@ def _faults(summary: Summary, head: str) -> str:
         cells = [" / ".join(str(kinds[kind][fault]) for kind in TYPES) for fault in FAULTS]
         body.append([title(name), *cells])
     return (
-        f"## Detector, index or words?\n\nAnswers by type ({' / '.join(TYPES)}): *right* is the right thing within 1 "
-        "m; *detector*: no right thing was in the list; *index*: the right name, but the place is more than 1 m off (a "
-        "viewpoint, a look-alike); *words*: it "
+        f"## Detector, index or words?\n\nAnswers by type ({' / '.join(TYPES)}): *right* is the right object within 1 "
+        "m; *detector*: no right object was in the list; *index*: the right name, but the place is more than 1 m off "
+        "(a viewpoint, a look-alike); *words*: it "
         "was listed, and the answer was something else.\n\n"
         + _markdown([head, "right", "detector", "index", "words"], body)
     )

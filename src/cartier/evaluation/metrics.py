@@ -22,12 +22,12 @@ def _table() -> tuple[dict[str, str], frozenset[frozenset[str]]]:
 
 
 def canonical(name: str) -> str:
-    """One name for all synonyms of a thing, as published in ``matching.toml``."""
+    """One name for all synonyms of an object, as published in ``matching.toml``."""
     return _table()[0].get(_key(name), _key(name))
 
 
 def matches(named: str | None, accept: Iterable[str]) -> bool:
-    """Whether a name is one of the acceptable ones, a synonym of one, or of a thing that always comes with one."""
+    """Whether a name is one of the acceptable ones, a synonym of one, or of an object that always comes with one."""
     if named is None:
         return False
     mine = canonical(named)

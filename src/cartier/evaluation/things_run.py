@@ -120,7 +120,7 @@ def requests(settings: ThingsSettings, maps_folder: Path, progress: Progress | N
         for item in items:
             strange = set(item.accept_ids) - known if item.home == home else ()
             if strange:
-                raise InputError(f"request {item.id!r}: {home} has no thing with the id {min(strange)}")
+                raise InputError(f"request {item.id!r}: {home} has no object with the id {min(strange)}")
     if not items:
         raise InputError(f"there is nothing to ask in {', '.join(settings.homes)}")
     return items
@@ -244,7 +244,7 @@ def _given(item: Item, answers: Sequence[Answer], home: Home) -> Given:
 
 
 def _value(fact: Fact, home: Home) -> Any:
-    """What a fact says; of a thing without a room, the names of what holds it."""
+    """What a fact says; of an object without a room, the names of what holds it."""
     if fact.kind == "where" and fact.value is None:
         labels = {obj.id: obj.label for obj in home.objects}
         return [labels[i] for i in fact.objects[1:] if i in labels]

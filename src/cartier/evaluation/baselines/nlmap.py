@@ -25,7 +25,7 @@ def ask(
     from_xy: Sequence[float] | None = None,
     dialogue: Sequence[tuple[str, str]] = (),
 ) -> Answer:
-    """Answer with one of the things that the reasoner proposes without seeing any list (arXiv 2307.11865, baselines).
+    """Answer with one of the objects that the reasoner proposes without seeing any list (arXiv 2307.11865, baselines).
 
     A proposal is kept where the best similarity in the VLMaps index reaches ``threshold``. The paper's 12.05 belongs to
     its own features: ``calibrate`` finds the one for other features. Raises InputError if the home has no index to
@@ -50,7 +50,7 @@ def ask(
 
 
 def calibrate(homes: Sequence[tuple[Home, Set[str]]], names: Sequence[str]) -> float:
-    """The similarity that best tells names of things that are in a home from names of things that are not.
+    """The similarity that best tells names of objects that are in a home from names of objects that are not.
 
     ``homes`` are mapped homes with the names of what is truly there and was seen; ``names`` is the vocabulary to try.
     It maximises the share of present names kept plus the share of absent names dropped (Youden's J).

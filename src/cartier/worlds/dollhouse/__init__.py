@@ -102,7 +102,7 @@ class Dollhouse:
         return DollhouseRecording(scene, camera, poses, _sensor(seed) if sensor else None, [note])
 
     def objects(self, home: str) -> list[TrueObject]:
-        """All things of a home with their true boxes."""
+        """All furnishings of a home with their true boxes."""
         return self.scene(home).truth()
 
     def free(self, home: str, xy: Sequence[float]) -> bool:

@@ -24,7 +24,7 @@ class Builder:
         self.faults: list[Fault] = []
         self._read, self._form = found, form
         self._things: list[Thing] = []
-        self._keys: list[Path] = []  # of the things, in their order
+        self._keys: list[Path] = []  # of the furnishings, in their order
         self._ids: dict[str, Thing] = {}
         self._shapes: dict[tuple[object, ...], Shape] = {}
         self._rooms = {room.name: Room(room.name, room.kind, room.box, room.floor, room.walls) for room in form.rooms}
@@ -112,7 +112,7 @@ class Builder:
         return top <= self._form.height - 0.05
 
     def _place(self, form: ThingForm, key: Path, parent: Thing | None) -> None:
-        """One thing and all that is on it; after a fault, what is on it is only tried for its types."""
+        """One furnishing and all that is on it; after a fault, what is on it is only tried for its types."""
         shape = self._shape(form, key)
         placed = self._pose(form, shape, key, parent) if shape else None
         if shape and placed:

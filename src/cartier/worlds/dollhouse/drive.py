@@ -18,7 +18,7 @@ from cartier.worlds.dollhouse.recording import EYE_M, lit_renderer, look, pinhol
 
 STEP_M = 0.05
 LOWEST, HIGHEST = math.radians(60), math.radians(-30)  # how far the camera can be pitched, down and up
-OWN_M = 0.3  # a thing of unknown size may begin so far before its place
+OWN_M = 0.3  # the front of an object of unknown size may be so far before its place
 
 Floats = npt.NDArray[np.float64]
 
@@ -90,7 +90,7 @@ def _look_at(scene: Scene, xy: Floats, goal: Goal, camera: Camera, eye_m: float)
 
 
 def _shows(place: Place, camera: Camera, pose: Floats, depth_m: npt.NDArray[np.float32]) -> bool:
-    """Whether a place's position projects into an image, and what is seen there is no nearer than the thing itself."""
+    """Whether a place's position projects into an image, and what is seen there is no nearer than the object."""
     x, y, z = transform(invert(pose), np.array(place.position)).tolist()
     if z <= 0:
         return False

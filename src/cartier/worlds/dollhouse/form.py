@@ -17,7 +17,7 @@ MAX_FAULTS = 50
 MAX_THINGS = 2000  # with those that stand on others
 Side = Literal["north", "south", "east", "west"]
 DIRECTIONS = {"south": 0.0, "east": math.pi / 2, "north": math.pi, "west": -math.pi / 2}
-"""Yaws of things that face a direction; among things on others, directions in the parent's frame (south = its
+"""Yaws of furnishings that face a direction; among furnishings on others, directions in the parent's frame (south = its
 front)."""
 
 Metres = Annotated[float, Field(ge=-100, le=100)]
@@ -93,11 +93,12 @@ class FrontDoorForm(_Form):
 
 
 class ThingForm(_Form):
-    """A thing on the floor, on a wall or the ceiling, or on another thing (nested in it, or ``on: its id``)."""
+    """A furnishing on the floor, on a wall or the ceiling, or on another furnishing (nested in it, or ``on: its
+    id``)."""
 
     type: Name
     id: Name | None = None
-    at: Pair | Metres | None = None  # nested things: the middle of the surface
+    at: Pair | Metres | None = None  # nested furnishings: the middle of the surface
     face: str | float = "south"
     colour: Name | None = None
     size: tuple[Length, Length, Length] | None = None

@@ -20,7 +20,8 @@ class Group:
     """Furniture that stands together, its back to a wall unless it is ``free``.
 
     Frame: the origin in the middle of its back at the wall, x to the right of who looks at it, the front towards -y;
-    ``front_m`` is the floor before it that stays empty. ``hung`` are things on the wall above: type, x, size, bottom.
+    ``front_m`` is the floor before it that stays empty. ``hung`` are furnishings on the wall above: type, x, size,
+    bottom.
     """
 
     width: float
@@ -226,7 +227,7 @@ HUNG: dict[str, tuple[tuple[str, float, Size, float], ...]] = {
     "hall": (("Mirror", 0.5, (0.5, 0.04, 1.2), 0.7),),
 }
 
-# How often a thing lies on another one in AI2-THOR's rooms (procthor's receptacle figures, Apache-2.0).
+# How often a furnishing lies on another one in AI2-THOR's rooms (procthor's receptacle figures, Apache-2.0).
 COMMON: dict[str, dict[str, float]] = {
     "CoffeeTable": {
         "Book": 0.24, "RemoteControl": 0.22, "Bowl": 0.19, "Laptop": 0.19, "Vase": 0.17, "Statue": 0.17, "Mug": 0.13,

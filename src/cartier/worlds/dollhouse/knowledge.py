@@ -15,7 +15,7 @@ from cartier.mapping.occupancy import OccupancyMapper
 from cartier.navigation.planning import traversable
 from cartier.types import FREE, OCCUPIED, UNKNOWN, Camera, Frame, OccupancyGrid
 
-NEAR_M = 2.5  # a thing was looked at if it was seen from no farther than this
+NEAR_M = 2.5  # an obstacle counts as seen from no farther than this
 SIGHT_M = 2.3  # how far ahead a view is worth something: less, so that what it promises it keeps
 TRIES = 2  # a cell that so many views did not settle is given up
 FRONTIER = 20.0  # worth of an unknown cell that may lead on, in cells of obstacles not yet seen from near

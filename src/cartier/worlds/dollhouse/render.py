@@ -1,7 +1,7 @@
 """Renderer of a dollhouse: colour, exact depth and exact instance of each pixel, on one CPU core.
 
 Window panes are left out of the picture: a robot looks through them into a garden, at no depth. Other glass (a shower
-door, a table top, a vase) is pale and opaque, so that colour, depth and instance always speak of the same thing.
+door, a table top, a vase) is pale and opaque, so that colour, depth and instance always speak of the same surface.
 Mirrors are grey.
 """
 
@@ -137,7 +137,7 @@ class Renderer:
 
 
 def _without_panes(mesh: Triangles) -> Triangles:
-    """Glass that belongs to the house, not to a thing in it, is air."""
+    """Glass that belongs to the house, not to a furnishing in it, is air."""
     glass = np.array([name.partition(":")[0] == "glass" for name in mesh.materials])
     keep = ~(glass[mesh.part] & (mesh.instance == 0))
     return replace(mesh, faces=mesh.faces[keep], instance=mesh.instance[keep], part=mesh.part[keep])

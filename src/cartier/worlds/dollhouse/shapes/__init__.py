@@ -56,7 +56,7 @@ _LARGEST_STRETCH = 6.0
 
 @dataclass(frozen=True)
 class Look:
-    """What a thing is made of: ``main`` takes the colour asked for; ``variant`` counts the forms, from 0."""
+    """What a furnishing is made of: ``main`` takes the colour asked for; ``variant`` counts the forms, from 0."""
 
     main: str
     second: str
