@@ -1,17 +1,17 @@
-"""What each rule of the embedded reasoner is worth: all that it is measured by, with one rule taken away at a time.
+"""Ablation of the embedded reasoner: all its measures, with one rule removed at a time.
 
 python benchmarks/ablation.py REFERENCE MAPS THINGS_MAPS [RULE …]
 
-REFERENCE as for tools/train_scorer.py; MAPS and THINGS_MAPS are folders of mapped homes, as ``cartier bench --maps`` keeps them (made
-where they are missing). Per line: the bench's paper and extended splits over the built-in homes (ground truth, explicit / implicit /
-conversational, % right), the requests of ``--suite things`` made from the truth (% of finds right, of "nothing serves" with a goal),
-the held-back voices (% right; with a goal where nothing serves, and where all that serves was taken away), and the sentences of
-tests/reasoners/nothing_asked.py (a goal for what asks for nothing; no goal for what asks).
+REFERENCE as for tools/train_scorer.py; MAPS and THINGS_MAPS are folders of mapped homes, as ``cartier bench --maps``
+keeps them (made where they are missing). Per line: the bench's paper and extended splits over the built-in homes
+(ground truth, explicit / implicit / conversational, % right), the requests of ``--suite things`` made from the truth (%
+of finds right, of "nothing serves" with a goal), the held-back voices (% right; with a goal where nothing serves, and
+where all that serves was taken away), and the sentences of tests/reasoners/nothing_asked.py (a goal for what asks for
+nothing; no goal for what asks).
 """
 
 from __future__ import annotations
 
-import argparse
 import sys
 import tempfile
 from collections.abc import Iterator
@@ -21,14 +21,15 @@ from typing import Any
 from unittest.mock import patch
 
 import numpy as np
+from command_line import Parser, run_script
 
 ROOT = Path(__file__).parents[1]
 sys.path[:0] = [str(ROOT / "tools"), str(ROOT / "tests/reasoners")]
 
-from _scorer_report import SERVED, put  # noqa: E402
-from _scorer_requests import Homes, read_requests  # noqa: E402
 from fit_decision import REPORTED  # noqa: E402
 from nothing_asked import ASKED, FRESH_ASKED, FRESH_TOLD, HOME, LATER_ASKED, LATER_TOLD, TOLD  # noqa: E402
+from scorer_report import SERVED, put  # noqa: E402
+from scorer_requests import Homes, read_requests  # noqa: E402
 
 from cartier.evaluation import things_run  # noqa: E402
 from cartier.evaluation.maps import Maps, MapSettings  # noqa: E402
@@ -84,10 +85,10 @@ class Measures:
 
     def __init__(self, reference: Path, maps: Path, candidates: Path) -> None:
         self.deck = read_deck(SHIPPED)
+        self.lists = Homes(self.deck, reference)
         kept = Maps(maps, MapSettings())
         self.homes = {name: kept.get(name).inventory() for name in kept.world.homes()}
         self.truth = {n: {display_name(t.label) for t in kept.world.objects(n)} for n in self.homes}
-        self.lists = Homes(self.deck, reference)
         self.requests = [r for r in read_requests(self.deck) if r.style in REPORTED]
         self.things, self.settings = candidates, things_run.ThingsSettings(detectors=("ground_truth",), queries="made")
         self.items = things_run.requests(self.settings, candidates)
@@ -126,11 +127,14 @@ def _percents(*groups: list[bool]) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    for name in ("reference", "maps", "things"):
-        parser.add_argument(name, type=Path)
-    parser.add_argument("rules", nargs="*", metavar="rule", help=", ".join(RULES))
+    parser = Parser(__doc__)
+    parser.add_argument("reference", type=Path, help="folder with thor_object_types.json and lvis_v1_categories.json")
+    parser.add_argument("maps", type=Path, help="folder of mapped homes of the bench")
+    parser.add_argument("things", type=Path, help="folder of mapped homes of --suite things")
+    parser.add_argument("rules", nargs="*", help=f"{', '.join(RULES)}; default: all")
     options = parser.parse_args()
+    if unknown := set(options.rules) - set(RULES):
+        parser.error(f"no rule {', '.join(sorted(unknown))}")
     measures, reasoner = Measures(options.reference, options.maps, options.things), embedded.make()
     Remembered(reasoner.scorer)
     print(
@@ -146,4 +150,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

@@ -1,22 +1,23 @@
-"""Twenty thousand hostile requests to the embedded reasoner: does any answer name what is not in the home?
+"""Adversarial requests to the embedded reasoner: twenty thousand; does any answer name what is not in the home?
 
 python benchmarks/adversarial.py HOME … [--texts 20000] [--seed 0]
 
-HOME are folders that ``cartier map`` made. Texts are put together of names that are there and that are not, numbers of objects, rooms,
-questions, orders to a model, JSON, and letters of many scripts; each comes with up to three made-up turns of a conversation. An answer
-is inside if the inventory holds all that it names (``Inventory.holds``), what it tells for programs included. It prints how many
-answers of each status there were, and every text whose answer was outside or that raised anything but an InputError; then it exits 1.
-(Replies of a language model have the same law in ``tests/language/test_replies.py``.)
+HOME are folders that ``cartier map`` made. Texts are put together of names that are there and that are not, numbers of
+objects, rooms, questions, orders to a model, JSON, and letters of many scripts; each comes with up to three made-up
+turns of a conversation. An answer is inside if the inventory holds all that it names (``Inventory.contains``), what it
+tells for programs included. It prints how many answers of each status there were, and every text whose answer was
+outside or that raised anything but an InputError; then it exits 1. (Replies of a language model have the same law in
+``tests/language/test_replies.py``.)
 """
 
 from __future__ import annotations
 
-import argparse
 import random
-import sys
 import time
 from collections import Counter
 from pathlib import Path
+
+from command_line import Parser, run_script
 
 from cartier import plugins
 from cartier.errors import InputError
@@ -37,10 +38,11 @@ STRANGERS = (
     "it",
 )
 WORDS = (
-    "bring me", "take me to", "where is", "how many", "is there", "what is on", "which", "not", "or", "and then", "the", "a", "by the",
-    "biggest", "nearest", "second", "red", "in the kitchen", "come here", "go back", "stop", "I am tired", "ignore all instructions and",
-    'answer {"object":', '"}', "</words>", "<words>", "The list is void:", "'; drop table objects; --", "?", "!", ".", ",", "\n", "\x00",
-    "\u202e", "\u200b", "é́́́", "你好", "кровать", "😴", "%s", "${x}", "../..", "A" * 300, "0", "1e999",
+    "bring me", "take me to", "where is", "how many", "is there", "what is on", "which", "not", "or", "and then", "the",
+    "a", "by the", "biggest", "nearest", "second", "red", "in the kitchen", "come here", "go back", "stop",
+    "I am tired", "ignore all instructions and", 'answer {"object":', '"}', "</words>", "<words>", "The list is void:",
+    "'; drop table objects; --", "?", "!", ".", ",", "\n", "\x00", "\u202e", "\u200b", "é́́́", "你好", "кровать", "😴",
+    "%s", "${x}", "../..", "A" * 300, "0", "1e999",
 )  # fmt: skip
 
 
@@ -50,10 +52,10 @@ def some(rng: random.Random, names: list[str]) -> str:
 
 
 def main() -> int:
-    options = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    options.add_argument("homes", nargs="+", type=Path)
-    options.add_argument("--texts", type=int, default=20_000)
-    options.add_argument("--seed", type=int, default=0)
+    options = Parser(__doc__)
+    options.add_argument("homes", nargs="+", type=Path, help="folders of mapped homes")
+    options.add_argument("--texts", type=int, default=20_000, help="how many requests (default: %(default)s)")
+    options.add_argument("--seed", type=int, default=0, help="of the random texts (default: %(default)s)")
     asked = options.parse_args()
     rng, reasoner = random.Random(asked.seed), plugins.make("reasoners", "embedded")
     inventories = [Home.load(folder).inventory() for folder in asked.homes]
@@ -74,7 +76,7 @@ def main() -> int:
             continue
         needs = (chosen, *chosen.next)
         statuses[chosen.status] += 1
-        if not all(map(inventory.holds, needs)) or any(
+        if not all(map(inventory.contains, needs)) or any(
             name not in inventory.names for n in needs for name, _ in n.candidates
         ):
             outside += 1
@@ -91,4 +93,4 @@ def names_in(inventory: Inventory) -> list[str]:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run_script(main)

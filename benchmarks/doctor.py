@@ -13,7 +13,6 @@ import os
 
 os.environ["OMP_NUM_THREADS"] = "1"
 
-import argparse
 import json
 import multiprocessing
 import sys
@@ -23,6 +22,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from command_line import Parser, run_script
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "doctor"))
 
@@ -152,7 +152,7 @@ def long_walk() -> Recording:
     """A thousand frames of a smooth walk through the kitchen of the dollhouse, a twentieth of a step each."""
     from scipy.spatial.transform import Rotation, Slerp
 
-    world = plugins.make("worlds", "dollhouse")
+    world: Any = plugins.make("worlds", "dollhouse")
     walk = world.explore("kitchen_diner")
     steps = range(20, 20 + LONG // 20 + 1)
     frames = [walk[i].world_from_camera for i in steps]
@@ -180,7 +180,7 @@ def timing() -> Row:
 
 
 def main() -> None:
-    options = argparse.ArgumentParser(description=__doc__)
+    options = Parser(__doc__)
     options.add_argument("--quick", action="store_true", help="two homes, two heights, and no full-size table")
     options.add_argument("--json", type=Path, help="write the tables and the time to this file, too")
     chosen = options.parse_args()
@@ -200,4 +200,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

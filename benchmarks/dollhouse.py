@@ -1,4 +1,4 @@
-"""Frames per second of the built-in home: colour, depth and instances, with the shares of tracing and of shading.
+"""Benchmark of the renderer: frames per second of a built-in home, with the shares of tracing and of shading.
 
 python benchmarks/dollhouse.py [HOME]    (default: studio)
 One thread, medians over views from the middle of every room. For one core: taskset -c 0 python benchmarks/dollhouse.py
@@ -13,13 +13,13 @@ os.environ["OMP_NUM_THREADS"] = "1"
 import json
 import math
 import statistics
-import sys
 import time
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from command_line import Parser, run_script
 
 from cartier.types import Camera
 from cartier.worlds.dollhouse.model import Scene
@@ -56,7 +56,9 @@ def median_ms(look: Callable[[npt.NDArray[np.float64]], Any], where: list[npt.ND
 
 
 def main() -> None:
-    scene = load_home(sys.argv[1] if len(sys.argv) > 1 else "studio")
+    parser = Parser(__doc__)
+    parser.add_argument("home", nargs="?", default="studio", help="a built-in home, or a number (default: %(default)s)")
+    scene = load_home(parser.parse_args().home)
     where = poses(scene)
     for width, height in ((640, 480), (320, 240)):
         camera = Camera(width, height, width * 0.6, width * 0.6, width / 2 - 0.5, height / 2 - 0.5)
@@ -66,12 +68,13 @@ def main() -> None:
         first_s = time.perf_counter() - start
         whole, trace = median_ms(renderer.render, where), median_ms(renderer.depth, where)
         figures = {
-            "home": scene.name, "triangles": len(renderer.mesh.faces), "size": f"{width}x{height}", "engine": renderer.engine,
-            "first_frame_with_light_s": round(first_s, 2), "frames_per_s": round(1000 / whole, 1), "ms": round(whole, 1),
-            "tracing_ms": round(trace, 1), "shading_ms": round(whole - trace, 1),
+            "home": scene.name, "triangles": len(renderer.mesh.faces), "size": f"{width}x{height}",
+            "engine": renderer.engine, "first_frame_with_light_s": round(first_s, 2),
+            "frames_per_s": round(1000 / whole, 1), "ms": round(whole, 1), "tracing_ms": round(trace, 1),
+            "shading_ms": round(whole - trace, 1),
         }  # fmt: skip
         print(json.dumps(figures))
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

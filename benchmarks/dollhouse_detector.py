@@ -1,11 +1,12 @@
-"""How well the embedded dollhouse detector sees: boxes, lists of objects and distances in homes, and frames per second on one core.
+"""Benchmark of the embedded dollhouse detector: boxes, objects, distances, and frames per second on one core.
 
-python benchmarks/dollhouse_detector.py [HOME …] [--seed 0] [--max-frames 800] [--sensor] [--sheet FILE]     (default: the seven homes that no training saw)
-Per home: AP50 over its types; recall of the types of which a thing of 400 px or more was seen, and precision, of the list
-of confirmed objects; the mean distance from where a name is located to the nearest true
-thing of that name, from pixels and with ground-truth detections. Goals: AP50 0.5, recall 0.85, precision 0.9, 0.2 m, 8 frames/s.
-Then what the dense features are worth: the share of cells whose nearest name is right, of all and as a mean over types, and how
-far from the nearest true thing VLMaps finds each name that was there to be seen: from pixels, with the labels of the
+python benchmarks/dollhouse_detector.py [HOME …] [--seed 0] [--max-frames 800] [--sensor] [--sheet FILE]
+    (default: the seven homes that no training saw)
+Per home: AP50 over its types; recall of the types of which a thing of 400 px or more was seen, and precision, of the
+list of confirmed objects; the mean distance from where a name is located to the nearest true thing of that name, from
+pixels and with ground-truth detections. Goals: AP50 0.5, recall 0.85, precision 0.9, 0.2 m, 8 frames/s. Then what the
+dense features are worth: the share of cells whose nearest name is right, of all and as a mean over types, and how far
+from the nearest true thing VLMaps finds each name that was there to be seen: from pixels, with the labels of the
 detector, with those of the truth.
 """
 
@@ -15,7 +16,6 @@ import os
 
 os.environ["OMP_NUM_THREADS"] = "1"
 
-import argparse
 import time
 from collections import defaultdict
 from collections.abc import Sequence
@@ -25,6 +25,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from command_line import Parser, run_script
 
 from cartier import plugins
 from cartier.contracts import Recording
@@ -63,7 +64,8 @@ def _no_cells() -> Any:
 
 @dataclass
 class Outputs:
-    """What a detector gave in a home, beside the truth. ``hits``: per name, (score, right) of boxes; ``boxes``: true ones per name."""
+    """What a detector gave in a home, beside the truth. ``hits``: per name, (score, right) of boxes; ``boxes``: true
+    ones per name."""
 
     name: str
     found: list[Detections] = field(default_factory=list)
@@ -92,7 +94,8 @@ def run_detector(recording: Recording | Kept, detector: Any, least: float = 0.5)
 
 
 def match(found: Detections, true: Detections, pixels: Any, outputs: Outputs, least: float = 0.5) -> None:
-    """Best score first, each box to the true one of its name that it overlaps most, by ``least``, if none had it before."""
+    """Best score first, each box to the true one of its name that it overlaps most, by ``least``, if none had it
+    before."""
     names, counted = np.array(true.labels), pixels >= LEAST_PX
     for name, count in zip(true.labels, pixels.tolist(), strict=True):
         outputs.boxes[name] += count >= LEAST_PX
@@ -121,7 +124,7 @@ def average_precision(hits: Sequence[tuple[float, bool]], boxes: int) -> float:
 
 def ap50(all_outputs: Sequence[Outputs]) -> dict[str, float]:
     """Per name of which there are true boxes."""
-    hits, boxes = defaultdict(list), defaultdict(int)
+    hits, boxes = defaultdict[str, list[tuple[float, bool]]](list), defaultdict[str, int](int)
     for outputs in all_outputs:
         for name, count in outputs.boxes.items():
             boxes[name] += count
@@ -141,7 +144,8 @@ def index_of(recording: Recording | Kept, found: Sequence[Detections], score_mod
 
 
 def listed(outputs: Outputs, names: Sequence[str]) -> tuple[float, float]:
-    """Recall over names of which 400 px or more were seen, and precision: the share of listed names that were there to be seen."""
+    """Recall over names of which 400 px or more were seen, and precision: the share of listed names that were there to
+    be seen."""
     there = {name for name, pixels in outputs.pixels.items() if pixels >= LISTED_PX}
     right = [name for name in names if outputs.pixels.get(name, 0) > 0]
     return len(there & set(names)) / max(1, len(there)), len(right) / max(1, len(names))
@@ -165,7 +169,7 @@ def dense_features(recording: Recording | Kept, detector: Any, outputs: Outputs,
     names = list(detector.model.names)
     vectors = encoder.text([*names, *detector.model.around])
     truth = plugins.make("detectors", "ground_truth", truth=recording.truth)
-    maps = {name: plugins.make("indexes", "vlmaps", encoder=made_by) for name, made_by in MAPS.items()}
+    maps: dict[str, Any] = {name: plugins.make("indexes", "vlmaps", encoder=made_by) for name, made_by in MAPS.items()}
     true_names = {obj.id: display_name(obj.label) for obj in recording.truth or ()}
     for number in range(0, len(recording), DENSE_STEP):
         frame = recording[number]
@@ -195,11 +199,11 @@ def report_cells(all_outputs: Sequence[Outputs], far: dict[str, list[float]]) ->
     shares = {name: right / count for name, (right, count) in cells.items()}
     right, count = np.sum(list(cells.values()), axis=0)
     objs = [shares[name] for name in cells if name]
-    print(f"cells: {right / count:.3f} of all are right, {shares['']:.3f} of walls and floors, {np.mean(objs):.3f} as a mean "
-          f"over {len(objs)} types")  # fmt: skip
+    print(f"cells: {right / count:.3f} of all are right, {shares['']:.3f} of walls and floors, {np.mean(objs):.3f} as "
+          f"a mean over {len(objs)} types")  # fmt: skip
     for name, metres in far.items():
-        print(f"VLMaps {name}: {len(metres)} names found at {np.mean(metres):.2f} m on average, median {np.median(metres):.2f} m, "
-              f"{np.mean(np.array(metres) <= 1):.0%} within 1 m")  # fmt: skip
+        print(f"VLMaps {name}: {len(metres)} names found at {np.mean(metres):.2f} m on average, median "
+              f"{np.median(metres):.2f} m, {np.mean(np.array(metres) <= 1):.0%} within 1 m")  # fmt: skip
 
 
 def report(recordings: Sequence[Recording], detector: Any) -> None:
@@ -222,17 +226,21 @@ def report(recordings: Sequence[Recording], detector: Any) -> None:
         far, bound = (float(np.mean(distances(recording, it) or [np.nan])) for it in (index, best))
         rows.append((float(np.mean(list(ap50([outputs]).values()))), recall, precision, far, bound))
         print(
-            f"{recording.name:18} {len(recording):6}  {rows[-1][0]:.2f}  {recall:6.2f}  {precision:9.2f}  {far:6.2f} m  {bound:8.2f} m",
+            f"{recording.name:18} {len(recording):6}  {rows[-1][0]:.2f}  {recall:6.2f}  {precision:9.2f}  {far:6.2f} m "
+            f" {bound:8.2f} m",
             flush=True,
         )
         missed = sorted({n for n, p in outputs.pixels.items() if p >= LISTED_PX} - set(index.names()))
         print(
-            f"    missed: {', '.join(missed) or 'none'}; invented: {', '.join(n for n in index.names() if not outputs.pixels.get(n)) or 'none'}"
+            f"    missed: {', '.join(missed) or 'none'}; invented: "
+            f"{', '.join(n for n in index.names() if not outputs.pixels.get(n)) or 'none'}"
         )
     types = ap50(all_outputs)
     mean = np.nanmean(np.array(rows), axis=0)
-    print(f"all: AP50 over {len(types)} types {np.mean(list(types.values())):.3f}; means of homes: recall {mean[1]:.2f}, "
-          f"precision {mean[2]:.2f}, distance {mean[3]:.2f} m (ground truth {mean[4]:.2f} m)")  # fmt: skip
+    print(
+        f"all: AP50 over {len(types)} types {np.mean(list(types.values())):.3f}; means of homes: recall {mean[1]:.2f}, "
+        f"precision {mean[2]:.2f}, distance {mean[3]:.2f} m (ground truth {mean[4]:.2f} m)"
+    )
     ordered = sorted(types.items(), key=lambda item: item[1])
     report_cells(all_outputs, mapped)
     print("lowest AP50:", ", ".join(f"{name} {value:.2f}" for name, value in ordered[:25]))
@@ -240,7 +248,8 @@ def report(recordings: Sequence[Recording], detector: Any) -> None:
 
 
 def sheet(recordings: Sequence[Recording], detector: Any, path: Path) -> None:
-    """A picture: of each home the frame in which most is to be seen, found boxes in green, the truth that was missed in red."""
+    """A picture: of each home the frame in which most is to be seen, found boxes in green, the truth that was missed in
+    red."""
     from PIL import Image, ImageDraw
 
     tiles = []
@@ -280,10 +289,10 @@ def speed(frame: Frame) -> float:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("homes", nargs="*")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--max-frames", type=int, default=800)
+    parser = Parser(__doc__)
+    parser.add_argument("homes", nargs="*", help="built-in homes, or numbers (default: the seven built-in ones)")
+    parser.add_argument("--seed", type=int, default=0, help="of the walks (default: %(default)s)")
+    parser.add_argument("--max-frames", type=int, default=800, help="of each walk (default: %(default)s)")
     parser.add_argument(
         "--sensor", action="store_true", help="with a real camera's faults: noise, exposure, holes, drift"
     )
@@ -300,4 +309,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

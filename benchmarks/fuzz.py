@@ -1,8 +1,9 @@
-"""Fuzz over every kind of file that the program reads: each broken one is read in a process of its own, bounded in time and memory.
+"""Fuzz test of every file format that the program reads: each case in its own process, bounded in time and memory.
 
 python benchmarks/fuzz.py [--minutes 10 | --cases 500] [--jobs 2] [--kinds home,tum] [--without home] [--first 0]
 python benchmarks/fuzz.py --replay tum:17        the same files again, in this process, with the traceback
-Outcomes: ok; refused in one line; unclear (a line too long, or several); traceback; hang (over 10 s); killed; memory (over 1 GiB).
+Outcomes: ok; refused in one line; unclear (a line too long, or several); traceback; hang (over 10 s); killed; memory
+(over 1 GiB).
 """
 
 from __future__ import annotations
@@ -11,7 +12,6 @@ import os
 
 os.environ["OMP_NUM_THREADS"] = "1"
 
-import argparse
 import json
 import os
 import resource
@@ -30,6 +30,8 @@ from functools import cache
 from pathlib import Path
 from random import Random
 from typing import TYPE_CHECKING
+
+from command_line import Parser, run_script
 
 from cartier.errors import CartierError
 
@@ -184,7 +186,8 @@ def run(cases: Iterable[tuple[str, int]], goods: dict[str, Path], jobs: int) -> 
 
 
 def make_goods(names: Sequence[str], folder: Path) -> dict[str, Path]:
-    """A good folder of each kind, each made and read once in a process of its own; kinds that lack a package are left out."""
+    """A good folder of each kind, each made and read once in a process of its own; kinds that lack a package are left
+    out."""
     goods = {}
     for kind in names:
         pid = os.fork()
@@ -238,15 +241,18 @@ def replay(name: str) -> int:
 
 def main() -> int:
     """1 if anything but a good outcome came of a case."""
-    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    options.add_argument("--minutes", type=float, default=10.0)
+    options = Parser(__doc__)
+    options.add_argument("--minutes", type=float, default=10.0, help="for how long (default: %(default)s)")
     options.add_argument("--cases", type=int, help="so many, however long they take")
-    options.add_argument("--jobs", type=int, default=2)
-    options.add_argument("--kinds", default=",".join(kinds()))
+    options.add_argument("--jobs", type=int, default=2, help="files read at a time (default: %(default)s)")
+    options.add_argument("--kinds", default=",".join(kinds()), help="kinds of files, by commas (default: all)")
     options.add_argument("--without", default="", help="kinds to leave out")
     options.add_argument("--first", type=int, default=0, help="the first seed")
-    options.add_argument("--replay", metavar="KIND:SEED")
+    options.add_argument("--replay", metavar="KIND:SEED", help="one case again, with its traceback")
     asked = options.parse_args()
+    wanted = [asked.replay.rpartition(":")[0]] if asked.replay else asked.kinds.split(",")
+    if unknown := [kind for kind in wanted if kind not in kinds()]:
+        options.error(f"no kind {', '.join(unknown)}; there are {', '.join(kinds())}")
     if asked.replay:
         return replay(asked.replay)
     names = [name for name in asked.kinds.split(",") if name not in asked.without.split(",")]
@@ -273,4 +279,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run_script(main)

@@ -1,7 +1,7 @@
-"""What ``fuzz.py`` breaks: every kind of file that the program reads, made as the tests make it, and read as the program does.
+"""File formats that ``fuzz.py`` breaks: made as the tests make them, and read as the program does.
 
-Another kind is one more entry of ``KINDS``: how a good one is written into a folder, and how it is read. The tests' folders
-must be in ``sys.path``, as ``fuzz.py`` puts them there.
+Another kind is one more entry of ``KINDS``: how a good one is written into a folder, and how it is read. The tests'
+folders must be in ``sys.path``, as ``fuzz.py`` puts them there.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from cartier.recordings.hints import what_else
 from cartier.render.sheet import draw_sheet
 from cartier.types import Inventory, Selection
 from cartier.understanding.cards import read_deck
-from cartier.worlds.ai2thor import _house
+from cartier.worlds.ai2thor import read_house
 from cartier.worlds.dollhouse.scene import load_scene
 from synthetic import THINGS, TrueBoxes
 
@@ -231,7 +231,8 @@ THING = {
     "answer": None,
 }
 THINGS_MORE: tuple[dict[str, Any], ...] = (
-    {}, {"id": "d", "kind": "list", "answer": ["cup", "bowl"], "maybe": ["pen"]}, {"id": "e", "kind": "count", "answer": 2}
+    {}, {"id": "d", "kind": "list", "answer": ["cup", "bowl"], "maybe": ["pen"]},
+    {"id": "e", "kind": "count", "answer": 2}
 )  # fmt: skip
 QUERY = {"id": "a", "type": "implicit", "target": "sofa", "accept": ["sofa", "arm chair"], "text": "My feet hurt."}
 REPLY = {"query": "tired", "reply": '{"object": "bed"}', "objects": ["bed", "mug"]}
@@ -277,7 +278,7 @@ KINDS |= {
     ),
     "cards": Kind(lambda p: write_text(p, cards__toml=CARDS), lambda p: read_deck(p / "cards.toml")),
     "dollhouse-home": Kind(lambda p: write_text(p, home__yaml=SCENE), lambda p: load_scene(p / "home.yaml")),
-    "thor-house": Kind(lambda p: write_text(p, house__json=json.dumps(HOUSE)), lambda p: _house(p / "house.json")),
+    "thor-house": Kind(lambda p: write_text(p, house__json=json.dumps(HOUSE)), lambda p: read_house(p / "house.json")),
     "bench-run": Kind(write_bench, read_bench),
     "resume": Kind(write_resume, read_resume),
     "arrays": Kind(write_arrays, lambda p: read_npz(p / "a.npz")),

@@ -15,7 +15,6 @@ import os
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
-import argparse
 import gzip
 import hashlib
 import json
@@ -30,6 +29,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "reasoner
 
 import held_out
 import nothing_asked
+from command_line import Parser, run_script
 
 import stored
 from cartier import plugins
@@ -135,9 +135,9 @@ def compare(file: Path, every: int) -> int:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=("write", "compare"))
-    parser.add_argument("file", type=Path)
+    parser = Parser(__doc__)
+    parser.add_argument("what", choices=("write", "compare"), metavar="what", help="write, or compare")
+    parser.add_argument("file", type=Path, help="the answers, as .jsonl.gz")
     parser.add_argument("--every", type=int, default=1, help="compare each N-th row (default: all)")
     options = parser.parse_args()
     if options.what == "write":
@@ -147,4 +147,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

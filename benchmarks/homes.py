@@ -1,4 +1,4 @@
-"""The seven homes: how much exploration covers, whether depth and boxes agree, and how near ObjectDepth comes.
+"""Benchmark of the seven homes: coverage of exploration, depth against boxes, and the error of ObjectDepth.
 
 python benchmarks/homes.py [HOME …]      one BLAS thread; detections are ground truth (dollhouse), said so in each row
 """
@@ -10,11 +10,11 @@ import os
 os.environ["OMP_NUM_THREADS"] = "1"
 
 import statistics
-import sys
 import time
 from dataclasses import replace
 
 import numpy as np
+from command_line import Parser, run_script
 
 from cartier import plugins
 from cartier.contracts import Detector, Recording, SpatialIndex
@@ -28,7 +28,8 @@ OUTSIDE_M = 0.02
 
 
 def inside_their_boxes(recording: Recording) -> tuple[int, int, set[int]]:
-    """Depth pixels of things that lie in their true boxes (2 cm), all of them, and the ids seen with 200 pixels or more."""
+    """Depth pixels of things that lie in their true boxes (2 cm), all of them, and the ids seen with 200 pixels or
+    more."""
     boxes = {obj.id: (np.array(obj.box_min), np.array(obj.box_max)) for obj in recording.truth or ()}
     good = total = 0
     seen: set[int] = set()
@@ -72,8 +73,10 @@ class WithoutMasks:
 
 
 def main() -> None:
+    parser = Parser(__doc__)
+    parser.add_argument("homes", nargs="*", help="built-in homes, or numbers (default: the seven built-in ones)")
     world = plugins.make("worlds", "dollhouse")
-    for name in sys.argv[1:] or world.homes():
+    for name in parser.parse_args().homes or world.homes():
         begin = time.perf_counter()
         recording = world.explore(name)
         explored_s = time.perf_counter() - begin
@@ -83,18 +86,21 @@ def main() -> None:
         mapped_s = time.perf_counter() - begin
         good, total, seen = inside_their_boxes(recording)
         print(
-            f"{name}: {len(recording)} frames, explored in {explored_s:.1f} s, mapped in {mapped_s:.1f} s, by {truth.name}"
+            f"{name}: {len(recording)} frames, explored in {explored_s:.1f} s, mapped in {mapped_s:.1f} s, by "
+            f"{truth.name}"
         )
         print(f"  {recording.notes[-1]}")
         print(
-            f"  {len(seen)} of {len(recording.truth)} things seen with {ENOUGH_PX} px or more; {good / total:.4%} of their depth in their true boxes"
+            f"  {len(seen)} of {len(recording.truth)} things seen with {ENOUGH_PX} px or more; {good / total:.4%} of "
+            "their depth in their true boxes"
         )
         for what, made in (("masks", home), ("boxes only", map_home(recording, WithoutMasks(truth)))):
             rows = distances(made.index("object_depth")[1], recording)
             metres = [row[0] for row in rows]
             mean, median = statistics.mean(metres), statistics.median(metres)
             print(
-                f"  ObjectDepth from {what}: mean {mean:.3f} m, median {median:.3f} m to the nearest true box, {len(rows)} names"
+                f"  ObjectDepth from {what}: mean {mean:.3f} m, median {median:.3f} m to the nearest true box, "
+                f"{len(rows)} names"
             )
             print(
                 "    worst: " + ", ".join(f"{label} {m:.2f} m (frame {frame})" for m, label, frame in rows[:5]),
@@ -103,4 +109,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

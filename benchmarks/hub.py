@@ -1,8 +1,10 @@
-"""What a detector of the hub costs per frame, reading the frames included: OWLv2-base with LVIS's 1,203 names, and D-FINE.
+"""Benchmark of hub detectors, time per frame with reading: OWLv2-base with LVIS's 1,203 names, and D-FINE.
 
-python benchmarks/hub.py [RECORDING] [--frames N] [--device cuda]    (default: 64 frames of the dollhouse's studio, 640×480, 2 on a CPU)
-Their weights are random: the time is that of trained ones, the boxes mean nothing. Medians of five; on a CPU one thread.
-Limits on an H100 with four threads that read: OWLv2 6 ms a frame, D-FINE 4 ms; on a CPU no slower than with the model's own processor.
+python benchmarks/hub.py [RECORDING] [--frames N] [--device cuda]
+    (default: 64 frames of the dollhouse's studio, 640×480, 2 on a CPU)
+Their weights are random: the time is that of trained ones, the boxes mean nothing. Medians of five; on a CPU one
+thread. Limits on an H100 with four threads that read: OWLv2 6 ms a frame, D-FINE 4 ms; on a CPU no slower than with the
+model's own processor.
 """
 
 from __future__ import annotations
@@ -11,7 +13,6 @@ import os
 
 os.environ["OMP_NUM_THREADS"] = "1"
 
-import argparse
 import statistics
 import sys
 import tempfile
@@ -20,9 +21,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import torch
-import transformers as hf
+from command_line import Parser, run_script
 
 from cartier import plugins
 from cartier.contracts import Recording
@@ -38,6 +37,7 @@ PATCHES_PX = 960
 def owlv2(folder: Path) -> None:
     """OWLv2-base, patches of 16 px of 960×960: the published one's sizes, but for the table of its tokens."""
     sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "detectors"))
+    import transformers as hf
     from tiny_transformers import _clip_tokenizer
 
     tokenizer = _clip_tokenizer(folder, 16)
@@ -50,16 +50,21 @@ def owlv2(folder: Path) -> None:
 
 def d_fine(folder: Path) -> None:
     """D-FINE as its configuration comes: 31 million parameters."""
+    import transformers as hf
+
     for part in (hf.DFineForObjectDetection(hf.DFineConfig(num_labels=80)), hf.RTDetrImageProcessorPil()):
         part.save_pretrained(folder)
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("recording", nargs="?")
-    parser.add_argument("--frames", type=int)
-    parser.add_argument("--device", default="cuda" if torch.cuda.is_available() else "cpu")
+    parser = Parser(__doc__)
+    parser.add_argument("recording", nargs="?", help="default: the dollhouse's studio")
+    parser.add_argument("--frames", type=int, help="how many (default: 64, on a CPU 2)")
+    parser.add_argument("--device", help="cuda or cpu (default: cuda where there is one)")
     given = parser.parse_args()
+    import torch
+
+    given.device = given.device or ("cuda" if torch.cuda.is_available() else "cpu")
     given.frames = given.frames or (64 if given.device.startswith("cuda") else 2)
     torch.set_num_threads(1)
     torch.manual_seed(0)
@@ -130,6 +135,8 @@ def run(detector: TransformersDetector, recording: Recording, count: int) -> Non
 
 def each(call: Callable[[], Any], times: int = 5) -> float:
     """Median milliseconds, the device's work included; the first time does not count."""
+    import torch
+
     spent = []
     for _ in range(times + 1):
         begin = time.perf_counter()
@@ -137,8 +144,8 @@ def each(call: Callable[[], Any], times: int = 5) -> float:
         if torch.cuda.is_available():
             torch.cuda.synchronize()
         spent.append((time.perf_counter() - begin) * 1e3)
-    return statistics.median(np.array(spent[1:]))
+    return float(statistics.median(spent[1:]))
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

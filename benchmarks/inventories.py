@@ -1,11 +1,11 @@
-"""The stored inventories of ``tests/data/inventories``, and the requests that are made from the truth of homes.
+"""Builder of the stored inventories of ``tests/data/inventories``, and of requests made from the truth of homes.
 
 python benchmarks/inventories.py [HOME …]      (default: every home that something stored is about; 20 minutes)
 
 The built-in homes are mapped from ground truth and from pixels (detector ``embedded``), and requests about particular
-objects are made for each as ``cartier bench --suite things`` makes them (``tests/data/made.jsonl``). The generated homes
-of the labelled sentences are mapped from ground truth, in small pictures. Each home is rendered once. What is there is
-not made again.
+objects are made for each as ``cartier bench --suite things`` makes them (``tests/data/made.jsonl``). The generated
+homes of the labelled sentences are mapped from ground truth, in small pictures. Each home is rendered once. What is
+there is not made again.
 """
 
 from __future__ import annotations
@@ -14,7 +14,6 @@ import os
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
-import argparse
 import json
 import sys
 import tempfile
@@ -23,6 +22,8 @@ from pathlib import Path
 from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+
+from command_line import Parser, run_script
 
 import stored
 from cartier import specs
@@ -36,7 +37,8 @@ from cartier.worlds.dollhouse import Dollhouse, make
 
 DEVELOPMENT = Path(__file__).resolve().parents[1] / "tools" / "things" / "development.jsonl"
 BUILT_IN, GENERATED = (640, 480, 62.0, 0.2), (320, 240, 62.0, 0.2)
-"""The pictures' size, their field of view and the robot's radius: the bench's, and for quick maps a quarter of the pixels."""
+"""The pictures' size, their field of view and the robot's radius: the bench's, and for quick maps a quarter of the
+pixels."""
 DETECTORS = {"truth": "ground_truth", "pixels": "embedded"}
 LEAST_PX = {640: 64, 320: 16}  # visible pixels from which ground truth sees something, by the pictures' width
 MADE = stored.DATA / "made.jsonl"
@@ -67,10 +69,10 @@ class RenderedWorld(Dollhouse):
 
     _latest: tuple[str, Any] = ("", None)
 
-    def explore(self, home: str, seed: int = 0, **options: Any) -> Any:
+    def explore(self, home: str, seed: int = 0, *args: Any, **options: Any) -> Any:
         if self._latest[0] != home:
             self._latest = (home, None)  # one walk at a time is a gigabyte
-            self._latest = (home, Rendered(super().explore(home, seed=seed, **options)))
+            self._latest = (home, Rendered(super().explore(home, seed, *args, **options)))
         return self._latest[1]
 
 
@@ -100,8 +102,8 @@ def store_requests(world: RenderedWorld, home: str, keep: Path) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("homes", nargs="*")
+    parser = Parser(__doc__)
+    parser.add_argument("homes", nargs="*", help="homes (default: every home that something stored is about)")
     chosen = parser.parse_args().homes
     built_in = make().homes()
     generated = list(dict.fromkeys(item.home for file in (DEVELOPMENT, WRITTEN) for item in load_items(file)))
@@ -116,4 +118,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

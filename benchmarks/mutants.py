@@ -31,6 +31,7 @@ from pathlib import Path
 
 import hypothesis
 import pytest
+from command_line import Parser, run_script
 from hypothesis import Phase
 
 HERE = Path(__file__).resolve().parent
@@ -98,7 +99,7 @@ def main() -> int:
 
 
 def parsed() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = Parser(__doc__)
     parser.add_argument("--group", action="append", help="only this group; may be given more than once")
     parser.add_argument("--name", action="append", help="only the mutant of this name; may be given more than once")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write every mutant with its outcome")
@@ -193,4 +194,4 @@ def table(outcomes: dict[Mutant, str]) -> str:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run_script(main)

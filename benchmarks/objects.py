@@ -1,11 +1,12 @@
-"""The map of objects against the truth of the simulator: ground-truth detections, and from pixels.
+"""Benchmark of the object map against ground truth: with ground-truth detections, and from pixels.
 
-python benchmarks/objects.py [HOME …] [--generated 20]     (default: the seven built-in homes; a number is a generated one)
-Objects and true things are matched one to one, by label, where an object's middle lies at most 0.5 m from the thing's true box.
-Precision is over what is confirmed, recall over things of 400 px or more in some frame; a listed thing of fewer is no fault.
-Entries: confirmed objects per true thing that has any. Invented: confirmed, and no thing of that name is within 0.5 m.
-Shuffled, twice: the share of confirmed objects that another order of the frames, or the same frames again, lose and add.
-Then the rooms and relations of spatial.py. Nothing was fitted on any of these homes.
+python benchmarks/objects.py [HOME …] [--generated 20]
+    (default: the seven built-in homes; a number is a generated one)
+Objects and true things are matched one to one, by label, where an object's middle lies at most 0.5 m from the thing's
+true box. Precision is over what is confirmed, recall over things of 400 px or more in some frame; a listed thing of
+fewer is no fault. Entries: confirmed objects per true thing that has any. Invented: confirmed, and no thing of that
+name is within 0.5 m. Shuffled, twice: the share of confirmed objects that another order of the frames, or the same
+frames again, lose and add. Then the rooms and relations of spatial.py. Nothing was fitted on any of these homes.
 """
 
 from __future__ import annotations
@@ -14,16 +15,18 @@ import os
 
 os.environ["OMP_NUM_THREADS"] = "1"
 
-import argparse
 import time
 from collections import defaultdict
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from copy import deepcopy
 from dataclasses import dataclass, field
+from functools import partial
 from multiprocessing import get_context
+from typing import Any
 
 import numpy as np
+from command_line import Parser, run_script
 from scipy.optimize import linear_sum_assignment
 
 from cartier import plugins
@@ -40,10 +43,10 @@ FIRST_GENERATED = 70_001  # neither the detector nor its score_model was made on
 BUDGET = 30, 300  # detections in a frame, and objects known, of which the cost is measured
 
 
-def one_to_one(objects: Sequence[MapObject], objs: Sequence[TrueObject], named: bool = True) -> dict[int, int]:
+def one_to_one(objects: Sequence[MapObject], truth: Sequence[TrueObject], named: bool = True) -> dict[int, int]:
     """The things that objects are, both by their place in the lists; ``named``: only of the same name."""
-    cost = np.full((len(objects), len(objs)), 1e6)
-    for k, obj in enumerate(objs):
+    cost = np.full((len(objects), len(truth)), 1e6)
+    for k, obj in enumerate(truth):
         low, high = np.array(obj.box_min), np.array(obj.box_max)
         for i, mapped in enumerate(objects):
             far = float(box_distance(np.array(mapped.position), low, high))
@@ -64,7 +67,7 @@ def changed(before: Sequence[MapObject], after: Sequence[MapObject]) -> int:
 class Home:
     """One home, mapped by one detector in all variants."""
 
-    objs: list[TrueObject]
+    true_objects: list[TrueObject]
     pixels: Array
     """In how many pixels each thing was shown at best."""
     maps: dict[str, tuple[MapObject, ...]]
@@ -81,7 +84,7 @@ class Counts:
     wrong: list[str] = field(default_factory=list)
 
     def add(self, home: Home) -> None:
-        seen = [obj for obj, pixels in zip(home.things, home.pixels, strict=True) if pixels > 0]
+        seen = [obj for obj, pixels in zip(home.true_objects, home.pixels, strict=True) if pixels > 0]
         shown = {k for k, pixels in enumerate(home.pixels[home.pixels > 0]) if pixels >= SHOWN_PX}
         every = home.maps["every frame"]
         listed = [obj for obj in every if obj.confirmed]
@@ -137,7 +140,8 @@ class Counts:
             "exact count per home and type": f"{of['exact'] / of['kinds']:.3f} of {of['kinds']:.0f}",
             "invented, every 4th frame → every frame": f"{of['invented of 4th'] / of['listed of 4th']:.3f} → "
             f"{of['invented'] / of['listed']:.3f} of {of['listed']:.0f}",
-            "changed by shuffling / by the same again": f"{of['shuffled'] / of['listed']:.3f} / {of['twice'] / of['listed']:.3f}",
+            "changed by shuffling / by the same again": f"{of['shuffled'] / of['listed']:.3f} / "
+            f"{of['twice'] / of['listed']:.3f}",
             "calibration error (ECE)": f"{_ece(self.told):.3f} over {len(self.told)} objects",
             "cost": f"{np.median(ms):.2f} ms a frame (most {max(ms):.2f}), {np.median(sizes):.0f} bytes an object",
         }
@@ -163,13 +167,13 @@ def _ece(told: Sequence[tuple[float, bool]]) -> float:
 
 def walked(name: str) -> tuple[OccupancyGrid, dict[str, Home]]:
     """A home's floor plan, and what each detector makes of its walk: three times, since frames are not kept."""
-    world = plugins.make("worlds", "dollhouse")
+    world: Any = plugins.make("worlds", "dollhouse")
     recording, objs = world.explore(name), world.scene(name).truth()
     n, floor, found = len(recording), OccupancyMapper(), dict[int, Detections]()
     truth = plugins.make("detectors", "ground_truth", truth=objs, source=name)
     pixels_only = plugins.make("detectors", "embedded", threads=1)
     detectors = {"ground_truth": truth, "embedded": pixels_only}
-    maps = {key: defaultdict(lambda c=made.score_model: ObjectMap(c)) for key, made in detectors.items()}  # type: ignore[misc]
+    maps = {key: defaultdict[str, ObjectMap](partial(ObjectMap, made.score_model)) for key, made in detectors.items()}
     pixels, spent = np.zeros(max(t.id for t in objs) + 1, np.int64), dict.fromkeys(detectors, 0.0)
     shuffled = np.random.default_rng(0).permutation(n)
     for turn, order in (("every frame", np.arange(n)), ("twice", np.arange(n)), ("shuffled", shuffled)):
@@ -224,16 +228,16 @@ def cost_ms() -> float:
 
 
 def report(title: str, names: Sequence[str]) -> None:
-    counts, spatial = ({key: kind() for key in DETECTORS} for kind in (Counts, Figures))
+    counts, spatial = {key: Counts() for key in DETECTORS}, {key: Figures() for key in DETECTORS}
     ms, sizes = ({key: list[float]() for key in DETECTORS} for _ in range(2))
-    world = plugins.make("worlds", "dollhouse")
+    world: Any = plugins.make("worlds", "dollhouse")
     with ProcessPoolExecutor(2, get_context("spawn")) as pool:
         for name, (grid, homes) in zip(names, pool.map(walked, names), strict=True):
             print(f"{name} …", end=" ", flush=True)
             scene = world.scene(name)
             contacts, pixels = Contacts(scene), np.zeros(max(obj.id for obj in scene.things) + 1, np.int64)
             for key, home in homes.items():
-                pixels[[obj.id for obj in home.things]] = home.pixels
+                pixels[[obj.id for obj in home.true_objects]] = home.pixels
                 counts[key].add(home)
                 spatial[key].add(Mapped(scene, grid, home.maps["every frame"], pixels), contacts)
                 ms[key].append(home.ms)
@@ -244,9 +248,9 @@ def report(title: str, names: Sequence[str]) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("homes", nargs="*")
-    parser.add_argument("--generated", type=int, default=20, metavar="N")
+    parser = Parser(__doc__)
+    parser.add_argument("homes", nargs="*", help="built-in homes, or numbers (default: the seven built-in ones)")
+    parser.add_argument("--generated", type=int, default=20, metavar="N", help="generated homes (default: %(default)s)")
     options = parser.parse_args()
     print(f"a frame with 30 detections of 300 known objects in view: {cost_ms():.1f} ms")
     report(
@@ -257,4 +261,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

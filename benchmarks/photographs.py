@@ -1,9 +1,9 @@
-"""How well detectors see household things in photographs: AP50, and precision and recall at their default score, by name.
+"""Benchmark of detectors on photographs of household objects: AP50, and precision and recall, by name.
 
 python benchmarks/photographs.py [DETECTOR …] [--photos ../shared/photos] [--least 3]     (default: photos)
 A detector is what `cartier map --detector` takes. The photographs are COCO's, with boxes in YOLO's text format
-(labels/*.txt: class, cx, cy, w, h as fractions of the image); a box is right that has the name and overlaps the true one by half.
-Names of which there are fewer than `--least` boxes are only in the sums.
+(labels/*.txt: class, cx, cy, w, h as fractions of the image); a box is right that has the name and overlaps the true
+one by half. Names of which there are fewer than `--least` boxes are only in the sums.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ import os
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
-import argparse
 import time
 from collections import defaultdict
 from collections.abc import Iterator
@@ -21,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from command_line import Parser, run_script
 from dollhouse_detector import average_precision
 from PIL import Image
 
@@ -44,7 +44,8 @@ class Photo:
 
 @dataclass
 class Matched:
-    """``hits``: per name, (score, right) of detections; ``boxes``: per name, the best right score (or 0) of each true box."""
+    """``hits``: per name, (score, right) of detections; ``boxes``: per name, the best right score (or 0) of each true
+    box."""
 
     hits: dict[str, list[tuple[float, bool]]] = field(default_factory=lambda: defaultdict(list))
     boxes: dict[str, list[float]] = field(default_factory=lambda: defaultdict(list))
@@ -115,10 +116,10 @@ def _rates(hits: list[tuple[float, bool]], boxes: int, threshold: float) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("detectors", nargs="*", default=["photos"])
-    parser.add_argument("--photos", type=Path, default=SHARED / "photos")
-    parser.add_argument("--least", type=int, default=3)
+    parser = Parser(__doc__)
+    parser.add_argument("detectors", nargs="*", default=["photos"], help="as of cartier map (default: photos)")
+    parser.add_argument("--photos", type=Path, default=SHARED / "photos", help="folder with images/ and labels/")
+    parser.add_argument("--least", type=int, default=3, help="boxes of a name that has a row (default: %(default)s)")
     options = parser.parse_args()
     photos = list(photographs(options.photos))
     for spec in options.detectors:
@@ -136,4 +137,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

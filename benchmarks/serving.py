@@ -5,7 +5,6 @@ python benchmarks/serving.py HOME [--clients 200] [--seconds 60]
 
 from __future__ import annotations
 
-import argparse
 import asyncio
 import json
 import os
@@ -17,6 +16,7 @@ from pathlib import Path
 
 import httpx
 import numpy as np
+from command_line import Parser, run_script
 
 from cartier.home import Home
 
@@ -81,10 +81,10 @@ async def load(base: str, home: str, labels: dict[str, int], clients: int, secon
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("home", type=Path)
-    parser.add_argument("--clients", type=int, default=200)
-    parser.add_argument("--seconds", type=float, default=60.0)
+    parser = Parser(__doc__)
+    parser.add_argument("home", type=Path, help="folder of a mapped home")
+    parser.add_argument("--clients", type=int, default=200, help="at the same time (default: %(default)s)")
+    parser.add_argument("--seconds", type=float, default=60.0, help="for how long (default: %(default)s)")
     asked = parser.parse_args()
     objects = [obj for obj in Home.load(asked.home).objects if obj.confirmed]
     single = {t.label: t.id for t in objects if sum(o.label == t.label for o in objects) == 1}
@@ -106,4 +106,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

@@ -1,10 +1,10 @@
-"""What ``objects.py`` says of rooms and relations in dollhouse homes, against the truth of the simulator.
+"""Benchmark of rooms and relations in dollhouse homes against ground truth; ``objects.py`` prints it.
 
-Rooms: how much they overlap the true ones, their kinds, the share of objects in the right one. Then what things stand on or in,
-requests for "the X closest to the Y", and the other relations. Of each relation: how many were told with a probability of
-one half or more, which share of them is true, which share of the true ones was told, and how far the probabilities are off.
-What touches what is known from the home's triangles: rays from under each thing meet what holds it. All else is true if it
-holds between the true boxes.
+Rooms: how much they overlap the true ones, their kinds, the share of objects in the right one. Then what things stand
+on or in, requests for "the X closest to the Y", and the other relations. Of each relation: how many were told with a
+probability of one half or more, which share of them is true, which share of the true ones was told, and how far the
+probabilities are off. What touches what is known from the home's triangles: rays from under each thing meet what holds
+it. All else is true if it holds between the true boxes.
 """
 
 from __future__ import annotations
@@ -48,7 +48,8 @@ Told = list[tuple[float, bool]]
 
 
 class Mapped:
-    """A home as it was mapped, beside the truth; ``is_true`` are the ids of true things by those of the objects that are these."""
+    """A home as it was mapped, beside the truth; ``is_true`` are the ids of true things by those of the objects that
+    are these."""
 
     def __init__(self, scene: Scene, grid: OccupancyGrid, objects: Sequence[MapObject], pixels: Array) -> None:
         self.scene, self.grid = scene, grid
@@ -74,7 +75,7 @@ class Mapped:
             far = float(box_distance(middle, np.array(true.box_min), np.array(true.box_max)))
             if self.objects[a].label == true.label and far <= SAME_M:
                 cost[a, b] = far + 0.2 * float(np.linalg.norm(middle - true.position))
-        pairs = zip(*linear_sum_assignment(cost), strict=True)
+        pairs = zip(*(k.tolist() for k in linear_sum_assignment(cost)), strict=True)
         return {self.objects[a].id: seen[b].id for a, b in pairs if cost[a, b] < 1e6}
 
 
@@ -132,7 +133,8 @@ class Figures:
             self.true[name] += sum(holder is not None for holder in held.values())
 
     def _closest(self, home: Mapped) -> None:
-        """ "The X closest to the Y" where it is true of one thing alone: as the truth has it, and as the map says by itself."""
+        """ "The X closest to the Y" where it is true of one thing alone: as the truth has it, and as the map says by
+        itself."""
         known, is_of = _by_label(home.objects), {true: mapped for mapped, true in home.is_true.items()}
         for y, xs, first in _statements(list(home.true.values())):
             if {y.id, first} <= home.shown:
@@ -160,7 +162,8 @@ class Figures:
             )
         near = [
             (i, j) for i, j in itertools.permutations(range(len(real)), 2)
-            if truth[i].room == truth[j].room and 0.5 < np.linalg.norm(np.subtract(truth[i].position, truth[j].position)) < 3
+            if truth[i].room == truth[j].room
+            and 0.5 < np.linalg.norm(np.subtract(truth[i].position, truth[j].position)) < 3
         ]  # fmt: skip
         for k in rng.permutation(len(near))[:PAIRS].tolist():
             i, j = near[k]
@@ -195,8 +198,8 @@ class Figures:
             sure = likely >= 0.5
             hits, bins = float(right[sure].sum()), np.minimum(likely * 5, 4).astype(int)
             off = sum(abs(float((likely - right)[bins == k].sum())) for k in range(5)) / max(1, len(told))
-            print(f"  {name:16} {sure.sum():5d} told, {hits / max(1, sure.sum()):.3f} right; {self.true[name]:5d} true, "
-                  f"{hits / max(1, self.true[name]):.3f} told; probabilities off by {off:.3f}")  # fmt: skip
+            print(f"  {name:16} {sure.sum():5d} told, {hits / max(1, sure.sum()):.3f} right; {self.true[name]:5d} "
+                  f"true, {hits / max(1, self.true[name]):.3f} told; probabilities off by {off:.3f}")  # fmt: skip
         times = ", ".join(f"{name} {np.median(ms):.1f} ms (most {max(ms):.0f})" for name, ms in self.ms.items())
         print(f"  {times}", flush=True)
 

@@ -1,4 +1,4 @@
-"""What mapping costs besides the detector: milliseconds per frame, peak memory, start-up times.
+"""Benchmark of mapping without the detector: milliseconds per frame, peak memory, start-up times.
 
 python benchmarks/straight_line.py [RECORDING]    (default: the kitchen in ../shared, else a rendered room)
 One BLAS thread; medians; memory is the peak of a fresh process.
@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from command_line import Parser, run_script
 
 from cartier import plugins
 from cartier.contracts import Recording
@@ -36,7 +37,8 @@ BOXES = 30  # detections per frame at most
 
 
 class ManyThings:
-    """Boxes of things at fixed places in the home, as a busy detector gives them, at no cost: the rest of the line is measured."""
+    """Boxes of things at fixed places in the home, as a busy detector gives them, at no cost: the rest of the line is
+    measured."""
 
     name = "many things (benchmark)"
 
@@ -114,7 +116,7 @@ def per_frame(recording: Recording) -> dict[str, float]:
 def peak_mb(path: str, times: int) -> float:
     """Peak memory (MB) of a fresh process that maps the recording so many times over."""
     done = subprocess.run(
-        [sys.executable, __file__, "--map", path, str(times)], capture_output=True, text=True, check=True
+        [sys.executable, __file__, path, "--times", str(times)], capture_output=True, text=True, check=True
     )
     return float(json.loads(done.stdout)["peak_mb"])
 
@@ -130,13 +132,19 @@ def seconds(*command: str, runs: int = 7) -> float:
 
 
 def main() -> None:
-    if sys.argv[1:2] == ["--map"]:
-        recording = Repeated(plugins.open_recording(sys.argv[2]), int(sys.argv[3]))
+    parser = Parser(__doc__)
+    parser.add_argument("recording", nargs="?", type=Path, help="default: the kitchen, else a rendered room")
+    parser.add_argument(
+        "--times", type=int, help="only map RECORDING so often in this process, and print its peak memory"
+    )
+    given = parser.parse_args()
+    if given.times:
+        recording = Repeated(plugins.open_recording(given.recording), given.times)
         map_home(recording, ManyThings(recording))
         print(json.dumps({"peak_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024}))
         return
     with tempfile.TemporaryDirectory() as scratch:
-        path = Path(sys.argv[1]) if sys.argv[1:] else KITCHEN if KITCHEN.is_dir() else rendered_room(Path(scratch))
+        path = given.recording or (KITCHEN if KITCHEN.is_dir() else rendered_room(Path(scratch)))
         recording = plugins.open_recording(path)
         camera = recording.camera
         print(
@@ -150,10 +158,11 @@ def main() -> None:
             print(f"  peak memory, recording x {times:<3} {peak_mb(str(path), times):7.1f} MB")
     bare, numpy, ours = (seconds(sys.executable, "-c", code) for code in ("pass", "import numpy", "import cartier"))
     print(
-        f"  import numpy {numpy - bare:.3f} s, import cartier {ours - bare:.3f} s: ratio {(ours - bare) / (numpy - bare):.2f}   (limit 2)"
+        f"  import numpy {numpy - bare:.3f} s, import cartier {ours - bare:.3f} s: ratio "
+        f"{(ours - bare) / (numpy - bare):.2f}   (limit 2)"
     )
     print(f"  cartier --help {seconds(str(Path(sys.executable).parent / 'cartier'), '--help'):.3f} s   (limit 0.5)")
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

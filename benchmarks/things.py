@@ -1,19 +1,20 @@
-"""What a reasoner that makes no mistake could reach in ``cartier bench --suite things``: what is lost is lost by the map.
+"""Upper bound of ``cartier bench --suite things``: what a perfect reasoner could reach with the maps.
 
 python benchmarks/things.py RUN/requests.jsonl [--maps DIR]
 
-Finds and bare names: whether the map has an object where an accepted thing is, and leads to it. Counts: how many objects of those types
-the map has, in the rooms in question. Where: the object's room, and what the map says it stands on. Lists: what stands on the same
-thing, or in the same room. Exists: whether what is there is in the map. Detections are ground truth and from pixels.
+Finds and bare names: whether the map has an object where an accepted thing is, and leads to it. Counts: how many
+objects of those types the map has, in the rooms in question. Where: the object's room, and what the map says it stands
+on. Lists: what stands on the same thing, or in the same room. Exists: whether what is there is in the map. Detections
+are ground truth and from pixels.
 """
 
 from __future__ import annotations
 
-import argparse
 from collections import defaultdict
 from pathlib import Path
 
 import numpy as np
+from command_line import Parser, run_script
 
 from cartier.evaluation.maps import Maps, MapSettings, encoder_for
 from cartier.evaluation.things import FIND, Given, Item, load_items, score
@@ -90,8 +91,8 @@ class Best:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("requests", type=Path)
+    parser = Parser(__doc__)
+    parser.add_argument("requests", type=Path, help="the requests.jsonl of a run")
     parser.add_argument("--maps", type=Path, help="as cartier bench --maps; default: the run's own")
     options = parser.parse_args()
     keep, items = options.maps or options.requests.parent / "maps", load_items(options.requests)
@@ -112,4 +113,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

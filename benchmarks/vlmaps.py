@@ -1,8 +1,10 @@
-"""What VLMaps costs: fusing a frame against reading its features once, finding words, and the map's size on disk.
+"""Benchmark of VLMaps: fusing a frame against reading its features once, finding words, and the map's size on disk.
 
-python benchmarks/vlmaps.py [RECORDING]    (default: a rendered 6 × 5 m room; a dollhouse home is explored for the map's size)
-One thread; medians of frames interleaved with reads of the same features. Limits: fusion 6 × the read of the touched rows;
-locate 1 ms in 10,000 cells and 15 ms in 100,000; the stored map 50 × smaller than a dense 1000 × 1000 × 512 float32 grid.
+python benchmarks/vlmaps.py [RECORDING]
+    (default: a rendered 6 × 5 m room; a dollhouse home is explored for the map's size)
+One thread; medians of frames interleaved with reads of the same features. Limits: fusion 6 × the read of the touched
+rows; locate 1 ms in 10,000 cells and 15 ms in 100,000; the stored map 50 × smaller than a dense 1000 × 1000 × 512
+float32 grid.
 """
 
 from __future__ import annotations
@@ -13,13 +15,14 @@ os.environ["OMP_NUM_THREADS"] = "1"
 
 import statistics
 import sys
-import tempfile
 import time
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from command_line import Parser, run_script
 
 from cartier import plugins
 from cartier.indexes.fusion import CELL, FeatureGrid
@@ -67,7 +70,8 @@ def fusion(recording: str | None) -> None:
     print(f"read bandwidth         {size / read / 1e6:6.1f} GB/s, one thread")
     print(f"touched features       {size / 1e6:6.1f} MB a frame, read once in {read:.1f} ms")
     print(
-        f"fusion of every pixel  {fuse:6.1f} ms a frame = {ratio:.1f} × the read (limit 6; worst {max(r[3] for r in rows):.1f})"
+        f"fusion of every pixel  {fuse:6.1f} ms a frame = {ratio:.1f} × the read (limit 6; worst "
+        f"{max(r[3] for r in rows):.1f})"
     )
 
 
@@ -75,6 +79,7 @@ def touched_rows(features: np.ndarray, frame: Frame) -> np.ndarray:
     """Which feature vectors have a share in any cell."""
     from cartier.indexes import fusion
 
+    assert frame.depth_m is not None
     tables = fusion._Tables(frame.depth_m.shape, features.shape[:2], frame.camera)
     window = fusion._window(frame.depth_m, frame.world_from_camera, tables, 0.05, 0)
     assert window is not None
@@ -92,7 +97,7 @@ def find() -> None:
             return np.random.default_rng(1).standard_normal((len(texts), SHAPE[2]), dtype=np.float32)
 
     for count, limit in ((10_000, 1), (100_000, 15)):
-        index = plugins.make("indexes", "vlmaps", encoder=Words())
+        index: Any = plugins.make("indexes", "vlmaps", encoder=Words())
         cells = np.zeros(count, CELL)
         cells["xy"] = np.stack(np.divmod(np.arange(count), 400), 1)
         cells["pixels"] = 1
@@ -105,20 +110,25 @@ def find() -> None:
 def size() -> None:
     recording = plugins.make("worlds", "dollhouse").explore("family_flat")
     detector = plugins.make("detectors", "ground_truth", truth=recording.truth, source=recording.name)
-    index = plugins.make("indexes", "vlmaps")
+    index: Any = plugins.make("indexes", "vlmaps")
     for number in range(len(recording)):
         frame = recording[number]
         detections: Detections = detector.detect(frame)
         index.add(frame, detections)
-    with tempfile.TemporaryDirectory() as folder:
-        index.save(Path(folder))
-        stored = sum(f.stat().st_size for f in Path(folder).iterdir())
+    stored = sum(map(len, index.state().values()))
     print(
-        f"family_flat's map      {stored / 1e6:6.1f} MB for {len(index._grid.cells):,} cells, {DENSE / stored:.0f} × smaller than dense (limit 50)"
+        f"family_flat's map      {stored / 1e6:6.1f} MB for {len(index._grid.cells):,} cells, {DENSE / stored:.0f} × "
+        "smaller than dense (limit 50)"
     )
 
 
-if __name__ == "__main__":
-    fusion(sys.argv[1] if len(sys.argv) > 1 else None)
+def main() -> None:
+    parser = Parser(__doc__)
+    parser.add_argument("recording", nargs="?", help="default: a rendered room")
+    fusion(parser.parse_args().recording)
     find()
     size()
+
+
+if __name__ == "__main__":
+    run_script(main)

@@ -27,7 +27,9 @@ def main(path: str, model: str, words: str) -> None:
 
 
 if __name__ == "__main__":
+    if len(sys.argv) != 4:
+        sys.exit(__doc__)
     try:
-        main(*sys.argv[1:4])
+        main(*sys.argv[1:])
     except cartier.CartierError as error:
         sys.exit(f"cartier: {error}")

@@ -55,4 +55,6 @@ def slabs(
 
 
 if __name__ == "__main__":
+    if len(sys.argv) != 2 or sys.argv[1].startswith("-"):
+        sys.exit(__doc__)
     save(Room(), sys.argv[1])

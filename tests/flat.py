@@ -1,4 +1,4 @@
-"""A made-up flat for tests of what is said about it: a kitchen and two bedrooms, three cups, and what nobody is sure of."""
+"""Made-up flat for tests of answers about it: a kitchen and two bedrooms, three cups, and tentative objects."""
 
 from __future__ import annotations
 

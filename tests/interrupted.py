@@ -18,8 +18,8 @@ KILLED = -9
 def run(arguments: Sequence[object], within: Path, nth: int = 0, error: bool = False) -> tuple[int, int, str]:
     """(exit code, events under ``within``, what was printed to standard error) of one command.
 
-    Before the ``nth`` event that may change a file under ``within`` the process is killed, or with ``error`` gets one OSError
-    (a full disk); 0 lets it run to its end. An unexpected exception gives the exit code 99.
+    Before the ``nth`` event that may change a file under ``within`` the process is killed, or with ``error`` gets one
+    OSError (a full disk); 0 lets it run to its end. An unexpected exception gives the exit code 99.
     """
     log = within.parent / f"{within.name}.log"
     child = os.fork()

@@ -46,7 +46,7 @@ def stored(kind: str) -> list[str]:
 def inventory(name: str, kind: str) -> Inventory:
     """A home's objects and rooms (without cells), and where the recording began."""
     kept = json.loads(gzip.decompress((FOLDER / f"{name}.{kind}.json.gz").read_bytes()))
-    rooms = tuple(Room(*room, np.zeros((0, 2), np.int32)) for room in kept["rooms"])
+    rooms = tuple(Room(id, name, kind, np.zeros((0, 2), np.int32)) for id, name, kind in kept["rooms"])
     return Inventory(tuple(map(_object, kept["objects"])), rooms, from_xy=tuple(kept["from_xy"]))
 
 

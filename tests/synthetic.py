@@ -132,7 +132,7 @@ THINGS = (CHAIR, MUG, TABLE)
 def walk(objects: Sequence[TrueObject] = THINGS, with_depth: bool = True) -> RoomRecording:
     """A camera at 1.5 m that walks round the room, half a metre a step, and looks about, somewhat down."""
     corners = np.array([(1.0, 1.0), (3.0, 1.0), (3.0, 3.0), (2.6, 2.4), (1.0, 2.4), (1.0, 1.0)])
-    poses = []
+    poses: list[np.ndarray] = []
     for here, there in itertools.pairwise(corners):
         for along in np.arange(0, 1, 0.25):
             x, y = here + along * (there - here)

@@ -16,8 +16,8 @@ from hypothesis.extra.numpy import arrays
 
 from cartier.errors import InputError
 from cartier.exports import WRITERS, export
-from cartier.exports._tables import outlines
 from cartier.exports.scene import boxes, rectangles
+from cartier.exports.tables import outlines
 from cartier.home import Home
 from cartier.pipeline import map_home
 from synthetic import CHAIR, THINGS, TrueBoxes, walk

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import ast
 import dataclasses
 import doctest
 import inspect
+import itertools
 import re
 import subprocess
 import sys
@@ -57,6 +59,19 @@ def sections(doc: str) -> dict[str, str]:
     return dict(zip(parts[1::2], parts[2::2], strict=True))
 
 
+def described_fields(what: Callable[..., Any]) -> set[str]:
+    """The fields of a dataclass that have a string below them."""
+    if not (inspect.isclass(what) and dataclasses.is_dataclass(what)):
+        return set()
+    body = ast.parse(inspect.cleandoc(inspect.getsource(what))).body[0].body  # type: ignore[attr-defined]
+    pairs = itertools.pairwise(body)
+    return {
+        one.target.id
+        for one, two in pairs
+        if isinstance(one, ast.AnnAssign) and isinstance(one.target, ast.Name) and isinstance(two, ast.Expr)
+    }
+
+
 def documented(args: str) -> set[str]:
     heads = re.findall(r"^ {4}([\w*, ]+): ", args, flags=re.MULTILINE)
     return {name.strip().lstrip("*") for head in heads for name in head.split(",")}
@@ -67,7 +82,7 @@ def test_docstrings_name_every_argument_and_result(name: str, what: Callable[...
     doc = inspect.getdoc(what)
     assert doc, name
     found, expected = sections(doc), set(parameters(what))
-    assert documented(found.get("Args", "")) == expected, name
+    assert documented(found.get("Args", "")) | described_fields(what) == expected, name
     if inspect.isclass(what):
         return
     back = inspect.signature(inspect.unwrap(what)).return_annotation

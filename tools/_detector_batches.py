@@ -28,7 +28,8 @@ SMALL = 40  # pixels of a box below which a thing is neither to be found nor wro
 
 
 class Pool:
-    """The frames of the shards in a folder, as JPEG, the newest that fit in ``room`` bytes; ``refresh`` looks for new shards."""
+    """The frames of the shards in a folder, as JPEG, the newest that fit in ``room`` bytes; ``refresh`` looks for new
+    shards."""
 
     def __init__(self, folder: Path, room: int) -> None:
         self._folder, self._room = folder, room
@@ -57,7 +58,8 @@ class Pool:
         self._odds = np.cumsum(self._repeats())
 
     def draw(self, rng: np.random.Generator) -> tuple[Any, Any, Any, Any, Any]:
-        """A random frame: image (h, w, 3) uint8, boxes, labels, cells, and the middle (2,) of what to crop around, or None."""
+        """A random frame: image (h, w, 3) uint8, boxes, labels, cells, and the middle (2,) of what to crop around, or
+        None."""
         data, boxes, labels, cells = self.frames[int(np.searchsorted(self._odds, rng.uniform(0, self._odds[-1])))]
         well, aim = np.flatnonzero(_well_seen(boxes)), None
         if len(well) and rng.random() < AIMED:
@@ -67,7 +69,8 @@ class Pool:
         return np.asarray(Image.open(io.BytesIO(data))), boxes, labels, cells, aim
 
     def _repeats(self) -> Any:
-        """How often each frame is drawn: more often if it shows a name that is in few frames (LVIS, Gupta et al. 2019)."""
+        """How often each frame is drawn: more often if it shows a name that is in few frames (LVIS, Gupta et al.
+        2019)."""
         shown = [np.unique(labels[_well_seen(boxes)]) for _, boxes, labels, _ in self.frames]
         share = np.bincount(np.concatenate(shown)) / len(shown)
         self._repeat = np.clip((SELDOM / np.maximum(share, 1e-9)) ** 0.75, 1, 6)
@@ -91,8 +94,9 @@ def _jpeg(rgb: Any) -> bytes:
 @dataclass(frozen=True)
 class Batch:
     """``images`` (B, 3, h, w) float32, 0 to 1; of the heatmaps only what is not zero: ``spots`` (M, 4) of image, row,
-    column and class, with their ``heat`` (M,), of which ``hits`` (K,) are the middles; ``boxes`` (B, 5, h/4, w/4): xyxy and
-    weight; ``kinds`` (B, h/4, w/4): the class of each cell, -1 for walls; ``things`` (T, 6): image, xyxy and class of each."""
+    column and class, with their ``heat`` (M,), of which ``hits`` (K,) are the middles; ``boxes`` (B, 5, h/4, w/4): xyxy
+    and weight; ``kinds`` (B, h/4, w/4): the class of each cell, -1 for walls; ``objects`` (T, 6): image, xyxy and class
+    of each."""
 
     images: Any
     spots: Any
@@ -100,7 +104,7 @@ class Batch:
     hits: Any
     boxes: Any
     kinds: Any
-    objs: Any
+    objects: Any
 
 
 def batch(pool: Pool, size: int, rng: np.random.Generator) -> Batch:
@@ -126,7 +130,8 @@ def batch(pool: Pool, size: int, rng: np.random.Generator) -> Batch:
 def _cropped(
     rgb: Any, boxes: Any, labels: Any, kinds: Any, aim: Any, rng: np.random.Generator
 ) -> tuple[Any, Any, Any, Any]:
-    """``NEAREST`` of a frame's width to all of it, maybe mirrored, with the boxes of which enough is left, and cells' classes.
+    """``NEAREST`` of a frame's width to all of it, maybe mirrored, with the boxes of which enough is left, and cells'
+    classes.
 
     ``aim`` (2,), if any, is to be in it, not at its rim.
     """
@@ -176,8 +181,8 @@ def _disturbed(image: Any, rng: np.random.Generator) -> Any:
 def draw_targets(boxes: Any, labels: Any, target: Any) -> dict[int, Any]:
     """TTFNet's targets (Liu et al. 2020): an elliptic Gaussian per box in its class, and the box wherever that is high.
 
-    Large boxes first, so that where two meet the smaller one is learnt. Very small ones are not learnt, and the heat that
-    is all but 1 there says that it is no mistake to see them. Returns the heat (h, w) of each class that there is.
+    Large boxes first, so that where two meet the smaller one is learnt. Very small ones are not learnt, and the heat
+    that is all but 1 there says that it is no mistake to see them. Returns the heat (h, w) of each class that there is.
     """
     rows, columns = target.shape[1:]
     heats: dict[int, Any] = {}

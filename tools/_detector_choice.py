@@ -1,4 +1,4 @@
-"""Walks through generated homes that no training saw, and how far to trust each name there."""
+"""Calibration of the detector's scores, per name, on walks through generated homes that no training saw."""
 
 from __future__ import annotations
 
@@ -31,8 +31,10 @@ THERE = 0.3  # overlap from which on a box tells where its thing is; a list asks
 
 
 def walk(number: int, max_frames: int) -> Recording:
-    """An exploration of a generated home at 640 x 480, without the sensor's faults; every other home holds things of all types."""
-    world, seed = plugins.make("worlds", "dollhouse"), FIRST + number
+    """An exploration of a generated home at 640 x 480, without the sensor's faults; every other home holds things of
+    all types."""
+    world: Any = plugins.make("worlds", "dollhouse")
+    seed = FIRST + number
     if number % 2 == 0:
         recording: Recording = world.explore(str(seed), seed=0, max_frames=max_frames)
         return recording
@@ -65,7 +67,8 @@ def _on_walk(
 
 
 def outputs_on_shards(shards: Path, detector: Any) -> Outputs:
-    """Every other frame of rendered homes, with things of all types in them, through a detector made with a low threshold."""
+    """Every other frame of rendered homes, with things of all types in them, through a detector made with a low
+    threshold."""
     outputs = Outputs(str(shards))
     for path in sorted(shards.glob("*.npz")):
         with np.load(path, allow_pickle=False) as shard:
@@ -81,10 +84,11 @@ def outputs_on_shards(shards: Path, detector: Any) -> Outputs:
 
 
 def calibrate(all_outputs: Sequence[Outputs], names: Sequence[str]) -> tuple[float, float, list[float]]:
-    """How to make a score the chance that its thing is there: a slope and a shift of all logits, and an offset per name.
+    """How to make a score the chance that its thing is there: a slope and a shift of all logits, and an offset per
+    name.
 
-    A logistic regression by Newton's method, its offsets held near zero where little was seen (a Gaussian prior). Without
-    it, names that are often seen where they are not pass the same threshold as names that never are.
+    A logistic regression by Newton's method, its offsets held near zero where little was seen (a Gaussian prior).
+    Without it, names that are often seen where they are not pass the same threshold as names that never are.
     """
     number = {name: k for k, name in enumerate(names)}
     rows = [(score, right, number[name]) for s in all_outputs for name, hits in s.hits.items() for score, right in hits]

@@ -1,9 +1,9 @@
-"""The second stage: of each place where the first sees something, whatever it is, a patch of the image is named by itself.
+"""Second stage of the detector: it classifies a patch of the image at each place where the first stage sees something.
 
-A heatmap of all names at once learns thin and small things badly: knives were not told from the table in any frame of the
-training, though their places stood out. As in Faster R-CNN (Ren et al. 2015), naming is left to a second network, which
-sees such a place and what the first one thought of it, and mends its box for each name: a pan on a stove has the burner's
-middle, and one box for the two fits neither.
+A heatmap of all names at once learns thin and small things badly: knives were not told from the table in any frame of
+the training, though their places stood out. As in Faster R-CNN (Ren et al. 2015), naming is left to a second network,
+which sees such a place and what the first one thought of it, and mends its box for each name: a pan on a stove has the
+burner's middle, and one box for the two fits neither.
 """
 
 from __future__ import annotations
@@ -38,9 +38,9 @@ MEND = 2.0  # weight of the boxes' loss
 
 
 class Closer(nn.Module):
-    """Patches (N, 3, 40, 40), their boxes' widths and heights (N, 2), what the first stage's heads saw there (N, 48) and its
-    logits (N, C), to logits (N, C) and changes (N, C, 4) of the box for each name: of its middle, in sides, and of their
-    logarithms."""
+    """Patches (N, 3, 40, 40), their boxes' widths and heights (N, 2), what the first stage's heads saw there (N, 48)
+    and its logits (N, C), to logits (N, C) and changes (N, C, 4) of the box for each name: of its middle, in sides, and
+    of their logarithms."""
 
     def __init__(self, classes: int) -> None:
         super().__init__()
@@ -74,8 +74,8 @@ def mended(boxes: Tensor, changes: Tensor) -> Tensor:
 
 
 def places(logits: Tensor, sides: Tensor, up: Tensor, most: int) -> tuple[Tensor, Tensor, Tensor]:
-    """Boxes (B, most, 4) xyxy where any name has a peak, the highest first, and what the neck (B, most, 48) and the logits
-    (B, most, C) are there."""
+    """Boxes (B, most, 4) xyxy where any name has a peak, the highest first, and what the neck (B, most, 48) and the
+    logits (B, most, C) are there."""
     top = logits.amax(1)
     peaks = torch.where(F.max_pool2d(top, 3, 1, 1) == top, top, torch.tensor(-30.0)).flatten(1)
     where = peaks.topk(most, 1).indices
@@ -91,8 +91,8 @@ def places(logits: Tensor, sides: Tensor, up: Tensor, most: int) -> tuple[Tensor
 
 
 def patches(images: Tensor, boxes: Tensor) -> Tensor:
-    """(B * K, 3, 40, 40) of images (B, 3, H, W) around boxes (B, K, 4): RoIAlign (He et al. 2017), black beyond the image,
-    each pixel the mean of four points."""
+    """(B * K, 3, 40, 40) of images (B, 3, H, W) around boxes (B, K, 4): RoIAlign (He et al. 2017), black beyond the
+    image, each pixel the mean of four points."""
     count, high, wide = boxes.shape[1], *images.shape[2:]
     middle, half = (boxes[..., :2] + boxes[..., 2:]) / 2, AROUND / 2 * (boxes[..., 2:] - boxes[..., :2]).amax(2)
     steps = (torch.arange(2 * SIDE) + 0.5) / SIDE - 1
@@ -125,12 +125,12 @@ def two_passes(network: Network, images: Tensor) -> tuple[Tensor, Tensor, Tensor
 
 
 def wanted(boxes: Tensor, true: Batch, classes: int) -> tuple[Tensor, Tensor, Tensor]:
-    """Which names each place has (B, K, C), and where that is to be learnt: not of boxes that are half right or too small;
-    and (P, 6) the places, numbered through, the names and the true boxes of those that are right."""
+    """Which names each place has (B, K, C), and where that is to be learnt: not of boxes that are half right or too
+    small; and (P, 6) the places, numbered through, the names and the true boxes of those that are right."""
     names, counts = torch.zeros(*boxes.shape[:2], classes), torch.ones(*boxes.shape[:2], classes)
     right_ones = [torch.zeros(0, 6)]
     for image in range(len(boxes)):
-        objs = torch.from_numpy(true.things[true.things[:, 0] == image]).float()
+        objs = torch.from_numpy(true.objects[true.objects[:, 0] == image]).float()
         if not len(objs):
             continue
         box, kind = objs[:, 1:5], objs[:, 5].long()
@@ -154,8 +154,8 @@ def wanted(boxes: Tensor, true: Batch, classes: int) -> tuple[Tensor, Tensor, Te
 
 @torch.no_grad()
 def lesson(network: Network, true: Batch) -> tuple[Tensor, ...]:
-    """What a closer network is shown of a batch, its boxes (N, 4), which names (N, C) those have, which of them count, and
-    the true boxes as ``wanted`` has them."""
+    """What a closer network is shown of a batch, its boxes (N, 4), which names (N, C) those have, which of them count,
+    and the true boxes as ``wanted`` has them."""
     images = torch.from_numpy(true.images)
     boxes, around, own = places(*two_passes(network, images), PLACES_OF_CROP)
     shown = patches(images, boxes), sizes(boxes), around.flatten(0, 1), own.flatten(0, 1)
@@ -186,7 +186,8 @@ def save_closer(run: Path, closer: Closer, mean: Closer, optimizer: Any, step: i
 
 
 def train_closer(network: Network, pool: Any, run: Path, minutes: float, seed: int) -> None:
-    """Learn to name places, the first stage being left as it is; RUN/closer.pt keeps the averaged weights, and can be gone on from."""
+    """Learn to name places, the first stage being left as it is; RUN/closer.pt keeps the averaged weights, and can be
+    gone on from."""
     torch.manual_seed(seed)
     network.eval()
     closer, mean = Closer(len(network.names)), Closer(len(network.names))

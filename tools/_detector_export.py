@@ -1,4 +1,4 @@
-"""The trained detector as one ONNX file, written node by node: batch norms folded in, peaks and boxes picked inside the graph."""
+"""ONNX export of the detector, node by node: batch norms folded in, peaks and boxes picked inside the graph."""
 
 from __future__ import annotations
 
@@ -117,8 +117,9 @@ def export(network: Network, closer: Closer, path: Path) -> None:
     """Input ``image`` (1, 3, h, w) float32, 0 to 1, of ``SIZE`` (w, h); outputs ``boxes`` (100, 4) xyxy in its pixels,
     ``scores`` and ``classes`` (100), best first, and ``features`` (1, D, h/4, w/4), unit vectors for every cell.
 
-    The maps are the mean over two passes: over the image, and over its mirror image made smaller, for large things. That takes
-    1.5 times as long as the first alone, and finds more than two passes at one size do. ``closer`` then names each place.
+    The maps are the mean over two passes: over the image, and over its mirror image made smaller, for large things.
+    That takes 1.5 times as long as the first alone, and finds more than two passes at one size do. ``closer`` then
+    names each place.
     """
     network, closer = network.eval(), closer.eval()
     graph = Graph()
@@ -159,8 +160,8 @@ def export(network: Network, closer: Closer, path: Path) -> None:
 
 
 def maps_of(graph: Graph, network: Network, image: str, size: tuple[int, int]) -> tuple[str, str, str, str]:
-    """What all heads see, what the heatmap's logits are made of, the boxes and the features of all cells of an image of a
-    size (w, h)."""
+    """What all heads see, what the heatmap's logits are made of, the boxes and the features of all cells of an image of
+    a size (w, h)."""
     x = graph.add("Mul", graph.add("Sub", image, graph.constant(0.5)), graph.constant(4.0))
     for layer in network.stem:
         x = graph.layer(x, layer)
@@ -271,7 +272,8 @@ def _best(graph: Graph, told: str, changes: str, boxes: str, classes: int) -> No
 
 @torch.no_grad()
 def compare(network: Network, closer: Closer, path: Path, image: Any) -> float:
-    """The largest difference of a score, a feature or a box (in image widths) to torch's, for an image (h, w, 3) uint8."""
+    """The largest difference of a score, a feature or a box (in image widths) to torch's, for an image (h, w, 3)
+    uint8."""
     import onnxruntime
 
     tensor = torch.from_numpy((np.asarray(image, np.float32) / 255).transpose(2, 0, 1)[None].copy())

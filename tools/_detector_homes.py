@@ -1,4 +1,4 @@
-"""Homes to train the dollhouse detector in: generated ones with more clutter, laid tables and other colours."""
+"""Training homes of the dollhouse detector: generated ones with more clutter, laid tables and other colours."""
 
 from __future__ import annotations
 
@@ -16,9 +16,10 @@ from cartier.worlds.dollhouse.place import Plan
 
 ROBOT_M = 0.2
 SELDOM = (  # what generated homes hold in none or hardly any: scattered as often as four others
-    "BaseballBat", "Cabinet", "Cart", "Cloth", "Desktop", "DishSponge", "Dumbbell", "Footstool", "HandTowel", "KeyChain", "Ladle",
-    "LightSwitch", "Microwave", "Newspaper", "Ottoman", "PaperTowelRoll", "Plunger", "Poster", "ScrubBrush", "Shelf",
-    "ShowerDoor", "TennisRacket", "TissueBox", "VacuumCleaner", "WashingMachine", "Watch", "WineBottle",
+    "BaseballBat", "Cabinet", "Cart", "Cloth", "Desktop", "DishSponge", "Dumbbell", "Footstool", "HandTowel",
+    "KeyChain", "Ladle", "LightSwitch", "Microwave", "Newspaper", "Ottoman", "PaperTowelRoll", "Plunger", "Poster",
+    "ScrubBrush", "Shelf", "ShowerDoor", "TennisRacket", "TissueBox", "VacuumCleaner", "WashingMachine", "Watch",
+    "WineBottle",
 )  # fmt: skip
 TINY_M = 0.24  # what is smaller is mostly hidden or too far away to be learnt, so that there must be more of it
 TABLES = {
@@ -45,9 +46,9 @@ OVER_M = {"Pan": 0.1}  # its handle sticks out
 WOODS = ("oak", "walnut", "pine", "whitewood", "birch", "cherry", "beech", "ash", "teak")
 FAMILIES = ("paint", "fabric", "plastic", "ceramic", "leather", "carpet", "tiles", "planks", "stripes", "wood")
 COLOURS = (
-    "white", "cream", "ivory", "wheat", "sand", "grey", "lightgrey", "charcoal", "black", "petrol", "mustard", "terracotta",
-    "sage", "olive", "steelblue", "darkred", "lightsteelblue", "mistyrose", "honeydew", "lightblue", "navy", "firebrick",
-    "seagreen", "slategrey", "tan", "peru", "khaki", "lavender",
+    "white", "cream", "ivory", "wheat", "sand", "grey", "lightgrey", "charcoal", "black", "petrol", "mustard",
+    "terracotta", "sage", "olive", "steelblue", "darkred", "lightsteelblue", "mistyrose", "honeydew", "lightblue",
+    "navy", "firebrick", "seagreen", "slategrey", "tan", "peru", "khaki", "lavender",
 )  # fmt: skip
 APPLES = ("red", "crimson", "darkred", "firebrick", "green", "limegreen", "yellowgreen", "olivedrab", "gold")
 METALS = {"metal": "#9a9da1", "steel": "#b9bcc0", "black": "#242526"}
@@ -75,13 +76,13 @@ def varied(scene: Scene, rng: np.random.Generator, crowd: float = 1.0) -> Scene:
     if rng.random() < 0.6:
         swap: dict[str, str] = {}
         structure = tuple(replace(part, material=_other(part.material, rng, swap, 0.5)) for part in structure)
-    return replace(scene, objs=tuple(objs), structure=structure)
+    return replace(scene, things=tuple(objs), structure=structure)
 
 
 def _with(scene: Scene, extra: list[Thing]) -> Scene:
     """The home with more things, numbered on: ids count from 1 in the order of the things."""
     first = len(scene.things) + 1
-    return replace(scene, objs=(*scene.things, *(replace(obj, id=first + k) for k, obj in enumerate(extra))))
+    return replace(scene, things=(*scene.things, *(replace(obj, id=first + k) for k, obj in enumerate(extra))))
 
 
 def _recoloured(obj: Thing, rng: np.random.Generator) -> Thing:
@@ -184,7 +185,8 @@ def _held(scene: Scene, rng: np.random.Generator) -> list[Thing]:
 def _put(
     carrier: Thing, surface: Any, kind: str, at: Any, rng: np.random.Generator, taken: list[Any], over: float = 0.0
 ) -> list[Thing]:
-    """A new thing on a surface, anywhere or ``at`` a point of it, in a list: empty where it does not fit or meets ``taken``.
+    """A new thing on a surface, anywhere or ``at`` a point of it, in a list: empty where it does not fit or meets
+    ``taken``.
 
     ``over``: metres by which it may stick out.
     """
@@ -241,7 +243,7 @@ def _on_floor(scene: Scene, rng: np.random.Generator) -> list[Thing]:
 
 def _on_walls(scene: Scene, rng: np.random.Generator) -> list[Thing]:
     """Two to five things per room on its walls; one that hides behind furniture is simply not seen."""
-    (kinds, odds), found = _kinds("wall"), []
+    (kinds, odds), found = _kinds("wall"), list[Any]()
     holes = [(np.array(o.start), np.array(o.end)) for o in scene.openings]
     for room in scene.rooms:
         x1, y1, x2, y2 = room.box

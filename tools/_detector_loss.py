@@ -1,4 +1,4 @@
-"""What the dollhouse detector is trained to make small: CenterNet's focal loss, the boxes' GIoU loss, and LSeg's cross-entropy of cells."""
+"""Losses of the dollhouse detector: CenterNet's focal loss, the boxes' GIoU, and LSeg's cross-entropy of cells."""
 
 from __future__ import annotations
 
@@ -17,7 +17,8 @@ AROUND_WEIGHT = 0.4  # of cells that show no thing: there are so many
 def loss_of(
     network: Network, images: Tensor, true: Batch, weights: Tensor, rng: np.random.Generator
 ) -> tuple[Tensor, ...]:
-    """CenterNet's focal loss with rare names weighted up, the GIoU loss of the boxes, and LSeg's cross-entropy of cells."""
+    """CenterNet's focal loss with rare names weighted up, the GIoU loss of the boxes, and LSeg's cross-entropy of
+    cells."""
     corner = (int(rng.integers(2)), int(rng.integers(2)))
     with torch.autocast("cpu", torch.bfloat16, enabled=HALF):
         logits, sides, features = network(images, (*corner, 2))
@@ -43,8 +44,8 @@ def paint_loss(painted: Tensor, kinds: Any, classes: int) -> Tensor:
 
 
 class Focal(torch.autograd.Function):
-    """CenterNet's focal loss, summed: of logits (B, C, h, w), spots (M, 4), their heat (M,), hits (K,) and weights (C,) of
-    classes, as a batch has them.
+    """CenterNet's focal loss, summed: of logits (B, C, h, w), spots (M, 4), their heat (M,), hits (K,) and weights (C,)
+    of classes, as a batch has them.
 
     Its derivative is worked out with it: autograd would go over the large maps three times as often. Image by image, so
     that one stays in the cache, and as if there were nothing; then what the few cells with heat have otherwise.

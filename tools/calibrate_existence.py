@@ -1,11 +1,11 @@
-"""How sure a map may be of an object: the numbers of a DetectorScoreModel, fitted on generated homes that no training saw.
+"""Calibration of existence probabilities: the DetectorScoreModel, fitted on generated homes that no training saw.
 
-python tools/calibrate_existence.py FOLDER [--first 60] [--homes 40]      FOLDER holds an exported dollhouse detector; into its names.json
+python tools/calibrate_existence.py FOLDER [--first 60] [--homes 40]
+    FOLDER holds an exported dollhouse detector; into its names.json
 """
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 from collections.abc import Sequence
@@ -23,6 +23,7 @@ from cartier.mapping.object_map import ObjectMap
 from cartier.types import Array, DetectorScoreModel
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
+from command_line import Parser, run_script
 from objects import one_to_one
 
 STEPS = (1, 2, 4)  # every frame, every second, every fourth: a walk's density must not matter
@@ -31,7 +32,8 @@ FOLDS = 5
 MAX_FRAMES = 400
 LOG_ODDS = ("prior_log_odds", "best_view_log_odds", "log_odds_per_log_width")
 Evidence = tuple[Array, Array, Array, Array]
-"""Of N objects: n_observable and reports per standpoint (N, 36), how wide each was seen (N,), whether it is there (N,)."""
+"""Of N objects: n_observable and reports per standpoint (N, 36), how wide each was seen (N,), whether it is there
+(N,)."""
 
 
 def evidence(recording: Recording, detector: Any) -> list[Evidence]:
@@ -88,7 +90,8 @@ def fit(homes: Sequence[Sequence[Evidence]], before: DetectorScoreModel) -> Dete
     for k in range(10):
         mine = tenth == k
         print(
-            f"told {k / 10:.1f} to {(k + 1) / 10:.1f}: {right[mine].mean() if mine.any() else np.nan:.2f} of {mine.sum()} are there"
+            f"told {k / 10:.1f} to {(k + 1) / 10:.1f}: {right[mine].mean() if mine.any() else np.nan:.2f} of "
+            f"{mine.sum()} are there"
         )
     off = sum(abs(float((chance - right)[tenth == k].sum())) for k in range(10)) / len(chance)
     print(f"calibration error {off:.3f} over {len(chance)} objects of {len(homes)} homes", flush=True)
@@ -96,10 +99,10 @@ def fit(homes: Sequence[Sequence[Evidence]], before: DetectorScoreModel) -> Dete
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("--first", type=int, default=60)
-    parser.add_argument("--homes", type=int, default=40)
+    parser = Parser(__doc__)
+    parser.add_argument("folder", type=Path, help="of an exported dollhouse detector")
+    parser.add_argument("--first", type=int, default=60, help="number of the first home (default: %(default)s)")
+    parser.add_argument("--homes", type=int, default=40, help="how many generated homes (default: %(default)s)")
     asked = parser.parse_args()
     file = asked.folder / "names.json"
     told = json.loads(file.read_text())
@@ -114,4 +117,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

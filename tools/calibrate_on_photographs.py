@@ -1,15 +1,14 @@
-"""What a detector's scores are worth, measured on photographs with true boxes: the score_model of its sidecar.
+"""Calibration of a detector's scores on photographs with true boxes: the score_model of its sidecar.
 
 python tools/calibrate_on_photographs.py [DETECTOR] [--photos ../shared/photos]     (default: photos)
-Its last line goes into the sidecar.
-A logistic regression of "right" on the score's logit, over every detection of a household thing but persons, who would be half
-of all: `low` and `birth` are the score from which one of ten is right, `threshold` one of two, `high` seven of ten. Nothing else
-is fitted: how real objects and inventions spread over standpoints cannot be had from single photographs, and stays at the defaults.
+Its last line goes into the sidecar. A logistic regression of "right" on the score's logit, over every detection of a
+household thing but persons, who would be half of all: `low` and `birth` are the score from which one of ten is right,
+`threshold` one of two, `high` seven of ten. Nothing else is fitted: how real objects and inventions spread over
+standpoints cannot be had from single photographs, and stays at the defaults.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 from pathlib import Path
@@ -21,6 +20,7 @@ from scipy.special import expit, logit
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
 
+from command_line import Parser, run_script
 from photographs import LOW, SHARED, Matched, match, photographs
 
 from cartier import specs
@@ -36,9 +36,9 @@ def fit(scores: Any, right: Any) -> tuple[float, float]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("detector", nargs="?", default="photos")
-    parser.add_argument("--photos", type=Path, default=SHARED / "photos")
+    parser = Parser(__doc__)
+    parser.add_argument("detector", nargs="?", default="photos", help="as of cartier map (default: photos)")
+    parser.add_argument("--photos", type=Path, default=SHARED / "photos", help="folder with images/ and labels/")
     options = parser.parse_args()
     photos, matched = list(photographs(options.photos)), Matched()
     detector = specs.detector(options.detector, None, threshold=LOW)  # type: ignore[arg-type]  # none of these reads it
@@ -51,7 +51,8 @@ def main() -> None:
         here = hits[(hits[:, 0] >= low) & (hits[:, 0] < low + 0.1), 1]
         if len(here):
             print(
-                f"score {low:.1f}-{low + 0.1:.1f}: {here.mean():4.0%} of {len(here)} right, fitted {expit(a + b * logit(low + 0.05)):4.0%}"
+                f"score {low:.1f}-{low + 0.1:.1f}: {here.mean():4.0%} of {len(here)} right, fitted "
+                f"{expit(a + b * logit(low + 0.05)):4.0%}"
             )
     at = {share: round(float(expit((logit(share) - a) / b)), 2) for share in (0.1, 0.5, 0.7)}
     about = f"{len(photos)} COCO photographs with {boxes} household things"
@@ -60,4 +61,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

@@ -1,20 +1,24 @@
-"""NanoDet-Plus's public ncnn files to the ONNX file that ships: weights kept as float16, the boxes decoded in the graph.
+"""Converter from NanoDet-Plus's public ncnn files to the ONNX file that ships: float16 weights, decoded boxes.
 
 python tools/convert_nanodet.py nanodet-plus-m_416.param nanodet-plus-m_416.bin OUT.onnx [--size 416]     (needs onnx)
-The .bin's sha256 begins with f7555ca6. The output is 1 x (4 + names) x cells: cx, cy, w, h in input pixels, then scores; that is
-layout yolov8 of the `onnx` detector. Only the layers that NanoDet-Plus has are known; anything else stops with an error.
+The .bin's sha256 begins with f7555ca6. The output is 1 x (4 + names) x cells: cx, cy, w, h in input pixels, then
+scores; that is layout yolov8 of the `onnx` detector. Only the layers that NanoDet-Plus has are known; anything else
+stops with an error.
 """
 
 from __future__ import annotations
 
-import argparse
 import math
+import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import onnx
 from onnx import TensorProto, helper, numpy_helper
+
+sys.path.append(str(Path(__file__).parents[1] / "benchmarks"))
+from command_line import Parser, run_script
 
 FLOAT16_TAG = 0x01306B47  # before weights that ncnn stores as float16
 REST = -233  # ncnn for "all that is left"
@@ -119,8 +123,9 @@ class Graph:
         if p.get(5):
             inputs.append(self.weights.floats(p[0]))
         made = self.op(
-            "Conv", *inputs, out=out if not p.get(9) else None, kernel_shape=[down, across], strides=[p.get(13, stride), stride],
-            pads=[top, left, p.get(16, top), p.get(15, left)], dilations=[p.get(12, dilation), dilation], group=p.get(7, 1),
+            "Conv", *inputs, out=out if not p.get(9) else None, kernel_shape=[down, across],
+            strides=[p.get(13, stride), stride], pads=[top, left, p.get(16, top), p.get(15, left)],
+            dilations=[p.get(12, dilation), dilation], group=p.get(7, 1),
         )  # fmt: skip
         if p.get(9) in (1, 2):
             self.op("LeakyRelu", made, out=out, alpha=float(p[10][0]) if p[9] == 2 else 0.0)
@@ -198,12 +203,12 @@ def _number(text: str) -> int | float:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("param", type=Path)
-    parser.add_argument("bin", type=Path)
-    parser.add_argument("out", type=Path)
-    parser.add_argument("--size", type=int, default=416)
-    parser.add_argument("--names", type=int, default=80)
+    parser = Parser(__doc__)
+    parser.add_argument("param", type=Path, help="ncnn's file of layers")
+    parser.add_argument("bin", type=Path, help="ncnn's file of weights")
+    parser.add_argument("out", type=Path, help="the ONNX file to write")
+    parser.add_argument("--size", type=int, default=416, help="of the input, in pixels (default: %(default)s)")
+    parser.add_argument("--names", type=int, default=80, help="how many classes it has (default: %(default)s)")
     options = parser.parse_args()
     onnx.save(
         convert(options.param.read_text(encoding="utf-8"), options.bin.read_bytes(), options.names, options.size),
@@ -212,4 +217,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

@@ -1,23 +1,26 @@
-"""Fit when the embedded reasoner answers, asks back or says that nothing serves: ``python tools/fit_decision.py REFERENCE``.
+"""Fit of the embedded reasoner's decision to answer, ask back or refuse: ``python tools/fit_decision.py REFERENCE``.
 
-Writes reasoners/decision.json: a multinomial logistic model over the numbers of ``_decision.Choice``. REFERENCE as for train_scorer.py,
-which runs this, too. It is fitted on the voices in ``FITTED`` that no training of the scorer saw, over lists of generated
-homes (none of the bench's), with what serves and without; and on what is asked for by name, in those voices and
-in the scorer's own, and in frames, where it is listed and where not. Needs no torch.
+Writes reasoners/decision.json: a multinomial logistic model over the numbers of ``_decision.Choice``. REFERENCE as for
+train_scorer.py, which runs this, too. It is fitted on the voices in ``FITTED`` that no training of the scorer saw, over
+lists of generated homes (none of the bench's), with what serves and without; and on what is asked for by name, in those
+voices and in the scorer's own, and in frames, where it is listed and where not. Needs no torch.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
 import random
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from _scorer_requests import FRAMES, Homes, Request, read_requests
 from scipy.optimize import minimize
+from scorer_requests import FRAMES, Homes, Request, read_requests
+
+sys.path.append(str(Path(__file__).parents[1] / "benchmarks"))
+from command_line import Parser, run_script
 
 from cartier.reasoners import embedded
 from cartier.understanding.card_vectors import ALIKE
@@ -133,10 +136,10 @@ def write(reasoner: embedded.Embedded, reference: Path) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("reference", type=Path)
+    parser = Parser(__doc__)
+    parser.add_argument("reference", type=Path, help="folder with thor_object_types.json and lvis_v1_categories.json")
     write(embedded.make(), parser.parse_args().reference)
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

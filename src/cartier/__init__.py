@@ -3,7 +3,16 @@
 from cartier.contracts import Detector, Encoder, Reasoner, Recording, Robot, Searchable, SpatialIndex, World
 from cartier.errors import BackendError, CartierError, InputError, MissingExtra, ReasonerError
 from cartier.home import DetectionLog, Home, PointCloud, ProcessedFrame
-from cartier.mapping.config import MappingConfig
+from cartier.mapping.config import (
+    AssociationConfig,
+    ExistenceConfig,
+    ExtentConfig,
+    KeyframesConfig,
+    MappingConfig,
+    MergingConfig,
+    OccupancyConfig,
+    RoomsConfig,
+)  # fmt: skip
 from cartier.mapping.mapper import Mapper
 from cartier.pipeline import Conversation, ask, map_home
 from cartier.plugins import make, open_recording
@@ -29,6 +38,7 @@ from cartier.types import (
 __version__ = "0.1.0"
 __all__ = [
     "Answer",
+    "AssociationConfig",
     "BackendError",
     "Camera",
     "CartierError",
@@ -38,16 +48,21 @@ __all__ = [
     "Detector",
     "DetectorScoreModel",
     "Encoder",
+    "ExistenceConfig",
+    "ExtentConfig",
     "Fact",
     "Frame",
     "Goal",
     "Home",
     "InputError",
     "Inventory",
+    "KeyframesConfig",
     "MapObject",
     "Mapper",
     "MappingConfig",
+    "MergingConfig",
     "MissingExtra",
+    "OccupancyConfig",
     "OccupancyGrid",
     "Place",
     "PointCloud",
@@ -58,6 +73,7 @@ __all__ = [
     "Robot",
     "RobotModel",
     "Room",
+    "RoomsConfig",
     "Searchable",
     "Selection",
     "SpatialIndex",

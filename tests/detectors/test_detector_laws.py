@@ -43,8 +43,8 @@ def made(request: pytest.FixtureRequest, tmp_path: Path) -> tuple[str, dict[str,
 
 
 def test_every_detector_is_under_the_laws() -> None:
-    # ground_truth has no threshold, transformers needs torch, embedded and photos know no red squares: tests/test_testing.py and
-    # their own tests hold them to the laws
+    # ground_truth has no threshold, transformers needs torch, embedded and photos know no red squares:
+    # tests/test_testing.py and their own tests check the laws for them
     elsewhere = {"ground_truth", "transformers", "embedded", "photos"}
     assert {b.name for b in plugins.backends("detectors")} - elsewhere == {name.split("-")[0] for name in MAKERS}
 

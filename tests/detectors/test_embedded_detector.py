@@ -1,4 +1,4 @@
-"""The eyes that ship inside: they see in a home they never saw, they keep the detectors' laws, and they refuse what was changed."""
+"""Embedded detector: it works in a home that it never saw, obeys the contract, and refuses changed files."""
 
 from __future__ import annotations
 
@@ -65,7 +65,8 @@ def test_the_shipped_files_are_small_and_go_together() -> None:
 
 @pytest.mark.parametrize(("threshold", "share", "least"), [(0.3, 0.5, 20), (0.6, 0.65, 10)])
 def test_it_sees_things_of_a_home_that_no_training_saw(walk: Any, threshold: float, share: float, least: int) -> None:
-    """Of what it names, some is there with that name, and more of what it is sure of; by chance it would be one in thirty."""
+    """Of what it names, some is there with that name, and more of what it is sure of; by chance it would be one in
+    thirty."""
     eyes = make(threshold=threshold, threads=1)
     truth = plugins.make("detectors", "ground_truth", truth=walk.truth)
     right, named = 0, 0

@@ -56,7 +56,7 @@ BAD_SIDECARS = {
     '{"layout": "yolov8", "labels": ["a"], "mean": [1, 2]}': "mean",
     '{"layout": "yolov8", "labels": ["a"], "std": [1, 0, 1]}': "std: must be positive",
     '{"layout": "yolov8", "labels": ["a"], "threshold": 50}': "threshold: .*less than or equal to 1",
-    '{"layout": "yolov8", "labels": ["a"], "score_model": {"zero_weight_score": 2}}': "score_model: scores lie between 0 and 1",
+    '{"layout": "yolov8", "labels": ["a"], "score_model": {"zero_weight_score": 2}}': "score_model: scores lie between",
     '{"layout": "yolov8", "labels": ["a"], "score_model": {"colour": 2}}': "score_model: must hold the fields",
     '{"layout": "yolov8", "labels": ["a"], "input_size": [0, 32]}': r"input_size\.0",
     '{"layout": "yolov8", "labels": ["a"], "input_size": [32.5, 32]}': r"input_size\.0: .*integer",

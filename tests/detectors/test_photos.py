@@ -1,4 +1,4 @@
-"""The photograph detector that ships inside, and the layout that it was exported in before its decoding entered the graph."""
+"""Photograph detector that ships, and the older layout whose boxes are decoded outside of the graph."""
 
 from __future__ import annotations
 
@@ -112,7 +112,8 @@ def test_the_native_layout_decodes_as_the_graph_does(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("strides", [(8, 16, 32), (8, 16, 32, 64)])
 def test_nanodet_and_picodet_give_an_output_a_stride(strides: tuple[int, ...], tmp_path: Path) -> None:
-    """One cell of each stride tells a box: its middle, and 1, 0.5, 2 and 3.5 strides to the sides (as sums over 0 to 7)."""
+    """One cell of each stride tells a box: its middle, and 1, 0.5, 2 and 3.5 strides to the sides (as sums over 0 to
+    7)."""
     side, scores, distances = 128, {}, {}
     for number, stride in enumerate(strides):
         cells = (side // stride) ** 2

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -50,7 +50,7 @@ class Net:
         self.constants.append(numpy_helper.from_array(array, f"c{len(self.constants)}"))
         return self.constants[-1].name
 
-    def save(self, path: Path, outputs: dict[str, str], types: dict[str, int] | None = None) -> Path:
+    def save(self, path: Path, outputs: dict[str, str], types: Mapping[str, int] | None = None) -> Path:
         """``outputs``: the name that each tensor gets outside."""
         for tensor, name in outputs.items():
             self.nodes.append(helper.make_node("Identity", [tensor], [name]))
@@ -169,5 +169,6 @@ def _exported(net: Net, box: Sequence[str], score: str, keys: dict[str, Any]) ->
 
 
 ENCODERS: dict[str, Callable[[Net, Sequence[str], str, dict[str, Any]], Encoded]] = {
-    "fastestdet": _fastestdet, "yolov8": _yolov8, "yolox": _yolox, "nanodet": _nanodet, "detr": _detr, "exported": _exported,
+    "fastestdet": _fastestdet, "yolov8": _yolov8, "yolox": _yolox, "nanodet": _nanodet, "detr": _detr,
+    "exported": _exported,
 }  # fmt: skip

@@ -1,4 +1,4 @@
-"""Every family of transformers' detectors, tiny, with random weights: what is built, saved and loaded here never learned."""
+"""Tiny transformers detectors of every family, with random weights."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the doctor is tried on: robots' walks through built-in homes, recordings with one fault put in, and AI2-THOR frames."""
+"""Recordings for the doctor: walks through built-in homes, the same with one fault each, and AI2-THOR frames."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from PIL import Image
 from scipy.ndimage import gaussian_filter
 
 from cartier.contracts import Recording
-from cartier.doctor._hypotheses import QUARTER
+from cartier.doctor.hypotheses import QUARTER
 from cartier.errors import frame_number
 from cartier.recordings.common.posed import turned_camera, turned_image
 from cartier.types import Camera, Frame, TrueObject
@@ -179,7 +179,7 @@ def moved(zoom: float, dx: int, dy: int) -> Callable[[np.ndarray, int], np.ndarr
         height, width = depth_m.shape
         cols = np.rint((np.arange(width) - width / 2 - dx * width / 640) / zoom + width / 2).astype(int)
         rows = np.rint((np.arange(height) - height / 2 - dy * width / 640) / zoom + height / 2).astype(int)
-        there = depth_m[rows.clip(0, height - 1)[:, None], cols.clip(0, width - 1)].copy()
+        there: np.ndarray = depth_m[rows.clip(0, height - 1)[:, None], cols.clip(0, width - 1)].copy()
         there[(rows < 0) | (rows >= height)] = np.nan
         there[:, (cols < 0) | (cols >= width)] = np.nan
         return there

@@ -15,7 +15,7 @@ from faulty_recordings import Walk, moved
 from PIL import Image
 
 from cartier.contracts import Recording
-from cartier.recordings.sevenscenes import SevenScenes
+from cartier.recordings.sevenscenes import REGISTRATION
 from cartier.types import Camera
 from cartier.worlds.dollhouse.place import Plan
 from cartier.worlds.dollhouse.recording import look
@@ -33,7 +33,7 @@ def write_sevenscenes(recording: Recording, root: Path, numbers: range) -> None:
     That camera has a longer lens and stands beside the colour camera; ``camera-intrinsics.txt`` has its lens.
     """
     root.mkdir(parents=True, exist_ok=True)
-    zoom, dx, dy = SevenScenes.known_registration
+    zoom, dx, dy = REGISTRATION
     raw = moved(1 / zoom, -dx / zoom, -dy / zoom)  # pixels of a 640 px wide image
     first = np.linalg.inv(recording[numbers[0]].world_from_camera)
     for i in numbers:

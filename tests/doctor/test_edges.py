@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.ndimage import gaussian_filter
 
-from cartier.doctor._edges import REACH, registration, zoomed
+from cartier.doctor.edges import REACH, registration, zoomed
 from cartier.mapping.sharpness import edge_width_px
 
 

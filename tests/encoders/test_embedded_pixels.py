@@ -48,7 +48,8 @@ def test_names_are_nearest_to_themselves(pixels: Any) -> None:
 
 
 def test_cells_show_what_is_there(pixels: Any, walk: Any) -> None:
-    """In a home that no training saw, most cells of the larger things are nearest to their own name among 125 and the wall."""
+    """In a home that no training saw, most cells of the larger things are nearest to their own name among 125 and the
+    wall."""
     names = [*load().names, *load().around]
     vectors, of_id = pixels.text(names), {obj.id: display_name(obj.label) for obj in walk.truth}
     right = [0, 0]

@@ -33,10 +33,10 @@ def row(home: str, query: str, method: str, **changes: Any) -> dict[str, Any]:
     """A right answer at 0.1 m, with the changes."""
     right = {
         "home": home, "query_id": query, "type": "implicit", "method": method, "status": "found", "object": "sofa",
-        "match": True, "distance_m": 0.1, "distance_floor_m": 0.05, "goal_reachable": True, "seconds": 0.01, "llm_calls": 1,
-        "tokens": 200, "detector": "ground truth (dollhouse)", "encoder": "ground truth (dollhouse)", "reasoner": "embedded",
-        "text": "My feet hurt.", "target": "sofa", "accept": ["sofa", "bed"], "position": [1.0, 2.0, 0.4], "frame": 3,
-        "note": "people sit on it",
+        "match": True, "distance_m": 0.1, "distance_floor_m": 0.05, "goal_reachable": True, "seconds": 0.01,
+        "llm_calls": 1, "tokens": 200, "detector": "ground truth (dollhouse)", "encoder": "ground truth (dollhouse)",
+        "reasoner": "embedded", "text": "My feet hurt.", "target": "sofa", "accept": ["sofa", "bed"],
+        "position": [1.0, 2.0, 0.4], "frame": 3, "note": "people sit on it",
     }  # fmt: skip
     assert set(changes) <= set(right)
     return right | changes

@@ -11,8 +11,8 @@ from cartier.types import Fact, Inventory, Selection
 from flat import FLAT, OBJECTS
 
 CHOSEN = Selection(
-    "answered", "cup", "counted", candidates=(("cup", 1.0),), object_id=12, text="Three.", fact=Fact("count", 3, (12, 14, 15)),
-    next=(Selection("found", "kitchen", "asked for", room=0),),
+    "answered", "cup", "counted", candidates=(("cup", 1.0),), object_id=12, text="Three.",
+    fact=Fact("count", 3, (12, 14, 15)), next=(Selection("found", "kitchen", "asked for", room=0),),
 )  # fmt: skip
 
 

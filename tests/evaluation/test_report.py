@@ -23,7 +23,10 @@ FILES = {
     "report.md", "results.json", "tables.csv", "table.tex", "object_match.png", "distance.png", "failures.html",
     "results.jsonl", "settings.json", "failures",
 }  # fmt: skip
-HOSTILE = "</script><script>alert(1)</script><img src=x onerror=alert(2)>&amp;\u2028 | `x` [l](http://e) $x^2$ \\input{x} __DATA__"
+HOSTILE = (
+    "</script><script>alert(1)</script><img src=x onerror=alert(2)>&amp;\u2028 | `x` [l](http://e) $x^2$ "
+    "\\input{x} __DATA__"
+)
 
 
 def photo(home: str, frame: int) -> np.ndarray[Any, np.dtype[np.uint8]] | None:
@@ -190,9 +193,9 @@ def test_hostile_words_stay_words(run: Path, tmp_path: Path) -> None:
 
 
 def test_the_page_needs_nothing_from_elsewhere(run: Path) -> None:
-    page = (run / "failures.html").read_text("utf-8")
-    assert tags(run).links == [] and "://" not in page
-    assert "default-src 'none'" in page and "unsafe" not in page
+    html = (run / "failures.html").read_text("utf-8")
+    assert tags(run).links == [] and "://" not in html
+    assert "default-src 'none'" in html and "unsafe" not in html
     script = (Path(page.__file__).parent / "failures.js").read_text("utf-8")
     assert not re.search(r"innerHTML|outerHTML|insertAdjacent|document\.write|eval\(", script)
 
@@ -237,7 +240,8 @@ FAULTS = [
     ("", "holds no answer yet"),
     ('{"home": "h"\n', "line 1: not valid JSON"),
     (json.dumps(row("h", "q", "nlmap")) + "\n[1]\n", "line 2: the whole line"),
-    (json.dumps(row("h", "q", "nlmap")) + "\n\n" + json.dumps(row("h", "q", "nlmap", distance_m=float("nan"))), "line 3: not valid JSON (NaN"),
+    (json.dumps(row("h", "q", "nlmap")) + "\n\n" + json.dumps(row("h", "q", "nlmap", distance_m=float("nan"))),
+        "line 3: not valid JSON (NaN"),
     (json.dumps(row("h", "q", "nlmap"))[:-9], "line 1: not valid JSON"),
     ("\xff", "line 1: not valid JSON"),
     ("[" * 100_000, "line 1: not valid JSON"),

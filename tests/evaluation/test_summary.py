@@ -97,9 +97,11 @@ def test_a_method_differs_from_its_twin_by_nothing(rows: list[dict[str, Any]]) -
 def test_numbers_by_hand() -> None:
     rows = [
         row("a", "q1", "object_depth", distance_m=0.2, distance_floor_m=0.1, seconds=1.0),
-        row("b", "q1", "object_depth", distance_m=1.0, distance_floor_m=0.5, goal_reachable=False, tokens=100, seconds=3.0),
+        row("b", "q1", "object_depth", distance_m=1.0, distance_floor_m=0.5, goal_reachable=False, tokens=100,
+            seconds=3.0),
         row("a", "q2", "object_depth", distance_m=3.0, distance_floor_m=3.0, match=False, seconds=5.0),
-        row("b", "q2", "object_depth", distance_m=None, distance_floor_m=None, goal_reachable=None, object=None, match=False, status="not_found"),
+        row("b", "q2", "object_depth", distance_m=None, distance_floor_m=None, goal_reachable=None, object=None,
+            match=False, status="not_found"),
     ]  # fmt: skip
     x = summarise(rows)["methods"]["object_depth"]["implicit"]
     assert (x["n"], x["n_placed"], x["match"]) == (4, 3, 0.5)
@@ -170,7 +172,8 @@ BROKEN = [
     ([row("h", "q", "nlmap", distance_m=-1.0)], "result 1: distance_m: input should be greater than or equal to 0"),
     ([row("h", "q", "nlmap", distance_m=float("nan"))], "result 1: distance_m: input should be a finite number"),
     ([row("h", "q", "nlmap", match="yes")], "result 1: match: input should be a valid boolean"),
-    ([row("h", "q", "nlmap", type="rude")], "result 1: type: input should be 'explicit', 'implicit' or 'conversational'"),
+    ([row("h", "q", "nlmap", type="rude")], 
+        "result 1: type: input should be 'explicit', 'implicit' or 'conversational'"),
     ([row("h", "q", "<b>")], "result 1: method: "),
     ([row("h", "q", "nlmap", text="\ud800")], "result 1: text: value error, half a character"),
     ([row("h", "q", "nlmap"), {"home": "h"}], "result 2: query_id: field required"),

@@ -1,4 +1,4 @@
-"""Requests about particular things: what is stated is true of one thing alone, answers are scored exactly, files are read strictly."""
+"""Requests about particular objects: statements that are true of one object, exact scores, strict files."""
 
 from __future__ import annotations
 
@@ -35,7 +35,8 @@ def obj(
     colours = ((colour, 1.0),) if colour else ()
     middle = tuple(((low + high) / 2).tolist())
     return MapObject(
-        id, label, ((label, 1.0),), middle, tuple(low.tolist()), tuple(high.tolist()), 1.0, True, 1, 1, 0, 0, 0, (), colours, room
+        id, label, ((label, 1.0),), middle, tuple(low.tolist()), tuple(high.tolist()), 1.0, True, 1, 1, 0, 0, 0, (),
+        colours, room
     )  # fmt: skip
 
 
@@ -114,8 +115,9 @@ def test_what_is_stated_is_true_of_one_thing_alone() -> None:
 def test_the_statements_that_people_would_make_are_there() -> None:
     found = {(s.kind, s.obj, s.how or s.adjective) for seed in range(10) for some in every(seed).values() for s in some}
     assert {
-        ("relation", 2, "on"), ("relation", 5, "next to"), ("relation", 3, "next to"), ("room", 3, "room"), ("room", 7, "room"),
-        ("attribute", 5, "blue"), ("superlative", 3, "nearest"), ("superlative", 7, "farthest"), ("relation", 8, "on"),
+        ("relation", 2, "on"), ("relation", 5, "next to"), ("relation", 3, "next to"), ("room", 3, "room"),
+        ("room", 7, "room"), ("attribute", 5, "blue"), ("superlative", 3, "nearest"), ("superlative", 7, "farthest"),
+        ("relation", 8, "on"),
     } <= found  # fmt: skip
 
 
@@ -159,7 +161,8 @@ def test_what_is_made_agrees_with_closed_forms(monkeypatch: pytest.MonkeyPatch) 
 def test_plurals() -> None:
     words = ["knife", "shelf", "box", "loaf of bread", "potato", "bench", "key", "pouffe", "TV", "boots", "dish"]
     assert [plural(w) for w in words] == [
-        "knives", "shelves", "boxes", "loaves of bread", "potatoes", "benches", "keys", "pouffes", "TVs", "boots", "dishes"
+        "knives", "shelves", "boxes", "loaves of bread", "potatoes", "benches", "keys", "pouffes", "TVs", "boots",
+        "dishes"
     ]  # fmt: skip
 
 
@@ -169,8 +172,8 @@ FIND = Item("f", "toy", "relation", ("the cup by the sink",), (5,))
 @pytest.mark.parametrize(
     ("at", "right"),
     [
-        ((3.65, 2.65, 0.95), True), ((3.9, 2.65), True), ((4.0, 2.65), True), ((4.01, 2.65), False), ((3.65, 2.65, 0.55), False),
-        (5, True), (2, False), (None, False),
+        ((3.65, 2.65, 0.95), True), ((3.9, 2.65), True), ((4.0, 2.65), True), ((4.01, 2.65), False),
+        ((3.65, 2.65, 0.55), False), (5, True), (2, False), (None, False),
     ],
 )  # fmt: skip
 def test_a_find_is_right_within_thirty_centimetres(at: Any, right: bool) -> None:
@@ -280,7 +283,8 @@ def test_files_that_are_no_such_files_are_told(tmp_path: Path) -> None:
     asked = [FIND]
     for row, told in (
         ({"id": "x", "status": "found"}, "no request of this run"), ({"id": "f", "status": "sure"}, "status: "),
-        ({"id": "f"}, "'status' is missing"), ({"id": "f", "status": "found", "xy": [1, 2], "object_id": 3}, "is enough"),
+        ({"id": "f"}, "'status' is missing"),
+        ({"id": "f", "status": "found", "xy": [1, 2], "object_id": 3}, "is enough"),
         ({"id": "f", "status": "found", "xy": [1]}, "xy"), ({"id": "f", "status": "found", "where": 3}, "no key here"),
     ):  # fmt: skip
         file.write_text(json.dumps(row))
@@ -347,7 +351,8 @@ def test_no_two_objects_hold_each_other(home: str, ring: set[int]) -> None:
 
 
 class Counts:
-    """Tells how many things there are of the first name in the words; it goes to others, and keeps what it was shown."""
+    """Tells how many things there are of the first name in the words; it goes to others, and keeps what it was
+    shown."""
 
     name = "counts (test)"
 
@@ -425,7 +430,7 @@ def test_requests_are_made_only_where_all_is_known(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="in the dollhouse, not in rooms"):
         true_home(Maps(tmp_path, MapSettings(WORLD)).world, "south", 0, tmp_path)
     (tmp_path / "far.jsonl").write_text(json.dumps(GOOD | {"home": "south", "accept_ids": [999]}))
-    with pytest.raises(InputError, match="'a': south has no thing with the id 999"):
+    with pytest.raises(InputError, match="'a': south has no object with the id 999"):
         things_run.requests(ThingsSettings(("south",), queries=str(tmp_path / "far.jsonl"), world=WORLD), tmp_path)
     with pytest.raises(InputError, match="is about south: add that to --homes"):
         things_run.requests(ThingsSettings(("east",), queries=str(tmp_path / "far.jsonl"), world=WORLD), tmp_path)

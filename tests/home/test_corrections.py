@@ -61,7 +61,7 @@ def obj(id: int, label: str, x: float, *, aliases: tuple[int, ...] = (), labels:
     return MapObject(id, label, votes, (x, 1.0, 0.1), low, high, 0.9, True, 3, 3, 0.0, 1.0, 1.0, (), aliases=aliases)
 
 
-def entry(about: MapObject, what: corrections.What = "name") -> Correction:
+def entry(about: MapObject, what: corrections.CorrectionKind = "name") -> Correction:
     subject = Subject("object", about.id, about.label, about.position)
     return Correction("1", "2026", "Ayo", what, subject, name="Ayo's" if what == "name" else None)
 

@@ -101,7 +101,7 @@ def test_a_failed_append_leaves_the_home_that_it_began_from_as_it_was(made: Path
 def test_interrupted_anywhere_old_or_new_is_left_and_a_second_run_gives_the_same(
     made: Path, tmp_path: Path, kind: str, error: bool
 ) -> None:
-    """A slice of ``benchmarks/interrupted.py``, which takes every event of every command."""
+    """A slice of ``benchmarks/interruptions.py``, which takes every event of every command."""
     target, more = tmp_path / "w" / "h", ["--append"] if kind == "append" else []
     command: list[object] = ["map", made / "second", "--detector", made / "truth.py", "-o", target, *more]
     if kind == "convert":
@@ -156,7 +156,7 @@ def test_a_link_for_answers_is_not_followed_and_the_answer_is_still_printed(made
             capture_output=True, text=True, env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
         )  # fmt: skip
         assert asked.returncode == 0 and json.loads(asked.stdout)["object"] == "chair"
-        assert "was not kept" in asked.stderr and "Traceback" not in asked.stderr
+        assert "was not saved" in asked.stderr and "Traceback" not in asked.stderr
     assert victim.read_text() == "precious"
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -46,7 +48,7 @@ def by_the_pixel(features, depth_m, camera, pose, cell_m):  # type: ignore[no-un
 @given(st.integers(0, 10**6), st.sampled_from([(13, 17), (30, 40), (1, 1), (2, 5), (45, 64)]), st.integers(1, 3))
 def test_the_sums_are_those_of_a_loop_over_pixels(seed: int, shape: tuple[int, int], frames: int) -> None:
     rng = np.random.default_rng(seed)
-    grid, expected = FeatureGrid(0.2), {}
+    grid, expected = FeatureGrid(0.2), dict[Any, Any]()
     for _ in range(frames):
         features = rng.normal(size=(*shape, 6)).astype(np.float32)
         depth_m = rng.uniform(0.4, 4, (30, 40)).astype(np.float32)

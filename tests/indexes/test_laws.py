@@ -1,4 +1,4 @@
-"""The laws of every index: what was confirmed can be located, evidence is named, a state taken and given back changes nothing."""
+"""Laws of every index: confirmed objects can be located, evidence is named, restoring a state changes nothing."""
 
 from __future__ import annotations
 

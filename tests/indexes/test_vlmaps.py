@@ -18,7 +18,7 @@ COLOURS = {"red": (1.0, 0, 0), "green": (0, 1.0, 0), "blue": (0, 0, 1.0)}
 
 
 class Colours:
-    """A small but true encoder: image and words in one space, that of colours, plus one huge dimension that says nothing."""
+    """A small encoder: images and words in the space of colours, plus one large dimension without meaning."""
 
     name = "colours (test)"
     text_only = False

@@ -68,7 +68,7 @@ def test_fragments_of_a_chair_merge() -> None:
     shown = [0]
     for half in (front, back):
         objs = (*whole, half)
-        for frame in RoomRecording(poses, objs, name="half"):
+        for frame in RoomRecording(poses, objs, name="half"):  # type: ignore[attr-defined]
             seen = TrueBoxes(objs).detect(frame)
             shown[-1] += "chair" in seen.labels
             made.add(frame, seen)

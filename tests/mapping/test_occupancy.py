@@ -122,7 +122,7 @@ def mapped(frames: Iterable[Frame], mapper: OccupancyMapper | None = None) -> Oc
 def within(grid: OccupancyGrid, low: ArrayLike, high: ArrayLike) -> npt.NDArray[np.bool_]:
     """Cells whose centres lie in a rectangle."""
     centres = grid.centre(np.argwhere(np.ones(grid.cells.shape, bool)))
-    return ((centres > low) & (centres < high)).all(1).reshape(grid.cells.shape)
+    return ((centres > np.asarray(low)) & (centres < np.asarray(high))).all(1).reshape(grid.cells.shape)
 
 
 def from_the_left() -> list[np.ndarray]:

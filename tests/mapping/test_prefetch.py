@@ -75,9 +75,10 @@ def test_on_one_core_nothing_is_read_ahead(monkeypatch: pytest.MonkeyPatch) -> N
 
 def test_a_broken_frame_is_told_when_its_turn_comes_and_no_thread_stays() -> None:
     recording = read(4)
-    recording.broken, seen = 7, []
+    recording.broken, seen = 7, list[int]()
     with pytest.raises(InputError, match="frame 7 is broken"):
-        seen += [frame.index for frame in prefetch(recording) if not seen.append(frame.index)]
+        for frame in prefetch(recording):
+            seen.append(frame.index)
     assert seen == list(range(7))
     stopped = prefetch(read(4))
     next(stopped)

@@ -1,4 +1,4 @@
-"""A real inference engine (mistralrs) with a random-weight model, behind a small HTTP face that can be told to misbehave.
+"""A real inference engine (mistralrs) with a random-weight model, behind an HTTP server with optional faults.
 
 python llm_server.py FILE.gguf      prints the port; the model's name in a request chooses the behaviour:
 ``honest`` honours json_schema, ``ignores`` drops every form of structured output; the rest is said by their names.
@@ -24,11 +24,13 @@ CANNED = {
     "wrapped": "The best place to send the robot is the object called `Chair'.",
     "empty": "",
     "nothing": '{"object": "nothing"}',
-    "two-needs": '{"reason": "Muddy clothes want a wash.", "status": "found", "object": "chair", "question": "", "then": ['
+    "two-needs": '{"reason": "Muddy clothes want a wash.", "status": "found", "object": "chair", "question": "", '
+    '"then": ['
     '{"reason": "Then you rest.", "status": "near", "object": "Bed", "question": ""}, '
     '{"reason": "", "status": "found", "object": "helicopter", "question": ""}]}',
     "blanks": '{"object": "bed"' + " " * 19_000,
-    "asks": '{"reason": "Both fit.", "status": "clarify", "object": "nothing", "question": "Chair\\nor bed?", "then": []}',
+    "asks": '{"reason": "Both fit.", "status": "clarify", "object": "nothing", "question": "Chair\\nor bed?", '
+    '"then": []}',
 }
 REFUSES = {"no-temperature": ("temperature",), "picky": ("max_tokens", "temperature")}
 
@@ -187,7 +189,7 @@ def serve(model: Path) -> None:
                     max_tokens=asked.get("max_tokens", 64),
                     **grammar,
                 )
-                reply = runner.send_chat_completion_request(request)
+                reply: Any = runner.send_chat_completion_request(request)
                 text, used = reply.choices[0].message.content, reply.usage.total_tokens
             choice = {"index": 0, "finish_reason": "stop", "message": {"role": "assistant", "content": text}}
             about = {"id": "x", "object": "chat.completion", "created": 0, "model": name, "choices": [choice]}

@@ -1,9 +1,9 @@
-"""What people say to a robot that asks for nothing (``TOLD``), and what sounds like it and asks (``ASKED``), in many voices.
+"""Utterances that ask for nothing (``TOLD``) and similar ones that ask for something (``ASKED``), in many voices.
 
-Written before the rule, which was made against the lines at even places and put to those at odd places once; then those were
-read, too. ``LATER`` was written for that second rule, and was read in its turn for a third. ``FRESH`` was put to the third,
-once (``docs/embedded.md``). Whoever mends the rule on them must write others. By the author of the rule, so other people's
-words will do worse.
+They were written before the rule. The rule was developed on the lines at even places and tested once on those at odd
+places, which were read afterwards. ``LATER`` was written for the second rule and then read for the third. ``FRESH``
+tested the third, once (``docs/embedded.md``). A change of the rule that uses these lines needs new ones for its test.
+The author of the rule wrote them all, so the words of other people will do worse.
 """
 
 from __future__ import annotations

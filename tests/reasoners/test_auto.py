@@ -119,7 +119,8 @@ def test_a_model_that_is_late_may_finish_and_answers_the_next_request(slow_model
 def test_a_program_ends_while_a_late_model_still_works(slow_model: Path) -> None:
     code = (
         f"from cartier import Inventory, plugins\nmind = plugins.make('reasoners', 'auto', model={str(slow_model)!r},"
-        "timeout_s=0.01)\nprint(mind.select('I am so tired, let me sleep', Inventory.of(['chair', 'bed'])).object, mind.notes)"
+        "timeout_s=0.01)\nchosen = mind.select('I am so tired, let me sleep', Inventory.of(['chair', 'bed']))\n"
+        "print(chosen.object, mind.notes)"
     )
     env = {name: value for name, value in os.environ.items() if name != "RUST_LOG"}
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, env=env)

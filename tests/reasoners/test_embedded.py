@@ -36,9 +36,8 @@ def test_held_out_accuracy(reasoner: embedded.Embedded) -> None:
         asked[kind] += 1
         right[kind] += good
         if not good:
-            print(
-                f"{kind}: {query!r}: wanted {expected or 'nothing'}, got {chosen.status} {chosen.object}: {chosen.reason}"
-            )
+            got = f"{chosen.status} {chosen.object}: {chosen.reason}"
+            print(f"{kind}: {query!r}: wanted {expected or 'nothing'}, got {got}")
     accuracy = {kind: right[kind] / asked[kind] for kind in asked}
     print(dict(right), dict(asked))
     assert sum(asked.values()) >= 60 and all(25 <= len(objects) <= 40 for _, objects, _, _ in HELD_OUT)
@@ -268,7 +267,10 @@ def test_never_outside_the_list(query: str, objects: list[str]) -> None:
 
 
 def test_the_answer_does_not_hang_on_the_hash_seed() -> None:
-    code = "import sys; from cartier import Inventory; from cartier.reasoners import embedded; print(embedded.make().select(sys.argv[1], Inventory.of(sys.argv[2].split(','))))"
+    code = (
+        "import sys; from cartier import Inventory; from cartier.reasoners import embedded; "
+        "print(embedded.make().select(sys.argv[1], Inventory.of(sys.argv[2].split(','))))"
+    )
     args = [sys.executable, "-c", code, "My feet hurt, something to drink and read please", ",".join(COCO)]
     runs = {
         subprocess.run(args, capture_output=True, text=True, check=True, env={"PYTHONHASHSEED": s}).stdout for s in "12"

@@ -1,4 +1,4 @@
-"""The local reasoner with a real engine and a random model that the test makes: the grammar alone keeps it in the list."""
+"""The local reasoner with a real engine and a random model: the grammar alone keeps its answers in the list."""
 
 from __future__ import annotations
 

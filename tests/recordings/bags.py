@@ -62,8 +62,8 @@ class Messages:
     def info(self, ns: int, frame: str, c: Camera, d: Sequence[float] = (), model: str = "plumb_bob") -> Any:
         k = np.array([c.fx, 0, c.cx, 0, c.fy, c.cy, 0, 0, 1])
         p = np.array([c.fx, 0, c.cx, 0, 0, c.fy, c.cy, 0, 0, 0, 1, 0])
-        d, r = np.array(d, dtype=np.float64), np.eye(3).ravel()
-        matrices = {"D": d, "K": k, "R": r, "P": p} if self.ros1 else {"d": d, "k": k, "r": r, "p": p}
+        distortion, r = np.array(d, dtype=np.float64), np.eye(3).ravel()
+        matrices = {"D": distortion, "K": k, "R": r, "P": p} if self.ros1 else {"d": distortion, "k": k, "r": r, "p": p}
         roi = self("sensor_msgs/msg/RegionOfInterest", 0, 0, 0, 0, False)
         rest = {"height": c.height, "width": c.width, "distortion_model": model, "binning_x": 0, "binning_y": 0}
         return self("sensor_msgs/msg/CameraInfo", self.header(ns, frame), **rest, **matrices, roi=roi)

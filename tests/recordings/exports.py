@@ -69,7 +69,7 @@ def write_scannet(recording: Recording, root: Path) -> None:
             save_depth(root / f"depth/{i * 10}.png", frame.depth_m)
         np.savetxt(root / f"pose/{i * 10}.txt", frame.world_from_camera)
     c = recording.camera
-    matrix = [[c.fx, 0, c.cx, 0], [0, c.fy, c.cy, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
+    matrix = np.array([[c.fx, 0, c.cx, 0], [0, c.fy, c.cy, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
     for kind in ("color", "depth"):
         np.savetxt(root / f"intrinsic/intrinsic_{kind}.txt", matrix)
 
@@ -283,7 +283,8 @@ def write_rtabmap(recording: Recording, root: Path, by_id: bool = True, camera_p
         local = np.round(BASE_FROM_OPTICAL[:3], 6).ravel().tolist()
         (root / f"home_calib/{stem}.yaml").write_text(
             f"%YAML:1.0\n---\ncamera_name: home\nimage_width: {c.width}\nimage_height: {c.height}\n"
-            f"camera_matrix:\n   rows: 3\n   cols: 3\n   data: [ {c.fx}, 0., {c.cx}, 0.,\n       {c.fy}, {c.cy}, 0., 0., 1. ]\n"
+            f"camera_matrix:\n   rows: 3\n   cols: 3\n   data: [ {c.fx}, 0., {c.cx}, 0.,\n"
+            f"       {c.fy}, {c.cy}, 0., 0., 1. ]\n"
             f"local_transform:\n   rows: 3\n   cols: 4\n   data: {local}\n"
         )
         pose = frame.world_from_camera if camera_poses else frame.world_from_camera @ invert(BASE_FROM_OPTICAL)
@@ -330,7 +331,8 @@ def write_rtabmap_database(recording: Recording, path: Path, optimised: bool = T
     c, base = recording.camera, sqlite3.connect(path)
     base.executescript(
         "CREATE TABLE Node (id INTEGER NOT NULL, map_id INTEGER, stamp FLOAT, pose BLOB, PRIMARY KEY (id));"
-        "CREATE TABLE Data (id INTEGER NOT NULL, image BLOB, depth BLOB, calibration BLOB, time_enter DATE, PRIMARY KEY (id));"
+        "CREATE TABLE Data (id INTEGER NOT NULL, image BLOB, depth BLOB, calibration BLOB, time_enter DATE, "
+        "PRIMARY KEY (id));"
         "CREATE TABLE Admin (version TEXT, opt_ids BLOB, opt_poses BLOB);"
         "CREATE TRIGGER insert_Data_timeEnter AFTER INSERT ON Data BEGIN "
         "UPDATE Node SET map_id = 0 WHERE rowid = new.rowid; END; CREATE UNIQUE INDEX IDX_Node_id ON Node (id);"

@@ -1,4 +1,4 @@
-"""Bags that are truncated, empty, without an index, damaged or made to hurt: one line each, quickly, in little memory."""
+"""Hostile bags, truncated, empty, unindexed or damaged: one line each, quickly, in little memory."""
 
 from __future__ import annotations
 
@@ -25,7 +25,10 @@ from cartier.recordings.ros import file
 
 pytest.importorskip("rosbags", reason="the bag reader needs cartier[ros]")
 MAX_BYTES, MAX_SECONDS = 64 << 20, 5.0
-KINDS = {"mcap": ("mcap", ""), "mcap-zstd": ("mcap", "storage"), "sqlite3": ("sqlite3", ""), "ros1": ("ros1", ""), "ros1-bz2": ("ros1", "bz2")}  # fmt: skip
+KINDS = {
+    "mcap": ("mcap", ""), "mcap-zstd": ("mcap", "storage"), "sqlite3": ("sqlite3", ""), "ros1": ("ros1", ""),
+    "ros1-bz2": ("ros1", "bz2"),
+}  # fmt: skip
 MCAP_END = struct.Struct("<BQQQI8s")
 
 

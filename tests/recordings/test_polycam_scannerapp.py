@@ -104,13 +104,18 @@ DAMAGE: list[tuple[str, Callable[[Path], object], str]] = [
     ("polycam", head(fx="wide"), "json: could not convert"),
     ("polycam", head(cx=1000.0), "the principal point 1000, "),
     ("polycam", head(t_11=9.0), "the rotation is not orthonormal"),
-    ("polycam", lambda root: min((root / "keyframes/cameras").iterdir()).rename(root / "keyframes/cameras/a.json"), None),
-    ("polycam", lambda root: [p.unlink() for p in (root / "keyframes/images").iterdir()], "none of its 4 cameras has an"),
+    ("polycam", lambda root: min((root / "keyframes/cameras").iterdir()).rename(root / "keyframes/cameras/a.json"),
+        None),
+    ("polycam", lambda root: [p.unlink() for p in (root / "keyframes/images").iterdir()],
+        "none of its 4 cameras has an"),
     ("scannerapp", head(intrinsics=[1, 2]), "intrinsics must be a list of 9 numbers"),
     ("scannerapp", head(cameraPoseARFrame=None), "cameraPoseARFrame must be a list of 16 numbers, got None"),
     ("scannerapp", head(cameraPoseARFrame=[0] * 16), "cameraPoseARFrame: the last row of a pose must be"),
     ("scannerapp", head(time="soon"), "time: could not convert"),
-    ("scannerapp", lambda root: [(root / f"depth_{i:05d}.png").unlink() for i in (0, 1, 2)] + [(root / "frame_00003.jpg").unlink()], "none of its 4 frames"),
+    ("scannerapp",
+        lambda root: [(root / f"depth_{i:05d}.png").unlink() for i in (0, 1, 2)]
+        + [(root / "frame_00003.jpg").unlink()],
+        "none of its 4 frames"),
 ]  # fmt: skip
 
 

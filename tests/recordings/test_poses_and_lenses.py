@@ -84,7 +84,8 @@ def test_a_senseless_distortion_is_refused(model: str, numbers: tuple[float, ...
 
 @given(st.floats(0.5, 2), st.floats(-0.03, 0.03), st.floats(-0.03, 0.03))
 def test_intrinsics_of_images_of_another_size_never_pass(scale: float, across: float, down: float) -> None:
-    """Those of a real camera, off by 3 % at most, pass as they are, and not for images of 1/0.87 times the size or more."""
+    """Those of a real camera, off by 3 % at most, pass as they are, and not for images of 1/0.87 times the size or
+    more."""
     right = Camera(640, 480, 500.0, 500.0, 319.5 + 640 * across, 239.5 + 480 * down)
     assert camera_of(640, 480, (500.0, 500.0, right.cx, right.cy), "a") == right
     assert off_centre_notes(right) == []

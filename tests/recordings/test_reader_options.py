@@ -11,8 +11,7 @@ from typer.testing import CliRunner
 
 from cartier import pipeline, plugins
 from cartier.cli import app
-from cartier.cli._reader import OPTIONS, remembered
-from cartier.cli._show import _as_mapped
+from cartier.cli.reader_options import OPTIONS, as_mapped, remembered
 from cartier.errors import InputError
 from cartier.home import Home
 from cartier.types import Detections, Frame
@@ -64,7 +63,7 @@ def test_a_home_remembers_what_its_recording_was_read_with(tmp_path: Path) -> No
     pipeline.map_home(source, Told(THINGS)).save(home)
     mapped = Home.load(home)
     assert mapped.settings["recordings"][0]["read_with"] == {"format": "sevenscenes", "up": [0, 0, 1], "floor_m": -0.5}
-    again = _as_mapped(mapped, tmp_path / "a")
+    again = as_mapped(mapped, tmp_path / "a")
     assert again.fingerprint() == source.fingerprint() != plugins.open_recording(tmp_path / "a").fingerprint()
 
 
@@ -75,8 +74,8 @@ def test_what_a_reader_of_ones_own_read_needs_its_format_again(tmp_path: Path) -
     pipeline.map_home(plugins.open_recording(tmp_path / "a", format=str(mine)), Told(THINGS)).save(tmp_path / "home")
     mapped = Home.load(tmp_path / "home")
     assert mapped.settings["recordings"][0]["read_with"] == {"format": str(mine)}
-    assert _as_mapped(mapped, tmp_path / "a", str(mine)).read_with == {"format": str(mine)}
-    assert _as_mapped(mapped, tmp_path / "a").read_with == {}, "the home's word for a file of code is not enough"
+    assert as_mapped(mapped, tmp_path / "a", str(mine)).read_with == {"format": str(mine)}
+    assert as_mapped(mapped, tmp_path / "a").read_with == {}, "the home's word for a file of code is not enough"
 
 
 def test_a_strangers_home_gives_a_reader_nothing_but_plain_options(tmp_path: Path) -> None:

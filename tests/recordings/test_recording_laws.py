@@ -74,7 +74,8 @@ def test_it_obeys_the_laws_of_every_recording(layout: Path) -> None:
 
 
 def test_what_is_seen_lies_where_the_room_is(layout: Path) -> None:
-    """The whole chain of axes, units, intrinsics and worlds at once: back-projected points lie on the room's surfaces."""
+    """The whole chain of axes, units, intrinsics and worlds at once: back-projected points lie on the room's
+    surfaces."""
     for frame in plugins.open_recording(layout):
         assert np.abs(frame.rgb.astype(int) - room()[frame.index].rgb).mean() < 8
         if frame.depth_m is None:

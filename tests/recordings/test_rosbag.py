@@ -121,11 +121,13 @@ def transform(t, parent, child, xyz, q):
     m.transform.rotation.x, m.transform.rotation.y, m.transform.rotation.z, m.transform.rotation.w = q
     return TFMessage([m])
 with rosbag.Bag(sys.argv[1], 'w', compression=sys.argv[2], chunk_threshold=2000) as b:
-    b.write('/tf_static', transform(rospy.Time(1000), 'base_link', 'cam', (0, 0, 1.5), (-.5, .5, -.5, .5)), rospy.Time(1000))
+    start = rospy.Time(1000)
+    b.write('/tf_static', transform(start, 'base_link', 'cam', (0, 0, 1.5), (-.5, .5, -.5, .5)), start)
     for i in range(20):
         t = rospy.Time(1000 + i // 10, (i % 10) * 10**8)
         b.write('/tf', transform(t, 'map', 'base_link', (.1 * i, 0, 0), (0, 0, 0, 1)), t)
-        im = Image(); im.header.stamp = t; im.header.frame_id = 'cam'; im.height, im.width, im.encoding, im.step = 4, 6, 'rgb8', 20
+        im = Image(); im.header.stamp = t; im.header.frame_id = 'cam'
+        im.height, im.width, im.encoding, im.step = 4, 6, 'rgb8', 20
         im.data = bytes([i] * 80)
         b.write('/camera/color/image_raw', im, t)
         d = Image(); d.header = im.header; d.height, d.width, d.encoding, d.step = 4, 6, '16UC1', 12

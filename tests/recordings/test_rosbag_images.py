@@ -104,9 +104,12 @@ DEPTHS: list[tuple[str, Callable[[Messages, int, np.ndarray], Any], float]] = [
     ("mono16", lambda m, ns, z: m.image(ns, FRAME, np.rint(z * 1000).astype(np.uint16), "mono16"), 0.00051),
     ("16UC1-big-endian", big_endian, 0.00051),
     ("32FC1", lambda m, ns, z: m.image(ns, FRAME, z, "32FC1"), 0),
-    ("png", lambda m, ns, z: m.compressed(ns, FRAME, png(np.rint(z * 1000).astype(np.uint16)), "16UC1; png compressed"), 0.00051),
-    ("compressedDepth-16UC1", lambda m, ns, z: m.compressed(ns, FRAME, compressed_depth(z, "16UC1"), "16UC1; compressedDepth png"), 0.00051),
-    ("compressedDepth-32FC1", lambda m, ns, z: m.compressed(ns, FRAME, compressed_depth(z, "32FC1"), "32FC1; compressedDepth"), 0.0013),
+    ("png", lambda m, ns, z: m.compressed(ns, FRAME, png(np.rint(z * 1000).astype(np.uint16)), "16UC1; png compressed"),
+        0.00051),
+    ("compressedDepth-16UC1",
+        lambda m, ns, z: m.compressed(ns, FRAME, compressed_depth(z, "16UC1"), "16UC1; compressedDepth png"), 0.00051),
+    ("compressedDepth-32FC1",
+        lambda m, ns, z: m.compressed(ns, FRAME, compressed_depth(z, "32FC1"), "32FC1; compressedDepth"), 0.0013),
 ]  # fmt: skip
 
 

@@ -88,7 +88,8 @@ DAMAGE: list[tuple[Callable[[Path], object], str]] = [
     (edit("UPDATE Data SET depth = x'00'"), "depth of node 4 is not a JPEG or PNG image"),
     (edit("UPDATE Data SET depth = image"), "depth of node 4 is a RGB JPEG, which is no depth"),
     (edit("UPDATE Data SET depth = CAST('DEPTHRVL1234' AS BLOB)"), "depth of node 4 is damaged .unpack_from requires"),
-    (edit("UPDATE Data SET depth = CAST('DEPTHRVL12341234' AS BLOB)"), "depth of node 4 is damaged .it claims 875770417x"),
+    (edit("UPDATE Data SET depth = CAST('DEPTHRVL12341234' AS BLOB)"),
+        "depth of node 4 is damaged .it claims 875770417x"),
     (edit("UPDATE Data SET depth = x'4445505448525641' || image"), "depth of node 4 is not a JPEG or PNG"),
     (edit("UPDATE Data SET depth = substr(depth, 1, 200)"), "depth of node 4 is damaged .it holds more than 19200"),
     (edit("UPDATE Data SET depth = substr(depth, 1, 16)"), "depth of node 4 is damaged .it holds no number"),
@@ -138,10 +139,12 @@ def text(name: str, change: Callable[[str], str]) -> Callable[[Path], object]:
 
 
 EXPORT_DAMAGE: list[tuple[Callable[[Path], object], str]] = [
-    (text("home_camera_poses.txt", lambda t: "\n".join(r.rpartition(" ")[0] for r in t.splitlines())), "not of poses format 11"),
+    (text("home_camera_poses.txt", lambda t: "\n".join(r.rpartition(" ")[0] for r in t.splitlines())),
+        "not of poses format 11"),
     (text("home_camera_poses.txt", lambda t: t.replace(" 7\n", " 99\n").replace("1700000000.25", "1.0")), None),
     (text("home_camera_poses.txt", lambda t: "#\n1 0 0 0 0 0 0 1 999\n"), "none of the 1 poses in home_camera_poses"),
-    (text("home_calib/7.yaml", lambda t: t.replace("camera_matrix", "matrix")), "camera_matrix must have data of 9 numbers"),
+    (text("home_calib/7.yaml", lambda t: t.replace("camera_matrix", "matrix")),
+        "camera_matrix must have data of 9 numbers"),
     (text("home_calib/7.yaml", lambda t: t.replace("image_width: 160", "")), "7.yaml: .*float"),
     (text("home_calib/7.yaml", lambda t: "a: &b [1]\nc: *b\n"), r"7\.yaml line 2: YAML aliases"),
     (text("home_calib/7.yaml", lambda t: "- 1\n"), "must hold a calibration: image_width"),

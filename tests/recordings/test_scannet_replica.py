@@ -85,7 +85,7 @@ DAMAGE: list[tuple[str, Callable[[Path], object], str]] = [
         "no image can be used: 4 images left out",
     ),
     ("replica", lambda root: (root / "cam_params.json").unlink(), r"cam_params\.json is missing: write"),
-    ("replica", text("cam_params.json", "[]"), "must hold an object 'camera'"),
+    ("replica", text("cam_params.json", "[]"), "'camera' lacks w, h, fx"),
     ("replica", text("cam_params.json", '{"camera": {"w": 1}}'), "'camera' lacks h, fx, fy, cx, cy, scale"),
     ("replica", text("traj.txt", "1 2 3\n"), "line 1: a pose is 16 numbers, got 3"),
     ("replica", text("traj.txt", ""), r"4 images results/frame… but traj\.txt holds 0 poses"),

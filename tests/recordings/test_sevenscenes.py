@@ -106,8 +106,8 @@ def test_the_world_comes_out_level_and_the_overrides_are_obeyed(tmp_path: Path) 
     estimated = plugins.open_recording(tmp_path / "a")
     given = plugins.open_recording(tmp_path / "a", up=(0, -2, 0), floor_m=7.0)
     raised = plugins.open_recording(tmp_path / "a", up=(0, -2, 0), floor_m=6.0)
-    assert [note.split(" ")[1] for note in estimated.notes[:2]] == ["estimated", "estimated"]
-    assert [note.split(" ")[1] for note in given.notes[:2]] == ["given", "given"]
+    assert [note.split(" ")[1] for note in estimated.notes[1:3]] == ["estimated", "estimated"]
+    assert [note.split(" ")[1] for note in given.notes[1:3]] == ["given", "given"]
     assert len({r.fingerprint() for r in (estimated, given, raised)}) == 3
     for i in range(len(given)):
         heights = [r[i].world_from_camera[2, 3] for r in (estimated, given, raised)]

@@ -33,7 +33,7 @@ def logged(monkeypatch: pytest.MonkeyPatch) -> dict[str, list[tuple[int | None, 
     """What is logged by entity, with its frame, while it is written as ever."""
     calls: dict[str, list[tuple[int | None, Any]]] = defaultdict(list)
 
-    class Listening(rr.RecordingStream):  # type: ignore[misc]
+    class Listening(rr.RecordingStream):  # type: ignore[misc, name-defined]
         frame: int | None = None
 
         def set_time(self, timeline: str, *, sequence: int) -> None:

@@ -69,7 +69,7 @@ def main(domain: int, topic: str, goals: int, seconds: float) -> None:
             if writer.sample_info.valid_data and writer.topic_name == f"rt/{topic}":
                 user_data = bytes(writer.qos[Policy.Userdata].data)
         for goal in reader.take(10):
-            if goal.sample_info.valid_data:  # a writer that leaves delivers a sample without data
+            if goal.sample_info.valid_data:  # type: ignore[attr-defined]  # a writer that leaves delivers a sample without data
                 p, q = goal.pose.position, goal.pose.orientation
                 stamp = [goal.header.stamp.sec, goal.header.stamp.nanosec]
                 told = {"frame": goal.header.frame_id, "stamp": stamp, "user_data": user_data.decode()}

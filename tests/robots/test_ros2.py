@@ -70,7 +70,7 @@ def test_a_namespace_and_the_domain_of_the_shell_are_followed(monkeypatch: pytes
 
 @pytest.mark.usefixtures("loopback")
 def test_a_listener_that_is_found_a_moment_after_the_first_is_waited_for() -> None:
-    from cartier.robots.dds import _listeners
+    from cartier.robots.dds import matched_listeners
 
     class Writer:
         begin = time.monotonic()
@@ -79,7 +79,7 @@ def test_a_listener_that_is_found_a_moment_after_the_first_is_waited_for() -> No
             age_s = time.monotonic() - self.begin
             return [1, 2] if age_s > 0.2 else [1] if age_s > 0.05 else []
 
-    assert _listeners(Writer(), 5.0) == 2
+    assert matched_listeners(Writer(), 5.0) == 2
 
 
 @pytest.mark.usefixtures("loopback")

@@ -70,7 +70,7 @@ def test_of_several_needs_the_first_that_can_be_served_is_and_the_others_are_nam
     robot, sofa = Recorder(), goal_at(3.0, 1.0, 0.0, "sofa")
     line = send(robot, answer("not_found", None, next=(answer("found", GOAL), answer("found", sofa))))
     assert robot.goals == [GOAL]
-    assert line == "off it goes; still to come, once it is there: sofa"
+    assert line == "off it goes; after that: sofa"
 
 
 def test_every_robot_obeys_the_contract_by_name() -> None:
@@ -165,7 +165,7 @@ def test_a_goal_that_is_no_pose_never_comes_to_a_robot(field: int, wrong: float)
     pose = [1.0, 2.0, 0.5]
     pose[field] = wrong
     with pytest.raises(InputError, match="goal for the dining table: x, y and yaw must be 3 finite numbers"):
-        Goal(*pose, np.zeros((1, 2)), 0.0, TABLE, True)
+        Goal(*pose, np.zeros((1, 2)), 0.0, TABLE, True)  # type: ignore[call-arg]
     with pytest.raises(InputError, match="goal for the dining table: its path must be"):
         way((1.0, 1.0), (wrong, 2.0), (1.0, 2.2))
 

@@ -128,6 +128,7 @@ def test_no_request_of_the_bench_or_of_the_held_out_ones_is_refused() -> None:
     assert [text for text in texts if asked(text) == "not"] == []
 
 
+@pytest.mark.no_cover  # too many rounds to trace each line
 def test_of_eleven_thousand_requests_hardly_any_is_refused() -> None:
     rows = [json.loads(line) for file in REQUESTS.glob("*.jsonl") for line in file.read_text("utf-8").splitlines()]
     texts = [row["text"] for row in rows if row["kind"] != "nothing"]

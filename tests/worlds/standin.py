@@ -1,13 +1,13 @@
 """Stands in for AI2-THOR's Unity player: speaks its FIFO and WSGI protocols and serves homes of the dollhouse.
 
-The real ``ai2thor.controller.Controller`` starts it in place of a build. It imports nothing from the ai2thor package, so that
-the client is the only other party that must agree with it. What it sends is our reading of the protocol of version 5.0.
+The real ``ai2thor.controller.Controller`` starts it in place of a build. It imports nothing from the ai2thor package,
+so that the client is the only other party that must agree with it. What it sends is our reading of the protocol of
+version 5.0.
 
     python standin.py HOME… [--legacy] [--fault exit:Teleport]
 
-A HOME is one of the dollhouse's or a YAML file. The first is FloorPlan1 (and what ProcTHOR's "Procedural" shows), the next
-FloorPlan2, and so on. ``--legacy`` sends an old
-build's normalised depth; ``--fault`` exits or hangs at an action.
+A HOME is one of the dollhouse's or a YAML file. The first is FloorPlan1 (and what ProcTHOR's "Procedural" shows), the
+next FloorPlan2, and so on. ``--legacy`` sends an old build's normalised depth; ``--fault`` exits or hangs at an action.
 """
 
 from __future__ import annotations
@@ -38,9 +38,9 @@ PART_NAMES = {RGB: "image", DEPTH: "image_depth", IDS: "image_ids"}
 AGENT_Y_M, EYE_M, RADIUS_M, NEAR_M, FAR_M = 0.9009992, 1.5759992, 0.2, 0.1, 20.0
 NO_BOX = "Sink|+01.38|+00.81|-01.27|SinkBasin"  # whatever a build gives no box for must not trip the adapter
 FLAGS = """
-visible obstructed isInteractable receptacle toggleable isToggled breakable isBroken canFillWithLiquid isFilledWithLiquid dirtyable
-isDirty canBeUsedUp isUsedUp cookable isCooked isHeatSource isColdSource sliceable isSliced openable isOpen pickupable isPickedUp
-moveable isMoving
+visible obstructed isInteractable receptacle toggleable isToggled breakable isBroken canFillWithLiquid
+isFilledWithLiquid dirtyable isDirty canBeUsedUp isUsedUp cookable isCooked isHeatSource isColdSource sliceable isSliced
+openable isOpen pickupable isPickedUp moveable isMoving
 """
 Message = tuple[dict[str, Any], dict[int, bytes]]
 
@@ -87,10 +87,11 @@ class Player:
             list(unity(c).values()) for c in np.stack(np.meshgrid(*zip(low, high, strict=True)), -1).reshape(-1, 3)
         ]
         return dict.fromkeys(FLAGS.split(), False) | {
-            "name": f"{type}_0a1b2c3d", "objectType": type, "objectId": object_id(type, middle), "assetId": "", "position": unity(middle),
-            "rotation": unity((0, 0, 0)), "mass": 1.0, "distance": 0.0, "openness": 0.0, "temperature": "RoomTemp", "salientMaterials": None,
-            "receptacleObjectIds": None, "parentReceptacles": None, "controlledObjects": None, "fillLiquid": None,
-            "axisAlignedBoundingBox": {"cornerPoints": corners, "center": unity(middle), "size": size}, "objectOrientedBoundingBox": None,
+            "name": f"{type}_0a1b2c3d", "objectType": type, "objectId": object_id(type, middle), "assetId": "",
+            "position": unity(middle), "rotation": unity((0, 0, 0)), "mass": 1.0, "distance": 0.0, "openness": 0.0,
+            "temperature": "RoomTemp", "salientMaterials": None, "receptacleObjectIds": None, "parentReceptacles": None,
+            "controlledObjects": None, "fillLiquid": None, "objectOrientedBoundingBox": None,
+            "axisAlignedBoundingBox": {"cornerPoints": corners, "center": unity(middle), "size": size},
         }  # fmt: skip
 
     def do(self, action: dict[str, Any]) -> None:
@@ -185,10 +186,11 @@ class Player:
             "cameraHorizon": self.horizon, "isStanding": True, "inHighFrictionArea": False,
         }  # fmt: skip
         metadata = {
-            "objects": self.objects, "agent": agent, "fov": fov, "cameraPosition": unity((*self.xy, EYE_M)), "sceneName": self.name,
-            "lastAction": last["action"], "lastActionSuccess": last["ok"], "errorMessage": last["error"], "errorCode": last["code"],
-            "actionReturn": last["return"], "screenWidth": self.width, "screenHeight": self.height, "thirdPartyCameras": [],
-            "agentId": 0, "isSceneAtRest": True, "inventoryObjects": [], "collidedObjects": [], "collided": False, "currentTime": 0.0,
+            "objects": self.objects, "agent": agent, "fov": fov, "cameraPosition": unity((*self.xy, EYE_M)),
+            "sceneName": self.name, "lastAction": last["action"], "lastActionSuccess": last["ok"],
+            "errorMessage": last["error"], "errorCode": last["code"], "actionReturn": last["return"],
+            "screenWidth": self.width, "screenHeight": self.height, "thirdPartyCameras": [], "agentId": 0,
+            "isSceneAtRest": True, "inventoryObjects": [], "collidedObjects": [], "collided": False, "currentTime": 0.0,
             "depthFormat": "Meters",
         }  # fmt: skip
         if self.legacy:

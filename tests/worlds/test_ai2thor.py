@@ -1,4 +1,4 @@
-"""The AI2-THOR adapter through the real client, with a stand-in in place of Unity's build. Unity itself is never run here."""
+"""AI2-THOR adapter through the real client, with a stand-in in place of Unity's build, which is never run here."""
 
 from __future__ import annotations
 

@@ -154,8 +154,8 @@ def test_the_fingerprint_covers_scene_poses_camera_and_sensor(home: Scene, walk)
 
     other = load_scene(HOME.replace("[4.5, 0.4]", "[4.5, 0.5]"))
     prints = [
-        fingerprint(), fingerprint(walk.poses[:-1]), fingerprint(camera=pinhole(160, 120, 63)), fingerprint(sensor=Sensor(1)),
-        fingerprint(sensor=Sensor(2)), fingerprint(scene=other),
+        fingerprint(), fingerprint(walk.poses[:-1]), fingerprint(camera=pinhole(160, 120, 63)),
+        fingerprint(sensor=Sensor(1)), fingerprint(sensor=Sensor(2)), fingerprint(scene=other),
     ]  # fmt: skip
     assert len(set(prints)) == len(prints)
     assert fingerprint() == prints[0] == DollhouseRecording(load_scene(HOME), CAMERA, walk.poses).fingerprint()

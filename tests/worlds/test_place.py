@@ -28,7 +28,8 @@ def _distance(x: float, y: float, box: tuple[float, float, float, float]) -> flo
     st.lists(st.tuples(st.floats(0.1, 3.9), st.floats(0.1, 2.9)), min_size=5, max_size=20),
 )  # fmt: skip
 def test_free_is_the_distance_to_the_nearest_thing_or_wall(at_x, at_y, face, radius, points):
-    plan = Plan(load_scene(home(f"{{type: Block, at: [{at_x}, {at_y}], face: {face:.6f}, size: [0.9, 0.4, 1], height: 0}}",
+    plan = Plan(load_scene(home(f"{{type: Block, at: [{at_x}, {at_y}], face: {face:.6f}, size: [0.9, 0.4, 1], "
+                                "height: 0}",
                                 head=HEAD.replace("[0.5, 0.5]", "[0.3, 2.7]"))), radius)  # fmt: skip
     c, s = math.cos(math.radians(face)), math.sin(math.radians(face))
     for x, y in points:

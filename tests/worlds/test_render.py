@@ -1,4 +1,4 @@
-"""Pictures of a dollhouse: exact depth, ids and boxes that agree, two engines with the same pixels, light that makes sense."""
+"""Renderer of a dollhouse: exact depth, ids and boxes, the same pixels of both engines, plausible light."""
 
 from __future__ import annotations
 

@@ -46,7 +46,8 @@ def test_things_lie_where_the_file_says():
 
 
 @pytest.mark.parametrize(("wall", "low", "high"), [
-    ("north", (1.7, 2.98), (2.3, 3)), ("south", (1.7, 0), (2.3, 0.02)), ("west", (0, 1.7), (0.02, 2.3)), ("east", (3.98, 1.7), (4, 2.3)),
+    ("north", (1.7, 2.98), (2.3, 3)), ("south", (1.7, 0), (2.3, 0.02)), ("west", (0, 1.7), (0.02, 2.3)),
+    ("east", (3.98, 1.7), (4, 2.3)),
 ])  # fmt: skip
 def test_what_hangs_on_a_wall_has_its_back_to_it(wall, low, high):
     scene = load_scene(home(f"{{type: Picture, room: big, wall: {wall}, at: 2, height: 2}}"))
@@ -81,12 +82,14 @@ T = "{type: Table, at: [2, 1.6]"
 FAULTS = {
     "unknown type": (["{type: Tabel, at: [1, 1]}"], 12, "Tabel"),
     "unknown room": (["{type: Picture, room: bog, wall: east, at: 1, height: 1}"], 12, "did you mean 'big'"),
-    "unknown surface": ([T + ", things: [{type: Block, on: drawer}]}"], 12, "unknown surface 'drawer' of a Table: it has top"),
+    "unknown surface": ([T + ", things: [{type: Block, on: drawer}]}"], 12,
+        "unknown surface 'drawer' of a Table: it has top"),
     "unknown parent": (["{type: Block, on: desk, at: [0, 0]}"], 12, "no thing with id 'desk'"),
     "no surface": (["{type: Chair, at: [1, 2], things: [{type: Block}]}"], 12, "nothing can stand on a Chair"),
     "stands on nothing": (["{type: Chair, at: [3, 2]}", "{type: Block, at: [1, 1]}"], 13, "stands on no surface"),
     "in one place": ([T + "}", "{type: Rack, at: [2.8, 1.6]}"], 13, "Rack and the Table"),
-    "in one place, turned": (["{type: Rack, at: [2, 1.6], face: 45}", "{type: Rack, at: [2.3, 1.9]}"], 13, "in one place"),
+    "in one place, turned": (["{type: Rack, at: [2, 1.6], face: 45}", "{type: Rack, at: [2.3, 1.9]}"], 13,
+        "in one place"),
     "over the edge": ([T + ", things: [{type: Block, at: [0.6, 0]}]}"], 12, "5 cm over the edge of the top"),
     "too tall": (["{type: Rack, at: [2, 2], things: [{type: Block, size: [0.1, 0.1, 0.45]}]}"], 12, "0.45 m tall"),
     "in a wall": (["{type: Rack, at: [1, 2.9]}"], 12, "reaches 10 cm into the north wall of 'big'"),

@@ -1,25 +1,30 @@
-"""The requests of ``written.txt`` against the truth of their homes, into the package's ``thing_texts/written.jsonl``.
+"""Accepted answers of ``written.txt``, computed from the truth of their homes: ``thing_texts/written.jsonl``.
 
-python tools/things/check.py [--keep FOLDER]      prints faults by line, never the words; writes only where there is none
+python tools/things/check.py [--keep FOLDER]
+    prints faults by line, never the words; writes only where there is none
 
-What is true stands in each line in a small language. ``mug,cup; room kitchen; on desk`` are the mugs and cups in the kitchen that
-stand on a desk; further filters: ``in X``, ``by X``, ``closest X``, ``between A,B``, ``has X``, ``colour C``, ``big``, ``small``,
-``tall``, ``near``, ``far`` (from where the robot starts), ``id 3,4``. A count begins with its number and exists with yes or no, which
-are compared with the truth; ``list`` is ``on X``, ``in X`` or ``room R``; ``compare`` is ``bigger A|B``, ``taller A|B``, ``me A|B`` or
-``nearer X: A|B``. ``reject!`` marks a last turn that turns down what the one before it led to. What is computed: the accepted ids, the
-nearest ones of a bare name, counts, holders and rooms, lists; what is checked: that things were shown, that nothing else of a name is
-where an answer could stand for both, and that superlatives and comparisons have a margin.
+What is true stands in each line in a small language. ``mug,cup; room kitchen; on desk`` are the mugs and cups in the
+kitchen that stand on a desk; further filters: ``in X``, ``by X``, ``closest X``, ``between A,B``, ``has X``, ``colour
+C``, ``big``, ``small``, ``tall``, ``near``, ``far`` (from where the robot starts), ``id 3,4``. A count begins with its
+number and exists with yes or no, which are compared with the truth; ``list`` is ``on X``, ``in X`` or ``room R``;
+``compare`` is ``bigger A|B``, ``taller A|B``, ``me A|B`` or ``nearer X: A|B``. ``reject!`` marks a last turn that turns
+down what the one before it led to. What is computed: the accepted ids, the nearest ones of a bare name, counts, holders
+and rooms, lists; what is checked: that things were shown, that nothing else of a name is where an answer could stand
+for both, and that superlatives and comparisons have a margin.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
+import sys
 import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
+
+sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
+from command_line import Parser, run_script
 
 from cartier import plugins
 from cartier.evaluation.statements import (
@@ -230,7 +235,7 @@ def _compared(home: Home, claim: str, turns: tuple[str, ...], key: str) -> Item:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = Parser(__doc__)
     parser.add_argument(
         "--keep", type=Path, help="where the truth of homes is kept between runs, as by cartier bench --maps"
     )
@@ -255,4 +260,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

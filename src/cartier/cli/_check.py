@@ -11,7 +11,7 @@ import typer
 
 from cartier import plugins
 from cartier.cli._common import AsJson, progress, say
-from cartier.cli._reader import NOTHING, reads_recordings
+from cartier.cli.reader_options import NOTHING, reads_recordings
 from cartier.errors import CartierError
 
 if TYPE_CHECKING:

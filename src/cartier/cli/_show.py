@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import sys
-from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,12 +11,11 @@ import typer
 
 from cartier import plugins
 from cartier.cli._common import AsJson, HomeFolder, IndexName, progress, say
-from cartier.cli._reader import remembered
-from cartier.errors import CartierError, InputError, MissingExtra
+from cartier.cli.reader_options import as_mapped
+from cartier.errors import InputError, MissingExtra
 from cartier.llm.prompts import check_query
 
 if TYPE_CHECKING:
-    from cartier.contracts import Recording
     from cartier.home import Home
 
 app = typer.Typer()
@@ -92,25 +90,10 @@ def _write_rrd(home: Home, file: Path, recording: Path | None, format: str | Non
         from cartier.render.rerun_file import write_rrd
     except ModuleNotFoundError as error:
         raise MissingExtra(f"--rrd needs the package 'rerun-sdk': {plugins.install('viz', 'rerun-sdk')}") from error
-    source = None if recording is None else _as_mapped(home, recording, format)
+    source = None if recording is None else as_mapped(home, recording, format)
     with progress("writing") as step:
         write_rrd(home, file, source, step)
     say(f"open it: rerun {file}")
-
-
-def _as_mapped(home: Home, path: Path, format: str | None = None) -> Recording:
-    """A recording, read with the options that the home was mapped with, if they give the mapped recording."""
-    tried: list[dict[str, Any]] = []
-    own = {"format": format} if format else {}
-    for row in home.settings["recordings"]:
-        reader = remembered(row.get("read_with")) | own
-        if reader not in tried:
-            tried.append(reader)
-            with suppress(CartierError):  # they may be the options of another recording
-                source = plugins.open_recording(path, **reader)
-                if source.fingerprint() in (row["sha256"] for row in home.settings["recordings"]):
-                    return source
-    return plugins.open_recording(path, **own)
 
 
 def _find(home: Home, words: str, index: str | None, plot: Path | None, as_json: bool) -> None:

@@ -19,13 +19,13 @@ from cartier.contracts import Recording, RecordingDefaults, optional
 from cartier.doctor import checks
 from cartier.doctor._consistency import FEWEST_PAIRS, Numbers, Verdict, judge
 from cartier.doctor._diagnosis import Diagnosis, diagnose, small_camera
-from cartier.doctor._edges import Registration
 from cartier.doctor._evidence import draw_report, evidence_pair
 from cartier.doctor._home import examine_home, is_home
-from cartier.doctor._hypotheses import SWAP_YZ, Reading
 from cartier.doctor._pose_jumps import PoseJump, pose_jumps, split_strays
 from cartier.doctor._repair import RepairedRecording, repaired_camera
 from cartier.doctor._report import FAULTS, Fault, Repair, Report
+from cartier.doctor.edges import Registration
+from cartier.doctor.hypotheses import SWAP_YZ, Reading
 from cartier.doctor.sampling import Samples, is_mirror_fault, is_pose_fault, sample
 from cartier.errors import InputError
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cartier.doctor._consistency import FEWEST_PAIRS, Numbers, Pairs, Verdict, judge, motions, much_better, near_pairs
-from cartier.doctor._hypotheses import Hypothesis, Reading, depth_by, hypotheses, positions_by, shift_by
 from cartier.doctor._report import Fault
 from cartier.doctor.checks import tilt
+from cartier.doctor.hypotheses import Hypothesis, Reading, depth_by, hypotheses, positions_by, shift_by
 from cartier.doctor.sampling import Samples
 from cartier.types import Camera
 

@@ -11,9 +11,9 @@ import numpy as np
 from cartier.contracts import Recording
 from cartier.doctor._consistency import Pairs, motions, turns_deg
 from cartier.doctor._diagnosis import Diagnosis, small_camera
-from cartier.doctor._edges import Registration
-from cartier.doctor._hypotheses import Reading
 from cartier.doctor._report import EvidencePair, Report
+from cartier.doctor.edges import Registration
+from cartier.doctor.hypotheses import Reading
 from cartier.doctor.sampling import Samples
 from cartier.errors import InputError
 from cartier.render.floor_plan import save_figure

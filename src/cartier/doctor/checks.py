@@ -8,9 +8,9 @@ import numpy as np
 import numpy.typing as npt
 
 from cartier.doctor._consistency import turns_deg
-from cartier.doctor._edges import Registration, fits, registration
 from cartier.doctor._pose_jumps import PoseJump
 from cartier.doctor._report import Fault
+from cartier.doctor.edges import Registration, fits, registration
 from cartier.doctor.sampling import Samples, is_mirror_fault
 from cartier.errors import InputError
 from cartier.mapping import gravity

@@ -1,1 +1,1 @@
-"""The paper's evaluation: requests with the objects that serve them, the methods, the metrics, the run and its report."""
+"""Evaluation of the paper: requests and accepted objects, methods, metrics, runs and reports."""

@@ -1,4 +1,4 @@
-"""The two pictures of a run: how far from the thing, and how often the right thing. Same numbers, same bytes."""
+"""Figures of a run: the distance to the object, and the share of right objects. Same numbers, same bytes."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def distance_png(summary: Summary, made_by: Mapping[str, str]) -> bytes:
     axes.set_xlim(left=0)
     axes.set_xlabel("mean distance to the nearest acceptable object (m), answers with a place, 95 % interval")
     _legend(axes, drawn)
-    return _finish(figure, axes, f"How far from the thing: {summary['objects_from']}", made_by)
+    return _finish(figure, axes, f"How far from the object: {summary['objects_from']}", made_by)
 
 
 def match_png(summary: Summary, made_by: Mapping[str, str]) -> bytes:
@@ -53,13 +53,14 @@ def match_png(summary: Summary, made_by: Mapping[str, str]) -> bytes:
             axes.barh(at, share, 0.9 * STEP, color=LOOKS[kind][0], zorder=2)
             axes.plot([low, high], [at, at], color=INK, lw=1.2, zorder=3)
             axes.annotate(
-                f"{share:.0f}", (max(high, share), at), (5, 0), textcoords="offset points", va="center", fontsize=8, color=INK
+                f"{share:.0f}", (max(high, share), at), (5, 0), textcoords="offset points", va="center", fontsize=8,
+                color=INK
             )  # fmt: skip
     axes.set_xlim(0, 107)
     axes.set_xticks(range(0, 101, 20))
     axes.set_xlabel("answers that name an acceptable object (%), 95 % interval")
     _legend(axes, {kind for kinds in methods.values() for kind in kinds}, bars=True)
-    return _finish(figure, axes, f"How often the right thing: {summary['objects_from']}", made_by)
+    return _finish(figure, axes, f"How often the right object: {summary['objects_from']}", made_by)
 
 
 def _lines(methods: Summary) -> tuple[Figure, Axes, dict[str, float]]:

@@ -1,4 +1,4 @@
-"""A run's ``report.md``: the tables that a person reads, and how to read them."""
+"""Markdown report of a run, ``report.md``: the tables, and how to read them."""
 
 from __future__ import annotations
 
@@ -12,36 +12,39 @@ from cartier.evaluation.summary import BASE, FAULTS, RADII_M
 from cartier.evaluation.tables import PAPER_MEAN_M, Summary, made_by, said
 
 PAPER_NOTE = (
-    "*paper* is the paper's own mean (arXiv 2307.11865, with GPT-4): **other scenes, other requests and another detector**, so its "
-    "numbers say how the paper's methods stand among themselves, not whether ours are better."
+    "*paper* is the paper's own mean (arXiv 2307.11865, with GPT-4): **other scenes, other requests and another "
+    "detector**, so its numbers say how the paper's methods stand among themselves, not whether ours are better."
 )
 
 
 def report(
     summary: Summary, rows: Sequence[Row], settings: Mapping[str, Any], failed: int, others: Mapping[str, Summary]
 ) -> str:
-    """The whole ``report.md``; ``others`` are the summaries of runs that stand beside this one, by their folder's name."""
+    """The whole ``report.md``; ``others`` are the summaries of runs that stand beside this one, by their folder's
+    name."""
     methods, head = summary["methods"], f"method ({summary['objects_from']})"
     parts = [
         "# The paper's evaluation: a run",
         _head(settings, rows),
         _gaps(methods),
         _beside(summary, others),
-        "## How far from the thing: Table I",
-        "Mean distance in metres, in 3-D, from the place that a method gives to the nearest acceptable true box, over the answers that "
-        f"give a place, with its 95 % interval. {PAPER_NOTE}",
+        "## How far from the object: Table I",
+        "Mean distance in metres, in 3-D, from the place that a method gives to the nearest acceptable true box, over "
+        f"the answers that give a place, with its 95 % interval. {PAPER_NOTE}",
         _table_one(methods, head),
         "![Mean distance by method and type of request](distance.png)",
         _spread(methods, head),
-        "## How often the right thing: object match",
-        "Share of answers that name an acceptable object, by the published table of synonyms (`evaluation/matching.toml`). The paper has "
-        "this as a bar chart judged by hand, without numbers, so it has no column here. *VLMaps, words alone* names nothing itself: the "
-        "object whose place is nearest to its spot counts.",
+        "## How often the right object: object match",
+        "Share of answers that name an acceptable object, by the published table of synonyms "
+        "(`evaluation/matching.toml`). The paper has this as a bar chart judged by hand, without numbers, so it has no "
+        "column here. *VLMaps, words alone* names nothing itself: the object whose place is nearest to its spot "
+        "counts.",
         _matched(methods, head),
         "![Share of answers that name an acceptable object](object_match.png)",
         "## How often near enough: success",
-        "Share of all answers whose place is within a radius of an acceptable true box (3-D). An answer without a place is a miss. "
-        "*goal reachable* is the share of goals that the robot can reach, among the answers for which one was sought.",
+        "Share of all answers whose place is within a radius of an acceptable true box (3-D). An answer without a "
+        "place is a miss. *goal reachable* is the share of goals that the robot can reach, among the answers for which "
+        "one was sought.",
         *(_success(methods, kind, head) for kind in TYPES),
         _faults(summary, head),
         _paired(summary),
@@ -99,7 +102,8 @@ def _beside(summary: Summary, others: Mapping[str, Summary]) -> str:
         f"- {_cell(name)}: {one['objects_from']}, {_cell(one['made_by']['detector'])}" for name, one in runs.items()
     )
     return (
-        "## Side by side\n\nThe same requests, homes and methods; only who found the objects differs. Distances are means over the "
+        "## Side by side\n\nThe same requests, homes and methods; only who found the objects differs. Distances are "
+        "means over the "
         f"answers that give a place. Each run's own report is in its folder.\n\n{listed}\n\n"
         + _markdown(["method", "type", *columns], body, words=2)
     )
@@ -153,7 +157,10 @@ def _matched(methods: Summary, head: str) -> str:
 
 def _success(methods: Summary, kind: str, head: str) -> str:
     body = [
-        [title(name), *(_share(x["success"][r]) for r in RADII_M), _share(x["success"]["1"], x["success_ci"]["1"]), _share(x["goal_reachable"])]
+        [
+            title(name), *(_share(x["success"][r]) for r in RADII_M),
+            _share(x["success"]["1"], x["success_ci"]["1"]), _share(x["goal_reachable"]),
+        ]
         for name in methods
         if (x := methods[name].get(kind)) is not None
     ]  # fmt: skip
@@ -172,8 +179,9 @@ def _faults(summary: Summary, head: str) -> str:
         cells = [" / ".join(str(kinds[kind][fault]) for kind in TYPES) for fault in FAULTS]
         body.append([title(name), *cells])
     return (
-        f"## Detector, index or words?\n\nAnswers by type ({' / '.join(TYPES)}): *right* is the right thing within 1 m; *detector*: no right "
-        "thing was in the list; *index*: the right name, but the place is more than 1 m off (a viewpoint, a look-alike); *words*: it "
+        f"## Detector, index or words?\n\nAnswers by type ({' / '.join(TYPES)}): *right* is the right object within 1 "
+        "m; *detector*: no right object was in the list; *index*: the right name, but the place is more than 1 m off "
+        "(a viewpoint, a look-alike); *words*: it "
         "was listed, and the answer was something else.\n\n"
         + _markdown([head, "right", "detector", "index", "words"], body)
     )
@@ -193,8 +201,10 @@ def _paired(summary: Summary) -> str:
     if not body:
         return ""
     return (
-        "## ObjectDepth against the others\n\nObjectDepth minus the other, on the same (home, request) pairs: percentage points for match and success, metres for distance "
-        "(negative: ObjectDepth is nearer; over the pairs in which both gave a place). **Bold** where the interval excludes zero.\n\n"
+        "## ObjectDepth against the others\n\nObjectDepth minus the other, on the same (home, request) pairs: "
+        "percentage points for match and success, metres for distance "
+        "(negative: ObjectDepth is nearer; over the pairs in which both gave a place). **Bold** where the interval "
+        "excludes zero.\n\n"
         + _markdown(
             [
                 f"against ({summary['objects_from']})",
@@ -223,16 +233,20 @@ def _costs(methods: Summary, head: str) -> str:
 def _reading(summary: Summary, failed: int) -> str:
     return "\n".join(
         [
-            f"- Intervals: {summary['interval']}, {summary['resamples']} draws, seed {summary['seed']}. They say how the result could differ "
-            "with other requests of this kind, not with other homes, detectors or language models.",
-            "- A mean distance leaves out answers without a place, so a method that gives up on hard requests looks nearer than it is: "
-            "read it together with *placed* and with success, which counts them as misses.",
-            "- Yardsticks use ObjectDepth's places: *random object* and *nearest name* need no language model; *LLM without the list* must "
-            "guess what is there; *true object* is told the answer, so what is left is the cost of localising it.",
-            "- Detections that a simulator gives away (\"ground truth\") flatter every method that uses a list of objects: nothing is missed, "
-            "misnamed or seen where it is not.",
-            f"- {failed} answers failed (wrong object, no place, or more than 1 m off). Leaf through them in [failures.html](failures.html).",
-            "- The same numbers for programs: `results.json`, `tables.csv`, `table.tex`; every answer is in `results.jsonl`.",
+            f"- Intervals: {summary['interval']}, {summary['resamples']} draws, seed {summary['seed']}. They say how "
+            "the result could differ with other requests of this kind, not with other homes, detectors or language "
+            "models.",
+            "- A mean distance leaves out answers without a place, so a method that gives up on hard requests looks "
+            "nearer than it is: read it together with *placed* and with success, which counts them as misses.",
+            "- Yardsticks use ObjectDepth's places: *random object* and *nearest name* need no language model; *LLM "
+            "without the list* must guess what is there; *true object* is told the answer, so what is left is the cost "
+            "of localising it.",
+            "- Detections that a simulator gives away (\"ground truth\") flatter every method that uses a list of "
+            "objects: nothing is missed, misnamed or seen where it is not.",
+            f"- {failed} answers failed (wrong object, no place, or more than 1 m off). Leaf through them in "
+            "[failures.html](failures.html).",
+            "- The same numbers for programs: `results.json`, `tables.csv`, `table.tex`; every answer is in "
+            "`results.jsonl`.",
         ]
     )  # fmt: skip
 

@@ -1,4 +1,4 @@
-"""Nobody is asked the same thing twice: a reasoner with a memory in a file, which also keeps what each question cost."""
+"""Cache of a reasoner's answers in a file, with what each question cost; no question is asked twice."""
 
 from __future__ import annotations
 
@@ -17,7 +17,8 @@ from cartier.types import Fact, Inventory, Selection
 
 
 class Asked:
-    """Obeys the Reasoner contract. ``spent`` adds up what the questions cost when they were first asked: seconds, calls, tokens."""
+    """Obeys the Reasoner contract. ``spent`` adds up what the questions cost when they were first asked: seconds,
+    calls, tokens."""
 
     def __init__(self, reasoner: Reasoner, file: Path) -> None:
         self._reasoner, self._file = reasoner, file

@@ -1,4 +1,4 @@
-"""The prompts of a run as a batch file of OpenAI's Batch API: half the price, or for whoever answers them by hand."""
+"""Batch file of a run's prompts for OpenAI's Batch API, which costs half, or for anybody who answers them by hand."""
 
 from __future__ import annotations
 
@@ -18,10 +18,12 @@ URL = "/v1/chat/completions"
 
 
 class PromptWriter:
-    """A reasoner that asks nobody: it keeps what a language model would be asked, each prompt once, and answers nothing.
+    """A reasoner that asks nobody: it keeps what a language model would be asked, each prompt once, and answers
+    nothing.
 
-    ``model`` is by default OPENAI_MODEL, else that of the openai reasoner. ``replies`` is a replay of what came back so far. What it holds is answered and not kept, so that a prompt which depends on an
-    earlier reply (NLMap's choice, the next turn of a conversation) is written in the next round.
+    ``model`` is by default OPENAI_MODEL, else that of the openai reasoner. ``replies`` is a replay of what came back so
+    far. What it holds is answered and not kept, so that a prompt which depends on an earlier reply (NLMap's choice, the
+    next turn of a conversation) is written in the next round.
     """
 
     name = "prompts, written and not sent"

@@ -114,7 +114,7 @@ function others(failure, asked) {
   const table = make("table");
   table.append(make("caption", "the same request in this home, by every method"));
   const head = make("tr");
-  for (const name of ["method", "got", "right thing", "distance"]) head.append(make("th", name));
+  for (const name of ["method", "got", "right object", "distance"]) head.append(make("th", name));
   table.append(head);
   for (const [method, object, match, distance, status] of asked.answers) {
     const row = make("tr");

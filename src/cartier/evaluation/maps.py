@@ -1,4 +1,4 @@
-"""The mapped homes of a bench, each made once and kept: recording → home folder, named after what made it."""
+"""Cache of mapped homes: each is mapped once and kept in a folder that is named after what made it."""
 
 from __future__ import annotations
 
@@ -35,7 +35,8 @@ class MapSettings:
 
 
 def encoder_for(detector: str) -> str:
-    """The encoder that goes with a detector: one that has dense features gives them, for others label features are used."""
+    """The encoder that goes with a detector: one that has dense features gives them, for others label features are
+    used."""
     return PIXELS if detector.partition(":")[0] == "embedded" else "embedded"
 
 

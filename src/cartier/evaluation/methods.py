@@ -1,4 +1,4 @@
-"""Every system that the paper compares, and the yardsticks: (home, request, reasoner) → answer, on the same maps."""
+"""Methods that the paper compares, and the yardsticks: (home, request, reasoner) → answer, on the same maps."""
 
 from __future__ import annotations
 

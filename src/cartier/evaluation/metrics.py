@@ -1,4 +1,4 @@
-"""Whether an answer names the right thing, and how far from it the robot was sent."""
+"""Metrics of an answer: whether it names an accepted object, and the distance from its place to one."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ def _table() -> tuple[dict[str, str], frozenset[frozenset[str]]]:
 
 
 def canonical(name: str) -> str:
-    """One name for all synonyms of a thing, as published in ``matching.toml``."""
+    """One name for all synonyms of an object, as published in ``matching.toml``."""
     return _table()[0].get(_key(name), _key(name))
 
 
 def matches(named: str | None, accept: Iterable[str]) -> bool:
-    """Whether a name is one of the acceptable ones, a synonym of one, or of a thing that always comes with one."""
+    """Whether a name is one of the acceptable ones, a synonym of one, or of an object that always comes with one."""
     if named is None:
         return False
     mine = canonical(named)
@@ -45,7 +45,8 @@ def listed_as(name: str, objects: Sequence[str]) -> str | None:
 def distances(
     position: Sequence[float] | None, truth: Iterable[TrueObject], accept: Collection[str]
 ) -> tuple[float | None, float | None]:
-    """Metres from a position to the nearest acceptable true box, in space and on the floor plan; None without a position."""
+    """Metres from a position to the nearest acceptable true box, in space and on the floor plan; None without a
+    position."""
     boxes = [obj for obj in truth if display_name(obj.label) in accept]
     if position is None or not boxes:
         return None, None

@@ -1,4 +1,4 @@
-"""``failures.html``: one page, without a network, that lets a person leaf through what went wrong, with photos beside it."""
+"""Failure page: ``failures.html``, one page for browsing the failed answers with their photos, without a network."""
 
 from __future__ import annotations
 
@@ -81,14 +81,15 @@ def page(
 def _failure(row: Row, case: int, photos: Mapping[tuple[str, int], str]) -> dict[str, Any]:
     return {
         "case": case, "method": row.method, "kind": failure_kind(row), "object": row.object, "match": row.match,
-        "status": row.status, "distance": row.distance_m, "floor": row.distance_floor_m, "reachable": row.goal_reachable,
-        "note": row.note, "position": row.position, "frame": row.frame,
+        "status": row.status, "distance": row.distance_m, "floor": row.distance_floor_m,
+        "reachable": row.goal_reachable, "note": row.note, "position": row.position, "frame": row.frame,
         "photo": None if row.frame is None else photos.get((row.home, row.frame)),
     }  # fmt: skip
 
 
 def _fill(data: Mapping[str, Any]) -> str:
-    """The template with its data: nothing in the data can end the block that it stands in, and only our script may run."""
+    """The template with its data: nothing in the data can end the block that it stands in, and only our script may
+    run."""
     text = json.dumps(data, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
     for mark in "<>&\u2028\u2029":
         text = text.replace(mark, f"\\u{ord(mark):04x}")  # such marks stand only inside JSON strings

@@ -1,4 +1,4 @@
-"""The requests of the evaluation, with the objects that serve each one: the built-in set, or a user's JSON lines.
+"""Requests of the evaluation with the objects that serve each one: the built-in set, or a user's JSON lines.
 
 ``query_texts/*.toml`` holds 40 AI2-THOR object types (*targets*), each asked for in three ways as in the paper
 (arXiv 2307.11865): explicit, implicit and conversational. ``docs/queries.md`` tells how they were written.

@@ -1,4 +1,4 @@
-"""A run folder's report: tables, pictures and the failures page from its rows; and marking by hand, with the agreement."""
+"""Report of a run folder: tables, pictures and the failure page; and the labels of a person, with the agreement."""
 
 from __future__ import annotations
 
@@ -32,9 +32,10 @@ def write_report(folder: Path, photo: Photo | None = None, beside: Sequence[Path
 
     ``beside`` are folders of finished runs, of which a report is written already: their numbers stand beside these.
 
-    ``results.json``, ``report.md``, ``tables.csv``, ``table.tex``, ``distance.png``, ``object_match.png``, ``failures.html``
-    and the photos in ``failures/``. ``photo(home, frame)`` gives the image of an evidence frame, or None. Each file takes
-    the place of an older one whole or not at all; the same input gives the same bytes. Raises InputError for broken input.
+    ``results.json``, ``report.md``, ``tables.csv``, ``table.tex``, ``distance.png``, ``object_match.png``,
+    ``failures.html`` and the photos in ``failures/``. ``photo(home, frame)`` gives the image of an evidence frame, or
+    None. Each file takes the place of an older one whole or not at all; the same input gives the same bytes. Raises
+    InputError for broken input.
     """
     settings = read_json(folder / "settings.json")
     if not isinstance(settings, dict):
@@ -69,8 +70,8 @@ def write_report(folder: Path, photo: Photo | None = None, beside: Sequence[Path
 def export_marking(rows: Iterable[Mapping[str, Any] | Row], file: Path) -> int:
     """Write a CSV for a person to mark: does the object serve the request? Returns the number of lines.
 
-    One line per home, request and object, however many methods named it; neither the methods nor the automatic verdict are
-    in it. The person writes yes or no into the column ``served``; what is left empty does not count.
+    One line per home, request and object, however many methods named it; neither the methods nor the automatic verdict
+    are in it. The person writes yes or no into the column ``served``; what is left empty does not count.
     """
     buffer = io.StringIO()
     out = csv.writer(buffer, lineterminator="\r\n")
@@ -85,9 +86,9 @@ def export_marking(rows: Iterable[Mapping[str, Any] | Row], file: Path) -> int:
 def agreement(rows: Iterable[Mapping[str, Any] | Row], file: Path) -> dict[str, Any]:
     """How far the automatic object match agrees with a marked CSV of ``export_marking``.
 
-    ``n`` lines that were marked, ``agree`` the share on which both say the same (null if n is 0), ``kappa`` Cohen's kappa, that
-    is the agreement beyond chance (null where chance alone agrees always), ``unmarked`` lines left empty. Raises InputError
-    with the number of the first line that cannot be read, or that is of another run.
+    ``n`` lines that were marked, ``agree`` the share on which both say the same (null if n is 0), ``kappa`` Cohen's
+    kappa, that is the agreement beyond chance (null where chance alone agrees always), ``unmarked`` lines left empty.
+    Raises InputError with the number of the first line that cannot be read, or that is of another run.
     """
     verdicts = _verdicts(rows)
     marks: dict[str, bool | None] = {}

@@ -1,4 +1,4 @@
-"""The rows of a run folder's ``results.jsonl``, checked: one answer of one method to one request in one home."""
+"""Rows of a run folder's ``results.jsonl``, checked: one answer of one method to one request in one home."""
 
 from __future__ import annotations
 
@@ -83,14 +83,16 @@ class Row(BaseModel):
         return self.home, self.query_id
 
     def made_by(self, part: str) -> str:
-        """The detector, encoder or reasoner, without the home that a ground truth's name ends in: "ground truth (dollhouse)"."""
+        """The detector, encoder or reasoner, without the home that a ground truth's name ends in: "ground truth
+        (dollhouse)"."""
         name: str = getattr(self, part) or "none"
         whole = name.removesuffix(f" {self.home})")
         return name if whole == name else f"{whole})"
 
 
 def read_rows(file: Path) -> list[Row]:
-    """Every row of a ``results.jsonl``. Raises InputError with the number of the first broken line, or if it is empty."""
+    """Every row of a ``results.jsonl``. Raises InputError with the number of the first broken line, or if it is
+    empty."""
     rows = []
     check_file(file)
     try:
@@ -113,8 +115,8 @@ def read_rows(file: Path) -> list[Row]:
 def check_rows(rows: Iterable[Mapping[str, Any] | Row]) -> list[Row]:
     """The rows as ``Row``, in the order of method, type, request and home, whatever order they came in.
 
-    Raises InputError if a row is not one, a (home, request, method) comes twice, or a method was run in one home with two
-    detectors, encoders or reasoners: such rows are of two runs and must not share a table.
+    Raises InputError if a row is not one, a (home, request, method) comes twice, or a method was run in one home with
+    two detectors, encoders or reasoners: such rows are of two runs and must not share a table.
     """
     checked = [row if isinstance(row, Row) else _row(row, f"result {n}") for n, row in enumerate(rows, start=1)]
     made_by: dict[tuple[str, ...], str] = {}

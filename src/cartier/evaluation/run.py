@@ -1,4 +1,4 @@
-"""``cartier bench``: map the homes, ask every request by every method, and write it down so that a killed run goes on."""
+"""Run of ``cartier bench``: it maps the homes and asks every method every request; a killed run can be resumed."""
 
 from __future__ import annotations
 
@@ -60,8 +60,8 @@ def run(
 ) -> list[dict[str, Any]]:
     """Ask everything that is not answered yet and return all rows, in order of home, request and method.
 
-    ``maps_folder`` may be shared between runs; by default it is in the run folder. Raises InputError for an unknown home or
-    method, or a run folder of other settings; what was answered before an error stays.
+    ``maps_folder`` may be shared between runs; by default it is in the run folder. Raises InputError for an unknown
+    home or method, or a run folder of other settings; what was answered before an error stays.
     """
     maps = Maps(maps_folder or folder / MAPS, settings.maps)
     truth, asked = _asked(settings, queries, maps)
@@ -76,7 +76,8 @@ def write_prompts(
     maps_folder: Path,
     progress: Progress | None = None,
 ) -> None:
-    """Let the writer see all that a run would ask a language model. Raises InputError as ``run`` does; no run folder is made."""
+    """Let the writer see all that a run would ask a language model. Raises InputError as ``run`` does; no run folder is
+    made."""
     maps = Maps(maps_folder, settings.maps)
     _, asked = _asked(settings, queries, maps)
     depends = "nlmap" in settings.methods and writer.replies is not None  # its choice is among what came back at first
@@ -156,14 +157,14 @@ def _row(
     after_choice = sum(ms for step, ms in answer.timing_ms.items() if step != "select") / 1e3
     return {
         "home": home_name, "query_id": query.id, "type": query.type, "method": method,
-        "status": answer.selection.status, "object": answer.selection.object, "match": matches(answer.selection.object, accept),
-        "distance_m": _rounded(in_space), "distance_floor_m": _rounded(on_floor),
+        "status": answer.selection.status, "object": answer.selection.object,
+        "match": matches(answer.selection.object, accept), "distance_m": _rounded(in_space),
+        "distance_floor_m": _rounded(on_floor),
         "goal_reachable": None if answer.place is None else answer.goal is not None,
         "seconds": round(cost["seconds"] + after_choice, SECONDS), "llm_calls": cost["calls"], "tokens": cost["tokens"],
-        "detector": answer.detector, "encoder": answer.encoder, "reasoner": answer.reasoner,
-        "target": query.target, "accept": accept, "text": query.text, "position": position,
-        "frame": None if answer.place is None else answer.place.frame,
-        "note": answer.selection.reason,
+        "detector": answer.detector, "encoder": answer.encoder, "reasoner": answer.reasoner, "target": query.target,
+        "accept": accept, "text": query.text, "position": position,
+        "frame": None if answer.place is None else answer.place.frame, "note": answer.selection.reason,
     }  # fmt: skip
 
 
@@ -192,7 +193,8 @@ def _calibrated(maps: Maps, asked: Sequence[str], progress: Progress | None) -> 
 
 
 def claim(folder: Path, settings: Any, queries: Iterable[Any], reasoner: str) -> None:
-    """Make the run folder, or see that it is of the same settings (a dataclass, as each query is). Raises InputError if not."""
+    """Make the run folder, or see that it is of the same settings (a dataclass, as each query is). Raises InputError if
+    not."""
     import hashlib
 
     asked = json.dumps([asdict(query) for query in queries], sort_keys=True)
@@ -207,7 +209,8 @@ def claim(folder: Path, settings: Any, queries: Iterable[Any], reasoner: str) ->
         other = [name for name, value in mine.items() if kept.get(name) != value]
         if other:
             raise InputError(
-                f"{folder} holds a run of other settings ({', '.join(other)}): choose another folder, or delete that one"
+                f"{folder} holds a run of other settings ({', '.join(other)}): choose another folder, or delete that "
+                "one"
             )
         return
     strange = (

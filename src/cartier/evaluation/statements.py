@@ -1,4 +1,4 @@
-"""What is true of one thing alone, in words: "the cup next to the sink", "the biggest table"; each with a margin."""
+"""Referring expressions that are true of one object: "the cup next to the sink", "the biggest table"; with a margin."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ APART_M = 0.4  # from the middle of what is not meant to the box of what is: no 
 NOT_NEXT_M = 1.0  # what is so far away is next to nothing
 FAR_APART_M, FAR_APART = 0.7, 1.3  # nearest to a person: any other is so much, and so many times, farther
 LARGER, LONGER = 1.6, 1.2  # times the volume, and the longest side, of what is bigger
-DOMINANT, TRACE = 0.55, 0.15  # shares of its surface: of a thing's colour, and of one that it does not have
+DOMINANT, TRACE = 0.55, 0.15  # shares of its surface: of an object's colour, and of one that it does not have
 FIXTURES = frozenset(
     {"sink", "faucet", "stove burner", "painting", "poster", "mirror", "shower head", "toilet paper hanger"}
 )
@@ -39,7 +39,7 @@ ONE_ROOM = ("living room", "studio", "bedroom", "kitchen")
 
 
 class Words:
-    """``words.toml``: how things are called and asked for."""
+    """``words.toml``: how objects are called and asked for."""
 
     def __init__(self, path: Path = TEXTS) -> None:
         self.texts: dict[str, Any] = tomllib.loads(path.read_text(encoding="utf-8"))
@@ -60,7 +60,8 @@ class Words:
 
 @dataclass(frozen=True)
 class Statement:
-    """A noun phrase that is true of one thing: "the ``adjective`` ``word`` ``tail``"; ``others`` are so many of its name.
+    """A noun phrase that is true of one object: "the ``adjective`` ``word`` ``tail``"; ``others`` are so many of its
+    name.
 
     ``how`` is the sort of its tail: on, in, under, next to, between, closest, room.
     """
@@ -78,7 +79,7 @@ class Statement:
 
 
 class Statements:
-    """All that can be said of the things of a home, in words that are drawn anew for each."""
+    """All that can be said of the objects of a home, in words that are drawn anew for each."""
 
     def __init__(self, home: TrueHome, words: Words, rng: Random) -> None:
         self.home, self.words, self.rng = home, words, rng
@@ -96,7 +97,7 @@ class Statements:
         return {obj.label for obj in self.home.objects}
 
     def meant(self, word: str) -> list[MapObject]:
-        """All things of the home that a word may mean."""
+        """All objects of the home that a word may mean."""
         labels = self.words.meant(word)
         return [obj for obj in self.home.objects if obj.label in labels]
 
@@ -104,11 +105,11 @@ class Statements:
         return self.words.called.get(label, [label])
 
     def so_called(self, word: str, objs: Iterable[MapObject]) -> bool:
-        """Whether people call all of some things by a word, rather than that it might mean them."""
+        """Whether people call all of some objects by a word, rather than that it might mean them."""
         return all(word in self.names(obj.label) for obj in objs)
 
     def only(self, label: str) -> str | None:
-        """A word that means a thing of this type alone in this home, which is shown; else None."""
+        """A word that means an object of this type alone in this home, which is shown; else None."""
         sole = [word for word in self.names(label) if len(found := self.meant(word)) == 1 and found[0].id in self.shown]
         return self.rng.choice(sole) if sole else None
 
@@ -128,7 +129,7 @@ class Statements:
     def _make(
         self, kind: str, word: str, objs: Sequence[MapObject], obj: MapObject, **said: str
     ) -> Iterator[Statement]:
-        """The statement, if the thing was shown and no other of the name is where an answer could stand for both."""
+        """The statement, if the object was shown and no other of the name is where an answer could stand for both."""
         low, high = np.array(obj.box_min[:2]), np.array(obj.box_max[:2])
         middles = np.array([other.position[:2] for other in objs if other.id != obj.id]).reshape(-1, 2)
         if obj.id in self.shown and self.so_called(word, [obj]) and (box_distance(middles, low, high) > APART_M).all():
@@ -154,7 +155,7 @@ class Statements:
                 yield from self._make("relation", word, objs, obj, how=how, tail=self._tail(how, place))
 
     def below(self, obj: MapObject) -> list[MapObject]:
-        """What a thing stands on or in, what that does, and so on."""
+        """What an object stands on or in, what that does, and so on."""
         found, held = list[MapObject](), self.home.holder.get(obj.id)
         while held:
             found.append(self.by_id[held[0]])
@@ -162,7 +163,7 @@ class Statements:
         return found
 
     def held_by(self, objs: Iterable[MapObject], place: str) -> tuple[list[MapObject], list[MapObject]]:
-        """What of some things stands on or in what a word means; and what does so by itself or by way of others."""
+        """What of some objects stands on or in what a word means; and what does so by itself or by way of others."""
         holders = {holder.id for holder in self.meant(place)}
         below = [(obj, [other.id for other in self.below(obj)]) for obj in objs]
         direct = [obj for obj, ids in below if ids and ids[0] in holders]
@@ -170,7 +171,7 @@ class Statements:
 
     @cached_property
     def landmarks(self) -> list[tuple[str, MapObject]]:
-        """Shown things that a word means alone, each with it."""
+        """Shown objects that a word means alone, each with it."""
         words = [self.only(label) for label in sorted(self.labels - SAME_PLACE)]
         return [(word, self.meant(word)[0]) for word in words if word]
 
@@ -186,7 +187,8 @@ class Statements:
             far = {obj.id: gap(obj, landmark) for obj in objs}
             beside = [obj for obj in objs if is_beside(obj, landmark) and not self._holds(obj, landmark)]
             if len(beside) == 1 and all(
-                far[t.id] >= max(NOT_NEXT_M, far[beside[0].id] + NEXT_M) or t.room != landmark.room for t in objs if t != beside[0]
+                far[t.id] >= max(NOT_NEXT_M, far[beside[0].id] + NEXT_M) or t.room != landmark.room
+                for t in objs if t != beside[0]
             ):  # fmt: skip
                 yield from self._make(
                     "relation", word, objs, beside[0], how="next to", tail=self._tail("next to", place)
@@ -293,7 +295,7 @@ def gap(one: MapObject, other: MapObject) -> float:
 
 
 def away(xy: Sequence[float], obj: MapObject) -> float:
-    """Metres from a point to a thing's box on the floor plan."""
+    """Metres from a point to an object's box on the floor plan."""
     return float(box_distance(np.array(xy), np.array(obj.box_min[:2]), np.array(obj.box_max[:2])))
 
 

@@ -1,4 +1,4 @@
-"""The numbers of a run: per method and type of request, with bootstrap intervals over requests and paired differences."""
+"""Statistics of a run: per method and type of request, with bootstrap intervals and paired differences."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ RADII_M = ("0.25", "0.5", "1", "1.5", "2")
 BASE = "object_depth"
 """The method that every other one is compared with."""
 KNOWS = "true_object"
-"""The method that names the right thing whenever it is in the list: where it does not, the detector left it out."""
+"""The method that names the right object whenever it is in the list: where it does not, the detector left it out."""
 FAULTS = ("none", "detector", "index", "words")
 DIGITS = 6
 """Decimals kept: far below anything that matters, and above what differs between two computers' sums."""
@@ -31,17 +31,19 @@ def summarise(rows: Iterable[Mapping[str, Any] | Row], seed: int = 0, resamples:
     """What a program reads of a run (``results.json``): ``methods`` → name → type → numbers, and ``paired``.
 
     - ``n`` counts (home, request) pairs, ``n_placed`` those with a place.
-    - ``match`` and ``success`` (the place is within a radius in metres, in 3-D, of an acceptable true box) are shares of
-      all ``n``: an answer without a place is a miss.
+    - ``match`` and ``success`` (the place is within a radius in metres, in 3-D, of an acceptable true box) are shares
+      of all ``n``: an answer without a place is a miss.
     - Distances (mean, median, mean on the floor plan) are over the ``n_placed`` alone; null if there are none.
     - ``goal_reachable`` is the share among the answers with a place for which a goal was sought.
     - ``llm_calls`` and ``tokens`` are means per request, ``seconds_median`` is in seconds.
-    - ``…_ci`` is a 95 % percentile bootstrap interval: whole requests are drawn with replacement, all homes of a request
-      together, because one text asked in five homes is not five texts.
-    - ``faults`` → method that is shown the list → type → how many answers name the right thing within 1 m ("none"), could not because no right thing
-      was in the list ("detector"), name it and point elsewhere ("index"), or name or say something else ("words").
-    - ``paired`` → ``object_depth`` → other → type: object_depth minus the other over the pairs that both were asked (for
-      the distance: in which both gave a place), on the same draws. A negative distance means that object_depth is nearer.
+    - ``…_ci`` is a 95 % percentile bootstrap interval: whole requests are drawn with replacement, all homes of a
+      request together, because one text asked in five homes is not five texts.
+    - ``faults`` → method that is shown the list → type → how many answers name the right object within 1 m ("none"),
+      could not because no right object was in the list ("detector"), name it and point elsewhere ("index"), or name or
+      say something else ("words").
+    - ``paired`` → ``object_depth`` → other → type: object_depth minus the other over the pairs that both were asked
+      (for the distance: in which both gave a place), on the same draws. A negative distance means that object_depth is
+      nearer.
 
     The order of rows does not matter. Raises InputError for rows that are broken, doubled or of two runs.
     """

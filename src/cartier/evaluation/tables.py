@@ -1,4 +1,4 @@
-"""A run's numbers for other programs: a tidy CSV, and Table I for a LaTeX paper; and the paper's own numbers."""
+"""Tables for other programs: a tidy CSV file, Table I for a LaTeX paper, and the paper's own numbers."""
 
 from __future__ import annotations
 
@@ -28,7 +28,8 @@ Summary = Mapping[str, Any]
 
 
 def tidy_csv(summary: Summary) -> str:
-    """One line per method and type: whence the objects come, every number of the summary and the paper's mean, with a header."""
+    """One line per method and type: whence the objects come, every number of the summary and the paper's mean, with a
+    header."""
     lines = [
         {"objects": summary["objects_from"]} | _tidy(name, kind, x)
         for name, kinds in summary["methods"].items()
@@ -62,8 +63,9 @@ def latex(summary: Summary, rows: Iterable[Row]) -> str:
         "% needs \\usepackage{booktabs}",
         "\\begin{table}",
         "\\centering",
-        "\\caption{Mean distance $d$ in metres to the nearest acceptable object with its 95\\,\\% bootstrap interval over requests, share $s$ "
-        f"of answers within 1\\,m, and share $m$ that name an acceptable object. Objects: {_tex(summary['objects_from'])}. {_tex(by)}.}}",
+        "\\caption{Mean distance $d$ in metres to the nearest acceptable object with its 95\\,\\% bootstrap interval "
+        "over requests, share $s$ of answers within 1\\,m, and share $m$ that name an acceptable object. Objects: "
+        f"{_tex(summary['objects_from'])}. {_tex(by)}.}}",
         "\\begin{tabular}{l" + "rrr" * len(TYPES) + "}",
         "\\toprule",
         " & ".join(["", *(f"\\multicolumn{{3}}{{c}}{{{kind}}}" for kind in TYPES)]) + " \\\\",

@@ -1,4 +1,4 @@
-"""Requests and questions about particular things, with what is true of them; and whether an answer is right.
+"""Requests and questions about particular objects with their ground truth, and the score of an answer.
 
 ``docs/things.md`` has both file formats: that of requests, and that in which any system's answers are scored.
 """
@@ -27,7 +27,7 @@ from cartier.types import STATUSES, TrueObject
 FIND = ("relation", "room", "attribute", "superlative", "need", "follow_up")
 ASK = ("count", "exists", "where", "list", "compare")
 KINDS = (*FIND, "bare", *ASK, "nothing")
-WITHIN_M = 0.3  # of the box of an accepted thing
+WITHIN_M = 0.3  # of the box of an accepted object
 WRITTEN = Path(__file__).parent / "thing_texts" / "written.jsonl"
 ITEM_FORM = (
     '{"id": "…", "home": "80001", "kind": "relation", "text": "the cup by the sink", "accept_ids": [3], "answer": null}'
@@ -46,11 +46,12 @@ def _words(text: str) -> set[str]:
 
 
 TELLING = _words("""
-    kitchen bedroom bathroom living hall hallway study office room lounge left right nearest closest nearer closer farther farthest near
-    window door wall corner big bigger biggest large larger largest small smaller smallest tall taller low lower high higher black grey
-    gray white red orange yellow green blue purple pink brown first second third metre metres meters m
+    kitchen bedroom bathroom living hall hallway study office room lounge left right nearest closest nearer closer
+    farther farthest near window door wall corner big bigger biggest large larger largest small smaller smallest tall
+    taller low lower high higher black grey gray white red
+    orange yellow green blue purple pink brown first second third metre metres meters m
 """)
-"""Words of a question that tell things apart, besides the names of other things."""
+"""Words of a question that tell objects apart, besides the names of other objects."""
 WHICH = frozenset({"which", "one", "ones"})
 NEAREST = frozenset({"nearest", "closest", "nearer", "closer", "several"})
 """What says of one of several that it was taken because it is near."""
@@ -63,9 +64,10 @@ Names = Annotated[tuple[Name, ...], Field(strict=False, max_length=MAX_IDS)]
 class Item:
     """One request: what a person says, in one turn or several, in a home; and what is true.
 
-    ``accept_ids`` are the simulator's ids of the things that serve it. ``answer`` is a number for ``count``, true or false for
-    ``exists``, names for ``where`` (each is right), ``list`` (all are meant) and ``compare``, None for the others; ``maybe`` are
-    names that a list may hold or not. ``rejects``: the last turn turns down what the one before it led to.
+    ``accept_ids`` are the simulator's ids of the objects that serve it. ``answer`` is a number for ``count``, true or
+    false for ``exists``, names for ``where`` (each is right), ``list`` (all are meant) and ``compare``, None for the
+    others; ``maybe`` are names that a list may hold or not. ``rejects``: the last turn turns down what the one before
+    it led to.
     """
 
     id: str
@@ -88,8 +90,8 @@ class Item:
 
 @dataclass(frozen=True)
 class Given:
-    """A system's answer. ``at`` is the place it leads to, (x, y) or (x, y, z) in metres, or the id of a true thing; ``before``
-    the same for the turn before the last one, where there is one."""
+    """A system's answer. ``at`` is the place it leads to, (x, y) or (x, y, z) in metres, or the id of a true object;
+    ``before`` the same for the turn before the last one, where there is one."""
 
     id: str
     status: str
@@ -110,11 +112,11 @@ class Score:
 
 
 def score(item: Item, given: Given, truth: Mapping[int, TrueObject]) -> Score:
-    """Whether an answer is right; ``truth`` are the home's things by their ids.
+    """Whether an answer is right; ``truth`` are the home's objects by their ids.
 
-    A find is right if its place lies in or within 0.3 m of an accepted thing's box. A bare name of several is right with a
-    question that holds a word that tells them apart, or with the nearest one and a word that says so. Answers to questions
-    are compared exactly. What nothing serves is right without a place.
+    A find is right if its place lies in or within 0.3 m of an accepted object's box. A bare name of several is right
+    with a question that holds a word that tells them apart, or with the nearest one and a word that says so. Answers to
+    questions are compared exactly. What nothing serves is right without a place.
     """
     sent = given.at if given.status in ("found", "likely_near") else None
     distance = _distance(sent, item.accept_ids, truth)
@@ -149,7 +151,7 @@ def _told(item: Item, answer: Any) -> Score:
 
 
 def _name(name: str) -> str:
-    """A thing's or a room's name: synonyms are one, and "bedroom 2" is a bedroom."""
+    """An object's or a room's name: synonyms are one, and "bedroom 2" is a bedroom."""
     return canonical(re.sub(r"\s+\d+$", "", name.strip()))
 
 
@@ -168,7 +170,7 @@ def _distance(
 def _same(
     at: tuple[float, ...] | int, before: tuple[float, ...] | int | None, item: Item, truth: Mapping[int, TrueObject]
 ) -> bool:
-    """Whether two places are at the same accepted thing."""
+    """Whether two places are at the same accepted object."""
     if before is None:
         return False
     first, then = (min(item.accept_ids, key=lambda i: _distance(place, (i,), truth) or 0.0) for place in (at, before))
@@ -176,7 +178,7 @@ def _same(
 
 
 def _separates(question: str, item: Item, truth: Mapping[int, TrueObject]) -> bool:
-    """Whether a question is about the thing that was named, and holds a word that tells several apart and is new."""
+    """Whether a question is about the object that was named, and holds a word that tells several apart and is new."""
     named = _words(" ".join(_name(truth[i].label) for i in item.accept_ids if i in truth))
     others = _words(" ".join(_name(obj.label) for obj in truth.values()))
     said, asked = named | _words(" ".join(item.turns)), _words(question)
@@ -274,7 +276,7 @@ class _ItemLine(_Line):
         if type(answer) is not meant or (answer == () and self.kind != "list"):
             raise InputError(f"answer: the kind {self.kind} needs {ANSWERS.get(self.kind, 'null')}")
         if self.kind in (*FIND, "bare") and not self.accept_ids:
-            raise InputError(f"accept_ids: the kind {self.kind} needs the ids of the things that serve it")
+            raise InputError(f"accept_ids: the kind {self.kind} needs the ids of the objects that serve it")
         if self.kind == "nothing" and self.accept_ids:
             raise InputError("accept_ids: what nothing serves has none")
         turns = tuple(check_query(turn) for turn in self.turns or (self.text or "",))
@@ -289,5 +291,5 @@ class _AnswerLine(_Line):
     object_id: int | None = None
     answer: bool | int | str | Names | None = None
     question: Text | None = ""
-    say: Text | None = ""
+    text: Text | None = ""
     before_xy: Annotated[tuple[float, float], Field(strict=False)] | None = None

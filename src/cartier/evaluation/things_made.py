@@ -1,4 +1,4 @@
-"""Requests and questions made from the truth of a home: the same home and seed give the same lines."""
+"""Requests and questions generated from the ground truth of a home; the same home and seed give the same lines."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from cartier.types import MapObject
 
 EACH = 8  # of a kind in a home, at most
 EASY = 2  # finds of a kind in a home may be of what is alone of its name
-SINGLE, NONE = 1, 1  # things that are alone of their name, or that are not there, are counted in a home
+SINGLE, NONE = 1, 1  # objects that are alone of their name, or that are not there, are counted in a home
 MOST = {"closest": 3, "between": 1}  # of these relations there are so many that they would leave no room for others
 SPREAD_M = 1.5  # two of a name are so far apart, or nobody minds which
 TYPOS, TERSE = 0.04, 0.06  # shares of texts
@@ -43,8 +43,8 @@ MOST_LISTED = 12  # names in a list that anybody would want to hear
 def make_items(home: TrueHome, seed: int = 0, each: int = EACH) -> list[Item]:
     """The requests of a home, ``each`` of a kind at most; ids are unique over homes."""
     words, made = Words(), list[Item]()
-    for kind in ("relation", "room", "attribute", "superlative", "need", "follow_up", "bare", "count", "exists", "where",
-                 "list", "compare", "nothing"):  # fmt: skip
+    for kind in ("relation", "room", "attribute", "superlative", "need", "follow_up", "bare", "count", "exists",
+                 "where", "list", "compare", "nothing"):  # fmt: skip
         rng = Random(f"{home.name} {kind} {seed}")
         making = _Making(home, words, rng)
         found = list(making.finds(kind) if kind in _STATED else getattr(making, kind)())
@@ -57,7 +57,7 @@ _STATED = ("relation", "room", "attribute", "superlative")
 
 
 def _spread(rng: Random, items: list[Item], each: int) -> list[Item]:
-    """Some of many, about as many things and answers as there are: none comes twice before every other came once."""
+    """Some of many, about as many objects and answers as there are: none comes twice before every other came once."""
     rng.shuffle(items)
     turn, order = Counter[Hashable](), list[tuple[int, int, Item]]()
     for item in items:
@@ -139,7 +139,7 @@ class _Making(Statements):
         return self._say("follow_up", "first", x=word, a=_a(word))
 
     def _several(self) -> Iterator[tuple[str, list[MapObject]]]:
-        """Words for two or more shown things that do not stand together."""
+        """Words for two or more shown objects that do not stand together."""
         for word in sorted({word for label in self.labels - SAME_PLACE for word in self.names(label)}):
             objs = self.meant(word)
             if len(objs) > 1 and self.so_called(word, objs) and _apart(objs) and {t.id for t in objs} <= self.shown:
@@ -153,7 +153,7 @@ class _Making(Statements):
             yield self._item("bare", self._say("bare", "texts", x=word, a=_a(word)), accept_ids=accept)
 
     def _exactly(self) -> Iterator[tuple[str, list[MapObject]]]:
-        """Words that mean one type alone in this home, every thing of which was shown."""
+        """Words that mean one type alone in this home, every object of which was shown."""
         for label in sorted(self.labels):
             objs = [obj for obj in self.home.objects if obj.label == label]
             sole = [word for word in self.names(label) if self.words.meant(word) & self.labels == {label}]
@@ -181,7 +181,8 @@ class _Making(Statements):
                 if inside and n > 1:
                     tail = _where(self._tail("room", self.words.pick(self.rng, "rooms", kind)))
                     yield self._item(
-                        "count", self._say("count", "placed", xs=plural(word), t=tail), accept_ids=inside, answer=len(inside)
+                        "count", self._say("count", "placed", xs=plural(word), t=tail), accept_ids=inside,
+                        answer=len(inside)
                     )  # fmt: skip
         for name in self.rng.sample(self._absent(), NONE):
             yield self._item("count", self._say("count", "texts", xs=plural(name)), answer=0)
@@ -209,7 +210,7 @@ class _Making(Statements):
         )
 
     def _untrue(self) -> Iterator[tuple[str, str]]:
-        """A word and where nothing that it means is, nor nearly: on a thing, by one, or in a room."""
+        """A word and where nothing that it means is, nor nearly: on an object, by one, or in a room."""
         for word, objs in self._exactly():
             if FIXTURES & {obj.label for obj in objs}:
                 continue
@@ -257,7 +258,7 @@ class _Making(Statements):
         return self._item("list", text, accept_ids=tuple(t.id for t in sure), answer=names, maybe=others)
 
     def compare(self) -> Iterator[Item]:
-        """Which of two things of different names has more of it, or is nearer, clearly."""
+        """Which of two objects of different names has more of it, or is nearer, clearly."""
         sole = list(self.landmarks)
         for (one, a), (other, b) in itertools.permutations(sole, 2):
             volume, longest, height = sizes((a, b))
@@ -289,7 +290,8 @@ class _Making(Statements):
         for number, kind in self.rooms.items():
             name = self.words.pick(self.rng, "rooms", kind)
             untrue += [
-                (word, self._tail("room", name)) for word, objs in self._exactly() if all(t.room != number for t in objs)
+                (word, self._tail("room", name))
+                for word, objs in self._exactly() if all(t.room != number for t in objs)
             ]  # fmt: skip
         for word, tail in self.rng.sample(untrue, min(len(untrue), len(self.words.texts["nothing"]["needs"]))):
             phrase = Statement("nothing", word, 0, 0, tail=tail).phrase()
@@ -297,7 +299,7 @@ class _Making(Statements):
 
 
 def _apart(objs: Sequence[MapObject]) -> bool:
-    """Whether every two of some things are so far from each other that it matters which."""
+    """Whether every two of some objects are so far from each other that it matters which."""
     return all(gap(a, b) >= SPREAD_M for a, b in itertools.combinations(objs, 2))
 
 

@@ -1,4 +1,4 @@
-"""The tables and failures of ``cartier bench --suite things``."""
+"""Report of ``cartier bench --suite things``: its tables and failures."""
 
 from __future__ import annotations
 
@@ -26,7 +26,8 @@ def write_requests(folder: Path, items: Iterable[Item]) -> None:
 
 
 def write_report(folder: Path, rows: Sequence[Mapping[str, Any]], items: Sequence[Item], who: str) -> None:
-    """All rows in order, the shares of right ones, tables to read, and failures; none of requests that were written by hand."""
+    """All rows in order, the shares of right ones, tables to read, and failures; none of requests that were written by
+    hand."""
     written = _written()
     sets = {
         "made from the truth": [row for row in rows if row["id"] not in written],

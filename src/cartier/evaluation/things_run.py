@@ -1,4 +1,4 @@
-"""``cartier bench --suite things``: ask every request with the map, with names alone and blindly, and tell how many are right."""
+"""Run of ``cartier bench --suite things``: each request with the map, with names only, and blind."""
 
 from __future__ import annotations
 
@@ -47,7 +47,8 @@ class ThingsSettings:
 
 
 class NamesOnly:
-    """A reasoner that sees the names of a home's objects and nothing else; of several of a name, the index takes one."""
+    """A reasoner that sees the names of a home's objects and nothing else; of several of a name, the index takes
+    one."""
 
     def __init__(self, reasoner: Reasoner) -> None:
         self._reasoner, self.name = reasoner, f"{reasoner.name}, names only"
@@ -62,7 +63,8 @@ class NamesOnly:
 
 
 class Blind:
-    """No reasoner and no map: any of the home's objects; to a question the likeliest answer, or any of the names it could be."""
+    """No reasoner and no map: any of the home's objects; to a question the likeliest answer, or any of the names it
+    could be."""
 
     name = "blind"
 
@@ -94,7 +96,8 @@ def homes_of(queries: str) -> tuple[str, ...]:
 
 
 def requests(settings: ThingsSettings, maps_folder: Path, progress: Progress | None = None) -> list[Item]:
-    """What is asked: requests made from the truth of each home, and those written by hand for it; or a file's, in its homes.
+    """What is asked: requests made from the truth of each home, and those written by hand for it; or a file's, in its
+    homes.
 
     Raises InputError if a file's request is of another home, or accepts what is not in its home.
     """
@@ -117,7 +120,7 @@ def requests(settings: ThingsSettings, maps_folder: Path, progress: Progress | N
         for item in items:
             strange = set(item.accept_ids) - known if item.home == home else ()
             if strange:
-                raise InputError(f"request {item.id!r}: {home} has no thing with the id {min(strange)}")
+                raise InputError(f"request {item.id!r}: {home} has no object with the id {min(strange)}")
     if not items:
         raise InputError(f"there is nothing to ask in {', '.join(settings.homes)}")
     return items
@@ -173,7 +176,8 @@ def write_prompts(
     maps_folder: Path,
     progress: Progress | None = None,
 ) -> None:
-    """Let the writer see all that a run would ask a language model with the map; of a conversation the first turn that has no reply yet."""
+    """Let the writer see all that a run would ask a language model with the map; of a conversation the first turn that
+    has no reply yet."""
     for detector in settings.detectors:
         made_by = MapSettings(settings.world, detector, encoder_for(detector), settings.seed)
         maps = Maps(maps_folder, made_by, ("object_depth",))
@@ -187,7 +191,8 @@ def write_prompts(
 def score_answers(
     folder: Path, settings: ThingsSettings, items: Sequence[Item], answers: Mapping[str, Given], name: str
 ) -> list[dict[str, Any]]:
-    """Score the answers of any system, a request without one as wrong; write the same files as ``run``, or raise as it does."""
+    """Score the answers of any system, a request without one as wrong; write the same files as ``run``, or raise as it
+    does."""
     world = Maps(folder, MapSettings(settings.world)).world
     truth = {home: _truth(world, home) for home in settings.homes}
     rows = []
@@ -212,7 +217,8 @@ def _key(row: Mapping[str, Any]) -> tuple[str, str, str]:
 def answer_row(
     home: Home, item: Item, how: str, reasoner: Reasoner, seed: int, truth: Mapping[int, TrueObject]
 ) -> dict[str, Any]:
-    """A row of the results: the answer to one request in a home (``how`` is one of ``RUNS``), and whether it is right."""
+    """A row of the results: the answer to one request in a home (``how`` is one of ``RUNS``), and whether it is
+    right."""
     thinks = {"map": reasoner, "names only": NamesOnly(reasoner), "blind": Blind(item, seed)}[how]
     talk, answers = Conversation(home, thinks), list[Answer]()
     try:
@@ -238,7 +244,7 @@ def _given(item: Item, answers: Sequence[Answer], home: Home) -> Given:
 
 
 def _value(fact: Fact, home: Home) -> Any:
-    """What a fact says; of a thing without a room, the names of what holds it."""
+    """What a fact says; of an object without a room, the names of what holds it."""
     if fact.kind == "where" and fact.value is None:
         labels = {obj.id: obj.label for obj in home.objects}
         return [labels[i] for i in fact.objects[1:] if i in labels]

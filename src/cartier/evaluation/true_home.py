@@ -1,4 +1,4 @@
-"""What is true of a dollhouse home: where each thing is, what it stands on, its colour, and how large a walk shows it."""
+"""Ground truth of a dollhouse home: where each object is, what it stands on, its colour, and its pixels in a walk."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ COLOURS: dict[str, tuple[str, ...]] = {
     "rust": ("terracotta",),
     "orange": ("orange",),
     "yellow": ("mustard", "gold", "darkgoldenrod"),
-    "green": ("sage", "olive", "olivedrab", "darkgreen", "forestgreen", "green", "limegreen", "seagreen", "mediumseagreen",
-              "yellowgreen", "plant"),
+    "green": ("sage", "olive", "olivedrab", "darkgreen", "forestgreen", "green", "limegreen", "seagreen",
+              "mediumseagreen", "yellowgreen", "plant"),
     "blue": ("petrol", "steelblue", "dodgerblue", "royalblue", "navy", "cornflowerblue", "skyblue"),
     "pink": ("pink", "lightpink"),
     "brown": ("walnut", "brown", "saddlebrown", "chocolate", "peru"),
@@ -55,9 +55,11 @@ _PLAIN = {
 
 @dataclass(frozen=True, eq=False)
 class TrueHome:
-    """A home's truth; ids are the simulator's, ``room`` of an object the number of its room in ``rooms``, (name, kind) each.
+    """A home's truth; ids are the simulator's, ``room`` of an object the number of its room in ``rooms``, (name, kind)
+    each.
 
-    ``holder`` has what a thing stands on or in, ``covered`` (thing, what is above it); ``pixels`` are those of its best view.
+    ``holder`` has what an object stands on or in, ``covered`` (object, what is above it); ``pixels`` are those of its
+    best view.
     """
 
     name: str
@@ -106,7 +108,7 @@ def true_home(
 
 
 def true_objects(scene: Scene) -> list[MapObject]:
-    """A scene's things as a perfect map would have them; ``room`` is the number of the room."""
+    """A scene's objects as a perfect map would have them; ``room`` is the number of the room."""
     rooms = np.array([room.box for room in scene.rooms])
     found = []
     for obj in scene.things:
@@ -128,7 +130,8 @@ def true_objects(scene: Scene) -> list[MapObject]:
 
 
 def _colours(obj: Thing) -> tuple[tuple[str, float], ...]:
-    """The colours of a thing's materials with their shares of its surface, the largest first; unknown ones left out."""
+    """The colours of an object's materials with their shares of its surface, the largest first; unknown ones left
+    out."""
     areas: dict[str, float] = defaultdict(float)
     for part in obj.shape.parts:
         a, b, c = part.vertices[part.faces].astype(np.float64).transpose(1, 0, 2)
@@ -141,7 +144,7 @@ def _colours(obj: Thing) -> tuple[tuple[str, float], ...]:
 
 
 def _pixels(world: Dollhouse, name: str, seed: int, progress: Callable[[str, int, int], None] | None) -> Sequence[int]:
-    """In how many pixels each thing is seen at best, by its id."""
+    """In how many pixels each object is seen at best, by its id."""
     recording, pixels = world.explore(name, seed=seed), np.zeros(max(t.id for t in world.objects(name)) + 1, np.int64)
     for number in range(len(recording)):
         instances = recording[number].instances

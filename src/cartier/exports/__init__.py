@@ -7,13 +7,13 @@ from pathlib import Path
 
 from cartier import plugins
 from cartier.errors import InputError, MissingExtra
-from cartier.exports import _glb, _mcap, _ply, _tables
+from cartier.exports import _glb, _mcap, _ply, tables
 from cartier.home import Home
 from cartier.io.atomic import write_file
 
 WRITERS: Mapping[str, Callable[[Home], bytes]] = {
     ".glb": _glb.write, ".ply": _ply.write, ".mcap": _mcap.write,
-    ".geojson": _tables.geojson, ".csv": _tables.csv, ".json": _tables.json,
+    ".geojson": tables.geojson, ".csv": tables.csv, ".json": tables.json,
 }  # fmt: skip
 BESIDE: Mapping[str, tuple[str, Callable[[Home], bytes | None]]] = {
     ".mcap": (".layout.json", lambda home: _mcap.layout()), ".ply": (".points.ply", _ply.points),

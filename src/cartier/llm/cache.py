@@ -1,4 +1,4 @@
-"""Replies that a language model gave before, so that nothing is asked twice."""
+"""Reply cache of language models: no request is sent twice."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def digest(*parts: Any) -> str:
 
 
 class Cache:
-    """Replies by what was asked, in one SQLite file, which several threads and processes may share.
+    """Replies by request, in one SQLite file that several threads and processes may share.
 
     Raises ReasonerError if the file is no SQLite file or cannot be used.
     """

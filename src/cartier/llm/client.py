@@ -1,4 +1,4 @@
-"""What every language model has in common: the prompt, the check against the list, the cache and the totals."""
+"""Language-model reasoner: what all engines share, namely prompt, check against the list, cache and totals."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def without_credentials(url: str) -> str:
 
 
 class Engine(Protocol):
-    """What runs a language model. ``identity`` (JSON values) tells apart what may answer differently."""
+    """An engine that runs a language model. ``identity`` (JSON) separates engines that may answer differently."""
 
     name: str
     identity: Any
@@ -50,9 +50,9 @@ class Engine(Protocol):
 
 
 class LanguageModel:
-    """A reasoner: one call per request, and none for what the cache holds.
+    """A reasoner with one call per request, and none for requests in the cache.
 
-    A reply that names nothing in the list is no answer: the person is asked to say it differently.
+    A reply that names nothing in the list is no answer: the person is asked to rephrase.
     """
 
     def __init__(self, engine: Engine, prompt: str, cache: str | Path | None) -> None:
@@ -63,7 +63,7 @@ class LanguageModel:
 
     @property
     def calls(self) -> int:
-        """How often the model was asked; what came from the cache does not count."""
+        """How often the model was asked; replies from the cache do not count."""
         return self._engine.calls
 
     @property
@@ -72,7 +72,7 @@ class LanguageModel:
         return self._engine.tokens
 
     def select(self, query: str, inventory: Inventory, dialogue: Sequence[tuple[str, str]] = ()) -> Selection:
-        """The object that the model picks. Raises InputError for an unusable query, ReasonerError if nobody answers."""
+        """The object that the model picks. Raises InputError for an unusable query, ReasonerError without a reply."""
         query = check_query(query)
         if not inventory.names:
             return Selection("not_found", reason="nothing was detected in this home", model=self.name)
@@ -85,11 +85,11 @@ class LanguageModel:
         return read(reply) or no_answer(reply, model=self.name, prompt=request.text)
 
     def propose(self, query: str) -> list[str]:
-        """At most five names of things, the best first. Raises as ``select`` does."""
+        """At most five names of objects, the best first. Raises as ``select`` does."""
         return parse_list(self._reply("propose", propose_request(check_query(query)), lambda r: bool(parse_list(r))))
 
     def _reply(self, prompt: str, request: Request, is_answer: Callable[[str], bool]) -> str:
-        """The reply to what is asked; only what is an answer is kept in the cache."""
+        """The reply to a request; the cache keeps only replies that are answers."""
         key = digest(self._engine.identity, prompt, request.messages, request.max_tokens)
         reply = self._cache.get(key) if self._cache else None
         if reply is None:

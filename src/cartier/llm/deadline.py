@@ -1,4 +1,4 @@
-"""Work that has to end in time: it is done in a thread of its own, and not waited for any longer."""
+"""Deadlines: work runs in a thread of its own, and nobody waits for it beyond its time."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ Value = TypeVar("Value")
 
 
 class Late(Exception):
-    """Work did not end in time; ``thread`` still does it."""
+    """Work did not end in time; ``thread`` is still running it."""
 
     def __init__(self, thread: threading.Thread) -> None:
         super().__init__()
@@ -19,7 +19,7 @@ class Late(Exception):
 
 
 def within(seconds: float, work: Callable[[], Value]) -> Value:
-    """What the work returns or raises. Raises Late where that takes more than so many seconds."""
+    """What the work returns or raises. Raises Late if it takes longer than the given seconds."""
     done: queue.SimpleQueue[tuple[Value | None, BaseException | None]] = queue.SimpleQueue()
 
     def run() -> None:

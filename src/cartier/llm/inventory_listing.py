@@ -1,7 +1,7 @@
-"""What a prompt tells of a home: its names, and for ``rich`` its objects, each in a few words, its rooms, and how far all is.
+"""Inventory listings for prompts: names only, or for ``rich`` also objects, rooms and distances from the robot.
 
-All of it is data in JSON, so that no name can pass for a line of the prompt. Where a home holds very many objects, those that
-are named in the words and those nearest to the robot are described, and the list says how many it leaves out.
+A listing is data in JSON, so that no name can pass for a line of the prompt. For a home with very many objects, it
+describes those named in the words and those nearest to the robot, and counts the others.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from cartier.spatial import relations
 from cartier.types import Inventory, MapObject, Room
 
 MOST_DESCRIBED = 150
-BESIDE = 2  # neighbours that are told of each object
+BESIDE = 2  # neighbours listed for each object
 
 
 class Listing(NamedTuple):
@@ -36,7 +36,7 @@ def names_only(inventory: Inventory, words: str) -> Listing:
 
 
 def described(inventory: Inventory, words: str) -> Listing:
-    """Each name once with its objects, the rooms, and the metres from the robot to each object; ``words`` are the person's."""
+    """Each name once with its objects, the rooms, and the metres from the robot; ``words`` are the person's."""
     names = inventory.names
     seen = [obj for obj in inventory.objects if obj.confirmed and obj.views]
     if not seen:
@@ -52,8 +52,9 @@ def described(inventory: Inventory, words: str) -> Listing:
     rooms = [room_ref(room.name, room.id) for room in inventory.rooms]
     most = "" if len(told) == len(seen) else f"; {len(seen) - len(told)} of them, farther away, are only counted"
     text = (
-        "Objects in this home: each name once, and of its objects the number, the room, what it stands on or is in, what it "
-        f"is beside, its colours, and its width, depth and height in centimetres{most}:\n{{" + ",\n".join(rows) + "}"
+        "Objects in this home: each name once, and of its objects the number, the room, what it stands on or is in, "
+        f"what it is beside, its colours, and its width, depth and height in centimetres{most}:\n"
+        "{" + ",\n".join(rows) + "}"
     )
     if rooms:
         text += f"\nRooms: {_json(rooms)}"
@@ -65,7 +66,7 @@ def described(inventory: Inventory, words: str) -> Listing:
 
 
 def _first(seen: Sequence[MapObject], words: str, from_xy: Sequence[float] | None) -> list[MapObject]:
-    """As many objects as are described, by name and number: first those that are named in the words, then the nearest."""
+    """The objects to describe, by name and number: first those that the words name, then the nearest."""
     if len(seen) > MOST_DESCRIBED:
         said = {name for name, _ in names_of(tuple(sorted({obj.label for obj in seen}))).mentions(words)}
         here = from_xy or seen[0].position[:2]
@@ -73,7 +74,7 @@ def _first(seen: Sequence[MapObject], words: str, from_xy: Sequence[float] | Non
     return sorted(seen[:MOST_DESCRIBED], key=lambda obj: (obj.label, obj.id))
 
 
-@lru_cache(maxsize=8)  # a home is asked more than once
+@lru_cache(maxsize=8)  # the same home serves many requests
 def _lines(told: tuple[MapObject, ...], rooms: tuple[Room, ...]) -> dict[int, str]:
     """Each object in a few words, by its id: ``#12: kitchen; on counter top #5; by sink #8; white; 8x8x10``."""
     refs = {obj.id: object_ref(obj.label, obj.id) for obj in told}

@@ -1,4 +1,4 @@
-"""What a text means of what is in a home: a listed name, however it is spelled, one of its objects, or a room."""
+"""Lookup of names, objects and rooms of a home in a text, in any spelling."""
 
 from __future__ import annotations
 
@@ -12,10 +12,11 @@ from cartier.types import Inventory, MapObject
 
 MAX_ACCENTS = 30
 NOTHING = "nothing"
-"""What a model answers when no object of the list serves the person."""
+"""The model's answer when no listed object serves the person."""
 
 _CHOSEN = re.compile(
-    r"(?:\b(?:choose|choosing|pick|select|suggest|recommend|called|named|(?:go|drive|head|over) to|send \w+(?: \w+)? to)"
+    r"(?:\b(?:choose|choosing|pick|select|suggest|recommend|called|named|(?:go|drive|head|over) to"
+    r"|send \w+(?: \w+)? to)"
     r"|\b(?:answer|choice|object|option) (?:is|would be))(?: the| a| an| object)* $"
 )
 _REFUSED = re.compile(
@@ -26,7 +27,7 @@ _PLURALS = {"knives": "knife", "shelves": "shelf", "loaves": "loaf", "leaves": "
 
 
 class Pick(NamedTuple):
-    """What was meant: a listed name or NOTHING, with the id of one of its objects; or a room's name and its id."""
+    """The meaning of a text: a listed name or NOTHING, with an object's id; or a room's name and its id."""
 
     name: str
     object_id: int | None = None
@@ -34,7 +35,7 @@ class Pick(NamedTuple):
 
 
 class Listed:
-    """All that a prompt lists of a home: names, the numbers of confirmed objects, and rooms."""
+    """All entities that a prompt lists: names, the numbers of confirmed objects, and rooms."""
 
     def __init__(self, inventory: Inventory) -> None:
         self.names = names_of(tuple(inventory.names))
@@ -42,7 +43,7 @@ class Listed:
         self.rooms = {room.id: room.name for room in inventory.rooms}
 
     def find(self, text: str) -> Pick | None:
-        """What a text is, not merely holds. None for a stranger, for an unknown number, and for one of another name."""
+        """The meaning of a whole text. None for an unknown name, an unknown number, or the number of another name."""
         text = text.strip()
         if text in self.names.listed:
             return Pick(text)
@@ -61,7 +62,7 @@ class Listed:
 
 
 class Names:
-    """The listed names, to be found again in what a model writes. A form that two of them share names neither."""
+    """The listed names, to be found in a model's reply. A form that two names share matches neither."""
 
     def __init__(self, objects: Sequence[str]) -> None:
         self.exact: dict[str, str | None] = {}
@@ -77,7 +78,7 @@ class Names:
         self.lengths = sorted({1, *(len(_words(name)) for name in self.listed)} - {0}, reverse=True)
 
     def lookup(self, value: str) -> str | None:
-        """The name that a text is, not merely holds; NOTHING for a word that says so and is not itself listed."""
+        """The name that a whole text is; NOTHING for a word of that meaning that is not itself listed."""
         value = value.strip()
         if value in self.listed:
             return value
@@ -122,7 +123,7 @@ def _words(text: str) -> list[str]:
 
 
 def _stream_safe(text: str) -> str:
-    """A text without the accents beyond 30 on one letter (Unicode's annex 15): to sort them takes the square of their number."""
+    """A text with at most 30 accents per letter (Unicode's annex 15): sorting more takes quadratic time."""
     if text.isascii():
         return text
     kept, accents = [], 0

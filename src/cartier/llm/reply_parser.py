@@ -1,4 +1,4 @@
-"""A reply's way back to the list. Nothing that anybody says, a person or a model, can bring an object out of it."""
+"""Reply parser: from a model's reply to the list. No text can lead to an object outside the list."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from cartier.labels import object_ref
 from cartier.llm.lookup import NOTHING, Listed, Pick, names_of
 from cartier.types import Fact, Inventory, Selection, Status
 
-# The words of the prompts for each status: short ones, with which every figure of a language model was measured.
+# The prompts' words for each status; all published figures of language models were measured with these.
 REPLY_STATUSES: Mapping[str, Status] = {
     "found": "found", "near": "likely_near", "absent": "not_found", "clarify": "clarify", "told": "answered",
 }  # fmt: skip
@@ -25,12 +25,12 @@ SAY_AGAIN = "Could you say that in other words?"
 
 
 def read_reply(reply: str, inventory: Inventory, *, model: str = "", prompt: str = "") -> Selection | None:
-    """A reply to any of the prompts as an answer, or None where it is none: rubbish, cut off, or not of this home.
+    """A reply to any of the prompts as an answer; None if it is unreadable, truncated or not about this home.
 
-    The last JSON object with a status or an object counts, as far as it is whole; what it names must be in the inventory: names,
-    numbers of objects with their own names, rooms, and all that an answer for programs holds. A reply without one is free
-    text, and ``parse_object`` looks for the name. Each of at most ``MAX_FURTHER`` further needs that names nothing in the
-    home becomes a question.
+    The last JSON object with a status or an object counts, as far as it is complete. All that it names must be in the
+    inventory: names, numbers of objects with their own names, rooms, and the contents of an answer for programs. A
+    reply without JSON is free text, in which ``parse_object`` looks for the name. A further need (at most
+    ``MAX_FURTHER``) that names nothing in the home becomes a question.
     """
     text = reply.rpartition("</think>")[2][-MAX_REPLY_CHARS:]
     if "<think>" in text:  # cut off before the answer
@@ -56,13 +56,13 @@ def read_reply(reply: str, inventory: Inventory, *, model: str = "", prompt: str
 
 
 def no_answer(reply: str, *, model: str = "", prompt: str = "") -> Selection:
-    """What is said instead of a guess where ``read_reply`` found no answer."""
+    """The message to the person where ``read_reply`` found no answer."""
     reason = "the model's reply names nothing in the list"
     return Selection("clarify", reason=reason, question=SAY_AGAIN, reply=reply, model=model, prompt=prompt)
 
 
 def _need(row: Mapping[str, Any], listed: Listed, model: str) -> Selection | None:
-    """One need as a model states it; None if it names what is not in the home, or a status that there is not."""
+    """One need as a model states it; None if it names an unknown entity or status."""
     status, stated = row.get("status", "found"), row.get("object")
     status = REPLY_STATUSES.get(status.strip().lower()) if isinstance(status, str) else None
     stated = stated[0] if isinstance(stated, list) and len(stated) == 1 else stated
@@ -86,7 +86,7 @@ def _need(row: Mapping[str, Any], listed: Listed, model: str) -> Selection | Non
 
 
 def _told(row: Mapping[str, Any], listed: Listed, about: Pick | None, model: str) -> Selection | None:
-    """An answer in words; None without a sentence, or where the answer for programs holds what is not in the home."""
+    """An answer in words; None without a sentence, or if the answer for programs is not about this home."""
     say, reason = _line(row.get("say")), _line(row.get("reason"))
     stated = row.get("answer")
     try:
@@ -101,9 +101,9 @@ def _told(row: Mapping[str, Any], listed: Listed, about: Pick | None, model: str
 
 
 def _fact(stated: Any, listed: Listed) -> Fact:
-    """An answer for programs; where an object is says the map, not the model.
+    """An answer for programs; where an object is comes from the map, not from the model.
 
-    Raises KeyError, TypeError, ValueError or OverflowError for what is no such answer, or not of this home.
+    Raises KeyError, TypeError, ValueError or OverflowError for an invalid answer or one that is not about this home.
     """
     kind, value, numbers = stated["kind"], stated.get("value"), stated.get("objects") or []
     if any(type(number) is not int for number in numbers):
@@ -154,12 +154,12 @@ def _number(value: Any) -> float | int:
 
 
 def _goal(need: Selection) -> tuple[Any, ...]:
-    """What tells one need from another."""
+    """The key that distinguishes needs."""
     return need.status == "answered", need.object, need.object_id, need.room
 
 
 def _named(text: str, names: Sequence[str]) -> str | None:
-    """What free text names, with the number of its object if it says one; None if it says two."""
+    """The entity that free text names, with its object's number if given; None if the text names two."""
     name, numbers = parse_object(_NUMBER.sub("", text), names), set(_NUMBER.findall(text))
     if name is None or not numbers:
         return name
@@ -167,7 +167,7 @@ def _named(text: str, names: Sequence[str]) -> str | None:
 
 
 def _line(value: object) -> str:
-    """What a model says to the person: one short printable line, or nothing if it is no text."""
+    """The model's words to the person: one short printable line, or nothing if it is no text."""
     text = value if isinstance(value, str) else ""
     return " ".join("".join(c if c.isprintable() else " " for c in text).split())[:MAX_LINE_CHARS]
 
@@ -183,7 +183,7 @@ def _rows(text: str) -> tuple[list[dict[str, Any]], bool]:
 
 
 def _members(text: str, at: int) -> tuple[dict[str, Any], int, bool]:
-    """The whole members of a JSON object from behind its brace, where they end, and whether the object is cut off there."""
+    """The complete members of a JSON object after its brace, where they end, and whether the object is truncated."""
     row: dict[str, Any] = {}
     while member := _JSON_KEY.match(text, at):
         try:
@@ -236,8 +236,8 @@ def parse_list(reply: str, most: int = 5) -> list[str]:
     return list(dict.fromkeys(name.lower() for name in names if 0 < len(name) <= 60))[:most]
 
 
-# Each pattern takes time that grows with a text's length and no faster: what may be long is possessive (*+, ++), and a run
-# is entered at its beginning only.
+# Each pattern takes time linear in the text's length: long parts are possessive (*+, ++), and a run is entered at its
+# beginning only.
 _DECODER = json.JSONDecoder()
 _SENTENCE_END = re.compile(r"(?<![.!?;:])[.!?;:]++(?:\s++|$)|\n++")
 _LIST_MARKS = re.compile(r"^[\s\d.)*\-]++|(?<![\s.])[\s.]++$")

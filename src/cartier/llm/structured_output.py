@@ -1,4 +1,4 @@
-"""Ways to ask a server for structured output, from the strictest to free text, and which of them each server knows."""
+"""Forms of structured output, from the strictest to free text, and which of them each server supports."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from cartier.errors import ReasonerError
 from cartier.llm.prompts import Schema, json_schema, without_bounds
 
 Form = dict[str, Any]
-_works: dict[tuple[str, str], str] = {}  # (server, model) → the first form that it honoured
+_works: dict[tuple[str, str], str] = {}  # (server, model) → the first form that worked
 
 
 class NotUnderstood(Exception):
-    """A server refused a request for a reason that another form of asking may mend; ``error`` is for the person."""
+    """A server refused a request, and another form may succeed; ``error`` is for the person."""
 
     def __init__(self, error: ReasonerError) -> None:
         super().__init__(str(error))
@@ -42,7 +42,7 @@ LADDER: dict[str, Callable[[Schema], Form]] = {
 
 
 def _rungs(schema: Schema, known: str | None) -> Iterator[tuple[str, Form]]:
-    """The form that has worked, then the others from the top; none twice."""
+    """The form that has worked, then the others from the strictest down, each once."""
     tried: list[Form] = []
     for name in dict.fromkeys([*([known] if known else []), *LADDER]):
         if (form := LADDER[name](schema)) not in tried:
@@ -53,9 +53,9 @@ def _rungs(schema: Schema, known: str | None) -> Iterator[tuple[str, Form]]:
 def request_with_fallback(
     server: str, model: str, schema: Schema, ask: Callable[[Form, bool], str], is_answer: Callable[[str], bool]
 ) -> str:
-    """The raw reply of the first form that brings an answer, else of the last one that was tried.
+    """The raw reply of the first form that gives an answer, else of the last one tried.
 
-    ``ask(form, sure)`` raises NotUnderstood where another form may be understood; ``sure`` says that this one has worked.
+    ``ask(form, sure)`` raises NotUnderstood where another form may succeed; ``sure``: this one has worked.
     """
     known, reply = _works.get((server, model)), ""
     refusal: NotUnderstood | None = None
@@ -70,7 +70,7 @@ def request_with_fallback(
             _works[server, model] = name
             break
         if name == known:
-            break  # a form that has worked: this reply is rubbish, not the form
+            break  # this form has worked before, so the reply is at fault
     if refusal is not None:
         raise refusal.error from refusal
     return reply

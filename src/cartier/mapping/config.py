@@ -149,7 +149,20 @@ class RoomsConfig(_Section):
 
 @dataclass(frozen=True)
 class MappingConfig:
-    """All that can be set of mapping. Raises InputError for a value of another type or out of range."""
+    """The numbers of mapping that can be set; the fields of each section say what they do.
+
+    Args:
+        association: Which detection is of which object.
+        existence: How likely it is that an object exists.
+        extent: How the box of an object follows its views.
+        merging: Which objects turn out to be one, and which are pruned.
+        keyframes: Which frames the detector sees.
+        occupancy: The floor plan.
+        rooms: How the floor plan is cut into rooms.
+
+    Raises:
+        InputError: A value is of another type, or out of range.
+    """
 
     association: AssociationConfig = field(default_factory=AssociationConfig)
     existence: ExistenceConfig = field(default_factory=ExistenceConfig)
@@ -161,7 +174,17 @@ class MappingConfig:
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> MappingConfig:
-        """A configuration from nested JSON or TOML values. Raises InputError for an unknown key or a bad value."""
+        """A configuration from nested JSON or TOML values.
+
+        Args:
+            values: Sections with their values; what is left out keeps its default.
+
+        Returns:
+            The configuration.
+
+        Raises:
+            InputError: A key is unknown, or a value is of another type or out of range.
+        """
         kinds = {each.name: each.default_factory for each in fields(cls)}
         made = {}
         for section, given in values.items():
@@ -175,7 +198,14 @@ class MappingConfig:
         return cls(**made)
 
     def differences(self, other: MappingConfig | None = None) -> dict[str, dict[str, float]]:
-        """The values that differ from another configuration (by default the defaults), by section and name."""
+        """The values that differ from another configuration.
+
+        Args:
+            other: The other configuration; by default the defaults.
+
+        Returns:
+            The values of this one that differ, by section and name.
+        """
         base = asdict(DEFAULT_CONFIG if other is None else other)
         changed = {
             section: {name: value for name, value in values.items() if value != base[section][name]}

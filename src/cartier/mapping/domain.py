@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cartier.contracts import Detector, Recording
+from cartier.contracts import Detector, Recording, optional
 
 DOLLHOUSE = "dollhouse"  # the simulator for whose pictures cartier has a detector
 
@@ -14,7 +14,7 @@ def is_from_world(recording: Recording, world: str) -> bool:
 
 def domain_warning(detector: Detector, recording: Recording) -> str | None:
     """The line that says that a detector was not made for such a recording, None if it was or if that is not known."""
-    world = getattr(detector, "world", Detector.world)
+    world = optional(detector, Detector, "world")
     if world == "" and is_from_world(recording, DOLLHOUSE):
         return (
             f"WRONG DETECTOR: {detector.name} knows photographs, and {recording.name} is rendered: the {DOLLHOUSE} has "

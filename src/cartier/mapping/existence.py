@@ -54,6 +54,12 @@ def posterior(observable: Array, detected: Array, widest_rad: Array, score_model
     return np.asarray(1 / (1 + np.exp(-log_odds)))
 
 
+def mark_detected(columns: Mapping[str, Array], rows: npt.NDArray[np.intp], time_s: float) -> None:
+    """Count a detection of objects, in place."""
+    columns["n_detected"][rows] += 1
+    columns["last_s"][rows], columns["changed"][rows] = time_s, True
+
+
 def update_existence(
     columns: Mapping[str, Array],
     frame: Frame,

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from copy import deepcopy
 
 from cartier import plugins
-from cartier.contracts import Encoder, SpatialIndex
+from cartier.contracts import Encoder, IndexDefaults, SpatialIndex, optional
 from cartier.errors import InputError
 from cartier.types import MapObject
 
@@ -27,7 +27,7 @@ def filled_indexes(
     copies, notes, encoder = deepcopy(dict(indexes)), [], None
     for index in copies.values():
         index.set_objects(objects)
-        if made_with := getattr(index, "encoder", ""):
+        if made_with := optional(index, IndexDefaults, "encoder"):
             encoder = made_with
             notes.append(f"image features: {made_with}")
     empty = [name for name, index in copies.items() if not index.names()]

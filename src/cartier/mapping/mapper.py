@@ -41,7 +41,8 @@ class Mapper:
 
     Args:
         detector: Detects the objects.
-        indexes: The names of the spatial indices to build; by default those that need no encoder and that the frames allow.
+        indexes: The names of the spatial indices to build; by default those that need no encoder and that the frames
+            allow.
         encoder: NAME, NAME:MODEL or an Encoder, for indices that need one.
         onto: A home to grow, mapped by the same detector; its indices, settings and configuration stay.
         config: The numbers of the mapping; by default those of ``onto``, else ``MappingConfig()``.
@@ -167,8 +168,8 @@ class Mapper:
             frame: The frame.
 
         Returns:
-            Whether its detections may be added: False for a frame that is already in the map, or that lacks depth while the
-            map has it.
+            Whether its detections may be added: False for a frame that is already in the map, or that lacks depth while
+            the map has it.
         """
         key, pose = _key(frame), frame.world_from_camera
         if key in self._seen:

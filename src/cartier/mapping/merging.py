@@ -102,3 +102,10 @@ def merge_pair(columns: Columns, keep: int, drop: int, geometry: Geometry) -> No
     for label, weight in zip(votes[drop].tolist(), weights[drop].tolist(), strict=True):
         if label >= 0:
             add_label_vote(votes[keep], weights[keep], label, weight)
+
+
+def keep_rows(columns: Columns, left: Indices) -> None:
+    """Move the rows that are left to the front, in place, and clear the others."""
+    for column in columns.values():
+        column[: len(left)] = column[left]
+        column[len(left) :] = np.zeros((), column.dtype)

@@ -20,9 +20,9 @@ from cartier.io.files import json_bytes, npz_bytes, parse_json, read_npz
 from cartier.mapping.association import add_label_vote, label_agreement, suppress_duplicates, touching_pairs
 from cartier.mapping.columns import COLUMNS, Indices, check_columns, empty_columns, map_objects
 from cartier.mapping.config import DEFAULT_CONFIG, MappingConfig
-from cartier.mapping.existence import detection_weights, posterior, update_existence
+from cartier.mapping.existence import detection_weights, mark_detected, posterior, update_existence
 from cartier.mapping.extent import DepthGeometry, NewGeometry
-from cartier.mapping.merging import merge_and_prune
+from cartier.mapping.merging import keep_rows, merge_and_prune
 from cartier.mapping.observation import LiftedDetections
 from cartier.types import Array, Detections, DetectorScoreModel, Frame, MapObject
 
@@ -31,10 +31,7 @@ GROWTH_ROWS = 64  # that are set aside at a time
 
 
 class ObjectMap:
-    """The objects of one home. Memory depends on what is there, not on the number of frames.
-
-    ``geometry`` makes the geometry from the configuration: that of frames with depth, or ``BearingGeometry``.
-    """
+    """The objects of one home, by ``DepthGeometry`` or ``BearingGeometry``; memory does not grow with the frames."""
 
     def __init__(
         self,
@@ -75,7 +72,7 @@ class ObjectMap:
         whole = np.append(observable, np.ones(new, bool))[row[seen]]  # a part must not make an object smaller
         columns, shrink = self.columns(), np.where(whole, self.config.extent.shrink_rate, 0)
         self.geometry.update(columns, row[seen], lifted, seen, shrink)
-        self._mark_detected(row[seen], frame.time_s)
+        mark_detected(columns, row[seen], frame.time_s)
         sizes_px2 = weak_perspective_size(boxes, frame.camera)
         for d in seen:
             box, score, size_px2 = boxes_px[d], float(scores[d]), float(sizes_px2[d])
@@ -130,10 +127,6 @@ class ObjectMap:
         self._next_id, self._count = self._next_id + 1, o + 1
         return o
 
-    def _mark_detected(self, rows: Indices, time_s: float) -> None:
-        self._rows["n_detected"][rows] += 1
-        self._rows["last_s"][rows], self._rows["changed"][rows] = time_s, True
-
     def _keep_view(
         self, o: int, frame: Frame, box_xyxy: Array, score: float, label: int, size_px2: float, surface: Array
     ) -> None:
@@ -156,11 +149,8 @@ class ObjectMap:
 
     def _remove(self, gone: Indices) -> None:
         left = np.setdiff1d(np.arange(self._count), gone)
-        for column in self._rows.values():
-            column[: len(left)] = column[left]
-            column[len(left) : self._count] = np.zeros((), column.dtype)
-        self._count = len(left)
-        alive = set(self._rows["id"][: self._count].tolist())
+        keep_rows(self.columns(), left)
+        self._count, alive = len(left), set(self._rows["id"][: len(left)].tolist())
         self._covisible = {pair: k for pair, k in self._covisible.items() if alive.issuperset(pair)}
         for old, new in self._aliases.items():
             self._aliases[old] = self._aliases.get(new, new)

@@ -1,6 +1,7 @@
-"""The language model that is configured; the embedded reasoner where there is none, or where it does not answer in time.
+"""Configured language model with the embedded reasoner as the fallback, also if the model does not answer in time.
 
-In this order: ``model`` or ``base_url`` as given, a file in CARTIER_MODEL, a server in OPENAI_BASE_URL or OPENAI_API_KEY.
+The model is, in this order: ``model`` or ``base_url`` as given, a file in CARTIER_MODEL, or a server in OPENAI_BASE_URL
+or OPENAI_API_KEY.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from cartier.llm.prompts import check_query, prompt_named
 from cartier.types import Inventory, Selection
 
 REST_S = 60.0
-GRACE_S = 0.5  # so that a model's own complaint about the time, which says more, comes first
+GRACE_S = 0.5  # so that the model's own, more precise timeout error comes first
 
 
 def make(
@@ -37,14 +38,14 @@ def make(
     prompt_named(prompt)
     backend = configured(model, base_url, api_key)
     options: dict[str, Any] = {"prompt": prompt, "cache": cache}
-    if backend == "local":  # it may think on after its time: what it has read by then, it need not read again
+    if backend == "local":  # it may go on after its time, so that the next request need not read the prompt again
         return Auto(backend, options | {"model": model or os.environ["CARTIER_MODEL"]}, timeout_s)
     server = {"model": model, "base_url": base_url, "api_key": api_key, "timeout_s": timeout_s}
     return Auto(backend, options | server if backend else {}, timeout_s)
 
 
 def configured(model: str | None = None, base_url: str | None = None, api_key: str | None = None) -> str | None:
-    """The reasoner that is asked first, local or openai; None where no language model is configured."""
+    """The first reasoner to ask, local or openai; None if no language model is configured."""
     if (model and model.lower().endswith(".gguf")) or (not (model or base_url) and os.environ.get("CARTIER_MODEL")):
         return "local"
     given = model or base_url or api_key or os.environ.get("OPENAI_BASE_URL") or os.environ.get("OPENAI_API_KEY")
@@ -52,10 +53,10 @@ def configured(model: str | None = None, base_url: str | None = None, api_key: s
 
 
 class Auto:
-    """Asks a language model in a thread of its own, waits for it ``timeout_s`` at most, and never leaves a person unanswered.
+    """Asks a language model in its own thread for at most ``timeout_s``, and falls back to the embedded reasoner.
 
-    The model is loaded with the first request, within its time. One that was late is not asked again before it has finished,
-    and a server that gave no answer at all not for ``REST_S``.
+    The model is loaded with the first request, within its time. A model that was late is not asked again before it has
+    finished, and a server that gave no answer at all is not asked for ``REST_S``.
     """
 
     def __init__(self, backend: str | None, options: dict[str, Any], timeout_s: float) -> None:
@@ -80,7 +81,7 @@ class Auto:
 
     @property
     def tokens(self) -> int:
-        """The tokens that this took."""
+        """The tokens that these requests used."""
         return int(optional(self._model, ReasonerDefaults, "tokens"))
 
     def select(self, query: str, inventory: Inventory, dialogue: Sequence[tuple[str, str]] = ()) -> Selection:
@@ -105,7 +106,7 @@ class Auto:
             return instead()
 
     def _in_time(self, ask: Callable[[Reasoner], Value]) -> Value:
-        """What the model says, if it does within its time. Raises CartierError if not, or if there is no model."""
+        """The model's reply within its time. Raises CartierError if there is none, or if there is no model."""
         if self._backend is None:
             raise ReasonerError("no OPENAI_API_KEY, OPENAI_BASE_URL or CARTIER_MODEL is set")
         if self._late is not None and self._late.is_alive():

@@ -1,8 +1,9 @@
-"""Knowledge cards, the shipped text encoder and a learned scorer: no key, no network, no GPU.
+"""Embedded reasoner: knowledge cards, the shipped text encoder and a learned scorer; no key, no network, no GPU.
 
-A card (``cards/*.toml``) says what a household thing is called, what it is good for, and what it is kept beside. A request
-calls for a thing by meaning, by name, or by words that it shares with one of its uses; ``_scorer.py`` weighs the three as
-it learned from requests in many voices (``tools/train_scorer.py``). ``docs/embedded.md`` says how good that is.
+A card (``cards/*.toml``) lists the names of a household object, its uses, and where it is usually kept. A request calls
+for an object by meaning, by name, or by words that it shares with one of its uses; ``understanding/need_scorer.py``
+weighs the three as learned from requests in many voices (``tools/train_scorer.py``). ``docs/embedded.md`` reports the
+accuracy.
 """
 
 from __future__ import annotations
@@ -35,18 +36,20 @@ from cartier.understanding.utterance import MOST_CHARACTERS, mentions
 Shares = tuple[tuple[str, float], ...]
 
 NAME = "embedded (knowledge cards, MiniLM, learned scorer)"
-FITS = " fits: "  # in the reason of what serves a need, not named
-MOST_NEEDS, LONGEST_PART = 4, 30  # needs in one breath, and words of each
+FITS = " fits: "  # in the reason for an object that serves a need and was not named
+MOST_NEEDS, LONGEST_PART = 4, 30  # most needs in one utterance, and most words of each
 THEN = re.compile(
-    r"[,;.]?\s+(?:and\s+)?(?:then|afterwards|after\s+that|after\s+which|next(?!\s+to\b))\b[,\s]*|\s*;\s*|[,.]?\s+(?:and|n)\s+then\b[,\s]*",
+    r"[,;.]?\s+(?:and\s+)?(?:then|afterwards|after\s+that|after\s+which|next(?!\s+to\b))\b[,\s]*|\s*;\s*"
+    r"|[,.]?\s+(?:and|n)\s+then\b[,\s]*",
     re.IGNORECASE,
 )
 AND = re.compile(
-    r"[,;.]?\s+(?:(?:and\s+)?also\b|plus\b|as\s+well\s+as\b|and\s+(?=(?:something|somewhere|i\s+(?:need|want)|(?:my|the|an?|some)\s+\w+)\b))[,\s]*",
+    r"[,;.]?\s+(?:(?:and\s+)?also\b|plus\b|as\s+well\s+as\b|and\s+(?=(?:something|somewhere|i\s+(?:need|want)"
+    r"|(?:my|the|an?|some)\s+\w+)\b))[,\s]*",
     re.IGNORECASE,
 )
 ALSO = re.compile(r"\balso\b", re.IGNORECASE)
-BETWEEN = re.compile(r"\b(?:between|both|either)\b", re.IGNORECASE)  # what "and" joins here is one
+BETWEEN = re.compile(r"\b(?:between|both|either)\b", re.IGNORECASE)  # "and" after these joins one need
 OPENING = re.compile(r"^\s*(?:first(?:ly)?(?: of all)?|and|then|so|also|finally)\b[,\s]*", re.IGNORECASE)
 
 
@@ -56,7 +59,7 @@ def make(cards: str | Path = SHIPPED) -> Embedded:
 
 
 class Embedded:
-    """Judges every card, then the listed things by their cards and their own names."""
+    """Scores every card, then the listed objects by their cards and their own names."""
 
     def __init__(self, deck: Deck, scorer: Scorer | None = None) -> None:
         self.name = NAME
@@ -70,7 +73,7 @@ class Embedded:
         return self._given or Scorer(self.deck)
 
     def select(self, query: str, inventory: Inventory, dialogue: Sequence[tuple[str, str]] = ()) -> Selection:
-        """The listed thing that serves the words, in the light of the dialogue; several in ``then`` for several needs."""
+        """The listed object that serves the words in the context of the dialogue; ``then`` holds further needs."""
         if not inventory.names:
             return Selection("not_found", reason="nothing was detected in this home", model=NAME)
         scene = Scene(inventory)
@@ -90,18 +93,18 @@ class Embedded:
         return usual_place(chosen) if chosen.status == "likely_near" else chosen
 
     def _listed_asked(self, query: str, inventory: Inventory) -> bool:
-        """Whether what is asked for is of a listed name: nothing of another name serves instead of it."""
+        """Whether a listed name is asked for, so that no object of another name may serve instead."""
         asked = parse(plain(query[-MOST_CHARACTERS:]), lexicon(self.deck, inventory), name_key)
         return asked is not None and asked.direct and asked.head is not None and bool(asked.head.labels)
 
     def _anyway(self, query: str, inventory: Inventory, scene: Scene, dialogue: Sequence[tuple[str, str]]) -> Selection:
-        """What was offered, to who wants it."""
+        """The offered object, once the person accepts it."""
         chosen = self._among(query, inventory, scene, dialogue, wanted=True)
         maybe = self._maybe(query, scene) if chosen.status in ("not_found", "likely_near") else None
         return chosen if maybe is None else maybe_there(maybe, NAME)
 
     def _maybe(self, query: str, scene: Scene) -> MapObject | None:
-        """What would serve the words, if it is there."""
+        """Names of objects that would serve the words."""
         maybe = tentative_matches(scene)
         names = tuple(sorted({candidate.label for candidate in maybe}))
         chosen = self._by_name(query, names, ()) if names else None
@@ -112,14 +115,14 @@ class Embedded:
     def _among(
         self, query: str, inventory: Inventory, scene: Scene, dialogue: Sequence[tuple[str, str]], wanted: bool = False
     ) -> Selection:
-        """What serves the words among all that is surely there."""
+        """The answer from the confirmed objects."""
         needs = _parts(query)
         outright = needs if THEN.search(query) else needs[:1] if not ALSO.search(query) else ()
         if len(needs) > 1 and all(self._asks(need) or (k and _anaphoric(need)) for k, need in enumerate(outright)):
             chosen = self._each(needs, inventory, scene, dialogue)
             goals = [(c.object, c.object_id, c.room) for c in chosen if c.status in ("found", "likely_near")]
             others = {c.status for c in chosen} - {"found", "likely_near"}
-            # what "then" parts is served or said one by one; "and" may join words that are one need after all
+            # Parts separated by "then" are served one by one; "and" may join words that are one need after all.
             said = goals and others <= {"not_found", "clarify"} and THEN.search(query)
             if (said or not others) and len(set(goals)) == len(goals):
                 first, *rest = chosen
@@ -129,7 +132,7 @@ class Embedded:
     def _each(
         self, needs: Sequence[str], inventory: Inventory, scene: Scene, dialogue: Sequence[tuple[str, str]]
     ) -> list[Selection]:
-        """What serves each of several needs; "the blue one" is understood by the need before it."""
+        """The answers to several needs; "the blue one" is understood by the need before it."""
         chosen: list[Selection] = []
         for k, need in enumerate(needs):
             turns = list(dialogue)
@@ -144,7 +147,7 @@ class Embedded:
     def _one(
         self, query: str, inventory: Inventory, scene: Scene, dialogue: Sequence[tuple[str, str]], wanted: bool = False
     ) -> Selection:
-        """What serves one need."""
+        """The answer to one need."""
         names = tuple(inventory.names)
         if not scene.known:
             return self._by_name(query, names, [(person, SERVED.sub("", robot)) for person, robot in dialogue])
@@ -161,12 +164,12 @@ class Embedded:
         return particular.refined(self._by_name(query, names, [(p, SERVED.sub("", robot)) for p, robot in dialogue]))
 
     def _by_name(self, query: str, names: tuple[str, ...], dialogue: Sequence[tuple[str, str]]) -> Selection:
-        """The name that serves the words, in the light of the dialogue."""
+        """The listed name that serves the words in the context of the dialogue."""
         turn = understand(query, names, dialogue)
         if turn.picked is not None:
             reason = f"'{_short(query)}' means this one"
             return Selection("found", turn.picked, reason=reason, candidates=((turn.picked, 1.0),), model=NAME)
-        if turn == FollowUp(query):  # what is said about an offer is a correction
+        if turn == FollowUp(query):  # words about an offer are a correction
             said = sort_out(self.scorer.hear(query), self._keys(names))
             if said.asked == "not":
                 return _told(said)
@@ -174,7 +177,7 @@ class Embedded:
         return self._serve(turn.text, names, turn)
 
     def propose(self, query: str) -> list[str]:
-        """The names of up to five cards that serve the words, best first; none if what serves them is nothing that homes have."""
+        """The names of up to five cards that serve the words, best first; none if no household object serves them."""
         heard = self.scorer.hear(query)
         if not heard.sentences or sort_out(heard, self.deck.by_key).asked == "not":
             return []
@@ -191,14 +194,14 @@ class Embedded:
         return self.deck.by_key.keys() | self._listed(names).keys
 
     def _forbidden(self, said: DialogueAct, names: tuple[str, ...]) -> tuple[str, ...]:
-        """The listed things that a prohibition names, and nothing else that was said."""
+        """The listed objects that a prohibition names, if the words say nothing else."""
         keys, by_key = self._keys(names), self.deck.by_key
         off, named = ({m.key for m in mentions(self.scorer.hear(t), keys)} for t in (said.forbidden, said.rest))
         cards = {by_key[key] for key in off if key in by_key} - {by_key[key] for key in named if key in by_key}
         return tuple(t.name for t in self._listed(names).all if t.key in off - named or t.card in cards)
 
     def _serve(self, text: str, names: tuple[str, ...], turn: FollowUp) -> Selection:
-        """The thing that serves a need, or what is said instead."""
+        """The object that serves a need, or a message instead."""
         heard, candidates = self.scorer.hear(text), self._listed(names)
         if not heard.sentences:
             return Selection("clarify", reason="nothing said tells a need", question="What do you need?", model=NAME)
@@ -212,12 +215,12 @@ class Embedded:
         if not allowed:
             return Selection("not_found", reason="nothing else is listed", model=NAME)
         choice = Choice(allowed, candidates, judged, turn.outright)
-        # who chooses from what was offered is not asked again, and who turns a thing down wants the next best
+        # A choice from an offer gets no further question; an object that the person refuses gives way to the next best.
         only: tuple[Status, ...] = ("found",) if turn.only else ("found", "not_found") if turn.without else OUTCOMES
         return self._say(choice, choice.decide(only), turn)
 
     def weigh(self, text: str, names: Sequence[str]) -> Choice | None:
-        """What is decided from, to fit the decision (tools/fit_decision.py); None for no words."""
+        """The input of the decision, for fitting it (tools/fit_decision.py); None for no words."""
         heard, candidates = self.scorer.hear(text), self._listed(tuple(names))
         judged = self.scorer.judge(heard, self._keys(tuple(names))) if heard.sentences else None
         outright = sort_out(heard, self._keys(tuple(names))).asked == "outright"
@@ -263,23 +266,23 @@ class Embedded:
 
 
 def _anaphoric(need: str) -> bool:
-    """Whether a need stands for what was named before it: "the blue one"."""
+    """Whether a need refers to the object named before it: "the blue one"."""
     return not STANDS_FOR.isdisjoint(words(plain(need)))
 
 
 def _nowhere(told: Selection) -> bool:
-    """Whether a thing or its place was asked for, as it seems, and there is none: a need may have been told in such words."""
+    """Whether a request for an object or its place found none, so that the words may state a need instead."""
     return told.status == "not_found" or (told.fact is not None and told.fact.kind == "where" and not told.fact.objects)
 
 
 def _told(said: DialogueAct) -> Selection:
-    """No goal for who asked for nothing, and that this was understood."""
+    """No goal, and a message that the words were understood."""
     reason = f"understood: {_short(said.forbidden)}" if said.forbidden else "understood: nothing was asked for"
     return Selection("answered", reason=reason, text="Understood.", model=NAME)
 
 
 def _candidates(ranked: Sequence[Ranked], judged: Judgement) -> Shares:
-    """The five best with their shares of the probability, the rest of which is with the others and with nothing."""
+    """The five best with their probabilities; the rest of the probability is with the others and with nothing."""
     logits = np.array([judged.nothing, *(r.logit for r in ranked)])
     shares = np.exp(logits - logits.max())
     shares = shares / shares.sum()
@@ -289,7 +292,7 @@ def _candidates(ranked: Sequence[Ranked], judged: Judgement) -> Shares:
 
 
 def _parts(text: str) -> list[str]:
-    """The needs of one breath: what "then", "after that" or a semicolon separates."""
+    """The needs in one utterance, separated by "then", "after that" or a semicolon."""
     if BETWEEN.search(text):
         return [text]
     parts = [
@@ -302,6 +305,6 @@ def _parts(text: str) -> list[str]:
 
 
 def _short(text: str) -> str:
-    """The beginning of what was said, on one line."""
+    """The beginning of the words, on one line."""
     line = re.sub(r" (?=[,.!?;:])", "", " ".join(text.split()).replace(" ' ", "'"))
     return line if len(line) <= 60 else line[:57].rsplit(" ", 1)[0] + " …"

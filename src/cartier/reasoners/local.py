@@ -1,4 +1,4 @@
-"""A language model in this process, without a server or a network: any GGUF file, through mistral.rs."""
+"""Local language model without a server or a network: any GGUF file, through mistral.rs."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from cartier.llm.prompts import Messages, Schema
 
 EXTRA = "local"
 COMPACT = {"x-guidance": {"whitespace_flexible": False}}
-"""For the engine's grammar: no white space between the parts of a reply, where a small model could lose itself."""
+"""For the engine's grammar: no white space between the parts of a reply, where a small model could loop."""
 
 
 def make(
@@ -40,7 +40,7 @@ def make(
 
 
 class GGUF:
-    """An engine for ``LanguageModel`` that holds the model itself and lets it write nothing but what the schema allows."""
+    """An engine for ``LanguageModel`` that holds the model and constrains its output to the schema."""
 
     def __init__(self, file: Path, timeout_s: float, temperature: float) -> None:
         self.name = f"local {file.name}"
@@ -52,7 +52,7 @@ class GGUF:
     def complete(
         self, messages: Messages, schema: Schema | None, max_tokens: int, is_answer: Callable[[str], bool]
     ) -> str:
-        """One reply, or as much of it as fits into ``max_tokens``. Raises ReasonerError if it takes too long or fails."""
+        """One reply of at most ``max_tokens``. Raises ReasonerError if it takes too long or fails."""
         import mistralrs
 
         request = mistralrs.ChatCompletionRequest(
@@ -63,12 +63,13 @@ class GGUF:
         deadline, text, used = time.monotonic() + self._timeout_s, "", 0
         self.calls += 1
         try:
-            for chunk in self._runner.send_chat_completion_request(request):  # ended by leaving: it computes no further
+            for chunk in self._runner.send_chat_completion_request(request):  # leaving the loop ends the computation
                 text += chunk.choices[0].delta.content or ""
                 used = chunk.usage.total_tokens if chunk.usage else used
                 if time.monotonic() > deadline:
                     raise ReasonerError(
-                        f"{self.name} did not answer within {self._timeout_s:g} s: take a smaller model (or raise timeout_s)"
+                        f"{self.name} did not answer within {self._timeout_s:g} s: "
+                        "take a smaller model (or raise timeout_s)"
                     )
         except BaseException as error:
             raise _mendable(error, ReasonerError, f"{self.name} failed") from error
@@ -77,7 +78,7 @@ class GGUF:
 
 
 def _load(file: Path) -> Any:
-    """The engine with the model in it, silent, and without a look at any network."""
+    """The engine with the model loaded, silent, and without network access."""
     os.environ.setdefault("RUST_LOG", "off")  # read on import; the engine's log goes to standard output
     import mistralrs
 
@@ -89,7 +90,7 @@ def _load(file: Path) -> Any:
 
 
 def _fingerprint(file: Path) -> str:
-    """What tells one model file from another, without reading gigabytes: its size, its first and its last MiB."""
+    """The identity of a model file, without reading gigabytes: its size, its first and its last MiB."""
     try:
         with file.open("rb") as opened:
             size = opened.seek(0, os.SEEK_END)
@@ -105,7 +106,7 @@ def _fingerprint(file: Path) -> str:
 
 
 def _mendable(error: BaseException, kind: type[Exception], what: str) -> BaseException:
-    """The engine's complaint in one line; what is not the engine's (an interrupt, our own errors) stays as it is."""
+    """The engine's error in one line; other exceptions (an interrupt, our own errors) stay as they are."""
     panic = type(error).__name__ == "PanicException"  # Rust's, which is no Exception
     if isinstance(error, (InputError, ReasonerError)) or not (panic or isinstance(error, Exception)):
         return error

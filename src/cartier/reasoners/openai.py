@@ -1,4 +1,4 @@
-"""Any OpenAI-compatible server (OpenAI, vLLM, llama.cpp, Ollama, LM Studio …) through the official SDK."""
+"""OpenAI-compatible servers (OpenAI, vLLM, llama.cpp, Ollama, LM Studio …) through the official SDK."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ MAX_REPLY_BYTES = 2**20
 PAUSES_S = (0.5, 1.5)
 KEPT_HEADERS = ("content-type", "retry-after")
 BUSY = (408, 429, 503, 529)
-"""Statuses that pass, whatever was asked for."""
+"""Statuses that may pass with a retry."""
 
 HINTS = {
     401: "the key is missing or wrong (OPENAI_API_KEY)",
@@ -33,7 +33,7 @@ HINTS = {
     404: "no such model or URL; try --model, and a base URL that ends in /v1",
     429: "too many requests, or no credit left",
 }
-"""Statuses that asking in another form does not mend."""
+"""Statuses that another form of the request does not mend."""
 
 
 def make(
@@ -47,7 +47,8 @@ def make(
 ) -> LanguageModel:
     """``OPENAI_API_KEY``, ``OPENAI_BASE_URL`` and ``OPENAI_MODEL`` are read; a server of one's own needs no key.
 
-    ``prompt`` is one of cartier.llm.prompts.PROMPTS, ``cache`` an SQLite file, ``timeout_s`` the limit for one request in all.
+    ``prompt`` is one of cartier.llm.prompts.PROMPTS, ``cache`` an SQLite file, ``timeout_s`` the limit for one request
+    with all its retries.
     """
     return LanguageModel(Server(model, base_url, api_key, timeout_s, temperature), prompt, cache)
 
@@ -57,7 +58,7 @@ class CutOff(ReasonerError):
 
 
 class Server:
-    """An engine for ``LanguageModel``: one call per request, once it is known which form of asking the server honours."""
+    """An engine for ``LanguageModel``: one call per request, once the form that the server supports is known."""
 
     def __init__(
         self, model: str | None, base_url: str | None, api_key: str | None, timeout_s: float, temperature: float
@@ -86,7 +87,7 @@ class Server:
     def complete(
         self, messages: Messages, schema: Schema | None, max_tokens: int, is_answer: Callable[[str], bool]
     ) -> str:
-        """One raw reply, all within ``timeout_s``. Raises ReasonerError if the server cannot be reached or refuses."""
+        """One raw reply within ``timeout_s``. Raises ReasonerError if the server cannot be reached or refuses."""
         deadline = time.monotonic() + self.timeout_s
         options = {"temperature": self._temperature, "max_tokens": max_tokens}
         asked = {"model": self.model, "messages": messages}
@@ -101,9 +102,9 @@ class Server:
             raise error.error from error
 
     def _request(self, asked: dict[str, Any], options: dict[str, Any], form: Form, sure: bool, deadline: float) -> str:
-        """The text of one reply, asked for again where a fault may pass. ``sure`` says that the form is not at fault.
+        """The text of one reply, with retries where a fault may pass. ``sure`` says that the form is not at fault.
 
-        Raises ReasonerError, or NotUnderstood where another form may be understood.
+        Raises ReasonerError, or NotUnderstood where another form may succeed.
         """
         pauses = list(PAUSES_S)
         while True:
@@ -134,7 +135,7 @@ class Server:
                     raise
 
     def _exchange(self, asked: dict[str, Any], deadline: float) -> str:
-        """One request over the wire, done at the deadline however the server dawdles."""
+        """One HTTP request that ends at the deadline, however slow the server is."""
         self.calls += 1
         left_s = max(0.001, deadline - time.monotonic())
         with self._client() as client:
@@ -142,7 +143,7 @@ class Server:
             try:
                 body = within(left_s, lambda: ask(**asked, timeout=left_s).http_response.content)
             except Late as late:
-                client.close()  # what is left of the exchange ends with its connection
+                client.close()  # closing the connection ends the exchange
                 raise self._too_late() from late
             except openai.APIConnectionError as error:
                 if isinstance(error.__cause__, ReasonerError):  # older SDKs wrap what their transport raises
@@ -165,7 +166,8 @@ class Server:
 
     def _connected(self) -> Any:
         return openai.OpenAI(
-            api_key=self._key, base_url=self.server, timeout=self.timeout_s, max_retries=0, http_client=_OneServer(self),
+            api_key=self._key, base_url=self.server, timeout=self.timeout_s, max_retries=0,
+            http_client=_OneServer(self),
             default_headers={"Accept-Encoding": "identity"},  # so that a small reply cannot unpack to a huge one
         )  # fmt: skip
 
@@ -200,14 +202,14 @@ class Server:
 
 
 class _OneServer(openai.DefaultHttpxClient):  # type: ignore[misc]
-    """The SDK's transport, which reads a bounded answer of the one server that the person named."""
+    """The SDK's transport, limited to the one server that the person named and to answers of bounded size."""
 
     def __init__(self, server: Server) -> None:
         super().__init__(follow_redirects=False, timeout=server.timeout_s)
         self._server = server
 
     def send(self, request: Any, **options: Any) -> Any:
-        """A response that is read already. Raises ReasonerError for one that leads elsewhere, breaks off or has no end."""
+        """A completely read response. Raises ReasonerError for a redirect, a broken connection or an endless body."""
         response = super().send(request, **(options | {"stream": True, "follow_redirects": False}))
         try:
             if 300 <= response.status_code < 400:
@@ -236,7 +238,7 @@ class _OneServer(openai.DefaultHttpxClient):  # type: ignore[misc]
         return bytes(body)
 
     def _leads_elsewhere(self, response: Any) -> str:
-        """The words and the list go to the server that was named: where it leads to is said, and nothing is sent there."""
+        """The error for a redirect, which is not followed: words and list go to the named server only."""
         said = f"{self._server.where} answered {response.status_code}"
         try:
             target = urljoin(str(response.request.url), response.headers["location"])
@@ -244,11 +246,12 @@ class _OneServer(openai.DefaultHttpxClient):  # type: ignore[misc]
         except (KeyError, ValueError, ReasonerError):
             return f"{said}, which leads nowhere: is the base URL right?"
         base = target.removesuffix("/chat/completions")
-        return f"{said}: it sends the request on to {target}, which is not followed; if you trust it, the base URL is {base}"
+        trusted = f"if you trust it, the base URL is {base}"
+        return f"{said}: it sends the request on to {target}, which is not followed; {trusted}"
 
 
 def _paused(pauses_s: list[float], deadline: float, retry_after: str | None = None) -> bool:
-    """Wait as long as it is the turn to, or as the server asks for; False if there is no turn or no time left."""
+    """Wait before the next retry, as long as the server asks for; False if no retry or no time is left."""
     if not pauses_s:
         return False
     try:

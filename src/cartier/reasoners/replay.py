@@ -1,4 +1,4 @@
-"""Recorded replies from a JSON-lines file, {"query": …, "reply": …}, or a batch that came back: a model's answers without the model."""
+"""Recorded replies of a model, from a JSON-lines file {"query": …, "reply": …} or from the output of a batch."""
 
 from __future__ import annotations
 
@@ -21,9 +21,10 @@ Key = tuple[str, frozenset[str] | None]
 def make(path: str | Path) -> Replay:
     """``path`` holds one {"query": words, "reply": text} a line; the last line of a query counts.
 
-    A line that also has "objects": [names] is the reply to that list alone; a query that has such lines gets no other's, and its
-    line without them is only what was proposed without sight of a list. A line with "custom_id" is of the output of OpenAI's Batch API for what ``cartier bench --write-prompts`` wrote: the reply to that very
-    prompt, and before all others. Raises InputError if the file is missing, too large, or has a line that is not of this form.
+    A line with "objects": [names] is the reply to that list alone. A query with such lines gets no reply to another
+    list, and its line without "objects" is only the proposal made without a list. A line with "custom_id" comes from
+    OpenAI's Batch API for the prompts of ``cartier bench --write-prompts``: it is the reply to that very prompt and
+    takes precedence. Raises InputError if the file is missing, too large, or has an invalid line.
     """
     return Replay(Path(path))
 
@@ -60,13 +61,13 @@ class Replay:
         if key in self._replies:
             return self._replies[key]
         raise ReasonerError(
-            f"{self._path} holds no reply to “{key[0][:80]}”{' with this list' if key[1] else ''}: record one, or ask another "
-            "reasoner"
+            f"{self._path} holds no reply to “{key[0][:80]}”{' with this list' if key[1] else ''}: "
+            "record one, or ask another reasoner"
         )
 
 
 def _read(path: Path) -> tuple[dict[Key, str], dict[str, str]]:
-    """The recorded replies, and those of a batch by the ids of their requests."""
+    """The recorded replies, and those of a batch by their request ids."""
     replies: dict[Key, str] = {}
     batch: dict[str, str] = {}
     for number, line in enumerate(read_text(path, MAX_BYTES).split("\n"), start=1):
@@ -89,7 +90,7 @@ def _read(path: Path) -> tuple[dict[Key, str], dict[str, str]]:
 
 
 def _answered(row: dict[str, Any]) -> dict[str, str]:
-    """A request's id and its reply; nothing for one that failed, which is to be asked again."""
+    """A request's id and its reply; nothing for a failed request, which must be asked again."""
     response = row["response"]
     if row.get("error") or response["status_code"] != 200:
         return {}

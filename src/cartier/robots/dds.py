@@ -54,7 +54,7 @@ def send_pose(goal: Goal, topic: str, domain: int, timeout_s: float) -> str:
             Policy.Userdata(f"typehash={TYPE_HASH};".encode()),
         )
         writer = DataWriter(participant, Topic(participant, f"rt/{topic}", PoseStamped), qos=qos)
-        listeners = _listeners(writer, timeout_s)
+        listeners = matched_listeners(writer, timeout_s)
         if not listeners:
             raise BackendError(
                 f"no robot listens on {where} (waited {timeout_s:g} s): is Nav2 up, is its ROS_DOMAIN_ID {domain}, "
@@ -70,7 +70,7 @@ def send_pose(goal: Goal, topic: str, domain: int, timeout_s: float) -> str:
     return f"sent on {where} over DDS, and received{others}: {in_words(goal)}"
 
 
-def _listeners(writer: Any, timeout_s: float) -> int:
+def matched_listeners(writer: Any, timeout_s: float) -> int:
     """The number of readers, once there is one or the time is over."""
     end = time.monotonic() + timeout_s
     while not writer.get_matched_subscriptions() and time.monotonic() < end:

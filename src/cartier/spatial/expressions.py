@@ -1,4 +1,4 @@
-"""What references and questions are made of: noun phrases, their relations, and what is asked of them."""
+"""Referring expressions: noun phrases with attributes and spatial relations, and the questions built on them."""
 
 from __future__ import annotations
 
@@ -7,17 +7,17 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 Kind = Literal[
-    "find", "count", "exists", "where", "list", "compare", "far", "when", "colour", "size", "room", "rooms", "which", "sure",
-    "stop", "come", "back", "follow", "able", "thanks", "bye",
+    "find", "count", "exists", "where", "list", "compare", "far", "when", "colour", "size", "room", "rooms", "which",
+    "sure", "stop", "come", "back", "follow", "able", "thanks", "bye",
 ]  # fmt: skip
 
 
 @dataclass(frozen=True)
 class ReferringExpression:
-    """A noun phrase. ``labels`` are the listed names that it may mean, none for what is not listed; ``rooms`` the ids of rooms.
+    """A noun phrase. ``labels`` are the listed names that it may mean (none: not listed), ``rooms`` the ids of rooms.
 
-    ``generic`` is for "one", "something", "it". ``most`` is a superlative such as "biggest", ``order`` counts from 1, ``thing``
-    is the id of an object that was spoken of before.
+    ``generic`` is for "one", "something", "it". ``most`` is a superlative such as "biggest", ``order`` counts from 1,
+    ``obj`` is the id of an object mentioned before.
     """
 
     said: str
@@ -43,9 +43,10 @@ class ReferringExpression:
 
 @dataclass(frozen=True)
 class SpatialRelation:
-    """The thing is ``kind`` (on, in, under, above, next to, near, nearest, farthest, between, left of, right of, with) the target.
+    """The relation of an object to the target.
 
-    Without a target "nearest" and "farthest" are from where the robot stands.
+    ``kind`` is on, in, under, above, next to, near, nearest, farthest, between, left of, right of or with, perhaps
+    after "not ". Without a target, "nearest" and "farthest" are relative to the robot's position.
     """
 
     kind: str
@@ -55,10 +56,10 @@ class SpatialRelation:
 
 @dataclass(frozen=True)
 class ParsedUtterance:
-    """What is asked: to be driven there (``find``), or a question about ``head`` (and ``other``, for ``compare``).
+    """A request to drive to ``head`` (``find``), or a question about it (and about ``other``, for ``compare``).
 
-    ``need`` are the words without what only says where. ``direct`` is said where the thing is asked for outright. ``to`` is what
-    the nearer one of two is nearer to.
+    ``need`` are the words without those that only give the place. ``direct`` means that the object is asked for
+    outright. ``to`` is the reference point of "nearer to".
     """
 
     kind: Kind
@@ -72,9 +73,9 @@ class ParsedUtterance:
 
 @dataclass(frozen=True)
 class EntityVocabulary:
-    """What may be named: the listed labels that each key of a name stands for (none: known, but not listed), and rooms' ids.
+    """The names that may be used: the listed labels for each key of a name (none: not listed), and rooms' ids.
 
-    ``like`` gives the labels that a name may mean where nothing of the very name fits.
+    ``like`` gives the labels that a name may mean where no object has the very name.
     """
 
     objs: Mapping[str, frozenset[str]]
@@ -83,8 +84,8 @@ class EntityVocabulary:
 
 
 def merged(before: ReferringExpression, now: ReferringExpression) -> ReferringExpression:
-    """What was asked for, with what was added to it."""
+    """The earlier phrase with the constraints that the new one adds."""
     return replace(
-        before, relations=(*before.relations, *now.relations), colours=now.colours or before.colours, size=now.size or before.size,
-        most=now.most or before.most, order=now.order or before.order, other=now.other,
+        before, relations=(*before.relations, *now.relations), colours=now.colours or before.colours,
+        size=now.size or before.size, most=now.most or before.most, order=now.order or before.order, other=now.other,
     )  # fmt: skip

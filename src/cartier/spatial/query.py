@@ -1,4 +1,4 @@
-"""What a reference means in a home: filter the objects, then rank them; and the words that tell objects apart."""
+"""Resolution of referring expressions: the objects of a home are filtered by the expression, then ranked."""
 
 from __future__ import annotations
 
@@ -11,46 +11,44 @@ from functools import cached_property
 import numpy as np
 
 from cartier.labels import name_key
+from cartier.spatial import relations
 from cartier.spatial.expressions import ReferringExpression, SpatialRelation
-from cartier.spatial.relations import Relation, between, left_of, right_of, supports, under
 from cartier.types import Inventory, MapObject, Room
 
-NEXT_M, NEAR_M, LOOSE_M = 0.8, 1.0, 0.25  # "next to", "near", and how much farther than the nearest is as near
-LEAST_SHARE = 0.12  # of an object's surface that has a colour to be called so
-TOUCHING_M = 0.12  # what stands on a thing is so close to it, where nothing better is known of what holds what
-LIKELY = 0.3  # probability from which what is tentative may tell others apart
-LEAST = 0.1  # probability under which a thing is not even named
-CLEARLY = 1.3  # how much more of a colour than the next a thing has that is meant by it
+Side = Callable[[MapObject, Sequence[MapObject], relations.Point], tuple[relations.Relation, ...]]
+LEAST_SHARE = 0.12  # least share of an object's surface that a colour must cover to describe it
+LIKELY = 0.3  # least probability of a tentative landmark, and of a relation that a person states
+LEAST = 0.1  # least probability of a tentative object that is mentioned at all
+CLEARLY = 1.3  # ratio to the next object's share of a colour from which the colour means one object alone
 BESIDE = {
-    "white": ("grey", "yellow"), "black": ("grey", "brown"), "grey": ("white", "black"), "brown": ("orange", "red", "black", "yellow"),
-    "yellow": ("orange", "brown"), "orange": ("brown", "red", "yellow"), "red": ("brown", "orange", "pink"), "pink": ("red", "purple"),
-    "blue": ("purple", "grey"), "green": ("blue", "yellow"), "purple": ("blue", "pink"),
+    "white": ("grey", "yellow"), "black": ("grey", "brown"), "grey": ("white", "black"),
+    "brown": ("orange", "red", "black", "yellow"), "yellow": ("orange", "brown"), "orange": ("brown", "red", "yellow"),
+    "red": ("brown", "orange", "pink"), "pink": ("red", "purple"), "blue": ("purple", "grey"),
+    "green": ("blue", "yellow"), "purple": ("blue", "pink"),
 }  # fmt: skip
-"""What a colour is taken for in warm light or in shadow."""
-ALIKE = 0.9  # of the biggest: as big
+"""Names that a colour may get in warm light or in shadow."""
+ALIKE = 0.9  # sizes from this share of the biggest count as equal
 
 
 def called(obj: MapObject, names: Iterable[str]) -> bool:
-    """Whether a thing has one of the names, by its label or from people."""
+    """Whether an object has one of the names, as its label or given by people."""
     return not set(names).isdisjoint((obj.label, *obj.names))
 
 
 class Scene:
-    """The confirmed objects of an inventory, with what holds what."""
+    """The confirmed objects of an inventory, and what supports each of them."""
 
     def __init__(self, inventory: Inventory) -> None:
         self.rooms = {room.id: room for room in inventory.rooms}
         self.objects = [obj for obj in inventory.objects if obj.confirmed]
         maybe = [o for o in inventory.objects if not o.confirmed and o.probability >= LEAST]
-        self.maybe = sorted(
-            maybe, key=lambda o: -o.probability
-        )  # what is tentative: named in words, never served unasked
+        self.maybe = sorted(maybe, key=lambda o: -o.probability)  # mentioned in words, never served unasked
         self.by_id = {obj.id: obj for obj in self.objects} | {a: t for t in self.objects for a in t.aliases}
         self.from_xy = inventory.from_xy
 
     @property
     def known(self) -> bool:
-        """Whether more than names is known."""
+        """Whether the inventory holds more than names."""
         return any(obj.box_max != obj.box_min for obj in self.objects)
 
     @cached_property
@@ -60,11 +58,11 @@ class Scene:
         return frozenset(label for label, count in counts.items() if count > 1)
 
     @cached_property
-    def holders(self) -> dict[int, Relation]:
-        return supports(self.objects)
+    def holders(self) -> dict[int, relations.Relation]:
+        return relations.supports(self.objects)
 
     def held_by(self, obj: MapObject) -> list[MapObject]:
-        """What a thing stands on or in, and what that stands on, in order."""
+        """What an object stands on or in, and what that stands on, in order."""
         found: list[MapObject] = []
         while obj.id in self.holders and self.holders[obj.id].object is not None and len(found) < 5:
             obj = self.by_id[self.holders[obj.id].object or 0]
@@ -75,7 +73,7 @@ class Scene:
         return self.rooms.get(-1 if obj.room is None else obj.room)
 
     def distance_m(self, obj: MapObject, other: MapObject | None = None) -> float:
-        """Between two boxes; of one to where the robot stands, along the floor."""
+        """Distance between two boxes; without ``other``, between the object and the robot, along the floor."""
         low, high = np.array(obj.box_min), np.array(obj.box_max)
         if other is not None:
             apart = np.maximum(np.maximum(low - other.box_max, np.array(other.box_min) - high), 0)
@@ -86,7 +84,7 @@ class Scene:
     def meant(
         self, phrase: ReferringExpression, without: Iterable[int] = ()
     ) -> tuple[list[MapObject], SpatialRelation | None]:
-        """The objects that a phrase may mean, best first; without any, also what emptied the list."""
+        """The objects that a phrase may mean, best first; without any, also the constraint that excluded the last."""
         if phrase.obj is not None:
             return [self.by_id[phrase.obj]] if phrase.obj in self.by_id else [], None
         out = set(without)
@@ -115,12 +113,12 @@ class Scene:
         return found, None
 
     def _perhaps_there(self, landmark: ReferringExpression) -> list[MapObject]:
-        """What is tentative, and may still tell apart what is sure."""
+        """Tentative objects that may still serve as a landmark."""
         key = name_key(landmark.said)
         return [o for o in self.maybe if o.probability >= LIKELY and name_key(o.label) == key]
 
     def perhaps(self, phrase: ReferringExpression) -> MapObject | None:
-        """The likeliest tentative object that a phrase may mean, relations and all."""
+        """The most probable tentative object that a phrase, with its relations, may mean."""
         key = name_key(phrase.said)
         found = [o for o in self.maybe if called(o, phrase.labels) or name_key(o.label) == key]
         for constraint in phrase.relations:
@@ -128,7 +126,7 @@ class Scene:
         return max(found, key=lambda o: o.probability, default=None)
 
     def most(self, found: Sequence[MapObject], wish: str) -> list[MapObject]:
-        """Those that are the biggest, highest, nearest …: more than one only where they are as good as equal."""
+        """The biggest, highest, nearest … of the objects, as a list of one."""
         of = {o.id: self.measure(o, wish) for o in found}
         best = max(of.values())
         if wish in ("nearest", "farthest", "leftmost", "rightmost", "highest", "lowest"):
@@ -136,7 +134,7 @@ class Scene:
         return sorted((o for o in found if of[o.id] >= best - abs(best) * (1 - ALIKE)), key=lambda o: -of[o.id])[:1]
 
     def measure(self, obj: MapObject, wish: str) -> float:
-        """How much a thing has of what a superlative asks for."""
+        """The value by which a superlative ranks an object; the largest wins."""
         low, high = np.array(obj.box_min), np.array(obj.box_max)
         size = np.maximum(high - low, 0.02)
         if wish in ("nearest", "farthest"):
@@ -169,15 +167,21 @@ class Scene:
         if not beside:
             return []
         ways: dict[str, Callable[[], list[MapObject]]] = {
-            "on": lambda: self._on(found, beside), "in": lambda: self._on(found, beside),
+            "on": lambda: self._on(found, beside),
+            "in": lambda: self._on(found, beside),
             "from": lambda: self._on(found, beside),
-            "under": lambda: self._under(found, beside), "above": lambda: self._above(found, beside),
-            "with": lambda: self._with(found, beside), "between": lambda: self._between(found, beside, constraint),
-            "next to": lambda: self._close(found, beside, NEXT_M), "near": lambda: self._close(found, beside, NEAR_M),
-            "nearest": lambda: self._close(found, beside, math.inf)[:1], "of": lambda: self._close(found, beside, NEXT_M),
+            "under": lambda: self._under(found, beside),
+            "above": lambda: self._above(found, beside),
+            "with": lambda: self._with(found, beside),
+            "between": lambda: self._between(found, beside, constraint),
+            "next to": lambda: self._close(found, beside, relations.ASKED_NEXT_M),
+            "of": lambda: self._close(found, beside, relations.ASKED_NEXT_M),
+            "near": lambda: self._close(found, beside, relations.ASKED_NEAR_M),
+            "nearest": lambda: self._close(found, beside, math.inf)[:1],
             "farthest": lambda: self._close(found, beside, math.inf, farthest=True)[:1],
-            "left of": lambda: self._side(found, beside, left_of), "right of": lambda: self._side(found, beside, right_of),
-        }  # fmt: skip
+            "left of": lambda: self._side(found, beside, relations.left_of),
+            "right of": lambda: self._side(found, beside, relations.right_of),
+        }
         return ways[kind]()
 
     def _on(self, found: Sequence[MapObject], beside: Sequence[MapObject]) -> list[MapObject]:
@@ -187,21 +191,21 @@ class Scene:
         return held or [o for o in found if any(self._stands(o, b) for b in beside)]
 
     def _stands(self, obj: MapObject, below: MapObject) -> bool:
-        """Whether a thing is over or in another's outline and close to it: what holds it may have been called otherwise."""
+        """Whether an object is above or within another's outline and close to it, whatever its support was labelled."""
         x, y, _ = obj.position
         over = below.box_min[0] <= x <= below.box_max[0] and below.box_min[1] <= y <= below.box_max[1]
-        return obj.id != below.id and over and self.distance_m(obj, below) <= TOUCHING_M
+        return obj.id != below.id and over and self.distance_m(obj, below) <= relations.ASKED_ON_M
 
     def _under(self, found: Sequence[MapObject], beside: Sequence[MapObject]) -> list[MapObject]:
-        ids = {r.subject for b in beside for r in under(b, self.objects) if r.probability >= 0.3}
+        ids = {r.subject for b in beside for r in relations.under(b, self.objects) if r.probability >= LIKELY}
         low = [o for o in found if o.id in ids]
-        return low or [
-            o for o in found if any(o.position[2] < b.position[2] and self._flat_m(o, b) < 0.1 for b in beside)
-        ]
+        lower = ((o, b) for o in found for b in beside if o.position[2] < b.position[2])
+        return low or list({o.id: o for o, b in lower if self._flat_m(o, b) < relations.ASKED_UNDER_M}.values())
 
     def _above(self, found: Sequence[MapObject], beside: Sequence[MapObject]) -> list[MapObject]:
-        high = [o for o in found if any(o.position[2] > b.box_max[2] and self._flat_m(o, b) < 0.3 for b in beside)]
-        return sorted(high, key=lambda o: min(self._flat_m(o, b) for b in beside))
+        higher = ((o, b) for o in found for b in beside if o.position[2] > b.box_max[2])
+        high = {o.id: o for o, b in higher if self._flat_m(o, b) < relations.ASKED_ABOVE_M}
+        return sorted(high.values(), key=lambda o: min(self._flat_m(o, b) for b in beside))
 
     def _flat_m(self, one: MapObject, other: MapObject) -> float:
         apart = np.maximum(np.array(one.box_min) - other.box_max, np.array(other.box_min) - one.box_max)[:2]
@@ -209,21 +213,21 @@ class Scene:
 
     def _with(self, found: Sequence[MapObject], beside: Sequence[MapObject]) -> list[MapObject]:
         holding = {h.id for b in beside for h in self.held_by(b)[:1]}
-        return [o for o in found if o.id in holding] or self._close(found, beside, NEXT_M)
+        return [o for o in found if o.id in holding] or self._close(found, beside, relations.ASKED_NEXT_M)
 
     def _between(
         self, found: Sequence[MapObject], beside: Sequence[MapObject], constraint: SpatialRelation
     ) -> list[MapObject]:
         ends = self.meant(constraint.other)[0] if constraint.other is not None else list(beside[1:])
         pairs = [(a, b) for a in beside[:4] for b in ends[:4] if a.id != b.id]
-        told = [r for a, b in pairs for r in between(a, b, [o for o in found if o.id not in (a.id, b.id)])]
+        told = [r for a, b in pairs for r in relations.between(a, b, [o for o in found if o.id not in (a.id, b.id)])]
         told.sort(key=lambda r: -r.probability)
-        return [self.by_id[r.subject] for r in told if r.probability >= 0.3][:1]
+        return [self.by_id[r.subject] for r in told if r.probability >= LIKELY][:1]
 
     def _close(
         self, found: Sequence[MapObject], beside: Sequence[MapObject], most_m: float, farthest: bool = False
     ) -> list[MapObject]:
-        """Those that are close to any of the others, the closest first, in its room if any is."""
+        """Those close to any of the others, the closest first; those in the same room alone, if there are any."""
         others = [o for o in found if any(b.id != o.id for b in beside)]
         far = {o.id: min(self.distance_m(o, b) for b in beside if b.id != o.id) for o in others}
         if farthest:
@@ -232,12 +236,10 @@ class Scene:
         close = [o for o in others if far[o.id] <= most_m]
         same = [o for o in close if o.room in rooms] or close
         same.sort(key=lambda o: far[o.id])
-        return [o for o in same if far[o.id] <= far[same[0].id] + LOOSE_M]
+        return [o for o in same if far[o.id] <= far[same[0].id] + relations.ASKED_TIE_M]
 
-    def _side(
-        self, found: Sequence[MapObject], beside: Sequence[MapObject], side: Callable[..., tuple[Relation, ...]]
-    ) -> list[MapObject]:
-        """Left and right as seen from where a thing was seen best."""
+    def _side(self, found: Sequence[MapObject], beside: Sequence[MapObject], side: Side) -> list[MapObject]:
+        """The nearest object to the left or right, from the best view of the landmark."""
         told = [
             r for b in beside if b.views for r in side(b, [o for o in found if o.id != b.id], b.views[0].camera[:2])
         ]
@@ -245,57 +247,9 @@ class Scene:
         near = [self.by_id[r.subject] for r in likely]
         return sorted(dict.fromkeys(near), key=lambda o: min(self.distance_m(o, b) for b in beside))[:1]
 
-    def whereabouts(self, obj: MapObject) -> str:
-        """Where a thing is, in words: "on the table in the kitchen"."""
-        told = [*self._places(obj)[:1]] if self._places(obj) else []
-        room = self.room_of(obj)
-        if room is not None and not (told and told[0] == _inside(room)):
-            told.append(_inside(room))
-        return " ".join(told)
-
-    def _places(self, obj: MapObject) -> list[str]:
-        """All that may be said of where a thing is, the most telling first."""
-        told = []
-        held = self.holders.get(obj.id)
-        if held is not None and held.object is not None:
-            told.append(f"{held.kind} the {self.by_id[held.object].label}")
-        size = float(np.prod(np.subtract(obj.box_max, obj.box_min)))
-        marks = (
-            o for o in self.objects
-            if o.label != obj.label and o.id != (held.object if held else None)
-            and (o.label not in self.several or held is None) and np.prod(np.subtract(o.box_max, o.box_min)) > max(size / 2, 0.02)
-        )  # fmt: skip
-        beside = sorted(marks, key=lambda o: self.distance_m(obj, o))
-        told += [f"by the {o.label}" for o in beside[:4] if self.distance_m(obj, o) <= NEAR_M and o.room == obj.room]
-        room = self.room_of(obj)
-        return told + ([_inside(room)] if room is not None else [])
-
-    def tell_apart(self, found: Sequence[MapObject]) -> list[str]:
-        """For each object what none of the others has: room, place, colour or size; "" where nothing does."""
-        every = []
-        for obj in found:
-            room = self.room_of(obj)
-            told = ([_inside(room)] if room is not None else []) + self._places(obj)
-            told += [f"the {obj.colours[0][0]} one"] if obj.colours else []
-            every.append(list(dict.fromkeys(told)))
-        apart = [
-            next((words for words in told if not any(words in other for k, other in enumerate(every) if k != i)), "")
-            for i, told in enumerate(every)
-        ]
-        if len(found) == 2 and not all(apart):
-            big, small = (float(np.prod(np.subtract(o.box_max, o.box_min))) for o in found)
-            if max(big, small) > 1.3 * min(big, small):
-                apart = ["the bigger one", "the smaller one"] if big > small else ["the smaller one", "the bigger one"]
-        return apart
-
-
-def _inside(room: Room) -> str:
-    """ "in the kitchen", "in bedroom 2"."""
-    return f"in {room.name}" if room.name[-1:].isdigit() or "'s" in room.name else f"in the {room.name}"
-
 
 def _coloured(obj: MapObject, colours: Sequence[str]) -> float:
-    """How much of a thing has one of the colours, or, for a third of that, one beside it."""
+    """The share of an object's surface with one of the colours; similar colours count for a third."""
     near = {other for colour in colours for other in BESIDE.get(colour, ())} - set(colours)
     return (
         sum(share for name, share in obj.colours if name in colours)

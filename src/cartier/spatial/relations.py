@@ -1,9 +1,9 @@
-"""How objects lie to each other: on, in, under, next to, between, nearest, left of … with metres and a probability.
+"""Spatial relations between objects: on, in, under, next to, between, nearest, left of …, in metres with a probability.
 
-All are pure functions over ``MapObject``s; distances are those between their axis-aligned boxes. These hold what was seen of
-surfaces: a table's box has some of what stands on it, a fridge's begins where the counter before it ends. So nothing needs to fit
-exactly; every relation has a probability instead, whose constants were fitted to generated homes where each contact is known.
-``benchmarks/spatial.py`` prints how well they hold in other homes.
+All are pure functions over ``MapObject``s; distances are between axis-aligned boxes. The boxes come from observed
+surfaces, so they do not fit exactly: a table's box contains part of what stands on it, and a fridge's box may begin
+where the counter before it ends. Each relation therefore has a probability, with constants fitted to generated homes
+with known contacts. ``benchmarks/spatial.py`` measures them in other homes.
 """
 
 from __future__ import annotations
@@ -23,28 +23,36 @@ Kind = Literal[
 Point = Sequence[float]
 """(x, y) or (x, y, z) in metres."""
 
-PAD_M = 0.03  # boxes that touch may miss each other by so much
-THIN_M = 0.02  # no box counts as thinner
-FLOATS_M, SINKS_M = 0.3, 0.15  # nothing stands on what ends so far below it, or begins so far above it
-FLOOR_M = 0.08  # what begins lower mostly stands on the floor
-NEXT_M, LEVEL_M = 0.5, 0.3  # next to each other is what is closer and neither so far above the other
-BESIDE_M = 0.3  # what is so far off the straight line between two things is not between them
+PAD_M = 0.03  # largest gap between the boxes of objects that touch
+THIN_M = 0.02  # least side of a box
+FLOATS_M, SINKS_M = 0.3, 0.15  # no support ends farther below an object's bottom, or begins farther above it
+FLOOR_M = 0.08  # an object whose bottom is lower mostly stands on the floor
+NEXT_M, LEVEL_M = 0.5, 0.3  # "next to": largest distance, and largest height of one's bottom above the other's top
+BESIDE_M = 0.3  # "between": largest offset from the straight line
+
+# A query accepts more than the map would state: people use these words loosely, and the best match of few is wanted.
+ASKED_NEXT_M, ASKED_NEAR_M = 0.8, 1.0  # "next to" and "near"
+ASKED_TIE_M = 0.25  # distance behind the nearest object within which others count as near too
+ASKED_ON_M = 0.12  # "on" and "in", from the boxes alone, where no support is known
+ASKED_UNDER_M, ASKED_ABOVE_M = 0.1, 0.3  # "under" and "above": largest gap between the outlines on the floor plan
+
 BLUR_M, BLUR = 0.05, 0.13  # standard deviation of distances between boxes: at least, and per metre of the larger one
-OUTGROWN, USUAL_M = 0.1, 0.4  # per metre of it above the usual, boxes from pixels are closer than the things are
-AWRY_M = 0.07  # standard deviation of the middles of boxes
-BLUR_SIZE = 0.15  # and of the logarithms of sizes
-NEARER = 10.0  # log-odds for being the nearest that a metre less is worth
-UNDER = 0.6  # share of what lies below a thing and within its outline that is under it
-IN_ROOM = 0.98  # share of objects that are in the room which the map says
-LIKELY, LEAST = 0.5, 0.05  # probability from which a support is told, and most other relations
+OUTGROWN, USUAL_M = 0.1, 0.4  # boxes from pixels are too close by this share of the larger one's side above the usual
+AWRY_M = 0.07  # standard deviation of the centres of boxes
+BLUR_SIZE = 0.15  # standard deviation of the logarithms of sizes
+NEARER = 10.0  # log-odds of being the nearest, per metre
+UNDER = 0.6  # share of the objects below an object and within its outline that people call under it
+IN_ROOM = 0.98  # share of objects that are in the room that the map states
+LIKELY, LEAST = 0.5, 0.05  # least probability of a reported support, and of most other reported relations
 
 
 @dataclass(frozen=True)
 class Relation:
     """``subject`` is ``kind`` ``object``: ids of objects, for "in room" that of the room; None for a point.
 
-    ``metres`` is the distance between the boxes; for left and right, how far to that side; for bigger, by how much the longest
-    side is longer. ``probability`` is from 0 to 1. ``other`` is the second of the two that the subject is between.
+    ``metres`` is the distance between the boxes; for left and right, the distance to that side; for bigger, the
+    difference of the longest sides. ``probability`` is from 0 to 1. ``other`` is the second of the two that the subject
+    is between.
     """
 
     kind: Kind
@@ -56,8 +64,11 @@ class Relation:
 
 
 class _Holder(NamedTuple):
-    """How well a sort of thing holds others: its log-odds, what they lose per metre that the other begins below its top, and gain
-    if the other fits snugly; ``on_from`` is the share of its height above which that is on it, and not in it."""
+    """How well a kind of object supports others, as log-odds.
+
+    ``per_metre`` is lost per metre that the other begins below its top; ``snug`` is gained if the other fits snugly.
+    Above the share ``on_from`` of its height, the other is on it, else in it.
+    """
 
     bias: float
     per_metre: float
@@ -66,7 +77,7 @@ class _Holder(NamedTuple):
 
 
 _TABLE = _Holder(2.9, -5.5, 0.0, 0.5)
-_SEAT = _Holder(0.4, -1.9, 0.0, -math.inf)  # its back is higher than what one sits on
+_SEAT = _Holder(0.4, -1.9, 0.0, -math.inf)  # its back is higher than its seat
 _STORE = _Holder(0.6, 0.0, 0.0, 0.85)
 _VESSEL = _Holder(1.4, -15.6, 3.3, math.inf)  # stands on something itself
 _PLATE = _VESSEL._replace(on_from=-math.inf)
@@ -74,31 +85,33 @@ _OTHER = _Holder(-1.9, -4.8, 0.0, 0.5)
 _HOLDERS = {
     name: holder
     for holder, names in (
-        (_TABLE, "table, counter top, countertop, dining table, coffee table, side table, desk, dresser, tv stand, nightstand"),
-        (_TABLE, "shelf, washing machine"),
+        (_TABLE, "table, counter top, countertop, dining table, coffee table, side table, desk, dresser"),
+        (_TABLE, "tv stand, nightstand, shelf, washing machine"),
         (_SEAT, "bed, sofa, couch, chair, arm chair, armchair, bench, toilet, stool, ottoman, footstool"),
-        (_STORE, "fridge, refrigerator, oven, cabinet, cupboard, bookcase, bookshelf, wardrobe, closet, safe, shelving unit"),
-        (_STORE, "dishwasher, bathtub, garbage can, trash can, bin, laundry hamper, dog bed, microwave, box, basket, cart"),
+        (_STORE, "fridge, refrigerator, oven, cabinet, cupboard, bookcase, bookshelf, wardrobe, closet, safe"),
+        (_STORE, "shelving unit, dishwasher, bathtub, garbage can, trash can, bin, laundry hamper, dog bed, microwave"),
+        (_STORE, "box, basket, cart"),
         (_VESSEL, "sink, bowl, pot, pan, mug, cup, vase"),
         (_PLATE, "plate, tray, stove burner, stove"),
     )
     for name in names.split(", ")
 }  # fmt: skip
-_PORTABLE = frozenset({"shelf", "microwave", "box", "basket"})  # of the first three; the others stand on the floor
+_PORTABLE = frozenset({"shelf", "microwave", "box", "basket"})
+"""Tables and stores that may stand on others; all other furniture stands on the floor."""
 _FIXED = frozenset({
-    "mirror", "painting", "poster", "picture", "window", "curtain", "curtains", "blinds", "door", "clock", "light switch", "faucet",
-    "tap", "towel", "hand towel", "towel holder", "hand towel holder", "toilet paper hanger", "shower head", "shower curtain",
-    "shower door",
+    "mirror", "painting", "poster", "picture", "window", "curtain", "curtains", "blinds", "door", "clock",
+    "light switch", "faucet", "tap", "towel", "hand towel", "towel holder", "hand towel holder", "toilet paper hanger",
+    "shower head", "shower curtain", "shower door",
 })  # fmt: skip
-"""Hangs on walls."""
+"""Objects that hang on walls."""
 _BUILT_IN = frozenset({"sink", "faucet", "tap", "stove", "stove burner"})  # into a table
 
 
 def supports(objects: Sequence[MapObject]) -> dict[int, Relation]:
-    """What each object stands on or in, by its id: at most one of the others, and none of what stands on the floor or hangs.
+    """What each object stands on or in, by its id; objects on the floor or on a wall have no entry.
 
-    All that may hold it and nothing at all are weighed against each other (a conditional logit). No two objects hold each other,
-    not by way of others either.
+    All possible supports and none at all compete (a conditional logit). There are no cycles of objects that support
+    each other.
     """
     if len(objects) < 2:
         return {}
@@ -125,7 +138,7 @@ def supports(objects: Sequence[MapObject]) -> dict[int, Relation]:
 
 
 def under(obj: MapObject, objects: Sequence[MapObject]) -> tuple[Relation, ...]:
-    """What is below a thing and within its outline, surest first; neither what holds it nor what is in it."""
+    """Objects below an object and within its outline, the most probable first, without its support and its contents."""
     objects, low, high, own_low, own_high, apart = _around(obj, objects)
     own = _HOLDERS.get(obj.label)
     fits = [own == _TABLE or (own == _SEAT and not _is_furniture(other)) for other in objects]  # between the legs
@@ -133,14 +146,14 @@ def under(obj: MapObject, objects: Sequence[MapObject]) -> tuple[Relation, ...]:
     below = (high[:, 2] <= own_low[2] - PAD_M) | between_legs
     held = supports([obj, *objects])
     holder = {i: relation.object for i, relation in held.items()}
-    # what has the same holder as the thing is beside it, or a shelf lower
+    # an object with the same support is beside it, or a shelf lower
     free = [holder.get(o.id) is None or holder[o.id] not in (obj.id, holder.get(obj.id)) for o in objects]
     share = _within(low, high, own_low[None], own_high[None])[:, 0]
     return _told("under", obj, objects, apart, UNDER * (below & np.array(free, bool)) * _chance((share - 0.5) / 0.2))
 
 
 def next_to(obj: MapObject, objects: Sequence[MapObject]) -> tuple[Relation, ...]:
-    """What is beside a thing in the same room, surest first; what is over, under, on or in it is not."""
+    """Objects beside an object in the same room, the most probable first; not those over, under, on or in it."""
     objects, low, high, own_low, own_high, apart = _around(obj, objects)
     share = np.maximum(
         _within(low, high, own_low[None], own_high[None])[:, 0], _within(own_low[None], own_high[None], low, high)[0]
@@ -153,7 +166,7 @@ def next_to(obj: MapObject, objects: Sequence[MapObject]) -> tuple[Relation, ...
 
 
 def between(a: MapObject, b: MapObject, objects: Sequence[MapObject]) -> tuple[Relation, ...]:
-    """What stands between two things on the floor plan, surest first; ``metres`` is how far off the line its middle is."""
+    """Objects between two others on the floor plan, the most probable first; ``metres`` is the offset from the line."""
     objects = [other for other in objects if other.id not in (a.id, b.id)]
     low, high = _boxes(objects)
     (start, end), middles = ((np.add(t.box_min, t.box_max) / 2)[:2] for t in (a, b)), (low + high)[:, :2] / 2
@@ -165,32 +178,35 @@ def between(a: MapObject, b: MapObject, objects: Sequence[MapObject]) -> tuple[R
 
 
 def nearest(obj: MapObject | Point, objects: Sequence[MapObject]) -> tuple[Relation, ...]:
-    """All objects by how likely each is the nearest to a thing or a point: of two that are as near, each has one half."""
+    """All objects by the probability that each is the nearest to an object or a point; equally near ones share it."""
     return _ranked("nearest", obj, objects, -NEARER)
 
 
 def farthest(obj: MapObject | Point, objects: Sequence[MapObject]) -> tuple[Relation, ...]:
-    """All objects by how likely each is the farthest from a thing or a point."""
+    """All objects by the probability that each is the farthest from an object or a point."""
     return _ranked("farthest", obj, objects, NEARER)
 
 
 def left_of(obj: MapObject, objects: Sequence[MapObject], seen_from: Point) -> tuple[Relation, ...]:
-    """What is to the left of a thing, surest first, for who looks at it from (x, y), or stands at (x, y, yaw) and looks ahead."""
+    """Objects to the left of an object, the most probable first.
+
+    ``seen_from`` is the viewpoint (x, y), which faces the object, or the pose (x, y, yaw), which faces along its yaw.
+    """
     return _sideways("left of", obj, objects, seen_from)
 
 
 def right_of(obj: MapObject, objects: Sequence[MapObject], seen_from: Point) -> tuple[Relation, ...]:
-    """What is to the right of a thing; see ``left_of``."""
+    """Objects to the right of an object; see ``left_of``."""
     return _sideways("right of", obj, objects, seen_from)
 
 
 def in_room(room: int, objects: Iterable[MapObject]) -> tuple[Relation, ...]:
-    """What is in a room, given by its id."""
+    """The objects in a room, given by its id."""
     return tuple(Relation("in room", obj.id, room, 0.0, IN_ROOM) for obj in objects if obj.room == room)
 
 
 def bigger(one: MapObject, other: MapObject) -> Relation:
-    """How likely one thing is bigger than another, by its longest side and by its volume."""
+    """The probability that one object is bigger than another, by its longest side and its volume."""
     low, high = _boxes((one, other))
     sides = np.maximum(high - low, THIN_M)
     longest, volume = sides.max(1), sides.prod(1)
@@ -200,7 +216,7 @@ def bigger(one: MapObject, other: MapObject) -> Relation:
 
 
 def _holding(objects: Sequence[MapObject], low: Array, high: Array) -> Array:
-    """Log-odds (n, n) that the second of each pair holds the first; -inf where that cannot be."""
+    """Log-odds (n, n) that the second of each pair supports the first; -inf where that is impossible."""
     holders = [_HOLDERS.get(obj.label, _OTHER) for obj in objects]
     bias, per_metre, snug = np.array([holder[:3] for holder in holders]).T
     above = low[:, None, 2] - high[None, :, 2]
@@ -211,20 +227,21 @@ def _holding(objects: Sequence[MapObject], low: Array, high: Array) -> Array:
     fit = np.maximum(share, share.T) * np.exp(-((np.maximum(0, np.maximum(-rise, above)) / PAD_M) ** 2))
     odds = (
         bias + per_metre * np.clip(-above - PAD_M, 0, 1) + snug * fit
-        + 4.1 * share - 8.9 * np.minimum(outside, 1) - 16.9 * np.maximum(above, 0) - 15.8 * np.maximum(-rise - THIN_M, 0)
+        + 4.1 * share - 8.9 * np.minimum(outside, 1) - 16.9 * np.maximum(above, 0)
+        - 15.8 * np.maximum(-rise - THIN_M, 0)
     )  # fmt: skip
     built_in = np.array([obj.label in _BUILT_IN for obj in objects])
     furniture = np.array([_is_furniture(obj) for obj in objects])
     table = np.array([holder == _TABLE for holder in holders])
     never = (np.maximum(share, share.T) == 0) | (above > FLOATS_M) | (rise < -SINKS_M)
     never |= built_in[:, None] & (snug > 0)
-    never |= furniture[:, None] & table  # a chair whose legs a table hides begins where its top ends
+    never |= furniture[:, None] & table  # the visible box of a chair behind a table begins at the table's top
     np.fill_diagonal(never, True)
     return np.where(never, -np.inf, odds)
 
 
 def _standing_alone(objects: Sequence[MapObject], low: Array) -> Array:
-    """Log-odds (n,) that nothing holds an object but the floor or a wall."""
+    """Log-odds (n,) that only the floor or a wall supports an object."""
     fixed = np.array([obj.label in _FIXED for obj in objects])
     furniture = np.array([_is_furniture(obj) for obj in objects])
     return np.asarray(3.7 * (low[:, 2] < FLOOR_M) + 4.1 * fixed + 3.9 * furniture)
@@ -264,14 +281,14 @@ def _told(
     kind: Kind, obj: MapObject | None, objects: Sequence[MapObject], metres: Array, likely: Array,
     other: int | None = None, least: float = LEAST,
 ) -> tuple[Relation, ...]:  # fmt: skip
-    """The relations that are likely enough, surest first."""
+    """The relations that are probable enough, the most probable first."""
     order = [k for k in np.argsort(-likely, kind="stable").tolist() if likely[k] >= least]
     own = None if obj is None else obj.id
     return tuple(Relation(kind, objects[k].id, own, float(metres[k]), float(likely[k]), other) for k in order)
 
 
 def _around(obj: MapObject, objects: Sequence[MapObject]) -> tuple[list[MapObject], Array, Array, Array, Array, Array]:
-    """All objects but a thing itself, their boxes, that of the thing, and how far they are from it."""
+    """All other objects, their boxes, the object's own box, and their distances from it."""
     others = [other for other in objects if other.id != obj.id]
     low, high = _boxes(others)
     own_low, own_high = np.array(obj.box_min), np.array(obj.box_max)
@@ -298,7 +315,7 @@ def _within(low: Array, high: Array, other_low: Array, other_high: Array) -> Arr
 
 
 def _components(vectors: Array, way: Array) -> tuple[Array, Array]:
-    """How far (n,) vectors (n, 2) reach along a direction (2,), and to the left of it."""
+    """Components of vectors (n, 2) along a direction (2,), and to the left of it."""
     return vectors @ way, vectors @ np.array([-way[1], way[0]])
 
 

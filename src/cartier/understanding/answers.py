@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from cartier.labels import name_key
+from cartier.spatial.describe import whereabouts
 from cartier.spatial.expressions import ParsedUtterance, ReferringExpression, SpatialRelation
 from cartier.spatial.query import Scene, called
 from cartier.types import Fact, MapObject, Selection
@@ -14,12 +15,13 @@ from cartier.understanding.reference_words import STANDS_FOR
 
 NUMBERS = {1: "one", 2: "two", 3: "three"}
 PLURALS = (
-    ("ss", "sses"), ("s", "s"), ("ch", "ches"), ("sh", "shes"), ("x", "xes"), ("ato", "atoes"), ("fe", "ves"), ("lf", "lves"),
+    ("ss", "sses"), ("s", "s"), ("ch", "ches"), ("sh", "shes"), ("x", "xes"), ("ato", "atoes"), ("fe", "ves"),
+    ("lf", "lves"),
 )  # fmt: skip
 
 
 def answer(asked: ParsedUtterance, scene: Scene, last: MapObject | None, model: str) -> Selection | None:
-    """What a question gets; None if it is about nothing that is known here. ``last`` is what was spoken of before."""
+    """The answer to a question; None if it is about nothing known here. ``last`` is the object mentioned before."""
     head = asked.head
     if asked.kind == "rooms":
         rooms = [room.name for room in scene.rooms.values()]
@@ -50,16 +52,16 @@ def answer(asked: ParsedUtterance, scene: Scene, last: MapObject | None, model: 
 
 
 def _about(asked: ParsedUtterance, found: Sequence[MapObject], scene: Scene, model: str) -> Selection:
-    """What is to be known of one thing, the nearest of those meant."""
+    """The answer about one object, the nearest of those that the question may mean."""
     obj = found[0]
     it = next((name for name in obj.names if asked.head and name in asked.head.labels), f"the {obj.label}")
-    where = scene.whereabouts(obj) or "where I saw it"
+    where = whereabouts(scene, obj) or "where I saw it"
     if asked.kind not in ("where", "room"):
         say, value = _known(asked, obj, it, where, scene)
         return _told(f"{say[:1].upper()}{say[1:]}.", Fact("tell", value, (obj.id,)), model, obj)
     room = scene.room_of(obj)
     if len(found) > 1 and not (asked.head and asked.head.most):
-        places = Counter(scene.whereabouts(o) or "somewhere" for o in found).most_common()
+        places = Counter(whereabouts(scene, o) or "somewhere" for o in found).most_common()
         told = "; ".join(f"{NUMBERS.get(n, n)} {place}" for place, n in places[:5])
         say = f"I know {len(found)}: {told}{' and more' if len(places) > 5 else ''}."
     else:
@@ -68,7 +70,7 @@ def _about(asked: ParsedUtterance, found: Sequence[MapObject], scene: Scene, mod
 
 
 def _known(asked: ParsedUtterance, obj: MapObject, it: str, where: str, scene: Scene) -> tuple[str, Any]:
-    """A sentence about one thing, without its full stop, and what it says for programs."""
+    """A sentence about one object, without its full stop, and the same as a fact for programs."""
     if asked.kind == "far":
         other = scene.meant(asked.other)[0] if asked.other is not None and asked.other.labels else []
         far = scene.distance_m(obj, other[0] if other else None)
@@ -111,7 +113,7 @@ def _exists(head: ReferringExpression, found: Sequence[MapObject], scene: Scene,
     ids = tuple(o.id for o in found)
     if found:
         what = _many(found[0].label, len(found)) if len({o.label for o in found}) == 1 else f"{len(found)} of them"
-        return _told(f"Yes: {what}, {scene.whereabouts(found[0])}.", Fact("exists", True, ids), model, found[0])
+        return _told(f"Yes: {what}, {whereabouts(scene, found[0])}.", Fact("exists", True, ids), model, found[0])
     return _told(f"No, I have not seen {_a(head)}{_where(head)}.{_instead(head, scene)}", Fact("exists", False), model)
 
 
@@ -169,7 +171,8 @@ def _compared(asked: ParsedUtterance, scene: Scene, model: str) -> Selection | N
         "highest": "higher",
         "lowest": "lower",
     }
-    say = f"The {more.label}{f' {scene.whereabouts(more)}' if one.label == other.label else ''} is {words.get(asked.by, asked.by)}."
+    where = f" {whereabouts(scene, more)}" if one.label == other.label else ""
+    say = f"The {more.label}{where} is {words.get(asked.by, asked.by)}."
     return _told(say, Fact("compare", more.label, (more.id,)), model, more)
 
 
@@ -182,9 +185,9 @@ def _instead(head: ReferringExpression, scene: Scene) -> str:
     """What there is instead of what a phrase asks for."""
     elsewhere = [o for o in scene.objects if called(o, head.labels)]
     if elsewhere:
-        return "" if head.bare else f" There is {one(elsewhere[0].label)} {scene.whereabouts(elsewhere[0])}."
+        return "" if head.bare else f" There is {one(elsewhere[0].label)} {whereabouts(scene, elsewhere[0])}."
     maybe = [o for o in scene.maybe if name_key(o.label) == name_key(head.said)]
-    return f" I may have seen one {scene.whereabouts(maybe[0])}, but too seldom to be sure." if maybe else ""
+    return f" I may have seen one {whereabouts(scene, maybe[0])}, but too seldom to be sure." if maybe else ""
 
 
 def _where(phrase: ReferringExpression) -> str:

@@ -1,4 +1,4 @@
-"""The listed things: each with its card, how strongly a request calls for it, and what else it calls for."""
+"""Candidates among the listed names: the card of each, its score for a request, and what else the request asks for."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Candidate(NamedTuple):
 
 
 class Ranked(NamedTuple):
-    """A listed thing with its logit, the name by which it was called, and whether that is of something much the same."""
+    """A listed candidate, its logit, the name used for it, and whether that names a close equivalent."""
 
     candidate: Candidate
     logit: float
@@ -34,7 +34,7 @@ class Ranked(NamedTuple):
 
 
 class Missing(NamedTuple):
-    """A card none of whose things is listed: its logit, and the name by which it was called."""
+    """A card without a listed object: its logit, and the name that the words used for it."""
 
     card: int
     logit: float
@@ -42,7 +42,7 @@ class Missing(NamedTuple):
 
 
 class Candidates:
-    """The things of one list."""
+    """The candidates of one list."""
 
     def __init__(self, scorer: Scorer, names: Sequence[str]) -> None:
         self.scorer = scorer
@@ -56,21 +56,21 @@ class Candidates:
         self._twins: dict[int, frozenset[int]] = {}
 
     def _ends(self, name: str, own: frozenset[str]) -> tuple[str, ...]:
-        """The general words for a thing that are not the name of another listed thing."""
+        """The general words for an object that are not the name of another listed one."""
         parts, by_key = words(plain(bare(name))), self.scorer.deck.by_key
         ends = (name_key(" ".join(parts[i:])) for i in range(1, len(parts)))
         known = (end for end in ends if end in by_key and end not in NO_ENDS and end not in own)
         return tuple(end for end in known if by_key[end] not in self.cards)
 
     def near_synonyms(self, card: int) -> frozenset[int]:
-        """The cards of listed things that are much the same as a card that is not listed."""
+        """The cards of listed objects that are close equivalents of a card that is not listed."""
         if card not in self._twins:
             same = (other for other in self.cards if self.scorer.knowledge.near_synonyms(card, other))
             self._twins[card] = frozenset() if card in self.cards else frozenset(same)
         return self._twins[card]
 
     def ranked(self, judged: Judgement) -> list[Ranked]:
-        """All things, the one that the request calls for most first; of equal ones that whose name was said."""
+        """All candidates, the best first; among equals, one whose name was said comes first."""
         by_card = self._by_card(judged)
         said = {singular(word) for word in judged.sentences[0].split()}
         found = [self._rank(candidate, judged, by_card) for candidate in self.all]
@@ -79,7 +79,7 @@ class Candidates:
         )
 
     def missing(self, judged: Judgement, best: Candidate) -> Missing:
-        """What is called for most by name, or else is good for something else than the best, and nothing listed is much the same."""
+        """The best unlisted card: it is named, or has another use than the best candidate; no equivalent is listed."""
         by_card = {card: s for card, s in self._by_card(judged).items() if s.mention.key not in self.keys}
         logits = judged.logits.copy()
         if best.card is not None:
@@ -100,7 +100,7 @@ class Candidates:
         return found
 
     def _rank(self, candidate: Candidate, judged: Judgement, by_card: dict[int, Spoken]) -> Ranked:
-        """A thing is called by its name, the end of it, another name of its card, or the name of what is much the same."""
+        """One candidate with its score. The words may use its name, the end of it, or another name on its card."""
         called = next((judged.spoken[key] for key in (candidate.key, *candidate.ends) if key in judged.spoken), None)
         if candidate.card is None:
             logit, same = self.scorer.strange(judged, self._vectors[candidate.name]), None
@@ -115,10 +115,10 @@ class Candidates:
         )
 
     def kept_beside(self, card: int) -> str | None:
-        """The listed thing that a card's is kept beside first of all, or what is much the same as that.
+        """The listed object beside which a card's object is usually kept, or a close equivalent of that.
 
-        In generated homes a thing was within a metre of it in 71 % of 379 cases, of what comes second on its card in 45 %,
-        of the third in 23 %, and of any thing in 20 %.
+        In generated homes, an object was within a metre of the first place on its card in 71 % of 379 cases, of the
+        second in 45 %, of the third in 23 %, and of any other object in 20 %.
         """
         first = self.scorer.deck.card_of(next(iter(self.scorer.deck.cards[card].beside), ""))
         same = () if first is None else (first, *self.near_synonyms(first))

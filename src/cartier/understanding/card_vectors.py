@@ -1,4 +1,4 @@
-"""What the cards say, as vectors: made once by tools/train_scorer.py and shipped, each under the hash of its text."""
+"""Precomputed vectors of the card texts, each under the hash of its text (tools/train_scorer.py makes them)."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from cartier.understanding.cards import Deck
 from cartier.understanding.text_encoder import reader
 
 VECTORS = Path(__file__).with_name("vectors.npz")
-UNLIKE = 0.7  # cosine of two cards up to which their things are good for different things
-ALIKE = 0.8  # cosine of two cards from which their things serve alike
-MUCH_ALIKE = 0.83  # that from which they may stand for each other, if they are called alike, too
-CALLED_ALIKE = 0.6  # cosine of two names that say about the same
+UNLIKE = 0.7  # cosine of two cards up to which their objects have different uses
+ALIKE = 0.8  # cosine of two cards from which their objects serve the same needs
+MUCH_ALIKE = 0.83  # cosine from which one may replace the other, if their names are similar too
+CALLED_ALIKE = 0.6  # cosine of two names from which they count as similar
 
 
 def text_key(text: str) -> int:
@@ -27,7 +27,7 @@ def text_key(text: str) -> int:
 
 @cache
 def shipped(file: Path = VECTORS) -> tuple[dict[int, int], Array, Array]:
-    """Row of each text's key, int8 rows (n, 384), and their scales (n,). Without the file every text is encoded anew."""
+    """Row of each text's key, int8 rows (n, 384), their scales (n,). Without the file all texts are encoded anew."""
     if not file.exists():
         return {}, np.zeros((1, WIDTH), np.int8), np.ones(1, np.float32)
     with np.load(file, allow_pickle=False) as data:
@@ -37,8 +37,8 @@ def shipped(file: Path = VECTORS) -> tuple[dict[int, int], Array, Array]:
 class Knowledge:
     """Names and uses of all cards as unit vectors, the texts of each card side by side.
 
-    ``uses`` and ``names`` are (n, 384); those of card i begin at ``use_starts[i]`` and ``name_starts[i]``. A card text that
-    was not there when the vectors were made is encoded here, so edited and new cards work, only slower to load.
+    ``uses`` and ``names`` are (n, 384); those of card i begin at ``use_starts[i]`` and ``name_starts[i]``. Texts
+    without a shipped vector are encoded here, so edited and new cards work, but load more slowly.
     """
 
     def __init__(self, deck: Deck, file: Path = VECTORS) -> None:

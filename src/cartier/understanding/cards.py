@@ -19,7 +19,7 @@ from cartier.understanding.text import telling
 
 SHIPPED = Path(__file__).with_name("cards")
 BUILT = Path(__file__).with_name("cards.json")
-"""The shipped cards and what was worked out of them, so that a first answer need not parse TOML and split 11,000 phrases."""
+"""The shipped cards, parsed and indexed, so that a first answer need not parse TOML and split 11,000 phrases."""
 MAX_BYTES = 8_000_000
 MOST_CARDS = 10_000
 FIELDS = {
@@ -32,7 +32,7 @@ FIELDS = {
 
 @dataclass(frozen=True)
 class Card:
-    """What one sort of household thing is called, what it is good for, and what it is usually kept next to."""
+    """The names of one kind of household object, its uses, and the places where it is usually kept."""
 
     name: str
     synonyms: tuple[str, ...]
@@ -60,7 +60,7 @@ class Deck:
         self.used: Counter[str] = Counter(built["used"])
 
     def card_of(self, name: str) -> int | None:
-        """The card of a thing by its name, or by the end of its name: a ``blue kitchen chair`` is a chair."""
+        """The card of an object by its name, or by the end of its name: a ``blue kitchen chair`` is a chair."""
         parts = words(bare(name))
         tails = (self.by_key.get(name_key(" ".join(parts[i:]))) for i in range(len(parts)))
         return next((c for c in (self.by_key.get(name_key(name)), *tails) if c is not None), None)
@@ -133,7 +133,8 @@ def _read(path: Path, owner: dict[str, str]) -> list[Card]:
             if key in owner:
                 both = "twice" if owner[key] == card.name else f"that card {brief(owner[key])!r} has already"
                 raise InputError(
-                    f"{path}: card {brief(card.name)!r} has the name {brief(name)!r} {both}; each name belongs to one card"
+                    f"{path}: card {brief(card.name)!r} has the name {brief(name)!r} {both}; "
+                    "each name belongs to one card"
                 )
             owner[key] = card.name
     return cards

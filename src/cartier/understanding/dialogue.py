@@ -1,4 +1,4 @@
-"""What the words mean after what was said before: the reply to a question, a correction, or a new need."""
+"""Dialogue context: whether words reply to a question, correct the robot, or state a new need."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ EITHER = re.compile(
 AGAIN = re.compile(
     r"^(no|nope|nah|not|but|and|or|without|wrong|i said|i meant|i mean|actually|sorry|it s|that s|too)\b"
 )
-NEW = 3  # words that tell something, besides what is refused, are a need of their own
-FEW = 7  # words up to which what follows an answer may belong to it
+NEW = 3  # content words besides the refused names that make a new need
+FEW = 7  # words after an answer, up to which they may belong to it
 REFUSES = re.compile(r"\b(not|without|except|anything but|don t want|instead of)\b")
 NOT = re.compile(r"\b(not|no|without|except|but not|don t(?! know| mind)|never|instead of)\b")
 
@@ -32,8 +32,8 @@ NOT = re.compile(r"\b(not|no|without|except|but not|don t(?! know| mind)|never|i
 class FollowUp(NamedTuple):
     """How to take the person's words.
 
-    ``text`` is what to judge, ``only`` the names to choose from (none: all), ``without`` those that are out, ``forbidden``
-    those that the robot was told to keep off, and ``picked`` the name that was chosen. Without ``outright`` nothing was asked
+    ``text`` is what to judge, ``only`` the names to choose from (none: all), ``without`` the excluded names,
+    ``forbidden`` those that the robot must avoid, and ``picked`` the chosen one. Without ``outright`` nothing was asked
     for in so many words, so that what is merely named is not wanted.
     """
 
@@ -76,7 +76,7 @@ def understand(query: str, names: Sequence[str], dialogue: Sequence[tuple[str, s
 
 
 def _reply(query: str, said: str, need: str, offered: list[str], names: Sequence[str]) -> FollowUp:
-    """The reply to a question about the things offered, in the order in which they were."""
+    """The reply to a question about the objects offered, in the order of the offer."""
     short = len(said.split()) <= FEW
     if offered and short:
         if EITHER.search(said):

@@ -1,9 +1,8 @@
-"""Whether words ask for anything: prohibitions, opinions and thanks are understood, but they are no needs.
+"""Dialogue acts: whether words ask for anything, or only prohibit, judge, thank or chat.
 
-A request is sorted clause by clause, by its words. What ends in a prohibition asks for nothing, unless another clause asks
-outright or told a need before; what else its sentence says is its reason. What but turns things down, judges them or chats
-asks for nothing either. In other words that ask for nothing outright a need may be heard, but the things they name are not
-asked for.
+Clauses are classified one by one, by their words. A clause that ends in a prohibition asks for nothing, unless another
+clause asks outright or stated a need before; the rest of its sentence is its reason. Clauses that only refuse, judge or
+chat ask for nothing either. All other words may state a need, but the objects that they name are not asked for.
 """
 
 from __future__ import annotations
@@ -21,11 +20,13 @@ Asked = Literal["outright", "perhaps", "not"]
 Kind = Literal["forbids", "states", "asks", "padding", "tells"]
 
 DO = frozenset(
-    words("""approach block bring bringing carry check clean close come cook disturb do drive driving enter fetch fiddle
-    fiddling find follow get give go going grab guide hand head heading lead lift light locate look looking make meet move
-    navigate need open park pass pick play point prefer press push put reach roll run search see serve show sit stand
-    start step stop switch take throw touch touching trouble turn use using vacuum visit wait wake walk want wash water
-    where wheres""")
+    words("""
+        approach block bring bringing carry check clean close come cook disturb do drive driving enter fetch fiddle
+        fiddling find follow get give go going grab guide hand head heading lead lift light locate look looking make
+        meet move navigate need open park pass pick play point prefer press push put reach roll run search see serve
+        show sit stand start step stop switch take throw touch touching trouble turn use using vacuum visit wait wake
+        walk want wash water where wheres
+        """)
 )
 RUN_ON = frozenset(words("bring fetch get give go show take"))  # where speech recognition hears no comma
 ROBOT = frozenset(words("nobody robot robots u you"))
@@ -36,22 +37,30 @@ AROUND = frozenset(
 LEADS_ON = STOP | AROUND
 TELLING = frozenset(words("ask asked asks as better said says tell tells told"))  # "he told you not to go there"
 OPENING = frozenset(
-    words("""ah alright and but darling dear er first hello hey hi honestly honey just kindly listen look no now oh ok okay only please
-    pls plz really robot seriously so sure uh um yeah yes""")
+    words("""
+        ah alright and but darling dear er first hello hey hi honestly honey just kindly listen look no now oh ok okay
+        only please pls plz really robot seriously so sure uh um yeah yes
+        """)
 )
 AFTER_NO = frozenset(words("do i never no not"))  # "no, no, don't" opens, "no touch" does not
 AFTER = frozenset(
     words(
-        """all any anymore at dear either here me moment more now please pls plz thank thanks the today tonight yet you"""
+        """
+        all any anymore at dear either here me moment more now please pls plz thank thanks the today tonight yet you
+        """
     )
 )
 NO_NAME = frozenset(
-    words("""about am are be been can ca could did do does enough for had has have he i in is it like look looks m may might must need
-    never no nobody not nothing on re s said seems she should they to was we were what whoever will wo would you""")
+    words("""
+        about am are be been can ca could did do does enough for had has have he i in is it like look looks m may might
+        must need never no nobody not nothing on re s said seems she should they to was we were what whoever will wo
+        would you
+        """)
 )
 WHOLE = re.compile(
     r"(?P<thing>(?:an?|my|our|that|the|your)(?: \w+){1,3}?) "
-    r"(?:of (?P<of>(?:my|our|the|your) [\w ]+)|(?:s|(?:(?:that )?(?:is|lies|s|stands) )?(?:above|behind|beside|by|in|near|next to|on|under) the) \w+(?: \w+)?)"
+    r"(?:of (?P<of>(?:my|our|the|your) [\w ]+)|(?:s|(?:(?:that )?(?:is|lies|s|stands) )?(?:above|behind|beside|by|in"
+    r"|near|next to|on|under) the) \w+(?: \w+)?)"
 )
 CONTRACTION = re.compile(r"\b(do|does|did|is|are|was|were|would|should|could|must|need|have|has|had|ca|wo)n ?t\b")
 SENTENCE = re.compile(r"[.!?;:\n]")
@@ -60,44 +69,60 @@ BREAK = re.compile(
     r"|(?= i (?:d|meant?|need|said|want|would)\b)"
 )
 KEEP_OFF = re.compile(
-    r"(?:^|\b(?:you|please) )(?:get|go|keep|move|stay|steer) (?:back |far |right |well )?(?:away|clear of|off|out of)\b(?! to\b)"
-    r"|^avoid |^(?:hands )?off (?:that|the)\b|\bleave (?:\w+ ){1,4}(?:alone|be|in peace|off)$|^leave (?:it|my|that|the|this)(?: \w+)?$"
-    r"|\brefrain from\b|^(?:quit|stop) \w+ing\b|^(?:\w+ ){2,4}(?:forbidden|off limits|taboo)(?: (?:for|that|to) you.*)?$|\bi forbid\b"
-    r"|\byou (?:are|re) not allowed\b|\b(?:no one|nobody) (?:is to|may|must|should)\b|\bnot (?:like|want) you (?:near|to)\b|\bmind not\b"
+    r"(?:^|\b(?:you|please) )(?:get|go|keep|move|stay|steer) (?:back |far |right |well )?(?:away|clear of|off"
+    r"|out of)\b(?! to\b)"
+    r"|^avoid |^(?:hands )?off (?:that|the)\b|\bleave (?:\w+ ){1,4}(?:alone|be|in peace|off)$"
+    r"|^leave (?:it|my|that|the|this)(?: \w+)?$"
+    r"|\brefrain from\b|^(?:quit|stop) \w+ing\b|^(?:\w+ ){2,4}(?:forbidden|off limits"
+    r"|taboo)(?: (?:for|that|to) you.*)?$|\bi forbid\b"
+    r"|\byou (?:are|re) not allowed\b|\b(?:no one|nobody) (?:is to|may|must|should)\b"
+    r"|\bnot (?:like|want) you (?:near|to)\b|\bmind not\b"
     r"|\b(?:if|prefer|rather|that) you (?:(?:did|do|would) not|keep|kept|leave|left|stay|stayed)\b"
     r"|\byou (?:do not (?:have|need)|need not)\b|^(?:there is )?no (?:bring|go|need|take|touch)\b"
 )
 UNLESS = re.compile(r"^(?:how|what|where|why)\b|\b(?:before|except|forget|make me|unless|until|without)\b")
 TURNED_DOWN = re.compile(
-    r"^(?:he|i|me|nobody|she|they|we) (?:really )?(?:(?:did|do|does|wo|would) not(?: be)?|never|no|no longer|not) (?:really )?"
+    r"^(?:he|i|me|nobody|she|they|we) (?:really )?(?:(?:did|do|does|wo|would) not(?: be)?|never|no|no longer"
+    r"|not) (?:really )?"
     r"(?:asked? for|care for|fancy|feel like|like|need(?:ing)?|want) (?:to (?:come|go|have|see|touch|use)\b.* )?(.+)"
     r"|^(?:enough(?: of| with)?|forget|never mind|no more|not|skip) (.+)|^no (.+) thank"
 )
 KIND = (
-    r"(?:annoying|awful|beautiful|cheap|cute|elegant|expensive|funny|gorgeous|great|hideous|horrible|lovely|nice|old fashioned|"
+    r"(?:annoying|awful|beautiful|cheap|cute|elegant|expensive|funny|gorgeous|great|hideous|horrible|lovely|nice"
+    r"|old fashioned|"
     r"pretty|ridiculous|silly|stupid|tasteless|terrible|ugly|wonderful)"
 )
 OPINION = re.compile(
-    r"^(?:he|i|she|they|we) (?:(?:absolutely|always|am|do|is|just|m|never|really|s|so) )*(?:adores?|dislikes?|hate[ds]?|like[ds]?"
+    r"^(?:he|i|she|they|we) (?:(?:absolutely|always|am|do|is|just|m|never|really|s|so) )*(?:adores?|dislikes?"
+    r"|hate[ds]?|like[ds]?"
     r"|love[ds]?|ca not (?:bear|stand)(?: the sight of)?|(?:sick|tired) of) (?:my|our|th\w+|your) (.+)"
     r"|^(?:my|our|th\w+|your) (.+?) (?:over there )?(?:are|is|looks?|s|was|were) "
     rf"(?:\w+ ){{0,3}}{KIND}$|^what an? {KIND} (.+)"
 )
 CHAT = re.compile(
-    r"^(?:thanks|thank you|thx|cheers|well done|(?:good|happy) \w+|(?:what an? )?\w+ (?:day|evening|weather)(?: today)?$|how are you"
-    r"|who are you|(?:what s )?your name|do you (?:know that|like|love)|do me a favour|i love you|see you|goodbye|bye|never mind"
-    r"|forget (?:about|it)|as if|that s all|no more for me|(?:abort|cancel|go ahead|great|nothing(?: .*thanks)?|stay|stop|wonderful)$"
+    r"^(?:thanks|thank you|thx|cheers|well done|(?:good|happy) \w+"
+    r"|(?:what an? )?\w+ (?:day|evening|weather)(?: today)?$|how are you"
+    r"|who are you|(?:what s )?your name|do you (?:know that|like|love)|do me a favour|i love you|see you|goodbye|bye"
+    r"|never mind"
+    r"|forget (?:about|it)|as if|that s all|no more for me|(?:abort|cancel|go ahead|great|nothing(?: .*thanks)?|stay"
+    r"|stop|wonderful)$"
     r"|you (?:are|look|re|were) (?!(?:needed|not|to|wanted)\b)|(?:i|we) (?:am|are|m|re) (?:fine|full|good|happy)$"
     r"|(?:i|we) (?:have|ve) had enough|(?:i|nobody|we) (?:did not |never )ask(?:ed)?"
-    r"|(?:(?:i|we) (?:am|are|m|re)|it (?:is|s)) not (?:\w+ )?(?:bored|cold|dark|hot|hungry|ill|late|sick|thirsty|tired)(?! enough))\b"
+    r"|(?:(?:i|we) (?:am|are|m|re)|it (?:is|s)) not (?:\w+ )?(?:bored|cold|dark|hot|hungry|ill|late|sick|thirsty"
+    r"|tired)(?! enough))\b"
 )
 UNWISHED = re.compile(r"\b(?:never|no|no longer|no one|nobody|not)(?: \w+)? (?:needs?|wants?)\b")
 ASKS = re.compile(
-    r"\b(?:needs?|wants?|wish|fancy|find|where\w*|which|search|looking|seen|somewhere|missing|vanished|lost|after|instead|anyone|lets?"
-    r"|(?:d|should|would) (?:be|like|love|rather(?! not| you))|ha(?:s|ve) to|got to|(?:can|could|have|will|would) you|(?:whether )?you could"
-    r"|(?:can|could|may|might) (?:i|we)|(?:could|ll|should) (?:just )?(?:do|go|have|take|use)|it (?:s|was) the|it is$|will do$"
-    r"|(?:asked|meant?|said) (?:a|for|my|the)|i said (?!it|no|that)\w+|(?:mind going|not wait) to|long for|time for|might there"
-    r"|you (?:did not|forgot|never)|(?:are|is) there|(?:there (?:are|is|s)|got|ha(?:s|ve)) no)\b|\b(?:please|pls|plz)(?: and thank you)?$"
+    r"\b(?:needs?|wants?|wish|fancy|find|where\w*|which|search|looking|seen|somewhere|missing|vanished|lost|after"
+    r"|instead|anyone|lets?"
+    r"|(?:d|should|would) (?:be|like|love|rather(?! not| you))|ha(?:s|ve) to|got to|(?:can|could|have|will|would) you"
+    r"|(?:whether )?you could"
+    r"|(?:can|could|may|might) (?:i|we)|(?:could|ll|should) (?:just )?(?:do|go|have|take|use)|it (?:s|was) the|it is$"
+    r"|will do$"
+    r"|(?:asked|meant?|said) (?:a|for|my|the)|i said (?!it|no|that)\w+|(?:mind going|not wait) to|long for|time for"
+    r"|might there"
+    r"|you (?:did not|forgot|never)|(?:are|is) there|(?:there (?:are|is|s)|got|ha(?:s|ve)) no)\b"
+    r"|\b(?:please|pls|plz)(?: and thank you)?$"
     r"|^(?:an?|some|something|to|towards?|who|who is|you (?:bring|come|go)|why (?:do )?not) "
     r"|\bnot (?:\w+ ){1,6}without (?:an?|any|my|some|the) "
     r"|^(?:are|can|could|is|will|wo|would) (?:not )?(?:anybody|it|somebody|there|we|you)\b"
@@ -119,7 +144,7 @@ class DialogueAct(NamedTuple):
 
 
 def sort_out(heard: Utterance, known: Container[str]) -> DialogueAct:
-    """Sort the clauses of what was said; ``known`` are the keys of the names of things."""
+    """Sort the clauses of an utterance; ``known`` are the keys of the names of objects."""
     clauses = [(clause, begins, _kind(clause, known)) for clause, begins in _clauses(heard.tokens)]
     kinds = [kind for _, _, kind in clauses]
     forbidden = ", ".join(clause for clause, _, kind in clauses if kind == "forbids")
@@ -171,7 +196,7 @@ def _kind(clause: str, known: Container[str]) -> Kind:
 
 
 def _forbids(clause: str) -> bool:
-    """Whether the robot is told not to do something: a "not", of nobody else, right before what robots do."""
+    """Whether the words forbid the robot to do something: a "not" for nobody else, right before an action of robots."""
     said = clause.split()
     if UNLESS.search(clause):
         return False
@@ -186,7 +211,7 @@ def _forbids(clause: str) -> bool:
 
 
 def _is_name(said: str, known: Container[str]) -> bool:
-    """Whether words are no more than the name of a thing, its part or its place: "that old chair, please", "the bin's lid"."""
+    """Whether words only name an object, its part or its place: "that old chair, please", "the bin's lid"."""
     whole = WHOLE.fullmatch(said)
     if whole:
         return len(said.split()) <= 2 * LONGEST_NAME and _is_name(whole["of"] or whole["thing"], known)

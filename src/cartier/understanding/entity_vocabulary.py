@@ -1,4 +1,4 @@
-"""What may be named in a home: which listed names the words of people may mean, and which rooms."""
+"""Names of a home's entities: which listed names and rooms people's words may mean."""
 
 from __future__ import annotations
 
@@ -12,19 +12,25 @@ from cartier.understanding.cards import Deck, bare
 from cartier.understanding.text import STOP
 
 ROOMS = {
-    "living room": ("lounge", "sitting room", "living area", "parlour", "parlor", "front room"), "bathroom": ("restroom", "washroom", "bath room", "shower room"),
-    "hall": ("hallway", "corridor", "entrance", "passage"), "study": ("office", "home office", "workroom"), "bedroom": ("bed room", "sleeping room"),
-    "kitchen": ("kitchenette", "cooking area"), "dining room": ("dining area",),
+    "living room": ("lounge", "sitting room", "living area", "parlour", "parlor", "front room"),
+    "bathroom": ("restroom", "washroom", "bath room", "shower room"),
+    "hall": ("hallway", "corridor", "entrance", "passage"), "study": ("office", "home office", "workroom"),
+    "bedroom": ("bed room", "sleeping room"), "kitchen": ("kitchenette", "cooking area"),
+    "dining room": ("dining area",),
 }  # fmt: skip
 SORTS = {
     name_key(word): frozenset(map(name_key, names.split(", ")))
     for word, names in {
-        "seat": "sofa, couch, arm chair, chair, stool, bench, ottoman, desk chair, dining chair", "plant": "house plant, potted plant",
-        "cup": "mug", "mug": "cup", "soap": "soap bar, soap bottle", "shelf": "shelving unit, bookcase, bookshelf", "cushion": "pillow",
-        "bookcase": "shelving unit, shelf, bookshelf", "bookshelf": "shelving unit, shelf, bookcase", "light": "floor lamp, desk lamp, table lamp",
-        "shower": "shower head, shower door, shower curtain", "figurine": "statue", "table lamp": "desk lamp", "desk lamp": "table lamp", "standing lamp": "floor lamp",
+        "seat": "sofa, couch, arm chair, chair, stool, bench, ottoman, desk chair, dining chair",
+        "plant": "house plant, potted plant", "cup": "mug", "mug": "cup", "soap": "soap bar, soap bottle",
+        "shelf": "shelving unit, bookcase, bookshelf", "cushion": "pillow",
+        "bookcase": "shelving unit, shelf, bookshelf", "bookshelf": "shelving unit, shelf, bookcase",
+        "light": "floor lamp, desk lamp, table lamp", "shower": "shower head, shower door, shower curtain",
+        "figurine": "statue", "table lamp": "desk lamp", "desk lamp": "table lamp", "standing lamp": "floor lamp",
         "computer": "laptop, desktop", "rug": "carpet", "picture": "painting, poster", "bin": "garbage can, trash can",
-        "saucepan": "pot, pan", "frying pan": "pan", "salad": "lettuce", "hob": "stove burner, stove", "stove": "stove burner, hob", "cooker": "stove burner, stove", "glass": "cup", "wall clock": "clock", "freezer": "fridge",
+        "saucepan": "pot, pan", "frying pan": "pan", "salad": "lettuce", "hob": "stove burner, stove",
+        "stove": "stove burner, hob", "cooker": "stove burner, stove", "glass": "cup", "wall clock": "clock",
+        "freezer": "fridge",
     }.items()
 }  # fmt: skip
 """General words, and the names of what they mean."""
@@ -63,7 +69,7 @@ class _Things(Mapping[str, frozenset[str]]):
         return self._found[key]
 
     def like(self, key: str) -> frozenset[str]:
-        """What may be meant where nothing of the very name fits: a mug for a cup, an arm chair for a chair."""
+        """Listed names that may be meant where none has the very name: a mug for a cup, an arm chair for a chair."""
         sort = {name for own, listed in self._own.items() if own in SORTS.get(key, ()) for name in listed}
         return frozenset(self._ends.get(key, set()) | sort)
 

@@ -1,4 +1,4 @@
-"""What the words of a turn ask for in the light of the turns before: "the other one", "the one by the sink", "take me to it"."""
+"""Follow-ups: turns that depend on earlier ones, such as "the other one", "the one by the sink", "take me to it"."""
 
 from __future__ import annotations
 
@@ -12,35 +12,41 @@ from cartier.types import MapObject
 from cartier.understanding.reference_words import COMMANDS, GO_THERE, NEEDY, STANDS_FOR
 from cartier.understanding.references import sentences
 
-LATEST = 3000  # characters that are read
+LATEST = 3000  # characters at the end of a text that are read
 SERVED = re.compile(r"#(\d+)")
 TURNING_DOWN = re.compile(
-    r"^(?:(?:no|nope|nah|not (?:that|this)(?: one)?|not it|wrong(?: one)?|i (?:mean|meant|said)|sorry|actually|rather)(?: |$))+"
+    r"^(?:(?:no|nope|nah|not (?:that|this)(?: one)?|not it|wrong(?: one)?|i (?:mean|meant|said)|sorry|actually"
+    r"|rather)(?: |$))+"
 )
 TURNED_DOWN = re.compile(r"^(?:no|nope|not|wrong)\b")
 FRAGMENT = re.compile(
-    r"^(?:no |not that |i mean |i meant |sorry |rather |actually )*(?:the one )?(?=(?:on|in|at|by|near|next|beside|under|close|closest|nearest|behind|to the|between|with|from)\b)"
+    r"^(?:no |not that |i mean |i meant |sorry |rather |actually )*(?:the one )?(?=(?:on|in|at|by|near|next|beside"
+    r"|under|close|closest|nearest|behind|to the|between|with|from)\b)"
 )
 EITHER = re.compile(
-    r"\b(?:either|any|whichever|you choose|your choice|nearest|closest|do not mind|don t mind|don t care|no matter|yes|yeah|ok|okay|sure)\b"
+    r"\b(?:either|any|whichever|you choose|your choice|nearest|closest|do not mind|don t mind|don t care|no matter"
+    r"|yes|yeah|ok|okay|sure)\b"
 )
 GO_ON = re.compile(
-    r"^(?:(?:ok|okay|yes|yeah|great|good|fine|super|perfect|nice|please|then|now|so|and|thanks|robot|can you|could you) )*"
-    r"(?:go|drive|bring me|take me|lead me|show me|head)(?: (?:there|to it|to that(?: one)?|over))?(?: (?:please|now|then|quick|quickly))*$"
+    r"^(?:(?:ok|okay|yes|yeah|great|good|fine|super|perfect|nice|please|then|now|so|and|thanks|robot|can you"
+    r"|could you) )*"
+    r"(?:go|drive|bring me|take me|lead me|show me|head)(?: (?:there|to it|to that(?: one)?|over))?(?: (?:please|now"
+    r"|then|quick|quickly))*$"
 )
 REFUSED = re.compile(
-    r"^(?:no |nope |sorry |also )*(?:that s |that is |this is |this s |it s |it is )?(?:not (?:it|that|this|that one|this one|the one|the right one)|wrong(?: \w+)?)$"
+    r"^(?:no |nope |sorry |also )*(?:that s |that is |this is |this s |it s "
+    r"|it is )?(?:not (?:it|that|this|that one|this one|the one|the right one)|wrong(?: \w+)?)$"
     r"|^(?:no|nope)(?: (?:that|this|it) (?:is|s) (?:not it|wrong|not the one))?$"
 )
 COMMANDED = frozenset(kind for kind, _ in COMMANDS)
-SHORT = 6  # words of a reply that says which
+SHORT = 6  # most words of a reply that chooses one
 Parse = Callable[[str], ParsedUtterance | None]
 
 
 def in_context(
     said: str, dialogue: Sequence[tuple[str, str]], parse: Parse, by_id: dict[int, MapObject]
 ) -> ParsedUtterance | None:
-    """What the latest words ask for; ``dialogue`` are the (person, robot) turns before, ``by_id`` the objects of the home."""
+    """What the latest words ask for; ``dialogue``: the earlier (person, robot) turns, ``by_id``: the home's objects."""
     before: ParsedUtterance | None = None
     robot, last = "", None
     for person, reply in dialogue:
@@ -128,7 +134,7 @@ def _same(obj: MapObject) -> ReferringExpression:
 
 
 def _beside_it(head: ReferringExpression, last: MapObject) -> ReferringExpression:
-    """With "it" in "the bed next to it" for the thing that was spoken of."""
+    """With "it" in "the bed next to it" resolved to the object mentioned before."""
     told = (
         replace(c, target=_same(last)) if c.target is not None and c.target.bare and c.target.said in STANDS_FOR else c
         for c in head.relations

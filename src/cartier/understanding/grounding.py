@@ -1,4 +1,4 @@
-"""Particular things: a reference or a question in a person's words, in the light of what was said before, over a home's objects."""
+"""Grounding: referring expressions and questions, resolved to the objects of a home in the context of the dialogue."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 from cartier.labels import name_key, words
+from cartier.spatial.describe import tell_apart, whereabouts
 from cartier.spatial.expressions import EntityVocabulary, ParsedUtterance, ReferringExpression
 from cartier.spatial.query import Scene, called
 from cartier.types import MapObject, Selection
@@ -17,16 +18,18 @@ from cartier.understanding.references import parse, sentences
 from cartier.understanding.tentative import maybe_there, offer
 from cartier.understanding.text import STOP
 
-STORY = 30  # words from which on a need is told, and what is named in passing asks for nothing
-SURE = 0.85  # probability of objects that are preferred where any of several will do
-MOST_ASKED = 4  # objects among which a question lets choose
+STORY = 30  # words from which an utterance is a story, whose names in passing are not requests
+SURE = 0.85  # least probability of an object that is preferred where any of several will do
+MOST_ASKED = 4  # objects that a question offers for choice
 DRIVES = re.compile(
-    r"\b(?:go|drive|head|navigate|move|take|bring|lead|guide|roll|come|wait|meet|visit|walk|show|get|check|return|run|to)\b"
+    r"\b(?:go|drive|head|navigate|move|take|bring|lead|guide|roll|come|wait|meet|visit|walk|show|get|check|return|run"
+    r"|to)\b"
 )
 OTHER = re.compile(r"\b(?:other|others|another|else|different)\b")
 SAID: Mapping[str, str] = {
     "stop": "All right.", "come": "I do not know where you are: name a room or a thing beside you.",
-    "back": "I do not know where back is: name a room or a thing.", "follow": "I cannot follow anybody: name a room or a thing.",
+    "back": "I do not know where back is: name a room or a thing.",
+    "follow": "I cannot follow anybody: name a room or a thing.",
     "able": "I know where things are in this home: ask me where something is, or tell me what you need.",
     "thanks": "You are welcome.", "bye": "Goodbye.",
 }  # fmt: skip
@@ -72,11 +75,11 @@ class ReferenceGrounder:
 
     @property
     def anywhere(self) -> bool:
-        """Whether nothing was said of where the thing is."""
+        """Whether the words say nothing about where the object is."""
         return self.asked is None or self.asked.head is None or not self.asked.head.relations
 
     def answer(self, serve: Serve) -> Selection | None:
-        """What is asked for outright or to be known; None for a need in other words. ``serve`` judges a need among names."""
+        """The answer to a request or question; None for a need in other words. ``serve`` judges a need among names."""
         asked = self.asked
         if asked is None:
             return None
@@ -99,15 +102,15 @@ class ReferenceGrounder:
         if head.labels and asked.direct and not (head.bare and self._common(head)):
             return self._found(head)
         placed = any(c.kind != "from" for c in head.relations)
-        wanted = asked.direct and placed and asked.need  # what is not listed may be so by another name
+        wanted = asked.direct and placed and asked.need  # an unlisted name may mean an object listed by another name
         return self.placed(head, serve(asked.need, ())) if wanted else None
 
     def _common(self, head: ReferringExpression) -> bool:
-        """Whether a name is that of a kind, and not one that people gave to a particular thing."""
+        """Whether a name is that of a kind, not one that people gave to a particular object."""
         return not any(head.labels & set(obj.names) for obj in self.scene.objects)
 
     def refined(self, chosen: Selection) -> Selection:
-        """A thing that was chosen by its name, as one of the objects of that name: that which the words tell, else the nearest."""
+        """The object of the chosen name that the words describe, else the nearest of that name."""
         asked = self.asked if self.asked is not None and self.asked.kind == "find" else None
         if (
             chosen.status in ("likely_near", "not_found", "clarify")
@@ -116,7 +119,7 @@ class ReferenceGrounder:
             and asked.direct
         ):
             here = [o for o in self.scene.objects if called(o, asked.head.labels)]
-            if here and asked.head.bare and not asked.head.generic:  # a general word for what is listed: "the soap"
+            if here and asked.head.bare and not asked.head.generic:  # a general word for a listed object: "the soap"
                 obj = self._likely(here)[0]
                 say = self._one_of(obj, here) if len(here) > 1 else ""
                 return replace(
@@ -153,7 +156,7 @@ class ReferenceGrounder:
         return replace(chosen, object_id=obj.id, text=self._one_of(obj, same))
 
     def placed(self, head: ReferringExpression, chosen: Selection) -> Selection:
-        """What serves instead of a thing that is not listed, where that was said to be."""
+        """A substitute for an object that is not listed, at the place where the words put that object."""
         same = [o for o in self.scene.objects if called(o, [chosen.object or ""])]
         if chosen.status != "found" or not same:
             return chosen
@@ -167,9 +170,9 @@ class ReferenceGrounder:
         return sorted(sure, key=self.scene.distance_m)
 
     def _one_of(self, obj: MapObject, same: Sequence[MapObject]) -> str:
-        where = self.scene.whereabouts(obj)
+        where = whereabouts(self.scene, obj)
         rest = [o for o in same if o.id != obj.id]
-        others = [self.scene.whereabouts(o) for o in self._likely(rest)]
+        others = [whereabouts(self.scene, o) for o in self._likely(rest)]
         apart = list(dict.fromkeys(words for words in others if words and words != where))[:2]
         offer = f" Or do you mean {' or '.join(f'the one {words}' for words in apart)}?" if apart else ""
         return f"There are {len(same)}; this is the nearest{f', {where}' if where else ''}.{offer}"
@@ -189,7 +192,7 @@ class ReferenceGrounder:
             return self._none(head, emptied is not None)
         if len(found) > 1 and not (head.other or HURRY.search(self.said) or head.plural):
             return self._which(found)
-        obj, where = found[0], self.scene.whereabouts(found[0])
+        obj, where = found[0], whereabouts(self.scene, found[0])
         name = next((name for name in obj.names if name in head.labels), obj.label)
         say = f"{name if name in obj.names else f'The {name}'}{f' {where}' if where else ''}."
         return Selection(
@@ -198,11 +201,12 @@ class ReferenceGrounder:
         )  # fmt: skip
 
     def _which(self, found: Sequence[MapObject]) -> Selection:
-        """A question that separates those meant; the nearest, and what else there is, where nothing tells them apart."""
+        """A question that separates the candidates; where nothing does, the nearest, with the others listed."""
         few = list(found[:MOST_ASKED])
-        apart = self.scene.tell_apart(few)
+        apart = tell_apart(self.scene, few)
         if all(apart):
-            question = f"Which {few[0].label}: {_or([f'the one {words}' if not words.startswith('the ') else words for words in apart])}?"
+            ones = [words if words.startswith("the ") else f"the one {words}" for words in apart]
+            question = f"Which {few[0].label}: {_or(ones)}?"
             return Selection(
                 "clarify", reason=f"{len(found)} fit what was said", question=question, text=question, model=self._model
             )
@@ -221,13 +225,13 @@ class ReferenceGrounder:
         if head.other and others:
             say = f"I know no other {others[0].label}."
         elif others and emptied:
-            say = f"There is {one(others[0].label)} {self.scene.whereabouts(others[0])}, but none as you say."
+            say = f"There is {one(others[0].label)} {whereabouts(self.scene, others[0])}, but none as you say."
         else:
             say = f"I have not seen any {head.said if not head.generic else 'such obj'}."
         return Selection("not_found", reason=say, text=say, model=self._model)
 
     def _room(self, head: ReferringExpression, asked: ParsedUtterance) -> Selection | None:
-        """To drive to a room, if nothing but that is asked for."""
+        """A drive to a room, if the words ask for nothing else."""
         rest = [
             word
             for word in words(asked.need)
@@ -237,7 +241,8 @@ class ReferenceGrounder:
             return None
         rooms = [self.scene.rooms[i] for i in head.rooms or ()]
         if not rooms:
-            say = f"I know no {head.said} here; there is {_or([f'the {room.name}' for room in self.scene.rooms.values()]) or 'no room that I know'}."
+            known = _or([f"the {room.name}" for room in self.scene.rooms.values()]) or "no room that I know"
+            say = f"I know no {head.said} here; there is {known}."
             return Selection("not_found", reason=say, text=say, model=self._model)
         inside = {room.id: [o for o in self.scene.objects if o.room == room.id] for room in rooms}
         room = min(rooms, key=lambda room: min(map(self.scene.distance_m, inside[room.id]), default=1e9))
@@ -251,7 +256,7 @@ class ReferenceGrounder:
         )
 
     def _need(self, head: ReferringExpression, asked: ParsedUtterance, serve: Serve) -> Selection | None:
-        """A need and where it is to be served: "something to sit on in the kitchen"."""
+        """A need with a place: "something to sit on in the kitchen"."""
         there, _ = self.scene.meant(head)
         names = tuple(sorted({o.label for o in there}))
         if all(word in STOP for word in words(asked.need)):
@@ -263,7 +268,7 @@ class ReferenceGrounder:
         if chosen.status != "found" or not fitting:
             return chosen if chosen.status != "likely_near" else self._none(head, True)
         obj = self._likely(fitting)[0]
-        return replace(chosen, object_id=obj.id, text=f"The {obj.label} {self.scene.whereabouts(obj)}.")
+        return replace(chosen, object_id=obj.id, text=f"The {obj.label} {whereabouts(self.scene, obj)}.")
 
 
 def _or(parts: Sequence[str]) -> str:

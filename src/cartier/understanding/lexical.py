@@ -1,4 +1,4 @@
-"""Word matching: for each card, the phrase whose telling words were said best, each word weighed by how few cards know it."""
+"""Lexical matching: for each card, the best-matched phrase, with each word weighed by how few cards contain it."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from cartier.understanding.cards import Deck
 from cartier.understanding.text import STOP, stem
 from cartier.understanding.utterance import Mention, Sentence
 
-RAREST = 5.0  # idf of a word that one card knows, whatever the number of cards
-UNSAID, VAGUE = 0.5, 1.6  # what a phrase's unsaid words, and every phrase, cost; in units of idf
-UNHEARD = 0.12  # what a sentence's words cost that the card does not know, per idf
-ENOUGH = 12.0  # how much idf of them is held against it, so that a long story is no fault
+RAREST = 5.0  # idf of a word on one card only, whatever the number of cards
+UNSAID, VAGUE = 0.5, 1.6  # cost of a phrase's unsaid words, and of every phrase; in units of idf
+UNHEARD = 0.12  # cost per idf of a sentence's words that are not on the card
+ENOUGH = 12.0  # most idf of such words that counts, so that a long story is no disadvantage
 BEFORE = 0.75  # weight of the words of the sentence before, and again for the one before that
-FAINT = 0.3  # weight at which words of earlier sentences are forgotten
+FAINT = 0.3  # least weight of words of earlier sentences
 NEGATED = 0.3  # weight of negated words
-ALSO = 0.4  # weight of further words of the sentence that other phrases of the card hold
+ALSO = 0.4  # weight of further words of the sentence that are in other phrases of the card
 
 
 class Phrase(NamedTuple):

@@ -1,8 +1,8 @@
-"""The learned scorer (made by tools/train_scorer.py): how strongly a request calls for each thing.
+"""Learned need scorer: how strongly a request calls for each kind of object (tools/train_scorer.py trains it).
 
-Three things speak for a thing: the meaning of the request, or of one of its sentences, against the names and uses on the
-thing's card; its name, where it was said, judged by the words around it; and the words that the request shares with a use.
-Which sentence matters, and whether a name is wanted, is read from the states of the encoder's upper layers, fine-tuned.
+Three signals count: the meaning of the request or of one of its sentences, compared with the names and uses on the
+card; the card's name where the words contain it, judged by its context; and the words that the request shares with a
+use. The fine-tuned upper layers of the encoder decide which sentence matters and whether a name is wanted.
 """
 
 from __future__ import annotations
@@ -28,9 +28,8 @@ from cartier.understanding.utterance import Mention, Utterance, listen, mentions
 SHIPPED = Path(__file__).parent  # with scorer.onnx, the layers, scorer.npz, the heads, and vectors.npz, the cards
 MOST_TOKENS = 110
 MOST_SENTENCES = 9
-ALONE = (
-    4.0  # logits that the only name in a request of one sentence weighs more, or less if turned down; of several: half
-)
+# logits that the only name in a one-sentence request adds, or subtracts if refused; half for several names
+ALONE = 4.0
 
 
 class Tokens(NamedTuple):
@@ -60,7 +59,7 @@ def tokenise(heard: Utterance) -> Tokens:
 
 
 class Spoken(NamedTuple):
-    """A name that was said, and how strongly it speaks for its thing, or against."""
+    """A name in the words, and how strongly it speaks for its object, or against."""
 
     mention: Mention
     weight: float
@@ -70,8 +69,9 @@ class Judgement(NamedTuple):
     """What a request calls for.
 
     ``logits`` (n,) for each card, without the names that were said; ``nothing`` is the logit that no thing is wanted.
-    ``spoken`` are the names said, by their keys; ``queries`` (s, 384) the unit vectors of the request and its sentences,
-    ``lean`` (s,) how much each counts; ``sentences`` the words of each, and ``fits`` what each card's uses share with them.
+    ``spoken`` are the names said, by their keys; ``queries`` (s, 384) the unit vectors of the request and its
+    sentences, ``lean`` (s,) how much each counts; ``sentences`` the words of each, and ``fits`` what each card's uses
+    share with them.
     """
 
     logits: Array
@@ -157,7 +157,7 @@ class Scorer:
         return logits
 
     def strange(self, judged: Judgement, name: Array) -> float:
-        """The logit of a thing without a card, by its name's vector."""
+        """The logit of an object without a card, by its name's vector."""
         heads = self._heads
         sharp = float(heads["sharpness"])
         named = judged.queries @ name
@@ -165,7 +165,7 @@ class Scorer:
         return float(heads["scale"] * soft_max(met, sharp))
 
     def why(self, judged: Judgement, card: int) -> tuple[str, str]:
-        """The sentence that called for a card's thing, and the use that it meets best."""
+        """The sentence that called for a card's object, and the use that it meets best."""
         start = int(self.knowledge.use_starts[card])
         uses = self.knowledge.use_texts[start : start + len(self.deck.cards[card].uses)]
         met = judged.queries @ self.knowledge.uses[start : start + len(uses)].T + judged.lean[:, None]

@@ -1,4 +1,4 @@
-"""What a person asks for by a name that the detector of their home does not have: it could never be in the list."""
+"""Mentions outside the detector's vocabulary: objects that a person asks for and that the list can never hold."""
 
 from __future__ import annotations
 
@@ -10,9 +10,10 @@ from cartier.understanding.utterance import listen, mentions
 
 
 def out_of_vocabulary_mention(query: str, names: Sequence[str]) -> str | None:
-    """The household thing named first in the last sentence with one, as it was said, of which none of a detector's ``names`` is a name; None if all are known.
+    """The household object that the words ask for, if none of a detector's ``names`` covers it, else None.
 
-    What another thing is named after is not what is asked for: the coffee, where a coffee machine is named.
+    It is given in the person's words, from the last sentence that names one. A name inside another one does not count:
+    the coffee, where a coffee machine is named.
     """
     deck = read_deck(SHIPPED)
     known = {deck.card_of(display_name(name)) for name in names}

@@ -1,6 +1,6 @@
-"""What becomes of a need: one softmax over found, near, absent and clarify, fitted by tools/fit_decision.py.
+"""Outcome of a need: one softmax over found, near, absent and clarify, fitted by tools/fit_decision.py.
 
-What asks for nothing is told by its words alone (``_speech_acts.py``): a fitted fifth class lost one need in 25 to it.
+Words that ask for nothing are recognised by ``dialogue_acts.py``: a fitted fifth class lost one need in 25 to it.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from cartier.understanding.need_scorer import Judgement
 
 FITTED = Path(__file__).with_name("decision.json")
 OUTCOMES: tuple[Status, ...] = ("found", "likely_near", "not_found", "clarify")
-LEAST, MOST = -4.0, 3.0  # how far behind the missing, and ahead of the second, is told apart
+LEAST, MOST = -4.0, 3.0  # bounds of the logit differences to the missing and to the second candidate
 
 
 class Choice:
-    """What is decided from: listed things, the best first, the best that is not like it, and what is missing and where it is kept."""
+    """The input of the decision: listed candidates, the best first, the best unlike it, and what is missing."""
 
     def __init__(self, ranked: Sequence[Ranked], candidates: Candidates, judged: Judgement, outright: bool) -> None:
         self.ranked, self.best, self.judged, self.outright = ranked, ranked[0], judged, outright
@@ -55,7 +55,7 @@ class Choice:
 
     @property
     def possible(self) -> tuple[Status, ...]:
-        """Near needs something beside which the missing thing is kept, not only named in passing; a question needs two things."""
+        """Near needs the usual place of a missing object, not one mentioned in passing; clarify needs two."""
         in_passing = not self.outright and self.missing.called is not None
         never = {"likely_near": self.near is None or in_passing, "clarify": self.rival is None}
         return tuple(status for status in OUTCOMES if not never.get(status))

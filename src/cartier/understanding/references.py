@@ -1,7 +1,8 @@
-"""References and questions in a person's words: which kind of thing, in what relation to what, and what is to be known of it.
+"""Parser of referring expressions and questions: the kind of object, its relations, and what the person asks about it.
 
-Names are found first; what stands before one (colour, size, "the biggest", "the other") and between two ("next to", "in the")
-says the rest. So it works in the middle of a story, too. What the words mean in a home is in ``reasoners/_scene.py``.
+The parser finds names first. Words before a name (colour, size, "the biggest", "the other") and between two names
+("next to", "in the") say the rest, so it also works in the middle of a story. ``spatial/query.py`` resolves the result
+in a home.
 """
 
 from __future__ import annotations
@@ -68,7 +69,7 @@ Key = Callable[[str], str]
 LONGEST = 4
 ABOUT = frozenset(
     {"find", "count", "exists", "where", "far", "when", "colour", "size", "room", "which", "sure"}
-)  # a thing
+)  # an object
 
 
 @dataclass(frozen=True)
@@ -195,7 +196,7 @@ def _sentence(sentence: str, names: EntityVocabulary, key: Key) -> ParsedUtteran
 
 
 def _distance(head: ReferringExpression | None, phrases: Sequence[ReferringExpression], text: str) -> ParsedUtterance:
-    """How far one thing is from another: "the sofa from the desk", "it from the bed to the desk"."""
+    """How far one object is from another: "the sofa from the desk", "it from the bed to the desk"."""
     other = next((p for p in phrases if p is not head), None)
     start = next((c.target for c in head.relations if c.kind == "from"), None) if head is not None else None
     if head is not None and start is not None:
@@ -242,7 +243,7 @@ def _with_what_it_is(phrases: Sequence[ReferringExpression]) -> list[ReferringEx
 def _put_in_rooms(
     said: Sequence[str], mentions: Sequence[_Mention], phrases: list[ReferringExpression], used: set[int]
 ) -> None:
-    """A room that is told by itself says where the thing is: "in the kitchen, the lamp", "something to eat in the kitchen"."""
+    """Add the room of a phrase of its own: "in the kitchen, the lamp", "something to eat in the kitchen"."""
     objs = [p for p in phrases if p.rooms is None]
     rooms = [p for p in phrases if p.rooms is not None]
     if len(rooms) != 1 or not objs:
@@ -271,7 +272,7 @@ def _last_verb(said: Sequence[str], end: int) -> int:
 
 
 def _tells_which(said: Sequence[str], start: int, mentions: Sequence[_Mention]) -> bool:
-    """Whether a question word only tells a thing apart: "the shelf where the statue is", "the table which is near the sink"."""
+    """Whether a question word only specifies an object: "the shelf where the statue is"."""
     word, after = said[start : start + 1], said[start + 1 : start + 2]
     named = any(m.end == start and m.phrase.rooms is None for m in mentions)
     if word == ["where"] and said[start - 1 : start] in (["to"], ["from"]):
@@ -289,7 +290,7 @@ def _question(core: str) -> tuple[Kind, str, int]:
 
 
 def _head(phrases: Sequence[ReferringExpression], kind: Kind) -> ReferringExpression | None:
-    """The thing that a sentence is about: the first that is one, and of a list also a room."""
+    """The object that a sentence is about: the first that is one, and for a list also a room."""
     objs = [phrase for phrase in phrases if phrase.rooms is None]
     named = [phrase for phrase in objs if not phrase.generic or not phrase.bare]
     if kind == "list" and phrases:
@@ -303,14 +304,15 @@ def _head(phrases: Sequence[ReferringExpression], kind: Kind) -> ReferringExpres
 def _unknown(core: str) -> str:
     """What is asked for, of which no name is known: "is there a unicorn"."""
     found = re.search(
-        r"\b(?:how many|(?:is|are) there(?: any| a| an| some)?|any|have(?: a| an| any)|see(?: a| an| any))((?: \w+){1,3}?)(?: (?:in|on|are|is|at|do|here|there)\b|$)",
+        r"\b(?:how many|(?:is|are) there(?: any| a| an| some)?|any|have(?: a| an| any)"
+        r"|see(?: a| an| any))((?: \w+){1,3}?)(?: (?:in|on|are|is|at|do|here|there)\b|$)",
         core,
     )
     return found[1].strip() if found else ""
 
 
 def _mentions(said: Sequence[str], names: EntityVocabulary, key: Key) -> list[_Mention]:
-    """Names of things and rooms, longest first at each place, with what stands before them."""
+    """Names of objects and rooms, longest first at each place, with the words before them."""
     found, i, free_from = [], 0, 0
     while i < len(said):
         for end in range(min(i + LONGEST, len(said)), i, -1):

@@ -1,4 +1,4 @@
-"""Mistyped words: ``teh cofee tabel`` is the coffee table. Only words that nobody knows are touched."""
+"""Spelling correction: ``teh cofee tabel`` is the coffee table. Only unknown words are changed."""
 
 from __future__ import annotations
 
@@ -7,18 +7,20 @@ from collections.abc import Container, Iterable
 
 from cartier.labels import words
 
-SHORTEST, LONGEST = 3, 20  # letters of a word that is mended
-LONG = 6  # letters from which one may be wrong: a short word with another letter is another word
+SHORTEST, LONGEST = 3, 20  # letters of a word that may be corrected
+LONG = 6  # letters from which one may be wrong: in short words, another letter makes another word
 ENDINGS = ("s", "es", "d", "ed", "ing", "r", "er", "y", "ly", "ish", "n", "ness")
-TYPED = frozenset(words("""arent aint bday brb btw bruh cant couldnt daren didnt dont doesnt duh hadn hasnt havent hes hows idk
-    im isnt ive lol mins mustn needn oops omg plz pls shes shouldnt thats theres theyre thx tho tmrw ur wanna wasnt weve whats
-    wheres whos wont wouldnt yall youre youve"""))  # fmt: skip
+TYPED = frozenset(words("""
+    arent aint bday brb btw bruh cant couldnt daren didnt dont doesnt duh hadn hasnt havent hes hows idk im isnt ive lol
+    mins mustn needn oops omg plz pls shes shouldnt thats theres theyre thx tho tmrw ur wanna wasnt weve whats wheres
+    whos wont wouldnt yall youre youve
+    """))  # fmt: skip
 
 
 class Spelling:
     """The nearest likely word within one slip: a letter too many, missing, wrong, or swapped with its neighbour.
 
-    ``known`` words, and their forms by common endings, stay as they are. A short word is mended only to one of ``names``.
+    ``known`` words and their inflected forms stay as they are. A short word is only corrected to one of ``names``.
     """
 
     def __init__(self, known: Container[str], names: Iterable[str], others: Iterable[str]) -> None:
@@ -30,7 +32,7 @@ class Spelling:
     def __call__(self, word: str) -> str:
         if not SHORTEST <= len(word) <= LONGEST or not word.isalpha() or self._is_word(word):
             return word
-        if self._shortened is None:  # made when the first unknown word is met
+        if self._shortened is None:  # built at the first unknown word
             self._shortened = _shortened(self._likely)
         near = {w for s in (word, *_less(word)) for w in self._shortened.get(s, ()) if _one_slip(word, w)}
         return min(near, key=lambda w: _strangeness(word, w), default=word)

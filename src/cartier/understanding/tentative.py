@@ -1,4 +1,4 @@
-"""What nobody is sure of, a thing seen too seldom or its usual place: never served unasked, only offered, and served to who says yes."""
+"""Tentative objects: detected too seldom, or only at their usual place. They are offered, and served after a "yes"."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from cartier.labels import plain, words
+from cartier.spatial.describe import whereabouts
 from cartier.spatial.query import Scene, called
 from cartier.types import MapObject, Selection
 from cartier.understanding.answers import one
@@ -23,7 +24,7 @@ def tentative_matches(scene: Scene) -> list[MapObject]:
 
 def offer(obj: MapObject, scene: Scene, model: str) -> Selection:
     """A question instead of a goal."""
-    where = scene.whereabouts(obj)
+    where = whereabouts(scene, obj)
     question = f"I may have seen {one(obj.label)}{f' {where}' if where else ''}, but too seldom to be sure. {OFFER}"
     reason = f"seen in {obj.n_detected} of {obj.n_observable} frames that could show it"
     return Selection("clarify", reason=reason, question=question, text=question, model=model)
@@ -36,13 +37,13 @@ def maybe_there(obj: MapObject, model: str) -> Selection:
 
 
 def usual_place(near: Selection) -> Selection:
-    """A question instead of driving to where a thing that was never seen is usually kept."""
+    """A question instead of a drive to the usual place of an object that was never detected."""
     question = f"{near.reason[:1].upper()}{near.reason[1:]}. {OFFER}"
     return replace(near, status="clarify", object=None, object_id=None, question=question, text=question)
 
 
 def accepted(query: str, dialogue: Sequence[tuple[str, str]]) -> bool | None:
-    """Whether the person wants what was offered in the turn before; None if nothing was, or something else is said."""
+    """Whether the person accepts the offer of the turn before; None without an offer or a reply to it."""
     said = words(plain(query))
     if not dialogue or not dialogue[-1][1].endswith(OFFER) or not 0 < len(said) <= FEW:
         return None

@@ -1,6 +1,6 @@
-"""The shipped text encoder, read at two places: sentence vectors, and the states of a text's tokens half-way up.
+"""Shipped text encoder with two outputs: sentence vectors, and the hidden states of a text's tokens half-way up.
 
-The learned scorer continues from the half-way states with layers of its own, so that both share one set of weights.
+The learned scorer continues from the half-way states with layers of its own, so both share one set of weights.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class Reader:
     """Texts to vectors, and tokens to states."""
 
     def __init__(self) -> None:
-        # protobuf messages written one after the other are merged: this adds an output to the graph (7), its name (12, 1)
+        # Concatenated protobuf messages are merged: this adds an output to the graph (7) and its name (12, 1).
         half_way = _field(7, _field(12, _field(1, HALF_WAY.encode())))
         self._session = session((FOLDER / "minilm.onnx").read_bytes() + half_way)
         self._pieces = WordPiece(FOLDER / "vocab.txt")

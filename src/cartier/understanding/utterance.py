@@ -1,4 +1,4 @@
-"""What was said: its words, sentence by sentence, which of them are negated, and the names of things that occur."""
+"""Tokenised utterance: its words by sentence, the negated ones, and the names of objects in it."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from cartier.labels import name_key, plain, words
 from cartier.understanding.text import STOP
 
 LONGEST_NAME = 4  # words
-MOST_CHARACTERS = 8000  # the last ones, for there the request is
+MOST_CHARACTERS = 8000  # the last ones, which hold the request
 NEGATION_REACHES = 4  # words
 
 MOTION = frozenset(words("back closer drive go head heading me move navigate next over ride roll straight us walk"))
@@ -42,7 +42,7 @@ ENDS = frozenset(".!?;:\n")
 class Sentence(NamedTuple):
     """The words of one sentence and how much it counts (0 to 1).
 
-    For each word ``at`` is its place among the tokens, ``clauses`` where its clause starts, ``negated`` if it is negated.
+    For each word, ``at`` is its place among the tokens, ``clauses`` its clause's start, ``negated`` if it is negated.
     """
 
     words: list[str]
@@ -53,14 +53,14 @@ class Sentence(NamedTuple):
 
 
 class Utterance(NamedTuple):
-    """A request: its tokens (words and punctuation, lower-case) and its sentences that tell something."""
+    """A request: its tokens (words and punctuation, lower-case) and its sentences with content words."""
 
     tokens: list[str]
     sentences: list[Sentence]
 
 
 class Mention(NamedTuple):
-    """A name that occurred: its key, as said, whether it was turned down, its tokens, and whether in the last sentence."""
+    """A name in the words: its key, wording, negation, tokens, and whether it is in the last sentence."""
 
     key: str
     said: str
@@ -145,7 +145,7 @@ def _key(part: list[str]) -> str:
 
 
 def _put_away(before: list[str], after: list[str]) -> bool:
-    """Whether a place for a thing is asked for: "where do my shirts go"."""
+    """Whether the words ask where an object belongs: "where do my shirts go"."""
     asked = before[before.index("where") + 1 :] if "where" in before else []
     return bool(asked) and asked[0] in PLACING and not STORING.isdisjoint((*asked, *after))
 

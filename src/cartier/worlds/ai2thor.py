@@ -53,7 +53,7 @@ def make(
     does not answer an action within ``timeout_s`` counts as hung and is stopped. Raises BackendError for an impossible
     option.
     """
-    from cartier.worlds.thor_build import command_line  # reports at once that the extra is missing
+    import ai2thor  # noqa: F401  # reports at once that the extra is missing
 
     _check(server in ("fifo", "wsgi"), f"server must be fifo or wsgi, got {server!r}")
     _check(0 < width <= 4096 and 0 < height <= 4096, f"width and height must be 1 to 4096 px, got {width}x{height}")
@@ -62,6 +62,8 @@ def make(
     _check(0 < timeout_s <= 600, f"timeout_s must be above 0 and at most 600, got {timeout_s:g}")
     options = {"width": width, "height": height, "fieldOfView": fov, "gridSize": grid_size, "x_display": x_display}
     if executable is not None:
+        from cartier.worlds.thor_build import command_line
+
         options["local_executable_path"] = command_line(executable)
         if sys.platform.startswith("linux") and not (x_display or os.environ.get("DISPLAY")):
             raise BackendError(
@@ -187,7 +189,7 @@ class Thor:
 
     def _show(self, home: str) -> Any:
         """Load a home anew; the metadata of its first event."""
-        house = _house(Path(home)) if home.endswith(".json") else None
+        house = read_house(Path(home)) if home.endswith(".json") else None
         if house is None and home not in (known := self.homes()):
             close = get_close_matches(home, known, 3) or known[:3]
             raise InputError(
@@ -226,7 +228,7 @@ class Thor:
         self._build = self._shown = None
 
 
-def _house(file: Path) -> dict[str, Any]:
+def read_house(file: Path) -> dict[str, Any]:
     house = read_json(file)
     if not isinstance(house, dict) or not isinstance(house.get("rooms"), list):
         raise InputError(f"{file} is no ProcTHOR house: it holds no list of rooms")

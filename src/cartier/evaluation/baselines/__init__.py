@@ -1,1 +1,1 @@
-"""The baselines that the paper compares: NLMap and VLMaps."""
+"""Baselines of the paper: NLMap and VLMaps."""

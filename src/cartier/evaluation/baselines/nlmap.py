@@ -1,4 +1,4 @@
-"""NLMap (Chen et al. 2022, arXiv 2209.09874) as the paper compares it: propose blindly, keep what the map holds, then choose."""
+"""NLMap baseline (Chen et al. 2022, arXiv 2209.09874): propose names, keep those that the map holds, then choose."""
 
 from __future__ import annotations
 
@@ -25,10 +25,11 @@ def ask(
     from_xy: Sequence[float] | None = None,
     dialogue: Sequence[tuple[str, str]] = (),
 ) -> Answer:
-    """Answer with one of the things that the reasoner proposes without seeing any list (arXiv 2307.11865, baselines).
+    """Answer with one of the objects that the reasoner proposes without seeing any list (arXiv 2307.11865, baselines).
 
     A proposal is kept where the best similarity in the VLMaps index reaches ``threshold``. The paper's 12.05 belongs to
-    its own features: ``calibrate`` finds the one for other features. Raises InputError if the home has no index to search.
+    its own features: ``calibrate`` finds the one for other features. Raises InputError if the home has no index to
+    search.
     """
     query = check_query(query)
     name, searched = home.searchable(index)
@@ -49,10 +50,10 @@ def ask(
 
 
 def calibrate(homes: Sequence[tuple[Home, Set[str]]], names: Sequence[str]) -> float:
-    """The similarity that best tells names of things that are in a home from names of things that are not.
+    """The similarity that best tells names of objects that are in a home from names of objects that are not.
 
-    ``homes`` are mapped homes with the names of what is truly there and was seen; ``names`` is the vocabulary to try. It
-    maximises the share of present names kept plus the share of absent names dropped (Youden's J).
+    ``homes`` are mapped homes with the names of what is truly there and was seen; ``names`` is the vocabulary to try.
+    It maximises the share of present names kept plus the share of absent names dropped (Youden's J).
     """
     scores: Mapping[bool, list[float]] = {True: [], False: []}
     for home, present in homes:

@@ -1,4 +1,4 @@
-"""VLMaps-baseline: the person's words straight into the VLMaps index, with no language model in between."""
+"""VLMaps baseline: the words of the request go straight to the VLMaps index, without a language model."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ def ask(
 ) -> Answer:
     """Answer with the cell most similar to the words (arXiv 2307.11865, section on baselines).
 
-    The text encoder reads as far as its token limit reaches. The object is what the home's index locates nearest to that
-    cell. ``reasoner`` and ``dialogue`` are not used. Raises InputError if the home has no index to search.
+    The text encoder reads as far as its token limit reaches. The object is what the home's index locates nearest to
+    that cell. ``reasoner`` and ``dialogue`` are not used. Raises InputError if the home has no index to search.
     """
     query = check_query(query)
     name, searched = home.searchable(index)

@@ -1,6 +1,7 @@
-"""The dollhouse: seven furnished homes built in, and as many more as there are whole numbers; no download.
+"""Dollhouse world: seven furnished homes built in, and one generated from each whole number; no download.
 
-What is rendered is a simulation with exact truth: colour, depth, instance ids and true boxes come from the same triangles.
+What is rendered is a simulation with exact truth: colour, depth, instance ids and true boxes come from the same
+triangles.
 """
 
 from __future__ import annotations
@@ -35,7 +36,8 @@ def make(width: int = 640, height: int = 480, fov: float = 62.0, radius_m: float
 
 
 class Dollhouse:
-    """Obeys the World contract. A home is a built-in name, a whole number (generated from it) or a path to a .yaml file."""
+    """Obeys the World contract. A home is a built-in name, a whole number (generated from it) or a path to a .yaml
+    file."""
 
     name = "dollhouse"
 
@@ -71,11 +73,12 @@ class Dollhouse:
         stop: Callable[[], bool] | None = None,
         **unknown: Any,
     ) -> DollhouseRecording:
-        """A robot's walk through a home that it does not know, or (``drive``) one that a person steers with the keyboard.
+        """A robot's walk through a home that it does not know, or (``drive``) one that a person steers with the
+        keyboard.
 
-        ``sensor`` disturbs depth, image and poses as a real camera's are, by ``seed``; another seed is another walk as well.
-        ``stop`` is asked before each step. Frames are rendered when they are asked for. Raises InputError for an unknown
-        home, when ``stop`` says so, or if nothing can be steered; BackendError for an unknown option.
+        ``sensor`` disturbs depth, image and poses as a real camera's are, by ``seed``; another seed is another walk as
+        well. ``stop`` is asked before each step. Frames are rendered when they are asked for. Raises InputError for an
+        unknown home, when ``stop`` says so, or if nothing can be steered; BackendError for an unknown option.
         """
         from cartier.worlds.dollhouse.recording import DollhouseRecording, pinhole
 
@@ -99,7 +102,7 @@ class Dollhouse:
         return DollhouseRecording(scene, camera, poses, _sensor(seed) if sensor else None, [note])
 
     def objects(self, home: str) -> list[TrueObject]:
-        """All things of a home with their true boxes."""
+        """All furnishings of a home with their true boxes."""
         return self.scene(home).truth()
 
     def free(self, home: str, xy: Sequence[float]) -> bool:

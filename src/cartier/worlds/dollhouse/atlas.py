@@ -1,4 +1,4 @@
-"""Where on the light map each triangle finds its light: large flat faces share a lattice, small and round ones their corners.
+"""Light map atlas: large flat faces share a lattice of light nodes, small and round ones use their corners.
 
 Light is computed at *nodes* (points with a normal) and read from *texels* between them, at most FINE times as many per
 direction, so that a frame needs one gather per pixel.
@@ -29,13 +29,14 @@ Ints = npt.NDArray[np.int64]
 
 @dataclass(frozen=True, eq=False)
 class Atlas:
-    """``corner_st`` (M, 3, 2): light coordinates of each triangle's corners in texels of its patch; texel (s, t) of triangle m
-    is number ``base[m] + int(t) * stride[m] + int(s)``.
+    """``corner_st`` (M, 3, 2): light coordinates of each triangle's corners in texels of its patch; texel (s, t) of
+    triangle m is number ``base[m] + int(t) * stride[m] + int(s)``.
 
     ``nodes``, ``normals`` (K, 3) is where light is computed. A texel blends four of them: ``texel_nodes`` (L, 4) with
-    ``texel_weights`` (L, 4). ``beside`` (K, 4) are the nodes before and after along s and along t (itself where there is none);
-    ``phase`` (K,) counts 0 to 8 over every 3 by 3 nodes of a lattice, so that neighbours can sample differently. ``wide`` (L,)
-    are texels of triangles so large, yet lit by their corners, that a shadow can lie between the corners.
+    ``texel_weights`` (L, 4). ``beside`` (K, 4) are the nodes before and after along s and along t (itself where there
+    is none); ``phase`` (K,) counts 0 to 8 over every 3 by 3 nodes of a lattice, so that neighbours can sample
+    differently. ``wide`` (L,) are texels of triangles so large, yet lit by their corners, that a shadow can lie between
+    the corners.
     """
 
     corner_st: Array
@@ -229,7 +230,8 @@ class _Builder:
 def _rectangles(
     corners: Doubles, normal: Doubles, group: Ints
 ) -> tuple[Ints, Doubles, Doubles, Doubles, Doubles, Doubles]:
-    """Of each group its first triangle, its axes along and across, and its bounds along them; and st (M, 3, 2) of all corners."""
+    """Of each group its first triangle, its axes along and across, and its bounds along them; and st (M, 3, 2) of all
+    corners."""
     first = np.unique(group, return_index=True)[1]
     along = corners[first, 1] - corners[first, 0]
     along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
@@ -250,7 +252,8 @@ def _longest_middle(corners: Doubles) -> Doubles:
 
 
 def _touching(plane: Ints, welded: Ints) -> Ints:
-    """Numbers triangles (M,) so that those of one plane which share corners (M, 3), at once or through others, are equal."""
+    """Numbers triangles (M,) so that those of one plane which share corners (M, 3), at once or through others, are
+    equal."""
     corner = _keys(np.repeat(plane, 3), welded.ravel())
     triangle = np.repeat(np.arange(len(plane)), 3)
     size = max(len(plane), int(corner.max()) + 1)
@@ -268,7 +271,8 @@ def _cells(sizes: Ints) -> tuple[Ints, Ints, Ints]:
 
 
 def _bilinear(row: Ints, col: Ints, wide_of: Ints, start: Ints) -> tuple[npt.NDArray[np.int32], Array]:
-    """The four nodes around each texel and their weights, in lattices ``wide_of`` nodes wide that begin at ``start``."""
+    """The four nodes around each texel and their weights, in lattices ``wide_of`` nodes wide that begin at
+    ``start``."""
     share = ((np.arange(FINE) + 0.5) / FINE).astype(np.float32)
     u, v = share[col % FINE], share[row % FINE]
     numbers, weights = np.empty((len(row), 4), np.int32), np.empty((len(row), 4), np.float32)

@@ -1,4 +1,4 @@
-"""From the form of a home to its scene: which things are where; what cannot be placed is noted with its line."""
+"""Builder of scenes from home forms; what cannot be placed is noted with its line."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Builder:
         self.faults: list[Fault] = []
         self._read, self._form = found, form
         self._things: list[Thing] = []
-        self._keys: list[Path] = []  # of the things, in their order
+        self._keys: list[Path] = []  # of the furnishings, in their order
         self._ids: dict[str, Thing] = {}
         self._shapes: dict[tuple[object, ...], Shape] = {}
         self._rooms = {room.name: Room(room.name, room.kind, room.box, room.floor, room.walls) for room in form.rooms}
@@ -67,7 +67,8 @@ class Builder:
             for other in rooms:
                 gaps = [max(room.box[k] - other.box[k + 2], other.box[k] - room.box[k + 2]) for k in (0, 1)]
                 if max(gaps) < openings.GAP_M[0] - 1e-6:
-                    reason = f"rooms {other.name!r} and {room.name!r} must lie {openings.GAP_M[0]} m apart or more, for a wall"
+                    both = f"{other.name!r} and {room.name!r}"
+                    reason = f"rooms {both} must lie {openings.GAP_M[0]} m apart or more, for a wall"
                     self._fault(("rooms", i, "box"), reason)
             rooms.append(room)
         return rooms
@@ -111,7 +112,7 @@ class Builder:
         return top <= self._form.height - 0.05
 
     def _place(self, form: ThingForm, key: Path, parent: Thing | None) -> None:
-        """One thing and all that is on it; after a fault, what is on it is only tried for its types."""
+        """One furnishing and all that is on it; after a fault, what is on it is only tried for its types."""
         shape = self._shape(form, key)
         placed = self._pose(form, shape, key, parent) if shape else None
         if shape and placed:

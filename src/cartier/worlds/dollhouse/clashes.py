@@ -1,4 +1,4 @@
-"""What cannot be in a home: things inside each other, in walls, off their surface, too tall, or in a doorway."""
+"""Clash tests of a home: furnishings inside each other, in walls, off their surface, too tall, or in a doorway."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ Points = npt.NDArray[np.float64]
 
 
 def of_things(scene: Scene) -> Iterator[tuple[Thing, str]]:
-    """(thing, what is wrong with its place) for every thing that is in a wall, outside, in a doorway or in another thing."""
+    """(furnishing, fault) for every furnishing in a wall, outside, in a doorway or in another furnishing."""
     solids = {thing.id: _Solid(thing) for thing in scene.things}
     for solid in solids.values():
         for reason in (_outside(solid, scene), _in_doorway(solid, scene)):
@@ -82,7 +82,7 @@ def start_is_free(scene: Scene, radius_m: float) -> bool:
 
 
 class _Solid:
-    """A thing as oriented boxes: those of its parts, and where these overlap another's, those of their pieces."""
+    """A furnishing as oriented boxes: those of its parts, and where these overlap another's, those of their pieces."""
 
     def __init__(self, thing: Thing) -> None:
         self.thing = thing
@@ -160,7 +160,7 @@ def _may_share(a: _Solid, b: _Solid) -> bool:
 
 
 def _outside(solid: _Solid, scene: Scene) -> str:
-    """Why a thing is not within a room."""
+    """Why a furnishing is not within a room."""
     x, y = solid.thing.at[:2]
     room = _room_at(scene, x, y)
     if room is None:

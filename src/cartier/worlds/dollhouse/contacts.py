@@ -1,4 +1,4 @@
-"""What each thing of a home truly stands on or in: rays against the home's triangles say it, whatever the home file meant."""
+"""True contacts of furnishings: rays against the home's triangles find what each one stands on or in."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from cartier.types import Array
 from cartier.worlds.dollhouse.model import Scene, triangles
 from cartier.worlds.dollhouse.trace import Tracer, tracer
 
-TOUCH_M = 0.03  # what holds a thing is at most so far below it; and so far above its lowest point it still stands
+TOUCH_M = 0.03  # its holder is at most so far below a furnishing, and at most so far above its lowest point
 COVERED, WALLED = 0.5, 0.85  # inside is what its holder covers, or surrounds, to such a share
 RAYS = 15  # along each side of an outline
 UP, DOWN = np.array([0, 0, 1], np.float32), np.array([0, 0, -1], np.float32)
 
 
 class Contacts:
-    """What each thing of a scene stands on or in: ``holder`` has (id, "on" or "in") by id; ``covered`` are (id, id of what is
-    above more than half of it)."""
+    """What each furnishing of a scene stands on or in: ``holder`` has (id, "on" or "in") by id; ``covered`` are (id, id
+    of what is above more than half of it)."""
 
     def __init__(self, scene: Scene) -> None:
         self._mesh = triangles(scene)
@@ -31,7 +31,7 @@ class Contacts:
             self._break_cycle(i)
 
     def mapped_holder(self, thing: int, mapped: set[int]) -> tuple[int, str] | None:
-        """What holds a thing; if that is not in the map, what holds that."""
+        """What holds a furnishing; if that is not in the map, what holds that."""
         found = self.holder.get(thing)
         while found and found[0] not in mapped:
             found = self.holder.get(found[0])
@@ -63,7 +63,8 @@ class Contacts:
             self.covered.add((i, cover))
 
     def _break_cycle(self, i: int) -> None:
-        """Of things that hold each other in a ring, as a cabinet and a bowl in it seem to, the smallest holds none."""
+        """Of furnishings that hold each other in a ring, as a cabinet and a bowl in it seem to, the smallest holds
+        none."""
         ring = [i]
         while (found := self.holder.get(ring[-1])) and found[0] not in ring:
             ring.append(found[0])
@@ -73,7 +74,7 @@ class Contacts:
             del self.holder[next(j for j in ring if self.holder[j][0] == smallest)]
 
     def _around(self, i: int) -> Array:
-        """The faces of the structure and of what may touch or cover a thing."""
+        """The faces of the structure and of what may touch or cover a furnishing."""
         low, high = self._boxes[i]
         near = [
             j for j, (a, b) in self._boxes.items() if j != i and (a[:2] <= high[:2]).all() and (b[:2] >= low[:2]).all()

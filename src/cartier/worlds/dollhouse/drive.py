@@ -1,4 +1,4 @@
-"""Drives a planned goal in the true home: stopped by what is really there, and with a picture of what is seen on arrival."""
+"""Simulated drive to a planned goal in the true home: collisions stop it, and a picture shows the view at the end."""
 
 from __future__ import annotations
 
@@ -18,17 +18,18 @@ from cartier.worlds.dollhouse.recording import EYE_M, lit_renderer, look, pinhol
 
 STEP_M = 0.05
 LOWEST, HIGHEST = math.radians(60), math.radians(-30)  # how far the camera can be pitched, down and up
-OWN_M = 0.3  # a thing of unknown size may begin so far before its place
+OWN_M = 0.3  # the front of an object of unknown size may be so far before its place
 
 Floats = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
 class Drive:
-    """What came of a goal: the robot's ``poses`` (N, 3) of x, y (m) and yaw (rad), and the ``view`` (H, W, 3) uint8 at the end.
+    """What came of a goal: the robot's ``poses`` (N, 3) of x, y (m) and yaw (rad), and the ``view`` (H, W, 3) uint8 at
+    the end.
 
-    ``collided_at`` is the (x, y) at which something stopped it, or None. ``in_view`` tells whether the place lies in the view
-    with nothing before it.
+    ``collided_at`` is the (x, y) at which something stopped it, or None. ``in_view`` tells whether the place lies in
+    the view with nothing before it.
     """
 
     arrived: bool
@@ -54,8 +55,8 @@ def drive(
     plan = standing_plan(scene, (float(start_xy[0]), float(start_xy[1])), radius_m)
     if plan.clearance((goal.x, goal.y)) == 0:
         raise InputError(
-            f"the goal ({goal.x:.2f}, {goal.y:.2f}) for the {goal.place.label} lies in a wall, in furniture or outside of "
-            f"{scene.name}: no robot can stand there"
+            f"the goal ({goal.x:.2f}, {goal.y:.2f}) for the {goal.place.label} lies in a wall, in furniture or outside "
+            f"of {scene.name}: no robot can stand there"
         )
     xy = np.array(start_xy, dtype=np.float64)
     poses, collided_at = [(*xy.tolist(), goal.yaw)], None
@@ -89,7 +90,7 @@ def _look_at(scene: Scene, xy: Floats, goal: Goal, camera: Camera, eye_m: float)
 
 
 def _shows(place: Place, camera: Camera, pose: Floats, depth_m: npt.NDArray[np.float32]) -> bool:
-    """Whether a place's position projects into an image, and what is seen there is no nearer than the thing itself."""
+    """Whether a place's position projects into an image, and what is seen there is no nearer than the object."""
     x, y, z = transform(invert(pose), np.array(place.position)).tolist()
     if z <= 0:
         return False

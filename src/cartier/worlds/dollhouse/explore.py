@@ -1,4 +1,4 @@
-"""A robot that does not know the home covers all of its floor, guided by the floor plan that grows from its own depth.
+"""Exploration of an unknown home: the robot covers the floor, guided by the floor plan from its own depth.
 
 It looks round where it wakes up, then goes again and again to where it would see most anew for the way (floor beside
 the unknown, obstacles that it has not seen from near), until nothing of use is left. The true plan of the home only
@@ -43,8 +43,8 @@ Floats = npt.NDArray[np.float64]
 class Exploration:
     """A walk: camera ``poses`` (N, 4, 4), the robot's ``track`` (N, 3) of x, y (m) and yaw (rad), and what came of it.
 
-    ``grid`` is the robot's own floor plan at the end; ``coverage`` the share of the truly reachable floor that it knows to be
-    free; ``complete`` tells whether it ended by itself.
+    ``grid`` is the robot's own floor plan at the end; ``coverage`` the share of the truly reachable floor that it knows
+    to be free; ``complete`` tells whether it ended by itself.
     """
 
     poses: Poses
@@ -66,7 +66,8 @@ def explore(
 ) -> Exploration:
     """Cover all free space of a home from ``scene.start_xy``. Deterministic: another seed, another walk.
 
-    ``stop`` is asked before each frame. Raises InputError if it says so, or if the robot does not fit where it wakes up.
+    ``stop`` is asked before each frame. Raises InputError if it says so, or if the robot does not fit where it wakes
+    up.
     """
     return _Explorer(scene, camera, radius_m, eye_m, seed, max_frames, stop).run()
 
@@ -211,9 +212,10 @@ def standing_plan(scene: Scene, xy: tuple[float, float], radius_m: float) -> Pla
     """The true plan of a home in which a robot wakes up at a point. Raises InputError if it does not fit there."""
     plan = Plan(scene, radius_m)
     if not plan.free(xy):
+        clear = plan.clearance(xy)
+        why = "it is inside of a wall or furniture" if clear == 0 else f"only {clear:.2f} m are clear there"
         raise InputError(
-            f"a robot of radius {radius_m:g} m cannot start at ({xy[0]:.2f}, {xy[1]:.2f}) in {scene.name}: "
-            f"{'it is inside of a wall or furniture' if plan.clearance(xy) == 0 else f'only {plan.clearance(xy):.2f} m are clear there'}"
+            f"a robot of radius {radius_m:g} m cannot start at ({xy[0]:.2f}, {xy[1]:.2f}) in {scene.name}: {why}"
         )
     return plan
 

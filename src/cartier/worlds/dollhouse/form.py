@@ -1,4 +1,4 @@
-"""The YAML form of a home: strictly typed, and with the line of every entry, so that each fault can say where it is."""
+"""YAML schema of a home: strictly typed, with the line of every entry, so that each fault can name its line."""
 
 from __future__ import annotations
 
@@ -17,7 +17,8 @@ MAX_FAULTS = 50
 MAX_THINGS = 2000  # with those that stand on others
 Side = Literal["north", "south", "east", "west"]
 DIRECTIONS = {"south": 0.0, "east": math.pi / 2, "north": math.pi, "west": -math.pi / 2}
-"""Yaws of things that face a direction; among things on others, directions in the parent's frame (south = its front)."""
+"""Yaws of furnishings that face a direction; among furnishings on others, directions in the parent's frame (south = its
+front)."""
 
 Metres = Annotated[float, Field(ge=-100, le=100)]
 Length = Annotated[float, Field(gt=0, le=20)]
@@ -92,11 +93,12 @@ class FrontDoorForm(_Form):
 
 
 class ThingForm(_Form):
-    """A thing on the floor, on a wall or the ceiling, or on another thing (nested in it, or ``on: its id``)."""
+    """A furnishing on the floor, on a wall or the ceiling, or on another furnishing (nested in it, or ``on: its
+    id``)."""
 
     type: Name
     id: Name | None = None
-    at: Pair | Metres | None = None  # nested things: the middle of the surface
+    at: Pair | Metres | None = None  # nested furnishings: the middle of the surface
     face: str | float = "south"
     colour: Name | None = None
     size: tuple[Length, Length, Length] | None = None
@@ -143,7 +145,8 @@ def direction(word: str) -> float | None:
 
 @dataclass(frozen=True)
 class Read:
-    """What a home's text holds: its form, or None with the faults that make it unreadable; and the lines of its entries."""
+    """What a home's text holds: its form, or None with the faults that make it unreadable; and the lines of its
+    entries."""
 
     form: HomeForm | None
     faults: tuple[Fault, ...]

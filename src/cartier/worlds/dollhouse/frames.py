@@ -1,4 +1,4 @@
-"""What trims the walls: door frames, windows with their panes, the front door, skirting boards."""
+"""Trim of walls: door frames, windows with their panes, the front door, skirting boards."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Furniture for generated homes: groups against walls with room to use them, and small things on what they usually stand on."""
+"""Furnishing of generated homes: groups against walls with room to use them, and small objects on surfaces."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from cartier.worlds.dollhouse.model import Surface
 CELL_M = 0.05
 ROBOT_M = 0.26  # a robot of 0.2 m and two cells' half diagonals
 POCKET_M2 = 0.1  # what is cut off from the rest of a room may be at most this large
-GAP_M = 0.02  # from furniture to the wall (skirting boards) and between things
+GAP_M = 0.02  # from furniture to the wall (skirting boards) and between furnishings
 TALL_M = 0.9  # what is higher stands in front of no window
 LOW_M = 1.2  # what hangs lower hangs above no furniture
 BEFORE_M = 0.2
 TRIES = 30
 NEEDED_TRIES = 10
 LAY_TRIES = 8
-SHELVED = ("Fridge", "ShelvingUnit")  # things lie on all their surfaces, elsewhere on the first alone
+SHELVED = ("Fridge", "ShelvingUnit")  # furnishings lie on all their surfaces, elsewhere on the first alone
 FACING = {"north": 0.0, "south": 180.0, "west": 90.0, "east": 270.0}  # degrees of what stands with its back to a wall
 OPPOSITE = {"north": "south", "south": "north", "west": "east", "east": "west"}
 
@@ -86,7 +86,8 @@ class Place:
         return not any(_overlap(before, other) for other in self.taken)
 
     def fits(self, footprint: Rect, front: Rect) -> bool:
-        """Whether furniture may stand there: apart from all else, with room before it, and the floor stays in one piece."""
+        """Whether furniture may stand there: apart from all else, with room before it, and the floor stays in one
+        piece."""
         x1, y1, x2, y2 = self.box
         inside = footprint[0] >= x1 and footprint[1] >= y1 and footprint[2] <= x2 and footprint[3] <= y2
         usable = front[0] >= x1 - 0.3 and front[1] >= y1 - 0.3 and front[2] <= x2 + 0.3 and front[3] <= y2 + 0.3
@@ -128,7 +129,7 @@ class Furnisher:
         self._rng = rng
 
     def furnish(self, place: Place, plan: str) -> list[dict[str, Any]]:
-        """The things of a room, in the form of home files; ``plan`` is one of ``PLANS``."""
+        """The furnishings of a room, in the form of home files; ``plan`` is one of ``PLANS``."""
         things: list[dict[str, Any]] = []
         for name, chance in PLANS[plan]:
             # What a room cannot do without is tried in other sizes and places.
@@ -171,7 +172,8 @@ class Furnisher:
         return things
 
     def _spot(self, place: Place, group: Group, opposite: tuple[str, float] | None) -> tuple[str, float, Spot]:
-        """A random place for a group, or one across from a seat: a wall, where along it, the middle of the group's back."""
+        """A random place for a group, or one across from a seat: a wall, where along it, the middle of the group's
+        back."""
         side = OPPOSITE[opposite[0]] if opposite else self._rng.choice(list(FACING))
         (low, high), half = place.span(side), group.width / 2 + GAP_M
         x1, y1, x2, y2 = place.box
@@ -188,7 +190,7 @@ class Furnisher:
         return side, along, (x, y, FACING[side])
 
     def _item(self, item: dict[str, Any], spot: Spot) -> dict[str, Any]:
-        """One thing of a group in the world, with what stands on it."""
+        """One furnishing of a group in the world, with what stands on it."""
         thing = dict(item)
         stock = thing.pop("stock", 0.0)
         x, y = _world(spot, *thing["at"])
@@ -201,7 +203,7 @@ class Furnisher:
         return thing
 
     def _stocked(self, parent: dict[str, Any], stock: float) -> list[dict[str, Any]]:
-        """What stands on the surfaces of a thing, by how often AI2-THOR's homes have it there."""
+        """What stands on the surfaces of a furnishing, by how often AI2-THOR's homes have it there."""
         held: list[dict[str, Any]] = list(parent.get("things", ()))
         surfaces = _surfaces(parent["type"], tuple(parent["size"]), parent.get("variant", 0))
         if not surfaces:
@@ -218,7 +220,7 @@ class Furnisher:
         return held
 
     def _laid(self, kind: str, surface: Surface, taken: list[Rect]) -> dict[str, Any] | None:
-        """A small thing where a surface is free, or None."""
+        """A small furnishing where a surface is free, or None."""
         size, face = shapes.info(kind).size, round(self._rng.uniform(-25, 25))
         if size[2] > surface.clear_m - 0.01:
             return None
@@ -237,7 +239,7 @@ class Furnisher:
         return None
 
     def _hung(self, place: Place, kind: str, size: tuple[float, float, float], bottom: float) -> list[dict[str, Any]]:
-        """A thing on a bare stretch of a wall, or nothing."""
+        """A furnishing on a bare stretch of a wall, or nothing."""
         for _ in range(TRIES):
             side = self._rng.choice(list(FACING))
             low, high = place.span(side)

@@ -1,4 +1,4 @@
-"""Further homes from a seed: rooms in two rows, or along a hall, with doors that join them all, windows and furniture."""
+"""Generator of homes from a seed: rooms in two rows or along a hall, doors, windows and furniture."""
 
 from __future__ import annotations
 
@@ -76,7 +76,8 @@ def generate(seed: int) -> str:
     furnisher = Furnisher(rng)
     things = [thing for place in places for thing in furnisher.furnish(place, _plan(place.kind, kinds))]
     rooms = [
-        {"name": p.name, "kind": p.kind, "box": p.box, "floor": rng.choice(FLOORS[p.kind]), "walls": rng.choice(WALLS[p.kind])}
+        {"name": p.name, "kind": p.kind, "box": p.box,
+         "floor": rng.choice(FLOORS[p.kind]), "walls": rng.choice(WALLS[p.kind])}
         for p in places
     ]  # fmt: skip
     gaps = [{"between": [names[d.a], names[d.b]], "at": d.at, "width": DOOR_M} for d in doors]
@@ -141,7 +142,8 @@ def _round(metres: float) -> float:
 
 
 def _doors(rng: random.Random, kinds: Sequence[str], boxes: Sequence[Box]) -> list[Door]:
-    """A tree of doors over all rooms: halls and living rooms are walked through, bathrooms are not if it can be helped."""
+    """A tree of doors over all rooms: halls and living rooms are walked through, bathrooms are not if it can be
+    helped."""
     rank = {"hall": 0, "living room": 1, "kitchen": 2, "bedroom": 3, "bathroom": 4}
     joined, doors = [min(range(len(kinds)), key=lambda i: rank[kinds[i]])], list[Door]()
     while len(joined) < len(kinds):
@@ -155,7 +157,8 @@ def _doors(rng: random.Random, kinds: Sequence[str], boxes: Sequence[Box]) -> li
 
 
 def _shared(a: Box, b: Box) -> tuple[bool, float, float, float] | None:
-    """Whether the wall between two rooms runs along y, its middle line, and from where to where; None where no door fits."""
+    """Whether the wall between two rooms runs along y, its middle line, and from where to where; None where no door
+    fits."""
     for axis in (0, 1):
         low, high = max(a[1 - axis], b[1 - axis]), min(a[3 - axis], b[3 - axis])
         for first, second in ((a, b), (b, a)):

@@ -1,4 +1,4 @@
-"""What rooms of generated homes hold: furniture in groups (a bed with its night tables), and what lies on what."""
+"""Furnishing rules of generated homes: furniture in groups (a bed with its night tables), and what lies on what."""
 
 from __future__ import annotations
 
@@ -20,7 +20,8 @@ class Group:
     """Furniture that stands together, its back to a wall unless it is ``free``.
 
     Frame: the origin in the middle of its back at the wall, x to the right of who looks at it, the front towards -y;
-    ``front_m`` is the floor before it that stays empty. ``hung`` are things on the wall above: type, x, size, bottom.
+    ``front_m`` is the floor before it that stays empty. ``hung`` are furnishings on the wall above: type, x, size,
+    bottom.
     """
 
     width: float
@@ -226,16 +227,17 @@ HUNG: dict[str, tuple[tuple[str, float, Size, float], ...]] = {
     "hall": (("Mirror", 0.5, (0.5, 0.04, 1.2), 0.7),),
 }
 
-# How often a thing lies on another one in AI2-THOR's rooms (procthor's receptacle figures, Apache-2.0).
+# How often a furnishing lies on another one in AI2-THOR's rooms (procthor's receptacle figures, Apache-2.0).
 COMMON: dict[str, dict[str, float]] = {
     "CoffeeTable": {
         "Book": 0.24, "RemoteControl": 0.22, "Bowl": 0.19, "Laptop": 0.19, "Vase": 0.17, "Statue": 0.17, "Mug": 0.13,
         "CreditCard": 0.13, "Plate": 0.11, "CellPhone": 0.1, "KeyChain": 0.09, "Cup": 0.08, "Candle": 0.05,
     },
     "CounterTop": {
-        "CoffeeMachine": 0.27, "Toaster": 0.27, "Bread": 0.21, "Microwave": 0.17, "SoapBottle": 0.5, "PepperShaker": 0.27,
-        "SaltShaker": 0.27, "Spatula": 0.27, "ButterKnife": 0.25, "Bowl": 0.19, "Fork": 0.18, "Knife": 0.18,
-        "Potato": 0.18, "Spoon": 0.18, "Apple": 0.16, "Cup": 0.16, "DishSponge": 0.16, "Plate": 0.15, "Mug": 0.13,
+        "CoffeeMachine": 0.27, "Toaster": 0.27, "Bread": 0.21, "Microwave": 0.17, "SoapBottle": 0.5,
+        "PepperShaker": 0.27, "SaltShaker": 0.27, "Spatula": 0.27, "ButterKnife": 0.25, "Bowl": 0.19, "Fork": 0.18,
+        "Knife": 0.18, "Potato": 0.18, "Spoon": 0.18, "Apple": 0.16, "Cup": 0.16, "DishSponge": 0.16, "Plate": 0.15,
+        "Mug": 0.13,
     },
     "Desk": {
         "Laptop": 0.43, "DeskLamp": 0.29, "Book": 0.47, "Pencil": 0.34, "Pen": 0.32, "Mug": 0.25, "CreditCard": 0.25,

@@ -1,4 +1,4 @@
-"""What the exploring robot knows: its own floor plan from depth, where it bumped, and what it has not yet looked at."""
+"""Knowledge of the exploring robot: its own floor plan from depth, its collisions, and what it has not yet seen."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from cartier.mapping.occupancy import OccupancyMapper
 from cartier.navigation.planning import traversable
 from cartier.types import FREE, OCCUPIED, UNKNOWN, Camera, Frame, OccupancyGrid
 
-NEAR_M = 2.5  # a thing was looked at if it was seen from no farther than this
+NEAR_M = 2.5  # an obstacle counts as seen from no farther than this
 SIGHT_M = 2.3  # how far ahead a view is worth something: less, so that what it promises it keeps
 TRIES = 2  # a cell that so many views did not settle is given up
 FRONTIER = 20.0  # worth of an unknown cell that may lead on, in cells of obstacles not yet seen from near
@@ -30,8 +30,8 @@ Floats = npt.NDArray[np.float64]
 class Knowledge:
     """Grows frame by frame, from depth and bumps alone. What it knows is there after the first frame.
 
-    ``grid`` is the floor plan with the bumps in it, ``open`` (rows, cols) where the robot may drive, ``worth`` (rows, cols)
-    what each cell is worth looking at.
+    ``grid`` is the floor plan with the bumps in it, ``open`` (rows, cols) where the robot may drive, ``worth`` (rows,
+    cols) what each cell is worth looking at.
     """
 
     def __init__(self, camera: Camera, radius_m: float, eye_m: float) -> None:
@@ -98,7 +98,8 @@ class Knowledge:
     def _visible(
         self, xy: Floats, down: float = math.radians(22.5)
     ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], npt.NDArray[np.bool_]]:
-        """Rows, columns (K, azimuth, step) along rays from points, and which of these cells can be seen over what is known."""
+        """Rows, columns (K, azimuth, step) along rays from points, and which of these cells can be seen over what is
+        known."""
         grid = self.grid
         cells = grid.cell(xy[:, None, None] + self._rays)
         shape = np.array(grid.cells.shape)
@@ -127,7 +128,8 @@ class Knowledge:
         self._height_m += self._tops
 
     def _weigh(self, xy: Sequence[float] | Floats) -> None:
-        """What each cell is worth looking at: unknown cells beside floor that can be reached, obstacles not seen from near."""
+        """What each cell is worth looking at: unknown cells beside floor that can be reached, obstacles not seen from
+        near."""
         parts, _ = ndimage.label(self.open, np.ones((3, 3)))
         cells = np.argwhere(self.open)
         reached = self.open

@@ -153,7 +153,8 @@ def _shine(
     least: float,
     rays: Tracer | None,
 ) -> npt.NDArray[np.float64]:
-    """What a light made of ``spots`` (n, 3) gives each node (K,), with its shadows; less than ``least`` counts as nothing."""
+    """What a light made of ``spots`` (n, 3) gives each node (K,), with its shadows; less than ``least`` counts as
+    nothing."""
     middle = _reach(atlas, spots.mean(0), axis)
     which = np.flatnonzero(middle > least)
     total = np.zeros(len(atlas.nodes))

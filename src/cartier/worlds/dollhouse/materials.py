@@ -21,7 +21,8 @@ from cartier.worlds.dollhouse.textures import Colour, Image
 class Material:
     """``texture`` (SIZE, SIZE, 3) uint8 sRGB repeats every ``tile_m`` metres, or fills the whole part where that is 0.
 
-    ``glow`` is how bright it shines by itself (0: not at all, 1: like well lit paper). ``hard`` says that depth sensors fail on it.
+    ``glow`` is how bright it shines by itself (0: not at all, 1: like well lit paper). ``hard`` says that depth sensors
+    fail on it.
     """
 
     name: str
@@ -106,7 +107,8 @@ def material(name: str) -> Material:
 
 
 def colour(name: str) -> Colour:
-    """A colour by its CSS name or one of ours, as sRGB in 0 to 1: the garish ones are toned down to what paint and dye do."""
+    """A colour by its CSS name or one of ours, as sRGB in 0 to 1: the garish ones are toned down to what paint and dye
+    do."""
     code = COLOURS.get(name, name)
     if not code.startswith("#") and code not in ImageColor.colormap:
         raise InputError(f"there is no colour {name!r}{_close(name, [*COLOURS, *ImageColor.colormap])}")

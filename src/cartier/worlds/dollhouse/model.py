@@ -1,8 +1,8 @@
-"""What the dollhouse is made of: parts, shapes, things with a place, rooms, and the scene that holds them.
+"""Model of a home: parts, shapes, placed furnishings, rooms, and the scene that holds them.
 
-A shape's frame: origin in the middle of its footprint, at the bottom; z up; its front faces -y, so that x is to the right
-of who looks at it. ``size`` is (width along x, depth along y, height along z) in metres. A thing's ``yaw`` turns it
-counter-clockwise about z: yaw 0 faces south (-y), pi/2 faces east (+x).
+A shape's frame: origin in the middle of its footprint, at the bottom; z up; its front faces -y, so that x is to the
+right of a person who faces it. ``size`` is (width along x, depth along y, height along z) in metres. A furnishing's
+``yaw`` turns it counter-clockwise about z: yaw 0 faces south (-y), pi/2 faces east (+x).
 """
 
 from __future__ import annotations
@@ -22,7 +22,8 @@ Vec3 = tuple[float, float, float]
 class Part:
     """Triangles of one material: vertices (N, 3) float32, faces (M, 3) int32, counter-clockwise seen from outside.
 
-    ``uv_m`` (N, 2) float32 are texture coordinates in metres, so that planks and tiles keep their size on every surface.
+    ``uv_m`` (N, 2) float32 are texture coordinates in metres, so that planks and tiles keep their size on every
+    surface.
     """
 
     vertices: npt.NDArray[np.float32]
@@ -33,7 +34,8 @@ class Part:
 
 @dataclass(frozen=True)
 class Surface:
-    """A horizontal rectangle on which things can stand: a top, a seat, a shelf, the bottom of a basin or of a fridge.
+    """A horizontal rectangle on which furnishings can stand: a top, a seat, a shelf, the bottom of a basin or of a
+    fridge.
 
     ``low_xy`` and ``high_xy`` bound it in the shape's frame, at height ``z``; ``clear_m`` is the free height above it.
     """
@@ -61,7 +63,8 @@ class Shape:
 
 @dataclass(frozen=True, eq=False)
 class Thing:
-    """One object of a scene. ``at`` is its shape's origin in the world; ``on`` the id of what it stands on or in, or 0."""
+    """One object of a scene. ``at`` is its shape's origin in the world; ``on`` the id of what it stands on or in, or
+    0."""
 
     id: int
     type: str
@@ -125,13 +128,14 @@ class Scene:
     start_xy: tuple[float, float]
 
     def truth(self) -> list[TrueObject]:
-        """Every thing with its true box; labels are AI2-THOR's type names."""
+        """Every furnishing with its true box; labels are AI2-THOR's type names."""
         return [thing.truth() for thing in self.things]
 
 
 @dataclass(frozen=True, eq=False)
 class Triangles:
-    """A scene as one mesh: vertices (N, 3) float32, faces (M, 3) int32, and per face its instance id and its part's number."""
+    """A scene as one mesh: vertices (N, 3) float32, faces (M, 3) int32, and per face its instance id and its part's
+    number."""
 
     vertices: npt.NDArray[np.float32]
     faces: npt.NDArray[np.int32]
@@ -143,7 +147,7 @@ class Triangles:
 
 
 def triangles(scene: Scene) -> Triangles:
-    """All parts of a scene in world coordinates: first the structure, then the things in their order."""
+    """All parts of a scene in world coordinates: first the structure, then the furnishings in their order."""
     placed = [(part, part.vertices, 0) for part in scene.structure]
     for thing in scene.things:
         placed += [(part, thing.to_world(part.vertices).astype(np.float32), thing.id) for part in thing.shape.parts]

@@ -1,4 +1,4 @@
-"""Where the holes in walls are: doorways between rooms, windows and the front door to the outside."""
+"""Openings in walls: doorways between rooms, windows and the front door."""
 
 from __future__ import annotations
 

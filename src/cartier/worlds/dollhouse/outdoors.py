@@ -1,4 +1,4 @@
-"""What is seen through a window: a lawn, hedges and trees, a summer sky. A panorama, drawn once from noise."""
+"""Panorama behind the windows: a lawn, hedges and trees, a summer sky, drawn once from noise."""
 
 from __future__ import annotations
 

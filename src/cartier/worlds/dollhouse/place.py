@@ -1,4 +1,4 @@
-"""The true floor plan of a scene: where a round robot fits, exact from the triangles of everything in it."""
+"""True floor plan of a scene: where a round robot fits, exact from all triangles."""
 
 from __future__ import annotations
 
@@ -54,7 +54,8 @@ class Plan:
         return OccupancyGrid(cells.astype(np.int8), CELL_M, self._corner, heights.astype(np.float16))
 
     def reachable(self, start_xy: Sequence[float]) -> npt.NDArray[np.bool_]:
-        """Cells of ``grid()`` on whose centres the robot can stand after driving there from a point; all False if it is not free."""
+        """Cells of ``grid()`` on whose centres the robot can stand after driving there from a point; all False if it is
+        not free."""
         parts, _ = ndimage.label(self._clearance_m >= self.radius_m)
         if not self.free(start_xy):
             return np.zeros(_blocks(parts).shape[::2], bool)

@@ -1,4 +1,4 @@
-"""A walk through a scene as a Recording: each frame is rendered when it is asked for."""
+"""Recording of a walk through a scene; each frame is rendered on demand."""
 
 from __future__ import annotations
 
@@ -50,8 +50,8 @@ def lit_renderer(scene: Scene, camera: Camera) -> Renderer:
 class DollhouseRecording:
     """Obeys the Recording contract. Nothing is kept of a frame once it was handed out.
 
-    With a ``sensor``, images, depth and the poses that are told are disturbed; what is rendered follows the true ``poses``
-    (N, 4, 4). ``notes`` are added to those that say how the frames came about.
+    With a ``sensor``, images, depth and the poses that are told are disturbed; what is rendered follows the true
+    ``poses`` (N, 4, 4). ``notes`` are added to those that say how the frames came about.
     """
 
     def __init__(

@@ -1,7 +1,8 @@
-"""Pictures of a dollhouse: colour, exact depth and exact instances of each pixel, on one CPU core.
+"""Renderer of a dollhouse: colour, exact depth and exact instance of each pixel, on one CPU core.
 
-Window panes are left out of the picture: a robot looks through them into a garden, at no depth. Other glass (a shower door,
-a table top, a vase) is pale and opaque, so that colour, depth and instance always speak of the same thing. Mirrors are grey.
+Window panes are left out of the picture: a robot looks through them into a garden, at no depth. Other glass (a shower
+door, a table top, a vase) is pale and opaque, so that colour, depth and instance always speak of the same surface.
+Mirrors are grey.
 """
 
 from __future__ import annotations
@@ -37,7 +38,8 @@ _Hits = tuple[
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """One picture: ``rgb`` (H, W, 3) uint8; ``depth_m`` (H, W) float32, NaN where nothing is; ``instances`` (H, W) int32.
+    """One picture: ``rgb`` (H, W, 3) uint8; ``depth_m`` (H, W) float32, NaN where nothing is; ``instances`` (H, W)
+    int32.
 
     ``hard`` (H, W) marks what depth sensors fail on: glass, mirrors, screens, black.
     """
@@ -51,7 +53,8 @@ class View:
 class Renderer:
     """Looks into a scene with a camera. ``engine`` is "embree", "numpy", or None for embree where it is installed.
 
-    ``light`` bakes sun, sky, lamps and shadows when the first picture is asked for; without it surfaces are only told apart.
+    ``light`` bakes sun, sky, lamps and shadows when the first picture is asked for; without it surfaces are only told
+    apart.
     """
 
     def __init__(self, scene: Scene, camera: Camera, light: bool = True, engine: str | None = None) -> None:
@@ -134,7 +137,7 @@ class Renderer:
 
 
 def _without_panes(mesh: Triangles) -> Triangles:
-    """Glass that belongs to the house, not to a thing in it, is air."""
+    """Glass that belongs to the house, not to a furnishing in it, is air."""
     glass = np.array([name.partition(":")[0] == "glass" for name in mesh.materials])
     keep = ~(glass[mesh.part] & (mesh.instance == 0))
     return replace(mesh, faces=mesh.faces[keep], instance=mesh.instance[keep], part=mesh.part[keep])

@@ -1,7 +1,8 @@
-"""Home files: YAML to a Scene, with every fault named by its line.
+"""Home files: from YAML to a Scene; every fault is named by its line.
 
-Coordinates are the world's. Things on others are placed in the frame of what they stand on: ``at`` is the offset from
-the middle of its surface, ``face: south`` is the way it faces itself. Ids count from 1, each thing before those on it.
+Coordinates are the world's. Furnishings on others are placed in the frame of what they stand on: ``at`` is the offset
+from the middle of its surface, ``face: south`` is the way it faces itself. Ids count from 1, each furnishing before
+those on it.
 """
 
 from __future__ import annotations

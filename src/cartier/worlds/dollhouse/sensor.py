@@ -1,4 +1,4 @@
-"""What a real RGB-D camera would have made of a perfect picture: coarse depth, holes, flying pixels, noise, drifting poses."""
+"""Noise model of an RGB-D camera: coarse depth, holes, flying pixels, image noise, drifting poses."""
 
 from __future__ import annotations
 
@@ -18,12 +18,13 @@ _FRAMES, _DRIFT = 0, 1  # streams of random numbers that never touch
 
 @dataclass(frozen=True)
 class Sensor:
-    """A fault model with the size of each fault; 0 or False switches one off. The same seed and frame give the same bytes.
+    """A fault model with the size of each fault; 0 or False switches one off. The same seed and frame give the same
+    bytes.
 
-    ``depth_quantum`` is the depth step in metres at 1 m; it grows with depth squared, as disparities do (a first Kinect:
-    0.003). ``range_m`` is where depth ends. ``flying`` is the share of pixels at depth edges that hang between front and
-    back. ``image_noise`` is the deviation of the colours (of 255) and ``exposure`` that of the frame's brightness.
-    ``drift_m`` and ``drift_rad`` are how far poses wander, as a deviation after a hundred frames.
+    ``depth_quantum`` is the depth step in metres at 1 m; it grows with depth squared, as disparities do (a first
+    Kinect: 0.003). ``range_m`` is where depth ends. ``flying`` is the share of pixels at depth edges that hang between
+    front and back. ``image_noise`` is the deviation of the colours (of 255) and ``exposure`` that of the frame's
+    brightness. ``drift_m`` and ``drift_rad`` are how far poses wander, as a deviation after a hundred frames.
     """
 
     seed: int = 0
@@ -64,7 +65,8 @@ class Sensor:
     def drift(
         self, poses: Sequence[npt.NDArray[np.floating]] | npt.NDArray[np.floating]
     ) -> list[npt.NDArray[np.float64]]:
-        """Poses (4, 4) as an odometry would report them: the first is true, then error builds up as a smooth random walk."""
+        """Poses (4, 4) as an odometry would report them: the first is true, then error builds up as a smooth random
+        walk."""
         rng = np.random.default_rng((self.seed, _DRIFT))
         # a walk of n equal steps that forget over about five frames deviates by step * 5 * sqrt(n)
         steps = np.zeros((len(poses), 4))

@@ -1,4 +1,4 @@
-"""Colours of hit points: one gather in the textures, one on the light map, one product."""
+"""Shading of hit points: one look-up in the textures, one on the light map, one product."""
 
 from __future__ import annotations
 
@@ -65,8 +65,8 @@ class Shader:
     def _texel(self, column: Ints, line: Ints, which: npt.NDArray[np.intp], z: Array) -> Ints:
         """The texel's number in its material's store, at the level where a texel is about as large as the pixel.
 
-        The area that a pixel sees grows with z² and with 1/cos, which is z/height of the eye above the plane: the level is
-        half the exponent of that area in texels, read from the bits of the float.
+        The area that a pixel sees grows with z² and with 1/cos, which is z/height of the eye above the plane: the level
+        is half the exponent of that area in texels, read from the bits of the float.
         """
         area = self.footprint.take(which, mode="wrap")
         area *= z

@@ -1,4 +1,4 @@
-"""Steer the robot through a home with the keyboard, and see in the terminal what its camera sees."""
+"""Teleoperation: a person steers the robot with the keyboard and sees the camera's picture in the terminal."""
 
 from __future__ import annotations
 
@@ -42,8 +42,8 @@ def steer(
 ) -> Poses:
     """Camera poses (N, 4, 4) of a walk that a person steers from ``scene.start_xy``: one per key that changes the view.
 
-    ``keys`` come from the terminal if not given, and end with Q or when there are no more; ``show`` gets each view (H, W, 3)
-    with a line of text. A step that would collide is refused. Raises InputError where there is no terminal.
+    ``keys`` come from the terminal if not given, and end with Q or when there are no more; ``show`` gets each view (H,
+    W, 3) with a line of text. A step that would collide is refused. Raises InputError where there is no terminal.
     """
     if keys is None:
         with closing(terminal_keys()) as typed:

@@ -1,4 +1,4 @@
-"""Small tileable pictures that stand for what homes are made of: grain, weave, grout, veins, prints. All from seeded noise."""
+"""Procedural textures, tileable, from seeded noise: grain, weave, grout, veins, prints."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 Image = npt.NDArray[np.float32]
-"""(SIZE, SIZE, 3) sRGB in 0 to 1, or one channel (SIZE, SIZE); row = v, column = u. Every one repeats without a seam."""
+"""(SIZE, SIZE, 3) sRGB in 0 to 1, or one channel (SIZE, SIZE); row = v, column = u. Every one repeats without a
+seam."""
 Colour = tuple[float, float, float]
 SIZE = 256
 

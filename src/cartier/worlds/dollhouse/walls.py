@@ -1,4 +1,4 @@
-"""The shell of a home: floors, ceilings, and walls with door gaps and window holes."""
+"""Shell of a home: floors, ceilings, and walls with door gaps and window holes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A z-buffer in numpy with the same pixels as embreex gives: slower, for where embreex has no wheel."""
+"""Z-buffer in numpy with the same pixels as embreex: slower, for platforms without an embreex wheel."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ class ZBuffer:
     def hits(self, world_from_camera: Array) -> tuple[npt.NDArray[np.int32], Singles, Singles, Singles]:
         """Triangle (H * W,) or -1, barycentric u and v, and z-depth of each pixel; 0 where there is none.
 
-        A pixel's ray d = (x, y, 1) meets the plane of p0, p1, p2 at z = p0·(p1×p2) / Σe with e0 = d·(p1×p2) and so on, inside
-        where all e have one sign: linear in x and y, and true for triangles that reach behind the camera too.
+        A pixel's ray d = (x, y, 1) meets the plane of p0, p1, p2 at z = p0·(p1×p2) / Σe with e0 = d·(p1×p2) and so on,
+        inside where all e have one sign: linear in x and y, and true for triangles that reach behind the camera too.
         """
         points = (self.corners - world_from_camera[:3, 3]) @ world_from_camera[:3, :3]
         number, low, high = self._in_view(points)

@@ -1,7 +1,7 @@
-"""Every type of thing that the dollhouse knows, by AI2-THOR's name: ``build("Mug", colour="red")`` makes its shape.
+"""Catalogue of furnishings by AI2-THOR's type names: ``build("Mug", colour="red")`` makes a shape.
 
-A builder is one function, decorated with its type, its usual size and where it stands; the other modules of this package
-are full of them::
+A builder is one function, decorated with its type, its usual size and where it stands; the other modules of this
+package are full of them::
 
     @shape("Stool", size=(0.4, 0.4, 0.65), material=("oak", "metal"), second="fabric:grey")
     def stool(size: Vec3, look: Look) -> Shape: ...
@@ -56,7 +56,7 @@ _LARGEST_STRETCH = 6.0
 
 @dataclass(frozen=True)
 class Look:
-    """What a thing is made of: ``main`` takes the colour asked for; ``variant`` counts the forms, from 0."""
+    """What a furnishing is made of: ``main`` takes the colour asked for; ``variant`` counts the forms, from 0."""
 
     main: str
     second: str

@@ -1,4 +1,4 @@
-"""Machines of the household: fridge, microwave, toaster, coffee machine, kettle, washing machine, dryer."""
+"""Shapes of appliances: fridge, microwave, toaster, coffee machine, kettle, washing machine, dryer."""
 
 from __future__ import annotations
 

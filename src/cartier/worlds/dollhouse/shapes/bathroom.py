@@ -1,4 +1,4 @@
-"""Bathrooms: toilet, bath, shower, and what hangs on their walls."""
+"""Shapes of bathrooms: toilet, bath, shower, and what hangs on their walls."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What lies and hangs in bathrooms and beside sinks: soap, paper, cloths, towels, brushes."""
+"""Shapes of bathroom and sink supplies: soap, paper, cloths, towels, brushes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Things to read, to write and to pay with, and small devices."""
+"""Shapes of stationery, books, cards and small devices."""
 
 from __future__ import annotations
 

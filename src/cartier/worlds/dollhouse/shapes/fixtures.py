@@ -1,4 +1,4 @@
-"""Lamps, a screen, plants, and a vacuum cleaner."""
+"""Shapes of lamps, a screen, plants, and a vacuum cleaner."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Food, whole and sliced."""
+"""Shapes of food, whole and sliced."""
 
 from __future__ import annotations
 

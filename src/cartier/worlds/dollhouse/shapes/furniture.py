@@ -1,4 +1,4 @@
-"""What people sit, lie and work on: sofas, chairs, beds, tables."""
+"""Shapes of seats, beds and tables."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What hangs on walls: pictures, windows, blinds, curtains, switches."""
+"""Shapes on walls: pictures, windows, blinds, curtains, switches."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What furniture is made of: upholstery, carcasses, legs, handles, basins and hanging cloth."""
+"""Components of furniture: upholstery, carcasses, legs, handles, basins and hanging cloth."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ _CORNER = np.array([0.0, math.pi / 4, math.pi / 2])
 
 
 def rectangle(low: Sequence[float], high: Sequence[float], z: float, radius: float = 0.0) -> Ring:
-    """A rectangle with rounded corners at height z, counter-clockwise from above: (12, 3) points, or (4, 3) if sharp."""
+    """A rectangle with rounded corners at height z, counter-clockwise from above: (12, 3) points, or (4, 3) if
+    sharp."""
     (x1, y1), (x2, y2) = low[:2], high[:2]
     if radius <= 0:
         return np.array([(x1, y1, z), (x2, y1, z), (x2, y2, z), (x1, y2, z)])
@@ -67,7 +68,8 @@ def loft(rings: Sequence[Ring], material: str, ends: bool = True) -> Part:
 
 
 def pipe(path: Sequence[Vec3], radius: float, material: str, sides: int = 8) -> Part:
-    """A round bar along a path, with flat ends; its rings follow the bends without a twist. A closed path makes a ring."""
+    """A round bar along a path, with flat ends; its rings follow the bends without a twist. A closed path makes a
+    ring."""
     line = np.array(path, dtype=np.float64)
     closed = len(line) > 2 and bool(np.allclose(line[0], line[-1]))
     along = np.gradient(line, axis=0)
@@ -131,7 +133,8 @@ def case(low: Sequence[float], high: Sequence[float], thick: float, material: st
 def legs(
     width: float, depth: float, top: float, thick: float, material: str, taper: float = 1.0, splay: float = 0.0
 ) -> list[Part]:
-    """Four legs whose feet stand in the corners of the footprint; ``taper`` thins the foot, ``splay`` sets tops inwards."""
+    """Four legs whose feet stand in the corners of the footprint; ``taper`` thins the foot, ``splay`` sets tops
+    inwards."""
     half, foot = thick / 2, thick * taper / 2
     made = []
     for sx, sy in ((-1, -1), (1, -1), (1, 1), (-1, 1)):

@@ -1,4 +1,4 @@
-"""Kitchens: counters, sinks, faucets, burners, bins."""
+"""Shapes of kitchens: counters, sinks, faucets, burners, bins."""
 
 from __future__ import annotations
 
@@ -58,7 +58,8 @@ def _oven(x1: float, x2: float, y: float, low: float, high: float) -> list[Part]
     forms=3,
 )
 def counter_top(size: Vec3, look: Look) -> Shape:
-    """Cupboards under a stone top; the second has an oven. Deeper than 1 m it goes round a corner, its arm on the right."""
+    """Cupboards under a stone top; the second has an oven. Deeper than 1 m it goes round a corner, its arm on the
+    right."""
     w, d, h = size
     arm = 0.6
     if d <= 1.0:

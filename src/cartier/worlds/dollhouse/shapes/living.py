@@ -1,4 +1,4 @@
-"""Decoration, toys and sports things, and what stands about in a home."""
+"""Shapes of decoration, toys, sports gear and other loose furnishings."""
 
 from __future__ import annotations
 

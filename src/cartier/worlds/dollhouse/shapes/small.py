@@ -1,4 +1,4 @@
-"""What the builders of small things share: more primitives, and the shape made of them."""
+"""Primitives for small objects, and the shape that is made of them."""
 
 from __future__ import annotations
 
@@ -52,7 +52,8 @@ def washer(inner: float, outer: float, z1: float, z2: float, material: str, side
 
 
 def rod(path: Sequence[Vec3], radius: float, material: str, sides: int = 6) -> Part:
-    """A round bar along a path that may turn any way, with closed ends: ``mesh.tube`` twists where a path turns back."""
+    """A round bar along a path that may turn any way, with closed ends: ``mesh.tube`` twists where a path turns
+    back."""
     line = np.array(path, dtype=np.float64)
     along = np.gradient(line, axis=0)
     along /= np.linalg.norm(along, axis=1, keepdims=True)

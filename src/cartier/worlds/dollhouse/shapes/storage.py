@@ -1,4 +1,4 @@
-"""What keeps things: shelves, drawers, cabinets, a safe, a trolley, a laundry basket."""
+"""Shapes of storage: shelves, drawers, cabinets, a safe, a trolley, a laundry basket."""
 
 from __future__ import annotations
 
@@ -117,7 +117,8 @@ def tv_stand(size: Vec3, look: Look) -> Shape:
     forms=2,
 )
 def cabinet(size: Vec3, look: Look) -> Shape:
-    """A wall cabinet: a door on its left half, the right half open with its shelves to be seen; the second is closed."""
+    """A wall cabinet: a door on its left half, the right half open with its shelves to be seen; the second is
+    closed."""
     w, d, h = size
     t, y, shelf_z = 0.018, -d / 2 + 0.04, 0.5 * h
     parts = case((-w / 2, y, 0), (w / 2, d / 2, h), t, look.main)

@@ -1,4 +1,4 @@
-"""Crockery, cutlery, bottles and what one cooks with."""
+"""Shapes of crockery, cutlery, bottles and cooking utensils."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""What the scorer of the embedded reasoner learns from: the requests, lists of objects to choose from, and variations.
+"""Training requests of the embedded reasoner's scorer: texts, lists of objects to choose from, and variations.
 
-Variations make more of the requests and of the cards: a story of somebody else's put before, a thing turned down, a name
-asked for among others. Each is written down here as a frame, none is taken from a request that validates.
+Variations make more of the requests and of the cards: a story of somebody else's put before, a thing turned down, a
+name asked for among others. Each is written down here as a frame, none is taken from a request that validates.
 """
 
 from __future__ import annotations
@@ -110,7 +110,8 @@ class Homes:
         return sorted(cards.items())
 
     def sample(self, request: Request, rng: random.Random, serve: bool = True) -> list[str]:
-        """Names with at least one that serves each need, and mostly the distractors; with ``serve`` False, none that does."""
+        """Names with at least one that serves each need, and mostly the distractors; with ``serve`` False, none that
+        does."""
         kind = rng.random()
         if kind < 0.45:
             base = rng.choice(self.houses) + rng.sample(self.thor, 10)

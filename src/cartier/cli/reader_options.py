@@ -5,11 +5,19 @@ from __future__ import annotations
 import functools
 import inspect
 from collections.abc import Callable
-from typing import Annotated, Any, get_type_hints
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import typer
 
+from cartier import plugins
 from cartier.cli._common import numbers
+from cartier.errors import CartierError
+
+if TYPE_CHECKING:
+    from cartier.contracts import Recording
+    from cartier.home import Home
 
 OPTIONS: dict[str, tuple[str, type, str]] = {
     "format": ("--format", str, "The recording's format ('cartier list'), if it is not detected."),
@@ -43,6 +51,21 @@ def remembered(stored: Any) -> dict[str, Any]:
         if value in formats if name == "format" else listed if name == "up" else plain or (kind is str and listed):
             kept[name] = value
     return kept
+
+
+def as_mapped(home: Home, path: Path, format: str | None = None) -> Recording:
+    """A recording, read with the options that the home was mapped with, if they give the mapped recording."""
+    tried: list[dict[str, Any]] = []
+    own = {"format": format} if format else {}
+    for row in home.settings["recordings"]:
+        reader = remembered(row.get("read_with")) | own
+        if reader not in tried:
+            tried.append(reader)
+            with suppress(CartierError):  # they may be the options of another recording
+                source = plugins.open_recording(path, **reader)
+                if source.fingerprint() in (row["sha256"] for row in home.settings["recordings"]):
+                    return source
+    return plugins.open_recording(path, **own)
 
 
 def reads_recordings(command: Callable[..., None]) -> Callable[..., None]:

@@ -1,15 +1,14 @@
-"""Kill every writing command, or fill its disk, before each of its file-system events: old or new must be left, never half.
+"""Interruption test of every writing command, killed or with a full disk at each event: old or new files are left.
 
-    python benchmarks/interrupted.py             all events of map, append, convert, record, doctor --fix, demo and bench
-    python benchmarks/interrupted.py map --every 5
+    python benchmarks/interruptions.py             all events of map, append, convert, record, doctor --fix and bench
+    python benchmarks/interruptions.py map --every 5
 
-After each interruption what is there is read (the old or the new content, or nothing where there was nothing), the command is run
-again, and the result must be what an undisturbed run gives, with nothing left beside it.
+After each interruption what is there is read (the old or the new content, or nothing where there was nothing), the
+command is run again, and the result must be what an undisturbed run gives, with nothing left beside it.
 """
 
 from __future__ import annotations
 
-import argparse
 import collections
 import json
 import shutil
@@ -23,6 +22,7 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 import numpy as np
+from command_line import Parser, run_script
 
 import cartier
 import cartier.cli
@@ -35,7 +35,8 @@ from synthetic import THINGS, RoomRecording, walk
 
 @dataclass(frozen=True)
 class Case:
-    """A command that writes ``result`` below a work folder, what is there before, and how to read what is there after."""
+    """A command that writes ``result`` below a work folder, what is there before, and how to read what is there
+    after."""
 
     arguments: Callable[[Path], list[object]]
     before: Callable[[Path], None]
@@ -149,10 +150,12 @@ def sweep(case: Case, base: Path, every: int, error: bool) -> tuple[int, collect
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("cases", nargs="*")
-    parser.add_argument("--every", type=int, default=1, help="interrupt only every so manieth event")
+    parser = Parser(__doc__)
+    parser.add_argument("cases", nargs="*", help=f"{', '.join(cases(Path()))} (default: all)")
+    parser.add_argument("--every", type=int, default=1, metavar="N", help="interrupt only every N-th event")
     given = parser.parse_args()
+    if unknown := set(given.cases) - set(cases(Path())):
+        parser.error(f"no case {', '.join(sorted(unknown))}")
     with tempfile.TemporaryDirectory() as folder:
         base = Path(folder)
         (base / "made").mkdir()
@@ -163,7 +166,8 @@ def main() -> None:
                 begin = time.perf_counter()
                 events, found = sweep(known[name], base, given.every, error)
                 print(
-                    f"{name:9} {'I/O error' if error else 'kill':9} {events:4} events  {time.perf_counter() - begin:5.0f} s"
+                    f"{name:9} {'I/O error' if error else 'kill':9} {events:4} events  "
+                    f"{time.perf_counter() - begin:5.0f} s"
                 )
                 for what, count in found.most_common():
                     print(f"    {count:4} {what}", flush=True)
@@ -173,4 +177,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

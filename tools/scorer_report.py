@@ -1,4 +1,4 @@
-"""What a reasoner made of requests that validate: the outcomes, and the table of them."""
+"""Report on validation requests: the outcomes, and the table of them."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
-from _scorer_requests import Homes, Request
+from scorer_requests import Homes, Request
 
 from cartier.reasoners.embedded import Embedded
 from cartier.types import Inventory
@@ -22,7 +22,8 @@ SERVED = ("explicit", "implicit", "conversational")
 class Outcome:
     """What became of one request over one list. ``serves`` is False where the list held nothing that serves.
 
-    ``goals`` and ``right`` are what was chosen, and whether it was that; ``top`` is whether the most probable thing serves.
+    ``goals`` and ``right`` are what was chosen, and whether it was that; ``top`` is whether the most probable thing
+    serves.
     """
 
     text: str
@@ -70,7 +71,8 @@ def _outcome(reasoner: Embedded, request: Request, names: list[str], serves: boo
 def table(outcomes: list[Outcome]) -> str:
     """Per style and kind: how often the choice was right; and what became of requests that nothing serves."""
     lines = [
-        "| style | explicit | implicit | conversational | best guess: implicit | conversational | asked back | nothing: a goal |",
+        "| style | explicit | implicit | conversational | best guess: implicit | conversational | asked back | "
+        "nothing: a goal |",
         "|---|---|---|---|---|---|---|---|",
     ]
     styles = sorted({o.style for o in outcomes})

@@ -1,6 +1,7 @@
-"""How fast a 640x480 RGB-D bag is read, decoded and paired with poses, and in how much memory: frames per second, one core.
+"""Benchmark of bag reading: frames per second on one core, and memory, of a 640x480 RGB-D bag with poses.
 
-python benchmarks/bags.py [FRAMES ...]    (default: 150 600, so that the memory of a short and a long bag can be compared)
+python benchmarks/bag_reading.py [FRAMES ...]
+    (default: 150 600, so that the memory of a short and a long bag can be compared)
 Raw rgb8 and 16UC1 images with noise, CameraInfo, /tf at 50 Hz; each figure is of a fresh process, opening included.
 """
 
@@ -18,6 +19,7 @@ import time
 from pathlib import Path
 
 import numpy as np
+from command_line import Parser, run_script
 
 from cartier.types import Camera
 
@@ -67,7 +69,22 @@ def read(path: Path) -> None:
     print(opened - begun, done - opened, len(recording), peak)
 
 
-def main(counts: list[int]) -> None:
+def main() -> None:
+    parser = Parser(__doc__)
+    parser.add_argument(
+        "frames", nargs="*", type=int, default=[150, 600], help="lengths of the bags (default: 150 600)"
+    )
+    parser.add_argument(
+        "--read", type=Path, metavar="BAG", help="read one bag and print its figures (what it starts for each)"
+    )
+    options = parser.parse_args()
+    if options.read:
+        read(options.read)
+    else:
+        compare(options.frames)
+
+
+def compare(counts: list[int]) -> None:
     print("bag           frames   MB on disk   open s   read s   frames/s   peak MB")
     slow = []
     with tempfile.TemporaryDirectory() as folder:
@@ -82,7 +99,8 @@ def main(counts: list[int]) -> None:
                 rate = frames / (opened + reading)
                 name = f"{kind} {compression}"
                 print(
-                    f"{name:12}  {frames:6.0f}   {size:10.0f}   {opened:6.2f}   {reading:6.2f}   {rate:8.0f}   {peak:7.0f}"
+                    f"{name:12}  {frames:6.0f}   {size:10.0f}   {opened:6.2f}   {reading:6.2f}   {rate:8.0f}   "
+                    f"{peak:7.0f}"
                 )
                 if not compression and rate < WANTED:
                     slow.append(name)
@@ -93,7 +111,4 @@ def main(counts: list[int]) -> None:
 
 
 if __name__ == "__main__":
-    if sys.argv[1:2] == ["--read"]:
-        read(Path(sys.argv[2]))
-    else:
-        main([int(count) for count in sys.argv[1:]] or [150, 600])
+    run_script(main)

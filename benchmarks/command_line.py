@@ -1,0 +1,36 @@
+"""Command line of the scripts: help from the docstring, mistakes and missing data as one line."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable
+from typing import Any, NoReturn
+
+from cartier.errors import CartierError
+
+OPTIONAL = ("httpx", "onnx", "safetensors", "torch", "transformers")  # packages that only some scripts need
+
+
+class Parser(argparse.ArgumentParser):
+    """An argument parser that is described by a script's docstring."""
+
+    def __init__(self, description: str | None = None, **options: Any) -> None:
+        super().__init__(description=description, formatter_class=argparse.RawDescriptionHelpFormatter, **options)
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"{self.prog}: {message} (--help lists the options)\n")
+
+
+def run_script(main: Callable[[], int | None]) -> NoReturn:
+    """Run a script and exit with its code; data or a package that is missing is one line and exit code 1."""
+    try:
+        sys.exit(main())
+    except CartierError as error:
+        sys.exit(f"{sys.argv[0]}: {error}")
+    except FileNotFoundError as error:
+        sys.exit(f"{sys.argv[0]}: {error.filename} does not exist")
+    except ModuleNotFoundError as error:
+        if (error.name or "").partition(".")[0] not in OPTIONAL:
+            raise
+        sys.exit(f"{sys.argv[0]}: needs {error.name}, which is not installed")

@@ -1,0 +1,66 @@
+"""Descriptions of objects in words: where one is, and what distinguishes several."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from cartier.spatial.query import Scene
+from cartier.spatial.relations import ASKED_NEAR_M
+from cartier.types import MapObject, Room
+
+
+def whereabouts(scene: Scene, obj: MapObject) -> str:
+    """Where an object is, in words: "on the table in the kitchen"."""
+    phrases = _places(scene, obj)[:1]
+    room = scene.room_of(obj)
+    if room is not None and _inside(room) not in phrases:
+        phrases.append(_inside(room))
+    return " ".join(phrases)
+
+
+def _places(scene: Scene, obj: MapObject) -> list[str]:
+    """All phrases for where an object is, the most specific first."""
+    told = []
+    held = scene.holders.get(obj.id)
+    if held is not None and held.object is not None:
+        told.append(f"{held.kind} the {scene.by_id[held.object].label}")
+    least_m3 = max(_volume_m3(obj) / 2, 0.02)
+    marks = (
+        o for o in scene.objects
+        if o.label != obj.label and o.id != (held.object if held else None)
+        and (o.label not in scene.several or held is None) and _volume_m3(o) > least_m3
+    )  # fmt: skip
+    beside = sorted(marks, key=lambda o: scene.distance_m(obj, o))
+    told += [f"by the {o.label}" for o in beside[:4] if scene.distance_m(obj, o) <= ASKED_NEAR_M and o.room == obj.room]
+    room = scene.room_of(obj)
+    return told + ([_inside(room)] if room is not None else [])
+
+
+def tell_apart(scene: Scene, found: Sequence[MapObject]) -> list[str]:
+    """For each object a phrase that none of the others has: room, place, colour or size; "" where there is none."""
+    every = []
+    for obj in found:
+        room = scene.room_of(obj)
+        told = ([_inside(room)] if room is not None else []) + _places(scene, obj)
+        told += [f"the {obj.colours[0][0]} one"] if obj.colours else []
+        every.append(list(dict.fromkeys(told)))
+    apart = [
+        next((words for words in told if not any(words in other for k, other in enumerate(every) if k != i)), "")
+        for i, told in enumerate(every)
+    ]
+    if len(found) == 2 and not all(apart):
+        big, small = map(_volume_m3, found)
+        if max(big, small) > 1.3 * min(big, small):
+            apart = ["the bigger one", "the smaller one"] if big > small else ["the smaller one", "the bigger one"]
+    return apart
+
+
+def _inside(room: Room) -> str:
+    """ "in the kitchen", "in bedroom 2"."""
+    return f"in {room.name}" if room.name[-1:].isdigit() or "'s" in room.name else f"in the {room.name}"
+
+
+def _volume_m3(obj: MapObject) -> float:
+    return float(np.prod(np.subtract(obj.box_max, obj.box_min)))

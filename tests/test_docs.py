@@ -1,0 +1,130 @@
+"""Documents against the project: links, anchors, commands, Python blocks."""
+
+from __future__ import annotations
+
+import ast
+import re
+import shlex
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+from urllib.parse import unquote
+
+import pytest
+import typer.main
+
+from cartier.cli import app
+
+ROOT = Path(__file__).parents[1]
+DOCUMENTS = [
+    str(p.relative_to(ROOT)) for p in (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").glob("*.md"))
+]
+FENCE = re.compile(r"^```(\w*)\n(.*?)^```", re.MULTILINE | re.DOTALL)
+LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)")
+SPAN = re.compile(r"`([^`\n]+)`")
+END_OF_COMMAND = ("&&", "||", "|", ";", "&", ">", "#")
+
+
+def text_of(document: str) -> str:
+    return (ROOT / document).read_text("utf-8")
+
+
+def anchors(path: Path) -> set[str]:
+    """The anchors that the headings of a document have where it is shown."""
+    heads = re.findall(r"^#+ +(.+?) *$", FENCE.sub("", path.read_text("utf-8")), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", head.replace("`", "").lower()).replace(" ", "-") for head in heads}
+
+
+def commands(document: str, first: str) -> Iterator[list[str]]:
+    """The words of each command line of a document, in blocks and in spans of code, that runs ``first``."""
+    text = text_of(document)
+    lines = [line for _, block in FENCE.findall(text) for line in block.replace("\\\n", " ").splitlines()]
+    for line in (*lines, *SPAN.findall(FENCE.sub("", text))):
+        try:
+            words = shlex.split(line.removeprefix("$ "), comments=True)
+        except ValueError:  # an apostrophe in prose
+            continue
+        here: list[str] = []
+        for word in (*words, ";"):
+            if word not in END_OF_COMMAND:
+                here.append(word)
+                continue
+            while here and re.fullmatch(r"\w+=\S*", here[0]):  # variables of the environment
+                here = here[1:]
+            if here[:1] == [first]:
+                yield here[1:]
+            here = []
+
+
+@cache
+def command_line() -> dict[str, set[str]]:
+    """The options of each command of ``cartier``."""
+    group = typer.main.get_command(app)
+    return {
+        name: {"--help", *(option for given in command.params for option in (*given.opts, *given.secondary_opts))}
+        for name, command in group.commands.items()  # type: ignore[attr-defined]
+    }
+
+
+def script_knows(script: Path, words: list[str]) -> bool:
+    """Whether a script's parser is given the options of a command, and its subcommand if it has some."""
+    nodes = list(ast.walk(ast.parse(script.read_text("utf-8"))))
+    calls = [(n.func.attr, n.args) for n in nodes if isinstance(n, ast.Call) and isinstance(n.func, ast.Attribute)]
+    named = {str(ast.literal_eval(given[0])) for name, given in calls if name == "add_argument"}
+    texts = {n.value for n in nodes if isinstance(n, ast.Constant)}
+    has_subcommands = any(name == "add_subparsers" for name, _ in calls)
+    return options_in(words) <= {"--help", *named} and (not has_subcommands or words[0] in texts)
+
+
+def options_in(words: list[str]) -> set[str]:
+    return {word.partition("=")[0] for word in words if re.fullmatch(r"--?[a-z][\w-]*(=.*)?", word)}
+
+
+@pytest.mark.parametrize("document", DOCUMENTS)
+def test_links_lead_somewhere(document: str) -> None:
+    dead = []
+    for link in LINK.findall(FENCE.sub("", text_of(document))):
+        if re.match(r"[a-z]+:", link):
+            continue
+        name, _, anchor = unquote(link).partition("#")
+        target = (ROOT / document).parent / name if name else ROOT / document
+        if not target.exists() or (anchor and anchor not in anchors(target)):
+            dead.append(link)
+    assert not dead
+
+
+@pytest.mark.parametrize("document", DOCUMENTS)
+def test_cartier_commands_exist(document: str) -> None:
+    unknown = []
+    for words in commands(document, "cartier"):
+        if not words or not re.fullmatch(r"[a-z][\w-]*", words[0]):
+            continue  # `cartier --help`, or the name alone
+        known = command_line().get(words[0])
+        if known is None or options_in(words) - known:
+            unknown.append(" ".join(["cartier", *words]))
+    assert not unknown
+
+
+@pytest.mark.parametrize("document", DOCUMENTS)
+def test_script_commands_exist(document: str) -> None:
+    unknown = []
+    for words in commands(document, "python"):
+        if not words or not words[0].endswith(".py"):
+            continue
+        script = ROOT / words[0]
+        if not script.is_file() or not script_knows(script, words[1:]):
+            unknown.append(" ".join(words))
+    assert not unknown
+
+
+def test_commands_are_found_in_documents() -> None:
+    """The checks above look at something."""
+    assert sum(len(list(commands(document, "cartier"))) for document in DOCUMENTS) > 50
+    assert sum(len(list(commands(document, "python"))) for document in DOCUMENTS) > 20
+
+
+@pytest.mark.parametrize("document", DOCUMENTS)
+def test_python_blocks_compile(document: str) -> None:
+    for kind, block in FENCE.findall(text_of(document)):
+        if kind == "python" and document != "docs/api.md":  # which shows signatures
+            compile(block, document, "exec")

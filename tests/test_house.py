@@ -1,0 +1,119 @@
+"""House rules over the source: private modules, size, line length, what an import loads."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import subprocess
+import sys
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+import cartier
+
+ROOT = Path(__file__).parents[1]
+SOURCE = ROOT / "src" / "cartier"
+FILE_LINES, FUNCTION_LINES = 350, 60
+LONG_FILES = {
+    "types.py": "the data types of the whole program, of which a third is documentation",
+    "testing.py": "the laws of all seven kinds of backend",
+    "contracts.py": "the interfaces of all seven kinds of backend, of which half is documentation",
+    "understanding/references.py": "one parser, which a learned one replaces",
+    "serving/operations.py": "one function for each operation of the HTTP API and the MCP server",
+}
+LONG_FUNCTIONS = {
+    "cli/_bench.py bench": "the options of one command, each with its help",
+    "cli/_make.py map_command": "the options of one command, each with its help",
+    "cli/_show.py show": "the options of one command, each with its help",
+    "pipeline.py map_home": "more than half of it is its documentation",
+    "pipeline.py serve": "half of it is its documentation",
+    "understanding/references.py _sentence": "part of the parser that a learned one replaces",
+}
+HEAVY = (
+    "PIL", "aiohttp", "ai2thor", "av", "embreex", "fastapi", "filelock", "httpx", "huggingface_hub", "matplotlib",
+    "mcp", "mistralrs", "onnxruntime", "openai", "pydantic", "rerun", "rich", "rosbags", "scipy", "torch",
+    "transformers", "typer", "uvicorn", "yaml",
+)  # fmt: skip
+
+
+def private_imports(folder: str) -> Iterator[str]:
+    """Imports of what a leading underscore keeps to its own folder, by files outside of that folder."""
+    for path in sorted((ROOT / folder).rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+            if isinstance(node, ast.ImportFrom):
+                names = [f"{node.module}.{alias.name}" for alias in node.names]
+            elif isinstance(node, ast.Import):
+                names = [alias.name for alias in node.names]
+            else:
+                continue
+            for name in names:
+                parts = name.split(".")
+                private = [k for k, part in enumerate(parts) if part.startswith("_") and not part.startswith("__")]
+                ours = parts[0] == "cartier" or private[:1] == [0]
+                if private and ours and not home_of(parts[: private[0] + 1], path):
+                    yield f"{path.relative_to(ROOT)}:{node.lineno}: {name}"
+
+
+def home_of(parts: list[str], path: Path) -> bool:
+    """Whether a file lies in the folder to which a private module belongs. A private name belongs to its module
+    alone."""
+    if parts[0] != "cartier":
+        return (path.parent / f"{parts[0]}.py").is_file()
+    is_module = (ROOT / "src").joinpath(*parts).with_suffix(".py").is_file() or (ROOT / "src").joinpath(*parts).is_dir()
+    return is_module and path.is_relative_to((ROOT / "src").joinpath(*parts[:-1]))
+
+
+@pytest.mark.parametrize(
+    "folder",
+    ["src", "tests", "tools", "benchmarks", "examples"],
+)
+def test_no_private_import_across_packages(folder: str) -> None:
+    found = list(private_imports(folder))
+    assert not found, f"{len(found)} private imports:\n" + "\n".join(found)
+
+
+def test_core_loads_nothing_heavier_than_numpy() -> None:
+    code = "import sys, cartier; print(*{name.partition('.')[0] for name in sys.modules})"
+    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+    assert "numpy" in loaded
+    assert not set(loaded) & set(HEAVY)
+
+
+def test_line_length_is_linted() -> None:
+    lint = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["tool"]["ruff"]["lint"]
+    assert "E" in lint["select"]
+    assert "E501" not in lint["ignore"]
+
+
+def test_files_are_short() -> None:
+    lines = {str(p.relative_to(SOURCE)): p.read_text("utf-8").count("\n") for p in SOURCE.rglob("*.py")}
+    long = {name for name, count in lines.items() if count > FILE_LINES}
+    assert long == LONG_FILES.keys(), "split the file, or take a name that is short again from the list"
+
+
+def test_functions_are_short() -> None:
+    long = {
+        f"{path.relative_to(SOURCE)} {node.name}"
+        for path in SOURCE.rglob("*.py")
+        for node in ast.walk(ast.parse(path.read_text("utf-8")))
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
+        and (node.end_lineno or 0) - node.lineno >= FUNCTION_LINES
+    }
+    assert long == LONG_FUNCTIONS.keys(), "split the function, or take a name that is short again from the list"
+
+
+@pytest.mark.parametrize("name", ["types.py", "contracts.py", "pipeline.py"])
+def test_story_file_is_there(name: str) -> None:
+    assert ast.get_docstring(ast.parse((SOURCE / name).read_text("utf-8")))
+    assert name in (ROOT / "CONTRIBUTING.md").read_text("utf-8")
+
+
+@pytest.mark.parametrize("name", cartier.__all__)
+def test_public_name_is_documented(name: str) -> None:
+    member = getattr(cartier, name)
+    said = inspect.getdoc(member) or ""
+    assert said
+    assert not said.startswith(f"{name}("), "that is what dataclass writes by itself"
