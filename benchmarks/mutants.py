@@ -36,6 +36,7 @@ from hypothesis import Phase
 
 HERE = Path(__file__).resolve().parent
 PASSED, FAILED = 0, 1  # exit codes of pytest
+UNTESTED = 70  # exit code of a run that did not test the copy of the source
 HEAVY = [
     "numpy",
     "scipy.ndimage",
@@ -159,9 +160,13 @@ def run(root: Path, folder: str, tests: Sequence[str], timeout_s: float) -> tupl
             os.environ |= {"PYTHONPATH": folder, "OMP_NUM_THREADS": "1"}
             sys.path.insert(0, folder)
             sys.dont_write_bytecode = True
-            code = 70
+            for name in [name for name in sys.modules if name.partition(".")[0] == "cartier"]:
+                del sys.modules[name]  # command_line.py has imported the whole one
+            code = UNTESTED
             try:
-                code = int(pytest.main(["-x", "-q", "-p", "no:cacheprovider", "--hypothesis-profile=mutants", *tests]))
+                ended = int(pytest.main(["-x", "-q", "-p", "no:cacheprovider", "--hypothesis-profile=mutants", *tests]))
+                tested = (sys.modules["cartier"].__file__ or "").startswith(folder)
+                code = ended if tested else UNTESTED
             finally:
                 sys.stdout.flush()
                 os._exit(code)
