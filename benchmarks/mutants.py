@@ -1,8 +1,8 @@
-"""Mutation tests of mechanisms: which faults in the source, put there one at a time, no test notices.
+"""Mutation tests of mechanisms: faults are put into the source one at a time, and the tests must notice each.
 
 python benchmarks/mutants.py [--group association] [--group existence] [--json mutants.json]
 
-The mutations are a kept list, ``benchmarks/mutants*.toml``: each removes or inverts one mechanism (a term of a score, a
+The mutations are a kept list, ``benchmarks/mutants.toml``: each removes or inverts one mechanism (a term of a score, a
 gate, a limit), and each bug that is found adds one. Tools that mutate every operator, such as mutmut and cosmic-ray,
 make thousands of mutants, most of them equivalent or trivial, and do not say which mechanism is untested. Run it before
 each release.
@@ -36,6 +36,7 @@ from hypothesis import Phase
 
 HERE = Path(__file__).resolve().parent
 PASSED, FAILED = 0, 1  # exit codes of pytest
+UNTESTED = 70  # exit code of a run that did not test the copy of the source
 HEAVY = [
     "numpy",
     "scipy.ndimage",
@@ -62,7 +63,7 @@ class Mutant:
 
 def main() -> int:
     options = parsed()
-    mutants = [m for m in kept(options.root) if not options.group or m.group in options.group]
+    mutants = [m for m in read(options.root) if not options.group or m.group in options.group]
     mutants = [m for m in mutants if not options.name or m.name in options.name]
     if not mutants:
         print("no such group or name", file=sys.stderr)
@@ -80,9 +81,9 @@ def main() -> int:
     with tempfile.TemporaryDirectory(prefix="mutants-") as folder:
         shutil.copytree(options.root / "src" / "cartier", Path(folder) / "cartier")
         for tests in dict.fromkeys(mutant.tests for mutant in mutants):
-            code, told = run(options.root, folder, tests, options.timeout_s)
+            code, printed = run(options.root, folder, tests, options.timeout_s)
             if code != PASSED:
-                print(f"without any mutation {' '.join(tests)} fails:\n{told}", file=sys.stderr)
+                print(f"without any mutation {' '.join(tests)} fails:\n{printed}", file=sys.stderr)
                 return 1
         for number, mutant in enumerate(mutants, 1):
             begin = time.perf_counter()
@@ -93,9 +94,9 @@ def main() -> int:
             )
     print("\n" + table(outcomes))
     if options.json:
-        rows = [asdict(mutant) | {"outcome": told} for mutant, told in outcomes.items()]
+        rows = [asdict(mutant) | {"outcome": result} for mutant, result in outcomes.items()]
         options.json.write_text(json.dumps(rows, indent=1) + "\n")
-    return int(any(told.startswith("broken") for told in outcomes.values()))
+    return int(any(result.startswith("broken") for result in outcomes.values()))
 
 
 def parsed() -> argparse.Namespace:
@@ -110,15 +111,10 @@ def parsed() -> argparse.Namespace:
     return parser.parse_args()
 
 
-def kept(root: Path) -> list[Mutant]:
-    """All mutants of ``benchmarks/mutants*.toml``."""
-    found = []
-    for file in sorted((root / "benchmarks").glob("mutants*.toml")):
-        told = tomllib.loads(file.read_text())
-        for row in told["mutant"]:
-            tests = row.pop("tests", None) or told["tests"][row["group"]]
-            found.append(Mutant(**row, tests=tuple(tests)))
-    return found
+def read(root: Path) -> list[Mutant]:
+    """All mutants of ``benchmarks/mutants.toml``."""
+    kept = tomllib.loads((root / "benchmarks" / "mutants.toml").read_text())
+    return [Mutant(**row | {"tests": tuple(row.get("tests", kept["tests"][row["group"]]))}) for row in kept["mutant"]]
 
 
 def misfit(mutant: Mutant, root: Path) -> str:
@@ -139,13 +135,13 @@ def outcome(mutant: Mutant, root: Path, folder: Path, timeout_s: float) -> str:
         compile(text, mutant.file, "exec")
         file.write_text(text)
         Path(importlib.util.cache_from_source(file)).unlink(missing_ok=True)
-        code, told = run(root, str(folder), mutant.tests, timeout_s)
+        code, printed = run(root, str(folder), mutant.tests, timeout_s)
     except SyntaxError as error:
         return f"broken: {error}"
     finally:
         file.write_text(whole)
     if code not in (PASSED, FAILED):
-        return f"broken: pytest ended with {code}: {told[-300:]}"
+        return f"broken: pytest ended with {code}: {printed[-300:]}"
     return "survived" if code == PASSED else "killed"
 
 
@@ -154,25 +150,29 @@ def run(root: Path, folder: str, tests: Sequence[str], timeout_s: float) -> tupl
 
     It runs in a fork of this process, which has loaded the heavy libraries: five times as fast as a new one.
     """
-    with tempfile.TemporaryFile() as told:
+    with tempfile.TemporaryFile() as output:
         child = os.fork()
         if child == 0:
             os.setpgid(0, 0)
-            os.dup2(told.fileno(), 1)
-            os.dup2(told.fileno(), 2)
+            os.dup2(output.fileno(), 1)
+            os.dup2(output.fileno(), 2)
             os.chdir(root)
             os.environ |= {"PYTHONPATH": folder, "OMP_NUM_THREADS": "1"}
             sys.path.insert(0, folder)
             sys.dont_write_bytecode = True
-            code = 70
+            for name in [name for name in sys.modules if name.partition(".")[0] == "cartier"]:
+                del sys.modules[name]  # command_line.py has imported the whole one
+            code = UNTESTED
             try:
-                code = int(pytest.main(["-x", "-q", "-p", "no:cacheprovider", "--hypothesis-profile=mutants", *tests]))
+                ended = int(pytest.main(["-x", "-q", "-p", "no:cacheprovider", "--hypothesis-profile=mutants", *tests]))
+                tested = (sys.modules["cartier"].__file__ or "").startswith(folder)
+                code = ended if tested else UNTESTED
             finally:
                 sys.stdout.flush()
                 os._exit(code)
         code = waited(child, timeout_s)
-        told.seek(0)
-        return code, told.read()[-3000:].decode(errors="replace")
+        output.seek(0)
+        return code, output.read()[-3000:].decode(errors="replace")
 
 
 def waited(child: int, timeout_s: float) -> int:
@@ -192,8 +192,8 @@ def table(outcomes: dict[Mutant, str]) -> str:
     """Markdown: one row a group, survivors by name."""
     rows = ["| group | mutants | killed | survivors |", "|---|---:|---:|---|"]
     for group in dict.fromkeys(mutant.group for mutant in outcomes):
-        mine = {mutant.name: told for mutant, told in outcomes.items() if mutant.group == group}
-        left = [name for name, told in mine.items() if told != "killed"]
+        mine = {mutant.name: result for mutant, result in outcomes.items() if mutant.group == group}
+        left = [name for name, result in mine.items() if result != "killed"]
         rows.append(f"| {group} | {len(mine)} | {len(mine) - len(left)} | {'; '.join(left) or 'none'} |")
     return "\n".join(rows)
 
