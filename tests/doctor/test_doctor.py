@@ -97,7 +97,7 @@ def test_a_fault_is_named_and_repaired(home: Recording, injected: str) -> None:
 def test_unregistered_depth_is_known_as_published(raw_kitchen: Recording) -> None:
     """7-Scenes' depth is the infrared camera's own; its colour camera has 0.9 of that focal length."""
     report, raw_fx = examine(raw_kitchen), raw_kitchen.camera.fx
-    assert report.ok and any("as this data set is published" in note for note in report.notes)
+    assert report.ok and any("this data set is published" in note for note in report.notes)
     assert repair(raw_kitchen, report).camera.fx == pytest.approx(0.91 * raw_fx, rel=0.03)
 
 
