@@ -67,13 +67,8 @@ class Builder:
             for other in rooms:
                 gaps = [max(room.box[k] - other.box[k + 2], other.box[k] - room.box[k + 2]) for k in (0, 1)]
                 if max(gaps) < openings.GAP_M[0] - 1e-6:
-<<<<<<< HEAD
-                    both = f"{other.name!r} and {room.name!r}"
-                    reason = f"rooms {both} must lie {openings.GAP_M[0]} m apart or more, for a wall"
-=======
                     pair = f"{other.name!r} and {room.name!r}"
                     reason = f"rooms {pair} must lie {openings.GAP_M[0]} m apart or more, for a wall"
->>>>>>> eval
                     self._fault(("rooms", i, "box"), reason)
             rooms.append(room)
         return rooms
