@@ -107,7 +107,8 @@ CHANGES: dict[str, dict[str, float]] = {
     "a match needs more than can be": {"association__threshold": 1.35},
     "labels count nothing": {"association__label_weight": 0.0, "association__threshold": 0.9},
     "less in view is observable": {"existence__min_in_view_share": 0.1},
-    "boxes grow at once": {"extent__grow_rate": 1.0},
+    "extents grow at once": {"extent__grow_rate": 1.0},
+    "one view that has a point is enough": {"extent__min_agreement": 0.0},
     "rare objects are pruned": {"merging__prune_max_detected": 4, "merging__prune_min_observable": 5},
     "coarse cells": {"occupancy__resolution_m": 0.1},
     "short depth": {"occupancy__range_m": 1.5},
@@ -120,7 +121,7 @@ def fingerprint(home: Home) -> tuple[object, ...]:
     assert home.grid is not None
     looked = home.settings["recordings"][0]["looked"]
     rooms = [(room.name, room.cells.tobytes()) for room in home.rooms]
-    return home.objects, home.grid.cells.tobytes(), home.grid.resolution_m, rooms, looked
+    return home.objects, home.growth["object_map.npz"], home.grid.cells.tobytes(), home.grid.resolution_m, rooms, looked
 
 
 @pytest.mark.parametrize("case", CHANGES)

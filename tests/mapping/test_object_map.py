@@ -127,6 +127,21 @@ def test_state_of_cartier_0_1_0_loads(geometry: type[Geometry]) -> None:
     assert read.objects() == today.objects() and read.state() == state
 
 
+def test_map_without_patches_keeps_its_boxes_and_grows() -> None:
+    """Homes written before boxes were fitted to views."""
+    detector, recording = TrueBoxes(THINGS), walk()
+    today, read = (ObjectMap(TrueBoxes.score_model) for _ in range(2))
+    for number in range(10):
+        today.add(recording[number], detector.detect(recording[number]))
+    arrays = read_npz(today.state()["object_map.npz"])
+    before = {name: column for name, column in arrays.items() if name not in DepthGeometry.columns}
+    read.restore(today.state() | {"object_map.npz": npz_bytes(**before)})
+    assert [list(obj.box_min) for obj in read.objects()] == arrays["box_min"].round(4).tolist()
+    for number in range(10, len(recording)):
+        read.add(recording[number], detector.detect(recording[number]))
+    assert [list(obj.box_min) for obj in read.objects()] != read.columns()["box_min"].round(4).tolist()
+
+
 def test_memory_depends_on_objects_only() -> None:
     recording = walk()
     once, often = (mapped(recording, order=[*range(len(recording))] * times) for times in (1, 10))

@@ -98,6 +98,21 @@ class BearingGeometry:
             columns["box_min"][row] = columns["extent_min"][row] = ends.min(0) - half
             columns["box_max"][row] = columns["extent_max"][row] = ends.max(0) + half
 
+    def keep_views(
+        self,
+        columns: Columns,
+        rows: Indices,
+        frame: Frame,
+        detections: Indices,
+        boxes_xyxy: Array,
+        worth: Array,
+        masks: npt.NDArray[np.bool_] | None,
+    ) -> None:
+        """Without depth, views show no surface."""
+
+    def fit_boxes(self, columns: Columns) -> Array:
+        return np.stack([columns["box_min"], columns["box_max"]], axis=1)
+
     def merge(self, columns: Columns, keep: int, drop: int) -> None:
         """Rays cannot be joined: that of the object with more detections stays."""
 

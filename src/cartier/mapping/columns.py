@@ -54,13 +54,15 @@ def map_objects(
     columns: Columns,
     names: Sequence[str],
     aliases: Mapping[int, int],
+    boxes: Array,
     likely: Array,
     confirmed: npt.NDArray[np.bool_],
     located: npt.NDArray[np.bool_] | None,
 ) -> tuple[MapObject, ...]:
-    """Rows as objects, with their probabilities (n,). ``aliases`` are merged ids with those of the rows that have them.
+    """Rows as objects, with their boxes (n, 2, 3) and probabilities (n,).
 
-    ``located`` (n,) says which distances are known where views show no surface; None where they do.
+    ``aliases`` are merged ids with those of the rows that have them. ``located`` (n,) says which distances are known
+    where views show no surface; None where they do.
     """
     old_ids: dict[int, list[int]] = {}
     for old, new in aliases.items():
@@ -70,12 +72,13 @@ def map_objects(
         row = {name: column[o] for name, column in columns.items()}
         by_label = zip(row["label_votes"], row["label_weights"], strict=True)
         votes = sorted(((names[k], round(float(w), 4)) for k, w in by_label if k >= 0), key=lambda vote: -vote[1])
-        position = _metres((row["box_min"] + row["box_max"]) / 2)
+        box_min, box_max = boxes[o]
+        position = _metres((box_min + box_max) / 2)
         best = [view for view in np.sort(row["views"], order="worth")[::-1] if view["frame"] >= 0]
         surfaces = [_metres(view["surface"]) if located is None else position if located[o] else None for view in best]
         views = tuple(_view(view, names, surface) for view, surface in zip(best, surfaces, strict=True))
         objects.append(MapObject(
-            number, votes[0][0], tuple(votes), position, _metres(row["box_min"]), _metres(row["box_max"]),
+            number, votes[0][0], tuple(votes), position, _metres(box_min), _metres(box_max),
             round(float(likely[o]), 4), bool(confirmed[o]), int(row["n_detected"]), int(row["n_observable"]),
             float(row["first_s"]), float(row["last_s"]), float(row["looked_s"]), views, named_shares(row["colours"]),
             aliases=tuple(old_ids.get(number, ())),

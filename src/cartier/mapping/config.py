@@ -76,12 +76,15 @@ class ExistenceConfig(_Section):
 
 @dataclass(frozen=True)
 class ExtentConfig(_Section):
-    """How the box of an object follows its views."""
+    """How the extent of an object follows its views, and how its box is fitted to the best of them."""
 
     grow_rate: float = bounded(0.5, 0.0, 1.0)
     """Share of the way that a side moves outwards to a view. More: sooner at full size, and at noise. By hand."""
     shrink_rate: float = bounded(0.05, 0.0, 1.0)
     """Share of the way that a side moves inwards. More: partial views make objects too small. By hand."""
+    min_agreement: float = bounded(0.9, 0.0, 1.0)
+    """Share of the views of a point that must have it in their box. More: boxes hold less background, and may lose
+    edges. Eight generated homes."""
 
 
 @dataclass(frozen=True)

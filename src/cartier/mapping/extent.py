@@ -9,10 +9,18 @@ import numpy as np
 import numpy.typing as npt
 
 from cartier.mapping.association import assign, cost_matrix
+from cartier.mapping.box_fitting import agreed_surface, surface_box
 from cartier.mapping.columns import ColumnKinds, Columns, Indices
 from cartier.mapping.config import ExtentConfig, MappingConfig
 from cartier.mapping.existence import predict_visibility
-from cartier.mapping.observation import SURFACE_POINTS, LiftedDetections, lift
+from cartier.mapping.observation import (
+    PATCH_KIND,
+    PATCHES_KEPT,
+    SURFACE_POINTS,
+    LiftedDetections,
+    keep_patches,
+    lift,
+)  # fmt: skip
 from cartier.types import Array, Frame
 
 SIDES = {"box_min": -1, "box_max": 1, "extent_min": -1, "extent_max": 1}
@@ -61,6 +69,26 @@ class Geometry(Protocol):
         """Let the extents of detected objects follow a view; ``shrink`` (k,) is how fast each may get smaller."""
         ...
 
+    def keep_views(
+        self,
+        columns: Columns,
+        rows: Indices,
+        frame: Frame,
+        detections: Indices,
+        boxes_xyxy: Array,
+        worth: Array,
+        masks: npt.NDArray[np.bool_] | None,
+    ) -> None:
+        """Keep what views show of objects ``rows`` (k,) if it is worth more (N,) than what is kept.
+
+        ``detections`` (k,) are those of the objects, among the boxes (N, 4) and masks (N, H, W) of a frame.
+        """
+        ...
+
+    def fit_boxes(self, columns: Columns) -> Array:
+        """The boxes (n, 2, 3) of all objects, least and greatest corner."""
+        ...
+
     def merge(self, columns: Columns, keep: int, drop: int) -> None:
         """Join the extents of two rows that are one object."""
         ...
@@ -95,7 +123,9 @@ class DepthGeometry:
     """Objects from depth: each detection shows a surface."""
 
     with_depth: ClassVar[bool] = True
-    columns: ClassVar[ColumnKinds] = {}
+    columns: ClassVar[ColumnKinds] = {
+        "patches": ((PATCHES_KEPT,), PATCH_KIND), "fitted": ((2, 3), "f8"), "fit_is_stale": ((), "?"),
+    }  # fmt: skip
 
     def __init__(self, config: MappingConfig) -> None:
         self.config = config
@@ -135,7 +165,32 @@ class DepthGeometry:
         observed = {side: getattr(lifted, side)[detections] for side in SIDES}
         smooth_box(columns, rows, observed, shrink[:, None], self.config.extent)
 
+    def keep_views(
+        self,
+        columns: Columns,
+        rows: Indices,
+        frame: Frame,
+        detections: Indices,
+        boxes_xyxy: Array,
+        worth: Array,
+        masks: npt.NDArray[np.bool_] | None,
+    ) -> None:
+        changed = keep_patches(columns["patches"], rows, frame, detections, boxes_xyxy, worth, masks)
+        columns["fit_is_stale"][changed] = True
+
+    def fit_boxes(self, columns: Columns) -> Array:
+        for row in np.flatnonzero(columns["fit_is_stale"]):
+            box = surface_box(*agreed_surface(columns["patches"][row], self.config.extent.min_agreement))
+            columns["fitted"][row] = 0 if box is None else box
+            columns["fit_is_stale"][row] = False
+        fitted, running = columns["fitted"], np.stack([columns["box_min"], columns["box_max"]], axis=1)
+        sound = np.all(fitted[:, 1] > fitted[:, 0], axis=1, keepdims=True)[:, None]
+        return np.where(sound, fitted, running)
+
     def merge(self, columns: Columns, keep: int, drop: int) -> None:
+        both = np.concatenate([columns["patches"][keep], columns["patches"][drop]])
+        columns["patches"][keep] = both[np.argsort(-both["worth"], kind="stable")[:PATCHES_KEPT]]
+        columns["fit_is_stale"][keep] = True
         columns["points"][keep, ::4] = columns["points"][drop, ::4]
         better_of = {-1: np.minimum, 1: np.maximum}
         union = {side: better_of[out](columns[side][keep], columns[side][drop]) for side, out in SIDES.items()}

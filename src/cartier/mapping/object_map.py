@@ -74,6 +74,7 @@ class ObjectMap:
         self.geometry.update(columns, row[seen], lifted, seen, shrink)
         mark_detected(columns, row[seen], frame.time_s)
         sizes_px2 = weak_perspective_size(boxes, frame.camera)
+        self.geometry.keep_views(columns, row[seen], frame, seen, boxes, scores * np.sqrt(sizes_px2), masks)
         for d in seen:
             box, score, size_px2 = boxes_px[d], float(scores[d]), float(sizes_px2[d])
             self._keep_view(row[d], frame, box, score, label_ids[d], size_px2, lifted.centroid[d])
@@ -171,10 +172,11 @@ class ObjectMap:
         likely = posterior(*self.evidence(), self.score_model)
         confirmed = likely >= self.config.existence.confirmed_probability
         located = None if self.geometry.with_depth else self.geometry.distance_known(columns)
-        return map_objects(columns, names, self._aliases, likely, confirmed, located)
+        return map_objects(columns, names, self._aliases, self.geometry.fit_boxes(columns), likely, confirmed, located)
 
     def state(self) -> dict[str, bytes]:
         """All of it, as named blobs."""
+        self.geometry.fit_boxes(self.columns())  # so that it does not depend on who asked for objects before
         about = {
             "labels": list(self._labels), "next_id": self._next_id, "frames": self._frames,
             "covisible": [[*pair, count] for pair, count in self._covisible.items()],
@@ -189,8 +191,10 @@ class ObjectMap:
         try:
             arrays, about = ({OLD_GROWTH.get(name, name): part for name, part in of.items()} for of in (arrays, about))
             self._labels = {str(name): number for number, name in enumerate(about["labels"])}
-            check_columns(arrays, self._kinds, len(self._labels))
             spare = empty_columns(self._kinds, GROWTH_ROWS)
+            later = self._kinds.keys() - arrays.keys() if "patches" not in arrays else ()  # maps made before patches
+            arrays |= empty_columns({name: self._kinds[name] for name in later}, len(arrays["id"]))
+            check_columns(arrays, self._kinds, len(self._labels))
             self._rows = {name: np.concatenate([arrays[name], spare[name]]) for name in self._kinds}
             self._count, self._next_id, self._frames = len(arrays["id"]), int(about["next_id"]), int(about["frames"])
             self._covisible = {(int(i), int(j)): int(k) for i, j, k in about["covisible"]}

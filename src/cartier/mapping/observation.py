@@ -1,8 +1,8 @@
-"""Observation of detections in space: the surface that depth shows behind each box, and its colours."""
+"""Observation of detections in space: the surface that depth shows behind each box, its colours, and its best views."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -16,6 +16,20 @@ MIN_SURFACE_SAMPLES = 6  # with fewer the detection is not valid
 FLYING_PIXEL_RATIO = 50  # one of so many points at either end is a flying pixel
 BACKGROUND_RATIO = 20  # without a mask one of so many points is of what stands beside or behind
 MIN_THICKNESS_M = 0.04  # a surface is at least this deep
+
+PATCHES_KEPT = 7  # per object
+INSIDE_SAMPLES = 16  # samples along either side of a box
+MARGINS = np.array((0.05, 0.15, 0.35))  # of further samples beyond each side, in sides of the box
+OFFSETS = np.concatenate([-MARGINS[::-1], np.linspace(0, 1, INSIDE_SAMPLES), 1 + MARGINS])
+PATCH_SIDE = len(OFFSETS)
+WITHIN = (OFFSETS >= 0) & (OFFSETS <= 1)
+PATCH_KIND = np.dtype(
+    [("depth", "u1", (PATCH_SIDE, PATCH_SIDE)), ("inside", "u1", (PATCH_SIDE**2 + 7) // 8), ("pose", "f4", (3, 4)),
+     ("camera", "f4", 4), ("box", "f4", 4), ("seed_m", "f4"), ("size_m", "f4"), ("worth", "f4"), ("masked", "?")]
+)  # fmt: skip
+UNKNOWN, NEARER, SEED, FARTHER = 0, 1, 128, 255  # codes of a depth; between them, hundredths of the object's size
+MIN_STEP_M = 0.004
+SAME_STANDPOINT_M, SAME_STANDPOINT_COS = 0.3, np.cos(np.radians(15))  # nearer views of one object show the same side
 
 
 class LiftedDetections(NamedTuple):
@@ -101,3 +115,84 @@ def colour_shares(rgb: npt.NDArray[np.uint8], pixels: npt.NDArray[np.intp], mask
     names = colour_table()[index] + np.arange(len(pixels))[:, None] * len(COLOURS)
     counts = np.bincount(names[mask], minlength=len(pixels) * len(COLOURS)).reshape(len(pixels), len(COLOURS))
     return np.asarray(counts / np.maximum(counts.sum(1, keepdims=True), 1))
+
+
+def keep_patches(
+    patches: npt.NDArray[Any],
+    rows: npt.NDArray[np.intp],
+    frame: Frame,
+    detections: npt.NDArray[np.intp],
+    boxes_xyxy: Array,
+    worth: Array,
+    masks: npt.NDArray[np.bool_] | None,
+) -> npt.NDArray[np.intp]:
+    """Keep the views of a frame that are among the best of their objects, in place; returns the rows that changed.
+
+    ``patches`` (n, PATCHES_KEPT) are all objects'. ``detections`` (k,) of N boxes (N, 4) and masks (N, H, W) are of the
+    different objects ``rows`` (k,); ``worth`` (N,) is the greater the surer and larger a view is. Of two views from
+    one standpoint the better one stays, so that more frames a second add nothing.
+    """
+    pose, worth = frame.world_from_camera[:3].astype(np.float32), worth[detections]
+    kept_worth, kept_pose = patches["worth"][rows], patches["pose"][rows]
+    here = np.square(kept_pose[..., 3] - pose[:, 3]).sum(-1) < SAME_STANDPOINT_M**2
+    here &= (kept_pose[..., 2] @ pose[:, 2] > SAME_STANDPOINT_COS) & (kept_worth > 0)
+    slot = np.where(here.any(1), np.where(here, kept_worth, -1).argmax(1), kept_worth.argmin(1))
+    better = np.flatnonzero(worth > kept_worth[np.arange(len(rows)), slot])
+    if not len(better):
+        return rows[:0]
+    new, valid = sample_patches(frame, detections[better], boxes_xyxy, worth[better], masks)
+    chosen = better[valid]
+    patches[rows[chosen], slot[chosen]] = new[valid]
+    return rows[chosen]
+
+
+def sample_patches(
+    frame: Frame,
+    detections: npt.NDArray[np.intp],
+    boxes_xyxy: Array,
+    worth: Array,
+    masks: npt.NDArray[np.bool_] | None,
+) -> tuple[npt.NDArray[Any], npt.NDArray[np.bool_]]:
+    """The patches (n,) of the ``detections`` (n,) among boxes (N, 4) and masks, and which show enough surface."""
+    assert frame.depth_m is not None
+    boxes_xyxy = boxes_xyxy[detections]
+    n, camera, (height, width) = len(boxes_xyxy), frame.camera, frame.depth_m.shape
+    patches = np.zeros(n, PATCH_KIND)
+    patches["pose"], patches["box"], patches["worth"] = frame.world_from_camera[:3], boxes_xyxy, worth
+    patches["camera"], patches["masked"] = (camera.fx, camera.fy, camera.cx, camera.cy), masks is not None
+    cols, rows = sample_pixels(patches["box"])
+    known = ((rows >= 0) & (rows < height))[:, :, None] & ((cols >= 0) & (cols < width))[:, None]
+    rows, cols = np.clip(rows, 0, height - 1)[:, :, None], np.clip(cols, 0, width - 1)[:, None]
+    z = frame.depth_m[rows, cols]
+    known &= z > 0  # NaN compares as False
+    inside = np.broadcast_to(WITHIN[:, None] & WITHIN, z.shape)
+    if masks is not None:
+        inside = inside & masks[detections[:, None, None], rows, cols]
+    surface = inside & known
+    core_1d = np.abs(OFFSETS - 0.5) <= 0.25
+    core = surface & (core_1d[:, None] & core_1d) if masks is None else surface
+    core = np.where(core.any((1, 2), keepdims=True), core, surface).reshape(n, -1)
+    ordered = np.sort(np.where(core, z.reshape(n, -1), np.inf), axis=1)
+    seed = ordered[np.arange(n), core.sum(1) // 3]
+    valid = (surface.sum((1, 2)) >= MIN_SURFACE_SAMPLES) & np.isfinite(seed)
+    seed = np.where(valid, seed, 1)
+    x1, y1, x2, y2 = boxes_xyxy.T
+    patches["seed_m"], patches["size_m"] = seed, np.maximum((x2 - x1) / camera.fx, (y2 - y1) / camera.fy) * seed
+    steps = (np.where(known, z, 0) - seed[:, None, None]) / step_m(patches)[:, None, None]
+    codes = np.clip(np.rint(steps), NEARER - SEED, FARTHER - SEED) + SEED
+    patches["depth"], patches["inside"] = np.where(known, codes, UNKNOWN), np.packbits(inside.reshape(n, -1), axis=1)
+    return patches, valid
+
+
+def sample_pixels(boxes_xyxy: Array) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+    """The columns and rows (n, PATCH_SIDE) of the samples of boxes (n, 4); the outermost within are at its edge."""
+    spans = []
+    for low, high in ((boxes_xyxy[:, :1], boxes_xyxy[:, 2:3]), (boxes_xyxy[:, 1:2], boxes_xyxy[:, 3:])):
+        size = (high - low).astype(np.float64)
+        spans.append(np.rint(np.where(WITHIN, low + OFFSETS * (size - 1), low + OFFSETS * size - 0.5)).astype(np.intp))
+    return spans[0], spans[1]
+
+
+def step_m(patches: npt.NDArray[Any]) -> Array:
+    """Metres (n,) between two neighbouring codes of the depth of patches."""
+    return np.asarray(np.maximum(patches["size_m"] / 100, MIN_STEP_M))

@@ -1,0 +1,143 @@
+"""Box fitting: the box of an object is that of the surface on which its best views agree.
+
+Of each of its best views an object keeps a patch: the depth in and around the detected box, on a small grid. What a
+box shows of the background, another view shows outside of its own box; such surface is left out. Source: votes of
+views on space, as in Kutulakos and Seitz, A Theory of Shape by Space Carving, 2000, on points instead of voxels.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from cartier.mapping.observation import (
+    FARTHER,
+    MIN_SURFACE_SAMPLES,
+    MIN_THICKNESS_M,
+    NEARER,
+    OFFSETS,
+    PATCH_SIDE,
+    SEED,
+    UNKNOWN,
+    sample_pixels,
+    step_m,
+)  # fmt: skip
+from cartier.types import Array
+
+MIDDLES = (OFFSETS[1:] + OFFSETS[:-1]) / 2
+SURFACE_REACH = 0.45  # in sizes of the object: without a mask, depth so far from its middle may be its surface
+SURFACE_TOLERANCE_M, SURFACE_TOLERANCE_SHARE = 0.04, 0.01  # two depths of one surface differ by that, and per metre
+BOX_SLACK = 0.02  # in sides of a box, by which detectors miss an edge
+FALLBACK_AGREEMENT = 0.5  # where too few points are left
+CELLS_PER_SIDE, MIN_CELL_M, MAX_CELL_M = 18, 0.008, 0.03  # points are thinned to one per cell
+MIN_COMPONENT_SHARE = 0.25  # of the largest connected part; smaller parts are no part of the object
+OUTLIER_SHARE = 0.015  # at either end, without masks
+FLOOR_M = 0.03  # lower points are floor, if the object is higher than ``LOW_M``
+LOW_M = 0.15
+NEIGHBOURS = np.stack(np.meshgrid(*[(-1, 0, 1)] * 3), axis=-1).reshape(-1, 3)  # of a cell, itself among them
+STANDING_SHARE = 1 / 3  # an object whose bottom is seen below this share of its top stands on the floor
+
+
+def agreed_surface(patches: npt.NDArray[Any], min_agreement: float) -> tuple[Array, bool]:
+    """Points (k, 3), in the world, of the surface that the patches (v,) of one object agree on; whether masks gave it.
+
+    Few or none where the patches show too little.
+    """
+    patches = patches[patches["worth"] > 0]
+    masked = bool(len(patches)) and bool(patches["masked"].all())
+    if not len(patches):
+        return np.zeros((0, 3)), masked
+    depth_m, inside = _decoded(patches)
+    surface = inside & np.isfinite(depth_m)
+    far = np.abs(depth_m - patches["seed_m"][:, None, None])
+    reach = np.maximum(patches["size_m"] * SURFACE_REACH, MIN_THICKNESS_M)[:, None, None]
+    surface &= patches["masked"][:, None, None] | (far <= reach)
+    points = _in_world(patches, depth_m, surface)
+    if len(points) < MIN_SURFACE_SAMPLES:
+        return points, masked
+    side_m = np.sort(np.quantile(points, 0.9, axis=0) - np.quantile(points, 0.1, axis=0))[1] / 0.8
+    cell_m = float(np.clip(side_m / CELLS_PER_SIDE, MIN_CELL_M, MAX_CELL_M))
+    points = points[np.unique(np.floor(points / cell_m).astype(int), axis=0, return_index=True)[1]]
+    share = agreement(points, patches, depth_m, inside)
+    agreed = points[share >= min_agreement]
+    if len(agreed) < MIN_SURFACE_SAMPLES:
+        agreed = points[share >= min(min_agreement, FALLBACK_AGREEMENT)]
+    return agreed if masked or not len(agreed) else _main_component(agreed, 2.5 * cell_m), masked
+
+
+def agreement(
+    points: Array, patches: npt.NDArray[Any], depth_m: Array, inside: npt.NDArray[np.bool_]
+) -> npt.NDArray[np.float64]:
+    """The share (k,) of the views showing each of ``points`` (k, 3) that have it inside of the detected box or mask."""
+    from scipy.ndimage import binary_dilation
+
+    pose, camera, box = (patches[name].astype(np.float64) for name in ("pose", "camera", "box"))
+    x, y, z = np.moveaxis((points - pose[:, None, :, 3]) @ pose[:, :, :3], 2, 0)  # (v, k)
+    ahead = z > 0.1
+    z = np.where(ahead, z, 1)
+    a = (x / z * camera[:, :1] + camera[:, 2:3] + 0.5 - box[:, :1]) / (box[:, 2:3] - box[:, :1])
+    b = (y / z * camera[:, 1:2] + camera[:, 3:] + 0.5 - box[:, 1:2]) / (box[:, 3:] - box[:, 1:2])
+    known = ahead & (np.minimum(a, b) > OFFSETS[0] - BOX_SLACK) & (np.maximum(a, b) < OFFSETS[-1] + BOX_SLACK)
+    at = np.arange(len(patches))[:, None], np.searchsorted(MIDDLES, b), np.searchsorted(MIDDLES, a)
+    tolerance = SURFACE_TOLERANCE_M + SURFACE_TOLERANCE_SHARE * z
+    shown = known & (np.abs(depth_m[at] - z) <= tolerance)  # NaN and infinity compare as False
+    in_box = (np.minimum(a, b) >= -BOX_SLACK) & (np.maximum(a, b) <= 1 + BOX_SLACK)
+    in_mask = binary_dilation(inside, np.array([[[0, 1, 0], [1, 1, 1], [0, 1, 0]]]))[at]  # a sample's neighbour counts
+    within = shown & np.where(patches["masked"][:, None], in_mask, in_box)
+    return np.asarray(within.sum(0) / np.maximum(shown.sum(0), 1))
+
+
+def surface_box(points: Array, masked: bool) -> Array | None:
+    """The box (2, 3), least and greatest corner, of a surface (k, 3); None if there is too little of it.
+
+    What is seen standing low over the floor, which is at height 0, reaches down to it.
+    """
+    if not masked and points[:, 2].max(initial=0) > LOW_M and (points[:, 2] > FLOOR_M).sum() >= MIN_SURFACE_SAMPLES:
+        points = points[points[:, 2] > FLOOR_M]
+    if len(points) < MIN_SURFACE_SAMPLES:
+        return None
+    share = 0 if masked else OUTLIER_SHARE
+    box = np.quantile(points, (share, 1 - share), axis=0)
+    if 0 < box[0, 2] < max(LOW_M, STANDING_SHARE * box[1, 2]):
+        box[0, 2] = 0
+    return np.asarray(box)
+
+
+def _decoded(patches: npt.NDArray[Any]) -> tuple[Array, npt.NDArray[np.bool_]]:
+    """Depths (v, s, s) in metres, NaN where unknown, infinite where out of range; which samples are inside."""
+    codes = patches["depth"]
+    depth_m = patches["seed_m"][:, None, None] + (codes.astype(np.float64) - SEED) * step_m(patches)[:, None, None]
+    depth_m[codes == UNKNOWN] = np.nan
+    depth_m[codes == NEARER], depth_m[codes == FARTHER] = -np.inf, np.inf
+    inside = np.unpackbits(patches["inside"], axis=1, count=PATCH_SIDE * PATCH_SIDE).reshape(codes.shape).astype(bool)
+    return depth_m, inside
+
+
+def _in_world(patches: npt.NDArray[Any], depth_m: Array, chosen: npt.NDArray[np.bool_]) -> Array:
+    """The chosen samples (v, PATCH_SIDE, PATCH_SIDE) as points (k, 3)."""
+    view, row, col = np.nonzero(chosen)
+    cols, rows = sample_pixels(patches["box"])
+    fx, fy, cx, cy = patches["camera"][view].T.astype(np.float64)
+    z, pose = depth_m[chosen], patches["pose"][view].astype(np.float64)
+    rays = np.stack([(cols[view, col] - cx) / fx * z, (rows[view, row] - cy) / fy * z, z], axis=1)
+    return np.asarray((pose[:, :, :3] @ rays[:, :, None])[:, :, 0] + pose[:, :, 3])
+
+
+def _main_component(points: Array, cell_m: float) -> Array:
+    """The points (k, 3) of the largest connected part, and of parts that are not much smaller."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    cells, of = np.unique(np.floor((points - points.min(0)) / cell_m).astype(int), axis=0, return_inverse=True)
+    span = cells.max(0) + 3
+    keys = np.ravel_multi_index(tuple(cells.T + 1), tuple(span))
+    steps = np.ravel_multi_index(tuple(NEIGHBOURS.T + 1), tuple(span)) - np.ravel_multi_index((1, 1, 1), tuple(span))
+    wanted = keys[:, None] + steps
+    at = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
+    cell, side = np.nonzero(keys[at] == wanted)
+    links = coo_array((np.ones(len(cell)), (cell, at[cell, side])), shape=(len(keys), len(keys)))
+    part = connected_components(links, directed=False)[1][of.ravel()]
+    sizes = np.bincount(part)
+    return np.asarray(points[sizes[part] >= MIN_COMPONENT_SHARE * sizes.max()])
