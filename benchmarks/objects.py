@@ -6,7 +6,8 @@ Objects and true things are matched one to one, by label, where an object's midd
 true box. Precision is over what is confirmed, recall over things of 400 px or more in some frame; a listed thing of
 fewer is no fault. Entries: confirmed objects per true thing that has any. Invented: confirmed, and no thing of that
 name is within 0.5 m. Shuffled, twice: the share of confirmed objects that another order of the frames, or the same
-frames again, lose and add. Then the rooms and relations of spatial.py. Nothing was fitted on any of these homes.
+frames again, lose and add. Then the boxes (boxes.py), rooms and relations (spatial.py). Nothing was fitted on any of
+these homes.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from multiprocessing import get_context
 from typing import Any
 
 import numpy as np
+from boxes import DBSCAN, LAST_VIEW, OURS, BoxCounts, PeerBoxes, print_boxes
 from command_line import Parser, run_script
 from scipy.optimize import linear_sum_assignment
 
@@ -73,6 +75,8 @@ class Home:
     maps: dict[str, tuple[MapObject, ...]]
     ms: float
     bytes_per_object: float
+    peer_boxes: dict[int, dict[str, Array]]
+    """Boxes (2, 3) by the peers, of each object of "every frame"."""
 
 
 @dataclass
@@ -82,6 +86,7 @@ class Counts:
     sums: dict[str, float] = field(default_factory=dict)
     told: list[tuple[float, bool]] = field(default_factory=list)
     wrong: list[str] = field(default_factory=list)
+    boxes: dict[str, BoxCounts] = field(default_factory=lambda: defaultdict(BoxCounts))
 
     def add(self, home: Home) -> None:
         seen = [obj for obj, pixels in zip(home.true_objects, home.pixels, strict=True) if pixels > 0]
@@ -106,6 +111,11 @@ class Counts:
             self._count(variant, changed(every, home.maps[variant]))
         real = one_to_one(every, seen)
         self.told += [(mapped.probability, i in real) for i, mapped in enumerate(every)]
+        own = {obj.id: np.array([obj.box_min, obj.box_max]) for obj in every}
+        for kind in (OURS, LAST_VIEW, DBSCAN):
+            boxes = [home.peer_boxes.get(obj.id, {}).get(kind, own[obj.id]) for obj in every]
+            large = [k in shown for k in range(len(seen))]
+            self.boxes[kind].add(every, np.array(boxes).reshape(-1, 2, 3), seen, large)
 
     def _count(self, name: str, value: float) -> None:
         self.sums[name] = self.sums.get(name, 0) + value
@@ -174,6 +184,7 @@ def walked(name: str) -> tuple[OccupancyGrid, dict[str, Home]]:
     pixels_only = plugins.make("detectors", "embedded", threads=1)
     detectors = {"ground_truth": truth, "embedded": pixels_only}
     maps = {key: defaultdict[str, ObjectMap](partial(ObjectMap, made.score_model)) for key, made in detectors.items()}
+    peers = {key: PeerBoxes() for key in detectors}
     pixels, spent = np.zeros(max(t.id for t in objs) + 1, np.int64), dict.fromkeys(detectors, 0.0)
     shuffled = np.random.default_rng(0).permutation(n)
     for turn, order in (("every frame", np.arange(n)), ("twice", np.arange(n)), ("shuffled", shuffled)):
@@ -187,8 +198,10 @@ def walked(name: str) -> tuple[OccupancyGrid, dict[str, Home]]:
             for key, of in maps.items():
                 detections = found[number] if key == "embedded" else truth.detect(frame)
                 begin = time.process_time()
-                of[turn].add(frame, detections)
-                spent[key] += time.process_time() - begin if turn == "every frame" else 0
+                ids = of[turn].add(frame, detections)
+                if turn == "every frame":
+                    spent[key] += time.process_time() - begin
+                    peers[key].add(frame, detections, ids.tolist())
                 if turn == "every frame" and number % 4 == 0:
                     of["every 4th"].add(frame, detections)
         if turn == "every frame":
@@ -200,7 +213,8 @@ def walked(name: str) -> tuple[OccupancyGrid, dict[str, Home]]:
         for made in of.values():
             made.merge_and_prune()
         listed = {turn: made.objects() for turn, made in of.items()}
-        homes[key] = Home(list(objs), pixels[[t.id for t in objs]], listed, spent[key] / n * 1e3, size)
+        peer_boxes = {obj.id: peers[key].boxes(obj) for obj in listed["every frame"]}
+        homes[key] = Home(list(objs), pixels[[t.id for t in objs]], listed, spent[key] / n * 1e3, size, peer_boxes)
     grid = floor.grid()
     assert grid is not None
     return grid, homes
@@ -244,6 +258,7 @@ def report(title: str, names: Sequence[str]) -> None:
                 sizes[key].append(home.bytes_per_object)
     for key, detector in DETECTORS.items():
         counts[key].print(f"{title}, {detector}", ms[key], sizes[key])
+        print_boxes(counts[key].boxes)
         spatial[key].print("rooms and relations")
 
 
