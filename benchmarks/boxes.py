@@ -108,7 +108,7 @@ class BoxCounts:
     """What the boxes of one kind come to over homes."""
 
     confirmed: list[tuple[str, float, float, float, float]] = field(default_factory=list)
-    """Of each confirmed object: label, IoU (0 if unmatched), volume over the true one, errors of centre and size (m)."""
+    """Of confirmed objects: label, IoU (0 if unmatched), volume over the true one, errors of centre and size (m)."""
     found: dict[float, int] = field(default_factory=lambda: dict.fromkeys(IOUS, 0))
     shown: dict[str, int] = field(default_factory=lambda: defaultdict(int))
     ranked: dict[tuple[str, float], list[tuple[float, bool]]] = field(default_factory=lambda: defaultdict(list))

@@ -16,12 +16,12 @@ def obj(
     size: tuple[float, float, float],
     room: int | None = None,
     colours: Iterable[str] = (),
-    confirmed: bool = True,
+    probability: float = 0.97,
 ) -> MapObject:
     low, high = (tuple(m + s * side / 2 for m, side in zip(middle, size, strict=True)) for s in (-1, 1))
     view = View(number, (0.0, 0.0, 9.0, 9.0), 0.9, label, 81.0, (0.0, 0.0, 1.5), 0.0, middle)
     return MapObject(
-        number, label, ((label, 1.0),), middle, low, high, 0.97 if confirmed else 0.3, confirmed, 5, 6, 0.0, 9.0, 9.0,
+        number, label, ((label, 1.0),), middle, low, high, probability, probability >= 0.7, 5, 6, 0.0, 9.0, 9.0,
         (view,), tuple((colour, 0.5) for colour in colours), room,
     )  # fmt: skip
 
@@ -37,8 +37,7 @@ OBJECTS = (
     obj(14, "cup", (3.0, 0.6, 0.95), (0.08, 0.08, 0.1), 0, ["red"]),
     obj(15, "cup", (8.0, 5.0, 0.55), (0.08, 0.08, 0.1), 2),
     obj(20, "bed", (8.0, 3.0, 0.25), (2.0, 1.6, 0.5), 2, ["blue"]),
-    obj(31, "cup", (4.0, 4.0, 0.9), (0.1, 0.1, 0.1), 1, confirmed=False),
-    obj(32, "vase", (4.0, 4.5, 0.9), (0.1, 0.1, 0.1), 1, confirmed=False),
+    obj(31, "cup", (4.0, 4.0, 0.9), (0.1, 0.1, 0.1), 1, probability=0.3),
 )
 ROOMS = (
     Room(0, "kitchen", "kitchen", cells()),
@@ -46,3 +45,9 @@ ROOMS = (
     Room(2, "bedroom", "bedroom", cells()),
 )
 FLAT = Inventory(OBJECTS, ROOMS, from_xy=(0.0, 0.0))
+UNSURE = (
+    obj(32, "vase", (4.0, 4.5, 0.9), (0.1, 0.1, 0.1), 1, probability=0.15),
+    obj(33, "key chain", (4.2, 4.5, 0.9), (0.1, 0.1, 0.1), 1, probability=0.3),
+)
+UNSURE_FLAT = Inventory((*OBJECTS, *UNSURE), ROOMS, from_xy=(0.0, 0.0))
+"""The same with objects that were seen too seldom."""

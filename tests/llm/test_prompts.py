@@ -25,7 +25,7 @@ from cartier.llm.prompts import (
     without_bounds,
 )
 from cartier.types import Inventory
-from flat import FLAT, OBJECTS, ROOMS, obj
+from flat import FLAT, OBJECTS, ROOMS, UNSURE_FLAT, obj
 
 PAPER_SHA256 = "07df735743cc97700a5b9a59a5917010a564c6867d60ac6fa231c5f1f7b0a6dd"
 HOME = ["chair", "coffee machine", "Café table", 'a "b"', "a\nb"]
@@ -64,6 +64,16 @@ def test_the_rich_prompt_tells_of_each_object_and_of_the_rooms() -> None:
         "Metres from the robot, nearest first: #3 1.4, #12 1.5, #5 3.0, #14 3.1, #20 8.5, #15 9.4",
     ]
     assert "Metres" not in task("rich", replace(FLAT, from_xy=None))
+
+
+def test_rich_prompt_has_a_part_for_what_is_possibly_there() -> None:
+    sure, text = task("rich", FLAT), task("rich", UNSURE_FLAT)
+    part = text.removeprefix(sure)
+    assert text.startswith(sure) and "Possibly there" not in sure and "asked for by name" in part
+    assert part.splitlines()[-1] == '["key chain #33: bedroom; 5 of 6", "vase #32: bedroom; 5 of 6"]'
+    schema = prompt_named("rich").request("sit", UNSURE_FLAT).schema
+    assert schema is not None and {"key chain #33", "vase #32"} < set(schema["properties"]["object"]["enum"])
+    assert "key chain" not in schema["properties"]["object"]["enum"]
 
 
 def test_names_of_objects_and_rooms_are_data() -> None:

@@ -18,7 +18,7 @@ from cartier.llm.lookup import NOTHING
 from cartier.llm.prompts import PROMPTS
 from cartier.llm.reply_parser import MAX_FURTHER, REPLY_STATUSES, no_answer, parse_list, parse_object, read_reply
 from cartier.types import Fact, Inventory, Selection
-from flat import FLAT
+from flat import FLAT, UNSURE_FLAT
 
 HOME = ["chair", "coffee machine", "machine", "tv stand", "tv", "bed", "scissors", "wine glass", "glass", "Café table"]
 LISTED = Inventory.of(HOME)
@@ -244,6 +244,13 @@ def inside(reply: str, inventory: Inventory) -> Selection | None:
             assert need.status == "answered" and fits(need.fact, inventory)
             json.dumps(asdict(need.fact), allow_nan=False)
     return chosen
+
+
+def test_what_is_possibly_there_is_chosen_by_number() -> None:
+    chosen = read_reply(json.dumps(CUP | {"object": "vase #32"}), UNSURE_FLAT)
+    assert chosen is not None and (chosen.status, chosen.object, chosen.object_id) == ("found", "vase", 32)
+    assert read_reply(json.dumps(CUP | {"object": "vase"}), UNSURE_FLAT) is None, "a bare name is of what is sure"
+    assert read_reply(json.dumps(CUP | {"object": "vase #33"}), UNSURE_FLAT) is None
 
 
 def fits(fact: Fact, inventory: Inventory) -> bool:

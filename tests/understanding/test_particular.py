@@ -9,7 +9,7 @@ import pytest
 from cartier import plugins
 from cartier.contracts import Reasoner
 from cartier.types import Selection
-from flat import FLAT
+from flat import UNSURE_FLAT as FLAT
 
 SINK_CUP, TABLE_CUP, BED_CUP = 14, 12, 15
 
@@ -104,7 +104,19 @@ def test_what_was_seen_too_seldom_is_offered_and_served_to_who_says_yes(embedded
     assert (chosen.status, chosen.object, chosen.object_id) == ("found", "vase", 32)
     assert ask(embedded, "no", before).status == "answered"
     assert ask(embedded, "no, the sink", before).object == "sink"
-    assert "may have seen one" in ask(embedded, "where is the vase?").text
+
+
+def test_request_is_evidence_for_what_it_names(embedded: Reasoner) -> None:
+    chosen = ask(embedded, "bring me the key chain")
+    assert (chosen.status, chosen.object_id) == ("found", 33) and chosen.text.startswith("I think I saw a key chain")
+    assert chosen.candidates == (("key chain", 0.794),), "the certainty is that of an object once it is asked for"
+
+
+@pytest.mark.parametrize("words", ["where are my keys?", "is there a key chain?", "where is the vase?"])
+def test_question_tells_what_may_be_there(embedded: Reasoner, words: str) -> None:
+    told = ask(embedded, words)
+    assert told.status == "answered" and "I may have seen" in told.text and told.text.endswith("I am not sure.")
+    assert told.fact is not None and not told.fact.objects
 
 
 def test_a_verb_at_the_beginning_is_no_name(embedded: Reasoner) -> None:

@@ -14,12 +14,16 @@ from math import dist
 from typing import NamedTuple
 
 from cartier.labels import object_ref, room_ref
-from cartier.llm.lookup import names_of
+from cartier.llm.lookup import names_of, tentative
 from cartier.spatial import relations
 from cartier.types import Inventory, MapObject, Room
 
 MOST_DESCRIBED = 150
 BESIDE = 2  # neighbours listed for each object
+TENTATIVE = """
+Possibly there, of names that are not listed above: number, room, and in how many of the frames that could show it it \
+was seen. Choose one of these, with its number, only if it is asked for by name, and say that it may be there:
+"""
 
 
 class Listing(NamedTuple):
@@ -62,7 +66,14 @@ def described(inventory: Inventory, words: str) -> Listing:
         far = sorted((dist(obj.position[:2], inventory.from_xy), obj.id) for obj in told)
         text += "\nMetres from the robot, nearest first: " + ", ".join(f"#{number} {m:.1f}" for m, number in far)
     which = [object_ref(obj.label, obj.id) for obj in told if several[obj.label] > 1]
-    return Listing(text, [*names, *which, *rooms])
+    if maybe := tentative(inventory):
+        text += TENTATIVE + _json([_seldom(obj, inventory.rooms) for obj in maybe])
+    return Listing(text, [*names, *which, *(object_ref(obj.label, obj.id) for obj in maybe), *rooms])
+
+
+def _seldom(obj: MapObject, rooms: Sequence[Room]) -> str:
+    room = next((f" {room.name};" for room in rooms if room.id == obj.room), "")
+    return f"{object_ref(obj.label, obj.id)}:{room} {obj.n_detected} of {obj.n_observable}"
 
 
 def _first(seen: Sequence[MapObject], words: str, from_xy: Sequence[float] | None) -> list[MapObject]:

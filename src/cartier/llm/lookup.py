@@ -11,6 +11,7 @@ from typing import NamedTuple
 from cartier.types import Inventory, MapObject
 
 MAX_ACCENTS = 30
+MOST_TENTATIVE, LEAST_TENTATIVE = 30, 0.1  # how many tentative objects are listed, and from which probability
 NOTHING = "nothing"
 """The model's answer when no listed object serves the person."""
 
@@ -35,11 +36,13 @@ class Pick(NamedTuple):
 
 
 class Listed:
-    """All entities that a prompt lists: names, the numbers of confirmed objects, and rooms."""
+    """All entities that a prompt may list: names, the numbers of objects, and rooms."""
 
     def __init__(self, inventory: Inventory) -> None:
         self.names = names_of(tuple(inventory.names))
         self.objects: dict[int, MapObject] = {obj.id: obj for obj in inventory.objects if obj.confirmed}
+        self._tentative = {obj.id: obj for obj in tentative(inventory)}
+        self._tentative_names = names_of(tuple(sorted({obj.label for obj in self._tentative.values()})))
         self.rooms = {room.id: room.name for room in inventory.rooms}
 
     def find(self, text: str) -> Pick | None:
@@ -49,8 +52,10 @@ class Listed:
             return Pick(text)
         name, mark, number = text.rpartition("#")
         if mark and _is_number(number):
-            obj = self.objects.get(int(number))
-            return Pick(obj.label, obj.id) if obj and self.names.lookup(name) == obj.label else None
+            for objects, names in ((self.objects, self.names), (self._tentative, self._tentative_names)):
+                if (obj := objects.get(int(number))) is not None:
+                    return Pick(obj.label, obj.id) if names.lookup(name) == obj.label else None
+            return None
         name, mark, number = text.removesuffix(")").rpartition(" (room ")
         if mark and _is_number(number):
             room = int(number)
@@ -59,6 +64,15 @@ class Listed:
             return Pick(listed)
         rooms = [room for room, name in self.rooms.items() if name.casefold() == text.casefold()]
         return Pick(self.rooms[rooms[0]], room=rooms[0]) if len(rooms) == 1 else None
+
+
+def tentative(inventory: Inventory) -> list[MapObject]:
+    """The likeliest tentative object of each name that no confirmed one has, likeliest first."""
+    names, best = set(inventory.names), dict[str, MapObject]()
+    for obj in sorted(inventory.objects, key=lambda obj: (-obj.probability, obj.id)):
+        if not obj.confirmed and obj.probability >= LEAST_TENTATIVE and names.isdisjoint((obj.label, *obj.names)):
+            best.setdefault(obj.label, obj)
+    return list(best.values())[:MOST_TENTATIVE]
 
 
 class Names:

@@ -30,7 +30,7 @@ from cartier.understanding.need_scorer import Judgement, Scorer
 from cartier.understanding.outcome_classifier import OUTCOMES, Choice
 from cartier.understanding.reference_words import STANDS_FOR
 from cartier.understanding.references import parse
-from cartier.understanding.tentative import accepted, maybe_there, offer, tentative_matches, usual_place
+from cartier.understanding.tentative import accepted, maybe_there, offer, tentative_matches, unsure, usual_place
 from cartier.understanding.utterance import MOST_CHARACTERS, mentions
 
 Shares = tuple[tuple[str, float], ...]
@@ -88,8 +88,8 @@ class Embedded:
             and not chosen.next
             and not self._listed_asked(query, inventory)
         )
-        if nothing and (maybe := self._maybe(query, scene)) is not None:
-            return offer(maybe, scene, NAME)
+        if (nothing or _unknown(chosen)) and (maybe := self._maybe(query, scene)) is not None:
+            return offer(maybe, scene, NAME) if nothing else unsure(chosen, maybe, scene)
         return usual_place(chosen) if chosen.status == "likely_near" else chosen
 
     def _listed_asked(self, query: str, inventory: Inventory) -> bool:
@@ -273,6 +273,12 @@ def _anaphoric(need: str) -> bool:
 def _nowhere(told: Selection) -> bool:
     """Whether a request for an object or its place found none, so that the words may state a need instead."""
     return told.status == "not_found" or (told.fact is not None and told.fact.kind == "where" and not told.fact.objects)
+
+
+def _unknown(told: Selection) -> bool:
+    """Whether a question about an object is answered with that none was seen."""
+    fact = told.fact
+    return fact is not None and fact.kind in ("where", "exists", "count") and not fact.objects and not told.next
 
 
 def _told(said: DialogueAct) -> Selection:

@@ -6,7 +6,6 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import Any
 
-from cartier.labels import name_key
 from cartier.spatial.describe import whereabouts
 from cartier.spatial.expressions import ParsedUtterance, ReferringExpression, SpatialRelation
 from cartier.spatial.query import Scene, called
@@ -186,8 +185,7 @@ def _instead(head: ReferringExpression, scene: Scene) -> str:
     elsewhere = [o for o in scene.objects if called(o, head.labels)]
     if elsewhere:
         return "" if head.bare else f" There is {one(elsewhere[0].label)} {whereabouts(scene, elsewhere[0])}."
-    maybe = [o for o in scene.maybe if name_key(o.label) == name_key(head.said)]
-    return f" I may have seen one {whereabouts(scene, maybe[0])}, but too seldom to be sure." if maybe else ""
+    return ""
 
 
 def _where(phrase: ReferringExpression) -> str:

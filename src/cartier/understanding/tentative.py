@@ -1,4 +1,9 @@
-"""Tentative objects: detected too seldom, or only at their usual place. They are offered, and served after a "yes"."""
+"""Tentative objects: detected too seldom to be confirmed, or only at their usual place.
+
+Who asks for an object by name mostly has one, so the request is evidence that it exists. With it, a tentative object
+may be as likely as a confirmed one: then it is served, with how sure that is; else it is offered, and served after a
+"yes".
+"""
 
 from __future__ import annotations
 
@@ -14,6 +19,10 @@ from cartier.understanding.dialogue import FEW, NO, YES
 
 MOST_REFUSING = 2  # words; "no, the sink" asks for something else
 OFFER = "Shall I look there?"
+REQUEST_LIKELIHOOD_RATIO = (
+    9.0  # of a request given that its object is there, to one for what is not (tools/tentative.py)
+)
+CONFIRMED_PROBABILITY = 0.7  # as in the configuration of the mapping
 
 
 def tentative_matches(scene: Scene) -> list[MapObject]:
@@ -22,12 +31,37 @@ def tentative_matches(scene: Scene) -> list[MapObject]:
     return [obj for obj in scene.maybe if not called(obj, listed)]
 
 
+def probability_if_asked(obj: MapObject) -> float:
+    """How likely an object exists once somebody asks for it."""
+    odds = REQUEST_LIKELIHOOD_RATIO * obj.probability / max(1 - obj.probability, 1e-9)
+    return odds / (1 + odds)
+
+
 def offer(obj: MapObject, scene: Scene, model: str) -> Selection:
-    """A question instead of a goal."""
+    """The object if it is likely enough now that it was asked for, or a question instead."""
+    likely = probability_if_asked(obj)
+    seen = f"seen in {obj.n_detected} of {obj.n_observable} frames that could show it"
+    named = _named(obj, scene)
+    if likely >= CONFIRMED_PROBABILITY:
+        reason, say = f"it may be there: {seen}, {likely:.0%} sure", f"I think I saw {named}; I'll look there."
+        shares = ((obj.label, round(likely, 3)),)
+        return Selection("found", obj.label, reason=reason, object_id=obj.id, text=say, candidates=shares, model=model)
+    question = f"I may have seen {named}, but too seldom to be sure. {OFFER}"
+    return Selection("clarify", reason=seen, question=question, text=question, model=model)
+
+
+def unsure(answer: Selection, obj: MapObject, scene: Scene) -> Selection:
+    """An answer that knows of no such object, with the one that may be there."""
     where = whereabouts(scene, obj)
-    question = f"I may have seen {one(obj.label)}{f' {where}' if where else ''}, but too seldom to be sure. {OFFER}"
-    reason = f"seen in {obj.n_detected} of {obj.n_observable} frames that could show it"
-    return Selection("clarify", reason=reason, question=question, text=question, model=model)
+    say = f"I may have seen {_named(obj, scene)}; I am not sure."
+    if answer.fact is not None and answer.fact.kind != "where":
+        say = f"{answer.text} I may have seen one{f' {where}' if where else ''}; I am not sure."
+    return replace(answer, text=say, reason=say)
+
+
+def _named(obj: MapObject, scene: Scene) -> str:
+    where = whereabouts(scene, obj)
+    return f"{one(obj.label)}{f' {where}' if where else ''}"
 
 
 def maybe_there(obj: MapObject, model: str) -> Selection:
