@@ -348,4 +348,4 @@ def test_a_rerun_file_without_the_package_names_the_extra(
     assert code == 1 and err.startswith("cartier: --rrd needs the package 'rerun-sdk': pip install ") and "[viz]" in err
     assert not list(tmp_path.glob("*.rrd"))
     code, _, err = run("show", home, "--recording", tmp_path)
-    assert code == 1 and err.startswith("cartier: --recording adds frames, depth and path to --rrd FILE")
+    assert code == 1 and err.startswith("cartier: --recording adds frames to --rrd FILE and --overlay FILE")

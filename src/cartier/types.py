@@ -282,6 +282,28 @@ class View:
 
 
 @dataclass(frozen=True)
+class OrientedBox:
+    """The box of an object in the directions of the walls.
+
+    Args:
+        middle: Its middle in the world (m).
+        size: How long it is along its own x, y and z axis (m); z is up.
+        yaw: How its x axis is turned about the vertical (rad), from -π/4 to π/4.
+        seen: Which of its sides views showed: some of "+x", "-x", "+y", "-y", "+z". A side that is not named may be
+            farther out than the box says.
+    """
+
+    middle: tuple[float, ...]
+    size: tuple[float, ...]
+    yaw: float
+    seen: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        finite(self.middle, 3, "oriented box: its middle")
+        finite(self.size, 3, "oriented box: its size")
+
+
+@dataclass(frozen=True)
 class MapObject:
     """One object of a map, with the evidence for and against it.
 
@@ -301,6 +323,7 @@ class MapObject:
         room: The id of its room, or None.
         aliases: The ids of objects that were merged into it.
         names: The names that people gave it (``Home.correct``).
+        oriented: Its box in the directions of the walls, or None where they have no clear one.
     """
 
     id: int
@@ -321,6 +344,7 @@ class MapObject:
     room: int | None = None
     aliases: tuple[int, ...] = ()
     names: tuple[str, ...] = ()
+    oriented: OrientedBox | None = None
 
     def __post_init__(self) -> None:
         for name in ("position", "box_min", "box_max"):

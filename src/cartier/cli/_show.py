@@ -31,11 +31,14 @@ def show(
     everything: Annotated[bool, typer.Option("--all", help="List tentative objects, too.")] = False,
     plot: Annotated[Path | None, typer.Option(help="Draw the floor plan with rooms and objects.")] = None,
     sheet: Annotated[Path | None, typer.Option(help="Draw a contact sheet: one photo of each object.")] = None,
+    overlay: Annotated[
+        Path | None, typer.Option(help="With --recording: draw the boxes of objects on frames that show them.")
+    ] = None,
     rrd: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Write a file for the viewer of rerun.io (extra viz).")
     ] = None,
     recording: Annotated[
-        Path | None, typer.Option(help="With --rrd: the mapped recording; adds its frames, depth and path.")
+        Path | None, typer.Option(help="The mapped recording, for --overlay; to --rrd it adds frames, depth and path.")
     ] = None,
     format: Annotated[str | None, typer.Option(help="With --recording: its format, as for map.")] = None,
     html: Annotated[Path | None, typer.Option(help="Write the home as a web page that opens from disk.")] = None,
@@ -49,8 +52,10 @@ def show(
     from cartier.home import Home
 
     mapped = Home.load(home)
-    if recording is not None and rrd is None:
-        raise InputError("--recording adds frames, depth and path to --rrd FILE: give both")
+    if recording is not None and rrd is None and overlay is None:
+        raise InputError("--recording adds frames to --rrd FILE and --overlay FILE: give one of them, too")
+    if overlay is not None and recording is None:
+        raise InputError("--overlay draws on frames: give the mapped recording with --recording")
     if find is not None:
         _find(mapped, check_query(find), index, plot, as_json)
         return
@@ -69,6 +74,11 @@ def show(
 
         draw_sheet(mapped, sheet)
         say(f"image: {sheet}")
+    if overlay and recording is not None:
+        from cartier.render.overlay import draw_overlay
+
+        draw_overlay(mapped, as_mapped(mapped, recording, format), overlay)
+        say(f"image: {overlay}")
     if rrd:
         _write_rrd(mapped, rrd, recording, format)
     if html:

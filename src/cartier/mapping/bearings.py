@@ -16,7 +16,7 @@ from cartier.mapping.association import assign
 from cartier.mapping.columns import ColumnKinds, Columns, Indices
 from cartier.mapping.config import MappingConfig
 from cartier.mapping.observation import SURFACE_POINTS, LiftedDetections, lift
-from cartier.types import Array, Frame
+from cartier.types import Array, Frame, OrientedBox
 
 DISTANCES_M = np.geomspace(0.3, 20, SURFACE_POINTS)
 USUAL_SIZE_M, SIZE_FACTOR = 0.5, 3.0  # of objects, and how far sizes spread about it
@@ -110,8 +110,8 @@ class BearingGeometry:
     ) -> None:
         """Without depth, views show no surface."""
 
-    def fit_boxes(self, columns: Columns) -> Array:
-        return np.stack([columns["box_min"], columns["box_max"]], axis=1)
+    def fit_boxes(self, columns: Columns, walls_yaw: float | None) -> tuple[Array, list[OrientedBox | None]]:
+        return np.stack([columns["box_min"], columns["box_max"]], axis=1), [None] * len(columns["id"])
 
     def merge(self, columns: Columns, keep: int, drop: int) -> None:
         """Rays cannot be joined: that of the object with more detections stays."""

@@ -37,6 +37,7 @@ OUTLIER_SHARE = 0.015  # at either end, without masks
 FLOOR_M = 0.03  # lower points are floor, if the object is higher than ``LOW_M``
 LOW_M = 0.15
 NEIGHBOURS = np.stack(np.meshgrid(*[(-1, 0, 1)] * 3), axis=-1).reshape(-1, 3)  # of a cell, itself among them
+SIDES_SEEN = ("+x", "-x", "+y", "-y", "+z")
 STANDING_SHARE = 1 / 3  # an object whose bottom is seen below this share of its top stands on the floor
 
 
@@ -89,20 +90,37 @@ def agreement(
     return np.asarray(within.sum(0) / np.maximum(shown.sum(0), 1))
 
 
-def surface_box(points: Array, masked: bool) -> Array | None:
+def surface_box(points: Array, masked: bool, yaw: float = 0.0) -> Array | None:
     """The box (2, 3), least and greatest corner, of a surface (k, 3); None if there is too little of it.
 
-    What is seen standing low over the floor, which is at height 0, reaches down to it.
+    The corners are along axes that are turned by ``yaw`` about the vertical. What is seen standing low over the floor,
+    which is at height 0, reaches down to it.
     """
     if not masked and points[:, 2].max(initial=0) > LOW_M and (points[:, 2] > FLOOR_M).sum() >= MIN_SURFACE_SAMPLES:
         points = points[points[:, 2] > FLOOR_M]
     if len(points) < MIN_SURFACE_SAMPLES:
         return None
     share = 0 if masked else OUTLIER_SHARE
-    box = np.quantile(points, (share, 1 - share), axis=0)
+    box = np.quantile(points @ about_z(yaw), (share, 1 - share), axis=0)
     if 0 < box[0, 2] < max(LOW_M, STANDING_SHARE * box[1, 2]):
         box[0, 2] = 0
     return np.asarray(box)
+
+
+def sides_seen(patches: npt.NDArray[Any], box: Array, yaw: float) -> npt.NDArray[np.bool_]:
+    """Which sides (5,) of a box (2, 3) the patches (v,) show: those of greatest and least x and y, and the top.
+
+    ``yaw`` is that of ``surface_box``. A camera beyond the plane of a side sees it.
+    """
+    cameras = patches["pose"][patches["worth"] > 0][:, :, 3].astype(np.float64) @ about_z(yaw)
+    beyond = np.stack([cameras > box[1], cameras < box[0]], axis=2).any(0)
+    return np.asarray(beyond.ravel()[: len(SIDES_SEEN)])
+
+
+def about_z(yaw: float) -> Array:
+    """The matrix (3, 3) whose columns are the axes turned by ``yaw`` about the vertical: points @ it is turned back."""
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    return np.array([[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]])
 
 
 def _decoded(patches: npt.NDArray[Any]) -> tuple[Array, npt.NDArray[np.bool_]]:

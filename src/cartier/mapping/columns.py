@@ -11,7 +11,7 @@ import numpy.typing as npt
 from cartier.mapping.colours import COLOURS, named_shares
 from cartier.mapping.existence import VIEWPOINT_BINS
 from cartier.mapping.observation import SURFACE_POINTS
-from cartier.types import Array, MapObject, View
+from cartier.types import Array, MapObject, OrientedBox, View
 
 Indices = npt.NDArray[np.intp]
 Columns = Mapping[str, npt.NDArray[Any]]
@@ -54,12 +54,12 @@ def map_objects(
     columns: Columns,
     names: Sequence[str],
     aliases: Mapping[int, int],
-    boxes: Array,
+    boxes: tuple[Array, Sequence[OrientedBox | None]],
     likely: Array,
     confirmed: npt.NDArray[np.bool_],
     located: npt.NDArray[np.bool_] | None,
 ) -> tuple[MapObject, ...]:
-    """Rows as objects, with their boxes (n, 2, 3) and probabilities (n,).
+    """Rows as objects, with their boxes (n, 2, 3), those along the walls, and probabilities (n,).
 
     ``aliases`` are merged ids with those of the rows that have them. ``located`` (n,) says which distances are known
     where views show no surface; None where they do.
@@ -72,7 +72,7 @@ def map_objects(
         row = {name: column[o] for name, column in columns.items()}
         by_label = zip(row["label_votes"], row["label_weights"], strict=True)
         votes = sorted(((names[k], round(float(w), 4)) for k, w in by_label if k >= 0), key=lambda vote: -vote[1])
-        box_min, box_max = boxes[o]
+        box_min, box_max = boxes[0][o]
         position = _metres((box_min + box_max) / 2)
         best = [view for view in np.sort(row["views"], order="worth")[::-1] if view["frame"] >= 0]
         surfaces = [_metres(view["surface"]) if located is None else position if located[o] else None for view in best]
@@ -81,7 +81,7 @@ def map_objects(
             number, votes[0][0], tuple(votes), position, _metres(box_min), _metres(box_max),
             round(float(likely[o]), 4), bool(confirmed[o]), int(row["n_detected"]), int(row["n_observable"]),
             float(row["first_s"]), float(row["last_s"]), float(row["looked_s"]), views, named_shares(row["colours"]),
-            aliases=tuple(old_ids.get(number, ())),
+            aliases=tuple(old_ids.get(number, ())), oriented=boxes[1][o],
         ))  # fmt: skip
     return tuple(objects)
 

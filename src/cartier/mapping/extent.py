@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cartier.mapping.association import assign, cost_matrix
-from cartier.mapping.box_fitting import agreed_surface, surface_box
+from cartier.mapping.box_fitting import SIDES_SEEN, about_z, agreed_surface, sides_seen, surface_box
 from cartier.mapping.columns import ColumnKinds, Columns, Indices
 from cartier.mapping.config import ExtentConfig, MappingConfig
 from cartier.mapping.existence import predict_visibility
@@ -21,7 +21,7 @@ from cartier.mapping.observation import (
     keep_patches,
     lift,
 )  # fmt: skip
-from cartier.types import Array, Frame
+from cartier.types import Array, Frame, OrientedBox
 
 SIDES = {"box_min": -1, "box_max": 1, "extent_min": -1, "extent_max": 1}
 """The corners of an object's box, and of all that may belong to it; which way is outwards."""
@@ -85,8 +85,8 @@ class Geometry(Protocol):
         """
         ...
 
-    def fit_boxes(self, columns: Columns) -> Array:
-        """The boxes (n, 2, 3) of all objects, least and greatest corner."""
+    def fit_boxes(self, columns: Columns, walls_yaw: float | None) -> tuple[Array, list[OrientedBox | None]]:
+        """The boxes (n, 2, 3) of all objects, least and greatest corner, and those in the directions of the walls."""
         ...
 
     def merge(self, columns: Columns, keep: int, drop: int) -> None:
@@ -124,7 +124,8 @@ class DepthGeometry:
 
     with_depth: ClassVar[bool] = True
     columns: ClassVar[ColumnKinds] = {
-        "patches": ((PATCHES_KEPT,), PATCH_KIND), "fitted": ((2, 3), "f8"), "fit_is_stale": ((), "?"),
+        "patches": ((PATCHES_KEPT,), PATCH_KIND), "fit_is_stale": ((), "?"),
+        "fitted": ((2, 3), "f8"), "fitted_along_walls": ((2, 3), "f8"), "fit_yaw": ((), "f8"), "seen": ((5,), "?"),
     }  # fmt: skip
 
     def __init__(self, config: MappingConfig) -> None:
@@ -178,14 +179,21 @@ class DepthGeometry:
         changed = keep_patches(columns["patches"], rows, frame, detections, boxes_xyxy, worth, masks)
         columns["fit_is_stale"][changed] = True
 
-    def fit_boxes(self, columns: Columns) -> Array:
-        for row in np.flatnonzero(columns["fit_is_stale"]):
-            box = surface_box(*agreed_surface(columns["patches"][row], self.config.extent.min_agreement))
-            columns["fitted"][row] = 0 if box is None else box
-            columns["fit_is_stale"][row] = False
+    def fit_boxes(self, columns: Columns, walls_yaw: float | None) -> tuple[Array, list[OrientedBox | None]]:
+        """Only what changed since the last call is fitted again."""
+        yaw = walls_yaw or 0.0
+        for row in np.flatnonzero(columns["fit_is_stale"] | (columns["fit_yaw"] != yaw)):
+            patches = columns["patches"][row]
+            surface, masked = agreed_surface(patches, self.config.extent.min_agreement)
+            boxes = surface_box(surface, masked), surface_box(surface, masked, yaw)
+            columns["fitted"][row], columns["fitted_along_walls"][row] = (0 if box is None else box for box in boxes)
+            columns["seen"][row] = boxes[1] is not None and sides_seen(patches, boxes[1], yaw)
+            columns["fit_is_stale"][row], columns["fit_yaw"][row] = False, yaw
         fitted, running = columns["fitted"], np.stack([columns["box_min"], columns["box_max"]], axis=1)
-        sound = np.all(fitted[:, 1] > fitted[:, 0], axis=1, keepdims=True)[:, None]
-        return np.where(sound, fitted, running)
+        sound = np.all(fitted[:, 1] > fitted[:, 0], axis=1)
+        turned = zip(columns["fitted_along_walls"], columns["seen"], sound & (walls_yaw is not None), strict=True)
+        oriented = [_oriented(box, seen, yaw) if good else None for box, seen, good in turned]
+        return np.where(sound[:, None, None], fitted, running), oriented
 
     def merge(self, columns: Columns, keep: int, drop: int) -> None:
         both = np.concatenate([columns["patches"][keep], columns["patches"][drop]])
@@ -198,3 +206,9 @@ class DepthGeometry:
 
     def distance_known(self, columns: Columns) -> npt.NDArray[np.bool_]:
         return np.ones(len(columns["id"]), bool)
+
+
+def _oriented(box: Array, seen: npt.NDArray[np.bool_], yaw: float) -> OrientedBox:
+    middle, size = about_z(yaw) @ box.mean(0), box[1] - box[0]
+    sides = tuple(name for name, shown in zip(SIDES_SEEN, seen, strict=True) if shown)
+    return OrientedBox(tuple(middle.round(4).tolist()), tuple(size.round(4).tolist()), round(yaw, 6), sides)

@@ -28,6 +28,7 @@ from cartier.mapping.object_map import ObjectMap
 from cartier.mapping.occupancy import OccupancyMapper
 from cartier.mapping.quality import Conditions
 from cartier.mapping.rooms import find_rooms, room_of
+from cartier.mapping.walls import walls_yaw
 from cartier.types import Camera, Detections, Frame, MapObject
 
 DEFAULT_INDEXES = ("object_depth", "object_viewpoint")
@@ -245,9 +246,12 @@ class Mapper:
         """
         if self._start_xy is None or self._camera is None or self._objects is None:
             raise InputError("nothing was mapped yet: the recording holds no frames")
+        grid = self._floor.grid()
+        yaw = None if grid is None else walls_yaw(grid)
+        self._objects.objects(yaw)  # what is fitted here need not be fitted again for the next home
         merged = deepcopy(self._objects)
         merged.merge_and_prune()
-        objects, grid = merged.objects(), self._floor.grid()
+        objects = merged.objects(yaw)
         if not objects:
             hint = "is the threshold too high, or are these not the things that it knows?"
             told = "; ".join(optional(self.detector, Detector, "notes")) or hint

@@ -45,6 +45,7 @@ class ObjectMap:
         self._kinds = {**COLUMNS, **self.geometry.columns}
         self._rows = empty_columns(self._kinds, GROWTH_ROWS)
         self._count = self._next_id = self._frames = 0
+        self._walls_yaw: float | None = None  # of the boxes that were fitted last
         self._covisible: dict[tuple[int, int], int] = {}  # frames that show two touching objects side by side, by ids
         self._aliases: dict[int, int] = {}  # ids of objects that were merged into another one
 
@@ -118,12 +119,8 @@ class ObjectMap:
         rows, o = self._rows, self._count
         if o == len(rows["id"]):
             self._rows = rows = {name: np.concatenate([column, np.zeros_like(column)]) for name, column in rows.items()}
-        rows["id"][o], rows["label_votes"][o], rows["first_s"][o], rows["views"]["frame"][o] = (
-            self._next_id,
-            -1,
-            time_s,
-            -1,
-        )
+        rows["id"][o], rows["first_s"][o] = self._next_id, time_s
+        rows["label_votes"][o] = rows["views"]["frame"][o] = -1
         self.geometry.spawn(rows, o, lifted, detection)
         self._next_id, self._count = self._next_id + 1, o + 1
         return o
@@ -166,17 +163,22 @@ class ObjectMap:
         columns = self.columns()
         return columns["observable"], columns["detected"], columns["widest_rad"]
 
-    def objects(self) -> tuple[MapObject, ...]:
-        """Every object, confirmed and tentative, by id."""
+    def objects(self, walls_yaw: float | None = None) -> tuple[MapObject, ...]:
+        """Every object, confirmed and tentative, by id; with ``walls_yaw`` (rad) also boxes along the walls."""
+        self._walls_yaw = walls_yaw
         columns, names = self.columns(), list(self._labels)
         likely = posterior(*self.evidence(), self.score_model)
         confirmed = likely >= self.config.existence.confirmed_probability
         located = None if self.geometry.with_depth else self.geometry.distance_known(columns)
-        return map_objects(columns, names, self._aliases, self.geometry.fit_boxes(columns), likely, confirmed, located)
+        return map_objects(
+            columns, names, self._aliases, self.geometry.fit_boxes(columns, walls_yaw), likely, confirmed, located
+        )
 
     def state(self) -> dict[str, bytes]:
         """All of it, as named blobs."""
-        self.geometry.fit_boxes(self.columns())  # so that it does not depend on who asked for objects before
+        self.geometry.fit_boxes(
+            self.columns(), self._walls_yaw
+        )  # so that it does not depend on who asked for objects before
         about = {
             "labels": list(self._labels), "next_id": self._next_id, "frames": self._frames,
             "covisible": [[*pair, count] for pair, count in self._covisible.items()],

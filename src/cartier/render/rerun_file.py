@@ -18,12 +18,13 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from cartier.contracts import Recording, RecordingDefaults, optional
+from cartier.contracts import Recording
 from cartier.errors import InputError
 from cartier.home import Home
 from cartier.home.detection_log import ProcessedFrame
 from cartier.mapping.occupancy import OccupancyMapper
 from cartier.navigation.planning import room_middle
+from cartier.render.mapped_frames import first_frame_of
 from cartier.types import FREE, OCCUPIED, UNKNOWN, Array, MapObject, OccupancyGrid, Room, View
 
 TIMELINE = "frame"
@@ -45,7 +46,7 @@ def write_rrd(
 
     Raises InputError if the home was not mapped from the recording, or the file cannot be written.
     """
-    first = None if recording is None else _first_frame(home, recording)
+    first = None if recording is None else first_frame_of(home, recording)
     try:
         with tempfile.TemporaryDirectory(dir=file.absolute().parent, prefix=f".{file.name}.") as beside:
             out = rr.RecordingStream("cartier", recording_id=home.id)
@@ -71,31 +72,6 @@ def write_rrd(
             (Path(beside) / "home.rrd").replace(file)
     except OSError as error:
         raise InputError(f"{file} cannot be written ({error.strerror or error})") from error
-
-
-def _first_frame(home: Home, recording: Recording) -> int:
-    """The number that the recording's first frame has in the home."""
-    first, sha256, rows = 0, recording.fingerprint(), home.settings["recordings"]
-    for row in rows:
-        if row["sha256"] == sha256:
-            return first
-        first += int(row["frames"])
-    here = _read_with(optional(recording, RecordingDefaults, "read_with"))
-    named = [_read_with(row.get("read_with", {})) for row in rows if row["recording"] == recording.name]
-    if not named:
-        names = ", ".join(row["recording"] for row in rows)
-        wrong = f"{home.name} was not mapped from {recording.name}, but from {names}"
-        raise InputError(f"{wrong}: give that, or leave it out")
-    if here in named:
-        raise InputError(
-            f"{home.name} was mapped from {recording.name}, but its files or its reader changed: map it again"
-        )
-    options = f"read with {' or '.join(named)}; here it is read with {here}"
-    raise InputError(f"{home.name} was mapped from {recording.name} {options}")
-
-
-def _read_with(options: Mapping[str, Any]) -> str:
-    return ", ".join(f"{name} {value}" for name, value in sorted(options.items())) or "no options"
 
 
 def _looked(home: Home) -> tuple[dict[int, ProcessedFrame] | None, float]:

@@ -1,0 +1,98 @@
+"""Overlay of object boxes on frames: whether the boxes in space fit what the camera saw."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cartier.contracts import Recording
+from cartier.errors import InputError
+from cartier.geometry import project
+from cartier.home import Home
+from cartier.io.atomic import write_file
+from cartier.render.mapped_frames import first_frame_of
+from cartier.types import Frame, MapObject
+
+if TYPE_CHECKING:
+    from PIL import ImageDraw
+
+FRAMES, COLUMNS, WIDTH = 6, 2, 640  # shown, in a row, and pixels of each
+NEAR_M = 0.1  # corners nearer to the camera are not drawn
+CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
+EDGES = [(i, j) for i in range(8) for j in range(i) if np.abs(CORNERS[i] - CORNERS[j]).sum() == 1]
+COLOURS = ((230, 60, 80), (60, 150, 230), (60, 180, 90), (235, 160, 40), (170, 90, 210), (40, 190, 190))
+
+
+def draw_overlay(home: Home, recording: Recording, file: Path) -> None:
+    """Write a PNG or JPEG: frames that show most of the confirmed objects, with the edges of their boxes.
+
+    Raises InputError if the home was not mapped from the recording or keeps no detections, the suffix names no image
+    format, or the file cannot be written.
+    """
+    from PIL import Image, ImageDraw
+
+    first, shown = first_frame_of(home, recording), _objects_by_frame(home)
+    here = {n: objs for n, objs in shown.items() if first <= n < first + len(recording)}
+    frames = _most_telling(here)
+    if not frames:
+        raise InputError(f"{home.name} has no confirmed object in {recording.name}: there is no box to draw")
+    pages = []
+    for number in frames:
+        frame = recording[number - first]
+        page = Image.fromarray(frame.rgb)
+        page = page.resize((WIDTH, round(WIDTH * page.height / page.width)))
+        draw = ImageDraw.Draw(page)
+        for obj in here[number]:
+            _draw_box(draw, obj, frame, WIDTH / frame.camera.width)
+        pages.append(page)
+    tall = max(page.height for page in pages)
+    sheet = Image.new("RGB", (min(COLUMNS, len(pages)) * WIDTH, -(-len(pages) // COLUMNS) * tall), "white")
+    for k, page in enumerate(pages):
+        sheet.paste(page, (k % COLUMNS * WIDTH, k // COLUMNS * tall))
+    buffer = io.BytesIO()
+    try:
+        sheet.save(buffer, Image.registered_extensions()[file.suffix.lower() or ".png"])
+    except KeyError as error:
+        raise InputError(f"cannot draw to {file}: {file.suffix} is no image format; take .png or .jpg") from error
+    write_file(file, buffer.getvalue())
+
+
+def _objects_by_frame(home: Home) -> dict[int, list[MapObject]]:
+    """The confirmed objects that each frame's detections belong to."""
+    log = home.detections()
+    if log is None:
+        raise InputError(f"{home.name} keeps no detections, so that no frame is known to show an object: map it again")
+    of = {number: obj for obj in home.objects if obj.confirmed for number in (obj.id, *obj.aliases)}
+    rows = {n: {of[i].id: of[i] for i in seen.objects.tolist() if i in of} for n, seen in log.looked().items()}
+    return {n: list(objs.values()) for n, objs in rows.items() if objs}
+
+
+def _most_telling(shown: dict[int, list[MapObject]]) -> list[int]:
+    """Up to ``FRAMES`` frames, each with the most objects that none before it shows; later ones with most of all."""
+    chosen, left = list[int](), {obj.id for objs in shown.values() for obj in objs}
+    while len(chosen) < min(FRAMES, len(shown)):
+        best = max(
+            (n for n in shown if n not in chosen),
+            key=lambda n: (len(left & {obj.id for obj in shown[n]}), len(shown[n]), -n),
+        )
+        chosen.append(best)
+        left -= {obj.id for obj in shown[best]}
+    return chosen
+
+
+def _draw_box(draw: ImageDraw.ImageDraw, obj: MapObject, frame: Frame, scale: float) -> None:
+    low, high = np.array(obj.box_min), np.array(obj.box_max)
+    uv, depth_m = project(low + CORNERS * (high - low), frame.camera, frame.world_from_camera)
+    uv, colour = uv * scale, COLOURS[obj.id % len(COLOURS)]
+    for i, j in EDGES:
+        if min(depth_m[i], depth_m[j]) > NEAR_M:
+            draw.line([*uv[i].tolist(), *uv[j].tolist()], fill=colour, width=2)
+    ahead = uv[depth_m > NEAR_M]
+    if len(ahead):
+        x, y = np.clip(ahead.min(0), 0, (WIDTH - 80, WIDTH)).tolist()
+        text = f"{obj.id} {obj.label} " + "x".join(f"{side * 100:.0f}" for side in high - low) + " cm"
+        draw.rectangle(draw.textbbox((x, y), text), fill=colour)
+        draw.text((x, y), text, fill="white")

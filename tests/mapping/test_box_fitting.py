@@ -1,0 +1,131 @@
+"""Boxes of surfaces on which views agree: closed forms, on made-up frames of a block before a wall."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cartier.mapping.box_fitting import agreed_surface, sides_seen, surface_box
+from cartier.mapping.config import DEFAULT_CONFIG, ExtentConfig
+from cartier.mapping.object_map import ObjectMap
+from cartier.mapping.observation import PATCH_KIND, PATCHES_KEPT, keep_patches
+from cartier.types import Camera, Detections, DetectorScoreModel, Frame
+
+CAMERA = Camera(320, 240, 260.0, 260.0, 159.5, 119.5)
+BLOCK = np.array([[-0.3, -0.2, 0.0], [0.3, 0.2, 0.5]])
+"""Of 60 x 40 x 50 cm, on the floor."""
+WALL_M = -0.9
+"""A wall at this y, behind the block for most cameras."""
+
+
+def rotation(yaw: float) -> np.ndarray:
+    return np.array([[math.cos(yaw), -math.sin(yaw), 0], [math.sin(yaw), math.cos(yaw), 0], [0, 0, 1]])
+
+
+def look(eye: np.ndarray, at: np.ndarray) -> np.ndarray:
+    ahead = (at - eye) / np.linalg.norm(at - eye)
+    right = np.cross(ahead, [0, 0, 1.0])
+    right /= np.linalg.norm(right)
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = np.stack([right, np.cross(ahead, right), ahead], axis=1), eye
+    return pose
+
+
+def seen(
+    number: int, angle_deg: float, yaw: float = 0.0, radius_m: float = 1.8
+) -> tuple[Frame, np.ndarray, np.ndarray]:
+    """A frame from around the block, which is turned by ``yaw``; the block's box (4,) in the image and its mask."""
+    angle, turn = math.radians(angle_deg) + yaw, rotation(yaw)
+    pose = look(np.array([1.8 * math.cos(angle), 1.8 * math.sin(angle), 1.3]), np.array([0, 0, 0.25]))
+    v, u = np.mgrid[: CAMERA.height, : CAMERA.width]
+    rays = np.stack([(u - CAMERA.cx) / CAMERA.fx, (v - CAMERA.cy) / CAMERA.fy, np.ones(u.shape)], axis=-1)
+    way, eye = rays @ pose[:3, :3].T @ turn, pose[:3, 3] @ turn  # in the frame of the block
+    with np.errstate(divide="ignore"):
+        ends = np.sort((BLOCK[:, None, None] - eye) / way, axis=0)
+        enter, leave = ends[0].max(-1), ends[1].min(-1)
+        floor, wall = -eye[2] / way[..., 2], (WALL_M - eye[1]) / way[..., 1]
+    block = (enter < leave) & (enter > 0)
+    behind = np.minimum(np.where(floor > 0, floor, 9), np.where(wall > 0, wall, 9))
+    depth_m = np.where(block, enter, behind).astype(np.float32)
+    rows, cols = np.nonzero(block)
+    box = np.array([cols.min(), rows.min(), cols.max() + 1, rows.max() + 1], np.float32)
+    frame = Frame(number, float(number), np.zeros((*block.shape, 3), np.uint8), depth_m, pose, CAMERA)
+    return frame, box, block
+
+
+ANGLES = (20.0, 65.0, 110.0, 160.0, 45.0)
+
+
+def mapped(yaw: float = 0.0, masked: bool = False, config: MappingConfig = DEFAULT_CONFIG) -> ObjectMap:
+    made = ObjectMap(DetectorScoreModel(), config)
+    for number, angle in enumerate(ANGLES):
+        frame, box, block = seen(number, angle, yaw)
+        masks = block[None] if masked else None
+        made.add(frame, Detections(number, box[None], np.ones(1, np.float32), ("box",), masks))
+    return made
+
+
+@pytest.mark.parametrize("masked", [False, True])
+def test_box_fits_what_views_agree_on(masked: bool) -> None:
+    (obj,) = mapped(masked=masked).objects()
+    np.testing.assert_allclose([obj.box_min, obj.box_max], BLOCK, atol=0.04)
+    assert obj.oriented is None
+
+
+def test_what_other_views_have_outside_of_their_box_is_left_out() -> None:
+    """The reason why several views are asked: in one, floor beside the block cannot be told from the block."""
+    careless = replace(DEFAULT_CONFIG, extent=ExtentConfig(min_agreement=0.0))
+    (fit,), (loose,) = mapped().objects(), mapped(config=careless).objects()
+    area = [np.prod(np.subtract(obj.box_max, obj.box_min)[:2]) for obj in (fit, loose)]
+    assert area[1] > 1.3 * area[0]
+
+
+@pytest.mark.parametrize("yaw_deg", [0, 25, -40])
+def test_box_along_walls_fits_a_turned_block(yaw_deg: float) -> None:
+    yaw = math.radians(yaw_deg)
+    (obj,) = mapped(yaw).objects(yaw)
+    assert obj.oriented is not None and obj.oriented.yaw == pytest.approx(yaw, abs=1e-5)
+    np.testing.assert_allclose(obj.oriented.size, BLOCK[1] - BLOCK[0], atol=0.06)
+    np.testing.assert_allclose(obj.oriented.middle, [0, 0, 0.25], atol=0.04)
+    assert set(obj.oriented.seen) >= {"+y", "+z"} and "-y" not in obj.oriented.seen
+
+
+def test_more_frames_from_one_standpoint_replace_each_other() -> None:
+    patches = np.zeros((1, PATCHES_KEPT), PATCH_KIND)
+    one = np.zeros(1, np.intp)
+    for number in range(20):
+        frame, box, _ = seen(number, 20 + number * 0.2)
+        keep_patches(patches, one, frame, one, box[None], np.array([100.0 + number]), None)
+    assert (patches["worth"] > 0).sum() == 1 and patches["worth"].max() == 119
+    frame, box, _ = seen(20, 160)
+    assert len(keep_patches(patches, one, frame, one, box[None], np.array([1.0]), None)) == 1
+    assert (patches["worth"] > 0).sum() == 2, "another standpoint adds a view, however small"
+
+
+def test_sides_are_seen_by_cameras_beyond_them() -> None:
+    patches = np.zeros(2, PATCH_KIND)
+    patches["worth"] = 1
+    patches["pose"][:, :, 3] = [[2, 0, 0.2], [0, -2, 1.0]]
+    box = np.array([[-1.0, -1, 0], [1, 1, 0.5]])
+    assert sides_seen(patches, box, 0.0).tolist() == [True, False, False, True, True]
+    assert sides_seen(patches, box, math.pi / 2).tolist() == [False, True, False, True, True]
+
+
+def test_low_surface_reaches_the_floor_and_a_hung_one_does_not() -> None:
+    rng = np.random.default_rng(0)
+    seat = rng.uniform([0, 0, 0.4], [0.5, 0.5, 0.9], (400, 3))
+    hung = rng.uniform([0, 0, 1.4], [0.5, 0.02, 1.9], (400, 3))
+    high = surface_box(seat, False)
+    assert high is not None and high[0, 2] > 0.35
+    low = surface_box(seat - [0, 0, 0.2], False)
+    assert low is not None and low[0, 2] == 0
+    high = surface_box(hung, False)
+    assert high is not None and high[0, 2] > 1.35
+
+
+def test_nothing_shown_is_no_surface() -> None:
+    assert len(agreed_surface(np.zeros(PATCHES_KEPT, PATCH_KIND), 0.9)[0]) == 0
+    assert surface_box(np.zeros((3, 3)), True) is None
