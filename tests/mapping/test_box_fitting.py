@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from cartier.mapping.box_fitting import agreed_surface, sides_seen, surface_box
-from cartier.mapping.config import DEFAULT_CONFIG, ExtentConfig
+from cartier.mapping.config import DEFAULT_CONFIG, ExtentConfig, MappingConfig
 from cartier.mapping.object_map import ObjectMap
 from cartier.mapping.observation import PATCH_KIND, PATCHES_KEPT, keep_patches
 from cartier.types import Camera, Detections, DetectorScoreModel, Frame
@@ -17,7 +17,7 @@ from cartier.types import Camera, Detections, DetectorScoreModel, Frame
 CAMERA = Camera(320, 240, 260.0, 260.0, 159.5, 119.5)
 BLOCK = np.array([[-0.3, -0.2, 0.0], [0.3, 0.2, 0.5]])
 """Of 60 x 40 x 50 cm, on the floor."""
-WALL_M = -0.9
+WALL_M = -0.3
 """A wall at this y, behind the block for most cameras."""
 
 
@@ -80,7 +80,7 @@ def test_what_other_views_have_outside_of_their_box_is_left_out() -> None:
     careless = replace(DEFAULT_CONFIG, extent=ExtentConfig(min_agreement=0.0))
     (fit,), (loose,) = mapped().objects(), mapped(config=careless).objects()
     area = [np.prod(np.subtract(obj.box_max, obj.box_min)[:2]) for obj in (fit, loose)]
-    assert area[1] > 1.3 * area[0]
+    assert area[1] > 1.2 * area[0]
 
 
 @pytest.mark.parametrize("yaw_deg", [0, 25, -40])
