@@ -211,7 +211,7 @@ def walked(name: str) -> tuple[OccupancyGrid, dict[str, Home]]:
     for key, of in maps.items():
         size = sum(map(len, of["every frame"].state().values())) / max(1, len(of["every frame"]))
         for made in of.values():
-            made.merge_and_prune()
+            made.consolidate()
         listed = {turn: made.objects() for turn, made in of.items()}
         peer_boxes = {obj.id: peers[key].boxes(obj) for obj in listed["every frame"]}
         homes[key] = Home(list(objs), pixels[[t.id for t in objs]], listed, spent[key] / n * 1e3, size, peer_boxes)

@@ -39,7 +39,7 @@ def names_of(home: str) -> list[Row]:
     for number in range(len(recording)):
         frame = recording[number]
         objects.add(frame, detector.detect(frame))
-    objects.merge_and_prune()
+    objects.consolidate()
     there, rows = {display_name(true.label) for true in truth}, []
     for name in detector.knows:
         best = max((o for o in objects.objects() if o.label == name), key=lambda o: o.probability, default=None)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from cartier.mapping.bearings import BearingGeometry
+from cartier.mapping.merging import merge_by_box
 from cartier.mapping.object_map import ObjectMap
 from cartier.types import DetectorScoreModel, Frame, MapObject
 from staged import SURE, WEAK, Box, about, all_of, flat, found, fresh, square
@@ -285,3 +286,38 @@ def test_merged_bearings_keep_the_box_of_the_more_confident_one() -> None:
     assert len(before) == 2 and whole.aliases
     kept = before[whole.id]
     assert (whole.box_min, whole.box_max, whole.position) == (kept.box_min, kept.box_max, kept.position)
+
+
+# ---- fitted boxes
+
+FITTED: dict[str, tuple[str, float, int, bool]] = {
+    "two fifths of the smaller shared": ("chair", 0.6, 0, True),
+    "a fifth of the smaller shared": ("chair", 0.8, 0, False),
+    "another name": ("table", 0.2, 0, False),
+    "frames show both": ("chair", 0.2, 3, False),
+}
+
+
+@table("case", FITTED)
+def test_objects_whose_fitted_boxes_overlap_are_one(case: str) -> None:
+    label, moved_m, together, one = FITTED[case]
+    made = both(("chair", square()), (label, square(60)), [SURE] * 4)
+    boxes = np.array([[[0, 0, 0], [1, 1, 1]], [[moved_m, 0, 0], [1 + moved_m, 1, 1]]], float)
+    covisible = {(0, 1): together} if together else {}
+    merged, gone = merge_by_box(made.columns(), boxes, covisible, made.geometry, made.config.merging)
+    assert (merged, gone.tolist()) == (({1: 0}, [1]) if one else ({}, []))
+
+
+def test_consolidated_map_merges_by_fitted_boxes() -> None:
+    made, frame = fresh(), flat()
+    made.add(frame, all_of(frame, ("sofa", SURE, square(0, width=60)), ("sofa", SURE, square(36, width=60))))
+    assert len(made.objects()) == 2, "their extents overlap too little"
+    made.consolidate()
+    assert len(made.objects()) == 2, "one frame shows both"
+    made, frames = fresh(), (flat(0), flat(1))
+    for frame, box in zip(frames, (square(0, width=60), square(36, width=60)), strict=True):
+        made.add(frame, found(frame, ("sofa", SURE, box)))
+    assert len(made) == 2
+    made.consolidate()
+    (sofa,) = made.objects()
+    assert sofa.aliases == (1,)

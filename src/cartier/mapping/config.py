@@ -97,6 +97,9 @@ class MergingConfig(_Section):
     """Objects seen side by side in a larger share of their detections stay two. More: more merging. By hand."""
     same_label_iou: float = bounded(0.3, 0.0, 1.0)
     """Overlap in space from which two objects of one label are one. More: less merging. By hand."""
+    fitted_overlap: float = bounded(0.3, 0.0, 1.0)
+    """Share of the smaller fitted box within the other from which two objects of one label are one. More: less merging.
+    Eight generated homes."""
     other_label_iou: float = bounded(0.55, 0.0, 1.0)
     """The same for two objects of different labels. More: less merging. By hand."""
     max_fragment_ratio: float = bounded(1.1, 0.0, 10.0)

@@ -250,7 +250,7 @@ class Mapper:
         yaw = None if grid is None else walls_yaw(grid)
         self._objects.objects(yaw)  # what is fitted here need not be fitted again for the next home
         merged = deepcopy(self._objects)
-        merged.merge_and_prune()
+        merged.consolidate(yaw)
         objects = merged.objects(yaw)
         if not objects:
             hint = "is the threshold too high, or are these not the things that it knows?"

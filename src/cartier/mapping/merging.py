@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -16,6 +16,7 @@ from cartier.types import Array
 SAME_LABEL_CONTAINMENT = 0.7  # share of one within the other from which two objects of one label are one
 OTHER_LABEL_NESTING = 0.85  # the same for different labels, of those whose IoU is above that for one label
 USUAL_SIZE_QUANTILE = 0.6  # of the sizes of all objects of a label, weighted by detections
+FLAT_PAD_M = 0.01  # so that flat objects overlap, too
 MIN_FRAGMENTED_M = 0.4  # nothing smaller is hidden by halves
 
 
@@ -28,21 +29,52 @@ def merge_and_prune(
     objects, by their ids, side by side: those stay two. Returns the ids that were merged with the ids that they were
     merged into, and the rows to remove.
     """
+    seen, changed = columns["n_detected"], np.flatnonzero(columns["changed"])
+    pairs = [(int(changed[i]), int(j)) for i, j in np.argwhere(_one_object(columns, changed, config))]
+    merged, gone = _merge_pairs(columns, pairs, covisible, geometry, config)
+    columns["changed"][:] = False
+    rare = (seen <= config.prune_max_detected) & (columns["n_observable"] >= config.prune_min_observable)
+    return merged, np.array(sorted(gone.union(np.flatnonzero(rare).tolist())), np.intp)
+
+
+def merge_by_box(
+    columns: Columns,
+    boxes: Array,
+    covisible: Mapping[tuple[int, int], int],
+    geometry: Geometry,
+    config: MergingConfig,
+) -> tuple[dict[int, int], Indices]:
+    """Merge objects of one label whose fitted ``boxes`` (n, 2, 3) overlap, in place: halves and duplicates.
+
+    Fitted boxes hold hardly anything but the object, so that a smaller overlap says more than that of extents.
+    Returns what ``merge_and_prune`` does.
+    """
+    names = columns["label_votes"][np.arange(len(boxes)), columns["label_weights"].argmax(1)]
+    nested = box_overlaps(boxes[:, 0], boxes[:, 1], boxes[:, 0], boxes[:, 1], FLAT_PAD_M)[1]
+    one = np.triu((names[:, None] == names) & (nested > config.fitted_overlap), 1)
+    pairs = sorted(np.argwhere(one).tolist(), key=lambda pair: -nested[tuple(pair)])
+    merged, gone = _merge_pairs(columns, pairs, covisible, geometry, config)
+    return merged, np.array(sorted(gone), np.intp)
+
+
+def _merge_pairs(
+    columns: Columns,
+    pairs: Sequence[Sequence[int]],
+    covisible: Mapping[tuple[int, int], int],
+    geometry: Geometry,
+    config: MergingConfig,
+) -> tuple[dict[int, int], set[int]]:
+    """Merge pairs of rows, unless frames show both: the ids that were merged, and the rows that are gone."""
     seen, ids = columns["n_detected"], columns["id"].tolist()
     merged, gone = dict[int, int](), set[int]()
-    changed = np.flatnonzero(columns["changed"])
-    for i, j in np.argwhere(_one_object(columns, changed, config)):
-        i, j = int(changed[i]), int(j)
+    for i, j in pairs:
         together = covisible.get((ids[min(i, j)], ids[max(i, j)]), 0)
         if i != j and not {i, j} & gone and together <= config.max_covisible_share * min(seen[i], seen[j]):
             keep, drop = (i, j) if seen[i] >= seen[j] else (j, i)
             merge_pair(columns, keep, drop, geometry)
             merged[ids[drop]] = ids[keep]
             gone.add(drop)
-    columns["changed"][:] = False
-    rare = (seen <= config.prune_max_detected) & (columns["n_observable"] >= config.prune_min_observable)
-    gone.update(np.flatnonzero(rare).tolist())
-    return merged, np.array(sorted(gone), np.intp)
+    return merged, gone
 
 
 def _one_object(columns: Columns, changed: Indices, config: MergingConfig) -> npt.NDArray[np.bool_]:

@@ -22,7 +22,7 @@ from cartier.mapping.columns import COLUMNS, Indices, check_columns, empty_colum
 from cartier.mapping.config import DEFAULT_CONFIG, MappingConfig
 from cartier.mapping.existence import detection_weights, mark_detected, posterior, update_existence
 from cartier.mapping.extent import DepthGeometry, NewGeometry
-from cartier.mapping.merging import keep_rows, merge_and_prune
+from cartier.mapping.merging import keep_rows, merge_and_prune, merge_by_box
 from cartier.mapping.observation import LiftedDetections
 from cartier.types import Array, Detections, DetectorScoreModel, Frame, MapObject
 
@@ -144,6 +144,16 @@ class ObjectMap:
         self._aliases |= merged
         if len(gone):
             self._remove(gone)
+
+    def consolidate(self, walls_yaw: float | None = None) -> None:
+        """Merge and prune as after the last frame: also by the fitted boxes."""
+        self.merge_and_prune()
+        if self.geometry.with_depth and self._count:
+            columns, (boxes, _) = self.columns(), self.geometry.fit_boxes(self.columns(), walls_yaw)
+            merged, gone = merge_by_box(columns, boxes, self._covisible, self.geometry, self.config.merging)
+            self._aliases |= merged
+            if len(gone):
+                self._remove(gone)
 
     def _remove(self, gone: Indices) -> None:
         left = np.setdiff1d(np.arange(self._count), gone)
