@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cartier.mapping.box_fitting import agreed_surface, sides_seen, surface_box
+from cartier.mapping.box_fitting import agreed_surface, agreement, decoded, sides_seen, surface_box
 from cartier.mapping.config import DEFAULT_CONFIG, ExtentConfig, MappingConfig
 from cartier.mapping.object_map import ObjectMap
 from cartier.mapping.observation import PATCH_KIND, PATCHES_KEPT, keep_patches
@@ -103,6 +103,25 @@ def test_more_frames_from_one_standpoint_replace_each_other() -> None:
     frame, box, _ = seen(20, 160)
     assert len(keep_patches(patches, one, frame, one, box[None], np.array([1.0]), None)) == 1
     assert (patches["worth"] > 0).sum() == 2, "another standpoint adds a view, however small"
+
+
+def test_turned_camera_is_another_standpoint() -> None:
+    """Where it stands, it may see what the edge of the picture had cut off."""
+    patches, one = np.zeros((1, PATCHES_KEPT), PATCH_KIND), np.zeros(1, np.intp)
+    for turn in (0.0, 30.0):
+        frame, box, _ = seen(0, 20)
+        frame.world_from_camera[:3, :3] = rotation(math.radians(turn)) @ frame.world_from_camera[:3, :3]
+        keep_patches(patches, one, frame, one, box[None], np.ones(1), None)
+    assert (patches["worth"] > 0).sum() == 2
+
+
+def test_view_says_nothing_of_what_it_does_not_show() -> None:
+    patches, one = np.zeros((1, PATCHES_KEPT), PATCH_KIND), np.zeros(1, np.intp)
+    frame, box, _ = seen(0, 90)
+    keep_patches(patches, one, frame, one, box[None], np.ones(1), None)
+    patches = patches[0, :1]
+    points = np.array([[0, 0.2, 0.25], [0, -0.2, 0.25], [0.45, 0.2, 0.0]])  # its face, its back, the floor beside it
+    assert agreement(points, patches, *decoded(patches)).tolist() == [1, 0, 0]
 
 
 def test_sides_are_seen_by_cameras_beyond_them() -> None:

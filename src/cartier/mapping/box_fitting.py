@@ -50,7 +50,7 @@ def agreed_surface(patches: npt.NDArray[Any], min_agreement: float) -> tuple[Arr
     masked = bool(len(patches)) and bool(patches["masked"].all())
     if not len(patches):
         return np.zeros((0, 3)), masked
-    depth_m, inside = _decoded(patches)
+    depth_m, inside = decoded(patches)
     surface = inside & np.isfinite(depth_m)
     far = np.abs(depth_m - patches["seed_m"][:, None, None])
     reach = np.maximum(patches["size_m"] * SURFACE_REACH, MIN_THICKNESS_M)[:, None, None]
@@ -123,7 +123,7 @@ def about_z(yaw: float) -> Array:
     return np.array([[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]])
 
 
-def _decoded(patches: npt.NDArray[Any]) -> tuple[Array, npt.NDArray[np.bool_]]:
+def decoded(patches: npt.NDArray[Any]) -> tuple[Array, npt.NDArray[np.bool_]]:
     """Depths (v, s, s) in metres, NaN where unknown, infinite where out of range; which samples are inside."""
     codes = patches["depth"]
     depth_m = patches["seed_m"][:, None, None] + (codes.astype(np.float64) - SEED) * step_m(patches)[:, None, None]
