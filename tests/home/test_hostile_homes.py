@@ -4,15 +4,22 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import pytest
+from PIL import Image
 
 import cartier
+from cartier import plugins
 from cartier.errors import InputError
 from cartier.home.store import Store
 from cartier.render.sheet import draw_sheet
+from cartier.serving.homes import Homes
+from cartier.serving.operations import Operations
+from cartier.serving.page import one_file
 from synthetic import THINGS, TrueBoxes, walk
 
 
@@ -89,8 +96,20 @@ def test_what_growing_needs_is_checked(sound: Path, tmp_path: Path, blob: str, p
         cartier.Mapper(TrueBoxes(THINGS), onto=home)
 
 
-@pytest.mark.parametrize("damage", [lambda data: b"", lambda data: b"BM" + data, lambda data: data[: len(data) // 2]])
+def picture(format: str) -> bytes:
+    """A sound picture of another format."""
+    data = BytesIO()
+    Image.new("RGB", (160, 120)).save(data, format)
+    return data.getvalue()
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [lambda data: b"", lambda data: b"BM" + data, lambda data: data[: len(data) // 2], lambda data: b"\xff\xd8\xff"]
+    + [lambda data, format=format: picture(format) for format in ("EPS", "PNG", "WEBP", "GIF", "TIFF")],
+)
 def test_a_photo_that_is_none_is_said(sound: Path, tmp_path: Path, damage: Callable[[bytes], bytes]) -> None:
+    """Everywhere, and no other decoder than JPEG's is asked: of an EPS, Pillow would start Ghostscript."""
     obj = cartier.Home.load(sound).objects[0]
     photo = f"photos/{obj.views[0].frame:06d}.jpg"
     home = cartier.Home.load(signed(sound, tmp_path / "h", photo, damage))
@@ -99,3 +118,41 @@ def test_a_photo_that_is_none_is_said(sound: Path, tmp_path: Path, damage: Calla
         home.evidence(place)
     with pytest.raises(InputError, match=f"photo of frame {place.frame}"):
         draw_sheet(home, tmp_path / "sheet.png")
+    with pytest.raises(InputError, match=f"photo of frame {place.frame}"):
+        Operations(Homes([tmp_path / "h"]), plugins.make("reasoners", "embedded")).look_at(str(obj.id))
+    with pytest.raises(InputError, match=f"photo of frame {place.frame}"):
+        one_file(home)
+
+
+def test_photos_are_jpegs_wherever_their_bytes_go(sound: Path, tmp_path: Path) -> None:
+    """To a language model, or into a file for another program."""
+    obj = cartier.Home.load(sound).objects[0]
+    photo = f"photos/{obj.views[0].frame:06d}.jpg"
+    home = cartier.Home.load(signed(sound, tmp_path / "h", photo, lambda data: picture("WEBP")))
+    with pytest.raises(InputError, match="is no JPEG"):
+        home.photo(obj.id)
+    made = replace(home, photos={obj.views[0].frame: picture("WEBP")})  # a home that a program made
+    with pytest.raises(InputError, match="is no JPEG"):
+        made.evidence(cartier.Place(obj.label, obj.position, 1.0, obj.views[0].frame))
+
+
+@pytest.mark.parametrize("size", [(1, 1), (2, 300), (300, 2)])
+def test_a_photo_that_does_not_reach_the_box_is_shown_as_it_is(
+    sound: Path, tmp_path: Path, size: tuple[int, int]
+) -> None:
+    data, obj = BytesIO(), cartier.Home.load(sound).objects[0]
+    Image.new("L", size).save(data, "JPEG")
+    photo = f"photos/{obj.views[0].frame:06d}.jpg"
+    folder = signed(sound, tmp_path / "h", photo, lambda _: data.getvalue())
+    jpeg = Operations(Homes([folder]), plugins.make("reasoners", "embedded")).look_at(str(obj.id))[1]
+    with Image.open(BytesIO(jpeg)) as shown:
+        assert min(shown.size) >= 1
+    assert one_file(cartier.Home.load(folder))
+
+
+def test_only_the_package_of_images_opens_images() -> None:
+    """Pillow tries every decoder that it has unless it is told which."""
+    source = Path(cartier.__file__).parent
+    found = [file for file in source.rglob("*.py") if "Image.open(" in file.read_text("utf-8")]
+    assert found == [source / "io" / "images.py"]
+    assert found[0].read_text("utf-8").count("Image.open(source, formats=formats)") == 1

@@ -16,6 +16,7 @@ from cartier.home import corrections
 from cartier.home.data import HomeData
 from cartier.home.map_server import grid_from, pgm, yaml
 from cartier.home.old_names import OLD_OBJECTS
+from cartier.home.photos import check_photo
 from cartier.home.store import Store, blob_file, digest_of
 from cartier.io.files import json_bytes, npz_bytes, parse_json, read_npz, typed
 from cartier.types import Camera, MapObject, OccupancyGrid, Room
@@ -110,7 +111,7 @@ def _read(store: Store, about: Mapping[str, Any], kind: type[AnyHome]) -> AnyHom
             start_xy=(float(about["start_xy"][0]), float(about["start_xy"][1])),
             settings={**about["settings"]},
             rooms=corrected.rooms,
-            photos=_Blobs(store, about, PHOTOS, lambda name: int(name.partition(".")[0])),
+            photos=_Photos(store, about, PHOTOS, lambda name: int(name.partition(".")[0])),
             notes=tuple(about["notes"]),
             growth=_Blobs(store, about, GROWTH, str),
             store=store,
@@ -138,6 +139,13 @@ class _Blobs(Mapping[Key, bytes]):
 
     def __len__(self) -> int:
         return len(self._names)
+
+
+class _Photos(_Blobs[int]):
+    """The photographs of a saved home by frame."""
+
+    def __getitem__(self, key: int) -> bytes:
+        return check_photo(super().__getitem__(key), f"{self._store.folder}: its photo of frame {key}")
 
 
 def _renamed(row: Any) -> Any:
