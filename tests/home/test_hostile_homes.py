@@ -72,6 +72,10 @@ def value(path: str, to: Any) -> Callable[[bytes], bytes]:
         ("0/position/0", 1e30), ("0/box_min/0", 99.0), ("0/probability", 1.5), ("0/n_detected", -1),
         ("0/first_seen_s", 1e300), ("0/label", "x" * 100_000), ("0/names", ["x" * 100_000]), ("0/aliases", [-1]),
         ("0/views/0/box_xyxy", [5, 5, 4, 9]), ("0/views/0/box_xyxy", [-1e30, 5, 4, 9]), ("0/views/0/frame", -1),
+        ("0/oriented", 7),
+        ("0/oriented", {"middle": [0, 0, 1e30], "size": [1, 1, 1], "yaw": 0, "seen": []}),
+        ("0/oriented", {"middle": [0, 0, 0], "size": [1, -1, 1], "yaw": 0, "seen": []}),
+        ("0/oriented", {"middle": [0, 0, 0], "size": [1, 1, 1], "yaw": 0, "seen": ["up"]}),
         ("0/views/0/size_px2", -1), ("0/views/0/score", 1e300), ("0/views/0/camera", [1e30, 0, 0]),
     ],
 )  # fmt: skip

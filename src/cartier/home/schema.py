@@ -21,6 +21,7 @@ MAX_ROOMS, MAX_LISTED, MAX_KNOWN = 2000, 1000, 100_000
 MAX_COUNT = 2**53  # beyond it, other programs do not read numbers as whole ones
 MAX_BOX_PX, MAX_S = 1e6, 1e12
 FAR_M = 2 * MAX_FAR_M  # what is seen lies beyond the camera
+SIDES = frozenset(["+x", "-x", "+y", "-y", "+z"])  # of a box along the walls
 MIN_CELL_M, MAX_CELL_M = 0.001, 10.0
 
 
@@ -134,6 +135,9 @@ def objects_from(rows: Any, rooms: Sequence[Room]) -> tuple[MapObject, ...]:
         need(all(abs(time) <= MAX_S for time in times), f"{what}: a time is out of range")
         texts = (obj.label, *obj.names, *(text for text, _ in (*obj.labels, *obj.colours)))
         _check_texts(what, texts, MAX_NAME_CHARS, MAX_LISTED)
+        if (box := obj.oriented) is not None:
+            _check_near(f"{what}: its box along the walls", (*box.middle, *box.size, box.yaw))
+            need(min(box.size) >= 0 and set(box.seen) <= SIDES, f"{what}: its box along the walls is none")
         _check_views(obj)
     return objects
 
