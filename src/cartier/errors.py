@@ -28,7 +28,7 @@ class CartierError(Exception):
     """
 
     def __init__(self, message: object = "") -> None:
-        super().__init__(_printable(str(message)))
+        super().__init__(printable(str(message)))
 
 
 class InputError(CartierError):
@@ -53,11 +53,12 @@ def brief(foreign: object, most: int = 100) -> str:
         text = foreign[: 4 * most] if isinstance(foreign, str) else str(foreign)
     except (ValueError, RecursionError):  # a number of thousands of digits, an endlessly nested list
         text = type(foreign).__name__
-    line = " ".join(_printable(ADDRESS.sub("", text[: 4 * most])).split())
+    line = " ".join(printable(ADDRESS.sub("", text[: 4 * most])).split())
     return line if len(line) <= most else line[: most - 1] + "…"
 
 
-def _printable(text: str) -> str:
+def printable(text: str) -> str:
+    """Foreign text for a terminal or a file: control characters, line breaks and lone surrogates become blanks."""
     return text if text.isprintable() else "".join(c if c.isprintable() else " " for c in text)
 
 

@@ -132,7 +132,7 @@ def _print_rooms(home: dict[str, Any], everything: bool) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    console = Console(width=None if sys.stdout.isatty() else 110)
+    console = Console(width=None if sys.stdout.isatty() else 110, markup=False)
     rows = [row for row in home["objects"] if row["confirmed"] or everything]
     names = {row["id"]: row["label"] for row in home["objects"]}
     rooms = {room["id"]: f"{room['name']}, {room['area_m2']:.0f} m²" for room in home["rooms"]}
@@ -157,9 +157,9 @@ def _print_rooms(home: dict[str, Any], everything: bool) -> None:
     rest = len(home["objects"]) - sure
     hint = "" if everything or not rest else " (--all lists them)"
     console.print(f"{sure} objects confirmed, {rest} tentative{hint}")
-    console.print(f"detector: {home['detector']}", highlight=False, markup=False)
+    console.print(f"detector: {home['detector']}", highlight=False)
     for note in home["notes"]:
-        console.print(f"note: {note}", highlight=False, markup=False)
+        console.print(f"note: {note}", highlight=False)
 
 
 def _size(row: dict[str, Any]) -> str:

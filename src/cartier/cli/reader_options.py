@@ -57,13 +57,13 @@ def as_mapped(home: Home, path: Path, format: str | None = None) -> Recording:
     """A recording, read with the options that the home was mapped with, if they give the mapped recording."""
     tried: list[dict[str, Any]] = []
     own = {"format": format} if format else {}
-    for row in home.settings["recordings"]:
+    for row in home.settings.get("recordings", ()):
         reader = remembered(row.get("read_with")) | own
         if reader not in tried:
             tried.append(reader)
             with suppress(CartierError):  # they may be the options of another recording
                 source = plugins.open_recording(path, **reader)
-                if source.fingerprint() in (row["sha256"] for row in home.settings["recordings"]):
+                if source.fingerprint() in (row["sha256"] for row in home.settings.get("recordings", ())):
                     return source
     return plugins.open_recording(path, **own)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import io
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
@@ -16,6 +15,7 @@ import numpy.typing as npt
 from cartier import plugins, specs
 from cartier.errors import InputError
 from cartier.home import Home
+from cartier.home.photos import photo_of
 from cartier.models import dollhouse_detector
 from cartier.pipeline import map_home
 
@@ -64,10 +64,7 @@ class Maps:
 
     def photo(self, home: str, frame: int) -> npt.NDArray[np.uint8] | None:
         """The evidence photo (H, W, 3) of a frame, if the home's map keeps it."""
-        from PIL import Image
-
-        jpeg = Home.load(self._folder_of(home)).photos.get(frame)
-        return None if jpeg is None else np.asarray(Image.open(io.BytesIO(jpeg)).convert("RGB"))
+        return photo_of(Home.load(self._folder_of(home)), frame)
 
     def _folder_of(self, home: str) -> Path:
         made_of = asdict(self.settings) | {"home": home, "version": VERSION}

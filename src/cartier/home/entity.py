@@ -17,6 +17,7 @@ from cartier.errors import InputError
 from cartier.home import corrections, repository, views
 from cartier.home.data import HomeData
 from cartier.home.detection_log import DetectionLog
+from cartier.home.photos import photo_of
 from cartier.home.point_cloud import PointCloud, read_cloud
 from cartier.navigation.planning import room_middle
 from cartier.types import Answer, Inventory, Place, Room, Selection
@@ -142,10 +143,7 @@ class Home(HomeData):
         Raises:
             InputError: The photo is damaged.
         """
-        from cartier.io.images import decode_rgb  # Pillow, which asking a home need not load
-
-        data = self.photos.get(place.frame)
-        return None if data is None else decode_rgb(data, None, f"{self.name}'s photo of frame {place.frame}")
+        return photo_of(self, place.frame)
 
     def cloud(self) -> PointCloud | None:
         """The coloured points that depth showed.

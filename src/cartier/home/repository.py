@@ -16,9 +16,11 @@ from cartier.home import corrections
 from cartier.home.data import HomeData
 from cartier.home.map_server import grid_from, pgm, yaml
 from cartier.home.old_names import OLD_OBJECTS
+from cartier.home.photos import check_photo
+from cartier.home.schema import Manifest, manifest_from, objects_from, printed, rooms_from
 from cartier.home.store import Store, blob_file, digest_of
-from cartier.io.files import json_bytes, npz_bytes, parse_json, read_npz, typed
-from cartier.types import Camera, MapObject, OccupancyGrid, Room
+from cartier.io.files import json_bytes, npz_bytes, parse_json, read_npz
+from cartier.types import Camera, OccupancyGrid, Room
 
 Key = TypeVar("Key", int, str)
 AnyHome = TypeVar("AnyHome", bound=HomeData)
@@ -92,31 +94,32 @@ def _read(store: Store, about: Mapping[str, Any], kind: type[AnyHome]) -> AnyHom
             f"this one reads {SCHEMA}): {mend}"
         )
     try:
+        made = manifest_from(about)
+        grid, rooms = _floor(store, about, made)
         rows = parse_json(store.get("objects.json", about), "objects.json")
-        objects = typed([_renamed(row) for row in rows], tuple[MapObject, ...])
-        grid, rooms = _floor(store, about)
+        objects = objects_from([_renamed(row) for row in rows], rooms)
         log, faults = corrections.read_log(folder)
         corrected = corrections.apply(log, objects, rooms, grid)
-        indexes = {name: _index(store, about, name) for name in about["indexes"]}
+        indexes = {name: _index(store, about, name) for name in made.indexes}
         for index in indexes.values():
             index.set_objects(corrected.objects)
         return kind(
-            name=str(about["name"]),
-            detector=str(about["detector"]),
-            camera=Camera(*about["camera"]),
+            name=made.name,
+            detector=made.detector,
+            camera=Camera(*made.camera),
             objects=corrected.objects,
             indexes=indexes,
             grid=grid,
-            start_xy=(float(about["start_xy"][0]), float(about["start_xy"][1])),
-            settings={**about["settings"]},
+            start_xy=made.start_xy,
+            settings=printed(made.settings),
             rooms=corrected.rooms,
-            photos=_Blobs(store, about, PHOTOS, lambda name: int(name.partition(".")[0])),
-            notes=tuple(about["notes"]),
+            photos=_Photos(store, about, PHOTOS, lambda name: int(name.partition(".")[0])),
+            notes=made.notes,
             growth=_Blobs(store, about, GROWTH, str),
             store=store,
             corrected=replace(corrected, notes=(*faults, *corrected.notes)),
         )
-    except (KeyError, TypeError, ValueError, IndexError, OverflowError, InputError) as error:
+    except (KeyError, TypeError, ValueError, IndexError, OverflowError, RecursionError, InputError) as error:
         told = str(error) if str(folder) in str(error) else f"{folder} is damaged ({type(error).__name__}: {error})"
         raise InputError(told.replace("\n", " ")[:300]) from error
 
@@ -140,23 +143,25 @@ class _Blobs(Mapping[Key, bytes]):
         return len(self._names)
 
 
+class _Photos(_Blobs[int]):
+    """The photographs of a saved home by frame."""
+
+    def __getitem__(self, key: int) -> bytes:
+        return check_photo(super().__getitem__(key), f"{self._store.folder}: its photo of frame {key}")
+
+
 def _renamed(row: Any) -> Any:
     """A row of objects.json with today's field names."""
     return {OLD_OBJECTS.get(name, name): value for name, value in row.items()} if isinstance(row, dict) else row
 
 
-def _floor(store: Store, about: Mapping[str, Any]) -> tuple[OccupancyGrid | None, tuple[Room, ...]]:
-    if about["grid"] is None:
+def _floor(store: Store, about: Mapping[str, Any], made: Manifest) -> tuple[OccupancyGrid | None, tuple[Room, ...]]:
+    if made.grid is None:
         return None, ()
-    x, y = about["grid"]["origin_xy"]
     arrays = read_npz(store.get("occupancy.npz", about), where="occupancy.npz")
     image = store.get("occupancy.pgm", about)
-    grid = grid_from(image, float(about["grid"]["resolution_m"]), (float(x), float(y)), arrays["height_m"])
-    rooms = tuple(
-        Room(int(number), str(name), str(kind), np.argwhere(arrays["rooms"] == place).astype(np.int32))
-        for place, (number, name, kind) in enumerate(about["rooms"])
-    )
-    return grid, rooms
+    grid = grid_from(image, made.grid.resolution_m, made.grid.origin_xy, arrays["height_m"])
+    return grid, rooms_from(made.rooms, arrays["rooms"], grid)
 
 
 def _index(store: Store, about: Mapping[str, Any], name: str) -> SpatialIndex:

@@ -8,12 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from cartier.errors import BackendError, InputError
+from cartier.errors import MAX_FAR_M, BackendError, InputError
 from cartier.geometry import backproject, transform, weak_perspective_size
-from cartier.io.files import json_bytes, parse_json
+from cartier.io.files import json_bytes, parse_json, typed
 from cartier.types import Array, Detections, Frame, MapObject, Place
 
 KEPT = "places.json"
+FAR_M = 2 * MAX_FAR_M  # what is seen lies beyond the camera
 FEW = 800  # points enough for a mean to a few millimetres
 
 
@@ -65,8 +66,10 @@ class ObjectDepthPaper:
     def restore(self, state: Mapping[str, bytes]) -> None:
         kept: Any = parse_json(state[KEPT], KEPT)
         try:
-            self._min_views = int(kept["min_views"])
-            places = [(float(size), int(views), Place(**place)) for size, views, place in kept["places"]]
+            self._min_views = typed(kept["min_views"], int)
+            places = typed(kept["places"], tuple[tuple[float, int, Place], ...])
+            if not all(abs(v) <= FAR_M for _, _, place in places for v in place.position):
+                raise ValueError(f"a place lies beyond {FAR_M:g} m")
         except (TypeError, ValueError, KeyError, InputError) as error:
             raise InputError(f"{KEPT} is damaged ({error})") from error
         self._best = {place.label: (size, views, place) for size, views, place in places}

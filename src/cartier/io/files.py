@@ -19,7 +19,7 @@ from typing import IO, Any, get_args, get_origin, get_type_hints
 import numpy as np
 import numpy.typing as npt
 
-from cartier.errors import InputError, brief
+from cartier.errors import InputError, brief, printable
 
 MAX_JSON_BYTES = 256 * 1024 * 1024
 NPY_KINDS = "biufSUV"  # of numpy's dtypes; no objects, which only pickle can read
@@ -45,6 +45,8 @@ def parse_json(data: bytes, where: Path | str) -> Any:
 def typed(value: Any, kind: Any) -> Any:
     """Convert a parsed JSON value to a type: a dataclass from its fields, a tuple from a list, a finite number.
 
+    In texts, what cannot be printed becomes blanks. ``Any`` takes any value as it is.
+
     Raises TypeError or ValueError for a value of another type.
     """
     parts = get_args(kind)
@@ -58,6 +60,12 @@ def typed(value: Any, kind: Any) -> Any:
             raise TypeError(f"{brief(value)} is no list of {kind}")
         each = parts[:1] * len(value) if parts[-1] is ... else parts
         return tuple(map(typed, value, each))
+    if kind is Any:
+        return value
+    if get_origin(kind) is dict:
+        if not isinstance(value, dict):
+            raise TypeError(f"{brief(value)} is no table")
+        return {name: typed(part, parts[1]) for name, part in value.items()}
     if NoneType in parts:
         return None if value is None else typed(value, next(part for part in parts if part is not NoneType))
     if kind is float and type(value) in (int, float):
@@ -66,7 +74,7 @@ def typed(value: Any, kind: Any) -> Any:
         return float(value)
     if type(value) is not kind:
         raise TypeError(f"{brief(value)} is no {getattr(kind, '__name__', kind)}")
-    return value
+    return printable(value) if kind is str else value
 
 
 @cache

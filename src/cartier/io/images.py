@@ -16,6 +16,7 @@ from cartier.io.files import check_file
 from cartier.types import Array, Camera
 
 JPEG_QUALITY = 95
+FORMATS = ("JPEG", "PNG")
 PNG_LEVEL = 3  # twice as fast to write as Pillow's 6, a sixth larger, and as fast to read
 GREY16 = ("I;16", "I;16B", "I")  # Pillow before 10.3 reads a 16-bit PNG as "I"
 Size = tuple[int, int]
@@ -43,6 +44,11 @@ def read_rgb(path: Path, camera: Camera) -> npt.NDArray[np.uint8]:
 def decode_rgb(data: bytes, camera: Camera | None, where: str) -> npt.NDArray[np.uint8]:
     """As ``read_rgb``, of a JPEG or PNG in memory; of any size if ``camera`` is None. ``where`` names it in errors."""
     return _rgb(_decode(BytesIO(data), None if camera is None else _size(camera), where), where)
+
+
+def decode_jpeg(data: bytes, where: str) -> npt.NDArray[np.uint8]:
+    """(H, W, 3) uint8 of a JPEG in memory, of any size; no other decoder sees the bytes."""
+    return _rgb(_decode(BytesIO(data), None, where, ("JPEG",)), where)
 
 
 def read_depth(path: Path, camera: Camera | None, per_metre: float = 1000.0) -> npt.NDArray[np.float32]:
@@ -126,9 +132,9 @@ def _read(path: Path, size: Size | None) -> Image.Image:
     return _decode(path, size, str(path))
 
 
-def _decode(source: Path | BytesIO, size: Size | None, where: str) -> Image.Image:
+def _decode(source: Path | BytesIO, size: Size | None, where: str, formats: tuple[str, ...] = FORMATS) -> Image.Image:
     """The loaded image; its size is checked before a single pixel is decoded."""
-    with opened(source, where) as image:
+    with opened(source, where, formats) as image:
         if size is not None and image.size != size:
             raise InputError(
                 f"{where} is {image.width}x{image.height} px, but the camera's images are {size[0]}x{size[1]}"
@@ -138,27 +144,30 @@ def _decode(source: Path | BytesIO, size: Size | None, where: str) -> Image.Imag
 
 
 @contextmanager
-def opened(source: Path | BytesIO, where: str) -> Iterator[Image.Image]:
-    """A JPEG or PNG whose header was read and is not too large; faults until the block ends become InputErrors."""
+def opened(source: Path | BytesIO, where: str, formats: tuple[str, ...] = FORMATS) -> Iterator[Image.Image]:
+    """An image whose header was read and is not too large; faults until the block ends become InputErrors.
+
+    Only the decoders of these formats see the bytes.
+    """
     try:
-        with Image.open(source, formats=("JPEG", "PNG")) as image:
+        with Image.open(source, formats=formats) as image:
             if image.width * image.height > MAX_PIXELS:
                 raise Image.DecompressionBombError
             yield image
     except InputError:
         raise
     except Exception as error:  # Pillow's share no base class
-        raise InputError(_fault(source, error, where)) from error
+        raise InputError(_fault(source, error, where, formats)) from error
 
 
 def _size(camera: Camera) -> Size:
     return camera.width, camera.height
 
 
-def _fault(source: Path | BytesIO, error: Exception, where: str) -> str:
+def _fault(source: Path | BytesIO, error: Exception, where: str, formats: tuple[str, ...]) -> str:
     if isinstance(error, UnidentifiedImageError):
         size = source.stat().st_size if isinstance(source, Path) else len(source.getbuffer())
-        return f"{where} is {'not a JPEG or PNG image' if size else 'empty'}"
+        return f"{where} is not a {' or '.join(formats)} image" if size else f"{where} is empty"
     if isinstance(error, Image.DecompressionBombError | Image.DecompressionBombWarning):
         return f"{where} claims more than {MAX_PIXELS // 10**6} megapixels, which is no camera image"
     if isinstance(error, OSError) and error.strerror:

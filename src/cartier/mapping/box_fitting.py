@@ -150,6 +150,8 @@ def _main_component(points: Array, cell_m: float) -> Array:
 
     cells, of = np.unique(np.floor((points - points.min(0)) / cell_m).astype(int), axis=0, return_inverse=True)
     span = cells.max(0) + 3
+    if np.prod(span, dtype=np.float64) >= 2**62:  # its views are a hundred kilometres apart: no part is the object's
+        return points
     keys = np.ravel_multi_index(tuple(cells.T + 1), tuple(span))
     steps = np.ravel_multi_index(tuple(NEIGHBOURS.T + 1), tuple(span)) - np.ravel_multi_index((1, 1, 1), tuple(span))
     wanted = keys[:, None] + steps

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from cartier.errors import MAX_FAR_M
 from cartier.mapping.colours import COLOURS, named_shares
 from cartier.mapping.existence import VIEWPOINT_BINS
-from cartier.mapping.observation import SURFACE_POINTS
+from cartier.mapping.observation import SURFACE_POINTS, check_patches
 from cartier.types import Array, MapObject, OrientedBox, View
 
 Indices = npt.NDArray[np.intp]
@@ -34,6 +35,17 @@ COLUMNS: ColumnKinds = {
     "changed": ((), "?"),
 }  # fmt: skip
 
+FAR_M = 2 * MAX_FAR_M  # what is seen lies beyond the camera
+MAX_NUMBER, MAX_PX = 1e15, 1e6
+LIMITS = dict.fromkeys(("points", "box_min", "box_max", "extent_min", "extent_max", "camera", "surface"), FAR_M)
+LIMITS |= {"box": MAX_PX, "size_px2": MAX_PX**2, "pose": MAX_FAR_M, "seed_m": FAR_M, "size_m": FAR_M}
+"""The largest absolute number of a column or of a field in it."""
+COUNTED = frozenset([
+    "id", "label_weights", "n_detected", "n_observable", "widest_rad", "observable", "detected", "colours", "size_px2",
+    "distance_odds", "size_at_1m", "worth", "seed_m", "size_m",
+])  # fmt: skip
+"""Columns and fields without negative numbers."""
+
 
 def empty_columns(kinds: ColumnKinds, rows: int) -> dict[str, npt.NDArray[Any]]:
     """Columns of so many rows of zeros."""
@@ -41,13 +53,29 @@ def empty_columns(kinds: ColumnKinds, rows: int) -> dict[str, npt.NDArray[Any]]:
 
 
 def check_columns(columns: Columns, kinds: ColumnKinds, labels: int) -> None:
-    """Raises KeyError or ValueError for columns that are not of these kinds, or that use more than so many labels."""
+    """Raises KeyError or ValueError for columns that are not of these kinds, that hold numbers which no map holds, or
+    that use more than so many labels."""
     for name, empty in empty_columns(kinds, len(columns["id"])).items():
         if columns[name].shape != empty.shape or columns[name].dtype != empty.dtype:
             raise ValueError(f"{name} is of another kind or length")
     most = max(int(columns["label_votes"].max(initial=-1)), int(columns["views"]["label"].max(initial=-1)))
     if most >= labels:
         raise ValueError(f"label {most} has no name")
+    if (columns["label_votes"] < 0).all(1).any() or (columns["views"]["label"] < 0).any():
+        raise ValueError("an object or a view has no label")
+    if len(np.unique(columns["id"])) < len(columns["id"]):
+        raise ValueError("two objects have one id")
+    for name in kinds:
+        column = columns[name]
+        parts = {name: column} if column.dtype.names is None else {part: column[part] for part in column.dtype.names}
+        for part, numbers in parts.items():
+            most_of = LIMITS.get(part, MAX_NUMBER)
+            if numbers.dtype.kind in "if" and not (np.abs(numbers.astype(np.float64)) <= most_of).all():  # NaN, too
+                raise ValueError(f"{name} holds a number that is no {part}")
+            if part in COUNTED and (numbers < 0).any():
+                raise ValueError(f"{name} holds a negative {part}")
+    if "patches" in kinds:
+        check_patches(columns["patches"])
 
 
 def map_objects(

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from cartier.errors import InputError, brief
 from cartier.geometry import view_yaw, weak_perspective_size
 from cartier.home.old_names import OLD_GROWTH
-from cartier.io.files import json_bytes, npz_bytes, parse_json, read_npz
+from cartier.io.files import json_bytes, npz_bytes, parse_json, read_npz, typed
 from cartier.mapping.association import add_label_vote, label_agreement, suppress_duplicates, touching_pairs
 from cartier.mapping.columns import COLUMNS, Indices, check_columns, empty_columns, map_objects
 from cartier.mapping.config import DEFAULT_CONFIG, MappingConfig
@@ -202,13 +202,15 @@ class ObjectMap:
         arrays = read_npz(state["object_map.npz"], where="object_map.npz")
         try:
             arrays, about = ({OLD_GROWTH.get(name, name): part for name, part in of.items()} for of in (arrays, about))
-            self._labels = {str(name): number for number, name in enumerate(about["labels"])}
+            self._labels = {name: number for number, name in enumerate(typed(about["labels"], tuple[str, ...]))}
             spare = empty_columns(self._kinds, GROWTH_ROWS)
             later = self._kinds.keys() - arrays.keys() if "patches" not in arrays else ()  # maps made before patches
             arrays |= empty_columns({name: self._kinds[name] for name in later}, len(arrays["id"]))
             check_columns(arrays, self._kinds, len(self._labels))
             self._rows = {name: np.concatenate([arrays[name], spare[name]]) for name in self._kinds}
             self._count, self._next_id, self._frames = len(arrays["id"]), int(about["next_id"]), int(about["frames"])
+            if int(arrays["id"].max(initial=-1)) >= self._next_id:
+                raise ValueError("an object has the number of the next one")
             self._covisible = {(int(i), int(j)): int(k) for i, j, k in about["covisible"]}
             self._aliases = {int(old): int(new) for old, new in about["aliases"]}
         except (AttributeError, KeyError, TypeError, ValueError, OverflowError) as error:

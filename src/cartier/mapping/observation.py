@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from cartier.errors import MAX_FAR_M
 from cartier.mapping.colours import COLOURS, LEVELS, colour_table
 from cartier.types import Array, Frame
 
@@ -29,6 +30,7 @@ PATCH_KIND = np.dtype(
 )  # fmt: skip
 UNKNOWN, NEARER, SEED, FARTHER = 0, 1, 128, 255  # codes of a depth; between them, hundredths of the object's size
 MIN_STEP_M = 0.004
+MAX_SKEW = 0.02  # of a pose's axes; readers take poses that are off by 0.01
 SAME_STANDPOINT_M, SAME_STANDPOINT_COS = 0.3, np.cos(np.radians(15))  # nearer views of one object show the same side
 
 
@@ -174,14 +176,31 @@ def sample_patches(
     core = np.where(core.any((1, 2), keepdims=True), core, surface).reshape(n, -1)
     ordered = np.sort(np.where(core, z.reshape(n, -1), np.inf), axis=1)
     seed = ordered[np.arange(n), core.sum(1) // 3]
-    valid = (surface.sum((1, 2)) >= MIN_SURFACE_SAMPLES) & np.isfinite(seed)
-    seed = np.where(valid, seed, 1)
     x1, y1, x2, y2 = boxes_xyxy.T
+    valid = (surface.sum((1, 2)) >= MIN_SURFACE_SAMPLES) & np.isfinite(seed) & (x1 < x2) & (y1 < y2)
+    seed = np.where(valid, seed, 1)
     patches["seed_m"], patches["size_m"] = seed, np.maximum((x2 - x1) / camera.fx, (y2 - y1) / camera.fy) * seed
     steps = (np.where(known, z, 0) - seed[:, None, None]) / step_m(patches)[:, None, None]
     codes = np.clip(np.rint(steps), NEARER - SEED, FARTHER - SEED) + SEED
     patches["depth"], patches["inside"] = np.where(known, codes, UNKNOWN), np.packbits(inside.reshape(n, -1), axis=1)
     return patches, valid
+
+
+def check_patches(patches: npt.NDArray[Any]) -> None:
+    """Raises ValueError for kept patches that no camera took: a turn that is none, or surface beyond any home."""
+    used = patches[patches["worth"] > 0]
+    pose, lens, box = (used[name].astype(np.float64) for name in ("pose", "camera", "box"))
+    turn = pose[:, :, :3]
+    if (np.abs(turn @ turn.transpose(0, 2, 1) - np.eye(3)) > MAX_SKEW).any():
+        raise ValueError("a patch has no camera's pose")
+    low, high, focal = box[:, :2], box[:, 2:], lens[:, :2]
+    if (low >= high).any() or (focal <= 0).any() or (used["seed_m"] <= 0).any():
+        raise ValueError("a patch has no area, no lens or no depth")
+    margin = MARGINS[-1] * (high - low)
+    aside = np.maximum(np.abs(low - margin - lens[:, 2:]), np.abs(high + margin - lens[:, 2:])) / focal
+    deep = used["seed_m"].astype(np.float64) + (FARTHER - SEED) * step_m(used)
+    if (deep * (1 + aside.max(1, initial=0)) > MAX_FAR_M).any():
+        raise ValueError(f"a patch reaches beyond {MAX_FAR_M:g} m")
 
 
 def sample_pixels(boxes_xyxy: Array) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:

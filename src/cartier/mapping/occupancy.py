@@ -27,6 +27,7 @@ STEP_M = 1.0  # the way between two camera positions closer than this was walked
 COLUMNS = 160  # image columns that are sampled: enough for a 5 cm grid, and cheap
 DROP_M = 0.3  # what lies so far below the floor is seen through a hole in it: stairs, a shaft
 MAX_SIDE_M = 200.0
+MAX_CELL = 1e8  # a plan lies at most so many cells from the origin
 SMALL_M2 = 2500.0  # a map smaller than this grows on all sides at once, a larger one only where it must
 BINS = 720  # azimuth bins of half a degree
 BESIDE = 3  # bins to each side of a ray without a reading that it speaks for, too: about the width of a pixel near by
@@ -98,6 +99,8 @@ class OccupancyMapper:
                 raise ValueError("arrays of another kind")
             if height.dtype != np.float16 or float(counts["resolution_m"]) != self.resolution_m:
                 raise ValueError("another resolution")
+            if not np.isfinite(height).all() or not (np.abs(low.astype(np.float64)) <= MAX_CELL).all():
+                raise ValueError("a height or a place that is none")
         except (KeyError, TypeError, ValueError) as error:
             raise InputError(f"the counts of the floor plan are damaged ({error}): map the recording again") from error
         self._occupied, self._floor, self._passed = (layer.copy() for layer in layers)

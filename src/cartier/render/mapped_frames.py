@@ -12,7 +12,7 @@ from cartier.home import Home
 
 def first_frame_of(home: Home, recording: Recording) -> int:
     """The number that the recording's first frame has in the home. Raises InputError if it was not mapped from it."""
-    first, sha256, rows = 0, recording.fingerprint(), home.settings["recordings"]
+    first, sha256, rows = 0, recording.fingerprint(), home.settings.get("recordings", ())
     for row in rows:
         if row["sha256"] == sha256:
             return first

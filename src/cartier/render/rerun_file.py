@@ -183,7 +183,7 @@ def _photos(out: Any, home: Home) -> None:
 def _detections(out: Any, home: Home, looked: Mapping[int, ProcessedFrame]) -> None:
     """The boxes of each processed frame with their objects; and for every frame whether it was processed."""
     objs = {number: obj for obj in home.objects for number in (obj.id, *obj.aliases)}
-    total = sum(int(row["frames"]) for row in home.settings["recordings"])
+    total = sum(int(row["frames"]) for row in home.settings.get("recordings", ()))
     for frame in sorted(looked.keys() | {frame + 1 for frame in looked} | {0}):
         out.set_time(TIMELINE, sequence=frame)
         seen = looked.get(frame)

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 from cartier.errors import InputError
 from cartier.home import Home
+from cartier.home.photos import photo_of
 from cartier.io.atomic import write_file
-from cartier.io.images import decode_rgb
 from cartier.types import View
 
 if TYPE_CHECKING:
@@ -69,11 +69,10 @@ def _tile(home: Home, view: View) -> Image.Image:
     """A square photo of a view with its box."""
     from PIL import Image, ImageDraw
 
-    jpeg = home.photos.get(view.frame)
-    tile = Image.new("RGB", (SIDE, SIDE), (230, 230, 230))
-    if jpeg is None:
-        return tile
-    photo = Image.fromarray(decode_rgb(jpeg, None, f"{home.name}'s photo of frame {view.frame}"))
+    rgb = photo_of(home, view.frame)
+    if rgb is None:
+        return Image.new("RGB", (SIDE, SIDE), (230, 230, 230))
+    photo = Image.fromarray(rgb)
     x1, y1, x2, y2 = view.box_xyxy
     half = max(x2 - x1, y2 - y1) * (0.5 + AROUND) + LEAST_PX
     middle_x, middle_y = (x1 + x2) / 2, (y1 + y2) / 2

@@ -16,12 +16,14 @@ from difflib import get_close_matches
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from cartier import specs
 from cartier.contracts import Reasoner
 from cartier.errors import InputError, brief
 from cartier.home import Home
 from cartier.home.corrections import CorrectionKind, find
+from cartier.home.photos import photo_of
 from cartier.home.store import MANIFEST
 from cartier.llm.lookup import names_of
 from cartier.llm.prompts import check_query, recent
@@ -205,7 +207,9 @@ class Operations:
         if not 1 <= view <= len(views):
             raise InputError(f"object {one.id} has the views 1 to {len(views)}, not {view}")
         seen = views[view - 1]
-        jpeg, box = crop(mapped.photos[seen.frame], seen.box_xyxy)
+        photo = photo_of(mapped, seen.frame)
+        assert photo is not None  # it is among the photos
+        jpeg, box = crop(photo, seen.box_xyxy)
         result = {"frame": seen.frame, "box_in_picture": box, "score": round(seen.score, 2), "views": len(views)}
         return self.about(home, mapped) | self._row(mapped, one) | result, jpeg
 
@@ -377,16 +381,18 @@ def _start(home: Home, from_x: float | None, from_y: float | None) -> Sequence[f
     return home.start_xy if from_x is None or from_y is None else (from_x, from_y)
 
 
-def crop(jpeg: bytes, box_xyxy: Sequence[float], side_px: int = CROP_PX, quality: int = 85) -> tuple[bytes, list[int]]:
-    """The part of a photo around a box, as JPEG, and the box in its pixels."""
+def crop(
+    photo: npt.NDArray[np.uint8], box_xyxy: Sequence[float], side_px: int = CROP_PX, quality: int = 85
+) -> tuple[bytes, list[int]]:
+    """The part of a photo (H, W, 3) around a box, as JPEG, and the box in its pixels; never less than one pixel."""
     from PIL import Image
 
-    with Image.open(io.BytesIO(jpeg)) as photo:
-        x1, y1, x2, y2 = box_xyxy
-        margin = MARGIN * max(x2 - x1, y2 - y1, 40.0)
-        left, top = (max(0, math.floor(v - margin)) for v in (x1, y1))
-        right, bottom = min(photo.width, math.ceil(x2 + margin)), min(photo.height, math.ceil(y2 + margin))
-        part = photo.convert("RGB").crop((left, top, right, bottom))
+    (x1, y1, x2, y2), (height, width) = box_xyxy, photo.shape[:2]
+    margin = MARGIN * max(x2 - x1, y2 - y1, 40.0)
+    left, top = (min(max(0, math.floor(v - margin)), side - 1) for v, side in ((x1, width), (y1, height)))
+    right = max(left + 1, min(width, math.ceil(x2 + margin)))
+    bottom = max(top + 1, min(height, math.ceil(y2 + margin)))
+    part = Image.fromarray(photo[top:bottom, left:right])
     scale = min(1.0, side_px / max(part.size))
     if scale < 1:
         part = part.resize((max(1, round(part.width * scale)), max(1, round(part.height * scale))))

@@ -14,6 +14,7 @@ import numpy as np
 
 from cartier.home import Home
 from cartier.home.corrections import in_force
+from cartier.home.photos import photo_of
 from cartier.home.point_cloud import STEP_M, PointCloud
 from cartier.navigation.planning import plan
 from cartier.render.floor_plan import label_cell
@@ -135,9 +136,10 @@ def answer(operations: Operations, result: dict[str, Any]) -> dict[str, Any]:
 def _photo(home: Home, obj: MapObject) -> dict[str, Any] | None:
     """A small photo of an object with its box; None if the home keeps none."""
     best = next((v for v in obj.views if v.frame in home.photos), None)
-    if best is None:
+    photo = None if best is None else photo_of(home, best.frame)
+    if best is None or photo is None:
         return None
-    jpeg, box = crop(home.photos[best.frame], best.box_xyxy, THUMB_PX, THUMB_QUALITY)
+    jpeg, box = crop(photo, best.box_xyxy, THUMB_PX, THUMB_QUALITY)
     return {"jpeg": base64.b64encode(jpeg).decode(), "box": box}
 
 
