@@ -1,7 +1,8 @@
 """Benchmark of the object map against ground truth: with ground-truth detections, and from pixels.
 
-python benchmarks/objects.py [HOME …] [--generated 20]
-    (default: the seven built-in homes; a number is a generated one)
+python benchmarks/objects.py [HOME …] [--generated 20] [--sensor]
+    (default: the seven built-in homes; a number is a generated one; --sensor adds the faults of a depth camera:
+    coarse depth, holes, flying pixels, image noise, drifting poses)
 Objects and true things are matched one to one, by label, where an object's middle lies at most 0.5 m from the thing's
 true box. Precision is over what is confirmed, recall over things of 400 px or more in some frame; a listed thing of
 fewer is no fault. Entries: confirmed objects per true thing that has any. Invented: confirmed, and no thing of that
@@ -175,10 +176,10 @@ def _ece(told: Sequence[tuple[float, bool]]) -> float:
     return sum(abs(float((chosen[:, 0] - chosen[:, 1]).sum())) for *_, chosen in _bins(told)) / len(told)
 
 
-def walked(name: str) -> tuple[OccupancyGrid, dict[str, Home]]:
+def walked(name: str, sensor: bool = False) -> tuple[OccupancyGrid, dict[str, Home]]:
     """A home's floor plan, and what each detector makes of its walk: three times, since frames are not kept."""
     world: Any = plugins.make("worlds", "dollhouse")
-    recording, objs = world.explore(name), world.scene(name).truth()
+    recording, objs = world.explore(name, sensor=sensor), world.scene(name).truth()
     n, floor, found = len(recording), OccupancyMapper(), dict[int, Detections]()
     truth = plugins.make("detectors", "ground_truth", truth=objs, source=name)
     pixels_only = plugins.make("detectors", "embedded", threads=1)
@@ -241,12 +242,12 @@ def cost_ms() -> float:
     return float(np.median(times[50:])) * 1e3
 
 
-def report(title: str, names: Sequence[str]) -> None:
+def report(title: str, names: Sequence[str], sensor: bool) -> None:
     counts, spatial = {key: Counts() for key in DETECTORS}, {key: Figures() for key in DETECTORS}
     ms, sizes = ({key: list[float]() for key in DETECTORS} for _ in range(2))
     world: Any = plugins.make("worlds", "dollhouse")
     with ProcessPoolExecutor(2, get_context("spawn")) as pool:
-        for name, (grid, homes) in zip(names, pool.map(walked, names), strict=True):
+        for name, (grid, homes) in zip(names, pool.map(partial(walked, sensor=sensor), names), strict=True):
             print(f"{name} …", end=" ", flush=True)
             scene = world.scene(name)
             contacts, pixels = Contacts(scene), np.zeros(max(obj.id for obj in scene.things) + 1, np.int64)
@@ -266,13 +267,16 @@ def main() -> None:
     parser = Parser(__doc__)
     parser.add_argument("homes", nargs="*", help="built-in homes, or numbers (default: the seven built-in ones)")
     parser.add_argument("--generated", type=int, default=20, metavar="N", help="generated homes (default: %(default)s)")
+    parser.add_argument("--sensor", action="store_true", help="with the faults of a depth camera")
     options = parser.parse_args()
     print(f"a frame with 30 detections of 300 known objects in view: {cost_ms():.1f} ms")
     report(
-        "built-in homes" if not options.homes else "homes", options.homes or plugins.make("worlds", "dollhouse").homes()
+        "built-in homes" if not options.homes else "homes",
+        options.homes or plugins.make("worlds", "dollhouse").homes(),
+        options.sensor,
     )
     if options.generated and not options.homes:
-        report("generated homes", [str(FIRST_GENERATED + k) for k in range(options.generated)])
+        report("generated homes", [str(FIRST_GENERATED + k) for k in range(options.generated)], options.sensor)
 
 
 if __name__ == "__main__":
