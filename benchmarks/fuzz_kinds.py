@@ -16,25 +16,22 @@ from typing import Any
 import numpy as np
 from exports import write_rtabmap_database
 from fake_runs import SETTINGS, fake_rows
+from fuzz_homes import read_home, read_loose_home, write_home, write_loose_home
 from layouts import LAYOUTS, room
 from tiny_onnx import CHANNELS, frame, red_finder
 
 from cartier import pipeline, plugins
 from cartier.detectors import onnx
 from cartier.detectors.vocabulary import read_vocabulary
-from cartier.errors import InputError
 from cartier.evaluation.queries import load_file
 from cartier.evaluation.rows import check_rows, read_rows
 from cartier.evaluation.summary import summarise
 from cartier.evaluation.things import load_answers, load_items
 from cartier.home import Home, corrections
-from cartier.home.store import NAME, Store
-from cartier.io.files import read_bytes, read_json, read_npz
+from cartier.io.files import read_json, read_npz
 from cartier.mapping.detection_cache import cached
-from cartier.mapping.mapper import Mapper
 from cartier.recordings.hints import what_else
-from cartier.render.sheet import draw_sheet
-from cartier.types import Inventory, Selection
+from cartier.types import Inventory
 from cartier.understanding.cards import read_deck
 from cartier.worlds.ai2thor import read_house
 from cartier.worlds.dollhouse.scene import load_scene
@@ -55,74 +52,6 @@ def read_recording(path: Path) -> None:
     recording.fingerprint()
     for number in range(min(len(recording), 30)):  # a frame that a file names a thousand times is read a thousand times
         recording[number]
-
-
-class First:
-    """A reasoner that takes the first object, so that a home is read without a model."""
-
-    name = "first"
-
-    def select(self, query: str, inventory: Inventory, dialogue: object = ()) -> Selection:
-        return Selection("found", inventory.names[0]) if inventory.names else Selection("not_found")
-
-    def propose(self, query: str) -> list[str]:
-        return []
-
-
-def write_home(path: Path, **options: Any) -> None:
-    home = pipeline.map_home(room(frames=12), TrueBoxes(THINGS), **options)
-    home.save(path)
-    saved = Home.load(path)
-    saved.remember(pipeline.ask(saved, "I would love to sit down", First()))
-
-
-def read_home(path: Path) -> None:
-    """All that is done with a home: ask and remember, show, find, and map on."""
-    home = Home.load(path)
-    json.dumps(home.to_dict(), allow_nan=False)
-    home.cloud()
-    if (log := home.detections()) is not None:
-        log.looked()
-    for index in home.indexes:
-        answer = pipeline.ask(home, "I would love to sit down", First(), index=index)
-        json.dumps(answer.to_dict(), allow_nan=False)
-        if answer.place is not None:
-            home.evidence(answer.place)
-        home.remember(answer)
-        if index == "vlmaps":
-            home.searchable(index)[1].similarity("something soft")
-    draw_sheet(home, path.with_suffix(".png"))
-    mapper = Mapper(TrueBoxes(THINGS), onto=home)
-    mapper.add(room(frames=13)[12])
-    mapper.home()
-
-
-def write_loose_home(path: Path, **options: Any) -> None:
-    """The parts of a home without their checksums, which who means harm would compute anew."""
-    write_home(path / "whole", **options)
-    store = Store(path / "whole")
-    about = store.manifest()
-    for name in about["blobs"]:
-        (path / name).parent.mkdir(parents=True, exist_ok=True)
-        (path / name).write_bytes(store.get(name, about))
-    about["blobs"] = sorted(about["blobs"])
-    (path / "about.json").write_text(json.dumps(about))
-    shutil.rmtree(path / "whole")
-
-
-def read_loose_home(path: Path) -> None:
-    """Sign the parts as they are, and read that home."""
-    about = read_json(path / "about.json")
-    names = about.get("blobs") if isinstance(about, dict) else None
-    if not isinstance(names, list) or not all(isinstance(name, str) and NAME.fullmatch(name) for name in names):
-        raise InputError("nothing to sign")
-    blobs = {name: read_bytes(path / name, 1 << 28) for name in names}
-    signed = path.with_suffix(".signed")
-    try:
-        Store(signed).put(about, blobs, {})
-    except (RecursionError, ValueError) as error:
-        raise InputError("nothing that could be signed") from error
-    read_home(signed)
 
 
 def write_corrections(path: Path) -> None:

@@ -10,11 +10,12 @@ import socket
 import sqlite3
 import struct
 import zipfile
-import zlib
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from random import Random
 from typing import Any
+
+from fuzz_contents import become_another_picture, change_npy_head, claim_a_picture, huge_picture, put_floats
 
 Change = Callable[[Path, Random, list[Path]], None]
 """Breaks the first argument; the last are the other files, to take parts from."""
@@ -30,9 +31,9 @@ WORDS = (
     "!!python/object/apply:os.system ['false']", "&a *a", "-" * 5000, "'", '"',
 )  # fmt: skip
 VALUES: tuple[Any, ...] = (
-    None, True, False, 0, -1, 1e30, 1e-30, float("nan"), float("inf"), 10**400, 2**31, 2**63, 2**64, 10**4000, "",
-    "\x00", "x" * 100_000, "a\nb", [], {}, [[]], [{}], {"a": None}, [1, "a", None], [[1, 2], [3]], list(range(10_000)),
-    "NaN", "\ud800",
+    None, True, False, 0, -1, 100000.0, [0, 0], "[/x]", "\x1b[2J", 1e30, 1e-30, float("nan"), float("inf"), 10**400,
+    2**31, 2**63, 2**64, 10**4000, "", "\x00", "x" * 100_000, "a\nb", [], {}, [[]], [{}], {"a": None}, [1, "a", None],
+    [[1, 2], [3]], list(range(10_000)), "NaN", "\ud800",
 )  # fmt: skip
 TEXT = (".json", ".jsonl", ".yaml", ".csv", ".txt", ".toml", "", ".pgm")
 TOKEN = re.compile(rb'-?\d+(?:\.\d+)?(?:[eE][+-]?\d+)?|"[^"\n]{0,80}"|[A-Za-z_]{2,40}')
@@ -76,6 +77,8 @@ def _changes(file: Path) -> list[Change]:
         changes += [put_json] * 4
     if begin.startswith(b"\x89PNG"):
         changes += [claim_a_picture, huge_picture]
+    if begin.startswith(b"\xff\xd8\xff"):
+        changes += [become_another_picture] * 5
     if begin.startswith(b"PK"):
         changes += [change_a_member] * 5 + [huge_member]
     if begin.startswith(b"\x93NUMPY"):
@@ -224,34 +227,6 @@ def many_lines(file: Path, rng: Random, others: list[Path]) -> None:
     file.write_bytes(b"".join(lines)[: 4 << 20])
 
 
-def claim_a_picture(file: Path, rng: Random, others: list[Path]) -> None:
-    """Another size, depth or kind of pixels in a PNG's head, with the right checksum."""
-    data = bytearray(file.read_bytes())
-    at, values = rng.choice(((16, (0, 1, 65535, 1 << 20, (1 << 31) - 1)), (20, (0, 1, 65535, 1 << 20, (1 << 31) - 1))))
-    if rng.random() < 0.6:
-        data[at : at + 4] = struct.pack(">I", rng.choice(values))
-    else:
-        data[24:26] = bytes((rng.choice((1, 2, 4, 8, 16, 3, 0)), rng.choice((0, 2, 3, 4, 6, 1, 9))))
-    data[29:33] = struct.pack(">I", zlib.crc32(bytes(data[12:29])))
-    file.write_bytes(data)
-
-
-def huge_picture(file: Path, rng: Random, others: list[Path]) -> None:
-    """A sound PNG of many black pixels in few bytes."""
-    width, height, depth, kind, size = rng.choice(
-        ((30_000, 5_000, 8, 0, 1), (12_000, 9_000, 16, 0, 2), (100_000, 1_000, 8, 2, 3), (7_000, 7_000, 8, 2, 3))
-    )
-    packer = zlib.compressobj(1)
-    row = bytes(1 + width * size)
-    packed = b"".join(packer.compress(row) for _ in range(height)) + packer.flush()
-
-    def chunk(name: bytes, data: bytes) -> bytes:
-        return struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data))
-
-    head = struct.pack(">2I5B", width, height, depth, kind, 0, 0, 0)
-    file.write_bytes(b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", packed) + chunk(b"IEND", b""))
-
-
 def change_a_member(file: Path, rng: Random, others: list[Path]) -> None:
     """A member of a zip broken inside, with the right checksum around it."""
     members = _members(file)
@@ -261,7 +236,7 @@ def change_a_member(file: Path, rng: Random, others: list[Path]) -> None:
     name = rng.choice(sorted(members))
     inner.write_bytes(members[name])
     changes: list[Change] = [flip_bits, put_run, cut, claim_a_size, repeat]
-    changes += [change_npy_head] * 6 if members[name].startswith(b"\x93NUMPY") else [put_value] * 3
+    changes += [change_npy_head] * 6 + [put_floats] * 6 if members[name].startswith(b"\x93NUMPY") else [put_value] * 3
     rng.choice(changes)(inner, rng, [])
     members[name] = inner.read_bytes()
     inner.unlink()
@@ -283,28 +258,6 @@ def huge_member(file: Path, rng: Random, others: list[Path]) -> None:
             out.write(b"\x93NUMPY\x01\x00" + struct.pack("<H", len(head)) + head)
             for _ in range(rng.choice((8, 8, 320))):
                 out.write(bytes(1 << 20))
-
-
-def change_npy_head(file: Path, rng: Random, others: list[Path]) -> None:
-    """Another kind or shape of numbers in an NPY's head, or no head at all."""
-    data = file.read_bytes()
-    (size,) = struct.unpack_from("<H", data, 8)
-    head = data[10 : 10 + size].decode("latin1")
-    how = rng.randrange(4)
-    if how == 0:
-        kind = rng.choice(("|O", "<f8", "<i2", "|V0", "<U1000000", "<M8[s]", ">f4", "|S1", "<c16", "|b1"))
-        head = re.sub(r"'descr': .*?, 'fortran", lambda _: f"'descr': '{kind}', 'fortran", head)
-    elif how == 1:
-        shape = rng.choice(
-            ("(-1,)", "(1000000000000,)", "()", "(0, 4611686018427387904)", "(3, 3, 3, 3, 3)", "(1.5,)", "(1,)", "7")
-        )
-        head = re.sub(r"'shape': \(.*?\)", lambda _: f"'shape': {shape}", head)
-    elif how == 2:
-        head = rng.choice(("(" * 5000, "-" * 5000 + "1", "{", "", "7", "{'a': 1}", "'" * 300, "[" * 50_000))
-    else:
-        head = re.sub(r"\d+", lambda _: rng.choice(("0", "2", "99", str(2**62), "7")), head)
-    text = head.encode("latin1")
-    file.write_bytes(data[:8] + struct.pack("<H", len(text) % 65536) + text + data[10 + size :])
 
 
 def change_a_row(file: Path, rng: Random, others: list[Path]) -> None:

@@ -151,14 +151,16 @@ def test_texts_are_printed_as_they_are(
     assert all(note.isprintable() for note in answer.notes)
 
 
-def test_a_manifest_nested_without_end_is_refused(sound: Path, tmp_path: Path) -> None:
-    """Its checksum may be right: whoever wrote it may have had a deeper stack."""
+def test_settings_nested_without_end_are_refused(sound: Path, tmp_path: Path) -> None:
+    nested: list[Any] = []
+    for _ in range(700):
+        nested = [nested]
     folder = tmp_path / "h"
-    folder.mkdir()
-    for depth in range(880, 1010, 3):
-        (folder / "home.json").write_text(f'{{"blobs": {{}}, "settings": {"[" * depth}1{"]" * depth}}}')
-        with pytest.raises(InputError):
-            cartier.Home.load(folder)
+    about, store = Store(sound).manifest(), Store(sound)
+    blobs = {name: store.get(name, about) for name in about["blobs"]}
+    write_signed(folder, about | {"settings": about["settings"] | {"unheard": nested}}, blobs)
+    with pytest.raises(InputError, match="is damaged"):
+        cartier.Home.load(folder)
 
 
 @pytest.mark.parametrize(
@@ -215,13 +217,15 @@ def test_photos_are_jpegs_wherever_their_bytes_go(sound: Path, tmp_path: Path) -
 
 
 @pytest.mark.parametrize("size", [(1, 1), (2, 300), (300, 2)])
+@pytest.mark.parametrize("box", [[20, 20, 90, 90], [-900, -900, -880, -880]])
 def test_a_photo_that_does_not_reach_the_box_is_shown_as_it_is(
-    sound: Path, tmp_path: Path, size: tuple[int, int]
+    sound: Path, tmp_path: Path, size: tuple[int, int], box: list[int]
 ) -> None:
     data, obj = BytesIO(), cartier.Home.load(sound).objects[0]
     Image.new("L", size).save(data, "JPEG")
     photo = f"photos/{obj.views[0].frame:06d}.jpg"
-    folder = signed(sound, tmp_path / "h", photo, lambda _: data.getvalue())
+    folder = signed(sound, tmp_path / "a", photo, lambda _: data.getvalue())
+    folder = signed(folder, tmp_path / "b", "objects.json", value("0/views/0/box_xyxy", box))
     jpeg = Operations(Homes([folder]), plugins.make("reasoners", "embedded")).look_at(str(obj.id))[1]
     with Image.open(BytesIO(jpeg)) as shown:
         assert min(shown.size) >= 1
