@@ -30,7 +30,8 @@ PROTOTYPES = {
 """CIE L*a*b* of what has a name, as it looks in a home's light: the nearest names a pixel.
 
 Fitted on the chips of the xkcd colour survey (2010, CC0) under the lights of generated dollhouse homes
-(tools/fit_colours.py). A white thing indoors is L* 75 to 90.
+(tools/fit_colours.py; of several fits the one that was right most often in those homes). A white thing indoors is L* 75
+to 90.
 """
 LIGHTNESS_WEIGHT = 0.7  # of L* in the distance: one surface varies more in lightness than in hue
 
