@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 import shutil
+import stat
 import subprocess
 import tarfile
 import zipfile
@@ -50,14 +51,22 @@ def test_what_is_nearly_a_recording_is_said(tmp_path: Path, name: str, says: str
     assert "\n" not in str(caught.value)
 
 
-def pack(folder: Path, archive: Path) -> None:
+def pack(folder: Path, archive: Path, link: tuple[str, str] | None = None) -> None:
     if archive.suffix == ".zip":
         with zipfile.ZipFile(archive, "w") as packed:
             for file in folder.rglob("*"):
                 packed.write(file, file.relative_to(folder))
+            if link:
+                about = zipfile.ZipInfo(link[0])
+                about.external_attr = (stat.S_IFLNK | 0o777) << 16
+                packed.writestr(about, link[1])
     else:
         with tarfile.open(archive, "w:gz") as packed_tar:
             packed_tar.add(folder, ".")
+            if link:
+                member = tarfile.TarInfo(link[0])
+                member.type, member.linkname = tarfile.SYMTYPE, link[1]
+                packed_tar.addfile(member)
 
 
 @pytest.mark.parametrize("name", ["My Scan.zip", "My Scan.tar.gz"])
@@ -78,6 +87,21 @@ def test_archives_are_looked_into_and_the_printed_command_unpacks_them(tmp_path:
     if name.endswith(".gz") or shutil.which("unzip"):
         subprocess.run(command, shell=True, check=True, capture_output=True)
         assert len(plugins.open_recording(*shlex.split(folder))) == 4
+
+
+@pytest.mark.parametrize("target", ["/etc/hostname", "../../secret.jpg", "scan/../.."])
+@pytest.mark.parametrize("name", ["a.zip", "a.tar.gz"])
+def test_an_archive_with_a_link_that_may_lead_out_is_not_offered(tmp_path: Path, name: str, target: str) -> None:
+    """Once it is unpacked, nobody could tell it from a folder that its owner made of links."""
+    (tmp_path / "in").mkdir()
+    LAYOUTS["arcore-without-depth"](tmp_path / "in" / "scan")
+    pack(tmp_path / "in", tmp_path / name, link=("0.jpg", target))
+    with pytest.raises(InputError, match=r"0\.jpg in it is a link that may lead to other files of yours") as caught:
+        plugins.open_recording(tmp_path / name)
+    assert "\n" not in str(caught.value) and "a recording" not in str(caught.value)
+    pack(tmp_path / "in", tmp_path / name, link=("0.jpg", "scan/1.jpg"))
+    with pytest.raises(InputError, match=r"a recording \(arcore\) is in it"):
+        plugins.open_recording(tmp_path / name)
 
 
 def test_an_archive_without_a_recording_is_not_said_to_hold_one(tmp_path: Path) -> None:

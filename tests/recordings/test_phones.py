@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+import stat
 import sys
 import zipfile
 from collections.abc import Callable
@@ -319,6 +320,22 @@ def test_damage_is_one_clear_line(tmp_path: Path, name: str, damage: Callable[[P
     damage(tmp_path / "a")
     with pytest.raises(InputError, match=fault) as caught:
         opened(tmp_path / "a", format=name.split("-")[0])[0]
+    assert "\n" not in str(caught.value)
+
+
+def test_a_link_in_a_r3d_file_leads_nowhere(tmp_path: Path) -> None:
+    write_record3d(room(with_depth=False), tmp_path / "a")
+    secret = (tmp_path / "a/rgbd/1.jpg").rename(tmp_path / "secret.jpg")
+    link = zipfile.ZipInfo("rgbd/1.jpg")
+    link.external_attr = (stat.S_IFLNK | 0o777) << 16
+    with zipfile.ZipFile(tmp_path / "scan.r3d", "w") as box:
+        for path in (tmp_path / "a").rglob("*"):
+            box.write(path, path.relative_to(tmp_path / "a"))
+        box.writestr(link, str(secret))
+    recording = opened(tmp_path / "scan.r3d", floor_m=0)
+    assert recording[0].rgb.any()
+    with pytest.raises(InputError, match=r"1\.jpg") as caught:
+        recording[1]
     assert "\n" not in str(caught.value)
 
 

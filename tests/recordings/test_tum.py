@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -117,11 +118,15 @@ def test_damage_is_one_clear_line(tmp_path: Path, damage: Callable[[Path], objec
     assert "\n" not in str(caught.value)
 
 
-def test_a_link_that_leads_out_is_refused(tmp_path: Path) -> None:
+def test_a_subset_made_of_links_is_read_as_if_it_were_copied(tmp_path: Path) -> None:
     write_tum(room(), tmp_path / "a")
-    Image.new("RGB", (160, 120)).save(tmp_path / "secret.png")
-    first = next((tmp_path / "a/rgb").iterdir())
-    first.unlink()
-    first.symlink_to(tmp_path / "secret.png")
-    with pytest.raises(InputError, match="leads out of the recording's folder"):
-        opened(tmp_path / "a")
+    whole = opened(tmp_path / "a")
+    shutil.copytree(tmp_path / "a", tmp_path / "b")
+    for image in [*(tmp_path / "b/rgb").iterdir(), *(tmp_path / "b/depth").iterdir()]:
+        image.unlink()
+        image.symlink_to(tmp_path / "a" / image.relative_to(tmp_path / "b"))
+    linked = opened(tmp_path / "b")
+    assert linked.fingerprint() == whole.fingerprint()
+    assert np.array_equal(linked[1].rgb, whole[1].rgb)
+    (note,) = set(linked.notes) - set(whole.notes)
+    assert note.startswith(f"{2 * len(whole)} files are links that lead out of the recording's folder, such as rgb/")

@@ -18,6 +18,15 @@ FLYING_PIXEL_RATIO = 50  # one of so many points at either end is a flying pixel
 BACKGROUND_RATIO = 20  # without a mask one of so many points is of what stands beside or behind
 MIN_THICKNESS_M = 0.04  # a surface is at least this deep
 
+LUMA = np.array((0.299, 0.587, 0.114), np.float32)
+BALANCE_SAMPLES = 30  # along the shorter side of a frame
+NEAR_NEUTRAL = 0.7  # least ratio of the darkest to the brightest channel of what may be white
+CLIPPED = 252  # from here on a channel says nothing about the light
+BRIGHTEST = 0.1  # share of the near-neutral samples that is taken to be white
+MIN_NEUTRAL = 30  # samples; with fewer there is no balance
+BALANCE_STRENGTH, MAX_BALANCE = 0.5, 1.1  # half of the cast is taken off: walls and wood are warm by themselves
+VALUES, STRIDES = np.arange(256)[:, None], np.array((LEVELS**2, LEVELS, 1))  # of a byte, and of the table of colours
+
 PATCHES_KEPT = 7  # per object
 INSIDE_SAMPLES = 16  # samples along either side of a box
 MARGINS = np.array((0.05, 0.15, 0.35))  # of further samples beyond each side, in sides of the box
@@ -111,12 +120,32 @@ def lift(
 
 
 def colour_shares(rgb: npt.NDArray[np.uint8], pixels: npt.NDArray[np.intp], mask: npt.NDArray[np.bool_]) -> Array:
-    """Shares (N, 11) of the named colours among masked (N, K) ``pixels`` (N, K), flat indices into an image."""
-    values = rgb.reshape(-1, 3)[pixels] >> 3
-    index = (values[..., 0].astype(np.intp) * LEVELS + values[..., 1]) * LEVELS + values[..., 2]
-    names = colour_table()[index] + np.arange(len(pixels))[:, None] * len(COLOURS)
-    counts = np.bincount(names[mask], minlength=len(pixels) * len(COLOURS)).reshape(len(pixels), len(COLOURS))
+    """Shares (N, 11) of the named colours among masked (N, K) ``pixels`` (N, K), flat indices into an image.
+
+    They are named after a white balance of the image.
+    """
+    levels = np.minimum(VALUES * (white_balance(rgb) * (LEVELS / 256)), LEVELS - 1).astype(np.intp) * STRIDES
+    values = rgb.reshape(-1, 3).take(pixels[mask], 0)
+    red, green, blue = (levels[:, channel].take(values[:, channel]) for channel in range(3))
+    names = colour_table().take(red + green + blue) + np.nonzero(mask)[0] * len(COLOURS)
+    counts = np.bincount(names, minlength=len(pixels) * len(COLOURS)).reshape(len(pixels), len(COLOURS))
     return np.asarray(counts / np.maximum(counts.sum(1, keepdims=True), 1))
+
+
+def white_balance(rgb: npt.NDArray[np.uint8]) -> Array:
+    """Gains (3,) of red, green and blue that take off half of a frame's colour cast, by its brightest pale parts.
+
+    A gain is at most a tenth: a camera balances too, and a wall or a table that fills the frame is warm by itself.
+    """
+    step = max(1, min(rgb.shape[:2]) // BALANCE_SAMPLES)
+    samples = rgb[step // 2 :: step, step // 2 :: step].reshape(-1, 3).T.astype(np.float32)  # by channel: far quicker
+    brightest, darkest = samples.max(0), samples.min(0)
+    samples = samples.compress((darkest > NEAR_NEUTRAL * brightest) & (brightest < CLIPPED), 1)
+    count = max(1, round(BRIGHTEST * samples.shape[1]))
+    if samples.shape[1] < MIN_NEUTRAL:
+        return np.ones(3)
+    white = samples.take(np.argpartition(LUMA @ samples, -count)[-count:], 1).mean(1)
+    return np.asarray(np.clip((LUMA @ white / white) ** BALANCE_STRENGTH, 1 / MAX_BALANCE, MAX_BALANCE))
 
 
 def keep_patches(

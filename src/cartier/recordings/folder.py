@@ -2,7 +2,7 @@
 
 ``recording.json`` needs schema, name and camera. ``depth`` and ``instances`` say whether these folders are read (by
 default if they exist), ``simulator`` that truth.json is read, ``notes`` what was estimated. It names no files: the
-layout is fixed, so nothing in it can lead out of the folder; links that do are refused. A simulator's recording also
+layout is fixed, so nothing in it can lead out of the folder; links that do are noted. A simulator's recording also
 holds ``truth.json`` (the true objects with their boxes) and ``instances/000000.png`` (uint16 ids).
 """
 
@@ -18,7 +18,7 @@ from cartier.errors import InputError, brief, frame_number
 from cartier.io import images
 from cartier.io.atomic import replaced_folder, write_json
 from cartier.io.files import read_json
-from cartier.recordings.common.files import READERS, check_inside, content_hash, names_in
+from cartier.recordings.common.files import READERS, content_hash, link_notes, names_in
 from cartier.recordings.common.poses import read_trajectory, trajectory_line
 from cartier.types import Camera, Frame, TrueObject
 
@@ -45,7 +45,6 @@ class Folder:
 
     def __init__(self, root: Path) -> None:
         self._root = root
-        check_inside(root, (HEAD, TRAJECTORY, TRUTH))
         head = _Fields(read_json(root / HEAD), root / HEAD)
         schema = head.get("schema", int)
         if schema != SCHEMA:
@@ -69,7 +68,7 @@ class Folder:
             _check_count(root / kind, suffix, len(self._poses))
         images = [_image(kind, i, suffix) for kind, suffix in self._images.items() for i in range(len(self))]
         self._files = [HEAD, TRAJECTORY, *([] if self.truth is None else [TRUTH]), *images]
-        check_inside(root, images)
+        self.notes = [*self.notes, *link_notes(root, self._files)]
         self._fingerprint: str | None = None
 
     def __len__(self) -> int:

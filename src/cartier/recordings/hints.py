@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import itertools
 import shlex
+import stat
 import tarfile
 import tempfile
 import zipfile
@@ -33,7 +34,7 @@ OWN_LAYOUT = (
     "name a reader of your own, --format ./mine.py (CONTRIBUTING.md)"
 )
 MOST_ENTRIES, MOST_PATHS, MOST_ARCHIVES = 100, 300, 5  # looked at: in a folder, in all, and archives of those
-MOST_NAMES, MOST_TAR_BYTES = 20_000, 256 << 20
+MOST_NAMES, MOST_TAR_BYTES, MOST_LINK_BYTES = 20_000, 256 << 20, 4096
 MOST_ALIKE, MOST_PARTS = 20, 6  # of an archive's names: with one suffix in one folder, and parts of a name
 
 
@@ -95,10 +96,13 @@ def _is_archive(path: Path) -> bool:
 def _archive(path: Path, formats: Formats) -> tuple[str, bool]:
     """What to say of a file with an archive's name, and whether a recording is in it."""
     try:
-        names, whole = _names(path)
+        names, whole, link = _names(path)
     except Exception as error:  # zipfile's, tarfile's and zlib's share no base class
         says = f"by its name it is an archive, but it is none, or it is damaged ({brief(error, 80)}): fetch it again"
         return says, False
+    if link is not None:
+        trust = "and what it leads to would get into your map: unpack it only if you trust who made it"
+        return f"{brief(link, 80)} in it is a link that may lead to other files of yours, {trust}", False
     target = path.with_name(path.name[: -len(next(s for s in (".zip", *TARS) if path.name.lower().endswith(s)))])
     source, folder = shlex.quote(str(path)), shlex.quote(str(target))
     is_zip = path.suffix.lower() == ".zip"
@@ -116,19 +120,36 @@ def _archive(path: Path, formats: Formats) -> tuple[str, bool]:
     return f"by its {seen} no recording is in it" + (f" (such as {brief(names[0], 80)})" if names else ""), False
 
 
-def _names(path: Path) -> tuple[list[str], bool]:
-    """The files' names in an archive, and whether these are all."""
+def _names(path: Path) -> tuple[list[str], bool, str | None]:
+    """The files' names in an archive, whether these are all, and the first that is a link which may lead out."""
+    names, link = [], None
     if path.suffix.lower() == ".zip":
         with zipfile.ZipFile(path) as packed:
-            every = [name for name in packed.namelist() if not name.endswith("/")]
-        return every[:MOST_NAMES], len(every) <= MOST_NAMES
-    names = []
+            every = [info for info in packed.infolist() if not info.is_dir()]
+            for info in every[:MOST_NAMES]:
+                names.append(info.filename)
+                if link is None and stat.S_ISLNK(info.external_attr >> 16) and _may_lead_out(_start(packed, info)):
+                    link = info.filename
+        return names, len(every) <= MOST_NAMES, link
     with tarfile.open(path) as packed_tar:
         for member in packed_tar:
             names += [member.name] if member.isfile() else []
+            if link is None and (member.issym() or member.islnk()) and _may_lead_out(member.linkname):
+                link = member.name
             if len(names) == MOST_NAMES or member.offset_data + member.size > MOST_TAR_BYTES:
-                return names, False
-    return names, True
+                return names, False, link
+    return names, True, link
+
+
+def _start(packed: zipfile.ZipFile, info: zipfile.ZipInfo) -> str:
+    """What a link in a zip file leads to."""
+    with packed.open(info) as file:
+        return file.read(MOST_LINK_BYTES).decode(errors="replace")
+
+
+def _may_lead_out(target: str) -> bool:
+    """Whether a link may lead out of its archive: one with .. in it can, through other links."""
+    return target.startswith("/") or ".." in PurePosixPath(target).parts
 
 
 def _recording_of(names: list[str], formats: Formats) -> tuple[str, str] | None:

@@ -91,7 +91,7 @@ class RosBag:
         self._bag, self._choice, self._settings = bag, choice, settings
         self._reading = Lock()  # of the bag's bytes; images are decoded side by side
         self._fingerprint: str | None = None
-        notes = list(choice.notes)
+        notes = [*choice.notes, *bag.notes]
         tree = transform_tree(bag)
         rows, stamps_s = _stamps(bag, choice.colour, notes)
         found = camera_poses(bag, tree, choice.colour.frame, stamps_s, frame, odometry, body_from_camera)

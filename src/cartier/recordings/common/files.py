@@ -34,21 +34,33 @@ def relative(root: Path, *paths: Path | None) -> list[str]:
     return [path.relative_to(root).as_posix() for path in paths if path is not None]
 
 
-def check_inside(root: Path, names: Collection[str]) -> None:
-    """Raises InputError if a file of a recording, or a folder on the way to it, is a link that leads out of its folder.
+def link_notes(root: Path, names: Collection[str]) -> list[str]:
+    """What to note of links that lead out of a recording's folder. Raises InputError for one that leads to no file.
 
-    A map made of a stranger's recording would pass on what such links lead to.
+    A subset of frames is usually made of links. A map made of a stranger's recording would pass on what its links lead
+    to: so archives that hold such links are refused (``hints``), and whoever maps a folder is told of them.
     """
-    home = Path(os.path.realpath(root))  # unlike resolve, it takes links that run in a circle
-    folders = {name.rpartition("/")[0] for name in names}
-    above = {parent for folder in folders for parent in PurePosixPath(folder, "_").parents if parent.parts}
-    for path in [root / part for part in names] + [root / part for part in above]:
-        if path.is_symlink() and not Path(os.path.realpath(path)).is_relative_to(home):
-            raise InputError(f"{path} is a link that leads out of the recording's folder: put the file itself there")
+    home = _real(root)
+    moved = {folder for folder in {(root / name).parent for name in names} if not _real(folder).is_relative_to(home)}
+    outside = [path for path in (root / name for name in names) if path.parent in moved or _leads_out(path, home)]
+    for path in outside:
+        check_file(path)
+    if not outside:
+        return []
+    count = "1 file is a link that leads" if len(outside) == 1 else f"{len(outside)} files are links that lead"
+    return [f"{count} out of the recording's folder, such as {outside[0].relative_to(root).as_posix()}"]
+
+
+def _leads_out(path: Path, home: Path) -> bool:
+    return path.is_symlink() and not _real(path).is_relative_to(home)
+
+
+def _real(path: Path) -> Path:
+    return Path(os.path.realpath(path))  # unlike resolve, it takes links that run in a circle
 
 
 def inside(name: object, where: str) -> str:
-    """A file name relative to a recording's folder. Raises InputError if it leads out; links: ``check_inside``."""
+    """A file name relative to a recording's folder. Raises InputError if it leads out; links: ``link_notes``."""
     if not isinstance(name, str) or not _is_name(name):
         raise InputError(f"{where}: {brief(name, 60)!r} is no file name")
     path = PurePosixPath(name)

@@ -19,7 +19,7 @@ from PIL import Image
 from cartier.errors import MAX_FAR_M, InputError, frame_number
 from cartier.io.images import check_depth, read_depth, read_grey8, read_rgb
 from cartier.mapping import gravity
-from cartier.recordings.common.files import READERS, check_inside, content_hash
+from cartier.recordings.common.files import READERS, content_hash, link_notes
 from cartier.recordings.common.lens import Lens, off_centre_notes, resampled
 from cartier.types import Array, Camera, Frame, TrueObject
 
@@ -88,7 +88,7 @@ class PosedImages:
     def __init__(self, source: Source, up: Sequence[float] | None, floor_m: float | None) -> None:
         if not source.views:
             raise InputError(f"{source.root} holds no image with a pose")
-        check_inside(source.root, source.files)
+        links = link_notes(source.root, source.files)
         self.name, self.readers = source.name or source.root.resolve().name, source.readers
         self.scale_guessed, self.known_registration = source.scale_guessed, source.known_registration
         self._source, self._settings = source, f"{source.settings} up={up} floor_m={floor_m}"
@@ -115,7 +115,7 @@ class PosedImages:
         self.camera, old_from_new = turned_camera(self._upright_camera, self._turns)
         self._poses = poses @ old_from_new
         self._poses.setflags(write=False)
-        notes = [*source.notes, *off_centre_notes(first), up_note, floor_note]
+        notes = [*source.notes, *links, *off_centre_notes(first), up_note, floor_note]
         if self._factor > 1:
             notes.append(f"images of {first.width}x{first.height} px reduced by {self._factor}")
         if self._turns:

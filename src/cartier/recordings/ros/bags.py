@@ -13,7 +13,7 @@ import numpy as np
 from cartier.errors import InputError, brief
 from cartier.io.files import read_text
 from cartier.io.strict_yaml import YamlFault, read_yaml
-from cartier.recordings.common.files import check_inside, names_in
+from cartier.recordings.common.files import link_notes, names_in
 from cartier.recordings.common.sqlite import SqliteFile
 from cartier.recordings.ros.bag1 import Bag1
 from cartier.recordings.ros.file import MAX_BLOCK, MAX_TOPICS, WHOLE, Index, Storage, Topic, check_count, index_part
@@ -80,8 +80,8 @@ class Bag:
     def __init__(self, path: Path) -> None:
         self.path = path
         self.files = files_of(path)
-        if path.is_dir():
-            check_inside(path, [METADATA, *(file.name for file in self.files)])
+        metadata = [METADATA] if (path / METADATA).exists() else []
+        self.notes = link_notes(path, metadata + [file.name for file in self.files]) if path.is_dir() else []
         self._packed = path.is_dir() and _check_metadata(path, self.files)
         kinds = sorted({file.suffix for file in self.files})
         if len(kinds) != 1:
