@@ -27,6 +27,7 @@ from cartier.mapping.mapper import Mapper
 from cartier.mapping.prefetch import batch_size, prefetch
 from cartier.navigation.planning import check_start, plan
 from cartier.types import Answer, Frame, Goal, Place, RobotModel, Selection
+from cartier.understanding import alarm
 from cartier.understanding.out_of_vocabulary import out_of_vocabulary_mention
 
 
@@ -102,6 +103,7 @@ def ask(
     from_xy: Sequence[float] | None = None,
     robot: RobotModel | None = None,
     dialogue: Sequence[tuple[str, str]] = (),
+    emergency_number: str | None = None,
 ) -> Answer:
     """Answer one request: the object that serves it, its place, and a reachable pose that faces it.
 
@@ -113,10 +115,13 @@ def ask(
         from_xy: Where the robot stands (x, y) in metres, map frame; by default where the recording began.
         robot: The size of the robot; by default that of ``RobotModel()``.
         dialogue: Earlier (person, robot) turns, oldest first; ``Conversation`` keeps them.
+        emergency_number: What to call in an emergency; by default CARTIER_EMERGENCY_NUMBER, else the number of the
+            locale's country.
 
     Returns:
-        The answer. Its place and goal are None where nothing serves, where the robot asks back or answers in words; a
-        goal may also be missing where no pose can be reached, and ``notes`` say why.
+        The answer. Words about harm or an emergency are an "alarm", and no reasoner is asked. Its place and goal are
+        None where nothing serves, where the robot asks back or answers in words; a goal may also be missing where no
+        pose can be reached, and ``notes`` say why.
 
     Raises:
         InputError: The words are empty or too long, the start is not a point, or the home has no such index.
@@ -140,7 +145,8 @@ def ask(
     inventory = home.inventory(index, from_xy)  # raises for an unknown index before a model is called
     timing_ms: dict[str, float] = {}
     with _timed(timing_ms, "select"):
-        selection = reasoner.select(query, inventory, dialogue)
+        alarming = alarm.screen(query, emergency_number)
+        selection = alarming or reasoner.select(query, inventory, dialogue)
     for chosen in (selection, *selection.next):
         if not inventory.contains(chosen):
             raise BackendError(
@@ -148,6 +154,8 @@ def ask(
             )
     who = selection.model or reasoner.name  # a reasoner may hand over to another one
     answer = serve(home, query, selection, who, index=index, from_xy=from_xy, robot=robot, timing_ms=timing_ms)
+    if alarming is not None:
+        return answer  # what else there is to know about the home can wait
     return replace(
         answer, notes=(*optional(reasoner, ReasonerDefaults, "notes"), *_doubts(home, query, selection), *answer.notes)
     )
@@ -202,7 +210,7 @@ def serve(
         if place is None:
             notes.append(f"{index_name} has no place for the {selection.object}: try another --index")
     goal: Goal | None = None
-    if selection.status == "answered":
+    if selection.status in ("answered", "alarm"):
         pass  # an answer in words has no goal
     elif place is not None and home.grid is None:
         notes.append("no goal: without depth the home has no occupancy grid to plan on")
@@ -248,9 +256,10 @@ class Conversation:
         index: The name of one of the home's indices; by default the first.
         from_xy: Where the robot stands (x, y) in metres, map frame; by default where the recording began.
         robot: The size of the robot; by default that of ``RobotModel()``.
+        emergency_number: What to call in an emergency, as for ``ask``.
 
     Raises:
-        InputError: ``from_xy`` is not a point.
+        InputError: ``from_xy`` is not a point, or the emergency number is none.
     """
 
     def __init__(
@@ -261,8 +270,10 @@ class Conversation:
         index: str | None = None,
         from_xy: Sequence[float] | None = None,
         robot: RobotModel | None = None,
+        emergency_number: str | None = None,
     ) -> None:
         self.home, self.reasoner, self.index, self.robot = home, reasoner, index, robot
+        self.emergency_number = alarm.emergency_number(emergency_number)
         self.from_xy: Sequence[float] = check_start(home.start_xy if from_xy is None else from_xy)
         self.turns: list[tuple[str, str]] = []
 
@@ -282,6 +293,7 @@ class Conversation:
         answer = ask(
             self.home, words, self.reasoner,
             index=self.index, from_xy=self.from_xy, robot=self.robot, dialogue=self.turns,
+            emergency_number=self.emergency_number,
         )  # fmt: skip
         self.turns = recent([*self.turns, (words, robot_turn(answer))])
         goals = [part.goal for part in (answer, *answer.next) if part.goal is not None]
@@ -304,7 +316,7 @@ def robot_turn(answer: Answer) -> str:
 
 def _said(answer: Answer) -> str:
     chosen, place = answer.selection, answer.place
-    if chosen.status == "answered":
+    if chosen.status in ("answered", "alarm"):
         return chosen.text if chosen.object_id is None else f"{chosen.text} (#{chosen.object_id})"
     if chosen.object is None:
         return chosen.question or "nothing here serves that"

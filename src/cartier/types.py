@@ -27,7 +27,8 @@ from cartier.errors import BackendError, brief, check_camera, check_pose, check_
 
 Array = npt.NDArray[Any]
 Floats = npt.NDArray[np.floating[Any]]
-Status = Literal["found", "likely_near", "not_found", "clarify", "answered"]
+Status = Literal["found", "likely_near", "not_found", "clarify", "answered", "alarm"]
+AlarmKind = Literal["self_harm", "violence", "child", "medical", "fire"]
 STATUSES: tuple[str, ...] = get_args(Status)
 
 FREE, OCCUPIED, UNKNOWN = 0, 100, -1
@@ -516,7 +517,8 @@ class Selection:
     Args:
         status: "found" (an object or room serves the words), "likely_near" (the object stands for one that is not in
             the map but usually near it), "not_found" (nothing serves), "clarify" (``question`` has to be answered
-            first) or "answered" (``text`` is the answer, and there is no goal).
+            first), "answered" (``text`` is the answer, and there is no goal) or "alarm" (harm or an emergency: ``text``
+            says what a person should do now, and there is no goal).
         object: The name of the chosen object or room, from the inventory. Given for "found" and "likely_near"; for
             "answered" it may name what the answer is about.
         reason: Why, in one sentence.
@@ -526,8 +528,10 @@ class Selection:
         next: The choices for further needs in the same words, in the order in which to serve them.
         object_id: Which object of that name, or None to leave it to the index.
         room: The id of the chosen room, or None for an object.
-        text: The answer in words, for "answered".
+        text: The answer in words, for "answered" and "alarm".
         fact: The same answer for programs, or None.
+        alarm: The kind of emergency, for "alarm": "self_harm", "violence" (to others), "child" (in danger), "medical"
+            or "fire" (also gas and floods); else None.
     """
 
     status: Status
@@ -543,6 +547,7 @@ class Selection:
     room: int | None = None
     text: str = ""
     fact: Fact | None = None
+    alarm: AlarmKind | None = None
 
     def __post_init__(self) -> None:
         need(self.status in STATUSES, f"selection status {self.status!r} is not one of {', '.join(STATUSES)}")
@@ -551,6 +556,7 @@ class Selection:
             self.status == "answered" or (self.object is not None) == names_one,
             f"a selection that is {self.status!r} must {'' if names_one else 'not '}name an object",
         )
+        need((self.status == "alarm") == (self.alarm is not None), "a selection has a kind of alarm if it is 'alarm'")
         need(self.object is not None or self.object_id is None, "a selection with an object's id must name the object")
 
 
@@ -695,10 +701,11 @@ class Answer:
         chosen = self.selection
         return {
             "query": self.query, "status": chosen.status, "object": chosen.object, "object_id": chosen.object_id,
-            "room": chosen.room, "reason": chosen.reason, "question": chosen.question, "text": chosen.text, "answer":
-            None if chosen.fact is None else asdict(chosen.fact), "place": self.place.to_dict() if self.place else
-            None, "goal": self.goal.to_dict() if self.goal else None, "candidates": [{"object": name, "score": score}
-            for name, score in chosen.candidates], "reasoner": self.reasoner, "index": self.index, "encoder":
-            self.encoder, "detector": self.detector, "home": self.home, "timing_ms": {step: round(ms, 2) for step, ms
-            in self.timing_ms.items()}, "notes": list(self.notes), "next": [answer.to_dict() for answer in self.next],
+            "room": chosen.room, "reason": chosen.reason, "question": chosen.question, "text": chosen.text,
+            "alarm": chosen.alarm, "answer": None if chosen.fact is None else asdict(chosen.fact),
+            "place": self.place.to_dict() if self.place else None, "goal": self.goal.to_dict() if self.goal else None,
+            "candidates": [{"object": name, "score": score} for name, score in chosen.candidates],
+            "reasoner": self.reasoner, "index": self.index, "encoder": self.encoder, "detector": self.detector,
+            "home": self.home, "timing_ms": {step: round(ms, 2) for step, ms in self.timing_ms.items()},
+            "notes": list(self.notes), "next": [answer.to_dict() for answer in self.next],
         }  # fmt: skip

@@ -11,8 +11,20 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from cartier import specs
-from cartier.cli._common import AsJson, BaseUrl, HomeFolder, IndexName, ModelName, ReasonerName, numbers, say
+from cartier.cli._common import (
+    AsJson,
+    BaseUrl,
+    EmergencyNumber,
+    HomeFolder,
+    IndexName,
+    ModelName,
+    OnAlarm,
+    ReasonerName,
+    numbers,
+    say,
+)
 from cartier.errors import InputError, ReasonerError
+from cartier.io.command import OwnerCommand
 from cartier.robots import send
 
 if TYPE_CHECKING:
@@ -43,6 +55,8 @@ def ask(
     go: Annotated[
         str | None, typer.Option(metavar="ROBOT", help="Send the goal to a robot: print, ros2, dollhouse.")
     ] = None,
+    emergency_number: EmergencyNumber = None,
+    on_alarm: OnAlarm = None,
     show_prompt: Annotated[
         bool, typer.Option("--show-prompt", help="Print the prompt for a language model, and send nothing.")
     ] = False,
@@ -54,12 +68,15 @@ def ask(
     from cartier.types import RobotModel
 
     from_xy, model_of_robot = numbers(start, 2, "--from"), RobotModel(radius, camera_height)
+    told = OwnerCommand(on_alarm, "--on-alarm") if on_alarm is not None else None
     mapped = Home.load(home)
     if show_prompt:
         _show_prompt(mapped, words, specs.model_asked(reasoner, model, base_url), index, from_xy, as_json)
         return
     chosen = specs.reasoner(reasoner, model=model, base_url=base_url, path=replies)
-    talk = Conversation(mapped, chosen, index=index, from_xy=from_xy, robot=model_of_robot)
+    talk = Conversation(
+        mapped, chosen, index=index, from_xy=from_xy, robot=model_of_robot, emergency_number=emergency_number
+    )
     robot = specs.robot(go, mapped, model_of_robot) if go else None
     shown: set[str] = set()
     for request in [words] if words is not None else _typed(mapped.name):
@@ -76,6 +93,8 @@ def ask(
             draw_answer(mapped, answer, plot, model_of_robot)
             say(f"image: {plot}")
         print(json.dumps(answer.to_dict(), ensure_ascii=False)) if as_json else _print_answer(answer, shown)
+        if told is not None and answer.selection.status == "alarm":
+            say(f"on alarm: {told.run(answer.to_dict())}")
         if robot is not None:
             say(f"robot: {send(robot, answer)}")
         try:
@@ -91,10 +110,12 @@ def _show_prompt(
     """Print the prompt, and the server that it would go to."""
     from cartier.llm.prompts import check_query, prompt_named
     from cartier.navigation.planning import check_start
+    from cartier.understanding import alarm
 
     if words is None:
         raise InputError('--show-prompt needs the words: cartier ask HOME "I would love to sit down" --show-prompt')
     words = check_query(words)
+    asked = None if alarm.screen(words) else asked  # answered here, whatever the reasoner
     server, model = asked or ("", "")
     to = f"{server.rstrip('/')}/chat/completions" if server else None
     body: dict[str, Any] | None = None

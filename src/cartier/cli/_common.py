@@ -23,6 +23,14 @@ ReasonerName = Annotated[
 ]
 ModelName = Annotated[str | None, typer.Option(help="The language model's name on its server, or a FILE.gguf.")]
 BaseUrl = Annotated[str | None, typer.Option(help="The server's URL; default OPENAI_BASE_URL.")]
+EmergencyNumber = Annotated[
+    str | None,
+    typer.Option(metavar="NUMBER", help="What to call in an emergency. Default: by the country of the locale."),
+]
+OnAlarm = Annotated[
+    str | None,
+    typer.Option(metavar="COMMAND", help="Run this if words tell of harm or an emergency; the answer is its input."),
+]
 Seed = Annotated[int, typer.Option(help="Seed of all random choices.")]
 
 

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from cartier import plugins, specs
-from cartier.cli._common import HomeFolder, ModelName, ReasonerName, say
+from cartier.cli._common import EmergencyNumber, HomeFolder, ModelName, OnAlarm, ReasonerName, say
 from cartier.errors import MissingExtra
+from cartier.io.command import OwnerCommand
 
 if TYPE_CHECKING:
     from cartier.serving.operations import Operations
@@ -37,12 +38,14 @@ def serve(
     reasoner: ReasonerName = "auto",
     model: ModelName = None,
     memory_mb: Memory = 1024,
+    emergency_number: EmergencyNumber = None,
+    on_alarm: OnAlarm = None,
 ) -> None:
     """Serve homes over HTTP: web page and API.
 
     The page shows, answers and corrects; the API has an OpenAPI description.
     """
-    operations = _operations(homes, reasoner, model, memory_mb)
+    operations = _operations(homes, reasoner, model, memory_mb, emergency_number, on_alarm)
     try:
         from cartier.serving.http import make
         from cartier.serving.page import files
@@ -68,12 +71,14 @@ def mcp(
     reasoner: ReasonerName = "auto",
     model: ModelName = None,
     memory_mb: Memory = 1024,
+    emergency_number: EmergencyNumber = None,
+    on_alarm: OnAlarm = None,
 ) -> None:
     """Serve homes to agents over MCP.
 
     The Model Context Protocol server has ten tools that read, correct and undo.
     """
-    operations = _operations(homes, reasoner, model, memory_mb)
+    operations = _operations(homes, reasoner, model, memory_mb, emergency_number, on_alarm)
     try:
         from mcp.server.transport_security import TransportSecuritySettings
 
@@ -110,11 +115,18 @@ def export(
         print(file)
 
 
-def _operations(homes: list[Path], reasoner: str, model: str | None, memory_mb: int) -> Operations:
+def _operations(
+    homes: list[Path], reasoner: str, model: str | None, memory_mb: int, emergency_number: str | None,
+    on_alarm: str | None,
+) -> Operations:  # fmt: skip
     from cartier.serving.homes import Homes
     from cartier.serving.operations import Operations
 
-    return Operations(Homes(homes, memory_mb * 2**20), specs.reasoner(reasoner, model=model))
+    told = OwnerCommand(on_alarm, "--on-alarm") if on_alarm is not None else None
+    return Operations(
+        Homes(homes, memory_mb * 2**20), specs.reasoner(reasoner, model=model),
+        emergency_number=emergency_number, on_alarm=None if told is None else told.run,
+    )  # fmt: skip
 
 
 def _missing(extra: str, error: ModuleNotFoundError) -> MissingExtra:

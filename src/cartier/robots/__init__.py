@@ -28,6 +28,8 @@ def _why_not(answer: Answer) -> str:
     chosen = answer.selection
     if chosen.status == "clarify":
         return f"answer the question first: {chosen.question or 'what do you need?'}"
+    if chosen.status == "alarm":
+        return chosen.text
     if chosen.status == "not_found":
         return "no object here serves the request"
     return next((note for note in answer.notes), f"the {chosen.object} has no goal")

@@ -7,11 +7,12 @@ whether it can be reached. A fault is an InputError whose line names the operati
 from __future__ import annotations
 
 import io
+import logging
 import math
 import threading
 import time
 from collections import OrderedDict
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from difflib import get_close_matches
 from typing import Any
 
@@ -32,6 +33,7 @@ from cartier.pipeline import ask, robot_turn
 from cartier.serving.homes import Homes
 from cartier.spatial import relations
 from cartier.types import Answer, Array, Goal, MapObject, Place, RobotModel, Room, Selection
+from cartier.understanding import alarm
 
 PAGE = 5  # objects on a page of a list: few enough for a small model
 FOUND, RELATIONS, CANDIDATES, MEANT = 5, 5, 3, 12
@@ -43,8 +45,17 @@ CROP_PX, MARGIN = 512, 0.35  # of a cropped photo: its longer side, and the marg
 class Operations:
     """The operations on some homes, for one kind of robot. Thread-safe."""
 
-    def __init__(self, homes: Homes, reasoner: Reasoner, robot: RobotModel | None = None) -> None:
+    def __init__(
+        self,
+        homes: Homes,
+        reasoner: Reasoner,
+        robot: RobotModel | None = None,
+        emergency_number: str | None = None,
+        on_alarm: Callable[[dict[str, Any]], str] | None = None,
+    ) -> None:
         self.homes, self.reasoner, self.robot = homes, reasoner, robot or RobotModel()
+        self.emergency_number = alarm.emergency_number(emergency_number)
+        self._on_alarm = on_alarm
         self._turns: OrderedDict[tuple[str, str], list[tuple[str, str]]] = OrderedDict()
         self._lock = threading.Lock()
 
@@ -62,7 +73,13 @@ class Operations:
         with self._lock:
             turns = list(self._turns.get(key, ()))
         start = _start(mapped, from_x, from_y)
-        answer = ask(mapped, words, self.reasoner, from_xy=start, robot=self.robot, dialogue=turns)
+        answer = ask(
+            mapped, words, self.reasoner, from_xy=start, robot=self.robot, dialogue=turns,
+            emergency_number=self.emergency_number,
+        )  # fmt: skip
+        if answer.selection.status == "alarm" and self._on_alarm is not None:
+            told = {"conversation": key[1]} | answer.to_dict()
+            threading.Thread(target=self._tell, args=(told,), daemon=True).start()  # the person does not wait for it
         if key[1]:
             with self._lock:
                 self._turns[key] = recent([*turns, (words, robot_turn(answer))])
@@ -70,6 +87,10 @@ class Operations:
                 if len(self._turns) > MAX_CONVERSATIONS:
                     self._turns.popitem(last=False)
         return self.about(home, mapped) | _answer(mapped, answer)
+
+    def _tell(self, alarming: dict[str, Any]) -> None:
+        assert self._on_alarm is not None
+        logging.getLogger("cartier").warning("on alarm: %s", self._on_alarm(alarming))
 
     def find(self, name: str, home: str = "") -> dict[str, Any]:
         """Objects and rooms by name, the most probable first; similar spellings if none has the name.
@@ -278,6 +299,7 @@ def _answer(home: Home, answer: Answer) -> dict[str, Any]:
     chosen, place, goal = answer.selection, answer.place, answer.goal
     one = None if place is None else next((t for t in home.objects if t.id == place.object_id), None)
     result: dict[str, Any] = {"status": chosen.status, "object": chosen.object}
+    result |= {"alarm": chosen.alarm} if chosen.alarm else {}
     words = {getattr(chosen, key): key for key in ("reason", "text", "question")}  # the same text once
     result |= {key: text for text, key in reversed(words.items()) if text}
     if ids := _meant(home, chosen):

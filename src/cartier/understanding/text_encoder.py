@@ -70,3 +70,9 @@ class Reader:
         ids = (np.array(self._pieces(text, MOST_PIECES)[0], np.int64) for text in texts)
         rows = [self._session.run(["vector"], {"ids": i})[0] for i in ids]
         return np.stack(rows) if rows else np.zeros((0, WIDTH), np.float32)
+
+    def vector_and_states(self, text: str) -> tuple[Array, Array]:
+        """(384,) the unit vector of a text and (t, 384) its half-way states, of one pass."""
+        ids = np.array(self._pieces(text, MOST_PIECES)[0], np.int64)
+        vector, states = self._session.run(["vector", HALF_WAY], {"ids": ids})
+        return vector, states

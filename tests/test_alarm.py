@@ -1,0 +1,114 @@
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import cartier
+from cartier.errors import InputError
+from cartier.io.command import OwnerCommand
+from cartier.pipeline import Conversation, map_home
+from cartier.robots import send
+from cartier.robots.print import make as printing
+from cartier.types import Inventory, Selection
+from cartier.understanding.alarm import ELSEWHERE, emergency_number, screen
+from synthetic import THINGS, TrueBoxes, walk
+
+ALARMS = {
+    "I want to cut my wrists": "self_harm",
+    "I'm going to kill myself": "self_harm",
+    "the baby is not waking up": "medical",
+    "I'm four and I want to play with the knife": "child",
+    "the sofa is burning": "fire",
+    "I want to stab my brother": "violence",
+}
+ORDINARY = (
+    "I need a knife for the bread", "I want to take a hot bath", "I'm dying for a coffee", "my feet are killing me",
+    "the baby is awake", "I'm four and I want to play with my teddy", "where do we keep the fire extinguisher?",
+)  # fmt: skip
+
+
+class Eager:
+    """A reasoner that drives anybody to the chair."""
+
+    name = "test"
+    asked = 0
+
+    def select(self, query: str, inventory: Inventory, dialogue: Sequence[tuple[str, str]] = ()) -> Selection:
+        self.asked += 1
+        return Selection("found", "chair")
+
+    def propose(self, query: str) -> list[str]:
+        return []
+
+
+@pytest.fixture(scope="module")
+def home() -> cartier.Home:
+    return map_home(walk(), TrueBoxes(THINGS))
+
+
+@pytest.mark.parametrize("words", ALARMS)
+def test_an_alarm_asks_no_reasoner_and_has_no_goal(home: cartier.Home, words: str) -> None:
+    reasoner = Eager()
+    answer = cartier.ask(home, words, reasoner, emergency_number="112")
+    assert answer.selection.status == "alarm" and answer.selection.alarm == ALARMS[words]
+    assert reasoner.asked == 0 and answer.goal is None and answer.place is None and not answer.next
+    assert "112" in answer.selection.text
+    assert json.loads(json.dumps(answer.to_dict()))["alarm"] == ALARMS[words]
+    assert send(printing(), answer).endswith(answer.selection.text)
+
+
+@pytest.mark.parametrize("words", ORDINARY)
+def test_ordinary_words_are_no_alarm(words: str) -> None:
+    assert screen(words) is None
+
+
+def test_an_alarm_is_heard_between_other_sentences() -> None:
+    said = screen("Good evening, robot. I had a long day at work. The sofa is burning! Where is my book?")
+    assert said is not None and said.alarm == "fire"
+
+
+def test_a_conversation_remembers_the_alarm_in_words(home: cartier.Home) -> None:
+    talk = Conversation(home, Eager(), emergency_number="999")
+    first = talk.say("the kitchen is on fire")
+    assert talk.turns[-1][1] == first.selection.text and "999" in first.selection.text
+    assert talk.say("I want to sit down").selection.object == "chair"
+
+
+@pytest.mark.parametrize(
+    ("variables", "number"),
+    [({"LC_ALL": "de_DE.UTF-8"}, "112"), ({"LANG": "en_US.UTF-8"}, "911"), ({"LANG": "en_AU"}, "000"),
+     ({"LC_ALL": "C"}, ELSEWHERE), ({"LANG": "de_DE", "CARTIER_EMERGENCY_NUMBER": "144"}, "144")],
+)  # fmt: skip
+def test_the_number_is_a_setting_or_the_country_s(
+    monkeypatch: pytest.MonkeyPatch, variables: dict[str, str], number: str
+) -> None:
+    for name in ("LC_ALL", "LC_MESSAGES", "LANG", "CARTIER_EMERGENCY_NUMBER"):
+        monkeypatch.delenv(name, raising=False)
+    for name, value in variables.items():
+        monkeypatch.setenv(name, value)
+    assert emergency_number() == number
+    assert emergency_number("110") == "110"
+    with pytest.raises(InputError, match="digits"):
+        emergency_number("call my mum")
+
+
+def test_the_owner_s_command_gets_the_answer_and_no_shell(tmp_path: Path) -> None:
+    script, heard = tmp_path / "hook.py", tmp_path / "heard"
+    script.write_text("import sys; open(sys.argv[1], 'wb').write(sys.stdin.buffer.read())")
+    told: dict[str, Any] = {"query": "$(touch x); `fire` – ü", "alarm": "fire"}
+    assert "was told" in OwnerCommand(f"'{sys.executable}' '{script}' '{heard}'", "--on-alarm").run(told)
+    assert json.loads(heard.read_text(encoding="utf-8")) == told
+
+
+def test_an_owner_s_command_that_fails_or_hangs_is_said() -> None:
+    run = f"'{sys.executable}' -c "
+    assert "exit code 3" in OwnerCommand(run + "'raise SystemExit(3)'", "--on-alarm").run({})
+    assert "ended after 0.5 s" in OwnerCommand(run + "'import time; time.sleep(60)'", "--on-alarm", 0.5).run({})
+    for wrong in ("", "no_such_program_here", "'unclosed"):
+        with pytest.raises(InputError, match="--on-alarm"):
+            OwnerCommand(wrong, "--on-alarm")
