@@ -8,12 +8,15 @@ A quarter of the lines, by the checksums of their texts, is reported on by netwo
 
 from __future__ import annotations
 
-import argparse
 import json
+import sys
 import zlib
 from pathlib import Path
 
 import numpy as np
+
+sys.path.append(str(Path(__file__).parents[1] / "benchmarks"))
+from command_line import Parser, run_script
 
 from cartier.types import Array
 from cartier.understanding.act_classifier import FITTED, KINDS, SENTENCE, Networks, features
@@ -86,11 +89,12 @@ def fit(x: Array, y: Array) -> Networks:
     inner, offsets, outer, last = (np.stack(parts) for parts in zip(*fitted, strict=True))
     inner = inner * scale[:, None]
     rounded = [v.astype(np.float16) for v in (inner, offsets - mean @ inner, outer, last)]
-    return Networks(*(v.astype(np.float32) for v in rounded), np.float32(THRESHOLD))
+    one, two, three, four = (v.astype(np.float32) for v in rounded)
+    return Networks(one, two, three, four, np.asarray(THRESHOLD, np.float32))
 
 
 def main() -> None:
-    arguments = argparse.ArgumentParser(description=__doc__)
+    arguments = Parser(__doc__)
     arguments.add_argument("--write", action="store_true", help="save networks that were fitted on all lines")
     given = arguments.parse_args()
     lines = [(text, name) for name, texts in written().items() for text in texts]
@@ -111,4 +115,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

@@ -14,16 +14,20 @@ what is seen of its materials without light: by the names of the dollhouse's mat
 
 from __future__ import annotations
 
-import argparse
+import sys
 from collections import Counter, defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
 import matplotlib.colors
 import numpy as np
+
+sys.path.append(str(Path(__file__).parents[1] / "benchmarks"))
 import numpy.typing as npt
+from command_line import Parser, run_script
 from scipy.cluster.vq import kmeans2
 
 from cartier import plugins
@@ -228,9 +232,11 @@ def measure(homes: list[str]) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=("fit", "measure"))
-    parser.add_argument("homes", nargs="+")
+    parser = Parser(__doc__)
+    parser.add_argument(
+        "what", choices=("fit", "measure"), help="fit the prototypes, or measure how often they are right"
+    )
+    parser.add_argument("homes", nargs="+", help="generated homes, by number")
     parser.add_argument("--seed", type=int, default=2, help="of the fit (default: %(default)s)")
     options = parser.parse_args()
     if options.what == "measure":
@@ -243,4 +249,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

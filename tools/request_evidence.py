@@ -9,7 +9,14 @@ Three requests in four are taken to be for what is there.
 
 from __future__ import annotations
 
+import sys
+from pathlib import Path
+from typing import Any
+
 import numpy as np
+
+sys.path.append(str(Path(__file__).parents[1] / "benchmarks"))
+from command_line import Parser, run_script
 
 from cartier import plugins
 from cartier.geometry import box_distance
@@ -32,7 +39,7 @@ def is_true(obj: MapObject, truth: list[TrueObject]) -> bool:
 
 
 def names_of(home: str) -> list[Row]:
-    world = plugins.make("worlds", "dollhouse")
+    world: Any = plugins.make("worlds", "dollhouse")
     recording, truth = world.explore(home), list(world.scene(home).truth())
     detector = plugins.make("detectors", "embedded", threads=1)
     objects = ObjectMap(detector.score_model)
@@ -48,9 +55,7 @@ def names_of(home: str) -> list[Row]:
 
 
 def main() -> None:
-    from argparse import ArgumentParser, RawDescriptionHelpFormatter
-
-    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
+    parser = Parser(__doc__)
     parser.add_argument("--homes", type=int, default=8, help="how many generated homes (default: %(default)s)")
     homes = [str(FIRST_HOME + k) for k in range(parser.parse_args().homes)]
     rows = [row for home in homes for row in names_of(home)]
@@ -70,4 +75,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)
