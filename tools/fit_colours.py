@@ -234,7 +234,10 @@ def measure(homes: list[str]) -> None:
 def main() -> None:
     parser = Parser(__doc__)
     parser.add_argument(
-        "what", choices=("fit", "measure"), help="fit the prototypes, or measure how often they are right"
+        "what",
+        metavar="what",
+        choices=("fit", "measure"),
+        help="fit the prototypes, or measure how often they are right",
     )
     parser.add_argument("homes", nargs="+", help="generated homes, by number")
     parser.add_argument("--seed", type=int, default=2, help="of the fit (default: %(default)s)")
