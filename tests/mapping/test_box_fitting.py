@@ -7,8 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import ndimage
 
-from cartier.mapping.box_fitting import agreed_surface, agreement, decoded, sides_seen, surface_box
+from cartier.mapping.box_fitting import agreed_surface, agreement, decoded, flying, sides_seen, surface_box
 from cartier.mapping.config import DEFAULT_CONFIG, ExtentConfig, MappingConfig
 from cartier.mapping.object_map import ObjectMap
 from cartier.mapping.observation import PATCH_KIND, PATCHES_KEPT, keep_patches
@@ -122,6 +123,27 @@ def test_view_says_nothing_of_what_it_does_not_show() -> None:
     patches = patches[0, :1]
     points = np.array([[0, 0.2, 0.25], [0, -0.2, 0.25], [0.45, 0.2, 0.0]])  # its face, its back, the floor beside it
     assert agreement(points, patches, *decoded(patches)).tolist() == [1, 0, 0]
+
+
+def test_pixels_between_an_edge_and_what_is_behind_are_no_surface() -> None:
+    depth_m = np.full((1, 5, 5), np.nan)
+    depth_m[0, 1:4, 1:4] = 2.0
+    depth_m[0, 2, 4] = 2.4  # hangs behind the edge
+    expected = np.zeros((5, 5), bool)
+    expected[2, 4] = True
+    assert np.array_equal(flying(depth_m, np.array([0.5]))[0] & np.isfinite(depth_m[0]), expected)
+
+
+def test_flying_pixels_make_no_box_larger() -> None:
+    made, rng = ObjectMap(DetectorScoreModel()), np.random.default_rng(0)
+    for number, angle in enumerate(ANGLES):
+        frame, box, block = seen(number, angle)
+        assert frame.depth_m is not None
+        edge = block & ~ndimage.binary_erosion(block, iterations=2)
+        frame.depth_m[edge] += rng.choice([0.0, 0.0, 0.3, 0.6, 0.9], edge.sum()).astype(np.float32)
+        made.add(frame, Detections(number, box[None], np.ones(1, np.float32), ("box",), block[None]))
+    (obj,) = made.objects()
+    np.testing.assert_allclose([obj.box_min, obj.box_max], BLOCK, atol=0.12)
 
 
 def test_sides_are_seen_by_cameras_beyond_them() -> None:

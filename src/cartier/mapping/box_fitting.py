@@ -29,6 +29,7 @@ from cartier.types import Array
 MIDDLES = (OFFSETS[1:] + OFFSETS[:-1]) / 2
 SURFACE_REACH = 0.45  # in sizes of the object: without a mask, depth so far from its middle may be its surface
 SURFACE_TOLERANCE_M, SURFACE_TOLERANCE_SHARE = 0.04, 0.01  # two depths of one surface differ by that, and per metre
+FLYING_SHARE, MIN_FLYING_M = 0.15, 0.02  # in sizes of the object, by which neighbours on its surface differ at most
 BOX_SLACK = 0.02  # in sides of a box, by which detectors miss an edge
 FALLBACK_AGREEMENT = 0.5  # where too few points are left
 CELLS_PER_SIDE, MIN_CELL_M, MAX_CELL_M = 18, 0.008, 0.03  # points are thinned to one per cell
@@ -55,6 +56,7 @@ def agreed_surface(patches: npt.NDArray[Any], min_agreement: float) -> tuple[Arr
     far = np.abs(depth_m - patches["seed_m"][:, None, None])
     reach = np.maximum(patches["size_m"] * SURFACE_REACH, MIN_THICKNESS_M)[:, None, None]
     surface &= patches["masked"][:, None, None] | (far <= reach)
+    surface &= ~flying(np.where(surface, depth_m, np.nan), patches["size_m"])
     points = _in_world(patches, depth_m, surface)
     if len(points) < MIN_SURFACE_SAMPLES:
         return points, masked
@@ -66,6 +68,18 @@ def agreed_surface(patches: npt.NDArray[Any], min_agreement: float) -> tuple[Arr
     if len(agreed) < MIN_SURFACE_SAMPLES:
         agreed = points[share >= min(min_agreement, FALLBACK_AGREEMENT)]
     return agreed if masked or not len(agreed) else _main_component(agreed, 2.5 * cell_m), masked
+
+
+def flying(depth_m: Array, size_m: Array) -> npt.NDArray[np.bool_]:
+    """Which samples (v, s, s) have no neighbour at their depth: pixels that hang between an edge and what is behind it.
+
+    ``depth_m`` (v, s, s) is NaN outside of the surface of an object of ``size_m`` (v,).
+    """
+    step_m = np.maximum(size_m * FLYING_SHARE, MIN_FLYING_M)[:, None, None]
+    padded = np.pad(depth_m, ((0, 0), (1, 1), (1, 1)), constant_values=np.nan)
+    beside = padded[:, :-2, 1:-1], padded[:, 2:, 1:-1], padded[:, 1:-1, :-2], padded[:, 1:-1, 2:]
+    alike = np.stack([np.abs(neighbour - depth_m) <= step_m for neighbour in beside])  # NaN compares as False
+    return np.asarray(~alike.any(0))
 
 
 def agreement(
