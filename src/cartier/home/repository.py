@@ -73,13 +73,14 @@ def _manifest(home: HomeData, rooms: tuple[Room, ...]) -> dict[str, Any]:
 
 def load(folder: str | Path, kind: type[AnyHome]) -> AnyHome:
     """Read a saved home as a ``kind``; see ``Home.load``."""
-    store = Store(folder)
+    store, unchanged = Store(folder), 0
     for attempt in range(MAX_ATTEMPTS):
         about = store.manifest()
         try:
             return _read(store, about, kind)
-        except InputError:  # a blob is missing: was the home replaced after its manifest was read?
-            if attempt + 1 == MAX_ATTEMPTS or store.manifest().get("sha256") == about.get("sha256"):
+        except InputError:  # a blob is missing: was the home replaced after its manifest was read, perhaps twice?
+            unchanged += store.manifest().get("sha256") == about.get("sha256")
+            if attempt + 1 == MAX_ATTEMPTS or unchanged == 2:
                 raise
     raise AssertionError("not reached")
 
