@@ -15,7 +15,7 @@ from cartier.pipeline import Conversation, map_home
 from cartier.robots import send
 from cartier.robots.print import make as printing
 from cartier.types import Inventory, Selection
-from cartier.understanding.alarm import ELSEWHERE, emergency_number, screen
+from cartier.understanding.alarm import ELSEWHERE, VARIABLE, emergency_number, screen
 from synthetic import THINGS, TrueBoxes, walk
 
 ALARMS = {
@@ -77,6 +77,18 @@ def test_a_conversation_remembers_the_alarm_in_words(home: cartier.Home) -> None
     first = talk.say("the kitchen is on fire")
     assert talk.turns[-1][1] == first.selection.text and "999" in first.selection.text
     assert talk.say("I want to sit down").selection.object == "chair"
+
+
+def test_without_number_and_country_a_conversation_still_says_what_to_do(
+    home: cartier.Home, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in (VARIABLE, "LC_ALL", "LC_MESSAGES", "LANG"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr("locale.getlocale", lambda: (None, None))
+    answer = Conversation(home, Eager()).say("The sofa is burning!")
+    assert answer.selection.status == "alarm" and ELSEWHERE in answer.selection.text
+    with pytest.raises(InputError, match="emergency number"):
+        Conversation(home, Eager(), emergency_number="the neighbours")
 
 
 @pytest.mark.parametrize(

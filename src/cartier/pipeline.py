@@ -273,7 +273,8 @@ class Conversation:
         emergency_number: str | None = None,
     ) -> None:
         self.home, self.reasoner, self.index, self.robot = home, reasoner, index, robot
-        self.emergency_number = alarm.emergency_number(emergency_number)
+        alarm.emergency_number(emergency_number)  # a mistake is told now, not in an emergency
+        self.emergency_number = emergency_number
         self.from_xy: Sequence[float] = check_start(home.start_xy if from_xy is None else from_xy)
         self.turns: list[tuple[str, str]] = []
 

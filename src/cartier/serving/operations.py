@@ -54,7 +54,8 @@ class Operations:
         on_alarm: Callable[[dict[str, Any]], str] | None = None,
     ) -> None:
         self.homes, self.reasoner, self.robot = homes, reasoner, robot or RobotModel()
-        self.emergency_number = alarm.emergency_number(emergency_number)
+        alarm.emergency_number(emergency_number)  # a mistake is told now, not in an emergency
+        self.emergency_number = emergency_number
         self._on_alarm = on_alarm
         self._turns: OrderedDict[tuple[str, str], list[tuple[str, str]]] = OrderedDict()
         self._lock = threading.Lock()
