@@ -163,8 +163,12 @@ def keep_patches(
     different objects ``rows`` (k,); ``worth`` (N,) is the greater the surer and larger a view is. Of two views from
     one standpoint the better one stays, so that more frames a second add nothing.
     """
-    pose, worth = frame.world_from_camera[:3].astype(np.float32), worth[detections]
-    kept_worth, kept_pose = patches["worth"][rows], patches["pose"][rows]
+    kept_worth, worth = patches["worth"][rows], worth[detections]
+    may = np.flatnonzero(worth > kept_worth.min(1, initial=np.inf))  # of most objects, better views are kept
+    if not len(may):
+        return rows[:0]
+    rows, detections, worth, kept_worth = rows[may], detections[may], worth[may], kept_worth[may]
+    pose, kept_pose = frame.world_from_camera[:3].astype(np.float32), patches["pose"][rows]
     here = np.square(kept_pose[..., 3] - pose[:, 3]).sum(-1) < SAME_STANDPOINT_M**2
     here &= (kept_pose[..., 2] @ pose[:, 2] > SAME_STANDPOINT_COS) & (kept_worth > 0)
     slot = np.where(here.any(1), np.where(here, kept_worth, -1).argmax(1), kept_worth.argmin(1))
