@@ -12,6 +12,7 @@ import numpy.typing as npt
 from PIL import Image, UnidentifiedImageError
 
 from cartier.errors import MAX_FAR_M, MAX_PIXELS, InputError, brief
+from cartier.io.atomic import write_file
 from cartier.io.files import check_file
 from cartier.types import Array, Camera
 
@@ -173,3 +174,13 @@ def _fault(source: Path | BytesIO, error: Exception, where: str, formats: tuple[
     if isinstance(error, OSError) and error.strerror:
         return f"{where} cannot be read ({error.strerror})"
     return f"{where} is damaged or truncated ({brief(error) or type(error).__name__})"
+
+
+def write_image(image: Image.Image, file: Path) -> None:
+    """Write a picture by its suffix, .png without one. Raises InputError for another format, or if it cannot."""
+    buffer = BytesIO()
+    try:
+        image.save(buffer, Image.registered_extensions()[file.suffix.lower() or ".png"])
+    except KeyError as error:
+        raise InputError(f"cannot draw to {file}: {file.suffix} is no image format; take .png or .jpg") from error
+    write_file(file, buffer.getvalue())

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,7 +11,7 @@ from cartier.contracts import Recording
 from cartier.errors import InputError
 from cartier.geometry import project
 from cartier.home import Home
-from cartier.io.atomic import write_file
+from cartier.io.images import write_image
 from cartier.render.mapped_frames import first_frame_of
 from cartier.types import Frame, MapObject
 
@@ -52,12 +51,7 @@ def draw_overlay(home: Home, recording: Recording, file: Path) -> None:
     sheet = Image.new("RGB", (min(COLUMNS, len(pages)) * WIDTH, -(-len(pages) // COLUMNS) * tall), "white")
     for k, page in enumerate(pages):
         sheet.paste(page, (k % COLUMNS * WIDTH, k // COLUMNS * tall))
-    buffer = io.BytesIO()
-    try:
-        sheet.save(buffer, Image.registered_extensions()[file.suffix.lower() or ".png"])
-    except KeyError as error:
-        raise InputError(f"cannot draw to {file}: {file.suffix} is no image format; take .png or .jpg") from error
-    write_file(file, buffer.getvalue())
+    write_image(sheet, file)
 
 
 def _objects_by_frame(home: Home) -> dict[int, list[MapObject]]:

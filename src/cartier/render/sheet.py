@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import io
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cartier.errors import InputError
 from cartier.home import Home
 from cartier.home.photos import photo_of
-from cartier.io.atomic import write_file
+from cartier.io.images import write_image
 from cartier.types import View
 
 if TYPE_CHECKING:
@@ -57,12 +55,7 @@ def draw_sheet(home: Home, file: Path) -> None:
             line = f"{obj.probability:.0%}, {obj.n_detected} of {obj.n_observable}"
             draw.text((left, top + SIDE + 14), line, fill=colour, font=small)
         y += -(-len(objs) // COLUMNS) * (SIDE + CAPTION + GAP)
-    buffer = io.BytesIO()
-    try:
-        page.save(buffer, Image.registered_extensions()[file.suffix.lower() or ".png"])
-    except KeyError as error:
-        raise InputError(f"cannot draw to {file}: {file.suffix} is no image format; take .png or .jpg") from error
-    write_file(file, buffer.getvalue())
+    write_image(page, file)
 
 
 def _tile(home: Home, view: View) -> Image.Image:
