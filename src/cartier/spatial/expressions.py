@@ -8,7 +8,8 @@ from typing import Literal
 
 Kind = Literal[
     "find", "count", "exists", "where", "list", "compare", "far", "when", "colour", "size", "room", "rooms", "which",
-    "sure", "stop", "come", "back", "follow", "able", "thanks", "bye",
+    "sure", "stop", "come", "back", "follow", "able", "thanks", "bye", "go", "need", "correct", "another", "choose",
+    "confirm", "deny", "prohibit", "remark", "alarm", "other",
 ]  # fmt: skip
 
 
@@ -59,7 +60,7 @@ class ParsedUtterance:
     """A request to drive to ``head`` (``find``), or a question about it (and about ``other``, for ``compare``).
 
     ``need`` are the words without those that only give the place. ``direct`` means that the object is asked for
-    outright. ``to`` is the reference point of "nearer to".
+    outright. ``to`` is the reference point of "nearer to", ``rejected`` what is turned down.
     """
 
     kind: Kind
@@ -69,6 +70,7 @@ class ParsedUtterance:
     need: str = ""
     direct: bool = False
     to: ReferringExpression | None = None
+    rejected: tuple[ReferringExpression, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,36 @@
+"""Decoding of the parser's output: clauses with their spans, from the tag of each token."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from cartier.understanding.tags import Clause, Span
+
+
+def clauses(tokens: Sequence[str], tags: Sequence[str], acts: Sequence[tuple[str, float]]) -> list[Clause]:
+    """The clauses between separators; ``acts`` are the act of each and its probability."""
+    found, spans, start = list[Clause](), list[Span](), 0
+    for span in (*spans_of(tokens, tags), None):
+        if span is not None and span.role != "/":
+            spans.append(span)
+            continue
+        end = len(tokens) if span is None else span.start
+        act, certainty = acts[min(len(found), len(acts) - 1)]
+        moved = (s._replace(start=s.start - start, end=s.end - start) for s in spans)
+        found.append(Clause(act, certainty, tuple(moved), tuple(tokens[start:end])))
+        spans, start = [], len(tokens) if span is None else span.end
+    return found
+
+
+def spans_of(tokens: Sequence[str], tags: Sequence[str]) -> list[Span]:
+    """The runs of one role; a run begins at ``B``, or where the role changes."""
+    found = list[Span]()
+    for k, tag in enumerate(tags):
+        part, _, role = tag.partition("-")
+        if not role:
+            continue
+        if part == "I" and found and found[-1].role == role and found[-1].end == k:
+            found[-1] = found[-1]._replace(words=(*found[-1].words, tokens[k]), end=k + 1)
+        else:
+            found.append(Span(role, (tokens[k],), k, k + 1))
+    return found

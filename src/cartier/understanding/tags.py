@@ -1,0 +1,41 @@
+"""Tag set of the parser: the dialogue acts of clauses and the roles of words; see tools/understanding/README.md."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+REQUESTS = ("go", "need", "count", "exists", "where", "list", "compare", "far", "colour", "size", "when", "which",
+            "sure", "rooms")  # fmt: skip
+REPLIES = ("correct", "another", "choose", "confirm", "deny")
+COMMANDS = ("come", "back", "follow", "stop", "able", "thanks", "bye")
+NOTHING_ASKED = ("prohibit", "remark", "alarm", "other")
+ACTS = (*REQUESTS, *REPLIES, *COMMANDS, *NOTHING_ASKED)
+
+NOUNS = ("t", "b", "l", "m", "r", "n", "p")
+"""Target, second target, landmark, landmark of a landmark, room, turned-down object, pronoun."""
+ATTRIBUTES = ("c", "s", "o", "x", "w")
+"""Colour, superlative or size, ordinal, "other", owner."""
+RELATIONS = ("on", "in", "under", "above", "next", "near", "between", "left", "right", "nearest", "farthest", "behind",
+             "front", "with", "from")  # fmt: skip
+NEGATED = tuple(f"!{relation}" for relation in ("on", "in", "under", "next", "near", "with", "behind"))
+ROLES = (*NOUNS, *ATTRIBUTES, *RELATIONS, *NEGATED, "z", "/")
+"""``z`` are the words of a need, ``/`` those that separate two requests."""
+TAGS = ("O", *(f"{part}-{role}" for role in ROLES for part in "BI"))
+
+
+class Span(NamedTuple):
+    """Words of one role: tokens ``start`` to ``end`` of an utterance."""
+
+    role: str
+    words: tuple[str, ...]
+    start: int
+    end: int
+
+
+class Clause(NamedTuple):
+    """One request of an utterance: its act, how sure that is, its spans, and all its tokens."""
+
+    act: str
+    certainty: float
+    spans: tuple[Span, ...]
+    tokens: tuple[str, ...]

@@ -1,0 +1,126 @@
+"""Marked requests: ``go 14 :: over to the [small:s] [table:t] [by:near] the [window:l]``; README.md has the form."""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from cartier.errors import InputError
+from cartier.labels import plain
+from cartier.understanding.tags import ACTS, ROLES, Clause, Span
+from cartier.understanding.utterance import TOKEN
+
+MARKED = re.compile(r"\[([^\[\]:]+):([^\[\]:]+)\]")
+
+
+@dataclass(frozen=True)
+class Line:
+    """One turn: its acts and answers, its text, tokens and the role of each token (``B-t``, ``I-t``, ``O``).
+
+    ``context`` are the (person, robot) turns before it; ``answers`` are as written, one a clause.
+    """
+
+    where: str
+    home: str
+    voice: str
+    acts: tuple[str, ...]
+    answers: tuple[str, ...]
+    text: str
+    tokens: tuple[str, ...]
+    tags: tuple[str, ...]
+    context: tuple[tuple[str, str], ...] = ()
+
+    def clauses(self) -> list[Clause]:
+        """The clauses as the parser would give them."""
+        return clauses(self.tokens, self.tags, [(act, 1.0) for act in self.acts])
+
+
+def clauses(tokens: tuple[str, ...], tags: tuple[str, ...], acts: list[tuple[str, float]]) -> list[Clause]:
+    from cartier.understanding.decoding import clauses as decode
+
+    return decode(tokens, tags, acts)
+
+
+def unmarked(marked: str, where: str) -> tuple[str, tuple[str, ...], tuple[str, ...]]:
+    """The text, its tokens and their tags."""
+    text, spans, end = "", list[tuple[int, int, str]](), 0
+    for found in MARKED.finditer(marked):
+        text += marked[end : found.start()]
+        role = found[2].strip()
+        if role not in ROLES:
+            raise InputError(f"{where}: there is no role {role!r}")
+        spans.append((len(text), len(text) + len(found[1]), role))
+        text, end = text + found[1], found.end()
+    text += marked[end:]
+    if re.search(r"[\[\]]", text):
+        raise InputError(f"{where}: a bracket that is no mark: {text[:80]}")
+    lower = plain(text)
+    if len(lower) != len(text):
+        raise InputError(f"{where}: write plain letters")
+    tokens, tags = [], []
+    for token in TOKEN.finditer(lower):
+        inside = next((s for s in spans if s[0] <= token.start() < s[1]), None)
+        first = inside is not None and not any(
+            inside[0] <= other.start() < token.start() for other in TOKEN.finditer(lower, inside[0], token.start())
+        )
+        tokens.append(token[0])
+        tags.append("O" if inside is None else f"{'B' if first else 'I'}-{inside[2]}")
+    return text, tuple(tokens), tuple(tags)
+
+
+def read(file: Path) -> Iterator[Line]:
+    """The lines of a file. Raises InputError at the first that is broken."""
+    home = voice = ""
+    context: tuple[tuple[str, str], ...] = ()
+    said = answer = None
+    for number, row in enumerate(file.read_text(encoding="utf-8").splitlines(), start=1):
+        where, row = f"{file.name}:{number}", row.strip()
+        if not row or row.startswith("//"):
+            continue
+        if row.startswith("# home"):
+            home = row.split()[2]
+        elif row.startswith("# voice"):
+            voice = row.split(":", 1)[-1].strip()
+        elif row.startswith("?"):
+            answer = row[1:].strip()
+        else:
+            line = _line(row, where, home, voice)
+            if row.startswith("+"):
+                if said is None:
+                    raise InputError(f"{where}: '+' continues nothing")
+                context = (*context, (said, answer or "all right"))
+            else:
+                context = ()
+            yield Line(**{**line.__dict__, "context": context})
+            said, answer = line.text, _reply(line)
+
+
+def _line(row: str, where: str, home: str, voice: str) -> Line:
+    head, found, marked = row.lstrip("+~ ").partition("::")
+    if not found:
+        raise InputError(f"{where}: no '::' in {row[:60]!r}")
+    parts = [part.split() for part in head.split("/")]
+    acts = tuple(part[0] for part in parts if part)
+    if not acts or any(act not in ACTS for act in acts):
+        raise InputError(f"{where}: no act {head.strip()!r}")
+    text, tokens, tags = unmarked(marked.strip(), where)
+    if tags.count("B-/") != len(acts) - 1:
+        raise InputError(f"{where}: {len(acts)} acts need {len(acts) - 1} marks [...:/]")
+    answers = tuple(" ".join(part[1:]) for part in parts)
+    return Line(where, home, voice, acts, answers, text, tokens, tags)
+
+
+def _reply(line: Line) -> str:
+    """What the robot is taken to have said to a line that no ``?`` line follows."""
+    ids = [part for answer in line.answers for part in re.findall(r"\d+", answer)]
+    if line.acts[0] in ("go", "need", "correct", "another", "choose") and ids:
+        return f"@{ids[0]}"
+    return "@" + ids[0] if line.acts[0] == "where" and ids else ""
+
+
+if __name__ == "__main__":
+    for path in sys.argv[1:]:
+        print(path, sum(1 for _ in read(Path(path))))
