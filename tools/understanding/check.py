@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 import sys
 from collections import Counter
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -48,15 +49,16 @@ def fault(line: Line, states: dict[str, DialogueState]) -> str:
         gone = [i for i in ids if i not in scene.by_id]
         wrong = wrong or (f"no object #{gone[0]} here" if gone else _fault(clause.act, asked, told, ids, scene, state))
         served = [scene.by_id[i] for i in ids[:1] if i in scene.by_id]
-        state = state.then(asked, served if clause.act in (*FINDS, "need") else [])
+        if clause.act in ("exists", "count", "compare") and asked.head is not None:
+            chosen = answer(asked, scene, state.last, "")
+            served = [scene.by_id[chosen.object_id]] if chosen is not None and chosen.object_id in scene.by_id else []
+        state = state.then(asked, served if clause.act not in ("list", "rooms") else [])
     states["now"] = state
     return wrong
 
 
-def _fault(
-    act: str, asked: ParsedUtterance, told: str, ids: list[int], scene: Scene, state: DialogueState
-) -> str:
-    if told == "?" or act not in (*FINDS, "count", "exists", "list", "compare"):
+def _fault(act: str, asked: ParsedUtterance, told: str, ids: list[int], scene: Scene, state: DialogueState) -> str:
+    if told[:1] in ("?", "!") or act not in (*FINDS, "count", "exists", "list", "compare"):
         return ""
     head = asked.head
     if head is None:
@@ -86,7 +88,9 @@ def _find_fault(asked: ParsedUtterance, told: str, ids: list[int], scene: Scene,
     out = set(state.served) if head.other else set()
     out |= {obj.id for noun in asked.rejected for obj in scene.meant(noun)[0]}
     found: list[MapObject] = scene.meant(head, out)[0]
-    if not found and head.relations:
+    if not found and head.other:
+        found = scene.meant(replace(head, relations=()), out)[0]
+    elif not found and head.relations:
         found = scene.meant(head)[0]
     got = [obj.id for obj in found]
     if told.strip() == "none":

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import re
 import sys
+import unicodedata
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 from cartier.errors import InputError
 from cartier.labels import plain
-from cartier.understanding.tags import ACTS, ROLES, Clause, Span
+from cartier.understanding.decoding import clauses
+from cartier.understanding.tags import ACTS, ROLES, Clause
 from cartier.understanding.utterance import TOKEN
 
 MARKED = re.compile(r"\[([^\[\]:]+):([^\[\]:]+)\]")
@@ -35,17 +37,12 @@ class Line:
 
     def clauses(self) -> list[Clause]:
         """The clauses as the parser would give them."""
-        return clauses(self.tokens, self.tags, [(act, 1.0) for act in self.acts])
-
-
-def clauses(tokens: tuple[str, ...], tags: tuple[str, ...], acts: list[tuple[str, float]]) -> list[Clause]:
-    from cartier.understanding.decoding import clauses as decode
-
-    return decode(tokens, tags, acts)
+        return clauses(self.tokens, self.tags, [[(act, 1.0)] for act in self.acts])
 
 
 def unmarked(marked: str, where: str) -> tuple[str, tuple[str, ...], tuple[str, ...]]:
     """The text, its tokens and their tags."""
+    marked = "".join(c for c in unicodedata.normalize("NFKD", marked) if not unicodedata.combining(c))
     text, spans, end = "", list[tuple[int, int, str]](), 0
     for found in MARKED.finditer(marked):
         text += marked[end : found.start()]
@@ -58,8 +55,6 @@ def unmarked(marked: str, where: str) -> tuple[str, tuple[str, ...], tuple[str, 
     if re.search(r"[\[\]]", text):
         raise InputError(f"{where}: a bracket that is no mark: {text[:80]}")
     lower = plain(text)
-    if len(lower) != len(text):
-        raise InputError(f"{where}: write plain letters")
     tokens, tags = [], []
     for token in TOKEN.finditer(lower):
         inside = next((s for s in spans if s[0] <= token.start() < s[1]), None)

@@ -13,44 +13,48 @@ from collections.abc import Sequence, Set
 from dataclasses import replace
 from functools import cached_property, lru_cache
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
-from cartier.labels import name_key, object_ref, plain, words
+from cartier.spatial.expressions import EntityVocabulary, ParsedUtterance
 from cartier.spatial.query import Scene, called
 from cartier.types import Inventory, MapObject, Selection, Status
+from cartier.understanding.assembly import query as query_of
 from cartier.understanding.candidates import Candidates, Missing, Ranked
 from cartier.understanding.cards import SHIPPED, Deck, bare, read_deck
-from cartier.understanding.dialogue import FollowUp, understand
-from cartier.understanding.dialogue_acts import DialogueAct, sort_out
+from cartier.understanding.dialogue_state import SERVED, DialogueState, named, resolve
 from cartier.understanding.entity_vocabulary import lexicon
-from cartier.understanding.follow_ups import SERVED
-from cartier.understanding.grounding import ReferenceGrounder
+from cartier.understanding.grounding import MODEL, ReferenceGrounder
 from cartier.understanding.need_scorer import Judgement, Scorer
 from cartier.understanding.outcome_classifier import OUTCOMES, Choice
-from cartier.understanding.reference_words import STANDS_FOR
-from cartier.understanding.references import parse
-from cartier.understanding.tentative import accepted, maybe_there, offer, tentative_matches, unsure, usual_place
-from cartier.understanding.utterance import MOST_CHARACTERS, mentions
+from cartier.understanding.parser import parser
+from cartier.understanding.tags import NOTHING_ASKED, Clause
+from cartier.understanding.tentative import OFFER, maybe_there, offer, tentative_matches, unsure, usual_place
 
 Shares = tuple[tuple[str, float], ...]
 
-NAME = "embedded (knowledge cards, MiniLM, learned scorer)"
+NAME = MODEL
 FITS = " fits: "  # in the reason for an object that serves a need and was not named
-MOST_NEEDS, LONGEST_PART = 4, 30  # most needs in one utterance, and most words of each
-THEN = re.compile(
-    r"[,;.]?\s+(?:and\s+)?(?:then|afterwards|after\s+that|after\s+which|next(?!\s+to\b))\b[,\s]*|\s*;\s*"
-    r"|[,.]?\s+(?:and|n)\s+then\b[,\s]*",
-    re.IGNORECASE,
-)
-AND = re.compile(
-    r"[,;.]?\s+(?:(?:and\s+)?also\b|plus\b|as\s+well\s+as\b|and\s+(?=(?:something|somewhere|i\s+(?:need|want)"
-    r"|(?:my|the|an?|some)\s+\w+)\b))[,\s]*",
-    re.IGNORECASE,
-)
-ALSO = re.compile(r"\balso\b", re.IGNORECASE)
-BETWEEN = re.compile(r"\b(?:between|both|either)\b", re.IGNORECASE)  # "and" after these joins one need
-OPENING = re.compile(r"^\s*(?:first(?:ly)?(?: of all)?|and|then|so|also|finally)\b[,\s]*", re.IGNORECASE)
+MOST_NEEDS = 4  # most needs in one utterance
+FEW = 7  # words of a reply that tells more of what was offered
+REPLIES = ("choose", "confirm", "deny", "correct", "another", "go", "need")
+EITHER = frozenset({"either", "any", "whichever", "matter", "mind", "care"})
+LATEST = 3000  # characters at the end of a text that are read
+
+
+class Need(NamedTuple):
+    """How to serve a need: without which names, and whether what is named was asked for."""
+
+    without: tuple[str, ...] = ()
+    outright: bool = True
+
+
+class _Home:
+    """An inventory with the names that may be used for what is in it."""
+
+    def __init__(self, inventory: Inventory, names: EntityVocabulary) -> None:
+        self.scene, self.names, self.listed = Scene(inventory), names, tuple(inventory.names)
 
 
 def make(cards: str | Path = SHIPPED) -> Embedded:
@@ -59,7 +63,7 @@ def make(cards: str | Path = SHIPPED) -> Embedded:
 
 
 class Embedded:
-    """Scores every card, then the listed objects by their cards and their own names."""
+    """Reads the words once, then answers each clause: a query over the home, or a need by cards and scorer."""
 
     def __init__(self, deck: Deck, scorer: Scorer | None = None) -> None:
         self.name = NAME
@@ -76,110 +80,144 @@ class Embedded:
         """The listed object that serves the words in the context of the dialogue; ``then`` holds further needs."""
         if not inventory.names:
             return Selection("not_found", reason="nothing was detected in this home", model=NAME)
-        scene = Scene(inventory)
-        agreed = accepted(query, dialogue)
-        if agreed:
-            return self._anyway(dialogue[-1][0], inventory, scene, dialogue[:-1])
-        if agreed is False:
+        home = _Home(inventory, lexicon(self.deck, inventory))
+        state = self._state(dialogue, home)
+        clauses = self._clauses(query, dialogue[-1:], home)
+        if dialogue and dialogue[-1][1].endswith(OFFER) and clauses and clauses[0].act in ("confirm", "deny"):
+            if clauses[0].act == "deny":
+                return Selection("answered", reason="the offer was turned down", text="All right.", model=NAME)
+            return self._anyway(dialogue, home)
+        found: list[Selection] = []
+        for clause in clauses[:MOST_NEEDS] or [Clause("need", 1.0, (), ())]:
+            chosen, asked = self._one(clause, home, state, len(clauses) == 1)
+            found.append(chosen)
+            served = [home.scene.by_id[chosen.object_id]] if chosen.object_id in home.scene.by_id else []
+            state = state.then(asked, served)
+        first, *rest = found
+        return replace(first, next=tuple(rest))
+
+    def _clauses(self, query: str, before: Sequence[tuple[str, str]], home: _Home) -> list[Clause]:
+        turn = (before[-1][0][-LATEST:], before[-1][1][-LATEST:]) if before else None
+        return parser()(self.scorer.hear(query[-LATEST:]).tokens, turn, home.names)
+
+    def _state(self, dialogue: Sequence[tuple[str, str]], home: _Home) -> DialogueState:
+        """What the turns before leave to refer to."""
+        state = DialogueState()
+        for k, (person, robot) in enumerate(dialogue):
+            clauses = self._clauses(person, dialogue[k - 1 : k] if k else (), home)
+            asked = resolve(query_of(clauses[-1], home.names), state) if clauses else None
+            served = [home.scene.by_id[int(i)] for i in SERVED.findall(robot) if int(i) in home.scene.by_id]
+            names = named(robot, home.listed)
+            if not served and not robot.rstrip().endswith("?"):
+                served = [o for o in home.scene.objects if o.label in names[:1]][:1]
+            offers = robot.rstrip().endswith("?") and not robot.startswith("Which ")
+            state = state.then(asked, served, names if offers else ())
+        return state
+
+    def _one(
+        self, clause: Clause, home: _Home, state: DialogueState, alone: bool, wanted: bool = False
+    ) -> tuple[Selection, ParsedUtterance]:
+        """The answer to one clause, and what it asked."""
+        asked = resolve(query_of(clause, home.names), state)
+        if clause.act in NOTHING_ASKED:
+            return Selection(
+                "answered", reason="understood: nothing was asked for", text="Understood.", model=NAME
+            ), asked
+        if clause.act in REPLIES and state.offered:
+            chosen = self._of_offer(clause, asked, home, state)
+            if chosen is not None:
+                return chosen, asked
+        if clause.act == "confirm" and state.before is not None:
+            asked = state.before
+        said = " ".join(clause.tokens).replace(" ' ", "'")
+        grounder = ReferenceGrounder(asked, home.scene, home.names, state, said, wanted)
+        chosen = self._answer(grounder, asked, home, state, said)
+        return self._with_tentative(chosen, asked, home, wanted), asked
+
+    def _answer(
+        self, grounder: ReferenceGrounder, asked: ParsedUtterance, home: _Home, state: DialogueState, said: str
+    ) -> Selection:
+        """The answer of the executor, or of cards and scorer to what names nothing that is listed."""
+        out = self._turned_down(asked, home, state)
+
+        def serve(text: str, among: tuple[str, ...]) -> Selection:
+            return self._serve(text, among or home.listed, Need(out))
+
+        told = grounder.answer(serve)
+        if told is not None and not (_nowhere(told) and grounder.anywhere and asked.kind in ("go", "need")):
+            return told
+        text = asked.need if asked.kind in ("need", "go") else said
+        served = self._serve(text, home.listed, Need(out))
+        if told is not None and not (served.status == "found" and FITS in served.reason):
+            return told if asked.head is not None and asked.head.labels else grounder.refined(served)
+        return grounder.refined(served)
+
+    def _turned_down(self, asked: ParsedUtterance, home: _Home, state: DialogueState) -> tuple[str, ...]:
+        """The listed names that must not serve: turned down in the words, or served before where another is wanted."""
+        names = {name for noun in asked.rejected for name in noun.labels}
+        if asked.kind == "need" and asked.head is not None and asked.head.other:
+            names |= {home.scene.by_id[i].label for i in state.served} | set(state.offered)
+        return tuple(names)
+
+    def _of_offer(
+        self, clause: Clause, asked: ParsedUtterance, home: _Home, state: DialogueState
+    ) -> Selection | None:
+        """What is chosen of the names that the robot offered; None if the reply asks for something else."""
+        own, offered = query_of(clause, home.names), state.offered
+        refused = {name for noun in own.rejected for name in noun.labels}
+        named = [name for name in offered if own.head is not None and name in own.head.labels and name not in refused]
+        rest = [name for name in offered if name not in refused]
+        order = own.head.order if own.head is not None else 0
+        if clause.act == "deny" and not named:
             return Selection("answered", reason="the offer was turned down", text="All right.", model=NAME)
-        chosen = self._among(query, inventory, scene, dialogue)
-        nothing = (
-            chosen.status in ("not_found", "likely_near")
-            and not chosen.next
-            and not self._listed_asked(query, inventory)
+        if own.head is not None and own.head.labels and not named and not refused:
+            return None
+        picked = named if len(named) == 1 else rest[order - 1 : order] if order else rest if len(rest) == 1 else []
+        if not picked and (clause.act == "confirm" or not EITHER.isdisjoint(clause.tokens)):
+            picked = rest
+        said = " ".join(clause.tokens)
+        if not picked:
+            need = state.before.need if state.before is not None else ""
+            out = tuple(set(home.listed).difference(rest))
+            return self._serve(f"{need}. {said}", home.listed, Need(out)) if len(clause.tokens) <= FEW else None
+        chosen = Selection(
+            "found", picked[0], reason=f"'{_short(said)}' means this one", candidates=((picked[0], 1.0),), model=NAME
         )
-        if (nothing or _unknown(chosen)) and (maybe := self._maybe(query, scene)) is not None:
-            return offer(maybe, scene, NAME) if nothing else unsure(chosen, maybe, scene)
-        return usual_place(chosen) if chosen.status == "likely_near" else chosen
+        return ReferenceGrounder(asked, home.scene, home.names, state, "").refined(chosen)
 
-    def _listed_asked(self, query: str, inventory: Inventory) -> bool:
-        """Whether a listed name is asked for, so that no object of another name may serve instead."""
-        asked = parse(plain(query[-MOST_CHARACTERS:]), lexicon(self.deck, inventory), name_key)
-        return asked is not None and asked.direct and asked.head is not None and bool(asked.head.labels)
+    def _with_tentative(self, chosen: Selection, asked: ParsedUtterance, home: _Home, wanted: bool) -> Selection:
+        """The answer, or what may be there where nothing confirmed serves."""
+        head = asked.head
+        listed = head is not None and bool(head.labels) and asked.kind == "go"
+        nothing = chosen.status in ("not_found", "likely_near") and not listed
+        if nothing or _unknown(chosen):
+            maybe = self._maybe(asked.need, home.scene)
+            if maybe is not None:
+                if wanted:
+                    return maybe_there(maybe, NAME)
+                return offer(maybe, home.scene, NAME) if nothing else unsure(chosen, maybe, home.scene)
+        return usual_place(chosen) if chosen.status == "likely_near" and not wanted else chosen
 
-    def _anyway(self, query: str, inventory: Inventory, scene: Scene, dialogue: Sequence[tuple[str, str]]) -> Selection:
+    def _anyway(self, dialogue: Sequence[tuple[str, str]], home: _Home) -> Selection:
         """The offered object, once the person accepts it."""
-        chosen = self._among(query, inventory, scene, dialogue, wanted=True)
-        maybe = self._maybe(query, scene) if chosen.status in ("not_found", "likely_near") else None
-        return chosen if maybe is None else maybe_there(maybe, NAME)
+        state = self._state(dialogue[:-1], home)
+        clauses = self._clauses(dialogue[-1][0], dialogue[-2:-1], home)
+        return self._one(clauses[-1], home, state, True, wanted=True)[0]
 
-    def _maybe(self, query: str, scene: Scene) -> MapObject | None:
-        """Names of objects that would serve the words."""
+    def _maybe(self, text: str, scene: Scene) -> MapObject | None:
+        """The likeliest tentative object that would serve the words."""
         maybe = tentative_matches(scene)
         names = tuple(sorted({candidate.label for candidate in maybe}))
-        chosen = self._by_name(query, names, ()) if names else None
+        chosen = self._serve(text, names, Need()) if names else None
         return next(
             (o for o in maybe if chosen and chosen.status == "found" and called(o, [chosen.object or ""])), None
         )
 
-    def _among(
-        self, query: str, inventory: Inventory, scene: Scene, dialogue: Sequence[tuple[str, str]], wanted: bool = False
-    ) -> Selection:
-        """The answer from the confirmed objects."""
-        needs = _parts(query)
-        outright = needs if THEN.search(query) else needs[:1] if not ALSO.search(query) else ()
-        if len(needs) > 1 and all(self._asks(need) or (k and _anaphoric(need)) for k, need in enumerate(outright)):
-            chosen = self._each(needs, inventory, scene, dialogue)
-            goals = [(c.object, c.object_id, c.room) for c in chosen if c.status in ("found", "likely_near")]
-            others = {c.status for c in chosen} - {"found", "likely_near"}
-            # Parts separated by "then" are served one by one; "and" may join words that are one need after all.
-            said = goals and others <= {"not_found", "clarify"} and THEN.search(query)
-            if (said or not others) and len(set(goals)) == len(goals):
-                first, *rest = chosen
-                return replace(first, next=tuple(rest))
-        return self._one(query, inventory, scene, dialogue, wanted)
-
-    def _each(
-        self, needs: Sequence[str], inventory: Inventory, scene: Scene, dialogue: Sequence[tuple[str, str]]
-    ) -> list[Selection]:
-        """The answers to several needs; "the blue one" is understood by the need before it."""
-        chosen: list[Selection] = []
-        for k, need in enumerate(needs):
-            turns = list(dialogue)
-            if chosen and chosen[-1].object_id is not None and _anaphoric(need):
-                turns.append((needs[k - 1], object_ref(chosen[-1].object or "", chosen[-1].object_id)))
-            chosen.append(self._one(need, inventory, scene, turns))
-        return chosen
-
-    def _asks(self, said: str) -> bool:
-        return sort_out(self.scorer.hear(said), self.deck.by_key).asked == "outright"
-
-    def _one(
-        self, query: str, inventory: Inventory, scene: Scene, dialogue: Sequence[tuple[str, str]], wanted: bool = False
-    ) -> Selection:
-        """The answer to one need."""
-        names = tuple(inventory.names)
-        if not scene.known:
-            return self._by_name(query, names, [(person, SERVED.sub("", robot)) for person, robot in dialogue])
-        heard = self.scorer.hear(query)
-        text = " ".join(heard.tokens).replace(" ' ", "'")
-        particular = ReferenceGrounder(text, scene, lexicon(self.deck, inventory), dialogue, NAME, wanted)
-        if particular.outright or sort_out(heard, self._keys(names)).asked != "not":
-            told = particular.answer(lambda need, among: self._serve(need, among or names, FollowUp(need)))
-            if told is not None and not (_nowhere(told) and particular.anywhere):
-                return told
-            if told is not None:
-                served = self._by_name(query, names, [])
-                return particular.refined(served) if served.status == "found" and FITS in served.reason else told
-        return particular.refined(self._by_name(query, names, [(p, SERVED.sub("", robot)) for p, robot in dialogue]))
-
-    def _by_name(self, query: str, names: tuple[str, ...], dialogue: Sequence[tuple[str, str]]) -> Selection:
-        """The listed name that serves the words in the context of the dialogue."""
-        turn = understand(query, names, dialogue)
-        if turn.picked is not None:
-            reason = f"'{_short(query)}' means this one"
-            return Selection("found", turn.picked, reason=reason, candidates=((turn.picked, 1.0),), model=NAME)
-        if turn == FollowUp(query):  # words about an offer are a correction
-            said = sort_out(self.scorer.hear(query), self._keys(names))
-            if said.asked == "not":
-                return _told(said)
-            turn = turn._replace(forbidden=self._forbidden(said, names), outright=said.asked == "outright")
-        return self._serve(turn.text, names, turn)
-
     def propose(self, query: str) -> list[str]:
         """The names of up to five cards that serve the words, best first; none if no household object serves them."""
         heard = self.scorer.hear(query)
-        if not heard.sentences or sort_out(heard, self.deck.by_key).asked == "not":
+        clauses = parser()(heard.tokens, None, lexicon(self.deck, Inventory.of(())))
+        if not heard.sentences or all(clause.act in NOTHING_ASKED for clause in clauses):
             return []
         judged = self.scorer.judge(heard, self.deck.by_key.keys())
         candidates = self._listed(tuple(card.name for card in self.deck.cards if card.at_home))
@@ -193,46 +231,34 @@ class Embedded:
         """The keys of all names to listen for."""
         return self.deck.by_key.keys() | self._listed(names).keys
 
-    def _forbidden(self, said: DialogueAct, names: tuple[str, ...]) -> tuple[str, ...]:
-        """The listed objects that a prohibition names, if the words say nothing else."""
-        keys, by_key = self._keys(names), self.deck.by_key
-        off, named = ({m.key for m in mentions(self.scorer.hear(t), keys)} for t in (said.forbidden, said.rest))
-        cards = {by_key[key] for key in off if key in by_key} - {by_key[key] for key in named if key in by_key}
-        return tuple(t.name for t in self._listed(names).all if t.key in off - named or t.card in cards)
-
-    def _serve(self, text: str, names: tuple[str, ...], turn: FollowUp) -> Selection:
+    def _serve(self, text: str, names: tuple[str, ...], need: Need) -> Selection:
         """The object that serves a need, or a message instead."""
         heard, candidates = self.scorer.hear(text), self._listed(names)
         if not heard.sentences:
             return Selection("clarify", reason="nothing said tells a need", question="What do you need?", model=NAME)
         judged = self.scorer.judge(heard, self._keys(names))
-        out = {*turn.without, *turn.forbidden}
-        allowed = [
-            r
-            for r in candidates.ranked(judged)
-            if r.candidate.name in (turn.only or names) and r.candidate.name not in out
-        ]
+        among = set(names).difference(need.without)
+        allowed = [r for r in candidates.ranked(judged) if r.candidate.name in among]
         if not allowed:
             return Selection("not_found", reason="nothing else is listed", model=NAME)
-        choice = Choice(allowed, candidates, judged, turn.outright)
+        choice = Choice(allowed, candidates, judged, need.outright)
         # A choice from an offer gets no further question; an object that the person refuses gives way to the next best.
-        only: tuple[Status, ...] = ("found",) if turn.only else ("found", "not_found") if turn.without else OUTCOMES
-        return self._say(choice, choice.decide(only), turn)
+        only: tuple[Status, ...] = ("found", "not_found") if need.without else OUTCOMES
+        return self._say(choice, choice.decide(only), need)
 
     def weigh(self, text: str, names: Sequence[str]) -> Choice | None:
         """The input of the decision, for fitting it (tools/fit_decision.py); None for no words."""
         heard, candidates = self.scorer.hear(text), self._listed(tuple(names))
         judged = self.scorer.judge(heard, self._keys(tuple(names))) if heard.sentences else None
-        outright = sort_out(heard, self._keys(tuple(names))).asked == "outright"
-        return Choice(candidates.ranked(judged), candidates, judged, outright) if judged and candidates.all else None
+        return Choice(candidates.ranked(judged), candidates, judged, True) if judged and candidates.all else None
 
-    def _say(self, choice: Choice, status: Status, turn: FollowUp) -> Selection:
+    def _say(self, choice: Choice, status: Status, need: Need) -> Selection:
         """A decision in words."""
         best, second, missing, judged = choice.best, choice.rival, choice.missing, choice.judged
         chosen = {"found": best.candidate.name, "likely_near": choice.near}.get(status)
         called = best.called if status == "found" and not best.stands_in else None
         reason, question = self._reason(best, judged), None
-        if chosen is not None and called is not None and not turn.outright:
+        if chosen is not None and called is not None and not need.outright:
             reason = f"'{called.mention.said}' was named, but not asked for"
             question, chosen, status = f"Shall I go to the {bare(chosen)}?", None, "clarify"
         elif status == "clarify" and second is not None:
@@ -265,11 +291,6 @@ class Embedded:
         return f"'{_short(sentence)}'{FITS}{use}"
 
 
-def _anaphoric(need: str) -> bool:
-    """Whether a need refers to the object named before it: "the blue one"."""
-    return not STANDS_FOR.isdisjoint(words(plain(need)))
-
-
 def _nowhere(told: Selection) -> bool:
     """Whether a request for an object or its place found none, so that the words may state a need instead."""
     return told.status == "not_found" or (told.fact is not None and told.fact.kind == "where" and not told.fact.objects)
@@ -281,12 +302,6 @@ def _unknown(told: Selection) -> bool:
     return fact is not None and fact.kind in ("where", "exists", "count") and not fact.objects and not told.next
 
 
-def _told(said: DialogueAct) -> Selection:
-    """No goal, and a message that the words were understood."""
-    reason = f"understood: {_short(said.forbidden)}" if said.forbidden else "understood: nothing was asked for"
-    return Selection("answered", reason=reason, text="Understood.", model=NAME)
-
-
 def _candidates(ranked: Sequence[Ranked], judged: Judgement) -> Shares:
     """The five best with their probabilities; the rest of the probability is with the others and with nothing."""
     logits = np.array([judged.nothing, *(r.logit for r in ranked)])
@@ -295,19 +310,6 @@ def _candidates(ranked: Sequence[Ranked], judged: Judgement) -> Shares:
     return tuple(
         (r.candidate.name, round(float(p), 3)) for r, p in zip(ranked[:5], shares[1:6], strict=True) if p >= 0.0005
     )
-
-
-def _parts(text: str) -> list[str]:
-    """The needs in one utterance, separated by "then", "after that" or a semicolon."""
-    if BETWEEN.search(text):
-        return [text]
-    parts = [
-        OPENING.sub("", part).strip(" ,.;")
-        for part in (THEN if THEN.search(text) else AND).split(text[-MOST_CHARACTERS:])
-    ]
-    parts = [part for part in parts if part]
-    few = len(parts) <= MOST_NEEDS and all(len(part.split()) <= LONGEST_PART for part in parts)
-    return parts if few else [text]
 
 
 def _short(text: str) -> str:

@@ -98,7 +98,8 @@ class Scene:
         if phrase.colours and found:
             of = {o.id: _coloured(o, phrase.colours) for o in found}
             coloured = sorted((o for o in found if of[o.id] >= LEAST_SHARE), key=lambda o: -of[o.id])
-            if not coloured and len(found) > 1:
+            unlike = [o for o in found if o.colours and of[o.id] == 0]
+            if not coloured and (len(found) > 1 or unlike):
                 return [], SpatialRelation("colour")
             found = coloured or found
             if len(found) > 1 and of[found[0].id] > CLEARLY * of[found[1].id]:

@@ -36,7 +36,8 @@ def answer(asked: ParsedUtterance, scene: Scene, last: MapObject | None, model: 
     if head.generic and head.bare and last is not None and asked.kind != "list":
         found: list[MapObject] = [last]
     else:
-        found, _ = scene.meant(head)
+        out = {obj.id for noun in asked.rejected for obj in scene.meant(noun)[0]}
+        found, _ = scene.meant(head, out)
     if asked.kind == "count":
         return _counted(head, found, scene, model)
     if asked.kind == "list":
@@ -146,21 +147,25 @@ def _inventory(scene: Scene, model: str) -> Selection:
 
 
 def _compared(asked: ParsedUtterance, scene: Scene, model: str) -> Selection | None:
-    pair = [scene.meant(phrase)[0][:1] for phrase in (asked.head, asked.other) if phrase is not None]
-    if len(pair) != 2 or not all(pair):
-        gone = [phrase for phrase, found in zip((asked.head, asked.other), pair, strict=True) if phrase and not found]
-        return _told(f"I have not seen {_a(gone[0])}.", Fact("compare", None), model) if gone else None
+    phrases = [phrase for phrase in (asked.head, asked.other) if phrase is not None]
+    pair = [scene.meant(phrase)[0][:1] for phrase in phrases]
+    gone = [phrase for phrase, found in zip(phrases, pair, strict=True) if not found]
+    if gone:
+        return _told(f"I have not seen {_a(gone[0])}.", Fact("compare", None), model)
+    if len(pair) != 2:
+        return None
     one, other = pair[0][0], pair[1][0]
     if one.id == other.id:
         both = scene.meant(asked.head)[0] if asked.head else []
         if len(both) < 2:
             return None
         one, other = both[0], both[1]
+    by = asked.by or "biggest"
     to = next(iter(scene.meant(asked.to)[0]), None) if asked.to is not None else None
-    if to is not None and asked.by in ("nearest", "farthest"):
-        more = (min if asked.by == "nearest" else max)((one, other), key=lambda o: scene.distance_m(o, to))
+    if to is not None and by in ("nearest", "farthest"):
+        more = (min if by == "nearest" else max)((one, other), key=lambda o: scene.distance_m(o, to))
     else:
-        more = max((one, other), key=lambda o: scene.measure(o, asked.by))
+        more = max((one, other), key=lambda o: scene.measure(o, by))
     words = {
         "biggest": "bigger",
         "smallest": "smaller",
@@ -171,7 +176,7 @@ def _compared(asked: ParsedUtterance, scene: Scene, model: str) -> Selection | N
         "lowest": "lower",
     }
     where = f" {whereabouts(scene, more)}" if one.label == other.label else ""
-    say = f"The {more.label}{where} is {words.get(asked.by, asked.by)}."
+    say = f"The {more.label}{where} is {words.get(by, by)}."
     return _told(say, Fact("compare", more.label, (more.id,)), model, more)
 
 

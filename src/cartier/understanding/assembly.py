@@ -2,39 +2,102 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
 from cartier.labels import name_key
 from cartier.spatial.expressions import EntityVocabulary, ParsedUtterance, ReferringExpression, SpatialRelation, merged
 from cartier.understanding.reference_words import COLOURS, DEFINITE, GENERIC, MOST, ORDER, PLURAL, SIZES
-from cartier.understanding.tags import ATTRIBUTES, NOUNS, RELATIONS, Clause, Span
+from cartier.understanding.tags import ATTRIBUTES, NOTHING_ASKED, NOUNS, RELATIONS, Clause, Span
 
 KINDS = {"next": "next to", "left": "left of", "right": "right of", "behind": "near", "front": "near"}
 """What ``spatial.query`` calls a relation, where it has another name there."""
-STAND_IN = Span("t", ("",), -1, -1)
-"""The target of words that name none: "the blue, please", "what is on the table"."""
+LONGEST_NAME = 4  # words
+NOWHERE = -1
+"""Where a target stands that no word names: "the blue, please", "what is on the table"."""
 
 
 def query(clause: Clause, names: EntityVocabulary) -> ParsedUtterance:
     """The typed query of a clause: the act, the target with its attributes and relations, and what is turned down."""
+    clause = clause._replace(spans=_snapped(tuple(_measures(clause.spans)), clause.tokens, names))
     spans = [span for span in clause.spans if span.role in NOUNS]
-    if clause.act != "go" and not any(span.role in ("t", "p") for span in spans):
-        spans = [STAND_IN, *spans]
+    if not any(span.role in ("t", "p") for span in spans) and (clause.act != "go" or not spans or _places(clause)):
+        spans = [_stand_in(clause), *spans]
     nouns = [_noun(span, clause, names) for span in spans]
     _attach_attributes(clause.spans, spans, nouns)
     _attach_relations(clause.spans, spans, nouns)
     of = {role: [noun for span, noun in zip(spans, nouns, strict=True) if span.role == role] for role in NOUNS}
+    if clause.act in ("compare", "far") and not of["b"] and len(of["t"]) > 1:
+        of["t"], of["b"] = of["t"][:1], of["t"][1:]
     targets = of["t"] or of["p"] or of["r"][:1] or of["l"][:1]
     head = _merged(targets) if targets else None
     if head is not None and head.said == "" and head.bare:
         head = None
-    by = next((_measure(span.words) for span in clause.spans if span.role == "s"), "")
-    need = " ".join(word for span in clause.spans if span.role == "z" for word in span.words)
+    said = [span.words for span in clause.spans if span.role in ("s", "nearest", "farthest")] or [clause.tokens]
+    by = next(filter(None, map(_measure, said)), "")
     return ParsedUtterance(
-        clause.act, head, of["b"][0] if of["b"] else None, by, need or " ".join(clause.tokens),  # type: ignore[arg-type]
-        clause.act != "need", of["l"][0] if of["l"] else None, tuple(of["n"]),
+        clause.act, head, of["b"][0] if of["b"] else None, by, _need(clause), clause.act != "need",  # type: ignore[arg-type]
+        of["l"][0] if of["l"] else None, tuple(_refused(noun, head) for noun in of["n"]),
     )  # fmt: skip
+
+
+def _snapped(spans: Sequence[Span], tokens: Sequence[str], names: EntityVocabulary) -> tuple[Span, ...]:
+    """The spans, where a noun that is part of a known name is that name: "chest" in "chest of drawers"."""
+    found = list[Span]()
+    for span in spans:
+        if span.role in NOUNS and span.role != "p":
+            if found and found[-1].role in NOUNS and span.start < found[-1].end:
+                continue
+            around = (
+                (start, end)
+                for start in range(max(span.end - LONGEST_NAME, 0), span.start + 1)
+                for end in range(min(start + LONGEST_NAME, len(tokens)), span.end - 1, -1)
+            )
+            known = [(end - start, start, end) for start, end in around if _is_known(tokens[start:end], names)]
+            _, start, end = max(known, default=(0, span.start, span.end))
+            if found and start < found[-1].end:
+                start, end = span.start, span.end
+            span = Span(span.role, tuple(tokens[start:end]), start, end)
+        found.append(span)
+    return tuple(found)
+
+
+def _is_known(said: Sequence[str], names: EntityVocabulary) -> bool:
+    key = name_key(" ".join(said))
+    return said[-1][:1].isalnum() and said[0][:1].isalnum() and (key in names.rooms or bool(names.objs.get(key)))
+
+
+def _stand_in(clause: Clause) -> Span:
+    """The target of words that mark none: "one" or "it" where that is said."""
+    said = next((word for word in ("one", "ones", "it", "them", "there", "that") if word in clause.tokens), "")
+    return Span("t", (said if clause.act not in NOTHING_ASKED else "",), NOWHERE, NOWHERE)
+
+
+def _places(clause: Clause) -> bool:
+    """Whether the words of a drive only tell where an object is: "the one on the desk"."""
+    roles = {span.role for span in clause.spans}
+    return "l" in roles or ("r" in roles and not GENERIC.isdisjoint(clause.tokens))
+
+
+def _measures(spans: Sequence[Span]) -> Iterator[Span]:
+    """The spans, where "nearest" without a landmark after it is a superlative."""
+    for span in spans:
+        alone = not any(noun.role in ("l", "m", "r") and noun.start >= span.end for noun in spans)
+        yield span._replace(role="s") if span.role in ("nearest", "farthest") and alone else span
+
+
+def _refused(noun: ReferringExpression, head: ReferringExpression | None) -> ReferringExpression:
+    """What is turned down: an object, or what is wanted in another colour, "not the white one"."""
+    colours = tuple(c for word in noun.said.split() for c in COLOURS.get(word, ()))
+    wanted = replace(head, colours=colours, relations=()) if head is not None and colours else noun
+    return wanted if not noun.labels else noun
+
+
+def _need(clause: Clause) -> str:
+    """The words of a clause; of a need without those that only give its place."""
+    places = {"l", "m", "r", *RELATIONS} if clause.act == "need" else set()
+    out = {k for span in clause.spans if span.role in places for k in range(span.start, span.end)}
+    return " ".join(token for k, token in enumerate(clause.tokens) if k not in out).replace(" ' ", "'")
 
 
 def _noun(span: Span, clause: Clause, names: EntityVocabulary) -> ReferringExpression:
@@ -42,7 +105,7 @@ def _noun(span: Span, clause: Clause, names: EntityVocabulary) -> ReferringExpre
     said, plural = " ".join(span.words), name_key(span.words[-1]) != span.words[-1] and span.words[-1].endswith("s")
     before = clause.tokens[max(span.start - 3, 0) : span.start]
     base = ReferringExpression(said, plural=plural, definite=not DEFINITE.isdisjoint(before))
-    if span.role == "p" or span is STAND_IN or (span.words[-1] in GENERIC and name_key(said) not in names.objs):
+    if span.role == "p" or span.start == NOWHERE or (span.words[-1] in GENERIC and name_key(said) not in names.objs):
         return replace(base, generic=True, plural=span.words[-1] in PLURAL)
     owner = next((s.words for s in clause.spans if s.role == "w" and s.end <= span.start), ())
     keys = [name_key(" ".join((*owner, *span.words)))] if owner else []
@@ -51,21 +114,23 @@ def _noun(span: Span, clause: Clause, names: EntityVocabulary) -> ReferringExpre
         rooms = next((names.rooms[key] for key in keys if key in names.rooms), None)
         if rooms is not None or span.role == "r":
             return replace(base, rooms=rooms or ())
-    labels = next((names.objs[key] for key in keys if key in names.objs and names.objs[key]), frozenset())
+    labels = next((names.objs[key] for key in keys if names.objs.get(key)), frozenset())
     if not labels and span.role == "t" and keys[-1] in names.rooms:
         return replace(base, rooms=names.rooms[keys[-1]])
     return replace(base, labels=labels)
 
 
 def _attach_attributes(every: Sequence[Span], spans: Sequence[Span], nouns: list[ReferringExpression]) -> None:
-    """Give each attribute to the noun right after it, else to the nearest one."""
+    """Give each attribute to the noun right after it, else to the nearest one; a room has none."""
     for span in every:
-        if span.role not in ATTRIBUTES or not spans:
+        if span.role not in ATTRIBUTES:
             continue
-        after = [(other.start - span.end, k) for k, other in enumerate(spans) if other.start >= span.end]
-        before = [(span.start - other.end + 1, k) for k, other in enumerate(spans) if other.end <= span.start]
-        k = min(after[:1] + before[-1:])[1]
-        nouns[k] = _with(nouns[k], span)
+        able = [k for k, other in enumerate(spans) if other.role != "r"]
+        after = [(spans[k].start - span.end, k) for k in able if spans[k].start >= span.end]
+        before = [(span.start - spans[k].end + 1, k) for k in able if spans[k].end <= span.start]
+        nearest = min((after[:1] + before[-1:]), default=None)
+        if nearest is not None:
+            nouns[nearest[1]] = _with(nouns[nearest[1]], span)
 
 
 def _with(noun: ReferringExpression, span: Span) -> ReferringExpression:
@@ -124,11 +189,13 @@ def _kind(every: Sequence[Span], noun: Span) -> str:
 
 
 def _merged(found: Sequence[ReferringExpression]) -> ReferringExpression:
-    """One expression of what is said of one object in several places: "my mug … the blue one"."""
+    """One expression of what is said of one object in several places: "my mug … the blue one"; of two names the last
+    that is known, "the desk, I mean the table"."""
     named = [k for k, noun in enumerate(found) if not noun.generic]
-    first = found[named[0] if named else 0]
+    known = [k for k in named if found[k].labels or found[k].rooms]
+    base = (known or named or [0])[-1]
+    first = found[base]
     for k, noun in enumerate(found):
-        if k != (named[0] if named else 0):
+        if k != base and (noun.generic or noun.labels == first.labels):
             first = replace(merged(first, noun), other=first.other or noun.other)
     return first
-

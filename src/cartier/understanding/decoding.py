@@ -7,17 +7,17 @@ from collections.abc import Sequence
 from cartier.understanding.tags import Clause, Span
 
 
-def clauses(tokens: Sequence[str], tags: Sequence[str], acts: Sequence[tuple[str, float]]) -> list[Clause]:
-    """The clauses between separators; ``acts`` are the act of each and its probability."""
+def clauses(tokens: Sequence[str], tags: Sequence[str], acts: Sequence[Sequence[tuple[str, float]]]) -> list[Clause]:
+    """The clauses between separators; ``acts`` are the likeliest acts of each with their probabilities."""
     found, spans, start = list[Clause](), list[Span](), 0
     for span in (*spans_of(tokens, tags), None):
         if span is not None and span.role != "/":
             spans.append(span)
             continue
         end = len(tokens) if span is None else span.start
-        act, certainty = acts[min(len(found), len(acts) - 1)]
+        (act, certainty), *further = acts[min(len(found), len(acts) - 1)]
         moved = (s._replace(start=s.start - start, end=s.end - start) for s in spans)
-        found.append(Clause(act, certainty, tuple(moved), tuple(tokens[start:end])))
+        found.append(Clause(act, certainty, tuple(moved), tuple(tokens[start:end]), *further[:1]))
         spans, start = [], len(tokens) if span is None else span.end
     return found
 

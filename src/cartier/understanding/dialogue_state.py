@@ -2,44 +2,63 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from cartier.labels import name_key, plain, singular, words
 from cartier.spatial.expressions import ParsedUtterance, ReferringExpression, SpatialRelation, merged
 from cartier.types import MapObject
+from cartier.understanding.cards import bare
 
-ABOUT_OBJECTS = ("go", "need", "count", "exists", "where", "list", "compare", "correct", "another", "choose")
+LONGEST_NAME = 5
+SERVED = re.compile(r"#(\d+)")
 
 
 @dataclass(frozen=True)
 class DialogueState:
-    """The latest query about objects, the object that the robot named last, and all that it was sent to."""
+    """The latest query about objects, what the robot named last, all that it was sent to, and what it offered."""
 
     before: ParsedUtterance | None = None
     last: MapObject | None = None
     served: tuple[int, ...] = ()
+    offered: tuple[str, ...] = ()
 
-    def then(self, asked: ParsedUtterance | None, served: Sequence[MapObject]) -> DialogueState:
-        """The state after a resolved query and the objects that the robot named in its reply."""
-        kept = asked is not None and asked.head is not None and bool(asked.head.labels or asked.head.obj is not None)
+    def then(
+        self, asked: ParsedUtterance | None, served: Sequence[MapObject], offered: Sequence[str] = ()
+    ) -> DialogueState:
+        """The state after a resolved query, the objects that the robot named in its reply and the names it asked of."""
+        head = asked.head if asked is not None else None
+        kept = asked is not None and (asked.kind == "need" or (head is not None and bool(head.labels or head.obj)))
         ids = tuple(obj.id for obj in served)
-        return DialogueState(asked if kept else self.before, served[-1] if served else self.last, self.served + ids)
+        last = served[-1] if served else self.last
+        return DialogueState(asked if kept else self.before, last, self.served + ids, tuple(offered))
 
 
 def resolve(asked: ParsedUtterance, state: DialogueState) -> ParsedUtterance:
-    """A query whose stand-ins are replaced by what they stand for; ``without`` tells what a reply turns down."""
+    """A query in which stand-ins are replaced by what they stand for, and a reply by the request that it makes."""
     head, before = asked.head, state.before.head if state.before is not None else None
     if asked.kind == "another":
         named = head is not None and bool(head.labels)
+        if not named and (before is None or not before.labels):
+            return _need_again(asked, state)
         kind = head if named or before is None else _again(before, head)
-        return replace(asked, kind="go", head=_other(kind), direct=True)
-    if asked.kind in ("correct", "choose"):
+        return replace(asked, kind="go", head=_other(kind))
+    chosen = asked.kind == "go" and head is not None and head.rooms is not None and state.offered
+    if chosen or asked.kind in ("correct", "choose"):  # "in which room?" "the kitchen"
         return _replied(asked, state)
     if head is not None:
         head = _landmarks(head, state.last)
-        if head.generic and head.said and state.last is not None:
+        if head.generic and head.said and state.last is not None and asked.kind != "need":
             head = _stood_for(head, before, state.last)
     return replace(asked, head=head)
+
+
+def _need_again(asked: ParsedUtterance, state: DialogueState) -> ParsedUtterance:
+    """The need of before, where no object was named."""
+    if state.before is None:
+        return replace(asked, kind="go")
+    return replace(state.before, rejected=asked.rejected, head=_other(state.before.head))
 
 
 def _replied(asked: ParsedUtterance, state: DialogueState) -> ParsedUtterance:
@@ -47,13 +66,13 @@ def _replied(asked: ParsedUtterance, state: DialogueState) -> ParsedUtterance:
     head, before = asked.head, state.before.head if state.before is not None else None
     if head is not None and head.rooms is not None and before is not None:  # "no, the kitchen"
         head = ReferringExpression("", generic=True, relations=(SpatialRelation("in", head),))
-    if head is not None and (head.labels or before is None):
-        return replace(asked, kind="go", head=_landmarks(head, state.last), direct=True)
-    if before is None:
-        return replace(asked, kind="go", direct=True)
+    if head is not None and (head.labels or before is None or not before.labels):
+        return replace(asked, kind="go", head=_landmarks(head, state.last))
+    if before is None or not before.labels:
+        return _need_again(asked, state)
     kind = _again(before, head)
     turned_down = asked.kind == "correct" and (head is None or head.bare)
-    return replace(asked, kind="go", head=_other(kind) if turned_down else _landmarks(kind, state.last), direct=True)
+    return replace(asked, kind="go", head=_other(kind) if turned_down else _landmarks(kind, state.last))
 
 
 def _again(before: ReferringExpression, now: ReferringExpression | None) -> ReferringExpression:
@@ -68,7 +87,7 @@ def _again(before: ReferringExpression, now: ReferringExpression | None) -> Refe
 
 def _other(head: ReferringExpression | None) -> ReferringExpression | None:
     """Another object of the kind, wherever it is."""
-    return replace(head, other=True, obj=None) if head is not None else None
+    return replace(head, other=True, obj=None, order=0) if head is not None else None
 
 
 def _landmarks(head: ReferringExpression, last: MapObject | None) -> ReferringExpression:
@@ -94,3 +113,23 @@ def _stood_for(head: ReferringExpression, before: ReferringExpression | None, la
 
 def _same(obj: MapObject) -> ReferringExpression:
     return ReferringExpression(obj.label, frozenset({obj.label}), obj=obj.id)
+
+
+def named(text: str, names: Sequence[str]) -> list[str]:
+    """The listed names that occur in a text, longest first at each place, in their order."""
+    said = [singular(w) for w in words(plain(text))]
+    keys: dict[str, str] = {}
+    for name in names:
+        keys.setdefault(name_key(name), name)
+        keys.setdefault(name_key(bare(name)), name)
+    found, i = [], 0
+    while i < len(said):
+        for end in range(min(i + LONGEST_NAME, len(said)), i, -1):
+            meant = keys.get(name_key(" ".join(said[i:end])))
+            if meant is not None:
+                found.append(meant)
+                i = end
+                break
+        else:
+            i += 1
+    return list(dict.fromkeys(found))

@@ -12,10 +12,10 @@ from cartier.understanding.cards import Deck, bare
 from cartier.understanding.text import STOP
 
 ROOMS = {
-    "living room": ("lounge", "sitting room", "living area", "parlour", "parlor", "front room"),
-    "bathroom": ("restroom", "washroom", "bath room", "shower room"),
+    "living room": ("lounge", "sittingroom", "telly room", "tv room", "day room", "sitting room", "living area", "parlour", "parlor", "front room"),
+    "bathroom": ("restroom", "washroom", "bath room", "shower room", "wet room"),
     "hall": ("hallway", "corridor", "entrance", "passage"), "study": ("office", "home office", "workroom"),
-    "bedroom": ("bed room", "sleeping room"), "kitchen": ("kitchenette", "cooking area"),
+    "bedroom": ("bed room", "sleeping room", "bedchamber", "boudoir"), "kitchen": ("kitchenette", "cooking area", "kitchen area", "galley"),
     "dining room": ("dining area",),
 }  # fmt: skip
 SORTS = {
@@ -30,7 +30,16 @@ SORTS = {
         "computer": "laptop, desktop", "rug": "carpet", "picture": "painting, poster", "bin": "garbage can, trash can",
         "saucepan": "pot, pan", "frying pan": "pan", "salad": "lettuce", "hob": "stove burner, stove",
         "stove": "stove burner, hob", "cooker": "stove burner, stove", "glass": "cup", "wall clock": "clock",
-        "freezer": "fridge",
+        "freezer": "fridge", "key": "key chain", "telephone": "cell phone, phone", "phone": "cell phone, telephone",
+        "cell": "cell phone", "mobile": "cell phone", "throne": "toilet", "lavvy": "toilet", "privy": "toilet",
+        "bog": "toilet", "john": "toilet", "ring": "stove burner", "hob ring": "stove burner", "vessel": "pot, vase, bowl",
+        "burner": "stove burner", "telly stand": "tv stand", "tv bench": "tv stand", "telly box": "tv stand",
+        "skillet": "pan", "sprayer": "spray bottle", "gaming chair": "desk chair", "swivel chair": "desk chair",
+        "washing up liquid": "soap bottle, dish soap", "dish soap": "soap bottle", "bottle of soap": "soap bottle",
+        "paper holder": "toilet paper hanger, paper towel roll", "loo roll holder": "toilet paper hanger",
+        "washing basket": "laundry hamper", "basket": "laundry hamper", "weight": "dumbbell", "spud": "potato",
+        "basketball": "basket ball", "ball": "basket ball, football", "stand": "tv stand, desk", "rack": "towel holder",
+        "bedside cabinet": "side table", "nightstand": "side table", "bedside table": "side table",
     }.items()
 }  # fmt: skip
 """General words, and the names of what they mean."""

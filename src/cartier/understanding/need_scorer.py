@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Container
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -90,6 +90,12 @@ def soft_max(values: Array, sharpness: float, axis: int = -1) -> Array:
     return smooth
 
 
+@cache
+def upper_layers() -> Any:
+    """The trained layers that ship: half-way states (t, 384) to states (t, 384)."""
+    return session((SHIPPED / "scorer.onnx").read_bytes())
+
+
 class Scorer:
     """Judges requests over the cards of a deck."""
 
@@ -104,7 +110,8 @@ class Scorer:
 
     @cached_property
     def _layers(self) -> Any:
-        return session((self._folder / "scorer.onnx").read_bytes())
+        own = self._folder / "scorer.onnx"
+        return upper_layers() if self._folder == SHIPPED else session(own.read_bytes())
 
     @cached_property
     def _heads(self) -> dict[str, Array]:

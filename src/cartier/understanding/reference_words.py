@@ -34,7 +34,11 @@ SIZES = {
     "tiny": "smallest", "tall": "tallest", "high": "highest", "low": "lowest", "short": "shortest", "long": "biggest",
     "bigger": "biggest", "larger": "biggest", "smaller": "smallest", "taller": "tallest", "higher": "highest",
     "lower": "lowest", "nearer": "nearest", "closer": "nearest", "farther": "farthest", "further": "farthest",
-    "shorter": "shortest",
+    "shorter": "shortest", "longer": "biggest", "wider": "biggest", "broader": "biggest", "wide": "biggest",
+    "thicker": "biggest", "deeper": "biggest", "giant": "biggest", "enormous": "biggest", "massive": "biggest",
+    "wee": "smallest", "teeny": "smallest", "mini": "smallest", "slim": "smallest", "thin": "smallest",
+    "near": "nearest", "close": "nearest", "far": "farthest", "upper": "highest", "top": "highest", "bottom": "lowest",
+    "left": "leftmost", "right": "rightmost",
 }  # fmt: skip
 MOST = {
     "biggest": "biggest", "largest": "biggest", "longest": "biggest", "widest": "biggest", "smallest": "smallest",

@@ -33,9 +33,10 @@ class Span(NamedTuple):
 
 
 class Clause(NamedTuple):
-    """One request of an utterance: its act, how sure that is, its spans, and all its tokens."""
+    """One request of an utterance: its act, how sure that is, its spans, all its tokens, and the second likeliest act."""
 
     act: str
     certainty: float
     spans: tuple[Span, ...]
     tokens: tuple[str, ...]
+    second: tuple[str, float] = ("other", 0.0)

@@ -7,17 +7,13 @@ may be as likely as a confirmed one: then it is served, with how sure that is; e
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
-from cartier.labels import plain, words
 from cartier.spatial.describe import whereabouts
 from cartier.spatial.query import Scene, called
 from cartier.types import MapObject, Selection
 from cartier.understanding.answers import one
-from cartier.understanding.dialogue import FEW, NO, YES
 
-MOST_REFUSING = 2  # words; "no, the sink" asks for something else
 OFFER = "Shall I look there?"
 REQUEST_LIKELIHOOD_RATIO = (
     9.0  # of a request given that its object is there, to one for what is not (tools/tentative.py)
@@ -74,13 +70,3 @@ def usual_place(near: Selection) -> Selection:
     """A question instead of a drive to the usual place of an object that was never detected."""
     question = f"{near.reason[:1].upper()}{near.reason[1:]}. {OFFER}"
     return replace(near, status="clarify", object=None, object_id=None, question=question, text=question)
-
-
-def accepted(query: str, dialogue: Sequence[tuple[str, str]]) -> bool | None:
-    """Whether the person accepts the offer of the turn before; None without an offer or a reply to it."""
-    said = words(plain(query))
-    if not dialogue or not dialogue[-1][1].endswith(OFFER) or not 0 < len(said) <= FEW:
-        return None
-    if NO.search(" ".join(said)):
-        return None if len(said) > MOST_REFUSING else False
-    return True if said[0] in YES else None

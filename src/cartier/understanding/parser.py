@@ -1,0 +1,209 @@
+"""Learned parser: the dialogue act of each clause of an utterance and the role of each of its words.
+
+Two small transformer layers over the words (parser.npz, trained by tools/understanding/train_parser.py on marked
+requests) see what the shipped encoder and the need scorer's layers make of each word, and whether it belongs to a known
+name or to a table of words. The turn before goes in with the words, so that "the blue one" can be read as a reply.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from functools import cache
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from cartier.labels import name_key, plain
+from cartier.spatial.expressions import EntityVocabulary
+from cartier.types import Array
+from cartier.understanding.decoding import clauses
+from cartier.understanding.need_scorer import upper_layers
+from cartier.understanding.reference_words import COLOURS, GENERIC, MOST, ORDER, PLACING, SIZES
+from cartier.understanding.tags import ACTS, TAGS, Clause
+from cartier.understanding.text_encoder import BEGIN, END, MOST_PIECES, reader
+from cartier.understanding.utterance import TOKEN
+
+FITTED = Path(__file__).with_name("parser.npz")
+MOST_CONTEXT = 20  # tokens of each side of the turn before
+MOST_TOKENS, LONGEST_NAME = 110, 4
+HEADS, LAYERS = 4, 2
+NUMBER = re.compile(r"\s*(?:#\d+|\(room \d+\))")
+NEGATIONS = frozenset(
+    [
+        "no",
+        "not",
+        "never",
+        "without",
+        "none",
+        "nor",
+        "neither",
+        "t",
+        "cannot",
+        "dont",
+        "isnt",
+        "except",
+        "instead",
+        "rather",
+    ]
+)
+QUESTIONS = frozenset(
+    [
+        "what",
+        "which",
+        "who",
+        "where",
+        "when",
+        "how",
+        "whose",
+        "why",
+        "is",
+        "are",
+        "do",
+        "does",
+        "did",
+        "have",
+        "has",
+        "can",
+        "could",
+    ]
+)
+TABLES: tuple[frozenset[str], ...] = (
+    frozenset(COLOURS), frozenset(MOST), frozenset(SIZES), frozenset(ORDER), frozenset(GENERIC), frozenset(PLACING),
+    NEGATIONS, QUESTIONS, frozenset(".!?;"), frozenset(","),
+)  # fmt: skip
+TURNS = 3
+"""The person's turn before, the robot's, and the words themselves."""
+BITS = 4 + len(TABLES) + TURNS
+TAG_OF = {tag: k for k, tag in enumerate(TAGS)}
+
+
+class Words(NamedTuple):
+    """What the network sees: (n, 768) states and (n, BITS) tables of all words; the utterance's own from ``own`` on,
+    which is its token ``first``."""
+
+    states: Array
+    bits: Array
+    own: int
+    first: int
+
+
+def words_of(tokens: Sequence[str], before: tuple[str, str] | None, names: EntityVocabulary) -> Words:
+    """The words of the turn before (person, robot) and of an utterance's end, as the network sees them."""
+    turns = [TOKEN.findall(plain(NUMBER.sub("", turn)))[-MOST_CONTEXT:] for turn in before or ("", "")]
+    first = max(0, len(tokens) - MOST_TOKENS)
+    ids, at = [BEGIN], [[0], [], []]
+    for k, said in enumerate((*turns, tokens[first:])):
+        for token in said:
+            at[k].append(len(ids))
+            ids += reader().pieces(token)
+        ids += [END] if said else []
+    if len(ids) > MOST_PIECES:  # the end holds the request
+        return words_of(tokens, None, names) if before else words_of(tokens[first + 10 :], None, names)
+    low = reader().states(ids)
+    states = np.concatenate([low, upper_layers().run(None, {"states": low})[0]], 1)
+    bits = np.concatenate([
+        np.hstack([_known(("", *said) if k == 0 else said, names), np.tile(np.eye(TURNS)[k], (len(at[k]), 1))])
+        for k, said in enumerate((*turns, list(tokens[first:])))
+    ])  # fmt: skip
+    own = len(at[0]) + len(at[1])
+    return Words(states[[i for turn in at for i in turn]].astype(np.float32), bits.astype(np.float32), own, first)
+
+
+def _known(tokens: Sequence[str], names: EntityVocabulary) -> Array:
+    """(n, 4 + tables) whether a word begins or goes on with an object's or a room's name, and the tables it is in."""
+    bits = np.zeros((len(tokens), 4 + len(TABLES)), np.float32)
+    for column, known in ((0, names.objs), (2, names.rooms)):
+        k = 0
+        while k < len(tokens):
+            ends = (end for end in range(min(k + LONGEST_NAME, len(tokens)), k, -1) if tokens[end - 1].isalnum())
+            end = next((end for end in ends if name_key(" ".join(tokens[k:end])) in known), None)
+            if end is not None:
+                bits[k, column], bits[k + 1 : end, column + 1] = 1, 1
+            k = end or k + 1
+    for column, table in enumerate(TABLES, start=4):
+        bits[:, column] = [token in table for token in tokens]
+    return bits
+
+
+@cache
+def parser() -> Parser:
+    """The one parser of this process."""
+    return Parser(FITTED)
+
+
+class Parser:
+    """Tokens to clauses."""
+
+    def __init__(self, fitted: Path) -> None:
+        with np.load(fitted, allow_pickle=False) as data:
+            self._w = {name: data[name].astype(np.float32) for name in data.files}
+
+    def __call__(self, tokens: Sequence[str], before: tuple[str, str] | None, names: EntityVocabulary) -> list[Clause]:
+        """The clauses of an utterance, given the (person, robot) turn before it and the names that are known."""
+        if not tokens:
+            return []
+        words = words_of(tokens, before, names)
+        states = self._states(words)
+        whole, said = states[0], states[words.own :]
+        tags = _tags(self._linear(said, "tag"))
+        kept = list(tokens[len(tokens) - len(tags) :])
+        cuts = [k for k, tag in enumerate(tags) if tag == "B-/"]
+        parts = zip([0, *(k + 1 for k in cuts)], [*cuts, len(kept)], strict=True)
+        return clauses(kept, tags, [self._acts(whole, said[start:end]) for start, end in parts])
+
+    def _linear(self, x: Array, name: str) -> Array:
+        y: Array = x @ self._w[f"{name}.weight"].T + self._w[f"{name}.bias"]
+        return y
+
+    def _norm(self, x: Array, name: str) -> Array:
+        x = x - x.mean(-1, keepdims=True)
+        scaled: Array = x / np.sqrt((x * x).mean(-1, keepdims=True) + 1e-5)
+        return scaled * self._w[f"{name}.weight"] + self._w[f"{name}.bias"]
+
+    def _states(self, words: Words) -> Array:
+        """(n, width) what two layers of attention make of the words."""
+        x = self._linear(np.concatenate([words.states, words.bits], 1), "begin")
+        x = x + self._w["places"][np.minimum(np.arange(len(x))[::-1], len(self._w["places"]) - 1)]
+        for k in range(LAYERS):
+            y = self._norm(x, f"layers.{k}.norm1")
+            q, key, value = (
+                self._linear(y, f"layers.{k}.{part}").reshape(len(x), HEADS, -1).transpose(1, 0, 2) for part in "qkv"
+            )
+            scores = q @ key.transpose(0, 2, 1) / np.sqrt(q.shape[-1])
+            shares = np.exp(scores - scores.max(-1, keepdims=True))
+            mixed = (shares / shares.sum(-1, keepdims=True)) @ value
+            x = x + self._linear(mixed.transpose(1, 0, 2).reshape(len(x), -1), f"layers.{k}.o")
+            inner = np.maximum(self._linear(self._norm(x, f"layers.{k}.norm2"), f"layers.{k}.up"), 0)
+            x = x + self._linear(inner, f"layers.{k}.down")
+        return self._norm(x, "end")
+
+    def _acts(self, whole: Array, said: Array) -> list[tuple[str, float]]:
+        """The two likeliest acts of a clause's words with their probabilities."""
+        if not len(said):
+            return [("other", 0.0)]
+        attention = np.exp(said @ self._w["pool"] - (said @ self._w["pool"]).max())
+        pooled = np.concatenate([whole, attention @ said / attention.sum()])
+        logits = self._linear(pooled, "act") / self._w["temperature"]
+        shares = np.exp(logits - logits.max()) / np.exp(logits - logits.max()).sum()
+        return [(ACTS[k], float(shares[k])) for k in np.argsort(-shares)[:2]]
+
+
+def _tags(logits: Array) -> list[str]:
+    """The best tag of each token, where "inside" follows only what it can be inside of (Viterbi)."""
+    score, path = np.where(_INSIDE, -np.inf, logits[0]), list[Array]()
+    for row in logits[1:]:
+        ways = score[:, None] + _ALLOWED
+        path.append(ways.argmax(0))
+        score = ways.max(0) + row
+    tags = [int(score.argmax())]
+    for step in reversed(path):
+        tags.append(int(step[tags[-1]]))
+    return [TAGS[k] for k in reversed(tags)]
+
+
+_INSIDE = np.array([tag.startswith("I-") for tag in TAGS])
+_ALLOWED = np.array([
+    [0.0 if not now.startswith("I-") or before[1:] == now[1:] else -np.inf for now in TAGS] for before in TAGS
+])  # fmt: skip

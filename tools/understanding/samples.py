@@ -1,0 +1,155 @@
+"""Samples that the parser is trained on: marked lines, templates, and lines of which only the act is known."""
+
+from __future__ import annotations
+
+import json
+import sys
+from dataclasses import dataclass, replace
+from pathlib import Path
+from random import Random
+
+sys.path.append(str(Path(__file__).parent))
+from check import fault, home
+from markup import Line, read, unmarked
+from templates import NAMES, PLACES, Templates
+
+from cartier.evaluation.things_made import plural
+from cartier.labels import name_key, object_ref, plain
+from cartier.understanding.answers import answer
+from cartier.understanding.assembly import query
+from cartier.understanding.dialogue_state import DialogueState, resolve
+from cartier.understanding.tags import ACTS, NOTHING_ASKED
+from cartier.understanding.utterance import TOKEN
+
+TOOLS = Path(__file__).parents[1]
+HELD_BACK = ("grumpy", "hosts", "newcomer", "others_past", "transcript", "wheels")
+ALARMS = ("child", "fire", "medical", "self_harm", "violence")
+
+
+@dataclass(frozen=True)
+class Sample:
+    """Tokens with their tags (None where they are not known), the allowed acts of each clause, and the turn before."""
+
+    tokens: tuple[str, ...]
+    tags: tuple[str, ...] | None
+    acts: tuple[frozenset[str], ...]
+    before: tuple[str, str] | None = None
+    source: str = ""
+    home: str = ""
+
+
+def written(files: list[Path], checked: bool = True) -> list[Sample]:
+    """The good lines of files, with what the robot said before as it would have said it."""
+    found: list[Sample] = []
+    for file in files:
+        states: dict[str, DialogueState] = {}
+        said = ""
+        for line in read(file):
+            before = (line.context[-1][0], _robot(line, said)) if line.context else None
+            wrong = fault(line, states) if checked else ""
+            if not wrong:
+                acts = tuple(frozenset([act]) for act in line.acts)
+                found.append(Sample(line.tokens, line.tags, acts, before, file.stem, line.home))
+            said = _told(line, states) if checked else ""
+    return found
+
+
+def _robot(line: Line, said: str) -> str:
+    """The robot's last turn: as written, the object that it went to, or its answer in words."""
+    robot = line.context[-1][1]
+    if robot.startswith("@") and line.home:
+        obj = home(line.home)[0].by_id.get(int(robot[1:]))
+        return object_ref(obj.label, obj.id) if obj is not None else "all right"
+    return said if robot == "all right" and said else robot
+
+
+def _told(line: Line, states: dict[str, DialogueState]) -> str:
+    """What the program answers to a question, for the turn after it."""
+    scene, names = home(line.home)
+    asked = resolve(query(line.clauses()[0], names), states["now"])
+    if line.acts[0] not in ("count", "exists", "where", "list", "compare", "far", "colour", "size"):
+        return ""
+    try:
+        chosen = answer(asked, scene, states["now"].last, "")
+    except (KeyError, ValueError):
+        return ""
+    return chosen.text if chosen is not None else ""
+
+
+def templated(count: int, seed: int) -> list[Sample]:
+    """Templates, as samples."""
+    found, before, said = list[Sample](), "", ""
+    rng = Random(seed)
+    for row in Templates(seed).lines(count):
+        if row.startswith("?"):
+            said = row[2:]
+            continue
+        head, _, marked = row.lstrip("+~ ").partition(" :: ")
+        _, tokens, tags = unmarked(marked, row)
+        acts = tuple(frozenset([part.split()[0]]) for part in head.split("/"))
+        turn = (before, said or rng.choice(NAMES)) if row.startswith("+") else None
+        found.append(Sample(tokens, tags, acts, turn, "templates"))
+        before, said = " ".join(tokens), ""
+    return found
+
+
+def act_only() -> list[Sample]:
+    """Lines of which only the act is known: requests for what is not named, alarms, prohibitions, quotes."""
+    found = []
+    for file in sorted((TOOLS / "requests").glob("*.jsonl")):
+        if file.stem in HELD_BACK:
+            continue
+        for row in map(json.loads, file.read_text(encoding="utf-8").splitlines()):
+            acts = {"explicit": {"go", "need"}, "implicit": {"need"}, "conversational": {"need"}}.get(row["kind"])
+            if acts:
+                found.append(_act_sample(row["text"], acts, "requests"))
+    asks = {*ACTS} - {*NOTHING_ASKED}
+    kinds: dict[str, set[str]] = dict.fromkeys(ALARMS, {"alarm"})
+    kinds |= {"asks": {"go", "need", "where"}, "ordinary": asks, "past": {"remark"}, "quote": {"remark"}}
+    kinds |= {"prohibition": {"prohibit", "remark"}}
+    for kind, acts in kinds.items():
+        for text in (TOOLS / "alarms" / f"{kind}.txt").read_text(encoding="utf-8").splitlines():
+            found.append(_act_sample(text, acts, "alarms"))
+    return found
+
+
+def _act_sample(text: str, acts: set[str], source: str) -> Sample:
+    return Sample(tuple(TOKEN.findall(plain(text))), None, (frozenset(acts),), None, source)
+
+
+def varied(sample: Sample, rng: Random) -> Sample:
+    """A sample with other nouns, without punctuation, or with slips of the keyboard, by chance."""
+    tokens, tags = list(sample.tokens), list(sample.tags or ["?"] * len(sample.tokens))
+    if sample.tags is not None and sample.source != "templates" and rng.random() < 0.35:
+        tokens, tags = _other_nouns(tokens, tags, rng)
+    if rng.random() < 0.25:
+        keep = [k for k, token in enumerate(tokens) if token[0].isalnum() or tags[k] not in ("O", "?")]
+        tokens, tags = [tokens[k] for k in keep], [tags[k] for k in keep]
+    if rng.random() < 0.15 and tokens:
+        k = rng.randrange(len(tokens))
+        word = tokens[k]
+        if len(word) > 4 and word.isalpha():
+            at = rng.randrange(1, len(word) - 2)
+            tokens[k] = word[:at] + word[at + 1] + word[at] + word[at + 2 :]
+    return replace(sample, tokens=tuple(tokens), tags=tuple(tags) if sample.tags is not None else None)
+
+
+def _other_nouns(tokens: list[str], tags: list[str], rng: Random) -> tuple[list[str], list[str]]:
+    new_tokens, new_tags, k = list[str](), list[str](), 0
+    stand_ins = {"one", "ones", "thing", "things", "it", "something", "anything", "everything", "somewhere", "stuff"}
+    while k < len(tokens):
+        end = k + 1
+        while end < len(tokens) and tags[end].startswith("I-"):
+            end += 1
+        role = tags[k][2:]
+        if role in ("t", "b", "l", "n") and tags[k].startswith("B") and not stand_ins & set(tokens[k:end]):
+            name = rng.choice(PLACES if role == "l" and rng.random() < 0.5 else NAMES)
+            name = plural(name) if name_key(tokens[end - 1]) != tokens[end - 1] and role != "l" else name
+            words = name.split()
+            new_tokens += words
+            new_tags += [f"B-{role}", *([f"I-{role}"] * (len(words) - 1))]
+        else:
+            new_tokens += tokens[k:end]
+            new_tags += tags[k:end]
+        k = end
+    return new_tokens, new_tags
