@@ -48,7 +48,6 @@ from cartier.understanding import (  # noqa: E402
 )
 from cartier.understanding.cards import SHIPPED, read_deck  # noqa: E402
 from cartier.understanding.need_scorer import Scorer  # noqa: E402
-from cartier.understanding.text_encoder import Reader, reader  # noqa: E402
 
 SENTENCE = utterance._sentence
 RULES: dict[str, tuple[tuple[Any, str, Any], ...]] = {
@@ -60,24 +59,21 @@ RULES: dict[str, tuple[tuple[Any, str, Any], ...]] = {
     "general words": ((candidates.Candidates, "_ends", lambda *args: ()),),
     "near_synonyms": ((candidates.Candidates, "near_synonyms", lambda *args: frozenset()),),
     "the decision": ((outcome_classifier.Choice, "decide", lambda *args: "found"),),
-    "several needs": ((embedded, "_parts", lambda text: [text]),),
-    "speech acts": ((embedded, "sort_out", lambda heard, known: embedded.DialogueAct("", "", "outright")),),
 }  # fmt: skip
 
 
 class Remembered:
-    """The encoder, run once for the same words."""
+    """The layers of the scorer, run once for the same states."""
 
     def __init__(self, scorer: Scorer) -> None:
-        self._layers, self._states, self._known = scorer._layers, Reader.states, dict[tuple[int, ...], Any]()
-        Reader.states = lambda reader, ids: ids  # type: ignore[method-assign, assignment, return-value]
+        self._layers, self._known = scorer._layers, dict[bytes, Any]()
         vars(scorer)["_layers"] = self
 
     def run(self, names: None, given: dict[str, Any]) -> Any:
-        ids = tuple(given["states"])
-        if ids not in self._known:
-            self._known[ids] = self._layers.run(names, {"states": self._states(reader(), ids)})
-        return self._known[ids]
+        key = given["states"].tobytes()
+        if key not in self._known:
+            self._known[key] = self._layers.run(names, given)
+        return self._known[key]
 
 
 class Measures:

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-FOLDERS = ("benchmarks", "tools", "tools/things")
+FOLDERS = ("benchmarks", "tools", "tools/things", "tools/understanding")
 FILES = [path for folder in FOLDERS for path in sorted((ROOT / folder).glob("*.py"))]
 SCRIPTS = [str(path.relative_to(ROOT)) for path in FILES if '__name__ == "__main__"' in path.read_text("utf-8")]
 MISSING = {

@@ -14,8 +14,8 @@ from cartier.understanding.tags import ACTS, ROLES, TAGS
 
 TOOLS = Path(__file__).parents[2] / "tools" / "understanding"
 sys.path.append(str(TOOLS))
-from check import fault, home
-from markup import read, unmarked
+from check_marks import fault, home  # noqa: E402
+from markup import read, unmarked  # noqa: E402
 
 FILES = sorted((TOOLS / "written").glob("*_1.txt"))
 

@@ -6,15 +6,15 @@ import json
 from pathlib import Path
 
 import pytest
-from held_out import COCO, HELD_OUT
-from hypothesis import given
-from hypothesis import strategies as st
+from held_out import HELD_OUT
 from nothing_asked import ASKED, FRESH_ASKED, FRESH_TOLD, HOME, LATER_ASKED, LATER_TOLD, TOLD
 
 from cartier.evaluation.queries import load_queries
 from cartier.reasoners import embedded
 from cartier.types import Inventory, Selection
-from cartier.understanding.dialogue_acts import sort_out
+from cartier.understanding.entity_vocabulary import lexicon
+from cartier.understanding.parser import parser
+from cartier.understanding.tags import NOTHING_ASKED
 
 REASONER = embedded.make()
 REQUESTS = Path(__file__).parents[2] / "tools" / "requests"
@@ -28,30 +28,33 @@ def refused(chosen: Selection) -> bool:
     return chosen.status == "not_found" and chosen.reason.startswith("understood: ")
 
 
-def asked(text: str) -> str:
-    return sort_out(REASONER.scorer.hear(text), REASONER.deck.by_key).asked
+def asks(text: str) -> bool:
+    """Whether some clause of the words asks for something; an alarm is judged by the whole of the words."""
+    names = lexicon(REASONER.deck, Inventory.of(()))
+    clauses = parser()(REASONER.scorer.hear(text).tokens, None, names)
+    return any(clause.act not in NOTHING_ASKED or clause.act == "alarm" for clause in clauses)
 
 
 @pytest.mark.parametrize(
-    ("words", "reason"),
+    "words",
     [
-        ("Don't go to the fridge", "understood: do not go to the fridge"),
-        ("Do not bring me the cup", "understood: do not bring me the cup"),
-        ("Stay away from the stove", "understood: stay away from the stove"),
-        ("Never ever touch the vase, it's from my grandmother.", "understood: never ever touch the vase"),
-        ("dont go to teh fridge", "understood: do not go to the fridge"),
-        ("don't bring me the cup or the bowl", "understood: do not bring me the cup or the bowl"),
-        ("I hate that chair", "understood: nothing was asked for"),
-        ("the sofa is ugly", "understood: nothing was asked for"),
-        ("nice weather today", "understood: nothing was asked for"),
-        ("thank you", "understood: nothing was asked for"),
-        ("you are doing a great job", "understood: nothing was asked for"),
-        ("I don't need the towel.", "understood: nothing was asked for"),
+        "Don't go to the fridge",
+        "Do not bring me the cup",
+        "Stay away from the stove",
+        "Never ever touch the vase, it's from my grandmother.",
+        "dont go to teh fridge",
+        "don't bring me the cup or the bowl",
+        "I hate that chair",
+        "the sofa is ugly",
+        "nice weather today",
+        "thank you",
+        "you are doing a great job",
+        "I don't need the towel.",
     ],
 )
-def test_what_asks_for_nothing_is_understood_and_gets_no_goal(words: str, reason: str) -> None:
+def test_what_asks_for_nothing_is_understood_and_gets_no_goal(words: str) -> None:
     chosen = REASONER.select(words, Inventory.of(HOME))
-    assert (chosen.status, chosen.object, chosen.reason) == ("answered", None, reason)
+    assert (chosen.status, chosen.object) == ("answered", None) and chosen.reason.startswith("understood: ")
     assert REASONER.propose(words) == []
 
 
@@ -125,26 +128,12 @@ def test_what_only_sounds_like_it_is_not_refused(
 def test_no_request_of_the_bench_or_of_the_held_out_ones_is_refused() -> None:
     texts = [query.text for split in ("paper", "extended") for query in load_queries(split)]
     texts += [text for _, _, text, expected in HELD_OUT if expected]
-    assert [text for text in texts if asked(text) == "not"] == []
+    assert [text for text in texts if not asks(text)] == []
 
 
 @pytest.mark.no_cover  # too many rounds to trace each line
 def test_of_eleven_thousand_requests_hardly_any_is_refused() -> None:
     rows = [json.loads(line) for file in REQUESTS.glob("*.jsonl") for line in file.read_text("utf-8").splitlines()]
     texts = [row["text"] for row in rows if row["kind"] != "nothing"]
-    lost = [text for text in texts if asked(text) == "not"]
+    lost = [text for text in texts if not asks(text)]
     assert len(texts) > 10_000 and len(lost) <= 10, lost
-
-
-@given(
-    st.lists(
-        st.sampled_from(
-            ["don't", "not", "no", "never", "you", "go", "to", "the", "cup", ",", ".", "I", "want", "'", "-"]
-        )
-    )
-)
-def test_no_words_break_the_sorting(said: list[str]) -> None:
-    heard = REASONER.scorer.hear(" ".join(said))
-    assert sort_out(heard, REASONER.deck.by_key).asked in ("outright", "perhaps", "not")
-    chosen = REASONER.select(" ".join(said), Inventory.of(COCO))
-    assert chosen.object is None or chosen.object in COCO

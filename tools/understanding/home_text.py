@@ -84,7 +84,7 @@ def text(name: str) -> str:
 
 def main() -> None:
     """Print the homes."""
-    parser = Parser(description=__doc__)
+    parser = Parser(__doc__)
     parser.add_argument("homes", nargs="+", help="numbers of generated homes")
     for name in parser.parse_args().homes:
         print(text(name), end="\n\n")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import sys
 import unicodedata
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -15,6 +14,8 @@ from cartier.understanding.decoding import clauses
 from cartier.understanding.tags import ACTS, ROLES, Clause
 from cartier.understanding.utterance import TOKEN
 
+NEED = "z"
+"""Writers mark the words of a need; the parser does not learn it, the scorer reads the whole clause."""
 MARKED = re.compile(r"\[([^\[\]:]+):([^\[\]:]+)\]")
 
 
@@ -47,7 +48,7 @@ def unmarked(marked: str, where: str) -> tuple[str, tuple[str, ...], tuple[str, 
     for found in MARKED.finditer(marked):
         text += marked[end : found.start()]
         role = found[2].strip()
-        if role not in ROLES:
+        if role not in (*ROLES, NEED):
             raise InputError(f"{where}: there is no role {role!r}")
         spans.append((len(text), len(text) + len(found[1]), role))
         text, end = text + found[1], found.end()
@@ -114,8 +115,3 @@ def _reply(line: Line) -> str:
     if line.acts[0] in ("go", "need", "correct", "another", "choose") and ids:
         return f"@{ids[0]}"
     return "@" + ids[0] if line.acts[0] == "where" and ids else ""
-
-
-if __name__ == "__main__":
-    for path in sys.argv[1:]:
-        print(path, sum(1 for _ in read(Path(path))))

@@ -9,10 +9,11 @@ from pathlib import Path
 from random import Random
 
 sys.path.append(str(Path(__file__).parent))
-from check import fault, home
+from check_marks import fault, home
 from markup import Line, read, unmarked
-from templates import NAMES, PLACES, Templates
+from templates import NAMES, PLACES, ROOM_NAMES, Templates
 
+from cartier.errors import InputError
 from cartier.evaluation.things_made import plural
 from cartier.labels import name_key, object_ref, plain
 from cartier.understanding.answers import answer
@@ -49,7 +50,8 @@ def written(files: list[Path], checked: bool = True) -> list[Sample]:
             wrong = fault(line, states) if checked else ""
             if not wrong:
                 acts = tuple(frozenset([act]) for act in line.acts)
-                found.append(Sample(line.tokens, line.tags, acts, before, file.stem, line.home))
+                tags = tuple("O" if tag.endswith("-z") else tag for tag in line.tags)  # a need is judged as a whole
+                found.append(Sample(line.tokens, tags, acts, before, file.stem, line.home))
             said = _told(line, states) if checked else ""
     return found
 
@@ -93,18 +95,37 @@ def templated(count: int, seed: int) -> list[Sample]:
     return found
 
 
+def needs() -> list[Sample]:
+    """Requests that name nothing that is wanted (tools/requests), some with a room at their end; no word has a role."""
+    found, rng = [], Random(0)
+    for file in sorted((TOOLS / "requests").glob("*.jsonl")):
+        for row in map(json.loads, file.read_text(encoding="utf-8").splitlines()):
+            if file.stem in HELD_BACK or row["kind"] not in ("implicit", "conversational"):
+                continue
+            text, many = row["text"], len(row["text"].split())
+            if many <= 14 and rng.random() < 0.5:
+                room = rng.choice(["[in:in] the", "[in:in] our", "somewhere [in:in] the", "and [in:in] the"])
+                text = f"{text.rstrip('.!?')}{rng.choice([', ', ' '])}{room} [{rng.choice(ROOM_NAMES)}:r]"
+            try:
+                _, tokens, tags = unmarked(text, file.name)
+            except InputError:
+                continue
+            if many <= 60:
+                found.append(Sample(tokens, tags, (frozenset(["need"]),), None, "templates"))
+    return found
+
+
 def act_only() -> list[Sample]:
-    """Lines of which only the act is known: requests for what is not named, alarms, prohibitions, quotes."""
+    """Lines of which only the act is known: requests by name, alarms, prohibitions, quotes."""
     found = []
     for file in sorted((TOOLS / "requests").glob("*.jsonl")):
         if file.stem in HELD_BACK:
             continue
         for row in map(json.loads, file.read_text(encoding="utf-8").splitlines()):
-            acts = {"explicit": {"go", "need"}, "implicit": {"need"}, "conversational": {"need"}}.get(row["kind"])
-            if acts:
-                found.append(_act_sample(row["text"], acts, "requests"))
+            if row["kind"] == "explicit":
+                found.append(_act_sample(row["text"], {"go", "need"}, "requests"))
     asks = {*ACTS} - {*NOTHING_ASKED}
-    kinds: dict[str, set[str]] = dict.fromkeys(ALARMS, {"alarm"})
+    kinds: dict[str, set[str]] = {kind: {"alarm"} for kind in ALARMS}
     kinds |= {"asks": {"go", "need", "where"}, "ordinary": asks, "past": {"remark"}, "quote": {"remark"}}
     kinds |= {"prohibition": {"prohibit", "remark"}}
     for kind, acts in kinds.items():

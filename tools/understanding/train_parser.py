@@ -11,184 +11,39 @@ from __future__ import annotations
 
 import random
 import sys
-import time
 from pathlib import Path
-from typing import NamedTuple
-
-import numpy as np
-import torch
-import torch.nn.functional as fn
 
 sys.path.append(str(Path(__file__).parent))
 sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
-from check import home
 from command_line import Parser, run_script
-from samples import Sample, act_only, templated, varied, written
-from torch import Tensor, nn
+from samples import act_only, needs, templated, varied, written
 
-from cartier.types import Inventory
-from cartier.understanding.cards import SHIPPED, read_deck
-from cartier.understanding.decoding import spans_of
-from cartier.understanding.entity_vocabulary import lexicon
-from cartier.understanding.parser import BITS, FITTED, HEADS, LAYERS, TAG_OF, words_of
+from cartier.understanding.parser import FITTED
 from cartier.understanding.parser import Parser as Fitted
-from cartier.understanding.tags import ACTS, TAGS
 
 WRITTEN = Path(__file__).parent / "written"
-INPUT, WIDTH, INNER, PLACES = 2 * 384 + BITS, 192, 576, 64
-BATCH, RATE, DECAY, WARM_UP, DROPOUT = 32, 1e-3, 0.02, 100, 0.15
-ANYWHERE = lexicon(read_deck(SHIPPED), Inventory.of(()))
-"""The names that are known without a home."""
-
-
-class Ready(NamedTuple):
-    """A sample as the network sees it: inputs (n, INPUT) in half precision, tags of its own words or None, and clauses
-    (begin, end) among all words with their allowed acts."""
-
-    inputs: Tensor
-    own: int
-    tags: list[int] | None
-    clauses: list[tuple[int, int, Tensor]]
-
-
-def ready(sample: Sample) -> Ready | None:
-    """A sample with the states of its words."""
-    if not sample.tokens:
-        return None
-    words = words_of(sample.tokens, sample.before, home(sample.home)[1] if sample.home else ANYWHERE)
-    count = len(words.states) - words.own
-    first = len(sample.tokens) - count
-    tags = None if sample.tags is None else [TAG_OF[tag] for tag in sample.tags[first:]]
-    marks = (sample.tags or ("O",) * len(sample.tokens))[first:]
-    cuts = [k for k, tag in enumerate(marks) if tag == "B-/"]
-    parts = list(zip([0, *(k + 1 for k in cuts)], [*cuts, count], strict=True))
-    acts = sample.acts[len(sample.acts) - len(parts) :]
-    found = [
-        (words.own + a, words.own + b, torch.tensor([act in allowed for act in ACTS]))
-        for (a, b), allowed in zip(parts, acts, strict=True) if b > a
-    ]  # fmt: skip
-    inputs = torch.tensor(np.concatenate([words.states, words.bits], 1)).half()
-    return Ready(inputs, words.own, tags, found)
-
-
-class Network(nn.Module):
-    """The layers of ``understanding.parser.Parser``, with its names."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.begin, self.end = nn.Linear(INPUT, WIDTH), nn.LayerNorm(WIDTH)
-        self.places = nn.Parameter(torch.randn(PLACES, WIDTH) * 0.02)
-        self.layers = nn.ModuleList(
-            nn.ModuleDict({
-                "norm1": nn.LayerNorm(WIDTH), "norm2": nn.LayerNorm(WIDTH), "up": nn.Linear(WIDTH, INNER),
-                "down": nn.Linear(INNER, WIDTH), **{part: nn.Linear(WIDTH, WIDTH) for part in "qkvo"},
-            })
-            for _ in range(LAYERS)
-        )  # fmt: skip
-        self.tag, self.act = nn.Linear(WIDTH, len(TAGS)), nn.Linear(2 * WIDTH, len(ACTS))
-        self.pool = nn.Parameter(torch.zeros(WIDTH))
-
-    def forward(self, inputs: list[Tensor]) -> Tensor:
-        """(b, t, width) states; the words of shorter samples stand at the end."""
-        longest = max(map(len, inputs))
-        x = torch.stack([fn.pad(i.float(), (0, 0, longest - len(i), 0)) for i in inputs])
-        there = torch.tensor([[False] * (longest - len(i)) + [True] * len(i) for i in inputs])
-        x = fn.dropout(self.begin(fn.dropout(x, 0.1, self.training)), DROPOUT, self.training)
-        x = x + self.places[torch.arange(longest).flip(0).clamp(max=PLACES - 1)]
-        for layer in self.layers:
-            y = layer["norm1"](x)
-            q, k, v = (layer[p](y).view(*y.shape[:2], HEADS, -1).transpose(1, 2) for p in "qkv")
-            mixed = fn.scaled_dot_product_attention(q, k, v, attn_mask=there[:, None, None])
-            x = x + fn.dropout(layer["o"](mixed.transpose(1, 2).reshape(y.shape)), DROPOUT, self.training)
-            inner = layer["down"](fn.dropout(fn.relu(layer["up"](layer["norm2"](x))), DROPOUT, self.training))
-            x = x + fn.dropout(inner, DROPOUT, self.training)
-        states: Tensor = self.end(x)
-        return states
-
-    def loss(self, samples: list[Ready]) -> Tensor:
-        """The mean surprise at the tags and at the acts."""
-        states = self([s.inputs for s in samples])
-        said, tags, pooled, allowed = list[Tensor](), list[int](), list[Tensor](), list[Tensor]()
-        for k, sample in enumerate(samples):
-            own = states[k, states.shape[1] - len(sample.inputs) :]
-            if sample.tags is not None:
-                said.append(own[sample.own :])
-                tags += sample.tags
-            for begin, end, acts in sample.clauses:
-                pooled.append(torch.cat([own[0], torch.softmax(own[begin:end] @ self.pool, 0) @ own[begin:end]]))
-                allowed.append(acts)
-        shares = self.act(torch.stack(pooled)).log_softmax(-1)
-        loss = -shares.masked_fill(~torch.stack(allowed), -1e9).logsumexp(-1).mean()
-        if said:
-            loss = loss + 3 * fn.cross_entropy(self.tag(torch.cat(said)), torch.tensor(tags), label_smoothing=0.02)
-        return loss
-
-    def save(self, file: Path, temperature: float = 1.0) -> None:
-        """Write the weights in half precision."""
-        weights = {name: value.detach().numpy().astype(np.float16) for name, value in self.state_dict().items()}
-        np.savez(file, **weights, temperature=np.float32(temperature))
-
-
-def train(samples: list[Ready], passes: int, seed: int = 0) -> Network:
-    """A network that learned from samples."""
-    torch.manual_seed(seed)
-    rng, network = random.Random(seed), Network().train()
-    optimiser = torch.optim.AdamW(network.parameters(), weight_decay=DECAY)
-    steps, step, losses, began = passes * -(-len(samples) // BATCH), 0, list[float](), time.perf_counter()
-    for _ in range(passes):
-        order = sorted(samples, key=lambda s: len(s.inputs) + rng.random() * 6)
-        batches = [order[k : k + BATCH] for k in range(0, len(order), BATCH)]
-        rng.shuffle(batches)
-        for batch in batches:
-            for group in optimiser.param_groups:
-                group["lr"] = RATE * min((step + 1) / WARM_UP, 1) * max(1 - step / steps, 0.02)
-            loss = network.loss(batch)
-            optimiser.zero_grad()
-            loss.backward()
-            torch.nn.utils.clip_grad_norm_(network.parameters(), 1.0)
-            optimiser.step()
-            step += 1
-            losses.append(loss.item())
-            if step % 200 == 0:
-                took = time.perf_counter() - began
-                print(f"step {step} of {steps}: loss {np.mean(losses[-200:]):.3f}, {took:.0f} s", flush=True)
-    return network.eval()
-
-
-def report(fitted: Fitted, samples: list[Sample], name: str) -> None:
-    """How much of held-out lines is read as they are marked."""
-    acts, lines, hits, said, right = list[bool](), 0, 0, 0, 0
-    for sample in samples:
-        found = fitted(sample.tokens, sample.before, home(sample.home)[1] if sample.home else ANYWHERE)
-        acts += [len(found) == len(sample.acts) and f.act in a for f, a in zip(found, sample.acts, strict=False)]
-        got = {(s.role, s.words) for clause in found for s in clause.spans}
-        true = {(s.role, s.words) for s in spans_of(sample.tokens, sample.tags or ()) if s.role != "/"}
-        lines += got == true
-        hits, said, right = hits + len(got & true), said + len(got), right + len(true)
-    f1 = 2 * hits / max(said + right, 1)
-    print(f"{name}: {len(samples)} lines; act {np.mean(acts):.1%}, every span {lines / len(samples):.1%}, F1 {f1:.3f}")
 
 
 def main() -> None:
     """Train and report."""
-    parser = Parser(description=__doc__)
+    parser = Parser(__doc__)
     parser.add_argument("--limit", type=int, help="how many written lines to learn from (default: all)")
     parser.add_argument("--templates", type=int, default=6000, help="templated lines, at most as many as are written")
-    parser.add_argument("--acts", type=int, default=3000, help="lines of which only the act is known")
+    parser.add_argument("--needs", type=int, default=2500, help="requests that name nothing (default: %(default)s)")
     parser.add_argument("--passes", type=int, default=8, help="passes over all lines (default: %(default)s)")
     parser.add_argument("--out", type=Path, default=FITTED, help="where to write the weights")
     parser.add_argument("--hold", type=Path, nargs="*", default=[], help="files that are reported on, not learnt from")
     parser.add_argument("--folder", type=Path, default=WRITTEN, help="folder of the written lines")
     options = parser.parse_args()
-    torch.set_num_threads(1)
+    from parser_training import ready, report, train  # needs torch
+
     held, rng = {file.resolve() for file in options.hold}, random.Random(0)
     learnt = written(sorted(f for f in options.folder.glob("*.txt") if f.resolve() not in held))
     if options.limit:
         learnt = rng.sample(learnt, options.limit)
     templates = templated(min(options.templates, max(len(learnt), 2000)), 1)
-    acts = act_only()
-    acts = rng.sample(acts, min(options.acts, len(acts)))
-    print(f"{len(learnt)} written lines, {len(templates)} templates, {len(acts)} with only an act", flush=True)
+    acts = [*act_only(), *rng.sample(needs(), options.needs)]
+    print(f"{len(learnt)} written lines, {len(templates)} templates, {len(acts)} needs and acts", flush=True)
     variants = [*learnt, *(varied(s, rng) for s in learnt), *(varied(s, rng) for s in [*templates, *acts])]
     network = train([r for r in map(ready, variants) if r is not None], options.passes)
     network.save(options.out)

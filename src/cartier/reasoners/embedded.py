@@ -20,6 +20,7 @@ import numpy as np
 from cartier.spatial.expressions import EntityVocabulary, ParsedUtterance
 from cartier.spatial.query import Scene, called
 from cartier.types import Inventory, MapObject, Selection, Status
+from cartier.understanding.answers import one
 from cartier.understanding.assembly import query as query_of
 from cartier.understanding.candidates import Candidates, Missing, Ranked
 from cartier.understanding.cards import SHIPPED, Deck, bare, read_deck
@@ -35,7 +36,7 @@ from cartier.understanding.tentative import OFFER, maybe_there, offer, tentative
 Shares = tuple[tuple[str, float], ...]
 
 NAME = MODEL
-FITS = " fits: "  # in the reason for an object that serves a need and was not named
+FITS = " serves "  # in the reason for an object that serves a need and was not named
 MOST_NEEDS = 4  # most needs in one utterance
 FEW = 7  # words of a reply that tells more of what was offered
 REPLIES = ("choose", "confirm", "deny", "correct", "another", "go", "need")
@@ -89,7 +90,7 @@ class Embedded:
             return self._anyway(dialogue, home)
         found: list[Selection] = []
         for clause in clauses[:MOST_NEEDS] or [Clause("need", 1.0, (), ())]:
-            chosen, asked = self._one(clause, home, state, len(clauses) == 1)
+            chosen, asked = self._one(clause, home, state)
             found.append(chosen)
             served = [home.scene.by_id[chosen.object_id]] if chosen.object_id in home.scene.by_id else []
             state = state.then(asked, served)
@@ -115,14 +116,15 @@ class Embedded:
         return state
 
     def _one(
-        self, clause: Clause, home: _Home, state: DialogueState, alone: bool, wanted: bool = False
+        self, clause: Clause, home: _Home, state: DialogueState, wanted: bool = False
     ) -> tuple[Selection, ParsedUtterance]:
         """The answer to one clause, and what it asked."""
+        if clause.act == "alarm":  # it was judged before, by the whole of the words
+            clause = clause._replace(act=clause.second[0])
         asked = resolve(query_of(clause, home.names), state)
         if clause.act in NOTHING_ASKED:
-            return Selection(
-                "answered", reason="understood: nothing was asked for", text="Understood.", model=NAME
-            ), asked
+            said = _short(" ".join(clause.tokens)) if clause.act == "prohibit" else "nothing was asked for"
+            return Selection("answered", reason=f"understood: {said}", text="Understood.", model=NAME), asked
         if clause.act in REPLIES and state.offered:
             chosen = self._of_offer(clause, asked, home, state)
             if chosen is not None:
@@ -159,9 +161,7 @@ class Embedded:
             names |= {home.scene.by_id[i].label for i in state.served} | set(state.offered)
         return tuple(names)
 
-    def _of_offer(
-        self, clause: Clause, asked: ParsedUtterance, home: _Home, state: DialogueState
-    ) -> Selection | None:
+    def _of_offer(self, clause: Clause, asked: ParsedUtterance, home: _Home, state: DialogueState) -> Selection | None:
         """What is chosen of the names that the robot offered; None if the reply asks for something else."""
         own, offered = query_of(clause, home.names), state.offered
         refused = {name for noun in own.rejected for name in noun.labels}
@@ -202,7 +202,7 @@ class Embedded:
         """The offered object, once the person accepts it."""
         state = self._state(dialogue[:-1], home)
         clauses = self._clauses(dialogue[-1][0], dialogue[-2:-1], home)
-        return self._one(clauses[-1], home, state, True, wanted=True)[0]
+        return self._one(clauses[-1], home, state, wanted=True)[0]
 
     def _maybe(self, text: str, scene: Scene) -> MapObject | None:
         """The likeliest tentative object that would serve the words."""
@@ -285,10 +285,9 @@ class Embedded:
                 if ranked.stands_in
                 else f"'{said}' was asked for by name"
             )
-        if ranked.candidate.card is None:
-            return f"'{_short(judged.sentences[0])}' fits the name {bare(ranked.candidate.name)}"
-        sentence, use = self.scorer.why(judged, ranked.candidate.card)
-        return f"'{_short(sentence)}'{FITS}{use}"
+        card = ranked.candidate.card
+        said = judged.sentences[0] if card is None else self.scorer.why(judged, card)
+        return f"{one(bare(ranked.candidate.name))}{FITS}'{_short(said)}'"
 
 
 def _nowhere(told: Selection) -> bool:

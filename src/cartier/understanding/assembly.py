@@ -4,15 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 from cartier.labels import name_key
 from cartier.spatial.expressions import EntityVocabulary, ParsedUtterance, ReferringExpression, SpatialRelation, merged
 from cartier.understanding.reference_words import COLOURS, DEFINITE, GENERIC, MOST, ORDER, PLURAL, SIZES
-from cartier.understanding.tags import ATTRIBUTES, NOTHING_ASKED, NOUNS, RELATIONS, Clause, Span
+from cartier.understanding.tags import ATTRIBUTES, NOUNS, RELATIONS, Clause, Span
+from cartier.understanding.text import STOP
+from cartier.understanding.utterance import MOTION
 
 KINDS = {"next": "next to", "left": "left of", "right": "right of", "behind": "near", "front": "near"}
 """What ``spatial.query`` calls a relation, where it has another name there."""
 LONGEST_NAME = 4  # words
+LEAST_TELLING = 2  # words besides a room and those of driving, that tell a need
+LEAST_SECOND = 0.02  # probability of the second act
+REACH = 4  # words from "one" to the room that it is in
 NOWHERE = -1
 """Where a target stands that no word names: "the blue, please", "what is on the table"."""
 
@@ -20,6 +26,11 @@ NOWHERE = -1
 def query(clause: Clause, names: EntityVocabulary) -> ParsedUtterance:
     """The typed query of a clause: the act, the target with its attributes and relations, and what is turned down."""
     clause = clause._replace(spans=_snapped(tuple(_measures(clause.spans)), clause.tokens, names))
+    if clause.act == "go" and _serves(clause):
+        clause = clause._replace(act="need")
+    if clause.act == "need":  # what it names is not wanted; of places only rooms are sure
+        kept = (s for s in clause.spans if s.role in ("n", "in", "!in") or (s.role == "r" and _is_room(s, names)))
+        clause = clause._replace(spans=tuple(kept))
     spans = [span for span in clause.spans if span.role in NOUNS]
     if not any(span.role in ("t", "p") for span in spans) and (clause.act != "go" or not spans or _places(clause)):
         spans = [_stand_in(clause), *spans]
@@ -41,6 +52,19 @@ def query(clause: Clause, names: EntityVocabulary) -> ParsedUtterance:
     )  # fmt: skip
 
 
+def _serves(clause: Clause) -> bool:
+    """Whether a drive to nothing but a room may be a need in that room: "I want to get clean, in the bathroom"."""
+    if any(span.role in NOUNS and span.role != "r" for span in clause.spans) or clause.second[0] != "need":
+        return False
+    rooms = {word for span in clause.spans for word in span.words}
+    rest = [w for w in clause.tokens if w[0].isalpha() and w not in STOP and w not in MOTION and w not in rooms]
+    return bool(rooms) and len(rest) >= LEAST_TELLING and clause.second[1] >= LEAST_SECOND
+
+
+def _is_room(span: Span, names: EntityVocabulary) -> bool:
+    return name_key(" ".join(span.words)) in names.rooms
+
+
 def _snapped(spans: Sequence[Span], tokens: Sequence[str], names: EntityVocabulary) -> tuple[Span, ...]:
     """The spans, where a noun that is part of a known name is that name: "chest" in "chest of drawers"."""
     found = list[Span]()
@@ -48,10 +72,12 @@ def _snapped(spans: Sequence[Span], tokens: Sequence[str], names: EntityVocabula
         if span.role in NOUNS and span.role != "p":
             if found and found[-1].role in NOUNS and span.start < found[-1].end:
                 continue
+            others = [s for s in spans if s.role in NOUNS and s.role != span.role]
             around = (
                 (start, end)
                 for start in range(max(span.end - LONGEST_NAME, 0), span.start + 1)
                 for end in range(min(start + LONGEST_NAME, len(tokens)), span.end - 1, -1)
+                if not any(start < other.end and other.start < end for other in others)
             )
             known = [(end - start, start, end) for start, end in around if _is_known(tokens[start:end], names)]
             _, start, end = max(known, default=(0, span.start, span.end))
@@ -69,14 +95,16 @@ def _is_known(said: Sequence[str], names: EntityVocabulary) -> bool:
 
 def _stand_in(clause: Clause) -> Span:
     """The target of words that mark none: "one" or "it" where that is said."""
-    said = next((word for word in ("one", "ones", "it", "them", "there", "that") if word in clause.tokens), "")
-    return Span("t", (said if clause.act not in NOTHING_ASKED else "",), NOWHERE, NOWHERE)
+    marked = {k for span in clause.spans for k in range(span.start, span.end)}
+    free = [token for k, token in enumerate(clause.tokens) if k not in marked]
+    said = next((word for word in ("one", "ones", "it", "them", "there", "that") if word in free), "")
+    return Span("t", (said if clause.act in ("go", "where") else "",), NOWHERE, NOWHERE)
 
 
 def _places(clause: Clause) -> bool:
     """Whether the words of a drive only tell where an object is: "the one on the desk"."""
-    roles = {span.role for span in clause.spans}
-    return "l" in roles or ("r" in roles and not GENERIC.isdisjoint(clause.tokens))
+    near = [clause.tokens[max(span.start - REACH, 0) : span.start] for span in clause.spans if span.role == "r"]
+    return any(span.role == "l" for span in clause.spans) or any("one" in said or "ones" in said for said in near)
 
 
 def _measures(spans: Sequence[Span]) -> Iterator[Span]:
@@ -154,7 +182,13 @@ def _measure(said: Iterable[str]) -> str:
 
 def _attach_relations(every: Sequence[Span], spans: Sequence[Span], nouns: list[ReferringExpression]) -> None:
     """Relate landmarks and rooms to the target, or to the landmark that they tell more of; the last ones first."""
-    order = [k for k, span in enumerate(spans) if span.role in ("l", "m", "r")]
+    inside = [
+        k for k, (room, noun) in enumerate(pairwise(spans))
+        if room.role == "r" and noun.role in ("l", "m") and room.end == noun.start
+    ]  # fmt: skip
+    for k in inside:  # "the kitchen table" as a landmark
+        nouns[k + 1] = replace(nouns[k + 1], relations=(SpatialRelation("in", nouns[k]), *nouns[k + 1].relations))
+    order = [k for k, span in enumerate(spans) if span.role in ("l", "m", "r") and k not in inside]
     target = next((k for role in ("t", "p") for k, span in enumerate(spans) if span.role == role), None)
     between: int | None = None
     for k in reversed(order):
@@ -168,8 +202,9 @@ def _attach_relations(every: Sequence[Span], spans: Sequence[Span], nouns: list[
             continue
         if owner is None or owner == k:
             continue
+        negated = kind.startswith("!")
         kind = KINDS.get(kind.lstrip("!"), kind.lstrip("!")) or ("in" if span.role == "r" else "near")
-        kind = f"not {kind}" if _kind(every, span).startswith("!") else kind
+        kind = f"not {kind}" if negated else kind
         other = nouns[between] if kind == "between" and between is not None else None
         relation = SpatialRelation(kind, nouns[k], other)
         nouns[owner] = replace(nouns[owner], relations=(relation, *nouns[owner].relations))
@@ -181,7 +216,7 @@ def _kind(every: Sequence[Span], noun: Span) -> str:
     for span in every:
         if span.start >= noun.start:
             break
-        if span.role in NOUNS and span.role not in ("t", "p"):
+        if span.role in NOUNS and span.role not in ("t", "p") and not (span.role == "r" and span.end == noun.start):
             kind = ""
         elif span.role.lstrip("!") in RELATIONS:
             kind = span.role

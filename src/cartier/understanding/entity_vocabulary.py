@@ -12,11 +12,14 @@ from cartier.understanding.cards import Deck, bare
 from cartier.understanding.text import STOP
 
 ROOMS = {
-    "living room": ("lounge", "sittingroom", "telly room", "tv room", "day room", "sitting room", "living area", "parlour", "parlor", "front room"),
+    "living room": (
+        "lounge", "sitting room", "sittingroom", "telly room", "tv room", "day room", "living area", "parlour",
+        "parlor", "front room",
+    ),
     "bathroom": ("restroom", "washroom", "bath room", "shower room", "wet room"),
     "hall": ("hallway", "corridor", "entrance", "passage"), "study": ("office", "home office", "workroom"),
-    "bedroom": ("bed room", "sleeping room", "bedchamber", "boudoir"), "kitchen": ("kitchenette", "cooking area", "kitchen area", "galley"),
-    "dining room": ("dining area",),
+    "bedroom": ("bed room", "sleeping room", "bedchamber", "boudoir"),
+    "kitchen": ("kitchenette", "cooking area", "kitchen area", "galley"), "dining room": ("dining area",),
 }  # fmt: skip
 SORTS = {
     name_key(word): frozenset(map(name_key, names.split(", ")))
@@ -32,7 +35,8 @@ SORTS = {
         "stove": "stove burner, hob", "cooker": "stove burner, stove", "glass": "cup", "wall clock": "clock",
         "freezer": "fridge", "key": "key chain", "telephone": "cell phone, phone", "phone": "cell phone, telephone",
         "cell": "cell phone", "mobile": "cell phone", "throne": "toilet", "lavvy": "toilet", "privy": "toilet",
-        "bog": "toilet", "john": "toilet", "ring": "stove burner", "hob ring": "stove burner", "vessel": "pot, vase, bowl",
+        "bog": "toilet", "john": "toilet", "khazi": "toilet", "ring": "stove burner", "hob ring": "stove burner",
+        "vessel": "pot, vase, bowl",
         "burner": "stove burner", "telly stand": "tv stand", "tv bench": "tv stand", "telly box": "tv stand",
         "skillet": "pan", "sprayer": "spray bottle", "gaming chair": "desk chair", "swivel chair": "desk chair",
         "washing up liquid": "soap bottle, dish soap", "dish soap": "soap bottle", "bottle of soap": "soap bottle",

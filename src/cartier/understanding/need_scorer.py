@@ -171,13 +171,12 @@ class Scorer:
         met = heads["guess.name"] * named + heads["guess.bias"] + judged.lean
         return float(heads["scale"] * soft_max(met, sharp))
 
-    def why(self, judged: Judgement, card: int) -> tuple[str, str]:
-        """The sentence that called for a card's object, and the use that it meets best."""
+    def why(self, judged: Judgement, card: int) -> str:
+        """The sentence that called for a card's object."""
         start = int(self.knowledge.use_starts[card])
-        uses = self.knowledge.use_texts[start : start + len(self.deck.cards[card].uses)]
-        met = judged.queries @ self.knowledge.uses[start : start + len(uses)].T + judged.lean[:, None]
-        sentence, use = np.unravel_index(int(met.argmax()), met.shape)
-        return judged.sentences[sentence], uses[use]
+        uses = self.knowledge.uses[start : start + len(self.deck.cards[card].uses)]
+        met = (judged.queries @ uses.T).max(1) + judged.lean
+        return judged.sentences[int(met.argmax())]
 
 
 def _by_card(cosines: Array, starts: Array, sharp: float) -> Array:

@@ -160,7 +160,8 @@ class Parser:
     def _norm(self, x: Array, name: str) -> Array:
         x = x - x.mean(-1, keepdims=True)
         scaled: Array = x / np.sqrt((x * x).mean(-1, keepdims=True) + 1e-5)
-        return scaled * self._w[f"{name}.weight"] + self._w[f"{name}.bias"]
+        moved: Array = scaled * self._w[f"{name}.weight"] + self._w[f"{name}.bias"]
+        return moved
 
     def _states(self, words: Words) -> Array:
         """(n, width) what two layers of attention make of the words."""
@@ -177,7 +178,8 @@ class Parser:
             x = x + self._linear(mixed.transpose(1, 0, 2).reshape(len(x), -1), f"layers.{k}.o")
             inner = np.maximum(self._linear(self._norm(x, f"layers.{k}.norm2"), f"layers.{k}.up"), 0)
             x = x + self._linear(inner, f"layers.{k}.down")
-        return self._norm(x, "end")
+        states: Array = self._norm(x, "end")
+        return states
 
     def _acts(self, whole: Array, said: Array) -> list[tuple[str, float]]:
         """The two likeliest acts of a clause's words with their probabilities."""

@@ -18,8 +18,8 @@ ATTRIBUTES = ("c", "s", "o", "x", "w")
 RELATIONS = ("on", "in", "under", "above", "next", "near", "between", "left", "right", "nearest", "farthest", "behind",
              "front", "with", "from")  # fmt: skip
 NEGATED = tuple(f"!{relation}" for relation in ("on", "in", "under", "next", "near", "with", "behind"))
-ROLES = (*NOUNS, *ATTRIBUTES, *RELATIONS, *NEGATED, "z", "/")
-"""``z`` are the words of a need, ``/`` those that separate two requests."""
+ROLES = (*NOUNS, *ATTRIBUTES, *RELATIONS, *NEGATED, "/")
+"""``/`` are words that separate two requests."""
 TAGS = ("O", *(f"{part}-{role}" for role in ROLES for part in "BI"))
 
 
@@ -33,7 +33,7 @@ class Span(NamedTuple):
 
 
 class Clause(NamedTuple):
-    """One request of an utterance: its act, how sure that is, its spans, all its tokens, and the second likeliest act."""
+    """One request of an utterance: its act and its probability, its spans and tokens, the second likeliest act."""
 
     act: str
     certainty: float

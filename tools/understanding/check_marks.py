@@ -1,7 +1,7 @@
 """Check of marked requests: the executor, run on a home's truth with the marks as the parse, must give what is written.
 
-python tools/understanding/check.py FILE... [--keep OUT]
-Prints each line that does not, and why; ``--keep`` writes the good ones.
+python tools/understanding/check_marks.py FILE... [--keep]
+Prints each line that does not, and why; ``--keep`` takes them out of the files.
 """
 
 from __future__ import annotations
@@ -98,22 +98,36 @@ def _find_fault(asked: ParsedUtterance, told: str, ids: list[int], scene: Scene,
     return "" if got and set(got) <= set(ids) else f"the marks give {got[:6]}"
 
 
+def kept(file: Path, wrong: set[int]) -> str:
+    """A file without its wrong lines (numbers from 1) and what goes on with them."""
+    rows, dropping = list[str](), False
+    for number, row in enumerate(file.read_text(encoding="utf-8").splitlines(), start=1):
+        goes_on = row.startswith(("+", "?"))
+        dropping = number in wrong or (dropping and goes_on)
+        rows += [] if dropping else [row]
+    return "\n".join(rows) + "\n"
+
+
 def main() -> None:
     """Check files."""
-    parser = Parser(description=__doc__)
+    parser = Parser(__doc__)
     parser.add_argument("files", nargs="+", type=Path, help="marked requests")
-    parser.add_argument("--keep", type=Path, help="where to write the good lines, one conversation never in part")
+    parser.add_argument("--keep", action="store_true", help="write the files again without the wrong lines")
     options = parser.parse_args()
-    counts, acts = Counter[str](), Counter[str]()
+    acts, bad = Counter[str](), 0
     for file in options.files:
         states: dict[str, DialogueState] = {}
+        wrong: dict[int, str] = {}
         for line in read(file):
-            wrong = fault(line, states)
-            counts["wrong" if wrong else "good"] += 1
-            acts[line.acts[0]] += not wrong
-            if wrong:
-                print(f"{line.where} [{'/'.join(line.acts)} {' / '.join(line.answers)}] {line.text[:90]!r}: {wrong}")
-    print(f"{counts['good']} good, {counts['wrong']} wrong;", ", ".join(f"{a} {n}" for a, n in acts.most_common()))
+            told = fault(line, states)
+            acts[line.acts[0]] += not told
+            if told:
+                wrong[int(line.where.rpartition(":")[2])] = told
+                print(f"{line.where} [{'/'.join(line.acts)} {' / '.join(line.answers)}] {line.text[:90]!r}: {told}")
+        bad += len(wrong)
+        if options.keep and wrong:
+            file.write_text(kept(file, set(wrong)), encoding="utf-8")
+    print(f"{sum(acts.values())} good, {bad} wrong;", ", ".join(f"{a} {n}" for a, n in acts.most_common()))
 
 
 if __name__ == "__main__":
