@@ -20,8 +20,7 @@ from cartier.io.files import json_bytes, npz_bytes, parse_json, read_npz, typed
 from cartier.mapping.association import add_label_vote, label_agreement, suppress_duplicates, touching_pairs
 from cartier.mapping.columns import COLUMNS, Indices, check_columns, empty_columns, map_objects
 from cartier.mapping.config import DEFAULT_CONFIG, MappingConfig
-from cartier.mapping.earlier_frames import EarlierFrames
-from cartier.mapping.existence import detection_weights, mark_detected, posterior, update_existence
+from cartier.mapping.existence import EarlierFrames, detection_weights, mark_detected, posterior, update_existence
 from cartier.mapping.extent import DepthGeometry, NewGeometry
 from cartier.mapping.merging import keep_rows, merge_and_prune, merge_by_box
 from cartier.mapping.observation import LiftedDetections
