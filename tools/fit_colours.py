@@ -5,18 +5,19 @@ python tools/fit_colours.py measure 75021 75022 75023 75024
 
 Chips of the xkcd colour survey (CC0; matplotlib ships them) get the basic name that ends their name, or that of SAID.
 They are lit as surfaces of the homes are and white-balanced as frames are; then prototypes of their names are fitted
-(k-means, and generalised learning vector quantisation). The homes' materials take no part, only their light. Fits of
-different seeds are right for 90 to 95 % of the objects of the homes they were fitted on; the shipped one was the best.
+(k-means, and generalised learning vector quantisation). The homes' materials take no part, only their light. Of 80 fits
+the one is printed that is right most often in these homes; most are right for 90 to 94 % of the objects.
 
 Measured over what ground-truth detections map: an object is right if its first colour is one that a person may call
 what is seen of its materials without light: by the names of the dollhouse's materials, else by the nearest chips.
+Mustard must be yellow. Ochre is what people call yellow as well as brown, by its chips: those take no part in the fit.
 """
 
 from __future__ import annotations
 
 import sys
 from collections import Counter, defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -33,7 +34,7 @@ from scipy.cluster.vq import kmeans2
 from cartier import plugins
 from cartier.detectors.ground_truth import GroundTruth
 from cartier.evaluation import true_home
-from cartier.mapping.colours import COLOURS, LIGHTNESS_WEIGHT, PROTOTYPES, lab_of
+from cartier.mapping.colours import COLOURS, LEVELS, LIGHTNESS_WEIGHT, PROTOTYPES, colour_table, lab_of, table_of
 from cartier.mapping.object_map import ObjectMap
 from cartier.mapping.observation import lift, white_balance
 from cartier.types import Array, Frame
@@ -61,16 +62,17 @@ MAY_CALL = {
     "beige": "brown white yellow",
 }  # fmt: skip
 """Of the names of the dollhouse's materials, those that are no basic ones."""
-MAY_TOO = {"mustard": "brown", "darkgoldenrod": "brown", "darkred": "brown", "brown": "red", "petrol": "green"}
+MAY_TOO = {"darkgoldenrod": "brown", "darkred": "brown", "brown": "red", "petrol": "green"}
 MAY_TOO |= {"sage": "grey"}
 PER_NAME = (2, 3, 3, 3, 3, 3, 5, 4, 4, 3, 5)  # prototypes, as COLOURS
 GREYS = {"black": (40, 4, 22, 3), "grey": (60, 30, 75, 4), "white": (40, 84, 96, 5)}  # chips, L* from and to, chroma
 VIVID, PALE, WHITE = 75, 7, 15  # chroma: dye and paint stay below; below, only a white chip; a white one stays below
+OCHRE_DEG, OCHRE_CHROMA, OCHRE_L = (75, 100), 45, 45  # hue of, and least chroma and L* of what some call brown
 LIGHTS, PER_HOME, PER_DETECTION = 20, 4000, 8  # drawn for each chip; kept of each home and of each detection
 ROUNDS, RATE, STEEP = 6, 100.0, 4.0
 GREY_WEIGHT = 0.6  # of chips of no hue, which are many in a small part of the space
 CHIP_SPREAD, OF_MATERIAL, LEAST_VOTE = 9.0, 9.0, 0.3  # L*a*b*
-MIN_PIXELS = 200
+MIN_PIXELS, FITS = 200, 80
 SURE = GroundTruth.score_model
 
 
@@ -118,23 +120,58 @@ def chips() -> tuple[Array, npt.NDArray[np.intp]]:
     return lab, np.array([COLOURS.index(name) for name, _ in pairs])
 
 
-def lit_swatches(homes: list[str], rng: np.random.Generator) -> tuple[Array, npt.NDArray[np.intp]]:
-    """L*a*b* (N, 3) of chips under the homes' lights after the white balance, and the numbers of their names."""
-    kept = []
-    for home in homes:
-        parts = []
-        for seen in walk(home, ObjectMap(SURE)):
-            some = rng.integers(len(seen.rgb), size=PER_DETECTION if len(seen.rgb) else 0)
+@dataclass
+class Objects:
+    """What the fit and the measure need of a home: the lights on its surfaces, and its objects."""
+
+    gains: Array
+    """(N, 3): what a surface shows over what it is, after the white balance."""
+    objects: list[tuple[list[str], npt.NDArray[np.intp], Array]]
+    """Of each object: its right names; the balanced colours seen, as places in the table of names; their weights."""
+
+    @classmethod
+    def of(cls, home: str, called: Called) -> Objects:
+        mapped, rng, gains = ObjectMap(SURE), np.random.default_rng(int(home)), []
+        may = defaultdict[int, Array](lambda: np.zeros(len(COLOURS) + 1))
+        weight = defaultdict[int, Counter[int]](Counter)
+        for seen in walk(home, mapped):
+            if not len(seen.unlit):
+                continue
+            may[seen.id] += [*called.may(seen.unlit).mean(0), len(seen.unlit)]
+            levels = np.minimum(seen.rgb * (seen.gains * (LEVELS / 256)), LEVELS - 1).astype(np.intp)
+            places, counts = np.unique(levels @ (LEVELS**2, LEVELS, 1), return_counts=True)
+            weight[seen.id].update(dict(zip(places.tolist(), (counts / len(levels)).tolist(), strict=True)))
+            some = rng.integers(len(seen.rgb), size=PER_DETECTION)
             rgb, unlit = seen.rgb[some], seen.unlit[some]
             fit = (unlit > 25).all(1) & (rgb < 250).all(1)  # what is black or burnt out tells no light
-            parts.append(rgb[fit] * seen.gains / unlit[fit])
-        every = np.concatenate(parts)
-        kept.append(every[rng.integers(len(every), size=PER_HOME)])
-    lights = np.concatenate(kept)
+            gains.append(rgb[fit] * seen.gains / unlit[fit])
+        mapped.merge_and_prune()
+        found = []
+        for obj in mapped.objects():
+            *shares, pixels = may[obj.id]
+            if obj.colours and pixels >= MIN_PIXELS:
+                every = sum((weight[id] for id in (obj.id, *obj.aliases)), Counter[int]())
+                names = [n for n, share in zip(COLOURS, shares, strict=True) if share >= 0.8 * max(shares)]
+                found.append((names, np.array(list(every)), np.array(list(every.values()), float)))
+        return cls(np.concatenate(gains), found)
+
+    def told(self, table: npt.NDArray[np.integer]) -> list[tuple[list[str], str]]:
+        """The right names of each object, and the one that the table of names gives it."""
+        return [
+            (names, COLOURS[np.bincount(table[places], weights, len(COLOURS)).argmax()])
+            for names, places, weights in self.objects
+        ]
+
+
+def lit_swatches(homes: Sequence[Objects], rng: np.random.Generator) -> tuple[Array, npt.NDArray[np.intp]]:
+    """L*a*b* (N, 3) of chips under the homes' lights after the white balance, and the numbers of their names."""
+    lights = np.concatenate([home.gains[rng.integers(len(home.gains), size=PER_HOME)] for home in homes])
     lab, names = chips()
-    chroma = np.hypot(lab[:, 1], lab[:, 2])
+    chroma, hue = np.hypot(lab[:, 1], lab[:, 2]), np.degrees(np.arctan2(lab[:, 2], lab[:, 1]))
+    ochre = (names == COLOURS.index("brown")) & (OCHRE_DEG[0] < hue) & (hue < OCHRE_DEG[1])
+    ochre &= (chroma > OCHRE_CHROMA) & (lab[:, 0] > OCHRE_L)
     white = names == COLOURS.index("white")
-    fit = (chroma < VIVID) & ~np.isin(names, [COLOURS.index("black"), COLOURS.index("grey")])
+    fit = ~ochre & (chroma < VIVID) & ~np.isin(names, [COLOURS.index("black"), COLOURS.index("grey")])
     fit &= np.where(white, chroma <= WHITE, chroma >= PALE)
     labs, numbers = [lab[fit]], [names[fit]]
     for name, (count, low, high, most) in GREYS.items():
@@ -211,24 +248,26 @@ class Called:
         return np.asarray(result[back.ravel()])
 
 
-def measure(homes: list[str]) -> None:
-    called, table, right = Called(), Counter[tuple[str, str]](), 0
-    for home in homes:
-        mapped, may = ObjectMap(SURE), defaultdict[int, Array](lambda: np.zeros(len(COLOURS) + 1))
-        for seen in walk(home, mapped):
-            if len(seen.unlit):
-                may[seen.id] += [*called.may(seen.unlit).mean(0), len(seen.unlit)]
-        mapped.merge_and_prune()
-        for obj in mapped.objects():
-            *shares, pixels = may[obj.id]
-            if obj.colours and pixels >= MIN_PIXELS:
-                names = [n for n, share in zip(COLOURS, shares, strict=True) if share >= 0.8 * max(shares)]
-                right += obj.colours[0][0] in names
-                table[" or ".join(names), obj.colours[0][0]] += 1
-    total = sum(table.values())
-    print(f"first colour right: {right} of {total} mapped objects, {right / total:.1%}")
-    for (true, told), count in table.most_common():
-        print(f"  {true:28} told {told:8}{count:4}{'' if told in true.split() else '  wrong'}")
+def measure(homes: Sequence[Objects]) -> None:
+    told = [(" or ".join(true), name) for home in homes for true, name in home.told(colour_table())]
+    right = sum(name in true.split() for true, name in told)
+    print(f"first colour right: {right} of {len(told)} mapped objects, {right / len(told):.1%}")
+    for (true, name), count in Counter(told).most_common():
+        print(f"  {true:28} told {name:8}{count:4}{'' if name in true.split() else '  wrong'}")
+
+
+def fit(homes: Sequence[Objects]) -> None:
+    best, most = dict[str, list[tuple[int, ...]]](), -1
+    for seed in range(FITS):
+        rng = np.random.default_rng(seed)
+        found = prototypes(*lit_swatches(homes, rng), rng)
+        table = table_of(found)
+        right = sum(name in true for home in homes for true, name in home.told(table))
+        if right > most:
+            best, most = found, right
+    print(f"right: {most} of {sum(len(home.objects) for home in homes)} objects")
+    for name, labs in best.items():
+        print(f"{name:8}{labs}{'' if tuple(labs) == PROTOTYPES[name] else '   now ' + str(PROTOTYPES[name])}")
 
 
 def main() -> None:
@@ -240,15 +279,10 @@ def main() -> None:
         help="fit the prototypes, or measure how often they are right",
     )
     parser.add_argument("homes", nargs="+", help="generated homes, by number")
-    parser.add_argument("--seed", type=int, default=2, help="of the fit (default: %(default)s)")
     options = parser.parse_args()
-    if options.what == "measure":
-        measure(options.homes)
-        return
-    rng = np.random.default_rng(options.seed)
-    found = prototypes(*lit_swatches(options.homes, rng), rng)
-    for name, labs in found.items():
-        print(f"{name:8}{labs}{'' if tuple(labs) == PROTOTYPES[name] else '   now ' + str(PROTOTYPES[name])}")
+    called = Called()
+    homes = [Objects.of(home, called) for home in options.homes]
+    (measure if options.what == "measure" else fit)(homes)
 
 
 if __name__ == "__main__":

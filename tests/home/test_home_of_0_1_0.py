@@ -45,12 +45,13 @@ def test_it_loads_whole(folder: Path) -> None:
 
 
 def test_its_map_is_the_one_made_today(folder: Path) -> None:
-    """But for boxes, which are fitted to all views today, and the names of colours."""
+    """But for boxes, which are fitted to all views today, the names of colours, and earlier frames as evidence."""
     home, anew = cartier.Home.load(folder), cartier.map_home(FIRST, TrueBoxes(OBJECTS), ["object_depth"])
     assert home.corrected is not None
     for old, new in zip(home.corrected.mapped_objects, anew.objects, strict=True):
-        known = ("label", "labels", "probability", "confirmed", "n_detected", "n_observable", "views", "first_seen_s")
+        known = ("label", "labels", "confirmed", "n_detected", "n_observable", "views", "first_seen_s")
         assert all(getattr(new, name) == getattr(old, name) for name in known)
+        assert old.probability - 0.1 < new.probability <= old.probability
         assert np.linalg.norm(np.subtract(old.position, new.position)) < 0.1
     assert home.grid is not None and anew.grid is not None
     assert np.array_equal(home.grid.cells, anew.grid.cells)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from cartier.mapping.box_fitting import agreed_surface, agreement, decoded, flying, sides_seen, surface_box
+from cartier.mapping.box_fitting import agreed_surface, agreement, decoded, flying, on_top, sides_seen, surface_box
 from cartier.mapping.config import DEFAULT_CONFIG, ExtentConfig, MappingConfig
 from cartier.mapping.object_map import ObjectMap
 from cartier.mapping.observation import PATCH_KIND, PATCHES_KEPT, keep_patches
@@ -92,6 +92,29 @@ def test_box_along_walls_fits_a_turned_block(yaw_deg: float) -> None:
     np.testing.assert_allclose(obj.oriented.size, BLOCK[1] - BLOCK[0], atol=0.06)
     np.testing.assert_allclose(obj.oriented.middle, [0, 0, 0.25], atol=0.04)
     assert set(obj.oriented.seen) >= {"+y", "+z"} and "-y" not in obj.oriented.seen
+
+
+def worktop(ends_m: tuple[float, float], per_metre: int) -> np.ndarray:
+    """Points of the top and the front of a worktop 0.9 m high, along x."""
+    along, across = np.meshgrid(np.arange(*ends_m, 1 / per_metre), np.arange(0, 0.6, 1 / per_metre))
+    top = np.stack([along.ravel(), across.ravel(), np.full(along.size, 0.9)], axis=1)
+    return np.concatenate([top, top * (1, 0, 0) + (0, 0, 0.1) + across.reshape(-1, 1) * (0, 0, 1.2)])
+
+
+def test_far_end_of_a_worktop_counts_though_few_points_show_it() -> None:
+    points = np.concatenate([worktop((0, 1.4), 60), worktop((1.4, 2), 12)])
+    assert np.mean(points[:, 0] > 1.4) < 0.03
+    box = surface_box(points, masked=False)
+    assert box is not None
+    np.testing.assert_allclose(box[:, 0], [0, 2], atol=0.12)
+
+
+def test_top_of_furniture_is_one_plane() -> None:
+    points = worktop((0, 2), 20)
+    agreed = points[:, 0] < 1.2
+    np.testing.assert_array_equal(on_top(points, agreed), np.abs(points[:, 2] - 0.9) < 0.03)
+    assert not on_top(points, points[:, 0] < 0.5).any(), "no furniture's top is so small"
+    assert not on_top(points * (1, 1, 0.1), agreed).any(), "a carpet is no top"
 
 
 def test_more_frames_from_one_standpoint_replace_each_other() -> None:

@@ -107,6 +107,7 @@ def test_a_wall_that_is_coloured_is_not_bleached() -> None:
     [((180, 25, 25), "red"), ((130, 20, 25), "red"), ((245, 245, 240), "white"), ((120, 120, 120), "grey"),
      ((190, 188, 175), "white"), ((200, 183, 158), "white"), ((195, 149, 99), "brown"), ((183, 135, 82), "brown"),
      ((25, 25, 25), "black"), ((230, 190, 40), "yellow"), ((220, 110, 35), "orange"), ((110, 75, 45), "brown"),
+     ((178, 131, 46), "yellow"),
      ((60, 130, 60), "green"), ((50, 90, 160), "blue"), ((110, 60, 130), "purple"), ((225, 140, 160), "pink")],
 )  # fmt: skip
 def test_typical_colours(rgb: tuple[int, int, int], colour: str) -> None:

@@ -48,7 +48,8 @@ def restored(arrays: dict[str, Any], **about: Any) -> ObjectMap:
         ("id", "", 5), ("id", "", -1), ("label_votes", "", -1), ("views", "label", -1), ("n_detected", "", -1),
         ("observable", "", -1), ("patches", "pose", 0), ("patches", "pose", 2e5), ("patches", "camera", 0),
         ("patches", "camera", 1e-3), ("patches", "box", 7), ("patches", "seed_m", 0), ("patches", "seed_m", 1.5e5),
-        ("patches", "size_m", 1.5e5),
+        ("patches", "size_m", 1.5e5), ("earlier_pose", "", np.nan), ("earlier_pose", "", 2e5),
+        ("earlier_counts", "", 0), ("earlier_camera", "", 0), ("earlier_camera", "", np.nan),
     ],
 )  # fmt: skip
 def test_numbers_that_no_map_holds_are_refused(column: str, field: str, to: float) -> None:

@@ -199,9 +199,15 @@ ROWS = (
     Row("two cups 0.45 m apart", next_to, (cube("cup", 0, 0, 0.1, id=1), [cube("cup", 0.55, 0, 0.1)]), True),
     Row("two cups 0.65 m apart", next_to, (cube("cup", 0, 0, 0.1, id=1), [cube("cup", 0.75, 0, 0.1)]), False),
     Row(
-        "two beds 0.45 m apart, which boxes outgrow",
+        "two beds 0.45 m apart",
         next_to,
         (box("bed", (0, 0, 0), (2, 3, 0.5), 1), [box("bed", (2.45, 0, 0), (4.45, 3, 0.5), 2)]),
+        True,
+    ),
+    Row(
+        "two beds 0.55 m apart",
+        next_to,
+        (box("bed", (0, 0, 0), (2, 3, 0.5), 1), [box("bed", (2.55, 0, 0), (4.55, 3, 0.5), 2)]),
         False,
     ),
     # between

@@ -113,6 +113,9 @@ class BearingGeometry:
     def fit_boxes(self, columns: Columns, walls_yaw: float | None) -> tuple[Array, list[OrientedBox | None]]:
         return np.stack([columns["box_min"], columns["box_max"]], axis=1), [None] * len(columns["id"])
 
+    def fitted_box(self, columns: Columns, row: int) -> Array | None:
+        return None
+
     def merge(self, columns: Columns, keep: int, drop: int) -> None:
         """Rays cannot be joined: that of the object with more detections stays."""
 

@@ -32,9 +32,13 @@ SURFACE_TOLERANCE_M, SURFACE_TOLERANCE_SHARE = 0.04, 0.01  # two depths of one s
 FLYING_SHARE, MIN_FLYING_M = 0.15, 0.02  # in sizes of the object, by which neighbours on its surface differ at most
 BOX_SLACK = 0.02  # in sides of a box, by which detectors miss an edge
 FALLBACK_AGREEMENT = 0.5  # where too few points are left
+TOP_AGREEMENT, TOP_SHARE = 0.65, 0.1  # of the views, on the top of furniture; of the points, that a top has at least
+TOP_FROM_M, TOP_SIDE_M = 0.2, 0.7  # least height and longer side of a top
+TOP_LAYER_M, TOP_TOLERANCE_M = 0.02, 0.025
 CELLS_PER_SIDE, MIN_CELL_M, MAX_CELL_M = 18, 0.008, 0.03  # points are thinned to one per cell
 MIN_COMPONENT_SHARE = 0.25  # of the largest connected part; smaller parts are no part of the object
-OUTLIER_SHARE = 0.015  # at either end, without masks
+OUTLIER_SHARE = 0.02  # of the surface at either end, without masks
+AREA_CELLS = 16  # along the longest side of an object; each holds the same share of its surface, however many points
 FLOOR_M = 0.03  # lower points are floor, if the object is higher than ``LOW_M``
 LOW_M = 0.15
 NEIGHBOURS = np.stack(np.meshgrid(*[(-1, 0, 1)] * 3), axis=-1).reshape(-1, 3)  # of a cell, itself among them
@@ -64,10 +68,32 @@ def agreed_surface(patches: npt.NDArray[Any], min_agreement: float) -> tuple[Arr
     cell_m = float(np.clip(side_m / CELLS_PER_SIDE, MIN_CELL_M, MAX_CELL_M))
     points = points[np.unique(np.floor(points / cell_m).astype(int), axis=0, return_index=True)[1]]
     share = agreement(points, patches, depth_m, inside)
-    agreed = points[share >= min_agreement]
-    if len(agreed) < MIN_SURFACE_SAMPLES:
-        agreed = points[share >= min(min_agreement, FALLBACK_AGREEMENT)]
-    return agreed if masked or not len(agreed) else _main_component(agreed, 2.5 * cell_m), masked
+    agreed = share >= min_agreement
+    if agreed.sum() < MIN_SURFACE_SAMPLES:
+        agreed = share >= min(min_agreement, FALLBACK_AGREEMENT)
+    if not masked:
+        agreed |= (share >= TOP_AGREEMENT) & on_top(points, agreed)
+    points = points[agreed]
+    return points if masked or not len(points) else _main_component(points, 2.5 * cell_m), masked
+
+
+def on_top(points: Array, agreed: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+    """Which points (k, 3) lie in the plane of a large horizontal surface that ``agreed`` (k,) points show, if any does.
+
+    A box that ends short on a worktop or a bed is a frequent error, and background at the very height of it is rare.
+    """
+    height = points[:, 2]
+    over = agreed & (height > TOP_FROM_M)
+    none = np.zeros(len(points), bool)
+    if not over.any():
+        return none
+    layers = np.bincount(np.rint(height[over] / TOP_LAYER_M).astype(int))
+    both = layers + np.append(layers[1:], 0)
+    if both.max() < TOP_SHARE * agreed.sum():
+        return none
+    plane = np.abs(height - (both.argmax() + 0.5) * TOP_LAYER_M) < TOP_TOLERANCE_M
+    top = points[plane & agreed, :2]
+    return plane if len(top) and np.ptp(top, axis=0).max() > TOP_SIDE_M else none
 
 
 def flying(depth_m: Array, size_m: Array) -> npt.NDArray[np.bool_]:
@@ -114,11 +140,24 @@ def surface_box(points: Array, masked: bool, yaw: float = 0.0) -> Array | None:
         points = points[points[:, 2] > FLOOR_M]
     if len(points) < MIN_SURFACE_SAMPLES:
         return None
-    share = 0 if masked else OUTLIER_SHARE
-    box = np.quantile(points @ about_z(yaw), (share, 1 - share), axis=0)
+    points = points @ about_z(yaw)
+    box = np.stack([points.min(0), points.max(0)]) if masked else _box_of_most(points)
     if 0 < box[0, 2] < max(LOW_M, STANDING_SHARE * box[1, 2]):
         box[0, 2] = 0
     return np.asarray(box)
+
+
+def _box_of_most(points: Array) -> Array:
+    """The box (2, 3) of ``points`` (k, 3) without outliers: the far end of a worktop counts as the near one does, which
+    views show with many more points."""
+    cell_m = max(float(np.ptp(points, axis=0).max()) / AREA_CELLS, MIN_CELL_M)
+    _, of, counts = np.unique(np.floor(points / cell_m).astype(int), axis=0, return_inverse=True, return_counts=True)
+    weight = 1 / counts[of.ravel()]
+    order = np.argsort(points, axis=0)
+    below = np.cumsum(weight[order], axis=0) - weight[order] / 2
+    shares, ordered = below / weight.sum(), np.take_along_axis(points, order, 0)
+    ends = (OUTLIER_SHARE, 1 - OUTLIER_SHARE)
+    return np.stack([np.interp(ends, share, along) for share, along in zip(shares.T, ordered.T, strict=True)], axis=1)
 
 
 def sides_seen(patches: npt.NDArray[Any], box: Array, yaw: float) -> npt.NDArray[np.bool_]:

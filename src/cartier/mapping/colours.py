@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from functools import cache
 
 import numpy as np
@@ -15,22 +16,22 @@ MIN_NAMED_SHARE = 0.12  # of the surface; colours with less are not named
 MAX_NAMED = 3  # colours
 
 PROTOTYPES = {
-    "black": ((15, 0, 1), (7, -2, 1)),
-    "grey": ((32, 1, 3), (58, 2, 2), (46, 2, 3)),
-    "white": ((75, 0, 7), (89, 1, 4), (81, 0, 4)),
-    "red": ((27, 51, 41), (16, 38, 12), (29, 49, 28)),
-    "orange": ((50, 38, 54), (68, 24, 52), (47, 27, 48)),
-    "yellow": ((59, -3, 63), (66, -4, 51), (88, -8, 58)),
-    "green": ((49, -22, 53), (54, -42, 32), (23, -19, 20), (81, -34, 36), (52, -25, 30)),
-    "blue": ((36, -9, -14), (22, 11, -39), (77, -44, 0), (76, -16, -3)),
-    "purple": ((39, 19, -9), (34, 42, -27), (16, 33, -14), (70, 24, -18)),
-    "pink": ((62, 24, 8), (68, 40, 16), (58, 52, -6)),
-    "brown": ((38, 8, 51), (48, 7, 22), (71, 2, 34), (20, 7, 14), (24, 14, 36)),
+    "black": ((14, 0, 1), (8, -2, 0)),
+    "grey": ((48, 2, 2), (33, 1, 2), (56, 2, 3)),
+    "white": ((74, 1, 9), (88, 1, 5), (79, 0, 4)),
+    "red": ((29, 46, 23), (27, 52, 41), (8, 30, 11)),
+    "orange": ((65, 28, 55), (51, 38, 52), (47, 26, 47)),
+    "yellow": ((59, -3, 52), (63, -2, 64), (85, -8, 59)),
+    "green": ((31, -20, 23), (45, -20, 49), (54, -40, 31), (64, -32, 56), (74, -31, 31)),
+    "blue": ((77, -17, -3), (38, -9, -14), (22, 9, -36), (79, -43, 0)),
+    "purple": ((37, 19, -10), (31, 48, -29), (13, 32, -13), (67, 23, -17)),
+    "pink": ((59, 56, -10), (63, 25, 7), (65, 47, 9)),
+    "brown": ((15, 9, 12), (47, 6, 23), (25, 15, 38), (29, 6, 38), (78, 0, 33)),
 }
 """CIE L*a*b* of what has a name, as it looks in a home's light: the nearest names a pixel.
 
 Fitted on the chips of the xkcd colour survey (2010, CC0) under the lights of generated dollhouse homes
-(tools/fit_colours.py; of several fits the one that was right most often in those homes). A white thing indoors is L* 75
+(tools/fit_colours.py; of 80 fits the one that was right most often in those homes). A white thing indoors is L* 75
 to 90.
 """
 LIGHTNESS_WEIGHT = 0.7  # of L* in the distance: one surface varies more in lightness than in hue
@@ -51,10 +52,15 @@ def named_shares(weights: Array) -> tuple[tuple[str, float], ...]:
 @cache
 def colour_table() -> npt.NDArray[np.uint8]:
     """The number of the colour of each of 32 x 32 x 32 RGB values: the name of the nearest prototype."""
+    return table_of(PROTOTYPES)
+
+
+def table_of(named: Mapping[str, Sequence[Sequence[float]]]) -> npt.NDArray[np.uint8]:
+    """The table by other prototypes: of each of the eleven names its CIE L*a*b* values."""
     level = (np.arange(LEVELS) + 0.5) / LEVELS
     srgb = np.stack(np.meshgrid(level, level, level, indexing="ij"), -1).reshape(-1, 3)
-    prototypes = np.array([lab for name in COLOURS for lab in PROTOTYPES[name]])
-    numbers = np.repeat(np.arange(len(COLOURS)), [len(PROTOTYPES[name]) for name in COLOURS])
+    prototypes = np.array([lab for name in COLOURS for lab in named[name]])
+    numbers = np.repeat(np.arange(len(COLOURS)), [len(named[name]) for name in COLOURS])
     scale, seen = np.array((LIGHTNESS_WEIGHT, 1, 1)), lab_of(srgb)
     away = np.square(prototypes * scale).sum(1) - 2 * seen * scale @ (prototypes * scale).T  # squared, less seen's own
     return np.asarray(numbers[away.argmin(1)], np.uint8)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from cartier.errors import InputError, check_pose
 from cartier.mapping.config import ExistenceConfig
-from cartier.types import Array, DetectorScoreModel, Frame
+from cartier.types import Array, Camera, DetectorScoreModel, Frame
 
 BEARING_BINS = 12  # directions from which an object is seen
 VIEWPOINT_BINS = 3 * BEARING_BINS  # near, middle and far
@@ -16,6 +18,18 @@ REFERENCE_WIDTH_RAD = 0.1  # how wide objects usually appear
 MIN_DETECTION_WEIGHT = 0.02  # even the weakest detection is some evidence
 MIN_DEPTH_SAMPLES = 4  # of an object's points, with fewer readings depth cannot say whether it is hidden
 MIN_PROJECTED_SHARE = 0.1  # of the surface in the image from which a detection may be of the object
+MAX_EARLIER = 64  # frames kept; then every other one goes, and half as many are added from there on
+FIRST_STRIDE = 2  # frames from one kept to the next, at first
+COARSE_PX = 40  # about so many samples along a frame's width
+EARLIER = ("earlier_depth", "earlier_pose", "earlier_camera", "earlier_counts")
+
+
+class CoarseFrame(NamedTuple):
+    """What is kept of an earlier frame: depth (h, w) at every so manieth pixel, of half precision, and the pose."""
+
+    depth_m: npt.NDArray[np.float32]
+    world_from_camera: npt.NDArray[np.float64]
+    camera: Camera
 
 
 def viewpoint_bins(positions: Array, camera_xyz: Array, config: ExistenceConfig) -> npt.NDArray[np.intp]:
@@ -78,7 +92,7 @@ def update_existence(
 
 
 def predict_visibility(
-    points: Array, extent_min: Array, extent_max: Array, frame: Frame, config: ExistenceConfig
+    points: Array, extent_min: Array, extent_max: Array, frame: Frame | CoarseFrame, config: ExistenceConfig
 ) -> tuple[npt.NDArray[np.bool_], Array, npt.NDArray[np.intp]]:
     """Which of n objects a frame with depth should show, where, and which it may show at all.
 
@@ -122,3 +136,96 @@ def _bounding_spheres(extent_min: Array, extent_max: Array, pose: Array) -> tupl
     """Radii (n,) of objects, and their centres (n, 3) in the frame of the camera."""
     centres = (extent_min + extent_max) / 2
     return np.linalg.norm(extent_max - extent_min, axis=1) / 2, (centres - pose[:3, 3]) @ pose[:3, :3]
+
+
+class EarlierFrames:
+    """Depth and poses of at most 64 earlier frames, evenly over the recording.
+
+    An object counts the frames that should show it from its first detection on. Without those before, it would be the
+    likelier the later it is first detected, and another order of the frames would give another map.
+    """
+
+    def __init__(self) -> None:
+        self._frames: list[CoarseFrame] = []
+        self._camera: Camera | None = None  # of the frames before they were made coarse
+        self._stride, self._count = FIRST_STRIDE, 0
+
+    def add(self, frame: Frame) -> None:
+        """Keep a frame with depth, if it is its turn; frames of another camera replace all."""
+        if frame.depth_m is None:
+            return
+        if self._count % self._stride == 0:
+            kept = self._frames[0].camera if self._frames else None
+            small = kept if kept and frame.camera == self._camera else coarse_camera(frame.camera)
+            if small != kept:
+                self._frames = []
+            if len(self._frames) == MAX_EARLIER:
+                self._frames, self._stride = self._frames[::2], 2 * self._stride
+            step = coarse_step(frame.camera)
+            depth_m = frame.depth_m[step // 2 :: step, step // 2 :: step].astype(np.float16).astype(np.float32)
+            self._frames.append(CoarseFrame(depth_m, frame.world_from_camera, small))
+            self._camera = frame.camera
+        self._count += 1
+
+    def count(self, columns: Mapping[str, Array], rows: npt.NDArray[np.intp], config: ExistenceConfig) -> None:
+        """Count the frames that should have shown the new objects ``rows`` (k,), in place."""
+        if not len(rows):
+            return
+        points, low, high = (columns[name][rows] for name in ("points", "extent_min", "extent_max"))
+        centres, reach_m = (columns["box_min"][rows] + columns["box_max"][rows]) / 2, np.ptp(points, axis=1).max(1)
+        for frame in self._in_view(centres, reach_m):
+            observable, _, _ = predict_visibility(points, low, high, frame, config)
+            seen = np.flatnonzero(observable)
+            if len(seen):
+                bins = viewpoint_bins(centres[seen], frame.world_from_camera[:3, 3], config)
+                columns["observable"][rows[seen], bins] += 1
+
+    def _in_view(self, centres: Array, reach_m: Array) -> list[CoarseFrame]:
+        """The frames that may show most of an object by its centre (k, 3)."""
+        if not self._frames:
+            return []
+        poses = np.array([frame.world_from_camera for frame in self._frames])
+        camera = self._frames[0].camera
+        x, y, z = np.moveaxis(np.einsum("fkx,fxy->fky", centres - poses[:, None, :3, 3], poses[:, :3, :3]), 2, 0)
+        wide, tall = camera.width / camera.fx / 2, camera.height / camera.fy / 2
+        inside = (z > 0) & (np.abs(x) < wide * z + reach_m / 4) & (np.abs(y) < tall * z + reach_m / 4)
+        return [self._frames[k] for k in np.flatnonzero(inside.any(1)).tolist()]
+
+    def state(self) -> dict[str, npt.NDArray[Any]]:
+        """All of it, as named arrays; none without frames."""
+        if not self._frames:
+            return {}
+        of = self._frames[0].camera
+        depth = np.array([frame.depth_m for frame in self._frames], np.float16)
+        poses = np.array([frame.world_from_camera for frame in self._frames])
+        camera = np.array([of.fx, of.fy, of.cx, of.cy])
+        return dict(zip(EARLIER, (depth, poses, camera, np.array([self._stride, self._count])), strict=True))
+
+    def restore(self, arrays: Mapping[str, npt.NDArray[Any]]) -> None:
+        """Take what ``state`` gave; maps made before hold none. Raises KeyError or ValueError."""
+        if EARLIER[0] not in arrays:
+            return
+        depth, poses, lens, counts = (arrays[name] for name in EARLIER)
+        stride, count = (int(number) for number in counts)
+        if not (len(depth) <= MAX_EARLIER and stride >= FIRST_STRIDE and count > 0) or depth.dtype != np.float16:
+            raise ValueError("its earlier frames are none")
+        self._stride, self._count = stride, count
+        try:
+            camera = Camera(depth.shape[2], depth.shape[1], *map(float, lens))
+            pairs = zip(depth.astype(np.float32), poses, strict=True)
+            self._frames = [CoarseFrame(depth_m, check_pose(pose), camera) for depth_m, pose in pairs]
+        except InputError as error:
+            raise ValueError(f"an earlier frame: {error}") from error
+
+
+def coarse_camera(camera: Camera) -> Camera:
+    """The camera of every so manieth pixel; a point is at the nearest of them."""
+    step = coarse_step(camera)
+    first, width, height = step // 2, *(len(range(step // 2, side, step)) for side in (camera.width, camera.height))
+    cx, cy = ((middle - first) / step + 0.5 for middle in (camera.cx, camera.cy))
+    return Camera(width, height, camera.fx / step, camera.fy / step, cx, cy)
+
+
+def coarse_step(camera: Camera) -> int:
+    """How many pixels lie from one to the next that are kept."""
+    return max(1, round(camera.width / COARSE_PX))

@@ -89,6 +89,10 @@ class Geometry(Protocol):
         """The boxes (n, 2, 3) of all objects, least and greatest corner, and those in the directions of the walls."""
         ...
 
+    def fitted_box(self, columns: Columns, row: int) -> Array | None:
+        """The fitted box (2, 3) of one object; None where views show too little of it."""
+        ...
+
     def merge(self, columns: Columns, keep: int, drop: int) -> None:
         """Join the extents of two rows that are one object."""
         ...
@@ -194,6 +198,9 @@ class DepthGeometry:
         turned = zip(columns["fitted_along_walls"], columns["seen"], sound & (walls_yaw is not None), strict=True)
         oriented = [_oriented(box, seen, yaw) if good else None for box, seen, good in turned]
         return np.where(sound[:, None, None], fitted, running), oriented
+
+    def fitted_box(self, columns: Columns, row: int) -> Array | None:
+        return surface_box(*agreed_surface(columns["patches"][row], self.config.extent.min_agreement))
 
     def merge(self, columns: Columns, keep: int, drop: int) -> None:
         both = np.concatenate([columns["patches"][keep], columns["patches"][drop]])

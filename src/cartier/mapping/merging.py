@@ -17,6 +17,7 @@ SAME_LABEL_CONTAINMENT = 0.7  # share of one within the other from which two obj
 OTHER_LABEL_NESTING = 0.85  # the same for different labels, of those whose IoU is above that for one label
 USUAL_SIZE_QUANTILE = 0.6  # of the sizes of all objects of a label, weighted by detections
 FLAT_PAD_M = 0.01  # so that flat objects overlap, too
+MIN_FITTED = 3  # detections of either, from which the fitted boxes of two objects may keep them apart
 MIN_FRAGMENTED_M = 0.4  # nothing smaller is hidden by halves
 
 
@@ -30,7 +31,10 @@ def merge_and_prune(
     merged into, and the rows to remove.
     """
     seen, changed = columns["n_detected"], np.flatnonzero(columns["changed"])
-    pairs = [(int(changed[i]), int(j)) for i, j in np.argwhere(_one_object(columns, changed, config))]
+    alike, fragments = _one_object(columns, changed, config)
+    for i, j in np.argwhere(alike & ~fragments).tolist():
+        alike[i, j] = changed[i] != j and not _apart(columns, int(changed[i]), j, covisible, geometry, config)
+    pairs = [(int(changed[i]), int(j)) for i, j in np.argwhere(alike | fragments)]
     merged, gone = _merge_pairs(columns, pairs, covisible, geometry, config)
     columns["changed"][:] = False
     rare = (seen <= config.prune_max_detected) & (columns["n_observable"] >= config.prune_min_observable)
@@ -77,8 +81,30 @@ def _merge_pairs(
     return merged, gone
 
 
-def _one_object(columns: Columns, changed: Indices, config: MergingConfig) -> npt.NDArray[np.bool_]:
-    """Which of the ``changed`` objects (k,) look like one object with which of all (n,): (k, n)."""
+def _apart(
+    columns: Columns,
+    i: int,
+    j: int,
+    covisible: Mapping[tuple[int, int], int],
+    geometry: Geometry,
+    config: MergingConfig,
+) -> bool:
+    """Whether two rows, both seen often enough, have fitted boxes that do not overlap: neighbours whose extents do."""
+    least, (one_id, other_id) = min(columns["n_detected"][[i, j]]), sorted(columns["id"][[i, j]].tolist())
+    if least < MIN_FITTED or covisible.get((one_id, other_id), 0) > config.max_covisible_share * least:
+        return False  # the former says little; the latter are apart anyway
+    one, other = (geometry.fitted_box(columns, row) for row in (i, j))
+    if one is None or other is None:
+        return False
+    nested = box_overlaps(one[:1], one[1:], other[:1], other[1:], FLAT_PAD_M)[1]
+    return bool(nested[0, 0] <= config.fitted_overlap)
+
+
+def _one_object(
+    columns: Columns, changed: Indices, config: MergingConfig
+) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
+    """Which of the ``changed`` objects (k,) look like one object with which of all (n,), and which may be fragments of
+    one: (k, n) each."""
     names = columns["label_votes"][np.arange(len(columns["id"])), columns["label_weights"].argmax(1)]
     low, high = columns["extent_min"], columns["extent_max"]
     iou, nested, contained = box_overlaps(low[changed], high[changed], low, high, PAD_M)
@@ -87,7 +113,7 @@ def _one_object(columns: Columns, changed: Indices, config: MergingConfig) -> np
     other_label = (iou > config.other_label_iou) | ((iou > config.same_label_iou) & (nested > OTHER_LABEL_NESTING))
     equal = names[changed][:, None] == names
     alike = np.where(equal, same_label, other_label)
-    return np.asarray(alike | (equal & merge_fragments(columns, changed, names, config)))
+    return alike, equal & merge_fragments(columns, changed, names, config)
 
 
 def merge_fragments(

@@ -20,7 +20,7 @@ from cartier.io.files import json_bytes, npz_bytes, parse_json, read_npz, typed
 from cartier.mapping.association import add_label_vote, label_agreement, suppress_duplicates, touching_pairs
 from cartier.mapping.columns import COLUMNS, Indices, check_columns, empty_columns, map_objects
 from cartier.mapping.config import DEFAULT_CONFIG, MappingConfig
-from cartier.mapping.existence import detection_weights, mark_detected, posterior, update_existence
+from cartier.mapping.existence import EarlierFrames, detection_weights, mark_detected, posterior, update_existence
 from cartier.mapping.extent import DepthGeometry, NewGeometry
 from cartier.mapping.merging import keep_rows, merge_and_prune, merge_by_box
 from cartier.mapping.observation import LiftedDetections
@@ -45,6 +45,7 @@ class ObjectMap:
         self._kinds = {**COLUMNS, **self.geometry.columns}
         self._rows = empty_columns(self._kinds, GROWTH_ROWS)
         self._count = self._next_id = self._frames = 0
+        self._earlier = EarlierFrames()
         self._walls_yaw: float | None = None  # of the boxes that were fitted last
         self._covisible: dict[tuple[int, int], int] = {}  # frames that show two touching objects side by side, by ids
         self._aliases: dict[int, int] = {}  # ids of objects that were merged into another one
@@ -70,6 +71,7 @@ class ObjectMap:
         for d in distinct[(row[distinct] < 0) & (scores[distinct] >= self.score_model.spawn_threshold)]:
             row[d] = self._spawn(lifted, int(d), frame.time_s)
         seen, new = distinct[row[distinct] >= 0], self._count - n_known
+        self._earlier.count(self.columns(), np.arange(n_known, self._count), self.config.existence)
         whole = np.append(observable, np.ones(new, bool))[row[seen]]  # a part must not make an object smaller
         columns, shrink = self.columns(), np.where(whole, self.config.extent.shrink_rate, 0)
         self.geometry.update(columns, row[seen], lifted, seen, shrink)
@@ -92,6 +94,7 @@ class ObjectMap:
             self._covisible[pair] = self._covisible.get(pair, 0) + 1
         ids = np.where(row >= 0, self._rows["id"][row], -1)  # before merging moves the rows
         self._frames += 1
+        self._earlier.add(frame)
         if self._frames % self.config.merging.interval_frames == 0:
             self.merge_and_prune()
         given = np.full(len(detections.scores), -1)
@@ -194,7 +197,10 @@ class ObjectMap:
             "covisible": [[*pair, count] for pair, count in self._covisible.items()],
             "aliases": [list(pair) for pair in self._aliases.items()],
         }  # fmt: skip
-        return {"object_map.npz": npz_bytes(**self.columns()), "object_map.json": json_bytes(about)}
+        return {
+            "object_map.npz": npz_bytes(**self.columns(), **self._earlier.state()),
+            "object_map.json": json_bytes(about),
+        }
 
     def restore(self, state: Mapping[str, bytes]) -> None:
         """Take what ``state`` gave into a new map. Raises InputError if it is damaged."""
@@ -211,6 +217,7 @@ class ObjectMap:
             self._count, self._next_id, self._frames = len(arrays["id"]), int(about["next_id"]), int(about["frames"])
             if int(arrays["id"].max(initial=-1)) >= self._next_id:
                 raise ValueError("an object has the number of the next one")
+            self._earlier.restore(arrays)
             self._covisible = {(int(i), int(j)): int(k) for i, j, k in about["covisible"]}
             self._aliases = {int(old): int(new) for old, new in about["aliases"]}
         except (AttributeError, KeyError, TypeError, ValueError, OverflowError) as error:

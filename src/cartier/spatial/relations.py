@@ -36,8 +36,7 @@ ASKED_TIE_M = 0.25  # distance behind the nearest object within which others cou
 ASKED_ON_M = 0.12  # "on" and "in", from the boxes alone, where no support is known
 ASKED_UNDER_M, ASKED_ABOVE_M = 0.1, 0.3  # "under" and "above": largest gap between the outlines on the floor plan
 
-BLUR_M, BLUR = 0.05, 0.13  # standard deviation of distances between boxes: at least, and per metre of the larger one
-OUTGROWN, USUAL_M = 0.1, 0.4  # boxes from pixels are too close by this share of the larger one's side above the usual
+BLUR_M, BLUR = 0.05, 0.08  # standard deviation of distances between boxes: at least, and per metre of the larger one
 AWRY_M = 0.07  # standard deviation of the centres of boxes
 BLUR_SIZE = 0.15  # standard deviation of the logarithms of sizes
 NEARER = 10.0  # log-odds of being the nearest, per metre
@@ -161,7 +160,7 @@ def next_to(obj: MapObject, objects: Sequence[MapObject]) -> tuple[Relation, ...
     level = np.maximum(low[:, 2] - own_high[2], own_low[2] - high[:, 2]) < LEVEL_M
     same_room = np.array([None in (obj.room, other.room) or obj.room == other.room for other in objects], bool)
     larger = np.maximum((high - low)[:, :2].max(1), (own_high - own_low)[:2].max())
-    close = _chance((NEXT_M - apart - OUTGROWN * (larger - USUAL_M)) / np.hypot(BLUR_M, BLUR * larger))
+    close = _chance((NEXT_M - apart) / np.hypot(BLUR_M, BLUR * larger))
     return _told("next to", obj, objects, apart, level * same_room * close * _chance((0.5 - share) / 0.2))
 
 
