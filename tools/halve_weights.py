@@ -1,6 +1,6 @@
 """Converter of an ONNX file's float32 weights to float16: half the bytes, and a graph that still reckons in float32.
 
-python tools/halve_weights.py IN.onnx OUT.onnx     (needs onnx)
+python tools/halve_weights.py SOURCE.onnx TARGET.onnx     (needs onnx)
 Arrays of more than 64 numbers are stored as float16, and a Cast gives them back; onnxruntime folds it when it loads the
 file. The networks in `models/photos` were made in this way.
 """
@@ -39,8 +39,8 @@ def halve(model: onnx.ModelProto) -> int:
 
 def main() -> None:
     parser = Parser(__doc__)
-    parser.add_argument("source", type=Path, metavar="IN.onnx")
-    parser.add_argument("target", type=Path, metavar="OUT.onnx")
+    parser.add_argument("source", type=Path, help="file to read")
+    parser.add_argument("target", type=Path, help="file to write")
     options = parser.parse_args()
     model = onnx.load(options.source)
     count = halve(model)

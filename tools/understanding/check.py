@@ -53,9 +53,7 @@ def fault(line: Line, states: dict[str, DialogueState]) -> str:
     return wrong
 
 
-def _fault(
-    act: str, asked: ParsedUtterance, told: str, ids: list[int], scene: Scene, state: DialogueState
-) -> str:
+def _fault(act: str, asked: ParsedUtterance, told: str, ids: list[int], scene: Scene, state: DialogueState) -> str:
     if told == "?" or act not in (*FINDS, "count", "exists", "list", "compare"):
         return ""
     head = asked.head

@@ -131,4 +131,3 @@ def _merged(found: Sequence[ReferringExpression]) -> ReferringExpression:
         if k != (named[0] if named else 0):
             first = replace(merged(first, noun), other=first.other or noun.other)
     return first
-
