@@ -1,6 +1,6 @@
 """Benchmark of detectors on photographs of household objects: AP50, and precision and recall, by name.
 
-python benchmarks/photographs.py [DETECTOR …] [--photos ../shared/photos] [--least 3]     (default: photos)
+python benchmarks/photographs.py [DETECTOR …] [--photos ../shared/photos] [--part even|odd] [--least 3]
 A detector is what `cartier map --detector` takes. The photographs are COCO's, with boxes in YOLO's text format
 (labels/*.txt: class, cx, cy, w, h as fractions of the image); a box is right that has the name and overlaps the true
 one by half. Names of which there are fewer than `--least` boxes are only in the sums.
@@ -27,11 +27,12 @@ from PIL import Image
 from cartier import specs
 from cartier.detectors.boxes import iou
 from cartier.detectors.sidecar import coco80, read_sidecar
-from cartier.models import nanodet
+from cartier.models import photos as shipped
 from cartier.types import Camera, Frame
 
 SHARED = Path(__file__).resolve().parents[2] / "shared"
-HOUSEHOLD = [name for name in read_sidecar(nanodet.SIDECAR).labels if name]
+HOUSEHOLD = [name for name in read_sidecar(shipped.SIDECAR).labels if name]
+PARTS = {"even": 0, "odd": 1}  # the first chose the settings of the detector `photos`, the second did not
 LOW = 0.02  # scores from here on make the precision-recall curve
 
 
@@ -51,12 +52,14 @@ class Matched:
     boxes: dict[str, list[float]] = field(default_factory=lambda: defaultdict(list))
 
 
-def photographs(folder: Path) -> Iterator[Photo]:
-    """The photographs of a folder with their true boxes; ends the program where there are none."""
+def photographs(folder: Path, part: str = "all") -> Iterator[Photo]:
+    """The photographs of a folder, or every other one, with their true boxes; ends the program where there are none."""
     if not (folder / "images").is_dir():
         raise SystemExit(f"{folder} holds no images: give a folder of COCO photographs with --photos")
     names = coco80()
     for number, path in enumerate(sorted((folder / "images").iterdir())):
+        if part in PARTS and number % 2 != PARTS[part]:
+            continue
         rgb = np.asarray(Image.open(path).convert("RGB"))
         height, width = rgb.shape[:2]
         told = folder / "labels" / f"{path.stem}.txt"
@@ -120,8 +123,9 @@ def main() -> None:
     parser.add_argument("detectors", nargs="*", default=["photos"], help="as of cartier map (default: photos)")
     parser.add_argument("--photos", type=Path, default=SHARED / "photos", help="folder with images/ and labels/")
     parser.add_argument("--least", type=int, default=3, help="boxes of a name that has a row (default: %(default)s)")
+    parser.add_argument("--part", choices=["all", *PARTS], default="all", help="every other photograph, by name")
     options = parser.parse_args()
-    photos = list(photographs(options.photos))
+    photos = list(photographs(options.photos, options.part))
     for spec in options.detectors:
         usual = specs.detector(spec, None)  # type: ignore[arg-type]  # only ground truth reads the recording
         detector, matched = specs.detector(spec, None, threshold=LOW), Matched()  # type: ignore[arg-type]

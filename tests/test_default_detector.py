@@ -12,10 +12,12 @@ from typer.testing import CliRunner
 
 from cartier import plugins, specs
 from cartier.cli import app
+from cartier.errors import CartierError
 from cartier.home import Home
 from cartier.mapping.domain import domain_warning, is_from_world
 from cartier.pipeline import ask, map_home
 from cartier.recordings.folder import save
+from cartier.types import Camera, Frame
 from cartier.understanding.out_of_vocabulary import out_of_vocabulary_mention
 from synthetic import THINGS, RoomRecording, TrueBoxes, walk
 
@@ -30,6 +32,16 @@ def named(name: str, truth: bool = True) -> Any:
     recording = walk()
     recording.name = name
     return recording if truth else Untrue(recording.poses, recording.objects, name=name)
+
+
+class Pictures(list[Frame]):
+    """Frames as a recording without truth."""
+
+    name, truth = "flat", None
+
+    @property
+    def camera(self) -> Camera:
+        return self[0].camera
 
 
 class Untrue(RoomRecording):
@@ -88,7 +100,7 @@ def test_a_photograph_detector_is_told_of_the_dollhouses_own(tmp_path: Path) -> 
     doll, flat = named("dollhouse studio"), named("my flat", truth=False)
     photos = plugins.make("detectors", "photos", threads=1)
     told = domain_warning(photos, doll)
-    assert told is not None and "\n" not in told and told.startswith("WRONG DETECTOR: photos NanoDet")
+    assert told is not None and "\n" not in told and told.startswith("WRONG DETECTOR: photos NanoDet-Plus-m")
     assert "the dollhouse has a detector of its own, which fits; map again without --detector" in told
     assert domain_warning(photos, flat) is None and domain_warning(photos, named("ai2thor FloorPlan1")) is None
     assert domain_warning(plugins.make("detectors", "embedded", threads=1), doll) is None
@@ -134,3 +146,35 @@ def test_detectors_tell_their_names() -> None:
     assert len(photos.knows) == 51 and "cup" in photos.knows
     assert len(embedded.knows) == 125 and embedded.world == "dollhouse"
     assert np.all([isinstance(name, str) for name in (*photos.knows, *embedded.knows)])
+
+
+def test_rendered_pictures_are_told_by_themselves() -> None:
+    """A camera's noise gives every part of a picture colours of its own; a shader paints flat."""
+    photos = plugins.make("detectors", "photos", threads=1)
+    rng = np.random.default_rng(0)
+    camera = Camera(640, 480, 500, 500, 320, 240)
+    ramp = np.linspace(20, 230, 640, dtype=np.float32)[None, :, None] * np.array([1.0, 0.8, 0.6], np.float32)
+    shaded = np.broadcast_to(ramp, (480, 640, 3)).astype(np.uint8)
+    noisy = np.clip(shaded + rng.normal(0, 6, shaded.shape), 0, 255).astype(np.uint8)
+
+    def recording(rgb: np.ndarray, sized: Camera = camera) -> Any:
+        return Pictures([Frame(i, i / 30, rgb, None, np.eye(4), sized) for i in range(3)])
+
+    told = domain_warning(photos, recording(shaded))
+    assert told is not None and "\n" not in told and "look rendered" in told
+    assert domain_warning(photos, recording(noisy)) is None
+    small = Camera(160, 120, 125, 125, 80, 60)
+    assert domain_warning(photos, recording(shaded[::4, ::4], small)) is None, "too few pixels to say"
+    assert domain_warning(TrueBoxes(THINGS), recording(shaded)) is None, "nobody knows what it was made for"
+
+
+@pytest.mark.parametrize("wrong", [[], ["--index", "nonsense"]])
+def test_map_refuses_before_the_work(wrong: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Neither a folder that is not ours nor an index that is missing waits for the recording to be read."""
+    monkeypatch.setattr(plugins, "open_recording", lambda *_, **__: pytest.fail("the recording was opened"))
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine/letters.txt").touch()
+    output = tmp_path / ("home" if wrong else "mine")
+    run = CliRunner().invoke(app, ["map", str(tmp_path), "-o", str(output), *wrong])
+    assert isinstance(run.exception, CartierError), run.exception
+    assert "no 'nonsense' among the indexes" in str(run.exception) if wrong else "is not ours" in str(run.exception)

@@ -29,7 +29,7 @@ MISSING = {
     "benchmarks/vlmaps.py": "HERE",
     "tools/calibrate_existence.py": "HERE",
     "tools/calibrate_on_photographs.py": "--photos HERE",
-    "tools/convert_nanodet.py": "HERE HERE HERE",
+    "tools/halve_weights.py": "HERE HERE",
     "tools/build_text_encoder.py": "HERE",
     "tools/fit_decision.py": "HERE",
     "tools/train_dollhouse_detector.py": "export HERE HERE",

@@ -1,10 +1,10 @@
 """Calibration of a detector's scores on photographs with true boxes: the score_model of its sidecar.
 
-python tools/calibrate_on_photographs.py [DETECTOR] [--photos ../shared/photos]     (default: photos)
+python tools/calibrate_on_photographs.py [DETECTOR] [--photos ../shared/photos] [--part even|odd]     (default: photos)
 Its last line goes into the sidecar. A logistic regression of "right" on the score's logit, over every detection of a
-household thing but persons, who would be half of all: `low` and `birth` are the score from which one of ten is right,
-`threshold` one of two, `high` seven of ten. Nothing else is fitted: how real objects and inventions spread over
-standpoints cannot be had from single photographs, and stays at the defaults.
+household thing but persons, who would be half of all: `spawn_threshold` and `zero_weight_score` are the score from
+which one of ten is right, `threshold` one of two, `full_weight_score` seven of ten. Nothing else is fitted: how real
+objects and inventions spread over standpoints cannot be had from single photographs, and stays at the defaults.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from scipy.special import expit, logit
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
 
 from command_line import Parser, run_script
-from photographs import LOW, SHARED, Matched, match, photographs
+from photographs import LOW, PARTS, SHARED, Matched, match, photographs
 
 from cartier import specs
 
@@ -39,8 +39,9 @@ def main() -> None:
     parser = Parser(__doc__)
     parser.add_argument("detector", nargs="?", default="photos", help="as of cartier map (default: photos)")
     parser.add_argument("--photos", type=Path, default=SHARED / "photos", help="folder with images/ and labels/")
+    parser.add_argument("--part", choices=["all", *PARTS], default="all", help="every other photograph, by name")
     options = parser.parse_args()
-    photos, matched = list(photographs(options.photos)), Matched()
+    photos, matched = list(photographs(options.photos, options.part)), Matched()
     detector = specs.detector(options.detector, None, threshold=LOW)  # type: ignore[arg-type]  # none of these reads it
     for photo in photos:
         match(photo, detector, matched)
@@ -56,7 +57,8 @@ def main() -> None:
             )
     at = {share: round(float(expit((logit(share) - a) / b)), 2) for share in (0.1, 0.5, 0.7)}
     about = f"{len(photos)} COCO photographs with {boxes} household things"
-    score_model = {"threshold": at[0.5], "birth": at[0.1], "low": at[0.1], "high": at[0.7], "measured": about}
+    score_model = {"threshold": at[0.5], "spawn_threshold": at[0.1], "zero_weight_score": at[0.1]}
+    score_model |= {"full_weight_score": at[0.7], "measured": about}
     print(json.dumps({"threshold": at[0.5], "score_model": score_model}))
 
 

@@ -6,41 +6,22 @@ import shutil
 from pathlib import Path
 
 import numpy as np
-import onnx
 import pytest
-from onnx import helper, utils
 from PIL import Image
 from tiny_onnx import constant_net, describe
 from tiny_onnx import frame as red_frame
 
 from cartier import plugins
+from cartier.detectors.boxes import iou
 from cartier.errors import BackendError, InputError
-from cartier.models import nanodet
-from cartier.types import Camera, Detections, Frame
+from cartier.models import photos
+from cartier.types import Camera, Frame
 
 PICTURES = Path(__file__).parents[1] / "data" / "pictures"
 
 
 def seen(rgb: np.ndarray, index: int = 0) -> Frame:
     return Frame(index, 0.0, rgb, None, np.eye(4), Camera(rgb.shape[1], rgb.shape[0], 585, 585, 320, 240))
-
-
-def ungrafted(folder: Path) -> Path:
-    """The shipped network as NanoDet's own export gives it: 80 scores and 4 x 8 distances a cell, undecoded."""
-    whole = onnx.load(nanodet.MODEL)
-    decoded = next(i for i, node in enumerate(whole.graph.node) if node.op_type == "Slice" and node.output == ["sc"])
-    cut = folder / "cut.onnx"
-    utils.extract_model(str(nanodet.MODEL), str(cut), ["data"], [whole.graph.node[decoded].input[0]])
-    model = onnx.load(cut)
-    model.graph.output[0].CopyFrom(helper.make_tensor_value_info(model.graph.output[0].name, 1, [1, 3598, 112]))
-    onnx.save(model, cut)
-    return cut
-
-
-def assert_same(one: Detections, two: Detections) -> None:
-    assert one.labels == two.labels
-    assert one.scores == pytest.approx(two.scores, abs=1e-4)
-    assert one.boxes_xyxy == pytest.approx(two.boxes_xyxy, abs=0.05)
 
 
 @pytest.mark.parametrize(
@@ -60,12 +41,12 @@ def test_objects_are_found_where_they_are(picture: str, label: str, box: tuple[i
     found = detector.detect(seen(np.asarray(Image.open(PICTURES / f"{picture}.jpg").convert("RGB"))))
     found = found.keep(found.scores >= detector.score_model.threshold)
     assert label in found.labels
-    assert found.boxes_xyxy[found.labels.index(label)] == pytest.approx(box, abs=8)
+    assert iou(found.boxes_xyxy[found.labels.index(label)], np.array([box]))[0] > 0.75
 
 
 def test_it_keeps_the_laws_on_noise_of_any_size() -> None:
     detector, low = (plugins.make("detectors", "photos", threshold=t, threads=1) for t in (None, 0.01))
-    assert "counts from 0.45" in detector.name and detector.sha256 and not detector.notes
+    assert "counts from 0.41" in detector.name and detector.sha256 and not detector.notes
     for height, width in ((480, 640), (1, 1), (97, 33), (640, 360)):
         view = seen(np.random.default_rng(height).integers(0, 255, (height, width, 3), np.uint8))
         few, many = detector.detect(view), low.detect(view)
@@ -76,18 +57,23 @@ def test_it_keeps_the_laws_on_noise_of_any_size() -> None:
 
 
 def test_what_no_household_holds_has_no_name() -> None:
-    names = {name for name in plugins.make("detectors", "photos", threads=1)._sidecar.labels if name}
+    names = set(plugins.make("detectors", "photos", threads=1).knows)
     assert len(names) == 51 and {"cup", "couch", "bed"} <= names and not {"truck", "zebra"} & names
 
 
 def test_a_changed_network_and_wrong_options_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    changed = Path(shutil.copy(nanodet.MODEL, tmp_path / "m.onnx"))
+    copied = Path(shutil.copytree(photos.FOLDER, tmp_path / "photos"))
+    monkeypatch.setattr(photos, "FOLDER", copied)
+    changed = copied / "deimv2-femto.onnx"
     changed.write_bytes(changed.read_bytes() + b"!")
-    monkeypatch.setattr(nanodet, "MODEL", changed)
-    with pytest.raises(InputError, match=r"m\.onnx was changed.*install cartier again"):
+    with pytest.raises(InputError, match=r"femto\.onnx was changed.*install cartier again"):
         plugins.make("detectors", "photos")
     changed.unlink()
-    with pytest.raises(InputError, match=r"m\.onnx is missing: install cartier again"):
+    with pytest.raises(InputError, match=r"femto\.onnx is missing: install cartier again"):
+        plugins.make("detectors", "photos")
+    shutil.copy(Path(photos.__file__).parent / changed.name, changed)
+    (copied / "deimv2-femto-416.json").unlink()
+    with pytest.raises(InputError, match=r"femto-416\.json is missing: install cartier again"):
         plugins.make("detectors", "photos")
     for wrong in ({"threshold": 2.0}, {"threads": 0}, {"provider": "abacus"}):
         monkeypatch.undo()
@@ -95,18 +81,8 @@ def test_a_changed_network_and_wrong_options_are_refused(tmp_path: Path, monkeyp
             plugins.make("detectors", "photos", **wrong)
 
 
-def test_the_native_layout_decodes_as_the_graph_does(tmp_path: Path) -> None:
-    """On noise, where low scores are everywhere, so that boxes of every stride are compared."""
-    model = ungrafted(tmp_path)
-    told = nanodet.SIDECAR.read_text(encoding="utf-8").replace('"yolov8"', '"nanodet"')
-    model.with_suffix(".json").write_text(told, encoding="utf-8")
-    native = plugins.make("detectors", "onnx", model=model, threshold=0.01, threads=1)
-    shipped = plugins.make("detectors", "photos", threshold=0.01, threads=1)
-    view = seen(np.random.default_rng(1).integers(0, 255, (48, 64, 3), np.uint8).repeat(10, 0).repeat(10, 1))
-    found = shipped.detect(view)
-    assert len(found) > 100
-    assert_same(native.detect(view), found)
-    model.with_suffix(".json").unlink()
+def test_a_nanodet_without_a_sidecar_is_recognised(tmp_path: Path) -> None:
+    model = constant_net(tmp_path / "m.onnx", {"o": np.zeros((1, 3598, 112), np.float32)}, size=(1, 3, 416, 416))
     assert "nanodet with the 80 COCO labels" in plugins.make("detectors", "onnx", model=model).notes[0]
 
 

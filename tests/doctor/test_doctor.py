@@ -7,6 +7,7 @@ import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any, cast
 
 import numpy as np
 import published
@@ -18,6 +19,7 @@ from cartier.contracts import Recording
 from cartier.doctor import FAULTS, Report, draw_report, examine, open_for_doctor, repair
 from cartier.doctor.sampling import MAX_FRAMES, chosen, is_mirror_fault, is_pose_fault
 from cartier.errors import InputError, check_pose
+from cartier.recordings import sevenscenes
 from cartier.recordings.folder import save
 
 ONE_OF_EACH = [
@@ -37,10 +39,14 @@ def dollhouse() -> Recording:
 
 @pytest.fixture(scope="module")
 def raw_kitchen(tmp_path_factory: pytest.TempPathFactory) -> Recording:
-    """A kitchen as 7-Scenes publishes one: the depth does not lie on the colour."""
+    """A kitchen as 7-Scenes publishes one, by a reader that leaves its depth beside the colour and says so."""
     walk, folder = published.kitchen(), tmp_path_factory.mktemp("7scenes") / "kitchen"
     published.write_sevenscenes(walk, folder, range(len(walk)))
-    return plugins.open_recording(folder)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sevenscenes, "LEAST_FIT", 1.0)
+        recording: Any = plugins.open_recording(folder)
+    recording.known_registration = sevenscenes.REGISTRATION
+    return cast(Recording, recording)
 
 
 @pytest.fixture(scope="module")

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.ndimage import gaussian_filter
 
-from cartier.doctor.edges import REACH, registration, zoomed
 from cartier.mapping.sharpness import edge_width_px
+from cartier.recordings.common.edges import REACH, registration, zoomed
 
 
 def tiles(seed: int, height: int = 120, width: int = 160) -> np.ndarray:

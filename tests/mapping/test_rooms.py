@@ -171,13 +171,17 @@ def test_a_room_is_named_after_what_stands_in_it(labels: list[str], kind: str) -
     assert (room.kind, room.name) == (kind, kind)
 
 
-def test_four_stools_tell_no_more_than_one_and_what_is_unsure_tells_nothing() -> None:
+def test_four_stools_tell_no_more_than_one_and_what_is_unsure_tells_little() -> None:
     grid = Plan().rooms(LEFT).grid()
     burners = [obj("stove burner", (2, 1.5), id=k) for k in range(4)]
     (room,) = find_rooms(grid, [*burners, obj("bed", (1, 1), id=9)])
     assert room.kind == "bedroom"
-    (room,) = find_rooms(grid, [replace(obj("bed", (1, 1)), confirmed=False)])
+    (room,) = find_rooms(grid, [replace(obj("bed", (1, 1)), confirmed=False, probability=0.3)])
     assert room.kind == "room"
+    (room,) = find_rooms(grid, [replace(obj("bed", (1, 1)), confirmed=False, probability=0.6)])
+    assert room.kind == "bedroom", "what is tentative speaks by its probability"
+    (room,) = find_rooms(grid, [obj("dining table", (1, 1)), obj("television", (2, 1), id=1)])
+    assert room.kind == "room", "a table for one and a television for another say nothing clearly"
 
 
 def test_rooms_of_one_kind_are_numbered_and_a_corridor_is_a_hall() -> None:

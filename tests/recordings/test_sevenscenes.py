@@ -155,4 +155,5 @@ def test_ten_published_frames_are_read_as_they_are() -> None:
     assert frame.rgb.shape == (120, 160, 3) and frame.rgb.std() > 20
     assert frame.depth_m is not None and 0.35 < np.nanmin(frame.depth_m) < np.nanmax(frame.depth_m) < 6.1
     assert 0.02 < np.isnan(frame.depth_m).mean() < 0.5  # 65535 is no reading
-    assert recording.camera.fx == pytest.approx(99.857 / 0.91, abs=0.01)  # the depth camera's lens, as is published
+    assert recording.camera.fx == pytest.approx(99.857, abs=0.01)  # the colour camera's lens: depth is moved onto it
+    assert "depth zoomed by 0.91 and moved by (-8, -2) px onto the colour images" in recording.notes[1]

@@ -118,9 +118,11 @@ def map_command(
     Detects objects, builds the indices and the floor plan, and saves the home.
     """
     from cartier.home import Home
-    from cartier.io.atomic import locked
+    from cartier.home.store import MANIFEST
+    from cartier.io.atomic import check_ours, locked
     from cartier.mapping.config import config_for, read_config
     from cartier.mapping.domain import domain_warning
+    from cartier.mapping.indexing import make_indexes
     from cartier.mapping.keyframes import Keyframes, forecast
     from cartier.pipeline import map_home
 
@@ -129,6 +131,9 @@ def map_command(
     every = 1 if all_frames else every
     Keyframes(every)  # refuses an invalid number before any work
     settings = read_config(config) if config else None
+    check_ours(output, MANIFEST)
+    names = [name.strip() for name in index.split(",")] if index else None
+    make_indexes(names or (), encoder)  # what is missing is said before the work
     source = plugins.open_recording(recording, **reader)
     chosen, why = specs.detector_for(source) if detector is None else (detector, "")
     detects = specs.detector(chosen, source, threshold=threshold, vocabulary=vocabulary)
@@ -137,7 +142,6 @@ def map_command(
         say(note)
     if detector is None:
         say(f"detector: {chosen}, {why}; --detector takes another")
-    names = [name.strip() for name in index.split(",")] if index else None
     unfinished = output.parent / f".{output.name}.unfinished.jsonl"
     with locked(output, wait_s=A_DAY_S, told=say):
         onto = Home.load(output) if append else None

@@ -30,11 +30,13 @@ def nms(boxes: Array, scores: Array, classes: Array, max_iou: float) -> npt.NDAr
 
     A box goes if an earlier survivor of its class overlaps it by more than ``max_iou``.
     """
-    waiting = np.argsort(-scores, kind="stable")
-    kept = []
-    while len(waiting):
-        best, waiting = waiting[0], waiting[1:]
-        kept.append(best)
-        rival = (classes[waiting] == classes[best]) & (iou(boxes[best], boxes[waiting]) > max_iou)
-        waiting = waiting[~rival]
-    return np.array(kept, dtype=np.intp)
+    order = np.argsort(-scores, kind="stable")
+    kept = np.ones(len(order), bool)
+    for kind in np.unique(classes[order]).tolist():
+        at = np.flatnonzero(classes[order] == kind)
+        of = boxes[order[at]]
+        for k in range(len(at) - 1):  # per class: most boxes have few rivals
+            if kept[at[k]]:
+                later = at[k + 1 :][kept[at[k + 1 :]]]
+                kept[later[iou(of[k], boxes[order[later]]) > max_iou]] = False
+    return np.asarray(order[kept], np.intp)

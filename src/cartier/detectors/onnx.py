@@ -84,11 +84,15 @@ class OnnxDetector:
 
         Raises BackendError if the model gives NaN, scores above 1, or a class that has no label.
         """
+        return self.detect_from(frame, self.score_model.zero_weight_score)
+
+    def detect_from(self, frame: Frame, score: float) -> Detections:
+        """``detect`` from another least score, for who weighs the boxes further."""
         where = f"frame {frame.index}"
         tensor, placement = to_tensor(frame.rgb, self._size, self._sidecar)
         found = self._decode(self._session.run(tensor, where), where)
         boxes, whole = clip(placement.to_frame(found.boxes), frame.camera.width, frame.camera.height)
-        chosen = np.flatnonzero(whole & (found.scores >= self.score_model.zero_weight_score))
+        chosen = np.flatnonzero(whole & (found.scores >= score))
         names = self._names(found.classes[chosen], where)
         chosen = chosen[[name is not None for name in names]]
         boxes, scores = boxes[chosen], found.scores[chosen]

@@ -24,10 +24,10 @@ from cartier.doctor._home import examine_home, is_home
 from cartier.doctor._pose_jumps import PoseJump, pose_jumps, split_strays
 from cartier.doctor._repair import RepairedRecording, repaired_camera
 from cartier.doctor._report import FAULTS, Fault, Repair, Report
-from cartier.doctor.edges import Registration
 from cartier.doctor.hypotheses import SWAP_YZ, Reading
 from cartier.doctor.sampling import Samples, is_mirror_fault, is_pose_fault, sample
 from cartier.errors import InputError
+from cartier.recordings.common.edges import Registration
 
 __all__ = [
     "FAULTS",

@@ -12,10 +12,10 @@ from cartier.contracts import Recording
 from cartier.doctor._consistency import Pairs, motions, turns_deg
 from cartier.doctor._diagnosis import Diagnosis, small_camera
 from cartier.doctor._report import EvidencePair, Report
-from cartier.doctor.edges import Registration
 from cartier.doctor.hypotheses import Reading
 from cartier.doctor.sampling import Samples
 from cartier.errors import InputError
+from cartier.recordings.common.edges import Registration
 from cartier.render.floor_plan import save_figure
 from cartier.types import Array
 

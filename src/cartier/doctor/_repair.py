@@ -71,11 +71,4 @@ def repaired_camera(given: Camera, repair: Repair) -> Camera:
     camera, moved = repair.reading.camera(given), repair.registration
     if moved is None or not repair.depth_camera:
         return camera
-    middle_x, middle_y = (camera.width - 1) / 2, (camera.height - 1) / 2
-    return replace(
-        camera,
-        fx=camera.fx * moved.zoom,
-        fy=camera.fy * moved.zoom,
-        cx=(camera.cx - middle_x) * moved.zoom + middle_x + moved.dx * camera.width,
-        cy=(camera.cy - middle_y) * moved.zoom + middle_y + moved.dy * camera.width,
-    )
+    return moved.camera(camera)

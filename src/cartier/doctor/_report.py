@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cartier.doctor.edges import Registration
 from cartier.doctor.hypotheses import Reading
+from cartier.recordings.common.edges import Registration
 
 FAULTS = (
     "inverted_poses", "opengl_axes", "left_handed", "pose_scale", "depth_scale", "depth_not_registered",

@@ -10,10 +10,10 @@ import numpy.typing as npt
 from cartier.doctor._consistency import turns_deg
 from cartier.doctor._pose_jumps import PoseJump
 from cartier.doctor._report import Fault
-from cartier.doctor.edges import Registration, fits, registration
 from cartier.doctor.sampling import Samples, is_mirror_fault
 from cartier.errors import InputError
 from cartier.mapping import gravity
+from cartier.recordings.common.edges import Registration, fits, registration
 from cartier.types import Array, Camera
 
 BLURRED_PX, BLURRED_SHARE = 6.2, 0.2

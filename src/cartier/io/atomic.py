@@ -115,6 +115,12 @@ def locked(target: Path, wait_s: float = 0.0, told: Callable[[str], None] | None
         lock.release()
 
 
+def check_ours(target: Path, marker: str) -> None:
+    """Raises InputError if something is at ``target`` that ``replaced_folder`` would refuse to replace."""
+    if target.exists() and not (target / marker).is_file() and not _is_empty_folder(target):
+        raise InputError(f"{target} exists and is not ours (it holds no {marker}): choose another folder")
+
+
 @contextmanager
 def replaced_folder(target: Path, marker: str) -> Iterator[Path]:
     """A temporary folder beside ``target`` that takes its place when the block succeeds, and is deleted otherwise.
@@ -127,8 +133,7 @@ def replaced_folder(target: Path, marker: str) -> Iterator[Path]:
         target.parent.mkdir(parents=True, exist_ok=True)
         with locked(target):
             _tidy(target, marker)
-            if target.exists() and not (target / marker).is_file() and not _is_empty_folder(target):
-                raise InputError(f"{target} exists and is not ours (it holds no {marker}): choose another folder")
+            check_ours(target, marker)
             new = Path(tempfile.mkdtemp(prefix=f".{target.name[:80]}-", suffix=".new", dir=target.parent))
             try:
                 (new / TEMPORARY).touch()

@@ -2,14 +2,39 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from cartier.contracts import Detector, Recording, optional
+from cartier.types import Array
 
 DOLLHOUSE = "dollhouse"  # the simulator for whose pictures cartier has a detector
+LOOKED = 9  # frames, spread over the recording
+SAMPLES = 76_800  # pixels of a frame that are compared; with far fewer, any picture has a colour for each
+FEW_COLOURS = 0.025
+"""Different colours per sample, in steps of 4, below which pictures are rendered: sensors have noise, shaders none.
+Medians of recordings: 0.11 to 0.14 of three real rooms and of 64 photographs, 0.009 of AI2-THOR."""
 
 
 def is_from_world(recording: Recording, world: str) -> bool:
     """Whether a recording is a simulator's, as it says itself."""
     return recording.truth is not None and recording.name.startswith(f"{world} ")
+
+
+def looks_rendered(recording: Recording) -> bool:
+    """Whether the pictures of a recording lack the noise that every camera has; False for pictures too small to say."""
+    camera = recording.camera
+    if not len(recording) or camera.width * camera.height < SAMPLES:
+        return False
+    looked = np.unique(np.linspace(0, len(recording) - 1, LOOKED).round().astype(int)).tolist()
+    return float(np.median([colour_share(recording[number].rgb) for number in looked])) < FEW_COLOURS
+
+
+def colour_share(rgb: Array) -> float:
+    """How many different colours, in steps of 4, an image (H, W, 3) has for each of its samples."""
+    step = max(1, round((rgb.shape[0] * rgb.shape[1] / SAMPLES) ** 0.5))
+    levels = rgb[::step, ::step].astype(np.int32) // 4
+    codes = (levels[..., 0] * 64 + levels[..., 1]) * 64 + levels[..., 2]
+    return len(np.unique(codes)) / codes.size
 
 
 def domain_warning(detector: Detector, recording: Recording) -> str | None:
@@ -19,6 +44,11 @@ def domain_warning(detector: Detector, recording: Recording) -> str | None:
         return (
             f"WRONG DETECTOR: {detector.name} knows photographs, and {recording.name} is rendered: the {DOLLHOUSE} has "
             "a detector of its own, which fits; map again without --detector"
+        )
+    if world == "" and looks_rendered(recording):
+        return (
+            f"WRONG DETECTOR: {detector.name} knows photographs, and the pictures of {recording.name} look rendered: "
+            "they have next to no noise and few colours; trust little that it lists, or give --detector"
         )
     if not world or is_from_world(recording, world):
         return None

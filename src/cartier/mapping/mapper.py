@@ -26,6 +26,7 @@ from cartier.mapping.extent import DepthGeometry
 from cartier.mapping.indexing import filled_indexes, make_indexes
 from cartier.mapping.object_map import ObjectMap
 from cartier.mapping.occupancy import OccupancyMapper
+from cartier.mapping.plausibility import weighed
 from cartier.mapping.quality import Conditions
 from cartier.mapping.rooms import find_rooms, room_of
 from cartier.mapping.walls import walls_yaw
@@ -256,6 +257,8 @@ class Mapper:
             hint = "is the threshold too high, or are these not the things that it knows?"
             told = "; ".join(optional(self.detector, Detector, "notes")) or hint
             raise InputError(f"{self.detector.name} found nothing in the {len(self._seen)} frames: {told}")
+        if merged.geometry.with_depth:
+            objects = weighed(objects, grid, self._camera, self.config.existence.confirmed_probability)
         rooms = find_rooms(grid, objects, self.config.rooms) if grid is not None else ()
         objects = tuple(replace(obj, room=room_of(obj, grid, rooms)) for obj in objects)
         with_depth = self._objects.geometry.with_depth

@@ -22,6 +22,9 @@ SEEN_M2 = 0.4  # least floor of a room without a neighbour, which nobody entered
 OPEN = 0.25  # of a room's floor at least that is free, else it is the inside of a cupboard
 HOLE_M2, GAP_M = 2.0, 0.6  # unknown floor of this size inside of a home, or between what is known, is floor as well
 STEPS_M = np.arange(0.1, 0.65, 0.05)  # from an object towards who sees it
+TENTATIVE = 0.1  # probability from which an object speaks for a kind of room, by its probability
+LEAST_VOTES, LEAD = 2.0, 0.5  # of a kind of room, and over the next one, before it names a room
+HALL_VOTES, STUDIO_VOTES = 4.0, 3.0  # fewer leave a corridor a hall; a kitchen with so many for living is a living room
 HALL, HALL_M2 = 2.2, 3.0  # a corridor is so many times as long as wide, and no mere sliver
 TELLING: Mapping[str, Mapping[str, int]] = {
     "bathroom": {
@@ -54,11 +57,12 @@ def find_rooms(
         Room(number, "", "", np.argwhere(places == place).astype(np.int32))
         for number, place in enumerate(order.tolist())
     ]
-    standing = [obj for obj in objects if obj.confirmed]
-    labels: list[set[str]] = [set() for _ in unnamed]
-    for obj, number in zip(standing, rooms_of(standing, grid, unnamed), strict=True):
+    speaking = [obj for obj in objects if obj.confirmed or obj.probability >= TENTATIVE]
+    labels: list[dict[str, float]] = [{} for _ in unnamed]
+    for obj, number in zip(speaking, rooms_of(speaking, grid, unnamed), strict=True):
         if number is not None:
-            labels[number].add(obj.label)
+            likely = 1.0 if obj.confirmed else obj.probability
+            labels[number][obj.label] = max(likely, labels[number].get(obj.label, 0.0))
     rooms, count = [], Counter[str]()
     for room, inside in zip(unnamed, labels, strict=True):
         kind = _kind(inside, _long(room.cells, grid.resolution_m))
@@ -185,12 +189,13 @@ def _long(cells: npt.NDArray[np.int32], resolution_m: float) -> bool:
     return bool(long >= HALL * narrow and len(cells) >= max(narrow * long / 2, HALL_M2 / resolution_m**2))
 
 
-def _kind(labels: set[str], long: bool) -> str:
-    """What sort of room holds things of these labels; just "room" where nothing tells."""
-    votes = {kind: sum(telling.get(label, 0) for label in labels) for kind, telling in TELLING.items()}
+def _kind(labels: Mapping[str, float], long: bool) -> str:
+    """What sort of room holds things of these labels, each as likely as told; "room" where nothing tells clearly."""
+    votes = {kind: sum(telling.get(label, 0) * labels[label] for label in labels) for kind, telling in TELLING.items()}
+    second, best = sorted(votes.values())[-2:]
     kind = max(votes, key=lambda kind: votes[kind])
-    if votes[kind] < 4 and long:
+    if best < HALL_VOTES and long:
         return "hall"
-    if kind == "kitchen" and max(votes["bedroom"], votes["living room"]) >= 3:
+    if kind == "kitchen" and max(votes["bedroom"], votes["living room"]) >= STUDIO_VOTES:
         return "living room"
-    return kind if votes[kind] >= 2 else "room"
+    return kind if best >= LEAST_VOTES and best - second >= LEAD else "room"

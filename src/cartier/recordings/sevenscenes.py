@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -15,7 +17,8 @@ import numpy as np
 
 from cartier.contracts import Recording
 from cartier.errors import InputError
-from cartier.io.images import image_size, read_depth
+from cartier.io.images import image_size, read_depth, read_rgb
+from cartier.recordings.common.edges import Registration, fits
 from cartier.recordings.common.files import names_in
 from cartier.recordings.common.lens import Lens, camera_of
 from cartier.recordings.common.posed import PosedImages, Source, View
@@ -26,7 +29,9 @@ COLOUR = re.compile(r"(frame-(\d{1,9}))\.color\.(?:jpg|png)", re.ASCII)
 INTRINSICS = "camera-intrinsics.txt"
 FRAMES_PER_SECOND = 30.0
 REGISTRATION = (0.91, -8.0, -2.0)
-"""Its depth is published raw, not registered to colour: how it would have to be zoomed and moved (px, at 2 m)."""
+"""Its depth is published raw, not registered to colour: how it has to be zoomed and moved (px of 640, at 2 m)."""
+FULL_WIDTH = 640
+LOOKED, CLEARER, LEAST_FIT = 10, 1.3, 0.05  # frames whose edges tell raw depth, and how well they fit if moved
 
 
 def matches(path: Path) -> bool:
@@ -41,18 +46,42 @@ def open(path: str | Path, up: Sequence[float] | None = None, floor_m: float | N
     poses = [root / f"{stem}.pose.txt" for stem in stems]
     depths = [root / f"{stem}.depth.png" if has_depth else None for stem in stems]
     camera = _camera(root, root / colours[0])
+    moved = _raw(root, colours, depths, camera)
+    notes = [f"times assumed: {FRAMES_PER_SECOND:g} frames per second, by frame number"]
+    if moved is not None:
+        camera = moved.camera(camera)
+        notes.append(
+            f"depth zoomed by {moved.zoom:g} and moved by ({REGISTRATION[1]:g}, {REGISTRATION[2]:g}) px onto the colour"
+            f" images, as 7-Scenes needs: correlation of edges {moved.fit:.2f}, {moved.fit_as_given:.2f} as published"
+        )
     views = [
         View(number / FRAMES_PER_SECOND, root / colour, Lens(camera), depth)
         for number, colour, depth in zip(frames, colours, depths, strict=True)
     ]
     source = Source(
-        root, "sevenscenes 1", views, np.array([rigid(read_matrix(pose, 4), str(pose)) for pose in poses]),
+        root, "sevenscenes 1" if moved is None else "sevenscenes 2 registered", views,
+        np.array([rigid(read_matrix(pose, 4), str(pose)) for pose in poses]),
         [INTRINSICS, *(pose.name for pose in poses), *colours, *(depth.name for depth in depths if depth is not None)],
-        [f"times assumed: {FRAMES_PER_SECOND:g} frames per second, by frame number"],
-        partial(read_depth, camera=camera),
-        handheld=False, known_registration=REGISTRATION,
+        notes, partial(read_depth, camera=camera), handheld=False, registration=moved,
     )  # fmt: skip
     return PosedImages(source, up, floor_m)
+
+
+def _raw(root: Path, colours: Sequence[str], depths: Sequence[Path | None], camera: Camera) -> Registration | None:
+    """The published registration, if the edges say that this depth needs it: others write this layout registered."""
+    images, step = [], max(1, camera.width // 320)
+    for number in np.unique(np.linspace(0, len(colours) - 1, LOOKED).round().astype(int)).tolist():
+        depth = depths[number]
+        with suppress(InputError):  # whoever asks for that frame is told
+            if depth is not None:
+                grey = read_rgb(root / colours[number], camera).mean(2, dtype=np.float32) / 255
+                images.append((grey[::step, ::step], read_depth(depth, camera)[::step, ::step]))
+    zoom, dx, dy = REGISTRATION
+    known = Registration(zoom, dx / FULL_WIDTH, dy / FULL_WIDTH, 0, 0, 0)
+    if not images:
+        return None
+    fit, as_given = fits(images, known)
+    return replace(known, fit=fit, fit_as_given=as_given) if fit > max(CLEARER * as_given, LEAST_FIT) else None
 
 
 def _listing(root: Path) -> tuple[list[str], list[str], list[int], bool]:

@@ -19,6 +19,7 @@ from PIL import Image
 from cartier.errors import MAX_FAR_M, InputError, frame_number
 from cartier.io.images import check_depth, read_depth, read_grey8, read_rgb
 from cartier.mapping import gravity
+from cartier.recordings.common.edges import Registration
 from cartier.recordings.common.files import READERS, content_hash, link_notes
 from cartier.recordings.common.lens import Lens, off_centre_notes, resampled
 from cartier.types import Array, Camera, Frame, TrueObject
@@ -74,8 +75,8 @@ class Source:
     """Whether images may have to be turned upright."""
     scale_guessed: bool = False
     """Whether nobody measured the metres."""
-    known_registration: tuple[float, float, float] | None = None
-    """How depth that is published raw lies on the colour images: zoom, and shift right and down in px at 2 m."""
+    registration: Registration | None = None
+    """How depth that is published raw is moved onto the colour images, if it is; ``views`` have their lens."""
     readers: int = READERS
     """A video is read by one thread, in order."""
 
@@ -90,7 +91,7 @@ class PosedImages:
             raise InputError(f"{source.root} holds no image with a pose")
         links = link_notes(source.root, source.files)
         self.name, self.readers = source.name or source.root.resolve().name, source.readers
-        self.scale_guessed, self.known_registration = source.scale_guessed, source.known_registration
+        self.scale_guessed = source.scale_guessed
         self._source, self._settings = source, f"{source.settings} up={up} floor_m={floor_m}"
         first = source.views[0].lens.camera
         self._factor = -(-max(first.width, first.height) // MAX_SIDE)
@@ -186,7 +187,9 @@ class PosedImages:
         if view.confidence is not None:
             confidence = read_grey8(view.confidence, (width, height))
             depth_m = np.where(confidence < self._source.min_confidence, np.float32(np.nan), depth_m)
-        return np.asarray(resampled(depth_m, lens, self._upright_camera, np.nan), dtype=np.float32)
+        depth_m = np.asarray(resampled(depth_m, lens, self._upright_camera, np.nan), dtype=np.float32)
+        moved = self._source.registration
+        return depth_m if moved is None else np.asarray(moved.register(depth_m), np.float32)
 
 
 def check_confidence(confidence: int, highest: int) -> None:

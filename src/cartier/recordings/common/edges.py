@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.fft import irfft2, next_fast_len, rfft2
 
-from cartier.types import Array
+from cartier.types import Array, Camera
 
 EDGE_STEP = 0.06  # relative step of depth that counts as an edge
 REACH = 32  # px of the fine images: the largest shift that is tried
@@ -37,6 +37,16 @@ class Registration:
     def register(self, depth_m: Array) -> Array:
         """A depth image (H, W) registered to its colour image."""
         return zoomed(depth_m, self.zoom, self.dx, self.dy)
+
+    def camera(self, depth_camera: Camera) -> Camera:
+        """The camera of a depth camera's images once they are registered."""
+        c = depth_camera
+        middle_x, middle_y = (c.width - 1) / 2, (c.height - 1) / 2
+        return replace(
+            c, fx=c.fx * self.zoom, fy=c.fy * self.zoom,
+            cx=(c.cx - middle_x) * self.zoom + middle_x + self.dx * c.width,
+            cy=(c.cy - middle_y) * self.zoom + middle_y + self.dy * c.width,
+        )  # fmt: skip
 
 
 def registration(images: Sequence[tuple[Array, Array]]) -> Registration | None:
