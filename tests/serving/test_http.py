@@ -28,7 +28,7 @@ httpx = pytest.importorskip("httpx")
 
 from cartier.errors import InputError  # noqa: E402
 from cartier.home import Home  # noqa: E402
-from cartier.home.corrections import LOG, read_log  # noqa: E402
+from cartier.home.correction_log import LOG, read_log  # noqa: E402
 from cartier.serving import guard, http  # noqa: E402
 from cartier.serving import server as web_server  # noqa: E402
 from cartier.serving.guard import Guard, host_names, read_token  # noqa: E402

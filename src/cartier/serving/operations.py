@@ -23,7 +23,8 @@ from cartier import specs
 from cartier.contracts import Reasoner
 from cartier.errors import InputError, brief
 from cartier.home import Home
-from cartier.home.corrections import CorrectionKind, find
+from cartier.home.correction_log import CorrectionKind
+from cartier.home.corrections import find
 from cartier.home.photos import photo_of
 from cartier.home.store import MANIFEST
 from cartier.llm.lookup import names_of
@@ -253,12 +254,13 @@ class Operations:
         y: float | None = None,
         home: str = "",
         who: str = "somebody",
+        other: str = "",
     ) -> dict[str, Any]:
-        """Correct a home: name an object or a room, forget an object, move an object to x, y, or undo the latest."""
+        """Correct a home as ``Home.correct`` does; ``entity`` is "home" for the home itself."""
         mapped, to_xy = self.homes.get(home), () if x is None or y is None else (x, y)
         if what == "move" and not to_xy:
             raise InputError("move needs x and y, in metres of the map: describe says where the object is now")
-        _, result = mapped.correct(what, entity, name=name, to_xy=to_xy, who=who)
+        _, result = mapped.correct(what, entity, name=name, to_xy=to_xy, other=other, who=who)
         return self.about(home, self.homes.get(home)) | {"done": result, "next": "undo takes it back"}
 
     def undo(self, home: str = "", who: str = "somebody") -> dict[str, Any]:
@@ -367,7 +369,8 @@ def _room_row(home: Home, room: Room) -> dict[str, Any]:
 
 def _evidence(obj: MapObject) -> str:
     frame = f", frame {obj.views[0].frame}" if obj.views else ""
-    return f"seen {obj.n_detected} of {obj.n_observable}{frame}"
+    said = "a person said so; " if obj.by_person else ""
+    return f"{said}seen {obj.n_detected} of {obj.n_observable}{frame}"
 
 
 def _called(home: Home, number: int | None) -> str:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from cartier.home import Home
-from cartier.home.corrections import in_force
+from cartier.home.correction_log import in_force
 from cartier.home.photos import photo_of
 from cartier.home.point_cloud import STEP_M, PointCloud
 from cartier.navigation.planning import plan
