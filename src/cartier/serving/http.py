@@ -122,7 +122,7 @@ def _add_reading(app: FastAPI, ops: Operations, run: Callable[..., Any]) -> None
 
     @app.post("/api/homes/{home}/ask", summary="The answer to a person's words; as server-sent events if accepted")
     async def ask(home: str, question: Question, accept: Annotated[str, Header()] = "") -> Any:
-        given = (home, ops.ask, question.words, home, question.conversation, question.from_x, question.from_y)
+        given = (home, ops.ask, question.words, home, question.conversation, question.from_x, question.from_y, True)
         if "text/event-stream" not in accept:
             return await run(*given)
         return StreamingResponse(_events(functools.partial(run, *given)), media_type="text/event-stream")

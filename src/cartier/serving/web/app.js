@@ -80,7 +80,7 @@ async function ask(words) {
   busy = true;
   say("person", words);
   const waiting = say("robot", "…");
-  try { answer(waiting, await source.ask(words)); } catch (error) { waiting.replaceChildren(make("p", {}, error.message)); }
+  try { const told = await source.ask(words); if (told.corrected) await reload(null); answer(waiting, told); } catch (error) { waiting.replaceChildren(make("p", {}, error.message)); }
   busy = false;
   waiting.scrollIntoView({ block: "nearest" });
 }
