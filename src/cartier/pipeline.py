@@ -169,7 +169,11 @@ def _doubts(home: Home, query: str, selection: Selection) -> Iterator[str]:
     """Why the detector may be to blame: it was made for other pictures, or has no label for what was asked for."""
     yield from home.settings.get("doubts", ())
     names = home.settings.get("knows", ())
-    if names and selection.status != "found" and (asked := out_of_vocabulary_mention(query, names)) is not None:
+    if (
+        names
+        and selection.status != "found"
+        and (asked := out_of_vocabulary_mention(query, (*names, *home.names))) is not None
+    ):
         yield f"{home.detector}, which mapped this home, knows only {len(names)} names, and {asked} is not among them"
 
 

@@ -283,12 +283,29 @@ def test_from_the_command_line(home: Home, capsys: pytest.CaptureFixture[str], m
     assert "Ayo's mug, mug" in run("show", at)
     assert run("forget", at, "mug").endswith("is forgotten")
     assert run("undo", at).startswith("undone: mug")
-    assert [json.loads(line)["what"] for line in (at / LOG).read_text().splitlines()] == [
-        "name",
-        "move",
-        "forget",
-        "undo",
-    ]
+    assert run("name", at, "--home", "Ayo's flat").endswith("is called Ayo's flat")
+    assert run("confirm", at, "chair").endswith("is there")
+    assert run("relabel", at, "chair", "throne").endswith("is labelled throne")
+    assert run("add", at, "vase", "-0.5,2").endswith("is added at x -0.50 y 2.00 m")
+    assert run("add", at, "lamp", "table").startswith("lamp (10000")
+    assert run("merge", at, "vase", "lamp").endswith("are one")
+    assert run("split", at, "table", "--label", "desk").endswith(")")
+    assert run("undo", at).startswith("undone: table")
+    table = find("table", Home.load(at).objects)
+    assert run("split", at, "table", f"{table.position[0] - 0.1},{table.position[1]}").startswith("table")
+    for words in (
+        ("name", at),
+        ("name", at, "mug"),
+        ("name", at, "mug", "x", "--home", "y"),
+        ("add", at, "vase", "1,x"),
+    ):
+        monkeypatch.setattr(sys, "argv", ["cartier", *map(str, words)])
+        with pytest.raises(SystemExit):
+            cli.main()
+        told = capsys.readouterr().err
+        assert told.startswith("cartier: ") and told.count("\n") == 1
+    kinds = "name move forget undo name confirm relabel add add merge split undo split"
+    assert " ".join(json.loads(line)["what"] for line in (at / LOG).read_text().splitlines()) == kinds
 
 
 def test_the_paper_s_grid_finds_a_named_thing_as_what_it_is(tmp_path: Path) -> None:

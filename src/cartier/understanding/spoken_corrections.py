@@ -51,7 +51,7 @@ def spoken_correction(
     if here is not None and (whose := WHOSE.fullmatch(text)) is not None:
         return SpokenCorrection("name", f"room:{here}", whose["name"].replace("’", "'"))
     said, robot = " ".join(words(plain(text))), dialogue[-1][1] if dialogue else ""
-    if UNDO.fullmatch(said) and robot.startswith(NOTED):
+    if UNDO.fullmatch(said) and _left_to_undo(dialogue):
         return SpokenCorrection("undo")
     obj = _spoken_of(robot, inventory.objects)
     if obj is None:
@@ -64,6 +64,12 @@ def spoken_correction(
         if name_key(other["label"]) in known or name_key(other["label"]) in read_deck(SHIPPED).by_key:
             return SpokenCorrection("relabel", str(obj.id), other["label"])
     return None
+
+
+def _left_to_undo(dialogue: Sequence[tuple[str, str]]) -> bool:
+    """Whether a correction of this dialogue still holds: those of others are not undone by words."""
+    noted = [robot for _, robot in dialogue if robot.startswith(NOTED)]
+    return 2 * sum(robot.startswith(f"{NOTED}undone") for robot in noted) < len(noted)
 
 
 def _spoken_of(robot: str, objects: Sequence[MapObject]) -> MapObject | None:
