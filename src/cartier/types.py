@@ -325,6 +325,7 @@ class MapObject:
         aliases: The ids of objects that were merged into it.
         names: The names that people gave it (``Home.correct``).
         oriented: Its box in the directions of the walls, or None where they have no clear one.
+        by_person: Whether a person said that it is there (``Home.correct``), which outweighs all scores.
     """
 
     id: int
@@ -346,6 +347,7 @@ class MapObject:
     aliases: tuple[int, ...] = ()
     names: tuple[str, ...] = ()
     oriented: OrientedBox | None = None
+    by_person: bool = False
 
     def __post_init__(self) -> None:
         for name in ("position", "box_min", "box_max"):

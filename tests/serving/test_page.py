@@ -185,6 +185,55 @@ def test_click_rename_move_forget_undo_and_reload(
     assert tab.locator("#undo").is_hidden() and not Home.load(home).objects[0].names
 
 
+def test_confirm_relabel_split_merge_add_and_the_home_s_name(
+    home: Path, start: Callable[..., Server], visit: Callable[..., Any]
+) -> None:
+    tab = visit(start("serve", home).url)
+    chair = next(t for t in Home.load(home).objects if t.label == "chair")
+
+    def told(words: str) -> Home:
+        tab.wait_for_selector(f"#toast:has-text('{words}')")
+        tab.evaluate("document.getElementById('toast').hidden = true")
+        return Home.load(home)
+
+    def objects(now: Home) -> list[str]:
+        return sorted(t.label for t in now.objects if t.confirmed)
+
+    before = objects(Home.load(home))
+    tab.locator(f'#plan .object[data-id="{chair.id}"]').click(position={"x": 2, "y": 2})
+    tab.click("button:text-is('It is there')")
+    assert next(t for t in told("is there").objects if t.id == chair.id).by_person
+    assert "a person said" in tab.inner_text("#card") and tab.locator("button:text-is('It is there')").count() == 0
+    tab.click("text=It is a …")
+    tab.keyboard.type("Throne")
+    tab.keyboard.press("Enter")
+    assert "throne" in objects(told("is labelled throne")) and card(tab).startswith("throne")
+    tab.click("text=It is two")
+    tab.click("#card .doing >> text=Save")
+    assert objects(told("is two")).count("throne") == 2
+    tab.click("text=Same as …")
+    tab.click("#card .doing >> text=Save")
+    assert objects(told("are one")).count("throne") == 1, "the nearest is offered first"
+    tab.click("#tab-objects")
+    tab.click("#add")
+    tab.keyboard.type("vase")
+    box = tab.locator("#plan").bounding_box()
+    tab.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    vase = next(t for t in told("is added").objects if t.label == "vase")
+    x, y = tab.evaluate("[plan.view.x + plan.view.w / 2, -(plan.view.y + plan.view.h / 2)]")
+    assert abs(vase.position[0] - x) < 0.03 and abs(vase.position[1] - y) < 0.03, "the pixel that was clicked"
+    tab.locator(f'#list button[data-id="{vase.id}"]').click()
+    assert card(tab).startswith("vase") and tab.locator("#card .photo img").count() == 0
+    tab.click("#name-home")
+    tab.keyboard.type("Ben's flat")
+    tab.keyboard.press("Enter")
+    assert told("is called Ben").name == tab.inner_text("#title") == "Ben's flat"
+    for _ in range(6):
+        tab.click("#undo")
+        told("undone")
+    assert tab.locator("#undo").is_hidden() and objects(Home.load(home)) == before
+
+
 def test_the_keyboard_alone_suffices(home: Path, start: Callable[..., Server], visit: Callable[..., Any]) -> None:
     tab = visit(start("serve", home).url)
     keys = tab.keyboard

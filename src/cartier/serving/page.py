@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from cartier.home import Home
-from cartier.home.corrections import in_force
+from cartier.home.correction_log import in_force
 from cartier.home.photos import photo_of
 from cartier.home.point_cloud import STEP_M, PointCloud
 from cartier.navigation.planning import plan
@@ -24,7 +24,7 @@ from cartier.types import FREE, OCCUPIED, MapObject, RobotModel
 from cartier.understanding.cards import SHIPPED, read_deck
 
 WEB = Path(__file__).with_name("web")
-SCRIPTS = ("parts.js", "data.js", "plan.js", "scene.js", "app.js")
+SCRIPTS = ("parts.js", "data.js", "plan.js", "scene.js", "app.js", "corrections.js")
 ANSWER_SCRIPTS = ("parts.js", "plan.js", "answer.js")
 KINDS = {
     ".html": "text/html; charset=utf-8",
@@ -162,7 +162,7 @@ def _object(obj: MapObject, held: Any) -> dict[str, Any]:
         "room": obj.room, "at": _rounded(obj.position), "low": _rounded(obj.box_min), "high": _rounded(obj.box_max),
         "probability": round(obj.probability, 3), "confirmed": obj.confirmed,
         "n_detected": obj.n_detected, "n_observable": obj.n_observable, "colours": [n for n, _ in obj.colours[:3]],
-        "last_s": round(obj.last_seen_s, 1), "views": len(obj.views),
+        "last_s": round(obj.last_seen_s, 1), "views": len(obj.views), "said": obj.by_person,
         "on": None if on is None else [on.kind, on.object],
     }  # fmt: skip
 

@@ -33,11 +33,11 @@ function showCard(goal) {
   card.hidden = !obj;
   if (!obj) { card.replaceChildren(); return; }
   const size = obj.high.map((h, i) => Math.round((h - obj.low[i]) * 100)).join(" × "), room = roomOf(obj), on = obj.on && byId(obj.on[1]);
-  const facts = [["Certainty", `${Math.round(obj.probability * 100)} %, detected in ${obj.n_detected} of ${obj.n_observable} frames`], ["Where", room ? room.name : `x ${obj.at[0].toFixed(2)} y ${obj.at[1].toFixed(2)}`], on ? ["Stands", `${obj.on[0]} ${called(on)}`] : null, ["Size", `${size} cm`], obj.colours.length ? ["Colour", obj.colours.join(", ")] : null, obj.names.length || obj.also.length ? ["Also", [...(obj.names.length ? [obj.label] : []), ...obj.also].join(", ")] : null].filter(Boolean);
+  const facts = [["Certainty", `${obj.said ? "a person said that it is there" : `${Math.round(obj.probability * 100)} %`}, detected in ${obj.n_detected} of ${obj.n_observable} frames`], ["Where", room ? room.name : `x ${obj.at[0].toFixed(2)} y ${obj.at[1].toFixed(2)}`], on ? ["Stands", `${obj.on[0]} ${called(on)}`] : null, ["Size", `${size} cm`], obj.colours.length ? ["Colour", obj.colours.join(", ")] : null, obj.names.length || obj.also.length ? ["Also", [...(obj.names.length ? [obj.label] : []), ...obj.also].join(", ")] : null].filter(Boolean);
   const way = make("dd", { id: "way" }, inWords(goal));
   const dl = make("dl", {}, ...facts.flatMap(([k, v]) => [make("dt", {}, k), make("dd", {}, v)]), make("dt", {}, "Way"), way);
   const photo = make("span", { class: "photo", hidden: "" }), doing = make("div", { class: "doing" });
-  const idle = () => doing.replaceChildren(button("Rename", () => rename(obj, doing, idle)), button("Move", () => move(obj, doing, idle)), button("Forget", () => correct("forget", obj, {})));
+  const idle = () => doing.replaceChildren(button("Rename", () => rename(obj, doing, idle)), button("Move", () => move(obj, doing, idle)), button("Forget", () => correct("forget", obj, {})), ...moreCorrections(obj, doing, idle));
   if (source.canCorrect) idle();
   card.replaceChildren(make("div", { class: "top" }, make("h2", {}, called(obj), make("span", { class: "muted" }, ` ${obj.id}`)), make("button", { type: "button", "aria-label": "Close", onclick: () => { choose(null); el("words").focus(); } }, "×")), photo, dl, doing);
   if (obj.views) safely(async () => showPhoto(photo, await source.photo(obj, 1), obj));
@@ -80,7 +80,7 @@ async function ask(words) {
   busy = true;
   say("person", words);
   const waiting = say("robot", "…");
-  try { answer(waiting, await source.ask(words)); } catch (error) { waiting.replaceChildren(make("p", {}, error.message)); }
+  try { const told = await source.ask(words); if (told.corrected) await reload(null); answer(waiting, told); } catch (error) { waiting.replaceChildren(make("p", {}, error.message)); }
   busy = false;
   waiting.scrollIntoView({ block: "nearest" });
 }
