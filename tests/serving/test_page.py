@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 import json
 import re
-import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -16,9 +15,9 @@ import pytest
 from cartier.home import Home
 from cartier.serving import page
 from cartier.serving.page import one_file, view
+from serving.browsing import chromium
 from serving.conftest import Server
 
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 STYLE = (page.WEB / "style.css").read_text()
 
 
@@ -94,14 +93,8 @@ def test_a_home_without_a_floor_plan_is_shown_too(home: Path) -> None:
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Any]:
-    if CHROMIUM is None:
-        pytest.skip("needs Chromium: apt-get install chromium")
-    playwright = pytest.importorskip("playwright.sync_api", reason="needs playwright")
-    with playwright.sync_playwright() as running:
-        flags = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
-        opened = running.chromium.launch(executable_path=CHROMIUM, args=flags)
+    with chromium() as opened:
         yield opened
-        opened.close()
 
 
 @pytest.fixture
