@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from cartier.home import Home
 from cartier.home.corrections import in_force
@@ -74,23 +75,27 @@ def view(home: Home) -> dict[str, Any]:
 
 
 def cloud(home: Home) -> dict[str, Any] | None:
-    """The point cloud: ``points`` is base64 of x, y, z (uint16, in ``step`` metres from ``low``), then RGB."""
+    """The point cloud: ``points`` is base64 of x, y, z (uint16, in ``step`` metres from ``low``), RGB, and widths.
+
+    A width (uint8, in ``step`` metres) is that of a drawn point that closes the surface around it.
+    """
     seen = home.cloud()
     if seen is None:
         return None
     low = seen.xyz_m.min(0)
-    data = np.round((seen.xyz_m - low) / STEP_M).astype("<u2").tobytes() + seen.rgb.tobytes()
-    about = {"count": len(seen.rgb), "low": _rounded(low), "step": STEP_M, "width": _width(seen)}
+    places, widths = np.round((seen.xyz_m - low) / STEP_M).astype("<u2"), np.round(_widths(seen) / STEP_M)
+    data = places.tobytes() + seen.rgb.tobytes() + widths.clip(1, 255).astype(np.uint8).tobytes()
+    about = {"count": len(seen.rgb), "low": _rounded(low), "step": STEP_M, "side": round(seen.side_m, 3)}
     return about | {"points": base64.b64encode(data).decode()}
 
 
-def _width(seen: PointCloud) -> float:
-    """The width (m) of a drawn point that closes most surfaces: a short recording leaves gaps wider than its voxels."""
+def _widths(seen: PointCloud) -> npt.NDArray[np.float64]:
+    """The widths (N,) of drawn points (m): on a lattice, the sixth neighbour is as far as its diagonal is long."""
     from scipy.spatial import cKDTree
 
-    some = seen.xyz_m[:: max(1, len(seen.xyz_m) // 3000)]
-    far = cKDTree(seen.xyz_m).query(some, k=[min(5, len(seen.xyz_m))])[0]
-    return round(float(np.clip(1.2 * np.percentile(far, 95), seen.side_m, 3 * seen.side_m)), 3)
+    far = cKDTree(seen.xyz_m).query(seen.xyz_m, k=[min(7, len(seen.xyz_m))])[0][:, 0]
+    stray = far > 4 * seen.side_m  # with no neighbour there is no surface to close
+    return np.asarray(np.where(stray, seen.side_m, np.clip(1.4 * far, 1.4 * seen.side_m, 4 * seen.side_m)))
 
 
 def served_json(operations: Operations, home: str, data: Callable[[Home], dict[str, Any]]) -> bytes:
