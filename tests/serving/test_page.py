@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import re
+import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -240,6 +241,80 @@ def test_a_phone_s_width_and_its_scheme(
         ".filter(r => r.width && r.height < 34).length"
     )
     assert small == 0, "fingers are wide"
+
+
+def unsure(home: Path, label: str = "mug") -> int:
+    """Make the object of a label tentative in a saved home; returns its id."""
+    from dataclasses import replace
+
+    mapped = Home.load(home)
+    shutil.rmtree(home)
+    doubted = [replace(t, confirmed=False, probability=0.3) if t.label == label else t for t in mapped.objects]
+    replace(mapped, objects=tuple(doubted), store=None, corrected=None).save(home)
+    return next(t.id for t in doubted if t.label == label)
+
+
+def test_a_phone_s_keyboard_covers_neither_the_field_nor_the_evidence(
+    home: Path, start: Callable[..., Server], visit: Callable[..., Any]
+) -> None:
+    tab = visit(start("serve", home).url, viewport={"width": 390, "height": 844}, has_touch=True, is_mobile=True)
+    tab.fill("#words", "I want to sit down")
+    tab.press("#words", "Enter")
+    tab.wait_for_selector("#card .photo i")
+    for height in (844, 480):  # without the keyboard, and with it
+        tab.set_viewport_size({"width": 390, "height": height})
+        tab.wait_for_function(
+            "h => document.documentElement.classList.contains('typing') === (h < 560)"
+            " && document.body.offsetHeight === h",
+            arg=height,
+        )
+        for part in ("#words", "#card .photo", "#plan"):
+            box = tab.locator(part).bounding_box()
+            assert box["y"] >= 0 and box["y"] + box["height"] <= height and box["height"] > 30, (part, box)
+            seen = "([x, y, s]) => document.elementFromPoint(x, y)?.closest(s) !== null"
+            middle = [box["x"] + box["width"] / 2, box["y"] + box["height"] / 2, part]
+            assert tab.evaluate(seen, middle), f"nothing lies over {part}"
+
+
+def test_names_on_the_plan_do_not_collide(home: Path, start: Callable[..., Server], visit: Callable[..., Any]) -> None:
+    tab = visit(start("serve", home).url, viewport={"width": 390, "height": 844})
+    tab.evaluate("choose(data.objects[0].id)")
+    boxes = tab.evaluate("[...document.querySelectorAll('#plan text')].map(t => t.getBoundingClientRect().toJSON())")
+    frame = tab.locator("#plan").bounding_box()
+    assert len(boxes) >= 3
+    for k, a in enumerate(boxes):
+        assert a["left"] >= frame["x"] - 1 and a["right"] <= frame["x"] + frame["width"] + 1
+        for b in boxes[:k]:
+            apart = a["right"] <= b["left"] or b["right"] <= a["left"] or a["bottom"] <= b["top"] + 3
+            assert apart or b["bottom"] <= a["top"] + 3, (a, b)
+
+
+def test_an_uncertain_answer_shows_its_photo_and_asks(
+    home: Path, start: Callable[..., Server], visit: Callable[..., Any]
+) -> None:
+    number = unsure(home)
+    tab = visit(start("serve", home).url)
+    assert tab.locator(f'#plan [data-id="{number}"]').is_hidden(), "hidden until asked for"
+    tab.fill("#words", "where is the mug?")
+    tab.press("#words", "Enter")
+    tab.wait_for_selector("#card .photo i")
+    assert "Is this a mug?" in tab.inner_text("#card .doubt") and card(tab).startswith("mug ?")
+    assert tab.locator(f'#plan [data-id="{number}"]').is_visible()
+    sent: list[Any] = []
+    done = json.dumps({"done": f"mug {number} is there"})
+
+    def answer(route: Any) -> None:
+        sent.append(route.request.post_data_json)
+        route.fulfill(status=200, content_type="application/json", body=done)
+
+    tab.route("**/corrections", answer)
+    tab.click("#card .doubt .yes")
+    tab.wait_for_selector("#toast:has-text('is there')")
+    assert [(each["what"], each["entity"]) for each in sent] == [("confirm", str(number))]
+    tab.unroute("**/corrections")
+    tab.click("#card .doubt .no")
+    tab.wait_for_selector("#toast:has-text('is forgotten')")
+    assert number not in {t.id for t in Home.load(home).objects}
 
 
 def test_a_name_from_the_outside_is_only_text(

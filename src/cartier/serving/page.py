@@ -93,7 +93,7 @@ def _widths(seen: PointCloud) -> npt.NDArray[np.float64]:
     """The widths (N,) of drawn points (m): on a lattice, the sixth neighbour is as far as its diagonal is long."""
     from scipy.spatial import cKDTree
 
-    far = cKDTree(seen.xyz_m).query(seen.xyz_m, k=[min(7, len(seen.xyz_m))])[0][:, 0]
+    far = np.asarray(cKDTree(seen.xyz_m).query(seen.xyz_m, k=[min(7, len(seen.xyz_m))])[0])[:, 0]
     stray = far > 4 * seen.side_m  # with no neighbour there is no surface to close
     return np.asarray(np.where(stray, seen.side_m, np.clip(1.4 * far, 1.4 * seen.side_m, 4 * seen.side_m)))
 

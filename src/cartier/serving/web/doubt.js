@@ -8,5 +8,5 @@ function doubt(obj, canCorrect, correct) {
   if (!canCorrect) return make("p", { class: "doubt muted" }, seen);
   const said = (what) => async () => { for (const b of choices.children) b.disabled = true; await correct(what); for (const b of choices.children) b.disabled = false; };
   const choices = make("div", { class: "choices" }, button("Yes", said("confirm"), "main yes"), button("No", said("forget"), "no"));
-  return make("div", { class: "doubt", role: "group", "aria-label": "Is it there?" }, make("p", {}, `${obj.views ? `Is this ${article(called(obj))}?` : `Is there ${article(called(obj))}?`} `, make("span", { class: "muted" }, seen)), choices);
+  return make("div", { class: "doubt", role: "group", "aria-label": "Is it there?", title: seen }, make("p", {}, `I am not sure. Is ${obj.views ? "this" : "there"} ${article(called(obj))}?`), choices);
 }
