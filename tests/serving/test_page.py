@@ -248,9 +248,10 @@ def unsure(home: Path, label: str = "mug") -> int:
     from dataclasses import replace
 
     mapped = Home.load(home)
-    shutil.rmtree(home)
     doubted = [replace(t, confirmed=False, probability=0.3) if t.label == label else t for t in mapped.objects]
-    replace(mapped, objects=tuple(doubted), store=None, corrected=None).save(home)
+    replace(mapped, objects=tuple(doubted), store=None, corrected=None).save(home.with_name("doubted"))
+    shutil.rmtree(home)
+    home.with_name("doubted").rename(home)
     return next(t.id for t in doubted if t.label == label)
 
 
@@ -412,6 +413,37 @@ def test_the_points_are_where_depth_showed_them_and_can_be_switched_off(
     tab.click("#flat")
     assert tab.locator("#points").is_hidden()
     assert sum("cloud" in url for url in tab.asked) == 1
+
+
+def test_a_click_in_3d_chooses_the_smallest_that_holds_the_surface_and_no_ghost(
+    home: Path, tmp_path: Path, visit: Callable[..., Any]
+) -> None:
+    from dataclasses import replace
+
+    from flat import obj
+
+    mapped = Home.load(home)
+    table = next(t for t in mapped.objects if t.label == "table")
+    x, y, top = table.box_max[0] - 0.2, table.position[1], table.box_max[2]  # the mug stands in the middle
+    plate = obj(70, "plate", (x, y, top), (0.2, 0.2, 0.06))
+    ghost = obj(71, "ghost", (x, y, top), (3, 3, 1), probability=0.2)
+    file = tmp_path / "home.html"
+    file.write_bytes(one_file(replace(mapped, objects=(*mapped.objects, plate, ghost))))
+    tab = visit(file.as_uri())
+    tab.click("#solid")
+    tab.wait_for_function("() => scene.cloud && scene.canvas.width > 10")
+    tab.evaluate("scene.rotate(0, 1)")  # from above
+    corner = [table.box_min[0] + 0.08, table.box_min[1] + 0.08, top]
+    for shown, point, expected in (
+        (True, [x, y, top], "plate"), (True, corner, "table"),
+        (False, corner, "table"), (False, [x, y, top + 0.03], "plate"),
+    ):  # fmt: skip
+        tab.set_checked("#points", shown)
+        tab.evaluate("choose(null)")
+        tab.mouse.click(*tab.evaluate("p => scene.project(p)", point))
+        assert card(tab).startswith(expected), (shown, point)
+    names = tab.evaluate("[...document.querySelectorAll('#names text')].map((t) => t.textContent)")
+    assert "table" in names and not any("ghost" in name for name in names)
 
 
 def test_a_home_of_an_older_cartier_has_no_points_and_opens_as_before(

@@ -269,7 +269,7 @@ def _draw_boxes(axes: Axes, objs: Sequence[MapObject]) -> None:
 def _draw_path(axes: Axes, place: Place | None, goal: Goal | None, robot: RobotModel) -> None:
     if goal is not None:
         axes.plot(*goal.path.T, color=PATH, lw=2.5, zorder=4)
-        axes.plot(*goal.path[0], "o", color=PATH, ms=7, zorder=4)
+        axes.plot(*goal.path[0], "o", color=PATH, mfc="white", mew=2, ms=7, zorder=4.5)
         _draw_robot(axes, goal.x, goal.y, goal.yaw, robot.radius_m)
     if place is not None:
         axes.plot(place.position[0], place.position[1], "*", color=CHOSEN, ms=20, mec="white", zorder=6)
