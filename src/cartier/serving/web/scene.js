@@ -152,7 +152,7 @@ class Scene {
   draw(data, css, whole) {
     this.data = data; this.css = css;
     this.middle = [whole.x + whole.w / 2, -(whole.y + whole.h / 2), 0.4];
-    this.fitted = this.far = Math.hypot(whole.w, whole.h) * 1.1;
+    this.fitted = this.far = Math.hypot(whole.w, whole.h) * 1.18;
     this.paint();
   }
   fit() { this.far = this.fitted; this.turn = -0.9; this.tilt = 0.85; this.paint(); }
