@@ -90,13 +90,11 @@ class Plan {
     this.data = data; this.byId = new Map(data.objects.map((t) => [t.id, t])); this.shapes.clear(); this.order = stacked(data.objects); this.goal = null;
     const [left, right, low, high] = data.extent;
     this.whole = { x: left, y: -high, w: Math.max(right - left, 0.5), h: Math.max(high - low, 0.5) };
-    const group = shape("g", { "aria-hidden": "true" }), hatch = shape("pattern", { id: "hatch", width: 0.12, height: 0.12, patternUnits: "userSpaceOnUse", patternTransform: "rotate(45)" });
-    hatch.append(shape("path", { d: "M0 0V0.12", class: "hatch" }));
-    group.append(hatch);
+    const group = shape("g", { "aria-hidden": "true" });
     if (data.grid) group.append(this.ground(data, css));
     for (const obj of this.order) {
       const size = [0, 1].map((i) => Math.max(obj.high[i] - obj.low[i], 0.04)), look = { x: obj.low[0], y: -obj.high[1], width: size[0], height: size[1], rx: Math.min(0.03, size[0] / 4, size[1] / 4) };
-      const r = shape("rect", { ...look, class: obj.confirmed ? "object" : "object tentative", fill: obj.confirmed ? COLOURS[obj.colours[0]] || "#4a78b8" : "url(#hatch)" });
+      const r = shape("rect", { ...look, class: obj.confirmed ? "object" : "object tentative", fill: COLOURS[obj.colours[0]] || "#4a78b8" });
       r.dataset.id = obj.id;
       this.shapes.set(obj.id, r);
       group.append(r);
