@@ -534,6 +534,8 @@ class Selection:
         fact: The same answer for programs, or None.
         alarm: The kind of emergency, for "alarm": "self_harm", "violence" (to others), "child" (in danger), "medical"
             or "fire" (also gas and floods); else None.
+        tentative: The id of an object that is not confirmed and that the question or the answer speaks of, or None: a
+            person may be shown its photo.
     """
 
     status: Status
@@ -550,6 +552,7 @@ class Selection:
     text: str = ""
     fact: Fact | None = None
     alarm: AlarmKind | None = None
+    tentative: int | None = None
 
     def __post_init__(self) -> None:
         need(self.status in STATUSES, f"selection status {self.status!r} is not one of {', '.join(STATUSES)}")
@@ -705,6 +708,7 @@ class Answer:
             "query": self.query, "status": chosen.status, "object": chosen.object, "object_id": chosen.object_id,
             "room": chosen.room, "reason": chosen.reason, "question": chosen.question, "text": chosen.text,
             "alarm": chosen.alarm, "answer": None if chosen.fact is None else asdict(chosen.fact),
+            "tentative": chosen.tentative,
             "place": self.place.to_dict() if self.place else None, "goal": self.goal.to_dict() if self.goal else None,
             "candidates": [{"object": name, "score": score} for name, score in chosen.candidates],
             "reasoner": self.reasoner, "index": self.index, "encoder": self.encoder, "detector": self.detector,

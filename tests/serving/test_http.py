@@ -83,7 +83,7 @@ def test_ask_goal_photo_over_http(server: Server) -> None:
         assert web.get("/api/homes/room/relate", params={"entity": "mug", "other": "table"}).json()["relations"]
         assert len(web.get("/api/homes/room/view").json()["objects"]) >= 3
         cloud = web.get("/api/homes/room/cloud").json()["cloud"]
-        assert len(base64.b64decode(cloud["points"])) == 9 * cloud["count"] > 0
+        assert len(base64.b64decode(cloud["points"])) == 10 * cloud["count"] > 0
 
 
 def test_openapi_describes_every_path(server: Server) -> None:

@@ -318,6 +318,8 @@ def _answer(home: Home, answer: Answer) -> dict[str, Any]:
     result |= {key: text for text, key in reversed(words.items()) if text}
     if ids := _meant(home, chosen):
         result["ids"] = ids
+    if chosen.tentative is not None:
+        result["tentative"] = chosen.tentative
     if candidates := [[name, round(score, 2)] for name, score in chosen.candidates[:CANDIDATES] if score >= 0.01]:
         result["candidates"] = candidates
     if one is not None:
@@ -333,6 +335,8 @@ def _answer(home: Home, answer: Answer) -> dict[str, Any]:
 
 def _meant(home: Home, chosen: Selection) -> list[int]:
     """The objects that an answer is about, or that a question names, for a person to point at one."""
+    if chosen.tentative is not None:
+        return []  # the confirmed ones in its words only say where it is
     if chosen.status != "clarify":
         return list(chosen.fact.objects[:MEANT]) if chosen.fact else []
     named = {name for name, _ in names_of(tuple(home.names)).mentions(chosen.question or "")}

@@ -3,7 +3,7 @@
 
 function moreCorrections(obj, doing, idle) { // buttons for the card of an object
   return [
-    obj.said ? null : button("It is there", () => correct("confirm", obj, {})),
+    obj.said || !obj.confirmed ? null : button("It is there", () => correct("confirm", obj, {})),
     button("It is a …", () => relabel(obj, doing, idle)), button("Same as …", () => mergeWith(obj, doing, idle)), button("It is two", () => split(obj, doing, idle)),
   ].filter(Boolean);
 }
