@@ -27,7 +27,8 @@ from cartier.evaluation.queries import load_file
 from cartier.evaluation.rows import check_rows, read_rows
 from cartier.evaluation.summary import summarise
 from cartier.evaluation.things import load_answers, load_items
-from cartier.home import Home, corrections
+from cartier.home import Home, correction_log
+from cartier.home.corrected import apply
 from cartier.io.files import read_json, read_npz
 from cartier.mapping.detection_cache import cached
 from cartier.recordings.hints import what_else
@@ -57,15 +58,22 @@ def read_recording(path: Path) -> None:
 def write_corrections(path: Path) -> None:
     home = path.parent / f"{path.name}-home"
     write_home(home)
-    for what, about in (("name", {"name": "Ayo’s"}), ("move", {"to_xy": (1.0, 1.0)}), ("forget", {}), ("undo", {})):
-        Home.load(home).correct(what, Home.load(home).objects[0].id if what != "undo" else "", **about)  # type: ignore[arg-type]
+    first, second = (obj.id for obj in Home.load(home).objects[:2])
+    wishes: list[tuple[Any, Any, dict[str, Any]]] = [
+        ("name", "home", {"name": "Ayo’s flat"}), ("name", first, {"name": "Ayo’s"}), ("confirm", first, {}),
+        ("relabel", first, {"name": "box"}), ("add", "", {"name": "lamp", "to_xy": (1.0, 2.0)}), ("split", first, {}),
+        ("move", first, {"to_xy": (1.0, 1.0)}), ("merge", first, {"other": second}), ("forget", first, {}),
+        ("undo", "", {}),
+    ]  # fmt: skip
+    for what, about, more in wishes:
+        Home.load(home).correct(what, about, **more)
     path.mkdir()
-    (home / corrections.LOG).rename(path / corrections.LOG)
+    (home / correction_log.LOG).rename(path / correction_log.LOG)
 
 
 def read_corrections(path: Path) -> None:
-    log, notes = corrections.read_log(path)
-    known = corrections.apply(log, (), (), None)
+    log, notes = correction_log.read_log(path)
+    known = apply(log, (), (), None)
     json.dumps([*notes, *known.notes], ensure_ascii=False).encode()
 
 

@@ -60,6 +60,7 @@ def _env() -> dict[str, str]:
 def test_map_show_ask_with_pictures(run: Run, recording: Path, tmp_path: Path) -> None:
     code, out, err = run("map", recording, "--detector", DETECTOR, "-o", tmp_path / "home", "--json")
     assert code == 0 and json.loads(out)["names"] == ["chair", "mug", "table"], err
+    assert json.loads((tmp_path / "home" / "home.json").read_text())["name"] == "home", "after its folder"
     code, out, _ = run("show", tmp_path / "home", "--json", "--plot", tmp_path / "home.png")
     rows = json.loads(out)["objects"]
     assert (

@@ -18,6 +18,7 @@ from cartier import plugins
 from cartier.contracts import Detector, Encoder, IndexDefaults, Reasoner, ReasonerDefaults, Recording, optional
 from cartier.errors import BackendError, InputError
 from cartier.home import Home
+from cartier.home.spoken import correct_by_words
 from cartier.labels import object_ref, room_ref
 from cartier.llm.prompts import check_query, recent
 from cartier.mapping.config import MappingConfig
@@ -29,6 +30,9 @@ from cartier.navigation.planning import check_start, plan
 from cartier.types import Answer, Frame, Goal, Place, RobotModel, Selection
 from cartier.understanding import alarm
 from cartier.understanding.out_of_vocabulary import out_of_vocabulary_mention
+
+CORRECTION = "correction"
+"""What answers words that correct the home, instead of a reasoner."""
 
 
 def map_home(
@@ -165,7 +169,11 @@ def _doubts(home: Home, query: str, selection: Selection) -> Iterator[str]:
     """Why the detector may be to blame: it was made for other pictures, or has no label for what was asked for."""
     yield from home.settings.get("doubts", ())
     names = home.settings.get("knows", ())
-    if names and selection.status != "found" and (asked := out_of_vocabulary_mention(query, names)) is not None:
+    if (
+        names
+        and selection.status != "found"
+        and (asked := out_of_vocabulary_mention(query, (*names, *home.names))) is not None
+    ):
         yield f"{home.detector}, which mapped this home, knows only {len(names)} names, and {asked} is not among them"
 
 
@@ -281,6 +289,9 @@ class Conversation:
     def say(self, words: str) -> Answer:
         """Answer what the person says next; words that raise are not remembered.
 
+        Words that correct a saved home do so, and ``home`` is then the corrected one: "yes, it is there", "that is a
+        pencil box", "this is Ben's room", "undo that".
+
         Args:
             words: What the person says.
 
@@ -291,11 +302,18 @@ class Conversation:
             InputError, ReasonerError, BackendError: As ``ask`` does.
         """
         words = check_query(words)
-        answer = ask(
-            self.home, words, self.reasoner,
-            index=self.index, from_xy=self.from_xy, robot=self.robot, dialogue=self.turns,
-            emergency_number=self.emergency_number,
-        )  # fmt: skip
+        corrected = correct_by_words(self.home, words, self.turns, index=self.index, from_xy=self.from_xy)
+        if corrected is not None:
+            self.home, told = corrected
+            answer = serve(
+                self.home, words, told, CORRECTION, index=self.index, from_xy=self.from_xy, robot=self.robot
+            )  # fmt: skip
+        else:
+            answer = ask(
+                self.home, words, self.reasoner,
+                index=self.index, from_xy=self.from_xy, robot=self.robot, dialogue=self.turns,
+                emergency_number=self.emergency_number,
+            )  # fmt: skip
         self.turns = recent([*self.turns, (words, robot_turn(answer))])
         goals = [part.goal for part in (answer, *answer.next) if part.goal is not None]
         if goals:

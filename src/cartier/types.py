@@ -325,6 +325,7 @@ class MapObject:
         aliases: The ids of objects that were merged into it.
         names: The names that people gave it (``Home.correct``).
         oriented: Its box in the directions of the walls, or None where they have no clear one.
+        by_person: Whether a person said that it is there (``Home.correct``), which outweighs all scores.
     """
 
     id: int
@@ -346,6 +347,7 @@ class MapObject:
     aliases: tuple[int, ...] = ()
     names: tuple[str, ...] = ()
     oriented: OrientedBox | None = None
+    by_person: bool = False
 
     def __post_init__(self) -> None:
         for name in ("position", "box_min", "box_max"):
@@ -532,6 +534,8 @@ class Selection:
         fact: The same answer for programs, or None.
         alarm: The kind of emergency, for "alarm": "self_harm", "violence" (to others), "child" (in danger), "medical"
             or "fire" (also gas and floods); else None.
+        tentative: The id of an object that is not confirmed and that the question or the answer speaks of, or None: a
+            person may be shown its photo.
     """
 
     status: Status
@@ -548,6 +552,7 @@ class Selection:
     text: str = ""
     fact: Fact | None = None
     alarm: AlarmKind | None = None
+    tentative: int | None = None
 
     def __post_init__(self) -> None:
         need(self.status in STATUSES, f"selection status {self.status!r} is not one of {', '.join(STATUSES)}")
@@ -703,6 +708,7 @@ class Answer:
             "query": self.query, "status": chosen.status, "object": chosen.object, "object_id": chosen.object_id,
             "room": chosen.room, "reason": chosen.reason, "question": chosen.question, "text": chosen.text,
             "alarm": chosen.alarm, "answer": None if chosen.fact is None else asdict(chosen.fact),
+            "tentative": chosen.tentative,
             "place": self.place.to_dict() if self.place else None, "goal": self.goal.to_dict() if self.goal else None,
             "candidates": [{"object": name, "score": score} for name, score in chosen.candidates],
             "reasoner": self.reasoner, "index": self.index, "encoder": self.encoder, "detector": self.detector,

@@ -16,8 +16,10 @@ from hypothesis import strategies as st
 import cartier
 from cartier import cli
 from cartier.errors import InputError
-from cartier.home import Home, corrections
-from cartier.home.corrections import LOG, Correction, Subject, apply, find, read_log
+from cartier.home import Home
+from cartier.home.corrected import apply
+from cartier.home.correction_log import LOG, Correction, CorrectionKind, Subject, line_of, read_log
+from cartier.home.corrections import find
 from cartier.pipeline import map_home
 from cartier.types import Inventory, MapObject, Selection
 from synthetic import THINGS, RoomRecording, TrueBoxes, walk
@@ -61,7 +63,7 @@ def obj(id: int, label: str, x: float, *, aliases: tuple[int, ...] = (), labels:
     return MapObject(id, label, votes, (x, 1.0, 0.1), low, high, 0.9, True, 3, 3, 0.0, 1.0, 1.0, (), aliases=aliases)
 
 
-def entry(about: MapObject, what: corrections.CorrectionKind = "name") -> Correction:
+def entry(about: MapObject, what: CorrectionKind = "name") -> Correction:
     subject = Subject("object", about.id, about.label, about.position)
     return Correction("1", "2026", "Ayo", what, subject, name="Ayo's" if what == "name" else None)
 
@@ -281,12 +283,29 @@ def test_from_the_command_line(home: Home, capsys: pytest.CaptureFixture[str], m
     assert "Ayo's mug, mug" in run("show", at)
     assert run("forget", at, "mug").endswith("is forgotten")
     assert run("undo", at).startswith("undone: mug")
-    assert [json.loads(line)["what"] for line in (at / LOG).read_text().splitlines()] == [
-        "name",
-        "move",
-        "forget",
-        "undo",
-    ]
+    assert run("name", at, "--home", "Ayo's flat").endswith("is called Ayo's flat")
+    assert run("confirm", at, "chair").endswith("is there")
+    assert run("relabel", at, "chair", "throne").endswith("is labelled throne")
+    assert run("add", at, "vase", "-0.5,2").endswith("is added at x -0.50 y 2.00 m")
+    assert run("add", at, "lamp", "table").startswith("lamp (10000")
+    assert run("merge", at, "vase", "lamp").endswith("are one")
+    assert run("split", at, "table", "--label", "desk").endswith(")")
+    assert run("undo", at).startswith("undone: table")
+    table = find("table", Home.load(at).objects)
+    assert run("split", at, "table", f"{table.position[0] - 0.1},{table.position[1]}").startswith("table")
+    for words in (
+        ("name", at),
+        ("name", at, "mug"),
+        ("name", at, "mug", "x", "--home", "y"),
+        ("add", at, "vase", "1,x"),
+    ):
+        monkeypatch.setattr(sys, "argv", ["cartier", *map(str, words)])
+        with pytest.raises(SystemExit):
+            cli.main()
+        told = capsys.readouterr().err
+        assert told.startswith("cartier: ") and told.count("\n") == 1
+    kinds = "name move forget undo name confirm relabel add add merge split undo split"
+    assert " ".join(json.loads(line)["what"] for line in (at / LOG).read_text().splitlines()) == kinds
 
 
 def test_the_paper_s_grid_finds_a_named_thing_as_what_it_is(tmp_path: Path) -> None:
@@ -301,9 +320,7 @@ def test_the_paper_s_grid_finds_a_named_thing_as_what_it_is(tmp_path: Path) -> N
 @settings(deadline=None, max_examples=300, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.data())
 def test_a_log_broken_anyhow_is_read_or_its_lines_are_left_out(tmp_path: Path, data: st.DataObject) -> None:
-    good = "".join(
-        corrections.line_of(entry(obj(k, "mug", 1.0), what)) + "\n" for k, what in enumerate(("name", "forget"))
-    )
+    good = "".join(line_of(entry(obj(k, "mug", 1.0), what)) + "\n" for k, what in enumerate(("name", "forget")))
     broken = bytearray(good.encode() + json.dumps(ROW).encode())
     for _ in range(data.draw(st.integers(1, 6))):
         at = data.draw(st.integers(0, len(broken) - 1))
@@ -315,4 +332,4 @@ def test_a_log_broken_anyhow_is_read_or_its_lines_are_left_out(tmp_path: Path, d
     log, notes = read_log(tmp_path)
     fixed = apply(log, (obj(1, "mug", 1.0), obj(2, "mug", 1.2)), (), None)
     assert len(log) + len(notes) == sum(bool(line.strip()) for line in bytes(broken).split(b"\n"))
-    json.dumps([corrections.line_of(each) for each in log] + [*notes, *fixed.notes], ensure_ascii=False).encode()
+    json.dumps([line_of(each) for each in log] + [*notes, *fixed.notes], ensure_ascii=False).encode()

@@ -70,6 +70,19 @@ def test_a_home_alone_shows_its_evidence(home: Home, tmp_path: Path, logged: dic
         "TextDocument", logged["about"]
     )
     assert "camera" not in logged and "home/path" not in logged
+    seen = home.cloud()
+    assert seen is not None
+    ((_, points),) = of("Points3D", logged["home/points"])
+    assert np.allclose(arrays(points.positions), seen.xyz_m, atol=1e-4) and len(points.colors) == len(seen.rgb)
+
+
+def test_photos_without_a_pose_are_kept_out_of_the_3d_view(home: Home) -> None:
+    from cartier.render.rerun_file import blueprint
+
+    def space(posed: bool) -> Any:
+        return blueprint(posed).root_container.contents[0]
+
+    assert "- /camera/**" in space(False).contents and "- /camera/**" not in space(True).contents
 
 
 def test_every_box_of_every_frame_that_was_looked_at_is_there(tmp_path: Path, logged: dict[str, Any]) -> None:

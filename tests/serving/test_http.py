@@ -28,7 +28,7 @@ httpx = pytest.importorskip("httpx")
 
 from cartier.errors import InputError  # noqa: E402
 from cartier.home import Home  # noqa: E402
-from cartier.home.corrections import LOG, read_log  # noqa: E402
+from cartier.home.correction_log import LOG, read_log  # noqa: E402
 from cartier.serving import guard, http  # noqa: E402
 from cartier.serving import server as web_server  # noqa: E402
 from cartier.serving.guard import Guard, host_names, read_token  # noqa: E402
@@ -83,7 +83,7 @@ def test_ask_goal_photo_over_http(server: Server) -> None:
         assert web.get("/api/homes/room/relate", params={"entity": "mug", "other": "table"}).json()["relations"]
         assert len(web.get("/api/homes/room/view").json()["objects"]) >= 3
         cloud = web.get("/api/homes/room/cloud").json()["cloud"]
-        assert len(base64.b64decode(cloud["points"])) == 9 * cloud["count"] > 0
+        assert len(base64.b64decode(cloud["points"])) == 10 * cloud["count"] > 0
 
 
 def test_openapi_describes_every_path(server: Server) -> None:
@@ -125,6 +125,36 @@ def test_corrections_last_and_are_seen_by_all(home: Path, start: Callable[..., S
     assert web.get("/api/homes/room/objects").json()["total"] == 2
     assert "forgotten" in web.post("/api/homes/room/undo", json={}).json()["done"]
     assert web.get("/api/homes/room/objects").json()["total"] == 3
+
+
+def test_corrections_of_every_kind_and_by_words(home: Path, start: Callable[..., Server]) -> None:
+    web = httpx.Client(base_url=start("serve", home).url)
+    before = web.get("/api/homes/room/view").json()["objects"]
+    wishes: list[dict[str, Any]] = [
+        {"what": "name", "entity": "home", "name": "Ben's flat"}, {"what": "confirm", "entity": "chair"},
+        {"what": "relabel", "entity": "chair", "name": "throne"}, {"what": "add", "entity": "table", "name": "vase"},
+        {"what": "add", "name": "lamp", "x": 2.0, "y": 1.0}, {"what": "merge", "entity": "table", "other": "mug"},
+        {"what": "split", "entity": "table", "name": "desk"},
+    ]  # fmt: skip
+    done = [web.post("/api/homes/room/corrections", json=wish).json()["done"] for wish in wishes]
+    now = web.get("/api/homes/room/view").json()
+    assert now["title"] == "Ben's flat" and now["corrections"] == len(wishes)
+    assert {"throne", "vase", "lamp", "table", "desk"} == {t["label"] for t in now["objects"] if t["said"]}
+    row = web.get("/api/homes/room/describe", params={"entity": "vase"}).json()
+    assert row["certainty"] == 1 and row["evidence"] == "a person said so; seen 0 of 0" and row["goal"]
+    undone = [web.post("/api/homes/room/undo", json={}).json()["done"] for _ in wishes]
+    assert undone == [f"undone: {each}" for each in reversed(done)]
+    assert web.get("/api/homes/room/view").json()["objects"] == before
+
+    def say(words: str) -> dict[str, Any]:
+        result: dict[str, Any] = web.post("/api/homes/room/ask", json={"words": words, "conversation": "a"}).json()
+        return result
+
+    chair = say("take me to the chair")
+    told = say("That is a pencil box.")
+    assert told["text"] == f"Noted: chair ({chair['id']}) is labelled pencil box." and told["corrected"]
+    assert "corrected" in say("undo that") and web.get("/api/homes/room/view").json()["objects"] == before
+    assert "corrected" not in say("that is a pencil box"), "nobody spoke of an object right before"
 
 
 def test_kill_and_restart_leave_whole_corrections(home: Path, start: Callable[..., Server]) -> None:

@@ -77,6 +77,17 @@ async def talk(client: Client) -> None:
     assert (await told(client, "correct", what="name", entity="mug", name="Ayo's mug"))["done"].endswith("Ayo's mug")
     assert (await told(client, "find", name="Ayo"))["objects"][0]["id"] == mug["id"]
     assert (await told(client, "undo"))["done"].startswith("undone")
+    for what, about in (
+        ("confirm", {"entity": "mug"}), ("relabel", {"entity": "mug", "name": "cup"}), ("split", {"entity": "table"}),
+        ("name", {"entity": "home", "name": "flat"}), ("add", {"entity": "chair", "name": "vase"}),
+        ("merge", {"entity": "vase", "other": "cup"}),
+    ):  # fmt: skip
+        done = (await told(client, "correct", what=what, **about))["done"]
+        assert (await told(client, "undo"))["done"] == f"undone: {done}"
+        if what in ("add", "relabel"):
+            await told(client, "correct", what=what, **about)
+    await told(client, "ask", words="mug", conversation="a")
+    assert "corrected" not in await told(client, "ask", words="yes, it is there", conversation="a"), "ask only reads"
 
 
 @pytest.mark.parametrize("mode", ["auto", "legacy"])
@@ -84,7 +95,7 @@ def test_a_conversation_over_stdio(home: Path, mode: str) -> None:
     over_stdio(talk, home, mode=mode)
     assert [json.loads(line)["who"][:5] for line in (home / "corrections.jsonl").read_text().splitlines()] == [
         "agent"
-    ] * 2
+    ] * 16
 
 
 @pytest.mark.parametrize("mode", ["auto", "legacy"])

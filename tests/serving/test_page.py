@@ -16,9 +16,9 @@ import pytest
 from cartier.home import Home
 from cartier.serving import page
 from cartier.serving.page import one_file, view
+from serving.browsing import chromium
 from serving.conftest import Server
 
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 STYLE = (page.WEB / "style.css").read_text()
 
 
@@ -94,14 +94,8 @@ def test_a_home_without_a_floor_plan_is_shown_too(home: Path) -> None:
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Any]:
-    if CHROMIUM is None:
-        pytest.skip("needs Chromium: apt-get install chromium")
-    playwright = pytest.importorskip("playwright.sync_api", reason="needs playwright")
-    with playwright.sync_playwright() as running:
-        flags = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
-        opened = running.chromium.launch(executable_path=CHROMIUM, args=flags)
+    with chromium() as opened:
         yield opened
-        opened.close()
 
 
 @pytest.fixture
@@ -185,6 +179,55 @@ def test_click_rename_move_forget_undo_and_reload(
     assert tab.locator("#undo").is_hidden() and not Home.load(home).objects[0].names
 
 
+def test_confirm_relabel_split_merge_add_and_the_home_s_name(
+    home: Path, start: Callable[..., Server], visit: Callable[..., Any]
+) -> None:
+    tab = visit(start("serve", home).url)
+    chair = next(t for t in Home.load(home).objects if t.label == "chair")
+
+    def told(words: str) -> Home:
+        tab.wait_for_selector(f"#toast:has-text('{words}')")
+        tab.evaluate("document.getElementById('toast').hidden = true")
+        return Home.load(home)
+
+    def objects(now: Home) -> list[str]:
+        return sorted(t.label for t in now.objects if t.confirmed)
+
+    before = objects(Home.load(home))
+    tab.locator(f'#plan .object[data-id="{chair.id}"]').click(position={"x": 2, "y": 2})
+    tab.click("button:text-is('It is there')")
+    assert next(t for t in told("is there").objects if t.id == chair.id).by_person
+    assert "a person said" in tab.inner_text("#card") and tab.locator("button:text-is('It is there')").count() == 0
+    tab.click("text=It is a …")
+    tab.keyboard.type("Throne")
+    tab.keyboard.press("Enter")
+    assert "throne" in objects(told("is labelled throne")) and card(tab).startswith("throne")
+    tab.click("text=It is two")
+    tab.click("#card .doing >> text=Save")
+    assert objects(told("is two")).count("throne") == 2
+    tab.click("text=Same as …")
+    tab.click("#card .doing >> text=Save")
+    assert objects(told("are one")).count("throne") == 1, "the nearest is offered first"
+    tab.click("#tab-objects")
+    tab.click("#add")
+    tab.keyboard.type("vase")
+    box = tab.locator("#plan").bounding_box()
+    tab.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    vase = next(t for t in told("is added").objects if t.label == "vase")
+    x, y = tab.evaluate("[plan.view.x + plan.view.w / 2, -(plan.view.y + plan.view.h / 2)]")
+    assert abs(vase.position[0] - x) < 0.03 and abs(vase.position[1] - y) < 0.03, "the pixel that was clicked"
+    tab.locator(f'#list button[data-id="{vase.id}"]').click()
+    assert card(tab).startswith("vase") and tab.locator("#card .photo img").count() == 0
+    tab.click("#name-home")
+    tab.keyboard.type("Ben's flat")
+    tab.keyboard.press("Enter")
+    assert told("is called Ben").name == tab.inner_text("#title") == "Ben's flat"
+    for _ in range(6):
+        tab.click("#undo")
+        told("undone")
+    assert tab.locator("#undo").is_hidden() and objects(Home.load(home)) == before
+
+
 def test_the_keyboard_alone_suffices(home: Path, start: Callable[..., Server], visit: Callable[..., Any]) -> None:
     tab = visit(start("serve", home).url)
     keys = tab.keyboard
@@ -247,6 +290,79 @@ def test_a_phone_s_width_and_its_scheme(
         ".filter(r => r.width && r.height < 34).length"
     )
     assert small == 0, "fingers are wide"
+
+
+def unsure(home: Path, label: str = "mug") -> int:
+    """Make the object of a label tentative in a saved home; returns its id."""
+    from dataclasses import replace
+
+    mapped = Home.load(home)
+    doubted = [replace(t, confirmed=False, probability=0.3) if t.label == label else t for t in mapped.objects]
+    replace(mapped, objects=tuple(doubted), store=None, corrected=None).save(home.with_name("doubted"))
+    shutil.rmtree(home)
+    home.with_name("doubted").rename(home)
+    return next(t.id for t in doubted if t.label == label)
+
+
+def test_a_phone_s_keyboard_covers_neither_the_field_nor_the_evidence(
+    home: Path, start: Callable[..., Server], visit: Callable[..., Any]
+) -> None:
+    tab = visit(start("serve", home).url, viewport={"width": 390, "height": 844}, has_touch=True, is_mobile=True)
+    tab.fill("#words", "I want to sit down")
+    tab.press("#words", "Enter")
+    tab.wait_for_selector("#card .photo i")
+    for height in (844, 480):  # without the keyboard, and with it
+        tab.set_viewport_size({"width": 390, "height": height})
+        tab.wait_for_function(
+            "h => document.documentElement.classList.contains('typing') === (h < 560)"
+            " && document.body.offsetHeight === h",
+            arg=height,
+        )
+        for part in ("#words", "#card .photo", "#plan"):
+            box = tab.locator(part).bounding_box()
+            assert box["y"] >= 0 and box["y"] + box["height"] <= height and box["height"] > 30, (part, box)
+            seen = "([x, y, s]) => document.elementFromPoint(x, y)?.closest(s) !== null"
+            middle = [box["x"] + box["width"] / 2, box["y"] + box["height"] / 2, part]
+            assert tab.evaluate(seen, middle), f"nothing lies over {part}"
+
+
+def test_names_on_the_plan_do_not_collide(home: Path, start: Callable[..., Server], visit: Callable[..., Any]) -> None:
+    tab = visit(start("serve", home).url, viewport={"width": 390, "height": 844})
+    tab.evaluate("choose(data.objects[0].id)")
+    boxes = tab.evaluate("[...document.querySelectorAll('#plan text')].map(t => t.getBoundingClientRect().toJSON())")
+    frame = tab.locator("#plan").bounding_box()
+    assert len(boxes) >= 3
+    for k, a in enumerate(boxes):
+        assert a["left"] >= frame["x"] - 1 and a["right"] <= frame["x"] + frame["width"] + 1
+        for b in boxes[:k]:
+            apart = a["right"] <= b["left"] or b["right"] <= a["left"] or a["bottom"] <= b["top"] + 3
+            assert apart or b["bottom"] <= a["top"] + 3, (a, b)
+
+
+def test_an_uncertain_answer_shows_its_photo_and_asks(
+    home: Path, start: Callable[..., Server], visit: Callable[..., Any]
+) -> None:
+    number = unsure(home)
+    tab = visit(start("serve", home).url)
+    assert tab.locator(f'#plan [data-id="{number}"]').is_hidden(), "hidden until asked for"
+    tab.fill("#words", "where is the mug?")
+    tab.press("#words", "Enter")
+    tab.wait_for_selector("#card .photo i")
+    assert "Is this a mug?" in tab.inner_text("#card .doubt") and card(tab).startswith("mug ?")
+    assert tab.locator(f'#plan [data-id="{number}"]').is_visible()
+    assert tab.locator("#card button:text-is('It is there')").count() == 0, "Yes says so"
+    tab.click("#card .doubt .yes")
+    tab.wait_for_selector("#toast:has-text('is there')")
+    mug = next(t for t in Home.load(home).objects if t.id == number)
+    assert mug.confirmed and mug.by_person and not card(tab).startswith("mug ?")
+    assert tab.locator("#card .doubt").count() == 0 and "a person said" in tab.inner_text("#card")
+    tab.click("#undo")
+    tab.wait_for_selector("#toast:has-text('undone')")
+    assert not next(t for t in Home.load(home).objects if t.id == number).confirmed
+    tab.evaluate("id => choose(id)", number)
+    tab.click("#card .doubt .no")
+    tab.wait_for_selector("#toast:has-text('is forgotten')")
+    assert number not in {t.id for t in Home.load(home).objects}
 
 
 def test_a_name_from_the_outside_is_only_text(
@@ -344,6 +460,37 @@ def test_the_points_are_where_depth_showed_them_and_can_be_switched_off(
     tab.click("#flat")
     assert tab.locator("#points").is_hidden()
     assert sum("cloud" in url for url in tab.asked) == 1
+
+
+def test_a_click_in_3d_chooses_the_smallest_that_holds_the_surface_and_no_ghost(
+    home: Path, tmp_path: Path, visit: Callable[..., Any]
+) -> None:
+    from dataclasses import replace
+
+    from flat import obj
+
+    mapped = Home.load(home)
+    table = next(t for t in mapped.objects if t.label == "table")
+    x, y, top = table.box_max[0] - 0.2, table.position[1], table.box_max[2]  # the mug stands in the middle
+    plate = obj(70, "plate", (x, y, top), (0.2, 0.2, 0.06))
+    ghost = obj(71, "ghost", (x, y, top), (3, 3, 1), probability=0.2)
+    file = tmp_path / "home.html"
+    file.write_bytes(one_file(replace(mapped, objects=(*mapped.objects, plate, ghost))))
+    tab = visit(file.as_uri())
+    tab.click("#solid")
+    tab.wait_for_function("() => scene.cloud && scene.canvas.width > 10")
+    tab.evaluate("scene.rotate(0, 1)")  # from above
+    corner = [table.box_min[0] + 0.08, table.box_min[1] + 0.08, top]
+    for shown, point, expected in (
+        (True, [x, y, top], "plate"), (True, corner, "table"),
+        (False, corner, "table"), (False, [x, y, top + 0.03], "plate"),
+    ):  # fmt: skip
+        tab.set_checked("#points", shown)
+        tab.evaluate("choose(null)")
+        tab.mouse.click(*tab.evaluate("p => scene.project(p)", point))
+        assert card(tab).startswith(expected), (shown, point)
+    names = tab.evaluate("[...document.querySelectorAll('#names text')].map((t) => t.textContent)")
+    assert "table" in names and not any("ghost" in name for name in names)
 
 
 def test_a_home_of_an_older_cartier_has_no_points_and_opens_as_before(

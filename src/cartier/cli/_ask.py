@@ -90,7 +90,7 @@ def ask(
         if plot:
             from cartier.render.floor_plan import draw_answer
 
-            draw_answer(mapped, answer, plot, model_of_robot)
+            draw_answer(talk.home, answer, plot, model_of_robot)
             say(f"image: {plot}")
         print(json.dumps(answer.to_dict(), ensure_ascii=False)) if as_json else _print_answer(answer, shown)
         if told is not None and answer.selection.status == "alarm":

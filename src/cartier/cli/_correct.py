@@ -1,4 +1,4 @@
-"""Commands that correct a home: name, forget, move, undo."""
+"""Commands that correct a home: name, confirm, relabel, add, merge, split, forget, move, undo."""
 
 from __future__ import annotations
 
@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from cartier.cli._common import HomeFolder, numbers
+from cartier.errors import InputError
 
 if TYPE_CHECKING:
-    from cartier.home import corrections
+    from cartier.home.correction_log import CorrectionKind
 
 app = typer.Typer()
 Object = Annotated[
@@ -25,13 +26,81 @@ Who = Annotated[str | None, typer.Option("--who", help="Who makes the correction
 def name(
     home: HomeFolder,
     entity: Annotated[
-        str, typer.Argument(metavar="ROOM_OR_OBJECT", help="An object's id or label, a room's name, or room:ID.")
-    ],
-    called: Annotated[str, typer.Argument(metavar="NAME", help='The new name, for example "Ayo\'s room".')],
+        str | None,
+        typer.Argument(metavar="[ROOM_OR_OBJECT]", help="An object's id or label, a room's name, or room:ID."),
+    ] = None,
+    called: Annotated[
+        str | None, typer.Argument(metavar="[NAME]", help='The new name, for example "Ayo\'s room".')
+    ] = None,
+    of_home: Annotated[str | None, typer.Option("--home", metavar="NAME", help="Name the home itself.")] = None,
     who: Who = None,
 ) -> None:
-    """Name an object or a room."""
-    _correct(home, "name", entity, name=called, who=who)
+    """Name an object, a room, or with --home the home."""
+    if of_home is not None and entity is None:
+        _correct(home, "name", "home", name=of_home, who=who)
+    elif of_home is None and entity is not None and called is not None:
+        _correct(home, "name", entity, name=called, who=who)
+    else:
+        raise InputError("name one thing: cartier name HOME ROOM_OR_OBJECT NAME, or cartier name HOME --home NAME")
+
+
+@app.command()
+def confirm(home: HomeFolder, obj: Object, who: Who = None) -> None:
+    """Say that an object is there, however sure the map is."""
+    _correct(home, "confirm", obj, who=who)
+
+
+@app.command()
+def relabel(
+    home: HomeFolder,
+    obj: Object,
+    label: Annotated[str, typer.Argument(metavar="LABEL", help='What it is, for example "pencil box".')],
+    who: Who = None,
+) -> None:
+    """Say what an object is, if the map calls it something else."""
+    _correct(home, "relabel", obj, name=label, who=who)
+
+
+@app.command(context_settings={"ignore_unknown_options": True})  # -1,2 is a place
+def add(
+    home: HomeFolder,
+    label: Annotated[str, typer.Argument(metavar="LABEL", help='What it is, for example "pencil box".')],
+    at: Annotated[
+        str, typer.Argument(metavar="X,Y|ENTITY", help="Its middle in metres, what it stands on, or a room.")
+    ],
+    who: Who = None,
+) -> None:
+    """Add an object that the map lacks."""
+    try:
+        entity, to_xy = "", numbers(at, 2, "X,Y") or ()
+    except InputError:
+        entity, to_xy = at, ()
+    _correct(home, "add", entity, name=label, to_xy=to_xy, who=who)
+
+
+@app.command()
+def merge(
+    home: HomeFolder,
+    obj: Object,
+    other: Annotated[str, typer.Argument(metavar="OTHER", help="The object that becomes part of it.")],
+    who: Who = None,
+) -> None:
+    """Say that two objects are one."""
+    _correct(home, "merge", obj, other=other, who=who)
+
+
+@app.command(context_settings={"ignore_unknown_options": True})  # -1,2 is a place
+def split(
+    home: HomeFolder,
+    obj: Object,
+    second: Annotated[
+        str | None, typer.Argument(metavar="[X,Y]", help="A point in the second object. Default: the larger x or y.")
+    ] = None,
+    label: Annotated[str, typer.Option(help="What the second object is. Default: what the first is.")] = "",
+    who: Who = None,
+) -> None:
+    """Say that an object is two, side by side."""
+    _correct(home, "split", obj, name=label, to_xy=numbers(second, 2, "X,Y") or (), who=who)
 
 
 @app.command()
@@ -58,12 +127,13 @@ def undo(home: HomeFolder, who: Who = None) -> None:
 
 
 def _correct(
-    home: Path, what: corrections.CorrectionKind, entity: str = "", *,
-    name: str = "", to_xy: Sequence[float] = (), who: str | None,
+    home: Path, what: CorrectionKind, entity: str = "", *,
+    name: str = "", to_xy: Sequence[float] = (), other: str = "", who: str | None,
 ) -> None:  # fmt: skip
     from cartier.home import Home
 
-    print(Home.load(home).correct(what, entity, name=name, to_xy=to_xy, who=who or _user())[1])
+    _, told = Home.load(home).correct(what, entity, name=name, to_xy=to_xy, other=other, who=who or _user())
+    print(told)
 
 
 def _user() -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -155,6 +156,8 @@ def map_command(
             )  # fmt: skip
         if home is onto:
             say(f"{source.name} is in {output} already: nothing was added")
+        if onto is None:
+            home = replace(home, name=output.resolve().name or home.name)
         home.save(output)
         with suppress(OSError):  # the home is complete without it
             unfinished.unlink()

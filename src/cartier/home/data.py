@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from cartier.contracts import SpatialIndex
-from cartier.home.corrections import Corrected
+from cartier.home.corrected import Corrected
 from cartier.home.store import Store
 from cartier.types import Camera, Inventory, MapObject, OccupancyGrid, Room
 
@@ -40,6 +40,11 @@ class HomeData:
         return hashlib.sha256(made_by.encode()).hexdigest()[:12]
 
     @property
+    def mapped_name(self) -> str:
+        """The name without the one that people gave it."""
+        return self.name if self.corrected is None else self.corrected.mapped_name
+
+    @property
     def scale_guessed(self) -> bool:
         """Whether the scale is a guess: then lengths are right relative to each other, but not in metres."""
         return self.settings.get("scale_guessed") is True
@@ -48,3 +53,9 @@ class HomeData:
     def names(self) -> list[str]:
         """The labels of all confirmed objects and the names that people gave them, each once, sorted."""
         return Inventory(self.objects).names
+
+
+def origin_of(settings: Mapping[str, Any]) -> str:
+    """What names the pose frame of a home: its first recording, for growing and mapping it again keep that frame."""
+    recordings = settings.get("recordings") or [{}]
+    return "".join(filter(str.isalnum, str(recordings[0].get("sha256", ""))))[:12]

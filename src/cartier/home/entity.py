@@ -14,8 +14,8 @@ import numpy.typing as npt
 from cartier import plugins
 from cartier.contracts import Instances, Searchable, SpatialIndex
 from cartier.errors import InputError
-from cartier.home import corrections, repository, views
-from cartier.home.data import HomeData
+from cartier.home import correction_log, corrections, repository, views
+from cartier.home.data import HomeData, origin_of
 from cartier.home.detection_log import DetectionLog
 from cartier.home.photos import photo_of
 from cartier.home.point_cloud import PointCloud, read_cloud
@@ -35,7 +35,7 @@ class Home(HomeData):
     metres, z up, floor at z = 0.
 
     Args:
-        name: The name of the first recording.
+        name: Its name: what people call it, else the folder that ``cartier map`` wrote, or its first recording.
         detector: The name of the detector that mapped it.
         camera: The camera of the recordings.
         objects: All objects of the map, confirmed and tentative, with corrections applied.
@@ -48,8 +48,8 @@ class Home(HomeData):
         notes: What a person should know about this map, one line each.
         growth: The state from which mapping goes on, as named blobs.
         store: Where it was loaded from, or None.
-        corrected: The objects and rooms with and without the corrections that people made, or None if it was not
-            loaded.
+        corrected: The objects, rooms and name with and without the corrections that people made, or None if it was
+            neither loaded nor grown from a loaded one.
 
     Example:
         >>> import cartier
@@ -104,8 +104,20 @@ class Home(HomeData):
         held = self.index(index)[1]
         obj = next((o for o in self.objects if o.id == chosen.object_id), None)
         if obj is None or not isinstance(held, Instances):
-            return held.locate(chosen.object)
-        return held.locate_object(obj)
+            place = held.locate(chosen.object)
+        else:
+            place = held.locate_object(obj)
+        return self._said_place(chosen) if place is None else place
+
+    def _said_place(self, chosen: Selection) -> Place | None:
+        """Where a person said that an object is which no index knows."""
+        for obj in self.objects:
+            mine = chosen.object_id == obj.id or (chosen.object_id is None and chosen.object in (obj.label, *obj.names))
+            if obj.by_person and mine:
+                return Place(
+                    obj.label, obj.position, 1.0, -1, box_min=obj.box_min, box_max=obj.box_max, object_id=obj.id
+                )
+        return None
 
     def _room_place(self, room: Room) -> Place | None:
         """The middle of a room, with the frame that shows most of it. None without a floor plan."""
@@ -225,21 +237,31 @@ class Home(HomeData):
 
     def correct(
         self,
-        what: corrections.CorrectionKind,
+        what: correction_log.CorrectionKind,
         entity: int | str = "",
         *,
         name: str = "",
         to_xy: Sequence[float] = (),
+        other: int | str = "",
         who: str = "somebody",
     ) -> tuple[Home, str]:
         """Correct the home; the correction is appended to the log of the saved home.
 
+        What a person says outweighs any score: an object that is named, confirmed, relabelled, moved, merged, split or
+        added is confirmed, also after the home has grown, and a forgotten one does not come back.
+
         Args:
-            what: "name" (give an object or a room a name), "forget" (remove an object), "move" (move an object's
-                middle) or "undo" (take the latest correction back).
-            entity: What to correct: an object's id, ``room:ID``, a name, or a label that only one object has.
-            name: The new name, for "name".
-            to_xy: The new middle (x, y) in metres, map frame, for "move".
+            what: "name" (give an object, a room or the home a name), "confirm" (an object is there), "relabel" (say
+                what it is), "add" (an object that the map lacks), "merge" (two objects are one), "split" (one object
+                is two), "forget" (remove an object), "move" (move an object's middle) or "undo" (take the latest
+                correction back).
+            entity: What to correct: an object's id, ``room:ID``, a name, a label that only one object has, or
+                ``home``. For "add" the object that it stands on, or its room.
+            name: The new name for "name", the label for "relabel" and "add"; for "split" the label of the second
+                object, by default that of the first.
+            to_xy: A place (x, y) in metres, map frame: the new middle for "move", the middle for "add", a point of the
+                second object for "split".
+            other: For "merge" the object that becomes part of ``entity``.
             who: Who corrects, for the log.
 
         Returns:
@@ -251,9 +273,10 @@ class Home(HomeData):
         """
         if self.store is None or self.corrected is None:
             raise InputError(f"{self.name} was not loaded from a folder: save it, load it, and correct it then")
-        entry = corrections.make(self.corrected, self.grid, what, str(entity), name, to_xy, who)
-        self.store.append(corrections.LOG, corrections.line_of(entry))
-        return Home.load(self.store.folder), corrections.in_words(entry, self.corrected.log)
+        wish = corrections.Wish(what, str(entity), name, tuple(to_xy), str(other), who)
+        entry = corrections.make(self.corrected, self.grid, wish, origin_of(self.settings))
+        self.store.append(correction_log.LOG, correction_log.line_of(entry))
+        return Home.load(self.store.folder), correction_log.in_words(entry, self.corrected.log)
 
     def remember(self, answer: Answer) -> None:
         """Append an answer to the saved home's ``answers.jsonl``; a home that was not loaded keeps none.

@@ -12,8 +12,9 @@ import numpy as np
 from cartier import plugins
 from cartier.contracts import SpatialIndex
 from cartier.errors import InputError
-from cartier.home import corrections
-from cartier.home.data import HomeData
+from cartier.home import correction_log
+from cartier.home.corrected import apply
+from cartier.home.data import HomeData, origin_of
 from cartier.home.map_server import grid_from, pgm, yaml
 from cartier.home.old_names import OLD_OBJECTS
 from cartier.home.photos import check_photo
@@ -34,7 +35,7 @@ GROWTH, PHOTOS, INDEXES = "growth/", "photos/", "indexes/"
 
 def save(home: HomeData, folder: str | Path) -> None:
     """Write a home; see ``Home.save``."""
-    grid, known, log_file = home.grid, home.corrected, Path(folder) / corrections.LOG
+    grid, known, log_file = home.grid, home.corrected, Path(folder) / correction_log.LOG
     objects, rooms = (home.objects, home.rooms) if known is None else (known.mapped_objects, known.mapped_rooms)
     blobs = {"objects.json": json_bytes([asdict(obj) for obj in objects])}
     for name, index in home.indexes.items():
@@ -50,7 +51,7 @@ def save(home: HomeData, folder: str | Path) -> None:
         # for Nav2, which wants a name that stays
         files["occupancy.yaml"] = yaml(grid, blob_file("occupancy.pgm", digest_of(blobs["occupancy.pgm"])))
     if known and known.log and not log_file.exists():
-        files[corrections.LOG] = "".join(f"{corrections.line_of(entry)}\n" for entry in known.log).encode()
+        files[correction_log.LOG] = "".join(f"{correction_log.line_of(entry)}\n" for entry in known.log).encode()
     Store(folder).put(_manifest(home, rooms), blobs, files)
 
 
@@ -59,7 +60,7 @@ def _manifest(home: HomeData, rooms: tuple[Room, ...]) -> dict[str, Any]:
     return {
         "schema": SCHEMA,
         "id": home.id,
-        "name": home.name,
+        "name": home.mapped_name,
         "detector": home.detector,
         "camera": [camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy],
         "indexes": list(home.indexes),
@@ -99,13 +100,13 @@ def _read(store: Store, about: Mapping[str, Any], kind: type[AnyHome]) -> AnyHom
         grid, rooms = _floor(store, about, made)
         rows = parse_json(store.get("objects.json", about), "objects.json")
         objects = objects_from([_renamed(row) for row in rows], rooms)
-        log, faults = corrections.read_log(folder)
-        corrected = corrections.apply(log, objects, rooms, grid)
+        log, faults = correction_log.read_log(folder)
+        corrected = apply(log, objects, rooms, grid, made.name, origin_of(made.settings))
         indexes = {name: _index(store, about, name) for name in made.indexes}
         for index in indexes.values():
             index.set_objects(corrected.objects)
         return kind(
-            name=made.name,
+            name=corrected.name,
             detector=made.detector,
             camera=Camera(*made.camera),
             objects=corrected.objects,

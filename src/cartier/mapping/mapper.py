@@ -15,6 +15,8 @@ import numpy.typing as npt
 
 from cartier.contracts import Detector, Encoder, FrameIndex, Recording, RecordingDefaults, optional
 from cartier.errors import InputError
+from cartier.home.corrected import apply
+from cartier.home.data import origin_of
 from cartier.home.detection_log import DetectionLog
 from cartier.home.entity import CLOUD, DETECTIONS, Home
 from cartier.io.files import npz_bytes, read_npz
@@ -115,6 +117,7 @@ class Mapper:
             rows = [(row["recording"], row["sha256"], int(row["frames"])) for row in self._settings["recordings"]]
             self._next_frame = sum(frames for _, _, frames in rows)
             self._objects.restore(home.growth)
+            self._objects.kept = frozenset(number for t in home.objects if t.by_person for number in (t.id, *t.aliases))
             self._seen = set(read_npz(home.growth[FRAMES], where=FRAMES)["keys"].tolist())
             self._log.restore(home.growth[DETECTIONS])
             if COUNTS in home.growth:
@@ -262,13 +265,19 @@ class Mapper:
         rooms = find_rooms(grid, objects, self.config.rooms) if grid is not None else ()
         objects = tuple(replace(obj, room=room_of(obj, grid, rooms)) for obj in objects)
         with_depth = self._objects.geometry.with_depth
+        name = " + ".join(row["recording"] for row in self._settings["recordings"][:1]) or "live"
+        known = None
+        if self._onto is not None:
+            name = self._onto.mapped_name
+            if self._onto.corrected is not None:  # what people said holds in the grown home, too
+                known = apply(self._onto.corrected.log, objects, rooms, grid, name, origin_of(self._settings))
+                name, objects, rooms = known.name, known.objects, known.rooms
         indexes, about_indexes, encoder = filled_indexes(self._indexes, objects, self._explicit, with_depth)
         settings = self._settings | ({} if encoder is None else {"encoder": encoder})
         notes = dict.fromkeys([*self._home_notes(grid is not None), *about_indexes])
-        names = " + ".join(row["recording"] for row in self._settings["recordings"][:1]) or "live"
         return Home(
-            self._onto.name if self._onto else names, self.detector.name, self._camera, objects, indexes, grid,
-            self._start_xy, settings, rooms, self._evidence(objects), tuple(notes), self._growth(merged),
+            name, self.detector.name, self._camera, objects, indexes, grid, self._start_xy, settings, rooms,
+            self._evidence(objects), tuple(notes), self._growth(merged), corrected=known,
         )  # fmt: skip
 
     def _home_notes(self, with_grid: bool) -> Iterator[str]:

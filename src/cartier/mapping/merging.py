@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -22,9 +22,13 @@ MIN_FRAGMENTED_M = 0.4  # nothing smaller is hidden by halves
 
 
 def merge_and_prune(
-    columns: Columns, covisible: Mapping[tuple[int, int], int], geometry: Geometry, config: MergingConfig
+    columns: Columns,
+    covisible: Mapping[tuple[int, int], int],
+    geometry: Geometry,
+    config: MergingConfig,
+    kept: Collection[int] = (),
 ) -> tuple[dict[int, int], Indices]:
-    """Merge objects that turn out to be one, in place, and find those to prune.
+    """Merge objects that turn out to be one, in place, and find those to prune: none of the ids that are to be kept.
 
     Only objects that changed since the last pass are compared. ``covisible`` counts the frames that show two touching
     objects, by their ids, side by side: those stay two. Returns the ids that were merged with the ids that they were
@@ -38,6 +42,10 @@ def merge_and_prune(
     merged, gone = _merge_pairs(columns, pairs, covisible, geometry, config)
     columns["changed"][:] = False
     rare = (seen <= config.prune_max_detected) & (columns["n_observable"] >= config.prune_min_observable)
+    for number in kept:
+        while number in merged:
+            number = merged[number]
+        rare &= columns["id"] != number
     return merged, np.array(sorted(gone.union(np.flatnonzero(rare).tolist())), np.intp)
 
 

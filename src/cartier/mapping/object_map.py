@@ -49,6 +49,7 @@ class ObjectMap:
         self._walls_yaw: float | None = None  # of the boxes that were fitted last
         self._covisible: dict[tuple[int, int], int] = {}  # frames that show two touching objects side by side, by ids
         self._aliases: dict[int, int] = {}  # ids of objects that were merged into another one
+        self.kept: frozenset[int] = frozenset()  # ids of objects that are never pruned: a person said they are there
 
     def __len__(self) -> int:
         return self._count
@@ -143,7 +144,8 @@ class ObjectMap:
 
     def merge_and_prune(self) -> None:
         """Merge what turned out to be one object, unless frames showed both; forget what was hardly ever seen again."""
-        merged, gone = merge_and_prune(self.columns(), self._covisible, self.geometry, self.config.merging)
+        kept = {self._aliases.get(number, number) for number in self.kept}
+        merged, gone = merge_and_prune(self.columns(), self._covisible, self.geometry, self.config.merging, kept)
         self._aliases |= merged
         if len(gone):
             self._remove(gone)

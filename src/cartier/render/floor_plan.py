@@ -15,15 +15,27 @@ import numpy.typing as npt
 from cartier.errors import InputError
 from cartier.home import Home
 from cartier.io.atomic import write_file
+from cartier.render.extent import shown_extent
+from cartier.render.plan_key import (
+    CHOSEN,
+    FREE_FLOOR,
+    FURNITURE,
+    NOT_SEEN,
+    OBJECT,
+    PATH,
+    WALL,
+    WALL_M,
+    add_scale_bar,
+    add_title_and_key,
+)
+from cartier.render.plan_labels import write_names
 from cartier.types import FREE, OCCUPIED, Answer, Goal, MapObject, OccupancyGrid, Place, RobotModel, Room
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-PLAN_COLOURS = {FREE: (250, 250, 247), OCCUPIED: (74, 78, 89)}
-UNKNOWN_COLOUR = (218, 220, 224)
-OBJECT, CHOSEN, PATH, INK = "#3b6ea8", "#d1495b", "#1b998b", "#333333"
+INK = "#333333"
 ROOM_TINTS = [
     "#8ecae6",
     "#ffd6a5",
@@ -36,32 +48,42 @@ ROOM_TINTS = [
     "#f1c0e8",
     "#cfbaf0",
 ]
-MARGIN_M = 0.4
+MARGIN_M = 0.2
+PANEL_IN, PHOTO_IN = 4.5, 6.2  # inches: the height of an answer's plan, and the width of its photo
+BELOW = 0.07  # of the plan's height, left free below it for the scale bar
 
 
 def draw_answer(home: Home, answer: Answer, file: Path, robot: RobotModel | None = None) -> None:
     """Write an image in the format of the suffix: the plan with goal pose and path, and the evidence photo."""
-    figure, (left, right) = _figure(2, (14.0, 5.4))
     place, goal = answer.place, answer.goal
-    draw_plan(left, home)
+    x1, x2, y1, y2 = _extent(home, _stops(place, goal))
+    wide = float(np.clip(PANEL_IN * (x2 - x1) / (y2 - y1), 3.5, 10))
+    figure, (left, right) = _figure(2, (wide + PHOTO_IN, PANEL_IN + 1.5), [wide, PHOTO_IN])
+    draw_plan(left, home, also=_stops(place, goal))
     _draw_path(left, place, goal, robot or RobotModel())
     if place is not None:
         _draw_evidence(right, home, place)
     else:
         right.axis("off")
         right.text(0.5, 0.5, textwrap.fill(_outcome(answer), 60), ha="center", va="center", fontsize=13)
-    title = textwrap.fill(f"“{_short(answer.query, 150)}”", 90)
-    figure.suptitle(title, fontsize=13, x=0.02, ha="left", weight="bold")
-    _caption(figure, home, f"{_outcome(answer)} · reasoner: {answer.reasoner} · index: {answer.index}")
+    made = f"{_outcome(answer)} · reasoner: {answer.reasoner} · index: {answer.index}"
+    add_title_and_key(
+        figure,
+        f"{home.name}: “{_short(answer.query, 150)}”",
+        _caption(figure, home, made),
+        grid=home.grid is not None,
+        answer=True,
+    )
     save_figure(figure, file)
 
 
 def plan_jpeg(home: Home, place: Place, goal: Goal | None, robot: RobotModel) -> bytes:
     """The floor plan with a place, its goal pose and path, as a JPEG of at most 700 pixels."""
-    left, right, low, high = _extent(home)
+    left, right, low, high = _extent(home, _stops(place, goal))
     scale = 6.3 / max(right - left, high - low)
     figure, (axes,) = _figure(1, ((right - left) * scale, (high - low) * scale))
-    draw_plan(axes, home)
+    draw_plan(axes, home, also=_stops(place, goal))
+    axes.set_title(_short(home.name, 60), loc="left", fontsize=10, weight="bold")
     _draw_path(axes, place, goal, robot)
     buffer = io.BytesIO()
     figure.savefig(buffer, format="jpeg")
@@ -75,14 +97,14 @@ def draw_home(home: Home, file: Path) -> None:
     crowded = max(1.0, len(objs) / ((right - left) * (high - low)) / 2)
     size = 1.2 * math.sqrt(crowded)  # inches per metre
     wide = float(np.clip((right - left) * size, 7, 26))
-    figure, (axes,) = _figure(1, (wide, wide * (high - low) / (right - left) + 1.2))
+    figure, (axes,) = _figure(1, (wide, wide * (high - low) / (right - left) + 1.3))
     draw_plan(axes, home)
     _draw_boxes(axes, objs)
-    figure.suptitle(home.name, fontsize=14, x=0.02, ha="left", weight="bold")
     tentative = len(home.objects) - len(objs)
-    _caption(figure, home, f"{len(objs)} objects of {len(home.names)} kinds, {tentative} more tentative")
+    made = f"{len(objs)} objects of {len(home.names)} kinds, {tentative} more tentative, not drawn"
+    add_title_and_key(figure, home.name, _caption(figure, home, made), grid=home.grid is not None, boxes=True)
     figure.canvas.draw()  # positions must be final before labels are placed
-    _label(figure, axes, [(obj.label, obj.position) for obj in objs])
+    write_names(figure, axes, [(obj.label, obj.position) for obj in objs])
     save_figure(figure, file)
 
 
@@ -92,16 +114,21 @@ def draw_object(home: Home, file: Path, object_id: int) -> None:
     if obj is None:
         raise InputError(f"{home.name} has no object {object_id}")
     figure, (plan, *views) = _figure(1 + len(obj.views), (5.0 * (1 + len(obj.views)), 4.4))
-    draw_plan(plan, home)
+    draw_plan(plan, home, also=[obj.box_min[:2], obj.box_max[:2]])
     _draw_boxes(plan, [obj])
     plan.plot(*obj.position[:2], "*", color=CHOSEN, ms=16, mec="white", zorder=6)
     for axes, view in zip(views, obj.views, strict=True):
         place = Place(view.label, obj.position, view.score, view.frame, view.box_xyxy)
         _draw_evidence(axes, home, place)
     state = "confirmed" if obj.confirmed else "tentative"
-    title = f"{obj.label} {obj.id}: {state}, {obj.probability:.0%}"
-    figure.suptitle(title, fontsize=13, x=0.02, ha="left", weight="bold")
-    _caption(figure, home, f"detected in {obj.n_detected} of {obj.n_observable} frames in which it was observable")
+    made = f"detected in {obj.n_detected} of {obj.n_observable} frames in which it was observable"
+    add_title_and_key(
+        figure,
+        f"{home.name}: {obj.label} {obj.id}, {state}, {obj.probability:.0%}",
+        _caption(figure, home, made),
+        grid=home.grid is not None,
+        boxes=True,
+    )
     save_figure(figure, file)
 
 
@@ -129,18 +156,23 @@ def draw_find(home: Home, words: str, file: Path, index: str | None = None) -> P
     axes.add_collection(cells)
     axes.plot(place.position[0], place.position[1], "*", color=CHOSEN, ms=20, mec="white", zorder=6)
     figure.colorbar(cells, ax=axes, label="cosine with the words", shrink=0.8)
-    figure.suptitle(textwrap.fill(f"“{_short(words, 100)}”", 60), fontsize=13, x=0.02, ha="left", weight="bold")
-    _caption(figure, home, f"index: {name} · image features: {searched.encoder}")
+    made = f"index: {name} · image features: {searched.encoder}"
+    add_title_and_key(
+        figure, f"{home.name}: “{_short(words, 100)}”", _caption(figure, home, made), grid=home.grid is not None
+    )
     figure.canvas.draw()
     objs = [obj for obj in home.objects if obj.confirmed]
-    _label(figure, axes, [(obj.label, obj.position) for obj in objs], every=False)
+    write_names(figure, axes, [(obj.label, obj.position) for obj in objs], every=False)
     save_figure(figure, file)
     return place
 
 
-def draw_plan(axes: Axes, home: Home, tinted: bool = True) -> None:
-    """Draw the floor plan of a home with its rooms, in metres; a line of text if there is none."""
-    left, right, low, high = _extent(home)
+def draw_plan(axes: Axes, home: Home, tinted: bool = True, also: Sequence[Sequence[float]] = ()) -> None:
+    """Draw the floor plan of a home (if it has one) with its rooms, start and a scale bar, in metres.
+
+    The picture shows the points ``also``, too.
+    """
+    left, right, low, high = _extent(home, also)
     if home.grid is not None:
         _draw_grid(axes, home.grid, home.rooms if tinted else ())
         for room in home.rooms if tinted else ():
@@ -150,7 +182,10 @@ def draw_plan(axes: Axes, home: Home, tinted: bool = True) -> None:
     else:
         axes.text(0.02, 0.98, "no floor plan: the recording has no depth", transform=axes.transAxes, va="top")
     unit = "m, scale guessed" if home.scale_guessed else "m"
+    axes.set_facecolor("#{:02x}{:02x}{:02x}".format(*NOT_SEEN))
+    axes.plot(*home.start_xy[:2], "o", color=PATH, mfc="white", mew=2, ms=7, zorder=4)
     axes.set(xlim=(left, right), ylim=(low, high), aspect="equal", xlabel=f"x ({unit})", ylabel=f"y ({unit})")
+    add_scale_bar(axes)
 
 
 def label_cell(grid: OccupancyGrid, room: Room) -> tuple[int, int]:
@@ -174,34 +209,38 @@ def write_photo(rgb: npt.NDArray[np.uint8], file: Path) -> None:
     write_file(file, buffer.getvalue())
 
 
-def _figure(panels: int, size: tuple[float, float]) -> tuple[Figure, list[Axes]]:
+def _figure(panels: int, size: tuple[float, float], widths: Sequence[float] | None = None) -> tuple[Figure, list[Axes]]:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=size, layout="constrained", dpi=110)
     FigureCanvasAgg(figure)
-    axes = figure.subplots(1, panels, squeeze=False)
+    axes = figure.subplots(1, panels, squeeze=False, width_ratios=widths)
     return figure, list(axes[0])
 
 
-def _extent(home: Home) -> tuple[float, float, float, float]:
-    """The extent of a home with a margin: x from, x to, y from, y to."""
-    points = [np.array([home.start_xy])]
-    points += [np.array([obj.box_min[:2], obj.box_max[:2]]) for obj in home.objects if obj.confirmed]
-    if home.grid is not None and (home.grid.cells >= 0).any():
-        points.append(home.grid.centre(np.argwhere(home.grid.cells >= 0)))
-    every = np.concatenate(points)
-    (left, low), (right, high) = every.min(0) - MARGIN_M, every.max(0) + MARGIN_M
-    return float(left), float(right), float(low), float(high)
+def _extent(home: Home, also: Sequence[Sequence[float]] = ()) -> tuple[float, float, float, float]:
+    """What a picture of a home shows, with a margin and room for the scale bar: x from, x to, y from, y to."""
+    left, right, low, high = shown_extent(home)
+    xs, ys = [left, right, *(p[0] for p in also)], [low, high, *(p[1] for p in also)]
+    margin = MARGIN_M + BELOW * (max(ys) - min(ys))
+    return min(xs) - MARGIN_M, max(xs) + MARGIN_M, min(ys) - margin, max(ys) + MARGIN_M
+
+
+def _stops(place: Place | None, goal: Goal | None) -> list[Sequence[float]]:
+    """The points (x, y) that a picture of an answer must show."""
+    path = [] if goal is None else [*goal.path, (goal.x, goal.y)]
+    return [*([] if place is None else [place.position[:2]]), *path]
 
 
 def _draw_grid(axes: Axes, grid: OccupancyGrid, rooms: Sequence[Room]) -> None:
     from matplotlib.colors import to_rgb
 
     rgb = np.empty((*grid.cells.shape, 3), np.uint8)
-    rgb[:] = UNKNOWN_COLOUR
-    for value, colour in PLAN_COLOURS.items():
-        rgb[grid.cells == value] = colour
+    rgb[:] = NOT_SEEN
+    rgb[grid.cells == FREE] = FREE_FLOOR
+    wall = grid.height_m > WALL_M
+    rgb[grid.cells == OCCUPIED], rgb[(grid.cells == OCCUPIED) & wall] = FURNITURE, WALL
     for number, room in enumerate(rooms):
         rows, cols = room.cells.T
         tint = np.array(to_rgb(ROOM_TINTS[number % len(ROOM_TINTS)])) * 255
@@ -215,7 +254,10 @@ def _draw_grid(axes: Axes, grid: OccupancyGrid, rooms: Sequence[Room]) -> None:
 def _draw_boxes(axes: Axes, objs: Sequence[MapObject]) -> None:
     from matplotlib.patches import Rectangle
 
-    for obj in sorted(objs, key=lambda obj: obj.box_max[2]):  # higher objects are drawn on top
+    def area(obj: MapObject) -> float:
+        return (obj.box_max[0] - obj.box_min[0]) * (obj.box_max[1] - obj.box_min[1])
+
+    for obj in sorted(objs, key=area, reverse=True):  # small objects are drawn on top
         (x1, y1), (x2, y2) = obj.box_min[:2], obj.box_max[:2]
         if obj.located:
             box = Rectangle((x1, y1), x2 - x1, y2 - y1, fc=OBJECT, ec=OBJECT, alpha=0.25, lw=0, zorder=2.5)
@@ -224,59 +266,17 @@ def _draw_boxes(axes: Axes, objs: Sequence[MapObject]) -> None:
         axes.add_patch(Rectangle((x1, y1), x2 - x1, y2 - y1, fill=False, ec=OBJECT, lw=0.8, ls=style, zorder=3))
 
 
-def _label(figure: Figure, axes: Axes, names: Sequence[tuple[str, Sequence[float]]], every: bool = True) -> None:
-    """Write each name beside its place so that none overlap; a line leads from the place to a name far from it.
-
-    A name that finds no room is written smaller; without ``every`` it is left out.
-    """
-    from matplotlib.patheffects import withStroke
-
-    halo = [withStroke(linewidth=2, foreground="white")]  # legible on dark cells, too
-    frame = axes.get_window_extent()
-    taken: list[tuple[float, float, float, float]] = []
-    renderer: Any = figure.canvas.get_renderer()  # type: ignore[attr-defined]
-    steps = [(r, math.radians(turn)) for r in (7, 14, 24, 38, 56, 80, 110, 150) for turn in range(15, 375, 30)]
-    for name, position in sorted(names, key=lambda named: -len(named[0])):
-        at = axes.transData.transform(tuple(position[:2]))
-        for size in (7.5, 6.0, 5.0) if every else (7.5,):
-            text = axes.text(0, 0, name, fontsize=size, color="#1f3f66", zorder=8, path_effects=halo)
-            box = text.get_window_extent(renderer)
-            wide, tall = box.width + 2, box.height + 1
-            spots = (
-                (at[0] + r * math.cos(a) - (wide if math.cos(a) < 0 else 0), at[1] + r * math.sin(a) - tall / 2)
-                for r, a in steps
-            )
-            free = next(((x, y) for x, y in spots if _fits(x, y, wide, tall, frame, taken)), None)
-            if free is not None:
-                break
-            text.remove()
-        if free is None:
-            continue
-        taken.append((free[0], free[1], free[0] + wide, free[1] + tall))
-        text.set_position(tuple(axes.transData.inverted().transform((free[0] + 1, free[1] + 2))))
-        near = np.clip(at, free, (free[0] + wide, free[1] + tall))
-        if math.dist(at, near) > 9:
-            ends = axes.transData.inverted().transform([at, near])
-            axes.plot(*ends.T, color="#1f3f66", lw=0.4, alpha=0.7, zorder=7)
-        axes.plot(*position[:2], ".", color="#1f3f66", ms=2.5, zorder=7)
-
-
-def _fits(x: float, y: float, wide: float, tall: float, frame: Any, taken: Sequence[tuple[float, ...]]) -> bool:
-    inside = frame.x0 < x and x + wide < frame.x1 and frame.y0 < y and y + tall < frame.y1
-    return inside and all(x + wide < a or c < x or y + tall < b or d < y for a, b, c, d in taken)
-
-
 def _draw_path(axes: Axes, place: Place | None, goal: Goal | None, robot: RobotModel) -> None:
     if goal is not None:
         axes.plot(*goal.path.T, color=PATH, lw=2.5, zorder=4)
-        axes.plot(*goal.path[0], "o", color=PATH, ms=7, zorder=4)
+        axes.plot(*goal.path[0], "o", color=PATH, mfc="white", mew=2, ms=7, zorder=4.5)
         _draw_robot(axes, goal.x, goal.y, goal.yaw, robot.radius_m)
     if place is not None:
         axes.plot(place.position[0], place.position[1], "*", color=CHOSEN, ms=20, mec="white", zorder=6)
         kind = "seen from here" if place.view_yaw is not None else place.label
         axes.annotate(
             kind, (place.position[0], place.position[1]), (9, 9), textcoords="offset points", color=CHOSEN,
-            weight="bold", zorder=7, annotation_clip=False,
+            weight="bold", zorder=7, clip_on=True,
             bbox={"fc": "white", "ec": "none", "alpha": 0.8, "pad": 1.5},
         )  # fmt: skip
 
@@ -316,9 +316,9 @@ def _outcome(answer: Answer) -> str:
     return f"{chosen.status}: {chosen.object}{'' if answer.goal else ', no goal'}"
 
 
-def _caption(figure: Any, home: Home, text: str) -> None:
-    line = textwrap.fill(f"{text} · detector: {home.detector}", int(figure.get_figwidth() * 14))
-    figure.supxlabel(line, fontsize=8, color="#555555", x=0.02, ha="left")
+def _caption(figure: Figure, home: Home, text: str) -> str:
+    """What made the picture, in lines that fit its width."""
+    return textwrap.fill(f"{text} · detector: {home.detector}", int(figure.get_figwidth() * 14))
 
 
 def _short(text: str, most: int) -> str:

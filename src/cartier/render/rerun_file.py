@@ -1,4 +1,4 @@
-"""Rerun file of a home: photos with boxes, objects, rooms, floor plan; with the recording also frames, depth, path.
+"""Rerun file of a home: photos with boxes, objects, points, rooms, floor plan; with the recording frames, depth, path.
 
 To explain a false positive, move along the time line ``frame`` to where the object appears: boxes there made it.
 An object appears with its first box, in its final state; with the recording, floor plan and path grow. Each frame says
@@ -50,12 +50,13 @@ def write_rrd(
     try:
         with tempfile.TemporaryDirectory(dir=file.absolute().parent, prefix=f".{file.name}.") as beside:
             out = rr.RecordingStream("cartier", recording_id=home.id)
-            out.save(Path(beside) / "home.rrd", default_blueprint=_blueprint())
+            out.save(Path(beside) / "home.rrd", default_blueprint=blueprint(recording is not None))
             looked, least = _looked(home)
             _still(out, home, looked is not None, least)
             if recording is None or first is None:
                 out.set_time(TIMELINE, sequence=0)
                 _floor_plan(out, home, home.grid)
+                _points(out, home)
                 _photos(out, home)
             else:
                 _moving(out, home, recording, first, progress)
@@ -80,8 +81,10 @@ def _looked(home: Home) -> tuple[dict[int, ProcessedFrame] | None, float]:
     return (None, 0.0) if log is None else (log.looked(), log.least)
 
 
-def _blueprint() -> Any:
-    space = rrb.Spatial3DView(origin="/", name="home")
+def blueprint(posed: bool) -> Any:
+    """The views. Photos that are not ``posed`` have no place in space: in the 3-D view they would be an error."""
+    contents = ["+ $origin/**"] if posed else ["+ $origin/**", "- /camera/**"]
+    space = rrb.Spatial3DView(origin="/", name="home", contents=contents)
     beside = rrb.Vertical(
         rrb.Spatial2DView(origin="/camera/image", name="picture"),
         rrb.TextDocumentView(origin="/processed", name="processed?"),
@@ -172,6 +175,13 @@ def _known_cells(home: Home, room: Room, grid: OccupancyGrid) -> Array:
     cells = room.cells + np.rint(moved).astype(np.int32)
     cells = cells[((cells >= 0) & (cells < grid.cells.shape)).all(axis=1)]
     return cells if grid is home.grid else cells[grid.cells[tuple(cells.T)] != UNKNOWN]
+
+
+def _points(out: Any, home: Home) -> None:
+    """The point cloud, if the home keeps one."""
+    seen = home.cloud()
+    if seen is not None:
+        out.log("home/points", rr.Points3D(seen.xyz_m, colors=seen.rgb, radii=0.7 * seen.side_m))
 
 
 def _photos(out: Any, home: Home) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from cartier.errors import InputError, brief
 from cartier.home import Home
-from cartier.home.corrections import LOG
+from cartier.home.correction_log import LOG
 from cartier.home.store import MANIFEST
 
 MAX_BYTES = 2**30

@@ -43,14 +43,15 @@ class Question(BaseModel):
 
 
 class Correction(BaseModel):
-    """A correction, and who makes it."""
+    """A correction, and who makes it; ``Home.correct`` says which values each kind takes."""
 
     model_config = ConfigDict(extra="forbid")
-    what: Literal["name", "forget", "move"]
-    entity: Short
+    what: Literal["name", "confirm", "relabel", "add", "merge", "split", "forget", "move"]
+    entity: Short = ""
     name: Short = ""
     x: Metres = None
     y: Metres = None
+    other: Short = ""
     who: Short = "somebody"
 
 
@@ -121,7 +122,7 @@ def _add_reading(app: FastAPI, ops: Operations, run: Callable[..., Any]) -> None
 
     @app.post("/api/homes/{home}/ask", summary="The answer to a person's words; as server-sent events if accepted")
     async def ask(home: str, question: Question, accept: Annotated[str, Header()] = "") -> Any:
-        given = (home, ops.ask, question.words, home, question.conversation, question.from_x, question.from_y)
+        given = (home, ops.ask, question.words, home, question.conversation, question.from_x, question.from_y, True)
         if "text/event-stream" not in accept:
             return await run(*given)
         return StreamingResponse(_events(functools.partial(run, *given)), media_type="text/event-stream")
@@ -170,9 +171,10 @@ def _add_reading(app: FastAPI, ops: Operations, run: Callable[..., Any]) -> None
 
 
 def _add_writing(app: FastAPI, ops: Operations, run: Callable[..., Any]) -> None:
-    @app.post("/api/homes/{home}/corrections", summary="Name an object or a room, forget or move an object")
+    @app.post("/api/homes/{home}/corrections", summary="Name, confirm, relabel, add, merge, split, forget or move")
     async def correct(home: str, made: Correction) -> Any:
-        return await run(home, ops.correct, made.what, made.entity, made.name, made.x, made.y, home, made.who)
+        given = (made.entity, made.name, made.x, made.y, home, made.who, made.other)
+        return await run(home, ops.correct, made.what, *given)
 
     @app.post("/api/homes/{home}/undo", summary="Undo the latest correction")
     async def undo(home: str, by: Who) -> Any:

@@ -23,13 +23,15 @@ from cartier import specs
 from cartier.contracts import Reasoner
 from cartier.errors import InputError, brief
 from cartier.home import Home
-from cartier.home.corrections import CorrectionKind, find
+from cartier.home.correction_log import CorrectionKind
+from cartier.home.corrections import find
 from cartier.home.photos import photo_of
+from cartier.home.spoken import correct_by_words
 from cartier.home.store import MANIFEST
 from cartier.llm.lookup import names_of
 from cartier.llm.prompts import check_query, recent
 from cartier.navigation.planning import plan
-from cartier.pipeline import ask, robot_turn
+from cartier.pipeline import CORRECTION, ask, robot_turn, serve
 from cartier.serving.homes import Homes
 from cartier.spatial import relations
 from cartier.types import Answer, Array, Goal, MapObject, Place, RobotModel, Room, Selection
@@ -67,17 +69,26 @@ class Operations:
         conversation: str = "",
         from_x: float | None = None,
         from_y: float | None = None,
+        corrects: bool = False,
     ) -> dict[str, Any]:
-        """Answer a person's words, with the earlier turns of ``conversation`` (any short text) as context."""
+        """Answer a person's words, with the earlier turns of ``conversation`` (any short text) as context.
+
+        With ``corrects``, words that correct the home do so: "yes, it is there", "that is a pencil box".
+        """
         words, mapped = check_query(words), self.homes.get(home)
         key = (self.homes.name(home), conversation.strip()[:MAX_CONVERSATION_CHARS])
         with self._lock:
             turns = list(self._turns.get(key, ()))
         start = _start(mapped, from_x, from_y)
-        answer = ask(
-            mapped, words, self.reasoner, from_xy=start, robot=self.robot, dialogue=turns,
-            emergency_number=self.emergency_number,
-        )  # fmt: skip
+        corrected = correct_by_words(mapped, words, turns, from_xy=start) if corrects else None
+        if corrected is not None:
+            mapped, chosen = corrected
+            answer = serve(mapped, words, chosen, CORRECTION, from_xy=start, robot=self.robot)
+        else:
+            answer = ask(
+                mapped, words, self.reasoner, from_xy=start, robot=self.robot, dialogue=turns,
+                emergency_number=self.emergency_number,
+            )  # fmt: skip
         if answer.selection.status == "alarm" and self._on_alarm is not None:
             told = {"conversation": key[1]} | answer.to_dict()
             threading.Thread(target=self._tell, args=(told,), daemon=True).start()  # the person does not wait for it
@@ -87,7 +98,8 @@ class Operations:
                 self._turns.move_to_end(key)
                 if len(self._turns) > MAX_CONVERSATIONS:
                     self._turns.popitem(last=False)
-        return self.about(home, mapped) | _answer(mapped, answer)
+        known = {"corrected": True} if corrected is not None else {}
+        return self.about(home, mapped) | _answer(mapped, answer) | known
 
     def _tell(self, alarming: dict[str, Any]) -> None:
         assert self._on_alarm is not None
@@ -253,12 +265,13 @@ class Operations:
         y: float | None = None,
         home: str = "",
         who: str = "somebody",
+        other: str = "",
     ) -> dict[str, Any]:
-        """Correct a home: name an object or a room, forget an object, move an object to x, y, or undo the latest."""
+        """Correct a home as ``Home.correct`` does; ``entity`` is "home" for the home itself."""
         mapped, to_xy = self.homes.get(home), () if x is None or y is None else (x, y)
         if what == "move" and not to_xy:
             raise InputError("move needs x and y, in metres of the map: describe says where the object is now")
-        _, result = mapped.correct(what, entity, name=name, to_xy=to_xy, who=who)
+        _, result = mapped.correct(what, entity, name=name, to_xy=to_xy, other=other, who=who)
         return self.about(home, self.homes.get(home)) | {"done": result, "next": "undo takes it back"}
 
     def undo(self, home: str = "", who: str = "somebody") -> dict[str, Any]:
@@ -305,6 +318,8 @@ def _answer(home: Home, answer: Answer) -> dict[str, Any]:
     result |= {key: text for text, key in reversed(words.items()) if text}
     if ids := _meant(home, chosen):
         result["ids"] = ids
+    if chosen.tentative is not None:
+        result["tentative"] = chosen.tentative
     if candidates := [[name, round(score, 2)] for name, score in chosen.candidates[:CANDIDATES] if score >= 0.01]:
         result["candidates"] = candidates
     if one is not None:
@@ -320,6 +335,8 @@ def _answer(home: Home, answer: Answer) -> dict[str, Any]:
 
 def _meant(home: Home, chosen: Selection) -> list[int]:
     """The objects that an answer is about, or that a question names, for a person to point at one."""
+    if chosen.tentative is not None:
+        return []  # the confirmed ones in its words only say where it is
     if chosen.status != "clarify":
         return list(chosen.fact.objects[:MEANT]) if chosen.fact else []
     named = {name for name, _ in names_of(tuple(home.names)).mentions(chosen.question or "")}
@@ -367,7 +384,8 @@ def _room_row(home: Home, room: Room) -> dict[str, Any]:
 
 def _evidence(obj: MapObject) -> str:
     frame = f", frame {obj.views[0].frame}" if obj.views else ""
-    return f"seen {obj.n_detected} of {obj.n_observable}{frame}"
+    said = "a person said so; " if obj.by_person else ""
+    return f"{said}seen {obj.n_detected} of {obj.n_observable}{frame}"
 
 
 def _called(home: Home, number: int | None) -> str:

@@ -11,12 +11,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from cartier.home import Home
-from cartier.home.corrections import in_force
+from cartier.home.correction_log import in_force
 from cartier.home.photos import photo_of
 from cartier.home.point_cloud import STEP_M, PointCloud
 from cartier.navigation.planning import plan
+from cartier.render.extent import shown_extent
 from cartier.render.floor_plan import label_cell
 from cartier.serving.operations import Operations, crop, place_of, pose
 from cartier.spatial.relations import supports
@@ -24,14 +26,15 @@ from cartier.types import FREE, OCCUPIED, MapObject, RobotModel
 from cartier.understanding.cards import SHIPPED, read_deck
 
 WEB = Path(__file__).with_name("web")
-SCRIPTS = ("parts.js", "data.js", "plan.js", "scene.js", "app.js")
-ANSWER_SCRIPTS = ("parts.js", "plan.js", "answer.js")
+SCRIPTS = ("parts.js", "data.js", "labels.js", "plan.js", "scene.js", "doubt.js", "app.js", "corrections.js")
+ANSWER_SCRIPTS = ("parts.js", "labels.js", "plan.js", "answer.js")
 KINDS = {
     ".html": "text/html; charset=utf-8",
     ".css": "text/css; charset=utf-8",
     ".js": "text/javascript; charset=utf-8",
 }
 THUMB_PX, THUMB_QUALITY = 300, 72
+UNSURE_PHOTOS = 30  # of the likeliest tentative objects, in the page as one file
 HEIGHT_M = 0.05  # step of the heights of the floor plan
 
 
@@ -45,9 +48,11 @@ def files() -> dict[str, tuple[str, bytes]]:
 
 def view(home: Home) -> dict[str, Any]:
     """Floor plan, rooms and objects of a home as JSON values; the cells row by row as runs of (code, count)."""
-    held = supports(home.objects)
+    sure = [obj for obj in home.objects if obj.confirmed]
+    held = {k: r for k, r in supports(home.objects).items() if k not in {t.id for t in sure}} | supports(sure)
     about: dict[str, Any] = {
         "title": home.name, "home_id": home.id, "detector": home.detector, "start": _rounded(home.start_xy),
+        "extent": _rounded(shown_extent(home)),
         "notes": home.to_dict()["notes"], "corrections": len(in_force(home.corrected.log)) if home.corrected else 0,
         "objects": [_object(obj, held) for obj in home.objects], "rooms": [], "grid": None,
     }  # fmt: skip
@@ -70,23 +75,27 @@ def view(home: Home) -> dict[str, Any]:
 
 
 def cloud(home: Home) -> dict[str, Any] | None:
-    """The point cloud: ``points`` is base64 of x, y, z (uint16, in ``step`` metres from ``low``), then RGB."""
+    """The point cloud: ``points`` is base64 of x, y, z (uint16, in ``step`` metres from ``low``), RGB, and widths.
+
+    A width (uint8, in ``step`` metres) is that of a drawn point that closes the surface around it.
+    """
     seen = home.cloud()
     if seen is None:
         return None
     low = seen.xyz_m.min(0)
-    data = np.round((seen.xyz_m - low) / STEP_M).astype("<u2").tobytes() + seen.rgb.tobytes()
-    about = {"count": len(seen.rgb), "low": _rounded(low), "step": STEP_M, "width": _width(seen)}
+    places, widths = np.round((seen.xyz_m - low) / STEP_M).astype("<u2"), np.round(_widths(seen) / STEP_M)
+    data = places.tobytes() + seen.rgb.tobytes() + widths.clip(1, 255).astype(np.uint8).tobytes()
+    about = {"count": len(seen.rgb), "low": _rounded(low), "step": STEP_M, "side": round(seen.side_m, 3)}
     return about | {"points": base64.b64encode(data).decode()}
 
 
-def _width(seen: PointCloud) -> float:
-    """The width (m) of a drawn point that closes most surfaces: a short recording leaves gaps wider than its voxels."""
+def _widths(seen: PointCloud) -> npt.NDArray[np.float64]:
+    """The widths (N,) of drawn points (m): on a lattice, the sixth neighbour is as far as its diagonal is long."""
     from scipy.spatial import cKDTree
 
-    some = seen.xyz_m[:: max(1, len(seen.xyz_m) // 3000)]
-    far = cKDTree(seen.xyz_m).query(some, k=[min(5, len(seen.xyz_m))])[0]
-    return round(float(np.clip(1.2 * np.percentile(far, 95), seen.side_m, 3 * seen.side_m)), 3)
+    far = np.asarray(cKDTree(seen.xyz_m).query(seen.xyz_m, k=[min(7, len(seen.xyz_m))])[0])[:, 0]
+    stray = far > 4 * seen.side_m  # with no neighbour there is no surface to close
+    return np.asarray(np.where(stray, seen.side_m, np.clip(1.4 * far, 1.4 * seen.side_m, 4 * seen.side_m)))
 
 
 def served_json(operations: Operations, home: str, data: Callable[[Home], dict[str, Any]]) -> bytes:
@@ -98,11 +107,13 @@ def served_json(operations: Operations, home: str, data: Callable[[Home], dict[s
 def one_file(home: Home, robot: RobotModel | None = None) -> bytes:
     """The page with a home in it: it opens from disk, and its Content-Security-Policy lets it load nothing."""
     about = view(home) | {"goals": {}, "photos": {}, "home": home.name, "uses": _uses(home), "cloud": cloud(home)}
+    unsure = sorted((obj for obj in home.objects if not obj.confirmed), key=lambda obj: -obj.probability)
+    shown = {obj.id for obj in [*(obj for obj in home.objects if obj.confirmed), *unsure[:UNSURE_PHOTOS]]}
     for obj in home.objects:
         if home.grid is not None:
             goal, _ = plan(home.grid, place_of(obj, home), home.start_xy, robot or RobotModel())
             about["goals"][obj.id] = None if goal is None else pose(goal)
-        if obj.confirmed and (photo := _photo(home, obj)) is not None:
+        if obj.id in shown and (photo := _photo(home, obj)) is not None:
             about["photos"][obj.id] = photo
     style, script = _text("style.css"), _text(*SCRIPTS)
     policy = f"default-src 'none'; img-src data: blob:; style-src '{_sha(style)}'; script-src '{_sha(script)}'; "
@@ -162,7 +173,7 @@ def _object(obj: MapObject, held: Any) -> dict[str, Any]:
         "room": obj.room, "at": _rounded(obj.position), "low": _rounded(obj.box_min), "high": _rounded(obj.box_max),
         "probability": round(obj.probability, 3), "confirmed": obj.confirmed,
         "n_detected": obj.n_detected, "n_observable": obj.n_observable, "colours": [n for n, _ in obj.colours[:3]],
-        "last_s": round(obj.last_seen_s, 1), "views": len(obj.views),
+        "last_s": round(obj.last_seen_s, 1), "views": len(obj.views), "said": obj.by_person,
         "on": None if on is None else [on.kind, on.object],
     }  # fmt: skip
 

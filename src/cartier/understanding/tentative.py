@@ -43,7 +43,7 @@ def offer(obj: MapObject, scene: Scene, model: str) -> Selection:
         shares = ((obj.label, round(likely, 3)),)
         return Selection("found", obj.label, reason=reason, object_id=obj.id, text=say, candidates=shares, model=model)
     question = f"I may have seen {named}, but too seldom to be sure. {OFFER}"
-    return Selection("clarify", reason=seen, question=question, text=question, model=model)
+    return Selection("clarify", reason=seen, question=question, text=question, model=model, tentative=obj.id)
 
 
 def unsure(answer: Selection, obj: MapObject, scene: Scene) -> Selection:
@@ -52,7 +52,7 @@ def unsure(answer: Selection, obj: MapObject, scene: Scene) -> Selection:
     say = f"I may have seen {_named(obj, scene)}; I am not sure."
     if answer.fact is not None and answer.fact.kind != "where":
         say = f"{answer.text} I may have seen one{f' {where}' if where else ''}; I am not sure."
-    return replace(answer, text=say, reason=say)
+    return replace(answer, text=say, reason=say, tentative=obj.id)
 
 
 def _named(obj: MapObject, scene: Scene) -> str:

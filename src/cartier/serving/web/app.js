@@ -3,7 +3,7 @@
 
 const stored = el("home-data"), source = stored ? new Stored(JSON.parse(stored.textContent)) : new Served();
 let data = null, chosen = null, offered = null, busy = false;
-const on = { choose: (t) => choose(t ? t.id : null), hover: tip };
+const on = { choose: (t) => choose(t ? t.id : null), hover: tip, scaled: showScale };
 const plan = new Plan(el("plan"), on), scene = new Scene(el("scene"), on), views = [plan, scene];
 const byId = (id) => data.objects.find((t) => t.id === id);
 const roomOf = (obj) => data.rooms.find((r) => r.id === obj.room);
@@ -33,13 +33,14 @@ function showCard(goal) {
   card.hidden = !obj;
   if (!obj) { card.replaceChildren(); return; }
   const size = obj.high.map((h, i) => Math.round((h - obj.low[i]) * 100)).join(" × "), room = roomOf(obj), on = obj.on && byId(obj.on[1]);
-  const facts = [["Certainty", `${Math.round(obj.probability * 100)} %, detected in ${obj.n_detected} of ${obj.n_observable} frames`], ["Where", room ? room.name : `x ${obj.at[0].toFixed(2)} y ${obj.at[1].toFixed(2)}`], on ? ["Stands", `${obj.on[0]} ${called(on)}`] : null, ["Size", `${size} cm`], obj.colours.length ? ["Colour", obj.colours.join(", ")] : null, obj.names.length || obj.also.length ? ["Also", [...(obj.names.length ? [obj.label] : []), ...obj.also].join(", ")] : null].filter(Boolean);
-  const way = make("dd", { id: "way" }, inWords(goal));
-  const dl = make("dl", {}, ...facts.flatMap(([k, v]) => [make("dt", {}, k), make("dd", {}, v)]), make("dt", {}, "Way"), way);
-  const photo = make("span", { class: "photo", hidden: "" }), doing = make("div", { class: "doing" });
-  const idle = () => doing.replaceChildren(button("Rename", () => rename(obj, doing, idle)), button("Move", () => move(obj, doing, idle)), button("Forget", () => correct("forget", obj, {})));
+  const facts = [["Certainty", `${obj.said ? "a person said that it is there" : `${Math.round(obj.probability * 100)} %`}, detected in ${obj.n_detected} of ${obj.n_observable} frames`], ["Where", room ? room.name : `x ${obj.at[0].toFixed(2)} y ${obj.at[1].toFixed(2)}`], ["Way", make("span", { id: "way" }, inWords(goal))], on ? ["Stands", `${obj.on[0]} ${called(on)}`, "more"] : null, ["Size", `${size} cm`, "more"], obj.colours.length ? ["Colour", obj.colours.join(", "), "more"] : null, obj.names.length || obj.also.length ? ["Also", [...(obj.names.length ? [obj.label] : []), ...obj.also].join(", "), "more"] : null].filter(Boolean);
+  const dl = make("dl", {}, ...facts.flatMap(([k, v, kind]) => [make("dt", { class: kind || null }, k), make("dd", { class: kind || null }, v)]));
+  const photo = make("span", { class: "photo", hidden: "" }), doing = make("div", { class: "doing more" }), more = make("button", { type: "button", id: "more", "aria-expanded": "false", onclick: () => { card.classList.toggle("open"); more.setAttribute("aria-expanded", String(card.classList.contains("open"))); } }, "…");
+  more.setAttribute("aria-label", "More about it");
+  card.classList.remove("open");
+  const idle = () => doing.replaceChildren(button("Rename", () => rename(obj, doing, idle)), button("Move", () => move(obj, doing, idle)), button("Forget", () => correct("forget", obj, {})), ...moreCorrections(obj, doing, idle));
   if (source.canCorrect) idle();
-  card.replaceChildren(make("div", { class: "top" }, make("h2", {}, called(obj), make("span", { class: "muted" }, ` ${obj.id}`)), make("button", { type: "button", "aria-label": "Close", onclick: () => { choose(null); el("words").focus(); } }, "×")), photo, dl, doing);
+  card.replaceChildren(make("div", { class: "top" }, make("h2", {}, called(obj), make("span", { class: "muted" }, `${obj.confirmed ? "" : " ?"} ${obj.id}`)), make("span", { class: "grow" }), more, make("button", { type: "button", "aria-label": "Close", onclick: () => { choose(null); el("words").focus(); } }, "×")), photo, obj.confirmed ? "" : doubt(obj, source.canCorrect, (what) => correct(what, obj, {})), dl, doing);
   if (obj.views) safely(async () => showPhoto(photo, await source.photo(obj, 1), obj));
 }
 function form(doing, idle, fields, send) {
@@ -65,7 +66,7 @@ function correct(what, obj, more) {
     stopPlacing();
     await reload(what === "forget" ? null : obj.id);
     toast(`${result.done}. Undo takes it back.`);
-    (what === "forget" ? el("undo") : document.querySelector("#card .doing button")).focus(); // the form that had the focus is closed
+    (what === "forget" ? el("undo") : document.querySelector("#card .doing button")).focus({ preventScroll: true }); // the form that had the focus is closed
   });
 }
 
@@ -80,7 +81,7 @@ async function ask(words) {
   busy = true;
   say("person", words);
   const waiting = say("robot", "…");
-  try { answer(waiting, await source.ask(words)); } catch (error) { waiting.replaceChildren(make("p", {}, error.message)); }
+  try { const told = await source.ask(words); if (told.corrected) await reload(null); answer(waiting, told); } catch (error) { waiting.replaceChildren(make("p", {}, error.message)); }
   busy = false;
   waiting.scrollIntoView({ block: "nearest" });
 }
@@ -93,7 +94,7 @@ function answer(into, result) {
   offered = options.length ? new Set(options.map((t) => t.id)) : null;
   if (options.length) parts.push(make("div", { class: "choices" }, ...options.slice(0, 12).map((t) => { const b = button(apart(t, options), () => choose(t.id)); b.prepend(dot(t)); return b; })));
   into.replaceChildren(...parts.filter(Boolean));
-  if (result.id !== undefined) choose(result.id, result.goal || undefined); else choose(null);
+  if (result.id !== undefined) choose(result.id, result.goal || undefined); else choose(result.tentative !== undefined && byId(result.tentative) ? result.tentative : null);
   for (const further of result.next || []) answer(say("robot", ""), further);
   if (el("mic").dataset.used) speechSynthesis.speak(new SpeechSynthesisUtterance(head));
 }
@@ -110,23 +111,28 @@ function dot(obj) {
 }
 
 function listObjects() {
-  const wanted = plain(el("search").value), room = el("room").value, tentative = el("tentative").checked;
-  const fits = (t) => (t.confirmed || tentative) && (room === "" || String(t.room) === room) && (!wanted || plain([...t.names, t.label, ...t.also, ...t.colours, (roomOf(t) || { name: "" }).name].join(" ")).includes(wanted));
-  const found = data.objects.filter(fits), rows = [], places = [...data.rooms, { id: null, name: data.rooms.length ? "elsewhere" : "objects" }];
+  const wanted = plain(el("search").value), room = el("room").value, fits = (t) => (room === "" || String(t.room) === room) && (!wanted || plain([...t.names, t.label, ...t.also, ...t.colours, (roomOf(t) || { name: "" }).name].join(" ")).includes(wanted));
+  const found = data.objects.filter(fits), sure = found.filter((t) => t.confirmed), unsure = found.filter((t) => !t.confirmed).sort((a, b) => b.probability - a.probability), rows = [], places = [...data.rooms, { id: null, name: data.rooms.length ? "elsewhere" : "objects" }];
+  const row = (t) => {
+    const made = make("button", { type: "button", "aria-current": String(t.id === chosen), onclick: () => choose(t.id) }, t.confirmed ? dot(t) : make("i", { class: "unsure" }), `${called(t)}${t.confirmed ? "" : " ?"}`, make("span", { class: "muted" }, `${Math.round(t.probability * 100)} %`));
+    made.dataset.id = t.id;
+    return make("li", {}, made);
+  };
   for (const place of places) {
-    const here = found.filter((t) => t.room === place.id || (place.id === null && !roomOf(t))).sort((a, b) => called(a).localeCompare(called(b)) || a.id - b.id);
-    if (!here.length) continue;
-    rows.push(make("li", {}, make("h2", {}, `${place.name}${place.area ? `, ${place.area} m²` : ""} `, source.canCorrect && place.id !== null ? make("button", { type: "button", class: "pen", "aria-label": `Rename ${place.name}`, onclick: () => renameRoom(place) }, "✎︎") : null)));
-    for (const t of here) {
-      const row = make("button", { type: "button", "aria-current": String(t.id === chosen), onclick: () => choose(t.id) }, dot(t), `${called(t)}${t.confirmed ? "" : " ?"}`, make("span", { class: "muted" }, `${Math.round(t.probability * 100)} %`));
-      row.dataset.id = t.id;
-      rows.push(make("li", {}, row));
-    }
+    const here = sure.filter((t) => t.room === place.id || (place.id === null && !roomOf(t))).sort((a, b) => called(a).localeCompare(called(b)) || a.id - b.id);
+    if (here.length) rows.push(make("li", {}, make("h2", {}, `${place.name}${place.area ? `, ${place.area} m²` : ""} `, source.canCorrect && place.id !== null ? make("button", { type: "button", class: "pen", "aria-label": `Rename ${place.name}`, onclick: () => renameRoom(place) }, "✎︎") : null)), ...here.map(row));
   }
-  el("list").replaceChildren(...(rows.length ? rows : [make("li", { class: "muted" }, "No object matches.")]));
+  if (!sure.length) rows.push(make("li", { class: "muted" }, "No object matches."));
+  if (unsure.length && el("tentative").checked) rows.push(make("li", {}, make("h2", {}, `not sure: ${unsure.length}`)), ...unsure.map(row));
+  else if (unsure.length) rows.push(make("li", {}, make("button", { type: "button", class: "muted", onclick: () => el("tentative").click() }, make("i", { class: "unsure" }), `Show ${unsure.length} more that the map is not sure of`)));
+  el("list").replaceChildren(...rows);
   el("count").textContent = String(data.objects.filter((t) => t.confirmed).length);
-  offered = wanted || room !== "" ? new Set(found.map((t) => t.id)) : null;
-  for (const v of views) v.mark(chosen, offered);
+  offered = wanted || room !== "" ? new Set((el("tentative").checked ? found : sure).map((t) => t.id)) : null;
+  for (const v of views) { v.tentative = el("tentative").checked; v.mark(chosen, offered); }
+}
+function showScale(perMetre) { // a round length of 40 to 120 pixels
+  const metres = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50].find((m) => m * perMetre >= 40) || 100, [bar, text] = el("scale").children;
+  bar.style.width = `${metres * perMetre}px`; text.textContent = `${metres} m`;
 }
 function renameRoom(place) {
   const name = make("input", { "aria-label": `New name of ${place.name}`, maxlength: "60", value: place.name }), row = [...el("list").querySelectorAll("h2")].find((h) => h.textContent.startsWith(place.name));
@@ -138,8 +144,9 @@ async function reload(keep) {
   data = await source.view();
   document.title = `${data.title} · cartier`;
   el("title").textContent = data.title;
-  const sure = data.objects.filter((t) => t.confirmed).length, age = data.age_h === undefined ? "" : data.age_h < 1 ? ", mapped within the hour" : data.age_h < 48 ? `, mapped ${Math.round(data.age_h)} h ago` : `, mapped ${Math.round(data.age_h / 24)} days ago`;
+  const sure = data.objects.filter((t) => t.confirmed).length, maybe = data.objects.length - sure, age = data.age_h === undefined ? "" : data.age_h < 1 ? ", mapped within the hour" : data.age_h < 48 ? `, mapped ${Math.round(data.age_h)} h ago` : `, mapped ${Math.round(data.age_h / 24)} days ago`;
   el("about").textContent = `${sure} objects${data.rooms.length ? `, ${data.rooms.length} room${data.rooms.length > 1 ? "s" : ""}` : ""}${age}`;
+  el("unsure").textContent = `not sure (${maybe})`; el("tentative-on").hidden = !maybe;
   el("about").title = [data.detector, ...data.notes].join("\n");
   el("undo").hidden = !source.canCorrect || !data.corrections;
   const room = el("room").value;
@@ -158,7 +165,8 @@ function show(solid) {
   el("plan").toggleAttribute("hidden", solid); el("scene").hidden = !solid;
   el("flat").setAttribute("aria-pressed", String(!solid)); el("solid").setAttribute("aria-pressed", String(solid));
   stopPlacing();
-  el("points-on").hidden = !solid || !scene.cloud;
+  el("points-on").hidden = !solid || !scene.cloud; el("names").toggleAttribute("hidden", !solid);
+  el("stage").classList.toggle("solid", solid);
   if (solid) { scene.paint(); loadPoints(); } else plan.name();
 }
 function loadPoints() { // only once the 3-D view is open
@@ -191,6 +199,16 @@ function listen() { // speech recognition by the browser, where it has one
   });
 }
 
+// On a phone the keyboard covers a part of the page: what is left of it holds the field and the evidence.
+function viewport() {
+  const seen = window.visualViewport, root = document.documentElement;
+  if (!seen) return;
+  const height = seen.height * seen.scale;
+  root.style.setProperty("--height", `${Math.round(height)}px`);
+  root.style.setProperty("--top", `${Math.round(seen.scale > 1 ? 0 : seen.offsetTop)}px`);
+  root.classList.toggle("typing", innerWidth <= 760 && height < 560);
+}
+
 const current = () => (el("scene").hidden ? plan : scene);
 el("ask").addEventListener("submit", (e) => { e.preventDefault(); const words = el("words").value; el("words").value = ""; ask(words); });
 for (const id of ["search", "room", "tentative"]) el(id).addEventListener("input", listObjects);
@@ -212,6 +230,8 @@ document.addEventListener("keydown", (e) => {
 });
 el("homes").addEventListener("change", () => safely(async () => { source.home = el("homes").value; el("turns").replaceChildren(); await reload(); }));
 new ResizeObserver(() => { el("turns").scrollTop = el("turns").scrollHeight; }).observe(el("turns")); // keep the last turn in view when the card opens
+if (window.visualViewport) for (const change of ["resize", "scroll"]) visualViewport.addEventListener(change, viewport);
+viewport();
 theme(matchMedia("(prefers-color-scheme: dark)").matches);
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", (e) => theme(e.matches));
 tab("talk");

@@ -4,6 +4,20 @@
 const COLOURS = { black: "#26262a", white: "#f4f4f0", grey: "#8d9096", red: "#c8403a", orange: "#d9823b", brown: "#8a5f3c", yellow: "#dcc04c", green: "#5b9a52", blue: "#4a78b8", purple: "#80609f", pink: "#d893ae", beige: "#d8c6a2", turquoise: "#4fa9a4" };
 const called = (obj) => obj.names[0] || obj.label;
 const calledAny = (objects, names) => objects.filter((t) => t.confirmed && (names.includes(t.label) || t.names.some((n) => names.includes(n))));
+const footprint = (t) => Math.max(t.high[0] - t.low[0], 0.02) * Math.max(t.high[1] - t.low[1], 0.02);
+// From the bottom to the top: tentative objects below confirmed ones, large ones below small ones, and what is on or in another above it.
+function stacked(objects) {
+  const sorted = [...objects].sort((a, b) => a.confirmed - b.confirmed || footprint(b) - footprint(a) || a.id - b.id), ids = new Map(objects.map((t) => [t.id, t])), order = new Set(), begun = new Set();
+  const put = (t) => {
+    if (begun.has(t.id)) return;
+    begun.add(t.id);
+    const under = t.on && ids.get(t.on[1]);
+    if (under && under.confirmed === t.confirmed) put(under);
+    order.add(t);
+  };
+  sorted.forEach(put);
+  return [...order];
+}
 const el = (id) => document.getElementById(id);
 const make = (name, attributes = {}, ...inside) => {
   const made = document.createElement(name);
@@ -17,7 +31,7 @@ function tip(obj, e) {
   const box = el("tip");
   box.hidden = !obj;
   if (!obj) return;
-  box.textContent = `${called(obj)}${obj.names.length ? ` (${obj.label})` : ""} · ${Math.round(obj.probability * 100)} %`;
+  box.textContent = `${called(obj)}${obj.names.length ? ` (${obj.label})` : ""} · ${obj.confirmed ? "" : "not sure, "}${Math.round(obj.probability * 100)} %`;
   const stage = el("stage").getBoundingClientRect();
   box.style.left = `${Math.min(e.clientX - stage.left + 14, stage.width - box.offsetWidth - 6)}px`;
   box.style.top = `${Math.max(e.clientY - stage.top - 34, 4)}px`;

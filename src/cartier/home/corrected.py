@@ -1,0 +1,247 @@
+"""A map with the corrections of its log applied: what people said outweighs every score, and outlives growing.
+
+An entry finds its object by id or alias, label and position. An object that a person spoke of and that the map no
+longer holds is made anew from the entry; one that was removed does not come back under another id.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import cast
+
+from cartier.home.correction_log import Correction, Subject, in_force, in_words
+from cartier.home.object_changes import affirmed, halves, made, merged, moved, relabelled
+from cartier.types import MapObject, OccupancyGrid, Room
+
+NEAR_M = 1.0  # the object of the noted label within this distance is the one meant
+SAME_M = 0.3  # the object of the noted id counts as this much nearer; with another label, it must lie within it
+FIRST_MADE, MAX_MADE = 1_000_000, 1000  # ids of objects that people add, to which no map counts; how many there may be
+
+
+@dataclass(frozen=True, eq=False)
+class Corrected:
+    """Objects, rooms and the home's name with and without corrections, the log, and notes about unfit entries.
+
+    ``made`` are the objects that people added, as they were added.
+    """
+
+    objects: tuple[MapObject, ...]
+    rooms: tuple[Room, ...]
+    mapped_objects: tuple[MapObject, ...]
+    mapped_rooms: tuple[Room, ...]
+    log: tuple[Correction, ...]
+    notes: tuple[str, ...]
+    made: tuple[MapObject, ...] = ()
+    name: str = ""
+    mapped_name: str = ""
+
+
+def apply(
+    log: Sequence[Correction],
+    objects: tuple[MapObject, ...],
+    rooms: tuple[Room, ...],
+    grid: OccupancyGrid | None,
+    name: str = "",
+    origin: str = "",
+) -> Corrected:
+    """Apply all corrections in force to a map; one whose object or room is not found becomes a note.
+
+    ``origin`` names the pose frame of the map: only in that frame is an object made anew where an entry noted it.
+    """
+    work = _Applying(in_force(log), objects, rooms, grid, name, origin)
+    for entry in work.log:
+        subject = cast(Subject, entry.subject)
+        if subject.kind == "home":
+            work.name = str(entry.name)
+        elif subject.kind == "room":
+            work.name_room(entry, subject)
+        else:
+            work.change(entry, subject)
+    return Corrected(
+        work.sorted_objects(), tuple(work.places[room.id] for room in rooms), objects, rooms, tuple(log),
+        tuple(work.notes), tuple(work.made.values()), work.name, name,
+    )  # fmt: skip
+
+
+class _Applying:
+    """The state of a map while corrections are applied. ``pool`` is where entries find their objects: as mapped, and
+    as people added them; ``objs`` has them as corrected so far; ``into`` names what others became part of."""
+
+    def __init__(
+        self, log: list[Correction], objects: tuple[MapObject, ...], rooms: tuple[Room, ...],
+        grid: OccupancyGrid | None, name: str, origin: str,
+    ) -> None:  # fmt: skip
+        self.log, self.rooms, self.grid, self.name, self.origin = log, rooms, grid, name, origin
+        self.pool, self.objs = ({obj.id: obj for obj in objects} for _ in range(2))
+        self.places = {room.id: room for room in rooms}
+        self.made, self.into, self.notes = dict[int, MapObject](), dict[int, int](), list[str]()
+        self.now_s = max((obj.last_looked_s for obj in objects), default=0.0)
+        self.kept: dict[int, list[Subject]] = {}  # what people said is there, by the object of the map that it is
+        for entry in log:
+            for subject in _said_to_be_there(entry):
+                if (number := find_object(subject, objects)) is not None:
+                    self.kept.setdefault(number, []).append(subject)
+
+    def sorted_objects(self) -> tuple[MapObject, ...]:
+        return tuple(self.objs[number] for number in self.pool if number in self.objs)
+
+    def name_room(self, entry: Correction, subject: Subject) -> None:
+        number = find_room(subject.position, self.rooms, self.grid)
+        if number is None:
+            self._misfit(entry)
+        else:
+            self.places[number] = replace(self.places[number], name=str(entry.name))
+
+    def change(self, entry: Correction, subject: Subject) -> None:
+        if entry.what == "forget":
+            self._forget(entry, subject)
+            return
+        number = self._add(subject, entry) if entry.what == "add" else self._found(subject, entry)
+        if number is None:
+            return
+        obj = affirmed(self.objs[number])
+        if entry.what == "name":
+            obj = replace(obj, names=(str(entry.name),))
+        elif entry.what == "relabel":
+            obj = relabelled(obj, str(entry.label))
+            for double in self._since(entry, subject, str(entry.label)):
+                obj = replace(merged(obj, self._take(double, number)), labels=obj.labels)
+        elif entry.what == "move":
+            x, y = cast(tuple[float, float], entry.to_xy)
+            obj = moved(obj, (x, y), obj.room if self.grid is None else find_room((x, y), self.rooms, self.grid))
+        elif entry.what == "merge":
+            other = self._found(cast(Subject, entry.other), entry, again=False)
+            obj = obj if other is None or other == number else merged(obj, self._take(other, number))
+        elif entry.what == "split":
+            obj = self._split(obj, cast(Subject, entry.other))
+        self.objs[number] = obj
+
+    def _forget(self, entry: Correction, subject: Subject) -> None:
+        free = [obj for obj in self.pool.values() if not self._is_other(obj, subject)]
+        number = find_object(subject, free)
+        if number is not None and subject.id in self.pool[number].aliases:
+            told = f"is part of object {number} now, which stays"
+            self.notes.append(f"{subject.label} {subject.id} was forgotten, but {told}")
+        elif number is not None:
+            self.objs.pop(number, None)
+        for comes_back in self._since(entry, subject, subject.label):
+            self.objs.pop(comes_back, None)
+
+    def _is_other(self, obj: MapObject, subject: Subject) -> bool:
+        """Whether somebody said that an object is there, and meant it rather than the subject."""
+        said = [each for each in self.kept.get(obj.id, ()) if each.id != subject.id]
+        return any(away_m(each, obj) < away_m(subject, obj) for each in said)
+
+    def _add(self, subject: Subject, entry: Correction) -> int | None:
+        """The object of that label that the map meanwhile shows there, else a new one."""
+        shown = next((obj for obj in self.objs.values() if stands_there(obj, subject)), None)
+        return self._make(subject, entry) if shown is None else self._also_called(shown.id, subject.id)
+
+    def _found(self, subject: Subject, entry: Correction, again: bool = True) -> int | None:
+        """The object that an entry is about, or None; one that the map lost is made ``again``."""
+        number = find_object(subject, self.pool.values())
+        if number is None and again:
+            number = self._make(subject, entry)
+            if number is not None:
+                self.notes.append(f"the map no longer shows {subject.label} {subject.id}; {entry.who} said it is there")
+        while number in self.into:
+            number = self.into[number]
+        return number if number in self.objs else None
+
+    def _make(self, subject: Subject, entry: Correction) -> int | None:
+        if not subject.size or (entry.origin or "") != self.origin or len(self.made) >= MAX_MADE:
+            self._misfit(entry)
+            return None
+        number = subject.id
+        while number in self.pool:
+            number = max(number, FIRST_MADE) + 1
+        room = find_room(subject.position, self.rooms, self.grid)
+        obj = replace(made(number, subject.label, subject.position, subject.size, self.now_s), room=room)
+        self.pool[number] = self.objs[number] = self.made[number] = obj
+        return number
+
+    def _split(self, obj: MapObject, other: Subject) -> MapObject:
+        """The first half; the second becomes an object, unless the map meanwhile shows it as one."""
+        shown = next((t for t in self.objs.values() if t.id != obj.id and stands_there(t, other)), None)
+        if shown is not None:
+            number = self._also_called(shown.id, other.id)
+            self.objs[number] = affirmed(self.objs[number])
+            return obj
+        first, second = halves(obj, other.position)
+        number = other.id
+        while number in self.pool:
+            number += 1
+        second = replace(second if other.label == obj.label else relabelled(second, other.label), id=number)
+        self.pool[number] = self.objs[number] = self.made[number] = second
+        return first
+
+    def _also_called(self, number: int, alias: int) -> int:
+        for objects in (self.pool, self.objs):
+            objects[number] = replace(objects[number], aliases=(*objects[number].aliases, alias))
+        return number
+
+    def _take(self, number: int, into: int) -> MapObject:
+        self.into[number] = into
+        return self.objs.pop(number)
+
+    def _since(self, entry: Correction, subject: Subject, label: str) -> list[int]:
+        """Objects of a label that came up at the noted place after an entry, and of which nobody spoke."""
+        if entry.newest is None or (entry.origin or "") != self.origin:
+            return []
+        reach_m = max(SAME_M, min(subject.size[:2], default=0.0) / 2)
+        return [
+            obj.id
+            for obj in self.pool.values()
+            if entry.newest < obj.id < FIRST_MADE
+            and obj.id in self.objs
+            and obj.id not in self.kept
+            and _has_label(obj, label)
+            and math.dist(obj.position, subject.position) <= reach_m
+        ]
+
+    def _misfit(self, entry: Correction) -> None:
+        self.notes.append(f"a correction fits nothing in this map and is left out: {in_words(entry)}")
+
+
+def _said_to_be_there(entry: Correction) -> list[Subject]:
+    """The objects of the map that an entry says are there."""
+    if entry.what == "forget":
+        return []
+    about = (entry.subject, entry.other if entry.what == "merge" else None)
+    return [each for each in about if each is not None and each.kind == "object" and each.id < FIRST_MADE]
+
+
+def find_room(point: Sequence[float], rooms: Sequence[Room], grid: OccupancyGrid | None) -> int | None:
+    """The room that contains a point (m)."""
+    if grid is None:
+        return None
+    cell = grid.cell(point[:2])
+    return next((room.id for room in rooms if (room.cells == cell).all(1).any()), None)
+
+
+def find_object(subject: Subject, objects: Iterable[MapObject]) -> int | None:
+    """The nearest object of the noted label, where having the noted id counts as nearer; else the one of that id."""
+    every = list(objects)
+    labelled = (obj for obj in every if _has_label(obj, subject.label))
+    nearest = min(labelled, key=lambda obj: away_m(subject, obj), default=None)
+    if nearest is not None and away_m(subject, nearest) <= NEAR_M:
+        return nearest.id
+    return next((t.id for t in every if subject.id in (t.id, *t.aliases) and away_m(subject, t) <= 0), None)
+
+
+def away_m(subject: Subject, obj: MapObject) -> float:
+    """The distance (m) of an object from where an entry noted it, less for one of the noted id."""
+    return math.dist(obj.position, subject.position) - SAME_M * (subject.id in (obj.id, *obj.aliases))
+
+
+def stands_there(obj: MapObject, subject: Subject) -> bool:
+    """Whether an object of the noted label stands at the noted place."""
+    x, y = subject.position[:2]
+    inside = obj.box_min[0] <= x <= obj.box_max[0] and obj.box_min[1] <= y <= obj.box_max[1]
+    return _has_label(obj, subject.label) and (inside or math.dist(obj.position[:2], (x, y)) <= SAME_M)
+
+
+def _has_label(obj: MapObject, label: str) -> bool:
+    return label in (obj.label, *(name for name, _ in obj.labels))

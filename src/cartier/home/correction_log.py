@@ -1,0 +1,179 @@
+"""Log of the corrections that people make to a home: its entries, how they are written, and how they are read.
+
+Each entry says who, when and what. The log is only appended to; undoing is an entry as well.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+from cartier.errors import MAX_FAR_M, InputError, brief
+from cartier.io.files import read_bytes
+
+LOG = "corrections.jsonl"
+MAX_BYTES, MAX_NAME_CHARS, MAX_WHO_CHARS, MAX_LABEL_CHARS = 2**24, 60, 60, 200
+MAX_ID = 2**53
+CorrectionKind = Literal["name", "confirm", "relabel", "add", "merge", "split", "forget", "move", "undo"]
+POINTS = {"object": 3, "room": 2, "home": 0}
+"""How many coordinates the position of a subject has, by its kind."""
+
+
+@dataclass(frozen=True)
+class Subject:
+    """What an entry corrects, as it was then; ``position`` (m) is an object's middle, or a point (x, y) of a room.
+
+    ``size`` (m) is that of an object's box; older entries have none.
+    """
+
+    kind: Literal["object", "room", "home"]
+    id: int
+    label: str
+    position: tuple[float, ...]
+    size: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True)
+class Correction:
+    """One entry of the log.
+
+    ``name`` is for "name", ``label`` for "relabel", ``to_xy`` (m) for "move", ``undoes`` (an entry's id) for "undo".
+    ``other`` is the object that "merge" takes in, or the second one that "split" makes; "add" makes its ``subject``.
+    ``origin`` names the pose frame of the positions, and ``newest`` is the largest id of an object then; older entries
+    have neither.
+    """
+
+    id: str
+    when: str
+    who: str
+    what: CorrectionKind
+    subject: Subject | None = None
+    name: str | None = None
+    to_xy: tuple[float, float] | None = None
+    undoes: str | None = None
+    label: str | None = None
+    other: Subject | None = None
+    origin: str | None = None
+    newest: int | None = None
+
+
+def read_log(folder: Path) -> tuple[tuple[Correction, ...], tuple[str, ...]]:
+    """The entries of a home's log, oldest first, and a note for each damaged line, which is left out.
+
+    Raises InputError if the log cannot be read at all.
+    """
+    file = folder / LOG
+    if not file.exists():
+        return (), ()
+    entries, notes = [], []
+    for number, line in enumerate(read_bytes(file, MAX_BYTES, follow_link=False).split(b"\n"), start=1):
+        if not line.strip():
+            continue
+        try:
+            entries.append(_entry(json.loads(line)))
+        except (ValueError, KeyError, TypeError, AttributeError, RecursionError, InputError):
+            notes.append(f"{LOG} line {number} is damaged: this correction is left out")
+    return tuple(entries), tuple(notes)
+
+
+def line_of(entry: Correction) -> str:
+    """An entry as a line of the log."""
+    return json.dumps(_without_empty(asdict(entry)), ensure_ascii=False)
+
+
+def in_force(log: Iterable[Correction]) -> list[Correction]:
+    """The corrections that were not undone, oldest first."""
+    entries = list(log)
+    undone = {entry.undoes for entry in entries if entry.what == "undo"}
+    return [entry for entry in entries if entry.what != "undo" and entry.id not in undone]
+
+
+def in_words(entry: Correction, log: Iterable[Correction] = ()) -> str:
+    """What an entry does, in a few words; ``log`` holds the entry that it undoes."""
+    if entry.what == "undo":
+        undone = next((each for each in log if each.id == entry.undoes), None)
+        return "undone" if undone is None else f"undone: {in_words(undone)}"
+    assert entry.subject is not None
+    about, other = _called(entry.subject), "" if entry.other is None else _called(entry.other)
+    x, y = entry.to_xy or (*entry.subject.position, 0.0, 0.0)[:2]
+    return {
+        "name": f"{about} is called {entry.name}",
+        "confirm": f"{about} is there",
+        "relabel": f"{about} is labelled {entry.label}",
+        "add": f"{about} is added at x {x:.2f} y {y:.2f} m",
+        "merge": f"{about} and {other} are one",
+        "split": f"{about} is two: the other is {other}",
+        "forget": f"{about} is forgotten",
+        "move": f"{about} stands at x {x:.2f} y {y:.2f} m",
+    }[entry.what]
+
+
+def clean(text: str, most: int, what: str) -> str:
+    """A text of a person in one line. Raises InputError unless it has 1 to ``most`` printable characters."""
+    line = " ".join(text.split())
+    if not line or len(line) > most or not line.isprintable():
+        raise InputError(f"{what} has 1 to {most} printable characters, got {brief(text, 40)!r}")
+    return line
+
+
+def _called(subject: Subject) -> str:
+    if subject.kind == "home":
+        return f"the home {subject.label}"
+    return f"{subject.label} ({'room:' if subject.kind == 'room' else ''}{subject.id})"
+
+
+def _without_empty(values: dict[str, Any]) -> dict[str, Any]:
+    kept = {key: value for key, value in values.items() if value is not None and (key, value) != ("size", ())}
+    return {key: _without_empty(value) if isinstance(value, dict) else value for key, value in kept.items()}
+
+
+def _entry(row: Mapping[str, Any]) -> Correction:
+    """An entry from its line. Raises ValueError, KeyError, TypeError or InputError for an invalid one."""
+    what = row["what"]
+    if what not in get_args(CorrectionKind):
+        raise ValueError(what)
+    about: dict[str, Any] = {key: clean(row[key], MAX_WHO_CHARS, key) for key in ("id", "when", "who")}
+    if what == "undo":
+        return Correction(**about, what=what, undoes=clean(row["undoes"], MAX_WHO_CHARS, "undoes"))
+    subject = _subject(row["subject"])
+    if subject.kind != "object" and what != "name":
+        raise ValueError(subject)
+    if what == "move":
+        about["to_xy"] = _floats(row["to_xy"], 2)
+    if what == "name":
+        about["name"] = clean(row["name"], MAX_NAME_CHARS, "name")
+    if what == "relabel":
+        about["label"] = clean(row["label"], MAX_NAME_CHARS, "label")
+    if what in ("merge", "split"):
+        about["other"] = _subject(row["other"])
+        if about["other"].kind != "object":
+            raise ValueError(about)
+    if what in ("add", "split") and not (about.get("other") or subject).size:
+        raise ValueError(row)  # what is made has a size
+    origin = clean(row["origin"], MAX_WHO_CHARS, "origin") if "origin" in row else None
+    newest = _whole(row["newest"]) if "newest" in row else None
+    return Correction(**about, what=what, subject=subject, origin=origin, newest=newest)
+
+
+def _subject(about: Mapping[str, Any]) -> Subject:
+    position = _floats(about["position"], POINTS[about["kind"]])
+    size = _floats(about["size"], 3) if "size" in about else ()
+    if min(size, default=0.0) < 0:
+        raise ValueError(size)
+    label = clean(about["label"], MAX_LABEL_CHARS, "label")
+    return Subject(about["kind"], _whole(about["id"]), label, position, size)
+
+
+def _whole(value: Any) -> int:
+    if type(value) is not int or not 0 <= value <= MAX_ID:
+        raise ValueError(value)
+    return value
+
+
+def _floats(values: Any, size: int) -> tuple[float, ...]:
+    if not isinstance(values, list) or len(values) != size or not all(abs(v) <= MAX_FAR_M for v in values):
+        raise ValueError(values)  # NaN, too
+    return tuple(map(float, values))

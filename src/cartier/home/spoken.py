@@ -1,0 +1,42 @@
+"""Corrections of a saved home by what a person says in a conversation about it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from cartier.home.corrected import find_room
+from cartier.home.entity import Home
+from cartier.types import Selection
+from cartier.understanding import alarm
+from cartier.understanding.spoken_corrections import NOTED, spoken_correction
+
+
+def correct_by_words(
+    home: Home,
+    words: str,
+    dialogue: Sequence[tuple[str, str]],
+    *,
+    index: str | None = None,
+    from_xy: Sequence[float] | None = None,
+    who: str = "a conversation",
+) -> tuple[Home, Selection] | None:
+    """Correct a home if that is what the words do: the corrected home, and what to answer. None for other words.
+
+    ``dialogue`` are the earlier (person, robot) turns, and ``from_xy`` (m) is where the robot stands. A home that was
+    not loaded from a folder is never corrected. Raises InputError for a correction that is refused.
+    """
+    if home.store is None or alarm.screen(words) is not None:
+        return None
+    here = find_room(home.start_xy if from_xy is None else from_xy, home.rooms, home.grid)
+    inventory, knows = home.inventory(index, from_xy), home.settings.get("knows", ())
+    spoken = spoken_correction(words, dialogue, inventory, here, knows)
+    if spoken is None:
+        return None
+    changed, done = home.correct(spoken.what, spoken.entity, name=spoken.name, who=who)
+    told = f"{NOTED}{done}."
+    for obj in changed.objects:
+        if str(obj.id) == spoken.entity:
+            return changed, Selection(
+                "found" if spoken.drive else "answered", obj.label, reason=told, object_id=obj.id, text=told
+            )
+    return changed, Selection("answered", text=told)

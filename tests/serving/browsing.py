@@ -1,0 +1,96 @@
+"""The page in Chromium for several test files, and clicks on every object of a home as a person would click."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+
+from cartier.home import Home
+from cartier.types import MapObject
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
+
+
+@contextmanager
+def chromium() -> Iterator[Any]:
+    """A browser that draws WebGL by software."""
+    if CHROMIUM is None:
+        pytest.skip("needs Chromium: apt-get install chromium")
+    playwright = pytest.importorskip("playwright.sync_api", reason="needs playwright")
+    with playwright.sync_playwright() as running:
+        flags = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+        opened = running.chromium.launch(executable_path=CHROMIUM, args=flags)
+        yield opened
+        opened.close()
+
+
+class Clicks(NamedTuple):
+    """Of the confirmed objects of a home: how many were clicked, and what went wrong."""
+
+    objects: int
+    labels: int
+    wrong: list[str]
+    ghosts: list[str]
+
+
+def click_every_object(tab: Any, home: Home, tap: bool = False) -> Clicks:
+    """Click each confirmed object where neither a smaller one nor another's name lies over it, and each name.
+
+    ``ghosts`` are tentative objects hit instead.
+    """
+    sure = [obj for obj in home.objects if obj.confirmed]
+    wrong, ghosts = list[str](), list[str]()
+    of = {obj.id: obj for obj in home.objects}
+
+    def click(meant: MapObject, x: float, y: float, what: str = "") -> None:
+        tab.evaluate("choose(null)")
+        (tab.touchscreen.tap if tap else tab.mouse.click)(x, y)
+        found: int | None = tab.evaluate("chosen")
+        if found != meant.id:
+            wrong.append(f"{what}{meant.label} {meant.id}: {found}")
+        if meant.confirmed and found is not None and not of[found].confirmed:
+            ghosts.append(f"{of[found].label} {found}")
+
+    px, left, top = tab.evaluate(
+        "(() => { const b = plan.svg.getBoundingClientRect();"
+        " return [plan.px, b.left - plan.view.x / plan.px, b.top - plan.view.y / plan.px]; })()"
+    )
+    tab.evaluate("choose(null)")
+    named = tab.evaluate(
+        "plan.labels.placed.filter((p) => p.id !== null).map((p) => { const b = plan.svg.getBoundingClientRect();"
+        " return [p.id, ...p.box.map((v, i) => v + (i % 2 ? b.top : b.left))]; })"
+    )
+    for obj in sure:
+        names = [[(b[0] - left) * px, (top - b[3]) * px, (b[2] - left) * px, (top - b[1]) * px]
+                 for number, *b in named if number != obj.id]  # fmt: skip
+        x, y = free_point(obj, sure, names, px)
+        click(obj, left + x / px, top - y / px)
+    for number, *b in named:
+        click(of[number], (b[0] + b[2]) / 2, (b[1] + b[3]) / 2, "the name of ")
+    return Clicks(len(sure), len(named), wrong, ghosts)
+
+
+def free_point(
+    obj: MapObject, others: Sequence[MapObject], names: Sequence[Sequence[float]], px: float
+) -> tuple[float, float]:
+    """The point of an object's outline farthest from its edge and from what lies over it; its middle if that is all."""
+    from scipy.ndimage import distance_transform_edt
+
+    (x1, y1), (x2, y2) = obj.box_min[:2], obj.box_max[:2]
+    step = min(px, (x2 - x1) / 5, (y2 - y1) / 5)
+    xs, ys = (np.arange(low + step / 2, high, step) for low, high in ((x1, x2), (y1, y2)))
+    free = np.ones((len(ys), len(xs)), bool)
+    area = (x2 - x1) * (y2 - y1)
+    over = [(*other.box_min[:2], *other.box_max[:2]) for other in others if other.id != obj.id]
+    for a1, b1, a2, b2 in [*(b for b in over if (b[2] - b[0]) * (b[3] - b[1]) < area), *names]:
+        free &= ~(((xs >= a1) & (xs <= a2))[None] & ((ys >= b1) & (ys <= b2))[:, None])
+    if not free.any():
+        return (x1 + x2) / 2, (y1 + y2) / 2
+    far = distance_transform_edt(np.pad(free, 1))[1:-1, 1:-1]
+    row, column = np.unravel_index(int(far.argmax()), far.shape)
+    return float(xs[column]), float(ys[row])
