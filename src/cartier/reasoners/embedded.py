@@ -30,6 +30,7 @@ from cartier.understanding.grounding import MODEL, ReferenceGrounder
 from cartier.understanding.need_scorer import Judgement, Scorer
 from cartier.understanding.outcome_classifier import OUTCOMES, Choice
 from cartier.understanding.parser import parser
+from cartier.understanding.reference_words import ORDER
 from cartier.understanding.tags import NOTHING_ASKED, Clause
 from cartier.understanding.tentative import OFFER, maybe_there, offer, tentative_matches, unsure, usual_place
 
@@ -40,6 +41,7 @@ FITS = " serves "  # in the reason for an object that serves a need and was not 
 MOST_NEEDS = 4  # most needs in one utterance
 FEW = 7  # words of a reply that tells more of what was offered
 REPLIES = ("choose", "confirm", "deny", "correct", "another", "go", "need")
+LEAST_ASKING = 0.35  # probability of a request from which words that seem to ask for nothing are one
 EITHER = frozenset({"either", "any", "whichever", "matter", "mind", "care"})
 LATEST = 3000  # characters at the end of a text that are read
 
@@ -119,12 +121,13 @@ class Embedded:
         self, clause: Clause, home: _Home, state: DialogueState, wanted: bool = False
     ) -> tuple[Selection, ParsedUtterance]:
         """The answer to one clause, and what it asked."""
-        if clause.act == "alarm":  # it was judged before, by the whole of the words
-            clause = clause._replace(act=clause.second[0])
+        clause = _leaning(clause, state)
         asked = resolve(query_of(clause, home.names), state)
         if clause.act in NOTHING_ASKED:
             said = _short(" ".join(clause.tokens)) if clause.act == "prohibit" else "nothing was asked for"
             return Selection("answered", reason=f"understood: {said}", text="Understood.", model=NAME), asked
+        if clause.act == "another" and not state.offered and len(state.rest) == 1:
+            return self._pick(state.rest[0], clause, asked, home, state), asked
         if clause.act in REPLIES and state.offered:
             chosen = self._of_offer(clause, asked, home, state)
             if chosen is not None:
@@ -167,8 +170,8 @@ class Embedded:
         refused = {name for noun in own.rejected for name in noun.labels}
         named = [name for name in offered if own.head is not None and name in own.head.labels and name not in refused]
         rest = [name for name in offered if name not in refused]
-        order = own.head.order if own.head is not None else 0
-        if clause.act == "deny" and not named:
+        order = next((ORDER[token] for token in clause.tokens if token in ORDER), 0)
+        if clause.act == "deny" and not named and not refused:
             return Selection("answered", reason="the offer was turned down", text="All right.", model=NAME)
         if own.head is not None and own.head.labels and not named and not refused:
             return None
@@ -180,9 +183,12 @@ class Embedded:
             need = state.before.need if state.before is not None else ""
             out = tuple(set(home.listed).difference(rest))
             return self._serve(f"{need}. {said}", home.listed, Need(out)) if len(clause.tokens) <= FEW else None
-        chosen = Selection(
-            "found", picked[0], reason=f"'{_short(said)}' means this one", candidates=((picked[0], 1.0),), model=NAME
-        )
+        return self._pick(picked[0], clause, asked, home, state)
+
+    def _pick(self, name: str, clause: Clause, asked: ParsedUtterance, home: _Home, state: DialogueState) -> Selection:
+        """An offered name that was chosen."""
+        reason = f"'{_short(' '.join(clause.tokens))}' means this one"
+        chosen = Selection("found", name, reason=reason, candidates=((name, 1.0),), model=NAME)
         return ReferenceGrounder(asked, home.scene, home.names, state, "").refined(chosen)
 
     def _with_tentative(self, chosen: Selection, asked: ParsedUtterance, home: _Home, wanted: bool) -> Selection:
@@ -288,6 +294,21 @@ class Embedded:
         card = ranked.candidate.card
         said = judged.sentences[0] if card is None else self.scorer.why(judged, card)
         return f"{one(bare(ranked.candidate.name))}{FITS}'{_short(said)}'"
+
+
+def _leaning(clause: Clause, state: DialogueState) -> Clause:
+    """The clause with its second act where the first is doubtful: an alarm was judged before by the whole of the words,
+    and what may ask for something is not passed over; a "no" to what was served wants another."""
+    second, likely = clause.second
+    if clause.act == "deny" and not state.offered and state.last is not None:
+        return clause._replace(act="another")
+    if clause.act == "alarm":
+        return clause._replace(act=second)
+    asks = second in ("go", "need") and likely >= LEAST_ASKING
+    if clause.act not in NOTHING_ASKED or not asks:
+        return clause
+    spans = tuple(span._replace(role="n") if span.role in ("t", "n") else span for span in clause.spans)
+    return clause._replace(act=second, spans=spans if clause.act == "prohibit" else clause.spans)
 
 
 def _nowhere(told: Selection) -> bool:

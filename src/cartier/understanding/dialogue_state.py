@@ -17,12 +17,14 @@ SERVED = re.compile(r"#(\d+)")
 
 @dataclass(frozen=True)
 class DialogueState:
-    """The latest query about objects, what the robot named last, all that it was sent to, and what it offered."""
+    """The latest query about objects, what the robot named last, all that it was sent to, and what it offered just now
+    or, in ``rest``, before and was not taken."""
 
     before: ParsedUtterance | None = None
     last: MapObject | None = None
     served: tuple[int, ...] = ()
     offered: tuple[str, ...] = ()
+    rest: tuple[str, ...] = ()
 
     def then(
         self, asked: ParsedUtterance | None, served: Sequence[MapObject], offered: Sequence[str] = ()
@@ -32,7 +34,8 @@ class DialogueState:
         kept = asked is not None and (asked.kind == "need" or (head is not None and bool(head.labels or head.obj)))
         ids = tuple(obj.id for obj in served)
         last = served[-1] if served else self.last
-        return DialogueState(asked if kept else self.before, last, self.served + ids, tuple(offered))
+        rest = tuple(name for name in self.offered or self.rest if name not in {obj.label for obj in served})
+        return DialogueState(asked if kept else self.before, last, self.served + ids, tuple(offered), rest)
 
 
 def resolve(asked: ParsedUtterance, state: DialogueState) -> ParsedUtterance:
@@ -58,7 +61,8 @@ def _need_again(asked: ParsedUtterance, state: DialogueState) -> ParsedUtterance
     """The need of before, where no object was named."""
     if state.before is None:
         return replace(asked, kind="go")
-    return replace(state.before, rejected=asked.rejected, head=_other(state.before.head))
+    again = state.before.head or ReferringExpression("", generic=True)
+    return replace(state.before, rejected=asked.rejected, head=_other(again))
 
 
 def _replied(asked: ParsedUtterance, state: DialogueState) -> ParsedUtterance:
