@@ -21,7 +21,6 @@ LONG_FILES = {
     "types.py": "the data types of the whole program, of which a third is documentation",
     "testing.py": "the laws of all seven kinds of backend",
     "contracts.py": "the interfaces of all seven kinds of backend, of which half is documentation",
-    "understanding/references.py": "one parser, which a learned one replaces",
     "serving/operations.py": "one function for each operation of the HTTP API and the MCP server",
 }
 LONG_FUNCTIONS = {
@@ -32,7 +31,6 @@ LONG_FUNCTIONS = {
     "pipeline.py ask": "more than half of it is its documentation",
     "pipeline.py map_home": "more than half of it is its documentation",
     "pipeline.py serve": "half of it is its documentation",
-    "understanding/references.py _sentence": "part of the parser that a learned one replaces",
 }
 HEAVY = (
     "PIL", "aiohttp", "ai2thor", "av", "embreex", "fastapi", "filelock", "httpx", "huggingface_hub", "matplotlib",

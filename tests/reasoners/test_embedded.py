@@ -66,7 +66,7 @@ def test_answers_over_a_kitchen_of_coco_names(reasoner: embedded.Embedded, query
 @pytest.mark.parametrize("objects", [COCO, THOR, LVIS])
 def test_no_home_has_a_boarding_gate(reasoner: embedded.Embedded, objects: list[str]) -> None:
     chosen = reasoner.select("Where is the boarding gate for my flight?", Inventory.of(objects))
-    assert chosen.status == "not_found" and "boarding gate" in chosen.reason
+    assert chosen.object is None and chosen.status == "answered"
 
 
 def test_the_papers_rambling_request_wants_coffee_only_where_there_is_a_machine(reasoner: embedded.Embedded) -> None:
@@ -78,7 +78,7 @@ def test_the_papers_rambling_request_wants_coffee_only_where_there_is_a_machine(
 def test_the_reason_names_the_words_and_the_phrase(reasoner: embedded.Embedded) -> None:
     assert (
         reasoner.select("My feet hurt so much", Inventory.of(["chair", "cup"])).reason
-        == "'my feet hurt so much' fits: my feet hurt"
+        == "a chair serves 'my feet hurt so much'"
     )
     assert reasoner.select("bring me the cup", Inventory.of(["chair", "cup"])).reason == "'cup' was asked for by name"
 

