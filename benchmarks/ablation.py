@@ -132,13 +132,13 @@ def main() -> None:
     if unknown := set(options.rules) - set(RULES):
         parser.error(f"no rule {', '.join(sorted(unknown))}")
     measures, reasoner = Measures(options.reference, options.maps, options.things), embedded.make()
-    Remembered(reasoner.scorer)
+    Remembered(reasoner.needs.scorer)
     print(
         "| without | paper | extended | things: find, nothing | voices | nothing, removed | told, asked |", flush=True
     )
     print("|---|---|---|---|---|---|---|")
     for rule in options.rules or RULES:
-        reasoner._listed.cache_clear()
+        reasoner.needs.forget()
         with ExitStack() as stack:
             for where, name, value in RULES[rule]:
                 stack.enter_context(patch.object(where, name, value))

@@ -1,9 +1,9 @@
 """Fit of the embedded reasoner's decision to answer, ask back or refuse: ``python tools/fit_decision.py REFERENCE``.
 
-Writes reasoners/decision.json: a multinomial logistic model over the numbers of ``_decision.Choice``. REFERENCE as for
-train_scorer.py, which runs this, too. It is fitted on the voices in ``FITTED`` that no training of the scorer saw, over
-lists of generated homes (none of the bench's), with what serves and without; and on what is asked for by name, in those
-voices and in the scorer's own, and in frames, where it is listed and where not. Needs no torch.
+Writes understanding/decision.json: a multinomial logistic model over the numbers of ``outcome_classifier.Choice``.
+REFERENCE as for train_scorer.py, which runs this, too. It is fitted on the voices in ``FITTED`` that no training of the
+scorer saw, over lists of generated homes (none of the bench's), with what serves and without; and on what is asked for
+by name, in those voices and in the scorer's own, and in frames, where it is listed and where not. Needs no torch.
 """
 
 from __future__ import annotations
@@ -22,8 +22,9 @@ from scorer_requests import FRAMES, Homes, Request, read_requests
 sys.path.append(str(Path(__file__).parents[1] / "benchmarks"))
 from command_line import Parser, run_script
 
-from cartier.reasoners import embedded
 from cartier.understanding.card_vectors import ALIKE
+from cartier.understanding.cards import SHIPPED, read_deck
+from cartier.understanding.needs import Needs
 from cartier.understanding.outcome_classifier import FITTED as FILE
 from cartier.understanding.outcome_classifier import OUTCOMES, Choice
 from cartier.worlds.dollhouse import make
@@ -64,7 +65,7 @@ def _case(choice: Choice | None, request: Request, sort: str) -> Case | None:
     return Case(choice.features(), mask, OUTCOMES.index(right), WEIGHTS.get(sort, 1.0), sort)
 
 
-def cases(reasoner: embedded.Embedded, homes: Homes, requests: list[Request]) -> Iterator[Case | None]:
+def cases(needs: Needs, homes: Homes, requests: list[Request]) -> Iterator[Case | None]:
     """All that the decision is fitted on."""
     for request in (r for r in requests if r.kind != "several"):
         for number in range(LISTS + 1):
@@ -72,16 +73,16 @@ def cases(reasoner: embedded.Embedded, homes: Homes, requests: list[Request]) ->
             rng = random.Random(f"{request.text}{number}")
             names = homes.sample(request, rng, serve)
             if number == 1:  # a small home
-                right = [name for name in names if reasoner.deck.card_of(name) in request.right]
+                right = [name for name in names if needs.deck.card_of(name) in request.right]
                 names = list(dict.fromkeys([*right, *names[: rng.randint(3, 15)]]))
             sort = "served" if serve else "nothing" if request.kind == "nothing" else "removed"
-            yield _case(reasoner.weigh(request.text, names), request, sort)
-    yield from _named(reasoner, homes, random.Random(0))
+            yield _case(needs.weigh(request.text, names), request, sort)
+    yield from _named(needs, homes, random.Random(0))
 
 
-def _named(reasoner: embedded.Embedded, homes: Homes, rng: random.Random) -> Iterator[Case | None]:
+def _named(needs: Needs, homes: Homes, rng: random.Random) -> Iterator[Case | None]:
     """Names asked for: one that is listed, one that is not, one and not another, and one or another."""
-    deck, likeness = reasoner.deck, reasoner.scorer.knowledge.likeness
+    deck, likeness = needs.deck, needs.scorer.knowledge.likeness
     for number in range(NAMED):
         card, other = (found[0] for found in rng.sample(homes.thor if number % 8 < 6 else homes.lvis, 2))
         name, also = (rng.choice(deck.cards[c].names) for c in (card, other))
@@ -91,12 +92,12 @@ def _named(reasoner: embedded.Embedded, homes: Homes, rng: random.Random) -> Ite
             words = rng.choice(FRAMES["pairs"]).format(y=name, x=also)
         elif number % 5 == 4:
             words = f"{rng.choice(FRAMES['before']).format(x=also)} {words}"
-        needs = ((card,), (other,)) if sort == "either" else ((card,),)
-        request = Request(words, "explicit", "", needs, (other,))
+        wanted = ((card,), (other,)) if sort == "either" else ((card,),)
+        request = Request(words, "explicit", "", wanted, (other,))
         names = homes.sample(request, rng, sort != "named")
         if sort == "named":
             names = [n for n in names if likeness(card)[deck.card_of(n)] < ALIKE]
-        yield _case(reasoner.weigh(words, names), request, sort)
+        yield _case(needs.weigh(words, names), request, sort)
 
 
 def fit(data: list[Case]) -> dict[str, object]:
@@ -123,13 +124,13 @@ def fit(data: list[Case]) -> dict[str, object]:
     return {name: np.round(values, 4).tolist() for name, values in kept.items()}
 
 
-def write(reasoner: embedded.Embedded, reference: Path) -> None:
+def write(needs: Needs, reference: Path) -> None:
     """Fit, and leave the model where the reasoner reads it."""
-    homes, world = Homes(reasoner.deck, reference), make()
+    homes, world = Homes(needs.deck, reference), make()
     homes.houses = [homes.named({candidate.label for candidate in world.objects(home)}) for home in HOMES]
-    known = [r for r in read_requests(reasoner.deck) if r.style not in REPORTED]
+    known = [r for r in read_requests(needs.deck) if r.style not in REPORTED]
     requests = [r for r in known if r.style in FITTED or r.kind == "explicit"]
-    data = [case for case in cases(reasoner, homes, requests) if case is not None]
+    data = [case for case in cases(needs, homes, requests) if case is not None]
     lines = (f'"{name}": {json.dumps(values)}' for name, values in fit(data).items())
     FILE.write_text("{\n" + ",\n".join(lines) + "\n}\n", encoding="utf-8")
     print(f"{len(data)} decisions: " + ", ".join(f"{s} {sum(OUTCOMES[c.right] == s for c in data)}" for s in OUTCOMES))
@@ -138,7 +139,7 @@ def write(reasoner: embedded.Embedded, reference: Path) -> None:
 def main() -> None:
     parser = Parser(__doc__)
     parser.add_argument("reference", type=Path, help="folder with thor_object_types.json and lvis_v1_categories.json")
-    write(embedded.make(), parser.parse_args().reference)
+    write(Needs(read_deck(SHIPPED)), parser.parse_args().reference)
 
 
 if __name__ == "__main__":

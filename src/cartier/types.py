@@ -377,6 +377,21 @@ class Room:
 
 
 @dataclass(frozen=True)
+class Door:
+    """A passage between two rooms of the floor plan.
+
+    Args:
+        xy: Its middle on the floor (m).
+        rooms: The ids of the rooms that it joins.
+        width_m: Its width.
+    """
+
+    xy: tuple[float, float]
+    rooms: tuple[int, int]
+    width_m: float
+
+
+@dataclass(frozen=True)
 class Inventory:
     """What a reasoner chooses from.
 
@@ -385,12 +400,14 @@ class Inventory:
         rooms: Its rooms.
         photo: Gives the JPEG of the best view of an object by its id, or None.
         from_xy: Where the robot stands (x, y) in metres, or None if unknown.
+        doors: The passages between its rooms.
     """
 
     objects: tuple[MapObject, ...]
     rooms: tuple[Room, ...] = ()
     photo: Callable[[int], bytes | None] = lambda _: None
     from_xy: tuple[float, ...] | None = None
+    doors: tuple[Door, ...] = ()
 
     @property
     def names(self) -> list[str]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +20,9 @@ from cartier.home.data import HomeData, origin_of
 from cartier.home.detection_log import DetectionLog
 from cartier.home.photos import photo_of
 from cartier.home.point_cloud import PointCloud, read_cloud
+from cartier.mapping.doors import find_doors
 from cartier.navigation.planning import room_middle
-from cartier.types import Answer, Inventory, Place, Room, Selection
+from cartier.types import Answer, Door, Inventory, Place, Room, Selection
 
 ANSWERS = "answers.jsonl"
 CLOUD, DETECTIONS = "cloud.npz", "detections.npz"
@@ -80,8 +82,12 @@ class Home(HomeData):
         """
         names, at = self.index(index)[1].names(), tuple(self.start_xy if from_xy is None else from_xy)
         if set(names) <= set(self.names):
-            return Inventory(self.objects, self.rooms, self.photo, at)
+            return Inventory(self.objects, self.rooms, self.photo, at, self._doors)
         return Inventory.of(names)
+
+    @cached_property
+    def _doors(self) -> tuple[Door, ...]:
+        return find_doors(self.rooms, self.grid) if self.grid is not None else ()
 
     def locate(self, chosen: Selection, index: str | None = None) -> Place | None:
         """Where a reasoner's choice is.

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 Kind = Literal[
-    "find", "count", "exists", "where", "list", "compare", "far", "when", "colour", "size", "room", "rooms", "which",
-    "sure", "stop", "come", "back", "follow", "able", "thanks", "bye", "go", "need", "correct", "another", "choose",
-    "confirm", "deny", "prohibit", "remark", "alarm", "other",
+    "go", "need", "count", "exists", "where", "list", "compare", "far", "when", "colour", "size", "rooms", "which",
+    "sure", "correct", "another", "choose", "confirm", "deny", "stop", "come", "back", "follow", "able", "thanks",
+    "bye", "prohibit", "remark", "alarm", "other",
 ]  # fmt: skip
 
 
@@ -18,7 +18,7 @@ class ReferringExpression:
     """A noun phrase. ``labels`` are the listed names that it may mean (none: not listed), ``rooms`` the ids of rooms.
 
     ``generic`` is for "one", "something", "it". ``most`` is a superlative such as "biggest", ``order`` counts from 1,
-    ``obj`` is the id of an object mentioned before.
+    or from -1, the last. ``obj`` is the id of an object mentioned before.
     """
 
     said: str
@@ -57,10 +57,10 @@ class SpatialRelation:
 
 @dataclass(frozen=True)
 class ParsedUtterance:
-    """A request to drive to ``head`` (``find``), or a question about it (and about ``other``, for ``compare``).
+    """A request to drive to ``head`` (``go``), or a question about it (and about ``other``, for ``compare``).
 
-    ``need`` are the words without those that only give the place. ``direct`` means that the object is asked for
-    outright. ``to`` is the reference point of "nearer to", ``rejected`` what is turned down.
+    ``need`` are the words without those that only give the place. ``to`` is the reference point of "nearer to",
+    ``rejected`` what is turned down.
     """
 
     kind: Kind
@@ -68,12 +68,11 @@ class ParsedUtterance:
     other: ReferringExpression | None = None
     by: str = ""
     need: str = ""
-    direct: bool = False
     to: ReferringExpression | None = None
     rejected: tuple[ReferringExpression, ...] = ()
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)  # compared by identity: an entry of a cache
 class EntityVocabulary:
     """The names that may be used: the listed labels for each key of a name (none: not listed), and rooms' ids.
 

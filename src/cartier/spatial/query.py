@@ -13,11 +13,13 @@ import numpy as np
 from cartier.labels import name_key
 from cartier.spatial import relations
 from cartier.spatial.expressions import ReferringExpression, SpatialRelation
-from cartier.types import Inventory, MapObject, Room
+from cartier.types import Door, Inventory, MapObject, Room
 
 Side = Callable[[MapObject, Sequence[MapObject], relations.Point], tuple[relations.Relation, ...]]
 LEAST_SHARE = 0.12  # least share of an object's surface that a colour must cover to describe it
 LIKELY = 0.3  # least probability of a tentative landmark, and of a relation that a person states
+DOORS = frozenset(["door", "doorway", "doors", "entrance", "exit", "way out", "threshold", "passage"])
+DOOR_M = 2.0  # height of a door
 LEAST = 0.1  # least probability of a tentative object that is mentioned at all
 CLEARLY = 1.3  # ratio to the next object's share of a colour from which the colour means one object alone
 BESIDE = {
@@ -45,6 +47,7 @@ class Scene:
         self.maybe = sorted(maybe, key=lambda o: -o.probability)  # mentioned in words, never served unasked
         self.by_id = {obj.id: obj for obj in self.objects} | {a: t for t in self.objects for a in t.aliases}
         self.from_xy = inventory.from_xy
+        self._doors = inventory.doors
 
     @property
     def known(self) -> bool:
@@ -110,8 +113,20 @@ class Scene:
         elif wish and found:
             found = self.most(found, wish)
         if phrase.order and found:
-            found = found[phrase.order - 1 : phrase.order]
+            found = found[phrase.order - 1 :][:1] if phrase.order > 0 else found[phrase.order :][:1]
         return found, None
+
+    def landmarks(self, phrase: ReferringExpression) -> list[MapObject]:
+        """The objects that a phrase may mean as a landmark: confirmed ones, else doors of the floor plan, else likely
+        tentative ones."""
+        return self.meant(phrase)[0] or [_doorway(door) for door in self.doors(phrase)] or self._perhaps_there(phrase)
+
+    def doors(self, phrase: ReferringExpression) -> list[Door]:
+        """The passages between rooms that a phrase may mean: "the kitchen door" is any of the kitchen's."""
+        if name_key(phrase.said) not in DOORS:
+            return []
+        told = [set(r.target.rooms) for r in phrase.relations if r.target is not None and r.target.rooms]
+        return [door for door in self._doors if all(rooms & set(door.rooms) for rooms in told)]
 
     def _perhaps_there(self, landmark: ReferringExpression) -> list[MapObject]:
         """Tentative objects that may still serve as a landmark."""
@@ -164,7 +179,7 @@ class Scene:
             rooms = set(target.rooms)
             inside = [o for o in found if o.room in rooms]
             return inside if kind != "farthest" else [o for o in found if o.room not in rooms]
-        beside = self.meant(target)[0] or self._perhaps_there(target)
+        beside = self.landmarks(target)
         if not beside:
             return []
         ways: dict[str, Callable[[], list[MapObject]]] = {
@@ -247,6 +262,15 @@ class Scene:
         likely = sorted((r for r in told if r.probability >= 0.5), key=lambda r: r.metres)
         near = [self.by_id[r.subject] for r in likely]
         return sorted(dict.fromkeys(near), key=lambda o: min(self.distance_m(o, b) for b in beside))[:1]
+
+
+def _doorway(door: Door) -> MapObject:
+    """A passage as a landmark. It is no object of the home, so its id is none."""
+    (x, y), half = door.xy, door.width_m / 2
+    low, high = (x - half, y - half, 0.0), (x + half, y + half, DOOR_M)
+    return MapObject(
+        -1, "door", (("door", 1.0),), (x, y, DOOR_M / 2), low, high, 1.0, True, 0, 0, 0.0, 0.0, 0.0, (),
+    )  # fmt: skip
 
 
 def _coloured(obj: MapObject, colours: Sequence[str]) -> float:

@@ -9,7 +9,7 @@ from typing import Any
 from cartier.spatial.describe import whereabouts
 from cartier.spatial.expressions import ParsedUtterance, ReferringExpression, SpatialRelation
 from cartier.spatial.query import Scene, called
-from cartier.types import Fact, MapObject, Selection
+from cartier.types import Door, Fact, MapObject, Selection
 from cartier.understanding.reference_words import STANDS_FOR
 
 NUMBERS = {1: "one", 2: "two", 3: "three"}
@@ -38,6 +38,8 @@ def answer(asked: ParsedUtterance, scene: Scene, last: MapObject | None, model: 
     else:
         out = {obj.id for noun in asked.rejected for obj in scene.meant(noun)[0]}
         found, _ = scene.meant(head, out)
+    if not found and asked.kind in ("count", "exists", "where") and (doors := scene.doors(head)):
+        return _doors(asked, doors, scene, model)
     if asked.kind == "count":
         return _counted(head, found, scene, model)
     if asked.kind == "list":
@@ -51,12 +53,20 @@ def answer(asked: ParsedUtterance, scene: Scene, last: MapObject | None, model: 
     return _about(asked, found, scene, model)
 
 
+def _doors(asked: ParsedUtterance, doors: Sequence[Door], scene: Scene, model: str) -> Selection:
+    """What the floor plan tells of passages between rooms, which are no objects."""
+    joined = [_and([f"the {scene.rooms[number].name}" for number in door.rooms]) for door in doors]
+    say = f"There {'is one passage' if len(doors) == 1 else f'are {len(doors)} passages'}: between {'; '.join(joined)}."
+    told = {"count": Fact("count", len(doors)), "exists": Fact("exists", True)}
+    return _told(say, told.get(asked.kind, Fact("where", None)), model)
+
+
 def _about(asked: ParsedUtterance, found: Sequence[MapObject], scene: Scene, model: str) -> Selection:
     """The answer about one object, the nearest of those that the question may mean."""
     obj = found[0]
     it = next((name for name in obj.names if asked.head and name in asked.head.labels), f"the {obj.label}")
     where = whereabouts(scene, obj) or "where I saw it"
-    if asked.kind not in ("where", "room"):
+    if asked.kind != "where":
         say, value = _known(asked, obj, it, where, scene)
         return _told(f"{say[:1].upper()}{say[1:]}.", Fact("tell", value, (obj.id,)), model, obj)
     room = scene.room_of(obj)
@@ -72,7 +82,7 @@ def _about(asked: ParsedUtterance, found: Sequence[MapObject], scene: Scene, mod
 def _known(asked: ParsedUtterance, obj: MapObject, it: str, where: str, scene: Scene) -> tuple[str, Any]:
     """A sentence about one object, without its full stop, and the same as a fact for programs."""
     if asked.kind == "far":
-        other = scene.meant(asked.other)[0] if asked.other is not None and asked.other.labels else []
+        other = scene.landmarks(asked.other) if asked.other is not None else []
         far = scene.distance_m(obj, other[0] if other else None)
         return f"{it} is {far:.1f} m from {f'the {other[0].label}' if other else 'here'}", round(far, 2)
     if asked.kind == "which":
@@ -161,7 +171,7 @@ def _compared(asked: ParsedUtterance, scene: Scene, model: str) -> Selection | N
             return None
         one, other = both[0], both[1]
     by = asked.by or "biggest"
-    to = next(iter(scene.meant(asked.to)[0]), None) if asked.to is not None else None
+    to = next(iter(scene.landmarks(asked.to)), None) if asked.to is not None else None
     if to is not None and by in ("nearest", "farthest"):
         more = (min if by == "nearest" else max)((one, other), key=lambda o: scene.distance_m(o, to))
     else:

@@ -47,7 +47,7 @@ def query(clause: Clause, names: EntityVocabulary) -> ParsedUtterance:
     said = [span.words for span in clause.spans if span.role in ("s", "nearest", "farthest")] or [clause.tokens]
     by = next(filter(None, map(_measure, said)), "")
     return ParsedUtterance(
-        clause.act, head, of["b"][0] if of["b"] else None, by, _need(clause), clause.act != "need",  # type: ignore[arg-type]
+        clause.act, head, of["b"][0] if of["b"] else None, by, _need(clause),
         of["l"][0] if of["l"] else None, tuple(_refused(noun, head) for noun in of["n"]),
     )  # fmt: skip
 

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from cartier.spatial.expressions import Kind
 from cartier.understanding.tags import Clause, Span
 
 
-def clauses(tokens: Sequence[str], tags: Sequence[str], acts: Sequence[Sequence[tuple[str, float]]]) -> list[Clause]:
+def clauses(tokens: Sequence[str], tags: Sequence[str], acts: Sequence[Sequence[tuple[Kind, float]]]) -> list[Clause]:
     """The clauses between separators; ``acts`` are the likeliest acts of each with their probabilities."""
     found, spans, start = list[Clause](), list[Span](), 0
     for span in (*spans_of(tokens, tags), None):

@@ -10,9 +10,11 @@ from cartier.labels import name_key, plain, singular, words
 from cartier.spatial.expressions import ParsedUtterance, ReferringExpression, SpatialRelation, merged
 from cartier.types import MapObject
 from cartier.understanding.cards import bare
+from cartier.understanding.tags import NOTHING_ASKED, Clause
 
 LONGEST_NAME = 5
 SERVED = re.compile(r"#(\d+)")
+LEAST_ASKING = 0.35  # probability of a request from which words that seem to ask for nothing are one
 
 
 @dataclass(frozen=True)
@@ -36,6 +38,22 @@ class DialogueState:
         last = served[-1] if served else self.last
         rest = tuple(name for name in self.offered or self.rest if name not in {obj.label for obj in served})
         return DialogueState(asked if kept else self.before, last, self.served + ids, tuple(offered), rest)
+
+
+def in_context(clause: Clause, state: DialogueState) -> Clause:
+    """The clause with the act that it has here: a "no" to what was served wants another, and words that seem to ask
+    for nothing are a request where that is nearly as likely. An alarm was judged before, by the whole of the words."""
+    second, likely = clause.second
+    if clause.act == "deny" and any(span.role == "t" for span in clause.spans):  # "no, the sink"
+        return clause._replace(act="go")
+    if clause.act == "deny" and not state.offered and state.last is not None:
+        return clause._replace(act="another")
+    if clause.act == "alarm":
+        return clause._replace(act=second)
+    if clause.act not in NOTHING_ASKED or second not in ("go", "need") or likely < LEAST_ASKING:
+        return clause
+    spans = tuple(span._replace(role="n") if span.role == "t" else span for span in clause.spans)
+    return clause._replace(act=second, spans=spans if clause.act == "prohibit" else clause.spans)
 
 
 def resolve(asked: ParsedUtterance, state: DialogueState) -> ParsedUtterance:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Container
-from functools import cache, cached_property
+from functools import cache, cached_property, lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -96,6 +96,16 @@ def upper_layers() -> Any:
     return session((SHIPPED / "scorer.onnx").read_bytes())
 
 
+@lru_cache(maxsize=16)
+def encoded(ids: tuple[int, ...]) -> tuple[Array, Array]:
+    """(t, 384) the half-way states of pieces, and (t, 384) what the shipped layers make of them.
+
+    The parse and the need of one request mostly have the same pieces, so both take one pass.
+    """
+    low = reader().states(ids)
+    return low, upper_layers().run(None, {"states": low})[0]
+
+
 class Scorer:
     """Judges requests over the cards of a deck."""
 
@@ -110,8 +120,14 @@ class Scorer:
 
     @cached_property
     def _layers(self) -> Any:
-        own = self._folder / "scorer.onnx"
-        return upper_layers() if self._folder == SHIPPED else session(own.read_bytes())
+        return session((self._folder / "scorer.onnx").read_bytes())
+
+    def _states(self, ids: list[int]) -> Array:
+        """(t, 384) states of the upper layers."""
+        if self._folder == SHIPPED:
+            return encoded(tuple(ids))[1]
+        states: Array = self._layers.run(None, {"states": reader().states(ids)})[0]
+        return states
 
     @cached_property
     def _heads(self) -> dict[str, Array]:
@@ -126,7 +142,7 @@ class Scorer:
         """What a request calls for; ``known`` are the keys of all names to listen for."""
         heads = self._heads
         tokens = tokenise(heard)
-        states = self._layers.run(None, {"states": reader().states(tokens.ids)})[0]
+        states = self._states(tokens.ids)
         said = list(mentions(heard, known))
         alone = 0.0 if len(heard.sentences) > 1 else ALONE if len({m.key for m in said}) == 1 else ALONE / 2
         spoken: dict[str, Spoken] = {}

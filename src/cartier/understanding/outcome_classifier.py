@@ -1,6 +1,6 @@
 """Outcome of a need: one softmax over found, near, absent and clarify, fitted by tools/fit_decision.py.
 
-Words that ask for nothing are recognised by ``dialogue_acts.py``: a fitted fifth class lost one need in 25 to it.
+Words that ask for nothing have acts of their own (``tags.py``): a fitted fifth class lost one need in 25 to it.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ LEAST, MOST = -4.0, 3.0  # bounds of the logit differences to the missing and to
 class Choice:
     """The input of the decision: listed candidates, the best first, the best unlike it, and what is missing."""
 
-    def __init__(self, ranked: Sequence[Ranked], candidates: Candidates, judged: Judgement, outright: bool) -> None:
-        self.ranked, self.best, self.judged, self.outright = ranked, ranked[0], judged, outright
+    def __init__(self, ranked: Sequence[Ranked], candidates: Candidates, judged: Judgement) -> None:
+        self.ranked, self.best, self.judged = ranked, ranked[0], judged
         self._knowledge = candidates.scorer.knowledge
         self.rival = next((r for r in ranked[1:] if not self._alike(r)), None)
         self.missing = candidates.missing(judged, self.best.candidate)
@@ -41,7 +41,7 @@ class Choice:
         return one.card == two.card or bool(self._knowledge.likeness(one.card)[two.card] > ALIKE)
 
     def features(self) -> Array:
-        """(10,) what the decision is made from."""
+        """(9,) what the decision is made from."""
         card, logit, nothing = self.best.candidate.card, self.best.logit, self.judged.nothing
         better = max(self.missing.logit - logit, LEAST)
         fit = self.judged.fits.get(-1 if card is None else card)
@@ -50,14 +50,13 @@ class Choice:
         also = _called(self.rival) if self.rival else 0.0
         return np.array([
             logit, logit - nothing, ahead, better, called, elsewhere, also,
-            float(not self.at_home), fit.score if fit else 0.0, float(not self.outright),
+            float(not self.at_home), fit.score if fit else 0.0,
         ])  # fmt: skip
 
     @property
     def possible(self) -> tuple[Status, ...]:
-        """Near needs the usual place of a missing object, not one mentioned in passing; clarify needs two."""
-        in_passing = not self.outright and self.missing.called is not None
-        never = {"likely_near": self.near is None or in_passing, "clarify": self.rival is None}
+        """Near needs the usual place of a missing object; clarify needs two candidates."""
+        never = {"likely_near": self.near is None, "clarify": self.rival is None}
         return tuple(status for status in OUTCOMES if not never.get(status))
 
     def decide(self, among: Container[Status] = OUTCOMES) -> Status:

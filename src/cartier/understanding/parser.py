@@ -15,11 +15,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cartier.labels import name_key, plain
-from cartier.spatial.expressions import EntityVocabulary
+from cartier.labels import name_key, plain, words
+from cartier.spatial.expressions import EntityVocabulary, Kind
 from cartier.types import Array
 from cartier.understanding.decoding import clauses
-from cartier.understanding.need_scorer import upper_layers
+from cartier.understanding.need_scorer import encoded
 from cartier.understanding.reference_words import COLOURS, GENERIC, MOST, ORDER, PLACING, SIZES
 from cartier.understanding.tags import ACTS, TAGS, Clause
 from cartier.understanding.text_encoder import BEGIN, END, MOST_PIECES, reader
@@ -30,45 +30,8 @@ MOST_CONTEXT = 20  # tokens of each side of the turn before
 MOST_TOKENS, LONGEST_NAME = 110, 4
 HEADS, LAYERS = 4, 2
 NUMBER = re.compile(r"\s*(?:#\d+|\(room \d+\))")
-NEGATIONS = frozenset(
-    [
-        "no",
-        "not",
-        "never",
-        "without",
-        "none",
-        "nor",
-        "neither",
-        "t",
-        "cannot",
-        "dont",
-        "isnt",
-        "except",
-        "instead",
-        "rather",
-    ]
-)
-QUESTIONS = frozenset(
-    [
-        "what",
-        "which",
-        "who",
-        "where",
-        "when",
-        "how",
-        "whose",
-        "why",
-        "is",
-        "are",
-        "do",
-        "does",
-        "did",
-        "have",
-        "has",
-        "can",
-        "could",
-    ]
-)
+NEGATIONS = frozenset(words("no not never without none nor neither t cannot dont isnt except instead rather"))
+QUESTIONS = frozenset(words("what which who where when how whose why is are do does did have has can could"))
 TABLES: tuple[frozenset[str], ...] = (
     frozenset(COLOURS), frozenset(MOST), frozenset(SIZES), frozenset(ORDER), frozenset(GENERIC), frozenset(PLACING),
     NEGATIONS, QUESTIONS, frozenset(".!?;"), frozenset(","),
@@ -101,8 +64,7 @@ def words_of(tokens: Sequence[str], before: tuple[str, str] | None, names: Entit
         ids += [END] if said else []
     if len(ids) > MOST_PIECES:  # the end holds the request
         return words_of(tokens, None, names) if before else words_of(tokens[first + 10 :], None, names)
-    low = reader().states(ids)
-    states = np.concatenate([low, upper_layers().run(None, {"states": low})[0]], 1)
+    states = np.concatenate(encoded(tuple(ids)), 1)
     bits = np.concatenate([
         np.hstack([_known(("", *said) if k == 0 else said, names), np.tile(np.eye(TURNS)[k], (len(at[k]), 1))])
         for k, said in enumerate((*turns, list(tokens[first:])))
@@ -144,9 +106,9 @@ class Parser:
         """The clauses of an utterance, given the (person, robot) turn before it and the names that are known."""
         if not tokens:
             return []
-        words = words_of(tokens, before, names)
-        states = self._states(words)
-        whole, said = states[0], states[words.own :]
+        seen = words_of(tokens, before, names)
+        states = self._states(seen)
+        whole, said = states[0], states[seen.own :]
         tags = _tags(self._linear(said, "tag"))
         kept = list(tokens[len(tokens) - len(tags) :])
         cuts = [k for k, tag in enumerate(tags) if tag == "B-/"]
@@ -163,9 +125,9 @@ class Parser:
         moved: Array = scaled * self._w[f"{name}.weight"] + self._w[f"{name}.bias"]
         return moved
 
-    def _states(self, words: Words) -> Array:
+    def _states(self, seen: Words) -> Array:
         """(n, width) what two layers of attention make of the words."""
-        x = self._linear(np.concatenate([words.states, words.bits], 1), "begin")
+        x = self._linear(np.concatenate([seen.states, seen.bits], 1), "begin")
         x = x + self._w["places"][np.minimum(np.arange(len(x))[::-1], len(self._w["places"]) - 1)]
         for k in range(LAYERS):
             y = self._norm(x, f"layers.{k}.norm1")
@@ -181,7 +143,7 @@ class Parser:
         states: Array = self._norm(x, "end")
         return states
 
-    def _acts(self, whole: Array, said: Array) -> list[tuple[str, float]]:
+    def _acts(self, whole: Array, said: Array) -> list[tuple[Kind, float]]:
         """The two likeliest acts of a clause's words with their probabilities."""
         if not len(said):
             return [("other", 0.0)]

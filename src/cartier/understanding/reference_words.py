@@ -36,7 +36,7 @@ MOST = {
     "shortest": "shortest", "nearest": "nearest", "closest": "nearest", "farthest": "farthest", "furthest": "farthest",
     "leftmost": "leftmost", "rightmost": "rightmost",
 }  # fmt: skip
-ORDER = {"first": 1, "second": 2, "third": 3, "fourth": 4, "former": 1, "latter": 2}
+ORDER = {"first": 1, "second": 2, "third": 3, "fourth": 4, "former": 1, "latter": -1, "last": -1}
 GENERIC = _words("""
     one ones thing things something anything it them they stuff everything object objects item items somewhere place
     spot anywhere

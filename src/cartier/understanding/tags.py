@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-REQUESTS = ("go", "need", "count", "exists", "where", "list", "compare", "far", "colour", "size", "when", "which",
-            "sure", "rooms")  # fmt: skip
-REPLIES = ("correct", "another", "choose", "confirm", "deny")
-COMMANDS = ("come", "back", "follow", "stop", "able", "thanks", "bye")
-NOTHING_ASKED = ("prohibit", "remark", "alarm", "other")
-ACTS = (*REQUESTS, *REPLIES, *COMMANDS, *NOTHING_ASKED)
+from cartier.spatial.expressions import Kind
+
+REQUESTS: tuple[Kind, ...] = (
+    "go", "need", "count", "exists", "where", "list", "compare", "far", "colour", "size", "when", "which", "sure",
+    "rooms",
+)  # fmt: skip
+REPLIES: tuple[Kind, ...] = ("correct", "another", "choose", "confirm", "deny")
+COMMANDS: tuple[Kind, ...] = ("come", "back", "follow", "stop", "able", "thanks", "bye")
+NOTHING_ASKED: tuple[Kind, ...] = ("prohibit", "remark", "alarm", "other")
+ACTS: tuple[Kind, ...] = (*REQUESTS, *REPLIES, *COMMANDS, *NOTHING_ASKED)
 
 NOUNS = ("t", "b", "l", "m", "r", "n", "p")
 """Target, second target, landmark, landmark of a landmark, room, turned-down object, pronoun."""
@@ -35,8 +39,8 @@ class Span(NamedTuple):
 class Clause(NamedTuple):
     """One request of an utterance: its act and its probability, its spans and tokens, the second likeliest act."""
 
-    act: str
+    act: Kind
     certainty: float
     spans: tuple[Span, ...]
     tokens: tuple[str, ...]
-    second: tuple[str, float] = ("other", 0.0)
+    second: tuple[Kind, float] = ("other", 0.0)

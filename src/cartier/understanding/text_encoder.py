@@ -5,8 +5,8 @@ The learned scorer continues from the half-way states with layers of its own, so
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from functools import cache
+from collections.abc import Iterator, Sequence
+from functools import cache, cached_property
 from typing import Any
 
 import numpy as np
@@ -27,11 +27,61 @@ def session(model: bytes) -> Any:
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = 1
     options.inter_op_num_threads = 1
+    options.log_severity_level = 3  # no warnings of weights that half a model does not use
     return onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
 
 
+def _varint(data: bytes, at: int) -> tuple[int, int]:
+    """A protobuf number and where it ends."""
+    value = shift = 0
+    while True:
+        byte, at = data[at], at + 1
+        value |= (byte & 127) << shift
+        if byte < 128:
+            return value, at
+        shift += 7
+
+
+def _to_varint(value: int) -> bytes:
+    return bytes([value & 127 | 128]) + _to_varint(value >> 7) if value > 127 else bytes([value])
+
+
+def _fields(message: bytes) -> Iterator[tuple[int, bytes, bytes]]:
+    """The fields of a protobuf message: number, content, and all its bytes; of a field that is a number no content."""
+    at = 0
+    while at < len(message):
+        key, start = _varint(message, at)
+        length, start = _varint(message, start)
+        end = start + (length if key & 7 == 2 else 0)
+        yield key >> 3, message[start:end], message[at:end]
+        at = end
+
+
 def _field(number: int, content: bytes) -> bytes:
-    return bytes([number << 3 | 2, len(content)]) + content
+    return _to_varint(number << 3 | 2) + _to_varint(len(content)) + content
+
+
+OUTPUT = _field(12, _field(1, HALF_WAY.encode()))
+"""The half-way states as an output of a graph."""
+GRAPH, NODE, GRAPH_OUTPUT = 7, 1, 12
+
+
+def half_of(model: bytes) -> bytes:
+    """The shipped ONNX model up to the half-way states: onnxruntime computes all nodes, whatever is asked of it."""
+    return b"".join(
+        _field(GRAPH, _half(content) + OUTPUT) if number == GRAPH else whole
+        for number, content, whole in _fields(model)
+    )
+
+
+def _half(graph: bytes) -> bytes:
+    """A graph without outputs, and without the nodes after the one whose output the half-way states are."""
+    kept, done = list[bytes](), False
+    for number, content, whole in _fields(graph):
+        if number != GRAPH_OUTPUT and not (number == NODE and done):
+            kept.append(whole)
+        done = done or (number == NODE and HALF_WAY.encode() in content)
+    return b"".join(kept)
 
 
 @cache
@@ -44,12 +94,18 @@ class Reader:
     """Texts to vectors, and tokens to states."""
 
     def __init__(self) -> None:
-        # Concatenated protobuf messages are merged: this adds an output to the graph (7) and its name (12, 1).
-        half_way = _field(7, _field(12, _field(1, HALF_WAY.encode())))
-        self._session = session((FOLDER / "minilm.onnx").read_bytes() + half_way)
         self._pieces = WordPiece(FOLDER / "vocab.txt")
         self.vocabulary = frozenset((FOLDER / "vocab.txt").read_text(encoding="utf-8").split("\n"))
         self._known: dict[str, list[int]] = {}
+
+    @cached_property
+    def _whole(self) -> Any:
+        # Concatenated protobuf messages are merged: this adds an output to the graph.
+        return session((FOLDER / "minilm.onnx").read_bytes() + _field(GRAPH, OUTPUT))
+
+    @cached_property
+    def _half(self) -> Any:
+        return session(half_of((FOLDER / "minilm.onnx").read_bytes()))
 
     def pieces(self, token: str) -> list[int]:
         """The ids of one word or punctuation mark."""
@@ -62,17 +118,17 @@ class Reader:
 
     def states(self, ids: Sequence[int]) -> Array:
         """(t, 384) float32, half-way up."""
-        states: Array = self._session.run([HALF_WAY], {"ids": np.array(ids, np.int64)})[0]
+        states: Array = self._half.run([HALF_WAY], {"ids": np.array(ids, np.int64)})[0]
         return states
 
     def vectors(self, texts: Sequence[str]) -> Array:
         """(n, 384) float32 unit vectors."""
         ids = (np.array(self._pieces(text, MOST_PIECES)[0], np.int64) for text in texts)
-        rows = [self._session.run(["vector"], {"ids": i})[0] for i in ids]
+        rows = [self._whole.run(["vector"], {"ids": i})[0] for i in ids]
         return np.stack(rows) if rows else np.zeros((0, WIDTH), np.float32)
 
     def vector_and_states(self, text: str) -> tuple[Array, Array]:
         """(384,) the unit vector of a text and (t, 384) its half-way states, of one pass."""
         ids = np.array(self._pieces(text, MOST_PIECES)[0], np.int64)
-        vector, states = self._session.run(["vector", HALF_WAY], {"ids": ids})
+        vector, states = self._whole.run(["vector", HALF_WAY], {"ids": ids})
         return vector, states

@@ -1,0 +1,47 @@
+"""Replies to what the robot asked or offered: a yes, a no, or a choice among the names that it offered."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from cartier.spatial.expressions import ParsedUtterance
+from cartier.understanding.reference_words import ORDER
+from cartier.understanding.tags import Clause
+
+REPLIES = ("choose", "confirm", "deny", "correct", "another", "go", "need")
+"""Acts that may reply to an offer."""
+MOST_WORDS = 7  # of a reply that tells more of what was offered
+EITHER = frozenset({"either", "any", "whichever", "matter", "mind", "care", "both"})
+
+
+class Reply(NamedTuple):
+    """What a reply leaves of an offer: all turned down, one name picked, or several names that are still meant."""
+
+    denied: bool = False
+    picked: str = ""
+    rest: tuple[str, ...] = ()
+
+
+def reply(clause: Clause, said: ParsedUtterance, offered: Sequence[str]) -> Reply | None:
+    """The reply that a clause is to the offered names; None if it asks for something else.
+
+    ``said`` is the clause's own query, before anything of the turns before is put in.
+    """
+    head = said.head
+    refused = {name for noun in said.rejected for name in noun.labels}
+    named = [name for name in offered if head is not None and name in head.labels and name not in refused]
+    rest = [name for name in offered if name not in refused]
+    if not named and not refused:
+        if clause.act == "deny":
+            return Reply(denied=True)
+        if head is not None and head.labels:
+            return None
+    order = next((ORDER[token] for token in clause.tokens if token in ORDER), 0)
+    of_order = rest[order - 1 :][:1] if order > 0 else rest[order:][:1]
+    picked = named if len(named) == 1 else of_order if order else rest if len(rest) == 1 else []
+    if not picked and (clause.act == "confirm" or not EITHER.isdisjoint(clause.tokens)):
+        picked = rest
+    if picked:
+        return Reply(picked=picked[0])
+    return Reply(rest=tuple(rest)) if len(clause.tokens) <= MOST_WORDS else None
