@@ -303,14 +303,15 @@ class Conversation:
         """
         words = check_query(words)
         corrected = correct_by_words(self.home, words, self.turns, index=self.index, from_xy=self.from_xy)
-        if corrected is not None:
-            self.home, told = corrected
+        self.home, told = corrected or (self.home, None)
+        if told is not None:
             answer = serve(
                 self.home, words, told, CORRECTION, index=self.index, from_xy=self.from_xy, robot=self.robot
             )  # fmt: skip
         else:
+            waiting = self.turns.pop()[0] if corrected is not None else words  # "which room is Ben's?" is answered
             answer = ask(
-                self.home, words, self.reasoner,
+                self.home, waiting, self.reasoner,
                 index=self.index, from_xy=self.from_xy, robot=self.robot, dialogue=self.turns,
                 emergency_number=self.emergency_number,
             )  # fmt: skip

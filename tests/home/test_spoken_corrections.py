@@ -84,3 +84,14 @@ def test_what_was_offered_is_confirmed_and_driven_to(tmp_path: Path) -> None:
     mug = find("mug", talk.home.objects)
     assert answer.selection.status == "found" and answer.goal is not None and "mug" in talk.home.names
     assert answer.selection.object_id == mug.id
+
+
+def test_room_of_a_person_is_remembered(tmp_path: Path) -> None:
+    mapped = map_home(walk(), TrueBoxes(THINGS))
+    mapped.save(tmp_path)
+    talk = Conversation(Home.load(tmp_path), make("reasoners", "embedded"))
+    room = talk.home.rooms[0].name
+    assert (talk.say("take me to Ben's room").selection.question or "").startswith("Which room is Ben's room")
+    assert talk.say(f"the {room}").selection.room == talk.home.rooms[0].id
+    assert Home.load(tmp_path).rooms[0].name == "Ben's room"
+    assert talk.say("take me to ben's room").selection.room == talk.home.rooms[0].id

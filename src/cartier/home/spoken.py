@@ -19,9 +19,10 @@ def correct_by_words(
     index: str | None = None,
     from_xy: Sequence[float] | None = None,
     who: str = "a conversation",
-) -> tuple[Home, Selection] | None:
+) -> tuple[Home, Selection | None] | None:
     """Correct a home if that is what the words do: the corrected home, and what to answer. None for other words.
 
+    Without an answer, the words told which room a person's is: the request before them can now be served.
     ``dialogue`` are the earlier (person, robot) turns, and ``from_xy`` (m) is where the robot stands. A home that was
     not loaded from a folder is never corrected. Raises InputError for a correction that is refused.
     """
@@ -33,6 +34,8 @@ def correct_by_words(
     if spoken is None:
         return None
     changed, done = home.correct(spoken.what, spoken.entity, name=spoken.name, who=who)
+    if spoken.what == "name" and spoken.drive:
+        return changed, None
     told = f"{NOTED}{done}."
     for obj in changed.objects:
         if str(obj.id) == spoken.entity:

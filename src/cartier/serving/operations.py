@@ -81,12 +81,13 @@ class Operations:
             turns = list(self._turns.get(key, ()))
         start = _start(mapped, from_x, from_y)
         corrected = correct_by_words(mapped, words, turns, from_xy=start) if corrects else None
-        if corrected is not None:
-            mapped, chosen = corrected
+        mapped, chosen = corrected or (mapped, None)
+        if chosen is not None:
             answer = serve(mapped, words, chosen, CORRECTION, from_xy=start, robot=self.robot)
         else:
+            waiting = turns.pop()[0] if corrected is not None else words  # "which room is Ben's?" is answered
             answer = ask(
-                mapped, words, self.reasoner, from_xy=start, robot=self.robot, dialogue=turns,
+                mapped, waiting, self.reasoner, from_xy=start, robot=self.robot, dialogue=turns,
                 emergency_number=self.emergency_number,
             )  # fmt: skip
         if answer.selection.status == "alarm" and self._on_alarm is not None:

@@ -59,8 +59,15 @@ def tell_apart(scene: Scene, found: Sequence[MapObject]) -> list[str]:
 
 def _inside(room: Room) -> str:
     """ "in the kitchen", "in bedroom 2"."""
-    return f"in {room.name}" if room.name[-1:].isdigit() or "'s" in room.name else f"in the {room.name}"
+    return f"in {the(room.name)}"
 
 
 def _volume_m3(obj: MapObject) -> float:
     return float(np.prod(np.subtract(obj.box_max, obj.box_min)))
+
+
+def the(name: str) -> str:
+    """A name with its article, if it takes one: "the kitchen", "bedroom 2", "Ben's room"."""
+    if "'s " in name:
+        return f"{name[:1].upper()}{name[1:]}"
+    return name if name[-1:].isdigit() else f"the {name}"

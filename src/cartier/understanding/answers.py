@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import Any
 
-from cartier.spatial.describe import whereabouts
+from cartier.spatial.describe import the, whereabouts
 from cartier.spatial.expressions import ParsedUtterance, ReferringExpression, SpatialRelation
 from cartier.spatial.query import Scene, called
 from cartier.types import Door, Fact, MapObject, Selection
@@ -47,15 +47,28 @@ def answer(asked: ParsedUtterance, scene: Scene, last: MapObject | None, model: 
     if asked.kind == "exists":
         return _exists(head, found, scene, model)
     if head.rooms is not None:
-        return None
+        return _room(head.rooms, scene, model)
     if not found:
         return _told(f"I have not seen {_a(head)}.{_instead(head, scene)}", Fact("where", None), model)
     return _about(asked, found, scene, model)
 
 
+def _room(rooms: Sequence[int], scene: Scene, model: str) -> Selection | None:
+    """Where a room is: how far its nearest object is."""
+    inside = [obj for obj in scene.objects if obj.room in rooms]
+    if not inside:
+        return None
+    near = min(inside, key=scene.distance_m)
+    name = scene.rooms[near.room or 0].name
+    say = (
+        f"{the(name)[:1].upper()}{the(name)[1:]} begins {scene.distance_m(near):.1f} m from here, by the {near.label}."
+    )
+    return _told(say, Fact("where", name), model)
+
+
 def _doors(asked: ParsedUtterance, doors: Sequence[Door], scene: Scene, model: str) -> Selection:
     """What the floor plan tells of passages between rooms, which are no objects."""
-    joined = [_and([f"the {scene.rooms[number].name}" for number in door.rooms]) for door in doors]
+    joined = [_and([the(scene.rooms[number].name) for number in door.rooms]) for door in doors]
     say = f"There {'is one passage' if len(doors) == 1 else f'are {len(doors)} passages'}: between {'; '.join(joined)}."
     told = {"count": Fact("count", len(doors)), "exists": Fact("exists", True)}
     return _told(say, told.get(asked.kind, Fact("where", None)), model)
@@ -131,7 +144,7 @@ def _listed(head: ReferringExpression, scene: Scene, model: str) -> Selection | 
     """What is on, in, under or near something; or in a room."""
     if head.rooms is not None:
         found = [o for o in scene.objects if o.room in head.rooms]
-        where = f"in the {head.said}"
+        where = f"in {the(head.said)}"
     elif head.generic and head.relations:
         found, _ = scene.meant(head)
         where = _where(head).strip()
@@ -211,7 +224,7 @@ def _where(phrase: ReferringExpression) -> str:
 def _preposition(constraint: SpatialRelation) -> str:
     if constraint.target is None:
         return constraint.kind
-    return f"{'nearest to' if constraint.kind == 'nearest' else constraint.kind} the {constraint.target.said}"
+    return f"{'nearest to' if constraint.kind == 'nearest' else constraint.kind} {the(constraint.target.said)}"
 
 
 def _name(phrase: ReferringExpression) -> str:

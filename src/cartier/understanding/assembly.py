@@ -8,6 +8,7 @@ from itertools import pairwise
 
 from cartier.labels import name_key
 from cartier.spatial.expressions import EntityVocabulary, ParsedUtterance, ReferringExpression, SpatialRelation, merged
+from cartier.understanding.owners import owned_rooms
 from cartier.understanding.reference_words import COLOURS, DEFINITE, GENERIC, MOST, ORDER, PLURAL, SIZES
 from cartier.understanding.tags import ATTRIBUTES, NOUNS, RELATIONS, Clause, Span
 from cartier.understanding.text import STOP
@@ -25,6 +26,7 @@ NOWHERE = -1
 
 def query(clause: Clause, names: EntityVocabulary) -> ParsedUtterance:
     """The typed query of a clause: the act, the target with its attributes and relations, and what is turned down."""
+    clause = owned_rooms(clause, names)
     clause = clause._replace(spans=_snapped(tuple(_measures(clause.spans)), clause.tokens, names))
     if clause.act == "go" and _serves(clause):
         clause = clause._replace(act="need")
@@ -32,7 +34,9 @@ def query(clause: Clause, names: EntityVocabulary) -> ParsedUtterance:
         kept = (s for s in clause.spans if s.role in ("n", "in", "!in") or (s.role == "r" and _is_room(s, names)))
         clause = clause._replace(spans=tuple(kept))
     spans = [span for span in clause.spans if span.role in NOUNS]
-    if not any(span.role in ("t", "p") for span in spans) and (clause.act != "go" or not spans or _places(clause)):
+    if not any(span.role in ("t", "p") for span in spans) and (
+        clause.act not in ("go", "where") or not spans or _places(clause)
+    ):
         spans = [_stand_in(clause), *spans]
     nouns = [_noun(span, clause, names) for span in spans]
     _attach_attributes(clause.spans, spans, nouns)
@@ -130,14 +134,18 @@ def _need(clause: Clause) -> str:
 
 def _noun(span: Span, clause: Clause, names: EntityVocabulary) -> ReferringExpression:
     """A noun by its words: a room, listed labels, a stand-in such as "one", or what is not known."""
-    said, plural = " ".join(span.words), name_key(span.words[-1]) != span.words[-1] and span.words[-1].endswith("s")
+    said, plural = (
+        " ".join(span.words).replace(" ' ", "'"),
+        name_key(span.words[-1]) != span.words[-1] and span.words[-1].endswith("s"),
+    )
     before = clause.tokens[max(span.start - 3, 0) : span.start]
     base = ReferringExpression(said, plural=plural, definite=not DEFINITE.isdisjoint(before))
     if span.role == "p" or span.start == NOWHERE or (span.words[-1] in GENERIC and name_key(said) not in names.objs):
         return replace(base, generic=True, plural=span.words[-1] in PLURAL)
     owner = next((s.words for s in clause.spans if s.role == "w" and s.end <= span.start), ())
     keys = [name_key(" ".join((*owner, *span.words)))] if owner else []
-    keys += [name_key(" ".join(span.words[k:])) for k in range(len(span.words))]
+    ends = 1 if "'" in span.words else len(span.words)  # "Ben's bedroom" is not just any bedroom
+    keys += [name_key(" ".join(span.words[k:])) for k in range(ends)]
     if span.role in ("r", "l", "m"):
         rooms = next((names.rooms[key] for key in keys if key in names.rooms), None)
         if rooms is not None or span.role == "r":

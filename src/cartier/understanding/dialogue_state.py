@@ -10,6 +10,7 @@ from cartier.labels import name_key, plain, singular, words
 from cartier.spatial.expressions import ParsedUtterance, ReferringExpression, SpatialRelation, merged
 from cartier.types import MapObject
 from cartier.understanding.cards import bare
+from cartier.understanding.owners import unknown_owner, with_owner
 from cartier.understanding.tags import NOTHING_ASKED, Clause
 
 LONGEST_NAME = 5
@@ -33,7 +34,9 @@ class DialogueState:
     ) -> DialogueState:
         """The state after a resolved query, the objects that the robot named in its reply and the names it asked of."""
         head = asked.head if asked is not None else None
-        kept = asked is not None and (asked.kind == "need" or (head is not None and bool(head.labels or head.obj)))
+        kept = asked is not None and (
+            asked.kind == "need" or (head is not None and bool(head.labels or head.obj)) or bool(unknown_owner(asked))
+        )
         ids = tuple(obj.id for obj in served)
         last = served[-1] if served else self.last
         rest = tuple(name for name in self.offered or self.rest if name not in {obj.label for obj in served})
@@ -59,6 +62,8 @@ def in_context(clause: Clause, state: DialogueState) -> Clause:
 def resolve(asked: ParsedUtterance, state: DialogueState) -> ParsedUtterance:
     """A query in which stand-ins are replaced by what they stand for, and a reply by the request that it makes."""
     head, before = asked.head, state.before.head if state.before is not None else None
+    if state.before is not None and unknown_owner(state.before) and (rooms := _rooms(head)):
+        return with_owner(state.before, rooms)  # "which room is Ben's?" "the bedroom"
     if asked.kind == "another":
         named = head is not None and bool(head.labels)
         if not named and (before is None or not before.labels):
@@ -73,6 +78,14 @@ def resolve(asked: ParsedUtterance, state: DialogueState) -> ParsedUtterance:
         if head.generic and head.said and state.last is not None and asked.kind != "need":
             head = _stood_for(head, before, state.last)
     return replace(asked, head=head)
+
+
+def _rooms(head: ReferringExpression | None) -> tuple[int, ...]:
+    """The rooms that words name which name nothing else: "the kitchen", "it is the kitchen"."""
+    if head is None or head.labels:
+        return ()
+    inside = (relation.target for relation in head.relations if relation.kind == "in")
+    return head.rooms or next((target.rooms for target in inside if target is not None and target.rooms), ())
 
 
 def _need_again(asked: ParsedUtterance, state: DialogueState) -> ParsedUtterance:

@@ -6,12 +6,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 from cartier.labels import name_key
-from cartier.spatial.describe import tell_apart, whereabouts
+from cartier.spatial.describe import tell_apart, the, whereabouts
 from cartier.spatial.expressions import EntityVocabulary, ParsedUtterance, ReferringExpression
 from cartier.spatial.query import Scene, called
 from cartier.types import MapObject, Selection
 from cartier.understanding.answers import answer, one
 from cartier.understanding.dialogue_state import DialogueState
+from cartier.understanding.owners import owner_question, unknown_owner
 from cartier.understanding.reference_words import HURRY, NEEDY
 from cartier.understanding.tentative import maybe_there, offer
 
@@ -46,6 +47,11 @@ class ReferenceGrounder:
     def answer(self, serve: Serve) -> Selection | None:
         """The answer to a request or question; None for a need in other words. ``serve`` judges a need among names."""
         asked, head = self.asked, self.asked.head
+        if owner := unknown_owner(asked):
+            question = owner_question(owner, [room.name for room in self.scene.rooms.values()])
+            return Selection(
+                "clarify", reason=f"no room is called {owner}", question=question, text=question, model=MODEL
+            )
         if asked.kind == "back" and len(dict.fromkeys(self.state.served)) > 1:
             before = self.scene.by_id[list(dict.fromkeys(reversed(self.state.served)))[1]]
             return self._found(ReferringExpression(before.label, frozenset({before.label}), obj=before.id))
@@ -193,7 +199,7 @@ class ReferenceGrounder:
         """A drive to a room."""
         rooms = [self.scene.rooms[i] for i in head.rooms or ()]
         if not rooms:
-            known = _or([f"the {room.name}" for room in self.scene.rooms.values()]) or "no room that I know"
+            known = _or([the(room.name) for room in self.scene.rooms.values()]) or "no room that I know"
             say = f"I know no {head.said} here; there is {known}."
             return Selection("not_found", reason=say, text=say, model=MODEL)
         inside = {room.id: [o for o in self.scene.objects if o.room == room.id] for room in rooms}
@@ -202,7 +208,7 @@ class ReferenceGrounder:
             "found",
             room.name,
             reason="the room was asked for",
-            text=f"The {room.name}.",
+            text=f"{the(room.name)[:1].upper()}{the(room.name)[1:]}.",
             room=room.id,
             model=MODEL,
         )

@@ -13,6 +13,7 @@ from typing import Literal, NamedTuple
 from cartier.labels import name_key, plain, words
 from cartier.types import Inventory, MapObject
 from cartier.understanding.cards import SHIPPED, read_deck
+from cartier.understanding.owners import owner_told
 from cartier.understanding.tentative import OFFER
 
 NOTED = "Noted: "
@@ -31,7 +32,7 @@ NUMBER = re.compile(r"#(\d{1,15})\b")
 
 
 class SpokenCorrection(NamedTuple):
-    """What to correct: an object by its id, or ``room:ID``; ``drive`` says whether the robot was to go there."""
+    """What to correct: an object by its id, or ``room:ID``; ``drive`` says whether a request was waiting for it."""
 
     what: Literal["confirm", "relabel", "name", "undo"]
     entity: str = ""
@@ -51,6 +52,8 @@ def spoken_correction(
     if here is not None and (whose := WHOSE.fullmatch(text)) is not None:
         return SpokenCorrection("name", f"room:{here}", whose["name"].replace("’", "'"))
     said, robot = " ".join(words(plain(text))), dialogue[-1][1] if dialogue else ""
+    if (told := owner_told(text, robot, inventory)) is not None:
+        return SpokenCorrection("name", f"room:{told[0]}", told[1], drive=True)
     if UNDO.fullmatch(said) and _left_to_undo(dialogue):
         return SpokenCorrection("undo")
     obj = _spoken_of(robot, inventory.objects)
