@@ -15,7 +15,8 @@ Kind = Literal[
 
 @dataclass(frozen=True)
 class ReferringExpression:
-    """A noun phrase. ``labels`` are the listed names that it may mean (none: not listed), ``rooms`` the ids of rooms.
+    """A noun phrase. ``labels`` are the listed names that it may mean (none: not listed), ``similar`` those
+    that it may mean where no object of these labels fits ("the cup by the sink": a mug), ``rooms`` the ids of rooms.
 
     ``generic`` is for "one", "something", "it". ``most`` is a superlative such as "biggest", ``order`` counts from 1,
     or from -1, the last. ``obj`` is the id of an object mentioned before.
@@ -23,6 +24,7 @@ class ReferringExpression:
 
     said: str
     labels: frozenset[str] = frozenset()
+    similar: frozenset[str] = frozenset()
     rooms: tuple[int, ...] | None = None
     generic: bool = False
     definite: bool = False

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import replace
 from functools import cached_property
 
@@ -17,6 +17,7 @@ from cartier.types import Door, Inventory, MapObject, Room
 
 Side = Callable[[MapObject, Sequence[MapObject], relations.Point], tuple[relations.Relation, ...]]
 LEAST_SHARE = 0.12  # least share of an object's surface that a colour must cover to describe it
+MAIN_SHARE = 0.25  # share from which an object has a colour; others are considered if no object has
 LIKELY = 0.3  # least probability of a tentative landmark, and of a relation that a person states
 DOORS = frozenset(["door", "doorway", "doors", "entrance", "exit", "way out", "threshold", "passage"])
 DOOR_M = 2.0  # height of a door
@@ -90,6 +91,11 @@ class Scene:
         """The objects that a phrase may mean, best first; without any, also the constraint that excluded the last."""
         if phrase.obj is not None:
             return [self.by_id[phrase.obj]] if phrase.obj in self.by_id else [], None
+        if phrase.similar:
+            own = replace(phrase, similar=frozenset())
+            found, emptied = self.meant(own, without)
+            like = () if found else self.meant(replace(own, labels=phrase.similar), without)[0]
+            return list(like or found), None if like else emptied
         out = set(without)
         found = [o for o in self.objects if (phrase.generic or called(o, phrase.labels)) and o.id not in out]
         found.sort(key=self.distance_m)
@@ -100,7 +106,9 @@ class Scene:
             found = left
         if phrase.colours and found:
             of = {o.id: _coloured(o, phrase.colours) for o in found}
-            coloured = sorted((o for o in found if of[o.id] >= LEAST_SHARE), key=lambda o: -of[o.id])
+            exact = [o for o in found if _share(o, phrase.colours) >= MAIN_SHARE]
+            coloured = exact or [o for o in found if of[o.id] >= LEAST_SHARE]
+            coloured.sort(key=lambda o: -of[o.id])
             unlike = [o for o in found if o.colours and of[o.id] == 0]
             if not coloured and (len(found) > 1 or unlike):
                 return [], SpatialRelation("colour")
@@ -190,7 +198,7 @@ class Scene:
             "above": lambda: self._above(found, beside),
             "with": lambda: self._with(found, beside),
             "between": lambda: self._between(found, beside, constraint),
-            "next to": lambda: self._close(found, beside, relations.ASKED_NEXT_M),
+            "next to": lambda: self._close(self._apart(found, beside), beside, relations.ASKED_NEXT_M),
             "of": lambda: self._close(found, beside, relations.ASKED_NEXT_M),
             "near": lambda: self._close(found, beside, relations.ASKED_NEAR_M),
             "nearest": lambda: self._close(found, beside, math.inf)[:1],
@@ -240,6 +248,13 @@ class Scene:
         told.sort(key=lambda r: -r.probability)
         return [self.by_id[r.subject] for r in told if r.probability >= LIKELY][:1]
 
+    def _apart(self, found: Sequence[MapObject], beside: Sequence[MapObject]) -> Sequence[MapObject]:
+        """The objects that neither stand on the others nor hold them, if there are any close by."""
+        ids = {b.id for b in beside}
+        below = {h.id for b in beside for h in self.held_by(b)}
+        apart = [o for o in found if o.id not in below and not any(h.id in ids for h in self.held_by(o))]
+        return apart if self._close(apart, beside, relations.ASKED_NEXT_M) else found
+
     def _close(
         self, found: Sequence[MapObject], beside: Sequence[MapObject], most_m: float, farthest: bool = False
     ) -> list[MapObject]:
@@ -276,7 +291,8 @@ def _doorway(door: Door) -> MapObject:
 def _coloured(obj: MapObject, colours: Sequence[str]) -> float:
     """The share of an object's surface with one of the colours; similar colours count for a third."""
     near = {other for colour in colours for other in BESIDE.get(colour, ())} - set(colours)
-    return (
-        sum(share for name, share in obj.colours if name in colours)
-        + sum(share for name, share in obj.colours if name in near) / 3
-    )
+    return _share(obj, colours) + _share(obj, near) / 3
+
+
+def _share(obj: MapObject, colours: Collection[str]) -> float:
+    return sum(share for name, share in obj.colours if name in colours)

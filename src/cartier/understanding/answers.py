@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 from cartier.spatial.describe import the, whereabouts
@@ -42,6 +43,8 @@ def answer(asked: ParsedUtterance, scene: Scene, last: MapObject | None, model: 
         return _doors(asked, doors, scene, model)
     if asked.kind == "count":
         return _counted(head, found, scene, model)
+    if asked.kind == "list" and found and not head.generic and _is_one(head):
+        return _about(replace(asked, kind="which"), found, scene, model)
     if asked.kind == "list":
         return _listed(head, scene, model)
     if asked.kind == "exists":
@@ -64,6 +67,11 @@ def _room(rooms: Sequence[int], scene: Scene, model: str) -> Selection | None:
         f"{the(name)[:1].upper()}{the(name)[1:]} begins {scene.distance_m(near):.1f} m from here, by the {near.label}."
     )
     return _told(say, Fact("where", name), model)
+
+
+def _is_one(head: ReferringExpression) -> bool:
+    """Whether a phrase means one object of several: "the book that is closest to the bed"."""
+    return bool(head.most or head.order) or any(r.kind in ("nearest", "farthest") for r in head.relations)
 
 
 def _doors(asked: ParsedUtterance, doors: Sequence[Door], scene: Scene, model: str) -> Selection:
@@ -145,13 +153,10 @@ def _listed(head: ReferringExpression, scene: Scene, model: str) -> Selection | 
     if head.rooms is not None:
         found = [o for o in scene.objects if o.room in head.rooms]
         where = f"in {the(head.said)}"
-    elif head.generic and head.relations:
-        found, _ = scene.meant(head)
-        where = _where(head).strip()
-    elif head.generic:
+    elif head.generic and head.bare:
         return _inventory(scene, model)
     else:
-        found, where = [o for o in scene.objects if called(o, head.labels)], "here"
+        found, where = scene.meant(head)[0], _where(head).strip() or "here"
     if not found:
         return _told(f"Nothing that I have seen is {where}.", Fact("list", []), model)
     names = Counter(o.label for o in found)
@@ -179,10 +184,10 @@ def _compared(asked: ParsedUtterance, scene: Scene, model: str) -> Selection | N
         return None
     one, other = pair[0][0], pair[1][0]
     if one.id == other.id:
-        both = scene.meant(asked.head)[0] if asked.head else []
-        if len(both) < 2:
+        rest = [o for phrase in reversed(phrases) for o in scene.meant(phrase)[0] if o.id != one.id]
+        if not rest:
             return None
-        one, other = both[0], both[1]
+        other = rest[0]
     by = asked.by or "biggest"
     to = next(iter(scene.landmarks(asked.to)), None) if asked.to is not None else None
     if to is not None and by in ("nearest", "farthest"):

@@ -20,6 +20,8 @@ LONGEST_NAME = 4  # words
 LEAST_TELLING = 2  # words besides a room and those of driving, that tell a need
 LEAST_SECOND = 0.02  # probability of the second act
 REACH = 4  # words from "one" to the room that it is in
+PLACES = ("in", "on", "under", "above", "next", "with", "behind", "front", "between")
+"""Relations that tell where the second of two compared objects is, not what both are compared to."""
 NOWHERE = -1
 """Where a target stands that no word names: "the blue, please", "what is on the table"."""
 
@@ -27,6 +29,8 @@ NOWHERE = -1
 def query(clause: Clause, names: EntityVocabulary) -> ParsedUtterance:
     """The typed query of a clause: the act, the target with its attributes and relations, and what is turned down."""
     clause = owned_rooms(clause, names)
+    if clause.act == "compare":
+        clause = clause._replace(spans=_compared_to(clause.spans))
     clause = clause._replace(spans=_snapped(tuple(_measures(clause.spans)), clause.tokens, names))
     if clause.act == "go" and _serves(clause):
         clause = clause._replace(act="need")
@@ -54,6 +58,14 @@ def query(clause: Clause, names: EntityVocabulary) -> ParsedUtterance:
         clause.act, head, of["b"][0] if of["b"] else None, by, _need(clause),
         of["l"][0] if of["l"] else None, tuple(_refused(noun, head) for noun in of["n"]),
     )  # fmt: skip
+
+
+def _compared_to(spans: tuple[Span, ...]) -> tuple[Span, ...]:
+    """The spans, where the first of "farther from the bed, the desk or the sofa" is what the others are compared to."""
+    both = [k for k, span in enumerate(spans) if span.role in ("t", "b")]
+    if len(both) != 3 or spans[both[0]].role != "b":
+        return spans
+    return tuple(span._replace(role="l") if k == both[0] else span for k, span in enumerate(spans))
 
 
 def _serves(clause: Clause) -> bool:
@@ -112,8 +124,14 @@ def _places(clause: Clause) -> bool:
 
 
 def _measures(spans: Sequence[Span]) -> Iterator[Span]:
-    """The spans, where "nearest" without a landmark after it is a superlative."""
+    """The spans, where "nearest" without a landmark after it is a superlative, and "the closest cup to the kettle" a
+    relation."""
     for span in spans:
+        after = [other for other in spans if other.start >= span.end and other.role not in ("t", "p", *ATTRIBUTES)]
+        wish = MOST.get(span.words[-1], "") if span.role == "s" and after and after[0].role == "l" else ""
+        if wish in ("nearest", "farthest"):
+            yield span._replace(role=wish)
+            continue
         alone = not any(noun.role in ("l", "m", "r") and noun.start >= span.end for noun in spans)
         yield span._replace(role="s") if span.role in ("nearest", "farthest") and alone else span
 
@@ -153,7 +171,7 @@ def _noun(span: Span, clause: Clause, names: EntityVocabulary) -> ReferringExpre
     labels = next((names.objs[key] for key in keys if names.objs.get(key)), frozenset())
     if not labels and span.role == "t" and keys[-1] in names.rooms:
         return replace(base, rooms=names.rooms[keys[-1]])
-    return replace(base, labels=labels)
+    return replace(base, labels=labels, similar=names.like(keys[-1]) - labels)
 
 
 def _attach_attributes(every: Sequence[Span], spans: Sequence[Span], nouns: list[ReferringExpression]) -> None:
@@ -198,12 +216,15 @@ def _attach_relations(every: Sequence[Span], spans: Sequence[Span], nouns: list[
         nouns[k + 1] = replace(nouns[k + 1], relations=(SpatialRelation("in", nouns[k]), *nouns[k + 1].relations))
     order = [k for k, span in enumerate(spans) if span.role in ("l", "m", "r") and k not in inside]
     target = next((k for role in ("t", "p") for k, span in enumerate(spans) if span.role == role), None)
+    second = next((k for k, span in enumerate(spans) if span.role == "b"), None)
     between: int | None = None
     for k in reversed(order):
         span = spans[k]
-        kind = _kind(every, span)
+        kind = _kind(every, span) or ("in" if span.role == "r" else "")
         earlier = [i for i in order if i < k and spans[i].role in ("l", "m")]
         owner = earlier[-1] if span.role == "m" and earlier else target
+        if second is not None and second < k and kind.lstrip("!") in PLACES:
+            owner = second
         previous = next((i for i in reversed(order) if i < k), None)
         if kind == "" and span.role == "l" and previous is not None and _kind(every, spans[previous]) == "between":
             between = k

@@ -10,16 +10,19 @@ from cartier.understanding.tags import Clause, Span
 
 def clauses(tokens: Sequence[str], tags: Sequence[str], acts: Sequence[Sequence[tuple[Kind, float]]]) -> list[Clause]:
     """The clauses between separators; ``acts`` are the likeliest acts of each with their probabilities."""
-    found, spans, start = list[Clause](), list[Span](), 0
+    found, spans, start, part = list[Clause](), list[Span](), 0, 0
     for span in (*spans_of(tokens, tags), None):
         if span is not None and span.role != "/":
             spans.append(span)
             continue
         end = len(tokens) if span is None else span.start
-        (act, certainty), *further = acts[min(len(found), len(acts) - 1)]
+        if span is not None and not any(token[0].isalnum() for token in tokens[start:end]):
+            start, part = span.end, part + 1  # two separators in a row: "; then"
+            continue
+        (act, certainty), *further = acts[min(part, len(acts) - 1)]
         moved = (s._replace(start=s.start - start, end=s.end - start) for s in spans)
         found.append(Clause(act, certainty, tuple(moved), tuple(tokens[start:end]), *further[:1]))
-        spans, start = [], len(tokens) if span is None else span.end
+        spans, start, part = [], len(tokens) if span is None else span.end, part + 1
     return found
 
 

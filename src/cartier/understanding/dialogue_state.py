@@ -71,11 +71,13 @@ def resolve(asked: ParsedUtterance, state: DialogueState) -> ParsedUtterance:
         kind = head if named or before is None else _again(before, head)
         return replace(asked, kind="go", head=_other(kind))
     chosen = asked.kind == "go" and head is not None and head.rooms is not None and state.offered
-    if chosen or asked.kind in ("correct", "choose"):  # "in which room?" "the kitchen"
+    placed = asked.kind == "go" and head is not None and head.generic and not head.said and bool(head.relations)
+    if chosen or asked.kind in ("correct", "choose") or (placed and before is not None):  # "on the desk"
         return _replied(asked, state)
     if head is not None:
         head = _landmarks(head, state.last)
-        if head.generic and head.said and state.last is not None and asked.kind != "need":
+        means = head.said or head.most or head.size or head.order or head.colours
+        if head.generic and means and state.last is not None and asked.kind != "need":
             head = _stood_for(head, before, state.last)
     return replace(asked, head=head)
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
-from cartier.labels import name_key
 from cartier.spatial.describe import tell_apart, the, whereabouts
 from cartier.spatial.expressions import EntityVocabulary, ParsedUtterance, ReferringExpression
 from cartier.spatial.query import Scene, called
@@ -69,7 +68,8 @@ class ReferenceGrounder:
             return self._found(head)
         if head.generic:
             return None if head.bare else self._need(head, asked, serve)
-        if head.obj is not None or (head.labels and not (head.bare and self._common(head))):
+        told = not head.bare or any(noun.colours and noun.labels & head.labels for noun in asked.rejected)
+        if head.obj is not None or (head.labels and (told or not self._common(head))):
             return self._found(head)
         placed = any(c.kind != "from" for c in head.relations)
         return self.placed(head, serve(head.said, ())) if placed else None  # it may be listed by another name
@@ -149,8 +149,6 @@ class ReferenceGrounder:
             found, emptied = self.scene.meant(replace(head, relations=()), without)
         elif not found and head.relations:  # "no, the one in the kitchen" may be the same again
             found, emptied = self.scene.meant(head)
-        if not found and (like := self._names.like(name_key(head.said))):  # "the cup by the sink" may be a mug
-            found = self.scene.meant(replace(head, labels=like), without)[0]
         if not found and not head.other and (maybe := self.scene.perhaps(head)) is not None:
             return maybe_there(maybe, MODEL) if self._wanted else offer(maybe, self.scene, MODEL)
         if not found:

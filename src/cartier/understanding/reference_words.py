@@ -48,7 +48,8 @@ NEEDY = _words(
 )  # a need of its own follows, no word for what was said before
 HURRY = re.compile(
     r"\b(?:quick|quickly|hurry|asap|immediately|urgent|urgently|fast|right away|at once|no time|whichever"
-    r"|any will do)\b"
+    r"|any will do|any (?:one )?of them|either|(?:don|doesn)'t (?:mind|care|matter))\b"
+    r"|^(?:the )?(?:nearest|closest)(?: one)?$"
 )
 PLACING = _words("""
     above adjacent against alongside around at atop behind belonging below beneath beside between by carrying
