@@ -62,7 +62,7 @@ class ParsedUtterance:
     """A request to drive to ``head`` (``go``), or a question about it (and about ``other``, for ``compare``).
 
     ``need`` are the words without those that only give the place. ``to`` is the reference point of "nearer to",
-    ``rejected`` what is turned down.
+    ``rejected`` what is turned down, ``instead_of`` the id of the object that a correction turns down where others fit.
     """
 
     kind: Kind
@@ -72,6 +72,7 @@ class ParsedUtterance:
     need: str = ""
     to: ReferringExpression | None = None
     rejected: tuple[ReferringExpression, ...] = ()
+    instead_of: int | None = None
 
 
 @dataclass(frozen=True, eq=False)  # compared by identity: an entry of a cache

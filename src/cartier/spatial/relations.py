@@ -97,6 +97,8 @@ _HOLDERS = {
 }  # fmt: skip
 _PORTABLE = frozenset({"shelf", "microwave", "box", "basket"})
 """Tables and stores that may stand on others; all other furniture stands on the floor."""
+_LEGGED = frozenset({"table", "dining table", "coffee table", "side table", "desk"})
+"""Tables that hold nothing between their legs: what stands there on the floor is under them."""
 _FIXED = frozenset({
     "mirror", "painting", "poster", "picture", "window", "curtain", "curtains", "blinds", "door", "clock",
     "light switch", "faucet", "tap", "towel", "hand towel", "towel holder", "hand towel holder", "toilet paper hanger",
@@ -234,6 +236,8 @@ def _holding(objects: Sequence[MapObject], low: Array, high: Array) -> Array:
     table = np.array([holder == _TABLE for holder in holders])
     never = (np.maximum(share, share.T) == 0) | (above > FLOATS_M) | (rise < -SINKS_M)
     never |= built_in[:, None] & (snug > 0)
+    legged = np.array([obj.label in _LEGGED for obj in objects])
+    never |= legged & (low[:, None, 2] < FLOOR_M) & (high[:, None, 2] < high[None, :, 2] - PAD_M)
     never |= furniture[:, None] & table  # the visible box of a chair behind a table begins at the table's top
     np.fill_diagonal(never, True)
     return np.where(never, -np.inf, odds)

@@ -101,6 +101,8 @@ def _need_again(asked: ParsedUtterance, state: DialogueState) -> ParsedUtterance
 def _replied(asked: ParsedUtterance, state: DialogueState) -> ParsedUtterance:
     """A correction or a choice: what it names, else what was asked before with what it adds."""
     head, before = asked.head, state.before.head if state.before is not None else None
+    if asked.kind == "correct" and state.last is not None:
+        asked = replace(asked, instead_of=state.last.id)
     if head is not None and head.rooms is not None and before is not None:  # "no, the kitchen"
         head = ReferringExpression("", generic=True, relations=(SpatialRelation("in", head),))
     if head is not None and (head.labels or before is None or not before.labels):

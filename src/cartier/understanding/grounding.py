@@ -149,6 +149,7 @@ class ReferenceGrounder:
             found, emptied = self.scene.meant(replace(head, relations=()), without)
         elif not found and head.relations:  # "no, the one in the kitchen" may be the same again
             found, emptied = self.scene.meant(head)
+        found = [obj for obj in found if obj.id != self.asked.instead_of] or found
         if not found and not head.other and (maybe := self.scene.perhaps(head)) is not None:
             return maybe_there(maybe, MODEL) if self._wanted else offer(maybe, self.scene, MODEL)
         if not found:

@@ -12,6 +12,8 @@ from cartier.understanding.tags import Clause
 REPLIES = ("choose", "confirm", "deny", "correct", "another", "go", "need")
 """Acts that may reply to an offer."""
 MOST_WORDS = 7  # of a reply that tells more of what was offered
+NEGATIONS = frozenset({"not", "no", "never", "without", "t", "dont"})  # "t": the end of "don't" among the tokens
+NEGATED = 4  # most words from a negation to the name that it turns down
 EITHER = frozenset({"either", "any", "whichever", "matter", "mind", "care", "both"})
 
 
@@ -29,7 +31,7 @@ def reply(clause: Clause, said: ParsedUtterance, offered: Sequence[str]) -> Repl
     ``said`` is the clause's own query, before anything of the turns before is put in.
     """
     head = said.head
-    refused = {name for noun in said.rejected for name in noun.labels}
+    refused = {name for noun in said.rejected for name in noun.labels}.union(_negated(clause.tokens, offered))
     named = [name for name in offered if head is not None and name in head.labels and name not in refused]
     rest = [name for name in offered if name not in refused]
     if not named and not refused:
@@ -45,3 +47,14 @@ def reply(clause: Clause, said: ParsedUtterance, offered: Sequence[str]) -> Repl
     if picked:
         return Reply(picked=picked[0])
     return Reply(rest=tuple(rest)) if len(clause.tokens) <= MOST_WORDS else None
+
+
+def _negated(tokens: Sequence[str], offered: Sequence[str]) -> set[str]:
+    """The offered names that stand shortly after a negation: "not the knife, it's dirty"."""
+    found = set()
+    for name in offered:
+        words = name.split()
+        at = next((k for k in range(len(tokens)) if list(tokens[k : k + len(words)]) == words), 0)
+        if not NEGATIONS.isdisjoint(tokens[max(0, at - NEGATED) : at]):
+            found.add(name)
+    return found
