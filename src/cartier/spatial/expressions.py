@@ -59,7 +59,7 @@ class SpatialRelation:
 
 @dataclass(frozen=True)
 class ParsedUtterance:
-    """A request to drive to ``head`` (``go``), or a question about it (and about ``other``, for ``compare``).
+    """A request to drive to ``head`` (``go``), or a question about it (``compare`` and ``far``: and ``others``).
 
     ``need`` are the words without those that only give the place. ``to`` is the reference point of "nearer to",
     ``rejected`` what is turned down, ``instead_of`` the id of the object that a correction turns down where others fit.
@@ -67,7 +67,7 @@ class ParsedUtterance:
 
     kind: Kind
     head: ReferringExpression | None = None
-    other: ReferringExpression | None = None
+    others: tuple[ReferringExpression, ...] = ()
     by: str = ""
     need: str = ""
     to: ReferringExpression | None = None

@@ -19,6 +19,11 @@ PLURALS = (
     ("lf", "lves"),
 )  # fmt: skip
 
+COMPARATIVES = {
+    "biggest": "bigger", "smallest": "smaller", "nearest": "nearer", "farthest": "farther", "tallest": "taller",
+    "highest": "higher", "lowest": "lower", "shortest": "shorter",
+}  # fmt: skip
+
 
 def answer(asked: ParsedUtterance, scene: Scene, last: MapObject | None, model: str) -> Selection | None:
     """The answer to a question; None if it is about nothing known here. ``last`` is the object mentioned before."""
@@ -103,7 +108,7 @@ def _about(asked: ParsedUtterance, found: Sequence[MapObject], scene: Scene, mod
 def _known(asked: ParsedUtterance, obj: MapObject, it: str, where: str, scene: Scene) -> tuple[str, Any]:
     """A sentence about one object, without its full stop, and the same as a fact for programs."""
     if asked.kind == "far":
-        other = scene.landmarks(asked.other) if asked.other is not None else []
+        other = scene.landmarks(asked.others[0]) if asked.others else []
         far = scene.distance_m(obj, other[0] if other else None)
         return f"{it} is {far:.1f} m from {f'the {other[0].label}' if other else 'here'}", round(far, 2)
     if asked.kind == "which":
@@ -175,36 +180,27 @@ def _inventory(scene: Scene, model: str) -> Selection:
 
 
 def _compared(asked: ParsedUtterance, scene: Scene, model: str) -> Selection | None:
-    phrases = [phrase for phrase in (asked.head, asked.other) if phrase is not None]
-    pair = [scene.meant(phrase)[0][:1] for phrase in phrases]
-    gone = [phrase for phrase, found in zip(phrases, pair, strict=True) if not found]
+    """Which of two or more objects has more of a measure, each object counted once."""
+    phrases = [phrase for phrase in (asked.head, *asked.others) if phrase is not None]
+    found = [scene.meant(phrase)[0] for phrase in phrases]
+    gone = [phrase for phrase, objects in zip(phrases, found, strict=True) if not objects]
     if gone:
         return _told(f"I have not seen {_a(gone[0])}.", Fact("compare", None), model)
-    if len(pair) != 2:
+    first = list({objects[0].id: objects[0] for objects in found}.values())
+    if len(first) < len(found):  # "is the bed in the study bigger than the bed": another bed than that
+        rest = [o for objects in reversed(found) for o in objects if o.id not in {obj.id for obj in first}]
+        first += rest[: len(found) - len(first)]
+    if len(first) < 2:
         return None
-    one, other = pair[0][0], pair[1][0]
-    if one.id == other.id:
-        rest = [o for phrase in reversed(phrases) for o in scene.meant(phrase)[0] if o.id != one.id]
-        if not rest:
-            return None
-        other = rest[0]
     by = asked.by or "biggest"
     to = next(iter(scene.landmarks(asked.to)), None) if asked.to is not None else None
     if to is not None and by in ("nearest", "farthest"):
-        more = (min if by == "nearest" else max)((one, other), key=lambda o: scene.distance_m(o, to))
+        more = (min if by == "nearest" else max)(first, key=lambda o: scene.distance_m(o, to))
     else:
-        more = max((one, other), key=lambda o: scene.measure(o, by))
-    words = {
-        "biggest": "bigger",
-        "smallest": "smaller",
-        "nearest": "nearer",
-        "farthest": "farther",
-        "tallest": "taller",
-        "highest": "higher",
-        "lowest": "lower",
-    }
-    where = f" {whereabouts(scene, more)}" if one.label == other.label else ""
-    say = f"The {more.label}{where} is {words.get(by, by)}."
+        more = max(first, key=lambda o: scene.measure(o, by))
+    alike = sum(obj.label == more.label for obj in first) > 1
+    where = f" {whereabouts(scene, more)}" if alike else ""
+    say = f"The {more.label}{where} is {COMPARATIVES.get(by, by) if len(first) == 2 else f'the {by}'}."
     return _told(say, Fact("compare", more.label, (more.id,)), model, more)
 
 

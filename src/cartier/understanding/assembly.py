@@ -8,6 +8,7 @@ from itertools import pairwise
 
 from cartier.labels import name_key
 from cartier.spatial.expressions import EntityVocabulary, ParsedUtterance, ReferringExpression, SpatialRelation, merged
+from cartier.understanding.comparisons import compared, of_kind
 from cartier.understanding.owners import owned_rooms
 from cartier.understanding.reference_words import COLOURS, DEFINITE, GENERIC, MOST, ORDER, PLURAL, SIZES
 from cartier.understanding.tags import ATTRIBUTES, NOUNS, RELATIONS, Clause, Span
@@ -29,9 +30,8 @@ NOWHERE = -1
 def query(clause: Clause, names: EntityVocabulary) -> ParsedUtterance:
     """The typed query of a clause: the act, the target with its attributes and relations, and what is turned down."""
     clause = owned_rooms(clause, names)
-    if clause.act == "compare":
-        clause = clause._replace(spans=_compared_to(clause.spans))
-    clause = clause._replace(spans=_snapped(tuple(_measures(clause.spans)), clause.tokens, names))
+    told = _snapped(clause.spans, clause.tokens, names)
+    clause = clause._replace(spans=tuple(_measures(compared(told) if clause.act == "compare" else told)))
     if clause.act == "go" and _serves(clause):
         clause = clause._replace(act="need")
     if clause.act == "need":  # what it names is not wanted; of places only rooms are sure
@@ -46,7 +46,7 @@ def query(clause: Clause, names: EntityVocabulary) -> ParsedUtterance:
     _attach_attributes(clause.spans, spans, nouns)
     _attach_relations(clause.spans, spans, nouns)
     of = {role: [noun for span, noun in zip(spans, nouns, strict=True) if span.role == role] for role in NOUNS}
-    if clause.act in ("compare", "far") and not of["b"] and len(of["t"]) > 1:
+    if clause.act == "far" and not of["b"] and len(of["t"]) > 1:
         of["t"], of["b"] = of["t"][:1], of["t"][1:]
     targets = of["t"] or of["p"] or of["r"][:1] or of["l"][:1]
     head = _merged(targets) if targets else None
@@ -55,17 +55,9 @@ def query(clause: Clause, names: EntityVocabulary) -> ParsedUtterance:
     said = [span.words for span in clause.spans if span.role in ("s", "nearest", "farthest")] or [clause.tokens]
     by = next(filter(None, map(_measure, said)), "")
     return ParsedUtterance(
-        clause.act, head, of["b"][0] if of["b"] else None, by, _need(clause),
+        clause.act, head, tuple(of_kind(noun, head) for noun in of["b"]), by, _need(clause),
         of["l"][0] if of["l"] else None, tuple(_refused(noun, head) for noun in of["n"]),
     )  # fmt: skip
-
-
-def _compared_to(spans: tuple[Span, ...]) -> tuple[Span, ...]:
-    """The spans, where the first of "farther from the bed, the desk or the sofa" is what the others are compared to."""
-    both = [k for k, span in enumerate(spans) if span.role in ("t", "b")]
-    if len(both) != 3 or spans[both[0]].role != "b":
-        return spans
-    return tuple(span._replace(role="l") if k == both[0] else span for k, span in enumerate(spans))
 
 
 def _serves(clause: Clause) -> bool:
@@ -216,20 +208,21 @@ def _attach_relations(every: Sequence[Span], spans: Sequence[Span], nouns: list[
         nouns[k + 1] = replace(nouns[k + 1], relations=(SpatialRelation("in", nouns[k]), *nouns[k + 1].relations))
     order = [k for k, span in enumerate(spans) if span.role in ("l", "m", "r") and k not in inside]
     target = next((k for role in ("t", "p") for k, span in enumerate(spans) if span.role == role), None)
-    second = next((k for k, span in enumerate(spans) if span.role == "b"), None)
+    second = [k for k, span in enumerate(spans) if span.role == "b"]
     between: int | None = None
     for k in reversed(order):
         span = spans[k]
         kind = _kind(every, span) or ("in" if span.role == "r" else "")
         earlier = [i for i in order if i < k and spans[i].role in ("l", "m")]
         owner = earlier[-1] if span.role == "m" and earlier else target
-        if second is not None and second < k and kind.lstrip("!") in PLACES:
-            owner = second
+        if kind.lstrip("!") in PLACES:
+            owner = next((b for b in reversed(second) if b < k), owner)
         previous = next((i for i in reversed(order) if i < k), None)
         if kind == "" and span.role == "l" and previous is not None and _kind(every, spans[previous]) == "between":
             between = k
             continue
-        if owner is None or owner == k:
+        unrelated = kind == "" and span.role == "l" and not (nouns[k].labels or nouns[k].rooms or nouns[k].generic)
+        if owner is None or owner == k or unrelated:  # "the nearest chair, put my bag there"
             continue
         negated = kind.startswith("!")
         kind = KINDS.get(kind.lstrip("!"), kind.lstrip("!")) or ("in" if span.role == "r" else "near")

@@ -44,7 +44,7 @@ def _is_room(said: Sequence[str], names: EntityVocabulary) -> bool:
 
 def unknown_owner(asked: ParsedUtterance) -> str:
     """The first "ben's room" of a query that no room is called; "" for none."""
-    phrases = [phrase for phrase in (asked.head, asked.other, asked.to) if phrase is not None]
+    phrases = [phrase for phrase in (asked.head, *asked.others, asked.to) if phrase is not None]
     near = [relation.target for phrase in phrases for relation in phrase.relations if relation.target is not None]
     return next((phrase.said for phrase in (*phrases, *near) if phrase.rooms == () and "'s " in phrase.said), "")
 
@@ -59,13 +59,12 @@ def with_owner(asked: ParsedUtterance, rooms: tuple[int, ...]) -> ParsedUtteranc
     """The query with its unknown person's room replaced by rooms."""
     said = unknown_owner(asked)
 
-    def put(phrase: ReferringExpression | None) -> ReferringExpression | None:
-        if phrase is None:
-            return None
-        told = tuple(replace(relation, target=put(relation.target)) for relation in phrase.relations)
+    def put(phrase: ReferringExpression) -> ReferringExpression:
+        told = tuple(replace(r, target=put(r.target) if r.target is not None else None) for r in phrase.relations)
         return replace(phrase, relations=told, rooms=rooms if phrase.said == said else phrase.rooms)
 
-    return replace(asked, head=put(asked.head), other=put(asked.other), to=put(asked.to))
+    head, to = (put(phrase) if phrase is not None else None for phrase in (asked.head, asked.to))
+    return replace(asked, head=head, others=tuple(put(phrase) for phrase in asked.others), to=to)
 
 
 def owner_told(words: str, robot: str, inventory: Inventory) -> tuple[int, str] | None:

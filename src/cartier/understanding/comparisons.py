@@ -1,0 +1,55 @@
+"""Comparisons: which spans of a question are compared with each other, and what they are compared to."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+from cartier.spatial.expressions import ReferringExpression, merged
+from cartier.understanding.reference_words import COLOURS, GENERIC
+from cartier.understanding.tags import Span
+
+BOTH = ("t", "b")
+
+
+def compared(spans: Sequence[Span]) -> tuple[Span, ...]:
+    """The spans with one target ``t``; each that it is compared with is ``b``, what all are compared to ``l``."""
+    spans = _coloured(spans)
+    both = [span for span in spans if span.role in BOTH]
+    if len(both) == 3 and both[0].role == "b":  # "farther from the bed, the desk or the sofa"
+        spans = [span._replace(role="l") if span is both[0] else span for span in spans]
+    named = [span for span in spans if span.role in BOTH and span.words[-1] not in GENERIC]
+    if len(named) == 1 and sum(span.role == "r" for span in spans) == 2:
+        return _in_two_rooms(spans, named[0])
+    targets = [span for span in spans if span.role == "t"]
+    first = next((span for span in targets if span in named), targets[0] if targets else None)
+    return tuple(
+        span._replace(role="b") if span.role == "t" and span is not first else span
+        for span in spans
+        if span.role != "t" or span in named or span is first
+    )
+
+
+def of_kind(noun: ReferringExpression, head: ReferringExpression | None) -> ReferringExpression:
+    """A second object that is not named is of the first one's kind: "than the one in the hall"."""
+    if head is None or not noun.generic or noun.obj is not None:
+        return noun
+    return merged(ReferringExpression(head.said, head.labels, similar=head.similar), noun)
+
+
+def _coloured(spans: Sequence[Span]) -> list[Span]:
+    """The spans, where the colour of a second object is no object: "the white lamp"."""
+    found = list(spans)
+    for k, (one, after) in enumerate(pairwise(spans)):
+        if one.role == after.role == "b" and one.end == after.start and one.words[-1] in COLOURS:
+            found[k] = one._replace(role="c")
+    return found
+
+
+def _in_two_rooms(spans: Sequence[Span], named: Span) -> tuple[Span, ...]:
+    """The spans with the object named twice: "which box is bigger, the one in the bedroom or the one in the study"."""
+    room = [span for span in spans if span.role == "r"][1]
+    where = next((s for s in reversed(spans) if s.role == "in" and s.start < room.start), room).start
+    kept = [span for span in spans if span.role not in BOTH or span is named]
+    at = next(k for k, span in enumerate(kept) if span.start >= where)
+    return (*kept[:at], named._replace(role="b", start=where, end=where), *kept[at:])
