@@ -12,8 +12,8 @@ import sys
 from collections import defaultdict
 from pathlib import Path
 
-TOOLS = Path(__file__).parents[1]
-sys.path += [str(TOOLS.parent / "benchmarks"), str(TOOLS / "understanding")]
+sys.path.append(str(Path(__file__).parents[1] / "understanding"))
+sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
 from command_line import Parser, run_script
 from home_text import inventory
 

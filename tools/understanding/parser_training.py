@@ -145,15 +145,45 @@ def train(samples: list[Ready], passes: int, seed: int = 0) -> Network:
     return network.eval()
 
 
+def temperature(network: Network, samples: list[Ready]) -> float:
+    """The temperature of the acts' logits at which held-out clauses surprise least."""
+    logits, allowed = list[Tensor](), list[Tensor]()
+    with torch.no_grad():
+        for sample in samples:
+            own = network([sample.inputs])[0]
+            for begin, end, acts in sample.clauses:
+                pooled = torch.cat([own[0], torch.softmax(own[begin:end] @ network.pool, 0) @ own[begin:end]])
+                logits.append(network.act(pooled))
+                allowed.append(acts)
+    scores, right = torch.stack(logits), torch.stack(allowed)
+
+    def surprise(degree: float) -> float:
+        shares = (scores / degree).log_softmax(-1)
+        return float(-shares.masked_fill(~right, -1e9).logsumexp(-1).mean())
+
+    return min((float(t) for t in np.arange(0.5, 6.05, 0.05)), key=surprise)
+
+
 def report(fitted: Fitted, samples: list[Sample], name: str) -> None:
-    """How much of held-out lines is read as they are marked."""
-    acts, lines, hits, said, right = list[bool](), 0, 0, 0, 0
+    """How much of held-out lines is read as marked, and how far certainties are from shares of right acts."""
+    acts, lines, hits, said, right, sure = list[bool](), 0, 0, 0, 0, list[float]()
     for sample in samples:
         found = fitted(sample.tokens, sample.before, home(sample.home)[1] if sample.home else ANYWHERE)
         acts += [len(found) == len(sample.acts) and f.act in a for f, a in zip(found, sample.acts, strict=False)]
+        sure += [f.certainty for f, _ in zip(found, sample.acts, strict=False)]
         got = {(s.role, s.words) for clause in found for s in clause.spans}
         true = {(s.role, s.words) for s in spans_of(sample.tokens, sample.tags or ()) if s.role != "/"}
         lines += got == true
         hits, said, right = hits + len(got & true), said + len(got), right + len(true)
     f1 = 2 * hits / max(said + right, 1)
-    print(f"{name}: {len(samples)} lines; act {np.mean(acts):.1%}, every span {lines / len(samples):.1%}, F1 {f1:.3f}")
+    print(
+        f"{name}: {len(samples)} lines; act {np.mean(acts):.1%}, every span {lines / len(samples):.1%}, F1 {f1:.3f}, "
+        f"calibration error {calibration_error(sure, acts):.3f}"
+    )
+
+
+def calibration_error(certainties: list[float], right: list[bool], bins: int = 10) -> float:
+    """Expected calibration error (Guo et al., 2017): the mean gap of certainty and share of right in equal bins."""
+    sure, hit = np.array(certainties), np.array(right, float)
+    of = np.minimum((sure * bins).astype(int), bins - 1)
+    return float(sum(abs(sure[of == k].sum() - hit[of == k].sum()) for k in range(bins)) / len(sure))

@@ -24,6 +24,7 @@ from cartier.understanding.need_scorer import Scorer
 from cartier.understanding.needs import FITS, Needs, shortened
 from cartier.understanding.offers import REPLIES, reply
 from cartier.understanding.parser import parser
+from cartier.understanding.readings import UNSURE, picked, question
 from cartier.understanding.tags import NOTHING_ASKED, Clause
 from cartier.understanding.tentative import OFFER, maybe_there, offer, tentative_matches, unsure, usual_place
 
@@ -60,7 +61,12 @@ class Embedded:
         home = _Home(inventory, lexicon(self.deck, inventory))
         state = self._state(dialogue, home)
         clauses = self._clauses(query, dialogue[-1:], home)
-        if dialogue and dialogue[-1][1].endswith(OFFER) and clauses:
+        if dialogue and dialogue[-1][1].startswith(UNSURE) and clauses:
+            earlier = self._clauses(dialogue[-1][0], dialogue[-2:-1], home)
+            alone = self._clauses(query, (), home)  # after a question, the parser takes all for a choice of objects
+            meant = picked(alone[0], min(earlier, key=lambda clause: clause.certainty)) if earlier else None
+            clauses = clauses if meant is None else (meant,)
+        elif dialogue and dialogue[-1][1].endswith(OFFER) and clauses:
             act = in_context(clauses[0], state).act
             if act in ("confirm", "deny"):
                 return TURNED_DOWN if act == "deny" else self._anyway(dialogue, home)
@@ -105,9 +111,11 @@ class Embedded:
         self, clause: Clause, home: _Home, state: DialogueState, wanted: bool = False
     ) -> tuple[Selection, ParsedUtterance]:
         """The answer to one clause, and what it asked."""
-        clause = in_context(clause, state)
+        unsure_of, clause = clause, in_context(clause, state)
         own = query_of(clause, home.names)
         asked = resolve(own, state)
+        if not state.offered and (told := question(unsure_of, own)):
+            return Selection("clarify", reason="two readings are likely", question=told, text=told, model=MODEL), asked
         said = " ".join(clause.tokens).replace(" ' ", "'")
         if clause.act in NOTHING_ASKED:
             why = shortened(said) if clause.act == "prohibit" else "nothing was asked for"

@@ -1,0 +1,62 @@
+"""Words whose act is unsure: the question names both readings, and the reply picks one."""
+
+from __future__ import annotations
+
+import pytest
+from homes import inventory
+
+from cartier.reasoners import embedded
+from cartier.understanding import readings
+from cartier.understanding.tags import Clause
+
+HOME = inventory("flat")
+SAID = "take me to the sofa"
+
+
+@pytest.fixture
+def unsure(monkeypatch: pytest.MonkeyPatch) -> embedded.Embedded:
+    """A reasoner to which "take me to the sofa" may be a drive or a question, nearly as likely."""
+    reasoner = embedded.make()
+    read = reasoner._parsed
+
+    def parsed(query: str, turn: tuple[str, str] | None, names: object) -> tuple[Clause, ...]:
+        found = read(query, turn, names)
+        if query == SAID:
+            return (found[0]._replace(act="go", certainty=0.5, second=("where", 0.45)),)
+        return found
+
+    monkeypatch.setattr(reasoner, "_parse", parsed)
+    return reasoner
+
+
+def test_question_names_both_readings(unsure: embedded.Embedded) -> None:
+    asked = unsure.select(SAID, HOME)
+    assert (asked.status, asked.object) == ("clarify", None)
+    assert asked.question == f"{readings.UNSURE}shall I go to the sofa, or do you want to know about the sofa?"
+
+
+@pytest.mark.parametrize("reply", ["the first", "yes please", "go there"])
+def test_first_reading_is_picked(unsure: embedded.Embedded, reply: str) -> None:
+    question = unsure.select(SAID, HOME).question or ""
+    chosen = unsure.select(reply, HOME, [(SAID, question)])
+    assert (chosen.status, chosen.object) == ("found", "sofa")
+
+
+@pytest.mark.parametrize("reply", ["the second", "no", "where is it?"])
+def test_second_reading_is_picked(unsure: embedded.Embedded, reply: str) -> None:
+    question = unsure.select(SAID, HOME).question or ""
+    chosen = unsure.select(reply, HOME, [(SAID, question)])
+    assert chosen.status == "answered" and chosen.fact is not None and chosen.fact.kind == "where"
+
+
+def test_another_request_is_no_reply(unsure: embedded.Embedded) -> None:
+    question = unsure.select(SAID, HOME).question or ""
+    assert unsure.select("take me to the bed", HOME, [(SAID, question)]).object == "bed"
+
+
+def test_sure_words_and_readings_that_come_to_the_same_are_not_asked_about() -> None:
+    reasoner = embedded.make()
+    assert reasoner.select(SAID, HOME).status == "found"
+    clause = Clause("where", 0.4, (), ("where",), ("exists", 0.39))
+    asked = embedded.query_of(clause, embedded.lexicon(reasoner.deck, HOME))
+    assert readings.question(clause, asked) is None
