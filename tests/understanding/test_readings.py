@@ -22,7 +22,7 @@ def unsure(monkeypatch: pytest.MonkeyPatch) -> embedded.Embedded:
     def parsed(query: str, turn: tuple[str, str] | None, names: object) -> tuple[Clause, ...]:
         found = read(query, turn, names)
         if query == SAID:
-            return (found[0]._replace(act="go", certainty=0.5, second=("where", 0.45)),)
+            return (found[0]._replace(act="go", certainty=0.45, second=("where", 0.4)),)
         return found
 
     monkeypatch.setattr(reasoner, "_parse", parsed)
