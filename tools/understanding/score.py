@@ -31,7 +31,7 @@ from cartier.types import Inventory, Selection
 
 HELD_OUT = Path(__file__).parent / "held_out"
 QUESTIONS = ("count", "exists", "where", "list", "compare", "far", "colour", "size", "when", "which", "rooms", "sure")
-NO_GOAL = ("prohibit", "remark", "other", "deny", "stop", "come", "back", "follow", "able", "thanks", "bye")
+NO_GOAL = ("prohibit", "remark", "other", "deny", "stop", "come", "follow", "able", "thanks", "bye")
 UNCHECKED = ("!", "?")
 """Beginnings of answers whose words are good, but about which the writer and the executor may be of two opinions."""
 
@@ -76,6 +76,7 @@ def _dialogue(line: Line, home: Inventory, last: Selection | None) -> list[tuple
             robot = object_ref(obj.label, obj.id)
         elif k == len(line.context) - 1 and robot == "all right" and last is not None:
             robot = last.text or last.reason or robot
+            robot += f" (#{last.object_id})" if last.object_id is not None else ""  # as Session.ask writes it down
         turns.append((person, robot))
     return turns
 

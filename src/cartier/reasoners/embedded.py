@@ -17,7 +17,8 @@ from cartier.spatial.query import Scene, called
 from cartier.types import Inventory, MapObject, Selection
 from cartier.understanding.assembly import query as query_of
 from cartier.understanding.cards import SHIPPED, Deck, read_deck
-from cartier.understanding.dialogue_state import SERVED, DialogueState, in_context, named, resolve
+from cartier.understanding.choices import chosen, options
+from cartier.understanding.dialogue_state import SERVED, DialogueState, again, in_context, named, resolve, same
 from cartier.understanding.entity_vocabulary import lexicon
 from cartier.understanding.grounding import MODEL, ReferenceGrounder
 from cartier.understanding.need_scorer import Scorer
@@ -105,7 +106,20 @@ class Embedded:
                 served = [o for o in home.scene.objects if o.label in names[:1]][:1]
             offers = robot.rstrip().endswith("?") and not robot.startswith("Which ")
             state = state.then(asked, served, names if offers else ())
+            questioned = robot.rstrip().endswith("?")
+            state = replace(state, choices=self._choices(robot, asked, home), questioned=questioned)
         return state
+
+    def _choices(self, robot: str, asked: ParsedUtterance | None, home: _Home) -> tuple[tuple[str, int], ...]:
+        """The objects that the robot asked about, in the order of its words."""
+        found: dict[int, str] = {}
+        before = asked.head if asked is not None else None
+        for words in options(robot) if before is not None else ():
+            clauses = self._clauses(words, (), home)
+            if before is not None and clauses:
+                there, _ = home.scene.meant(again(before, query_of(clauses[0], home.names).head), found)
+                found |= {there[0].id: words} if there else {}
+        return tuple((words, obj) for obj, words in found.items())
 
     def _one(
         self, clause: Clause, home: _Home, state: DialogueState, wanted: bool = False
@@ -117,6 +131,10 @@ class Embedded:
         if not state.offered and (told := question(unsure_of, own)):
             return Selection("clarify", reason="two readings are likely", question=told, text=told, model=MODEL), asked
         said = " ".join(clause.tokens).replace(" ' ", "'")
+        if clause.act == "deny" and state.questioned and not state.offered:
+            return TURNED_DOWN, asked
+        if (choice := self._chosen(clause, own, state)) is not None:
+            asked = replace(own, kind="go", head=same(home.scene.by_id[choice]))
         if clause.act in NOTHING_ASKED:
             why = shortened(said) if clause.act == "prohibit" else "nothing was asked for"
             return Selection("answered", reason=f"understood: {why}", text="Understood.", model=MODEL), asked
@@ -152,6 +170,12 @@ class Embedded:
         if asked.kind == "need" and asked.head is not None and asked.head.other:
             names |= {home.scene.by_id[i].label for i in state.served} | set(state.offered)
         return tuple(names)
+
+    def _chosen(self, clause: Clause, own: ParsedUtterance, state: DialogueState) -> int | None:
+        """The object that a reply picks of those that the robot asked about; None if it asks for something else."""
+        before = state.before.head if state.before is not None else None
+        other = own.head is not None and before is not None and own.head.labels and not own.head.labels & before.labels
+        return None if other and clause.act != "choose" else chosen(clause, state.choices)
 
     def _replied(
         self, clause: Clause, own: ParsedUtterance, asked: ParsedUtterance, home: _Home, state: DialogueState

@@ -31,6 +31,7 @@ def query(clause: Clause, names: EntityVocabulary) -> ParsedUtterance:
     """The typed query of a clause: the act, the target with its attributes and relations, and what is turned down."""
     clause = owned_rooms(clause, names)
     told = _snapped(clause.spans, clause.tokens, names)
+    told = told if clause.act in ("compare", "choose") else _targeted(told)
     clause = clause._replace(spans=tuple(_measures(compared(told) if clause.act == "compare" else told)))
     if clause.act == "go" and _serves(clause):
         clause = clause._replace(act="need")
@@ -58,6 +59,21 @@ def query(clause: Clause, names: EntityVocabulary) -> ParsedUtterance:
         clause.act, head, tuple(of_kind(noun, head) for noun in of["b"]), by, _need(clause),
         of["l"][0] if of["l"] else None, tuple(_refused(noun, head) for noun in of["n"]),
     )  # fmt: skip
+
+
+def _targeted(spans: Sequence[Span]) -> tuple[Span, ...]:
+    """The spans, where a landmark that is named first and follows no relation is the target: "and the clock on it"."""
+    noun = next((k for k, span in enumerate(spans) if span.role in NOUNS), None)
+    if noun is None or spans[noun].role != "l" or any(span.role == "t" for span in spans):
+        return tuple(spans)
+    before, after = spans[:noun], spans[noun + 1 :]
+    if any(span.role.lstrip("!") in RELATIONS for span in before):
+        return tuple(spans)
+    return (
+        *before,
+        spans[noun]._replace(role="t"),
+        *(span._replace(role="l") if span.role == "p" else span for span in after),
+    )
 
 
 def _serves(clause: Clause) -> bool:

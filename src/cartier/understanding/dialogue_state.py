@@ -21,13 +21,16 @@ LEAST_ASKING = 0.35  # probability of a request from which words that seem to as
 @dataclass(frozen=True)
 class DialogueState:
     """The latest query about objects, what the robot named last, all that it was sent to, and what it offered just now
-    or, in ``rest``, before and was not taken."""
+    or, in ``rest``, before and was not taken. ``choices`` are the objects that it asked about just now, each with the
+    words that tell it apart; ``questioned``: whether its last turn was a question."""
 
     before: ParsedUtterance | None = None
     last: MapObject | None = None
     served: tuple[int, ...] = ()
     offered: tuple[str, ...] = ()
     rest: tuple[str, ...] = ()
+    choices: tuple[tuple[str, int], ...] = ()
+    questioned: bool = False
 
     def then(
         self, asked: ParsedUtterance | None, served: Sequence[MapObject], offered: Sequence[str] = ()
@@ -49,7 +52,7 @@ def in_context(clause: Clause, state: DialogueState) -> Clause:
     second, likely = clause.second
     if clause.act == "deny" and any(span.role == "t" for span in clause.spans):  # "no, the sink"
         return clause._replace(act="go")
-    if clause.act == "deny" and not state.offered and state.last is not None:
+    if clause.act == "deny" and not state.questioned and state.last is not None:
         return clause._replace(act="another")
     if clause.act == "alarm":
         return clause._replace(act=second)
@@ -68,7 +71,7 @@ def resolve(asked: ParsedUtterance, state: DialogueState) -> ParsedUtterance:
         named = head is not None and bool(head.labels)
         if not named and (before is None or not before.labels):
             return _need_again(asked, state)
-        kind = head if named or before is None else _again(before, head)
+        kind = head if named or before is None else again(before, head)
         return replace(asked, kind="go", head=_other(kind))
     chosen = asked.kind == "go" and head is not None and head.rooms is not None and state.offered
     placed = asked.kind == "go" and head is not None and head.generic and not head.said and bool(head.relations)
@@ -109,12 +112,12 @@ def _replied(asked: ParsedUtterance, state: DialogueState) -> ParsedUtterance:
         return replace(asked, kind="go", head=_landmarks(head, state.last))
     if before is None or not before.labels:
         return _need_again(asked, state)
-    kind = _again(before, head)
+    kind = again(before, head)
     turned_down = asked.kind == "correct" and (head is None or head.bare)
     return replace(asked, kind="go", head=_other(kind) if turned_down else _landmarks(kind, state.last))
 
 
-def _again(before: ReferringExpression, now: ReferringExpression | None) -> ReferringExpression:
+def again(before: ReferringExpression, now: ReferringExpression | None) -> ReferringExpression:
     """The earlier expression with what is added; new relations replace the old ones."""
     if now is None or now.bare:
         return replace(before, obj=None)
@@ -134,7 +137,7 @@ def _landmarks(head: ReferringExpression, last: MapObject | None) -> ReferringEx
     if last is None:
         return head
     told = (
-        replace(relation, target=_same(last))
+        replace(relation, target=same(last))
         if relation.target is not None and relation.target.generic and relation.target.bare
         else relation
         for relation in head.relations
@@ -145,12 +148,12 @@ def _landmarks(head: ReferringExpression, last: MapObject | None) -> ReferringEx
 def _stood_for(head: ReferringExpression, before: ReferringExpression | None, last: MapObject) -> ReferringExpression:
     """What "it" or "the blue one" stands for."""
     if head.bare and not head.said.startswith(("one", "some")):
-        return _same(last)
+        return same(last)
     labels = before.labels if before is not None and before.labels else frozenset({last.label})
     return replace(head, generic=False, labels=labels, said=last.label)
 
 
-def _same(obj: MapObject) -> ReferringExpression:
+def same(obj: MapObject) -> ReferringExpression:
     return ReferringExpression(obj.label, frozenset({obj.label}), obj=obj.id)
 
 
