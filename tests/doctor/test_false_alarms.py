@@ -55,11 +55,11 @@ def test_a_turn_by_90_degrees_on_the_spot_is_no_jump(eye_m: float) -> None:
 
 def test_missing_frames_are_no_jump() -> None:
     """A step over dropped frames is longer, and noisy depth alone makes no step of 0.5 m a jump."""
-    thinned = Walk("101").seen(0.3)
+    thinned = seen("101", 0.3)
     for seed in range(4):
         kept = np.random.default_rng(seed).permutation(len(thinned))[: int(0.7 * len(thinned))]
         assert names(examine(Faulty(thinned, numbers=sorted(kept.tolist())))) == []
-    blurred = INJECTED["every 3rd blurred"][1](Walk("old_couple").seen(1.5, sensor=True))
+    blurred = INJECTED["every 3rd blurred"][1](seen("old_couple", 1.5, sensor=True))
     assert names(examine(repair(blurred, examine(blurred)))) == []
 
 

@@ -443,7 +443,7 @@ async def nothing(scope: Any, receive: Any, send: Any) -> None:
     await send({"type": "http.response.start", "status": 200, "headers": []})
 
 
-def test_ten_thousand_wrong_tokens(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_thousands_of_wrong_tokens(monkeypatch: pytest.MonkeyPatch) -> None:
     compared: list[tuple[int, int]] = []
     real = hmac.compare_digest
     monkeypatch.setattr(guard.hmac, "compare_digest", lambda a, b: (compared.append((len(a), len(b))), real(a, b))[1])
@@ -451,8 +451,8 @@ def test_ten_thousand_wrong_tokens(monkeypatch: pytest.MonkeyPatch) -> None:
     guarded = Guard(nothing, ["x"], TOKEN, clock=lambda: now[0])
     host = {"host": "x"}
     statuses: dict[int, int] = {}
-    for number in range(10_000):
-        now[0] += 0.01
+    for number in range(2_000):  # 100 s
+        now[0] += 0.05
         wrong = {"authorization": f"Bearer {TOKEN[:-1]}{number}"[: 8 + number % 40]}
         status = call(guarded, host | wrong)
         statuses[status] = statuses.get(status, 0) + 1
