@@ -472,7 +472,7 @@ class Place:
 
     Args:
         label: Its name.
-        position: Where it is (m), or from where it was seen if ``view_yaw`` is set.
+        position: Where its index has it (m): a point of its surface, or from where it was seen if ``view_yaw`` is set.
         score: How well it fits; scores of one index compare.
         frame: The number of the frame that shows it, -1 for none.
         box_xyxy: Its box in that frame (px), or None.
@@ -498,17 +498,24 @@ class Place:
             if value is not None:
                 object.__setattr__(self, name, finite(value, size, f"place of {self.label!r}: {name}"))
 
+    @property
+    def middle(self) -> tuple[float, ...]:
+        """Where the object is for people and programs (m): the middle of its box; ``position`` without an object."""
+        if self.object_id is None or self.box_min is None or self.box_max is None:
+            return self.position
+        return tuple(round((low + high) / 2, 4) for low, high in zip(self.box_min, self.box_max, strict=True))
+
     def to_dict(self) -> dict[str, Any]:
         """The place as plain JSON values.
 
         Returns:
-            What ``cartier ask --json`` prints as ``place``; its keys are the fields, without ``label`` and
-            ``view_yaw``.
+            What ``cartier ask --json`` prints as ``place``: ``position`` is the ``middle``, ``index_position`` the
+            field ``position``, and the other keys are the fields, without ``label`` and ``view_yaw``.
         """
         box, low, high = (None if v is None else list(v) for v in (self.box_xyxy, self.box_min, self.box_max))
         return {
-            "position": list(self.position), "box_min": low, "box_max": high, "frame": self.frame, "box_xyxy": box,
-            "score": self.score, "object_id": self.object_id,
+            "position": list(self.middle), "index_position": list(self.position), "box_min": low, "box_max": high,
+            "frame": self.frame, "box_xyxy": box, "score": self.score, "object_id": self.object_id,
         }  # fmt: skip
 
 
@@ -720,9 +727,11 @@ class Answer:
         Returns:
             What ``cartier ask --json`` prints.
         """
-        chosen = self.selection
+        chosen, number = self.selection, self.selection.object_id
+        if number is None and self.place is not None:
+            number = self.place.object_id  # the index chose among objects of one name
         return {
-            "query": self.query, "status": chosen.status, "object": chosen.object, "object_id": chosen.object_id,
+            "query": self.query, "status": chosen.status, "object": chosen.object, "object_id": number,
             "room": chosen.room, "reason": chosen.reason, "question": chosen.question, "text": chosen.text,
             "alarm": chosen.alarm, "answer": None if chosen.fact is None else asdict(chosen.fact),
             "tentative": chosen.tentative,
