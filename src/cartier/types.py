@@ -70,7 +70,7 @@ class Camera:
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """One RGB-D image with its pose.
+    """One RGB-D image with its pose. All its images have the size of ``camera``; ``cropped`` gives a part.
 
     Args:
         index: Its number in the recording, from 0.
@@ -102,6 +102,31 @@ class Frame:
         if self.depth_m is not None:
             object.__setattr__(self, "depth_m", without_far(self.depth_m, where))
         object.__setattr__(self, "world_from_camera", check_pose(self.world_from_camera, where))
+
+    def cropped(self, box_xyxy: Sequence[int]) -> Frame:
+        """A part of the image, with its depth and the camera that sees that part alone.
+
+        The pose stays, and the camera's principal point moves, so pixels show the same points of the world as before.
+        A detector that looks at parts adds (x1, y1) to their boxes: its detections are those of the whole image.
+
+        Args:
+            box_xyxy: The part in whole pixels; x2 and y2 are the first that are left out.
+
+        Returns:
+            The part, with the index and time of the frame.
+
+        Raises:
+            InputError: The part is empty or reaches out of the image.
+        """
+        x1, y1, x2, y2 = box_xyxy
+        width, height, where = self.camera.width, self.camera.height, f"frame {self.index}"
+        inside = 0 <= x1 < x2 <= width and 0 <= y1 < y2 <= height
+        need(inside, f"{where}: a part must lie in the {width}x{height} px of its image, got {tuple(box_xyxy)}")
+        camera = replace(self.camera, width=x2 - x1, height=y2 - y1, cx=self.camera.cx - x1, cy=self.camera.cy - y1)
+        depth = None if self.depth_m is None else self.depth_m[y1:y2, x1:x2]
+        instances = None if self.instances is None else self.instances[y1:y2, x1:x2]
+        rgb = self.rgb[y1:y2, x1:x2]
+        return Frame(self.index, self.time_s, rgb, depth, self.world_from_camera, camera, instances)
 
 
 @dataclass(frozen=True, eq=False)
