@@ -56,6 +56,8 @@ def photographs(folder: Path, part: str = "all") -> Iterator[Photo]:
     """The photographs of a folder, or every other one, with their true boxes; ends the program where there are none."""
     if not (folder / "images").is_dir():
         raise SystemExit(f"{folder} holds no images: give a folder of COCO photographs with --photos")
+    if not any((folder / "labels").glob("*.txt")):
+        raise SystemExit(f"{folder} holds no labels/*.txt: the true boxes of its images")
     names = coco80()
     for number, path in enumerate(sorted((folder / "images").iterdir())):
         if part in PARTS and number % 2 != PARTS[part]:
@@ -115,7 +117,8 @@ def table(matched: Matched, threshold: float, least: int) -> str:
 
 def _rates(hits: list[tuple[float, bool]], boxes: int, threshold: float) -> str:
     counted = [right for score, right in hits if score >= threshold]
-    return f"{f'{np.mean(counted):.2f} of {len(counted)}' if counted else '–'} | {sum(counted) / boxes:.2f}"
+    precision = f"{np.mean(counted):.2f} of {len(counted)}" if counted else "–"
+    return f"{precision} | {f'{sum(counted) / boxes:.2f}' if boxes else '–'}"
 
 
 def main() -> None:
@@ -126,6 +129,8 @@ def main() -> None:
     parser.add_argument("--part", choices=["all", *PARTS], default="all", help="every other photograph, by name")
     options = parser.parse_args()
     photos = list(photographs(options.photos, options.part))
+    if not any(photo.names for photo in photos):
+        raise SystemExit(f"{options.photos} holds no box of a household name in the part {options.part!r}")
     for spec in options.detectors:
         usual = specs.detector(spec, None)  # type: ignore[arg-type]  # only ground truth reads the recording
         detector, matched = specs.detector(spec, None, threshold=LOW), Matched()  # type: ignore[arg-type]

@@ -19,7 +19,7 @@ def main(path: str, model: str, words: str) -> None:
     print(chosen.status, chosen.object or chosen.question or chosen.text, "-", chosen.reason)
     if answer.place is None:  # nothing serves, the robot asks back, or it answers in words
         return
-    print("place", [round(metres, 2) for metres in answer.place.position])
+    print("place", [round(metres, 2) for metres in answer.place.middle])
     if answer.goal is None:  # there is no depth, or no pose near it can be reached
         print("no goal:", *answer.notes)
         return

@@ -13,7 +13,10 @@ from urllib.parse import unquote
 import pytest
 import typer.main
 
+import cartier
 from cartier.cli import app
+from cartier.pipeline import map_home
+from synthetic import TrueBoxes, box, walk
 
 ROOT = Path(__file__).parents[1]
 DOCUMENTS = [
@@ -128,3 +131,25 @@ def test_python_blocks_compile(document: str) -> None:
     for kind, block in FENCE.findall(text_of(document)):
         if kind == "python" and document != "docs/api.md":  # which shows signatures
             compile(block, document, "exec")
+
+
+def test_readme_sample_runs_without_a_key(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The home that ``cartier demo`` leaves is a small one with a bed here."""
+    for name in ("OPENAI_API_KEY", "OPENAI_BASE_URL", "CARTIER_MODEL"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.chdir(tmp_path)
+    bed = box(1, "bed", (1.0, 2.6, 0.0), (3.0, 4.0, 0.5))
+    map_home(walk([bed]), TrueBoxes([bed])).save(tmp_path / "cartier-demo" / "home")
+    (block,) = [block for kind, block in FENCE.findall(text_of("README.md")) if kind == "python"]
+    exec(compile(block, "README.md", "exec"), {})
+    assert capsys.readouterr().out.startswith("bed ")
+
+
+def test_readme_names_of_the_sample_exist() -> None:
+    """The line that is commented out, for recordings of one's own, calls what there is."""
+    (line,) = re.findall(r"^# of your own: (.+)$", text_of("README.md"), re.MULTILINE)
+    called = {node.attr for node in ast.walk(ast.parse(line)) if isinstance(node, ast.Attribute)}
+    assert called == {"map_home", "open_recording", "make", "save"}
+    assert all(hasattr(cartier, name) for name in called - {"save"}) and hasattr(cartier.Home, "save")

@@ -21,7 +21,6 @@ LONG_FILES = {
     "types.py": "the data types of the whole program, of which a third is documentation",
     "testing.py": "the laws of all seven kinds of backend",
     "contracts.py": "the interfaces of all seven kinds of backend, of which half is documentation",
-    "serving/operations.py": "one function for each operation of the HTTP API and the MCP server",
 }
 LONG_FUNCTIONS = {
     "cli/_ask.py ask": "the options of one command, each with its help",

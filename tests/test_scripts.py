@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from PIL import Image
 
 ROOT = Path(__file__).parents[1]
 FOLDERS = ("benchmarks", "tools", "tools/things", "tools/understanding")
@@ -94,3 +95,14 @@ def test_missing_data_is_one_line(script: str, tmp_path: Path) -> None:
     said = ran(script, *MISSING[script].replace("HERE", str(tmp_path / "nowhere")).split())
     assert isinstance(said, str) and "\n" not in said
     assert "nowhere" in said or "atlantis" in said or "needs torch" in said or "needs safetensors" in said
+
+
+def test_photographs_without_boxes_are_one_line(tmp_path: Path) -> None:
+    (tmp_path / "images").mkdir()
+    for boxes, line in ((None, "holds no labels/*.txt"), ("", "holds no box of a household name")):
+        if boxes is not None:
+            (tmp_path / "labels").mkdir()
+            (tmp_path / "labels" / "a.txt").write_text(boxes)
+            Image.new("RGB", (32, 32)).save(tmp_path / "images" / "a.jpg")
+        said = ran("benchmarks/photographs.py", "--photos", str(tmp_path))
+        assert isinstance(said, str) and line in said and "\n" not in said

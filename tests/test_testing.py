@@ -37,6 +37,21 @@ def test_detectors_obey(name: str) -> None:
     testing.check_detector(of_ours(name))
 
 
+def test_the_example_of_a_reader_obeys_and_reads_what_was_written(tmp_path: Path) -> None:
+    reader, recording = EXAMPLE.with_name("arrays.py"), walk()
+    plugins._load("recordings", str(reader)).write(recording, tmp_path / "arrays")
+    testing.check_recording(lambda: plugins.open_recording(tmp_path / "arrays", str(reader)))
+    read = plugins.open_recording(tmp_path / "arrays", str(reader))
+    for number in (0, len(recording) - 1):
+        frame, written = read[number], recording[number]
+        np.testing.assert_array_equal(frame.rgb, written.rgb)
+        np.testing.assert_array_equal(frame.depth_m, written.depth_m)
+        np.testing.assert_array_equal(frame.world_from_camera, written.world_from_camera)
+    (tmp_path / "arrays" / "rgb.npy").write_bytes(b"")
+    with pytest.raises(InputError, match="holds an array that cannot be read"):
+        plugins.open_recording(tmp_path / "arrays", str(reader))
+
+
 @pytest.mark.parametrize("options", [{"name": "print"}, {"name": "dollhouse", "home": "studio"}])
 def test_robots_obey(options: dict[str, str]) -> None:
     testing.check_robot(lambda: plugins.make("robots", **options))  # type: ignore[call-overload]

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from cartier.errors import InputError, check_pose
+from cartier.geometry import backproject
 from cartier.io.files import read_json
 from cartier.labels import display_name
-from cartier.types import Camera, Detections, OccupancyGrid, Place, Selection
+from cartier.types import Camera, Detections, Frame, OccupancyGrid, Place, Selection
 from synthetic import CAMERA, walk
 
 
@@ -59,6 +60,20 @@ def test_detections_keep_by_mask_and_by_number() -> None:
     seen = Detections(0, np.arange(12).reshape(3, 4), np.array([0.1, 0.2, 0.3]), ("a", "b", "c"))
     assert seen.keep(np.array([True, False, True])).labels == ("a", "c")
     assert seen.keep(np.array([2, 0])).labels == ("c", "a")
+
+
+def test_cropped_pixels_show_the_same_points() -> None:
+    rng = np.random.default_rng(0)
+    camera, depth = Camera(64, 48, 60.0, 61.0, 31.5, 23.5), rng.uniform(1, 3, (48, 64)).astype(np.float32)
+    frame = Frame(7, 1.5, rng.integers(0, 255, (48, 64, 3), np.uint8), depth, np.eye(4), camera)
+    part = frame.cropped((10, 5, 40, 30))
+    assert (part.index, part.time_s, part.camera.width, part.camera.height) == (7, 1.5, 30, 25)
+    whole_points, points = (backproject(f.depth_m, f.camera) for f in (frame, part))
+    np.testing.assert_allclose(points, whole_points[5:30, 10:40], atol=1e-6)
+    np.testing.assert_array_equal(part.rgb, frame.rgb[5:30, 10:40])
+    for wrong in ((10, 5, 10, 30), (-1, 0, 5, 5), (0, 0, 65, 48)):
+        with pytest.raises(InputError, match=r"frame 7: a part must lie in the 64x48 px"):
+            frame.cropped(wrong)
 
 
 def test_selections_name_an_object_exactly_when_they_found_one() -> None:

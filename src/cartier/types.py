@@ -70,7 +70,7 @@ class Camera:
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """One RGB-D image with its pose.
+    """One RGB-D image with its pose. All its images have the size of ``camera``; ``cropped`` gives a part.
 
     Args:
         index: Its number in the recording, from 0.
@@ -102,6 +102,31 @@ class Frame:
         if self.depth_m is not None:
             object.__setattr__(self, "depth_m", without_far(self.depth_m, where))
         object.__setattr__(self, "world_from_camera", check_pose(self.world_from_camera, where))
+
+    def cropped(self, box_xyxy: Sequence[int]) -> Frame:
+        """A part of the image, with its depth and the camera that sees that part alone.
+
+        The pose stays, and the camera's principal point moves, so pixels show the same points of the world as before.
+        A detector that looks at parts adds (x1, y1) to their boxes: its detections are those of the whole image.
+
+        Args:
+            box_xyxy: The part in whole pixels; x2 and y2 are the first that are left out.
+
+        Returns:
+            The part, with the index and time of the frame.
+
+        Raises:
+            InputError: The part is empty or reaches out of the image.
+        """
+        x1, y1, x2, y2 = box_xyxy
+        width, height, where = self.camera.width, self.camera.height, f"frame {self.index}"
+        inside = 0 <= x1 < x2 <= width and 0 <= y1 < y2 <= height
+        need(inside, f"{where}: a part must lie in the {width}x{height} px of its image, got {tuple(box_xyxy)}")
+        camera = replace(self.camera, width=x2 - x1, height=y2 - y1, cx=self.camera.cx - x1, cy=self.camera.cy - y1)
+        depth = None if self.depth_m is None else self.depth_m[y1:y2, x1:x2]
+        instances = None if self.instances is None else self.instances[y1:y2, x1:x2]
+        rgb = self.rgb[y1:y2, x1:x2]
+        return Frame(self.index, self.time_s, rgb, depth, self.world_from_camera, camera, instances)
 
 
 @dataclass(frozen=True, eq=False)
@@ -472,7 +497,7 @@ class Place:
 
     Args:
         label: Its name.
-        position: Where it is (m), or from where it was seen if ``view_yaw`` is set.
+        position: Where its index has it (m): a point of its surface, or from where it was seen if ``view_yaw`` is set.
         score: How well it fits; scores of one index compare.
         frame: The number of the frame that shows it, -1 for none.
         box_xyxy: Its box in that frame (px), or None.
@@ -498,17 +523,24 @@ class Place:
             if value is not None:
                 object.__setattr__(self, name, finite(value, size, f"place of {self.label!r}: {name}"))
 
+    @property
+    def middle(self) -> tuple[float, ...]:
+        """Where the object is for people and programs (m): the middle of its box; ``position`` without an object."""
+        if self.object_id is None or self.box_min is None or self.box_max is None:
+            return self.position
+        return tuple(round((low + high) / 2, 4) for low, high in zip(self.box_min, self.box_max, strict=True))
+
     def to_dict(self) -> dict[str, Any]:
         """The place as plain JSON values.
 
         Returns:
-            What ``cartier ask --json`` prints as ``place``; its keys are the fields, without ``label`` and
-            ``view_yaw``.
+            What ``cartier ask --json`` prints as ``place``: ``position`` is the ``middle``, ``index_position`` the
+            field ``position``, and the other keys are the fields, without ``label`` and ``view_yaw``.
         """
         box, low, high = (None if v is None else list(v) for v in (self.box_xyxy, self.box_min, self.box_max))
         return {
-            "position": list(self.position), "box_min": low, "box_max": high, "frame": self.frame, "box_xyxy": box,
-            "score": self.score, "object_id": self.object_id,
+            "position": list(self.middle), "index_position": list(self.position), "box_min": low, "box_max": high,
+            "frame": self.frame, "box_xyxy": box, "score": self.score, "object_id": self.object_id,
         }  # fmt: skip
 
 
@@ -720,9 +752,11 @@ class Answer:
         Returns:
             What ``cartier ask --json`` prints.
         """
-        chosen = self.selection
+        chosen, number = self.selection, self.selection.object_id
+        if number is None and self.place is not None:
+            number = self.place.object_id  # the index chose among objects of one name
         return {
-            "query": self.query, "status": chosen.status, "object": chosen.object, "object_id": chosen.object_id,
+            "query": self.query, "status": chosen.status, "object": chosen.object, "object_id": number,
             "room": chosen.room, "reason": chosen.reason, "question": chosen.question, "text": chosen.text,
             "alarm": chosen.alarm, "answer": None if chosen.fact is None else asdict(chosen.fact),
             "tentative": chosen.tentative,

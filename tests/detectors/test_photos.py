@@ -24,6 +24,12 @@ def seen(rgb: np.ndarray, index: int = 0) -> Frame:
     return Frame(index, 0.0, rgb, None, np.eye(4), Camera(rgb.shape[1], rgb.shape[0], 585, 585, 320, 240))
 
 
+def test_the_card_is_of_the_threshold_that_ships() -> None:
+    card = (Path(__file__).parents[2] / "docs" / "photos.md").read_text("utf-8")
+    threshold = plugins.make("detectors", "photos", threads=1).score_model.threshold
+    assert f"at a\nscore of {threshold:g}, from which" in card and f"one in two at {threshold:g} (`threshold`)" in card
+
+
 @pytest.mark.parametrize(
     ("picture", "label", "box"),
     [

@@ -9,6 +9,8 @@ import hmac
 import json
 import os
 import re
+import shlex
+import shutil
 import signal
 import socket
 import ssl
@@ -21,6 +23,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from pydantic import TypeAdapter
 
 pytest.importorskip("fastapi", reason="needs cartier[serve]")
 pytest.importorskip("uvicorn", reason="needs cartier[serve]")
@@ -29,13 +32,14 @@ httpx = pytest.importorskip("httpx")
 from cartier.errors import InputError  # noqa: E402
 from cartier.home import Home  # noqa: E402
 from cartier.home.correction_log import LOG, read_log  # noqa: E402
-from cartier.serving import guard, http  # noqa: E402
+from cartier.serving import guard, http, results  # noqa: E402
 from cartier.serving import server as web_server  # noqa: E402
 from cartier.serving.guard import Guard, host_names, read_token  # noqa: E402
 from cartier.serving.homes import Homes  # noqa: E402
 from cartier.serving.operations import Operations  # noqa: E402
 from cartier.types import Inventory, Selection  # noqa: E402
 from serving.conftest import Server, free_port, starting  # noqa: E402
+from serving.test_operations import CALLS, Echo  # noqa: E402
 
 TOKEN = "correct-horse-battery-staple-42"
 JSON = {"content-type": "application/json"}
@@ -79,6 +83,8 @@ def test_ask_goal_photo_over_http(server: Server) -> None:
         assert web.get("/api/homes/room/goal", params={"entity": "mug"}).json()["goal"]
         photo = web.get("/api/homes/room/photo", params={"entity": "chair"})
         assert photo.content[:2] == b"\xff\xd8" and len(json.loads(photo.headers["x-box"])) == 4
+        plan = web.get("/api/homes/room/photo", params={"entity": "chair", "view": 0})
+        assert plan.content[:2] == b"\xff\xd8" and "x-box" not in plan.headers
         assert web.get("/api/homes/room/objects", params={"room": "room:0"}).json()["total"] == 3
         assert web.get("/api/homes/room/relate", params={"entity": "mug", "other": "table"}).json()["relations"]
         assert len(web.get("/api/homes/room/view").json()["objects"]) >= 3
@@ -86,9 +92,82 @@ def test_ask_goal_photo_over_http(server: Server) -> None:
         assert len(base64.b64decode(cloud["points"])) == 10 * cloud["count"] > 0
 
 
-def test_openapi_describes_every_path(server: Server) -> None:
+def test_openapi_describes_every_path_and_answer(server: Server) -> None:
     paths = httpx.get(f"{server.url}/openapi.json").json()["paths"]
-    assert len(paths) == 13 and all("summary" in verb for path in paths.values() for verb in path.values())
+    assert len(paths) == 13
+    for path, verb in ((path, verb) for path, methods in paths.items() for verb in methods.values()):
+        assert verb["summary"] and "4XX" in verb["responses"] and "422" not in verb["responses"], path
+        for content in verb["responses"]["200"]["content"].values():
+            assert {"$ref", "type", "anyOf"} & set(content["schema"]), f"{path} answers with anything"
+
+
+def test_documentation_loads_nothing_from_elsewhere(server: Server, locked: Server) -> None:
+    html = httpx.get(f"{server.url}/docs").text
+    for path in httpx.get(f"{server.url}/openapi.json").json()["paths"]:
+        assert f"<code>{path}</code>" in html
+    assert set(re.findall(r'(?:href|src)="([^"#]+)"', html)) == {"data:,", "/docs.css", "/openapi.json"}
+    assert not re.search(r"https?:|<script|<style|style=", html), "its Content-Security-Policy would forbid it"
+    links = set(re.findall(r'href="#([^"]+)"', html))
+    assert "Answered" in links and links <= set(re.findall(r'id="([^"]+)"', html))
+    assert "@import" not in httpx.get(f"{server.url}/docs.css").text
+    assert httpx.get(f"{locked.url}/docs").status_code == 200, "it holds nothing of a home"
+
+
+def documented() -> list[tuple[str, str]]:
+    """The method and path of each curl line of docs/serving.md, and the line."""
+    text = (Path(__file__).parents[2] / "docs" / "serving.md").read_text("utf-8")
+    lines = [line.removeprefix("$ ") for line in text.splitlines() if line.startswith("$ curl ")]
+    rows = []
+    for line in lines:
+        words = shlex.split(line)
+        url = next(word for word in words if word.startswith("http://"))
+        path = url.removeprefix("http://127.0.0.1:8735").partition("?")[0]
+        rows.append(("POST" if "--json" in words else "GET", path, line))
+    return [(f"{method} {path.replace('/homes/home', '/homes/{home}')}", line) for method, path, line in rows]
+
+
+def answered_by(operation: str) -> Any:
+    """The model of an operation's answer; None for pictures."""
+    name = operation.rpartition("/")[2]
+    either = {
+        "describe": results.ObjectDescription | results.RoomDescription, "goal": results.ObjectPose | results.RoomPose,
+        "homes": results.Homes, "ask": results.Answered, "find": results.FoundByName, "objects": results.ObjectList,
+        "rooms": results.RoomList, "relate": results.Related, "view": results.View, "cloud": results.Cloud,
+        "corrections": results.Corrected, "undo": results.Corrected,
+    }  # fmt: skip
+    return either.get(name)
+
+
+@pytest.mark.skipif(shutil.which("curl") is None, reason="needs curl")
+def test_every_path_has_a_curl_line_that_works(home: Path, start: Callable[..., Server], tmp_path: Path) -> None:
+    server = start("serve", Path(shutil.copytree(home, tmp_path / "served" / "home")))
+    paths = httpx.get(f"{server.url}/openapi.json").json()["paths"]
+    known = [f"{method.upper()} {path}" for path, methods in paths.items() for method in methods]
+    rows = documented()
+    assert sorted(operation for operation, _ in rows if "/api/" in operation) == sorted(known)
+    for operation, line in rows:
+        words = shlex.split(line.replace(":8735", f":{server.port}"))
+        run = [words[0], "--fail", "-sS", *words[1:]]
+        done = subprocess.run(run, cwd=tmp_path, capture_output=True, timeout=60)
+        assert done.returncode == 0, (line, done.stderr)
+        if (model := answered_by(operation)) is not None:
+            TypeAdapter(model).validate_json(done.stdout)
+    assert (tmp_path / "chair.jpg").read_bytes()[:2] == b"\xff\xd8"
+
+
+@pytest.mark.parametrize("call", CALLS)
+def test_operations_answer_as_openapi_says(home: Path, call: str) -> None:
+    told = CALLS[call](Operations(Homes([home]), Echo()))
+    names = {
+        "describe room": results.RoomDescription,
+        "goal_for": results.ObjectPose,
+        "list_objects": results.ObjectList,
+    }
+    names |= {"ask": results.Answered, "find": results.FoundByName, "describe": results.ObjectDescription}
+    names |= {"list_rooms": results.RoomList, "relate": results.Related}
+    names |= {"correct": results.Corrected, "undo": results.Corrected}
+    if call != "look_at":  # whose answer over HTTP is a picture
+        TypeAdapter(names[call]).validate_json(json.dumps(told))
 
 
 def test_long_work_sends_signs_of_life(mapped: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -250,7 +329,7 @@ def test_no_other_site_may_read(server: Server) -> None:
 
 
 def test_every_answer_has_the_security_headers(server: Server) -> None:
-    for path in ("/", "/app.js", "/api/homes", "/api/homes/attic/rooms", "/nothing", "/openapi.json"):
+    for path in ("/", "/app.js", "/api/homes", "/api/homes/attic/rooms", "/nothing", "/openapi.json", "/docs"):
         headers = httpx.get(server.url + path).headers
         policy = headers["content-security-policy"]
         assert "default-src 'none'" in policy and "unsafe" not in policy and "frame-ancestors 'none'" in policy

@@ -12,6 +12,7 @@ import re
 import shutil
 import sys
 from collections.abc import Awaitable, Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -173,10 +174,15 @@ def test_all_schemas_fit_a_small_model(home: Path, tmp_path: Path) -> None:
     async def check(client: Client) -> str:
         for tool in (await client.list_tools()).tools:
             assert tool.description and tool.output_schema and tool.annotations is not None
-            assert tool.output_schema["required"] == ["home", "home_id", "age_h"]
+            assert tool.output_schema["required"] == ["home", "home_id"]
             assert tool.annotations.read_only_hint is (tool.name not in ("correct", "undo", "go"))
             flat = tool.input_schema["properties"]
-            assert {about["type"] for about in flat.values()} <= {"string", "integer", "number"} and "home" in flat
+            assert {about["type"] for about in flat.values()} <= {
+                "string",
+                "integer",
+                "number",
+                "boolean",
+            } and "home" in flat
         return await schemas(client)
 
     assert tokens(with_server(two, check, "print")) <= 1500
@@ -222,6 +228,34 @@ def test_faults_name_the_next_call(ops: Operations) -> None:
     for line, names in zip(said[:4], ("list_objects", "list_objects", "two", "list_objects"), strict=True):
         assert names in line
     assert all("\n" not in line and len(line) < 300 for line in said)
+
+
+def test_bad_arguments_get_one_line(ops: Operations) -> None:
+    wrong: list[tuple[str, dict[str, Any], str]] = [
+        ("ask", {}, "words: Field required"), ("find", {"name": ["a"]}, "name: Input should be a valid string"),
+        ("list_objects", {"page": "x"}, "page: Input should be a valid integer"),
+        ("list_objects", {"pages": 2}, "list_objects has no argument 'pages'; it has room, page, tentative, home"),
+        ("correct", {"what": "delete"}, "what: Input should be 'name', 'confirm'"),
+        ("go", {}, "entity: Field required"),
+        ("describe", {"entity": "zebra"}, "nothing in this home"), ("nothing", {"a": 1}, "Unknown tool: nothing"),
+    ]  # fmt: skip
+
+    async def faults(client: Client) -> list[str]:
+        return [await fault(client, tool, **about) for tool, about, _ in wrong]
+
+    for said, (_, _, line) in zip(with_server(ops, faults, "print"), wrong, strict=True):
+        assert said.startswith(line) and "\n" not in said and "pydantic" not in said
+
+
+def test_tentative_objects_can_be_listed(home: Path) -> None:
+    mapped = Home.load(home)
+    objects = tuple(replace(t, confirmed=t.label != "chair") for t in mapped.objects)
+    replace(mapped, objects=objects, corrected=None).save(home)
+
+    async def totals(client: Client) -> list[int]:
+        return [(await told(client, "list_objects", **about))["total"] for about in ({}, {"tentative": True})]
+
+    assert with_server(Operations(Homes([home]), Echo()), totals) == [2, 3]
 
 
 def test_an_answer_without_a_goal_keeps_to_its_schema(ops: Operations, tmp_path: Path) -> None:

@@ -12,7 +12,8 @@ from cartier.navigation.planning import room_middle
 from cartier.pipeline import serve
 from cartier.reasoners.embedded import make
 from cartier.serving.homes import Homes
-from cartier.serving.operations import Operations, pose
+from cartier.serving.operations import Operations
+from cartier.serving.values import pose
 from cartier.types import FREE, OCCUPIED, OccupancyGrid, Room, Selection
 
 

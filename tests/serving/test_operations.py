@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 import threading
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -18,8 +19,9 @@ from cartier.geometry import box_distance
 from cartier.home import Home
 from cartier.serving import homes
 from cartier.serving.homes import Homes
+from cartier.serving.lookup import placed
 from cartier.serving.operations import Operations
-from cartier.types import Fact, Inventory, Selection
+from cartier.types import Fact, Inventory, MapObject, Selection
 from synthetic import CHAIR, MUG
 
 
@@ -59,8 +61,16 @@ CALLS: dict[str, Callable[[Operations], Any]] = {
 @pytest.mark.parametrize("call", CALLS)
 def test_every_answer_is_plain_and_says_of_which_map_it_is(ops: Operations, call: str) -> None:
     told = CALLS[call](ops)
-    assert told["home"] == "room" and len(told["home_id"]) == 12 and 0 <= told["age_h"] < 1
+    assert told["home"] == "room" and len(told["home_id"]) == 12 and told["age_h"] is None
     assert json.loads(json.dumps(told, allow_nan=False)) == told
+
+
+def test_age_is_that_of_the_recording(home: Path) -> None:
+    mapped, now_s = Home.load(home), time.time()
+    for last_s, age_h in ((now_s - 7200, 2.0), (2.5, None), (now_s + 1e6, None)):
+        objects = tuple(replace(t, first_seen_s=0, last_seen_s=1, last_looked_s=last_s) for t in mapped.objects)
+        replace(mapped, objects=objects, corrected=None).save(home)
+        assert Operations(Homes([home]), Echo()).list_rooms()["age_h"] == (age_h and pytest.approx(age_h, abs=0.05))
 
 
 def test_ask_tells_certainty_evidence_and_a_pose_near_it(ops: Operations) -> None:
@@ -105,9 +115,44 @@ def test_find_keeps_apart_what_is_only_maybe_so(home: Path) -> None:
     assert [row["label"] for row in told["objects"]] == ["mug table"] and (told["total"], told["maybe"]) == (1, 2)
 
 
-def test_a_place_is_told_the_same_wherever_it_is_told(ops: Operations) -> None:
+def test_find_says_that_only_a_weak_label_matched(home: Path) -> None:
+    mapped = Home.load(home)
+
+    def find(**tentative: bool) -> dict[str, Any]:
+        objects = [
+            replace(t, labels=(("chair", 1.9), ("kettle", 0.1)) if t.label == "chair" else t.labels,
+                    confirmed=tentative.get(t.label, t.confirmed))
+            for t in mapped.objects
+        ]  # fmt: skip
+        replace(mapped, objects=tuple(objects), corrected=None).save(home)
+        return Operations(Homes([home]), Echo()).find("kettle" if not tentative else "mug")
+
+    (row,) = find()["objects"]
+    assert row["label"] == "chair" and row["matched"] == "is no kettle by its name: kettle is 5% of its labels"
+    (mug,) = find(mug=False)["objects"]
+    assert mug["confirmed"] is False and "matched" not in mug, "a tentative one of the name is one"
+
+
+def test_tentative_objects_are_listed_on_demand_and_last(home: Path) -> None:
+    mapped = Home.load(home)
+    objects = tuple(replace(t, confirmed=t.label != "chair") for t in mapped.objects)
+    replace(mapped, objects=objects, corrected=None).save(home)
+    ops = Operations(Homes([home]), Echo())
+    sure, every = ops.list_objects(), ops.list_objects(tentative=True)
+    assert (sure["total"], sure["maybe"]) == (2, 1) and all("confirmed" not in row for row in sure["objects"])
+    assert [row["label"] for row in every["objects"]] == ["mug", "table", "chair"] and "maybe" not in every
+    assert every["objects"][-1]["confirmed"] is False
+
+
+def test_a_place_is_told_the_same_wherever_it_is_told(ops: Operations, home: Path) -> None:
     asked, described = ops.ask("mug"), ops.describe("mug")
-    assert [asked[axis] for axis in "xyz"] == [described[axis] for axis in "xyz"]
+    obj = next(t for t in Home.load(home).objects if t.label == "mug")
+    answer = cartier.ask(Home.load(home), "mug", Echo()).to_dict()
+    assert answer["object_id"] == answer["place"]["object_id"] == asked["id"] == obj.id
+    told = [asked["x"], asked["y"], asked["z"]], [described[axis] for axis in "xyz"], answer["place"]["position"]
+    for at in told:
+        assert at == pytest.approx(list(obj.position), abs=0.006)
+    assert answer["place"]["index_position"] != answer["place"]["position"], "a point of the surface that was seen"
 
 
 def test_a_move_to_nowhere_says_what_it_needs(ops: Operations) -> None:
@@ -140,10 +185,24 @@ def test_a_list_is_paged_and_says_so(ops: Operations, monkeypatch: pytest.Monkey
 
 def test_relations_are_told_both_ways(ops: Operations) -> None:
     one = ops.relate("mug", "table")
+    assert one["side"] is None and not any("left" in line or "right" in line for line in one["relations"])
     assert any(line.startswith("mug") and " on table" in line for line in one["relations"]) and one["apart_m"] < 0.1
     assert any("table" in line and "bigger than mug" in line for line in ops.relate("table", "mug")["relations"])
     with pytest.raises(InputError, match="relate needs two"):
         ops.relate("mug", "mug")
+
+
+def test_of_left_on_and_beside_one_holds() -> None:
+    def standing(number: int, x: float, low: float, high: float, label: str = "table") -> MapObject:
+        side = 0.05 if label == "mug" else 0.4
+        at, box_min, box_max = (x, 0.0, (low + high) / 2), (x - side, -side, low), (x + side, side, high)
+        return MapObject(number, label, ((label, 1.0),), at, box_min, box_max, 0.9, True, 5, 5, 0.0, 1.0, 1.0, ())
+
+    table, mug = standing(1, 0.0, 0.0, 0.7), standing(2, -0.3, 0.7, 0.8, "mug")
+    near, far, before = standing(3, -0.9, 0.0, 0.7), standing(4, -3.0, 0.0, 0.7), (0.0, -2.0)
+    for other, kind, side in ((mug, "on", None), (near, "next to", "left"), (far, "left of", "left")):
+        found, told = placed(other, table, [table, other], before)
+        assert ([r.kind for r in found if r.kind != "bigger"], told) == ([kind], side)
 
 
 def test_a_crop_shows_the_box(ops: Operations) -> None:

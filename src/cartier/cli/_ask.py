@@ -153,8 +153,8 @@ def _print_answer(answer: Answer, shown: set[str]) -> None:
     if chosen.object and chosen.reason:
         print(f"  why    {chosen.reason}")
     if place:
-        x, y, z = place.position
-        what = "seen from" if place.view_yaw is not None else "place"
+        x, y, z = place.middle
+        what = "seen from" if place.view_yaw is not None and place.middle == place.position else "place"
         print(f"  {what:6} x {x:.2f}  y {y:.2f}  z {z:.2f} m   (frame {place.frame}, score {place.score:.2f})")
     if goal:
         print(f"  goal   x {goal.x:.2f}  y {goal.y:.2f} m  yaw {goal.yaw:.2f} rad   ({goal.length_m:.2f} m to drive)")

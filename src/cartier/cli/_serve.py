@@ -47,12 +47,21 @@ def serve(
     """
     operations = _operations(homes, reasoner, model, memory_mb, emergency_number, on_alarm)
     try:
-        from cartier.serving.http import make
+        from cartier.serving.http import DOCUMENTATION, make
         from cartier.serving.page import files
         from cartier.serving.server import listen
     except ModuleNotFoundError as error:
         raise _missing("serve", error) from error
-    listen(make(operations), host, port, name or [], token_file, (tls_cert, tls_key), say, open_paths=files())
+    listen(
+        make(operations),
+        host,
+        port,
+        name or [],
+        token_file,
+        (tls_cert, tls_key),
+        say,
+        open_paths=(*files(), DOCUMENTATION),
+    )
 
 
 @app.command()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -13,6 +14,7 @@ from cartier import plugins
 from cartier.cli._common import AsJson, HomeFolder, IndexName, progress, say
 from cartier.cli.reader_options import as_mapped
 from cartier.errors import InputError, MissingExtra
+from cartier.home.dates import date_of
 from cartier.llm.prompts import check_query
 
 if TYPE_CHECKING:
@@ -150,7 +152,7 @@ def _print_rooms(home: dict[str, Any], everything: bool) -> None:
                 str(row["id"]), ", ".join([*row["names"], row["label"]]) + ("" if row["confirmed"] else " ?"),
                 f"{row['probability']:.0%}", f"{row['n_detected']} of {row['n_observable']}", _size(row),
                 ", ".join(name for name, _ in row["colours"][:2]),
-                "" if on is None else f"{on['relation']} {names[on['id']]}", f"{row['last_seen_s']:.1f} s",
+                "" if on is None else f"{on['relation']} {names[on['id']]}", _when(row["last_seen_s"]),
             )  # fmt: skip
         console.print(table)
     sure = sum(row["confirmed"] for row in home["objects"])
@@ -160,6 +162,12 @@ def _print_rooms(home: dict[str, Any], everything: bool) -> None:
     console.print(f"detector: {home['detector']}", highlight=False)
     for note in home["notes"]:
         console.print(f"note: {note}", highlight=False)
+
+
+def _when(time_s: float) -> str:
+    """A frame's time: its date, or the seconds since the recording began."""
+    date = date_of(time_s, time.time())
+    return f"{time_s:.1f} s" if date is None else f"{date:%Y-%m-%d %H:%M} UTC"
 
 
 def _size(row: dict[str, Any]) -> str:
@@ -177,7 +185,8 @@ def _print_object(row: dict[str, Any], scale_guessed: bool) -> None:
         (x0, y0, _), (x1, y1, _) = row["box_min"], row["box_max"]
         print(f"  place  x {x0:.2f} to {x1:.2f}  y {y0:.2f} to {y1:.2f} m: its distance is unknown{guess}")
     frames = f"{row['n_detected']} of {row['n_observable']} frames in which it was observable"
-    print(f"  seen   in {frames}, last at {row['last_seen_s']:.1f} s")
+    when = _when(row["last_seen_s"])
+    print(f"  seen   in {frames}, last {'on' if when.endswith('UTC') else 'at'} {when}")
     print(f"  labels {', '.join(f'{name} ({weight:.2f})' for name, weight in row['labels'])}")
     if row["colours"]:
         print(f"  colour {', '.join(f'{name} {share:.0%}' for name, share in row['colours'])}")

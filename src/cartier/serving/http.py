@@ -19,11 +19,21 @@ from pydantic import BaseModel, ConfigDict, Field
 from starlette.exceptions import HTTPException
 
 from cartier.errors import CartierError, InputError
-from cartier.serving import page
+from cartier.serving import api_page, page, results
 from cartier.serving.operations import Operations
+from cartier.serving.values import wrong_value
 
 THREADS = 4  # per home: slow requests to one home do not delay another
 BEAT_S = 1.0  # between two `thinking` events
+
+DOCUMENTATION = "/docs"
+EVENTS: dict[int | str, dict[str, Any]] = {200: {"content": {"text/event-stream": {"schema": {"type": "string"}}}}}
+PHOTO: dict[int | str, dict[str, Any]] = {
+    200: {
+        "content": {"image/jpeg": {"schema": {"type": "string", "format": "binary"}}},
+        "headers": {"x-box": {"schema": {"type": "string"}, "description": "the object's box in it: [x1, y1, x2, y2]"}},
+    }
+}
 
 Text = Annotated[str, Field(max_length=4000)]
 Short = Annotated[str, Field(max_length=200)]
@@ -67,12 +77,14 @@ def make(operations: Operations) -> FastAPI:
     app = FastAPI(
         title="cartier", version=version("cartier"), docs_url=None, redoc_url=None, openapi_url="/openapi.json",
         summary="Talk to mapped homes: where objects are, how certain that is, and poses to reach them.",
+        responses={"4XX": {"model": results.Fault, "description": "what is wrong, in one line"}},
     )  # fmt: skip
     limits = {name: anyio.CapacityLimiter(THREADS) for name in operations.homes.names}
     _add_faults(app)
     _add_page(app)
-    _add_reading(app, operations, functools.partial(_run, operations, limits))
-    _add_writing(app, operations, functools.partial(_run, operations, limits))
+    for add in (_add_reading, _add_pictures, _add_writing):
+        add(app, operations, functools.partial(_run, operations, limits))
+    _add_documentation(app)
     return app
 
 
@@ -92,9 +104,7 @@ def _add_faults(app: FastAPI) -> None:
 
     @app.exception_handler(RequestValidationError)
     async def malformed(request: Request, error: RequestValidationError) -> JSONResponse:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"][1:])
-        return JSONResponse({"error": f"{where or 'the request'}: {first['msg']}"}, 422)
+        return JSONResponse({"error": wrong_value(error.errors()[0], skip=1)}, 422)
 
     @app.exception_handler(HTTPException)
     async def unknown(request: Request, error: HTTPException) -> JSONResponse:
@@ -117,68 +127,106 @@ def _add_page(app: FastAPI) -> None:
 
 def _add_reading(app: FastAPI, ops: Operations, run: Callable[..., Any]) -> None:
     @app.get("/api/homes", summary="The homes that are served")
-    async def homes() -> dict[str, list[str]]:
-        return {"homes": ops.homes.names}
+    async def homes() -> results.Homes:
+        return results.Homes(homes=ops.homes.names)
 
-    @app.post("/api/homes/{home}/ask", summary="The answer to a person's words; as server-sent events if accepted")
-    async def ask(home: str, question: Question, accept: Annotated[str, Header()] = "") -> Any:
+    @app.post(
+        "/api/homes/{home}/ask", response_model=results.Answered, responses=EVENTS,
+        summary="The answer to a person's words; as server-sent events if accepted",
+    )  # fmt: skip
+    async def ask(home: str, question: Question, accept: Annotated[str, Header()] = "") -> Response:
         given = (home, ops.ask, question.words, home, question.conversation, question.from_x, question.from_y, True)
         if "text/event-stream" not in accept:
-            return await run(*given)
+            return JSONResponse(await run(*given))
         return StreamingResponse(_events(functools.partial(run, *given)), media_type="text/event-stream")
 
-    @app.get("/api/homes/{home}/view", summary="The data of the page: floor plan, rooms, objects")
-    async def view(home: str) -> Any:
+    @app.get("/api/homes/{home}/find", response_model=results.FoundByName, summary="Objects and rooms by name")
+    async def find(home: str, name: ShortQuery) -> Response:
+        return JSONResponse(await run(home, ops.find, name, home))
+
+    @app.get(
+        "/api/homes/{home}/objects", response_model=results.ObjectList,
+        summary="The objects of a home or of one room, one page at a time",
+    )  # fmt: skip
+    async def objects(
+        home: str, room: ShortQuery = "", page: Annotated[int, Query(ge=1, le=100_000)] = 1, tentative: bool = False
+    ) -> Response:
+        return JSONResponse(await run(home, ops.list_objects, room, page, tentative, home))
+
+    @app.get("/api/homes/{home}/rooms", response_model=results.RoomList, summary="The rooms of a home")
+    async def rooms(home: str) -> Response:
+        return JSONResponse(await run(home, ops.list_rooms, home))
+
+    @app.get(
+        "/api/homes/{home}/describe", response_model=results.ObjectDescription | results.RoomDescription,
+        summary="All that is known about one object or room",
+    )  # fmt: skip
+    async def describe(home: str, entity: ShortQuery) -> Response:
+        return JSONResponse(await run(home, ops.describe, entity, home))
+
+    @app.get("/api/homes/{home}/relate", response_model=results.Related, summary="The spatial relations of two objects")
+    async def relate(home: str, entity: ShortQuery, other: ShortQuery) -> Response:
+        return JSONResponse(await run(home, ops.relate, entity, other, home))
+
+    @app.get(
+        "/api/homes/{home}/goal", response_model=results.ObjectPose | results.RoomPose,
+        summary="A reachable goal pose that faces an object or lies in a room",
+    )  # fmt: skip
+    async def goal(home: str, entity: ShortQuery, from_x: MetresQuery = None, from_y: MetresQuery = None) -> Response:
+        return JSONResponse(await run(home, ops.goal_for, entity, home, from_x, from_y))
+
+
+def _add_pictures(app: FastAPI, ops: Operations, run: Callable[..., Any]) -> None:
+    @app.get(
+        "/api/homes/{home}/view",
+        response_model=results.View,
+        summary="The data of the page: floor plan, rooms, objects",
+    )
+    async def view(home: str) -> Response:
         return Response(await run(home, page.served_json, ops, home, page.view), media_type="application/json")
 
-    @app.get("/api/homes/{home}/cloud", summary="The point cloud of the 3-D view, null without one")
-    async def cloud(home: str) -> Any:
+    @app.get(
+        "/api/homes/{home}/cloud", response_model=results.Cloud,
+        summary="The point cloud of the 3-D view, null without one",
+    )  # fmt: skip
+    async def cloud(home: str) -> Response:
         return Response(
             await run(home, page.served_json, ops, home, lambda mapped: {"cloud": page.cloud(mapped)}),
             media_type="application/json",
         )
 
-    @app.get("/api/homes/{home}/find", summary="Objects and rooms by name")
-    async def find(home: str, name: ShortQuery) -> Any:
-        return await run(home, ops.find, name, home)
-
-    @app.get("/api/homes/{home}/objects", summary="The objects of a home or of one room, one page at a time")
-    async def objects(
-        home: str, room: ShortQuery = "", page: Annotated[int, Query(ge=1, le=100_000)] = 1, tentative: bool = False
-    ) -> Any:
-        return await run(home, ops.list_objects, room, page, tentative, home)
-
-    @app.get("/api/homes/{home}/rooms", summary="The rooms of a home")
-    async def rooms(home: str) -> Any:
-        return await run(home, ops.list_rooms, home)
-
-    @app.get("/api/homes/{home}/describe", summary="All that is known about one object or room")
-    async def describe(home: str, entity: ShortQuery) -> Any:
-        return await run(home, ops.describe, entity, home)
-
-    @app.get("/api/homes/{home}/relate", summary="The spatial relations of two objects")
-    async def relate(home: str, entity: ShortQuery, other: ShortQuery) -> Any:
-        return await run(home, ops.relate, entity, other, home)
-
-    @app.get("/api/homes/{home}/goal", summary="A reachable goal pose that faces an object or lies in a room")
-    async def goal(home: str, entity: ShortQuery, from_x: MetresQuery = None, from_y: MetresQuery = None) -> Any:
-        return await run(home, ops.goal_for, entity, home, from_x, from_y)
-
-    @app.get("/api/homes/{home}/photo", summary="A photo of an object, its evidence, as JPEG", response_class=Response)
-    async def photo(home: str, entity: ShortQuery, view: Annotated[int, Query(ge=1, le=100)] = 1) -> Response:
+    @app.get(
+        "/api/homes/{home}/photo", summary="A photo of an object, its evidence, as JPEG; view 0 is the floor plan",
+        response_class=Response, responses=PHOTO,
+    )  # fmt: skip
+    async def photo(home: str, entity: ShortQuery, view: Annotated[int, Query(ge=0, le=100)] = 1) -> Response:
         result, jpeg = await run(home, ops.look_at, entity, view, home)
-        return Response(jpeg, media_type="image/jpeg", headers={"x-box": json.dumps(result["box_in_picture"])})
+        box = {"x-box": json.dumps(result["box_in_picture"])} if "box_in_picture" in result else {}
+        return Response(jpeg, media_type="image/jpeg", headers=box)
 
 
 def _add_writing(app: FastAPI, ops: Operations, run: Callable[..., Any]) -> None:
-    @app.post("/api/homes/{home}/corrections", summary="Name, confirm, relabel, add, merge, split, forget or move")
-    async def correct(home: str, made: Correction) -> Any:
+    @app.post(
+        "/api/homes/{home}/corrections", response_model=results.Corrected,
+        summary="Name, confirm, relabel, add, merge, split, forget or move",
+    )  # fmt: skip
+    async def correct(home: str, made: Correction) -> Response:
         given = (made.entity, made.name, made.x, made.y, home, made.who, made.other)
-        return await run(home, ops.correct, made.what, *given)
+        return JSONResponse(await run(home, ops.correct, made.what, *given))
 
-    @app.post("/api/homes/{home}/undo", summary="Undo the latest correction")
-    async def undo(home: str, by: Who) -> Any:
-        return await run(home, ops.undo, home, by.who)
+    @app.post("/api/homes/{home}/undo", response_model=results.Corrected, summary="Undo the latest correction")
+    async def undo(home: str, by: Who) -> Response:
+        return JSONResponse(await run(home, ops.undo, home, by.who))
+
+
+def _add_documentation(app: FastAPI) -> None:
+    @functools.cache
+    def described() -> bytes:
+        return api_page.page(app.openapi()).encode()
+
+    @app.get(DOCUMENTATION, include_in_schema=False)
+    def documentation() -> Response:
+        return Response(described(), media_type="text/html; charset=utf-8", headers={"cache-control": "no-cache"})
 
 
 async def _events(work: Callable[[], Any]) -> AsyncIterator[str]:

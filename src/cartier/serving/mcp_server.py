@@ -16,22 +16,24 @@ from typing import Annotated, Any, Literal
 from mcp.server import MCPServer
 from mcp.server.apps import Apps, client_supports_apps
 from mcp.server.mcpserver import Context
-from mcp.server.mcpserver.exceptions import ToolError
+from mcp.server.mcpserver.exceptions import ToolError, UnexpectedToolError
 from mcp.server.mcpserver.resolve import Elicit, Resolve
 from mcp_types import (
     CallToolResult,
     ClientCapabilities,
     ElicitationCapability,
     ImageContent,
+    InputRequiredResult,
     TextContent,
     Tool,
     ToolAnnotations,
 )
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from cartier.errors import CartierError
+from cartier.errors import CartierError, brief
 from cartier.serving import page
 from cartier.serving.operations import Operations
+from cartier.serving.values import wrong_value
 
 INSTRUCTIONS = (
     "Mapped homes: where objects are, how certain, last seen when, and poses a robot can reach. Start with ask (any "
@@ -52,7 +54,7 @@ class AnyResult(BaseModel):
     model_config = ConfigDict(extra="allow")
     home: str
     home_id: str
-    age_h: float
+    age_h: float | None = None
 
 
 class ObjectResult(AnyResult):
@@ -102,6 +104,24 @@ class _Server(MCPServer):
             tool.output_schema = self._short(tool.output_schema) if tool.output_schema else None
         return tools
 
+    async def call_tool(
+        self, name: str, arguments: dict[str, Any], context: Context[Any, Any] | None = None
+    ) -> CallToolResult | InputRequiredResult:
+        """As MCPServer does, but what is wrong with the arguments is one line, as over HTTP."""
+        tool = next((tool for tool in await super().list_tools() if tool.name == name), None)
+        known = list(tool.input_schema.get("properties", {})) if tool is not None else list(arguments)
+        if unknown := [given for given in arguments if given not in known]:
+            raise ToolError(f"{name} has no argument {brief(unknown[0], 40)!r}; it has {', '.join(known) or 'none'}")
+        try:
+            return await super().call_tool(name, arguments, context)
+        except UnexpectedToolError:
+            raise
+        except ToolError as error:
+            cause = error.__cause__
+            if isinstance(cause, ValidationError):
+                raise ToolError(wrong_value(cause.errors()[0])) from cause
+            raise ToolError(str(cause) if isinstance(cause, ToolError) else str(error)) from cause
+
     def _short(self, schema: dict[str, Any], depth: int = 0) -> dict[str, Any]:
         short: dict[str, Any] = {}
         for key, value in schema.items():
@@ -134,8 +154,8 @@ def _add_reading(server: MCPServer, ops: Operations) -> None:
     ) -> ResultAbout:
         return _call(ops.describe, entity, home)
 
-    def list_objects(room: str = "", page: int = 1, home: str = "") -> Result:
-        return _call(ops.list_objects, room, page, False, home)
+    def list_objects(room: str = "", page: int = 1, tentative: bool = False, home: str = "") -> Result:
+        return _call(ops.list_objects, room, page, tentative, home)
 
     def list_rooms(home: str = "") -> Result:
         return _call(ops.list_rooms, home)

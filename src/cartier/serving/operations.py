@@ -6,18 +6,15 @@ whether it can be reached. A fault is an InputError whose line names the operati
 
 from __future__ import annotations
 
-import io
 import logging
 import math
 import threading
 import time
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
-from difflib import get_close_matches
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from cartier import specs
 from cartier.contracts import Reasoner
@@ -25,23 +22,34 @@ from cartier.errors import InputError, brief
 from cartier.home import Home
 from cartier.home.correction_log import CorrectionKind
 from cartier.home.corrections import find
+from cartier.home.dates import age_h
 from cartier.home.photos import photo_of
 from cartier.home.spoken import correct_by_words
-from cartier.home.store import MANIFEST
-from cartier.llm.lookup import names_of
 from cartier.llm.prompts import check_query, recent
 from cartier.navigation.planning import plan
 from cartier.pipeline import CORRECTION, ask, robot_turn, serve
 from cartier.serving.homes import Homes
+from cartier.serving.lookup import named, placed
+from cartier.serving.values import (
+    answer_values,
+    called,
+    certainty,
+    crop,
+    evidence,
+    place_of,
+    pose,
+    room_name,
+    room_row,
+    xyz,
+)
 from cartier.spatial import relations
-from cartier.types import Answer, Array, Goal, MapObject, Place, RobotModel, Room, Selection
+from cartier.types import Goal, MapObject, RobotModel, Room
 from cartier.understanding import alarm
 
 PAGE = 5  # objects on a page of a list: few enough for a small model
-FOUND, RELATIONS, CANDIDATES, MEANT = 5, 5, 3, 12
+FOUND = 5  # objects that find shows
 MAX_CONVERSATIONS, MAX_CONVERSATION_CHARS = 1000, 64
 NO_PLAN = "there is no goal: without depth the home has no floor plan to plan on"
-CROP_PX, MARGIN = 512, 0.35  # of a cropped photo: its longer side, and the margin in box sizes
 
 
 class Operations:
@@ -100,7 +108,7 @@ class Operations:
                 if len(self._turns) > MAX_CONVERSATIONS:
                     self._turns.popitem(last=False)
         known = {"corrected": True} if corrected is not None else {}
-        return self.about(home, mapped) | _answer(mapped, answer) | known
+        return self.about(home, mapped) | answer_values(mapped, answer) | known
 
     def _tell(self, alarming: dict[str, Any]) -> None:
         assert self._on_alarm is not None
@@ -109,35 +117,22 @@ class Operations:
     def find(self, name: str, home: str = "") -> dict[str, Any]:
         """Objects and rooms by name, the most probable first; similar spellings if none has the name.
 
-        ``maybe`` counts further objects that are tentative, or have the name in some frames only.
+        ``maybe`` counts further objects that are tentative, or have the name in some frames only. If there are none
+        but such, they are shown, and ``matched`` says by which label.
         """
         mapped, wanted = self.homes.get(home), " ".join(name.casefold().split())
         if not wanted:
             raise InputError("find needs a name: call list_objects to see all")
-        called = {
-            obj.id: [n.casefold() for n in (*obj.names, obj.label, *(n for n, _ in obj.labels))]
-            for obj in mapped.objects
-        }
-        hits = [t for t in mapped.objects if any(wanted in each for each in called[t.id])]
-        close = []
-        if not hits:
-            close = get_close_matches(wanted, sorted({n for names in called.values() for n in names}), 3, 0.75)
-            hits = [t for t in mapped.objects if set(close) & set(called[t.id])]
-        hits.sort(key=lambda t: (wanted not in called[t.id][: 1 + len(t.names)], not t.confirmed, -t.probability, t.id))
+        found = named(mapped.objects, wanted)
+        rows = [
+            self._row(mapped, t) | ({"matched": found.weak[t.id]} if t.id in found.weak else {})
+            for t in found.sure[:FOUND]
+        ]
         rooms = [{"room": f"room:{r.id}", "name": r.name} for r in mapped.rooms if wanted in r.name.casefold()]
-
-        def is_named(obj: MapObject) -> bool:
-            return any(n in each for each in called[obj.id][: 1 + len(obj.names)] for n in (wanted, *close))
-
-        confirmed = [t for t in hits if t.confirmed]
-        sure = [t for t in confirmed if is_named(t)] or confirmed or hits
-        rows = [self._row(mapped, t) for t in sure[:FOUND]]
-        result: dict[str, Any] = {"total": len(sure), "objects": rows, "rooms": rooms}
-        if len(hits) > len(sure):
-            result["maybe"] = len(hits) - len(sure)
-        if close:
-            result["spelt"] = close
-        if not hits and not rooms:
+        result: dict[str, Any] = {"total": len(found.sure), "objects": rows, "rooms": rooms}
+        result |= {"maybe": found.maybe} if found.maybe else {}
+        result |= {"spelt": found.spelt} if found.spelt else {}
+        if not found.sure and not rooms:
             no_hit = f"nothing is called {brief(name, 40)!r}"
             result["next"] = f"{no_hit}: ask understands needs in any words, list_objects shows all"
         return self.about(home, mapped) | result
@@ -156,30 +151,36 @@ class Operations:
             "size_m": [round(high - low, 2) for low, high in zip(one.box_min, one.box_max, strict=True)],
             "colours": [name for name, _ in one.colours[:3]],
             "also_called": [name for name, _ in one.labels if name != one.label][:3],
-            "stands": None if on is None else f"{on.kind} {_called(mapped, on.object)}",
-            "holds": [_called(mapped, k) for k, r in held.items() if r.object == one.id][:6],
-            "next_to": [_called(mapped, r.subject) for r in beside if r.probability >= 0.5][:4],
+            "stands": None if on is None else f"{on.kind} {called(mapped, on.object)}",
+            "holds": [called(mapped, k) for k, r in held.items() if r.object == one.id][:6],
+            "next_to": [called(mapped, r.subject) for r in beside if r.probability >= 0.5][:4],
             "last_seen_s": round(one.last_seen_s, 1), "last_looked_s": round(one.last_looked_s, 1), **goal,
         }  # fmt: skip
 
     def list_objects(self, room: str = "", page: int = 1, tentative: bool = False, home: str = "") -> dict[str, Any]:
-        """The objects of a home or of one room, one page at a time."""
+        """The objects of a home or of one room, one page at a time; with ``tentative`` those, too, after the others.
+
+        Without it, ``maybe`` counts them.
+        """
         mapped = self.homes.get(home)
-        rows = [t for t in mapped.objects if t.confirmed or tentative]
+        listed = list(mapped.objects)
         if room:
             one = find(room, (), mapped.rooms)
-            rows = [t for t in rows if t.room == one.id]
-        rows.sort(key=lambda t: (t.label, t.id))
+            listed = [t for t in listed if t.room == one.id]
+        rows = [t for t in listed if t.confirmed or tentative]
+        rows.sort(key=lambda t: (not t.confirmed, t.label, t.id))
         pages = max(1, math.ceil(len(rows) / PAGE))
         if not 1 <= page <= pages:
             raise InputError(f"there is no page {page}: call list_objects with page 1 to {pages}")
         shown = [self._row(mapped, t) for t in rows[(page - 1) * PAGE : page * PAGE]]
-        return self.about(home, mapped) | {"total": len(rows), "page": page, "pages": pages, "objects": shown}
+        maybe = {"maybe": len(listed) - len(rows)} if len(listed) > len(rows) else {}
+        counts = {"total": len(rows), "page": page, "pages": pages}
+        return self.about(home, mapped) | counts | maybe | {"objects": shown}
 
     def list_rooms(self, home: str = "") -> dict[str, Any]:
         """The rooms of a home."""
         mapped = self.homes.get(home)
-        return self.about(home, mapped) | {"rooms": [_room_row(mapped, r) for r in mapped.rooms]}
+        return self.about(home, mapped) | {"rooms": [room_row(mapped, r) for r in mapped.rooms]}
 
     def relate(self, entity: str, other: str, home: str = "") -> dict[str, Any]:
         """The spatial relations of two objects, seen from the goal pose of the second."""
@@ -189,21 +190,17 @@ class Operations:
             raise InputError(f"{brief(entity, 40)} and {brief(other, 40)} are one object {a.id}: relate needs two")
         goal, _ = self._planned(mapped, b, mapped.start_xy)
         seen_from = (goal.x, goal.y) if goal is not None else mapped.start_xy
-        found = [r for k, r in relations.supports(_confirmed(mapped, a, b)).items() if {k, r.object} == {a.id, b.id}]
-        found += relations.under(b, [a]) + relations.next_to(b, [a])
-        found += relations.left_of(b, [a], seen_from) + relations.right_of(b, [a], seen_from)
-        found += [relations.bigger(a, b)]
-        rows = sorted((r for r in found if r.probability >= 0.5), key=lambda r: -r.probability)[:RELATIONS]
+        rows, side = placed(a, b, _confirmed(mapped, a, b), seen_from)
         kinds = [f"{r.kind} than" if r.kind == "bigger" else r.kind for r in rows]
         lines = [
-            f"{_called(mapped, r.subject)} is {kind} {_called(mapped, r.object)}"
+            f"{called(mapped, r.subject)} is {kind} {called(mapped, r.object)}"
             for r, kind in zip(rows, kinds, strict=True)
         ]
         gap = np.maximum(0, np.maximum(np.subtract(a.box_min, b.box_max), np.subtract(b.box_min, a.box_max)))
         return self.about(home, mapped) | {
-            "relations": lines, "certainty": [round(r.probability, 2) for r in rows],
+            "relations": lines, "certainty": [round(r.probability, 2) for r in rows], "side": side,
             "apart_m": round(float(np.linalg.norm(gap)), 2), "same_room": a.room == b.room,
-            "seen_from": [round(v, 2) for v in seen_from], "evidence": [_evidence(a), _evidence(b)],
+            "seen_from": [round(v, 2) for v in seen_from], "evidence": [evidence(a), evidence(b)],
         }  # fmt: skip
 
     def goal_for(
@@ -281,11 +278,8 @@ class Operations:
         return {key: value for key, value in result.items() if key != "next"}
 
     def about(self, home: str, mapped: Home) -> dict[str, Any]:
-        """The name and id of a home, and the age of its map."""
-        result: dict[str, Any] = {"home": self.homes.name(home), "home_id": mapped.id}
-        if mapped.store is not None:
-            result["age_h"] = round(max(0.0, time.time() - (mapped.store.folder / MANIFEST).stat().st_mtime) / 3600, 2)
-        return result
+        """The name and id of a home, and the hours since it was recorded (None where its recordings have no date)."""
+        return {"home": self.homes.name(home), "home_id": mapped.id, "age_h": age_h(mapped.objects, time.time())}
 
     def _one(self, entity: str, home: str) -> tuple[Home, MapObject | Room]:
         """A home, and the object or room in it that is meant."""
@@ -302,112 +296,12 @@ class Operations:
 
     def _row(self, mapped: Home, one: MapObject | Room) -> dict[str, Any]:
         if isinstance(one, Room):
-            return _room_row(mapped, one)
+            return room_row(mapped, one)
         named = {"name": one.names[0]} if one.names else {}
         return {
-            "id": one.id, "label": one.label, **named, "room": _room_name(mapped, one), **_xyz(one.position),
-            **_certainty(one), "reachable": self._planned(mapped, one, mapped.start_xy)[0] is not None,
-        }  # fmt: skip
-
-
-def _answer(home: Home, answer: Answer) -> dict[str, Any]:
-    chosen, place, goal = answer.selection, answer.place, answer.goal
-    one = None if place is None else next((t for t in home.objects if t.id == place.object_id), None)
-    result: dict[str, Any] = {"status": chosen.status, "object": chosen.object}
-    result |= {"alarm": chosen.alarm} if chosen.alarm else {}
-    words = {getattr(chosen, key): key for key in ("reason", "text", "question")}  # the same text once
-    result |= {key: text for text, key in reversed(words.items()) if text}
-    if ids := _meant(home, chosen):
-        result["ids"] = ids
-    if chosen.tentative is not None:
-        result["tentative"] = chosen.tentative
-    if candidates := [[name, round(score, 2)] for name, score in chosen.candidates[:CANDIDATES] if score >= 0.01]:
-        result["candidates"] = candidates
-    if one is not None:
-        result |= {"name": one.names[0]} if one.names else {}
-        result |= {"id": one.id, "room": _room_name(home, one), **_certainty(one)}
-    if place is not None:  # the object's middle, as in every other result; not the surface that the index aims at
-        result |= _xyz(place.position if one is None else one.position)
-    result["goal"] = None if goal is None else pose(goal)
-    notes = [note for note in answer.notes if "embedded reasoner answers" not in note]
-    result |= {"notes": notes} if notes else {}
-    return result | ({"next": [_answer(home, further) for further in answer.next]} if answer.next else {})
-
-
-def _meant(home: Home, chosen: Selection) -> list[int]:
-    """The objects that an answer is about, or that a question names, for a person to point at one."""
-    if chosen.tentative is not None:
-        return []  # the confirmed ones in its words only say where it is
-    if chosen.status != "clarify":
-        return list(chosen.fact.objects[:MEANT]) if chosen.fact else []
-    named = {name for name, _ in names_of(tuple(home.names)).mentions(chosen.question or "")}
-    return [t.id for t in home.objects if t.confirmed and named & {t.label, *t.names}][:MEANT]
-
-
-def pose(goal: Goal) -> dict[str, Any]:
-    """A goal pose with the corners of its path."""
-    return {
-        "x": round(goal.x, 3), "y": round(goal.y, 3), "yaw": round(goal.yaw, 3), "length_m": round(goal.length_m, 2),
-        "sees_it": goal.line_of_sight, "path": _corners(goal.path),
-    }  # fmt: skip
-
-
-def _corners(path: Array) -> list[list[float]]:
-    """A path (K, 2) without the points on its straight parts."""
-    if len(path) > 2:
-        steps = np.diff(path, axis=0)
-        turns = np.abs(steps[1:] - steps[:-1]).max(1) > 1e-6
-        path = path[np.concatenate([[True], turns, [True]])]
-    return [[round(float(x), 3), round(float(y), 3)] for x, y in path]
-
-
-def place_of(one: MapObject | Room, home: Home) -> Place:
-    """The place of an object or a room, to plan a goal for: the one that ``ask`` drives to, else an object's box."""
-    room = one.id if isinstance(one, Room) else None
-    name = one.name if isinstance(one, Room) else one.label
-    place = home.locate(Selection("found", name, object_id=one.id if room is None else None, room=room))
-    if place is not None and (room is not None or place.object_id == one.id):
-        return place
-    assert isinstance(one, MapObject)  # a home without a floor plan has no rooms
-    view = one.views[0] if one.views else None
-    return Place(
-        one.label, one.position, one.probability, view.frame if view else -1, view.box_xyxy if view else None,
-        one.box_min, one.box_max, object_id=one.id,
-    )  # fmt: skip
-
-
-def _room_row(home: Home, room: Room) -> dict[str, Any]:
-    assert home.grid is not None
-    count = sum(t.room == room.id and t.confirmed for t in home.objects)
-    area = round(len(room.cells) * home.grid.resolution_m**2, 1)
-    return {"room": f"room:{room.id}", "name": room.name, "kind": room.kind, "area_m2": area, "objects": count}
-
-
-def _evidence(obj: MapObject) -> str:
-    frame = f", frame {obj.views[0].frame}" if obj.views else ""
-    said = "a person said so; " if obj.by_person else ""
-    return f"{said}seen {obj.n_detected} of {obj.n_observable}{frame}"
-
-
-def _called(home: Home, number: int | None) -> str:
-    obj = next(t for t in home.objects if t.id == number)
-    return f"{obj.names[0] if obj.names else obj.label} {obj.id}"
-
-
-def _confirmed(home: Home, *more: MapObject) -> list[MapObject]:
-    return [t for t in home.objects if t.confirmed or t in more]
-
-
-def _room_name(home: Home, obj: MapObject) -> str | None:
-    return next((room.name for room in home.rooms if room.id == obj.room), None)
-
-
-def _certainty(obj: MapObject) -> dict[str, Any]:
-    return {"certainty": round(obj.probability, 2), "evidence": _evidence(obj)}
-
-
-def _xyz(position: Sequence[float]) -> dict[str, float]:
-    return {axis: round(v, 2) for axis, v in zip("xyz", position, strict=True)}
+            "id": one.id, "label": one.label, **named, "room": room_name(mapped, one), **xyz(one.position),
+            **certainty(one), "reachable": self._planned(mapped, one, mapped.start_xy)[0] is not None,
+        } | ({} if one.confirmed else {"confirmed": False})  # fmt: skip
 
 
 def _an_object(obj: MapObject | Room) -> MapObject:
@@ -423,21 +317,5 @@ def _start(home: Home, from_x: float | None, from_y: float | None) -> Sequence[f
     return home.start_xy if from_x is None or from_y is None else (from_x, from_y)
 
 
-def crop(
-    photo: npt.NDArray[np.uint8], box_xyxy: Sequence[float], side_px: int = CROP_PX, quality: int = 85
-) -> tuple[bytes, list[int]]:
-    """The part of a photo (H, W, 3) around a box, as JPEG, and the box in its pixels; never less than one pixel."""
-    from PIL import Image
-
-    (x1, y1, x2, y2), (height, width) = box_xyxy, photo.shape[:2]
-    margin = MARGIN * max(x2 - x1, y2 - y1, 40.0)
-    left, top = (min(max(0, math.floor(v - margin)), side - 1) for v, side in ((x1, width), (y1, height)))
-    right = max(left + 1, min(width, math.ceil(x2 + margin)))
-    bottom = max(top + 1, min(height, math.ceil(y2 + margin)))
-    part = Image.fromarray(photo[top:bottom, left:right])
-    scale = min(1.0, side_px / max(part.size))
-    if scale < 1:
-        part = part.resize((max(1, round(part.width * scale)), max(1, round(part.height * scale))))
-    buffer = io.BytesIO()
-    part.save(buffer, "JPEG", quality=quality)
-    return buffer.getvalue(), [round((v - o) * scale) for v, o in zip(box_xyxy, (left, top, left, top), strict=True)]
+def _confirmed(home: Home, *more: MapObject) -> list[MapObject]:
+    return [t for t in home.objects if t.confirmed or t in more]

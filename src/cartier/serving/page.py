@@ -20,7 +20,8 @@ from cartier.home.point_cloud import STEP_M, PointCloud
 from cartier.navigation.planning import plan
 from cartier.render.extent import shown_extent
 from cartier.render.floor_plan import label_cell
-from cartier.serving.operations import Operations, crop, place_of, pose
+from cartier.serving.operations import Operations
+from cartier.serving.values import crop, place_of, pose
 from cartier.spatial.relations import supports
 from cartier.types import FREE, OCCUPIED, MapObject, RobotModel
 from cartier.understanding.cards import SHIPPED, read_deck
@@ -41,7 +42,7 @@ HEIGHT_M = 0.05  # step of the heights of the floor plan
 @cache
 def files() -> dict[str, tuple[str, bytes]]:
     """The page's files by the path of their URL: media type and bytes. No other file is served."""
-    names = ("index.html", "style.css", *SCRIPTS)
+    names = ("index.html", "style.css", "docs.css", *SCRIPTS)
     served = {f"/{name}": (KINDS[Path(name).suffix], (WEB / name).read_bytes()) for name in names}
     return {"/": served["/index.html"]} | served
 

@@ -1,0 +1,238 @@
+"""Schemas of the results of the operations, as OpenAPI states them. Keys with a default may be left out."""
+
+# No postponed annotations: FastAPI reads those models.
+
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from cartier.types import AlarmKind, Status
+
+
+class Part(BaseModel):
+    """A part of a result."""
+
+    model_config = ConfigDict(extra="forbid")
+
+
+class Fault(Part):
+    """What is wrong with a request, in one line."""
+
+    error: str
+
+
+class Result(Part):
+    """Which home a result is about."""
+
+    home: str = Field(description="its name on this server")
+    home_id: str = Field(description="of its map; the same while nobody maps it again")
+    age_h: float | None = Field(description="hours since it was recorded; null where its recordings have no date")
+
+
+class Homes(Part):
+    homes: list[str]
+
+
+class Pose(Part):
+    """A reachable pose in the map frame, and the way there."""
+
+    x: float
+    y: float
+    yaw: float = Field(description="rad, counter-clockwise from +x")
+    length_m: float
+    sees_it: bool = Field(description="whether nothing known stands in between")
+    path: list[tuple[float, float]] = Field(description="corners of the way there")
+
+
+class Posed(Part):
+    goal: Pose | None = None
+    why_no_goal: str | None = None
+
+
+class ObjectRow(Part):
+    id: int
+    label: str
+    name: str | None = Field(None, description="what a person calls it")
+    room: str | None
+    x: float = Field(description="of the middle of its box, m")
+    y: float
+    z: float
+    certainty: float = Field(description="how likely it exists, 0 to 1")
+    evidence: str
+    reachable: bool
+    confirmed: bool = Field(True, description="left out where true; false for a tentative object")
+
+
+class RoomRow(Part):
+    room: str = Field(description="room:ID, which operations take as entity")
+    name: str
+    kind: str
+    area_m2: float
+    objects: int
+
+
+class AnswerPart(Part):
+    """The answer to one need."""
+
+    status: Status
+    object: str | None = None
+    id: int | None = Field(None, description="of the object")
+    alarm: AlarmKind | None = None
+    text: str | None = None
+    reason: str | None = None
+    question: str | None = None
+    ids: list[int] = Field([], description="objects that the answer or the question is about")
+    tentative: int | None = Field(None, description="an object that it speaks of and that is not confirmed")
+    candidates: list[tuple[str, float]] = []
+    name: str | None = None
+    room: str | None = None
+    certainty: float | None = None
+    evidence: str | None = None
+    x: float | None = None
+    y: float | None = None
+    z: float | None = None
+    goal: Pose | None = None
+    notes: list[str] = []
+    next: list["AnswerPart"] = Field([], description="the answers to further needs, in order")
+
+
+class Answered(Result, AnswerPart):
+    """The answer to a person's words."""
+
+    corrected: bool = Field(False, description="whether the words corrected the home")
+
+
+class ObjectList(Result):
+    total: int
+    page: int
+    pages: int
+    maybe: int = Field(0, description="how many more are tentative")
+    objects: list[ObjectRow]
+
+
+class RoomList(Result):
+    rooms: list[RoomRow]
+
+
+class ObjectDescription(Result, ObjectRow, Posed):
+    size_m: list[float]
+    colours: list[str]
+    also_called: list[str]
+    stands: str | None
+    holds: list[str]
+    next_to: list[str]
+    last_seen_s: float
+    last_looked_s: float
+
+
+class RoomDescription(Result, RoomRow, Posed):
+    holds: list[str]
+
+
+class NamedRow(ObjectRow):
+    matched: str | None = Field(None, description="by which label, where the object is called otherwise")
+
+
+class NamedRoom(Part):
+    room: str
+    name: str
+
+
+class FoundByName(Result):
+    total: int
+    objects: list[NamedRow]
+    rooms: list[NamedRoom]
+    maybe: int = Field(0, description="how many more are tentative or have the name in some frames only")
+    spelt: list[str] = Field([], description="names of like spelling that were taken instead")
+    next: str | None = None
+
+
+class Related(Result):
+    relations: list[str]
+    certainty: list[float]
+    side: Literal["left", "right"] | None
+    apart_m: float
+    same_room: bool
+    seen_from: list[float]
+    evidence: list[str]
+
+
+class ObjectPose(Result, ObjectRow, Posed):
+    pass
+
+
+class RoomPose(Result, RoomRow, Posed):
+    pass
+
+
+class Corrected(Result):
+    done: str
+    next: str | None = None
+
+
+class ViewRoom(Part):
+    id: int
+    name: str
+    kind: str
+    area: float
+    at: list[float]
+
+
+class ViewObject(Part):
+    id: int
+    label: str
+    names: list[str]
+    also: list[str]
+    room: int | None
+    at: list[float]
+    low: list[float]
+    high: list[float]
+    probability: float
+    confirmed: bool
+    n_detected: int
+    n_observable: int
+    colours: list[str]
+    last_s: float
+    views: int
+    said: bool
+    on: tuple[Any, ...] | None = Field(description="on or in, and the id of what it is on or in")
+
+
+class ViewGrid(Part):
+    """The floor plan: runs of (code, count), row by row; code % 3 is 0 unknown, 1 free, 2 occupied."""
+
+    rows: int
+    cols: int
+    side: float
+    origin: list[float]
+    cells: list[int]
+    heights: list[int]
+    step: float
+
+
+class View(Result):
+    """What the page draws."""
+
+    title: str
+    detector: str
+    start: list[float]
+    extent: list[float]
+    notes: list[str]
+    corrections: int
+    objects: list[ViewObject]
+    rooms: list[ViewRoom]
+    grid: ViewGrid | None
+
+
+class Points(Part):
+    """Points in base64: x, y, z (uint16, in ``step`` metres from ``low``) of all, then RGB, then widths (uint8)."""
+
+    count: int
+    low: list[float]
+    step: float
+    side: float
+    points: str
+
+
+class Cloud(Result):
+    cloud: Points | None
