@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import pytest
-from plans import DOOR, LEFT, RIGHT, Plan, flat
 
-from cartier.mapping.doors import find_doors
 from cartier.mapping.rooms import find_rooms
 from cartier.reasoners import embedded
+from cartier.spatial.doors import find_doors
 from cartier.types import Inventory, MapObject
+from plans import DOOR, LEFT, RIGHT, Plan, flat
 
 
 def test_doorway_joins_its_rooms() -> None:
