@@ -5,10 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from plans import DOOR, LEFT, RIGHT, Box, Plan, flat
 
 from cartier.mapping.rooms import find_rooms, room_of, rooms_of
 from cartier.types import FREE, OCCUPIED, UNKNOWN, MapObject, OccupancyGrid, View
+from plans import DOOR, LEFT, RIGHT, Box, Plan, flat
 
 
 def obj(label: str, xy: Sequence[float], seen_from: Sequence[tuple[float, float]] = (), id: int = 0) -> MapObject:

@@ -20,8 +20,8 @@ from cartier.home.data import HomeData, origin_of
 from cartier.home.detection_log import DetectionLog
 from cartier.home.photos import photo_of
 from cartier.home.point_cloud import PointCloud, read_cloud
-from cartier.spatial.doors import find_doors
 from cartier.navigation.planning import room_middle
+from cartier.spatial.doors import find_doors
 from cartier.types import Answer, Door, Inventory, Place, Room, Selection
 
 ANSWERS = "answers.jsonl"
