@@ -13,7 +13,9 @@ REQUESTS: tuple[Kind, ...] = (
 REPLIES: tuple[Kind, ...] = ("correct", "another", "choose", "confirm", "deny")
 COMMANDS: tuple[Kind, ...] = ("come", "back", "follow", "stop", "able", "thanks", "bye")
 NOTHING_ASKED: tuple[Kind, ...] = ("prohibit", "remark", "alarm", "other")
-ACTS: tuple[Kind, ...] = (*REQUESTS, *REPLIES, *COMMANDS, *NOTHING_ASKED)
+ROUTING: tuple[Kind, ...] = ("rule", "lift")
+"""States route rules and no goal; takes route rules back."""
+ACTS: tuple[Kind, ...] = (*REQUESTS, *REPLIES, *COMMANDS, *NOTHING_ASKED, *ROUTING)
 
 NOUNS = ("t", "b", "l", "m", "r", "n", "p")
 """Target, second target, landmark, landmark of a landmark, room, turned-down object, pronoun."""
@@ -22,7 +24,11 @@ ATTRIBUTES = ("c", "s", "o", "x", "w")
 RELATIONS = ("on", "in", "under", "above", "next", "near", "between", "left", "right", "nearest", "farthest", "behind",
              "front", "with", "from")  # fmt: skip
 NEGATED = tuple(f"!{relation}" for relation in ("on", "in", "under", "next", "near", "with", "behind"))
-ROLES = (*NOUNS, *ATTRIBUTES, *RELATIONS, *NEGATED, "/")
+ROUTE_NOUNS = ("va", "vk", "vs", "vp", "vo", "vv")
+"""What a route is to avoid, keep away from, be slow near, prefer, go through only, and go via."""
+ROUTE_WORDS = ("vh", "vt")
+"""Words that ask for the short way, and that say how long a rule holds."""
+ROLES = (*NOUNS, *ATTRIBUTES, *RELATIONS, *NEGATED, "/", *ROUTE_NOUNS, *ROUTE_WORDS)
 """``/`` are words that separate two requests."""
 TAGS = ("O", *(f"{part}-{role}" for role in ROLES for part in "BI"))
 
