@@ -41,6 +41,8 @@ def read_yaml(text: str) -> tuple[Any, dict[Path, int]]:
             loader.dispose()
     except yaml.MarkedYAMLError as error:
         mark: Any = error.problem_mark
+        if "maximum nesting depth" in (error.problem or ""):  # newer ones have a limit of their own
+            raise YamlFault(mark.line + 1 if mark else 1, f"nested deeper than {MAX_DEPTH} levels") from error
         raise YamlFault(mark.line + 1 if mark else 1, f"not valid YAML: {brief(error.problem)}") from error
     except (yaml.YAMLError, ValueError) as error:
         raise YamlFault(1, f"not valid YAML: {brief(error)}") from error
