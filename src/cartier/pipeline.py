@@ -149,8 +149,10 @@ def ask(
     inventory = home.inventory(index, from_xy)  # raises for an unknown index before a model is called
     timing_ms: dict[str, float] = {}
     with _timed(timing_ms, "select"):
-        alarming = alarm.screen(query, emergency_number)
+        alarming = alarm.screen(query, emergency_number, dialogue)
         selection = alarming or reasoner.select(query, inventory, dialogue)
+        alarming = alarming or alarm.screen_choice(selection, inventory, dialogue, emergency_number)
+        selection = alarming or selection
     for chosen in (selection, *selection.next):
         if not inventory.contains(chosen):
             raise BackendError(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cartier.detectors.fusion import fuse
+from cartier.detectors.fusion import MOST, fuse
 from cartier.types import Detections
 
 
@@ -34,6 +34,23 @@ def test_two_boxes_of_one_network_are_two_things_unless_they_all_but_cover_each_
     assert len(fuse([near, seen()])) == 2
     same = seen(("book", 0.8, (0, 0, 100, 100)), ("book", 0.6, (10, 0, 110, 100)))
     assert fuse([same, seen()]).scores == pytest.approx([0.4])
+
+
+def test_boxes_of_two_networks_that_share_too_little_are_two_things() -> None:
+    one, two = seen(("cup", 0.8, (0, 0, 100, 100))), seen(("cup", 0.6, (40, 0, 140, 100)))  # they overlap by 0.43
+    assert fuse([one, two]).scores == pytest.approx([0.4, 0.3])
+
+
+def test_the_surest_box_has_the_choice_of_its_partner() -> None:
+    one = seen(("cup", 0.9, (0, 0, 100, 100)), ("cup", 0.3, (40, 0, 140, 100)))
+    two = seen(("cup", 0.5, (20, 0, 120, 100)))  # it overlaps each of the others by 0.67
+    assert fuse([one, two]).scores == pytest.approx([0.7, 0.15])
+
+
+def test_of_very_many_boxes_the_surest_are_kept() -> None:
+    many = seen(*(("cup", (k + 1) / 200, (20.0 * k, 0, 20.0 * k + 10, 10)) for k in range(MOST + 10)))
+    found = fuse([many])
+    assert len(found) == MOST and found.scores.min() == pytest.approx(11 / 200)
 
 
 def test_nothing_seen_is_an_empty_list() -> None:

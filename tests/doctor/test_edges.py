@@ -56,6 +56,12 @@ def test_without_edges_nothing_is_said() -> None:
     assert registration([(plain, plain)]) is None
 
 
+def test_a_hole_in_the_depth_is_no_edge() -> None:
+    grey, depth_m = np.zeros((60, 80), np.float32), np.full((60, 80), 2, np.float32)
+    grey[20:40, 30:50], depth_m[20:40, 30:50] = 1, np.nan
+    assert registration([(grey, depth_m)]) is None
+
+
 def test_zoom_one_changes_nothing() -> None:
     image = tiles(5).astype(np.float32)
     assert np.array_equal(zoomed(image, 1.0), image)

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from cartier.mapping.plausibility import weighed
-from cartier.types import FREE, OCCUPIED, UNKNOWN, Camera, MapObject, OccupancyGrid, View
+from cartier.types import FREE, OCCUPIED, UNKNOWN, Camera, MapObject, OccupancyGrid, OrientedBox, View
 
 CAMERA = Camera(640, 480, 500, 500, 320, 240)
 WHOLE, CUT = (200.0, 150.0, 300.0, 250.0), (0.0, 150.0, 300.0, 250.0)
@@ -63,3 +66,25 @@ def test_a_bed_of_bare_floor_is_refuted_by_the_plan_and_by_its_height() -> None:
     assert likely(thing("bed", (2.0, 1.6, 0.05)), grid(OCCUPIED)) < 0.1
     assert likely(thing("cup", (0.5, 0.5, 0.05)), grid(FREE)) < 0.95, "its size alone"
     assert likely(thing("book", (0.3, 0.2, 0.03)), grid(FREE)) == 0.95, "a book may lie on the floor"
+
+
+def test_no_size_is_beyond_doubt() -> None:
+    assert likely(thing("cell phone", (50.0, 40.0, 10.0))) == pytest.approx(19 / (19 + math.exp(6)))
+
+
+@pytest.mark.parametrize(("share", "elsewhere"), [(0.5, UNKNOWN), (0.7, OCCUPIED)])
+def test_a_floor_that_is_bare_in_part_refutes_nothing(share: float, elsewhere: int) -> None:
+    plan = grid(elsewhere)
+    plan.cells[:, : 20 + round(40 * share)] = FREE  # the bed begins at column 20 and ends at 60
+    assert likely(thing("bed", (2.0, 1.6, 0.5)), plan) == 0.95
+
+
+def test_a_sliver_of_furniture_is_too_small_to_look_for_on_the_floor() -> None:
+    assert likely(thing("chair", (0.31, 0.02, 0.5)), grid(FREE)) == 0.95
+
+
+def test_what_stands_askew_is_as_long_as_its_box_along_the_walls() -> None:
+    bed = thing("bed", (3.0, 3.0, 0.5))
+    assert likely(bed) < 0.95
+    askew = OrientedBox(bed.position, (2.2, 1.6, 0.5), math.pi / 4, ())
+    assert likely(replace(bed, oriented=askew)) == 0.95

@@ -10,6 +10,9 @@ from layouts import room, write_sevenscenes
 from cartier import plugins
 from cartier.errors import InputError
 from cartier.geometry import backproject, transform
+from cartier.io.images import read_depth
+from cartier.recordings.common.edges import zoomed
+from cartier.types import Camera
 
 KITCHEN = Path(__file__).parents[1] / "data" / "sevenscenes"
 
@@ -157,3 +160,13 @@ def test_ten_published_frames_are_read_as_they_are() -> None:
     assert 0.02 < np.isnan(frame.depth_m).mean() < 0.5  # 65535 is no reading
     assert recording.camera.fx == pytest.approx(99.857, abs=0.01)  # the colour camera's lens: depth is moved onto it
     assert "depth zoomed by 0.91 and moved by (-8, -2) px onto the colour images" in recording.notes[1]
+
+
+def test_raw_depth_and_its_camera_are_moved_onto_the_colour_images() -> None:
+    recording, name = plugins.open_recording(KITCHEN), sorted(KITCHEN.glob("*.depth.png"))[3]
+    raw = Camera(160, 120, 109.733, 109.733, 79.5, 59.5)
+    moved = zoomed(read_depth(name, raw), 0.91, -8 / 640, -2 / 640)
+    depth_m = recording[3].depth_m
+    assert depth_m is not None and np.array_equal(depth_m, moved, equal_nan=True)
+    assert recording.camera.cx == pytest.approx(77.5)
+    assert recording.camera.cy == pytest.approx(59.0)

@@ -287,6 +287,8 @@ class Home(HomeData):
     def remember(self, answer: Answer) -> None:
         """Append an answer to the saved home's ``answers.jsonl``; a home that was not loaded keeps none.
 
+        Of an alarm only the kind is kept, not the person's words.
+
         Args:
             answer: What ``ask`` gave.
 
@@ -294,7 +296,9 @@ class Home(HomeData):
             InputError: The file cannot be written.
         """
         if self.store is not None:
-            self.store.append(ANSWERS, json.dumps(answer.to_dict(), ensure_ascii=False))
+            alarm = answer.selection.alarm
+            kept = answer.to_dict() if alarm is None else {"status": "alarm", "alarm": alarm}
+            self.store.append(ANSWERS, json.dumps(kept, ensure_ascii=False))
 
     def save(self, folder: str | Path) -> None:
         """Write the home to a folder, atomically: an older home there stays until the new one is complete.

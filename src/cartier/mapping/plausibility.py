@@ -16,7 +16,7 @@ import numpy as np
 
 from cartier.types import FREE, OCCUPIED, Array, Camera, MapObject, OccupancyGrid
 
-LOG_SIZE_SD = 0.15  # how far sides of fitted boxes are off, as a factor e
+LOG_SIZE_SD = 0.15  # how far sides of boxes are off, as a factor e; in the built-in homes 0.13 (docs/results.md)
 MAX_PENALTY = 6.0  # log-odds: no measurement is beyond doubt
 EDGE_PX = 6.0  # a box so near to the edge of the image may be cut
 MIN_FREE, MAX_OCCUPIED = 0.6, 0.2  # shares of the floor below, from and up to which nothing stands there

@@ -1,7 +1,8 @@
 """Alarm: words about harm or an emergency are an act of their own, whatever reasoner would be asked.
 
 No object serves them. A calm sentence says what a person should do now: call for help, and keep apart from the danger.
-It holds no medical advice.
+It holds no medical advice. As long as the alarm is among the turns of the dialogue, what could do harm is withheld:
+"just the knife then" gets the same sentence.
 """
 
 from __future__ import annotations
@@ -9,10 +10,14 @@ from __future__ import annotations
 import locale
 import os
 import re
+from collections.abc import Iterable, Iterator, Sequence
 
 from cartier.errors import InputError, brief
-from cartier.types import AlarmKind, Selection
+from cartier.labels import name_key, plain, words
+from cartier.types import AlarmKind, Inventory, Selection
 from cartier.understanding.act_classifier import alarm_kind
+from cartier.understanding.cards import SHIPPED, read_deck
+from cartier.understanding.dialogue_state import named
 
 NAME = "alarm screen"
 VARIABLE = "CARTIER_EMERGENCY_NUMBER"
@@ -40,6 +45,7 @@ TOLD: dict[AlarmKind, tuple[str, str]] = {
         "Please get everybody out to a safe place now, and call {number} from there.",
     ),
 }
+AGAIN = "an alarm came before in this conversation"
 ONE_NUMBER = {
     "000": "AU", "111": "NZ", "911": "AR CA CR DO EC MX PA PE PH UY US", "999": "BD GB HK KE MY SG",
     "112": "AD AT BE BG CH CY CZ DE DK EE ES FI FR GR HR HU IE IN IS IT LI LT LU LV MC MT NL NO PL PT RO RU SE SI SK "
@@ -49,17 +55,83 @@ ONE_NUMBER = {
 BY_COUNTRY = {country: number for number, countries in ONE_NUMBER.items() for country in countries.split()}
 
 
-def screen(query: str, number: str | None = None) -> Selection | None:
-    """The alarm that the words are, or None: then a reasoner may choose.
+HARMFUL = frozenset([
+    "ax", "belt", "butter knife", "candle", "cleaner", "crowbar", "dagger", "detergent", "drill", "extension cord",
+    "garden clippers", "gun", "hammer", "handsaw", "jump rope", "knife", "lighter", "liquor", "mallet", "matches",
+    "needle", "pizza cutter", "pocketknife", "poker", "razor", "rope", "saw", "scissors", "screwdriver", "skewer",
+    "sparkler", "steak knife", "wine bottle",
+])  # fmt: skip
+"""Cards of what is withheld after an alarm, except of a fire."""
+HARMFUL_OR_HELPFUL = frozenset(["medicine", "medicine cabinet", "power outlet", "stove", "syringe", "window"])
+"""Cards of what is withheld as well, except after an accident, too."""
+LONGEST_NAME = 4  # words
+
+
+def screen(query: str, number: str | None = None, dialogue: Sequence[tuple[str, str]] = ()) -> Selection | None:
+    """The alarm that the words are, alone or after the (person, robot) turns, or None: then a reasoner may choose.
 
     ``number`` is the emergency number to name; by default that of ``emergency_number``.
     """
     kind = alarm_kind(query)
-    if kind is None:
-        return None
-    why, say = TOLD[kind]
-    text = say.format(number=emergency_number(number))
+    if kind is not None:
+        return _alarm(kind, TOLD[kind][0], number)
+    for before, _ in _alarms(dialogue):
+        if _cards(query) & _withheld(before):
+            return _alarm(before, AGAIN, number)
+    return None
+
+
+def screen_choice(
+    chosen: Selection, inventory: Inventory, dialogue: Sequence[tuple[str, str]], number: str | None = None
+) -> Selection | None:
+    """The alarm that takes the place of a choice which names what an alarm of the turns before was about."""
+    names = set(_names(chosen, inventory))
+    cards = _cards_of(names)
+    for kind, words_then in _alarms(dialogue):
+        spoken_of = _cards(words_then) if kind != "medical" else set[int]()  # "grandpa fell by the sofa"
+        if cards & (_withheld(kind) | spoken_of) or (kind != "medical" and names & {*named(words_then, sorted(names))}):
+            return _alarm(kind, AGAIN, number)
+    return None
+
+
+def _alarm(kind: AlarmKind, why: str, number: str | None) -> Selection:
+    text = TOLD[kind][1].format(number=emergency_number(number))
     return Selection("alarm", reason=why, text=text, model=NAME, alarm=kind)
+
+
+def _alarms(dialogue: Sequence[tuple[str, str]]) -> Iterator[tuple[AlarmKind, str]]:
+    """The kind and the words of each turn that the robot answered as an alarm."""
+    for person, robot in dialogue:
+        for kind, (_, text) in TOLD.items():
+            if robot.startswith(text.split("{number}")[0]):
+                yield kind, person
+
+
+def _withheld(kind: AlarmKind) -> set[int]:
+    if kind == "fire":
+        return set()
+    return _cards_of(HARMFUL if kind == "medical" else HARMFUL | HARMFUL_OR_HELPFUL)
+
+
+def _cards_of(names: Iterable[str]) -> set[int]:
+    deck = read_deck(SHIPPED)
+    return {card for card in map(deck.card_of, names) if card is not None}
+
+
+def _cards(text: str) -> set[int]:
+    """The cards whose names stand in a text."""
+    said, by_key = words(plain(text)), read_deck(SHIPPED).by_key
+    parts = (said[i : i + n] for n in range(1, LONGEST_NAME + 1) for i in range(len(said) - n + 1))
+    return {by_key[key] for key in (name_key(" ".join(part)) for part in parts) if key in by_key}
+
+
+def _names(chosen: Selection, inventory: Inventory) -> Iterator[str]:
+    """The listed names that a choice would drive to, answers about or asks about."""
+    for one in (chosen, *chosen.next):
+        about = {one.object_id, one.tentative, *(one.fact.objects if one.fact is not None else ())}
+        yield from (obj.label for obj in inventory.objects if obj.id in about)
+        yield from [one.object] if one.object is not None else []
+        yield from named(one.question or "", inventory.names)
 
 
 def emergency_number(given: str | None = None) -> str:

@@ -17,13 +17,14 @@ class Plan {
     svg.addEventListener("wheel", (e) => { e.preventDefault(); this.zoom(Math.exp(e.deltaY * 0.0015), this.metres(e)); }, { passive: false });
     svg.addEventListener("keydown", (e) => this.key(e));
     this.fingers = new Map();
-    svg.addEventListener("pointerdown", (e) => { this.fingers.set(e.pointerId, e); this.moved = 0; });
+    svg.addEventListener("pointerdown", (e) => { this.fingers.set(e.pointerId, e); this.moved = 0; this.touched = e; });
     window.addEventListener("pointermove", (e) => this.drag(e));
     for (const end of ["pointerup", "pointercancel"]) window.addEventListener(end, (e) => this.fingers.delete(e.pointerId));
     svg.addEventListener("click", (e) => {
       if (this.moved > 6) return;
-      if (this.placing) { const [x, y] = this.metres(e); this.placing(x, -y); return; }
-      this.on.choose(this.under(e));
+      const at = e.pointerType === "touch" && this.touched ? this.touched : e; // browsers move a tap's click to what is small and near
+      if (this.placing) { const [x, y] = this.metres(at); this.placing(x, -y); return; }
+      this.on.choose(this.under(at));
     });
     svg.addEventListener("pointermove", (e) => { if (this.fingers.size) return; const obj = this.under(e); svg.classList.toggle("over", obj !== null); this.on.hover(obj, e); });
     svg.addEventListener("pointerleave", (e) => this.on.hover(null, e));
