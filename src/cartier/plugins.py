@@ -22,13 +22,13 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, Literal, overload
 
-from cartier.contracts import Detector, Encoder, Reasoner, Recording, Robot, SpatialIndex, World
+from cartier.contracts import Detector, Encoder, Reasoner, Recording, Robot, SpatialIndex, VisionModel, World
 from cartier.errors import BackendError, InputError, MissingExtra
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoints
 
-KINDS = ("recordings", "detectors", "encoders", "indexes", "reasoners", "robots", "worlds")
+KINDS = ("recordings", "detectors", "encoders", "indexes", "reasoners", "vision", "robots", "worlds")
 PACKAGE = Path(__file__).parent
 
 
@@ -61,6 +61,8 @@ def make(kind: Literal["indexes"], name: str, **options: Any) -> SpatialIndex: .
 @overload
 def make(kind: Literal["reasoners"], name: str, **options: Any) -> Reasoner: ...
 @overload
+def make(kind: Literal["vision"], name: str, **options: Any) -> VisionModel: ...
+@overload
 def make(kind: Literal["robots"], name: str, **options: Any) -> Robot: ...
 @overload
 def make(kind: Literal["worlds"], name: str, **options: Any) -> World: ...
@@ -68,7 +70,7 @@ def make(kind: str, name: str, **options: Any) -> Any:
     """Make a backend.
 
     Args:
-        kind: "detectors", "encoders", "indexes", "reasoners", "robots" or "worlds".
+        kind: "detectors", "encoders", "indexes", "reasoners", "vision", "robots" or "worlds".
         name: A name that ``cartier list`` shows, or the path to a .py file.
         **options: The options of its factory, which ``cartier list`` names.
 
