@@ -379,6 +379,13 @@ class VisionModel(Protocol):
         ...
 
 
+class VisionModelDefaults:
+    """Optional members of a VisionModel."""
+
+    sees: bool | None = None
+    """False if a check found that it does not see the pictures that it is sent, True if it does."""
+
+
 class Robot(Protocol):
     """Drives to goals, or passes them on to what drives."""
 

@@ -9,7 +9,7 @@ import json
 import os
 import queue
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 from urllib.parse import urljoin, urlsplit
@@ -20,13 +20,16 @@ from cartier.errors import ReasonerError, brief
 from cartier.llm.client import server_asked, without_credentials
 from cartier.llm.deadline import Late, within
 from cartier.llm.prompts import Messages, Schema
-from cartier.llm.structured_output import Form, NotUnderstood, request_with_fallback
+from cartier.llm.structured_output import Form, NotUnderstood, Refused, request_with_fallback
 
 MAX_REPLY_BYTES = 2**20
 PAUSES_S = (0.5, 1.5)
 KEPT_HEADERS = ("content-type", "retry-after")
 BUSY = (408, 429, 503, 529)
 """Statuses that may pass with a retry."""
+
+THINKING_OFF: dict[str, Any] = {"chat_template_kwargs": {"enable_thinking": False}, "reasoning_effort": "none"}
+"""What switches thinking off: the first in vLLM and llama.cpp, the second in Ollama and at OpenAI."""
 
 HINTS = {
     401: "the key is missing or wrong (OPENAI_API_KEY)",
@@ -45,8 +48,15 @@ class Server:
     """An engine for a model behind a URL: one call per request, once the form that the server supports is known."""
 
     def __init__(
-        self, model: str | None, base_url: str | None, api_key: str | None, timeout_s: float, temperature: float
+        self,
+        model: str | None,
+        base_url: str | None,
+        api_key: str | None,
+        timeout_s: float,
+        temperature: float,
+        extra: Mapping[str, Any] | None = None,
     ) -> None:
+        """``extra``: members of each request's body beyond the SDK's; one that the server refuses is left out."""
         own = base_url or os.environ.get("OPENAI_BASE_URL")
         self._key = (api_key or os.environ.get("OPENAI_API_KEY") or ("none" if own else "")).strip()
         if not self._key:
@@ -66,6 +76,7 @@ class Server:
         self.identity = (self.server, self.model, {"temperature": temperature})
         self.calls = self.tokens = 0
         self._temperature = temperature
+        self._extra = dict(extra or {})
         self._refused: set[str] = set()
 
     def complete(
@@ -85,6 +96,11 @@ class Server:
         except NotUnderstood as error:
             raise error.error from error
 
+    @property
+    def refused(self) -> frozenset[str]:
+        """The names of options that the server has refused."""
+        return frozenset(self._refused)
+
     def _request(self, asked: dict[str, Any], options: dict[str, Any], form: Form, sure: bool, deadline: float) -> str:
         """The text of one reply, with retries where a fault may pass. ``sure`` says that the form is not at fault.
 
@@ -93,8 +109,10 @@ class Server:
         pauses = list(PAUSES_S)
         while True:
             kept = {name: value for name, value in options.items() if name not in self._refused}
+            extra = {name: value for name, value in self._extra.items() if name not in self._refused}
+            body = {"extra_body": {**extra, **form.get("extra_body", {})}} if extra else {}
             try:
-                return self._exchange({**asked, **kept, **form}, deadline)
+                return self._exchange({**asked, **kept, **form, **body}, deadline)
             except openai.APITimeoutError as error:
                 raise self._too_late() from error
             except openai.APIConnectionError as error:
@@ -104,7 +122,7 @@ class Server:
                     ) from error
             except openai.APIStatusError as error:
                 status = error.status_code
-                refused = {name for name in kept if name in str(error)} if status in (400, 422) else set()
+                refused = {name for name in (*kept, *extra) if name in str(error)} if status in (400, 422) else set()
                 passing = status in BUSY or (sure and status >= 500)
                 if refused:  # some models take no temperature, or another name for the limit
                     self._refused |= refused
@@ -113,7 +131,7 @@ class Server:
                 elif passing or status in HINTS:
                     raise self._refusal(error) from error
                 else:
-                    raise NotUnderstood(self._refusal(error)) from error
+                    raise NotUnderstood(Refused(str(self._refusal(error)))) from error
             except CutOff:
                 if not _paused(pauses, deadline):
                     raise
@@ -161,6 +179,7 @@ class Server:
             message = reply["choices"][0]["message"]
             calls = message.get("tool_calls")
             text = str(calls[0]["function"]["arguments"] if calls else message.get("content") or "")
+            text = text or _json_thought(message)
         except (ValueError, RecursionError, LookupError, TypeError, AttributeError) as error:
             begin = self.brief(body[:200].decode(errors="replace"))
             raise ReasonerError(
@@ -183,6 +202,12 @@ class Server:
         """One short printable line that does not hold the key, even where the server repeats it."""
         text = str(fault).strip() or type(fault).__name__
         return brief(text.replace(self._key, "…") if self._key != "none" else text, 160)
+
+
+def _json_thought(message: Mapping[str, Any]) -> str:
+    """The JSON that vLLM puts into the reasoning field of a model that thinks; thoughts in words are no answer."""
+    thought = str(message.get("reasoning_content") or message.get("reasoning") or "").strip()
+    return thought if thought.startswith("{") and thought.endswith("}") else ""
 
 
 class _OneServer(openai.DefaultHttpxClient):  # type: ignore[misc]
