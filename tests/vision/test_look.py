@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +13,9 @@ import pytest
 
 import cartier
 from cartier.contracts import VisionModel
-from cartier.types import Detections, Inventory, MapObject, Selection, VisualTrace
-from cartier.vision.look import Photographs, ask_about, look, question_about
+from cartier.types import Detections, Inventory, MapObject, RobotModel, Selection, VisualTrace
+from cartier.vision import crops
+from cartier.vision.look import Photographs, Surroundings, ask_about, look, question_about
 from cartier.vision.permission import Look
 from stored import home as stored_home
 from vision.seeing_server import serving
@@ -40,9 +43,14 @@ def model(url: str, name: str = "sees", **more: float) -> VisionModel:
 
 
 def told(
-    eyes: Look, words: str, objects: list[MapObject], photos: Photographs, before: Selection = NOTHING
+    eyes: Look,
+    words: str,
+    objects: list[MapObject],
+    photos: Photographs,
+    before: Selection = NOTHING,
+    around: Surroundings = AROUND,
 ) -> tuple[Selection, VisualTrace, tuple[str, ...]]:
-    found = look(eyes, words, before, Inventory(tuple(objects), ROOMS, from_xy=(0.5, 0.5)), photos, AROUND)
+    found = look(eyes, words, before, Inventory(tuple(objects), ROOMS, from_xy=(0.5, 0.5)), photos, around)
     assert found is not None
     return found
 
@@ -107,14 +115,15 @@ def test_number_is_read_and_only_as_text(seeing: tuple[str, Calls]) -> None:
 
 
 def test_small_object_is_not_sent_and_a_pose_is_given(seeing: tuple[str, Calls]) -> None:
-    jpeg = photo((TINY, LIGHT))
+    jpeg, low = photo((TINY, LIGHT)), replace(AROUND, robot=RobotModel(camera_height_m=0.9))
     thing = mug(1, [(1, TINY, 0), (2, TINY, 90)])
-    chosen, trace, notes = told(Look(model(seeing[0])), "is the cup clean?", [thing], photographs({1: jpeg, 2: jpeg}))
+    photos = photographs({1: jpeg, 2: jpeg})
+    chosen, trace, notes = told(Look(model(seeing[0])), "is the cup clean?", [thing], photos, around=low)
     assert not seeing[1] and trace.verdict == "cannot_tell" and trace.reply is None
     assert chosen.text.startswith("I cannot tell")
     assert trace.view_from is not None and any("could be seen from" in note for note in notes)
     goal, view = trace.view_from, thing.views[0]
-    near_m = np.linalg.norm([goal.x - thing.position[0], goal.y - thing.position[1], 1.5 - thing.position[2]])
+    near_m = np.linalg.norm([goal.x - thing.position[0], goal.y - thing.position[1], 0.9 - thing.position[2]])
     far_m = np.linalg.norm(np.subtract(view.camera, thing.position))
     assert 50 * far_m / near_m >= 160
 
@@ -249,7 +258,9 @@ def hostile_replies() -> dict[str, str]:
 ATTACKED = ("is the cup clean?", "what is written on the cup?", "which cup is dirty?", "bring me a clean cup")
 
 
-def test_no_words_in_photographs_change_list_schema_or_goal() -> None:
+def test_no_words_in_photographs_change_list_schema_or_goal(monkeypatch: pytest.MonkeyPatch) -> None:
+    made = cache(lambda thing, view, tokens: crops.picture(thing, view, np.full((480, 640, 3), 150, np.uint8), tokens))
+    monkeypatch.setattr("cartier.vision.look.picture", lambda thing, view, rgb, tokens, out: made(thing, view, tokens))
     mugs, photos = two_mugs()
     replies, tried = hostile_replies(), 0
     with serving(replies) as (url, calls):

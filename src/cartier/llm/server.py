@@ -76,6 +76,8 @@ class Server:
         self.identity = (self.server, self.model, {"temperature": temperature})
         self.calls = self.tokens = 0
         self._temperature = temperature
+        self.thought = False
+        """Whether any reply came with thoughts."""
         self._extra = dict(extra or {})
         self._refused: set[str] = set()
 
@@ -95,11 +97,6 @@ class Server:
             )  # fmt: skip
         except NotUnderstood as error:
             raise error.error from error
-
-    @property
-    def refused(self) -> frozenset[str]:
-        """The names of options that the server has refused."""
-        return frozenset(self._refused)
 
     def _request(self, asked: dict[str, Any], options: dict[str, Any], form: Form, sure: bool, deadline: float) -> str:
         """The text of one reply, with retries where a fault may pass. ``sure`` says that the form is not at fault.
@@ -179,7 +176,9 @@ class Server:
             message = reply["choices"][0]["message"]
             calls = message.get("tool_calls")
             text = str(calls[0]["function"]["arguments"] if calls else message.get("content") or "")
-            text = text or _json_thought(message)
+            thoughts = message.get("reasoning_content") or message.get("reasoning")
+            self.thought |= bool(thoughts) or "<think>" in text
+            text = text or _json_in(thoughts)
         except (ValueError, RecursionError, LookupError, TypeError, AttributeError) as error:
             begin = self.brief(body[:200].decode(errors="replace"))
             raise ReasonerError(
@@ -204,10 +203,10 @@ class Server:
         return brief(text.replace(self._key, "…") if self._key != "none" else text, 160)
 
 
-def _json_thought(message: Mapping[str, Any]) -> str:
+def _json_in(thoughts: object) -> str:
     """The JSON that vLLM puts into the reasoning field of a model that thinks; thoughts in words are no answer."""
-    thought = str(message.get("reasoning_content") or message.get("reasoning") or "").strip()
-    return thought if thought.startswith("{") and thought.endswith("}") else ""
+    text = str(thoughts or "").strip()
+    return text if text.startswith("{") and text.endswith("}") else ""
 
 
 class _OneServer(openai.DefaultHttpxClient):  # type: ignore[misc]

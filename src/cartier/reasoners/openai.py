@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from cartier.llm.capabilities import apply
 from cartier.llm.client import LanguageModel
 from cartier.llm.server import Server
 
@@ -22,6 +23,8 @@ def make(
     """``OPENAI_API_KEY``, ``OPENAI_BASE_URL`` and ``OPENAI_MODEL`` are read; a server of one's own needs no key.
 
     ``prompt`` is one of cartier.llm.prompts.PROMPTS, ``cache`` an SQLite file, ``timeout_s`` the limit for one request
-    with all its retries.
+    with all its retries. The first request has the form that ``cartier check-model`` found, where it was run.
     """
-    return LanguageModel(Server(model, base_url, api_key, timeout_s, temperature), prompt, cache)
+    server = Server(model, base_url, api_key, timeout_s, temperature)
+    apply(server.server, server.where, server.model)
+    return LanguageModel(server, prompt, cache)
