@@ -1,6 +1,16 @@
 """Talk to a mapped home: a recording and a need in, the object that serves it and a reachable pose out."""
 
-from cartier.contracts import Detector, Encoder, Reasoner, Recording, Robot, Searchable, SpatialIndex, World
+from cartier.contracts import (
+    Detector,
+    Encoder,
+    Reasoner,
+    Recording,
+    Robot,
+    Searchable,
+    SpatialIndex,
+    VisionModel,
+    World,
+)  # fmt: skip
 from cartier.errors import BackendError, CartierError, InputError, MissingExtra, ReasonerError
 from cartier.home import DetectionLog, Home, PointCloud, ProcessedFrame
 from cartier.mapping.config import (
@@ -19,6 +29,7 @@ from cartier.plugins import make, open_recording
 from cartier.types import (
     Answer,
     Camera,
+    CandidateView,
     Detections,
     DetectorScoreModel,
     Door,
@@ -35,7 +46,12 @@ from cartier.types import (
     Selection,
     TrueObject,
     View,
+    VisualAnswer,
+    VisualQuestion,
+    VisualReply,
+    VisualTrace,
 )  # fmt: skip
+from cartier.vision.permission import Look
 
 __version__ = "0.1.0"
 __all__ = [
@@ -43,6 +59,7 @@ __all__ = [
     "AssociationConfig",
     "BackendError",
     "Camera",
+    "CandidateView",
     "CartierError",
     "Conversation",
     "DetectionLog",
@@ -60,6 +77,7 @@ __all__ = [
     "InputError",
     "Inventory",
     "KeyframesConfig",
+    "Look",
     "MapObject",
     "Mapper",
     "MappingConfig",
@@ -83,6 +101,11 @@ __all__ = [
     "SpatialIndex",
     "TrueObject",
     "View",
+    "VisionModel",
+    "VisualAnswer",
+    "VisualQuestion",
+    "VisualReply",
+    "VisualTrace",
     "World",
     "ask",
     "make",

@@ -1,4 +1,4 @@
-"""Backend interfaces: recordings, detectors, encoders, spatial indices, reasoners, robots and simulated worlds.
+"""Backend interfaces: recordings, detectors, encoders, spatial indices, reasoners, vision models, robots and worlds.
 
 Each is a protocol, and a backend is any object that has its members. Members with a value are optional, and the value
 is what a backend without them is taken to have: those of a ``Detector`` stand in the protocol, those of the others in
@@ -17,6 +17,7 @@ from typing import Any, Protocol, runtime_checkable
 from cartier.types import (
     Array,
     Camera,
+    CandidateView,
     Detections,
     DetectorScoreModel,
     Frame,
@@ -26,6 +27,8 @@ from cartier.types import (
     Place,
     Selection,
     TrueObject,
+    VisualQuestion,
+    VisualReply,
 )  # fmt: skip
 
 
@@ -347,6 +350,40 @@ class ReasonerDefaults:
     """How many requests it has sent to a language model so far."""
     tokens: int = 0
     """How many tokens these took, prompts and replies together."""
+
+
+class VisionModel(Protocol):
+    """Answers questions about photographs of objects (visual question answering)."""
+
+    name: str
+    """Which model it is, for the provenance of every output."""
+    endpoint: str
+    """Where pictures are sent: a URL without credentials; empty if they do not leave this process."""
+
+    def look(self, question: VisualQuestion, pictures: Sequence[CandidateView]) -> VisualReply:
+        """Answer a question about each of the pictures, in one call.
+
+        Words that are seen in a picture are data: they change neither the question nor the form of the answer.
+
+        Args:
+            question: What is asked.
+            pictures: At most three, of one or several candidates, in the order in which they were taken.
+
+        Returns:
+            One answer for each picture, in their order: a choice of the question, or None for "cannot tell". A reply
+            that cannot be read is "cannot tell" for all of them.
+
+        Raises:
+            ReasonerError: The model cannot be reached or refuses.
+        """
+        ...
+
+
+class VisionModelDefaults:
+    """Optional members of a VisionModel."""
+
+    sees: bool | None = None
+    """False if a check found that it does not see the pictures that it is sent, True if it does."""
 
 
 class Robot(Protocol):

@@ -27,9 +27,10 @@ from cartier.mapping.keyframes import Keyframes
 from cartier.mapping.mapper import Mapper
 from cartier.mapping.prefetch import batch_size, prefetch
 from cartier.navigation.planning import check_start, plan
-from cartier.types import Answer, Frame, Goal, Place, RobotModel, Selection
+from cartier.types import Answer, Detections, Frame, Goal, Inventory, Place, RobotModel, Selection, VisualTrace
 from cartier.understanding import alarm
 from cartier.understanding.out_of_vocabulary import out_of_vocabulary_mention
+from cartier.vision.permission import Look
 
 CORRECTION = "correction"
 """What answers words that correct the home, instead of a reasoner."""
@@ -108,6 +109,7 @@ def ask(
     robot: RobotModel | None = None,
     dialogue: Sequence[tuple[str, str]] = (),
     emergency_number: str | None = None,
+    look: Look | None = None,
 ) -> Answer:
     """Answer one request: the object that serves it, its place, and a reachable pose that faces it.
 
@@ -121,6 +123,7 @@ def ask(
         dialogue: Earlier (person, robot) turns, oldest first; ``Conversation`` keeps them.
         emergency_number: What to call in an emergency; by default CARTIER_EMERGENCY_NUMBER, else the number of the
             locale's country.
+        look: Who may look at the home's photographs, and when; by default nobody.
 
     Returns:
         The answer. Words about harm or an emergency are an "alarm", and no reasoner is asked. Its place and goal are
@@ -158,13 +161,34 @@ def ask(
             raise BackendError(
                 f"reasoner {reasoner.name} chose {chosen.object!r}, which is not in the list it was given"
             )
+    looked = None
+    if look is not None and alarming is None:
+        with _timed(timing_ms, "look"):
+            looked = _look(home, query, selection, inventory, look, from_xy, robot or RobotModel())
+    selection, trace, looked_notes = looked or (selection, None, ())
+    if not inventory.contains(selection):
+        raise BackendError(f"the look chose {selection.object!r}, which is not in the list")
     who = selection.model or reasoner.name  # a reasoner may hand over to another one
     answer = serve(home, query, selection, who, index=index, from_xy=from_xy, robot=robot, timing_ms=timing_ms)
     if alarming is not None:
         return answer  # what else there is to know about the home can wait
-    return replace(
-        answer, notes=(*optional(reasoner, ReasonerDefaults, "notes"), *_doubts(home, query, selection), *answer.notes)
-    )
+    notes = (*optional(reasoner, ReasonerDefaults, "notes"), *_doubts(home, query, selection), *looked_notes)
+    return replace(answer, notes=(*notes, *answer.notes), look=trace)
+
+
+def _look(
+    home: Home, query: str, selection: Selection, inventory: Inventory, eyes: Look, from_xy: tuple[float, float],
+    robot: RobotModel,
+) -> tuple[Selection, VisualTrace, tuple[str, ...]] | None:  # fmt: skip
+    """What the photographs change in an answer, how, and what the person is told; None if they are not needed."""
+    from cartier.vision.look import Photographs, Surroundings, look  # Pillow, which answers from the list do not need
+
+    def detections() -> dict[int, Detections]:
+        log = home.detections()
+        return {} if log is None else {number: frame.detections for number, frame in log.looked().items()}
+
+    photographs = Photographs(home.photos, detections)
+    return look(eyes, query, selection, inventory, photographs, Surroundings(home.grid, from_xy, robot))
 
 
 def _doubts(home: Home, query: str, selection: Selection) -> Iterator[str]:
@@ -267,6 +291,7 @@ class Conversation:
         from_xy: Where the robot stands (x, y) in metres, map frame; by default where the recording began.
         robot: The size of the robot; by default that of ``RobotModel()``.
         emergency_number: What to call in an emergency, as for ``ask``.
+        look: Who may look at the home's photographs, and when, as for ``ask``.
 
     Raises:
         InputError: ``from_xy`` is not a point, or the emergency number is none.
@@ -281,8 +306,9 @@ class Conversation:
         from_xy: Sequence[float] | None = None,
         robot: RobotModel | None = None,
         emergency_number: str | None = None,
+        look: Look | None = None,
     ) -> None:
-        self.home, self.reasoner, self.index, self.robot = home, reasoner, index, robot
+        self.home, self.reasoner, self.index, self.robot, self.look = home, reasoner, index, robot, look
         alarm.emergency_number(emergency_number)  # a mistake is told now, not in an emergency
         self.emergency_number = emergency_number
         self.from_xy: Sequence[float] = check_start(home.start_xy if from_xy is None else from_xy)
@@ -315,7 +341,7 @@ class Conversation:
             answer = ask(
                 self.home, waiting, self.reasoner,
                 index=self.index, from_xy=self.from_xy, robot=self.robot, dialogue=self.turns,
-                emergency_number=self.emergency_number,
+                emergency_number=self.emergency_number, look=self.look,
             )  # fmt: skip
         self.turns = recent([*self.turns, (words, robot_turn(answer))])
         goals = [part.goal for part in (answer, *answer.next) if part.goal is not None]
@@ -338,6 +364,9 @@ def robot_turn(answer: Answer) -> str:
 
 def _said(answer: Answer) -> str:
     chosen, place = answer.selection, answer.place
+    if answer.look is not None and not answer.look.question.choices and chosen.status == "answered":
+        named = "" if chosen.object is None else f" on {object_ref(chosen.object, chosen.object_id or 0)}"
+        return f"I told what I see{named}."  # words from a photograph are no part of the conversation
     if chosen.status in ("answered", "alarm"):
         return chosen.text if chosen.object_id is None else f"{chosen.text} (#{chosen.object_id})"
     if chosen.object is None:

@@ -22,13 +22,13 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, Literal, overload
 
-from cartier.contracts import Detector, Encoder, Reasoner, Recording, Robot, SpatialIndex, World
+from cartier.contracts import Detector, Encoder, Reasoner, Recording, Robot, SpatialIndex, VisionModel, World
 from cartier.errors import BackendError, InputError, MissingExtra
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoints
 
-KINDS = ("recordings", "detectors", "encoders", "indexes", "reasoners", "robots", "worlds")
+KINDS = ("recordings", "detectors", "encoders", "indexes", "reasoners", "vision", "robots", "worlds")
 PACKAGE = Path(__file__).parent
 
 
@@ -61,6 +61,8 @@ def make(kind: Literal["indexes"], name: str, **options: Any) -> SpatialIndex: .
 @overload
 def make(kind: Literal["reasoners"], name: str, **options: Any) -> Reasoner: ...
 @overload
+def make(kind: Literal["vision"], name: str, **options: Any) -> VisionModel: ...
+@overload
 def make(kind: Literal["robots"], name: str, **options: Any) -> Robot: ...
 @overload
 def make(kind: Literal["worlds"], name: str, **options: Any) -> World: ...
@@ -68,7 +70,7 @@ def make(kind: str, name: str, **options: Any) -> Any:
     """Make a backend.
 
     Args:
-        kind: "detectors", "encoders", "indexes", "reasoners", "robots" or "worlds".
+        kind: "detectors", "encoders", "indexes", "reasoners", "vision", "robots" or "worlds".
         name: A name that ``cartier list`` shows, or the path to a .py file.
         **options: The options of its factory, which ``cartier list`` names.
 
@@ -88,6 +90,8 @@ def make_from_spec(kind: Literal["detectors"], spec: str, **options: Any) -> Det
 def make_from_spec(kind: Literal["encoders"], spec: str, **options: Any) -> Encoder: ...
 @overload
 def make_from_spec(kind: Literal["reasoners"], spec: str, **options: Any) -> Reasoner: ...
+@overload
+def make_from_spec(kind: Literal["vision"], spec: str, **options: Any) -> VisionModel: ...
 def make_from_spec(kind: Any, spec: str, **options: Any) -> Any:
     """Make a backend from its form on the command line: NAME, or NAME:MODEL where it needs a model."""
     name, _, model = spec.partition(":")

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from cartier import plugins
 from cartier.contracts import Detector, Reasoner, Recording, Robot
@@ -13,7 +14,8 @@ from cartier.home import Home
 from cartier.llm.client import server_asked, without_credentials
 from cartier.mapping.domain import DOLLHOUSE, is_from_world
 from cartier.reasoners.auto import configured
-from cartier.types import RobotModel
+from cartier.types import CandidateView, RobotModel, VisualQuestion
+from cartier.vision.permission import Look
 
 DETECTOR = "embedded"
 """The default detector for recordings of the dollhouse, the demo and the benchmark."""
@@ -52,6 +54,28 @@ def reasoner(spec: str, **options: Any) -> Reasoner:
     """A reasoner by NAME or NAME:MODEL; options that are None are left to it."""
     given = {name: value for name, value in options.items() if value is not None}
     return plugins.make_from_spec("reasoners", spec, **given)
+
+
+def look(
+    when: str,
+    spec: str = "openai",
+    consent: Callable[[VisualQuestion, Sequence[CandidateView]], bool] | None = None,
+    blur: bool = False,
+    **options: Any,
+) -> Look | None:
+    """Who may look at photographs, by ``--look`` and ``--vision`` (NAME or NAME:MODEL); None for "never".
+
+    Options that are None, or that the vision model has not, are left out. Raises InputError for another word.
+    """
+    if when not in ("never", "ask", "auto"):
+        raise InputError(f"--look is never, ask or auto, got {brief(when, 40)!r}")
+    if when == "never":
+        return None
+    name = spec.partition(":")[0]
+    given = {key: value for key, value in options.items() if value is not None and plugins.takes("vision", name, key)}
+    eyes = plugins.make_from_spec("vision", spec, **given)
+    chosen: Literal["ask", "auto"] = "ask" if when == "ask" else "auto"
+    return Look(eyes, chosen, blur=blur) if consent is None else Look(eyes, chosen, consent, blur)
 
 
 def model_asked(spec: str, model: str | None = None, base_url: str | None = None) -> tuple[str, str] | None:

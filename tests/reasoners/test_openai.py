@@ -28,7 +28,7 @@ Asked = Callable[[str], list[dict[str, Any]]]
 
 @pytest.fixture(autouse=True)
 def short_pauses(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cartier.reasoners.openai.PAUSES_S", (0.05, 0.1))
+    monkeypatch.setattr("cartier.llm.server.PAUSES_S", (0.05, 0.1))
 
 
 def reasoner(server: str, behaviour: str, **options: Any) -> Any:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -14,12 +14,15 @@ from cartier import specs
 from cartier.cli._common import (
     AsJson,
     BaseUrl,
+    Blur,
     EmergencyNumber,
     HomeFolder,
     IndexName,
+    LookWhen,
     ModelName,
     OnAlarm,
     ReasonerName,
+    VisionName,
     numbers,
     say,
 )
@@ -29,7 +32,7 @@ from cartier.robots import send
 
 if TYPE_CHECKING:
     from cartier.home import Home
-    from cartier.types import Answer
+    from cartier.types import Answer, CandidateView, VisualQuestion
 
 app = typer.Typer()
 QUIT = {"", "q", "quit", "exit", "bye", "goodbye", "bye bye"}
@@ -60,6 +63,9 @@ def ask(
     show_prompt: Annotated[
         bool, typer.Option("--show-prompt", help="Print the prompt for a language model, and send nothing.")
     ] = False,
+    look: LookWhen = "never",
+    vision: VisionName = "openai",
+    blur: Blur = False,
     as_json: AsJson = False,
 ) -> None:
     """Answer a request with an object and a goal pose."""
@@ -74,8 +80,9 @@ def ask(
         _show_prompt(mapped, words, specs.model_asked(reasoner, model, base_url), index, from_xy, as_json)
         return
     chosen = specs.reasoner(reasoner, model=model, base_url=base_url, path=replies)
+    eyes = specs.look(look, vision, _agreed, blur, model=None if ":" in vision else model, base_url=base_url)
     talk = Conversation(
-        mapped, chosen, index=index, from_xy=from_xy, robot=model_of_robot, emergency_number=emergency_number
+        mapped, chosen, index=index, from_xy=from_xy, robot=model_of_robot, emergency_number=emergency_number, look=eyes
     )
     robot = specs.robot(go, mapped, model_of_robot) if go else None
     shown: set[str] = set()
@@ -101,6 +108,14 @@ def ask(
             mapped.remember(answer)
         except InputError as error:
             say(f"the answer was not saved: {error}")
+
+
+def _agreed(question: VisualQuestion, pictures: Sequence[CandidateView]) -> bool:
+    """Whether the person at the terminal lets these photographs leave; nobody at a terminal does not."""
+    if not sys.stdin.isatty():
+        return False
+    frames = ", ".join(f"frame {each.frame} ({each.label})" for each in pictures)
+    return typer.confirm(f"send photographs ({frames}) to the vision model: {question.words}", err=True)
 
 
 def _show_prompt(

@@ -1,4 +1,4 @@
-"""Commands that check and convert recordings: convert, doctor."""
+"""Commands that check and convert: convert, doctor, check-model."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import typer
 from cartier import plugins
 from cartier.cli._common import AsJson, progress, say
 from cartier.cli.reader_options import NOTHING, reads_recordings
-from cartier.errors import CartierError
+from cartier.errors import CartierError, MissingExtra
 
 if TYPE_CHECKING:
     from cartier.doctor import Report
@@ -91,6 +91,38 @@ def doctor(
         say(f"repaired: {output}")
     elif not report.ok:
         raise typer.Exit(1)
+
+
+@app.command("check-model")
+def check_model(
+    url: Annotated[str, typer.Argument(metavar="URL", help="The server's base URL, which mostly ends in /v1.")],
+    model: Annotated[str | None, typer.Option(help="The model's name on its server; default OPENAI_MODEL.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Check what a model on a server can do, and keep the result.
+
+    Whether it keeps a schema, sees pictures (made ones, nothing of a home is sent), can be told not to think, and how
+    fast it is.
+    """
+    try:
+        from cartier.vision.check import check_model as check
+    except ModuleNotFoundError as error:
+        raise MissingExtra(f"check-model needs openai: {plugins.install('llm', error.name or '')}") from error
+    from cartier.llm.capabilities import keep
+
+    found = check(url, model)
+    file = keep(found)
+    if as_json:
+        print(json.dumps(found.to_dict() | {"kept_in": str(file)}))
+        return
+    says = {True: "yes", False: "no", None: "takes no pictures"}
+    print(f"{found.model} @ {found.server}")
+    print(f"  keeps a schema   {says[found.keeps_schema]}, asked for as {found.form or 'none of the forms'}")
+    print(f"  sees             {says[found.sees]}")
+    print(f"  knows mirrored   {says[found.knows_mirrored]}")
+    print(f"  thinking         {'switched off' if found.thinking == 'off' else 'cannot be switched off'}")
+    print(f"  speed            {found.seconds:.2f} s a reply (median), {found.tokens_per_s:.0f} tokens a second")
+    say(f"kept in {file}")
 
 
 def _print(report: Report, as_json: bool, recording_notes: Sequence[str] = ()) -> None:

@@ -31,6 +31,14 @@ OnAlarm = Annotated[
     str | None,
     typer.Option(metavar="COMMAND", help="Run this if words tell of harm or an emergency; the answer is its input."),
 ]
+LookWhen = Annotated[
+    str,
+    typer.Option("--look", help="Ask a vision model about photographs: never, ask (you agree each time), or auto."),
+]
+VisionName = Annotated[
+    str, typer.Option("--vision", metavar="NAME[:MODEL]", help="The vision model: any of 'cartier list'.")
+]
+Blur = Annotated[bool, typer.Option("--blur", help="Blur people and screens in photographs before they are sent.")]
 Seed = Annotated[int, typer.Option(help="Seed of all random choices.")]
 
 

@@ -8,12 +8,23 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from cartier import plugins, specs
-from cartier.cli._common import EmergencyNumber, HomeFolder, ModelName, OnAlarm, ReasonerName, say
+from cartier.cli._common import (
+    Blur,
+    EmergencyNumber,
+    HomeFolder,
+    LookWhen,
+    ModelName,
+    OnAlarm,
+    ReasonerName,
+    VisionName,
+    say,
+)
 from cartier.errors import MissingExtra
 from cartier.io.command import OwnerCommand
 
 if TYPE_CHECKING:
     from cartier.serving.operations import Operations
+    from cartier.vision.permission import Look
 
 app = typer.Typer()
 HomeFolders = Annotated[list[Path], typer.Argument(metavar="HOME...", help="Folders that 'cartier map' wrote.")]
@@ -40,12 +51,17 @@ def serve(
     memory_mb: Memory = 1024,
     emergency_number: EmergencyNumber = None,
     on_alarm: OnAlarm = None,
+    look: LookWhen = "never",
+    vision: VisionName = "openai",
+    blur: Blur = False,
 ) -> None:
     """Serve homes over HTTP: web page and API.
 
     The page shows, answers and corrects; the API has an OpenAPI description.
     """
-    operations = _operations(homes, reasoner, model, memory_mb, emergency_number, on_alarm)
+    operations = _operations(
+        homes, reasoner, model, memory_mb, emergency_number, on_alarm, specs.look(look, vision, None, blur)
+    )
     try:
         from cartier.serving.http import DOCUMENTATION, make
         from cartier.serving.page import files
@@ -82,12 +98,17 @@ def mcp(
     memory_mb: Memory = 1024,
     emergency_number: EmergencyNumber = None,
     on_alarm: OnAlarm = None,
+    look: LookWhen = "never",
+    vision: VisionName = "openai",
+    blur: Blur = False,
 ) -> None:
     """Serve homes to agents over MCP.
 
     The Model Context Protocol server has ten tools that read, correct and undo.
     """
-    operations = _operations(homes, reasoner, model, memory_mb, emergency_number, on_alarm)
+    operations = _operations(
+        homes, reasoner, model, memory_mb, emergency_number, on_alarm, specs.look(look, vision, None, blur)
+    )
     try:
         from mcp.server.transport_security import TransportSecuritySettings
 
@@ -126,7 +147,7 @@ def export(
 
 def _operations(
     homes: list[Path], reasoner: str, model: str | None, memory_mb: int, emergency_number: str | None,
-    on_alarm: str | None,
+    on_alarm: str | None, look: Look | None,
 ) -> Operations:  # fmt: skip
     from cartier.serving.homes import Homes
     from cartier.serving.operations import Operations
@@ -134,7 +155,7 @@ def _operations(
     told = OwnerCommand(on_alarm, "--on-alarm") if on_alarm is not None else None
     return Operations(
         Homes(homes, memory_mb * 2**20), specs.reasoner(reasoner, model=model),
-        emergency_number=emergency_number, on_alarm=None if told is None else told.run,
+        emergency_number=emergency_number, on_alarm=None if told is None else told.run, look=look,
     )  # fmt: skip
 
 

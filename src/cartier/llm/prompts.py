@@ -28,7 +28,7 @@ PROPOSE_TOKENS = 256
 BOUNDS = ("maxLength", "maxItems")
 """Schema keywords that make replies better, but that some servers refuse (OpenAI's strict mode)."""
 
-Messages = list[dict[str, str]]
+Messages = list[dict[str, Any]]
 Schema = dict[str, Any]
 
 PAPER = """\

@@ -12,6 +12,10 @@ Form = dict[str, Any]
 _works: dict[tuple[str, str], str] = {}  # (server, model) → the first form that worked
 
 
+class Refused(ReasonerError):
+    """A server understands the request in none of its forms."""
+
+
 class NotUnderstood(Exception):
     """A server refused a request, and another form may succeed; ``error`` is for the person."""
 
@@ -74,3 +78,14 @@ def request_with_fallback(
     if refusal is not None:
         raise refusal.error from refusal
     return reply
+
+
+def form_of(server: str, model: str) -> str | None:
+    """The form that has worked with a model, or None if none has."""
+    return _works.get((server, model))
+
+
+def remember_form(server: str, model: str, form: str) -> None:
+    """Begin with a form that an earlier process found (``cartier check-model``); an unknown one is left aside."""
+    if form in LADDER:
+        _works.setdefault((server, model), form)

@@ -45,6 +45,7 @@ from cartier.serving.values import (
 from cartier.spatial import relations
 from cartier.types import Goal, MapObject, RobotModel, Room
 from cartier.understanding import alarm
+from cartier.vision.permission import Look
 
 PAGE = 5  # objects on a page of a list: few enough for a small model
 FOUND = 5  # objects that find shows
@@ -62,11 +63,13 @@ class Operations:
         robot: RobotModel | None = None,
         emergency_number: str | None = None,
         on_alarm: Callable[[dict[str, Any]], str] | None = None,
+        look: Look | None = None,
     ) -> None:
+        """``look``: the owner's choice of who may look at photographs; no client can change it."""
         self.homes, self.reasoner, self.robot = homes, reasoner, robot or RobotModel()
         alarm.emergency_number(emergency_number)  # a mistake is told now, not in an emergency
         self.emergency_number = emergency_number
-        self._on_alarm = on_alarm
+        self._on_alarm, self._look = on_alarm, look
         self._turns: OrderedDict[tuple[str, str], list[tuple[str, str]]] = OrderedDict()
         self._lock = threading.Lock()
 
@@ -96,7 +99,7 @@ class Operations:
             waiting = turns.pop()[0] if corrected is not None else words  # "which room is Ben's?" is answered
             answer = ask(
                 mapped, waiting, self.reasoner, from_xy=start, robot=self.robot, dialogue=turns,
-                emergency_number=self.emergency_number,
+                emergency_number=self.emergency_number, look=self._look,
             )  # fmt: skip
         if answer.selection.status == "alarm" and self._on_alarm is not None:
             told = {"conversation": key[1]} | answer.to_dict()
