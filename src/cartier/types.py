@@ -427,6 +427,7 @@ class Inventory:
         photo: Gives the JPEG of the best view of an object by its id, or None.
         from_xy: Where the robot stands (x, y) in metres, or None if unknown.
         doors: The passages between its rooms.
+        rules: The route rules that people gave and that hold.
     """
 
     objects: tuple[MapObject, ...]
@@ -434,6 +435,7 @@ class Inventory:
     photo: Callable[[int], bytes | None] = lambda _: None
     from_xy: tuple[float, ...] | None = None
     doors: tuple[Door, ...] = ()
+    rules: tuple[RouteRule, ...] = ()
 
     @property
     def names(self) -> list[str]:
