@@ -95,7 +95,9 @@ def target_of(noun: ReferringExpression, scene: Scene, state: DialogueState) -> 
         noun = same(state.last)
     said = noun.said or "that"
     if noun.rooms:
-        return RouteTarget("room", tuple(scene.rooms[number].name for number in noun.rooms), said=said)
+        rooms = tuple(scene.rooms[number].name for number in noun.rooms)
+        very = tuple(name for name in rooms if name_key(name) == name_key(said))  # not "bedroom 2" for "the bedroom"
+        return RouteTarget("room", very or rooms, said=said)
     doors = scene.doors(noun)
     if doors and not scene.meant(noun)[0]:
         pairs = (scene.rooms[number].name for door in doors for number in door.rooms)
