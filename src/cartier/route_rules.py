@@ -27,6 +27,7 @@ MAX_TARGETS, MAX_TARGET_CHARS, MAX_CORNERS = 200, 4000, 64
 SCOPE = re.compile(r"drive|standing|until:(?P<until>tomorrow|HH)|daily:(?P<begin>HH)-(?P<end>HH)".replace(
     "HH", r"(?:[01]\d|2[0-3]):[0-5]\d")
 )  # fmt: skip
+UNDERSTOOD = "Understood: "
 OWN_ARTICLES = ("the", "my", "your", "our", "object")
 ESCAPED = {"%": "%25", ",": "%2C", "|": "%7C", ";": "%3B", "=": "%3D"}
 
@@ -276,6 +277,20 @@ class RouteRule:
             "via": f"go {'through' if inside or self.target.kind == 'door' else 'past'} {it}",
         }[self.kind]
         return told if self.strength == "hard" else f"{told} if that is no great detour"
+
+
+def echo(rules: Iterable[RouteRule], ended: Iterable[RouteRule] = ()) -> str:
+    """What a robot says to words that only say how to drive.
+
+    Args:
+        rules: The rules that it understood.
+        ended: Those that it takes back.
+
+    Returns:
+        One sentence, which begins with ``UNDERSTOOD``.
+    """
+    told = [rule.in_words() for rule in rules] + [f"no longer {rule.wish}" for rule in ended]
+    return f"{UNDERSTOOD}{'; '.join(told)}."
 
 
 def called(target: RouteTarget) -> str:
