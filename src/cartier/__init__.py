@@ -26,6 +26,7 @@ from cartier.mapping.config import (
 from cartier.mapping.mapper import Mapper
 from cartier.pipeline import Conversation, ask, map_home
 from cartier.plugins import make, open_recording
+from cartier.route_rules import RouteRule, RouteTarget
 from cartier.types import (
     Answer,
     Camera,
@@ -43,6 +44,8 @@ from cartier.types import (
     Place,
     RobotModel,
     Room,
+    Route,
+    RouteAlternative,
     Selection,
     TrueObject,
     View,
@@ -96,6 +99,10 @@ __all__ = [
     "RobotModel",
     "Room",
     "RoomsConfig",
+    "Route",
+    "RouteAlternative",
+    "RouteRule",
+    "RouteTarget",
     "Searchable",
     "Selection",
     "SpatialIndex",

@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from datetime import datetime
 from functools import cache
 from pathlib import Path
 
@@ -18,7 +19,7 @@ from cartier import plugins
 from cartier.contracts import Detector, Encoder, IndexDefaults, Reasoner, ReasonerDefaults, Recording, optional
 from cartier.errors import BackendError, InputError
 from cartier.home import Home
-from cartier.home.spoken import correct_by_words
+from cartier.home.spoken import correct_by_words, keep_rules
 from cartier.labels import object_ref, room_ref
 from cartier.llm.prompts import check_query, recent
 from cartier.mapping.config import MappingConfig
@@ -27,11 +28,15 @@ from cartier.mapping.keyframes import Keyframes
 from cartier.mapping.mapper import Mapper
 from cartier.mapping.prefetch import batch_size, prefetch
 from cartier.navigation.planning import check_start, plan
+from cartier.navigation.routes import RoutePlan, plan_route
+from cartier.route_rules import RouteRule
 from cartier.types import Answer, Detections, Frame, Goal, Inventory, Place, RobotModel, Selection, VisualTrace
 from cartier.understanding import alarm
 from cartier.understanding.out_of_vocabulary import out_of_vocabulary_mention
+from cartier.understanding.route_rules import GO_ANYWAY, agrees
 from cartier.vision.permission import Look
 
+STAYS = Selection("answered", reason="the person would rather not", text="All right, I stay here.")
 CORRECTION = "correction"
 """What answers words that correct the home, instead of a reasoner."""
 
@@ -110,6 +115,8 @@ def ask(
     dialogue: Sequence[tuple[str, str]] = (),
     emergency_number: str | None = None,
     look: Look | None = None,
+    rules: Sequence[RouteRule] = (),
+    now: datetime | None = None,
 ) -> Answer:
     """Answer one request: the object that serves it, its place, and a reachable pose that faces it.
 
@@ -124,11 +131,14 @@ def ask(
         emergency_number: What to call in an emergency; by default CARTIER_EMERGENCY_NUMBER, else the number of the
             locale's country.
         look: Who may look at the home's photographs, and when; by default nobody.
+        rules: Route rules for this drive, beside those of the home and of the words.
+        now: The time, with a time zone: which rules of the home hold. By default that of this machine.
 
     Returns:
         The answer. Words about harm or an emergency are an "alarm", and no reasoner is asked. Its place and goal are
         None where nothing serves, where the robot asks back or answers in words; a goal may also be missing where no
-        pose can be reached, and ``notes`` say why.
+        pose can be reached, and ``notes`` say why. Where a hard route rule stands in the way, it is a question, and
+        "yes" as the next turn of the dialogue drives.
 
     Raises:
         InputError: The words are empty or too long, the start is not a point, or the home has no such index.
@@ -149,11 +159,17 @@ def ask(
     query = check_query(query)
     from_xy = check_start(home.start_xy if from_xy is None else from_xy)
     reasoner = _embedded() if reasoner is None else reasoner
-    inventory = home.inventory(index, from_xy)  # raises for an unknown index before a model is called
+    now = datetime.now().astimezone() if now is None else now
+    kept = [rule for rule in home.rules if not rule.expired(now)]
+    inventory = home.inventory(index, from_xy, (*kept, *rules))  # raises for an unknown index before a model is called
+    agreed = agrees(query) if dialogue and dialogue[-1][1].endswith(GO_ANYWAY) else None
+    said, query = query, dialogue[-1][0] if agreed else query  # "yes": the request before is served
     timing_ms: dict[str, float] = {}
     with _timed(timing_ms, "select"):
-        alarming = alarm.screen(query, emergency_number, dialogue)
-        selection = alarming or reasoner.select(query, inventory, dialogue)
+        alarming = alarm.screen(said, emergency_number, dialogue)
+        selection = alarming or (
+            STAYS if agreed is False else reasoner.select(query, inventory, dialogue[:-1] if agreed else dialogue)
+        )
         alarming = alarming or alarm.screen_choice(selection, inventory, dialogue, emergency_number)
         selection = alarming or selection
     for chosen in (selection, *selection.next):
@@ -169,7 +185,11 @@ def ask(
     if not inventory.contains(selection):
         raise BackendError(f"the look chose {selection.object!r}, which is not in the list")
     who = selection.model or reasoner.name  # a reasoner may hand over to another one
-    answer = serve(home, query, selection, who, index=index, from_xy=from_xy, robot=robot, timing_ms=timing_ms)
+    holding = _holding([*kept, *rules], selection, now)
+    answer = serve(
+        home, said, selection, who, index=index, from_xy=from_xy, robot=robot, timing_ms=timing_ms,
+        rules=holding, agreed=agreed is True,
+    )  # fmt: skip
     if alarming is not None:
         return answer  # what else there is to know about the home can wait
     notes = (*optional(reasoner, ReasonerDefaults, "notes"), *_doubts(home, query, selection), *looked_notes)
@@ -189,6 +209,14 @@ def _look(
 
     photographs = Photographs(home.photos, detections)
     return look(eyes, query, selection, inventory, photographs, Surroundings(home.grid, from_xy, robot))
+
+
+def _holding(rules: Sequence[RouteRule], selection: Selection, now: datetime) -> list[RouteRule]:
+    """The rules that hold now, with what the words say of all drives, and without what they take back."""
+    parts = (selection, *selection.next)
+    ended = [rule for part in parts for rule in part.lifts]
+    said = [rule for part in parts if part.status == "answered" for rule in part.rules]
+    return [rule for rule in dict.fromkeys((*rules, *said)) if rule.holds(now) and rule not in ended]
 
 
 def _doubts(home: Home, query: str, selection: Selection) -> Iterator[str]:
@@ -214,6 +242,8 @@ def serve(
     from_xy: Sequence[float] | None = None,
     robot: RobotModel | None = None,
     timing_ms: dict[str, float] | None = None,
+    rules: Sequence[RouteRule] = (),
+    agreed: bool = False,
 ) -> Answer:
     """Find the place of a selection and plan a goal there; then, from that goal on, the same for its further needs.
 
@@ -227,6 +257,8 @@ def serve(
         from_xy: Where the robot stands (x, y) in metres; by default where the recording began.
         robot: The size of the robot.
         timing_ms: The durations of earlier steps, which those of "locate" and "plan" are added to.
+        rules: The route rules that hold, beside those of the selection.
+        agreed: Whether a person agreed to break the hard rules that stand in the way.
 
     Returns:
         The answer.
@@ -248,22 +280,62 @@ def serve(
         pass  # an answer in words has no goal
     elif place is not None and home.grid is None:
         notes.append("no goal: without depth the home has no occupancy grid to plan on")
-    elif place is not None and home.grid is not None:
+    elif place is not None:
         with _timed(timing_ms, "plan"):
-            goal, why_not = plan(home.grid, place, from_xy, robot)
-        if goal is None:
-            notes.append(f"no goal: {why_not}")
+            planned = plan_for(home, place, from_xy, robot, tuple(dict.fromkeys((*rules, *selection.rules))))
+        goal = planned.breach if agreed and planned.breach is not None else planned.goal
+        notes += [f"understood: {rule.in_words()}" for rule in selection.rules]
+        notes += [f"a rule of this home: {rule.in_words()}{_quoted(rule)}" for rule in rules if rule.id]
+        notes += planned.notes
+        if goal is None and planned.breach is not None:
+            question = f"{planned.why_not[:1].upper()}{planned.why_not[1:]}. {GO_ANYWAY}"
+            selection = Selection(
+                "clarify", reason=planned.why_not, question=question, text=question, model=selection.model,
+                prompt=selection.prompt, reply=selection.reply, rules=selection.rules, lifts=selection.lifts,
+            )  # fmt: skip
+        elif goal is None:
+            notes.append(f"no goal: {planned.why_not}")
         elif not goal.line_of_sight:
             notes.append(f"the goal faces the {place.label}, but something known stands in between")
     further, here = [], from_xy if goal is None else (goal.x, goal.y)
     for chosen in selection.next:
-        further.append(serve(home, query, chosen, reasoner, index=index, from_xy=here, robot=robot))
+        further.append(
+            serve(home, query, chosen, reasoner, index=index, from_xy=here, robot=robot, rules=rules, agreed=agreed)
+        )
         if (last := further[-1].goal) is not None:
             here = (last.x, last.y)
     return Answer(
         query, selection, place, goal, reasoner, index_name, home.detector, home.name, timing_ms, tuple(notes),
         optional(spatial_index, IndexDefaults, "encoder") or None, tuple(further),
     )  # fmt: skip
+
+
+def plan_for(
+    home: Home, place: Place, from_xy: Sequence[float], robot: RobotModel, rules: Sequence[RouteRule]
+) -> RoutePlan:
+    """Plan a drive in a home with a floor plan, under route rules.
+
+    Args:
+        home: The home.
+        place: Where to.
+        from_xy: Where the robot stands (x, y) in metres.
+        robot: The size of the robot.
+        rules: The rules that hold for this drive.
+
+    Returns:
+        The goal, or why there is none and which rules stand in the way.
+
+    Raises:
+        InputError: The start is not a point.
+    """
+    assert home.grid is not None and home.route_map is not None
+    if not rules:
+        return RoutePlan(*plan(home.grid, place, from_xy, robot))
+    return plan_route(home.route_map, place, from_xy, robot, rules)
+
+
+def _quoted(rule: RouteRule) -> str:
+    return f" (“{rule.said}”)" if rule.said else ""
 
 
 @cache
@@ -313,12 +385,14 @@ class Conversation:
         self.emergency_number = emergency_number
         self.from_xy: Sequence[float] = check_start(home.start_xy if from_xy is None else from_xy)
         self.turns: list[tuple[str, str]] = []
+        self.rules: tuple[RouteRule, ...] = ()  # of a home that is not saved, and so keeps none itself
 
     def say(self, words: str) -> Answer:
         """Answer what the person says next; words that raise are not remembered.
 
         Words that correct a saved home do so, and ``home`` is then the corrected one: "yes, it is there", "that is a
-        pencil box", "this is Ben's room", "undo that".
+        pencil box", "this is Ben's room", "undo that". Route rules for more than one drive are kept with
+        it, too: "never through the bedroom", until they are taken back.
 
         Args:
             words: What the person says.
@@ -341,8 +415,14 @@ class Conversation:
             answer = ask(
                 self.home, waiting, self.reasoner,
                 index=self.index, from_xy=self.from_xy, robot=self.robot, dialogue=self.turns,
-                emergency_number=self.emergency_number, look=self.look,
+                emergency_number=self.emergency_number, look=self.look, rules=self.rules,
             )  # fmt: skip
+            self.home, answer = keep_rules(self.home, answer)
+            if self.home.store is None:
+                parts = [part.selection for part in (answer, *answer.next)]
+                ended = [rule for part in parts for rule in part.lifts]
+                said = [rule for part in parts for rule in part.rules if rule.stays]
+                self.rules = tuple(rule for rule in dict.fromkeys((*self.rules, *said)) if rule not in ended)
         self.turns = recent([*self.turns, (words, robot_turn(answer))])
         goals = [part.goal for part in (answer, *answer.next) if part.goal is not None]
         if goals:

@@ -25,6 +25,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cartier.errors import BackendError, brief, check_camera, check_pose, check_radius, finite, need, without_far
+from cartier.route_rules import FLOOR_KINDS, RouteRule
 
 Array = npt.NDArray[Any]
 Floats = npt.NDArray[np.floating[Any]]
@@ -427,6 +428,7 @@ class Inventory:
         photo: Gives the JPEG of the best view of an object by its id, or None.
         from_xy: Where the robot stands (x, y) in metres, or None if unknown.
         doors: The passages between its rooms.
+        rules: The route rules that people gave and that hold.
     """
 
     objects: tuple[MapObject, ...]
@@ -434,6 +436,7 @@ class Inventory:
     photo: Callable[[int], bytes | None] = lambda _: None
     from_xy: tuple[float, ...] | None = None
     doors: tuple[Door, ...] = ()
+    rules: tuple[RouteRule, ...] = ()
 
     @property
     def names(self) -> list[str]:
@@ -586,6 +589,9 @@ class Selection:
             or "fire" (also gas and floods); else None.
         tentative: The id of an object that is not confirmed and that the question or the answer speaks of, or None: a
             person may be shown its photo.
+        rules: What the words want of the way, in the order in which they say it. With "answered" they are rules for
+            drives to come.
+        lifts: Rules that the words take back.
     """
 
     status: Status
@@ -603,6 +609,8 @@ class Selection:
     fact: Fact | None = None
     alarm: AlarmKind | None = None
     tentative: int | None = None
+    rules: tuple[RouteRule, ...] = ()
+    lifts: tuple[RouteRule, ...] = ()
 
     def __post_init__(self) -> None:
         need(self.status in STATUSES, f"selection status {self.status!r} is not one of {', '.join(STATUSES)}")
@@ -616,6 +624,57 @@ class Selection:
 
 
 @dataclass(frozen=True, eq=False)
+class RouteAlternative:
+    """Another way to the same goal.
+
+    Args:
+        words: What sets it apart: "1.2 m longer, all on tiles".
+        length_m: How long it is.
+        path: (K, 2) float64 points (x, y) in metres.
+    """
+
+    words: str
+    length_m: float
+    path: npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Route:
+    """How the way to a goal follows route rules.
+
+    Args:
+        rules: The rules that hold for this drive, obeyed or weighed.
+        shortest_m: How long the way would be without them.
+        directions: The way in words that a person could follow, one line a step.
+        speed: (K,) float64, the share of full speed (0 to 1) from each point of the goal's path on.
+        shortest: (J, 2) float64, the path without the rules.
+        alternatives: Other ways, shortest first.
+        breaks: The hard rules that it breaks, because a person was asked and agreed.
+    """
+
+    rules: tuple[RouteRule, ...]
+    shortest_m: float
+    directions: tuple[str, ...]
+    speed: npt.NDArray[np.float64]
+    shortest: npt.NDArray[np.float64]
+    alternatives: tuple[RouteAlternative, ...] = ()
+    breaks: tuple[RouteRule, ...] = ()
+
+    def to_dict(self) -> dict[str, Any]:
+        """The route as plain JSON values.
+
+        Returns:
+            What ``cartier ask --json`` prints as ``goal.route``: rules in their text form, lengths in metres.
+        """
+        return {
+            "rules": [rule.text for rule in self.rules], "breaks": [rule.text for rule in self.breaks],
+            "shortest_m": round(self.shortest_m, 3), "directions": list(self.directions),
+            "speed": [round(float(share), 3) for share in self.speed],
+            "alternatives": [{"words": a.words, "length_m": round(a.length_m, 3)} for a in self.alternatives],
+        }  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
 class Goal:
     """A reachable pose that faces a place, in the map frame.
 
@@ -626,6 +685,7 @@ class Goal:
         length_m: The length of the path.
         place: What the pose faces.
         line_of_sight: Whether nothing known stands between the pose and the place.
+        route: How the path follows route rules; None where none hold.
     """
 
     x: float
@@ -635,6 +695,7 @@ class Goal:
     length_m: float
     place: Place
     line_of_sight: bool
+    route: Route | None = None
 
     def __post_init__(self) -> None:
         what = f"goal for the {self.place.label}"
@@ -653,7 +714,7 @@ class Goal:
         path = [[round(x, 4), round(y, 4)] for x, y in self.path.tolist()]
         return {
             "x": self.x, "y": self.y, "yaw": self.yaw, "path": path, "length_m": self.length_m,
-            "line_of_sight": self.line_of_sight,
+            "line_of_sight": self.line_of_sight, "route": None if self.route is None else self.route.to_dict(),
         }  # fmt: skip
 
 
@@ -822,17 +883,23 @@ class OccupancyGrid:
         origin_xy: The outer corner of cell (0, 0) in the map frame (m).
         height_m: (rows, cols) float16, the height of the highest surface seen in each cell (0 = none): with it, lines
             of sight can pass over a table.
+        floor_kinds: (rows, cols) uint8, the kind of floor in each cell as an index into ``FLOOR_KINDS`` (0 = unknown),
+            or None if nobody looked.
     """
 
     cells: npt.NDArray[np.int8]
     resolution_m: float
     origin_xy: tuple[float, float]
     height_m: npt.NDArray[np.float16]
+    floor_kinds: npt.NDArray[np.uint8] | None = None
 
     def __post_init__(self) -> None:
         shape, heights = self.cells.shape, self.height_m.shape
         need(len(shape) == 2 and self.cells.size > 0, f"an occupancy grid needs (rows, cols) cells, got {shape}")
         need(heights == shape, f"grid heights must be {shape}, got {heights}")
+        if self.floor_kinds is not None:
+            known = self.floor_kinds.shape == shape and int(self.floor_kinds.max()) < len(FLOOR_KINDS)
+            need(known, f"grid floor kinds must be {shape} of 0 to {len(FLOOR_KINDS) - 1}")
         need(self.resolution_m > 0, f"grid resolution must be positive, got {self.resolution_m}")
 
     def cell(self, xy: Sequence[float] | Array) -> npt.NDArray[np.int64]:
@@ -918,6 +985,7 @@ class Answer:
             "room": chosen.room, "reason": chosen.reason, "question": chosen.question, "text": chosen.text,
             "alarm": chosen.alarm, "answer": None if chosen.fact is None else asdict(chosen.fact),
             "tentative": chosen.tentative,
+            "rules": [rule.text for rule in chosen.rules], "lifts": [rule.text for rule in chosen.lifts],
             "place": self.place.to_dict() if self.place else None, "goal": self.goal.to_dict() if self.goal else None,
             "candidates": [{"object": name, "score": score} for name, score in chosen.candidates],
             "reasoner": self.reasoner, "index": self.index, "encoder": self.encoder, "detector": self.detector,

@@ -7,12 +7,13 @@ longer holds is made anew from the entry; one that was removed does not come bac
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import cast
 
-from cartier.home.correction_log import Correction, Subject, in_force, in_words
+from cartier.home.correction_log import Correction, Subject, in_force, in_words, rules_of
 from cartier.home.object_changes import affirmed, halves, made, merged, moved, relabelled
+from cartier.route_rules import RouteRule
 from cartier.types import MapObject, OccupancyGrid, Room
 
 NEAR_M = 1.0  # the object of the noted label within this distance is the one meant
@@ -24,7 +25,7 @@ FIRST_MADE, MAX_MADE = 1_000_000, 1000  # ids of objects that people add, to whi
 class Corrected:
     """Objects, rooms and the home's name with and without corrections, the log, and notes about unfit entries.
 
-    ``made`` are the objects that people added, as they were added.
+    ``made`` are the objects that people added, as they were added; ``rules`` are those for routes.
     """
 
     objects: tuple[MapObject, ...]
@@ -36,6 +37,7 @@ class Corrected:
     made: tuple[MapObject, ...] = ()
     name: str = ""
     mapped_name: str = ""
+    rules: tuple[RouteRule, ...] = ()
 
 
 def apply(
@@ -52,6 +54,8 @@ def apply(
     """
     work = _Applying(in_force(log), objects, rooms, grid, name, origin)
     for entry in work.log:
+        if entry.what in ("rule", "lift"):
+            continue
         subject = cast(Subject, entry.subject)
         if subject.kind == "home":
             work.name = str(entry.name)
@@ -61,8 +65,30 @@ def apply(
             work.change(entry, subject)
     return Corrected(
         work.sorted_objects(), tuple(work.places[room.id] for room in rooms), objects, rooms, tuple(log),
-        tuple(work.notes), tuple(work.made.values()), work.name, name,
+        tuple(work.notes), tuple(work.made.values()), work.name, name, _rules(work.log, rooms, grid),
     )  # fmt: skip
+
+
+def _rules(log: Sequence[Correction], rooms: Sequence[Room], grid: OccupancyGrid | None) -> tuple[RouteRule, ...]:
+    """The route rules that people gave; rooms that were renamed since are called by their new names."""
+    names, renamed = {room.id: room.name for room in rooms}, dict[str, dict[str, str]]()
+    for entry in log:
+        if entry.what == "rule":
+            renamed[entry.id] = {}
+        elif entry.what == "name" and entry.subject is not None and entry.subject.kind == "room":
+            number = find_room(entry.subject.position, rooms, grid)
+            if number is not None:
+                for of in renamed.values():
+                    of |= {old: str(entry.name) for old, now in of.items() if now == names[number]}
+                    of[names[number]] = str(entry.name)
+                names[number] = str(entry.name)
+    return tuple(_renamed(rule, renamed[rule.id]) for rule in rules_of(log))
+
+
+def _renamed(rule: RouteRule, names: Mapping[str, str]) -> RouteRule:
+    if rule.target is None or rule.target.kind not in ("room", "door"):
+        return rule
+    return replace(rule, target=replace(rule.target, names=tuple(names.get(name, name) for name in rule.target.names)))
 
 
 class _Applying:

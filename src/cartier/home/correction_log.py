@@ -7,17 +7,22 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
+from datetime import datetime
 from pathlib import Path
 from typing import Any, Literal, get_args
 
 from cartier.errors import MAX_FAR_M, InputError, brief
 from cartier.io.files import read_bytes
+from cartier.route_rules import RouteRule
 
 LOG = "corrections.jsonl"
 MAX_BYTES, MAX_NAME_CHARS, MAX_WHO_CHARS, MAX_LABEL_CHARS = 2**24, 60, 60, 200
 MAX_ID = 2**53
-CorrectionKind = Literal["name", "confirm", "relabel", "add", "merge", "split", "forget", "move", "undo"]
+MAX_RULE_CHARS, MAX_SAID_CHARS = 5000, 300
+CorrectionKind = Literal[
+    "name", "confirm", "relabel", "add", "merge", "split", "forget", "move", "rule", "lift", "undo"
+]
 POINTS = {"object": 3, "room": 2, "home": 0}
 """How many coordinates the position of a subject has, by its kind."""
 
@@ -42,8 +47,9 @@ class Correction:
 
     ``name`` is for "name", ``label`` for "relabel", ``to_xy`` (m) for "move", ``undoes`` (an entry's id) for "undo".
     ``other`` is the object that "merge" takes in, or the second one that "split" makes; "add" makes its ``subject``.
-    ``origin`` names the pose frame of the positions, and ``newest`` is the largest id of an object then; older entries
-    have neither.
+    ``rule`` is a route rule in its text form, for "rule" with the sentence that made it in ``name``; "lift" takes back
+    the entry ``undoes``. ``origin`` names the pose frame of the positions, and ``newest`` is the largest id of an
+    object then; older entries have neither.
     """
 
     id: str
@@ -58,6 +64,7 @@ class Correction:
     other: Subject | None = None
     origin: str | None = None
     newest: int | None = None
+    rule: str | None = None
 
 
 def read_log(folder: Path) -> tuple[tuple[Correction, ...], tuple[str, ...]]:
@@ -91,11 +98,28 @@ def in_force(log: Iterable[Correction]) -> list[Correction]:
     return [entry for entry in entries if entry.what != "undo" and entry.id not in undone]
 
 
+def rules_of(holding: Iterable[Correction]) -> tuple[RouteRule, ...]:
+    """The route rules of entries in force, oldest first, without those that were taken back."""
+    entries = list(holding)
+    lifted = {entry.undoes for entry in entries if entry.what == "lift"}
+    given = [entry for entry in entries if entry.what == "rule" and entry.id not in lifted]
+    return tuple(replace(rule_in(entry), id=entry.id) for entry in given)
+
+
+def rule_in(entry: Correction) -> RouteRule:
+    """The route rule of an entry of the log."""
+    return RouteRule.parse(entry.rule or "", entry.name or "", entry.when)
+
+
 def in_words(entry: Correction, log: Iterable[Correction] = ()) -> str:
     """What an entry does, in a few words; ``log`` holds the entry that it undoes."""
     if entry.what == "undo":
         undone = next((each for each in log if each.id == entry.undoes), None)
         return "undone" if undone is None else f"undone: {in_words(undone)}"
+    if entry.what == "rule":
+        return rule_in(entry).in_words()
+    if entry.what == "lift":
+        return f"no longer {RouteRule.parse(entry.rule or '').wish}"
     assert entry.subject is not None
     about, other = _called(entry.subject), "" if entry.other is None else _called(entry.other)
     x, y = entry.to_xy or (*entry.subject.position, 0.0, 0.0)[:2]
@@ -138,6 +162,12 @@ def _entry(row: Mapping[str, Any]) -> Correction:
     about: dict[str, Any] = {key: clean(row[key], MAX_WHO_CHARS, key) for key in ("id", "when", "who")}
     if what == "undo":
         return Correction(**about, what=what, undoes=clean(row["undoes"], MAX_WHO_CHARS, "undoes"))
+    if what in ("rule", "lift"):
+        about["rule"] = RouteRule.parse(clean(row["rule"], MAX_RULE_CHARS, "rule")).text
+        about |= {"undoes": clean(row["undoes"], MAX_WHO_CHARS, "undoes")} if what == "lift" else {}
+        about |= {"name": clean(row["name"], MAX_SAID_CHARS, "name")} if row.get("name") else {}
+        datetime.fromisoformat(about["when"])
+        return Correction(**about, what=what)
     subject = _subject(row["subject"])
     if subject.kind != "object" and what != "name":
         raise ValueError(subject)

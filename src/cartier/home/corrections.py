@@ -18,6 +18,7 @@ from cartier.errors import MAX_FAR_M, InputError, brief
 from cartier.home.corrected import FIRST_MADE, Corrected, stands_there
 from cartier.home.correction_log import (
     MAX_NAME_CHARS,
+    MAX_SAID_CHARS,
     MAX_WHO_CHARS,
     Correction,
     CorrectionKind,
@@ -27,6 +28,7 @@ from cartier.home.correction_log import (
 )
 from cartier.labels import display_name
 from cartier.navigation.planning import room_middle
+from cartier.route_rules import RouteRule
 from cartier.types import MapObject, OccupancyGrid, Room
 
 THE_HOME = "home"
@@ -73,9 +75,10 @@ def make(known: Corrected, grid: OccupancyGrid | None, wish: Wish, origin: str =
         raise InputError(f"a correction is one of {kinds}, not {brief(wish.what, 40)!r}")
     makers: dict[str, Callable[[Corrected, OccupancyGrid | None, Wish], dict[str, Any]]] = {
         "undo": _undo, "name": _name, "relabel": _relabel, "add": _add, "merge": _merge, "split": _split, "move": _move,
+        "rule": _rule, "lift": _lift,
     }  # fmt: skip
     about: dict[str, Any] = {"what": wish.what} | makers.get(wish.what, _confirm_or_forget)(known, grid, wish)
-    if wish.what != "undo":
+    if wish.what not in ("undo", "rule", "lift"):
         about["newest"] = max((obj.id for obj in known.mapped_objects), default=0)
         about["origin"] = origin or None
     when = datetime.now(UTC).isoformat(timespec="milliseconds")
@@ -87,6 +90,37 @@ def _undo(known: Corrected, grid: OccupancyGrid | None, wish: Wish) -> dict[str,
     if not holding:
         raise InputError("there is no correction to undo")
     return {"undoes": holding[-1].id}
+
+
+def _rule(known: Corrected, grid: OccupancyGrid | None, wish: Wish) -> dict[str, Any]:
+    """A route rule in its text form, with the sentence that made it; what it names must be in the home."""
+    rule = RouteRule.parse(wish.entity)
+    if not rule.stays:
+        raise InputError(f"{rule.text}: a rule for one drive is said with the request, and not kept")
+    target = rule.target
+    if target is not None and target.kind == "none":
+        raise InputError(f"{rule.text}: a rule about what the home does not have cannot be kept")
+    if target is not None and target.kind == "object":
+        for number in target.ids:
+            find(str(number), known.objects)
+    if target is not None and target.kind in ("room", "door"):
+        rooms = {room.name.casefold() for room in known.rooms}
+        if wrong := [name for name in target.names if name.casefold() not in rooms]:
+            raise InputError(f"{rule.text}: no room is called {brief(wrong[0], 40)!r}")
+    if rule in known.rules:
+        raise InputError(f"{rule.text}: this rule holds already")
+    said = clean(wish.name, MAX_SAID_CHARS, "the sentence of a rule") if wish.name else None
+    return {"rule": rule.text, "name": said}
+
+
+def _lift(known: Corrected, grid: OccupancyGrid | None, wish: Wish) -> dict[str, Any]:
+    """The end of a route rule, named by its id or its text form."""
+    meant = wish.entity.strip()
+    rule = next((rule for rule in known.rules if meant in (rule.id, rule.text)), None)
+    if rule is None:
+        rules = "; ".join(f"{rule.id}: {rule.text}" for rule in known.rules) or "none"
+        raise InputError(f"no rule {brief(meant, 60)!r} holds: there is {brief(rules, 400)}")
+    return {"rule": rule.text, "undoes": rule.id}
 
 
 def _name(known: Corrected, grid: OccupancyGrid | None, wish: Wish) -> dict[str, Any]:

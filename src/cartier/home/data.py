@@ -11,6 +11,7 @@ from typing import Any
 from cartier.contracts import SpatialIndex
 from cartier.home.corrected import Corrected
 from cartier.home.store import Store
+from cartier.route_rules import RouteRule
 from cartier.types import Camera, Inventory, MapObject, OccupancyGrid, Room
 
 
@@ -43,6 +44,11 @@ class HomeData:
     def mapped_name(self) -> str:
         """The name without the one that people gave it."""
         return self.name if self.corrected is None else self.corrected.mapped_name
+
+    @property
+    def rules(self) -> tuple[RouteRule, ...]:
+        """The route rules that people gave and did not take back, oldest first, expired ones among them."""
+        return () if self.corrected is None else self.corrected.rules
 
     @property
     def scale_guessed(self) -> bool:

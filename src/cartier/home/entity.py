@@ -20,7 +20,9 @@ from cartier.home.data import HomeData, origin_of
 from cartier.home.detection_log import DetectionLog
 from cartier.home.photos import photo_of
 from cartier.home.point_cloud import PointCloud, read_cloud
+from cartier.navigation.layers import RouteMap
 from cartier.navigation.planning import room_middle
+from cartier.route_rules import RouteRule
 from cartier.spatial.doors import find_doors
 from cartier.types import Answer, Door, Inventory, Place, Room, Selection
 
@@ -66,13 +68,16 @@ class Home(HomeData):
         (True, True)
     """
 
-    def inventory(self, index: str | None = None, from_xy: Sequence[float] | None = None) -> Inventory:
+    def inventory(
+        self, index: str | None = None, from_xy: Sequence[float] | None = None, rules: Sequence[RouteRule] = ()
+    ) -> Inventory:
         """What a reasoner may choose from.
 
         Args:
             index: The name of an index, by default the first one. An index with names of its own (such as the paper's)
                 gives an inventory of bare names.
             from_xy: Where the robot stands (x, y), metres; by default ``start_xy``.
+            rules: The route rules that hold.
 
         Returns:
             The objects and rooms, or the index's names.
@@ -82,8 +87,13 @@ class Home(HomeData):
         """
         names, at = self.index(index)[1].names(), tuple(self.start_xy if from_xy is None else from_xy)
         if set(names) <= set(self.names):
-            return Inventory(self.objects, self.rooms, self.photo, at, self._doors)
+            return Inventory(self.objects, self.rooms, self.photo, at, self._doors, tuple(rules))
         return Inventory.of(names)
+
+    @cached_property
+    def route_map(self) -> RouteMap | None:
+        """What route rules are about: the floor plan with rooms, objects and doors; None without depth."""
+        return None if self.grid is None else RouteMap(self.grid, self.rooms, self.objects, self._doors)
 
     @cached_property
     def _doors(self) -> tuple[Door, ...]:
@@ -259,12 +269,13 @@ class Home(HomeData):
         Args:
             what: "name" (give an object, a room or the home a name), "confirm" (an object is there), "relabel" (say
                 what it is), "add" (an object that the map lacks), "merge" (two objects are one), "split" (one object
-                is two), "forget" (remove an object), "move" (move an object's middle) or "undo" (take the latest
-                correction back).
+                is two), "forget" (remove an object), "move" (move an object's middle), "rule" (a route rule for drives
+                to come), "lift" (a route rule ends) or "undo" (take the latest correction back).
             entity: What to correct: an object's id, ``room:ID``, a name, a label that only one object has, or
-                ``home``. For "add" the object that it stands on, or its room.
+                ``home``. For "add" the object that it stands on, or its room; for "rule" the rule in its text form,
+                such as ``avoid room:bedroom hard standing``; for "lift" that, or its id.
             name: The new name for "name", the label for "relabel" and "add"; for "split" the label of the second
-                object, by default that of the first.
+                object, by default that of the first; for "rule" the sentence that made it.
             to_xy: A place (x, y) in metres, map frame: the new middle for "move", the middle for "add", a point of the
                 second object for "split".
             other: For "merge" the object that becomes part of ``entity``.

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from cartier.home.corrected import find_room
 from cartier.home.entity import Home
-from cartier.types import Selection
+from cartier.route_rules import UNDERSTOOD
+from cartier.types import Answer, Selection
 from cartier.understanding import alarm
 from cartier.understanding.spoken_corrections import NOTED, spoken_correction
 
@@ -43,3 +45,24 @@ def correct_by_words(
                 "found" if spoken.drive else "answered", obj.label, reason=told, object_id=obj.id, text=told
             )
     return changed, Selection("answered", text=told)
+
+
+def keep_rules(home: Home, answer: Answer, who: str = "a conversation") -> tuple[Home, Answer]:
+    """Keep the route rules of an answer that hold beyond one drive, and end those that it takes back.
+
+    Gives the home with its new log, and the answer that says so. A home that was not loaded from a folder keeps none.
+    """
+    if home.store is None:
+        return home, answer
+    parts, kept = (answer, *answer.next), False
+    for chosen in (part.selection for part in parts):
+        for rule in chosen.lifts:
+            if rule.id in {each.id for each in home.rules}:
+                home, kept = home.correct("lift", rule.id, who=who)[0], True
+        for rule in chosen.rules:
+            if rule.stays and rule not in home.rules:
+                home, kept = home.correct("rule", rule.text, name=rule.said, who=who)[0], True
+    if kept and answer.selection.text.startswith(UNDERSTOOD):
+        text = f"{NOTED}{answer.selection.text.removeprefix(UNDERSTOOD)}"
+        answer = replace(answer, selection=replace(answer.selection, text=text))
+    return home, answer

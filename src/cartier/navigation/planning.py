@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -61,6 +62,14 @@ def traversable(grid: OccupancyGrid, radius_m: float) -> npt.NDArray[np.bool_]:
     return np.asarray((grid.cells == FREE) & ~blocked)
 
 
+def start_cell(
+    grid: OccupancyGrid, open_cells: npt.NDArray[np.bool_], start_xy: Sequence[float]
+) -> tuple[int, int] | None:
+    """The cell (row, col) where a drive from a start begins; see ``reach``. None if no floor fits the robot near it."""
+    here = np.asarray(start_xy, dtype=np.float64)
+    return _way_in(grid, here, _near(grid, open_cells, here))
+
+
 def check_start(start_xy: Sequence[float] | Array) -> tuple[float, float]:
     """A start as (x, y) in metres, or an InputError unless it is two finite numbers."""
     try:
@@ -86,8 +95,8 @@ def _reach(grid: OccupancyGrid, start_xy: tuple[float, float], radius_m: float) 
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import dijkstra
 
-    open_cells, here = traversable(grid, radius_m), np.array(start_xy)
-    start = _way_in(grid, here, _near(grid, open_cells, here))
+    open_cells = traversable(grid, radius_m)
+    start = start_cell(grid, open_cells, start_xy)
     if start is None:
         return None
     number = np.full(open_cells.shape, -1, np.int32)
@@ -121,16 +130,27 @@ def plan(grid: OccupancyGrid, place: Place, start_xy: Sequence[float], robot: Ro
     """
     radius_m = robot.radius_m
     area = reach(grid, start_xy, radius_m)
-    at = f"({start_xy[0]:.2f}, {start_xy[1]:.2f})"
     if area is None:
-        fits = f"known free floor that fits a robot of radius {radius_m} m"
-        if len(_near(grid, traversable(grid, radius_m), np.asarray(start_xy))):
-            return None, f"the start {at} is cut off by a known obstacle from all {fits} within {SNAP_M} m"
-        return None, f"there is no {fits} within {SNAP_M} m of the start {at}"
+        return None, no_start(grid, traversable(grid, radius_m), start_xy, radius_m)
     goal = goal_for(area, place, robot.camera_height_m)
-    if goal is None:
-        return None, f"no pose within {FARTHEST_M} m of the {place.label} can be reached from {at}"
-    return goal, ""
+    return goal, no_pose(place, start_xy) if goal is None else ""
+
+
+def no_start(grid: OccupancyGrid, open_cells: npt.NDArray[np.bool_], start_xy: Sequence[float], radius_m: float) -> str:
+    """Why no drive can begin at a start."""
+    at, fits = _in_words(start_xy), f"known free floor that fits a robot of radius {radius_m} m"
+    if len(_near(grid, open_cells, np.asarray(start_xy))):
+        return f"the start {at} is cut off by a known obstacle from all {fits} within {SNAP_M} m"
+    return f"there is no {fits} within {SNAP_M} m of the start {at}"
+
+
+def no_pose(place: Place, start_xy: Sequence[float]) -> str:
+    """Why a drive from a start ends nowhere."""
+    return f"no pose within {FARTHEST_M} m of the {place.label} can be reached from {_in_words(start_xy)}"
+
+
+def _in_words(xy: Sequence[float]) -> str:
+    return f"({xy[0]:.2f}, {xy[1]:.2f})"
 
 
 def goal_for(area: Reach, place: Place, camera_height_m: float = CAMERA_HEIGHT_M) -> Goal | None:
@@ -139,31 +159,55 @@ def goal_for(area: Reach, place: Place, camera_height_m: float = CAMERA_HEIGHT_M
     The best distance is 0 for a place of unknown size, otherwise ``VIEWING_DISTANCE`` times the largest side. A pose
     with line of sight is chosen if its distance is at most ``SIGHT_DETOUR_M`` worse than the best.
     """
-    grid, target, wanted_m = area.grid, np.array(place.position), 0.0
-    cells = np.argwhere(np.isfinite(area.length_m))
-    xy = grid.centre(cells)
+    reachable = np.isfinite(area.length_m)
+    poses = poses_at(area.grid, reachable, place, area.length_m)
+    if not len(poses.cells):
+        return None
+    if place.view_yaw is not None:
+        return _goal(area, tuple(poses.cells[0]), place.view_yaw, place, bool(poses.off_m[0] < 0.5))
+    near = np.flatnonzero(poses.off_m <= poses.off_m[0] + SIGHT_DETOUR_M)
+    xy = area.grid.centre(poses.cells)
+    seen = next((i for i in near if line_of_sight(area.grid, xy[i], place, camera_height_m)), None)
+    chosen = near[0] if seen is None else seen
+    yaw = yaw_towards(*xy[chosen], *place.position[:2])
+    return _goal(area, tuple(poses.cells[chosen]), yaw, place, seen is not None)
+
+
+class Poses(NamedTuple):
+    """Cells (N, 2) where a robot may stand at a place, best first, and how far (m) each is off the best distance."""
+
+    cells: npt.NDArray[np.intp]
+    off_m: npt.NDArray[np.float64]
+
+
+def poses_at(
+    grid: OccupancyGrid, reachable: npt.NDArray[np.bool_], place: Place, length_m: npt.NDArray[np.float64] | None = None
+) -> Poses:
+    """The reachable cells (rows, cols) at a place: by distance, in steps of 1 cm, then by the length of the way.
+
+    At a viewpoint it is the nearest cell alone.
+    """
+    target, wanted_m = np.array(place.position), 0.0
+    low = high = target
     if place.box_min is not None and place.box_max is not None:
         low, high = np.array(place.box_min), np.array(place.box_max)
-        distance = box_distance(xy, low[:2], high[:2])
         wanted_m = min(VIEWING_DISTANCE * float((high - low).max()), MAX_VIEWING_DISTANCE_M)
-    else:
-        distance = np.linalg.norm(xy - target[:2], axis=1)
-    centre_distance = np.linalg.norm(xy - target[:2], axis=1)
+    reach_m = FARTHEST_M + grid.resolution_m
+    top_left = np.maximum(grid.cell(np.minimum(low, target)[:2] - reach_m), 0)
+    bottom_right = np.maximum(grid.cell(np.maximum(high, target)[:2] + reach_m) + 1, 0)
+    window = slice(top_left[0], bottom_right[0]), slice(top_left[1], bottom_right[1])
+    cells = np.argwhere(reachable[window]) + top_left
+    xy = grid.centre(cells)
+    distance = box_distance(xy, low[:2], high[:2])
     if place.view_yaw is not None:  # the place is a viewpoint: stand there, with the same heading
-        best = int(np.argmin(distance))
-        if distance[best] > FARTHEST_M:
-            return None
-        return _goal(area, tuple(cells[best]), place.view_yaw, place, bool(distance[best] < 0.5))
+        best = np.argsort(distance, kind="stable")[:1]
+        best = best[distance[best] <= FARTHEST_M]
+        return Poses(cells[best], distance[best])
     off_m = np.abs(distance - wanted_m)
-    order = np.lexsort((area.length_m[tuple(cells.T)], np.round(off_m, 2)))
-    order = order[(centre_distance[order] >= NEAREST_M) & (distance[order] <= FARTHEST_M)]
-    if not len(order):
-        return None
-    near = order[off_m[order] <= off_m[order[0]] + SIGHT_DETOUR_M]
-    seen = next((i for i in near if line_of_sight(grid, xy[i], place, camera_height_m)), None)
-    chosen = near[0] if seen is None else seen
-    yaw = yaw_towards(*xy[chosen], *target[:2])
-    return _goal(area, tuple(cells[chosen]), yaw, place, seen is not None)
+    far = np.zeros(len(cells)) if length_m is None else length_m[tuple(cells.T)]
+    order = np.lexsort((far, np.round(off_m, 2)))
+    near = (np.linalg.norm(xy - target[:2], axis=1)[order] >= NEAREST_M) & (distance[order] <= FARTHEST_M)
+    return Poses(cells[order[near]], off_m[order[near]])
 
 
 def line_of_sight(
@@ -191,7 +235,9 @@ def _near(
     grid: OccupancyGrid, open_cells: npt.NDArray[np.bool_], start_xy: npt.NDArray[np.float64]
 ) -> npt.NDArray[np.intp]:
     """The open cells (N, 2) to which a start may be moved, nearest first."""
-    cells = np.argwhere(open_cells)
+    top_left = np.maximum(grid.cell(start_xy - SNAP_M - grid.resolution_m), 0)
+    bottom_right = np.maximum(grid.cell(start_xy + SNAP_M + grid.resolution_m) + 1, 0)
+    cells = np.argwhere(open_cells[top_left[0] : bottom_right[0], top_left[1] : bottom_right[1]]) + top_left
     distance_m = np.hypot(*(grid.centre(cells) - start_xy).T)
     order = np.argsort(distance_m, kind="stable")
     return np.asarray(cells[order[distance_m[order] <= SNAP_M]])

@@ -26,12 +26,14 @@ from cartier.understanding.needs import FITS, Needs, shortened
 from cartier.understanding.offers import REPLIES, reply
 from cartier.understanding.parser import parser
 from cartier.understanding.readings import UNSURE, picked, question
-from cartier.understanding.tags import NOTHING_ASKED, Clause
+from cartier.understanding.route_rules import asked_back, driving, says_how, told
+from cartier.understanding.tags import NOTHING_ASKED, ROUTING, Clause
 from cartier.understanding.tentative import OFFER, maybe_there, offer, tentative_matches, unsure, usual_place
 
 MOST_NEEDS = 4  # most needs in one utterance
 LATEST = 3000  # characters at the end of a text that are read
 PARSED = 64  # turns whose parse is kept: each request reads all turns of its conversation
+MOST_SAID = 300  # characters of a sentence that are kept with its rules
 TURNED_DOWN = Selection("answered", reason="the offer was turned down", text="All right.", model=MODEL)
 
 
@@ -40,6 +42,7 @@ class _Home:
 
     def __init__(self, inventory: Inventory, names: EntityVocabulary) -> None:
         self.scene, self.names, self.listed = Scene(inventory), names, tuple(inventory.names)
+        self.rules = inventory.rules
 
 
 def make(cards: str | Path = SHIPPED) -> Embedded:
@@ -73,7 +76,7 @@ class Embedded:
                 return TURNED_DOWN if act == "deny" else self._anyway(dialogue, home)
         found: list[Selection] = []
         for clause in clauses[:MOST_NEEDS] or [Clause("need", 1.0, (), ())]:
-            chosen, asked = self._one(clause, home, state)
+            chosen, asked = self._with_rules(clause, home, state, query)
             found.append(chosen)
             served = [home.scene.by_id[chosen.object_id]] if chosen.object_id in home.scene.by_id else []
             state = state.then(asked, served)
@@ -120,6 +123,19 @@ class Embedded:
                 there, _ = home.scene.meant(again(before, query_of(clauses[0], home.names).head), found)
                 found |= {there[0].id: words} if there else {}
         return tuple((words, obj) for obj, words in found.items())
+
+    def _with_rules(
+        self, clause: Clause, home: _Home, state: DialogueState, said: str
+    ) -> tuple[Selection, ParsedUtterance]:
+        """The answer to one clause with what it says of the way, and what it asked; it asks back about a rule whose
+        object is not known."""
+        if not says_how(clause):
+            return self._one(clause, home, state)
+        how = driving(clause, home.names, home.scene, state, " ".join(said.split())[:MOST_SAID])
+        if clause.act in ROUTING or how.unknown:
+            return told(how, home.rules, MODEL) if not how.unknown else asked_back(how, MODEL), ParsedUtterance("rule")
+        chosen, asked = self._one(clause, home, state)
+        return replace(chosen, rules=how.rules, lifts=how.lifts), asked
 
     def _one(
         self, clause: Clause, home: _Home, state: DialogueState, wanted: bool = False

@@ -1,0 +1,160 @@
+"""Cheapest paths on a grid of costs, past areas in order: exact, over no more cells than can lie on such a path.
+
+Dijkstra on the 8-connected grid. A step costs its length times the mean of its two cells' costs, each 1 or more per
+cell side; so the octile distance to the start and on to the goal is a lower bound of any path through a cell, and cells
+beyond the best bound are left out (the bound grows until the path found lies below it).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+Mask = npt.NDArray[np.bool_]
+Cells = npt.NDArray[np.intp]
+
+FIRST_DETOUR, DETOUR_GROWS = 1.15, 1.8  # the bounds tried, in lower bounds of the whole way
+SLACK = 20.0  # cells added to each bound
+ROUNDING = 1e-9  # relative
+STEPS = ((0, 1), (1, 0), (1, 1), (1, -1))
+
+
+class CheapestPath(NamedTuple):
+    """A path over cells (K, 2) as (row, col), and its cost in cell sides."""
+
+    cells: Cells
+    cost: float
+
+
+def cheapest(cost: npt.NDArray[np.float64], start: Sequence[int], passes: Sequence[Mask]) -> CheapestPath | None:
+    """The cheapest path from a cell into the last of some areas, through the others in their order.
+
+    Args:
+        cost: (rows, cols) the cost of each cell, 1 or more; inf where the path may not go.
+        start: The cell (row, col) where it begins.
+        passes: Areas (rows, cols); the path touches each, in order, and ends in the last.
+
+    Returns:
+        The path, or None if there is none.
+    """
+    boxes = [_box(area & np.isfinite(cost)) for area in passes]
+    begin = int(start[0]), int(start[1])
+    if any(box is None for box in boxes) or not math.isfinite(cost[begin]):
+        return None
+    chain = [(begin[0], begin[0], begin[1], begin[1]), *(box for box in boxes if box is not None)]
+    least = sum(_between(one, other) for one, other in pairwise(chain))
+    bound, everywhere = FIRST_DETOUR * least + SLACK, 2.0 * cost.size
+    while True:
+        found = _within(cost, begin, passes, chain, bound)
+        if found is not None and found.cost <= bound * (1 + ROUNDING):
+            return found
+        if bound >= everywhere:
+            return found
+        grown = DETOUR_GROWS * bound if found is None else found.cost
+        bound = grown if grown < everywhere / 8 else everywhere
+
+
+def _within(
+    cost: npt.NDArray[np.float64],
+    start: tuple[int, int],
+    passes: Sequence[Mask],
+    chain: Sequence[tuple[int, int, int, int]],
+    bound: float,
+) -> CheapestPath | None:
+    """The cheapest path over the cells that a path of at most a cost can use."""
+    from scipy.sparse import csr_array
+    from scipy.sparse.csgraph import dijkstra
+
+    top, left, window = _window(cost.shape, chain, bound)
+    cost, areas = cost[window], [area[window] for area in passes]
+    boxes = [(a - top, b - top, c - left, d - left) for a, b, c, d in chain]
+    numbers, count = list[npt.NDArray[np.int32]](), 0
+    for k in range(len(areas)):  # one copy of the cells for each area that is still to come
+        usable = np.isfinite(cost) & (_lower_bound(cost.shape, boxes, k) <= bound * (1 + ROUNDING))
+        number = np.full(cost.shape, -1, np.int32)
+        number[usable] = np.arange(count, count + int(usable.sum()))
+        count += int(usable.sum())
+        numbers.append(number)
+    begin = numbers[0][start[0] - top, start[1] - left]
+    ends = numbers[-1][areas[-1]]
+    ends = ends[ends >= 0]
+    if begin < 0 or not len(ends):
+        return None
+    rows, cols, weights = _edges(numbers, areas, cost)
+    graph = csr_array((weights, (rows, cols)), shape=(count, count))
+    far, before = dijkstra(graph, indices=begin, return_predecessors=True, limit=bound * (1 + ROUNDING))
+    end = int(ends[np.argmin(far[ends])])
+    if not math.isfinite(far[end]):
+        return None
+    nodes = [end]
+    while nodes[-1] != begin:
+        nodes.append(int(before[nodes[-1]]))
+    cell_of = np.concatenate([np.argwhere(number >= 0) for number in numbers])
+    cells = cell_of[nodes[::-1]] + (top, left)
+    moved = np.concatenate([[True], (np.diff(cells, axis=0) != 0).any(1)])  # not from one copy to the next
+    return CheapestPath(np.asarray(cells[moved], np.intp), float(far[end]))
+
+
+def _edges(
+    numbers: Sequence[npt.NDArray[np.int32]], areas: Sequence[Mask], cost: npt.NDArray[np.float64]
+) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32], npt.NDArray[np.float64]]:
+    """Steps between neighbours both ways, and for nothing from each copy of the cells to the next inside its area."""
+    rows, cols = cost.shape
+    sources, targets, weights = list[npt.NDArray[np.int32]](), list[npt.NDArray[np.int32]](), []
+    for number in numbers:
+        for dr, dc in STEPS:
+            here = slice(0, rows - dr), slice(max(0, -dc), cols - max(0, dc))
+            there = slice(dr, rows), slice(max(0, dc), cols + min(0, dc))
+            both = (number[here] >= 0) & (number[there] >= 0)
+            step = math.hypot(dr, dc) / 2 * (cost[here][both] + cost[there][both])
+            sources += [number[here][both], number[there][both]]
+            targets += [number[there][both], number[here][both]]
+            weights += [step, step]
+    for before, after, area in zip(numbers, numbers[1:], areas, strict=False):
+        both = area & (before >= 0) & (after >= 0)
+        sources.append(before[both])
+        targets.append(after[both])
+        weights.append(np.zeros(int(both.sum())))
+    return np.concatenate(sources), np.concatenate(targets), np.concatenate(weights)
+
+
+def _lower_bound(shape: tuple[int, ...], boxes: Sequence[tuple[int, int, int, int]], k: int) -> npt.NDArray[np.float64]:
+    """The least cost (rows, cols) of a way through each cell between the k-th area and the next."""
+    before = sum(_between(one, other) for one, other in pairwise(boxes[: k + 1]))
+    after = sum(_between(one, other) for one, other in pairwise(boxes[k + 1 :]))
+    return np.asarray(_octile_to(shape, boxes[k]) + _octile_to(shape, boxes[k + 1]) + before + after)
+
+
+def _octile_to(shape: tuple[int, ...], box: tuple[int, int, int, int]) -> npt.NDArray[np.float64]:
+    rows, cols = np.arange(shape[0])[:, None], np.arange(shape[1])[None]
+    down = np.maximum(np.maximum(box[0] - rows, rows - box[1]), 0)
+    side = np.maximum(np.maximum(box[2] - cols, cols - box[3]), 0)
+    return np.asarray(np.maximum(down, side) + (math.sqrt(2) - 1) * np.minimum(down, side))
+
+
+def _between(one: tuple[int, int, int, int], other: tuple[int, int, int, int]) -> float:
+    down = max(one[0] - other[1], other[0] - one[1], 0)
+    side = max(one[2] - other[3], other[2] - one[3], 0)
+    return max(down, side) + (math.sqrt(2) - 1) * min(down, side)
+
+
+def _window(
+    shape: tuple[int, ...], chain: Sequence[tuple[int, int, int, int]], bound: float
+) -> tuple[int, int, tuple[slice, slice]]:
+    """The rows and columns that a path of at most a cost can reach, and where they begin."""
+    least = sum(_between(one, other) for one, other in pairwise(chain))
+    aside = math.ceil((bound - least) / (2 * (math.sqrt(2) - 1))) + 1
+    top, left = max(min(box[0] for box in chain) - aside, 0), max(min(box[2] for box in chain) - aside, 0)
+    bottom, right = max(box[1] for box in chain) + aside + 1, max(box[3] for box in chain) + aside + 1
+    return top, left, (slice(top, min(bottom, shape[0])), slice(left, min(right, shape[1])))
+
+
+def _box(area: Mask) -> tuple[int, int, int, int] | None:
+    """The first and last row and column of an area; None if it is empty."""
+    rows, cols = np.flatnonzero(area.any(1)), np.flatnonzero(area.any(0))
+    return (int(rows[0]), int(rows[-1]), int(cols[0]), int(cols[-1])) if len(rows) else None

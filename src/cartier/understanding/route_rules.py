@@ -1,0 +1,225 @@
+"""Route rules from words: the clauses whose nouns the parser marks as what the way is to avoid, pass and so on.
+
+Kind and noun come from the parser (``assembly.routed`` resolves the noun as any other); strength and how long a rule
+holds from small tables of words.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+from cartier.labels import name_key, plain, singular, words
+from cartier.route_rules import RouteRule, RouteTarget, RuleKind, Strength, echo
+from cartier.spatial.expressions import EntityVocabulary, ReferringExpression
+from cartier.spatial.query import DOORS, Scene
+from cartier.types import Selection
+from cartier.understanding.assembly import routed
+from cartier.understanding.dialogue_state import DialogueState, same
+from cartier.understanding.rule_scope import scope_of
+from cartier.understanding.tags import ROUTE_NOUNS, ROUTING, Clause, Span
+from cartier.understanding.utterance import ENDS
+
+KIND_OF: dict[str, RuleKind] = {
+    "va": "avoid", "vk": "keep-away", "vs": "slow-near", "vp": "prefer", "vo": "only-through", "vv": "via",
+}  # fmt: skip
+FLOOR_WORDS = {
+    "tiles": "tile tiling ceramic stone lino linoleum",
+    "planks": "plank planking board floorboard parquet laminate wood woodwork hardwood timber",
+    "carpet": "carpet carpeting moquette",
+    "rug": "rug mat doormat runner",
+}
+FLOOR_OF = {word: kind for kind, said in FLOOR_WORDS.items() for word in said.split()}
+ADJECTIVES = {"tiled": "tiles", "wooden": "planks", "carpeted": "carpet", "laminated": "planks"}
+"""Before "floor", "part", "bit"."""
+SOFT = re.compile(
+    r"\b(rather|prefer\w*|preferabl[ye]|ideally|better|possible|possibly|try|maybe|perhaps|wish|fancy|sooner|glad|nicer"
+    r"|best|(?:if|when|where|wherever|whenever) (?:you|it|there|that) (?:can|could|is|s|may|might|works|suits)"
+    r"|where alternatives|minimi[sz]e|as (?:far|much|little) as|a (?:little|bit))\b"
+)
+HARD = re.compile(r"\b(never|must|have to|has to|not allowed|forbid\w*|forbidden|whatever you do|absolutely|only|always"
+                  r"|under no|strictly|nothing but)\b")  # fmt: skip
+YES = re.compile(
+    r"(?:oh |well |ok |okay )*(?:yes|yeah|yep|yup|sure|ok|okay|go|do|please do|fine|alright|all right|of course"
+    r"|go ahead|go on|do it|go anyway|drive|by all means)"
+    r"(?: (?:please|then|go|do|it|ahead|on|anyway|thanks?|that is fine|that s fine|drive|all the same))*"
+)
+NO = re.compile(r"(?:oh |well )*(?:no|nope|nah|don t|do not|stop|leave it|never|better not|rather not)\b.*")
+GO_ANYWAY = "Shall I go all the same?"
+"""How the robot's question ends when a rule stands in the way."""
+NEAR_WORDS = 12
+WISHES = ("if", "when", "where", "wherever", "preferably", "ideally")
+"""Words after a comma that still go with the noun before it."""
+
+
+class Driving(NamedTuple):
+    """What one clause says of the way: rules for it, and what is taken back."""
+
+    rules: tuple[RouteRule, ...] = ()
+    lifts: tuple[RouteRule, ...] = ()
+
+    @property
+    def unknown(self) -> tuple[RouteRule, ...]:
+        """The rules about what the home does not have."""
+        return tuple(r for r in (*self.rules, *self.lifts) if r.target is not None and r.target.kind == "none")
+
+
+def says_how(clause: Clause) -> bool:
+    """Whether a clause says how to drive."""
+    return clause.act in ROUTING or any(span.role in (*ROUTE_NOUNS, "vh") for span in clause.spans)
+
+
+def driving(clause: Clause, names: EntityVocabulary, scene: Scene, state: DialogueState, said: str = "") -> Driving:
+    """The typed rules of a clause; ``said`` is the sentence that they are kept with."""
+    found = list[RouteRule]()
+    nouns = routed(clause, names)
+    marked = sorted([span for span, _ in nouns] + [s for s in clause.spans if s.role == "vh"], key=lambda s: s.start)
+    of = {span.start: noun for span, noun in nouns}
+    for span in marked:
+        strength, scope = _strength(span, clause, marked), _scope(span, clause, marked)
+        if span.role == "vh":
+            found.append(RouteRule("shortest", None, strength, scope, said))
+        else:
+            found.append(
+                RouteRule(KIND_OF[span.role], target_of(of[span.start], names, scene, state), strength, scope, said)
+            )
+    rules = tuple(dict.fromkeys(found))
+    return Driving(lifts=rules) if clause.act == "lift" else Driving(rules)
+
+
+def target_of(noun: ReferringExpression, names: EntityVocabulary, scene: Scene, state: DialogueState) -> RouteTarget:
+    """What a noun means for a route: a room, a kind of floor, all objects that it may mean, a door, or nothing."""
+    if noun.generic and noun.bare and state.last is not None:  # "don't drive over it"
+        noun = same(state.last)
+    said = noun.said or "that"
+    if numbers := noun.rooms or (names.rooms.get(name_key(said), ()) if noun.bare else ()):
+        # a way goes through rooms: here "the bathroom" is not the toilet
+        rooms = tuple(scene.rooms[number].name for number in numbers)
+        very = tuple(name for name in rooms if name_key(name) == name_key(said))  # not "bedroom 2" for "the bedroom"
+        return RouteTarget("room", very or rooms, said=said)
+    doors = scene.doors(noun)
+    if doors and not scene.meant(noun)[0]:
+        pairs = (scene.rooms[number].name for door in doors for number in door.rooms)
+        return RouteTarget("door", tuple(pairs), said=_with_places(noun))
+    floor = _floor(noun)
+    if floor and noun.bare:
+        return RouteTarget("floor", (floor,), said=said)
+    objects = scene.meant(noun)[0] if not noun.generic or not noun.bare else []
+    if objects:
+        return RouteTarget("object", ids=tuple(sorted(obj.id for obj in objects)), said=_with_places(noun))
+    if floor:
+        return RouteTarget("floor", (floor,), said=said)
+    return RouteTarget("none", (said,))
+
+
+def _with_places(noun: ReferringExpression) -> str:
+    """The noun with what is said of it, for the echo: "red chair in the kitchen"."""
+    told = [*noun.colours[:1], noun.said]
+    for relation in noun.relations:
+        if relation.target is not None and not relation.target.generic:
+            told.append(f"{relation.kind} the {relation.target.said}")
+    return " ".join(told)
+
+
+def _floor(noun: ReferringExpression) -> str:
+    """The kind of floor that a noun names, or "": "parquet", "the wooden floor", "bath mat"."""
+    said = [singular(word) for word in words(noun.said)]
+    if not said or name_key(noun.said) in DOORS:
+        return ""
+    if said[-1] in ("floor", "flooring", "part", "bit"):
+        return next(
+            (ADJECTIVES.get(w) or FLOOR_OF.get(w, "") for w in said[:-1] if w in ADJECTIVES or w in FLOOR_OF), ""
+        )
+    return FLOOR_OF.get(said[-1], "")
+
+
+def _strength(span: Span, clause: Clause, marked: Sequence[Span]) -> Strength:
+    """Whether the words around a noun order or wish; to prefer is a wish unless they order."""
+    near = _around(span, clause, marked)
+    if span.role == "vp":
+        return "hard" if HARD.search(near) and not SOFT.search(near.replace("prefer", "")) else "soft"
+    return "soft" if SOFT.search(near) else "hard"
+
+
+def _around(span: Span, clause: Clause, marked: Sequence[Span]) -> str:
+    """The words that go with a noun: from the noun before, or the sentence's begin, to a pause after it."""
+    tokens = clause.tokens
+    before = [other.end for other in marked if other.end <= span.start]
+    ends = [k + 1 for k in range(span.start) if tokens[k] in ENDS or tokens[k] == "but"]
+    begin = max([0, span.start - NEAR_WORDS, *before, *ends])
+    goals = [s.end for s in clause.spans if s.role in ("t", "b", "p") and begin < s.end <= span.start]
+    begin = max([begin, *goals])
+    end = span.end
+    while end < len(tokens) and tokens[end] not in ENDS and tokens[end] not in ("and", "but"):
+        wish = end + 1 < len(tokens) and tokens[end + 1] in WISHES
+        if (tokens[end] == "," and not wish) or any(s.start == end for s in marked):
+            break
+        end += 1
+    return " ".join(words(" ".join(tokens[begin:end])))
+
+
+def _scope(span: Span, clause: Clause, marked: Sequence[Span]) -> str:
+    """How long the rule of a noun holds, by the words for it that stand nearest."""
+    default = "standing" if clause.act == "rule" else "drive"
+    times = [s for s in clause.spans if s.role == "vt"]
+    if not times:
+        return default
+    own = [t for t in times if _meant_by(t, clause, marked) == span]
+    if len(times) == 1 and not marked[0].start < times[0].start < marked[-1].start:
+        own = times  # said before all of them, or after
+    return scope_of(" ".join(own[0].words), default) if own else default
+
+
+def _meant_by(time: Span, clause: Clause, marked: Sequence[Span]) -> Span:
+    """The noun that words of time go with: the one right before them, else the one that follows."""
+    before = [s for s in marked if s.end <= time.start]
+    after = [s for s in marked if s.start >= time.end]
+    close = bool(before) and all(token == "," for token in clause.tokens[before[-1].end : time.start])
+    return before[-1] if before and (close or not after) else after[0]
+
+
+def agrees(text: str) -> bool | None:
+    """Whether words say yes or no to a question; None for any other words."""
+    said = " ".join(words(plain(text)))
+    return True if YES.fullmatch(said) else False if NO.fullmatch(said) else None
+
+
+def told(how: Driving, standing: Sequence[RouteRule], model: str) -> Selection:
+    """The answer to words that only say how to drive; ``standing`` are the rules that hold."""
+    if how.unknown:
+        return asked_back(how, model)
+    if how.rules:
+        say = echo(how.rules)
+        return Selection("answered", reason="understood: how to drive", text=say, model=model, rules=how.rules)
+    ended = ended_by(how.lifts, standing)
+    if not ended:
+        which = "; ".join(rule.in_words() for rule in standing)
+        say = f"There is no such rule. These hold: {which}." if which else "There is no such rule: none holds."
+        return Selection("answered", reason="no rule to take back", text=say, model=model)
+    say = echo((), ended)
+    return Selection("answered", reason="understood: a rule ends", text=say, model=model, lifts=ended)
+
+
+def ended_by(lifts: Sequence[RouteRule], standing: Sequence[RouteRule]) -> tuple[RouteRule, ...]:
+    """The rules that end: of the same kind and target, else of the same target; all of them where none is named."""
+    if not lifts:
+        return tuple(standing)
+    ended = [rule for rule in standing if any(lift.ends(rule) for lift in lifts)]
+    if not ended:  # "you may go over the carpet again", after "keep away from the carpet"
+        about = [lift for lift in lifts if lift.target is not None]
+        named = [rule for rule in standing if rule.target is not None]
+        ended = [rule for rule in named if any(replace(lift, kind=rule.kind).ends(rule) for lift in about)]
+    return tuple(ended)
+
+
+def asked_back(how: Driving, model: str) -> Selection:
+    """The question about a rule whose object is not known."""
+    name = " and ".join(name for rule in how.unknown if rule.target is not None for name in rule.target.names)
+    wish = how.unknown[0].wish.replace(name, f"the {name}")
+    question = f"I know of no {name} here: what do you mean by “{wish}”?"
+    return Selection(
+        "clarify", reason=f"no {name} is known", question=question, text=question, model=model,
+        rules=tuple(rule for rule in how.rules if rule not in how.unknown),
+    )  # fmt: skip
