@@ -24,7 +24,7 @@ from cartier.understanding.act_patterns import WIDTH as PATTERNS
 
 TOOLS = Path(__file__).parent
 HELD_BACK = ("grumpy", "hosts", "newcomer", "others_past", "transcript", "wheels")
-NETWORKS, HIDDEN, EPOCHS, BATCH, DROP = 4, 128, 40, 256, 0.3
+NETWORKS, HIDDEN, EPOCHS, BATCH, DROP = 4, 64, 20, 256, 0.3
 RATE, DECAY, SMOOTH = 2e-3, 1e-2, 0.05
 DENSE_SCALE = 0.5  # of the encoder's features beside the patterns'
 SENTENCES, WHOLE = 5000, 1500  # of requests
