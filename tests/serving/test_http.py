@@ -94,7 +94,7 @@ def test_ask_goal_photo_over_http(server: Server) -> None:
 
 def test_openapi_describes_every_path_and_answer(server: Server) -> None:
     paths = httpx.get(f"{server.url}/openapi.json").json()["paths"]
-    assert len(paths) == 13
+    assert len(paths) == 14
     for path, verb in ((path, verb) for path, methods in paths.items() for verb in methods.values()):
         assert verb["summary"] and "4XX" in verb["responses"] and "422" not in verb["responses"], path
         for content in verb["responses"]["200"]["content"].values():
