@@ -92,7 +92,7 @@ def digest(turns: tuple[str, ...]) -> str:
 
 def write(file: Path) -> None:
     """Answer every request and keep the answers."""
-    from cartier.pipeline import Conversation
+    from cartier.conversation import Conversation
 
     reasoner, rows = plugins.make("reasoners", "embedded"), []
     for group, key, turns, places in requests():

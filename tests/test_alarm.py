@@ -11,9 +11,10 @@ from typing import Any
 import pytest
 
 import cartier
+from cartier.conversation import Conversation
 from cartier.errors import InputError
 from cartier.io.command import OwnerCommand
-from cartier.pipeline import Conversation, map_home
+from cartier.pipeline import map_home
 from cartier.robots import send
 from cartier.robots.print import make as printing
 from cartier.types import Fact, Inventory, Selection

@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 
 import cartier
+from cartier.conversation import Conversation
 from cartier.errors import BackendError, InputError
 from cartier.geometry import box_distance
 from cartier.home import Home
 from cartier.home.store import Store
-from cartier.pipeline import Conversation, map_home
+from cartier.pipeline import map_home
 from cartier.types import Detections, Frame, Inventory, Selection
 from synthetic import CHAIR, THINGS, RoomRecording, TrueBoxes, walk
 

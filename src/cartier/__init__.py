@@ -11,6 +11,7 @@ from cartier.contracts import (
     VisionModel,
     World,
 )  # fmt: skip
+from cartier.conversation import Conversation
 from cartier.errors import BackendError, CartierError, InputError, MissingExtra, ReasonerError
 from cartier.home import DetectionLog, Home, PointCloud, ProcessedFrame
 from cartier.mapping.config import (
@@ -24,7 +25,7 @@ from cartier.mapping.config import (
     RoomsConfig,
 )  # fmt: skip
 from cartier.mapping.mapper import Mapper
-from cartier.pipeline import Conversation, ask, map_home
+from cartier.pipeline import ask, map_home
 from cartier.plugins import make, open_recording
 from cartier.route_rules import RouteRule, RouteTarget
 from cartier.types import (

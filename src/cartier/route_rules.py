@@ -260,7 +260,11 @@ class RouteRule:
         return not set(mine.names).isdisjoint(others.names) if mine.kind != "door" else _pairs(mine) <= _pairs(others)
 
     def in_words(self) -> str:
-        """The rule in a few words: "keep off the carpet, for this drive"."""
+        """The rule in a few words.
+
+        Returns:
+            Such as "keep off the carpet, for this drive".
+        """
         return f"{self.wish}, {_scope_in_words(self.scope)}"
 
     @property

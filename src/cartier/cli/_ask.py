@@ -69,8 +69,8 @@ def ask(
     as_json: AsJson = False,
 ) -> None:
     """Answer a request with an object and a goal pose."""
+    from cartier.conversation import Conversation
     from cartier.home import Home
-    from cartier.pipeline import Conversation
     from cartier.types import RobotModel
 
     from_xy, model_of_robot = numbers(start, 2, "--from"), RobotModel(radius, camera_height)

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from cartier.contracts import Reasoner, World
+from cartier.conversation import Conversation
 from cartier.errors import BackendError, InputError
 from cartier.evaluation.batch import UNASKED, PromptWriter
 from cartier.evaluation.maps import Maps, MapSettings, encoder_for
@@ -23,7 +24,6 @@ from cartier.evaluation.true_home import true_home
 from cartier.home import Home
 from cartier.io.atomic import locked
 from cartier.io.files import read_rows
-from cartier.pipeline import Conversation
 from cartier.types import Answer, Fact, Inventory, Selection, TrueObject
 
 HOMES = tuple(str(number) for number in range(80001, 80013))

@@ -20,6 +20,7 @@ import numpy as np
 
 from cartier import specs
 from cartier.contracts import Reasoner
+from cartier.conversation import CORRECTION, robot_turn
 from cartier.errors import InputError, brief
 from cartier.home import Home
 from cartier.home.correction_log import CorrectionKind
@@ -29,7 +30,7 @@ from cartier.home.photos import photo_of
 from cartier.home.spoken import correct_by_words, keep_rules
 from cartier.llm.prompts import check_query, recent
 from cartier.navigation.planning import plan
-from cartier.pipeline import CORRECTION, ask, plan_for, robot_turn, serve
+from cartier.pipeline import ask, plan_for, serve
 from cartier.serving.homes import Homes
 from cartier.serving.lookup import named, placed
 from cartier.serving.values import (

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 import cartier
+from cartier.conversation import Conversation
 from cartier.errors import InputError, ReasonerError
 from cartier.llm.prompts import MAX_QUERY_CHARS, MAX_TURNS
-from cartier.pipeline import Conversation, map_home
+from cartier.pipeline import map_home
 from cartier.types import FREE, Fact, Inventory, Room, Selection
 from synthetic import THINGS, TrueBoxes, walk
 
