@@ -12,7 +12,6 @@ import threading
 import time
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from datetime import datetime
 from typing import Any
 
@@ -39,6 +38,7 @@ from cartier.serving.values import (
     certainty,
     crop,
     evidence,
+    not_kept,
     place_of,
     pose,
     room_name,
@@ -47,7 +47,7 @@ from cartier.serving.values import (
     xyz,
 )
 from cartier.spatial import relations
-from cartier.types import Answer, Goal, MapObject, RobotModel, Room
+from cartier.types import Goal, MapObject, RobotModel, Room
 from cartier.understanding import alarm
 from cartier.vision.permission import Look
 
@@ -105,7 +105,7 @@ class Operations:
                 mapped, waiting, self.reasoner, from_xy=start, robot=self.robot, dialogue=turns,
                 emergency_number=self.emergency_number, look=self._look,
             )  # fmt: skip
-            mapped, answer = keep_rules(mapped, answer) if corrects else (mapped, _not_kept(answer))
+            mapped, answer = keep_rules(mapped, answer) if corrects else (mapped, not_kept(answer))
         if answer.selection.status == "alarm" and self._on_alarm is not None:
             told = {"conversation": key[1]} | answer.to_dict()
             threading.Thread(target=self._tell, args=(told,), daemon=True).start()  # the person does not wait for it
@@ -332,15 +332,6 @@ def _an_object(obj: MapObject | Room) -> MapObject:
         hint = f"pass an object; list_objects with room={obj.name!r} shows what is in it"
         raise InputError(f"{obj.name} is a room: {hint}")
     return obj
-
-
-def _not_kept(answer: Answer) -> Answer:
-    """The answer with a note for each route rule that would have to be kept for later drives."""
-    rules = [rule.text for part in (answer, *answer.next) for rule in part.selection.rules if rule.stays]
-    lifts = [rule.text for part in (answer, *answer.next) for rule in part.selection.lifts]
-    notes = [f"not kept for later drives: call correct with what=rule and entity={text!r}" for text in rules]
-    notes += [f"the rule still holds: call correct with what=lift and entity={text!r}" for text in lifts]
-    return replace(answer, notes=(*answer.notes, *notes))
 
 
 def _start(home: Home, from_x: float | None, from_y: float | None) -> Sequence[float]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import io
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from datetime import datetime
 from typing import Any
 
@@ -161,3 +162,12 @@ def wrong_value(fault: Mapping[str, Any], skip: int = 0) -> str:
     """One line for a fault that pydantic found; ``skip`` leaves out as many of the first parts of its place."""
     where = ".".join(str(part) for part in fault["loc"][skip:])
     return f"{where or 'the request'}: {brief(fault['msg'], 200)}"
+
+
+def not_kept(answer: Answer) -> Answer:
+    """The answer with a note for each route rule that would have to be kept for later drives."""
+    rules = [rule.text for part in (answer, *answer.next) for rule in part.selection.rules if rule.stays]
+    lifts = [rule.text for part in (answer, *answer.next) for rule in part.selection.lifts]
+    notes = [f"not kept for later drives: call correct with what=rule and entity={text!r}" for text in rules]
+    notes += [f"the rule still holds: call correct with what=lift and entity={text!r}" for text in lifts]
+    return replace(answer, notes=(*answer.notes, *notes))
