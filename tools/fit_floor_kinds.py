@@ -66,7 +66,10 @@ def views(scene: Scene, seed: int) -> Iterator[Frame]:
     places = grid.centre(np.argwhere(plan.reachable(scene.start_xy)))
     downs = np.radians(rng.choice([0.0, 22.5, 22.5, 35.0, 52.5], VIEWS))
     at = places[rng.integers(len(places), size=VIEWS)]
-    poses = [look(xy, float(rng.uniform(0, 6.28)), float(d), float(rng.uniform(1.0, 1.6))) for xy, d in zip(at, downs, strict=True)]
+    poses = [
+        look(xy, float(rng.uniform(0, 6.28)), float(d), float(rng.uniform(1.0, 1.6)))
+        for xy, d in zip(at, downs, strict=True)
+    ]
     camera = pinhole(*((640, 480) if seed % 3 else (480, 360)))
     yield from DollhouseRecording(scene, camera, np.array(poses), Sensor(seed) if seed % 2 else None)  # type: ignore[misc]
 
@@ -77,7 +80,9 @@ def rows_of(frame: Frame, scene: Scene, rng: np.random.Generator) -> Rows | None
     if patch is None:
         return None
     found, enough = features(patch)
-    kinds = kinds_at(scene, patch.xy()).reshape(found.shape[0], -1, found.shape[1], patch.seen.shape[1] // found.shape[1])
+    kinds = kinds_at(scene, patch.xy()).reshape(
+        found.shape[0], -1, found.shape[1], patch.seen.shape[1] // found.shape[1]
+    )
     low, high = kinds.min((1, 3)), kinds.max((1, 3))
     some = np.argwhere(enough & (low == high) & (low > 0))
     some = some[rng.permutation(len(some))[:ROWS_A_VIEW]]
@@ -183,7 +188,9 @@ def measure(homes: Sequence[str], max_frames: int, sensor: bool) -> None:
         grid = floor.grid()
         assert grid is not None
         where = np.indices(grid.cells.shape)
-        truth = np.where(traversable(grid, 0.05), kinds_at(scene, grid.centre(np.moveaxis(where, 0, -1))), 0).astype(np.uint8)
+        truth = np.where(traversable(grid, 0.05), kinds_at(scene, grid.centre(np.moveaxis(where, 0, -1))), 0).astype(
+            np.uint8
+        )
         told = []
         for name, mapper in kinds.items():
             found = mapper.kinds(grid)
@@ -195,8 +202,12 @@ def measure(homes: Sequence[str], max_frames: int, sensor: bool) -> None:
         print(f"{home:16} {one.cells:6} cells: {'; '.join(told)}", flush=True)
     for name, score in totals.items():
         wrong = score.told - score.right
-        print(f"{name}: {score.right / score.cells:.2%} of {score.cells} cells right, {wrong / score.cells:.2%} wrong, the rest unknown")
-        print(f"  of those told {score.right / max(score.told, 1):.2%} right; rows true, columns told ({', '.join(FLOOR_KINDS)}):")
+        print(
+            f"{name}: {score.right / score.cells:.2%} of {score.cells} cells right, {wrong / score.cells:.2%} wrong, the rest unknown"
+        )
+        print(
+            f"  of those told {score.right / max(score.told, 1):.2%} right; rows true, columns told ({', '.join(FLOOR_KINDS)}):"
+        )
         print(score.confused)
 
 

@@ -20,6 +20,7 @@ import numpy.typing as npt
 from cartier.errors import InputError
 from cartier.geometry import project
 from cartier.io.files import read_npz
+from cartier.mapping.occupancy import MAX_CELL
 from cartier.route_rules import FLOOR_KINDS
 from cartier.types import Frame, OccupancyGrid
 
@@ -32,6 +33,8 @@ TEXEL_PX_M = 0.02  # a pixel that shows more floor than this shows no texture
 MIN_SHARE = 0.4  # of a window's texels that must be seen
 CLEAR = 0.8  # posterior from which a kind is told
 INDEPENDENT = 3.0  # so many looks at a cell count as independent; further ones look alike
+LEAST = -4.0  # log-probability: one look never rules a kind out
+STEPS, MAX_LOOKS = 16, 500  # of a log-probability, and looks at a cell: so sums fit 16 bits
 FAR_M = 3.2  # how far ahead the square reaches
 MODEL = Path(__file__).parents[1] / "models" / "floor_kinds" / "network.npz"
 
@@ -68,7 +71,7 @@ class FloorKindMapper:
     def __init__(self, resolution_m: float = 0.05, classifier: Classifier | None = None) -> None:
         self.resolution_m, self._classify = resolution_m, classifier or from_texture
         self._low = np.zeros(2, np.int64)
-        self._votes = np.zeros((0, 0, KNOWN + 1), np.float32)  # sums of log-probabilities; last, how many looks
+        self._votes = np.zeros((0, 0, KNOWN + 1), np.int16)  # sums of STEPS * log-probabilities; last, how many looks
 
     def add(self, frame: Frame) -> None:
         """Take in one frame with depth."""
@@ -78,9 +81,9 @@ class FloorKindMapper:
         found = self._classify(frame, patch)
         sure = np.isfinite(found).all(-1)
         if sure.any():
-            rows, cols = self._window(patch.low)
-            votes = self._votes[rows, cols]
-            votes[sure, :KNOWN] += found[sure]
+            votes = self._votes[self._window(patch.low)]
+            sure &= votes[..., KNOWN] < MAX_LOOKS
+            votes[sure, :KNOWN] += np.rint(np.clip(found[sure], LEAST, 0) * STEPS).astype(np.int16)
             votes[sure, KNOWN] += 1
 
     def kinds(self, grid: OccupancyGrid) -> npt.NDArray[np.uint8] | None:
@@ -91,9 +94,9 @@ class FloorKindMapper:
         from scipy import ndimage
 
         looks = self._votes[..., KNOWN:]
-        sums = ndimage.uniform_filter(self._votes, (3, 3, 1))  # a lone cell says less than those around it
-        mean = sums[..., :KNOWN] / np.maximum(sums[..., KNOWN:], 1e-6)
-        score = np.exp(mean * np.minimum(looks, INDEPENDENT) - (mean * np.minimum(looks, INDEPENDENT)).max(-1, keepdims=True))
+        sums = ndimage.uniform_filter(self._votes.astype(np.float32), (3, 3, 1))  # cells around one speak for it
+        mean = sums[..., :KNOWN] / (STEPS * np.maximum(sums[..., KNOWN:], 1e-6)) * np.minimum(looks, INDEPENDENT)
+        score = np.exp(mean - mean.max(-1, keepdims=True))
         posterior = score / score.sum(-1, keepdims=True)
         clear = (looks[..., 0] > 0) & (posterior.max(-1) >= CLEAR)
         mine = np.where(clear, posterior.argmax(-1) + 1, 0).astype(np.uint8)
@@ -101,7 +104,9 @@ class FloorKindMapper:
         at = self._low - np.rint(np.array(grid.origin_xy)[::-1] / self.resolution_m).astype(np.int64)
         low, high = np.maximum(at, 0), np.minimum(at + mine.shape, kinds.shape)
         if (high > low).all():
-            kinds[low[0] : high[0], low[1] : high[1]] = mine[tuple(slice(*each) for each in zip(low - at, high - at, strict=True))]
+            kinds[low[0] : high[0], low[1] : high[1]] = mine[
+                tuple(slice(*each) for each in zip(low - at, high - at, strict=True))
+            ]
         return kinds
 
     def state(self) -> dict[str, npt.NDArray[Any]]:
@@ -112,9 +117,9 @@ class FloorKindMapper:
         """Go on from a state. Raises InputError if it is none."""
         try:
             votes, low = state["votes"], state["low"]
-            sound = votes.dtype == np.float32 and votes.ndim == 3 and votes.shape[2] == KNOWN + 1 and low.shape == (2,)
-            sound = sound and float(state["resolution_m"]) == self.resolution_m and bool(np.isfinite(votes).all())
-            if not sound or not (np.abs(low.astype(np.float64)) < 2**31).all() or (votes[..., KNOWN:] < 0).any():
+            sound = votes.dtype == np.int16 and votes.ndim == 3 and votes.shape[2] == KNOWN + 1 and low.shape == (2,)
+            sound = sound and low.dtype.kind == "i" and float(state["resolution_m"]) == self.resolution_m
+            if not sound or not (np.abs(low.astype(np.float64)) < MAX_CELL).all() or (votes[..., KNOWN] < 0).any():
                 raise ValueError("arrays of another kind")
         except (KeyError, TypeError, ValueError, OverflowError) as error:
             raise InputError(f"the counts of floor kinds are damaged ({error}): map the recording again") from error
@@ -184,7 +189,14 @@ def features(patch: Patch) -> tuple[Floats, npt.NDArray[np.bool_]]:
     light = patch.colour @ np.array([0.3, 0.59, 0.11], np.float32)
     tint = np.stack([patch.colour[..., 0] - light, patch.colour[..., 2] - light], -1)
     seen = patch.seen.astype(np.float32)
-    sums = [seen, light * seen, light * light * seen, patch.height_m * seen, patch.height_m**2 * seen, patch.texel_m * seen]
+    sums = [
+        seen,
+        light * seen,
+        light * light * seen,
+        patch.height_m * seen,
+        patch.height_m**2 * seen,
+        patch.texel_m * seen,
+    ]
     sums += [tint[..., k] * seen for k in (0, 1)] + [tint[..., k] ** 2 * seen for k in (0, 1)]
     cells = [np.stack([_blocks(each, FINE) for each in sums], -1)]
     share = FINE
@@ -216,7 +228,7 @@ def from_texture(frame: Frame, patch: Patch) -> Floats:
         scores -= scores.max(1, keepdims=True)
         logs = scores - np.log(np.exp(scores).sum(1, keepdims=True))
         logs[~alike] = np.nan
-        out[enough] = np.maximum(logs, -4.0)  # one look never rules a kind out
+        out[enough] = logs
     return out
 
 
@@ -252,7 +264,14 @@ def _window_features(sums: Floats) -> Floats:
     spread = np.sqrt(np.maximum(mean[..., 1] - mean[..., 0] ** 2, 1e-8)) / light
     high = np.sqrt(np.maximum(mean[..., 3] - mean[..., 2] ** 2, 1e-10))
     tints = np.sqrt(np.maximum(mean[..., 7:9] - mean[..., 5:7] ** 2, 1e-8)) / light[..., None]
-    out = [np.log(spread), np.log(high + 1e-3), np.log(tints[..., 0]), np.log(tints[..., 1]), mean[..., 2], np.log(mean[..., 4] + 1e-4)]
+    out = [
+        np.log(spread),
+        np.log(high + 1e-3),
+        np.log(tints[..., 0]),
+        np.log(tints[..., 1]),
+        mean[..., 2],
+        np.log(mean[..., 4] + 1e-4),
+    ]
     for first in range(10, sums.shape[-1], 7):
         count, square, fourth, a2, b2, a4, b4 = np.moveaxis(sums[..., first : first + 7], -1, 0)
         count, total = np.maximum(count, 1.0), np.maximum(square, 1e-9)
