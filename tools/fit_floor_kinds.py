@@ -1,20 +1,20 @@
 """Fits the network of floor kinds (mapping/floor_kinds.py), and measures how many cells of a home's floor are right.
 
-python tools/fit_floor_kinds.py fit                     (24 generated homes; writes models/floor_kinds/network.npz)
+python tools/fit_floor_kinds.py fit                     (writes models/floor_kinds/network.npz, in a minute)
 python tools/fit_floor_kinds.py measure [HOME …]        (the built-in and twelve generated homes, with rugs)
 
-Fitted are views from random places in homes 77001 and on, which no benchmark uses, with rugs, and with floors of any
-colour; half of them as a real camera sees them. The seed is fixed. Measured are whole walks, from which the map is made
+Fitted are looks at empty rooms with floors of any colour and with rugs, under random light, half of them as a real
+camera sees them: no home takes part. The seed is fixed. Measured are whole walks, from which the map is made
 as always: once with the true kinds of floor instead of the network's, and once from pixels.
 """
 
 from __future__ import annotations
 
+import colorsys
 import random
-import re
 import sys
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -32,46 +32,65 @@ from cartier.navigation.planning import traversable
 from cartier.route_rules import FLOOR_KINDS
 from cartier.types import Frame
 from cartier.worlds.dollhouse.floors import RUGS, kinds_at, with_options
-from cartier.worlds.dollhouse.generate import generate
-from cartier.worlds.dollhouse.model import Scene
-from cartier.worlds.dollhouse.place import Plan
-from cartier.worlds.dollhouse.recording import DollhouseRecording, look, pinhole
-from cartier.worlds.dollhouse.scene import load_scene
+from cartier.worlds.dollhouse.mesh import panel
+from cartier.worlds.dollhouse.model import Part, Room, Scene
+from cartier.worlds.dollhouse.recording import look, pinhole
+from cartier.worlds.dollhouse.render import Renderer
 from cartier.worlds.dollhouse.sensor import Sensor
 
-FIRST, HOMES, VIEWS = 77001, 24, 16
+SCENES, ROOM_M, HIGH_M = 150, 2.5, 2.6
 HELD_OUT = tuple(str(77101 + k) for k in range(12))
 HIDDEN, ROUNDS, BATCH, RATE, DECAY = 32, 6000, 512, 2e-3, 1e-4
-ROWS_A_VIEW = 160
-COLOURS = "white beige lightgrey terracotta lightblue sage slategrey oak walnut pine whitewood cherry ash sand grey "
-COLOURS += "charcoal navy tan olive ivory rosybrown"
+ROWS_A_VIEW = 120
+SIZES = ((640, 480), (640, 480), (480, 360))
 
 Rows = tuple[npt.NDArray[np.float32], npt.NDArray[np.int64]]
 
 
-def recoloured(seed: int) -> Scene:
-    """A generated home with rugs, whose floors are of any kind and colour."""
-    rng = random.Random(seed)
+def random_scene(rng: random.Random) -> Scene:
+    """Two empty rooms side by side with floors of any kind and colour, a rug in each."""
+    rooms = tuple(
+        Room(
+            f"room {k}",
+            "room",
+            (k * (ROOM_M + 0.01), 0.0, k * (ROOM_M + 0.01) + ROOM_M, 2 * ROOM_M),
+            _floor(rng),
+            "paint:cream",
+        )
+        for k in (0, 1)
+    )
+    floors = [_level(room.box, room.floor) for room in rooms]
+    scene = Scene("floors", "", rooms, (), (), tuple(floors), HIGH_M, (ROOM_M, ROOM_M))
+    return with_options(scene, (RUGS,), rng)
 
-    def floor(_: re.Match[str]) -> str:
-        return f'"floor": "{rng.choice(FLOOR_KINDS[1:-1])}:{rng.choice(COLOURS.split())}"'
 
-    return with_options(load_scene(re.sub(r'"floor": "[^"]*"', floor, generate(seed))), (RUGS,))
+def _level(area: tuple[float, float, float, float], floor: str) -> Part:
+    x1, y1, x2, y2 = area
+    flat = panel((x1, y1, 0), (x2, y1, 0), (x2, y2, 0), (x1, y2, 0), floor)
+    return replace(flat, uv_m=flat.vertices[:, :2].copy())
 
 
-def views(scene: Scene, seed: int) -> Iterator[Frame]:
-    """Frames from random places of a home, that look as the robot does."""
-    rng, plan = np.random.default_rng(seed), Plan(scene, 0.2)
-    grid = plan.grid()
-    places = grid.centre(np.argwhere(plan.reachable(scene.start_xy)))
-    downs = np.radians(rng.choice([0.0, 22.5, 22.5, 35.0, 52.5], VIEWS))
-    at = places[rng.integers(len(places), size=VIEWS)]
-    poses = [
-        look(xy, float(rng.uniform(0, 6.28)), float(d), float(rng.uniform(1.0, 1.6)))
-        for xy, d in zip(at, downs, strict=True)
-    ]
-    camera = pinhole(*((640, 480) if seed % 3 else (480, 360)))
-    yield from DollhouseRecording(scene, camera, np.array(poses), Sensor(seed) if seed % 2 else None)  # type: ignore[misc]
+def _floor(rng: random.Random) -> str:
+    red, green, blue = colorsys.hsv_to_rgb(rng.random(), rng.uniform(0, 0.55), rng.uniform(0.3, 0.98))
+    tint = "#" + "".join(f"{round(255 * part):02x}" for part in (red, green, blue))
+    return f"{rng.choice(FLOOR_KINDS[1:-1])}:{tint}"
+
+
+def random_frame(scene: Scene, number: int) -> Frame:
+    """A look down into a scene, under light that falls off to one side; every other one as a real camera sees it."""
+    rng = np.random.default_rng(number)
+    camera, xy = pinhole(*SIZES[number % len(SIZES)]), rng.uniform(1.0, 2 * ROOM_M - 1.0, 2)
+    towards = np.array([ROOM_M, ROOM_M]) + rng.normal(0, 1.0, 2) - xy
+    down = float(np.radians(rng.choice([15.0, 22.5, 22.5, 35.0, 52.5])))
+    pose = look(xy, float(np.arctan2(towards[1], towards[0])), down, float(rng.uniform(1.0, 1.6)))
+    view = Renderer(scene, camera, light=False).render(pose)
+    v, u = np.mgrid[-1 : 1 : camera.height * 1j, -1 : 1 : camera.width * 1j]
+    across, along = rng.uniform(-0.25, 0.25, 2)
+    light = np.clip(rng.uniform(0.5, 1.1) * (1 + across * u + along * v), 0.1, 1.4)
+    view = replace(view, rgb=np.clip(view.rgb * light[..., None], 0, 255).astype(np.uint8))
+    if number % 2:
+        view = Sensor(number).corrupt(view, 0)
+    return Frame(number, 0.0, view.rgb, view.depth_m, pose, camera)
 
 
 def rows_of(frame: Frame, scene: Scene, rng: np.random.Generator) -> Rows | None:
@@ -90,14 +109,12 @@ def rows_of(frame: Frame, scene: Scene, rng: np.random.Generator) -> Rows | None
 
 
 def collect() -> Rows:
-    rng, every = np.random.default_rng(0), list[Rows]()
-    for k in range(HOMES):
-        scene = recoloured(FIRST + k)
-        for frame in views(scene, FIRST + k):
-            rows = rows_of(frame, scene, rng)
-            if rows is not None and len(rows[0]):
-                every.append(rows)
-        print(f"home {FIRST + k}: {sum(len(x) for x, _ in every)} rows", file=sys.stderr, flush=True)
+    every = list[Rows]()
+    for k in range(SCENES):
+        scene = random_scene(random.Random(k))
+        rows = rows_of(random_frame(scene, k), scene, np.random.default_rng(k))
+        if rows is not None:
+            every.append(rows)
     return np.concatenate([x for x, _ in every]), np.concatenate([y for _, y in every])
 
 
@@ -201,14 +218,10 @@ def measure(homes: Sequence[str], max_frames: int, sensor: bool) -> None:
             told.append(f"{name} {one.right / one.cells:.1%} right, {1 - one.told / one.cells:.1%} unknown")
         print(f"{home:16} {one.cells:6} cells: {'; '.join(told)}", flush=True)
     for name, score in totals.items():
-        wrong = score.told - score.right
-        print(
-            f"{name}: {score.right / score.cells:.2%} of {score.cells} cells right, {wrong / score.cells:.2%} wrong, the rest unknown"
-        )
-        print(
-            f"  of those told {score.right / max(score.told, 1):.2%} right; rows true, columns told ({', '.join(FLOOR_KINDS)}):"
-        )
-        print(score.confused)
+        wrong = (score.told - score.right) / score.cells
+        print(f"{name}: {score.right / score.cells:.2%} of {score.cells} cells right, {wrong:.2%} wrong, else unknown")
+        print(f"  of those told {score.right / max(score.told, 1):.2%} are right; rows true, columns told:")
+        print(f"  {', '.join(FLOOR_KINDS)}\n{score.confused}")
 
 
 def main() -> int:

@@ -1,9 +1,9 @@
 """Floor kinds from pixels and depth: tiles, planks, carpet or rug in each cell of the floor plan, where it is clear.
 
-The floor that a keyframe shows is laid out at a known scale, and the texture around each cell (how strong it is at three
-scales, whether it has one direction as planks or two as a lattice of tiles, how sparse its lines are, how high it lies)
-goes through a small network; ``tools/fit_floor_kinds.py`` made it in the dollhouse. Of real floors it knows nothing: what
-looks like none of those it was fitted on stays unknown.
+The floor that a keyframe shows is laid out at a known scale, and the texture around each cell (how strong it is at
+three scales, whether it has one direction as planks or two as a lattice of tiles, how sparse its lines are, how high it
+lies) goes through a small network; ``tools/fit_floor_kinds.py`` made it in the dollhouse. Of real floors it knows
+nothing: what looks like none of those it was fitted on stays unknown.
 """
 
 from __future__ import annotations
@@ -47,12 +47,13 @@ Classifier = Callable[[Frame, "Patch"], npt.NDArray[np.float32]]
 class Patch:
     """A square of floor that a frame shows, seen from above; its first cell is ``low`` (row, col) of the world's cells.
 
-    ``colour`` (S, S, 3) float32 from 0 to 1, ``height_m`` (S, S), ``seen`` (S, S) and ``texel_m`` (S, S), the size of
-    the pixel that shows a texel, with S = PATCH * FINE.
+    ``eye_xy`` is where the camera is above the floor. With S = PATCH * FINE: ``colour`` (S, S, 3) float32 from 0 to 1,
+    ``height_m`` (S, S), ``seen`` (S, S) and ``texel_m`` (S, S), how much floor the pixel of a texel shows.
     """
 
     low: npt.NDArray[np.int64]
     resolution_m: float
+    eye_xy: npt.NDArray[np.float64]
     colour: Floats
     height_m: Floats
     seen: npt.NDArray[np.bool_]
@@ -81,7 +82,8 @@ class FloorKindMapper:
         found = self._classify(frame, patch)
         sure = np.isfinite(found).all(-1)
         if sure.any():
-            votes = self._votes[self._window(patch.low)]
+            window = self._window(patch.low)
+            votes = self._votes[window]
             sure &= votes[..., KNOWN] < MAX_LOOKS
             votes[sure, :KNOWN] += np.rint(np.clip(found[sure], LEAST, 0) * STEPS).astype(np.int16)
             votes[sure, KNOWN] += 1
@@ -148,7 +150,7 @@ def laid_out(frame: Frame, resolution_m: float) -> Patch | None:
     assert frame.depth_m is not None
     pose, camera = frame.world_from_camera, frame.camera
     ahead = pose[:2, 2]
-    if np.hypot(*ahead) < 1e-3 and pose[2, 2] > -0.5 or pose[2, 3] < LEVEL_M:
+    if pose[2, 3] < LEVEL_M:
         return None
     lowest = pose[:3, :3] @ (0.0, (camera.height - 1 - camera.cy) / camera.fy, 1.0)
     if lowest[2] > -1e-3:
@@ -158,7 +160,8 @@ def laid_out(frame: Frame, resolution_m: float) -> Patch | None:
     middle = pose[:2, 3] + begin + ahead / max(float(np.hypot(*ahead)), 0.3) * (side_m / 2 - 0.4)
     low = np.floor((middle[::-1] - side_m / 2) / resolution_m).astype(np.int64)
     empty = np.zeros((1, 1), np.float32)
-    xy = Patch(low, resolution_m, empty, empty, empty > 0, empty).xy()
+    eye_xy = pose[:2, 3].copy()
+    xy = Patch(low, resolution_m, eye_xy, empty, empty, empty > 0, empty).xy()
     points = np.concatenate([xy, np.zeros((*xy.shape[:2], 1))], -1).reshape(-1, 3).astype(np.float32)
     uv, z = project(points, camera, pose)
     with np.errstate(invalid="ignore"):
@@ -181,7 +184,7 @@ def laid_out(frame: Frame, resolution_m: float) -> Patch | None:
     mask = np.zeros(len(layers), np.bool_)
     mask[kept] = True
     layers = layers.reshape(*shape, 5)
-    return Patch(low, resolution_m, layers[..., :3], layers[..., 3], mask.reshape(shape), layers[..., 4])
+    return Patch(low, resolution_m, eye_xy, layers[..., :3], layers[..., 3], mask.reshape(shape), layers[..., 4])
 
 
 def features(patch: Patch) -> tuple[Floats, npt.NDArray[np.bool_]]:
@@ -207,7 +210,10 @@ def features(patch: Patch) -> tuple[Floats, npt.NDArray[np.bool_]]:
         cells.append(_gradients(mean, weight > 0.5 * (FINE // share) ** 2, share))
         share //= 2
     every = np.concatenate(cells, -1)
-    parts = [_window_features(_box(every, window)) for window in WINDOWS]
+    middles = patch.xy()[FINE // 2 :: FINE, FINE // 2 :: FINE] - patch.eye_xy
+    turn = 2 * np.arctan2(middles[..., 1], middles[..., 0])
+    view = np.stack([np.cos(turn), np.sin(turn)])  # along the view texture is seen less sharply
+    parts = [_window_features(_box(every, window), view) for window in WINDOWS]
     wide = parts[1]
     enough = (_box(every[..., :1], WINDOWS[0])[..., 0] >= MIN_SHARE * (WINDOWS[0] * FINE) ** 2) & (every[..., 0] > 0)
     floor_m = np.median(wide[enough][:, 4]) if enough.any() else 0.0
@@ -256,8 +262,11 @@ def _gradients(light: Floats, seen: npt.NDArray[np.bool_], share: int) -> Floats
     return np.stack([_blocks(layer, share) for layer in layers], -1)
 
 
-def _window_features(sums: Floats) -> Floats:
-    """Features from sums over windows: of light, height, tint, and of the gradients at each scale."""
+def _window_features(sums: Floats, view: npt.NDArray[np.float64]) -> Floats:
+    """Features from sums over windows: of light, height, tint, and of the gradients at each scale.
+
+    ``view`` (2, PATCH, PATCH) are cosine and sine of twice the angle from which each cell is seen.
+    """
     weight = np.maximum(sums[..., :1], 1.0)
     mean = sums[..., 1:10] / weight
     light = np.maximum(mean[..., 0], 0.02)
@@ -277,6 +286,7 @@ def _window_features(sums: Floats) -> Floats:
         count, total = np.maximum(count, 1.0), np.maximum(square, 1e-9)
         out += [
             np.log(np.sqrt(total / count) / light), np.hypot(a2, b2) / total, np.hypot(a4, b4) / total,
+            (a2 * view[0] + b2 * view[1]) / total,
             np.log(np.maximum(fourth * count, 1e-18) / total**2 + 1e-3),
         ]  # fmt: skip
     return np.stack(out, -1)

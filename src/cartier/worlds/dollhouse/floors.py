@@ -36,9 +36,9 @@ def split_name(name: str) -> tuple[str, tuple[str, ...]]:
     return name, tuple(found)
 
 
-def with_options(scene: Scene, options: Sequence[str]) -> Scene:
-    """The home with rugs or with narrow doors; the same home and options give the same scene."""
-    rng = random.Random(zlib.crc32(scene.name.encode()))
+def with_options(scene: Scene, options: Sequence[str], rng: random.Random | None = None) -> Scene:
+    """The home with rugs or with narrow doors; without an ``rng``, the same home and options give the same scene."""
+    rng = random.Random(zlib.crc32(scene.name.encode())) if rng is None else rng
     if NARROW in options:
         openings = tuple(_narrower(each, rng) if each.kind == "door" else each for each in scene.openings)
         shell = structure(scene.rooms, openings, scene.height_m)
@@ -51,7 +51,7 @@ def with_options(scene: Scene, options: Sequence[str]) -> Scene:
 
 
 def kinds_at(scene: Scene, xy: npt.NDArray[np.floating]) -> npt.NDArray[np.uint8]:
-    """The true kinds of floor (...,) at points (..., 2), as indices into ``FLOOR_KINDS``; 0 on thresholds and outside."""
+    """The true kinds of floor (...,) at points (..., 2), indices into ``FLOOR_KINDS``; 0 on thresholds and outside."""
     x, y = np.moveaxis(np.asarray(xy, np.float64), -1, 0)
     kinds = np.zeros(x.shape, np.uint8)
     for room in scene.rooms:

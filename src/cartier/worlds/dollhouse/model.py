@@ -116,7 +116,7 @@ class Opening:
 
 @dataclass(frozen=True)
 class Rug:
-    """A rug on the floor: its rectangle (x1, y1, x2, y2) in metres, and its material. It is no furnishing: no object."""
+    """A rug on the floor, no furnishing: its rectangle (x1, y1, x2, y2) in metres, and its material."""
 
     box: tuple[float, float, float, float]
     material: str

@@ -44,8 +44,8 @@ def homes() -> list[str]:
 def load_home(name: str) -> Scene:
     """A home that comes with the program, by name; one made from a seed, by a whole number; or a home file, by path.
 
-    ``+rugs`` after any of them lays rugs, ``+narrow`` makes its doors narrow. Raises InputError for an unknown name or a
-    faulty file.
+    ``+rugs`` after any of them lays rugs, ``+narrow`` makes its doors narrow. Raises InputError for an unknown name or
+    a faulty file.
     """
     plain, options = split_name(name)
     if options:
