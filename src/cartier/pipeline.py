@@ -27,6 +27,7 @@ from cartier.mapping.mapper import Mapper
 from cartier.mapping.prefetch import batch_size, prefetch
 from cartier.navigation.planning import check_start, plan
 from cartier.navigation.routes import RoutePlan, plan_route
+from cartier.navigation.traction import traction_layer
 from cartier.route_rules import RouteRule
 from cartier.types import Answer, Detections, Frame, Goal, Inventory, Place, RobotModel, Selection, VisualTrace
 from cartier.understanding import alarm
@@ -325,9 +326,10 @@ def plan_for(
         InputError: The start is not a point.
     """
     assert home.grid is not None and home.route_map is not None
-    if not rules:
+    if not rules and not robot.traction:
         return RoutePlan(*plan(home.grid, place, from_xy, robot))
-    return plan_route(home.route_map, place, from_xy, robot, rules)
+    layers = [traction_layer(robot)] if robot.traction else []
+    return plan_route(home.route_map, place, from_xy, robot, rules, layers)
 
 
 def _quoted(rule: RouteRule) -> str:

@@ -411,11 +411,14 @@ class Door:
         xy: Its middle on the floor (m).
         rooms: The ids of the rooms that it joins.
         width_m: Its width.
+        narrowest_m: The diameter of the largest round robot that gets through, furniture beside it included; 0 if
+            nobody measured it.
     """
 
     xy: tuple[float, float]
     rooms: tuple[int, int]
     width_m: float
+    narrowest_m: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -477,6 +480,9 @@ class Inventory:
         return cls(tuple(MapObject(number, name, ((name, 1.0),), here, here, here, *never) for number, name in every))
 
 
+MAX_TRACTION = 100.0
+
+
 @dataclass(frozen=True)
 class RobotModel:
     """The robot that drives.
@@ -484,15 +490,21 @@ class RobotModel:
     Args:
         radius_m: The radius of its body, above 0 and at most 5.
         camera_height_m: The height of its camera above the floor, above 0 and at most 5.
+        traction: What a metre on a kind of floor costs besides its length, as (kind, cost) pairs;
+            ``navigation.traction`` has sober defaults by wheels.
     """
 
     radius_m: float = 0.2
     camera_height_m: float = 1.5
+    traction: tuple[tuple[str, float], ...] = ()
 
     def __post_init__(self) -> None:
         check_radius(self.radius_m)
         height_m = self.camera_height_m
         need(0 < height_m <= 5, f"a camera's height must be more than 0 and at most 5 m, got {height_m}")
+        for kind, cost in self.traction:
+            need(kind in FLOOR_KINDS, f"a kind of floor is {', '.join(FLOOR_KINDS)}, not {brief(kind, 40)!r}")
+            need(0 <= cost <= MAX_TRACTION, f"traction on {kind} costs 0 to {MAX_TRACTION:g}, not {cost}")
 
 
 @dataclass(frozen=True)

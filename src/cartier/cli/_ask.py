@@ -55,6 +55,10 @@ def ask(
     plot: Annotated[Path | None, typer.Option(help="Draw the answer into this image.")] = None,
     radius: Annotated[float, typer.Option(help="The robot's radius in metres.")] = 0.2,
     camera_height: Annotated[float, typer.Option(help="The height of the robot's camera in metres.")] = 1.5,
+    wheels: Annotated[
+        str | None,
+        typer.Option(metavar="WHEELS", help="What carpet costs the robot: small, large, tracks, or a FILE.toml."),
+    ] = None,
     go: Annotated[
         str | None, typer.Option(metavar="ROBOT", help="Send the goal to a robot: print, ros2, dollhouse.")
     ] = None,
@@ -71,18 +75,26 @@ def ask(
     """Answer a request with an object and a goal pose."""
     from cartier.conversation import Conversation
     from cartier.home import Home
+    from cartier.navigation.traction import traction_of
     from cartier.types import RobotModel
 
-    from_xy, model_of_robot = numbers(start, 2, "--from"), RobotModel(radius, camera_height)
+    traction = traction_of(wheels) if wheels is not None else ()
+    from_xy, model_of_robot = numbers(start, 2, "--from"), RobotModel(radius, camera_height, traction)
     told = OwnerCommand(on_alarm, "--on-alarm") if on_alarm is not None else None
     mapped = Home.load(home)
     if show_prompt:
         _show_prompt(mapped, words, specs.model_asked(reasoner, model, base_url), index, from_xy, as_json)
         return
     chosen = specs.reasoner(reasoner, model=model, base_url=base_url, path=replies)
-    eyes = specs.look(look, vision, _agreed, blur, model=None if ":" in vision else model, base_url=base_url)
+    allowed = specs.look(look, vision, _agreed, blur, model=None if ":" in vision else model, base_url=base_url)
     talk = Conversation(
-        mapped, chosen, index=index, from_xy=from_xy, robot=model_of_robot, emergency_number=emergency_number, look=eyes
+        mapped,
+        chosen,
+        index=index,
+        from_xy=from_xy,
+        robot=model_of_robot,
+        emergency_number=emergency_number,
+        look=allowed,
     )
     robot = specs.robot(go, mapped, model_of_robot) if go else None
     shown: set[str] = set()

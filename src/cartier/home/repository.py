@@ -18,7 +18,7 @@ from cartier.home.data import HomeData, origin_of
 from cartier.home.map_server import grid_from, pgm, yaml
 from cartier.home.old_names import OLD_OBJECTS
 from cartier.home.photos import check_photo
-from cartier.home.schema import Manifest, manifest_from, objects_from, printed, rooms_from
+from cartier.home.schema import Manifest, floor_kinds_from, manifest_from, objects_from, printed, rooms_from
 from cartier.home.store import Store, blob_file, digest_of
 from cartier.io.files import json_bytes, npz_bytes, parse_json, read_npz
 from cartier.types import Camera, OccupancyGrid, Room
@@ -47,7 +47,9 @@ def save(home: HomeData, folder: str | Path) -> None:
         room_of_cell = np.full(grid.cells.shape, -1, np.int16)
         for number, room in enumerate(home.rooms):
             room_of_cell[tuple(room.cells.T)] = number
-        blobs |= {"occupancy.pgm": pgm(grid), "occupancy.npz": npz_bytes(height_m=grid.height_m, rooms=room_of_cell)}
+        floors = {} if grid.floor_kinds is None else {"floor_kinds": grid.floor_kinds}
+        arrays = npz_bytes(height_m=grid.height_m, rooms=room_of_cell, **floors)
+        blobs |= {"occupancy.pgm": pgm(grid), "occupancy.npz": arrays}
         # for Nav2, which wants a name that stays
         files["occupancy.yaml"] = yaml(grid, blob_file("occupancy.pgm", digest_of(blobs["occupancy.pgm"])))
     if known and known.log and not log_file.exists():
@@ -163,6 +165,8 @@ def _floor(store: Store, about: Mapping[str, Any], made: Manifest) -> tuple[Occu
     arrays = read_npz(store.get("occupancy.npz", about), where="occupancy.npz")
     image = store.get("occupancy.pgm", about)
     grid = grid_from(image, made.grid.resolution_m, made.grid.origin_xy, arrays["height_m"])
+    if "floor_kinds" in arrays:  # homes that were mapped before have none
+        grid = replace(grid, floor_kinds=floor_kinds_from(arrays["floor_kinds"], grid))
     return grid, rooms_from(made.rooms, arrays["rooms"], grid)
 
 

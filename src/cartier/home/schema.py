@@ -10,9 +10,11 @@ from dataclasses import dataclass, field, fields
 from typing import Any, TypeVar
 
 import numpy as np
+import numpy.typing as npt
 
 from cartier.errors import MAX_FAR_M, brief, need, printable
 from cartier.io.files import typed
+from cartier.route_rules import FLOOR_KINDS
 from cartier.types import Array, MapObject, OccupancyGrid, Room
 
 Row = TypeVar("Row")
@@ -112,6 +114,16 @@ def rooms_from(rows: Sequence[tuple[int, str, str]], place_of_cell: Array, grid:
     )
     need(all(len(room.cells) for room in rooms), "a room has no cells")
     return rooms
+
+
+def floor_kinds_from(kinds: Array, grid: OccupancyGrid) -> npt.NDArray[np.uint8]:
+    """The checked kinds of floor in the cells of a floor plan. Raises InputError for what is none."""
+    need(kinds.shape == grid.cells.shape and kinds.dtype == np.uint8, "the kinds of floor fit no plan")
+    need(
+        int(kinds.max()) < len(FLOOR_KINDS),
+        f"a kind of floor is {int(kinds.max())}, where 0 to {len(FLOOR_KINDS) - 1} may be",
+    )
+    return kinds
 
 
 def objects_from(rows: Any, rooms: Sequence[Room]) -> tuple[MapObject, ...]:

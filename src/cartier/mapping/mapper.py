@@ -25,6 +25,7 @@ from cartier.mapping.cloud import CloudMapper
 from cartier.mapping.config import MappingConfig, config_for
 from cartier.mapping.domain import domain_warning
 from cartier.mapping.extent import DepthGeometry
+from cartier.mapping.floor_kinds import FloorKindMapper
 from cartier.mapping.indexing import filled_indexes, make_indexes
 from cartier.mapping.object_map import ObjectMap
 from cartier.mapping.occupancy import OccupancyMapper
@@ -37,7 +38,7 @@ from cartier.types import Camera, Detections, Frame, MapObject
 DEFAULT_INDEXES = ("object_depth", "object_viewpoint")
 SCALE_GUESSED = "the scale of this home is a guess: its metres and centimetres are right only relative to each other"
 JPEG_QUALITY = 88
-COUNTS, FRAMES = "occupancy_counts.npz", "frames.npz"
+COUNTS, FRAMES, FLOOR_KINDS = "occupancy_counts.npz", "frames.npz", "floor_kinds.npz"
 
 
 class Mapper:
@@ -81,6 +82,7 @@ class Mapper:
         self._objects: ObjectMap | None = None  # the first frame decides: with or without depth
         self.config = config_for(config, onto)
         self._floor, self._cloud = OccupancyMapper(self.config.occupancy), CloudMapper()
+        self._floor_kinds = FloorKindMapper(self.config.occupancy.resolution_m)
         self._conditions = Conditions()
         self._seen, self._photos, self._log = set[int](), dict[int, bytes](), DetectionLog()
         self._start_xy: tuple[float, float] | None = None
@@ -122,6 +124,8 @@ class Mapper:
             self._log.restore(home.growth[DETECTIONS])
             if COUNTS in home.growth:
                 self._floor.restore(read_npz(home.growth[COUNTS], where=COUNTS))
+            if FLOOR_KINDS in home.growth:
+                self._floor_kinds.restore(read_npz(home.growth[FLOOR_KINDS], where=FLOOR_KINDS))
             if CLOUD in home.growth:
                 self._cloud.restore(home.growth[CLOUD])
         except (KeyError, TypeError, ValueError, OverflowError) as error:
@@ -209,6 +213,8 @@ class Mapper:
             detections = replace(detections, frame=frame.index)
         ids = self._objects.add(frame, detections)
         self._log.add(detections, ids)
+        if frame.depth_m is not None:
+            self._floor_kinds.add(frame)
         if self._frame_indexes:
             counting = detections.keep(detections.scores >= self._score_model.threshold)
             for index in self._frame_indexes:
@@ -251,6 +257,7 @@ class Mapper:
         if self._start_xy is None or self._camera is None or self._objects is None:
             raise InputError("nothing was mapped yet: the recording holds no frames")
         grid = self._floor.grid()
+        grid = None if grid is None else replace(grid, floor_kinds=self._floor_kinds.kinds(grid))
         yaw = None if grid is None else walls_yaw(grid)
         self._objects.objects(yaw)  # what is fitted here need not be fitted again for the next home
         merged = deepcopy(self._objects)
@@ -317,6 +324,7 @@ class Mapper:
             FRAMES: npz_bytes(keys=np.array(sorted(self._seen), np.int64)),
             DETECTIONS: self._log.state(),
             **({} if counts is None else {COUNTS: npz_bytes(**counts)}),
+            **({} if counts is None else {FLOOR_KINDS: npz_bytes(**self._floor_kinds.state())}),
             **({} if cloud is None else {CLOUD: cloud}),
         }
 

@@ -6,10 +6,12 @@ from collections.abc import Sequence
 from itertools import combinations
 
 import numpy as np
+import numpy.typing as npt
 
-from cartier.types import FREE, Door, OccupancyGrid, Room
+from cartier.types import FREE, OCCUPIED, Door, OccupancyGrid, Room
 
 MAX_WALL_M = 0.3  # thickness of a wall with a lintel, which is no floor of either room
+AROUND_M = 0.6  # before and behind a door, what stands there makes it narrower
 MAX_WIDTH_M = 1.6  # two rooms that meet over more are one open space, as a person sees it
 
 
@@ -21,7 +23,8 @@ def find_doors(rooms: Sequence[Room], grid: OccupancyGrid) -> tuple[Door, ...]:
         grid: The floor plan.
 
     Returns:
-        One door for each run of cells where two rooms touch, with its middle and its width in metres.
+        One door for each run of cells where two rooms touch, with its middle, its width, and the narrowest width on the
+        widest way through, in metres.
     """
     from scipy import ndimage
 
@@ -38,5 +41,31 @@ def find_doors(rooms: Sequence[Room], grid: OccupancyGrid) -> tuple[Door, ...]:
             width_m = float(np.max(np.ptp(cells, axis=0) + 1) * grid.resolution_m)
             if width_m <= MAX_WIDTH_M:
                 x, y = grid.centre(cells).mean(0)
-                found.append(Door((float(x), float(y)), (one, other), width_m))
+                narrow_m = _narrowest_m(grid, cells, masks[one], masks[other])
+                found.append(Door((float(x), float(y)), (one, other), width_m, min(narrow_m, width_m)))
     return tuple(found)
+
+
+def _narrowest_m(
+    grid: OccupancyGrid, cells: npt.NDArray[np.intp], one: npt.NDArray[np.bool_], other: npt.NDArray[np.bool_]
+) -> float:
+    """The diameter of the largest disc that gets from one room to the other through the cells (N, 2) of a door."""
+    from scipy import ndimage
+
+    near = 2 + round(AROUND_M / grid.resolution_m)
+    beside = near + round(MAX_WIDTH_M / 2 / grid.resolution_m)  # obstacles that the disc may touch
+    low, high = np.maximum(cells.min(0) - beside, 0), cells.max(0) + beside + 1
+    window = slice(low[0], high[0]), slice(low[1], high[1])
+    solid = grid.cells[window] == OCCUPIED
+    clear = np.asarray(ndimage.distance_transform_edt(~np.pad(solid, 1)))[1:-1, 1:-1] - 0.5  # cells
+    inside = np.zeros(solid.shape, bool)
+    first = np.maximum(cells.min(0) - near - low, 0)
+    last = cells.max(0) + near + 1 - low
+    inside[first[0] : last[0], first[1] : last[1]] = True
+    inside &= grid.cells[window] == FREE
+    for reach in np.unique(clear[inside])[::-1]:
+        parts, _ = ndimage.label(inside & (clear >= reach), np.ones((3, 3)))
+        both = np.intersect1d(parts[one[window]], parts[other[window]])
+        if both.any():  # 0 is no part
+            return float(2 * reach * grid.resolution_m)
+    return 0.0
