@@ -27,6 +27,8 @@ MAX_TARGETS, MAX_TARGET_CHARS, MAX_CORNERS = 200, 4000, 64
 SCOPE = re.compile(r"drive|standing|until:(?P<until>tomorrow|HH)|daily:(?P<begin>HH)-(?P<end>HH)".replace(
     "HH", r"(?:[01]\d|2[0-3]):[0-5]\d")
 )  # fmt: skip
+UNDERSTOOD = "Understood: "
+OWN_ARTICLES = ("the", "my", "your", "our", "object")
 ESCAPED = {"%": "%25", ",": "%2C", "|": "%7C", ";": "%3B", "=": "%3D"}
 
 
@@ -277,6 +279,20 @@ class RouteRule:
         return told if self.strength == "hard" else f"{told} if that is no great detour"
 
 
+def echo(rules: Iterable[RouteRule], ended: Iterable[RouteRule] = ()) -> str:
+    """What a robot says to words that only say how to drive.
+
+    Args:
+        rules: The rules that it understood.
+        ended: Those that it takes back.
+
+    Returns:
+        One sentence, which begins with ``UNDERSTOOD``.
+    """
+    told = [rule.in_words() for rule in rules] + [f"no longer {rule.wish}" for rule in ended]
+    return f"{UNDERSTOOD}{'; '.join(told)}."
+
+
 def called(target: RouteTarget) -> str:
     """What a target is called in a sentence: "the carpet", "the hall and the kitchen".
 
@@ -294,15 +310,23 @@ def called(target: RouteTarget) -> str:
         names = [f"object {', '.join(map(str, target.ids))}"]
     elif target.kind == "door":
         joined = zip(target.names[::2], target.names[1::2], strict=True)
-        names = [f"door between {_the(one)} and {_the(other)}" for one, other in joined]
+        names = [f"door between {with_article(one)} and {with_article(other)}" for one, other in joined]
     else:
         names = target.names or ("zone",)
-    return " and ".join(map(_the, names))
+    return " and ".join(map(with_article, names))
 
 
-def _the(name: str) -> str:
+def with_article(name: str) -> str:
+    """A name in a sentence: "the kitchen", "bedroom 2", "Ben's room".
+
+    Args:
+        name: The name of a room, an object or a floor.
+
+    Returns:
+        The name with its article, where it takes one.
+    """
     first = name.split(" ", 1)[0].lower()
-    return name if first.endswith(("'s", "’s")) or first in ("the", "my", "your", "our") else f"the {name}"
+    return name if name[-1:].isdigit() or first.endswith(("'s", "’s")) or first in OWN_ARTICLES else f"the {name}"
 
 
 def _pairs(target: RouteTarget) -> set[frozenset[str]]:

@@ -158,6 +158,10 @@ def _print_answer(answer: Answer, shown: set[str]) -> None:
         print(f"  {what:6} x {x:.2f}  y {y:.2f}  z {z:.2f} m   (frame {place.frame}, score {place.score:.2f})")
     if goal:
         print(f"  goal   x {goal.x:.2f}  y {goal.y:.2f} m  yaw {goal.yaw:.2f} rad   ({goal.length_m:.2f} m to drive)")
+    if goal and goal.route:
+        print(f"  way    {'; '.join(goal.route.directions)}")
+        for other in goal.route.alternatives:
+            print(f"  or     {other.words}")
     for note in answer.notes:
         if note not in shown:  # once in a conversation
             print(f"  note   {note}")

@@ -132,11 +132,12 @@ def _correct(
 ) -> None:  # fmt: skip
     from cartier.home import Home
 
-    _, told = Home.load(home).correct(what, entity, name=name, to_xy=to_xy, other=other, who=who or _user())
+    _, told = Home.load(home).correct(what, entity, name=name, to_xy=to_xy, other=other, who=who or user())
     print(told)
 
 
-def _user() -> str:
+def user() -> str:
+    """The user of this machine."""
     try:
         return getpass.getuser()
     except (KeyError, OSError):  # a user id without an account, as in a container

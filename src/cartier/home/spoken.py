@@ -7,9 +7,9 @@ from dataclasses import replace
 
 from cartier.home.corrected import find_room
 from cartier.home.entity import Home
+from cartier.route_rules import UNDERSTOOD
 from cartier.types import Answer, Selection
 from cartier.understanding import alarm
-from cartier.understanding.route_rules import UNDERSTOOD
 from cartier.understanding.spoken_corrections import NOTED, spoken_correction
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol
 from urllib.parse import urlsplit
@@ -14,6 +15,7 @@ from cartier.llm.prompts import Messages, Request, Schema, check_query, prompt_n
 from cartier.llm.reply_parser import no_answer, parse_list, read_reply
 from cartier.types import Inventory, Selection
 
+MAX_SAID = 300  # characters of a sentence that are kept with its rules
 DEFAULT_SERVER, DEFAULT_MODEL = "https://api.openai.com/v1", "gpt-4o"
 
 
@@ -79,7 +81,10 @@ class LanguageModel:
         request = self._prompt.request(query, inventory, dialogue)
 
         def read(reply: str) -> Selection | None:
-            return read_reply(reply, inventory, model=self.name, prompt=request.text)
+            chosen = read_reply(reply, inventory, model=self.name, prompt=request.text)
+            if chosen is None or not chosen.rules:
+                return chosen
+            return replace(chosen, rules=tuple(replace(rule, said=query[:MAX_SAID]) for rule in chosen.rules))
 
         reply = self._reply(self._prompt_name, request, lambda r: bool(read(r)))
         return read(reply) or no_answer(reply, model=self.name, prompt=request.text)

@@ -16,6 +16,7 @@ from itertools import chain
 from typing import Any, get_args, get_type_hints
 
 from cartier.errors import BackendError, InputError
+from cartier.llm import route_rules
 from cartier.llm.inventory_listing import Listing, described, names_only
 from cartier.llm.lookup import NOTHING
 from cartier.llm.reply_parser import MAX_FURTHER, REPLY_STATUSES
@@ -112,22 +113,31 @@ class Request:
 
 @dataclass(frozen=True)
 class Prompt:
-    """A prompt for a choice: the task with ``{objects}`` in it, the listing, and the JSON schema of a reply."""
+    """A prompt for a choice: the task with ``{objects}`` in it, the listing, and the JSON schema of a reply.
+
+    With ``ways``, words that may speak of the way are asked for route rules, too.
+    """
 
     task: str
     listing: Callable[[Inventory, str], Listing]
     schema: Callable[[Sequence[str]], Schema]
     max_tokens: int
+    ways: bool = False
 
     def request(self, query: str, inventory: Inventory, dialogue: Sequence[tuple[str, str]] = ()) -> Request:
         """The task, the latest (person, robot) turns, and the words; each name of the list once."""
         turns = recent(dialogue)
         listing = self.listing(inventory, "\n".join([*chain(*turns), query]))
-        messages = [{"role": "system", "content": self.task.replace("{objects}", listing.text)}]
+        ways = self.ways and route_rules.asks("\n".join([*chain(*turns[-1:]), query]))
+        task = self.task.replace("{objects}", listing.text) + (route_rules.prompt_part(inventory) if ways else "")
+        messages = [{"role": "system", "content": task}]
         for person, robot in turns:
             messages += [{"role": "user", "content": fenced(person)}, {"role": "assistant", "content": robot}]
         messages.append({"role": "user", "content": fenced(query)})
-        return Request(messages, self.schema(listing.choices), self.max_tokens)
+        schema = self.schema(listing.choices)
+        if ways:
+            schema = _record({**schema["properties"], **route_rules.schema_part()})
+        return Request(messages, schema, self.max_tokens)
 
 
 def choice_schema(choices: Sequence[str]) -> Schema:
@@ -172,7 +182,7 @@ def _record(properties: Schema) -> Schema:
 
 PROMPTS = {
     "paper": Prompt(PAPER, names_only, choice_schema, max_tokens=256),  # some grammars allow endless white space
-    "rich": Prompt(RICH, described, needs_schema, max_tokens=1024),
+    "rich": Prompt(RICH, described, needs_schema, max_tokens=1024, ways=True),
 }
 """``paper`` is CARTIER's prompt (arXiv 2307.11865): task, list, words. ``rich`` asks for all fields that we use."""
 

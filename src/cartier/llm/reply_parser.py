@@ -11,6 +11,7 @@ from typing import Any
 
 from cartier.labels import object_ref
 from cartier.llm.lookup import NOTHING, Listed, Pick, names_of
+from cartier.llm.route_rules import with_rules
 from cartier.types import Fact, Inventory, Selection, Status
 
 # The prompts' words for each status; all published figures of language models were measured with these.
@@ -51,7 +52,10 @@ def read_reply(reply: str, inventory: Inventory, *, model: str = "", prompt: str
         need = _need(row, listed, model) or no_answer("", model=model)
         if need.object is None or all(_goal(need) != _goal(earlier) for earlier in (first, *then)):
             then.append(need)  # models repeat themselves
-    chosen = replace(first, next=tuple(then), reply=reply, prompt=prompt)
+    ruled = with_rules(first, rows[-1], inventory)
+    if ruled is None:
+        return None
+    chosen = replace(ruled, next=tuple(then), reply=reply, prompt=prompt)
     return chosen if all(map(inventory.contains, (chosen, *then))) else None
 
 

@@ -10,12 +10,14 @@ import numpy as np
 import numpy.typing as npt
 
 from cartier.navigation.layers import RouteMap
+from cartier.route_rules import with_article
 from cartier.types import Array, MapObject, Place
 
 STRAIGHT_M = 0.3  # how far a path may stray from a straight line that stands for it
 TURN_RAD = math.radians(40)
 BACK_RAD = math.radians(150)
 BESIDE_M = 1.5  # from how near an object is a landmark
+MOST_PASSED = 2  # objects told along one straight part: the biggest
 LEAST_SIDE_M = 0.25  # of an object that people would notice
 CLOSE_M = 0.6  # turns closer than this are one
 
@@ -23,23 +25,71 @@ CLOSE_M = 0.6  # turns closer than this are one
 def directions(path: npt.NDArray[np.float64], site: RouteMap, place: Place) -> tuple[str, ...]:
     """The steps along a path (K, 2) in metres: "past the sofa on your left, through the door into the hall".
 
-    Only confirmed objects of some size are named; of one that shares its name with another in its room, only the room.
+    Only confirmed objects of some size are named, from the room that they are in; of those that share a name in one
+    room, none.
     """
-    marks = _marks(site, place)
-    corners = _corners(path)
-    told, named = list[str](), set[int]()
+    way = _Walk(path, site, _marks(site, place))
+    corners, told = _corners(path), list[str]()
     for k, (begin, end) in enumerate(pairwise(corners)):
-        step = []
         turn = _turn(path, corners, k) if k else ""
-        if turn:
-            at = _nearest(path[begin], marks, named)
-            step.append(f"{turn} at the {at.label}" if at is not None else turn)
-            named |= {at.id} if at is not None else set()
-        step += _along(path[begin : end + 1], site, marks, named, path[max(begin - 1, 0)])
+        at = way.landmark(begin) if turn else None
+        step = [f"{turn} at the {at.label}" if at is not None else turn] if turn else []
+        step += way.along(begin, end)
         if step:
             told.append(", ".join(step))
     told.append(_arrival(path, place))
     return tuple(told)
+
+
+class _Walk:
+    """A path with the objects around it that may still be named, and the room of each of its points (-1: none)."""
+
+    def __init__(self, path: npt.NDArray[np.float64], site: RouteMap, marks: Sequence[MapObject]) -> None:
+        self.path, self.site, self.marks, self.named = path, site, marks, set[int]()
+        self.rooms = site.room_numbers[tuple(site.grid.cell(path).T)]
+        low, high = (
+            np.array([getattr(o, side)[:2] for o in marks]).reshape(-1, 1, 2) for side in ("box_min", "box_max")
+        )
+        self.away_m = np.linalg.norm(np.maximum(np.maximum(low - path, path - high), 0), axis=-1)
+        for k, obj in enumerate(marks):
+            own = next((n for n, room in enumerate(site.rooms) if room.id == obj.room), -1)
+            self.away_m[k, (self.rooms >= 0) & (self.rooms != own)] = np.inf  # behind a wall
+
+    def landmark(self, point: int) -> MapObject | None:
+        """The nearest object to a point of the path that was not named yet."""
+        near = [(float(far), obj.id, obj) for far, obj in zip(self.away_m[:, point], self.marks, strict=True)]
+        near = [each for each in near if each[0] <= BESIDE_M and each[1] not in self.named]
+        found = min(near, default=(0.0, 0, None))[2]
+        self.named |= {found.id} if found is not None else set()
+        return found
+
+    def along(self, begin: int, end: int) -> Iterator[str]:
+        """What a straight part passes, in order: objects on either side, and doors into other rooms."""
+        found = list(self._entered(begin, end))
+        for obj, far in sorted(
+            zip(self.marks, self.away_m[:, begin : end + 1], strict=True), key=lambda m: -_size(m[0])
+        ):
+            k = begin + int(far.argmin())
+            if obj.id not in self.named and far.min() <= BESIDE_M and begin < k < end:
+                way, to = self.path[end] - self.path[begin], np.array(obj.position)[:2] - self.path[k]
+                side = "left" if way[0] * to[1] - way[1] * to[0] > 0 else "right"
+                found.append((k, f"past the {obj.label} on your {side}"))
+                self.named.add(obj.id)
+                if len(found) >= MOST_PASSED:
+                    break
+        yield from (words for _, words in sorted(found, key=lambda each: each[0]))
+
+    def _entered(self, begin: int, end: int) -> Iterator[tuple[int, str]]:
+        known = [(k, int(room)) for k, room in enumerate(self.rooms[: end + 1]) if room >= 0]
+        for (_, before), (k, now) in pairwise(known):
+            if now != before and begin < k <= end:
+                pair = {self.site.rooms[before].id, self.site.rooms[now].id}
+                door = any(set(door.rooms) == pair for door in self.site.doors)
+                yield k, f"{'through the door ' if door else ''}into {with_article(self.site.rooms[now].name)}"
+
+
+def _size(obj: MapObject) -> float:
+    return float(np.prod(np.subtract(obj.box_max, obj.box_min)))
 
 
 def _marks(site: RouteMap, place: Place) -> list[MapObject]:
@@ -84,50 +134,6 @@ def _turn(path: Array, corners: Sequence[int], k: int) -> str:
     if abs(angle) < TURN_RAD:
         return ""
     return "turn back" if abs(angle) > BACK_RAD else "left" if angle > 0 else "right"
-
-
-def _nearest(xy: Array, marks: Sequence[MapObject], named: set[int]) -> MapObject | None:
-    near = [(float(_away_m(xy, obj)), obj.id, obj) for obj in marks if obj.id not in named]
-    return min((each for each in near if each[0] <= BESIDE_M), default=(0.0, 0, None))[2]
-
-
-def _away_m(xy: Array, obj: MapObject) -> float:
-    outside = np.maximum(np.maximum(np.array(obj.box_min)[:2] - xy, xy - np.array(obj.box_max)[:2]), 0)
-    return float(np.linalg.norm(outside))
-
-
-def _along(
-    part: npt.NDArray[np.float64], site: RouteMap, marks: Sequence[MapObject], named: set[int], before: Array
-) -> Iterator[str]:
-    """What one straight part passes, in order: objects on either side, and doors into other rooms."""
-    found = list[tuple[int, str]]()
-    way = part[-1] - part[0]
-    for obj in marks:
-        far = np.array([_away_m(xy, obj) for xy in part])
-        k = int(far.argmin())
-        if obj.id not in named and far[k] <= BESIDE_M and 0 < k < len(part) - 1:
-            to = np.array(obj.position)[:2] - part[k]
-            side = "left" if way[0] * to[1] - way[1] * to[0] > 0 else "right"
-            found.append((k, f"past the {obj.label} on your {side}"))
-            named.add(obj.id)
-    found += _rooms_entered(part, site, before)
-    yield from (words for _, words in sorted(found, key=lambda each: each[0]))
-
-
-def _rooms_entered(part: npt.NDArray[np.float64], site: RouteMap, before: Array) -> Iterator[tuple[int, str]]:
-    rooms = np.full(site.grid.cells.shape, -1)
-    for number, room in enumerate(site.rooms):
-        rooms[tuple(room.cells.T)] = number
-    cells = site.grid.cell(np.vstack([before[None], part]))
-    inside = rooms[tuple(cells.T)]
-    last = int(inside[0])
-    for k, number in enumerate(inside[1:]):
-        if number >= 0 and number != last:
-            if last >= 0:
-                pair = {site.rooms[last].id, site.rooms[number].id}
-                door = any(set(door.rooms) == pair for door in site.doors)
-                yield k, f"{'through the door ' if door else ''}into the {site.rooms[number].name}"
-            last = int(number)
 
 
 def _arrival(path: npt.NDArray[np.float64], place: Place) -> str:

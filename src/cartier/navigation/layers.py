@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -47,6 +48,14 @@ class RouteMap:
     objects: Sequence[MapObject] = ()
     doors: Sequence[Door] = ()
 
+    @cached_property
+    def room_numbers(self) -> npt.NDArray[np.int16]:
+        """For each cell (rows, cols) the place of its room in ``rooms``, -1 where there is none."""
+        numbers = np.full(self.grid.cells.shape, -1, np.int16)
+        for number, room in enumerate(self.rooms):
+            numbers[tuple(room.cells.T)] = number
+        return numbers
+
 
 CostLayer = Callable[[RouteMap], Cost]
 """The extra cost (rows, cols) of each cell, per metre: 0 or more, inf for a wall."""
@@ -64,33 +73,38 @@ def area_of(target: RouteTarget, site: RouteMap, margin_m: float = 0.0) -> Mask:
     return area
 
 
-def avoided(rule: RouteRule, site: RouteMap) -> Mask:
-    """The cells that a rule to avoid or to keep away from something is about."""
-    assert rule.target is not None
-    if rule.kind == "keep-away":
-        return area_of(rule.target, site, KEEP_AWAY_M)
-    if rule.target.kind != "object":
-        return area_of(rule.target, site)
-    tall = tuple(obj.id for obj in _meant(rule.target, site) if obj.box_max[2] > FLAT_M)
-    area = area_of(rule.target, site)
+def ruled_area(rule: RouteRule, site: RouteMap) -> Mask:
+    """The cells (rows, cols) that a rule is about: what it avoids, prefers or passes, and where it wants to be slow.
+
+    Raises InputError if the home has nothing of what it names.
+    """
+    if rule.target is None:
+        return np.zeros(site.grid.cells.shape, bool)
+    if rule.kind == "avoid":
+        return _avoided(rule.target, site)
+    if rule.kind == "via":
+        return _passed(rule.target, site)
+    margin_m = {"keep-away": KEEP_AWAY_M, "slow-near": SLOW_NEAR_M, "prefer": VIA_M, "only-through": VIA_M}[rule.kind]
+    return area_of(rule.target, site, margin_m)
+
+
+def _avoided(target: RouteTarget, site: RouteMap) -> Mask:
+    """The cells of what must not be crossed, and a little around objects that stand there."""
+    area = area_of(target, site)
+    if target.kind != "object":
+        return area
+    tall = tuple(obj.id for obj in _meant(target, site) if obj.box_max[2] > FLAT_M)
     return area | area_of(RouteTarget("object", ids=tall), site, AVOID_OBJECT_M) if tall else area
 
 
-def passed(rule: RouteRule, site: RouteMap) -> Mask:
-    """The cells from which a robot passes what a rule says; objects only from the rooms that they are in."""
-    assert rule.target is not None
-    area = area_of(rule.target, site, VIA_M)
-    if rule.target.kind != "object":
+def _passed(target: RouteTarget, site: RouteMap) -> Mask:
+    """The cells from which a robot passes something; objects only from the rooms that they are in."""
+    area = area_of(target, site, VIA_M)
+    if target.kind != "object":
         return area
-    rooms = {obj.room for obj in _meant(rule.target, site) if obj.room is not None}
-    inside = _cells_of_rooms([room for room in site.rooms if room.id in rooms], site.grid)
+    rooms = {obj.room for obj in _meant(target, site) if obj.room is not None}
+    inside = np.isin(site.room_numbers, [k for k, room in enumerate(site.rooms) if room.id in rooms])
     return area & inside if (area & inside).any() else area
-
-
-def slow_cells(rule: RouteRule, site: RouteMap) -> Mask:
-    """The cells where a rule wants the robot slow."""
-    assert rule.target is not None
-    return area_of(rule.target, site, SLOW_NEAR_M)
 
 
 def wish_layer(rule: RouteRule, area: Mask) -> CostLayer | None:
@@ -137,14 +151,7 @@ def _meant(target: RouteTarget, site: RouteMap) -> list[MapObject]:
 
 def _rooms(target: RouteTarget, site: RouteMap, margin_m: float) -> Mask:
     names = {name.casefold() for name in target.names}
-    return _cells_of_rooms([room for room in site.rooms if room.name.casefold() in names], site.grid)
-
-
-def _cells_of_rooms(rooms: Sequence[Room], grid: OccupancyGrid) -> Mask:
-    area = np.zeros(grid.cells.shape, bool)
-    for room in rooms:
-        area[tuple(room.cells.T)] = True
-    return area
+    return np.isin(site.room_numbers, [k for k, room in enumerate(site.rooms) if room.name.casefold() in names])
 
 
 def _floor(target: RouteTarget, site: RouteMap, margin_m: float) -> Mask:

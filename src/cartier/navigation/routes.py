@@ -25,10 +25,8 @@ from cartier.navigation.layers import (
     Mask,
     RouteMap,
     area_of,
-    avoided,
     body_layer,
-    passed,
-    slow_cells,
+    ruled_area,
     total,
     wish_layer,
 )
@@ -144,7 +142,7 @@ def _ruled(rules: Iterable[RouteRule], site: RouteMap, free: _Way) -> tuple[list
     found, notes = list[_Ruled](), list[str]()
     for rule in rules:
         try:
-            found.append(_Ruled(rule, _area(rule, site)))
+            found.append(_Ruled(rule, ruled_area(rule, site)))
         except InputError as error:
             notes.append(f"a rule is left out ({rule.in_words()}): {error}")
     for k, each in enumerate(found):
@@ -153,32 +151,18 @@ def _ruled(rules: Iterable[RouteRule], site: RouteMap, free: _Way) -> tuple[list
     return found, notes
 
 
-def _area(rule: RouteRule, site: RouteMap) -> Mask:
-    if rule.kind in ("avoid", "keep-away"):
-        return avoided(rule, site)
-    if rule.kind == "via":
-        return passed(rule, site)
-    if rule.kind == "slow-near":
-        return slow_cells(rule, site)
-    return area_of(rule.target, site) if rule.target is not None else np.zeros(site.grid.cells.shape, bool)
-
-
 def _ends(rule: RouteRule, site: RouteMap, free: _Way) -> Mask:
     """Where a drive "only through" something may be, besides: the rooms where it begins and ends; for a door all but
     the other doors, and for a kind of floor what nobody knows to be of another kind."""
     assert rule.target is not None
-    allowed = np.zeros(site.grid.cells.shape, bool)
     if rule.target.kind == "floor":
-        return allowed if site.grid.floor_kinds is None else np.asarray(site.grid.floor_kinds == 0)
+        kinds = site.grid.floor_kinds
+        return np.zeros(site.grid.cells.shape, bool) if kinds is None else np.asarray(kinds == 0)
     if rule.target.kind == "door":
         return ~_other_doors(rule, site)
-    for room in site.rooms:
-        if any((room.cells == end).all(1).any() for end in (free.cells[0], free.cells[-1])):
-            allowed[tuple(room.cells.T)] = True
-    inside = np.zeros(allowed.shape, bool)
-    for room in site.rooms:
-        inside[tuple(room.cells.T)] = True
-    return allowed | ~inside  # thresholds are of no room
+    numbers = site.room_numbers
+    ends = [numbers[tuple(end)] for end in (free.cells[0], free.cells[-1])]
+    return np.isin(numbers, [-1, *ends])  # thresholds are of no room
 
 
 def _other_doors(rule: RouteRule, site: RouteMap) -> Mask:
@@ -256,8 +240,8 @@ class _Drive:
         """Whether "only through" something asks for nothing: the drive stays in one room."""
         if each.rule.kind != "only-through":
             return False
-        rooms = [room for room in self.site.rooms if (room.cells == self.start).all(1).any()]
-        return any(ends[tuple(room.cells.T)].any() for room in rooms)
+        numbers = self.site.room_numbers
+        return bool(numbers[self.start] >= 0 and (numbers[ends] == numbers[self.start]).any())
 
     def _poses(self, reachable: Mask) -> tuple[Mask, float, bool] | None:
         """The cells of the best poses, of equal worth, how far off the best distance they are, and whether they see
@@ -323,6 +307,9 @@ class _Drive:
                 words.append(f"{over_m:.1f} m of it {'not ' if beside else ''}{'over' if not beside else 'on'} {name}")
             elif self.crossed_m(way, each) > 0:
                 words.append(f"all on {name}" if beside else f"none of it over {name}")
+        for each in ruled:
+            if each.rule.kind == "via" and not each.area[tuple(other.cells.T)].any() and each.rule.target is not None:
+                words.append(f"not past {called(each.rule.target)}")
         return RouteAlternative(", ".join(words), other.length_m, self.site.grid.centre(other.cells))
 
     def crossed_m(self, way: _Way, each: _Ruled) -> float:

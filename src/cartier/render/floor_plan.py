@@ -29,6 +29,7 @@ from cartier.render.plan_key import (
     add_title_and_key,
 )
 from cartier.render.plan_labels import write_names
+from cartier.render.route_areas import draw_rules
 from cartier.types import FREE, OCCUPIED, Answer, Goal, MapObject, OccupancyGrid, Place, RobotModel, Room
 
 if TYPE_CHECKING:
@@ -60,6 +61,9 @@ def draw_answer(home: Home, answer: Answer, file: Path, robot: RobotModel | None
     wide = float(np.clip(PANEL_IN * (x2 - x1) / (y2 - y1), 3.5, 10))
     figure, (left, right) = _figure(2, (wide + PHOTO_IN, PANEL_IN + 1.5), [wide, PHOTO_IN])
     draw_plan(left, home, also=_stops(place, goal))
+    limits = left.get_xlim(), left.get_ylim()
+    rules = draw_rules(left, home, answer)
+    left.set(xlim=limits[0], ylim=limits[1])
     _draw_path(left, place, goal, robot or RobotModel())
     if place is not None:
         _draw_evidence(right, home, place)
@@ -73,6 +77,7 @@ def draw_answer(home: Home, answer: Answer, file: Path, robot: RobotModel | None
         _caption(figure, home, made),
         grid=home.grid is not None,
         answer=True,
+        more=rules,
     )
     save_figure(figure, file)
 

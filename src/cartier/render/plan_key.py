@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import textwrap
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -17,8 +18,9 @@ BAR_SHARE = 0.12  # of the picture's width, at least
 
 
 def add_title_and_key(
-    figure: Figure, title: str, caption: str, *, grid: bool, boxes: bool = False, answer: bool = False
-) -> None:
+    figure: Figure, title: str, caption: str, *, grid: bool, boxes: bool = False, answer: bool = False,
+    more: Sequence[Any] = (),
+) -> None:  # fmt: skip
     """Write a title above the picture, below it a caption and the legend of what is drawn; they cover none of it."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
@@ -36,6 +38,7 @@ def add_title_and_key(
     if answer:
         handles.append(Line2D([], [], marker=">", color=PATH, lw=2.5, label="way and robot"))
         handles.append(Line2D([], [], marker="*", ls="", ms=11, color=CHOSEN, label="answer"))
+    handles += more
     across = max(3, int(figure.get_figwidth() / 1.15))
     legend = figure.legend(
         handles=handles, loc="lower left", ncols=min(across, len(handles)), fontsize=8, frameon=False,

@@ -56,8 +56,8 @@ class Correction(BaseModel):
     """A correction, and who makes it; ``Home.correct`` says which values each kind takes."""
 
     model_config = ConfigDict(extra="forbid")
-    what: Literal["name", "confirm", "relabel", "add", "merge", "split", "forget", "move"]
-    entity: Short = ""
+    what: Literal["name", "confirm", "relabel", "add", "merge", "split", "forget", "move", "rule", "lift"]
+    entity: Text = ""
     name: Short = ""
     x: Metres = None
     y: Metres = None
@@ -157,6 +157,10 @@ def _add_reading(app: FastAPI, ops: Operations, run: Callable[..., Any]) -> None
     async def rooms(home: str) -> Response:
         return JSONResponse(await run(home, ops.list_rooms, home))
 
+    @app.get("/api/homes/{home}/rules", response_model=results.RuleList, summary="The route rules of a home")
+    async def rules(home: str) -> Response:
+        return JSONResponse(await run(home, ops.list_rules, home))
+
     @app.get(
         "/api/homes/{home}/describe", response_model=results.ObjectDescription | results.RoomDescription,
         summary="All that is known about one object or room",
@@ -208,7 +212,7 @@ def _add_pictures(app: FastAPI, ops: Operations, run: Callable[..., Any]) -> Non
 def _add_writing(app: FastAPI, ops: Operations, run: Callable[..., Any]) -> None:
     @app.post(
         "/api/homes/{home}/corrections", response_model=results.Corrected,
-        summary="Name, confirm, relabel, add, merge, split, forget or move",
+        summary="Name, confirm, relabel, add, merge, split, forget or move; a route rule, or its end",
     )  # fmt: skip
     async def correct(home: str, made: Correction) -> Response:
         given = (made.entity, made.name, made.x, made.y, home, made.who, made.other)

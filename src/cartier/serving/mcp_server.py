@@ -191,7 +191,7 @@ def _add_reading(server: MCPServer, ops: Operations) -> None:
 
 def _add_writing(server: MCPServer, ops: Operations) -> None:
     def correct(
-        what: Literal["name", "confirm", "relabel", "add", "merge", "split", "forget", "move"],
+        what: Literal["name", "confirm", "relabel", "add", "merge", "split", "forget", "move", "rule", "lift"],
         ctx: Context,
         entity: str = "",
         name: Annotated[str, Field(description="or label")] = "",
@@ -298,7 +298,7 @@ def _call(operation: Callable[..., Any], *arguments: Any) -> CallToolResult:
 def _without_path(values: Any) -> Any:
     """The values without paths: a model needs the pose only."""
     if isinstance(values, dict):
-        return {key: _without_path(value) for key, value in values.items() if key != "path"}
+        return {key: _without_path(value) for key, value in values.items() if key not in ("path", "shortest_path")}
     return [_without_path(value) for value in values] if isinstance(values, list) else values
 
 

@@ -12,6 +12,8 @@ import threading
 import time
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
+from dataclasses import replace
+from datetime import datetime
 from typing import Any
 
 import numpy as np
@@ -24,10 +26,10 @@ from cartier.home.correction_log import CorrectionKind
 from cartier.home.corrections import find
 from cartier.home.dates import age_h
 from cartier.home.photos import photo_of
-from cartier.home.spoken import correct_by_words
+from cartier.home.spoken import correct_by_words, keep_rules
 from cartier.llm.prompts import check_query, recent
 from cartier.navigation.planning import plan
-from cartier.pipeline import CORRECTION, ask, robot_turn, serve
+from cartier.pipeline import CORRECTION, ask, plan_for, robot_turn, serve
 from cartier.serving.homes import Homes
 from cartier.serving.lookup import named, placed
 from cartier.serving.values import (
@@ -40,10 +42,11 @@ from cartier.serving.values import (
     pose,
     room_name,
     room_row,
+    rule_row,
     xyz,
 )
 from cartier.spatial import relations
-from cartier.types import Goal, MapObject, RobotModel, Room
+from cartier.types import Answer, Goal, MapObject, RobotModel, Room
 from cartier.understanding import alarm
 
 PAGE = 5  # objects on a page of a list: few enough for a small model
@@ -98,6 +101,7 @@ class Operations:
                 mapped, waiting, self.reasoner, from_xy=start, robot=self.robot, dialogue=turns,
                 emergency_number=self.emergency_number,
             )  # fmt: skip
+            mapped, answer = keep_rules(mapped, answer) if corrects else (mapped, _not_kept(answer))
         if answer.selection.status == "alarm" and self._on_alarm is not None:
             told = {"conversation": key[1]} | answer.to_dict()
             threading.Thread(target=self._tell, args=(told,), daemon=True).start()  # the person does not wait for it
@@ -182,6 +186,11 @@ class Operations:
         mapped = self.homes.get(home)
         return self.about(home, mapped) | {"rooms": [room_row(mapped, r) for r in mapped.rooms]}
 
+    def list_rules(self, home: str = "") -> dict[str, Any]:
+        """The route rules of a home: what people said of how to drive, and did not take back."""
+        mapped, now = self.homes.get(home), datetime.now().astimezone()
+        return self.about(home, mapped) | {"rules": [rule_row(rule, now) for rule in mapped.rules]}
+
     def relate(self, entity: str, other: str, home: str = "") -> dict[str, Any]:
         """The spatial relations of two objects, seen from the goal pose of the second."""
         mapped = self.homes.get(home)
@@ -214,7 +223,7 @@ class Operations:
     def goal(self, entity: str, home: str = "", from_x: float | None = None, from_y: float | None = None) -> Goal:
         """The pose of ``goal_for``. Raises InputError if there is none."""
         mapped, one = self._one(entity, home)
-        goal, why_not = self._planned(mapped, one, _start(mapped, from_x, from_y))
+        goal, why_not = self._obeying(mapped, one, _start(mapped, from_x, from_y))
         if goal is None:
             raise InputError(why_not)
         return goal
@@ -250,7 +259,7 @@ class Operations:
 
         if mapped.grid is None:
             raise InputError("the home has no floor plan: it was mapped without depth; view 1 is the photo")
-        goal, _ = self._planned(mapped, one, mapped.start_xy)
+        goal, _ = self._obeying(mapped, one, mapped.start_xy)
         row = self._row(mapped, one) | {"picture": "floor plan, x to the right, y up"}
         return self.about(home, mapped) | row, plan_jpeg(mapped, place_of(one, mapped), goal, self.robot)
 
@@ -290,8 +299,18 @@ class Operations:
         """The goal pose at an object or in a room, or why there is none."""
         return (None, NO_PLAN) if mapped.grid is None else plan(mapped.grid, place_of(one, mapped), start, self.robot)
 
+    def _obeying(self, mapped: Home, one: MapObject | Room, start: Sequence[float]) -> tuple[Goal | None, str]:
+        """The goal pose under the route rules of the home, or why there is none."""
+        if mapped.grid is None:
+            return None, NO_PLAN
+        now = datetime.now().astimezone()
+        rules = [rule for rule in mapped.rules if rule.holds(now)]
+        planned = plan_for(mapped, place_of(one, mapped), start, self.robot, rules)
+        mend = ": ask, and a person may agree" if planned.breach is not None else ""
+        return planned.goal, f"{planned.why_not}{mend}" if planned.goal is None else ""
+
     def _goal(self, mapped: Home, one: MapObject | Room, start: Sequence[float]) -> dict[str, Any]:
-        goal, why_not = self._planned(mapped, one, start)
+        goal, why_not = self._obeying(mapped, one, start)
         return {"goal": None, "why_no_goal": why_not} if goal is None else {"goal": pose(goal)}
 
     def _row(self, mapped: Home, one: MapObject | Room) -> dict[str, Any]:
@@ -309,6 +328,15 @@ def _an_object(obj: MapObject | Room) -> MapObject:
         hint = f"pass an object; list_objects with room={obj.name!r} shows what is in it"
         raise InputError(f"{obj.name} is a room: {hint}")
     return obj
+
+
+def _not_kept(answer: Answer) -> Answer:
+    """The answer with a note for each route rule that would have to be kept for later drives."""
+    rules = [rule.text for part in (answer, *answer.next) for rule in part.selection.rules if rule.stays]
+    lifts = [rule.text for part in (answer, *answer.next) for rule in part.selection.lifts]
+    notes = [f"not kept for later drives: call correct with what=rule and entity={text!r}" for text in rules]
+    notes += [f"the rule still holds: call correct with what=lift and entity={text!r}" for text in lifts]
+    return replace(answer, notes=(*answer.notes, *notes))
 
 
 def _start(home: Home, from_x: float | None, from_y: float | None) -> Sequence[float]:

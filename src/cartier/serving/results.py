@@ -33,6 +33,17 @@ class Homes(Part):
     homes: list[str]
 
 
+class Way(Part):
+    """How a path follows route rules, which are in their text form: ``avoid room:bedroom hard standing``."""
+
+    rules: list[str] = Field(description="those that hold for this drive")
+    breaks: list[str] = Field(description="hard rules that it breaks, because a person agreed")
+    shortest_m: float = Field(description="how long the way would be without rules")
+    directions: list[str] = Field(description="the way in words, a step each")
+    alternatives: list[str] = Field(description="other ways, with their difference of length")
+    shortest_path: list[tuple[float, float]] = Field(description="corners of the way without rules")
+
+
 class Pose(Part):
     """A reachable pose in the map frame, and the way there."""
 
@@ -42,6 +53,7 @@ class Pose(Part):
     length_m: float
     sees_it: bool = Field(description="whether nothing known stands in between")
     path: list[tuple[float, float]] = Field(description="corners of the way there")
+    route: Way | None = Field(None, description="left out where no rule holds")
 
 
 class Posed(Part):
@@ -83,6 +95,8 @@ class AnswerPart(Part):
     question: str | None = None
     ids: list[int] = Field([], description="objects that the answer or the question is about")
     tentative: int | None = Field(None, description="an object that it speaks of and that is not confirmed")
+    rules: list[str] = Field([], description="route rules in the words")
+    lifts: list[str] = Field([], description="route rules that the words take back")
     candidates: list[tuple[str, float]] = []
     name: str | None = None
     room: str | None = None
@@ -112,6 +126,19 @@ class ObjectList(Result):
 
 class RoomList(Result):
     rooms: list[RoomRow]
+
+
+class RuleRow(Part):
+    id: str = Field(description="which a correction of the kind lift takes as entity")
+    rule: str = Field(description="its text form")
+    words: str
+    said: str = Field(description="the sentence that made it")
+    made: str
+    holds: Literal["now", "later", "expired"]
+
+
+class RuleList(Result):
+    rules: list[RuleRow]
 
 
 class ObjectDescription(Result, ObjectRow, Posed):

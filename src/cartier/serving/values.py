@@ -8,6 +8,7 @@ from __future__ import annotations
 import io
 import math
 from collections.abc import Mapping, Sequence
+from datetime import datetime
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ import numpy.typing as npt
 from cartier.errors import brief
 from cartier.home import Home
 from cartier.llm.lookup import names_of
+from cartier.route_rules import RouteRule
 from cartier.types import Answer, Array, Goal, MapObject, Place, Room, Selection
 
 CANDIDATES, MEANT = 3, 12
@@ -35,6 +37,8 @@ def answer_values(home: Home, answer: Answer) -> dict[str, Any]:
         result["ids"] = ids
     if chosen.tentative is not None:
         result["tentative"] = chosen.tentative
+    result |= {"rules": [rule.text for rule in chosen.rules]} if chosen.rules else {}
+    result |= {"lifts": [rule.text for rule in chosen.lifts]} if chosen.lifts else {}
     if candidates := [[name, round(score, 2)] for name, score in chosen.candidates[:CANDIDATES] if score >= 0.01]:
         result["candidates"] = candidates
     if one is not None:
@@ -59,11 +63,24 @@ def meant(home: Home, chosen: Selection) -> list[int]:
 
 
 def pose(goal: Goal) -> dict[str, Any]:
-    """A goal pose with the corners of its path."""
+    """A goal pose with the corners of its path, and how it follows route rules, where any hold."""
+    route = goal.route
+    told = {} if route is None else {"route": {
+        "rules": [rule.text for rule in route.rules], "breaks": [rule.text for rule in route.breaks],
+        "shortest_m": round(route.shortest_m, 2), "directions": list(route.directions),
+        "alternatives": [each.words for each in route.alternatives], "shortest_path": _corners(route.shortest),
+    }}  # fmt: skip
     return {
         "x": round(goal.x, 3), "y": round(goal.y, 3), "yaw": round(goal.yaw, 3), "length_m": round(goal.length_m, 2),
         "sees_it": goal.line_of_sight, "path": _corners(goal.path),
-    }  # fmt: skip
+    } | told  # fmt: skip
+
+
+def rule_row(rule: RouteRule, now: datetime) -> dict[str, Any]:
+    """A route rule of a home; it may not hold at this hour, or have expired."""
+    holds = "now" if rule.holds(now) else "expired" if rule.expired(now) else "later"
+    return {"id": rule.id, "rule": rule.text, "words": rule.in_words(), "said": rule.said, "made": rule.made,
+            "holds": holds}  # fmt: skip
 
 
 def _corners(path: Array) -> list[list[float]]:

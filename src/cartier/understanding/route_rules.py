@@ -12,7 +12,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from cartier.labels import name_key, plain, singular, words
-from cartier.route_rules import RouteRule, RouteTarget, RuleKind, Strength
+from cartier.route_rules import RouteRule, RouteTarget, RuleKind, Strength, echo
 from cartier.spatial.expressions import EntityVocabulary, ReferringExpression
 from cartier.spatial.query import DOORS, Scene
 from cartier.types import Selection
@@ -49,8 +49,6 @@ YES = re.compile(
 NO = re.compile(r"(?:oh |well )*(?:no|nope|nah|don t|do not|stop|leave it|never|better not|rather not)\b.*")
 GO_ANYWAY = "Shall I go all the same?"
 """How the robot's question ends when a rule stands in the way."""
-UNDERSTOOD = "Understood: "
-"""How the answer to words that only say how to drive begins."""
 NEAR_WORDS = 12
 WISHES = ("if", "when", "where", "wherever", "preferably", "ideally")
 """Words after a comma that still go with the noun before it."""
@@ -95,7 +93,9 @@ def target_of(noun: ReferringExpression, scene: Scene, state: DialogueState) -> 
         noun = same(state.last)
     said = noun.said or "that"
     if noun.rooms:
-        return RouteTarget("room", tuple(scene.rooms[number].name for number in noun.rooms), said=said)
+        rooms = tuple(scene.rooms[number].name for number in noun.rooms)
+        very = tuple(name for name in rooms if name_key(name) == name_key(said))  # not "bedroom 2" for "the bedroom"
+        return RouteTarget("room", very or rooms, said=said)
     doors = scene.doors(noun)
     if doors and not scene.meant(noun)[0]:
         pairs = (scene.rooms[number].name for door in doors for number in door.rooms)
@@ -182,14 +182,14 @@ def told(how: Driving, standing: Sequence[RouteRule], model: str) -> Selection:
     if how.unknown:
         return asked_back(how, model)
     if how.rules:
-        say = f"{UNDERSTOOD}{'; '.join(rule.in_words() for rule in how.rules)}."
+        say = echo(how.rules)
         return Selection("answered", reason="understood: how to drive", text=say, model=model, rules=how.rules)
     ended = ended_by(how.lifts, standing)
     if not ended:
         which = "; ".join(rule.in_words() for rule in standing)
         say = f"There is no such rule. These hold: {which}." if which else "There is no such rule: none holds."
         return Selection("answered", reason="no rule to take back", text=say, model=model)
-    say = f"{UNDERSTOOD}no longer {'; '.join(rule.wish for rule in ended)}."
+    say = echo((), ended)
     return Selection("answered", reason="understood: a rule ends", text=say, model=model, lifts=ended)
 
 
