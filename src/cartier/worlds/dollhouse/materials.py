@@ -60,6 +60,7 @@ KINDS = {
     "planks": _Kind(textures.planks, "oak", 1.2),
     "tiles": _Kind(textures.tiles, "white", 1.0),
     "carpet": _Kind(textures.carpet, "grey", 0.5),
+    "rug": _Kind(textures.rug, "crimson", 0.0),
     "fabric": _Kind(textures.fabric, "grey", 0.25),
     "stripes": _Kind(textures.stripes, "petrol", 0.5),
     "leather": _Kind(textures.leather, "brown", 0.4),

@@ -114,6 +114,14 @@ class Opening:
     top_m: float
 
 
+@dataclass(frozen=True)
+class Rug:
+    """A rug on the floor: its rectangle (x1, y1, x2, y2) in metres, and its material. It is no furnishing: no object."""
+
+    box: tuple[float, float, float, float]
+    material: str
+
+
 @dataclass(frozen=True, eq=False)
 class Scene:
     """A home. ``structure`` are floors, walls, ceilings and frames in world coordinates; they have instance id 0."""
@@ -126,6 +134,7 @@ class Scene:
     structure: tuple[Part, ...]
     height_m: float
     start_xy: tuple[float, float]
+    rugs: tuple[Rug, ...] = ()
 
     def truth(self) -> list[TrueObject]:
         """Every furnishing with its true box; labels are AI2-THOR's type names."""

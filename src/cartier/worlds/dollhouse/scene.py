@@ -15,6 +15,7 @@ from cartier.errors import InputError
 from cartier.io.files import read_text
 from cartier.worlds.dollhouse import clashes
 from cartier.worlds.dollhouse.builder import Builder
+from cartier.worlds.dollhouse.floors import split_name, with_options
 from cartier.worlds.dollhouse.form import MAX_BYTES, Fault, read
 from cartier.worlds.dollhouse.model import Scene
 
@@ -43,8 +44,12 @@ def homes() -> list[str]:
 def load_home(name: str) -> Scene:
     """A home that comes with the program, by name; one made from a seed, by a whole number; or a home file, by path.
 
-    Raises InputError for an unknown name or a faulty file.
+    ``+rugs`` after any of them lays rugs, ``+narrow`` makes its doors narrow. Raises InputError for an unknown name or a
+    faulty file.
     """
+    plain, options = split_name(name)
+    if options:
+        return with_options(load_home(plain), options)
     if name.isdecimal():
         from cartier.worlds.dollhouse.generate import generate  # it may build on this module
 

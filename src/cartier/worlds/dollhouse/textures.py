@@ -80,6 +80,22 @@ def carpet(colour: Colour, seed: int) -> Image:
     return _shade(colour, 1 + 0.10 * noise(seed, 1, 1) + 0.05 * noise(seed + 1, 6, 6) + 0.03 * noise(seed + 2, 40, 40))
 
 
+def rug(colour: Colour, seed: int) -> Image:
+    """A woven rug as a whole: pale and dark borders, and by the seed stripes, diamonds or a plain field; short pile."""
+    u, v = _grid()
+    edge, pale = np.minimum(np.minimum(u, 1 - u), np.minimum(v, 1 - v)), np.array([0.88, 0.83, 0.72], np.float32)
+    field = (
+        np.zeros((SIZE, SIZE), bool),
+        (v * 11 % 1) < 0.35,
+        (np.abs((u * 6 % 1) - 0.5) + np.abs((v * 6 % 1) - 0.5)) < 0.28,
+    )[seed % 3]
+    pile = 1 + 0.08 * noise(seed, 1, 1) + 0.05 * noise(seed + 1, 3, 3)
+    image = np.where((field & (edge > 0.12))[..., None], _shade(tuple(pale.tolist()), pile), _shade(colour, pile))
+    image[(edge > 0.05) & (edge < 0.085)] = pale
+    image[edge < 0.02] *= 0.6
+    return np.asarray(np.clip(image, 0, 1), np.float32)
+
+
 def fabric(colour: Colour, seed: int) -> Image:
     """A plain weave, with threads of unequal thickness."""
     u, v = _grid()

@@ -1,0 +1,275 @@
+"""Floor kinds from pixels and depth: tiles, planks, carpet or rug in each cell of the floor plan, where it is clear.
+
+The floor that a keyframe shows is laid out at a known scale, and the texture around each cell (how strong it is at three
+scales, whether it has one direction as planks or two as a lattice of tiles, how sparse its lines are, how high it lies)
+goes through a small network; ``tools/fit_floor_kinds.py`` made it in the dollhouse. Of real floors it knows nothing: what
+looks like none of those it was fitted on stays unknown.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from cartier.errors import InputError
+from cartier.geometry import project
+from cartier.io.files import read_npz
+from cartier.route_rules import FLOOR_KINDS
+from cartier.types import Frame, OccupancyGrid
+
+KNOWN = len(FLOOR_KINDS) - 1  # kinds that are told apart; in ``votes`` they have the places 0 to KNOWN - 1
+FINE = 4  # texels along a cell of the floor plan
+PATCH = 64  # cells along the side of the square of floor that is laid out
+WINDOWS = (3, 11)  # cells around a cell whose texture counts
+LEVEL_M = 0.05  # what lies higher or lower is no floor
+TEXEL_PX_M = 0.02  # a pixel that shows more floor than this shows no texture
+MIN_SHARE = 0.4  # of a window's texels that must be seen
+CLEAR = 0.8  # posterior from which a kind is told
+INDEPENDENT = 3.0  # so many looks at a cell count as independent; further ones look alike
+FAR_M = 3.2  # how far ahead the square reaches
+MODEL = Path(__file__).parents[1] / "models" / "floor_kinds" / "network.npz"
+
+Floats = npt.NDArray[np.float32]
+Classifier = Callable[[Frame, "Patch"], npt.NDArray[np.float32]]
+"""Log-probabilities (PATCH, PATCH, KNOWN) of the kinds in a patch's cells, NaN where it cannot say."""
+
+
+@dataclass(frozen=True, eq=False)
+class Patch:
+    """A square of floor that a frame shows, seen from above; its first cell is ``low`` (row, col) of the world's cells.
+
+    ``colour`` (S, S, 3) float32 from 0 to 1, ``height_m`` (S, S), ``seen`` (S, S) and ``texel_m`` (S, S), the size of
+    the pixel that shows a texel, with S = PATCH * FINE.
+    """
+
+    low: npt.NDArray[np.int64]
+    resolution_m: float
+    colour: Floats
+    height_m: Floats
+    seen: npt.NDArray[np.bool_]
+    texel_m: Floats
+
+    def xy(self) -> npt.NDArray[np.float64]:
+        """The middles (S, S, 2) of the texels."""
+        step = self.resolution_m / FINE
+        rows, cols = ((self.low[k] * FINE + np.arange(PATCH * FINE) + 0.5) * step for k in (0, 1))
+        return np.stack(np.broadcast_arrays(cols, rows[:, None]), -1)
+
+
+class FloorKindMapper:
+    """Gathers, frame by frame, what kind of floor each cell shows."""
+
+    def __init__(self, resolution_m: float = 0.05, classifier: Classifier | None = None) -> None:
+        self.resolution_m, self._classify = resolution_m, classifier or from_texture
+        self._low = np.zeros(2, np.int64)
+        self._votes = np.zeros((0, 0, KNOWN + 1), np.float32)  # sums of log-probabilities; last, how many looks
+
+    def add(self, frame: Frame) -> None:
+        """Take in one frame with depth."""
+        patch = laid_out(frame, self.resolution_m)
+        if patch is None:
+            return
+        found = self._classify(frame, patch)
+        sure = np.isfinite(found).all(-1)
+        if sure.any():
+            rows, cols = self._window(patch.low)
+            votes = self._votes[rows, cols]
+            votes[sure, :KNOWN] += found[sure]
+            votes[sure, KNOWN] += 1
+
+    def kinds(self, grid: OccupancyGrid) -> npt.NDArray[np.uint8] | None:
+        """The kind of floor (rows, cols) in each cell of a floor plan of the same resolution, as ``FLOOR_KINDS`` number
+        them; None if no frame showed any."""
+        if not self._votes.size:
+            return None
+        from scipy import ndimage
+
+        looks = self._votes[..., KNOWN:]
+        sums = ndimage.uniform_filter(self._votes, (3, 3, 1))  # a lone cell says less than those around it
+        mean = sums[..., :KNOWN] / np.maximum(sums[..., KNOWN:], 1e-6)
+        score = np.exp(mean * np.minimum(looks, INDEPENDENT) - (mean * np.minimum(looks, INDEPENDENT)).max(-1, keepdims=True))
+        posterior = score / score.sum(-1, keepdims=True)
+        clear = (looks[..., 0] > 0) & (posterior.max(-1) >= CLEAR)
+        mine = np.where(clear, posterior.argmax(-1) + 1, 0).astype(np.uint8)
+        kinds = np.zeros(grid.cells.shape, np.uint8)
+        at = self._low - np.rint(np.array(grid.origin_xy)[::-1] / self.resolution_m).astype(np.int64)
+        low, high = np.maximum(at, 0), np.minimum(at + mine.shape, kinds.shape)
+        if (high > low).all():
+            kinds[low[0] : high[0], low[1] : high[1]] = mine[tuple(slice(*each) for each in zip(low - at, high - at, strict=True))]
+        return kinds
+
+    def state(self) -> dict[str, npt.NDArray[Any]]:
+        """What it goes on from."""
+        return {"votes": self._votes, "low": self._low, "resolution_m": np.array(self.resolution_m)}
+
+    def restore(self, state: Mapping[str, npt.NDArray[Any]]) -> None:
+        """Go on from a state. Raises InputError if it is none."""
+        try:
+            votes, low = state["votes"], state["low"]
+            sound = votes.dtype == np.float32 and votes.ndim == 3 and votes.shape[2] == KNOWN + 1 and low.shape == (2,)
+            sound = sound and float(state["resolution_m"]) == self.resolution_m and bool(np.isfinite(votes).all())
+            if not sound or not (np.abs(low.astype(np.float64)) < 2**31).all() or (votes[..., KNOWN:] < 0).any():
+                raise ValueError("arrays of another kind")
+        except (KeyError, TypeError, ValueError, OverflowError) as error:
+            raise InputError(f"the counts of floor kinds are damaged ({error}): map the recording again") from error
+        self._votes, self._low = votes.copy(), low.astype(np.int64)
+
+    def _window(self, low: npt.NDArray[np.int64]) -> tuple[slice, slice]:
+        """Where a patch lies in ``votes``, which grow to hold it."""
+        high, shape = low + PATCH, np.array(self._votes.shape[:2])
+        if not shape.all():
+            self._low, shape = low.copy(), np.zeros(2, np.int64)
+        new_low = np.minimum(low, self._low)
+        new_high = np.maximum(high, self._low + shape)
+        before, after = self._low - new_low, new_high - self._low - shape
+        if before.any() or after.any():
+            pad = [(int(b), int(a)) for b, a in zip(before, after, strict=True)]
+            self._votes, self._low = np.pad(self._votes, [*pad, (0, 0)]), new_low
+        row, col = (low - self._low).tolist()
+        return slice(row, row + PATCH), slice(col, col + PATCH)
+
+
+def laid_out(frame: Frame, resolution_m: float) -> Patch | None:
+    """The floor ahead of the camera as a square from above, or None if too little of it can be seen.
+
+    The floor is at z = 0 (``occupancy.py``); where the frame's depth lies elsewhere, it shows no floor.
+    """
+    assert frame.depth_m is not None
+    pose, camera = frame.world_from_camera, frame.camera
+    ahead = pose[:2, 2]
+    if np.hypot(*ahead) < 1e-3 and pose[2, 2] > -0.5 or pose[2, 3] < LEVEL_M:
+        return None
+    lowest = pose[:3, :3] @ (0.0, (camera.height - 1 - camera.cy) / camera.fy, 1.0)
+    if lowest[2] > -1e-3:
+        return None  # the camera looks up
+    begin = lowest[:2] * min(-pose[2, 3] / lowest[2], FAR_M)
+    side_m = PATCH * resolution_m
+    middle = pose[:2, 3] + begin + ahead / max(float(np.hypot(*ahead)), 0.3) * (side_m / 2 - 0.4)
+    low = np.floor((middle[::-1] - side_m / 2) / resolution_m).astype(np.int64)
+    empty = np.zeros((1, 1), np.float32)
+    xy = Patch(low, resolution_m, empty, empty, empty > 0, empty).xy()
+    points = np.concatenate([xy, np.zeros((*xy.shape[:2], 1))], -1).reshape(-1, 3).astype(np.float32)
+    uv, z = project(points, camera, pose)
+    with np.errstate(invalid="ignore"):
+        col, row = np.rint(np.where(z[:, None] > 0.2, uv, -1)).astype(np.int64).T
+    inside = np.flatnonzero((row >= 0) & (col >= 0) & (row < camera.height) & (col < camera.width))
+    row, col, z = row[inside], col[inside], z[inside]
+    depth = frame.depth_m[row, col]
+    # Along one ray heights change in proportion to depth: where it meets z = 0, depth is ``z``.
+    with np.errstate(invalid="ignore", divide="ignore"):
+        height = pose[2, 3] * (1 - depth / z)
+        pixel_m = z * z / (camera.fy * pose[2, 3])  # along the view, where a pixel reaches farthest
+        seen = (np.abs(height) < LEVEL_M) & (pixel_m < TEXEL_PX_M)
+    if seen.sum() < FINE * FINE * 40:
+        return None
+    shape = (PATCH * FINE, PATCH * FINE)
+    layers = np.zeros((shape[0] * shape[1], 5), np.float32)
+    kept = inside[seen]
+    layers[kept, :3] = frame.rgb[row[seen], col[seen]] / np.float32(255)
+    layers[kept, 3], layers[kept, 4] = height[seen], pixel_m[seen]
+    mask = np.zeros(len(layers), np.bool_)
+    mask[kept] = True
+    layers = layers.reshape(*shape, 5)
+    return Patch(low, resolution_m, layers[..., :3], layers[..., 3], mask.reshape(shape), layers[..., 4])
+
+
+def features(patch: Patch) -> tuple[Floats, npt.NDArray[np.bool_]]:
+    """What the texture around each cell is like (PATCH, PATCH, F), and where enough of it is seen."""
+    light = patch.colour @ np.array([0.3, 0.59, 0.11], np.float32)
+    tint = np.stack([patch.colour[..., 0] - light, patch.colour[..., 2] - light], -1)
+    seen = patch.seen.astype(np.float32)
+    sums = [seen, light * seen, light * light * seen, patch.height_m * seen, patch.height_m**2 * seen, patch.texel_m * seen]
+    sums += [tint[..., k] * seen for k in (0, 1)] + [tint[..., k] ** 2 * seen for k in (0, 1)]
+    cells = [np.stack([_blocks(each, FINE) for each in sums], -1)]
+    share = FINE
+    while share >= 1:
+        mean = _blocks(light * seen, FINE // share) if share < FINE else light * seen
+        weight = _blocks(seen, FINE // share) if share < FINE else seen
+        mean = mean / np.maximum(weight, 1e-6)
+        cells.append(_gradients(mean, weight > 0.5 * (FINE // share) ** 2, share))
+        share //= 2
+    every = np.concatenate(cells, -1)
+    parts = [_window_features(_box(every, window)) for window in WINDOWS]
+    wide = parts[1]
+    enough = (_box(every[..., :1], WINDOWS[0])[..., 0] >= MIN_SHARE * (WINDOWS[0] * FINE) ** 2) & (every[..., 0] > 0)
+    floor_m = np.median(wide[enough][:, 4]) if enough.any() else 0.0
+    step = [np.stack([part[..., 4] - floor_m for part in parts], -1) / 0.01]
+    return np.concatenate([*parts, *step], -1).astype(np.float32), enough
+
+
+def from_texture(frame: Frame, patch: Patch) -> Floats:
+    """What the network says of a patch: see ``Classifier``."""
+    found, enough = features(patch)
+    out = np.full((PATCH, PATCH, KNOWN), np.nan, np.float32)
+    if enough.any():
+        net = network()
+        x = (found[enough] - net["mean"]) / net["scale"]
+        alike = np.mean(np.square(np.clip(x, -9, 9)), 1) <= float(net["strange"])
+        hidden = np.maximum(np.clip(x, -5, 5) @ net["w1"] + net["b1"], 0)
+        scores = hidden @ net["w2"] + net["b2"]
+        scores -= scores.max(1, keepdims=True)
+        logs = scores - np.log(np.exp(scores).sum(1, keepdims=True))
+        logs[~alike] = np.nan
+        out[enough] = np.maximum(logs, -4.0)  # one look never rules a kind out
+    return out
+
+
+@cache
+def network() -> dict[str, npt.NDArray[Any]]:
+    """The network's arrays. Raises InputError if the file is missing."""
+    return read_npz(MODEL.read_bytes(), where=MODEL.name)
+
+
+def _gradients(light: Floats, seen: npt.NDArray[np.bool_], share: int) -> Floats:
+    """Sums over cells (PATCH, PATCH, 7) of the gradient's weight, square, fourth power, and its two- and fourfold
+    direction."""
+    across = np.zeros_like(light)
+    down = np.zeros_like(light)
+    across[:-1, :-1] = light[:-1, 1:] - light[:-1, :-1]
+    down[:-1, :-1] = light[1:, :-1] - light[:-1, :-1]
+    ok = np.zeros_like(seen)
+    ok[:-1, :-1] = seen[:-1, :-1] & seen[:-1, 1:] & seen[1:, :-1]
+    across, down = across * ok, down * ok
+    square = across * across + down * down
+    twice = (across * across - down * down, 2 * across * down)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        four = [np.nan_to_num(part / square) for part in (twice[0] ** 2 - twice[1] ** 2, 2 * twice[0] * twice[1])]
+    layers = [ok.astype(np.float32), square, square * square, *twice, *four]
+    return np.stack([_blocks(layer, share) for layer in layers], -1)
+
+
+def _window_features(sums: Floats) -> Floats:
+    """Features from sums over windows: of light, height, tint, and of the gradients at each scale."""
+    weight = np.maximum(sums[..., :1], 1.0)
+    mean = sums[..., 1:10] / weight
+    light = np.maximum(mean[..., 0], 0.02)
+    spread = np.sqrt(np.maximum(mean[..., 1] - mean[..., 0] ** 2, 1e-8)) / light
+    high = np.sqrt(np.maximum(mean[..., 3] - mean[..., 2] ** 2, 1e-10))
+    tints = np.sqrt(np.maximum(mean[..., 7:9] - mean[..., 5:7] ** 2, 1e-8)) / light[..., None]
+    out = [np.log(spread), np.log(high + 1e-3), np.log(tints[..., 0]), np.log(tints[..., 1]), mean[..., 2], np.log(mean[..., 4] + 1e-4)]
+    for first in range(10, sums.shape[-1], 7):
+        count, square, fourth, a2, b2, a4, b4 = np.moveaxis(sums[..., first : first + 7], -1, 0)
+        count, total = np.maximum(count, 1.0), np.maximum(square, 1e-9)
+        out += [
+            np.log(np.sqrt(total / count) / light), np.hypot(a2, b2) / total, np.hypot(a4, b4) / total,
+            np.log(np.maximum(fourth * count, 1e-18) / total**2 + 1e-3),
+        ]  # fmt: skip
+    return np.stack(out, -1)
+
+
+def _blocks(layer: Floats, side: int) -> Floats:
+    rows, cols = layer.shape
+    return np.asarray(layer.reshape(rows // side, side, cols // side, side).sum((1, 3)))
+
+
+def _box(cells: Floats, window: int) -> Floats:
+    """Sums over a square of cells around each."""
+    from scipy import ndimage
+
+    return np.asarray(ndimage.uniform_filter(cells, (window, window, 1), mode="constant") * window**2)
