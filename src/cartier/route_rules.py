@@ -192,6 +192,7 @@ class RouteRule:
         Raises:
             InputError: It has another form.
         """
+        need(bool(text.strip()), "a route rule is KIND TARGET STRENGTH SCOPE: 'avoid floor:carpet hard drive'")
         kind, *told = text.split()
         scope = told.pop() if told and SCOPE.fullmatch(told[-1]) else "drive"
         strength = told.pop() if told and told[-1] in get_args(Strength) else "hard"
@@ -310,7 +311,7 @@ def called(target: RouteTarget) -> str:
         names = [f"object {', '.join(map(str, target.ids))}"]
     elif target.kind == "door":
         joined = zip(target.names[::2], target.names[1::2], strict=True)
-        names = [f"door between {with_article(one)} and {with_article(other)}" for one, other in joined]
+        names = [f"the door between {with_article(one)} and {with_article(other)}" for one, other in joined]
     else:
         names = target.names or ("zone",)
     return " and ".join(map(with_article, names))

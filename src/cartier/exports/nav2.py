@@ -21,7 +21,7 @@ from cartier.exports.scene import rectangles
 from cartier.home import Home
 from cartier.home.map_server import pgm, yaml
 from cartier.io.atomic import write_file
-from cartier.navigation.layers import RouteMap, avoided, slow_cells
+from cartier.navigation.layers import RouteMap, ruled_area
 from cartier.navigation.planning import reach, room_middle, traversable
 from cartier.navigation.search import cheapest
 from cartier.route_rules import RouteRule
@@ -88,11 +88,11 @@ def areas_of(rules: Sequence[RouteRule], site: RouteMap) -> Areas:
             continue
         try:
             if rule.kind in ("avoid", "keep-away"):
-                area, value = avoided(rule, site), FORBIDDEN if rule.strength == "hard" else UNWANTED
+                area, value = ruled_area(rule, site), FORBIDDEN if rule.strength == "hard" else UNWANTED
                 cost = np.maximum(cost, np.where(area, value, 0).astype(np.uint8))
                 zones.append((rule, area, value))
             elif rule.kind == "slow-near":
-                slow |= slow_cells(rule, site)
+                slow |= ruled_area(rule, site)
             else:
                 left_out.append(f"{rule.text}: depends on where a drive begins and ends")
         except InputError as error:

@@ -14,7 +14,7 @@ from cartier.types import Inventory, Selection
 
 MAX_RULES = 6
 WAYS = re.compile(
-    r"\b(?:avoid\w*|(?:keep|stays?|steer|hands) (?:well |far )?(?:off|away|out|clear|from|to)|off the|away|clear(?:ance)?"
+    r"\b(?:avoid\w*|(?:keep|stays?|steer|hands) (?:well |far )?(?:off|out|from|to)|off the|away|clear(?:ance)?"
     r"|wide berth|plenty of room|metres?|slow(?:ly|er|down)?|gently|easy|careful(?:ly)?|creep|sneak|dawdl\w*|speed"
     r"|wheels?|cross\w*|route|path|way|via|detour\w*|quick\w*|fast\w*|direct\w*|straight|hurry|chop chop"
     r"|short(?:est|er)? (?:way|route|path|cut)"

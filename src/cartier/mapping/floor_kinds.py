@@ -93,7 +93,9 @@ class FloorKindMapper:
         looks = self._votes[..., KNOWN:]
         sums = ndimage.uniform_filter(self._votes, (3, 3, 1))  # a lone cell says less than those around it
         mean = sums[..., :KNOWN] / np.maximum(sums[..., KNOWN:], 1e-6)
-        score = np.exp(mean * np.minimum(looks, INDEPENDENT) - (mean * np.minimum(looks, INDEPENDENT)).max(-1, keepdims=True))
+        score = np.exp(
+            mean * np.minimum(looks, INDEPENDENT) - (mean * np.minimum(looks, INDEPENDENT)).max(-1, keepdims=True)
+        )
         posterior = score / score.sum(-1, keepdims=True)
         clear = (looks[..., 0] > 0) & (posterior.max(-1) >= CLEAR)
         mine = np.where(clear, posterior.argmax(-1) + 1, 0).astype(np.uint8)
@@ -101,7 +103,9 @@ class FloorKindMapper:
         at = self._low - np.rint(np.array(grid.origin_xy)[::-1] / self.resolution_m).astype(np.int64)
         low, high = np.maximum(at, 0), np.minimum(at + mine.shape, kinds.shape)
         if (high > low).all():
-            kinds[low[0] : high[0], low[1] : high[1]] = mine[tuple(slice(*each) for each in zip(low - at, high - at, strict=True))]
+            kinds[low[0] : high[0], low[1] : high[1]] = mine[
+                tuple(slice(*each) for each in zip(low - at, high - at, strict=True))
+            ]
         return kinds
 
     def state(self) -> dict[str, npt.NDArray[Any]]:
@@ -143,7 +147,7 @@ def laid_out(frame: Frame, resolution_m: float) -> Patch | None:
     assert frame.depth_m is not None
     pose, camera = frame.world_from_camera, frame.camera
     ahead = pose[:2, 2]
-    if np.hypot(*ahead) < 1e-3 and pose[2, 2] > -0.5 or pose[2, 3] < LEVEL_M:
+    if (np.hypot(*ahead) < 1e-3 and pose[2, 2] > -0.5) or pose[2, 3] < LEVEL_M:
         return None
     lowest = pose[:3, :3] @ (0.0, (camera.height - 1 - camera.cy) / camera.fy, 1.0)
     if lowest[2] > -1e-3:
@@ -184,7 +188,14 @@ def features(patch: Patch) -> tuple[Floats, npt.NDArray[np.bool_]]:
     light = patch.colour @ np.array([0.3, 0.59, 0.11], np.float32)
     tint = np.stack([patch.colour[..., 0] - light, patch.colour[..., 2] - light], -1)
     seen = patch.seen.astype(np.float32)
-    sums = [seen, light * seen, light * light * seen, patch.height_m * seen, patch.height_m**2 * seen, patch.texel_m * seen]
+    sums = [
+        seen,
+        light * seen,
+        light * light * seen,
+        patch.height_m * seen,
+        patch.height_m**2 * seen,
+        patch.texel_m * seen,
+    ]
     sums += [tint[..., k] * seen for k in (0, 1)] + [tint[..., k] ** 2 * seen for k in (0, 1)]
     cells = [np.stack([_blocks(each, FINE) for each in sums], -1)]
     share = FINE
@@ -252,7 +263,14 @@ def _window_features(sums: Floats) -> Floats:
     spread = np.sqrt(np.maximum(mean[..., 1] - mean[..., 0] ** 2, 1e-8)) / light
     high = np.sqrt(np.maximum(mean[..., 3] - mean[..., 2] ** 2, 1e-10))
     tints = np.sqrt(np.maximum(mean[..., 7:9] - mean[..., 5:7] ** 2, 1e-8)) / light[..., None]
-    out = [np.log(spread), np.log(high + 1e-3), np.log(tints[..., 0]), np.log(tints[..., 1]), mean[..., 2], np.log(mean[..., 4] + 1e-4)]
+    out = [
+        np.log(spread),
+        np.log(high + 1e-3),
+        np.log(tints[..., 0]),
+        np.log(tints[..., 1]),
+        mean[..., 2],
+        np.log(mean[..., 4] + 1e-4),
+    ]
     for first in range(10, sums.shape[-1], 7):
         count, square, fourth, a2, b2, a4, b4 = np.moveaxis(sums[..., first : first + 7], -1, 0)
         count, total = np.maximum(count, 1.0), np.maximum(square, 1e-9)

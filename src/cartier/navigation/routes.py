@@ -81,10 +81,18 @@ class _Way:
 
 @dataclass(frozen=True, eq=False)
 class _Ruled:
-    """A rule, and the cells (rows, cols) that it is about."""
+    """A rule, the cells (rows, cols) that it is about, and for "only-through" those where the way may go."""
 
     rule: RouteRule
     area: Mask
+    allowed: Mask | None = None
+
+    @property
+    def against(self) -> Mask:
+        """The cells where a path goes against it."""
+        if self.allowed is not None:
+            return ~self.allowed
+        return ~self.area if self.rule.kind in ("prefer", "only-through") else self.area
 
     @property
     def wall(self) -> bool:
@@ -147,7 +155,7 @@ def _ruled(rules: Iterable[RouteRule], site: RouteMap, free: _Way) -> tuple[list
             notes.append(f"a rule is left out ({rule.in_words()}): {error}")
     for k, each in enumerate(found):
         if each.rule.kind == "only-through":
-            found[k] = _Ruled(each.rule, each.area | _ends(each.rule, site, free))
+            found[k] = _Ruled(each.rule, each.area, each.area | _ends(each.rule, site, free))
     return found, notes
 
 
@@ -210,7 +218,7 @@ class _Drive:
         walls = np.zeros(self.open_cells.shape, bool)
         for each in ruled:
             if each.wall:
-                walls |= ~each.area if each.rule.kind == "only-through" else each.area
+                walls |= each.against
         leaving = _around(self.open_cells & walls, self.start) if walls[self.start] else np.zeros(walls.shape, bool)
         usable = self.open_cells & (~walls | leaving)
         reachable = _around(usable, self.start) & ~walls
@@ -232,7 +240,7 @@ class _Drive:
 
     def _layers(self, ruled: Sequence[_Ruled], broken: Sequence[_Ruled], walls: Mask) -> list[CostLayer]:
         wishes = [wish_layer(each.rule, each.area) for each in ruled if not each.wall]
-        breaches = [BREACH * (~each.area if each.rule.kind == "only-through" else each.area) for each in broken]
+        breaches = [BREACH * each.against for each in broken]
         body = [body_layer(walls, self.robot.radius_m)] if walls.any() else []
         return [*self.layers, *(wish for wish in wishes if wish is not None), *body, *(_fixed(b) for b in breaches)]
 
@@ -314,9 +322,7 @@ class _Drive:
 
     def crossed_m(self, way: _Way, each: _Ruled) -> float:
         """For how many metres a way goes against a rule to avoid, prefer or go only through something."""
-        against = each.area[tuple(way.cells.T)]
-        if each.rule.kind in ("prefer", "only-through"):
-            against = ~against
+        against = each.against[tuple(way.cells.T)]
         steps = np.linalg.norm(np.diff(way.cells, axis=0), axis=1) * self.site.grid.resolution_m
         return float((steps * (against[1:] + against[:-1].astype(float)) / 2).sum())
 
@@ -324,7 +330,7 @@ class _Drive:
 def _strict(each: _Ruled) -> _Ruled:
     """A wish to avoid or prefer an area as an order."""
     kind: RuleKind = "only-through" if each.rule.kind == "prefer" else each.rule.kind
-    return _Ruled(replace(each.rule, kind=kind, strength="hard"), each.area)
+    return _Ruled(replace(each.rule, kind=kind, strength="hard"), each.area, ~each.against)
 
 
 def _around(mask: Mask, cell: tuple[int, int]) -> Mask:

@@ -82,18 +82,21 @@ def driving(clause: Clause, names: EntityVocabulary, scene: Scene, state: Dialog
         if span.role == "vh":
             found.append(RouteRule("shortest", None, strength, scope, said))
         else:
-            found.append(RouteRule(KIND_OF[span.role], target_of(of[span.start], scene, state), strength, scope, said))
+            found.append(
+                RouteRule(KIND_OF[span.role], target_of(of[span.start], names, scene, state), strength, scope, said)
+            )
     rules = tuple(dict.fromkeys(found))
     return Driving(lifts=rules) if clause.act == "lift" else Driving(rules)
 
 
-def target_of(noun: ReferringExpression, scene: Scene, state: DialogueState) -> RouteTarget:
+def target_of(noun: ReferringExpression, names: EntityVocabulary, scene: Scene, state: DialogueState) -> RouteTarget:
     """What a noun means for a route: a room, a kind of floor, all objects that it may mean, a door, or nothing."""
     if noun.generic and noun.bare and state.last is not None:  # "don't drive over it"
         noun = same(state.last)
     said = noun.said or "that"
-    if noun.rooms:
-        rooms = tuple(scene.rooms[number].name for number in noun.rooms)
+    if numbers := noun.rooms or (names.rooms.get(name_key(said), ()) if noun.bare else ()):
+        # a way goes through rooms: here "the bathroom" is not the toilet
+        rooms = tuple(scene.rooms[number].name for number in numbers)
         very = tuple(name for name in rooms if name_key(name) == name_key(said))  # not "bedroom 2" for "the bedroom"
         return RouteTarget("room", very or rooms, said=said)
     doors = scene.doors(noun)
@@ -163,12 +166,18 @@ def _scope(span: Span, clause: Clause, marked: Sequence[Span]) -> str:
     times = [s for s in clause.spans if s.role == "vt"]
     if not times:
         return default
-    own = [t for t in times if min(marked, key=lambda s: _apart(s, t)) == span] or (times if len(times) == 1 else [])
-    return scope_of(" ".join(min(own, key=lambda t: _apart(span, t)).words), default) if own else default
+    own = [t for t in times if _meant_by(t, clause, marked) == span]
+    if len(times) == 1 and not marked[0].start < times[0].start < marked[-1].start:
+        own = times  # said before all of them, or after
+    return scope_of(" ".join(own[0].words), default) if own else default
 
 
-def _apart(one: Span, other: Span) -> int:
-    return max(one.start - other.end, other.start - one.end)
+def _meant_by(time: Span, clause: Clause, marked: Sequence[Span]) -> Span:
+    """The noun that words of time go with: the one right before them, else the one that follows."""
+    before = [s for s in marked if s.end <= time.start]
+    after = [s for s in marked if s.start >= time.end]
+    close = bool(before) and all(token == "," for token in clause.tokens[before[-1].end : time.start])
+    return before[-1] if before and (close or not after) else after[0]
 
 
 def agrees(text: str) -> bool | None:

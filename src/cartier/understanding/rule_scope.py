@@ -20,7 +20,7 @@ BEFORE_TIME = re.compile(r"\b(?:until|till|til|before|by|after|from|past|between
 """What stands before "one" where it is a time."""
 DAYPARTS = {
     "night": "22:00-06:00", "morning": "06:00-12:00", "afternoon": "12:00-18:00", "evening": "18:00-22:00",
-    "day": "06:00-22:00",
+    "(?:the|by|during) day": "06:00-22:00", "day ?time": "06:00-22:00",
 }  # fmt: skip
 NIGHT_ENDS = "06:00"
 STANDING = re.compile(

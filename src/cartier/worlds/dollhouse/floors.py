@@ -77,7 +77,10 @@ def _narrower(door: Opening, rng: random.Random) -> Opening:
 def _rugs(room: Room, scene: Scene, rng: random.Random) -> Iterator[Rug]:
     """One rug, in large rooms two, where most of it is free floor."""
     x1, y1, x2, y2 = (room.box[0] + EDGE_M, room.box[1] + EDGE_M, room.box[2] - EDGE_M, room.box[3] - EDGE_M)
-    doors = [((a[0] + b[0]) / 2, (a[1] + b[1]) / 2) for a, b in ((o.start, o.end) for o in scene.openings if o.kind == "door")]
+    doors = [
+        ((a[0] + b[0]) / 2, (a[1] + b[1]) / 2)
+        for a, b in ((o.start, o.end) for o in scene.openings if o.kind == "door")
+    ]
     things = [truth for truth in scene.truth() if truth.box_min[2] < 0.3]
     taken: list[Box2] = []
     for _ in range(2 if (x2 - x1) * (y2 - y1) > 9 else 1):

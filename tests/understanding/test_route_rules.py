@@ -1,0 +1,94 @@
+"""Rules from marked words: what a parser that reads perfectly would hand over."""
+
+from __future__ import annotations
+
+import pytest
+
+from cartier.route_rules import RouteRule
+from cartier.spatial.query import Scene
+from cartier.types import Inventory
+from cartier.understanding.cards import SHIPPED, read_deck
+from cartier.understanding.dialogue_state import DialogueState
+from cartier.understanding.entity_vocabulary import lexicon
+from cartier.understanding.route_rules import agrees, driving, ended_by, says_how, told
+from cartier.understanding.rule_scope import scope_of
+from route_talk import clauses_of, flat_inventory
+
+HOME = flat_inventory()
+CASES = [
+    ("go", "to the [sofa:t], but not over the [carpet:va]", "avoid floor:carpet hard drive"),
+    ("go", "to the [sofa:t], rather not over the [rug:va]", "avoid floor:rug soft drive"),
+    ("go", "to the [sofa:t], keep well clear of the [vase:vk] [on:on] the [table:l]", "keep-away object:4 hard drive"),
+    ("go", "to the [sofa:t], and slowly near the [chairs:vs]", "slow-near object:2,3 hard drive"),
+    ("go", "past the [red:c] [chair:vv] to the [sofa:t]", "via object:3 hard drive"),
+    ("go", "to the [sofa:t], take the [parquet:vp] if you can", "prefer floor:planks soft drive"),
+    ("go", "to the [sofa:t], and you must keep to the [tiles:vp]", "prefer floor:tiles hard drive"),
+    ("go", "the [sofa:t], on the [wooden floor:vp]", "prefer floor:planks soft drive"),
+    ("go", "to the [sofa:t], only through the [hall:vo]", "only-through room:hall hard drive"),
+    ("go", "the [sofa:t], [short way:vh], I'm in a hurry", "shortest hard drive"),
+    ("rule", "don't wake the baby: not through the [study:va]", "avoid room:study hard standing"),
+    ("rule", "nobody in the [study:va] [until three:vt]", "avoid room:study hard until:15:00"),
+    ("rule", "not through the [hall:va] [after ten at night:vt]", "avoid room:hall hard daily:22:00-06:00"),
+    ("rule", "leave the [kitchen:r] [door:va] alone", "avoid door:study|kitchen,kitchen|hall hard standing"),
+    ("rule", "keep off the [trampoline:va]", "avoid none:trampoline hard standing"),
+    ("go", "to the [sofa:t], not over the [rug:va] and if you can past the [vase:vv]",
+     "avoid floor:rug hard drive + via object:4 soft drive"),
+    ("go", "to the [sofa:t], past the [vase:vv] and [from now on:vt] never through the [hall:va]",
+     "via object:4 hard drive + avoid room:hall hard standing"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("act", "words", "rules"), CASES, ids=[words[:40] for _, words, _ in CASES])
+def test_marked_words_give_typed_rules(act: str, words: str, rules: str) -> None:
+    (clause,) = clauses_of(act, words)[1]
+    assert says_how(clause)
+    how = driving(clause, lexicon(read_deck(SHIPPED), HOME), Scene(HOME), DialogueState(), "said")
+    assert [rule.text for rule in how.rules] == rules.split(" + ")
+    assert all(rule.said == "said" for rule in how.rules) and bool(how.unknown) == ("none:" in rules)
+
+
+@pytest.mark.parametrize(
+    ("said", "scope"),
+    [
+        ("until three", "until:15:00"), ("till half past six", "until:18:30"), ("before noon", "until:12:00"),
+        ("until five o ' clock", "until:17:00"), ("until 7 in the morning", "until:07:00"),
+        ("until 18:30", "until:18:30"),
+        ("until quarter to eight", "until:07:45"), ("until midnight", "until:00:00"),
+        ("till tomorrow", "until:tomorrow"),
+        ("today", "until:tomorrow"), ("after ten", "daily:22:00-06:00"), ("at night", "daily:22:00-06:00"),
+        ("between eight in the evening and seven in the morning", "daily:20:00-07:00"),
+        ("from 9 pm to 7 am", "daily:21:00-07:00"),
+        ("in the mornings", "daily:06:00-12:00"), ("just this once", "drive"), ("from now on", "standing"),
+        ("until I say so", "standing"), ("one day", "standing"),
+    ],
+)  # fmt: skip
+def test_how_long_a_rule_holds(said: str, scope: str) -> None:
+    assert scope_of(said) == scope
+
+
+def test_lifts_end_what_holds() -> None:
+    (clause,) = clauses_of("lift", "you may cross the [study:va] again")[1]
+    how = driving(clause, lexicon(read_deck(SHIPPED), HOME), Scene(HOME), DialogueState())
+    standing = [RouteRule.parse(f"{kind} room:{room} hard standing") for kind, room in
+                (("avoid", "hall"), ("avoid", "study"), ("slow-near", "study"))]  # fmt: skip
+    assert not how.rules and ended_by(how.lifts, standing) == (standing[1],)
+    assert ended_by(how.lifts, [standing[0], standing[2]]) == (standing[2],), (
+        "of the same place, if none is of the kind"
+    )
+    answer = told(how, standing, "model")
+    assert answer.lifts == (standing[1],) and answer.text == "Understood: no longer stay out of the study."
+    assert told(how, standing[:1], "model").text.startswith("There is no such rule. These hold: stay out of the hall")
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [("yes", True), ("Yes, please!", True), ("ok, go ahead", True), ("no", False), ("no, leave it", False),
+     ("don't", False), ("bring me the cup", None), ("yesterday", None), ("go to the sofa", None)],
+)  # fmt: skip
+def test_yes_and_no(words: str, says: bool | None) -> None:
+    assert agrees(words) is says
+
+
+def test_no_words_about_the_way_are_none() -> None:
+    assert not any(says_how(clause) for clause in clauses_of("go", "to the [sofa:t] [in:in] the [study:r]")[1])
+    assert Inventory(()).rules == ()
