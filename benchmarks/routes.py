@@ -127,7 +127,8 @@ def off_m(rule: RouteRule, home: Home) -> Callable[[Points], Points]:
             on_rug = kinds_at(scene, points) == FLOOR_KINDS.index("rug")
             depth = np.where(on_rug, -1.0, depth)
             outside = np.where(on_rug, 1.0, outside)
-        return np.where(outside > 0, outside, -depth)
+        far: Points = np.where(outside > 0, outside, -depth)
+        return far
 
     return away
 
