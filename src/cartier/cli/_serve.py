@@ -131,12 +131,17 @@ def export(
     home: HomeFolder,
     to: Annotated[
         Path,
-        typer.Option("--to", metavar="FILE", help="The file to write: .glb, .ply, .mcap, .geojson, .csv or .json."),
+        typer.Option(
+            "--to",
+            metavar="FILE",
+            help="The file to write: .glb, .ply, .mcap, .geojson, .csv or .json; or nav2, a folder.",
+        ),
     ],
 ) -> None:
     """Export a home to other programs.
 
-    For example Blender, MeshLab, Lichtblick, QGIS or a spreadsheet.
+    For example Blender, MeshLab, Lichtblick, QGIS or a spreadsheet. The folder for Nav2 has the floor plan, masks of
+    the home's route rules, a route graph and parameters.
     """
     from cartier.exports import export as write
     from cartier.home import Home

@@ -1,4 +1,4 @@
-"""Export of homes to other programs: GLB, PLY, MCAP, GeoJSON, CSV and JSON."""
+"""Export of homes to other programs: GLB, PLY, MCAP, GeoJSON, CSV, JSON, and a folder for Nav2."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 
 from cartier import plugins
 from cartier.errors import InputError, MissingExtra
-from cartier.exports import _glb, _mcap, _ply, tables
+from cartier.exports import _glb, _mcap, _ply, nav2, tables
 from cartier.home import Home
 from cartier.io.atomic import write_file
 
@@ -23,11 +23,14 @@ BESIDE: Mapping[str, tuple[str, Callable[[Home], bytes | None]]] = {
 def export(home: Home, file: Path) -> list[Path]:
     """Write a home in the format of the suffix; returns the files written. Raises InputError for an unknown suffix.
 
-    An MCAP comes with a layout for Lichtblick or Foxglove, a PLY with the point cloud if there is one.
+    An MCAP comes with a layout for Lichtblick or Foxglove, a PLY with the point cloud if there is one. A path that ends
+    in "nav2" is a folder for Nav2.
     """
+    if file.name == nav2.FOLDER or file.suffix == f".{nav2.FOLDER}":
+        return nav2.write(home, file)
     writer = WRITERS.get(file.suffix.lower())
     if writer is None:
-        raise InputError(f"{file} has no known suffix: there are {', '.join(WRITERS)}")
+        raise InputError(f"{file} has no known suffix: there are {', '.join(WRITERS)}, and nav2 for a folder")
     try:
         data = writer(home)
     except ModuleNotFoundError as error:
