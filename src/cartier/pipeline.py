@@ -19,6 +19,7 @@ from cartier import plugins
 from cartier.contracts import Detector, Encoder, IndexDefaults, Reasoner, ReasonerDefaults, Recording, optional
 from cartier.errors import BackendError, InputError
 from cartier.home import Home
+from cartier.home.looking import look_for_answer
 from cartier.llm.prompts import check_query
 from cartier.mapping.config import MappingConfig
 from cartier.mapping.detection_cache import cached
@@ -29,7 +30,7 @@ from cartier.navigation.planning import check_start, plan
 from cartier.navigation.routes import RoutePlan, plan_route
 from cartier.navigation.traction import traction_layer
 from cartier.route_rules import RouteRule
-from cartier.types import Answer, Detections, Frame, Goal, Inventory, Place, RobotModel, Selection, VisualTrace
+from cartier.types import Answer, Frame, Goal, Place, RobotModel, Selection
 from cartier.understanding import alarm
 from cartier.understanding.out_of_vocabulary import out_of_vocabulary_mention
 from cartier.understanding.route_rules import GO_ANYWAY, agrees
@@ -177,7 +178,7 @@ def ask(
     looked = None
     if look is not None and alarming is None:
         with _timed(timing_ms, "look"):
-            looked = _look(home, query, selection, inventory, look, from_xy, robot or RobotModel())
+            looked = look_for_answer(home, query, selection, inventory, look, from_xy, robot or RobotModel())
     selection, trace, looked_notes = looked or (selection, None, ())
     if not inventory.contains(selection):
         raise BackendError(f"the look chose {selection.object!r}, which is not in the list")
@@ -191,21 +192,6 @@ def ask(
         return answer  # what else there is to know about the home can wait
     notes = (*optional(reasoner, ReasonerDefaults, "notes"), *_doubts(home, query, selection), *looked_notes)
     return replace(answer, notes=(*notes, *answer.notes), look=trace)
-
-
-def _look(
-    home: Home, query: str, selection: Selection, inventory: Inventory, allowed: Look, from_xy: tuple[float, float],
-    robot: RobotModel,
-) -> tuple[Selection, VisualTrace, tuple[str, ...]] | None:  # fmt: skip
-    """What the photographs change in an answer, how, and what the person is told; None if they are not needed."""
-    from cartier.vision.look import Photographs, Surroundings, look  # Pillow, which answers from the list do not need
-
-    def detections() -> dict[int, Detections]:
-        log = home.detections()
-        return {} if log is None else {number: frame.detections for number, frame in log.looked().items()}
-
-    photographs = Photographs(home.photos, detections)
-    return look(allowed, query, selection, inventory, photographs, Surroundings(home.grid, from_xy, robot))
 
 
 def _holding(rules: Sequence[RouteRule], selection: Selection, now: datetime) -> list[RouteRule]:
