@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from cartier import specs
+from cartier import plugins, specs
 from cartier.cli._common import (
     AsJson,
     BaseUrl,
@@ -79,8 +79,10 @@ def ask(
     if show_prompt:
         _show_prompt(mapped, words, specs.model_asked(reasoner, model, base_url), index, from_xy, as_json)
         return
-    chosen = specs.reasoner(reasoner, model=model, base_url=base_url, path=replies)
     eyes = specs.look(look, vision, _agreed, blur, model=None if ":" in vision else model, base_url=base_url)
+    if eyes is not None and not plugins.takes("reasoners", reasoner.partition(":")[0], "model"):
+        model = base_url = None  # they are the vision model's alone
+    chosen = specs.reasoner(reasoner, model=model, base_url=base_url, path=replies)
     talk = Conversation(
         mapped, chosen, index=index, from_xy=from_xy, robot=model_of_robot, emergency_number=emergency_number, look=eyes
     )
