@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from cartier import specs
+from cartier import plugins, specs
 from cartier.cli._common import (
     AsJson,
     BaseUrl,
@@ -85,17 +85,14 @@ def ask(
     if show_prompt:
         _show_prompt(mapped, words, specs.model_asked(reasoner, model, base_url), index, from_xy, as_json)
         return
-    chosen = specs.reasoner(reasoner, model=model, base_url=base_url, path=replies)
     allowed = specs.look(look, vision, _agreed, blur, model=None if ":" in vision else model, base_url=base_url)
+    if allowed is not None and not plugins.takes("reasoners", reasoner.partition(":")[0], "model"):
+        model = base_url = None  # they are the vision model's alone
+    chosen = specs.reasoner(reasoner, model=model, base_url=base_url, path=replies)
     talk = Conversation(
-        mapped,
-        chosen,
-        index=index,
-        from_xy=from_xy,
-        robot=model_of_robot,
-        emergency_number=emergency_number,
+        mapped, chosen, index=index, from_xy=from_xy, robot=model_of_robot, emergency_number=emergency_number,
         look=allowed,
-    )
+    )  # fmt: skip
     robot = specs.robot(go, mapped, model_of_robot) if go else None
     shown: set[str] = set()
     for request in [words] if words is not None else _typed(mapped.name):
