@@ -231,7 +231,7 @@ def _zone(target: RouteTarget, site: RouteMap, margin_m: float) -> Mask:
     top_left = np.maximum(grid.cell(np.min(corners, axis=0)), 0)
     bottom_right = np.maximum(grid.cell(np.max(corners, axis=0)) + 1, 0)
     window = slice(top_left[0], bottom_right[0]), slice(top_left[1], bottom_right[1])
-    cells = np.stack(np.indices(area[window].shape), -1) + top_left
+    cells = np.moveaxis(np.indices(area[window].shape), 0, -1) + top_left
     x, y = np.moveaxis(grid.centre(cells), -1, 0)
     inside = np.zeros(x.shape, bool)
     for (x1, y1), (x2, y2) in zip(corners, (*corners[1:], corners[0]), strict=True):
