@@ -74,3 +74,11 @@ def test_a_long_detour_is_still_found() -> None:
     goal[119, 119] = True
     found = cheapest(cost, (119, 0), [goal])
     assert found is not None and math.isclose(found.cost, brute_force(cost, (119, 0), [goal]))
+
+
+def test_dear_cells_are_no_walls() -> None:
+    cost = np.array([[1.0, 500.0, 500.0, 1.0]])
+    goal = np.array([[False, False, False, True]])
+    found = cheapest(cost, (0, 0), [goal])
+    assert found is not None and math.isclose(found.cost, 1001.0)
+    assert cheapest(cost, (0, 0), [goal], most=900.0) is None

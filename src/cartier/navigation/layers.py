@@ -226,12 +226,16 @@ def _disc(grid: OccupancyGrid, xy: Sequence[float], radius_m: float) -> Mask:
 
 def _zone(target: RouteTarget, site: RouteMap, margin_m: float) -> Mask:
     """The cells whose centre lies in a polygon (even-odd rule)."""
-    grid = site.grid
-    rows, cols = np.indices(grid.cells.shape)
-    x, y = np.moveaxis(grid.centre(np.stack([rows, cols], -1)), -1, 0)
-    inside = np.zeros(grid.cells.shape, bool)
-    corners = target.polygon_xy
+    grid, corners = site.grid, target.polygon_xy
+    area = np.zeros(grid.cells.shape, bool)
+    top_left = np.maximum(grid.cell(np.min(corners, axis=0)), 0)
+    bottom_right = np.maximum(grid.cell(np.max(corners, axis=0)) + 1, 0)
+    window = slice(top_left[0], bottom_right[0]), slice(top_left[1], bottom_right[1])
+    cells = np.moveaxis(np.indices(area[window].shape), 0, -1) + top_left
+    x, y = np.moveaxis(grid.centre(cells), -1, 0)
+    inside = np.zeros(x.shape, bool)
     for (x1, y1), (x2, y2) in zip(corners, (*corners[1:], corners[0]), strict=True):
         if y1 != y2:
             inside ^= ((y1 > y) != (y2 > y)) & (x < (x2 - x1) * (y - y1) / (y2 - y1) + x1)
-    return inside
+    area[window] = inside
+    return area

@@ -212,9 +212,13 @@ class _Drive:
         """Whether a way ends about as well as the one without rules."""
         return way is not None and way.off_m <= free.off_m + SIGHT_DETOUR_M and (way.seen or not free.seen)
 
-    def way(self, ruled: Sequence[_Ruled], broken: Sequence[_Ruled] = (), plain: bool = False) -> _Way | None:
-        """The cheapest way under rules, or None; ``broken`` ones are crossed as little as can be. ``plain``: no layer
-        but length counts."""
+    def way(
+        self, ruled: Sequence[_Ruled], broken: Sequence[_Ruled] = (), plain: bool = False, most_m: float = math.inf
+    ) -> _Way | None:
+        """The cheapest way under rules, or None; ``broken`` ones are crossed as little as can be.
+
+        ``plain``: no layer but length counts. No way that costs more than ``most_m`` is searched for.
+        """
         walls = np.zeros(self.open_cells.shape, bool)
         for each in ruled:
             if each.wall:
@@ -229,7 +233,8 @@ class _Drive:
         passes = [each.area & reachable for each in ruled if each.via and not self._trivial(each, ends)]
         cost = np.ones(walls.shape) if plain else total(self._layers(ruled, broken, walls), self.site)
         cost[leaving] += LEAVING
-        found = cheapest(np.where(usable, cost, np.inf), self.start, [*passes, ends])
+        most = most_m / self.site.grid.resolution_m
+        found = cheapest(np.where(usable, cost, np.inf), self.start, [*passes, ends], most)
         if found is None:
             return None
         crossed = walls[tuple(found.cells.T)]
@@ -296,7 +301,7 @@ class _Drive:
         unmet = [each for each in soft if self.crossed_m(way, each) >= OTHER_WAY_M]
         if unmet:
             strict = [_strict(each) if each in unmet else each for each in ruled]
-            other = self.way(strict)
+            other = self.way(strict, most_m=2 * way.length_m + VIA_DETOUR_M)
             if other is not None and self.good(other, free):
                 found.append(self._other(other, way, strict))
         if way.length_m - free.length_m >= OTHER_WAY_M:

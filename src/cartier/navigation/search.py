@@ -20,6 +20,7 @@ Cells = npt.NDArray[np.intp]
 
 FIRST_DETOUR, DETOUR_GROWS = 1.15, 1.8  # the bounds tried, in lower bounds of the whole way
 SLACK = 20.0  # cells added to each bound
+LONGEST = 1.5  # more than the longest step, in cell sides
 ROUNDING = 1e-9  # relative
 STEPS = ((0, 1), (1, 0), (1, 1), (1, -1))
 
@@ -31,13 +32,16 @@ class CheapestPath(NamedTuple):
     cost: float
 
 
-def cheapest(cost: npt.NDArray[np.float64], start: Sequence[int], passes: Sequence[Mask]) -> CheapestPath | None:
+def cheapest(
+    cost: npt.NDArray[np.float64], start: Sequence[int], passes: Sequence[Mask], most: float = math.inf
+) -> CheapestPath | None:
     """The cheapest path from a cell into the last of some areas, through the others in their order.
 
     Args:
         cost: (rows, cols) the cost of each cell, 1 or more; inf where the path may not go.
         start: The cell (row, col) where it begins.
         passes: Areas (rows, cols); the path touches each, in order, and ends in the last.
+        most: The most that a path may cost; no dearer one is searched for.
 
     Returns:
         The path, or None if there is none.
@@ -48,13 +52,15 @@ def cheapest(cost: npt.NDArray[np.float64], start: Sequence[int], passes: Sequen
         return None
     chain = [(begin[0], begin[0], begin[1], begin[1]), *(box for box in boxes if box is not None)]
     least = sum(_between(one, other) for one, other in pairwise(chain))
-    bound, everywhere = FIRST_DETOUR * least + SLACK, 2.0 * cost.size
+    dearest = LONGEST * len(passes) * float(cost[np.isfinite(cost)].sum())  # of a path that crosses itself nowhere
+    everywhere = min(most, dearest)
+    bound = min(FIRST_DETOUR * least + SLACK, everywhere)
     while True:
         found = _within(cost, begin, passes, chain, bound)
         if found is not None and found.cost <= bound * (1 + ROUNDING):
             return found
         if bound >= everywhere:
-            return found
+            return found if math.isinf(most) else None
         grown = DETOUR_GROWS * bound if found is None else found.cost
         bound = grown if grown < everywhere / 8 else everywhere
 
