@@ -231,6 +231,7 @@ def print_boxes(counts: Mapping[str, BoxCounts], by_label: bool) -> None:
     if not by_label:
         print(f"  least mean IoU: {', '.join(f'{label} {iou:.2f} of {n}' for label, n, iou, *_ in labels[:12])}")
         return
-    print("  label                  confirmed  mean IoU  centre  size")
+    print("  label                  confirmed  mean IoU  centre    size")
     for label, n, iou, off, size in labels:
-        print(f"  {label:22}{n:>10}{iou:>10.2f}{off * 100:>5.0f} cm{size * 100:>3.0f} cm")
+        errors = "none matched" if np.isnan(off) else f"{off * 100:>3.0f} cm{size * 100:>5.0f} cm"
+        print(f"  {label:22}{n:>10}{iou:>10.2f}   {errors}")
