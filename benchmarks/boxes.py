@@ -1,12 +1,12 @@
 """Benchmark of the boxes of mapped objects against ground truth, beside two simple peers; ``objects.py`` prints it.
 
-Boxes are axis-aligned; the measure is the intersection over the union in space (3-D IoU). Shares and recall: confirmed
-objects and things shown with 400 px or more, matched one to one within a label. mAP as ScanNet's detection benchmark
-has it: per label over all homes, all objects by their probability, greedily, area under the whole curve; things that
-were shown smaller are neither asked for nor a fault. Peers, with the detections that our map gave each object: the
-points of the last view within the box ("last view"); the points of all views, thinned to 2.5 cm, of which the largest
-DBSCAN cluster is kept ("DBSCAN", as ConceptGraphs does, Gu et al. 2023; boxes stand in for its masks where the
-detector gives none).
+The measure is the intersection over the union in space (3-D IoU) of axis-aligned boxes and, for "along the walls", of
+the oriented ones, which are prisms over a turned rectangle. Shares and recall: confirmed objects and things shown
+with 400 px or more, matched one to one within a label. mAP as ScanNet's detection benchmark has it: per label over
+all homes, all objects by their probability, greedily, area under the whole curve; things that were shown smaller are
+neither asked for nor a fault. Peers, with the detections that our map gave each object: the points of the last view
+within the box ("last view"); the points of all views, thinned to 2.5 cm, of which the largest DBSCAN cluster is kept
+("DBSCAN", as ConceptGraphs does, Gu et al. 2023; boxes stand in for its masks where the detector gives none).
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from cartier.labels import display_name
-from cartier.types import Array, Detections, Frame, MapObject, TrueObject
+from cartier.types import Array, Detections, Frame, MapObject, OrientedBox, TrueObject
 
 IOUS = (0.25, 0.5)
-OURS, LAST_VIEW, DBSCAN = "ours", "last view", "DBSCAN"
+OURS, ALONG_WALLS, LAST_VIEW, DBSCAN = "ours", "ours, along the walls", "last view", "DBSCAN"
 VOXEL_M, EPS_M, MIN_NEIGHBOURS = 0.025, 0.05, 10  # ConceptGraphs' voxel and DBSCAN settings
 POINTS_PER_VIEW = 900
 
@@ -99,6 +99,27 @@ def iou_3d(boxes: Array, others: Array) -> Array:
     return np.asarray(shared / (volumes(boxes)[:, None] + volumes(others) - shared))
 
 
+def oriented_iou(boxes: Sequence[OrientedBox], others: Array) -> Array:
+    """The 3-D IoU (n, m) of oriented boxes with axis-aligned ones (m, 2, 3)."""
+    import shapely
+
+    corners = np.array([_footprint(box) for box in boxes]).reshape(-1, 4, 2)
+    flat = shapely.polygons(corners)[:, None]
+    area = shapely.area(shapely.intersection(flat, shapely.box(*others[:, 0, :2].T, *others[:, 1, :2].T)))
+    low = np.array([box.middle[2] - box.size[2] / 2 for box in boxes])[:, None]
+    high = low + np.array([box.size[2] for box in boxes])[:, None]
+    tall = np.clip(np.minimum(high, others[:, 1, 2]) - np.maximum(low, others[:, 0, 2]), 0, None)
+    volume = np.array([np.prod(box.size) for box in boxes])[:, None]
+    return np.asarray(area * tall / (volume + volumes(others) - area * tall))
+
+
+def _footprint(box: OrientedBox) -> Array:
+    """The corners (4, 2) of an oriented box, seen from above."""
+    cos, sin = np.cos(box.yaw), np.sin(box.yaw)
+    ends = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * np.array(box.size[:2]) / 2
+    return np.asarray(ends @ np.array([[cos, sin], [-sin, cos]]) + box.middle[:2])
+
+
 def volumes(boxes: Array) -> Array:
     return np.asarray((boxes[:, 1] - boxes[:, 0]).prod(1))
 
@@ -114,13 +135,24 @@ class BoxCounts:
     ranked: dict[tuple[str, float], list[tuple[float, bool]]] = field(default_factory=lambda: defaultdict(list))
 
     def add(
-        self, objects: Sequence[MapObject], boxes: Array, truth: Sequence[TrueObject], shown: Sequence[bool]
+        self,
+        objects: Sequence[MapObject],
+        boxes: Array | Sequence[OrientedBox],
+        truth: Sequence[TrueObject],
+        shown: Sequence[bool],
     ) -> None:
-        """Add a home: objects with their ``boxes`` (n, 2, 3), what was in view, and whether that was large enough."""
+        """Add a home: objects with their n boxes, (n, 2, 3) or oriented, what was in view, and whether large enough."""
         true_boxes = np.array([[obj.box_min, obj.box_max] for obj in truth]).reshape(-1, 2, 3)
         names = [display_name(obj.label) for obj in truth]
         same = np.array([[obj.label == name for name in names] for obj in objects]).reshape(len(objects), len(truth))
-        iou = np.where(same, iou_3d(boxes, true_boxes), 0)
+        if isinstance(boxes, np.ndarray):
+            overlaps = iou_3d(boxes, true_boxes)
+        else:
+            overlaps = oriented_iou(boxes, true_boxes)
+            half = np.array([box.size for box in boxes]).reshape(-1, 3) / 2
+            middles = np.array([box.middle for box in boxes]).reshape(-1, 3)
+            boxes = np.stack([middles - half, middles + half], axis=1)
+        iou = np.where(same, overlaps, 0)
         listed = np.flatnonzero([obj.confirmed for obj in objects])
         of = {int(listed[i]): int(k) for i, k in zip(*linear_sum_assignment(-iou[listed]), strict=True)}
         for i in listed.tolist():
@@ -166,12 +198,19 @@ class BoxCounts:
             f"{np.median(ratio[some]):>7.2f} / {np.quantile(ratio[some], 0.9):.2f}"
         )
 
-    def labels(self) -> list[tuple[str, int, float]]:
-        """Each label with its number of confirmed objects and their mean IoU, worst first."""
+    def labels(self) -> list[tuple[str, int, float, float, float]]:
+        """Each label with its confirmed objects: how many, mean IoU, and the medians of the errors of centre and size
+        (m, NaN if none is matched); worst first."""
         by = defaultdict(list)
-        for label, iou, *_ in self.confirmed:
-            by[label].append(iou)
-        return sorted(((label, len(of), float(np.mean(of))) for label, of in by.items()), key=lambda row: row[2])
+        for label, *figures in self.confirmed:
+            by[label].append(figures)
+        rows = []
+        for label, figures in by.items():
+            iou, _, off, size = np.array(figures).T
+            some = iou > 0
+            errors = [float(np.median(of[some])) if some.any() else np.nan for of in (off, size)]
+            rows.append((label, len(iou), float(iou.mean()), *errors))
+        return sorted(rows, key=lambda row: row[2])
 
 
 def average_precision(ranked: Sequence[tuple[float, bool]], true: int) -> float:
@@ -184,9 +223,15 @@ def average_precision(ranked: Sequence[tuple[float, bool]], true: int) -> float:
     return float((precision * hits).sum() / true)
 
 
-def print_boxes(counts: Mapping[str, BoxCounts]) -> None:
+def print_boxes(counts: Mapping[str, BoxCounts], by_label: bool) -> None:
     print("boxes                    IoU ≥ .25 / .5   recall .25 / .5     mAP .25 / .5   mean   centre  size   volume")
     for kind, of in counts.items():
         print(f"  {kind:20}{of.row()}")
-    worst = [f"{label} {iou:.2f} of {n}" for label, n, iou in counts[OURS].labels()[:12]]
-    print(f"  least mean IoU: {', '.join(worst)}")
+    labels = counts[OURS].labels()
+    if not by_label:
+        print(f"  least mean IoU: {', '.join(f'{label} {iou:.2f} of {n}' for label, n, iou, *_ in labels[:12])}")
+        return
+    print("  label                  confirmed  mean IoU  centre    size")
+    for label, n, iou, off, size in labels:
+        errors = "none matched" if np.isnan(off) else f"{off * 100:>3.0f} cm{size * 100:>5.0f} cm"
+        print(f"  {label:22}{n:>10}{iou:>10.2f}   {errors}")

@@ -1,6 +1,6 @@
 """Benchmark of the object map against ground truth: with ground-truth detections, and from pixels.
 
-python benchmarks/objects.py [HOME …] [--generated 20] [--sensor]
+python benchmarks/objects.py [HOME …] [--generated 20] [--sensor] [--labels]
     (default: the seven built-in homes; a number is a generated one; --sensor adds the faults of a depth camera:
     coarse depth, holes, flying pixels, image noise, drifting poses)
 Objects and true things are matched one to one, by label, where an object's middle lies at most 0.5 m from the thing's
@@ -28,7 +28,7 @@ from multiprocessing import get_context
 from typing import Any
 
 import numpy as np
-from boxes import DBSCAN, LAST_VIEW, OURS, BoxCounts, PeerBoxes, print_boxes
+from boxes import ALONG_WALLS, DBSCAN, LAST_VIEW, OURS, BoxCounts, PeerBoxes, print_boxes
 from command_line import Parser, run_script
 from scipy.optimize import linear_sum_assignment
 
@@ -37,7 +37,18 @@ from cartier.geometry import box_distance
 from cartier.labels import display_name
 from cartier.mapping.object_map import ObjectMap
 from cartier.mapping.occupancy import OccupancyMapper
-from cartier.types import Array, Camera, Detections, DetectorScoreModel, Frame, MapObject, OccupancyGrid, TrueObject
+from cartier.mapping.walls import walls_yaw
+from cartier.types import (
+    Array,
+    Camera,
+    Detections,
+    DetectorScoreModel,
+    Frame,
+    MapObject,
+    OccupancyGrid,
+    OrientedBox,
+    TrueObject,
+)
 from spatial import DETECTORS, Contacts, Figures, Mapped
 
 SAME_M = 0.5
@@ -113,10 +124,11 @@ class Counts:
         real = one_to_one(every, seen)
         self.told += [(mapped.probability, i in real) for i, mapped in enumerate(every)]
         own = {obj.id: np.array([obj.box_min, obj.box_max]) for obj in every}
+        large = [k in shown for k in range(len(seen))]
         for kind in (OURS, LAST_VIEW, DBSCAN):
             boxes = [home.peer_boxes.get(obj.id, {}).get(kind, own[obj.id]) for obj in every]
-            large = [k in shown for k in range(len(seen))]
             self.boxes[kind].add(every, np.array(boxes).reshape(-1, 2, 3), seen, large)
+        self.boxes[ALONG_WALLS].add(every, [obj.oriented or _upright(obj) for obj in every], seen, large)
 
     def _count(self, name: str, value: float) -> None:
         self.sums[name] = self.sums.get(name, 0) + value
@@ -166,6 +178,12 @@ class Counts:
             print(f"  counts that are wrong (listed/shown): {', '.join(sorted(self.wrong)[:30])}")
 
 
+def _upright(obj: MapObject) -> OrientedBox:
+    """The axis-aligned box of an object as an oriented one."""
+    low, high = np.array(obj.box_min), np.array(obj.box_max)
+    return OrientedBox(tuple((low + high) / 2), tuple(high - low), 0.0)
+
+
 def _bins(told: Sequence[tuple[float, bool]]) -> list[tuple[float, float, Array]]:
     rows = np.array(told, float)
     tenth = np.minimum((rows[:, 0] * 10).astype(int), 9)
@@ -208,16 +226,16 @@ def walked(name: str, sensor: bool = False) -> tuple[OccupancyGrid, dict[str, Ho
         if turn == "every frame":
             for of in maps.values():
                 of["twice"] = deepcopy(of[turn])
-    homes = {}
+    homes, grid = {}, floor.grid()
+    assert grid is not None
+    yaw = walls_yaw(grid)
     for key, of in maps.items():
         size = sum(map(len, of["every frame"].state().values())) / max(1, len(of["every frame"]))
         for made in of.values():
-            made.consolidate()
-        listed = {turn: made.objects() for turn, made in of.items()}
+            made.consolidate(yaw)
+        listed = {turn: made.objects(yaw) for turn, made in of.items()}
         peer_boxes = {obj.id: peers[key].boxes(obj) for obj in listed["every frame"]}
         homes[key] = Home(list(objs), pixels[[t.id for t in objs]], listed, spent[key] / n * 1e3, size, peer_boxes)
-    grid = floor.grid()
-    assert grid is not None
     return grid, homes
 
 
@@ -242,7 +260,7 @@ def cost_ms() -> float:
     return float(np.median(times[50:])) * 1e3
 
 
-def report(title: str, names: Sequence[str], sensor: bool) -> None:
+def report(title: str, names: Sequence[str], sensor: bool, by_label: bool) -> None:
     counts, spatial = {key: Counts() for key in DETECTORS}, {key: Figures() for key in DETECTORS}
     ms, sizes = ({key: list[float]() for key in DETECTORS} for _ in range(2))
     world: Any = plugins.make("worlds", "dollhouse")
@@ -259,7 +277,7 @@ def report(title: str, names: Sequence[str], sensor: bool) -> None:
                 sizes[key].append(home.bytes_per_object)
     for key, detector in DETECTORS.items():
         counts[key].print(f"{title}, {detector}", ms[key], sizes[key])
-        print_boxes(counts[key].boxes)
+        print_boxes(counts[key].boxes, by_label)
         spatial[key].print("rooms and relations")
 
 
@@ -268,15 +286,22 @@ def main() -> None:
     parser.add_argument("homes", nargs="*", help="built-in homes, or numbers (default: the seven built-in ones)")
     parser.add_argument("--generated", type=int, default=20, metavar="N", help="generated homes (default: %(default)s)")
     parser.add_argument("--sensor", action="store_true", help="with the faults of a depth camera")
+    parser.add_argument("--labels", action="store_true", help="boxes by label")
     options = parser.parse_args()
     print(f"a frame with 30 detections of 300 known objects in view: {cost_ms():.1f} ms")
     report(
         "built-in homes" if not options.homes else "homes",
         options.homes or plugins.make("worlds", "dollhouse").homes(),
         options.sensor,
+        options.labels,
     )
     if options.generated and not options.homes:
-        report("generated homes", [str(FIRST_GENERATED + k) for k in range(options.generated)], options.sensor)
+        report(
+            "generated homes",
+            [str(FIRST_GENERATED + k) for k in range(options.generated)],
+            options.sensor,
+            options.labels,
+        )
 
 
 if __name__ == "__main__":

@@ -39,8 +39,8 @@ def missed(made: ObjectMap, frame: Frame) -> MapObject:
 OTHER = (1.3, 1.6, 1.0)
 
 
-def before(low: Sequence[float], high: Sequence[float]) -> Frame:
-    return looks(EYE, AT, [CRATE, box(2, "board", low, high)], 1)
+def before(low: Sequence[float], high: Sequence[float], gone: bool = False) -> Frame:
+    return looks(EYE, AT, [*([] if gone else [CRATE]), box(2, "board", low, high)], 1)
 
 
 def blind(share: float) -> Frame:
@@ -57,7 +57,8 @@ OBSERVABLE: dict[str, tuple[Callable[[], Frame], bool]] = {
     "an occluder before a third of it": (lambda: before((1.6, 1.0, 0.3), (1.65, 1.95, 1.7)), True),
     "an occluder before most of it": (lambda: before((1.6, 1.0, 0.3), (1.65, 2.05, 1.7)), False),
     "a board beside it": (lambda: before((1.6, 1.0, 0.3), (1.65, 1.6, 1.7)), True),
-    "the depth shows the wall where it stood": (lambda: looks(EYE, AT, [], 1), False),
+    "the depth shows the wall where it stood": (lambda: looks(EYE, AT, [], 1), True),
+    "half of it is hidden, and it is gone": (lambda: before((1.6, 1.0, 0.3), (1.65, 2.0, 1.7), gone=True), False),
     "the camera looks elsewhere": (lambda: looks(EYE, (1.0, 0.1, 1.0), [CRATE], 1), False),
     "the camera looks away": (lambda: looks(EYE, (0.1, 2.0, 1.0), [CRATE], 1), False),
     "half out of view": (lambda: looks(EYE, (2.2, 2.95, 1.0), [CRATE], 1), False),
@@ -76,6 +77,28 @@ def test_frame_is_observable(second: Callable[[], Frame], observable: bool) -> N
     assert obj.last_looked_s == float(observable) and obj.last_seen_s == 0.0
     assert (obj.probability < first.probability) is observable
     assert obj.probability <= first.probability
+
+
+@table(("panel_m", "observable"), [(2.75, False), (3.1, True)], ids=["close behind it", "well behind it"])
+def test_what_was_taken_away_is_doubted(panel_m: float, observable: bool) -> None:
+    """Depth that ends within slack of the far side of its extent, which a corner view shows, says nothing."""
+    made = seen_once(eye=(1.2, 0.8, 1.9))
+    (first,) = made.objects()
+    low, high = (panel_m, 0.5, 0.0), (panel_m + 0.05, 3.5, 2.0)
+    obj = missed(made, looks(EYE, AT, [box(2, "panel", low, high)], 1))
+    assert obj.n_observable == 1 + observable
+    assert (obj.probability < first.probability) is observable
+
+
+def test_frames_before_an_object_was_brought_do_not_count_against_it() -> None:
+    made = fresh()
+    for number in range(8):
+        missed_frame = looks(EYE, AT, [], number)
+        made.add(missed_frame, found(missed_frame))
+    frame = looks(EYE, AT, [CRATE], 8)
+    made.add(frame, found(frame, ("crate", SURE, true_box(frame, 1))))
+    assert made.objects()[0].n_observable == 1
+    assert made.columns()["observable"][0].sum() == 1
 
 
 @table(("eye", "observable"), [((2.4, 2.0, 1.0), True), ((0.4, 2.0, 1.0), False)], ids=["near", "too small"])

@@ -15,6 +15,7 @@ import numpy.typing as npt
 from cartier.mapping.association import assign
 from cartier.mapping.columns import ColumnKinds, Columns, Indices
 from cartier.mapping.config import MappingConfig
+from cartier.mapping.existence import Visibility
 from cartier.mapping.observation import SURFACE_POINTS, LiftedDetections, lift
 from cartier.types import Array, Frame, OrientedBox
 
@@ -45,14 +46,17 @@ class BearingGeometry:
         points = camera + (lifted.centroid - camera)[:, None] * DISTANCES_M[:, None]
         return lifted._replace(points=points.astype(np.float32))
 
-    def predict(self, columns: Columns, frame: Frame) -> tuple[npt.NDArray[np.bool_], Array, Indices]:
+    def predict(self, columns: Columns, frame: Frame) -> Visibility:
+        """Without depth, no object is ever known to be vacated."""
         centres, sizes = _projected(columns, frame)
         each, best = np.arange(len(centres)), columns["distance_odds"].argmax(1)
         centre, half = centres[each, best], sizes[each, best] / 2
         boxes = np.nan_to_num(np.concatenate([centre - half, centre + half], axis=1))
         inside = ((centre > 0) & (centre < (frame.camera.width, frame.camera.height))).all(1)  # NaN compares as False
         wide = half.max(1, initial=0) * 2 / frame.camera.fx > self.config.existence.min_angle_rad
-        return inside & wide & self.distance_known(columns), boxes, np.flatnonzero(np.isfinite(centres).any((1, 2)))
+        observable = inside & wide & self.distance_known(columns)
+        may_appear = np.flatnonzero(np.isfinite(centres).any((1, 2)))
+        return Visibility(observable, np.zeros_like(observable), boxes, may_appear)
 
     def associate(
         self,

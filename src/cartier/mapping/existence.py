@@ -17,6 +17,7 @@ VIEWPOINT_BINS = 3 * BEARING_BINS  # near, middle and far
 REFERENCE_WIDTH_RAD = 0.1  # how wide objects usually appear
 MIN_DETECTION_WEIGHT = 0.02  # even the weakest detection is some evidence
 MIN_DEPTH_SAMPLES = 4  # of an object's points, with fewer readings depth cannot say whether it is hidden
+MIN_VACATED_SHARE = 0.9  # of an object's points, behind which depth shows the background: it stands there no more
 MIN_PROJECTED_SHARE = 0.1  # of the surface in the image from which a detection may be of the object
 MAX_EARLIER = 64  # frames kept; then every other one goes, and half as many are added from there on
 FIRST_STRIDE = 2  # frames from one kept to the next, at first
@@ -30,6 +31,19 @@ class CoarseFrame(NamedTuple):
     depth_m: npt.NDArray[np.float32]
     world_from_camera: npt.NDArray[np.float64]
     camera: Camera
+
+
+class Visibility(NamedTuple):
+    """What a frame says of n objects before its detections are known."""
+
+    observable: npt.NDArray[np.bool_]
+    """Which of them (n,) it should show where they are."""
+    vacated: npt.NDArray[np.bool_]
+    """Which of them (n,) it should show, and shows what is clearly behind them instead."""
+    boxes_xyxy: Array
+    """Where they should appear (n, 4)."""
+    candidates: npt.NDArray[np.intp]
+    """The rows of those that may appear."""
 
 
 def viewpoint_bins(positions: Array, camera_xyz: Array, config: ExistenceConfig) -> npt.NDArray[np.intp]:
@@ -81,7 +95,10 @@ def update_existence(
     observable: npt.NDArray[np.bool_],
     config: ExistenceConfig,
 ) -> None:
-    """Count a frame, in place: objects ``observable`` (n,) in it, or detected with positive ``weights`` (n,)."""
+    """Count a frame, in place: objects ``observable`` (n,) in it, or detected with positive ``weights`` (n,).
+
+    Frames in which an object is vacated count as observable, too: as what should have shown it.
+    """
     rows = np.flatnonzero(observable | (weights > 0))
     centres = (columns["box_min"][rows] + columns["box_max"][rows]) / 2
     bins = viewpoint_bins(centres, frame.world_from_camera[:3, 3], config)
@@ -93,22 +110,23 @@ def update_existence(
 
 def predict_visibility(
     points: Array, extent_min: Array, extent_max: Array, frame: Frame | CoarseFrame, config: ExistenceConfig
-) -> tuple[npt.NDArray[np.bool_], Array, npt.NDArray[np.intp]]:
+) -> Visibility:
     """Which of n objects a frame with depth should show, where, and which it may show at all.
 
-    ``points`` (n, K, 3) are of the objects' surfaces, ``extent_min`` and ``extent_max`` (n, 3) bound them. Returns
-    ``observable`` (n,), boxes in the image (n, 4) and the rows of candidates. An object is observable if most of its
-    surface is in view, wide enough, and most of that is not hidden by what the depth shows in front of it, nor gone.
+    ``points`` (n, K, 3) are of the objects' surfaces, ``extent_min`` and ``extent_max`` (n, 3) bound them. An object is
+    observable if most of its surface is in view, wide enough, and most of that is not hidden by what the depth shows in
+    front of it, nor gone. It is vacated if the depth shows what is behind its extent nearly everywhere: one that was
+    taken away. Depth that ends between its surface and that says nothing, since extents hold some of the background.
     """
     assert frame.depth_m is not None
     n, camera, pose = len(points), frame.camera, frame.world_from_camera.astype(np.float32)
-    observable, boxes = np.zeros(n, bool), np.zeros((n, 4))
+    observable, vacated, boxes = np.zeros(n, bool), np.zeros(n, bool), np.zeros((n, 4))
     radius, ahead = _bounding_spheres(extent_min, extent_max, pose)
     tangent = max(camera.width / camera.fx, camera.height / camera.fy)  # generous: twice the half angle
     sideways = np.abs(ahead[:, :2]).max(1, initial=0)
     near = np.flatnonzero((ahead[:, 2] > -radius) & (sideways < tangent * ahead[:, 2] + 2 * radius))
     if not len(near):
-        return observable, boxes, near
+        return Visibility(observable, vacated, boxes, near)
     x, y, z = ((points[near].reshape(-1, 3) - pose[:3, 3]) @ pose[:3, :3]).T
     z = np.where(z > 0.05, z, np.nan)
     u = x / z * np.float32(camera.fx) + np.float32(camera.cx)
@@ -122,14 +140,20 @@ def predict_visibility(
     size, slack = (extent_max - extent_min)[near].max(1, initial=0)[:, None], 0.1 + 0.03 * np.where(known, z, 1)
     hidden = (known & (measured < z - slack - 0.5 * size)).sum(1)
     gone = (known & (measured > z + slack + 0.15 * size)).sum(1)
+    reach_m = (
+        np.abs(pose[:3, 2]) @ (extent_max - extent_min)[near].T / 2
+    )  # from the middle to the far side, along the axis
+    behind = (known & (measured > (ahead[near, 2] + reach_m)[:, None] + slack)).sum(1)
     n_known, in_view = known.sum(1), inside.mean(1)
     for column, values, least in ((0, u, True), (1, v, True), (2, u, False), (3, v, False)):
         edge = np.where(inside, values, np.inf if least else -np.inf)
         boxes[near, column] = np.where(in_view > 0, edge.min(1) if least else edge.max(1), 0)
     wide = (boxes[near, 2:] - boxes[near, :2]).max(1) / camera.fx >= config.min_angle_rad
     visible = (n_known >= MIN_DEPTH_SAMPLES) & (n_known - hidden - gone >= config.min_visible_share * n_known)
-    observable[near] = wide & (in_view >= config.min_in_view_share) & visible
-    return observable, boxes, near[in_view > MIN_PROJECTED_SHARE]
+    in_view_whole = wide & (in_view >= config.min_in_view_share)
+    observable[near] = in_view_whole & visible
+    vacated[near] = in_view_whole & ~visible & (behind >= np.maximum(MIN_DEPTH_SAMPLES, MIN_VACATED_SHARE * n_known))
+    return Visibility(observable, vacated, boxes, near[in_view > MIN_PROJECTED_SHARE])
 
 
 def _bounding_spheres(extent_min: Array, extent_max: Array, pose: Array) -> tuple[Array, Array]:
@@ -168,14 +192,16 @@ class EarlierFrames:
         self._count += 1
 
     def count(self, columns: Mapping[str, Array], rows: npt.NDArray[np.intp], config: ExistenceConfig) -> None:
-        """Count the frames that should have shown the new objects ``rows`` (k,), in place."""
+        """Count the frames that should have shown the new objects ``rows`` (k,), in place.
+
+        Frames that show what is behind them do not count: what is new may have been brought since.
+        """
         if not len(rows):
             return
         points, low, high = (columns[name][rows] for name in ("points", "extent_min", "extent_max"))
         centres, reach_m = (columns["box_min"][rows] + columns["box_max"][rows]) / 2, np.ptp(points, axis=1).max(1)
         for frame in self._in_view(centres, reach_m):
-            observable, _, _ = predict_visibility(points, low, high, frame, config)
-            seen = np.flatnonzero(observable)
+            seen = np.flatnonzero(predict_visibility(points, low, high, frame, config).observable)
             if len(seen):
                 bins = viewpoint_bins(centres[seen], frame.world_from_camera[:3, 3], config)
                 columns["observable"][rows[seen], bins] += 1

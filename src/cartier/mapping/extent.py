@@ -12,7 +12,7 @@ from cartier.mapping.association import assign, cost_matrix
 from cartier.mapping.box_fitting import SIDES_SEEN, about_z, agreed_surface, sides_seen, surface_box
 from cartier.mapping.columns import ColumnKinds, Columns, Indices
 from cartier.mapping.config import ExtentConfig, MappingConfig
-from cartier.mapping.existence import predict_visibility
+from cartier.mapping.existence import Visibility, predict_visibility
 from cartier.mapping.observation import (
     PATCH_KIND,
     PATCHES_KEPT,
@@ -39,8 +39,8 @@ class Geometry(Protocol):
         """Detections in space."""
         ...
 
-    def predict(self, columns: Columns, frame: Frame) -> tuple[npt.NDArray[np.bool_], Array, Indices]:
-        """Which objects are observable (n,), where they should appear (n, 4), and the rows of those that may appear."""
+    def predict(self, columns: Columns, frame: Frame) -> Visibility:
+        """Which objects (n,) the frame should show, and where."""
         ...
 
     def associate(
@@ -139,7 +139,7 @@ class DepthGeometry:
         assert frame.depth_m is not None
         return lift(frame, frame.depth_m, boxes_xyxy, masks)
 
-    def predict(self, columns: Columns, frame: Frame) -> tuple[npt.NDArray[np.bool_], Array, Indices]:
+    def predict(self, columns: Columns, frame: Frame) -> Visibility:
         extent = columns["extent_min"], columns["extent_max"]
         return predict_visibility(columns["points"], *extent, frame, self.config.existence)
 

@@ -20,7 +20,14 @@ from cartier.io.files import json_bytes, npz_bytes, parse_json, read_npz, typed
 from cartier.mapping.association import add_label_vote, label_agreement, suppress_duplicates, touching_pairs
 from cartier.mapping.columns import COLUMNS, Indices, check_columns, empty_columns, map_objects
 from cartier.mapping.config import DEFAULT_CONFIG, MappingConfig
-from cartier.mapping.existence import EarlierFrames, detection_weights, mark_detected, posterior, update_existence
+from cartier.mapping.existence import (
+    EarlierFrames,
+    Visibility,
+    detection_weights,
+    mark_detected,
+    posterior,
+    update_existence,
+)
 from cartier.mapping.extent import DepthGeometry, NewGeometry
 from cartier.mapping.merging import keep_rows, merge_and_prune, merge_by_box
 from cartier.mapping.observation import LiftedDetections
@@ -67,13 +74,13 @@ class ObjectMap:
         masks = None if detections.masks is None else detections.masks[order]
         lifted = self.geometry.lift(frame, boxes, masks)
         representative = suppress_duplicates(boxes, lifted, label_ids, self.config.association, exact=masks is not None)
-        row, observable = self._associate(frame, boxes, lifted, label_ids, representative)
+        row, visible = self._associate(frame, boxes, lifted, label_ids, representative)
         distinct, n_known = np.flatnonzero(representative == np.arange(len(order))), self._count
         for d in distinct[(row[distinct] < 0) & (scores[distinct] >= self.score_model.spawn_threshold)]:
             row[d] = self._spawn(lifted, int(d), frame.time_s)
         seen, new = distinct[row[distinct] >= 0], self._count - n_known
         self._earlier.count(self.columns(), np.arange(n_known, self._count), self.config.existence)
-        whole = np.append(observable, np.ones(new, bool))[row[seen]]  # a part must not make an object smaller
+        whole = np.append(visible.observable, np.ones(new, bool))[row[seen]]  # a part must not make an object smaller
         columns, shrink = self.columns(), np.where(whole, self.config.extent.shrink_rate, 0)
         self.geometry.update(columns, row[seen], lifted, seen, shrink)
         mark_detected(columns, row[seen], frame.time_s)
@@ -88,7 +95,8 @@ class ObjectMap:
                 add_label_vote(votes, weights, int(label_ids[k]), float(scores[k]) ** 2)
         weights = np.zeros(self._count)
         weights[row[row >= 0]] = detection_weights(scores[row >= 0], self.score_model)
-        update_existence(columns, frame, weights, np.append(observable, np.zeros(new, bool)), self.config.existence)
+        should_show = np.append(visible.observable | visible.vacated, np.zeros(new, bool))
+        update_existence(columns, frame, weights, should_show, self.config.existence)
         likely = scores >= (self.score_model.zero_weight_score + self.score_model.full_weight_score) / 2
         here = np.sort(row[(row >= 0) & likely])  # so that ids ascend
         for pair in touching_pairs(columns["extent_min"][here], columns["extent_max"][here], columns["id"][here]):
@@ -104,10 +112,11 @@ class ObjectMap:
 
     def _associate(
         self, frame: Frame, boxes_xyxy: Array, lifted: LiftedDetections, label_ids: Indices, representative: Indices
-    ) -> tuple[Indices, npt.NDArray[np.bool_]]:
-        """The row of each detection's object (N,), -1 for none or a duplicate; which objects (n,) were observable."""
+    ) -> tuple[Indices, Visibility]:
+        """The row of each detection's object (N,), -1 for none or a duplicate; which objects should have shown."""
         columns, row = self.columns(), np.full(len(representative), -1)
-        observable, expected_xyxy, candidates = self.geometry.predict(columns, frame)
+        visible = self.geometry.predict(columns, frame)
+        expected_xyxy, candidates = visible.boxes_xyxy, visible.candidates
         distinct = np.flatnonzero(representative == np.arange(len(representative)))
         if len(distinct) and len(candidates):
             votes, weights = columns["label_votes"][candidates], columns["label_weights"][candidates]
@@ -116,7 +125,7 @@ class ObjectMap:
             boxes = boxes_xyxy[distinct]
             matches = self.geometry.associate(columns, candidates, frame, boxes, extents, expected, agreement)
             row[distinct[matches[:, 0]]] = candidates[matches[:, 1]]
-        return row, observable
+        return row, visible
 
     def _spawn(self, lifted: LiftedDetections, detection: int, time_s: float) -> int:
         """A new object; returns its row."""
