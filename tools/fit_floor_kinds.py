@@ -42,6 +42,7 @@ SCENES, ROOM_M, HIGH_M = 150, 2.5, 2.6
 HELD_OUT = tuple(str(77101 + k) for k in range(12))
 HIDDEN, ROUNDS, BATCH, RATE, DECAY = 32, 6000, 512, 2e-3, 1e-4
 ROWS_A_VIEW = 120
+STRANGE = 0.98  # of what was fitted lies nearer to its mean (Mahalanobis) than what counts as strange
 SIZES = ((640, 480), (640, 480), (480, 360))
 
 Rows = tuple[npt.NDArray[np.float32], npt.NDArray[np.int64]]
@@ -146,10 +147,17 @@ def fit(x: npt.NDArray[np.float32], y: npt.NDArray[np.int64]) -> dict[str, npt.N
             first[k] = 0.9 * first[k] + 0.1 * grad
             second[k] = 0.999 * second[k] + 0.001 * grad * grad
             net[k] = net[k] - rate * (first[k] / (1 - 0.9**step)) / (np.sqrt(second[k] / (1 - 0.999**step)) + 1e-8)
-    strange = np.quantile(np.mean(np.square(np.clip((x - mean) / scale, -9, 9)), 1), 0.998)
+    values, axes = np.linalg.eigh(np.cov(((x - mean) / scale).T.astype(np.float64)))
+    whiten = axes / np.sqrt(np.maximum(values, 1e-4))
+    strange = np.quantile(np.mean(np.square((x - mean) / scale @ whiten), 1), STRANGE)
     names = ("w1", "b1", "w2", "b2")
     arrays = {name: part.astype(np.float32) for name, part in zip(names, net, strict=True)}
-    return arrays | {"mean": mean, "scale": scale.astype(np.float32), "strange": np.array(strange, np.float32)}
+    return arrays | {
+        "mean": mean,
+        "scale": scale.astype(np.float32),
+        "whiten": whiten.astype(np.float32),
+        "strange": np.float32(strange),
+    }
 
 
 @dataclass

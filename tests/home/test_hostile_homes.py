@@ -117,6 +117,9 @@ def test_manifests_that_are_none_are_refused(sound: Path, tmp_path: Path, path: 
         lambda a: {"rooms": np.full_like(a["rooms"], -1)}, lambda a: {"rooms": a["rooms"][0]},
         lambda a: {"height_m": np.full_like(a["height_m"], np.nan)},
         lambda a: {"height_m": a["height_m"].astype(str)},
+        lambda a: {"floor_kinds": np.zeros((2, 2), np.uint8)},
+        lambda a: {"floor_kinds": np.full_like(a["rooms"], 5, np.uint8)},
+        lambda a: {"floor_kinds": np.zeros_like(a["rooms"], np.float32)},
     ],
 )  # fmt: skip
 def test_floor_plans_that_are_none_are_refused(sound: Path, tmp_path: Path, change: Callable[[Any], Any]) -> None:

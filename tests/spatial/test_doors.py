@@ -20,6 +20,14 @@ def test_doorway_joins_its_rooms() -> None:
     assert door.width_m == pytest.approx(y2 - y1, abs=0.15)
 
 
+def test_what_stands_beside_a_door_makes_it_narrower() -> None:
+    _, y1, x2, y2 = DOOR
+    free, blocked = flat().grid(), flat().draw((x2, y1 - 0.2, x2 + 0.3, y1 + 0.4), 0, 0.6).grid()
+    (door,), (beside,) = (find_doors(find_rooms(free, []), grid) for grid in (free, blocked))
+    assert door.narrowest_m == pytest.approx(y2 - y1, abs=0.11) and door.narrowest_m <= door.width_m
+    assert beside.narrowest_m < door.narrowest_m - 0.05
+
+
 def test_two_doorways_are_two_doors() -> None:
     grid = flat().draw((4.0, 2.2, 4.1, 2.9), 0, 2.15).grid()
     assert len(find_doors(find_rooms(grid, []), grid)) == 2

@@ -25,6 +25,8 @@ from cartier.route_rules import FLOOR_KINDS
 from cartier.types import Frame, OccupancyGrid
 
 KNOWN = len(FLOOR_KINDS) - 1  # kinds that are told apart; in ``votes`` they have the places 0 to KNOWN - 1
+STRANGE = KNOWN + 1  # in ``votes``
+MAX_STRANGE = 0.15  # of all looks: where more are like no floor that was fitted, nothing is told
 FINE = 4  # texels along a cell of the floor plan
 PATCH = 64  # cells along the side of the square of floor that is laid out
 WINDOWS = (3, 11)  # cells around a cell whose texture counts
@@ -40,7 +42,8 @@ MODEL = Path(__file__).parents[1] / "models" / "floor_kinds" / "network.npz"
 
 Floats = npt.NDArray[np.float32]
 Classifier = Callable[[Frame, "Patch"], npt.NDArray[np.float32]]
-"""Log-probabilities (PATCH, PATCH, KNOWN) of the kinds in a patch's cells, NaN where it cannot say."""
+"""Log-probabilities (PATCH, PATCH, KNOWN) of the kinds in a patch's cells, NaN where too little is
+seen, -inf for all where the texture is like none that it knows."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +75,7 @@ class FloorKindMapper:
     def __init__(self, resolution_m: float = 0.05, classifier: Classifier | None = None) -> None:
         self.resolution_m, self._classify = resolution_m, classifier or from_texture
         self._low = np.zeros(2, np.int64)
-        self._votes = np.zeros((0, 0, KNOWN + 1), np.int16)  # sums of STEPS * log-probabilities; last, how many looks
+        self._votes = np.zeros((0, 0, KNOWN + 2), np.int16)  # sums of STEPS * log-probabilities, looks, strange looks
 
     def add(self, frame: Frame) -> None:
         """Take in one frame with depth."""
@@ -80,13 +83,14 @@ class FloorKindMapper:
         if patch is None:
             return
         found = self._classify(frame, patch)
-        sure = np.isfinite(found).all(-1)
-        if sure.any():
+        sure, strange = np.isfinite(found).all(-1), np.isneginf(found).all(-1)
+        if sure.any() or strange.any():
             window = self._window(patch.low)
             votes = self._votes[window]
             sure &= votes[..., KNOWN] < MAX_LOOKS
             votes[sure, :KNOWN] += np.rint(np.clip(found[sure], LEAST, 0) * STEPS).astype(np.int16)
             votes[sure, KNOWN] += 1
+            votes[strange & (votes[..., STRANGE] < MAX_LOOKS), STRANGE] += 1
 
     def kinds(self, grid: OccupancyGrid) -> npt.NDArray[np.uint8] | None:
         """The kind of floor (rows, cols) in each cell of a floor plan of the same resolution, as ``FLOOR_KINDS`` number
@@ -95,9 +99,11 @@ class FloorKindMapper:
             return None
         from scipy import ndimage
 
-        looks = self._votes[..., KNOWN:]
+        looks, strange = self._votes[..., KNOWN:STRANGE], self._votes[..., STRANGE:]
+        if strange.sum(dtype=np.int64) > MAX_STRANGE * (looks + strange).sum(dtype=np.int64):
+            return np.zeros(grid.cells.shape, np.uint8)  # floors of another world than the network's
         sums = ndimage.uniform_filter(self._votes.astype(np.float32), (3, 3, 1))  # cells around one speak for it
-        mean = sums[..., :KNOWN] / (STEPS * np.maximum(sums[..., KNOWN:], 1e-6)) * np.minimum(looks, INDEPENDENT)
+        mean = sums[..., :KNOWN] / (STEPS * np.maximum(sums[..., KNOWN:STRANGE], 1e-6)) * np.minimum(looks, INDEPENDENT)
         score = np.exp(mean - mean.max(-1, keepdims=True))
         posterior = score / score.sum(-1, keepdims=True)
         clear = (looks[..., 0] > 0) & (posterior.max(-1) >= CLEAR)
@@ -119,9 +125,9 @@ class FloorKindMapper:
         """Go on from a state. Raises InputError if it is none."""
         try:
             votes, low = state["votes"], state["low"]
-            sound = votes.dtype == np.int16 and votes.ndim == 3 and votes.shape[2] == KNOWN + 1 and low.shape == (2,)
+            sound = votes.dtype == np.int16 and votes.ndim == 3 and votes.shape[2] == KNOWN + 2 and low.shape == (2,)
             sound = sound and low.dtype.kind == "i" and float(state["resolution_m"]) == self.resolution_m
-            if not sound or not (np.abs(low.astype(np.float64)) < MAX_CELL).all() or (votes[..., KNOWN] < 0).any():
+            if not sound or not (np.abs(low.astype(np.float64)) < MAX_CELL).all() or (votes[..., KNOWN:] < 0).any():
                 raise ValueError("arrays of another kind")
         except (KeyError, TypeError, ValueError, OverflowError) as error:
             raise InputError(f"the counts of floor kinds are damaged ({error}): map the recording again") from error
@@ -183,8 +189,8 @@ def laid_out(frame: Frame, resolution_m: float) -> Patch | None:
     layers[kept, 3], layers[kept, 4] = height[seen], pixel_m[seen]
     mask = np.zeros(len(layers), np.bool_)
     mask[kept] = True
-    layers = layers.reshape(*shape, 5)
-    return Patch(low, resolution_m, eye_xy, layers[..., :3], layers[..., 3], mask.reshape(shape), layers[..., 4])
+    square = layers.reshape(*shape, 5)
+    return Patch(low, resolution_m, eye_xy, square[..., :3], square[..., 3], mask.reshape(shape), square[..., 4])
 
 
 def features(patch: Patch) -> tuple[Floats, npt.NDArray[np.bool_]]:
@@ -206,7 +212,7 @@ def features(patch: Patch) -> tuple[Floats, npt.NDArray[np.bool_]]:
     while share >= 1:
         mean = _blocks(light * seen, FINE // share) if share < FINE else light * seen
         weight = _blocks(seen, FINE // share) if share < FINE else seen
-        mean = mean / np.maximum(weight, 1e-6)
+        mean = np.asarray(mean / np.maximum(weight, np.float32(1e-6)), np.float32)
         cells.append(_gradients(mean, weight > 0.5 * (FINE // share) ** 2, share))
         share //= 2
     every = np.concatenate(cells, -1)
@@ -228,12 +234,12 @@ def from_texture(frame: Frame, patch: Patch) -> Floats:
     if enough.any():
         net = network()
         x = (found[enough] - net["mean"]) / net["scale"]
-        alike = np.mean(np.square(np.clip(x, -9, 9)), 1) <= float(net["strange"])
+        alike = np.mean(np.square(x @ net["whiten"]), 1) <= float(net["strange"])
         hidden = np.maximum(np.clip(x, -5, 5) @ net["w1"] + net["b1"], 0)
         scores = hidden @ net["w2"] + net["b2"]
         scores -= scores.max(1, keepdims=True)
         logs = scores - np.log(np.exp(scores).sum(1, keepdims=True))
-        logs[~alike] = np.nan
+        logs[~alike] = -np.inf
         out[enough] = logs
     return out
 
@@ -293,8 +299,9 @@ def _window_features(sums: Floats, view: npt.NDArray[np.float64]) -> Floats:
 
 
 def _blocks(layer: Floats, side: int) -> Floats:
-    rows, cols = layer.shape
-    return np.asarray(layer.reshape(rows // side, side, cols // side, side).sum((1, 3)))
+    """Sums over squares of texels; numpy adds long rows faster than it reduces short ones."""
+    down = sum((layer[k::side] for k in range(1, side)), layer[::side])
+    return np.asarray(sum((down[:, k::side] for k in range(1, side)), down[:, ::side]))
 
 
 def _box(cells: Floats, window: int) -> Floats:

@@ -62,10 +62,13 @@ def _narrowest_m(
     first = np.maximum(cells.min(0) - near - low, 0)
     last = cells.max(0) + near + 1 - low
     inside[first[0] : last[0], first[1] : last[1]] = True
+    edge = inside.copy()  # a way through leads from well before the door to well behind it
+    edge[first[0] + 1 : last[0] - 1, first[1] + 1 : last[1] - 1] = False
     inside &= grid.cells[window] == FREE
+    ends = [(mask[window] & edge if (mask[window] & edge & inside).any() else mask[window]) for mask in (one, other)]
     for reach in np.unique(clear[inside])[::-1]:
         parts, _ = ndimage.label(inside & (clear >= reach), np.ones((3, 3)))
-        both = np.intersect1d(parts[one[window]], parts[other[window]])
+        both = np.intersect1d(parts[ends[0]], parts[ends[1]])
         if both.any():  # 0 is no part
             return float(2 * reach * grid.resolution_m)
     return 0.0
