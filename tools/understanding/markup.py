@@ -12,19 +12,20 @@ from cartier.errors import InputError
 from cartier.labels import plain
 from cartier.spatial.expressions import Kind
 from cartier.understanding.decoding import clauses
-from cartier.understanding.tags import ACTS, ROLES, Clause
+from cartier.understanding.tags import ACTS, ROLES, ROUTING, Clause
 from cartier.understanding.utterance import TOKEN
 
 NEED = "z"
 """Writers mark the words of a need; the parser does not learn it, the scorer reads the whole clause."""
-MARKED = re.compile(r"\[([^\[\]:]+):([^\[\]:]+)\]")
+MARKED = re.compile(r"\[([^\[\]]+):([^\[\]:]+)\]")
 
 
 @dataclass(frozen=True)
 class Line:
     """One turn: its acts and answers, its text, tokens and the role of each token (``B-t``, ``I-t``, ``O``).
 
-    ``context`` are the (person, robot) turns before it; ``answers`` are as written, one a clause.
+    ``context`` are the (person, robot) turns before it; ``answers`` are as written, one a clause, without the route
+    rules that stand after them, which are in ``rules``: "avoid floor:carpet hard drive".
     """
 
     where: str
@@ -36,6 +37,7 @@ class Line:
     tokens: tuple[str, ...]
     tags: tuple[str, ...]
     context: tuple[tuple[str, str], ...] = ()
+    rules: tuple[tuple[str, ...], ...] = ()
 
     def clauses(self) -> list[Clause]:
         """The clauses as the parser would give them."""
@@ -99,15 +101,19 @@ def _line(row: str, where: str, home: str, voice: str) -> Line:
     head, found, marked = row.lstrip("+~ ").partition("::")
     if not found:
         raise InputError(f"{where}: no '::' in {row[:60]!r}")
-    parts = [part.split() for part in head.split("/")]
-    acts = tuple(act for part in parts for act in ACTS if part[:1] == [act])
+    parts, rules = list[list[str]](), list[tuple[str, ...]]()
+    for goal, *wishes in (part.split(" + ") for part in head.split("/")):
+        act, _, answer = goal.strip().partition(" ")
+        parts.append([act, "" if act in ROUTING else answer.strip()])
+        rules.append(tuple(wish.strip() for wish in ([answer] if act in ROUTING else []) + wishes))
+    acts = tuple(act for part in parts for act in ACTS if part[0] == act)
     if len(acts) != len(parts):
         raise InputError(f"{where}: no act {head.strip()!r}")
     text, tokens, tags = unmarked(marked.strip(), where)
     if set(tags) != {"O"} and tags.count("B-/") != len(acts) - 1:  # a line of a test has no marks
         raise InputError(f"{where}: {len(acts)} acts need {len(acts) - 1} marks [...:/]")
-    answers = tuple(" ".join(part[1:]) for part in parts)
-    return Line(where, home, voice, acts, answers, text, tokens, tags)
+    answers = tuple(" ".join(answer.split()) for _, answer in parts)
+    return Line(where, home, voice, acts, answers, text, tokens, tags, rules=tuple(rules))
 
 
 def _reply(line: Line) -> str:

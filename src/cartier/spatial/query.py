@@ -133,7 +133,8 @@ class Scene:
         """The passages between rooms that a phrase may mean: "the kitchen door" is any of the kitchen's."""
         if name_key(phrase.said) not in DOORS:
             return []
-        told = [set(r.target.rooms) for r in phrase.relations if r.target is not None and r.target.rooms]
+        ends = (end for relation in phrase.relations for end in (relation.target, relation.other))
+        told = [set(end.rooms) for end in ends if end is not None and end.rooms]
         return [door for door in self._doors if all(rooms & set(door.rooms) for rooms in told)]
 
     def _perhaps_there(self, landmark: ReferringExpression) -> list[MapObject]:

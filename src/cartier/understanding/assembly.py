@@ -11,7 +11,7 @@ from cartier.spatial.expressions import EntityVocabulary, ParsedUtterance, Refer
 from cartier.understanding.comparisons import compared, of_kind
 from cartier.understanding.owners import owned_rooms
 from cartier.understanding.reference_words import COLOURS, DEFINITE, GENERIC, MOST, ORDER, PLURAL, SIZES
-from cartier.understanding.tags import ATTRIBUTES, NOUNS, RELATIONS, Clause, Span
+from cartier.understanding.tags import ATTRIBUTES, NOUNS, RELATIONS, ROUTE_NOUNS, ROUTE_WORDS, Clause, Span
 from cartier.understanding.text import STOP
 from cartier.understanding.utterance import MOTION
 
@@ -23,6 +23,10 @@ LEAST_SECOND = 0.02  # probability of the second act
 REACH = 4  # words from "one" to the room that it is in
 PLACES = ("in", "on", "under", "above", "next", "with", "behind", "front", "between")
 """Relations that tell where the second of two compared objects is, not what both are compared to."""
+PARTS = (",", ".", ";", "!", "?", "but")
+"""Tokens between which a need and the way there stand apart."""
+HEADS = ("t", "b", "p", "n")
+"""Roles of nouns that are no landmark."""
 NOWHERE = -1
 """Where a target stands that no word names: "the blue, please", "what is on the table"."""
 
@@ -30,7 +34,8 @@ NOWHERE = -1
 def query(clause: Clause, names: EntityVocabulary) -> ParsedUtterance:
     """The typed query of a clause: the act, the target with its attributes and relations, and what is turned down."""
     clause = owned_rooms(clause, names)
-    told = _snapped(clause.spans, clause.tokens, names)
+    routes = [span for span in clause.spans if span.role in (*ROUTE_NOUNS, *ROUTE_WORDS)]
+    told = _of_the_goal(_snapped(clause.spans, clause.tokens, names))
     told = told if clause.act in ("compare", "choose") else _targeted(told)
     clause = clause._replace(spans=tuple(_measures(compared(told) if clause.act == "compare" else told)))
     if clause.act == "go" and _serves(clause):
@@ -56,9 +61,49 @@ def query(clause: Clause, names: EntityVocabulary) -> ParsedUtterance:
     said = [span.words for span in clause.spans if span.role in ("s", "nearest", "farthest")] or [clause.tokens]
     by = next(filter(None, map(_measure, said)), "")
     return ParsedUtterance(
-        clause.act, head, tuple(of_kind(noun, head) for noun in of["b"]), by, _need(clause),
+        clause.act, head, tuple(of_kind(noun, head) for noun in of["b"]), by, _need(clause, routes),
         of["l"][0] if of["l"] else None, tuple(_refused(noun, head) for noun in of["n"]),
     )  # fmt: skip
+
+
+def routed(clause: Clause, names: EntityVocabulary) -> list[tuple[Span, ReferringExpression]]:
+    """The nouns that a clause's route rules are about, in their order, each with what is said of it."""
+    clause = owned_rooms(clause, names)
+    told, found = _snapped(clause.spans, clause.tokens, names), list[tuple[Span, ReferringExpression]]()
+    owners = _owners(told)
+    for k, noun in enumerate(told):
+        if noun.role in ROUTE_NOUNS:
+            own = [s._replace(role="t") if s is noun else s for s, of in zip(told, owners, strict=True) if of == k]
+            spans = [span for span in own if span.role in NOUNS]
+            nouns = [_noun(span, clause, names) for span in spans]
+            _attach_attributes(own, spans, nouns)
+            _attach_relations(own, spans, nouns)
+            found.append((noun, nouns[next(i for i, span in enumerate(spans) if span.role == "t")]))
+    return found
+
+
+def _of_the_goal(spans: Sequence[Span]) -> tuple[Span, ...]:
+    """The spans that tell of the goal, not of the way there."""
+    owners = _owners(spans)
+    return tuple(s for s, of in zip(spans, owners, strict=True) if of is None and s.role not in ROUTE_WORDS)
+
+
+def _owners(spans: Sequence[Span]) -> list[int | None]:
+    """For each span the index of the route noun that it tells of; None where it tells of the goal.
+
+    What stands right before a noun tells of that noun, what follows tells of the last one.
+    """
+    owners, now = list[int | None](), None
+    for k, span in enumerate(spans):
+        noun = next((i for i in range(k + 1, len(spans)) if spans[i].role in (*NOUNS, *ROUTE_NOUNS)), k)
+        before = noun > k and all(spans[i].end >= spans[i + 1].start - 1 for i in range(k, noun))
+        if span.role in (*HEADS, *ROUTE_NOUNS):
+            now = k if span.role in ROUTE_NOUNS else None
+        elif before and span.role in (*ATTRIBUTES, "r") and spans[noun].role in (*HEADS, *ROUTE_NOUNS):
+            owners.append(noun if spans[noun].role in ROUTE_NOUNS else None)
+            continue
+        owners.append(now)
+    return owners
 
 
 def _targeted(spans: Sequence[Span]) -> tuple[Span, ...]:
@@ -93,10 +138,10 @@ def _snapped(spans: Sequence[Span], tokens: Sequence[str], names: EntityVocabula
     """The spans, where a noun that is part of a known name is that name: "chest" in "chest of drawers"."""
     found = list[Span]()
     for span in spans:
-        if span.role in NOUNS and span.role != "p":
+        if span.role in (*NOUNS, *ROUTE_NOUNS) and span.role != "p":
             if found and found[-1].role in NOUNS and span.start < found[-1].end:
                 continue
-            others = [s for s in spans if s.role in NOUNS and s.role != span.role]
+            others = [s for s in spans if s.role in (*NOUNS, *ROUTE_NOUNS) and s.role != span.role]
             around = (
                 (start, end)
                 for start in range(max(span.end - LONGEST_NAME, 0), span.start + 1)
@@ -151,10 +196,13 @@ def _refused(noun: ReferringExpression, head: ReferringExpression | None) -> Ref
     return wanted if not noun.labels else noun
 
 
-def _need(clause: Clause) -> str:
-    """The words of a clause; of a need without those that only give its place."""
+def _need(clause: Clause, routes: Sequence[Span]) -> str:
+    """The words of a clause; of a need without those that only give its place or the way there."""
     places = {"l", "m", "r", *RELATIONS} if clause.act == "need" else set()
     out = {k for span in clause.spans if span.role in places for k in range(span.start, span.end)}
+    ends = [-1, *(k for k, token in enumerate(clause.tokens) if token in PARTS), len(clause.tokens)]
+    of_routes = {k for a, b in pairwise(ends) if any(a < s.start < b for s in routes) for k in range(a + 1, b)}
+    out |= of_routes if len(of_routes) < len(clause.tokens) - len(ends) + 2 else set()
     return " ".join(token for k, token in enumerate(clause.tokens) if k not in out).replace(" ' ", "'")
 
 
@@ -177,8 +225,8 @@ def _noun(span: Span, clause: Clause, names: EntityVocabulary) -> ReferringExpre
         if rooms is not None or span.role == "r":
             return replace(base, rooms=rooms or ())
     labels = next((names.objs[key] for key in keys if names.objs.get(key)), frozenset())
-    if not labels and span.role == "t" and keys[-1] in names.rooms:
-        return replace(base, rooms=names.rooms[keys[-1]])
+    if not labels and span.role == "t" and (key := next((key for key in keys if key in names.rooms), "")):
+        return replace(base, rooms=names.rooms[key])
     return replace(base, labels=labels, similar=names.like(keys[-1]) - labels)
 
 
