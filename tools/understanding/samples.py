@@ -25,7 +25,9 @@ from cartier.understanding.utterance import TOKEN
 
 TOOLS = Path(__file__).parents[1]
 HELD_BACK = ("grumpy", "hosts", "newcomer", "others_past", "transcript", "wheels")
-DRIVING = re.compile(r"\b(?:go(?:es|in|ing)?|drive|driving|enter|come|cross|near|off|out of|past|away|clear|close to)\b")
+DRIVING = re.compile(
+    r"\b(?:go(?:es|in|ing)?|drive|driving|enter|come|cross|near|off|out of|past|away|clear|close to)\b"
+)
 """Words of a prohibition that may be read as a route rule."""
 ALARMS = ("child", "fire", "medical", "self_harm", "violence")
 
