@@ -26,7 +26,7 @@ from cartier.understanding.needs import FITS, Needs, shortened
 from cartier.understanding.offers import REPLIES, reply
 from cartier.understanding.parser import parser
 from cartier.understanding.readings import UNSURE, picked, question
-from cartier.understanding.tags import NOTHING_ASKED, Clause
+from cartier.understanding.tags import NOTHING_ASKED, ROUTING, Clause
 from cartier.understanding.tentative import OFFER, maybe_there, offer, tentative_matches, unsure, usual_place
 
 MOST_NEEDS = 4  # most needs in one utterance
@@ -83,7 +83,7 @@ class Embedded:
     def propose(self, query: str) -> list[str]:
         """The names of up to five cards that serve the words, best first; none if no household object serves them."""
         clauses = self._parse(query[-LATEST:], None, lexicon(self.deck, Inventory.of(())))
-        if all(in_context(clause, DialogueState()).act in NOTHING_ASKED for clause in clauses):
+        if all(in_context(clause, DialogueState()).act in (*NOTHING_ASKED, *ROUTING) for clause in clauses):
             return []
         return self.needs.propose(query)
 
@@ -135,8 +135,8 @@ class Embedded:
             return TURNED_DOWN, asked
         if (choice := self._chosen(clause, own, state)) is not None:
             asked = replace(own, kind="go", head=same(home.scene.by_id[choice]))
-        if clause.act in NOTHING_ASKED:
-            why = shortened(said) if clause.act == "prohibit" else "nothing was asked for"
+        if clause.act in (*NOTHING_ASKED, *ROUTING):
+            why = shortened(said) if clause.act in ("prohibit", *ROUTING) else "nothing was asked for"
             return Selection("answered", reason=f"understood: {why}", text="Understood.", model=MODEL), asked
         if clause.act == "another" and not state.offered and len(state.rest) == 1:
             return self._picked(state.rest[0], said, asked, home, state), asked
