@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from cartier.errors import InputError
-from cartier.understanding.assembly import query
+from cartier.understanding.assembly import query, routed
 from cartier.understanding.decoding import clauses
 from cartier.understanding.tags import ACTS, ROLES, TAGS
 
@@ -76,3 +76,57 @@ def test_clauses_are_cut_at_separators() -> None:
     found = clauses(tokens, tags, [[("go", 0.9)], [("go", 0.8)]])
     assert [[span.words for span in clause.spans] for clause in found] == [[("bed",)], [("sink",)]]
     assert found[1].spans[0].start == 0
+
+
+@pytest.mark.parametrize(
+    ("marked", "goal", "ways"),
+    [
+        (
+            "the [mug:t] [on:on] the [desk:l], not over the [red:c] [rug:va] [by:near] the [bed:l]",
+            ["desk"], [("rug", ("red",), ["bed"])],
+        ),
+        (
+            "past the [kitchen:r] [table:vv] to the [sofa:t] [near:near] the [lamp:l]",
+            ["lamp"], [("table", (), ["kitchen"])],
+        ),
+        (
+            "slow at the [vase:vs], and then on to the [blue:c] [chair:t] [by:near] the [desk:l]",
+            ["desk"], [("vase", (), [])],
+        ),
+        ("to the [sofa:t], off the [rug:va] and through the [hall:vv]", [], [("rug", (), []), ("hall", (), [])]),
+    ],
+)  # fmt: skip
+def test_what_is_said_of_the_way_stays_with_it(
+    marked: str, goal: list[str], ways: list[tuple[str, tuple[str, ...], list[str]]]
+) -> None:
+    _, tokens, tags = unmarked(marked, "here")
+    clause, names = clauses(tokens, tags, [[("go", 1.0)]])[0], home("76001")[1]
+    head = query(clause, names).head
+    assert head is not None and [r.target.said for r in head.relations if r.target] == goal
+    assert head.colours == (("blue",) if "blue" in tokens else ())
+    found = [(n.said, n.colours, [r.target.said for r in n.relations if r.target]) for _, n in routed(clause, names)]
+    assert found == ways
+
+
+def test_need_leaves_out_the_way_there() -> None:
+    _, tokens, tags = unmarked("something to drink, but not over the [carpet:va]", "here")
+    asked = query(clauses(tokens, tags, [[("need", 1.0)]])[0], home("76001")[1])
+    assert asked.need.split() == ["something", "to", "drink", ",", "but"]
+
+
+@pytest.mark.parametrize(
+    ("row", "told"),
+    [
+        ("rule avoid floor:carpet hard standing :: keep off the [carpet:va]", ""),
+        ("rule avoid floor:tiles hard standing :: keep off the [carpet:va]", "the marks give floor:carpet"),
+        ("rule keep-away floor:carpet hard standing :: keep off the [carpet:va]", "nothing is marked as vk"),
+        ("rule avoid floor:carpet hard until:15:00 :: keep off the [carpet:va] until three", "nothing is marked as vt"),
+        ("rule avoid carpet :: keep off the [carpet:va]", "no route rule: 'avoid carpet'"),
+        ("rule shortest hard standing :: the [short way:vh], not by the [carpet:va]", "va is marked without a rule"),
+        ("lift avoid none:trampoline :: over the [trampoline:va] again", ""),
+    ],
+)
+def test_rules_of_a_line_are_what_its_marks_give(tmp_path: Path, row: str, told: str) -> None:
+    file = tmp_path / "a.txt"
+    file.write_text(f"# home 76001\n# voice: a\n{row}\n", encoding="utf-8")
+    assert [fault(line, {}) for line in read(file)] == [told]

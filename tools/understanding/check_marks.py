@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 import sys
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -19,17 +20,30 @@ from command_line import Parser, run_script
 from home_text import inventory
 from markup import Line, read
 
-from cartier.spatial.expressions import EntityVocabulary, ParsedUtterance
+from cartier.spatial.expressions import EntityVocabulary, ParsedUtterance, ReferringExpression
 from cartier.spatial.query import Scene
 from cartier.types import MapObject
 from cartier.understanding.answers import answer
-from cartier.understanding.assembly import query
+from cartier.understanding.assembly import query, routed
 from cartier.understanding.cards import SHIPPED, read_deck
 from cartier.understanding.dialogue_state import DialogueState, resolve
 from cartier.understanding.entity_vocabulary import lexicon
+from cartier.understanding.tags import Clause
 
 FINDS = ("go", "correct", "another", "choose", "where", "far", "colour", "size", "when", "which")
 YES = {"yes": True, "no": False}
+RULE = re.compile(
+    r"!?(?P<kind>avoid|keep-away|slow-near|prefer|only-through|via|shortest)(?: (?P<sort>room|floor|object|door|none):"
+    r"(?P<names>.+?))?(?: (?P<strength>hard|soft))?(?: (?P<scope>drive|standing|until:\S+|daily:\S+))?"
+)
+ROLE_OF = {
+    "avoid": "va", "keep-away": "vk", "slow-near": "vs", "prefer": "vp", "only-through": "vo", "via": "vv",
+    "shortest": "vh",
+}  # fmt: skip
+FLOORS = {
+    "tiles": "tile tiles tiling", "planks": "plank planks board boards floorboards parquet wood planking laminate",
+    "carpet": "carpet carpets carpeting", "rug": "rug rugs mat",
+}  # fmt: skip
 
 
 @cache
@@ -43,11 +57,12 @@ def fault(line: Line, states: dict[str, DialogueState]) -> str:
     scene, names = home(line.home)
     state = states.get("now", DialogueState()) if line.context else DialogueState()
     wrong = ""
-    for clause, told in zip(line.clauses(), line.answers, strict=True):
+    for clause, told, rules in zip(line.clauses(), line.answers, line.rules, strict=True):
         asked = resolve(query(clause, names), state)
         ids = [int(i) for i in re.findall(r"\d+", told)] if clause.act != "count" else []
         gone = [i for i in ids if i not in scene.by_id]
         wrong = wrong or (f"no object #{gone[0]} here" if gone else _fault(clause.act, asked, told, ids, scene, state))
+        wrong = wrong or _rule_fault(clause, rules, scene, names)
         served = [scene.by_id[i] for i in ids[:1] if i in scene.by_id]
         if clause.act in ("exists", "count", "compare") and asked.head is not None:
             chosen = answer(asked, scene, state.last, "")
@@ -96,6 +111,39 @@ def _find_fault(asked: ParsedUtterance, told: str, ids: list[int], scene: Scene,
     if told.strip() == "none":
         return f"the marks give {got}" if got else ""
     return "" if got and set(got) <= set(ids) else f"the marks give {got[:6]}"
+
+
+def _rule_fault(clause: Clause, rules: Sequence[str], scene: Scene, names: EntityVocabulary) -> str:
+    """Why the route rules of a clause are not what its marks give; "" if they are."""
+    nouns, left = routed(clause, names), [span.role for span in clause.spans if span.role in ROLE_OF.values()]
+    for text in rules:
+        rule = RULE.fullmatch(text)
+        if rule is None:
+            return f"no route rule: {text!r}"
+        role = ROLE_OF[rule["kind"]]
+        if role not in left:
+            return f"nothing is marked as {role}"
+        left.remove(role)
+        if (rule["scope"] or "")[:5] in ("until", "daily") and not any(span.role == "vt" for span in clause.spans):
+            return "nothing is marked as vt"
+        if role != "vh":
+            noun = nouns.pop(next(k for k, (span, _) in enumerate(nouns) if span.role == role))[1]
+            found = _meant(noun, scene)
+            ids = sorted(rule["names"].split(","), key=int) if rule["sort"] == "object" else [rule["names"]]
+            if not text.startswith("!") and f"{rule['sort']}:{','.join(ids)}" not in found:
+                return f"the marks give {' or '.join(found)}"
+    return f"{left[0]} is marked without a rule" if left else ""
+
+
+def _meant(noun: ReferringExpression, scene: Scene) -> list[str]:
+    """The targets that a rule about a noun may have."""
+    floors = [f"floor:{kind}" for kind, said in FLOORS.items() if noun.said.split()[-1] in said.split()]
+    rooms = [f"room:{scene.rooms[number].name}" for number in noun.rooms or ()]
+    ids = [str(number) for number in sorted(obj.id for obj in scene.meant(noun)[0])] if noun.rooms is None else []
+    pairs = [[scene.rooms[number].name for number in door.rooms] for door in scene.doors(noun)]
+    doors = [f"door:{one}|{other}" for pair in pairs for one, other in (pair, pair[::-1])]
+    objects = [f"object:{','.join(ids)}"] if ids else []
+    return [*floors, *rooms, *objects, *doors] or [f"none:{noun.said}"]
 
 
 def kept(file: Path, wrong: set[int]) -> str:

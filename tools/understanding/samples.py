@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -24,6 +25,10 @@ from cartier.understanding.utterance import TOKEN
 
 TOOLS = Path(__file__).parents[1]
 HELD_BACK = ("grumpy", "hosts", "newcomer", "others_past", "transcript", "wheels")
+DRIVING = re.compile(
+    r"\b(?:go(?:es|in|ing)?|drive|driving|enter|come|cross|near|off|out of|past|away|clear|close to)\b"
+)
+"""Words of a prohibition that may be read as a route rule."""
 ALARMS = ("child", "fire", "medical", "self_harm", "violence")
 
 
@@ -51,7 +56,9 @@ def written(files: list[Path], checked: bool = True) -> list[Sample]:
             if not wrong:
                 acts = tuple(frozenset([act]) for act in line.acts)
                 tags = tuple("O" if tag.endswith("-z") else tag for tag in line.tags)  # a need is judged as a whole
-                found.append(Sample(line.tokens, tags, acts, before, file.stem, line.home))
+                either = line.acts == ("prohibit",) and DRIVING.search(" ".join(line.tokens))
+                acts = (frozenset(["prohibit", "rule"]),) if either else acts
+                found.append(Sample(line.tokens, None if either else tags, acts, before, file.stem, line.home))
             said = _told(line, states) if checked else ""
     return found
 
@@ -130,7 +137,8 @@ def act_only() -> list[Sample]:
     kinds |= {"prohibition": {"prohibit", "remark"}}
     for kind, acts in kinds.items():
         for text in (TOOLS / "alarms" / f"{kind}.txt").read_text(encoding="utf-8").splitlines():
-            found.append(_act_sample(text, acts, "alarms"))
+            either = {"rule"} if kind == "prohibition" and DRIVING.search(text.lower()) else set[str]()
+            found.append(_act_sample(text, acts | either, "alarms"))
     return found
 
 
@@ -163,7 +171,7 @@ def _other_nouns(tokens: list[str], tags: list[str], rng: Random) -> tuple[list[
         while end < len(tokens) and tags[end].startswith("I-"):
             end += 1
         role = tags[k][2:]
-        if role in ("t", "b", "l", "n") and tags[k].startswith("B") and not stand_ins & set(tokens[k:end]):
+        if role in ("t", "b", "l", "n", "vk", "vs") and tags[k].startswith("B") and not stand_ins & set(tokens[k:end]):
             name = rng.choice(PLACES if role == "l" and rng.random() < 0.5 else NAMES)
             name = plural(name) if name_key(tokens[end - 1]) != tokens[end - 1] and role != "l" else name
             words = name.split()

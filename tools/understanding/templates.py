@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 import tomllib
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from random import Random
 
@@ -15,6 +16,7 @@ from cartier.evaluation.things_made import plural
 from cartier.understanding.cards import SHIPPED, read_deck
 from cartier.understanding.entity_vocabulary import ROOMS
 from cartier.understanding.reference_words import COLOURS
+from cartier.understanding.tags import ROUTE_NOUNS
 
 NAMES = sorted(
     {name for card in read_deck(SHIPPED).cards for name in card.names if re.fullmatch(r"[a-z ]{3,18}", name)}
@@ -23,7 +25,7 @@ ROOM_NAMES = sorted({*ROOMS, *(name for more in ROOMS.values() for name in more)
 TABLES = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
 PLACES, MOST, SIZES, MORE = (TABLES[key] for key in ("places", "most", "sizes", "more"))
 ASIDES, OPENINGS, ENDS = (TABLES[key] for key in ("asides", "openings", "ends"))
-SAY, NOT, FRAMES, REPLIES = (TABLES[key] for key in ("say", "not", "frames", "replies"))
+SAY, NOT, FRAMES, REPLIES, ROUTES = (TABLES[key] for key in ("say", "not", "frames", "replies", "routes"))
 
 
 class Templates:
@@ -41,6 +43,8 @@ class Templates:
                 made += self._conversation()
             elif draw < 0.27:
                 made.append(self._sequence())
+            elif draw < 0.41:
+                made.append(self._routed())
             else:
                 act, words = self._one()
                 made.append(f"{act} ? :: {self._dressed(words, act)}")
@@ -63,6 +67,36 @@ class Templates:
              ", then", ". then", "plus", "on the way back", "and when you're done"]
         )  # fmt: skip
         return f"{a} ? / {b} ? :: {self._dressed(f'{one} [{then}:/] {two}', a)}".replace("[, ", "[").replace("[. ", "[")
+
+    def _routed(self) -> str:
+        """A route rule alone, one taken back, or a goal with how to drive there."""
+        rng, kind = self.rng, self.rng.random()
+        if kind < 0.4:
+            act = "rule" if kind < 0.28 else "lift"
+            words, when = self._filled(rng.choice(FRAMES[act])), f"[{rng.choice(ROUTES['times'])}:vt]"
+            if act == "rule" and rng.random() < 0.35:
+                words = f"{when}{rng.choice([' ', ', '])}{words}" if rng.random() < 0.5 else f"{words} {when}"
+            return f"{act} ? :: {self._dressed(words, act)}"
+        if kind < 0.7:
+            words = self._filled(rng.choice(ROUTES["ways"]))
+            words = f"{rng.choice(['', '', 'go to ', 'bring me ', 'take me to ', 'drive to '])}{words}"
+        else:
+            goal, way = self._one(("go",))[1], self._filled(rng.choice(FRAMES["rule"]))
+            words = f"{goal}{rng.choice(ROUTES['joins'])}{way}" if rng.random() < 0.8 else f"{way}. {goal}"
+        return f"go ? :: {self._dressed(words, 'go')}"
+
+    def _way(self, role: str) -> str:
+        """What a route rule is about: a kind of floor, a room or an object."""
+        rng, kind = self.rng, self.rng.random()
+        floor = {"va": 0.45, "vp": 0.7, "vo": 0.4, "vv": 0.05}.get(role, 0.05)
+        if kind < floor:
+            return f"the [{rng.choice(ROUTES['floors'])}:{role}]"
+        if kind < floor + (0.35 if role in ("va", "vo", "vv") else 0.1):
+            return f"the [{self._room()}:{role}]"
+        name = rng.choice(PLACES) if rng.random() < 0.6 else rng.choice(NAMES)
+        colour = f"[{rng.choice(list(COLOURS))}:c] " if rng.random() < 0.1 else ""
+        told = f"{rng.choice(['the', 'the', 'the', 'my', 'that', 'our'])} {colour}[{name}:{role}]"
+        return f"{told} {self._where()}" if rng.random() < 0.15 else told
 
     def _conversation(self) -> list[str]:
         first, words = self._one(("go", "go", "go", "where", "exists", "count"))
@@ -102,6 +136,8 @@ class Templates:
             "{S}": lambda: f"[{rng.choice(MOST + SIZES)}:s]", "{m}": lambda: f"[{rng.choice(MORE)}:s]",
             "{S1}": lambda: rng.choice(MOST + SIZES), "{N}": lambda: rng.choice(NAMES),
             "{R1}": self._room, "{C}": lambda: rng.choice(list(COLOURS)),
+            "{vh}": lambda: f"the [{rng.choice(ROUTES['short'])}:vh]",
+            **{f"{{{role}}}": partial(self._way, role) for role in ROUTE_NOUNS},
             "{p}": lambda: f"[{rng.choice(['it', 'it', 'that', 'them', 'there', 'this'])}:p]",
         }  # fmt: skip
         for mark, make in makers.items():

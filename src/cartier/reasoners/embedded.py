@@ -86,7 +86,7 @@ class Embedded:
     def propose(self, query: str) -> list[str]:
         """The names of up to five cards that serve the words, best first; none if no household object serves them."""
         clauses = self._parse(query[-LATEST:], None, lexicon(self.deck, Inventory.of(())))
-        if all(in_context(clause, DialogueState()).act in NOTHING_ASKED for clause in clauses):
+        if all(in_context(clause, DialogueState()).act in (*NOTHING_ASKED, *ROUTING) for clause in clauses):
             return []
         return self.needs.propose(query)
 
@@ -151,8 +151,8 @@ class Embedded:
             return TURNED_DOWN, asked
         if (choice := self._chosen(clause, own, state)) is not None:
             asked = replace(own, kind="go", head=same(home.scene.by_id[choice]))
-        if clause.act in NOTHING_ASKED:
-            why = shortened(said) if clause.act == "prohibit" else "nothing was asked for"
+        if clause.act in (*NOTHING_ASKED, *ROUTING):
+            why = shortened(said) if clause.act in ("prohibit", *ROUTING) else "nothing was asked for"
             return Selection("answered", reason=f"understood: {why}", text="Understood.", model=MODEL), asked
         if clause.act == "another" and not state.offered and len(state.rest) == 1:
             return self._picked(state.rest[0], said, asked, home, state), asked

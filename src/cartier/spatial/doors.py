@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import combinations
 
 import numpy as np
@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from cartier.types import FREE, OCCUPIED, Door, OccupancyGrid, Room
 
+Mask = npt.NDArray[np.bool_]
 MAX_WALL_M = 0.3  # thickness of a wall with a lintel, which is no floor of either room
 AROUND_M = 0.6  # before and behind a door, what stands there makes it narrower
 MAX_WIDTH_M = 1.6  # two rooms that meet over more are one open space, as a person sees it
@@ -26,18 +27,14 @@ def find_doors(rooms: Sequence[Room], grid: OccupancyGrid) -> tuple[Door, ...]:
         One door for each run of cells where two rooms touch, with its middle, its width, and the narrowest width on the
         widest way through, in metres.
     """
-    from scipy import ndimage
-
     shape, found = grid.cells.shape, list[Door]()
     masks = {room.id: np.zeros(shape, bool) for room in rooms}
     for room in rooms:
         masks[room.id][room.cells[:, 0], room.cells[:, 1]] = True
     steps, free = 1 + round(MAX_WALL_M / 2 / grid.resolution_m), grid.cells == FREE
-    around = {number: ndimage.binary_dilation(mask, iterations=steps, mask=free) for number, mask in masks.items()}
+    around = {number: _grown(mask, free, steps) for number, mask in masks.items()}
     for one, other in combinations(sorted(masks), 2):
-        touching, count = ndimage.label(around[one] & around[other], np.ones((3, 3)))
-        for number in range(1, count + 1):
-            cells = np.argwhere(touching == number)
+        for cells in _runs(np.argwhere(around[one] & around[other])):
             width_m = float(np.max(np.ptp(cells, axis=0) + 1) * grid.resolution_m)
             if width_m <= MAX_WIDTH_M:
                 x, y = grid.centre(cells).mean(0)
@@ -72,3 +69,27 @@ def _narrowest_m(
         if both.any():  # 0 is no part
             return float(2 * reach * grid.resolution_m)
     return 0.0
+
+
+def _grown(mask: Mask, free: Mask, steps: int) -> Mask:
+    """A mask (rows, cols) grown over free cells by so many steps along rows and columns."""
+    mask = mask.copy()
+    for _ in range(steps):
+        grown = mask.copy()
+        grown[1:] |= mask[:-1]
+        grown[:-1] |= mask[1:]
+        grown[:, 1:] |= mask[:, :-1]
+        grown[:, :-1] |= mask[:, 1:]
+        mask |= grown & free
+    return mask
+
+
+def _runs(cells: npt.NDArray[np.int64]) -> Iterator[npt.NDArray[np.int64]]:
+    """The groups of cells (n, 2) that touch one another, also at corners."""
+    left = dict.fromkeys(map(tuple, cells.tolist()))
+    while left:
+        run = [left.popitem()[0]]
+        for row, col in run:  # grows as it is read
+            beside = [(row + r, col + c) for r in (-1, 0, 1) for c in (-1, 0, 1)]
+            run += [cell for cell in beside if left.pop(cell, cell) is None]
+        yield np.array(sorted(run))

@@ -52,9 +52,13 @@ class Lexicon:
             for s in phrase.stems:
                 knowing[s].add(phrase.card)
                 self.postings[s].append(p)
+        self._by_card: defaultdict[int, list[int]] = defaultdict(list)
+        for p, phrase in enumerate(self.phrases):
+            self._by_card[phrase.card].append(p)
         self.stems = [frozenset(s for stems in uses for s in stems) for uses in deck.telling]
         scale = RAREST / math.log((len(deck.cards) + 1) / 1.5)
         self.idf = {s: scale * math.log((len(deck.cards) + 1) / (len(known) + 0.5)) for s, known in knowing.items()}
+        self._mass = [sum(self.idf[s] for s in phrase.stems) for phrase in self.phrases]
 
     def fits(self, said: list[Sentence], turned_down: frozenset[str]) -> dict[int, Fit]:
         """For each card that any word speaks for, the best fit in any sentence."""
@@ -63,24 +67,25 @@ class Lexicon:
         for sentence in said:
             here, spelt = _weights(sentence, turned_down)
             near = {s: BEFORE * w for s, w in before.items() if w > FAINT} | here
-            for p in sorted({p for s in here for p in self.postings.get(s, ())}):
-                phrase = self.phrases[p]
-                score = sentence.weight * self._met(phrase, here, near)
-                if phrase.card not in best or score > best[phrase.card].score:
-                    met = " … ".join(word for s, word in spelt.items() if s in phrase.stems)
-                    best[phrase.card] = Fit(score, met, phrase.text)
+            met = {p: sum(self.idf[s] * near.get(s, 0.0) for s in self.phrases[p].stems) for p in self._of(here)}
+            for card in dict.fromkeys(self.phrases[p].card for p in met):
+                known = self.stems[card]
+                shared = {s: self.idf[s] * w for s, w in here.items() if s in known}
+                unheard = UNHEARD * min(sum(self.idf.get(s, RAREST) for s in here if s not in known), ENOUGH)
+                for p in (p for p in self._by_card[card] if p in met):
+                    phrase = self.phrases[p]
+                    also = ALSO * sum(w for s, w in shared.items() if s not in phrase.stems)
+                    cost = UNSAID * (self._mass[p] - met[p]) + VAGUE + unheard
+                    score = sentence.weight * (met[p] + also) / (met[p] + also + cost)
+                    if card not in best or score > best[card].score:
+                        words = " … ".join(word for s, word in spelt.items() if s in phrase.stems)
+                        best[card] = Fit(score, words, phrase.text)
             before = near
         return best
 
-    def _met(self, phrase: Phrase, here: dict[str, float], near: dict[str, float]) -> float:
-        known = self.stems[phrase.card]
-        met = sum(self.idf[s] * near.get(s, 0.0) for s in phrase.stems)
-        also = sum(self.idf[s] * w for s, w in here.items() if s in known and s not in phrase.stems)
-        unheard = sum(self.idf.get(s, RAREST) for s in here if s not in known)
-        mass = sum(self.idf[s] for s in phrase.stems)
-        cost = UNSAID * (mass - met) + VAGUE + UNHEARD * min(unheard, ENOUGH)
-        met += ALSO * also
-        return met / (met + cost)
+    def _of(self, here: Iterable[str]) -> list[int]:
+        """The phrases that have any of some stems."""
+        return sorted({p for s in here for p in self.postings.get(s, ())})
 
 
 def turned_down(said: Iterable[Mention]) -> frozenset[str]:

@@ -112,11 +112,19 @@ class Scorer:
     def __init__(self, deck: Deck, folder: Path = SHIPPED) -> None:
         self.deck = deck
         self._folder = folder
-        self.lexicon = Lexicon(deck)
-        self.knowledge = Knowledge(deck, folder / VECTORS.name)
         names = [w for card in deck.cards for n in card.names for w in words(plain(n))]
         likely = [w for w, n in deck.used.most_common() if n > 1]
         self._spelling = Spelling(reader().vocabulary | deck.used.keys(), [*sorted(STOP), *names], likely)
+
+    @cached_property
+    def lexicon(self) -> Lexicon:
+        """The words of the cards' uses; only needs ask for it."""
+        return Lexicon(self.deck)
+
+    @cached_property
+    def knowledge(self) -> Knowledge:
+        """The vectors of the cards' texts; only needs ask for them."""
+        return Knowledge(self.deck, self._folder / VECTORS.name)
 
     @cached_property
     def _layers(self) -> Any:

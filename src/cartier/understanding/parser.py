@@ -76,16 +76,19 @@ def words_of(tokens: Sequence[str], before: tuple[str, str] | None, names: Entit
 def _known(tokens: Sequence[str], names: EntityVocabulary) -> Array:
     """(n, 4 + tables) whether a word begins or goes on with an object's or a room's name, and the tables it is in."""
     bits = np.zeros((len(tokens), 4 + len(TABLES)), np.float32)
+    keys = [
+        [(end, name_key(" ".join(tokens[k:end])))
+         for end in range(min(k + LONGEST_NAME, len(tokens)), k, -1) if tokens[end - 1].isalnum()]
+        for k in range(len(tokens))
+    ]  # fmt: skip
     for column, known in ((0, names.objs), (2, names.rooms)):
         k = 0
         while k < len(tokens):
-            ends = (end for end in range(min(k + LONGEST_NAME, len(tokens)), k, -1) if tokens[end - 1].isalnum())
-            end = next((end for end in ends if name_key(" ".join(tokens[k:end])) in known), None)
+            end = next((end for end, key in keys[k] if key in known), None)
             if end is not None:
                 bits[k, column], bits[k + 1 : end, column + 1] = 1, 1
             k = end or k + 1
-    for column, table in enumerate(TABLES, start=4):
-        bits[:, column] = [token in table for token in tokens]
+    bits[:, 4:] = [[token in table for table in TABLES] for token in tokens] or np.zeros((0, len(TABLES)))
     return bits
 
 

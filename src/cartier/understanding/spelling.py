@@ -27,14 +27,15 @@ class Spelling:
         self._known = known
         self._likely = dict.fromkeys(w for w in names if len(w) >= SHORTEST and w.isalpha())
         self._likely |= dict.fromkeys(w for w in others if len(w) >= 2 * SHORTEST - 1 and w.isalpha())
-        self._shortened: dict[str, list[str]] | None = None
+        self._of_length: defaultdict[int, list[str]] = defaultdict(list)
+        for word in self._likely:
+            self._of_length[len(word)].append(word)
 
     def __call__(self, word: str) -> str:
         if not SHORTEST <= len(word) <= LONGEST or not word.isalpha() or self._is_word(word):
             return word
-        if self._shortened is None:  # built at the first unknown word
-            self._shortened = _shortened(self._likely)
-        near = {w for s in (word, *_less(word)) for w in self._shortened.get(s, ()) if _one_slip(word, w)}
+        lengths = range(len(word) - 1, len(word) + 2)
+        near = (w for length in lengths for w in self._of_length.get(length, ()) if _one_slip(word, w))
         return min(near, key=lambda w: _strangeness(word, w), default=word)
 
     def _is_word(self, word: str) -> bool:
@@ -47,18 +48,6 @@ class Spelling:
 def _strangeness(typed: str, meant: str) -> tuple[object, ...]:
     """People leave letters out and swap them more often than they add some, and seldom miss the first."""
     return meant[0] != typed[0], len(meant) < len(typed), sorted(meant) != sorted(typed), meant
-
-
-def _less(word: str) -> list[str]:
-    return [word[:i] + word[i + 1 :] for i in range(len(word))]
-
-
-def _shortened(likely: Iterable[str]) -> dict[str, list[str]]:
-    found: defaultdict[str, list[str]] = defaultdict(list)
-    for word in likely:
-        for shorter in dict.fromkeys((word, *_less(word))):
-            found[shorter].append(word)
-    return found
 
 
 def _one_slip(a: str, b: str) -> bool:
