@@ -132,7 +132,9 @@ class Embedded:
         if not says_how(clause):
             return self._one(clause, home, state)
         how = driving(clause, home.names, home.scene, state, " ".join(said.split())[:MOST_SAID])
-        if clause.act in ROUTING or how.unknown:
+        if clause.act in NOTHING_ASKED and (clause.act != "prohibit" or how.unknown):
+            return self._one(clause, home, state)  # "the rug was cold yesterday" is no rule
+        if clause.act in (*ROUTING, "prohibit") or how.unknown:
             return told(how, home.rules, MODEL) if not how.unknown else asked_back(how, MODEL), ParsedUtterance("rule")
         chosen, asked = self._one(clause, home, state)
         return replace(chosen, rules=how.rules, lifts=how.lifts), asked

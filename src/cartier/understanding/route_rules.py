@@ -162,7 +162,7 @@ def _around(span: Span, clause: Clause, marked: Sequence[Span]) -> str:
 
 def _scope(span: Span, clause: Clause, marked: Sequence[Span]) -> str:
     """How long the rule of a noun holds, by the words for it that stand nearest."""
-    default = "standing" if clause.act == "rule" else "drive"
+    default = "standing" if clause.act in ("rule", "prohibit") else "drive"
     times = [s for s in clause.spans if s.role == "vt"]
     if not times:
         return default
