@@ -36,6 +36,7 @@ from cartier.worlds.dollhouse.mesh import panel
 from cartier.worlds.dollhouse.model import Part, Room, Scene
 from cartier.worlds.dollhouse.recording import look, pinhole
 from cartier.worlds.dollhouse.render import Renderer
+from cartier.worlds.dollhouse.scene import load_home
 from cartier.worlds.dollhouse.sensor import Sensor
 
 SCENES, ROOM_M, HIGH_M = 150, 2.5, 2.6
@@ -197,7 +198,7 @@ def measure(homes: Sequence[str], max_frames: int, sensor: bool) -> None:
     world = plugins.make("worlds", "dollhouse")
     totals = {"true": Score(), "pixels": Score()}
     for home in homes:
-        scene = world.scene(f"{home}+{RUGS}")
+        scene = load_home(f"{home}+{RUGS}")
         walk = world.explore(f"{home}+{RUGS}", max_frames=max_frames, sensor=sensor)
         floor = OccupancyMapper()
         kinds = {"true": FloorKindMapper(0.05, true_classifier(scene)), "pixels": FloorKindMapper(0.05)}

@@ -143,3 +143,14 @@ def test_a_plan_elsewhere_gets_what_falls_into_it() -> None:
 def test_nothing_seen_is_nothing_known() -> None:
     assert FloorKindMapper(0.05).kinds(floor(looks(FIRST)[0])[0]) is None
     assert len(FLOOR_KINDS) - 1 == floor_kinds.KNOWN
+
+
+@pytest.mark.parametrize(("strange", "known"), [(2, True), (9, False)])
+def test_floors_of_another_world_stay_unknown(strange: int, known: bool) -> None:
+    """Ten looks at each cell that speak for tiles, and so many more that are like no floor."""
+    votes = np.full((20, 20, floor_kinds.KNOWN + 2), -640, np.int16)
+    votes[..., 0], votes[..., floor_kinds.KNOWN], votes[..., floor_kinds.STRANGE] = 0, 10, strange
+    mapper = FloorKindMapper(0.05)
+    mapper.restore(mapper.state() | {"votes": votes, "low": np.array([0, 0])})
+    kinds = mapper.kinds(floor(looks(FIRST)[0])[0])
+    assert kinds is not None and bool((kinds == FLOOR_KINDS.index("tiles")).any()) is known

@@ -7,7 +7,7 @@ import pytest
 from cartier.mapping.rooms import find_rooms
 from cartier.reasoners import embedded
 from cartier.spatial.doors import find_doors
-from cartier.types import Inventory, MapObject
+from cartier.types import OCCUPIED, Inventory, MapObject
 from plans import DOOR, LEFT, RIGHT, Plan, flat
 
 
@@ -22,7 +22,7 @@ def test_doorway_joins_its_rooms() -> None:
 
 def test_what_stands_beside_a_door_makes_it_narrower() -> None:
     _, y1, x2, y2 = DOOR
-    free, blocked = flat().grid(), flat().draw((x2, y1 - 0.2, x2 + 0.3, y1 + 0.4), 0, 0.6).grid()
+    free, blocked = flat().grid(), flat().draw((x2, y1 - 0.2, x2 + 0.3, y1 + 0.4), OCCUPIED, 0.6).grid()
     (door,), (beside,) = (find_doors(find_rooms(free, []), grid) for grid in (free, blocked))
     assert door.narrowest_m == pytest.approx(y2 - y1, abs=0.11) and door.narrowest_m <= door.width_m
     assert beside.narrowest_m < door.narrowest_m - 0.05

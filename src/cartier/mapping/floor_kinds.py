@@ -26,7 +26,7 @@ from cartier.types import Frame, OccupancyGrid
 
 KNOWN = len(FLOOR_KINDS) - 1  # kinds that are told apart; in ``votes`` they have the places 0 to KNOWN - 1
 STRANGE = KNOWN + 1  # in ``votes``
-MAX_STRANGE = 0.15  # of all looks: where more are like no floor that was fitted, nothing is told
+MAX_STRANGE = 0.35  # of all looks: where more are like no floor that was fitted, nothing is told
 FINE = 4  # texels along a cell of the floor plan
 PATCH = 64  # cells along the side of the square of floor that is laid out
 WINDOWS = (3, 11)  # cells around a cell whose texture counts
