@@ -51,7 +51,7 @@ from cartier.worlds.dollhouse.floors import kinds_at
 from cartier.worlds.dollhouse.model import Scene
 from cartier.worlds.dollhouse.place import Plan
 
-HELD_OUT = Path(__file__).parents[1] / "tools" / "understanding" / "held_out"
+HELD_OUT = Path(__file__).parents[1] / "tools" / "understanding" / "held_out" / "routes"
 FIRST_GENERATED = 70_001
 OPTIONS = "+rugs+narrow"
 POINT_M = 0.01
@@ -288,7 +288,11 @@ def sentences(files: Sequence[Path]) -> Iterator[tuple[str, bool, dict[str, bool
 
 
 def _same(got: Sequence[RouteRule], wanted: Sequence[RouteRule], name: str) -> bool:
-    return Counter(str(getattr(rule, name)) for rule in got) == Counter(str(getattr(rule, name)) for rule in wanted)
+    def part(rule: RouteRule) -> str:
+        value = getattr(rule, name)
+        return value.text if isinstance(value, RouteTarget) else str(value)
+
+    return Counter(map(part, got)) == Counter(map(part, wanted))
 
 
 def print_sentences(files: Sequence[Path]) -> None:
@@ -317,7 +321,7 @@ def main() -> None:
         drives(
             [*world.homes(), *(str(FIRST_GENERATED + k) for k in range(options.homes))], options.drives, options.seed
         )
-    print_sentences(options.files or sorted(HELD_OUT.glob("routes_*.txt")))
+    print_sentences(options.files or sorted(HELD_OUT.glob("*.txt")))
 
 
 if __name__ == "__main__":
