@@ -1,11 +1,11 @@
 """Benchmark of routes: drives under rules in true homes, and sentences against the typed rules that they mean.
 
-python benchmarks/routes.py [--drives 240] [--homes 6] [--seed 0] [FILE …]
+python benchmarks/routes.py [--drives 240] [--homes 6] [--seed 0] [files …]
 Drives: the seven built-in homes and generated ones, all with rugs and narrow doors, on their true floor plans (ground
 truth: what a perfect map would show). Each drive goes to a random object under one to three random rules. The path,
 point by point, is checked against the true polygons: rooms, rugs, and the boxes of objects. "Crossed": points of a hard
 rule's area that the robot's centre enters without having asked. Where the planner asks instead, a flood fill over the
-plan decides whether there was a way. FILE: lines ``ACT ANSWER + RULE … :: words`` (tools/understanding/README.md);
+plan decides whether there was a way. Files: lines ``ACT ANSWER + RULE … :: words`` (tools/understanding/README.md);
 by default the held-out ones, of which only totals may be looked at. A sentence counts where kind, target, strength and
 scope of all rules are the very ones that its writer wrote down.
 """
@@ -311,7 +311,7 @@ def print_sentences(files: Sequence[Path]) -> None:
 
 def main() -> None:
     parser = Parser(__doc__)
-    parser.add_argument("files", nargs="*", type=Path, metavar="FILE", help="sentences (default: the held-out ones)")
+    parser.add_argument("files", nargs="*", type=Path, help="sentences (default: the held-out ones)")
     parser.add_argument("--drives", type=int, default=240, help="how many (default: %(default)s)")
     parser.add_argument("--homes", type=int, default=6, help="generated homes (default: %(default)s)")
     parser.add_argument("--seed", type=int, default=0, help="of the drives (default: %(default)s)")

@@ -21,7 +21,6 @@ LONG_FILES = {
     "types.py": "the data types of the whole program, of which a third is documentation",
     "testing.py": "the laws of all kinds of backend",
     "contracts.py": "the interfaces of all eight kinds of backend, of which half is documentation",
-    "pipeline.py": "map_home, ask and Conversation, of which half is documentation",
 }
 LONG_FUNCTIONS = {
     "cli/_ask.py ask": "the options of one command, each with its help",

@@ -235,10 +235,12 @@ def measure(homes: Sequence[str], max_frames: int, sensor: bool) -> None:
 
 def main() -> int:
     parser = Parser(__doc__)
-    parser.add_argument("what", choices=("fit", "measure"))
-    parser.add_argument("homes", nargs="*")
+    parser.add_argument(
+        "what", metavar="what", choices=("fit", "measure"), help="make the network, or measure the one that ships"
+    )
+    parser.add_argument("homes", nargs="*", help="homes to measure in (default: the built-in and ten generated ones)")
     parser.add_argument("--rows", type=Path, help="keep the rows of the fit in this file, or take them from it")
-    parser.add_argument("--max-frames", type=int, default=800)
+    parser.add_argument("--max-frames", type=int, default=800, help="of a walk (default: %(default)s)")
     parser.add_argument("--sensor", action="store_true", help="frames as a real camera has them")
     asked = parser.parse_args()
     if asked.what == "measure":
