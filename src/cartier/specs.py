@@ -73,9 +73,9 @@ def look(
         return None
     name = spec.partition(":")[0]
     given = {key: value for key, value in options.items() if value is not None and plugins.takes("vision", name, key)}
-    eyes = plugins.make_from_spec("vision", spec, **given)
+    vision_model = plugins.make_from_spec("vision", spec, **given)
     chosen: Literal["ask", "auto"] = "ask" if when == "ask" else "auto"
-    return Look(eyes, chosen, blur=blur) if consent is None else Look(eyes, chosen, consent, blur)
+    return Look(vision_model, chosen, blur=blur) if consent is None else Look(vision_model, chosen, consent, blur)
 
 
 def model_asked(spec: str, model: str | None = None, base_url: str | None = None) -> tuple[str, str] | None:

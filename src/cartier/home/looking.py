@@ -29,7 +29,7 @@ def look_for_answer(
     query: str,
     selection: Selection,
     inventory: Inventory,
-    eyes: Look,
+    allowed: Look,
     from_xy: tuple[float, float],
     robot: RobotModel,
 ) -> tuple[Selection, VisualTrace, tuple[str, ...]] | None:
@@ -37,4 +37,4 @@ def look_for_answer(
     from cartier.vision.look import Surroundings, look
 
     around = Surroundings(home.grid, from_xy, robot)
-    return look(eyes, query, selection, inventory, photographs_of(home), around)
+    return look(allowed, query, selection, inventory, photographs_of(home), around)

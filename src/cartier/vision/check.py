@@ -37,17 +37,17 @@ def check_model(base_url: str, model: str | None = None, timeout_s: float = 60.0
     server = Server(model, base_url, None, timeout_s, 0.0, extra=THINKING_OFF)
     took: list[float] = []
     keeps = _timed(took, lambda: _keeps_schema(server))
-    eyes, chance = VisionServer(server), random.Random()
+    vision, chance = VisionServer(server), random.Random()
     sees: bool | None = None
     knows_mirrored: bool | None = None
     try:
         digits = chance.sample(DIGITS, MAX_PICTURES)
-        sees = _timed(took, lambda: _answers(eyes, READ, [_made(d, k) for k, d in enumerate(digits)])) == digits
+        sees = _timed(took, lambda: _answers(vision, READ, [_made(d, k) for k, d in enumerate(digits)])) == digits
         flips = [True, False, bool(chance.getrandbits(1))]
         chance.shuffle(flips)
         shown = [_made(digits[k], k, flip) for k, flip in enumerate(flips)]
         wanted = [MIRRORED.choices[0 if flip else 1] for flip in flips]
-        knows_mirrored = _timed(took, lambda: _answers(eyes, MIRRORED, shown)) == wanted
+        knows_mirrored = _timed(took, lambda: _answers(vision, MIRRORED, shown)) == wanted
     except ReasonerError:
         if sees is not None:
             raise
@@ -77,8 +77,8 @@ def _keeps_schema(server: Server) -> bool:
     return valid(server.complete([{"role": "user", "content": task}], schema, 64, valid))
 
 
-def _answers(eyes: VisionServer, question: VisualQuestion, pictures: list[CandidateView]) -> list[str | None]:
-    return [answer.answer for answer in eyes.look(question, pictures).answers]
+def _answers(vision: VisionServer, question: VisualQuestion, pictures: list[CandidateView]) -> list[str | None]:
+    return [answer.answer for answer in vision.look(question, pictures).answers]
 
 
 def _made(digit: str, number: int, mirrored: bool = False) -> CandidateView:

@@ -83,7 +83,7 @@ class Surroundings:
 
 
 def look(
-    eyes: Look,
+    allowed: Look,
     words: str,
     selection: Selection,
     inventory: Inventory,
@@ -99,12 +99,12 @@ def look(
     if found is None:
         return None
     question, candidates, asked = found
-    trace = ask_about(eyes, question, candidates, photographs, around, asked is not None and asked.form == "which")
-    return selection_of(selection, trace, asked, inventory), trace, looked_notes(trace, eyes.model)
+    trace = ask_about(allowed, question, candidates, photographs, around, asked is not None and asked.form == "which")
+    return selection_of(selection, trace, asked, inventory), trace, looked_notes(trace, allowed.model)
 
 
 def ask_about(
-    eyes: Look,
+    allowed: Look,
     question: VisualQuestion,
     candidates: Sequence[MapObject],
     photographs: Photographs,
@@ -118,18 +118,18 @@ def ask_about(
         return _trace(question, (), None, Decision("refused", "it was seen only once"), largest, sizes, around)
     if not choose and len(candidates) > MAX_PICTURES:
         return _trace(question, (), None, Decision("several", "too many are meant"), None, sizes, around)
-    pictures, unlogged = _pictures(candidates, sizes, photographs, eyes.blur)
+    pictures, unlogged = _pictures(candidates, sizes, photographs, allowed.blur)
     if not pictures:
         why = "people and screens cannot be blurred: the detector's boxes of these frames are not stored"
         why = why if unlogged else f"it is below {MIN_APPARENT_PX:g} px in every photograph"
         return _trace(question, (), None, Decision("cannot_tell", why), largest or candidates[0], sizes, around)
-    if (barred := _barred(eyes, question, pictures)) is not None:
+    if (barred := _barred(allowed, question, pictures)) is not None:
         return VisualTrace(question, pictures, None, "not_asked", why=barred)
     try:
-        reply = eyes.model.look(question, pictures)
+        reply = allowed.model.look(question, pictures)
     except ReasonerError as error:
         nothing = prompt.cannot_tell(pictures)
-        reply = VisualReply(nothing, eyes.model.name, eyes.model.endpoint)
+        reply = VisualReply(nothing, allowed.model.name, allowed.model.endpoint)
         return _trace(question, pictures, reply, Decision("cannot_tell", str(error)), None, sizes, around)
     pixels = [each.apparent_px for each in pictures]
     decision = decide(question, candidates, _checked(reply, question, pictures), pixels, choose)
@@ -191,11 +191,11 @@ def _private(detections: Detections) -> list[tuple[float, ...]]:
     ]
 
 
-def _barred(eyes: Look, question: VisualQuestion, pictures: Sequence[CandidateView]) -> str | None:
+def _barred(allowed: Look, question: VisualQuestion, pictures: Sequence[CandidateView]) -> str | None:
     """Why nothing may be sent, or None."""
-    if optional(eyes.model, VisionModelDefaults, "sees") is False:
-        return f"cartier check-model found that {eyes.model.name} does not see pictures"
-    if eyes.when == "ask" and not eyes.consent(question, pictures):
+    if optional(allowed.model, VisionModelDefaults, "sees") is False:
+        return f"cartier check-model found that {allowed.model.name} does not see pictures"
+    if allowed.when == "ask" and not allowed.consent(question, pictures):
         return "photographs may leave only when the owner agrees (--look ask)"
     return None
 
