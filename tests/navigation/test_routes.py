@@ -184,6 +184,24 @@ def test_a_robot_leaves_what_it_stands_on() -> None:
     assert inside[0] and not inside[int(np.argmin(inside)) :].any()
 
 
+def test_no_goal_lies_where_the_robot_must_not_stay() -> None:
+    """It stands in the forbidden area, and so does the place: the goal is beside it."""
+    site = flat()
+    planned = drive(site, "avoid zone:0,0;2,0;2,3;0,3 hard drive", to=at(1.2, 1.5))
+    area = area_of(RouteRule.parse("avoid zone:0,0;2,0;2,3;0,3").target, site)  # type: ignore[arg-type]
+    free = got(drive(site, to=at(1.2, 1.5)))
+    assert area[tuple(site.grid.cell(np.array([[free.x, free.y]]))[0])], "without the rule it would stop there"
+    assert not area[tuple(site.grid.cell(np.array([[got(planned).x, got(planned).y]]))[0])]
+
+
+def test_a_robot_that_left_does_not_come_back_in() -> None:
+    """The hole in what is forbidden is out of it; to go on from there would be to come back in, and is asked."""
+    site = flat(doors=(("study", "kitchen"),))
+    holed = "0,0;4.2,0;4.2,3;0,3;0,2;2,2;2,2.2;2.4,2.2;2.4,0.8;2,0.8;2,2;0,2"
+    planned = drive(site, f"avoid zone:{holed} hard drive")
+    assert planned.goal is None and planned.breach is not None
+
+
 def test_a_rule_about_nothing_is_left_out_and_told() -> None:
     planned = drive(flat(), "avoid object:99 hard standing")
     assert planned.goal is not None and "left out" in planned.notes[0]
