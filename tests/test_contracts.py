@@ -17,6 +17,7 @@ from cartier.contracts import (
     IndexDefaults,
     ReasonerDefaults,
     RecordingDefaults,
+    VisionModelDefaults,
     optional,
 )  # fmt: skip
 from cartier.mapping.detection_cache import detecting
@@ -28,7 +29,7 @@ BACKENDS = {
     "inner", "held", "searched", "backend",
 }  # fmt: skip
 """Names of variables and attributes (without leading underscore) that hold backends."""
-DEFAULTS = (Detector, RecordingDefaults, EncoderDefaults, IndexDefaults, ReasonerDefaults)
+DEFAULTS = (Detector, RecordingDefaults, EncoderDefaults, IndexDefaults, ReasonerDefaults, VisionModelDefaults)
 
 
 def members(contract: type) -> set[str]:

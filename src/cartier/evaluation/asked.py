@@ -13,6 +13,7 @@ from typing import Any
 from cartier.contracts import Reasoner, ReasonerDefaults, optional
 from cartier.io.atomic import append_line
 from cartier.io.files import read_rows
+from cartier.route_rules import RouteRule
 from cartier.types import Fact, Inventory, Selection
 
 
@@ -65,6 +66,7 @@ def _digest(inventory: Inventory) -> str:
 
 def _plain(selection: Selection) -> dict[str, Any]:
     kept = asdict(selection) | {"prompt": "", "next": [_plain(further) for further in selection.next]}
+    kept |= {key: [rule.text for rule in getattr(selection, key)] for key in ("rules", "lifts")}
     return kept
 
 
@@ -72,7 +74,9 @@ def _selection(row: dict[str, Any]) -> Selection:
     candidates = tuple((str(name), float(score)) for name, score in row["candidates"])
     told = row["fact"]
     fact = None if told is None else Fact(told["kind"], _frozen(told["value"]), tuple(told["objects"]))
-    return Selection(**(row | {"candidates": candidates, "fact": fact, "next": tuple(map(_selection, row["next"]))}))
+    rules = {key: tuple(map(RouteRule.parse, row[key])) for key in ("rules", "lifts")}
+    further = tuple(map(_selection, row["next"]))
+    return Selection(**(row | rules | {"candidates": candidates, "fact": fact, "next": further}))
 
 
 def _frozen(value: Any) -> Any:

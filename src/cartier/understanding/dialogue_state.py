@@ -15,6 +15,8 @@ from cartier.understanding.tags import NOTHING_ASKED, Clause
 
 LONGEST_NAME = 5
 SERVED = re.compile(r"#(\d+)")
+LEAST_DRIVING = 0.2  # probability of a drive from which words that do not begin as a question are one
+ASKING = frozenset(words("what which who whose where when how why is are was do does did has have can could tell"))
 LEAST_ASKING = 0.35  # probability of a request from which words that seem to ask for nothing are one
 
 
@@ -56,6 +58,8 @@ def in_context(clause: Clause, state: DialogueState) -> Clause:
         return clause._replace(act="another")
     if clause.act == "alarm":
         return clause._replace(act=second)
+    if clause.act in ("which", "where") and second == "go" and likely >= LEAST_DRIVING:
+        return clause if ASKING & set(clause.tokens[:3]) else clause._replace(act="go")  # "closest plant to us"
     if clause.act not in NOTHING_ASKED or second not in ("go", "need") or likely < LEAST_ASKING:
         return clause
     spans = tuple(span._replace(role="n") if span.role == "t" else span for span in clause.spans)
