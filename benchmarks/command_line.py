@@ -9,7 +9,18 @@ from typing import Any, NoReturn
 
 from cartier.errors import CartierError
 
-OPTIONAL = ("httpx", "onnx", "safetensors", "torch", "transformers")  # packages that only some scripts need
+OPTIONAL = (
+    "boto3",
+    "duckdb",
+    "httpx",
+    "moto",
+    "obstore",
+    "pyarrow",
+    "onnx",
+    "safetensors",
+    "torch",
+    "transformers",
+)  # packages that only some scripts need
 
 
 class Parser(argparse.ArgumentParser):

@@ -112,8 +112,8 @@ def write_archives(path: Path) -> None:
 def read_archives(path: Path) -> None:
     """Only to say whether a recording is in it: as what is near a path that is none."""
     for file in (path, *path.glob("packed.*")):
-        if file.exists() and not plugins._formats_of(file):
-            what_else(file, plugins._formats_of)
+        if file.exists() and not plugins.formats_of(file):
+            what_else(file, plugins.formats_of)
 
 
 def write_onnx(path: Path, layout: str) -> None:

@@ -157,7 +157,8 @@ def run(root: Path, folder: str, tests: Sequence[str], timeout_s: float) -> tupl
             os.dup2(output.fileno(), 1)
             os.dup2(output.fileno(), 2)
             os.chdir(root)
-            os.environ |= {"PYTHONPATH": folder, "OMP_NUM_THREADS": "1"}
+            within = os.pathsep.join([folder, *filter(None, [os.environ.get("PYTHONPATH")])])  # for child processes
+            os.environ |= {"PYTHONPATH": within, "OMP_NUM_THREADS": "1"}
             sys.path.insert(0, folder)
             sys.dont_write_bytecode = True
             for name in [name for name in sys.modules if name.partition(".")[0] == "cartier"]:

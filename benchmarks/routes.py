@@ -265,9 +265,10 @@ def sentences(files: Sequence[Path]) -> Iterator[tuple[str, bool, dict[str, bool
     reasoner = embedded.make()
     for file in files:
         for line in read(file):
-            wanted = [RouteRule.parse(text) for wishes in line.rules for text in wishes]
-            if not wanted:
+            texts = [text for wishes in line.rules for text in wishes]
+            if not texts or any(text.startswith("!") for text in texts):  # "!": the writer's target is not checked
                 continue
+            wanted = [RouteRule.parse(text) for text in texts]
             lifting = line.acts[0] == "lift"
             known = inventory(line.home)
             standing = tuple(replace(rule, scope="standing", id=f"r{k}") for k, rule in enumerate(wanted) if lifting)

@@ -17,6 +17,7 @@ from cartier.contracts import (
     IndexDefaults,
     ReasonerDefaults,
     RecordingDefaults,
+    SourceDefaults,
     VisionModelDefaults,
     optional,
 )  # fmt: skip
@@ -29,7 +30,15 @@ BACKENDS = {
     "inner", "held", "searched", "backend",
 }  # fmt: skip
 """Names of variables and attributes (without leading underscore) that hold backends."""
-DEFAULTS = (Detector, RecordingDefaults, EncoderDefaults, IndexDefaults, ReasonerDefaults, VisionModelDefaults)
+DEFAULTS = (
+    Detector,
+    RecordingDefaults,
+    EncoderDefaults,
+    IndexDefaults,
+    ReasonerDefaults,
+    SourceDefaults,
+    VisionModelDefaults,
+)
 
 
 def members(contract: type) -> set[str]:

@@ -37,7 +37,7 @@ def named(name: str, truth: bool = True) -> Any:
 class Pictures(list[Frame]):
     """Frames as a recording without truth."""
 
-    name, truth = "flat", None
+    name, truth, notes = "flat", None, ()
 
     @property
     def camera(self) -> Camera:

@@ -25,6 +25,8 @@ LONG_FILES = {
 LONG_FUNCTIONS = {
     "cli/_ask.py ask": "the options of one command, each with its help",
     "cli/_bench.py bench": "the options of one command, each with its help",
+    "cli/_live.py live": "the options of one command, each with its help",
+    "cli/_fleet.py map_command": "the options of one command, each with its help",
     "cli/_make.py map_command": "the options of one command, each with its help",
     "cli/_show.py show": "the options of one command, each with its help",
     "pipeline.py ask": "more than half of it is its documentation",

@@ -20,7 +20,7 @@ from cartier import contracts, pipeline, testing
 from cartier.home import entity
 from cartier.mapping import mapper
 
-INTERNAL = {"Store", "Corrected"}
+INTERNAL = {"Store", "Corrected", "Mended", "Alignment"}
 """Classes of fields that ``Home.load`` sets and no user makes."""
 PUBLIC: dict[str, Any] = {f"cartier.{name}": getattr(cartier, name) for name in cartier.__all__}
 PUBLIC |= {

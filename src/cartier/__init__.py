@@ -2,18 +2,23 @@
 
 from cartier.contracts import (
     Detector,
+    DrivingRobot,
     Encoder,
     Reasoner,
     Recording,
     Robot,
     Searchable,
+    Source,
     SpatialIndex,
     VisionModel,
     World,
 )  # fmt: skip
 from cartier.conversation import Conversation
 from cartier.errors import BackendError, CartierError, InputError, MissingExtra, ReasonerError
+from cartier.fleet.entity import Fleet, FleetAnswer
 from cartier.home import DetectionLog, Home, PointCloud, ProcessedFrame
+from cartier.live.session import Live
+from cartier.live.state import LiveState
 from cartier.mapping.config import (
     AssociationConfig,
     ExistenceConfig,
@@ -25,16 +30,20 @@ from cartier.mapping.config import (
     RoomsConfig,
 )  # fmt: skip
 from cartier.mapping.mapper import Mapper
+from cartier.mapping.repose import KeptFrame
 from cartier.pipeline import ask, map_home
 from cartier.plugins import make, open_recording
 from cartier.route_rules import RouteRule, RouteTarget
+from cartier.streams import Fault, PoseUpdate, Stamped
 from cartier.types import (
     Answer,
+    AsOf,
     Camera,
     CandidateView,
     Detections,
     DetectorScoreModel,
     Door,
+    DriveProgress,
     Fact,
     Frame,
     Goal,
@@ -60,6 +69,7 @@ from cartier.vision.permission import Look
 __version__ = "0.1.0"
 __all__ = [
     "Answer",
+    "AsOf",
     "AssociationConfig",
     "BackendError",
     "Camera",
@@ -71,16 +81,24 @@ __all__ = [
     "Detector",
     "DetectorScoreModel",
     "Door",
+    "DriveProgress",
+    "DrivingRobot",
     "Encoder",
     "ExistenceConfig",
     "ExtentConfig",
     "Fact",
+    "Fault",
+    "Fleet",
+    "FleetAnswer",
     "Frame",
     "Goal",
     "Home",
     "InputError",
     "Inventory",
+    "KeptFrame",
     "KeyframesConfig",
+    "Live",
+    "LiveState",
     "Look",
     "MapObject",
     "Mapper",
@@ -92,6 +110,7 @@ __all__ = [
     "OrientedBox",
     "Place",
     "PointCloud",
+    "PoseUpdate",
     "ProcessedFrame",
     "Reasoner",
     "ReasonerError",
@@ -106,7 +125,9 @@ __all__ = [
     "RouteTarget",
     "Searchable",
     "Selection",
+    "Source",
     "SpatialIndex",
+    "Stamped",
     "TrueObject",
     "View",
     "VisionModel",

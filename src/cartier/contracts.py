@@ -1,4 +1,5 @@
-"""Backend interfaces: recordings, detectors, encoders, spatial indices, reasoners, vision models, robots and worlds.
+"""Backend interfaces: recordings, live sources, detectors, encoders, spatial indices, reasoners, vision models, robots
+and worlds.
 
 Each is a protocol, and a backend is any object that has its members. Members with a value are optional, and the value
 is what a backend without them is taken to have: those of a ``Detector`` stand in the protocol, those of the others in
@@ -9,17 +10,19 @@ head of ``types.py``.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from types import MappingProxyType
 from typing import Any, Protocol, runtime_checkable
 
+from cartier.streams import Event
 from cartier.types import (
     Array,
     Camera,
     CandidateView,
     Detections,
     DetectorScoreModel,
+    DriveProgress,
     Frame,
     Goal,
     Inventory,
@@ -97,6 +100,42 @@ class RecordingDefaults:
     """(4, 4): how the reader levelled the recorded poses (z up, floor at z = 0); None if it did not."""
     known_registration: tuple[float, float, float] | None = None
     """How the format's published depth lies on its colour, if that is known to be off: zoom, dx and dy in pixels."""
+
+
+class Source(Protocol):
+    """A stream of frames that are taken now, or played as if they were."""
+
+    name: str
+
+    def __iter__(self) -> Iterator[Event]:
+        """Listen.
+
+        Returns:
+            Frames, pose updates and faults as they come. Something is yielded at least once in a second: if nothing
+            arrives, a fault "silent" that says why. Stamps of frames rise, except after a fault "clock"; the indices
+            of frames count from 0. It ends when the stream ends, or after ``close``.
+
+        Raises:
+            CartierError: Nothing can be listened to.
+        """
+        ...
+
+    def close(self) -> None:
+        """End the stream, from any thread; twice is once."""
+        ...
+
+
+class SourceDefaults:
+    """Optional members of a Source."""
+
+    waits: bool = False
+    """Whether the stream may be held up, as a file can: then no frame is lost to a slow computer."""
+    recording: Recording | None = None
+    """The recording that is played, if the stream is one."""
+    notes: Sequence[str] = ()
+    """What it estimated or assumed so far, one line each."""
+    world_frame: str = "map"
+    """The name of the frame of its poses on the robot (REP-105)."""
 
 
 class Detector(Protocol):
@@ -402,6 +441,60 @@ class Robot(Protocol):
 
         Raises:
             CartierError: The goal was refused or could not be sent.
+        """
+        ...
+
+
+@runtime_checkable
+class DrivingRobot(Protocol):
+    """A robot that can be watched while it drives, and stopped. It has all that a ``Robot`` has."""
+
+    name: str
+
+    def go_to(self, goal: Goal) -> str:
+        """Send a goal, as a ``Robot`` does.
+
+        Args:
+            goal: Pose and path in the map frame (m, rad).
+
+        Returns:
+            One line that says what happened.
+
+        Raises:
+            CartierError: The goal was refused or could not be sent.
+        """
+        ...
+
+    def drive(self, goal: Goal) -> Iterator[DriveProgress]:
+        """Send a goal, and watch the robot until it has arrived, failed or was stopped.
+
+        Args:
+            goal: Pose and path in the map frame (m, rad).
+
+        Returns:
+            Progress, at least once in a second while the robot drives; the last one alone has ``ended``.
+
+        Raises:
+            CartierError: The goal was refused or could not be sent.
+        """
+        ...
+
+    def pose(self) -> tuple[float, float, float] | None:
+        """Where the robot is.
+
+        Returns:
+            x, y (m) and yaw (rad) in the map frame, or None if it does not say so.
+        """
+        ...
+
+    def stop(self) -> str:
+        """Stop the robot, from any thread; a ``drive`` ends as "stopped". Without a drive it does no harm.
+
+        Returns:
+            One line that says what was done.
+
+        Raises:
+            CartierError: The robot cannot be stopped from here.
         """
         ...
 

@@ -21,16 +21,18 @@ from cartier.errors import BackendError, InputError
 from cartier.home import Home
 from cartier.home.looking import look_for_answer
 from cartier.llm.prompts import check_query
-from cartier.mapping.config import MappingConfig
-from cartier.mapping.detection_cache import cached
-from cartier.mapping.keyframes import Keyframes
+from cartier.mapping.alignment import align as find_alignment
+from cartier.mapping.config import MappingConfig, config_for
+from cartier.mapping.detection_cache import cached, remembering
 from cartier.mapping.mapper import Mapper
-from cartier.mapping.prefetch import batch_size, prefetch
+from cartier.mapping.pose_graph import PoseGraph
+from cartier.mapping.reposed import Reposed
+from cartier.mapping.walk import integrate
 from cartier.navigation.planning import check_start, plan
 from cartier.navigation.routes import RoutePlan, plan_route
 from cartier.navigation.traction import traction_layer
 from cartier.route_rules import RouteRule
-from cartier.types import Answer, Frame, Goal, Place, RobotModel, Selection
+from cartier.types import Answer, Goal, Place, RobotModel, Selection
 from cartier.understanding import alarm
 from cartier.understanding.out_of_vocabulary import out_of_vocabulary_mention
 from cartier.understanding.route_rules import GO_ANYWAY, agrees
@@ -49,9 +51,13 @@ def map_home(
     config: MappingConfig | None = None,
     every: int | None = None,
     resume: Path | None = None,
+    mend_poses: bool = True,
+    align: bool | Home = False,
     progress: Callable[[int, int], None] | None = None,
 ) -> Home:
     """Map a recording. Frames are read a few at a time; all of them make the floor plan, keyframes get detections.
+
+    Poses that drift are corrected by what depth shows, and the recording is mapped again with them.
 
     Args:
         recording: What ``open_recording`` or a world gives.
@@ -65,13 +71,17 @@ def map_home(
         every: Run the detector on each ``every``-th frame (1 for all) instead of on keyframes, which show something
             new.
         resume: A file that keeps the detections of finished frames, so that a run that was killed can be continued.
+        mend_poses: Whether poses that drift are corrected; the world stays that of the first frame.
+        align: Whether the recording has a world of its own, and is to be moved into that of ``onto``: objects and walls
+            must agree where it belongs. Or the home that was mapped from it apart, so that this is not done again.
         progress: Called after each frame with the number of frames done and of all frames.
 
     Returns:
         The home. Mapping the same recording with the same settings gives the same home.
 
     Raises:
-        InputError: The recording is empty or broken, nothing was detected in it, or it does not go with ``onto``.
+        InputError: The recording is empty or broken, nothing was detected in it, or it does not go with ``onto``, or
+            cannot be aligned with it.
 
     Example:
         >>> import cartier
@@ -83,22 +93,28 @@ def map_home(
     """
     if not len(recording):
         raise InputError(f"recording {recording.name} holds no frames")
+    if align and onto is None:
+        raise InputError("aligning needs a home to align with: onto")
+    apart = Mapper(detector, config=config_for(config, onto)) if align is True else None
     mapper = Mapper(detector, indexes, encoder=encoder, onto=onto, config=config)
     if onto is not None and mapper.contains(recording):
         return onto
-    keyframes, processed, waiting = Keyframes(every, mapper.config.keyframes), 0, list[Frame]()
-    batch = batch_size(detector, recording.camera)
+    aligned = None if onto is None or not isinstance(align, Home) else find_alignment(onto, align)
+    recording = recording if aligned is None else Reposed(recording, aligned.pose)
     with cached(detector, resume, recording.fingerprint()) as detect:
-        for done, frame in enumerate(prefetch(recording, batch), 1):
-            waiting += keyframes.push(frame) if mapper.integrate_depth(frame) else []
-            waiting += keyframes.flush() if done == len(recording) else []
-            if len(waiting) >= batch or done == len(recording):
-                for keyframe, detections in zip(waiting, detect(waiting), strict=True):
-                    mapper.integrate_detections(keyframe, detections)
-                processed, waiting = processed + len(waiting), []
-            if progress:
-                progress(done, len(recording))
-    mapper.finish(recording, processed)
+        detect, graph = remembering(detect), PoseGraph()
+        processed = integrate(apart or mapper, recording, detect, every, graph, progress)
+        mended = graph.mend() if mend_poses else None
+        if mended is not None:
+            recording = Reposed(recording, mended.pose)
+            apart = None if apart is None else Mapper(detector, config=config_for(config, onto))
+            mapper = Mapper(detector, indexes, encoder=encoder, onto=onto, config=config)
+            processed = integrate(apart or mapper, recording, detect, every, None, progress)
+        if apart is not None and onto is not None:
+            aligned = find_alignment(onto, replace(apart.home(), name=recording.name))
+            recording = Reposed(recording, aligned.pose)
+            processed = integrate(mapper, recording, detect, every, None, progress)
+    mapper.finish(recording, processed, mended, aligned)
     return mapper.home()
 
 

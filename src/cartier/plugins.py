@@ -22,13 +22,13 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, Literal, overload
 
-from cartier.contracts import Detector, Encoder, Reasoner, Recording, Robot, SpatialIndex, VisionModel, World
+from cartier.contracts import Detector, Encoder, Reasoner, Recording, Robot, Source, SpatialIndex, VisionModel, World
 from cartier.errors import BackendError, InputError, MissingExtra
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoints
 
-KINDS = ("recordings", "detectors", "encoders", "indexes", "reasoners", "vision", "robots", "worlds")
+KINDS = ("recordings", "sources", "detectors", "encoders", "indexes", "reasoners", "vision", "robots", "worlds")
 PACKAGE = Path(__file__).parent
 
 
@@ -53,6 +53,8 @@ def backends(kind: str) -> list[Backend]:
 
 
 @overload
+def make(kind: Literal["sources"], name: str, **options: Any) -> Source: ...
+@overload
 def make(kind: Literal["detectors"], name: str, **options: Any) -> Detector: ...
 @overload
 def make(kind: Literal["encoders"], name: str, **options: Any) -> Encoder: ...
@@ -70,7 +72,7 @@ def make(kind: str, name: str, **options: Any) -> Any:
     """Make a backend.
 
     Args:
-        kind: "detectors", "encoders", "indexes", "reasoners", "vision", "robots" or "worlds".
+        kind: "sources", "detectors", "encoders", "indexes", "reasoners", "vision", "robots" or "worlds".
         name: A name that ``cartier list`` shows, or the path to a .py file.
         **options: The options of its factory, which ``cartier list`` names.
 
@@ -124,12 +126,12 @@ def open_recording(path: str | Path, format: str | None = None, **options: Any) 
     options = {n: tuple(v) if isinstance(v, list) else v for n, v in options.items()}  # as fingerprints have them
     if not path.exists():
         raise InputError(f"{path} does not exist")
-    names = [format] if format else _formats_of(path)
+    names = [format] if format else formats_of(path)
     if not names:
         known = ", ".join(b.name for b in backends("recordings"))
         hints = importlib.import_module("cartier.recordings.hints")  # it lies above this module, as the readers do
         generic = f"the formats are {known}, and 'cartier list' says what each one looks like"
-        raise InputError(f"{path} is no recording that cartier knows: {hints.what_else(path, _formats_of) or generic}")
+        raise InputError(f"{path} is no recording that cartier knows: {hints.what_else(path, formats_of) or generic}")
     if len(names) > 1:
         raise InputError(f"{path} may be one of {', '.join(names)}: say which with --format (in Python, format=…)")
     recording: Recording = _call("recordings", names[0], "open", (path,), options)
@@ -139,7 +141,8 @@ def open_recording(path: str | Path, format: str | None = None, **options: Any) 
     return recording
 
 
-def _formats_of(path: Path) -> list[str]:
+def formats_of(path: Path) -> list[str]:
+    """The formats of recordings that recognise a path."""
     return [b.name for b in backends("recordings") if _load("recordings", b.name).matches(path)]
 
 

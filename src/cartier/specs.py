@@ -14,7 +14,7 @@ from cartier.home import Home
 from cartier.llm.client import server_asked, without_credentials
 from cartier.mapping.domain import DOLLHOUSE, is_from_world
 from cartier.reasoners.auto import configured
-from cartier.types import CandidateView, RobotModel, VisualQuestion
+from cartier.types import CandidateView, Frame, Goal, RobotModel, VisualQuestion
 from cartier.vision.permission import Look
 
 DETECTOR = "embedded"
@@ -100,6 +100,24 @@ def robot(spec: str, home: Home, model: RobotModel) -> Robot:
     name, _, where = spec.partition(":")
     told = {"home": where or home.name, "radius_m": model.radius_m}
     return plugins.make("robots", name, **(told if plugins.takes("robots", name, "home") else {}))
+
+
+def camera_at_goals(spec: str, home: Home, model: RobotModel) -> Callable[[Goal], Frame] | None:
+    """What the camera of a robot shows at a goal that it drove to, by the robot's NAME or NAME:PATH.
+
+    None for a robot whose camera cartier does not reach; so far only the simulated one's is.
+    """
+    name, _, where = spec.partition(":")
+    if name != "dollhouse":
+        return None
+    from cartier.worlds.dollhouse.drive import frame_at
+
+    world: Any = plugins.make("worlds", name)
+    driven = where or home.name
+    while driven.startswith(f"{name} "):
+        driven = driven.removeprefix(f"{name} ")
+    scene = world.scene(driven)
+    return lambda goal: frame_at(scene, goal, eye_m=model.camera_height_m)
 
 
 def _numbers(text: str, spec: str) -> dict[str, Any]:

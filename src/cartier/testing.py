@@ -9,7 +9,9 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Callable, Mapping, Sequence
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import cache
@@ -17,8 +19,10 @@ from functools import cache
 import numpy as np
 
 from cartier import plugins
+from cartier.blob_stores import BlobStore
 from cartier.contracts import (
     Detector,
+    DrivingRobot,
     Encoder,
     EncoderDefaults,
     FrameIndex,
@@ -29,6 +33,8 @@ from cartier.contracts import (
     RecordingDefaults,
     Robot,
     Searchable,
+    Source,
+    SourceDefaults,
     SpatialIndex,
     World,
     optional,
@@ -37,7 +43,8 @@ from cartier.errors import CartierError, brief, check_pose
 from cartier.labels import display_name
 from cartier.mapping.detection_cache import detecting
 from cartier.mapping.object_map import ObjectMap
-from cartier.types import Array, Detections, DetectorScoreModel, Frame, Goal, Inventory, Place
+from cartier.streams import Fault, PoseUpdate, Stamped
+from cartier.types import Array, Detections, DetectorScoreModel, DriveProgress, Frame, Goal, Inventory, Place
 
 REQUESTS = (
     "my feet hurt",
@@ -50,6 +57,8 @@ REQUESTS = (
     "?",
 )
 """Requests of ``check_reasoner``: needs, and words that try to bring in an object that is not in the inventory."""
+DRIVE_LIMIT_S = 60.0  # to find that no robot takes the goal
+QUIET_LIMIT_S = 1.5  # the contract's second, and what a busy computer adds
 LISTS = (
     ("chair",),
     ("chair", "chairs", "Chair", "coffee machine", "machine"),
@@ -323,6 +332,8 @@ def check_reasoner(make: Callable[[], Reasoner], requests: Sequence[str] = REQUE
 def check_robot(make: Callable[[], Robot], goal: Goal | None = None) -> None:
     """Check that a goal is sent or refused with a CartierError, and that one line says which. The robot may drive!
 
+    One that can be watched must tell its drive in time to the end, be where it says, and obey a stop.
+
     Args:
         make: Makes the robot.
         goal: The goal to send, by default one at x = 1 m, y = 1 m.
@@ -340,7 +351,60 @@ def check_robot(make: Callable[[], Robot], goal: Goal | None = None) -> None:
     except CartierError as error:
         told = str(error)
     _line(told, "what it says of a goal")
+    if isinstance(robot, DrivingRobot):
+        _check_drive(robot, goal)
+        _check_stop(robot, goal)
     _check(np.array_equal(goal.path, before), "it changed the goal's path")
+
+
+def _check_drive(robot: DrivingRobot, goal: Goal) -> None:
+    """A drive is told at least once in a second until it ends; who has arrived is at the goal."""
+    told, heard_s = list[DriveProgress](), time.monotonic()
+    try:
+        told += _told_in_time(robot.drive(goal))
+    except CartierError as error:
+        _check(time.monotonic() - heard_s < DRIVE_LIMIT_S, "a refusal takes too long")
+        _line(str(error), "why it does not drive")
+        return
+    _check(bool(told) and told[-1].ended, "a drive must end with progress that has ended")
+    pose = robot.pose()
+    _check(pose is None or (bool(np.isfinite(pose).all()) and len(pose) == 3), f"pose() must be x, y, yaw, got {pose}")
+    if told[-1].status == "arrived":
+        _check(pose is not None, "who has arrived must say where it is")
+        assert pose is not None
+        off_m, off_rad = math.dist(pose[:2], (goal.x, goal.y)), abs(math.remainder(pose[2] - goal.yaw, math.tau))
+        _check(off_m <= 0.5 and off_rad <= 0.5, f"it says that it arrived, {off_m:.2f} m and {off_rad:.2f} rad off")
+
+
+def _check_stop(robot: DrivingRobot, goal: Goal) -> None:
+    """A drive that is stopped ends so; the next one begins anew."""
+    try:
+        events = _told_in_time(robot.drive(goal))
+        first = next(events)
+        if first.ended:
+            return
+        thread = threading.Thread(target=lambda: _line(robot.stop(), "what it says when it is stopped"))
+        thread.start()
+        statuses = [first.status, *(each.status for each in events)]
+        thread.join()
+        _check(statuses[-1] in ("stopped", "arrived"), f"a drive that was stopped ended as {statuses[-1]!r}")
+        again = next(_told_in_time(robot.drive(goal)))
+        _check(again.status != "stopped", "a stop still holds for the next drive")
+        robot.stop()
+    except CartierError as error:
+        _line(str(error), "why it cannot be stopped")
+
+
+def _told_in_time(drive: Iterator[DriveProgress]) -> Iterator[DriveProgress]:
+    begin_s = heard_s = time.monotonic()
+    ended = False
+    for progress in drive:
+        quiet_s = time.monotonic() - heard_s
+        _check(not ended, f"progress {progress.status!r} comes after the end")
+        _check(quiet_s <= QUIET_LIMIT_S or heard_s == begin_s, f"a drive was silent for {quiet_s:.1f} s")
+        ended = progress.ended
+        yield progress
+        heard_s = time.monotonic()
 
 
 def check_world(make: Callable[[], World], home: str | None = None) -> None:
@@ -377,6 +441,55 @@ def check_world(make: Callable[[], World], home: str | None = None) -> None:
             raise AssertionError("an unknown home must be refused with a CartierError")
 
 
+def check_source(make: Callable[[], Source], most: int = 40, ends: bool = True) -> list[Stamped]:
+    """Check that a source never falls silent without a word, that stamps rise and indices count, and that it ends.
+
+    Args:
+        make: Makes the source; its stream should be short.
+        most: After how many frames it is closed.
+        ends: Whether the stream ends by itself; one that does not must end when it is closed.
+
+    Returns:
+        The frames.
+
+    Raises:
+        AssertionError: The source breaks the contract ``Source``.
+    """
+    source = make()
+    _line(source.name, "its name")
+    _check(isinstance(optional(source, SourceDefaults, "waits"), bool), "waits must be True or False")
+    frames, last_ns, heard_s, closed = list[Stamped](), -1, time.monotonic(), False
+    for event in source:
+        quiet_s = time.monotonic() - heard_s
+        _check(quiet_s <= QUIET_LIMIT_S, f"it was silent for {quiet_s:.1f} s: yield a fault 'silent' once in a second")
+        if isinstance(event, Fault):
+            last_ns = -1 if event.reason == "clock" else last_ns
+        elif isinstance(event, Stamped):
+            where = f"frame {len(frames)}"
+            _check(event.stamp_ns > last_ns, f"{where}: its stamp, {event.stamp_ns} ns, is not after {last_ns} ns")
+            _check(event.frame.index == len(frames), f"{where} has index {event.frame.index}")
+            _check(not closed, f"{where} comes after close()")
+            last_ns = event.stamp_ns
+            frames.append(event)
+        else:
+            _check(isinstance(event, PoseUpdate), f"it yields {type(event).__name__}, which is no event")
+        enough = len(frames) >= most or (not ends and isinstance(event, Fault) and event.reason == "silent" and frames)
+        if enough and not closed:
+            closed = True
+            threading.Thread(target=source.close).start()
+            source.close()
+        heard_s = time.monotonic()
+    _check(closed or ends, "it ended by itself")
+    _lines(optional(source, SourceDefaults, "notes"), "its notes")
+    _line(optional(source, SourceDefaults, "world_frame"), "its world_frame")
+    played = optional(source, SourceDefaults, "recording")
+    if played is not None and not closed:
+        count = len(played)
+        _check(len(frames) <= count, f"it sent {len(frames)} frames of a recording of {count}")
+    source.close()
+    return frames
+
+
 @cache
 def _sample() -> Recording:
     return plugins.make("worlds", "dollhouse", width=160, height=120).explore("studio", max_frames=10)
@@ -399,6 +512,78 @@ def _truth() -> Detector:
 def _check(holds: bool, message: str) -> None:
     if not holds:
         raise AssertionError(message)
+
+
+def check_blob_store(make: Callable[[], BlobStore], writers: int = 8) -> None:
+    """Check the verbs of a blob store, that each may be repeated, and that of many writers one wins.
+
+    Args:
+        make: Opens the store, which is empty at first; each call may be another client of it.
+        writers: How many clients write at once.
+
+    Raises:
+        AssertionError: The store breaks the contract ``BlobStore``.
+    """
+    store, other = make(), make()
+    _check(isinstance(store, BlobStore), "it has not all that cartier.blob_stores.BlobStore has")
+    _check(store.list() == [] and store.get("a/none") is None, "it must be empty at first")
+    store.delete("a/none")
+    _check(not store.swap("a/none", b"new", "any"), "swap must refuse where nothing is")
+    store.put("a/x.bin", b"one")
+    store.put("a/x.bin", b"two")
+    first = other.get("a/x.bin")
+    _check(first is not None and first.data == b"two", "what was put last must be got, by any client")
+    assert first is not None
+    _check(not store.create("a/x.bin", b"three"), "create must refuse where other bytes are")
+    _check(store.create("a/y", b"") and store.create("a/y", b""), "create must succeed, and again with the same bytes")
+    _check(store.swap("a/x.bin", b"three", first.version), "swap must write over the version that it names")
+    _check(store.swap("a/x.bin", b"three", first.version), "a swap that arrives twice must succeed twice")
+    _check(not other.swap("a/x.bin", b"four", first.version), "swap must refuse a version that is gone")
+    held = store.get("a/x.bin")
+    _check(held is not None and held.data == b"three" and held.version != first.version, "each swap is another version")
+    store.put("ab/z", bytes(range(256)) * 40_000)
+    _check(store.list("a/") == ["a/x.bin", "a/y"], f"list must give the keys below a prefix, got {store.list('a/')}")
+    _check(store.list() == ["a/x.bin", "a/y", "ab/z"], "list must give all keys, sorted")
+    large = other.get("ab/z")
+    _check(large is not None and large.data == bytes(range(256)) * 40_000, "ten megabytes must come back as they were")
+    for key in ("", "/a", "../a", "a/../b", "a//b", "a/", ".hidden", "a b", "a\\b", "a\0", "é"):
+        for verb in (store.get, store.delete, lambda key: store.put(key, b""), lambda key: store.create(key, b"")):
+            try:
+                verb(key)
+            except CartierError:
+                continue
+            raise AssertionError(f"{key!r} is no key and must be refused")
+    for key in ("a/x.bin", "a/y", "ab/z"):
+        store.delete(key)
+    _check(other.list() == [] and other.get("a/y") is None, "what was deleted must be gone")
+    _check_races(make, writers)
+
+
+def _check_races(make: Callable[[], BlobStore], writers: int) -> None:
+    """Of writers that create a key or swap a version at once, one wins; of many increments none is lost."""
+    stores = [make() for _ in range(writers)]
+    with ThreadPoolExecutor(writers) as pool:
+        for number in range(5):
+            won = [*pool.map(lambda k, n=number: stores[k].create(f"race/{n}", f"{k}".encode()), range(writers))]
+            held = stores[0].get(f"race/{number}")
+            _check(won.count(True) == 1, f"{won.count(True)} of {writers} writers created one key")
+            _check(held is not None and int(held.data) == won.index(True), "the key must hold what its winner wrote")
+        stores[0].put("race/count", b"0 start")
+
+        def increment(k: int) -> None:
+            for number in range(3):
+                while True:
+                    held = stores[k].get("race/count")
+                    assert held is not None
+                    count = int(held.data.split()[0]) + 1
+                    if stores[k].swap("race/count", f"{count} by {k}, {number}".encode(), held.version):
+                        break
+
+        [*pool.map(increment, range(writers))]
+    held = stores[0].get("race/count")
+    _check(held is not None and held.data.split()[0] == b"%d" % (3 * writers), "of increments by swap none may be lost")
+    for key in stores[0].list("race/"):
+        stores[0].delete(key)
 
 
 def _line(text: str, what: str) -> None:

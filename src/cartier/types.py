@@ -885,6 +885,38 @@ class VisualTrace:
         }  # fmt: skip
 
 
+DRIVE_ENDS = ("arrived", "failed", "stopped", "unknown")
+"""How a drive can end; "unknown" is one that began and cannot be watched."""
+
+
+@dataclass(frozen=True)
+class DriveProgress:
+    """How far a robot is on its way to a goal, or how the drive ended.
+
+    Args:
+        status: "driving", or one of ``DRIVE_ENDS``.
+        text: One line that says so, with the reason if it did not arrive.
+        pose: x, y (m) and yaw (rad) of the robot in the map frame; None if it is not known.
+        left_m: How far the goal still is (m); None if it is not known.
+    """
+
+    status: str
+    text: str
+    pose: tuple[float, float, float] | None = None
+    left_m: float | None = None
+
+    def __post_init__(self) -> None:
+        need(self.status in ("driving", *DRIVE_ENDS), f"a drive is driving or {', '.join(DRIVE_ENDS)}: {self.status!r}")
+        need(bool(self.text.strip()) and "\n" not in self.text, f"progress of a drive is one line, got {self.text!r}")
+        if self.pose is not None:
+            finite(self.pose, 3, "the pose of a robot")
+
+    @property
+    def ended(self) -> bool:
+        """Whether the drive is over."""
+        return self.status != "driving"
+
+
 @dataclass(frozen=True, eq=False)
 class OccupancyGrid:
     """A floor plan.
@@ -951,6 +983,25 @@ class OccupancyGrid:
         return int(self.cells[row, col]) if inside else UNKNOWN
 
 
+@dataclass(frozen=True)
+class AsOf:
+    """Of which moment of a live map an answer is.
+
+    Args:
+        age_s: How old the newest frame in it is (s).
+        floor_seen: Which share of the floor was looked at, an estimate from 0 to 1.
+        frame_epoch: How often the map was moved by corrected poses; a goal of an older epoch is void.
+        correcting: Whether the map is being corrected, so that places may change.
+        not_seen_yet: Whether what was asked for may be where nobody has looked yet.
+    """
+
+    age_s: float
+    floor_seen: float
+    frame_epoch: int = 0
+    correcting: bool = False
+    not_seen_yet: bool = False
+
+
 @dataclass(frozen=True, eq=False)
 class Answer:
     """The answer to one request, with its whole trace.
@@ -967,6 +1018,7 @@ class Answer:
         next: The answers to further needs in the same words, in order; each goal is planned from where the last one
             ends.
         look: How photographs were looked at for it, or None.
+        as_of: Of which moment it is, for a home that is being mapped; else None.
     """
 
     query: str
@@ -982,6 +1034,7 @@ class Answer:
     encoder: str | None = None
     next: tuple[Answer, ...] = ()
     look: VisualTrace | None = None
+    as_of: AsOf | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """The answer as plain JSON values.
@@ -1003,4 +1056,8 @@ class Answer:
             "reasoner": self.reasoner, "index": self.index, "encoder": self.encoder, "detector": self.detector,
             "home": self.home, "timing_ms": {step: round(ms, 2) for step, ms in self.timing_ms.items()},
             "notes": list(self.notes), "next": [answer.to_dict() for answer in self.next],
-        } | ({} if self.look is None else {"look": self.look.to_dict()})  # fmt: skip
+        } | self._extras()  # fmt: skip
+
+    def _extras(self) -> dict[str, Any]:
+        looked = {} if self.look is None else {"look": self.look.to_dict()}
+        return looked | ({} if self.as_of is None else {"as_of": asdict(self.as_of)})

@@ -169,6 +169,8 @@ def test_the_seed_decides_the_draws() -> None:
 BROKEN = [
     ([row("h", "q", "nlmap"), row("h", "q", "nlmap")], "nlmap answered 'q' in 'h' twice"),
     ([row("h", "q", "nlmap"), row("h", "p", "nlmap", detector="other")], "in 'h' with two detectors"),
+    ([row("h", "q", "nlmap"), row("h", "p", "nlmap", reasoner="other")], "in 'h' with two reasoners"),
+    ([row("h", "q", "nlmap"), row("h", "p", "nlmap", status="alarm", detector="other")], "in 'h' with two detectors"),
     ([row("h", "q", "nlmap", distance_m=-1.0)], "result 1: distance_m: input should be greater than or equal to 0"),
     ([row("h", "q", "nlmap", distance_m=float("nan"))], "result 1: distance_m: input should be a finite number"),
     ([row("h", "q", "nlmap", match="yes")], "result 1: match: input should be a valid boolean"),
@@ -186,6 +188,11 @@ def test_broken_rows_are_named_in_one_line(rows: list[Any], fault: str) -> None:
     with pytest.raises(InputError) as caught:
         summarise(rows, resamples=FEW)
     assert fault in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_an_alarm_comes_before_any_reasoner() -> None:
+    alarm = row("h", "p", "nlmap", status="alarm", object=None, match=False, reasoner="alarm screen")
+    assert summarise([row("h", "q", "nlmap"), alarm], resamples=FEW)["methods"]
 
 
 def test_too_few_resamples_are_refused() -> None:

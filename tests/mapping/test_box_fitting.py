@@ -9,8 +9,18 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from cartier.mapping.box_fitting import agreed_surface, agreement, decoded, flying, on_top, sides_seen, surface_box
+from cartier.mapping.box_fitting import (
+    about_z,
+    agreed_surface,
+    agreement,
+    decoded,
+    flying,
+    on_top,
+    sides_seen,
+    surface_box,
+)
 from cartier.mapping.config import DEFAULT_CONFIG, ExtentConfig, MappingConfig
+from cartier.mapping.furniture import FLAT_TOPPED, STANDING, shapes
 from cartier.mapping.object_map import ObjectMap
 from cartier.mapping.observation import PATCH_KIND, PATCHES_KEPT, keep_patches
 from cartier.types import Camera, Detections, DetectorScoreModel, Frame
@@ -193,3 +203,71 @@ def test_low_surface_reaches_the_floor_and_a_hung_one_does_not() -> None:
 def test_nothing_shown_is_no_surface() -> None:
     assert len(agreed_surface(np.zeros(PATCHES_KEPT, PATCH_KIND), 0.9)[0]) == 0
     assert surface_box(np.zeros((3, 3)), True) is None
+
+
+def table(clutter: bool) -> np.ndarray:
+    """The upper part of a table of 140 x 80 x 75 cm; with a lamp on it and a chair before it."""
+    rng = np.random.default_rng(0)
+    top = rng.uniform([0, 0, 0.74], [1.4, 0.8, 0.76], (600, 3))
+    apron = rng.uniform([0, 0, 0.6], [1.4, 0.02, 0.76], (100, 3))
+    lamp, chair = (
+        rng.uniform([0.2, 0.2, 0.76], [0.4, 0.4, 1.1], (40, 3)),
+        rng.uniform([0.4, -0.5, 0.42], [0.8, 0, 0.46], (60, 3)),
+    )
+    return np.concatenate([top, apron, lamp, chair] if clutter else [top, apron])
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.4])
+def test_table_ends_at_its_top_and_at_the_floor(yaw: float) -> None:
+    points = table(clutter=True) @ about_z(yaw).T
+    (shape,) = shapes(["DiningTable"])
+    box = surface_box(points, False, yaw, int(shape))
+    assert box is not None
+    np.testing.assert_allclose(box, [[0, 0, 0], [1.4, 0.8, 0.76]], atol=0.04)
+    bare = surface_box(points, False, yaw)
+    assert bare is not None and bare[1, 2] > 1 and bare[0, 1] < -0.4 and bare[0, 2] > 0.4, (
+        "nothing is known of its name"
+    )
+
+
+def test_worktop_ends_at_its_top_only() -> None:
+    (shape,) = shapes(["counter top"])
+    box = surface_box(table(clutter=True), False, 0.0, int(shape))
+    assert box is not None and box[1, 2] < 0.78 and box[0, 1] < -0.4 and box[0, 2] > 0.4
+
+
+def test_low_shelf_is_no_top() -> None:
+    rng = np.random.default_rng(0)
+    shelf, sides = (
+        rng.uniform([0, 0, 0.3], [1, 0.4, 0.31], (300, 3)),
+        rng.uniform([0, 0, 0.3], [1, 0.02, 1.2], (300, 3)),
+    )
+    box = surface_box(np.concatenate([shelf, sides]), False, 0.0, FLAT_TOPPED | STANDING)
+    assert box is not None and box[1, 2] > 1.1
+
+
+def test_masks_need_no_names() -> None:
+    points = table(clutter=True)
+    np.testing.assert_array_equal(surface_box(points, True, 0.0, FLAT_TOPPED | STANDING), surface_box(points, True))
+
+
+def test_shapes_are_by_name() -> None:
+    assert shapes(["Desk", "arm_chair", "counter top", "mug"]).tolist() == [
+        STANDING | FLAT_TOPPED, STANDING, FLAT_TOPPED, 0
+    ]  # fmt: skip
+
+
+def test_another_label_fits_the_box_anew() -> None:
+    known = ObjectMap(DetectorScoreModel())
+    for number in range(4):
+        frame, box, _ = seen(number, 60 + 30 * number)
+        known.add(frame, Detections(number, box[None], np.array([0.9]), ("box",)))
+    columns = known.columns()
+    known.objects()
+    assert columns["fit_shape"].tolist() == [0]
+    for number in range(4, 28):  # weaker, so that no view is replaced
+        frame, box, _ = seen(number, 60 + 30 * (number % 4))
+        known.add(frame, Detections(number, box[None], np.array([0.5]), ("bench",)))
+    assert not known.columns()["fit_is_stale"].any()
+    known.objects()
+    assert known.columns()["fit_shape"].tolist() == [STANDING | FLAT_TOPPED]

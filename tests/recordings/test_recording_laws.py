@@ -38,7 +38,8 @@ def layout(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
 
 
 def test_every_format_is_under_the_laws() -> None:
-    assert {b.name for b in plugins.backends("recordings")} == {name.split("-")[0] for name in LAYOUTS}
+    """But for a spool, which is one file that this program wrote: tests/io/test_spool.py holds it to its laws."""
+    assert {b.name for b in plugins.backends("recordings")} - {"spool"} == {name.split("-")[0] for name in LAYOUTS}
 
 
 def test_the_readers_take_a_file_of_the_right_name_for_nothing_else(tmp_path: Path) -> None:

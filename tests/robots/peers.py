@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import queue
 import random
+import shutil
 import subprocess
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 
 import numpy as np
+import pytest
 
 from cartier.types import Answer, Goal, Place, Selection
 
@@ -20,6 +24,37 @@ LOOPBACK = (
     '<Peers><Peer address="localhost"/></Peers><MaxAutoParticipantIndex>20</MaxAutoParticipantIndex></Discovery>'
     "</Domain></CycloneDDS>"
 )
+
+HOME = """
+name: tiny
+about: One room for tests.
+start: [1.0, 1.0]
+rooms:
+  - {name: parlour, kind: living room, box: [0.0, 0.0, 4.0, 3.0], floor: "planks:oak", walls: "paint:cream"}
+things:
+  - {type: DiningTable, at: [2.4, 1.2], face: south, size: [1.0, 0.8, 0.75]}
+"""
+NEEDS = "libfastrtps-dev libfastcdr-dev fastddsgen g++"
+
+
+def fastdds_program(config: pytest.Config, sources: Path) -> Path:
+    """A peer in C++, built once for each state of its sources: that takes some seconds."""
+    if not (shutil.which("fastddsgen") and shutil.which("g++") and Path("/usr/include/fastdds").is_dir()):
+        pytest.skip(f"needs Fast DDS for C++: apt-get install {NEEDS}")
+    digest = hashlib.sha256(b"".join(file.read_bytes() for file in sorted(sources.iterdir()))).hexdigest()
+    folder = Path(config.cache.mkdir(sources.name)) / digest[:16]
+    if not (folder / "peer").is_file():
+        shutil.copytree(sources, folder, dirs_exist_ok=True)
+        (idl,) = sources.glob("*.idl")
+        for command in (
+            ["fastddsgen", "-replace", idl.name],
+            ["g++", "-std=c++17", "-O0", "-o", "peer.new", "peer.cpp", f"{idl.stem}.cxx", f"{idl.stem}PubSubTypes.cxx",
+             "-lfastrtps", "-lfastcdr"],
+        ):  # fmt: skip
+            built = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=240)
+            assert built.returncode == 0, built.stdout + built.stderr
+        (folder / "peer.new").rename(folder / "peer")
+    return folder / "peer"
 
 
 def goal_at(x: float, y: float, yaw: float, label: str = "chair") -> Goal:

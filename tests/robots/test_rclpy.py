@@ -21,11 +21,14 @@ GOAL = goal_at(2.5, -1.25, 1.9)
 
 
 class StandIn:
-    """A ROS whose one action server is as told: absent, silent, refusing or willing."""
+    """A ROS whose one action server is as told: absent, silent, refusing or willing.
 
-    def __init__(self, server: str) -> None:
+    A drive takes three spins and ends with ``status``; a request to cancel ends it as cancelled.
+    """
+
+    def __init__(self, server: str, status: int = 4, why: str = "") -> None:
         self.server, self.sent, self.inits, self.open = server, [], [], 0
-        self.action = ""
+        self.action, self.status, self.why, self.spins, self.feedback = "", status, why, 0, None
 
     def install(self, monkeypatch: pytest.MonkeyPatch) -> None:
         rclpy = self._module("rclpy", init=self.init, shutdown=self.shutdown, create_node=self.create_node)
@@ -76,15 +79,37 @@ class StandIn:
             wait_for_server=lambda timeout_sec=None: self.server != "absent", send_goal_async=self.send
         )
 
-    def send(self, goal: Any) -> Any:
+    def send(self, goal: Any, feedback_callback: Any = None) -> Any:
         self.sent.append(goal)
-        return SimpleNamespace(
-            done=lambda: self.server != "silent", result=lambda: SimpleNamespace(accepted=self.server == "willing")
+        self.feedback = feedback_callback
+        handle = SimpleNamespace(
+            accepted=self.server == "willing", get_result_async=self.drive, cancel_goal_async=self.cancel
         )
+        return SimpleNamespace(done=lambda: self.server != "silent", result=lambda: handle)
+
+    def drive(self) -> Any:
+        told = SimpleNamespace(error_code=104, error_msg=self.why)
+        return SimpleNamespace(
+            done=lambda: self.spins >= 3, result=lambda: SimpleNamespace(status=self.status, result=told), driving=True
+        )
+
+    def cancel(self) -> Any:
+        self.spins, self.status = 3, 5
+        return SimpleNamespace(done=lambda: True)
 
     def spin(self, node: Any, future: Any, executor: Any = None, timeout_sec: float | None = None) -> None:
         assert executor.context is node.context
         assert timeout_sec is not None
+        if hasattr(future, "driving"):
+            self.spins += 1
+            position, turn = (
+                SimpleNamespace(x=self.spins / 2, y=1.0, z=0.0),
+                SimpleNamespace(z=math.sin(0.5), w=math.cos(0.5)),
+            )
+            pose = SimpleNamespace(pose=SimpleNamespace(position=position, orientation=turn))
+            self.feedback(
+                SimpleNamespace(feedback=SimpleNamespace(current_pose=pose, distance_remaining=3.0 - self.spins))
+            )
 
 
 def test_the_goal_is_sent_as_an_action_and_its_acceptance_said(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -117,3 +142,39 @@ def test_each_failure_is_said(server: str, complaint: str, monkeypatch: pytest.M
     with pytest.raises(BackendError, match=complaint):
         plugins.make("robots", "ros2", domain=7, timeout_s=0.5).go_to(GOAL)
     assert ros.open == 0
+
+
+@pytest.mark.parametrize(
+    ("status", "why", "ends", "says"),
+    [
+        (4, "", "arrived", "Nav2 says that it arrived at the chair"),
+        (6, "no\nvalid path", "failed", "Nav2 gave up the drive to the chair: no valid path"),
+        (6, "", "failed", "error 104"),
+        (5, "", "stopped", "was cancelled"),
+    ],
+)
+def test_a_drive_tells_the_feedback_and_the_result(
+    status: int, why: str, ends: str, says: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ros = StandIn("willing", status, why)
+    ros.install(monkeypatch)
+    robot = plugins.make("robots", "ros2", domain=7)
+    told = list(robot.drive(GOAL))
+    assert [(each.status, each.left_m) for each in told[:-1]] == [("driving", 2.0), ("driving", 1.0)]
+    assert told[0].pose == (0.5, 1.0, pytest.approx(1.0))
+    assert told[-1].status == ends
+    assert says in told[-1].text
+    assert robot.pose() == ((GOAL.x, GOAL.y, GOAL.yaw) if ends == "arrived" else (1.5, 1.0, pytest.approx(1.0)))
+    assert ros.open == 0
+
+
+def test_a_stop_cancels_the_action(monkeypatch: pytest.MonkeyPatch) -> None:
+    ros = StandIn("willing")
+    ros.install(monkeypatch)
+    robot = plugins.make("robots", "ros2", domain=7)
+    assert robot.stop() == "nothing was driving: only a drive can be cancelled"
+    drive = robot.drive(GOAL)
+    next(drive)
+    assert robot.stop() == "the drive is being cancelled"
+    assert list(drive)[-1].status == "stopped"
+    assert ros.status == 5

@@ -11,7 +11,7 @@ import pytest
 import yaml
 from hypothesis import example, given
 from hypothesis import strategies as st
-from peers import answer, goal_at
+from peers import HOME, answer, goal_at
 
 from cartier import plugins
 from cartier.contracts import Robot
@@ -100,15 +100,6 @@ def test_the_printed_command_holds_the_goal(x: float, y: float, yaw: float) -> N
     assert forward == pytest.approx((math.cos(yaw), math.sin(yaw)), abs=1e-5)
 
 
-HOME = """
-name: tiny
-about: One room for tests.
-start: [1.0, 1.0]
-rooms:
-  - {name: parlour, kind: living room, box: [0.0, 0.0, 4.0, 3.0], floor: "planks:oak", walls: "paint:cream"}
-things:
-  - {type: DiningTable, at: [2.4, 1.2], face: south, size: [1.0, 0.8, 0.75]}
-"""
 TABLE = Place("dining table", (2.4, 1.2, 0.7), 1.0, 0, None, (1.9, 0.8, 0.0), (2.9, 1.6, 0.75))
 
 

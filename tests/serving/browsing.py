@@ -29,6 +29,18 @@ def chromium() -> Iterator[Any]:
         opened.close()
 
 
+STILL = """async () => {
+  choose(null);
+  for (let before = "", now; ; before = now) {
+    const b = plan.svg.getBoundingClientRect();
+    now = [b.left, b.top, b.width, plan.view.w].join();
+    if (now === before) return [b.left, b.top];
+    await new Promise((next) => requestAnimationFrame(() => requestAnimationFrame(next)));
+  }
+}"""
+"""Chooses nothing, waits until the plan stands still, and gives its upper left corner in the window's pixels."""
+
+
 class Clicks(NamedTuple):
     """Of the confirmed objects of a home: how many were clicked, and what went wrong."""
 
@@ -48,23 +60,18 @@ def click_every_object(tab: Any, home: Home, tap: bool = False) -> Clicks:
     of = {obj.id: obj for obj in home.objects}
 
     def click(meant: MapObject, x: float, y: float, what: str = "") -> None:
-        tab.evaluate("choose(null)")
-        (tab.touchscreen.tap if tap else tab.mouse.click)(x, y)
+        """At (x, y) in the plan's own pixels: on a busy machine the page may still move while it is laid out."""
+        left, top = tab.evaluate(STILL)
+        (tab.touchscreen.tap if tap else tab.mouse.click)(left + x, top + y)
         found: int | None = tab.evaluate("chosen")
         if found != meant.id:
             wrong.append(f"{what}{meant.label} {meant.id}: {found}")
         if meant.confirmed and found is not None and not of[found].confirmed:
             ghosts.append(f"{of[found].label} {found}")
 
-    px, left, top = tab.evaluate(
-        "(() => { const b = plan.svg.getBoundingClientRect();"
-        " return [plan.px, b.left - plan.view.x / plan.px, b.top - plan.view.y / plan.px]; })()"
-    )
-    tab.evaluate("choose(null)")
-    named = tab.evaluate(
-        "plan.labels.placed.filter((p) => p.id !== null).map((p) => { const b = plan.svg.getBoundingClientRect();"
-        " return [p.id, ...p.box.map((v, i) => v + (i % 2 ? b.top : b.left))]; })"
-    )
+    tab.evaluate(STILL)
+    px, left, top = tab.evaluate("[plan.px, -plan.view.x / plan.px, -plan.view.y / plan.px]")
+    named = tab.evaluate("plan.labels.placed.filter((p) => p.id !== null).map((p) => [p.id, ...p.box])")
     for obj in sure:
         names = [[(b[0] - left) * px, (top - b[3]) * px, (b[2] - left) * px, (top - b[1]) * px]
                  for number, *b in named if number != obj.id]  # fmt: skip

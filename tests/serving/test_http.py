@@ -34,7 +34,8 @@ from cartier.home import Home  # noqa: E402
 from cartier.home.correction_log import LOG, read_log  # noqa: E402
 from cartier.serving import guard, http, results  # noqa: E402
 from cartier.serving import server as web_server  # noqa: E402
-from cartier.serving.guard import Guard, host_names, read_token  # noqa: E402
+from cartier.serving.access import ACCESS, Access  # noqa: E402
+from cartier.serving.guard import Guard, digest_of, host_names, read_tokens  # noqa: E402
 from cartier.serving.homes import Homes  # noqa: E402
 from cartier.serving.operations import Operations  # noqa: E402
 from cartier.types import Inventory, Selection  # noqa: E402
@@ -75,6 +76,12 @@ def raw(server: Server, data: bytes, wait_s: float = 5.0) -> bytes:
 # --- as it is used -------------------------------------------------------------------------------------------------
 
 
+def test_state_is_not_guessed_over_http(server: Server) -> None:
+    with httpx.Client(base_url=server.url) as web:
+        told = web.post("/api/homes/room/ask", json={"words": "is the chair clean?"}).json()
+    assert told["text"].startswith("I cannot tell by looking without a vision model") and told["goal"] is None
+
+
 def test_ask_goal_photo_over_http(server: Server) -> None:
     with httpx.Client(base_url=server.url) as web:
         assert web.get("/api/homes").json() == {"homes": ["room"]}
@@ -94,7 +101,7 @@ def test_ask_goal_photo_over_http(server: Server) -> None:
 
 def test_openapi_describes_every_path_and_answer(server: Server) -> None:
     paths = httpx.get(f"{server.url}/openapi.json").json()["paths"]
-    assert len(paths) == 14
+    assert len(paths) == 15
     for path, verb in ((path, verb) for path, methods in paths.items() for verb in methods.values()):
         assert verb["summary"] and "4XX" in verb["responses"] and "422" not in verb["responses"], path
         for content in verb["responses"]["200"]["content"].values():
@@ -133,7 +140,7 @@ def answered_by(operation: str) -> Any:
         "describe": results.ObjectDescription | results.RoomDescription, "goal": results.ObjectPose | results.RoomPose,
         "homes": results.Homes, "ask": results.Answered, "find": results.FoundByName, "objects": results.ObjectList,
         "rooms": results.RoomList, "relate": results.Related, "view": results.View, "cloud": results.Cloud,
-        "corrections": results.Corrected, "undo": results.Corrected,
+        "corrections": results.Corrected, "undo": results.Corrected, "live": results.LiveNow,
     }  # fmt: skip
     return either.get(name)
 
@@ -502,6 +509,10 @@ def test_a_slow_answer_is_no_slow_head_and_connections_are_counted(monkeypatch: 
     asyncio.run(run())
 
 
+def bearer(token: str) -> dict[str, str]:
+    return {"authorization": f"Bearer {token}"}
+
+
 def call(guarded: Guard, headers: dict[str, str], address: str = "10.0.0.9", path: str = "/api/homes") -> int:
     """The status of one request to a guard, without a network."""
     statuses: list[int] = []
@@ -527,7 +538,7 @@ def test_thousands_of_wrong_tokens(monkeypatch: pytest.MonkeyPatch) -> None:
     real = hmac.compare_digest
     monkeypatch.setattr(guard.hmac, "compare_digest", lambda a, b: (compared.append((len(a), len(b))), real(a, b))[1])
     now = [0.0]
-    guarded = Guard(nothing, ["x"], TOKEN, clock=lambda: now[0])
+    guarded = Guard(nothing, ["x"], {digest_of(TOKEN): Access()}, clock=lambda: now[0])
     host = {"host": "x"}
     statuses: dict[int, int] = {}
     for number in range(2_000):  # 100 s
@@ -562,6 +573,77 @@ def test_with_a_token_only_the_empty_page_is_open(locked: Server) -> None:
     assert page.status_code == 200 and "mug" not in page.text
 
 
+def test_the_homes_of_one_token_are_not_those_of_another(
+    mapped: Path, tmp_path: Path, start: Callable[..., Server]
+) -> None:
+    shutil.copytree(mapped, tmp_path / "flat-1")
+    shutil.copytree(mapped, tmp_path / "flat-2")
+    mine, other, keeper = (f"{name}-correct-horse-battery" for name in ("mine", "other", "keeper"))
+    file = tmp_path / "tokens"
+    file.write_text(f"{mine} room\n\n{other} attic flat-*\n{keeper}\n")
+    file.chmod(0o600)
+    at = start("serve", mapped, tmp_path / "flat-1", tmp_path / "flat-2", "--token-file", file).url
+
+    def get(token: str, path: str, **given: Any) -> Any:
+        return httpx.request("POST" if given else "GET", f"{at}/api/homes{path}", headers=bearer(token), **given)
+
+    assert get(mine, "").json()["homes"] == ["room"] and get(other, "").json()["homes"] == ["flat-1", "flat-2"]
+    assert get(keeper, "").json()["homes"] == ["room", "flat-1", "flat-2"]
+    view = get(keeper, "/room/view").json()
+    for path, given in [(f"/{{}}/{rest}", more) for rest, more in (
+        ("view", {}), ("cloud", {}), ("rooms", {}), ("rules", {}), ("live", {}), ("objects", {}), ("find?name=mug", {}),
+        ("describe?entity=mug", {}), ("photo?entity=mug", {}), ("goal?entity=mug", {}), ("undo", {"json": {}}),
+        ("relate?entity=mug&other=table", {}), ("ask", {"json": {"words": "mug", "conversation": "a"}}),
+        ("corrections", {"json": {"what": "forget", "entity": "mug"}}),
+    )]:  # fmt: skip
+        for token, name in ((mine, "flat-1"), (other, "room"), (other, f"room@{view['home_id']}")):
+            got = get(token, path.format(name), **given)
+            assert got.status_code == 404 and "there is no home" in got.json()["error"], path
+            assert ("flat" in got.text.partition(": pass")[2]) is (token == other), "it names what the token may see"
+    assert get(keeper, "/room/view").json() == view, "nothing was corrected"
+    assert get(mine, "/room/ask", json={"words": "mug", "conversation": "a"}).status_code == 200
+    assert httpx.get(f"{at}/api/homes", headers=bearer(mine[:-1])).status_code == 401
+
+
+def test_without_an_access_a_guarded_home_is_shown_to_nobody(home: Path) -> None:
+    """If a thread ever ran an operation outside of its request, it must show nothing."""
+    served = Homes([home])
+    assert served.names == ["room"]
+    served.guarded = True
+    assert served.names == []
+    with pytest.raises(InputError, match="there is no home 'room'"):
+        served.get("room")
+
+
+def test_two_tokens_share_no_conversation(home: Path) -> None:
+    ops, heard = Operations(Homes([home]), Echo()), list[tuple[tuple[str, str], ...]]()
+    real = ops.reasoner.select
+
+    def select(query: str, inventory: Inventory, dialogue: Sequence[tuple[str, str]] = ()) -> Selection:
+        heard.append(tuple(dialogue))
+        return real(query, inventory)
+
+    ops.reasoner.select = select  # type: ignore[method-assign]
+    for who in ("one", "two", "one"):
+        held = ACCESS.set(Access(who))
+        ops.ask("mug", "room", "talk")
+        ACCESS.reset(held)
+    assert [len(turns) for turns in heard] == [0, 0, 1]
+
+
+def test_files_of_tokens(tmp_path: Path) -> None:
+    file = tmp_path / "tokens"
+    for text, fault in (
+        ("", "20 or more"),
+        (f"{TOKEN} a\n{TOKEN} b\n", "a token twice"),
+        (f"{TOKEN}\nshort a", "20 or"),
+    ):
+        file.write_text(text)
+        file.chmod(0o600)
+        with pytest.raises(InputError, match=fault):
+            read_tokens("127.0.0.1", file)
+
+
 def test_no_secret_and_no_word_of_a_person_is_logged(locked: Server) -> None:
     for token in (TOKEN, TOKEN + "x"):
         headers = {"authorization": f"Bearer {token}"}
@@ -573,21 +655,21 @@ def test_no_secret_and_no_word_of_a_person_is_logged(locked: Server) -> None:
 
 def test_other_machines_need_a_token_and_names(mapped: Path, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="give a token in a file"):
-        read_token("0.0.0.0", None)
+        read_tokens("0.0.0.0", None)
     with pytest.raises(InputError, match="needs the names"):
         host_names("0.0.0.0", 80)
     assert host_names("0.0.0.0", 443, ["Home.local"]) == {"home.local:443", "home.local"}
-    assert read_token("127.0.0.1", None) is None
+    assert read_tokens("127.0.0.1", None) is None
     file = tmp_path / "token"
     file.write_text("short\n")
     file.chmod(0o600)
     with pytest.raises(InputError, match="20 or more"):
-        read_token("127.0.0.1", file)
+        read_tokens("127.0.0.1", file)
     file.write_text(TOKEN + "\n")
-    assert read_token("0.0.0.0", file) == TOKEN
+    assert read_tokens("0.0.0.0", file) == {digest_of(TOKEN): Access(digest_of(TOKEN).hex()[:16])}
     file.chmod(0o644)
     with pytest.raises(InputError, match="chmod 600"):
-        read_token("0.0.0.0", file)
+        read_tokens("0.0.0.0", file)
     command = [sys.executable, "-m", "cartier", "serve", str(mapped), "--host", "0.0.0.0"]
     ended = subprocess.run(command, capture_output=True, text=True, timeout=60)
     assert ended.returncode == 1 and "Traceback" not in ended.stderr and "token" in ended.stderr

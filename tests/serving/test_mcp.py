@@ -68,6 +68,8 @@ async def talk(client: Client) -> None:
     assert set(tools) == TOOLS
     found = await told(client, "ask", words="let me sit down", conversation="a")
     assert found["object"] == "chair" and found["goal"] and "path" not in found["goal"]
+    state = await told(client, "ask", words="is the chair clean?")
+    assert state["text"].startswith("I cannot tell by looking without a vision model")
     mug = (await told(client, "find", name="mug"))["objects"][0]
     assert (await told(client, "describe", entity=str(mug["id"])))["stands"].startswith("on table")
     assert (await told(client, "relate", entity="mug", other="table"))["relations"]
@@ -381,7 +383,8 @@ async def answer_page(client: Client) -> str:
     """The HTML of the resource that the tool ``ask`` names."""
     shown = {tool.name: tool.meta["ui"]["resourceUri"] for tool in (await client.list_tools()).tools if tool.meta}
     assert set(shown) == {"ask", "goal_for"}
-    (listed,) = (await client.list_resources()).resources
+    listed, room = (await client.list_resources()).resources
+    assert str(room.uri) == "home://room", "and the home itself"
     assert listed.uri == shown["ask"] and listed.uri.startswith("ui://")
     assert listed.mime_type == "text/html;profile=mcp-app"
     (content,) = (await client.read_resource(listed.uri)).contents

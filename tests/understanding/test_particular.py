@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import pytest
 
 from cartier import plugins
 from cartier.contracts import Reasoner
+from cartier.spatial.expressions import ParsedUtterance, ReferringExpression
 from cartier.types import Selection
+from cartier.understanding.dialogue_state import DialogueState, resolve
 from flat import UNSURE_FLAT as FLAT
 
 SINK_CUP, TABLE_CUP, BED_CUP = 14, 12, 15
@@ -54,6 +57,22 @@ def test_a_bare_name_of_several_is_the_nearest_and_says_so(embedded: Reasoner) -
 )
 def test_what_follows_is_understood_by_what_was_served(embedded: Reasoner, words: str, number: int) -> None:
     assert ask(embedded, words, ("bring me to the cup", f"cup #{TABLE_CUP}")).object_id == number
+
+
+@pytest.mark.parametrize("words", ["no, another one", "the other one", "not that one", "a different one, please"])
+@pytest.mark.parametrize("before", ["bring me the red cup", "the cup by the sink", "the cup farthest from the bed"])
+def test_another_one_need_not_be_as_the_first_one_was(embedded: Reasoner, before: str, words: str) -> None:
+    first = ask(embedded, before).object_id
+    chosen = ask(embedded, words, (before, f"cup #{first}"))
+    assert chosen.object_id in {SINK_CUP, TABLE_CUP, BED_CUP} - {first}, chosen
+
+
+def test_what_is_said_of_another_one_is_meant() -> None:
+    red = ReferringExpression("cup", frozenset({"cup"}), colours=("red",))
+    state = DialogueState(before=ParsedUtterance("go", red))
+    for one, recalled in ((ReferringExpression("one", generic=True), True), (replace(red, labels=frozenset()), False)):
+        head = resolve(ParsedUtterance("another", one), state).head
+        assert head is not None and head.other and head.colours == ("red",) and head.recalled is recalled
 
 
 def test_one_that_is_not_there_is_not_replaced(embedded: Reasoner) -> None:

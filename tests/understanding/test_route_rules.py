@@ -10,7 +10,7 @@ from cartier.types import Inventory
 from cartier.understanding.cards import SHIPPED, read_deck
 from cartier.understanding.dialogue_state import DialogueState
 from cartier.understanding.entity_vocabulary import lexicon
-from cartier.understanding.route_rules import agrees, driving, ended_by, says_how, told
+from cartier.understanding.route_rules import Driving, agrees, asks_of_rules, driving, ended_by, says_how, told
 from cartier.understanding.rule_scope import scope_of
 from route_talk import clauses_of, flat_inventory
 
@@ -53,17 +53,30 @@ def test_marked_words_give_typed_rules(act: str, words: str, rules: str) -> None
         ("until three", "until:15:00"), ("till half past six", "until:18:30"), ("before noon", "until:12:00"),
         ("until five o ' clock", "until:17:00"), ("until 7 in the morning", "until:07:00"),
         ("until 18:30", "until:18:30"),
-        ("until quarter to eight", "until:07:45"), ("until midnight", "until:00:00"),
+        ("until quarter to eight", "until:19:45"), ("until midnight", "until:00:00"),
         ("till tomorrow", "until:tomorrow"),
         ("today", "until:tomorrow"), ("after ten", "daily:22:00-06:00"), ("at night", "daily:22:00-06:00"),
         ("between eight in the evening and seven in the morning", "daily:20:00-07:00"),
         ("from 9 pm to 7 am", "daily:21:00-07:00"),
         ("in the mornings", "daily:06:00-12:00"), ("just this once", "drive"), ("from now on", "standing"),
         ("until I say so", "standing"), ("one day", "standing"),
+        ("from nine to five each day", "daily:09:00-17:00"), ("from ten in the evening to six", "daily:22:00-06:00"),
+        ("from one to three", "daily:13:00-15:00"), ("every night from seven till six", "daily:19:00-06:00"),
+        ("nine p.m. to six a.m.", "daily:21:00-06:00"), ("up to eight this evening", "until:20:00"),
+        ("till twelve", "until:12:00"), ("for the rest of the day", "until:tomorrow"), ("on this errand", "drive"),
     ],
 )  # fmt: skip
 def test_how_long_a_rule_holds(said: str, scope: str) -> None:
     assert scope_of(said) == scope
+
+
+def test_a_rule_just_after_a_goal_is_about_the_drive_to_it() -> None:
+    names, scene = lexicon(read_deck(SHIPPED), HOME), Scene(HOME)
+    begun = DialogueState(last=HOME.objects[0])
+    for said, scope in (("and not over the [rug:va]", "drive"), ("and from now on not over the [rug:va]", "standing")):
+        (clause,) = clauses_of("rule", said)[1]
+        assert [rule.scope for rule in driving(clause, names, scene, begun).rules] == [scope]
+        assert [rule.scope for rule in driving(clause, names, scene, DialogueState()).rules] == ["standing"]
 
 
 def test_lifts_end_what_holds() -> None:
@@ -78,6 +91,17 @@ def test_lifts_end_what_holds() -> None:
     answer = told(how, standing, "model")
     assert answer.lifts == (standing[1],) and answer.text == "Understood: no longer stay out of the study."
     assert told(how, standing[:1], "model").text.startswith("There is no such rule. These hold: stay out of the hall")
+
+
+@pytest.mark.parametrize("words", ["which rules are there?", "what rules hold?", "are there any rules?"])
+def test_who_asks_for_the_rules_takes_none_back(words: str) -> None:
+    (clause,) = clauses_of("lift", words)[1]
+    assert asks_of_rules(clause)
+    standing = [RouteRule.parse("avoid room:hall hard standing")]
+    answer = told(Driving(), standing, "model", asks_of_rules(clause))
+    assert not answer.lifts and answer.text == "These rules hold: stay out of the hall, until you say otherwise."
+    (clause,) = clauses_of("lift", "forget all the rules")[1]
+    assert told(Driving(), standing, "model", asks_of_rules(clause)).lifts == tuple(standing)
 
 
 @pytest.mark.parametrize(

@@ -15,6 +15,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cache
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any, ClassVar
 
@@ -50,6 +51,7 @@ def colour_of(part: np.ndarray) -> str:
     return min(RGB, key=lambda name: float(np.square(np.array(RGB[name]) - mean).sum()))
 
 
+@cache
 def digit_template(digit: int) -> np.ndarray:
     image = Image.new("L", (200, 200), 255)
     ImageDraw.Draw(image).text((40, 10), str(digit), fill=0, font=ImageFont.load_default(size=150))
@@ -92,6 +94,9 @@ def look_at(crop: np.ndarray, context: np.ndarray, words: str, choices: list[str
         return {"answer": "mirrored" if digit_of(crop)[1] else "not mirrored", "certainty": 0.95}
     if "number" in words or "digit" in words or "written" in words:
         return {"answer": digit_of(crop)[0] or "cannot tell", "certainty": 0.95}
+    named = [colour for colour in RGB if "really" in words and colour in words.split()]
+    if named:  # "Is this really a red box?": things that are known by their colour
+        return {"answer": choices[0] if colour_of(core) == named[0] else choices[1], "certainty": 0.95}
     if "colour" in words:
         return {"answer": colour_of(core), "certainty": 0.95}
     if len(choices) == 2:

@@ -6,11 +6,14 @@ import io
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from cartier.types import FREE, Detections, MapObject, OccupancyGrid, RobotModel, Room, View
+from cartier import plugins
+from cartier.home import Home
+from cartier.types import FREE, Camera, Detections, MapObject, OccupancyGrid, RobotModel, Room, View
 from cartier.vision.look import Photographs, Surroundings
 from flat import cells, obj
 
@@ -62,3 +65,14 @@ def free_floor() -> OccupancyGrid:
 
 
 AROUND = Surroundings(free_floor(), (0.5, 0.5), RobotModel())
+
+
+def painted_home(objects: Sequence[MapObject], jpegs: Mapping[int, bytes], folder: Path) -> Home:
+    """A home of these objects and photographs, as it is loaded from a folder."""
+    index = plugins.make("indexes", "object_depth")
+    index.set_objects(tuple(objects))
+    camera = Camera(640, 480, 400.0, 400.0, 319.5, 239.5)
+    named = {"object_depth": index}
+    roomless = tuple(replace(each, room=None) for each in objects)
+    Home("painted", "by hand", camera, roomless, named, None, (0.5, 0.5), {}, photos=jpegs).save(folder)
+    return Home.load(folder)

@@ -13,7 +13,7 @@ import pytest
 
 import cartier
 from cartier.contracts import VisionModel
-from cartier.types import Detections, Inventory, MapObject, RobotModel, Selection, VisualTrace
+from cartier.types import Detections, Fact, Inventory, MapObject, RobotModel, Selection, VisualTrace
 from cartier.vision import crops
 from cartier.vision.look import Photographs, Surroundings, ask_about, look, question_about
 from cartier.vision.permission import Look
@@ -128,6 +128,15 @@ def test_small_object_is_not_sent_and_a_pose_is_given(seeing: tuple[str, Calls])
     assert 50 * far_m / near_m >= 160
 
 
+def test_a_look_that_cannot_tell_leaves_the_colour_of_the_list(seeing: tuple[str, Calls]) -> None:
+    jpeg = photo((TINY, GREEN))
+    before = Selection("answered", text="The cup looks green.", fact=Fact("tell", "green", (1,)))
+    photos = photographs({1: jpeg, 2: jpeg})
+    thing = mug(1, [(1, TINY, 0), (2, TINY, 90)])
+    chosen, trace, _ = told(Look(model(seeing[0])), "what colour is the cup?", [thing], photos, before)
+    assert trace.verdict == "cannot_tell" and chosen is before
+
+
 def test_object_seen_once_is_refused_without_a_call(seeing: tuple[str, Calls]) -> None:
     chosen, trace, _ = told(
         Look(model(seeing[0])), "is the cup clean?", [mug(1, [(1, BOX, 0)])], photographs({1: photo((BOX, LIGHT))})
@@ -218,14 +227,14 @@ PLAIN = [
     "how many chairs are there?", "is there a bed?", "go to the table", "what is on the table?", "I am cold",
     "where can I wash my hands?", "find my keys", "I want to read", "which chair is nearest?", "thank you",
     "is the cup on the table?", "I need to clean the floor", "open the window", "the soup is on the stove",
-    "put it in the empty room",
+    "put it in the empty room", "the cup is dirty",
 ]  # fmt: skip
 
 
 def test_plain_requests_send_no_photograph(seeing: tuple[str, Calls]) -> None:
     home, eyes = stored_home("80001", "truth"), Look(model(seeing[0]))
     for words in PLAIN:
-        cartier.ask(home, words, look=eyes)
+        assert cartier.ask(home, words, look=eyes).look is None, words  # stored homes have no photographs to send
     assert len(seeing[1]) == 0, seeing[1]
 
 

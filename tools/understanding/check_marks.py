@@ -28,6 +28,7 @@ from cartier.understanding.assembly import query, routed
 from cartier.understanding.cards import SHIPPED, read_deck
 from cartier.understanding.dialogue_state import DialogueState, resolve
 from cartier.understanding.entity_vocabulary import lexicon
+from cartier.understanding.route_rules import target_of
 from cartier.understanding.tags import Clause
 
 FINDS = ("go", "correct", "another", "choose", "where", "far", "colour", "size", "when", "which")
@@ -128,7 +129,8 @@ def _rule_fault(clause: Clause, rules: Sequence[str], scene: Scene, names: Entit
             return "nothing is marked as vt"
         if role != "vh":
             noun = nouns.pop(next(k for k, (span, _) in enumerate(nouns) if span.role == role))[1]
-            found = _meant(noun, scene)
+            executed = target_of(noun, names, scene, DialogueState()).text
+            found = list(dict.fromkeys([*_meant(noun, scene), executed]))
             ids = sorted(rule["names"].split(","), key=int) if rule["sort"] == "object" else [rule["names"]]
             if not text.startswith("!") and f"{rule['sort']}:{','.join(ids)}" not in found:
                 return f"the marks give {' or '.join(found)}"

@@ -26,7 +26,7 @@ from cartier.understanding.parser import Parser as Fitted
 from cartier.understanding.tags import ACTS, TAGS
 
 INPUT, WIDTH, INNER, PLACES = 2 * 384 + BITS, 192, 576, 64
-BATCH, RATE, DECAY, WARM_UP, DROPOUT = 32, 1e-3, 0.02, 100, 0.15
+BATCH, RATE, DECAY, WARM_UP, DROPOUT = 32, 8e-4, 0.02, 200, 0.2
 ANYWHERE = lexicon(read_deck(SHIPPED), Inventory.of(()))
 """The names that are known without a home."""
 

@@ -7,7 +7,21 @@ import sys
 
 import typer
 
-from cartier.cli import _ask, _bench, _check, _correct, _make, _rules, _serve, _show
+from cartier.cli import (
+    _ask,
+    _bench,
+    _check,
+    _correct,
+    _fleet,
+    _join,
+    _live,
+    _make,
+    _play,
+    _rules,
+    _serve,
+    _show,
+    _verify,
+)  # fmt: skip
 from cartier.errors import CartierError
 
 DISK = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPERM, errno.EIO)
@@ -20,8 +34,9 @@ app = typer.Typer(
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
-for group in (_make, _check, _show, _ask, _correct, _rules, _serve, _bench):
+for group in (_make, _live, _play, _join, _check, _show, _ask, _verify, _correct, _rules, _serve, _bench):
     app.registered_commands += group.app.registered_commands
+app.add_typer(_fleet.app)
 
 
 def main() -> None:

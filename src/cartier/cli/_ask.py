@@ -16,7 +16,6 @@ from cartier.cli._common import (
     BaseUrl,
     Blur,
     EmergencyNumber,
-    HomeFolder,
     IndexName,
     LookWhen,
     ModelName,
@@ -26,13 +25,15 @@ from cartier.cli._common import (
     numbers,
     say,
 )
+from cartier.cli.arrive import send_and_look
+from cartier.cli.places import HomePlace, home_at
 from cartier.errors import InputError, ReasonerError
 from cartier.io.command import OwnerCommand
 from cartier.robots import send
 
 if TYPE_CHECKING:
     from cartier.home import Home
-    from cartier.types import Answer, CandidateView, VisualQuestion
+    from cartier.types import Answer, CandidateView, DriveProgress, VisualQuestion
 
 app = typer.Typer()
 QUIT = {"", "q", "quit", "exit", "bye", "goodbye", "bye bye"}
@@ -40,7 +41,7 @@ QUIT = {"", "q", "quit", "exit", "bye", "goodbye", "bye bye"}
 
 @app.command()
 def ask(
-    home: HomeFolder,
+    home: HomePlace,
     words: Annotated[
         str | None, typer.Argument(metavar="[WORDS]", help="The request; without it a conversation starts.")
     ] = None,
@@ -74,14 +75,13 @@ def ask(
 ) -> None:
     """Answer a request with an object and a goal pose."""
     from cartier.conversation import Conversation
-    from cartier.home import Home
     from cartier.navigation.traction import traction_of
     from cartier.types import RobotModel
 
     traction = traction_of(wheels) if wheels is not None else ()
     from_xy, model_of_robot = numbers(start, 2, "--from"), RobotModel(radius, camera_height, traction)
     told = OwnerCommand(on_alarm, "--on-alarm") if on_alarm is not None else None
-    mapped = Home.load(home)
+    mapped = home_at(home)
     if show_prompt:
         _show_prompt(mapped, words, specs.model_asked(reasoner, model, base_url), index, from_xy, as_json)
         return
@@ -94,6 +94,7 @@ def ask(
         look=allowed,
     )  # fmt: skip
     robot = specs.robot(go, mapped, model_of_robot) if go else None
+    see = specs.camera_at_goals(go, mapped, model_of_robot) if go and allowed is not None else None
     shown: set[str] = set()
     for request in [words] if words is not None else _typed(mapped.name):
         try:
@@ -111,12 +112,22 @@ def ask(
         print(json.dumps(answer.to_dict(), ensure_ascii=False)) if as_json else _print_answer(answer, shown)
         if told is not None and answer.selection.status == "alarm":
             say(f"on alarm: {told.run(answer.to_dict())}")
-        if robot is not None:
-            say(f"robot: {send(robot, answer)}")
+        if robot is not None and allowed is not None and see is not None:
+            for line in send_and_look(robot, answer, talk.home, model_of_robot, allowed, see):
+                say(f"robot: {line}")
+        elif robot is not None:
+            say(f"robot: {send(robot, answer, _watched)}")
         try:
             mapped.remember(answer)
         except InputError as error:
             say(f"the answer was not saved: {error}")
+
+
+def _watched(progress: DriveProgress) -> None:
+    """Show how a drive goes, in a line that the next one replaces."""
+    if sys.stderr.isatty():
+        line = "" if progress.ended else f"robot: {progress.text[:150]}; Ctrl-C stops it"
+        print(f"\r\x1b[2K{line}", end="", file=sys.stderr, flush=True)
 
 
 def _agreed(question: VisualQuestion, pictures: Sequence[CandidateView]) -> bool:

@@ -29,7 +29,11 @@ def bench(
     homes: Annotated[str | None, typer.Option(help="Homes of the world, separated by commas. Default: all.")] = None,
     methods: Annotated[str | None, typer.Option(help="Methods, separated by commas. Default: all.")] = None,
     suite: Annotated[
-        str, typer.Option(help="paper: its evaluation; things: requests and questions about particular objects.")
+        str,
+        typer.Option(
+            help="paper: its evaluation; things: requests and questions about particular objects; look: questions "
+            "about how objects look, to a vision model (docs/look.md)."
+        ),
     ] = "paper",
     queries: Annotated[
         str | None,
@@ -55,6 +59,10 @@ def bench(
             metavar="FILE",
             help="Only write the prompts as a file for OpenAI's Batch API; with --replies those without a reply.",
         ),
+    ] = None,
+    vision: Annotated[
+        str | None,
+        typer.Option(metavar="NAME[:MODEL]", help="Suite look: the vision model. Default: only the list answers."),
     ] = None,
     prompt: Annotated[str | None, typer.Option(help="The language model's prompt: rich (default) or paper.")] = None,
     detector: Annotated[
@@ -83,6 +91,10 @@ def bench(
     """
     from cartier.evaluation.batch import PromptWriter
 
+    if suite == "look":
+        seen = f"replay:{replies}" if replies is not None else vision
+        _look(output, _names(homes), seen, model, base_url, write_prompts, maps or output / "maps", as_json)
+        return
     answered = specs.reasoner("replay", path=replies) if replies and write_prompts else None
     writer = PromptWriter(model, prompt or "rich", answered) if write_prompts is not None else None
     who = reasoner or ("replay" if replies else "embedded")
@@ -96,7 +108,9 @@ def bench(
         return
     if suite != "paper" or answers is not None:
         raise InputError(
-            "--answers goes with --suite things" if suite == "paper" else f"there is no suite {suite!r}: paper, things"
+            "--answers goes with --suite things"
+            if suite == "paper"
+            else f"there is no suite {suite!r}: paper, things, look"
         )
     queries = queries or "paper"
     from cartier.evaluation import report
@@ -172,6 +186,30 @@ def _things(
         return
     print((output / "report.md").read_text("utf-8"))
     say(f"{len(items)} requests in {len(settings.homes)} homes; failures: {output / 'failures.md'}")
+
+
+def _look(
+    output: Path, rooms: tuple[str, ...], vision: str | None, model: str | None, base_url: str | None,
+    write_prompts: Path | None, maps: Path, as_json: bool,
+) -> None:  # fmt: skip
+    """Ask questions about how objects look, or write them with their photographs."""
+    from cartier.evaluation import look_run
+    from cartier.vision.batch import PictureWriter
+
+    asked = look_run.questions(rooms)
+    if write_prompts is not None:
+        writer = PictureWriter(model)
+        with _stages() as step:
+            look_run.write_prompts(asked, writer, maps, step)
+        folder = writer.save(write_prompts)
+        print(f"{len(writer.requests)} prompts in {write_prompts}, their photographs in {folder}; nothing was sent")
+        return
+    named = None if vision is None or ":" in vision else model
+    allowed = None if vision is None else specs.look("auto", vision, model=named, base_url=base_url)
+    with _stages() as step:
+        look_run.run(output, asked, None if allowed is None else allowed.model, maps, step)
+    print((output / ("results.json" if as_json else "report.md")).read_text("utf-8"))
+    say(f"{len(asked)} questions; failures: {output / 'failures.md'}")
 
 
 def _save(writer: PromptWriter | None, file: Path | None) -> None:

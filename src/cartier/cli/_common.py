@@ -11,7 +11,8 @@ from typing import Annotated
 
 import typer
 
-from cartier.errors import InputError, brief
+from cartier import plugins
+from cartier.errors import InputError, MissingExtra, brief
 
 AsJson = Annotated[
     bool, typer.Option("--json", help="Print one JSON object on standard output; the rest goes to standard error.")
@@ -65,6 +66,14 @@ def duration(seconds: float) -> str:
 def say(line: str) -> None:
     """Print a line on standard error."""
     print(line, file=sys.stderr)
+
+
+def missing(extra: str, error: ModuleNotFoundError) -> MissingExtra:
+    """The error that names the extra of a package that is not installed."""
+    package = (error.name or "").split(".")[0]
+    if package in ("", "cartier"):  # a broken import within cartier is a bug and keeps its traceback
+        raise error
+    return MissingExtra(f"this needs the package {package!r}: {plugins.install(extra, package)}")
 
 
 @contextmanager

@@ -104,6 +104,13 @@ def map_command(
     append: Annotated[
         bool, typer.Option("--append", help="Add to the home at HOME (same pose frame, same detector).")
     ] = False,
+    align: Annotated[
+        bool,
+        typer.Option("--align", help="With --append: the recording has a pose frame of its own; find where it lies."),
+    ] = False,
+    keep_poses: Annotated[
+        bool, typer.Option("--keep-poses", help="Take the recording's poses as they are, even if they drift.")
+    ] = False,
     config: Annotated[
         Path | None,
         typer.Option(
@@ -129,6 +136,8 @@ def map_command(
 
     if all_frames and every is not None:
         raise InputError("--all and --every exclude each other")
+    if align and not append:
+        raise InputError("--align goes with --append: it moves the recording into the pose frame of the home at HOME")
     every = 1 if all_frames else every
     Keyframes(every)  # refuses an invalid number before any work
     settings = read_config(config) if config else None
@@ -152,7 +161,7 @@ def map_command(
         with progress("mapping") as step:
             home = map_home(
                 source, detects, names, encoder=encoder, onto=onto, config=settings, every=every, resume=unfinished,
-                progress=step,
+                mend_poses=not keep_poses, align=align, progress=step,
             )  # fmt: skip
         if home is onto:
             say(f"{source.name} is in {output} already: nothing was added")

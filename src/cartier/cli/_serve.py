@@ -2,36 +2,42 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cartier import plugins, specs
+from cartier import specs
 from cartier.cli._common import (
     Blur,
     EmergencyNumber,
-    HomeFolder,
     LookWhen,
     ModelName,
     OnAlarm,
     ReasonerName,
     VisionName,
+    missing,
     say,
 )
-from cartier.errors import MissingExtra
+from cartier.cli.places import HomePlace, fleet_at, home_at
 from cartier.io.command import OwnerCommand
 
 if TYPE_CHECKING:
+    from cartier.serving.access import Access
     from cartier.serving.operations import Operations
     from cartier.vision.permission import Look
 
 app = typer.Typer()
-HomeFolders = Annotated[list[Path], typer.Argument(metavar="HOME...", help="Folders that 'cartier map' wrote.")]
+TOKENS = "A file with a token a line, and the homes that it may see if not all. Default: the token CARTIER_TOKEN."
+HomePlaces = Annotated[
+    list[str],
+    typer.Argument(metavar="HOME...", help="Folders that 'cartier map' wrote; or one fleet's STORE, with all homes."),
+]
 Port = Annotated[int, typer.Option(min=1, max=65535, help="The TCP port to listen on.")]
 Host = Annotated[str, typer.Option(help="The address to listen on; any but a loopback address needs a token.")]
 Names = Annotated[list[str] | None, typer.Option("--name", help="Another host name of this server.")]
-TokenFile = Annotated[Path | None, typer.Option(help="The file with the token of requests. Default: CARTIER_TOKEN.")]
+TokenFile = Annotated[Path | None, typer.Option(help=TOKENS)]
 Certificate = Annotated[Path | None, typer.Option(help="TLS certificate (PEM); needs --tls-key.")]
 Key = Annotated[Path | None, typer.Option(help="TLS private key (PEM).")]
 Memory = Annotated[int, typer.Option("--memory-mb", min=1, help="The memory for all loaded homes, in MiB.")]
@@ -39,7 +45,7 @@ Memory = Annotated[int, typer.Option("--memory-mb", min=1, help="The memory for 
 
 @app.command()
 def serve(
-    homes: HomeFolders,
+    homes: HomePlaces,
     port: Port = 8735,
     host: Host = "127.0.0.1",
     name: Names = None,
@@ -62,27 +68,48 @@ def serve(
     operations = _operations(
         homes, reasoner, model, memory_mb, emergency_number, on_alarm, specs.look(look, vision, None, blur)
     )
+    serve_page(operations, host, port, name or [], token_file, (tls_cert, tls_key))
+
+
+def serve_page(
+    operations: Operations, host: str, port: int, names: list[str], token_file: Path | None,
+    tls: tuple[Path | None, Path | None],
+) -> None:  # fmt: skip
+    """Serve the page and the API until Ctrl-C."""
     try:
         from cartier.serving.http import DOCUMENTATION, make
         from cartier.serving.page import files
         from cartier.serving.server import listen
     except ModuleNotFoundError as error:
-        raise _missing("serve", error) from error
-    listen(
-        make(operations),
-        host,
-        port,
-        name or [],
-        token_file,
-        (tls_cert, tls_key),
-        say,
-        open_paths=(*files(), DOCUMENTATION),
-    )
+        raise missing("serve", error) from error
+    tokens = _guarded(operations, host, token_file)
+    listen(make(operations), host, port, names, tokens, tls, say, open_paths=(*files(), DOCUMENTATION))
+
+
+def serve_beside(operations: Operations, host: str, port: int, token_file: Path | None) -> Callable[[], None]:
+    """Serve the page and the API in a thread; returns what ends that."""
+    try:
+        from cartier.serving.http import DOCUMENTATION, make
+        from cartier.serving.page import files
+        from cartier.serving.server import listen_beside
+    except ModuleNotFoundError as error:
+        raise missing("serve", error) from error
+    tokens = _guarded(operations, host, token_file)
+    return listen_beside(make(operations), host, port, tokens, say, (*files(), DOCUMENTATION))
+
+
+def _guarded(operations: Operations, host: str, token_file: Path | None) -> Mapping[bytes, Access] | None:
+    """The tokens of requests; where there are any, a home is shown to those alone that may see it."""
+    from cartier.serving.guard import read_tokens
+
+    tokens = read_tokens(host, token_file)
+    operations.homes.guarded = tokens is not None
+    return tokens
 
 
 @app.command()
 def mcp(
-    homes: HomeFolders,
+    homes: HomePlaces,
     http: Annotated[bool, typer.Option("--http", help="Streamable HTTP at /mcp instead of standard input.")] = False,
     port: Port = 8736,
     host: Host = "127.0.0.1",
@@ -114,7 +141,7 @@ def mcp(
 
         from cartier.serving.mcp_server import make
     except ModuleNotFoundError as error:
-        raise _missing("mcp", error) from error
+        raise missing("mcp", error) from error
     server = make(operations, allow_go)
     if not http:
         server.run("stdio")
@@ -123,12 +150,12 @@ def mcp(
 
     checked = TransportSecuritySettings(enable_dns_rebinding_protection=False)  # the guard checks all paths
     app = server.streamable_http_app(transport_security=checked)
-    listen(app, host, port, name or [], token_file, (tls_cert, tls_key), say)
+    listen(app, host, port, name or [], _guarded(operations, host, token_file), (tls_cert, tls_key), say)
 
 
 @app.command()
 def export(
-    home: HomeFolder,
+    home: HomePlace,
     to: Annotated[
         Path,
         typer.Option(
@@ -144,28 +171,27 @@ def export(
     the home's route rules, a route graph and parameters.
     """
     from cartier.exports import export as write
-    from cartier.home import Home
 
-    for file in write(Home.load(home), to):
+    for file in write(home_at(home), to):
         print(file)
 
 
 def _operations(
-    homes: list[Path], reasoner: str, model: str | None, memory_mb: int, emergency_number: str | None,
+    homes: list[str], reasoner: str, model: str | None, memory_mb: int, emergency_number: str | None,
     on_alarm: str | None, look: Look | None,
 ) -> Operations:  # fmt: skip
+    from cartier.serving.fleet_homes import FleetHomes
     from cartier.serving.homes import Homes
     from cartier.serving.operations import Operations
 
     told = OwnerCommand(on_alarm, "--on-alarm") if on_alarm is not None else None
+    fleet = fleet_at(homes)
+    served = (
+        Homes([Path(home) for home in homes], memory_mb * 2**20)
+        if fleet is None
+        else FleetHomes(fleet, memory_mb * 2**20)
+    )
     return Operations(
-        Homes(homes, memory_mb * 2**20), specs.reasoner(reasoner, model=model),
-        emergency_number=emergency_number, on_alarm=None if told is None else told.run, look=look,
+        served, specs.reasoner(reasoner, model=model), emergency_number=emergency_number,
+        on_alarm=None if told is None else told.run, look=look,
     )  # fmt: skip
-
-
-def _missing(extra: str, error: ModuleNotFoundError) -> MissingExtra:
-    package = (error.name or "").split(".")[0]
-    if package in ("", "cartier"):  # a broken import within cartier is a bug and keeps its traceback
-        raise error
-    return MissingExtra(f"this needs the package {package!r}: {plugins.install(extra, package)}")

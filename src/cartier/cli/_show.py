@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from cartier import plugins
-from cartier.cli._common import AsJson, HomeFolder, IndexName, progress, say
+from cartier.cli._common import AsJson, IndexName, progress, say
+from cartier.cli.places import HomePlace, home_at
 from cartier.cli.reader_options import as_mapped
 from cartier.errors import InputError, MissingExtra
 from cartier.home.dates import date_of
@@ -25,7 +26,7 @@ app = typer.Typer()
 
 @app.command()
 def show(
-    home: HomeFolder,
+    home: HomePlace,
     obj: Annotated[
         int | None,
         typer.Option("--object", metavar="ID", help="Only this object, its evidence, and with --plot its best views."),
@@ -51,9 +52,7 @@ def show(
     as_json: AsJson = False,
 ) -> None:
     """Show the objects of a home and their evidence."""
-    from cartier.home import Home
-
-    mapped = Home.load(home)
+    mapped = home_at(home)
     if recording is not None and rrd is None and overlay is None:
         raise InputError("--recording adds frames to --rrd FILE and --overlay FILE: give one of them, too")
     if overlay is not None and recording is None:

@@ -25,14 +25,19 @@ OPTIONS: dict[str, tuple[str, type, str]] = {
     "floor_m": ("--floor", float, "The height of the floor along up in metres, if estimated wrongly."),
     "confidence": ("--confidence", int, "The least confidence of a phone's depth, in its app's numbers; 0 for all."),
     "camera": ("--camera", str, "FX,FY,CX,CY[,K1,K2,P1,P2[,K3]] in pixels, if the recording has no intrinsics."),
-    "colour": ("--colour", str, "The topic of colour images in a bag."),
-    "depth": ("--depth", str, "The topic of depth images in a bag."),
-    "info": ("--info", str, "The topic of the colour camera's CameraInfo in a bag."),
-    "frame": ("--frame", str, "The tf frame of a bag to map in."),
-    "odometry": ("--odometry", str, "The topic (Odometry or PoseStamped) of the poses in a bag."),
+    "colour": ("--colour", str, "The topic of colour images."),
+    "depth": ("--depth", str, "The topic of depth images."),
+    "info": ("--info", str, "The topic of the colour camera's CameraInfo."),
+    "frame": ("--frame", str, "The tf frame to map in."),
+    "odometry": ("--odometry", str, "The topic (Odometry or PoseStamped) of the poses, instead of /tf."),
     "extrinsic": ("--extrinsic", str, "X,Y,Z,QX,QY,QZ,QW: the pose of the camera in the frame of --odometry."),
 }
 """Option, type and help by the parameter of the readers' ``open``."""
+TOPICS = ("colour", "depth", "info", "frame", "odometry", "extrinsic")
+"""Those that name topics and frames, of a bag as of a robot."""
+DOMAIN: dict[str, tuple[str, type, str]] = {
+    "domain": ("--domain", int, "The DDS domain of ros2. Default: ROS_DOMAIN_ID, else 0."),
+}
 
 NOTHING: dict[str, Any] = {}
 MOST_NUMBERS = 9  # of one option
@@ -70,18 +75,28 @@ def as_mapped(home: Home, path: Path, format: str | None = None) -> Recording:
 
 def reads_recordings(command: Callable[..., None]) -> Callable[..., None]:
     """Replace the command's parameter ``reader`` by these options; it gets the given ones by name."""
+    return _with_options(command, "reader", OPTIONS)
 
+
+def reads_streams(command: Callable[..., None]) -> Callable[..., None]:
+    """Replace the command's parameter ``topics`` by the options that say which topics of a robot are taken."""
+    return _with_options(command, "topics", DOMAIN | {name: OPTIONS[name] for name in TOPICS})
+
+
+def _with_options(
+    command: Callable[..., None], parameter: str, options: dict[str, tuple[str, type, str]]
+) -> Callable[..., None]:
     @functools.wraps(command)
     def with_options(**given: Any) -> None:
-        reader = {name: value for name in OPTIONS if (value := given.pop(name)) is not None}
-        if "up" in reader:
-            reader["up"] = numbers(reader["up"], 3, "--up")
-        command(**given, reader=reader)
+        chosen = {name: value for name in options if (value := given.pop(name)) is not None}
+        if "up" in chosen:
+            chosen["up"] = numbers(chosen["up"], 3, "--up")
+        command(**given, **{parameter: chosen})
 
     hints = get_type_hints(command, include_extras=True)
     own = [p.replace(annotation=hints[p.name]) for p in inspect.signature(command).parameters.values()]
-    parameters = [p.replace(kind=p.KEYWORD_ONLY) for p in own if p.name != "reader"]
-    for name, (option, kind, words) in OPTIONS.items():
+    parameters = [p.replace(kind=p.KEYWORD_ONLY) for p in own if p.name != parameter]
+    for name, (option, kind, words) in options.items():
         annotation: Any = Annotated[kind | None, typer.Option(option, help=words)]
         parameters.append(inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=annotation))
     with_options.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]

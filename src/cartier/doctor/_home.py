@@ -8,12 +8,11 @@ from cartier.doctor._report import Fault, Report
 from cartier.errors import InputError
 from cartier.home import Home
 from cartier.home.map_server import yaml
-from cartier.home.store import MANIFEST, Store, blob_file
+from cartier.home.store import MANIFEST, NAV2, Store, blob_file
 from cartier.io.files import read_bytes
 
 MAX_YAML_BYTES = 1 << 16
 AGAIN = "map the recording again"
-NAV2 = "occupancy.yaml"
 
 
 def is_home(path: str | Path) -> bool:

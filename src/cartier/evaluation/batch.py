@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 
 from cartier.contracts import Reasoner
 from cartier.errors import ReasonerError
-from cartier.io.atomic import write_file
+from cartier.llm.batch import save_requests
 from cartier.llm.client import server_asked
-from cartier.llm.prompts import Request, check_query, prompt_named, propose_request, without_bounds
+from cartier.llm.prompts import Request, check_query, prompt_named, propose_request
 from cartier.types import Inventory, Selection
 
 UNASKED = Selection("not_found", reason="nobody was asked")
-URL = "/v1/chat/completions"
 
 
 class PromptWriter:
@@ -58,8 +56,4 @@ class PromptWriter:
 
     def save(self, file: Path) -> None:
         """One request a line: custom_id, method, url and body. Raises InputError if the file cannot be written."""
-        lines = [
-            {"custom_id": key, "method": "POST", "url": URL, "body": without_bounds(request.body(self._model))}
-            for key, request in self.requests.items()
-        ]
-        write_file(file, "".join(json.dumps(line, ensure_ascii=False) + "\n" for line in lines).encode())
+        save_requests(file, self.requests, self._model)

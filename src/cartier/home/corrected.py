@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from typing import cast
 
 from cartier.home.correction_log import Correction, Subject, in_force, in_words, rules_of
-from cartier.home.object_changes import affirmed, halves, made, merged, moved, relabelled
+from cartier.home.object_changes import affirmed, halves, made, merged, moved, relabelled, weighed
 from cartier.route_rules import RouteRule
 from cartier.types import MapObject, OccupancyGrid, Room
 
@@ -25,7 +25,8 @@ FIRST_MADE, MAX_MADE = 1_000_000, 1000  # ids of objects that people add, to whi
 class Corrected:
     """Objects, rooms and the home's name with and without corrections, the log, and notes about unfit entries.
 
-    ``made`` are the objects that people added, as they were added; ``rules`` are those for routes.
+    ``made`` are the objects that people added, as they were added; ``rules`` are those for routes; ``looked_at`` are
+    the ids of the objects of which a vision model said something.
     """
 
     objects: tuple[MapObject, ...]
@@ -38,6 +39,7 @@ class Corrected:
     name: str = ""
     mapped_name: str = ""
     rules: tuple[RouteRule, ...] = ()
+    looked_at: frozenset[int] = frozenset()
 
 
 def apply(
@@ -57,7 +59,9 @@ def apply(
         if entry.what in ("rule", "lift"):
             continue
         subject = cast(Subject, entry.subject)
-        if subject.kind == "home":
+        if entry.what == "evidence":
+            work.weigh(entry, subject)
+        elif subject.kind == "home":
             work.name = str(entry.name)
         elif subject.kind == "room":
             work.name_room(entry, subject)
@@ -66,6 +70,7 @@ def apply(
     return Corrected(
         work.sorted_objects(), tuple(work.places[room.id] for room in rooms), objects, rooms, tuple(log),
         tuple(work.notes), tuple(work.made.values()), work.name, name, _rules(work.log, rooms, grid),
+        frozenset(work.factors),
     )  # fmt: skip
 
 
@@ -93,7 +98,8 @@ def _renamed(rule: RouteRule, names: Mapping[str, str]) -> RouteRule:
 
 class _Applying:
     """The state of a map while corrections are applied. ``pool`` is where entries find their objects: as mapped, and
-    as people added them; ``objs`` has them as corrected so far; ``into`` names what others became part of."""
+    as people added them; ``objs`` has them as corrected so far; ``into`` names what others became part of; ``factors``
+    are what vision models said of objects last."""
 
     def __init__(
         self, log: list[Correction], objects: tuple[MapObject, ...], rooms: tuple[Room, ...],
@@ -103,6 +109,7 @@ class _Applying:
         self.pool, self.objs = ({obj.id: obj for obj in objects} for _ in range(2))
         self.places = {room.id: room for room in rooms}
         self.made, self.into, self.notes = dict[int, MapObject](), dict[int, int](), list[str]()
+        self.factors = dict[int, float]()
         self.now_s = max((obj.last_looked_s for obj in objects), default=0.0)
         self.kept: dict[int, list[Subject]] = {}  # what people said is there, by the object of the map that it is
         for entry in log:
@@ -111,7 +118,14 @@ class _Applying:
                     self.kept.setdefault(number, []).append(subject)
 
     def sorted_objects(self) -> tuple[MapObject, ...]:
-        return tuple(self.objs[number] for number in self.pool if number in self.objs)
+        left = (self.objs[number] for number in self.pool if number in self.objs)
+        return tuple(weighed(obj, self.factors.get(obj.id, 1.0)) for obj in left)
+
+    def weigh(self, entry: Correction, subject: Subject) -> None:
+        """Note what a vision model said of an object, if the map still has that very one; the latest counts."""
+        number = self._found(subject, entry, again=False)
+        if number is not None and subject.id in (number, *self.pool[number].aliases):
+            self.factors[number] = float(entry.factor or 1.0)
 
     def name_room(self, entry: Correction, subject: Subject) -> None:
         number = find_room(subject.position, self.rooms, self.grid)
@@ -233,7 +247,7 @@ class _Applying:
 
 def _said_to_be_there(entry: Correction) -> list[Subject]:
     """The objects of the map that an entry says are there."""
-    if entry.what == "forget":
+    if entry.what in ("forget", "evidence"):
         return []
     about = (entry.subject, entry.other if entry.what == "merge" else None)
     return [each for each in about if each is not None and each.kind == "object" and each.id < FIRST_MADE]

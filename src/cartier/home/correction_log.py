@@ -1,4 +1,4 @@
-"""Log of the corrections that people make to a home: its entries, how they are written, and how they are read.
+"""Log of the corrections that people make to a home, and of what vision models said: its entries, written and read.
 
 Each entry says who, when and what. The log is only appended to; undoing is an entry as well.
 """
@@ -20,9 +20,12 @@ LOG = "corrections.jsonl"
 MAX_BYTES, MAX_NAME_CHARS, MAX_WHO_CHARS, MAX_LABEL_CHARS = 2**24, 60, 60, 200
 MAX_ID = 2**53
 MAX_RULE_CHARS, MAX_SAID_CHARS = 5000, 300
+MAX_FACTOR = 1000.0
 CorrectionKind = Literal[
     "name", "confirm", "relabel", "add", "merge", "split", "forget", "move", "rule", "lift", "undo"
 ]
+EntryKind = CorrectionKind | Literal["evidence"]
+"""What an entry is: a correction of a person, or evidence, which no person gives."""
 POINTS = {"object": 3, "room": 2, "home": 0}
 """How many coordinates the position of a subject has, by its kind."""
 
@@ -48,14 +51,15 @@ class Correction:
     ``name`` is for "name", ``label`` for "relabel", ``to_xy`` (m) for "move", ``undoes`` (an entry's id) for "undo".
     ``other`` is the object that "merge" takes in, or the second one that "split" makes; "add" makes its ``subject``.
     ``rule`` is a route rule in its text form, for "rule" with the sentence that made it in ``name``; "lift" takes back
-    the entry ``undoes``. ``origin`` names the pose frame of the positions, and ``newest`` is the largest id of an
-    object then; older entries have neither.
+    the entry ``undoes``. "evidence" is what a vision model said of its ``subject``, in ``name``: the odds that it is
+    there are multiplied by ``factor``. ``origin`` names the pose frame of the positions, and ``newest`` is the largest
+    id of an object then; older entries have neither.
     """
 
     id: str
     when: str
     who: str
-    what: CorrectionKind
+    what: EntryKind
     subject: Subject | None = None
     name: str | None = None
     to_xy: tuple[float, float] | None = None
@@ -65,6 +69,7 @@ class Correction:
     origin: str | None = None
     newest: int | None = None
     rule: str | None = None
+    factor: float | None = None
 
 
 def read_log(folder: Path) -> tuple[tuple[Correction, ...], tuple[str, ...]]:
@@ -121,6 +126,8 @@ def in_words(entry: Correction, log: Iterable[Correction] = ()) -> str:
     if entry.what == "lift":
         return f"no longer {RouteRule.parse(entry.rule or '').wish}"
     assert entry.subject is not None
+    if entry.what == "evidence":
+        return f"{_called(entry.subject)} was looked at: {entry.name}"
     about, other = _called(entry.subject), "" if entry.other is None else _called(entry.other)
     x, y = entry.to_xy or (*entry.subject.position, 0.0, 0.0)[:2]
     return {
@@ -157,7 +164,7 @@ def _without_empty(values: dict[str, Any]) -> dict[str, Any]:
 def _entry(row: Mapping[str, Any]) -> Correction:
     """An entry from its line. Raises ValueError, KeyError, TypeError or InputError for an invalid one."""
     what = row["what"]
-    if what not in get_args(CorrectionKind):
+    if what != "evidence" and what not in get_args(CorrectionKind):
         raise ValueError(what)
     about: dict[str, Any] = {key: clean(row[key], MAX_WHO_CHARS, key) for key in ("id", "when", "who")}
     if what == "undo":
@@ -173,8 +180,10 @@ def _entry(row: Mapping[str, Any]) -> Correction:
         raise ValueError(subject)
     if what == "move":
         about["to_xy"] = _floats(row["to_xy"], 2)
-    if what == "name":
+    if what in ("name", "evidence"):
         about["name"] = clean(row["name"], MAX_NAME_CHARS, "name")
+    if what == "evidence":
+        about["factor"] = _factor(row["factor"])
     if what == "relabel":
         about["label"] = clean(row["label"], MAX_NAME_CHARS, "label")
     if what in ("merge", "split"):
@@ -201,6 +210,12 @@ def _whole(value: Any) -> int:
     if type(value) is not int or not 0 <= value <= MAX_ID:
         raise ValueError(value)
     return value
+
+
+def _factor(value: Any) -> float:
+    if type(value) not in (int, float) or not 1 / MAX_FACTOR <= value <= MAX_FACTOR:
+        raise ValueError(value)  # NaN, too
+    return float(value)
 
 
 def _floats(values: Any, size: int) -> tuple[float, ...]:

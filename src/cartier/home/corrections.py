@@ -85,6 +85,15 @@ def make(known: Corrected, grid: OccupancyGrid | None, wish: Wish, origin: str =
     return Correction(secrets.token_hex(6), when, clean(wish.who, MAX_WHO_CHARS, "who corrects"), **about)
 
 
+def evidence(obj: MapObject, known: Corrected, said: str, factor: float, who: str, origin: str) -> Correction:
+    """An entry that multiplies the odds that an object exists, because a vision model (``who``) said something."""
+    when, by = datetime.now(UTC).isoformat(timespec="milliseconds"), brief(" ".join(who.split()), MAX_WHO_CHARS)
+    return Correction(
+        secrets.token_hex(6), when, clean(by, MAX_WHO_CHARS, "who looked"), "evidence", _subject(obj, known),
+        name=clean(said, MAX_NAME_CHARS, "what was said"), factor=factor, origin=origin or None,
+    )  # fmt: skip
+
+
 def _undo(known: Corrected, grid: OccupancyGrid | None, wish: Wish) -> dict[str, Any]:
     holding = in_force(known.log)
     if not holding:

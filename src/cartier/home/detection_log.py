@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from array import array
+from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -90,6 +92,34 @@ class DetectionLog:
         self._frames, self._counts = (array("i", columns[name].tolist()) for name in ("frames", "counts"))
         self._boxes, self._scores = array("h", columns["boxes_px"].ravel().tolist()), array("f", columns["scores"])
         self._labels, self._objects = (array("i", columns[name].tolist()) for name in ("labels", "objects"))
+
+    def co_detected(self, other: DetectionLog) -> dict[tuple[int, int], int]:
+        """Which objects of two logs of the same detections were seen in the same boxes.
+
+        Args:
+            other: The log of another map of these frames.
+
+        Returns:
+            How many boxes two objects share, by the object's id here and its id there.
+        """
+        shared, theirs, at = Counter[tuple[int, int]](), dict[int, list[int]](), 0
+        for frame, count in zip(other._frames, other._counts, strict=True):
+            theirs[frame] = other._objects[at : at + count].tolist()
+            at += count
+        at = 0
+        for frame, count in zip(self._frames, self._counts, strict=True):
+            mine, at = self._objects[at : at + count].tolist(), at + count
+            if len(mine) == len(theirs.get(frame, ())):
+                shared.update(zip(mine, theirs[frame], strict=True))
+        return {pair: count for pair, count in shared.items() if min(pair) >= 0}
+
+    def renumber(self, new_ids: Mapping[int, int]) -> None:
+        """Give objects other ids.
+
+        Args:
+            new_ids: The new id of each object by its old one; others keep theirs.
+        """
+        self._objects = array("i", [new_ids.get(number, number) for number in self._objects])
 
     def state(self) -> bytes:
         """The log in stored form.

@@ -327,7 +327,7 @@ class Home(HomeData):
         """Read a saved home, while others may replace it.
 
         Args:
-            folder: What ``save`` wrote.
+            folder: What ``save`` wrote, or the place of a home in a fleet's store: ``s3://BUCKET/homes/KEY``.
 
         Returns:
             The home, with the corrections of its log applied.

@@ -2,15 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
+from cartier.contracts import VisionModel
+from cartier.errors import InputError
+from cartier.home import correction_log, corrections
+from cartier.home.data import origin_of
 from cartier.types import Detections, Inventory, RobotModel, Selection, VisualTrace
 from cartier.vision.permission import Look
 
 if TYPE_CHECKING:
     from cartier.home.entity import Home
     from cartier.vision.look import Photographs
+    from cartier.vision.verification import Calibration, Checked
+
+Step = Callable[[int, int], None]
+"""Told how many questions were asked, of how many."""
+
+
+def _silent(done: int, total: int) -> None:
+    """Whoever asks wants no progress."""
 
 
 def photographs_of(home: Home) -> Photographs:
@@ -38,3 +50,55 @@ def look_for_answer(
 
     around = Surroundings(home.grid, from_xy, robot)
     return look(allowed, query, selection, inventory, photographs_of(home), around)
+
+
+def ask_about_doubts(home: Home, allowed: Look, step: Step = _silent) -> tuple[Calibration, list[Checked]]:
+    """Ask a vision model about the doubtful objects of a home that it was not asked about, and write nothing.
+
+    Raises ReasonerError if the model cannot be reached.
+    """
+    from cartier.vision import verification
+    from cartier.vision.look import Surroundings
+
+    out = frozenset[int]() if home.corrected is None else home.corrected.looked_at
+    doubtful = verification.doubts(home.objects, out)
+    if not doubtful:
+        return verification.Calibration(), []
+    around = Surroundings(home.grid, home.start_xy, RobotModel())
+    others = [obj for obj in home.objects if obj.id not in out]
+    return verification.check(allowed, others, doubtful, photographs_of(home), around, step)
+
+
+def verify(home: Home, allowed: Look, step: Step = _silent) -> tuple[Calibration, list[Checked]]:
+    """Ask a vision model about the doubtful objects of a home, and add what it says to the log of the saved home.
+
+    Each object is asked about once, until ``undo`` takes back what was said. What is added multiplies the odds that an
+    object exists: it is evidence like any other, and what people said outweighs it.
+
+    Args:
+        home: A home that was loaded from a folder.
+        allowed: Who may look.
+        step: Told how many questions were asked, of how many.
+
+    Returns:
+        What the model said of objects beyond doubt, by which its answers are weighed, and of each doubtful one.
+
+    Raises:
+        InputError: The home was not loaded from a folder.
+        ReasonerError: The model cannot be reached; nothing was added then.
+    """
+    if home.store is None or home.corrected is None:
+        raise InputError(f"{home.name} was not loaded from a folder: save it, load it, and verify it then")
+    calibration, checked = ask_about_doubts(home, allowed, step)
+    who, origin = name_of(allowed.model), origin_of(home.settings)
+    for each in checked:
+        if each.trace.reply is not None:  # something was asked
+            said = f"{each.said}, odds x {each.factor:g}"
+            entry = corrections.evidence(each.obj, home.corrected, said, each.factor, who, origin)
+            home.store.append(correction_log.LOG, correction_log.line_of(entry))
+    return calibration, checked
+
+
+def name_of(model: VisionModel) -> str:
+    """A vision model, and where pictures are sent."""
+    return f"{model.name} at {model.endpoint}" if model.endpoint else model.name

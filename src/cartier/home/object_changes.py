@@ -6,13 +6,25 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from cartier.types import MapObject, View
+from cartier.understanding.tentative import CONFIRMED_PROBABILITY
 
 MAX_VIEWS = 16  # of merged objects, best first
+SUREST = 1e-4  # a map's probabilities are rounded: none is nearer to 0 or 1
 
 
 def affirmed(obj: MapObject) -> MapObject:
     """The object of which a person says that it is there, which outweighs any score."""
     return replace(obj, confirmed=True, probability=1.0, by_person=True)
+
+
+def weighed(obj: MapObject, factor: float) -> MapObject:
+    """The object with the odds that it exists multiplied by a factor; what a person said of it stays."""
+    if obj.by_person or factor == 1:
+        return obj
+    before = min(max(obj.probability, SUREST), 1 - SUREST)
+    odds = factor * before / (1 - before)
+    likely = round(odds / (1 + odds), 4)
+    return replace(obj, probability=likely, confirmed=likely >= CONFIRMED_PROBABILITY)
 
 
 def relabelled(obj: MapObject, label: str) -> MapObject:

@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from cartier import plugins
+from cartier.blob_stores import open_store
 from cartier.contracts import SpatialIndex
 from cartier.errors import InputError
 from cartier.home import correction_log
@@ -19,7 +20,7 @@ from cartier.home.map_server import grid_from, pgm, yaml
 from cartier.home.old_names import OLD_OBJECTS
 from cartier.home.photos import check_photo
 from cartier.home.schema import Manifest, floor_kinds_from, manifest_from, objects_from, printed, rooms_from
-from cartier.home.store import Store, blob_file, digest_of
+from cartier.home.store import NAV2, PublishedStore, Store, blob_file, digest_of
 from cartier.io.files import json_bytes, npz_bytes, parse_json, read_npz
 from cartier.types import Camera, OccupancyGrid, Room
 
@@ -42,7 +43,7 @@ def save(home: HomeData, folder: str | Path) -> None:
         blobs |= {f"{INDEXES}{name}/{part}": data for part, data in index.state().items()}
     blobs |= {f"{GROWTH}{part}": data for part, data in home.growth.items()}
     blobs |= {f"{PHOTOS}{frame:06d}.jpg": jpeg for frame, jpeg in home.photos.items()}
-    files = {}
+    files = dict[str, bytes]()
     if grid is not None:
         room_of_cell = np.full(grid.cells.shape, -1, np.int16)
         for number, room in enumerate(home.rooms):
@@ -50,11 +51,15 @@ def save(home: HomeData, folder: str | Path) -> None:
         floors = {} if grid.floor_kinds is None else {"floor_kinds": grid.floor_kinds}
         arrays = npz_bytes(height_m=grid.height_m, rooms=room_of_cell, **floors)
         blobs |= {"occupancy.pgm": pgm(grid), "occupancy.npz": arrays}
-        # for Nav2, which wants a name that stays
-        files["occupancy.yaml"] = yaml(grid, blob_file("occupancy.pgm", digest_of(blobs["occupancy.pgm"])))
+        files |= _for_nav2(grid, blobs)
     if known and known.log and not log_file.exists():
         files[correction_log.LOG] = "".join(f"{correction_log.line_of(entry)}\n" for entry in known.log).encode()
     Store(folder).put(_manifest(home, rooms), blobs, files)
+
+
+def _for_nav2(grid: OccupancyGrid, blobs: Mapping[str, bytes]) -> dict[str, bytes]:
+    """The floor plan's description for Nav2, which wants a name that stays."""
+    return {NAV2: yaml(grid, blob_file("occupancy.pgm", digest_of(blobs["occupancy.pgm"])))}
 
 
 def _manifest(home: HomeData, rooms: tuple[Room, ...]) -> dict[str, Any]:
@@ -74,9 +79,24 @@ def _manifest(home: HomeData, rooms: tuple[Room, ...]) -> dict[str, Any]:
     }
 
 
-def load(folder: str | Path, kind: type[AnyHome]) -> AnyHome:
+def load(place: str | Path, kind: type[AnyHome]) -> AnyHome:
     """Read a saved home as a ``kind``; see ``Home.load``."""
-    store, unchanged = Store(folder), 0
+    published = isinstance(place, str) and "://" in place
+    return read(PublishedStore(open_store(str(place))) if published else Store(place), kind)
+
+
+def pull(store: PublishedStore, folder: Path, kind: type[AnyHome]) -> AnyHome:
+    """Write a published home to a folder, atomically, once all of it was read and is sound. Raises InputError."""
+    home, about = read(store, kind), store.manifest()
+    blobs = {name: store.get(name, about) for name in about["blobs"]}
+    rest = {key: value for key, value in about.items() if key not in ("blobs", "sha256")}
+    Store(folder).put(rest, blobs, {} if home.grid is None else _for_nav2(home.grid, blobs))
+    return home
+
+
+def read(store: Store, kind: type[AnyHome]) -> AnyHome:
+    """The home in a store, while others may replace it. Raises InputError."""
+    unchanged = 0
     for attempt in range(MAX_ATTEMPTS):
         about = store.manifest()
         try:
@@ -89,12 +109,12 @@ def load(folder: str | Path, kind: type[AnyHome]) -> AnyHome:
 
 
 def _read(store: Store, about: Mapping[str, Any], kind: type[AnyHome]) -> AnyHome:
-    folder, schema = store.folder, about.get("schema")
+    place, schema = store.place, about.get("schema")
     if schema != SCHEMA:
         newer = isinstance(schema, int) and schema > SCHEMA
-        mend = "upgrade cartier" if newer else f"map its recording again: cartier map RECORDING -o {folder}"
+        mend = "upgrade cartier" if newer else f"map its recording again: cartier map RECORDING -o {place}"
         raise InputError(
-            f"{folder} was made by {'a newer' if newer else 'an older'} cartier (schema {str(schema)[:20]}, "
+            f"{place} was made by {'a newer' if newer else 'an older'} cartier (schema {str(schema)[:20]}, "
             f"this one reads {SCHEMA}): {mend}"
         )
     try:
@@ -102,7 +122,7 @@ def _read(store: Store, about: Mapping[str, Any], kind: type[AnyHome]) -> AnyHom
         grid, rooms = _floor(store, about, made)
         rows = parse_json(store.get("objects.json", about), "objects.json")
         objects = objects_from([_renamed(row) for row in rows], rooms)
-        log, faults = correction_log.read_log(folder)
+        log, faults = correction_log.read_log(store.folder)
         corrected = apply(log, objects, rooms, grid, made.name, origin_of(made.settings))
         indexes = {name: _index(store, about, name) for name in made.indexes}
         for index in indexes.values():
@@ -124,7 +144,7 @@ def _read(store: Store, about: Mapping[str, Any], kind: type[AnyHome]) -> AnyHom
             corrected=replace(corrected, notes=(*faults, *corrected.notes)),
         )
     except (KeyError, TypeError, ValueError, IndexError, OverflowError, RecursionError, InputError) as error:
-        told = str(error) if str(folder) in str(error) else f"{folder} is damaged ({type(error).__name__}: {error})"
+        told = str(error) if place in str(error) else f"{place} is damaged ({type(error).__name__}: {error})"
         raise InputError(told.replace("\n", " ")[:300]) from error
 
 
@@ -151,7 +171,7 @@ class _Photos(_Blobs[int]):
     """The photographs of a saved home by frame."""
 
     def __getitem__(self, key: int) -> bytes:
-        return check_photo(super().__getitem__(key), f"{self._store.folder}: its photo of frame {key}")
+        return check_photo(super().__getitem__(key), f"{self._store.place}: its photo of frame {key}")
 
 
 def _renamed(row: Any) -> Any:
@@ -172,7 +192,7 @@ def _floor(store: Store, about: Mapping[str, Any], made: Manifest) -> tuple[Occu
 
 def _index(store: Store, about: Mapping[str, Any], name: str) -> SpatialIndex:
     if name not in [b.name for b in plugins.backends("indexes")]:
-        raise InputError(f"{store.folder} names an index {str(name)[:60]!r} that is not installed")
+        raise InputError(f"{store.place} names an index {str(name)[:60]!r} that is not installed")
     index = plugins.make("indexes", name)
     index.restore(dict(_Blobs(store, about, f"{INDEXES}{name}/", str)))
     return index

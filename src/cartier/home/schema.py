@@ -29,12 +29,18 @@ MIN_CELL_M, MAX_CELL_M = 0.001, 10.0
 
 @dataclass(frozen=True)
 class MappedRecording:
-    """A recording that a home was mapped from; ``looked`` counts the frames in which objects were detected."""
+    """A recording that a home was mapped from; ``looked`` counts the frames in which objects were detected.
+
+    ``mended`` are corrections of its poses: a frame's number, a turn about z (rad) and a shift (x, y, z in m).
+    ``moved`` is the turn and the shift by which they were brought into the world of the home.
+    """
 
     recording: str
     sha256: str
     frames: int
     looked: int = 0
+    mended: tuple[tuple[float, float, float, float, float], ...] = ()
+    moved: tuple[float, float, float, float] | None = None
     read_with: dict[str, Any] = field(default_factory=dict)
 
 

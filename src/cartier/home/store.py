@@ -15,11 +15,12 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from cartier.blob_stores import BlobStore
 from cartier.errors import InputError
 from cartier.io.atomic import PART, append_line, locked, replaced_folder, write_file, write_json
-from cartier.io.files import read_bytes, read_json
+from cartier.io.files import MAX_JSON_BYTES, parse_json, read_bytes
 
-MANIFEST = "home.json"
+MANIFEST, NAV2 = "home.json", "occupancy.yaml"
 MAX_BYTES = 2**31
 NAME = re.compile(r"[a-z0-9_]+(?:/[a-z0-9_]+)*\.[a-z0-9]+")
 BLOB = re.compile(r".+-([0-9a-f]{12})\.[a-z0-9]+")
@@ -29,17 +30,17 @@ class Store:
     """The blobs of one home in a folder. ``get`` verifies checksums; ``put`` takes the lock of the home."""
 
     def __init__(self, folder: str | Path) -> None:
-        self.folder = Path(folder)
+        self.folder, self.place = Path(folder), str(folder)
 
     def manifest(self) -> dict[str, Any]:
         """The manifest. Raises InputError if the folder holds no home, or if the manifest is damaged."""
-        file = self.folder / MANIFEST
-        if not file.is_file():
+        file = f"{self.place}/{MANIFEST}"
+        if not self._is_made():
             raise InputError(
-                f"{self.folder} is no mapped home (it holds no {MANIFEST}); "
-                f"make one with: cartier map RECORDING -o {self.folder}"
+                f"{self.place} is no mapped home (it holds no {MANIFEST}); "
+                f"make one with: cartier map RECORDING -o {self.place}"
             )
-        about = read_json(file)
+        about = parse_json(self._read(MANIFEST, MAX_JSON_BYTES), file)
         if not isinstance(about, dict):
             raise InputError(f"{file} is damaged (no object): map the recording again")
         blobs = about.get("blobs", {})  # homes of older schemas have none
@@ -55,11 +56,13 @@ class Store:
         """One blob of a manifest. Raises InputError if it is missing or damaged."""
         digest = about["blobs"].get(name)
         if digest is None:
-            raise InputError(f"{self.folder / MANIFEST} is damaged (it names no {name}): map the recording again")
-        file = self.folder / blob_file(name, digest)
-        data = read_bytes(file, MAX_BYTES, follow_link=False)
+            raise InputError(f"{self.place}/{MANIFEST} is damaged (it names no {name}): map the recording again")
+        file = blob_file(name, digest)
+        data = self._read(file, MAX_BYTES)
         if digest_of(data) != digest:
-            raise InputError(f"{file} is damaged (its bytes are not those that were written): map the recording again")
+            raise InputError(
+                f"{self.place}/{file} is damaged (its bytes are not those that were written): map the recording again"
+            )
         return data
 
     def put(self, about: Mapping[str, Any], blobs: Mapping[str, bytes], files: Mapping[str, bytes]) -> None:
@@ -97,6 +100,13 @@ class Store:
             found.append(str(error))
         return found
 
+    def _is_made(self) -> bool:
+        return (self.folder / MANIFEST).is_file()
+
+    def _read(self, file: str, max_bytes: int) -> bytes:
+        """A file of the home. Raises InputError."""
+        return read_bytes(self.folder / file, max_bytes, follow_link=file == MANIFEST)
+
     def _fill(
         self, folder: Path, whole: dict[str, Any], blobs: Mapping[str, bytes], files: Mapping[str, bytes]
     ) -> None:
@@ -115,6 +125,41 @@ class Store:
             if file not in kept and (PART.fullmatch(file.name) or _is_blob(file)):
                 with suppress(OSError):  # a leftover does no harm
                     file.unlink()
+
+
+class PublishedStore(Store):
+    """The blobs of one home below a prefix of a blob store, where a home is published once and never changed."""
+
+    def __init__(self, blobs: BlobStore, prefix: str = "") -> None:
+        super().__init__(f"{blobs.place}/{prefix}".rstrip("/"))
+        self._blobs, self._prefix = blobs, prefix
+        self.place = f"{blobs.place}/{prefix}".rstrip("/")
+
+    def publish(self, folder: Path) -> None:
+        """Copy what ``Store.put`` wrote to a folder; the manifest, which is the commit, comes last.
+
+        A home that was published before stays. Raises InputError if it cannot be written.
+        """
+        files = sorted(path for path in folder.rglob("*") if path.is_file())
+        for path in files:
+            if (name := path.relative_to(folder).as_posix()) != MANIFEST:
+                self._blobs.put(self._prefix + name, path.read_bytes())
+        self._blobs.create(self._prefix + MANIFEST, (folder / MANIFEST).read_bytes())
+
+    def put(self, about: Mapping[str, Any], blobs: Mapping[str, bytes], files: Mapping[str, bytes]) -> None:
+        raise InputError(f"{self.place} is published and stays as it is: save the home to a folder")
+
+    def append(self, log: str, line: str) -> None:
+        raise InputError(f"{self.place} is published and stays as it is: pull it to a folder, and correct it there")
+
+    def _is_made(self) -> bool:
+        return self._blobs.get(self._prefix + MANIFEST) is not None
+
+    def _read(self, file: str, max_bytes: int) -> bytes:
+        held = self._blobs.get(self._prefix + file)
+        if held is None or len(held.data) > max_bytes:
+            raise InputError(f"{self.place}/{file} is {'missing' if held is None else 'too large'}")
+        return held.data
 
 
 def blob_file(name: str, digest: str) -> str:

@@ -37,6 +37,27 @@ def write_json(path: Path, value: Any) -> None:
 
 def write_file(path: Path, data: bytes) -> None:
     """Write a file atomically, by writing beside it and renaming. Raises InputError if it cannot be written."""
+    with _written_beside(path, data) as beside:
+        beside.replace(path)
+
+
+def create_file(path: Path, data: bytes) -> bool:
+    """Write a file atomically unless there is one: whether it was written. Raises InputError if it cannot be."""
+    if path.exists():
+        return False
+    try:
+        with _written_beside(path, data) as beside:
+            path.hardlink_to(beside)
+    except InputError as error:
+        if not isinstance(error.__cause__, FileExistsError):
+            raise
+        return False
+    return True
+
+
+@contextmanager
+def _written_beside(path: Path, data: bytes) -> Iterator[Path]:
+    """A file with the data beside ``path``, for a block that gives it that name."""
     beside = path.with_name(f".{path.name[:80]}-{secrets.token_hex(4)}.part")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -45,7 +66,7 @@ def write_file(path: Path, data: bytes) -> None:
                 file.write(data)
                 file.flush()
                 os.fsync(file.fileno())
-            beside.replace(path)
+            yield beside
         finally:
             beside.unlink(missing_ok=True)
         sync_folder(path.parent)

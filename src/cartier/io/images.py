@@ -94,11 +94,11 @@ def read_instances(path: Path, camera: Camera) -> npt.NDArray[np.int32]:
     return _grey16(_read(path, _size(camera)), str(path), "instance ids").astype(np.int32)
 
 
-def write_rgb(path: Path, rgb: npt.NDArray[np.uint8]) -> None:
+def write_rgb(path: Path | BytesIO, rgb: npt.NDArray[np.uint8]) -> None:
     Image.fromarray(rgb).save(path, "JPEG", quality=JPEG_QUALITY)
 
 
-def write_depth(path: Path, depth_m: Array) -> None:
+def write_depth(path: Path | BytesIO, depth_m: Array) -> None:
     """Millimetres in a 16-bit PNG; 0 where there is no reading or it does not fit (below 0.5 mm, above 65.534 m)."""
     millimetres = np.rint(depth_m * 1e3)
     fits = (millimetres >= 1) & (millimetres <= 65534)
@@ -112,7 +112,7 @@ def write_instances(path: Path, instances: Array) -> None:
     _write_grey16(path, instances)
 
 
-def _write_grey16(path: Path, values: Array) -> None:
+def _write_grey16(path: Path | BytesIO, values: Array) -> None:
     Image.fromarray(values.astype(np.uint16)).save(path, "PNG", compress_level=PNG_LEVEL)
 
 

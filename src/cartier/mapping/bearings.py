@@ -114,7 +114,9 @@ class BearingGeometry:
     ) -> None:
         """Without depth, views show no surface."""
 
-    def fit_boxes(self, columns: Columns, walls_yaw: float | None) -> tuple[Array, list[OrientedBox | None]]:
+    def fit_boxes(
+        self, columns: Columns, walls_yaw: float | None, shapes: npt.NDArray[np.int8]
+    ) -> tuple[Array, list[OrientedBox | None]]:
         return np.stack([columns["box_min"], columns["box_max"]], axis=1), [None] * len(columns["id"])
 
     def fitted_box(self, columns: Columns, row: int) -> Array | None:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from cartier.mapping.furniture import FLAT_TOPPED, STANDING
 from cartier.mapping.observation import (
     FARTHER,
     MIN_SURFACE_SAMPLES,
@@ -35,6 +36,7 @@ FALLBACK_AGREEMENT = 0.5  # where too few points are left
 TOP_AGREEMENT, TOP_SHARE = 0.65, 0.1  # of the views, on the top of furniture; of the points, that a top has at least
 TOP_FROM_M, TOP_SIDE_M = 0.2, 0.7  # least height and longer side of a top
 TOP_LAYER_M, TOP_TOLERANCE_M = 0.02, 0.025
+MIN_TOP_SHARE = 0.5  # of an object's height, from which a layer may be its top: the others are shelves
 CELLS_PER_SIDE, MIN_CELL_M, MAX_CELL_M = 18, 0.008, 0.03  # points are thinned to one per cell
 MIN_COMPONENT_SHARE = 0.25  # of the largest connected part; smaller parts are no part of the object
 OUTLIER_SHARE = 0.02  # of the surface at either end, without masks
@@ -83,17 +85,22 @@ def on_top(points: Array, agreed: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_
     A box that ends short on a worktop or a bed is a frequent error, and background at the very height of it is rare.
     """
     height = points[:, 2]
-    over = agreed & (height > TOP_FROM_M)
-    none = np.zeros(len(points), bool)
-    if not over.any():
-        return none
-    layers = np.bincount(np.rint(height[over] / TOP_LAYER_M).astype(int))
-    both = layers + np.append(layers[1:], 0)
-    if both.max() < TOP_SHARE * agreed.sum():
-        return none
-    plane = np.abs(height - (both.argmax() + 0.5) * TOP_LAYER_M) < TOP_TOLERANCE_M
+    top_m = top_height(height[agreed])
+    if top_m is None:
+        return np.zeros(len(points), bool)
+    plane = np.abs(height - top_m) < TOP_TOLERANCE_M
     top = points[plane & agreed, :2]
-    return plane if len(top) and np.ptp(top, axis=0).max() > TOP_SIDE_M else none
+    return plane & bool(len(top) and np.ptp(top, axis=0).max() > TOP_SIDE_M)
+
+
+def top_height(height_m: Array) -> float | None:
+    """The height of the layer that holds the most points at ``height_m`` (k,); None if no layer stands out."""
+    over = height_m[height_m > TOP_FROM_M]
+    if not len(over):
+        return None
+    layers = np.bincount(np.rint(over / TOP_LAYER_M).astype(int))
+    both = layers + np.append(layers[1:], 0)
+    return (float(both.argmax()) + 0.5) * TOP_LAYER_M if both.max() >= TOP_SHARE * len(height_m) else None
 
 
 def flying(depth_m: Array, size_m: Array) -> npt.NDArray[np.bool_]:
@@ -130,11 +137,12 @@ def agreement(
     return np.asarray(within.sum(0) / np.maximum(shown.sum(0), 1))
 
 
-def surface_box(points: Array, masked: bool, yaw: float = 0.0) -> Array | None:
+def surface_box(points: Array, masked: bool, yaw: float = 0.0, shape: int = 0) -> Array | None:
     """The box (2, 3), least and greatest corner, of a surface (k, 3); None if there is too little of it.
 
     The corners are along axes that are turned by ``yaw`` about the vertical. What is seen standing low over the floor,
-    which is at height 0, reaches down to it.
+    which is at height 0, reaches down to it, and so does furniture whose ``shape`` (``furniture.shapes``) says so,
+    however little of it is seen. Furniture with a flat top ends there. Masks need none of this.
     """
     if not masked and points[:, 2].max(initial=0) > LOW_M and (points[:, 2] > FLOOR_M).sum() >= MIN_SURFACE_SAMPLES:
         points = points[points[:, 2] > FLOOR_M]
@@ -142,9 +150,29 @@ def surface_box(points: Array, masked: bool, yaw: float = 0.0) -> Array | None:
         return None
     points = points @ about_z(yaw)
     box = np.stack([points.min(0), points.max(0)]) if masked else _box_of_most(points)
-    if 0 < box[0, 2] < max(LOW_M, STANDING_SHARE * box[1, 2]):
+    if not masked and shape & FLAT_TOPPED:
+        box = _ended_at_top(box, points, bool(shape & STANDING))
+    stands = not masked and bool(shape & STANDING)
+    if box[0, 2] > 0 and (stands or box[0, 2] < max(LOW_M, STANDING_SHARE * box[1, 2])):
         box[0, 2] = 0
     return np.asarray(box)
+
+
+def _ended_at_top(box: Array, points: Array, sideways: bool) -> Array:
+    """A box (2, 3) without what stands on the top that ``points`` (k, 3) show; ``sideways``: nor beside it.
+
+    A table reaches no further than its top, but chairs before it do. A worktop may go round a corner.
+    """
+    top_m = top_height(points[:, 2])
+    if top_m is None or top_m <= MIN_TOP_SHARE * box[1, 2]:
+        return box
+    top = points[np.abs(points[:, 2] - top_m) < TOP_TOLERANCE_M]
+    box = box.copy()
+    box[1, 2] = min(box[1, 2], max(top_m, float(top[:, 2].max(initial=0))))
+    if sideways and len(top) >= MIN_SURFACE_SAMPLES:
+        low, high = _box_of_most(top)
+        box[0, :2], box[1, :2] = np.maximum(box[0, :2], low[:2]), np.minimum(box[1, :2], high[:2])
+    return box
 
 
 def _box_of_most(points: Array) -> Array:

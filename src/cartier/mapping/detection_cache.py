@@ -24,6 +24,19 @@ def detecting(detector: Detector) -> Detect:
     return detect
 
 
+def remembering(detect: Detect) -> Detect:
+    """The same, but frames that it has seen are not detected again; those with masks are, since masks are large."""
+    known: dict[int, Detections] = {}
+
+    def again(frames: Sequence[Frame]) -> list[Detections]:
+        new = [frame for frame in frames if frame.index not in known]
+        found = {seen.frame: seen for seen in (detect(new) if new else [])}
+        known.update({number: seen for number, seen in found.items() if seen.masks is None})
+        return [found[frame.index] if frame.index in found else known[frame.index] for frame in frames]
+
+    return again
+
+
 @contextmanager
 def cached(detector: Detector, file: Path | None, fingerprint: str) -> Iterator[Detect]:
     """``detector.detect_batch`` with a JSON-lines file, if one is named, from which it takes the frames that are done.

@@ -16,8 +16,9 @@ Medians of recordings: 0.11 to 0.14 of three real rooms and of 64 photographs, 0
 
 
 def is_from_world(recording: Recording, world: str) -> bool:
-    """Whether a recording is a simulator's, as it says itself."""
-    return recording.truth is not None and recording.name.startswith(f"{world} ")
+    """Whether a recording is a simulator's, as it says itself by its truth or, a spool, by its notes."""
+    told = recording.truth is not None or any(note.startswith(f"a simulation: the {world}") for note in recording.notes)
+    return told and recording.name.startswith(f"{world} ")
 
 
 def looks_rendered(recording: Recording) -> bool:

@@ -85,8 +85,13 @@ class Geometry(Protocol):
         """
         ...
 
-    def fit_boxes(self, columns: Columns, walls_yaw: float | None) -> tuple[Array, list[OrientedBox | None]]:
-        """The boxes (n, 2, 3) of all objects, least and greatest corner, and those in the directions of the walls."""
+    def fit_boxes(
+        self, columns: Columns, walls_yaw: float | None, shapes: npt.NDArray[np.int8]
+    ) -> tuple[Array, list[OrientedBox | None]]:
+        """The boxes (n, 2, 3) of all objects, least and greatest corner, and those in the directions of the walls.
+
+        ``shapes`` (n,) are those of ``furniture.shapes``.
+        """
         ...
 
     def fitted_box(self, columns: Columns, row: int) -> Array | None:
@@ -130,6 +135,7 @@ class DepthGeometry:
     columns: ClassVar[ColumnKinds] = {
         "patches": ((PATCHES_KEPT,), PATCH_KIND), "fit_is_stale": ((), "?"),
         "fitted": ((2, 3), "f8"), "fitted_along_walls": ((2, 3), "f8"), "fit_yaw": ((), "f8"), "seen": ((5,), "?"),
+        "fit_shape": ((), "i1"),
     }  # fmt: skip
 
     def __init__(self, config: MappingConfig) -> None:
@@ -183,16 +189,20 @@ class DepthGeometry:
         changed = keep_patches(columns["patches"], rows, frame, detections, boxes_xyxy, worth, masks)
         columns["fit_is_stale"][changed] = True
 
-    def fit_boxes(self, columns: Columns, walls_yaw: float | None) -> tuple[Array, list[OrientedBox | None]]:
+    def fit_boxes(
+        self, columns: Columns, walls_yaw: float | None, shapes: npt.NDArray[np.int8]
+    ) -> tuple[Array, list[OrientedBox | None]]:
         """Only what changed since the last call is fitted again."""
         yaw = walls_yaw or 0.0
-        for row in np.flatnonzero(columns["fit_is_stale"] | (columns["fit_yaw"] != yaw)):
+        stale = columns["fit_is_stale"] | (columns["fit_yaw"] != yaw) | (columns["fit_shape"] != shapes)
+        for row in np.flatnonzero(stale):
             patches = columns["patches"][row]
             surface, masked = agreed_surface(patches, self.config.extent.min_agreement)
-            boxes = surface_box(surface, masked), surface_box(surface, masked, yaw)
+            boxes = [surface_box(surface, masked, turned, int(shapes[row])) for turned in (0.0, yaw)]
             columns["fitted"][row], columns["fitted_along_walls"][row] = (0 if box is None else box for box in boxes)
             columns["seen"][row] = boxes[1] is not None and sides_seen(patches, boxes[1], yaw)
             columns["fit_is_stale"][row], columns["fit_yaw"][row] = False, yaw
+            columns["fit_shape"][row] = shapes[row]
         fitted, running = columns["fitted"], np.stack([columns["box_min"], columns["box_max"]], axis=1)
         sound = np.all(fitted[:, 1] > fitted[:, 0], axis=1)
         turned = zip(columns["fitted_along_walls"], columns["seen"], sound & (walls_yaw is not None), strict=True)

@@ -66,6 +66,11 @@ class Keyframes:
             self._consider(frame, here)
         return chosen
 
+    @property
+    def waiting(self) -> Frame | None:
+        """The frame that is kept waiting, if any."""
+        return None if self._waiting is None else self._waiting[1]
+
     def _consider(self, frame: Frame, here: Pose) -> None:
         """Let a frame wait that is far enough from the last keyframe, if it is the sharpest so far."""
         if self._last is not None and change(self._last, here, *self._far) >= HALF:

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import hashlib
-import io
-import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import replace
 from typing import Any
@@ -20,6 +17,7 @@ from cartier.home.data import origin_of
 from cartier.home.detection_log import DetectionLog
 from cartier.home.entity import CLOUD, DETECTIONS, Home
 from cartier.io.files import npz_bytes, read_npz
+from cartier.mapping.alignment import Alignment
 from cartier.mapping.bearings import BearingGeometry
 from cartier.mapping.cloud import CloudMapper
 from cartier.mapping.config import MappingConfig, config_for
@@ -29,15 +27,19 @@ from cartier.mapping.floor_kinds import FloorKindMapper
 from cartier.mapping.indexing import filled_indexes, make_indexes
 from cartier.mapping.object_map import ObjectMap
 from cartier.mapping.occupancy import OccupancyMapper
+from cartier.mapping.photos import BestPhotos
 from cartier.mapping.plausibility import weighed
+from cartier.mapping.pose_graph import Mended
 from cartier.mapping.quality import Conditions
+from cartier.mapping.recording_row import recording_row
+from cartier.mapping.remapping import again, succeed
+from cartier.mapping.repose import KeptFrame, frame_key, moved
 from cartier.mapping.rooms import find_rooms, room_of
 from cartier.mapping.walls import walls_yaw
-from cartier.types import Camera, Detections, Frame, MapObject
+from cartier.types import Camera, Detections, Frame
 
 DEFAULT_INDEXES = ("object_depth", "object_viewpoint")
 SCALE_GUESSED = "the scale of this home is a guess: its metres and centimetres are right only relative to each other"
-JPEG_QUALITY = 88
 COUNTS, FRAMES, FLOOR_KINDS = "occupancy_counts.npz", "frames.npz", "floor_kinds.npz"
 
 
@@ -77,6 +79,7 @@ class Mapper:
         config: MappingConfig | None = None,
     ) -> None:
         self.detector, self._onto, self._explicit = detector, onto, indexes is not None
+        self._asked = indexes, encoder
         made_by = {"detector": detector.name, "detector_sha256": optional(detector, Detector, "sha256")}
         self._score_model = optional(detector, Detector, "score_model")
         self._objects: ObjectMap | None = None  # the first frame decides: with or without depth
@@ -84,10 +87,10 @@ class Mapper:
         self._floor, self._cloud = OccupancyMapper(self.config.occupancy), CloudMapper()
         self._floor_kinds = FloorKindMapper(self.config.occupancy.resolution_m)
         self._conditions = Conditions()
-        self._seen, self._photos, self._log = set[int](), dict[int, bytes](), DetectionLog()
+        self._seen, self._photos, self._log = set[int](), BestPhotos(), DetectionLog()
         self._start_xy: tuple[float, float] | None = None
         self._camera: Camera | None = None
-        self._next_frame = self._blind = 0
+        self._next_frame = self._blind = self._first_id = 0
         self._notes: dict[str, None] = {}
         if onto is None:
             self._indexes = make_indexes(indexes or DEFAULT_INDEXES, encoder)
@@ -112,13 +115,14 @@ class Mapper:
                     "add with the same detector"
                 )
         self._settings, self._indexes = deepcopy(dict(home.settings)), deepcopy(dict(home.indexes))
-        self._start_xy, self._camera, self._photos = home.start_xy, home.camera, dict(home.photos)
+        self._start_xy, self._camera, self._photos = home.start_xy, home.camera, BestPhotos(home.photos)
         self._notes = dict.fromkeys(home.notes)
         try:
             self._objects = self._object_map(home.grid is not None)
             rows = [(row["recording"], row["sha256"], int(row["frames"])) for row in self._settings["recordings"]]
             self._next_frame = sum(frames for _, _, frames in rows)
             self._objects.restore(home.growth)
+            self._first_id = self._objects.next_id
             self._objects.kept = frozenset(number for t in home.objects if t.by_person for number in (t.id, *t.aliases))
             self._seen = set(read_npz(home.growth[FRAMES], where=FRAMES)["keys"].tolist())
             self._log.restore(home.growth[DETECTIONS])
@@ -170,17 +174,18 @@ class Mapper:
         new = self.integrate_depth(frame)
         return self.integrate_detections(frame, detections) if new else np.full(len(detections), -1)
 
-    def integrate_depth(self, frame: Frame) -> bool:
+    def integrate_depth(self, frame: Frame, key: int | None = None) -> bool:
         """Add the depth of a frame to the floor plan and the point cloud.
 
         Args:
             frame: The frame.
+            key: What tells it from all others; by default its time and its pixels.
 
         Returns:
             Whether its detections may be added: False for a frame that is already in the map, or that lacks depth while
             the map has it.
         """
-        key, pose = _key(frame), frame.world_from_camera
+        key, pose = frame_key(frame) if key is None else key, frame.world_from_camera
         if key in self._seen:
             return False
         self._seen.add(key)
@@ -219,24 +224,54 @@ class Mapper:
             counting = detections.keep(detections.scores >= self._score_model.threshold)
             for index in self._frame_indexes:
                 index.add(frame, counting)
-        self._keep_photo(frame)
+        self._photos.keep(frame, self._objects.best_frames())
         return ids
 
-    def finish(self, recording: Recording, looked: int | None = None) -> None:
+    def repose(
+        self,
+        poses: Mapping[int, npt.NDArray[np.float64]],
+        kept: Sequence[KeptFrame],
+        progress: Callable[[int, int], None] | None = None,
+    ) -> Mapper:
+        """Map the same frames with corrected poses. This mapper stays as it is.
+
+        Args:
+            poses: (4, 4) corrected world_from_camera by the frames' stamps (ns).
+            kept: The frames whose detections are in the map, in the order in which they were added to this mapper.
+            progress: Called after each frame with the number of frames done and of all frames.
+
+        Returns:
+            A mapper that goes on where this one is, whose objects have the ids that they have here; this one itself if
+            no frame moved by 2 cm or half a degree.
+
+        Raises:
+            InputError: A frame cannot be read.
+        """
+        now = [replace(k, world_from_camera=poses.get(k.stamp_ns, k.world_from_camera)) for k in kept]
+        if not any(moved(k.world_from_camera, new.world_from_camera) for k, new in zip(kept, now, strict=True)):
+            return self
+        fresh = again(self, now, progress)
+        succeed(fresh, self)
+        return fresh
+
+    def finish(
+        self,
+        recording: Recording,
+        looked: int | None = None,
+        mended: Mended | None = None,
+        aligned: Alignment | None = None,
+    ) -> None:
         """End a recording: all of its frames were added, and the next ones are of another recording.
 
         Args:
             recording: The recording.
             looked: In how many of its frames objects were detected; by default in all.
+            mended: How the poses that it tells were corrected, if they were.
+            aligned: How they were moved into the world of this map then, if they were.
         """
-        made_of: dict[str, Any] = {
-            "recording": recording.name, "sha256": recording.fingerprint(), "frames": len(recording),
-            "looked": len(recording) if looked is None else looked,
-        }  # fmt: skip
-        if read_with := optional(recording, RecordingDefaults, "read_with"):  # so that it can be read again as it was
-            plain = {name: np.asarray(value).tolist() for name, value in read_with.items()}
-            made_of["read_with"] = json.loads(json.dumps(plain, default=str))
-        self._settings["recordings"].append(made_of)
+        self._settings["recordings"].append(recording_row(recording, looked, mended, aligned))
+        told = [mended and mended.note(), aligned and aligned.note(recording.name)]
+        self._notes |= dict.fromkeys(note for note in told if note)
         doubts = self._settings.setdefault("doubts", [])
         if optional(recording, RecordingDefaults, "scale_guessed"):
             self._settings["scale_guessed"] = True  # only where it is so: homes of others keep their ids
@@ -284,7 +319,7 @@ class Mapper:
         notes = dict.fromkeys([*self._home_notes(grid is not None), *about_indexes])
         return Home(
             name, self.detector.name, self._camera, objects, indexes, grid, self._start_xy, settings, rooms,
-            self._evidence(objects), tuple(notes), self._growth(merged), corrected=known,
+            self._photos.of(objects), tuple(notes), self._growth(merged), corrected=known,
         )  # fmt: skip
 
     def _home_notes(self, with_grid: bool) -> Iterator[str]:
@@ -300,23 +335,6 @@ class Mapper:
         if self._blind:
             yield f"{self._blind} frames without depth add nothing to a map that has depth"
 
-    def _keep_photo(self, frame: Frame) -> None:
-        """Keep the photo of a frame that is among the best views of an object, and drop those that no longer are."""
-        wanted = self._objects.best_frames() if self._objects else set()
-        if frame.index in wanted:
-            from PIL import Image
-
-            buffer = io.BytesIO()
-            Image.fromarray(frame.rgb).save(buffer, "JPEG", quality=JPEG_QUALITY)
-            self._photos[frame.index] = buffer.getvalue()
-        for old in self._photos.keys() - wanted:
-            del self._photos[old]
-
-    def _evidence(self, objects: Sequence[MapObject]) -> dict[int, bytes]:
-        """The photos of all views of confirmed objects, and of the best one of the others."""
-        shown = {view.frame for obj in objects for view in obj.views[: None if obj.confirmed else 1]}
-        return {frame: jpeg for frame, jpeg in sorted(self._photos.items()) if frame in shown}
-
     def _growth(self, objects: ObjectMap) -> dict[str, bytes]:
         counts, cloud = self._floor.counts(), self._cloud.state()
         return {
@@ -327,9 +345,3 @@ class Mapper:
             **({} if counts is None else {FLOOR_KINDS: npz_bytes(**self._floor_kinds.state())}),
             **({} if cloud is None else {CLOUD: cloud}),
         }
-
-
-def _key(frame: Frame) -> int:
-    """A hash of a frame's pose and pixels, not of its index, so that a copy of a recording is recognised."""
-    content = np.round(frame.world_from_camera, 4).tobytes() + np.ascontiguousarray(frame.rgb[::16, ::16]).tobytes()
-    return int.from_bytes(hashlib.blake2b(content, digest_size=8).digest(), "little", signed=True)

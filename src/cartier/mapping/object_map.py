@@ -29,9 +29,10 @@ from cartier.mapping.existence import (
     update_existence,
 )
 from cartier.mapping.extent import DepthGeometry, NewGeometry
+from cartier.mapping.furniture import shapes
 from cartier.mapping.merging import keep_rows, merge_and_prune, merge_by_box
 from cartier.mapping.observation import LiftedDetections
-from cartier.types import Array, Detections, DetectorScoreModel, Frame, MapObject
+from cartier.types import Array, Detections, DetectorScoreModel, Frame, MapObject, OrientedBox
 
 MAX_DETECTIONS = 60  # per frame, the most confident ones
 GROWTH_ROWS = 64  # that are set aside at a time
@@ -163,11 +164,16 @@ class ObjectMap:
         """Merge and prune as after the last frame: also by the fitted boxes."""
         self.merge_and_prune()
         if self.geometry.with_depth and self._count:
-            columns, (boxes, _) = self.columns(), self.geometry.fit_boxes(self.columns(), walls_yaw)
+            columns, (boxes, _) = self.columns(), self._fit_boxes(walls_yaw)
             merged, gone = merge_by_box(columns, boxes, self._covisible, self.geometry, self.config.merging)
             self._aliases |= merged
             if len(gone):
                 self._remove(gone)
+
+    def _fit_boxes(self, walls_yaw: float | None) -> tuple[Array, list[OrientedBox | None]]:
+        columns = self.columns()
+        best = columns["label_votes"][np.arange(self._count), columns["label_weights"].argmax(1)]
+        return self.geometry.fit_boxes(columns, walls_yaw, shapes(list(self._labels))[best])
 
     def _remove(self, gone: Indices) -> None:
         left = np.setdiff1d(np.arange(self._count), gone)
@@ -177,6 +183,32 @@ class ObjectMap:
         for old, new in self._aliases.items():
             self._aliases[old] = self._aliases.get(new, new)
         self._aliases = {old: new for old, new in self._aliases.items() if new in alive}
+
+    @property
+    def next_id(self) -> int:
+        """The id that the next new object gets."""
+        return self._next_id
+
+    @property
+    def aliases(self) -> dict[int, int]:
+        """The id of the object that each merged one is part of."""
+        return dict(self._aliases)
+
+    def alive(self, number: int) -> int | None:
+        """The id of the object that one is part of by now, or None if it was forgotten."""
+        number = self._aliases.get(number, number)
+        return number if number in self._rows["id"][: self._count] else None
+
+    def renumber(self, new_ids: Mapping[int, int], aliases: Mapping[int, int], next_id: int) -> None:
+        """Give objects other ids; ``aliases`` are further ids of some, by these new ones."""
+        rows = self.columns()
+        rows["id"][:] = [new_ids.get(number, number) for number in rows["id"].tolist()]
+        keep_rows(rows, np.argsort(rows["id"]))  # rows ascend by id
+        pairs = ((new_ids.get(i, i), new_ids.get(j, j), count) for (i, j), count in self._covisible.items())
+        self._covisible = {(min(i, j), max(i, j)): count for i, j, count in pairs}
+        older = {new_ids.get(old, old): new_ids.get(new, new) for old, new in self._aliases.items()}
+        self._aliases = {old: new for old, new in (older | dict(aliases)).items() if old != new}
+        self._next_id = next_id
 
     def best_frames(self) -> set[int]:
         """The frames that show the best views of objects."""
@@ -194,15 +226,11 @@ class ObjectMap:
         likely = posterior(*self.evidence(), self.score_model)
         confirmed = likely >= self.config.existence.confirmed_probability
         located = None if self.geometry.with_depth else self.geometry.distance_known(columns)
-        return map_objects(
-            columns, names, self._aliases, self.geometry.fit_boxes(columns, walls_yaw), likely, confirmed, located
-        )
+        return map_objects(columns, names, self._aliases, self._fit_boxes(walls_yaw), likely, confirmed, located)
 
     def state(self) -> dict[str, bytes]:
         """All of it, as named blobs."""
-        self.geometry.fit_boxes(
-            self.columns(), self._walls_yaw
-        )  # so that it does not depend on who asked for objects before
+        self._fit_boxes(self._walls_yaw)  # so that it does not depend on who asked for objects before
         about = {
             "labels": list(self._labels), "next_id": self._next_id, "frames": self._frames,
             "covisible": [[*pair, count] for pair, count in self._covisible.items()],
@@ -221,7 +249,7 @@ class ObjectMap:
             arrays, about = ({OLD_GROWTH.get(name, name): part for name, part in of.items()} for of in (arrays, about))
             self._labels = {name: number for number, name in enumerate(typed(about["labels"], tuple[str, ...]))}
             spare = empty_columns(self._kinds, GROWTH_ROWS)
-            later = self._kinds.keys() - arrays.keys() if "patches" not in arrays else ()  # maps made before patches
+            later = self._kinds.keys() - arrays.keys() if "patches" not in arrays else {"fit_shape"} - arrays.keys()
             arrays |= empty_columns({name: self._kinds[name] for name in later}, len(arrays["id"]))
             check_columns(arrays, self._kinds, len(self._labels))
             self._rows = {name: np.concatenate([arrays[name], spare[name]]) for name in self._kinds}

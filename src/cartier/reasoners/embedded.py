@@ -26,9 +26,10 @@ from cartier.understanding.needs import FITS, Needs, shortened
 from cartier.understanding.offers import REPLIES, reply
 from cartier.understanding.parser import parser
 from cartier.understanding.readings import UNSURE, picked, question
-from cartier.understanding.route_rules import asked_back, driving, says_how, told
+from cartier.understanding.route_rules import asked_back, asks_of_rules, driving, says_how, told
 from cartier.understanding.tags import NOTHING_ASKED, ROUTING, Clause
 from cartier.understanding.tentative import OFFER, maybe_there, offer, tentative_matches, unsure, usual_place
+from cartier.vision import pixels
 
 MOST_NEEDS = 4  # most needs in one utterance
 LATEST = 3000  # characters at the end of a text that are read
@@ -64,6 +65,8 @@ class Embedded:
             return Selection("not_found", reason="nothing was detected in this home", model=MODEL)
         home = _Home(inventory, lexicon(self.deck, inventory))
         state = self._state(dialogue, home)
+        if (by_looks := pixels.answer(query[-LATEST:], inventory, state.last, MODEL)) is not None:
+            return by_looks
         clauses = self._clauses(query, dialogue[-1:], home)
         if dialogue and dialogue[-1][1].startswith(UNSURE) and clauses:
             earlier = self._clauses(dialogue[-1][0], dialogue[-2:-1], home)
@@ -81,7 +84,7 @@ class Embedded:
             served = [home.scene.by_id[chosen.object_id]] if chosen.object_id in home.scene.by_id else []
             state = state.then(asked, served)
         first, *rest = found
-        return replace(first, next=tuple(rest))
+        return replace(pixels.unchecked(query[-LATEST:], first), next=tuple(rest))
 
     def propose(self, query: str) -> list[str]:
         """The names of up to five cards that serve the words, best first; none if no household object serves them."""
@@ -135,7 +138,9 @@ class Embedded:
         if clause.act in NOTHING_ASKED and (clause.act != "prohibit" or how.unknown):
             return self._one(clause, home, state)  # "the rug was cold yesterday" is no rule
         if clause.act in (*ROUTING, "prohibit") or how.unknown:
-            return told(how, home.rules, MODEL) if not how.unknown else asked_back(how, MODEL), ParsedUtterance("rule")
+            asked_for = asks_of_rules(clause)
+            answered = asked_back(how, MODEL) if how.unknown else told(how, home.rules, MODEL, asked_for)
+            return answered, ParsedUtterance("rule")
         chosen, asked = self._one(clause, home, state)
         return replace(chosen, rules=how.rules, lifts=how.lifts), asked
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
 from cartier.errors import InputError, ReasonerError
 from cartier.io.files import read_text
+from cartier.llm.batch import answered
 from cartier.llm.prompts import PROMPTS, Request, check_query, propose_request
 from cartier.llm.reply_parser import no_answer, parse_list, read_reply
 from cartier.types import Inventory, Selection
@@ -76,7 +76,7 @@ def _read(path: Path) -> tuple[dict[Key, str], dict[str, str]]:
         try:
             row = json.loads(line)
             if "custom_id" in row:
-                batch |= _answered(row)
+                batch |= answered(row)
                 continue
             query, reply, objects = row["query"], row["reply"], row.get("objects")
             if not isinstance(query, str) or not isinstance(reply, str) or not isinstance(objects, list | None):
@@ -87,14 +87,3 @@ def _read(path: Path) -> tuple[dict[Key, str], dict[str, str]]:
         except (ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:
             raise InputError(f"{path} line {number}: expected {FORM}") from error
     return replies, batch
-
-
-def _answered(row: dict[str, Any]) -> dict[str, str]:
-    """A request's id and its reply; nothing for a failed request, which must be asked again."""
-    response = row["response"]
-    if row.get("error") or response["status_code"] != 200:
-        return {}
-    content = response["body"]["choices"][0]["message"]["content"]
-    if not isinstance(row["custom_id"], str) or not isinstance(content, str | None):
-        raise TypeError("custom_id and content must be text")
-    return {} if content is None else {row["custom_id"]: content}

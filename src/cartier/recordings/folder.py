@@ -93,6 +93,18 @@ class Folder:
         return self._fingerprint
 
 
+def read_head(root: Path) -> tuple[str, Camera, bool]:
+    """The name and camera that a ``recording.json`` gives, and whether there is depth. Raises InputError without."""
+    head = _Fields(read_json(root / HEAD), root / HEAD)
+    camera = _camera(_Fields(head.get("camera", dict), root / HEAD))
+    return head.line("name"), camera, head.flag("depth", (root / "depth").is_dir())
+
+
+def image_files(root: Path, number: int) -> tuple[Path, Path]:
+    """The colour and the depth image of a frame."""
+    return root / _image("rgb", number, ".jpg"), root / _image("depth", number, ".png")
+
+
 def save(recording: Recording, folder: str | Path, progress: Callable[[int, int], None] | None = None) -> None:
     """Write any recording in cartier's own format, one frame in memory at a time, all or nothing.
 

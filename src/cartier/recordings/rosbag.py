@@ -19,18 +19,15 @@ import numpy.typing as npt
 
 from cartier.contracts import Recording
 from cartier.errors import InputError, frame_number
-from cartier.io.images import check_depth
 from cartier.mapping import gravity
 from cartier.recordings.common.files import READERS, content_hash
-from cartier.recordings.common.lens import registered, resampled
 from cartier.recordings.common.posed import check_floor
 from cartier.recordings.common.poses import rigid
 from cartier.recordings.ros.bags import METADATA, Bag, files_of
 from cartier.recordings.ros.file import Index
-from cartier.recordings.ros.images import colour as colour_image
-from cartier.recordings.ros.images import depth as depth_image
+from cartier.recordings.ros.frames import FrameImages, registration
 from cartier.recordings.ros.poses import camera_poses, transform_tree
-from cartier.recordings.ros.tf import Tree, extrinsic_matrix
+from cartier.recordings.ros.tf import extrinsic_matrix
 from cartier.recordings.ros.topics import Choice, Stream, choose
 from cartier.types import Camera, Frame, TrueObject
 
@@ -104,7 +101,7 @@ class RosBag:
         self._rows: Index = choice.colour.index[rows][keep]
         self._partner = partner[keep]
         self._times_s = stamps_s[keep]
-        self._colour_from_depth = self._registration(tree, notes)
+        self._images = FrameImages(choice, registration(choice, tree, notes))
         poses = np.array([rigid(pose, str(bag.path)) for pose in found.matrices[keep]])
         if up is not None or floor_m is not None:
             levelling = gravity.level(poses, self.camera, None, up or (0, 0, 1), 0.0 if floor_m is None else floor_m)
@@ -123,12 +120,11 @@ class RosBag:
 
     def __getitem__(self, index: int) -> Frame:
         i = frame_number(index, len(self), self.name)
-        lens = self._choice.colour_lens
         message, where = self._message(self._choice.colour, self._rows[i])
         return Frame(
             index=i,
             time_s=float(self._times_s[i]),
-            rgb=resampled(colour_image(message, lens.camera, where), lens, self.camera, 0),
+            rgb=self._images.rgb(message, where),
             depth_m=self._depth(i),
             world_from_camera=self._poses[i],
             camera=self.camera,
@@ -149,16 +145,10 @@ class RosBag:
             return self._bag.decode(stream.name, self._bag.read(row)), where
 
     def _depth(self, i: int) -> npt.NDArray[np.float32] | None:
-        stream, lens = self._choice.depth, self._choice.depth_lens
-        if stream is None or lens is None:
+        stream = self._choice.depth
+        if stream is None:
             return None
-        message, where = self._message(stream, stream.index[self._partner[i]])
-        depth_m = depth_image(message, lens.camera, where)
-        check_depth(depth_m, where)
-        if self._colour_from_depth is None:
-            return np.asarray(resampled(depth_m, lens, self.camera, np.nan), dtype=np.float32)
-        straight = np.asarray(resampled(depth_m, lens, lens.camera, np.nan), dtype=np.float32)
-        return registered(straight, lens.camera, self.camera, self._colour_from_depth)
+        return self._images.depth_m(*self._message(stream, stream.index[self._partner[i]]))
 
     def _partners(self, stamps_s: npt.NDArray[np.float64], posed: npt.NDArray[np.bool_], notes: list[str]) -> Index:
         """Which depth image belongs to each colour image, -1 for none: the nearest, at most half a period away."""
@@ -180,21 +170,6 @@ class RosBag:
                 f"{int((lonely & posed).sum())} images left out: no depth within {period_s / 2 * 1000:.0f} ms of them"
             )
         return np.asarray(np.where(lonely, -1, rows[nearest]), dtype=np.int64)
-
-    def _registration(self, tree: Tree, notes: list[str]) -> npt.NDArray[np.float64] | None:
-        """colour_from_depth where the two have frames of their own that the transforms connect."""
-        depth, colour = self._choice.depth, self._choice.colour
-        if depth is None or depth.frame == colour.frame:
-            return None
-        matrix = tree.fixed(colour.frame, depth.frame)
-        if matrix is None:
-            notes.append(
-                f"depth assumed to be registered to colour: no fixed transform leads from {depth.frame!r} to "
-                f"{colour.frame!r}"
-            )
-            return None
-        notes.append(f"depth of {depth.name} is reprojected into the colour camera")
-        return matrix
 
 
 def _stamps(bag: Bag, stream: Stream, notes: list[str]) -> tuple[Index, npt.NDArray[np.float64]]:

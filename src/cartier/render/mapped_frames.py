@@ -8,6 +8,9 @@ from typing import Any
 from cartier.contracts import Recording, RecordingDefaults, optional
 from cartier.errors import InputError
 from cartier.home import Home
+from cartier.mapping.alignment import Alignment
+from cartier.mapping.pose_graph import Mended
+from cartier.mapping.reposed import Reposed
 
 
 def first_frame_of(home: Home, recording: Recording) -> int:
@@ -29,6 +32,16 @@ def first_frame_of(home: Home, recording: Recording) -> int:
         )
     options = f"read with {' or '.join(named)}; here it is read with {here}"
     raise InputError(f"{home.name} was mapped from {recording.name} {options}")
+
+
+def as_mapped(home: Home, recording: Recording) -> Recording:
+    """The recording with the poses that the home was mapped with: they may have been corrected, or moved."""
+    sha256 = recording.fingerprint()
+    rows: list[Mapping[str, Any]] = [*home.settings.get("recordings", ()), {"sha256": sha256}]
+    row = next(row for row in rows if row["sha256"] == sha256)
+    if row.get("mended"):
+        recording = Reposed(recording, Mended.of_rows(row["mended"]).pose)
+    return recording if row.get("moved") is None else Reposed(recording, Alignment.of_row(row["moved"]).pose)
 
 
 def _read_with(options: Mapping[str, Any]) -> str:

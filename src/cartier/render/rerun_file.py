@@ -24,7 +24,7 @@ from cartier.home import Home
 from cartier.home.detection_log import ProcessedFrame
 from cartier.mapping.occupancy import OccupancyMapper
 from cartier.navigation.planning import room_middle
-from cartier.render.mapped_frames import first_frame_of
+from cartier.render.mapped_frames import as_mapped, first_frame_of
 from cartier.types import FREE, OCCUPIED, UNKNOWN, Array, MapObject, OccupancyGrid, Room, View
 
 TIMELINE = "frame"
@@ -47,6 +47,7 @@ def write_rrd(
     Raises InputError if the home was not mapped from the recording, or the file cannot be written.
     """
     first = None if recording is None else first_frame_of(home, recording)
+    recording = None if recording is None else as_mapped(home, recording)
     try:
         with tempfile.TemporaryDirectory(dir=file.absolute().parent, prefix=f".{file.name}.") as beside:
             out = rr.RecordingStream("cartier", recording_id=home.id)

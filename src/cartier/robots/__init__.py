@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
-from cartier.contracts import Robot
-from cartier.types import Answer
+from collections.abc import Callable
+
+from cartier.contracts import DrivingRobot, Robot
+from cartier.types import Answer, DriveProgress, Goal
+
+Watch = Callable[[DriveProgress], None]
 
 
-def send(robot: Robot, answer: Answer) -> str:
+def send(robot: Robot, answer: Answer, watch: Watch | None = None) -> str:
     """Send an answer's goal pose to a robot; returns a line that says what happened, or why nothing was sent.
 
     A goal is sent only if the object was ``found`` or is ``likely_near``, and can be reached. Of several needs in one
-    request the first with a goal is served, because a second goal would replace the first.
+    request the first with a goal is served, because a second goal would replace the first. With ``watch``, a robot that
+    can be watched is until its drive ends; KeyboardInterrupt meanwhile stops the robot.
     Raises BackendError or InputError if the robot is not there or cannot take the goal.
     """
     first, *further = [answer, *answer.next]
@@ -21,7 +26,19 @@ def send(robot: Robot, answer: Answer) -> str:
         return f"nothing was sent: {_why_not(answer)}"
     waiting = [a.goal.place.label for a in further if a.goal is not None]
     later = f"; after that: {', '.join(waiting)}" if waiting else ""
-    return robot.go_to(goal) + later
+    driving = watch is not None and isinstance(robot, DrivingRobot)
+    return (_driven(robot, goal, watch) if driving else robot.go_to(goal)) + later  # type: ignore[arg-type]
+
+
+def _driven(robot: DrivingRobot, goal: Goal, watch: Watch) -> str:
+    text = "the robot said nothing"
+    try:
+        for progress in robot.drive(goal):
+            text = progress.text
+            watch(progress)
+    except KeyboardInterrupt:
+        return robot.stop()
+    return text
 
 
 def _why_not(answer: Answer) -> str:

@@ -7,6 +7,8 @@ import math
 from cartier.types import Goal
 
 FRAME = "map"
+Pose = tuple[float, float, float]
+"""x, y (m) and yaw (rad) in ``FRAME``."""
 
 
 def quaternion_zw(yaw: float) -> tuple[float, float]:
@@ -14,6 +16,12 @@ def quaternion_zw(yaw: float) -> tuple[float, float]:
     return math.sin(yaw / 2), math.cos(yaw / 2)
 
 
-def in_words(goal: Goal) -> str:
-    """A goal pose as text."""
-    return f"x {goal.x:.3f} y {goal.y:.3f} m yaw {goal.yaw:.3f} rad in frame {FRAME}"
+def pose_of(goal: Goal) -> Pose:
+    """Where a goal is."""
+    return goal.x, goal.y, goal.yaw
+
+
+def in_words(pose: Pose) -> str:
+    """A pose as text."""
+    x, y, yaw = pose
+    return f"x {x:.3f} y {y:.3f} m yaw {yaw:.3f} rad in frame {FRAME}"

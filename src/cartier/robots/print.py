@@ -5,7 +5,7 @@ The goal of ``/navigate_to_pose`` is the same in Humble, Iron, Jazzy and Kilted.
 
 from __future__ import annotations
 
-from cartier.robots._pose import FRAME, in_words, quaternion_zw
+from cartier.robots._pose import FRAME, in_words, pose_of, quaternion_zw
 from cartier.types import Goal
 
 
@@ -26,4 +26,4 @@ class Print:
             f'"{{pose: {{header: {{frame_id: {FRAME}}}, pose: {{position: {{x: {x}, y: {y}, z: 0.0}}, '
             f'orientation: {{x: 0.0, y: 0.0, z: {z}, w: {w}}}}}}}}}"'
         )
-        return f"{goal.place.label}: {in_words(goal)}: {command}"
+        return f"{goal.place.label}: {in_words(pose_of(goal))}: {command}"

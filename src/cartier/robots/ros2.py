@@ -6,59 +6,109 @@ The latter needs no ROS on this machine: cyclonedds from pip speaks the wire pro
 from __future__ import annotations
 
 import math
-import os
+import threading
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
+from cartier.dds.domain import domain_of
 from cartier.errors import BackendError
-from cartier.types import Goal
+from cartier.robots._pose import pose_of
+from cartier.types import DriveProgress, Goal
+
+if TYPE_CHECKING:
+    from cartier.robots.dds import RobotPose
 
 EXTRA = "ros"
-LAST_DOMAIN = 232  # the last whose ports fit into 16 bits
 
 
-def make(domain: int | None = None, timeout_s: float = 5.0, namespace: str = "") -> Ros2:
+def make(domain: int | None = None, timeout_s: float = 5.0, namespace: str = "", base_frame: str = "base_link") -> Ros2:
     """``domain`` is the robot's ROS_DOMAIN_ID, by default this shell's, else 0; ``namespace`` is the robot's, if any.
 
-    ``timeout_s`` bounds both finding the robot and its taking the goal. Raises BackendError for an impossible option.
+    ``timeout_s`` bounds both finding the robot and its taking the goal; ``base_frame`` is the frame of its base.
+    Raises BackendError for an impossible option.
     """
     if not (math.isfinite(timeout_s) and 0 < timeout_s <= 600):
         raise BackendError(f"robot ros2: timeout_s must be above 0 and at most 600 s, got {timeout_s:g}")
     prefix = namespace.strip("/")
     if prefix and not all(part.isidentifier() and part.isascii() for part in prefix.split("/")):
         raise BackendError(f"robot ros2: namespace must be made of letters, digits, _ and /, got {namespace!r}")
-    domain = _domain(os.environ.get("ROS_DOMAIN_ID") or 0 if domain is None else domain)
+    domain = domain_of(domain, "robot ros2")
     with_rclpy = _rclpy_is_here()
     if not with_rclpy:
         import cyclonedds  # noqa: F401  # fails at once if the extra is missing
-    return Ros2(domain, timeout_s, f"{prefix}/" if prefix else "", with_rclpy)
+        import rosbags  # noqa: F401
+    return Ros2(domain, timeout_s, f"{prefix}/" if prefix else "", base_frame.strip("/"), with_rclpy)
 
 
 class Ros2:
-    """Obeys the Robot contract. ``go_to`` returns when the goal is accepted, not when the robot arrives."""
+    """Obeys the contract DrivingRobot. ``go_to`` returns when the goal is accepted, ``drive`` watches the robot."""
 
     name = "ros2"
 
-    def __init__(self, domain: int, timeout_s: float, prefix: str, with_rclpy: bool) -> None:
+    def __init__(self, domain: int, timeout_s: float, prefix: str, base: str, with_rclpy: bool) -> None:
         self._domain, self._timeout_s, self._prefix, self._with_rclpy = domain, timeout_s, prefix, with_rclpy
+        self._base, self._stopped, self._driving = base, threading.Event(), False
+        self._pose: RobotPose | None = None
+        self._last: tuple[float, float, float] | None = None
 
     def go_to(self, goal: Goal) -> str:
         """Raises BackendError if no robot is found in time, or if it does not take the goal."""
         if self._with_rclpy:
             from cartier.robots.rclpy_action import send_action
 
-            return send_action(goal, f"{self._prefix}navigate_to_pose", self._domain, self._timeout_s)
+            return send_action(goal, self._action, self._domain, self._timeout_s)
         from cartier.robots.dds import send_pose
 
-        return send_pose(goal, f"{self._prefix}goal_pose", self._domain, self._timeout_s)
+        return send_pose(pose_of(goal), self._topic, self._domain, self._timeout_s)
 
+    def drive(self, goal: Goal) -> Iterator[DriveProgress]:
+        """By Nav2's feedback through rclpy, else by the robot's transforms. Raises BackendError as ``go_to``."""
+        self._stopped.clear()
+        self._driving = True
+        try:
+            for progress in self._watched(goal):
+                self._last = progress.pose or self._last
+                yield progress
+        finally:
+            self._driving = False
 
-def _domain(value: int | str) -> int:
-    try:
-        domain = int(value)
-    except ValueError:
-        domain = -1
-    if not 0 <= domain <= LAST_DOMAIN:
-        raise BackendError(f"robot ros2: the domain (or ROS_DOMAIN_ID) must be 0 to {LAST_DOMAIN}, got {value!r}")
-    return domain
+    def pose(self) -> tuple[float, float, float] | None:
+        """By /tf over DDS; through rclpy what Nav2 said of the latest drive. Raises BackendError as ``go_to``."""
+        return self._last if self._with_rclpy else self._where().now()
+
+    def stop(self) -> str:
+        """Cancels Nav2's action through rclpy; over DDS the robot is sent its own pose. Raises BackendError."""
+        driving = self._driving
+        self._stopped.set()
+        if self._with_rclpy:
+            return "the drive is being cancelled" if driving else "nothing was driving: only a drive can be cancelled"
+        from cartier.robots.dds import stop
+
+        return stop(self._where(), self._topic, self._domain, self._timeout_s)
+
+    @property
+    def _action(self) -> str:
+        return f"{self._prefix}navigate_to_pose"
+
+    @property
+    def _topic(self) -> str:
+        return f"{self._prefix}goal_pose"
+
+    def _watched(self, goal: Goal) -> Iterator[DriveProgress]:
+        if self._with_rclpy:
+            from cartier.robots.rclpy_action import drive_action
+
+            return drive_action(goal, self._action, self._domain, self._timeout_s, self._stopped)
+        from cartier.robots.dds import drive
+
+        return drive(goal, self.go_to(goal), self._where(), self._stopped)
+
+    def _where(self) -> RobotPose:
+        from cartier.robots.dds import RobotPose
+
+        if self._pose is None:
+            self._pose = RobotPose(self._domain, self._prefix, self._base)
+        return self._pose
 
 
 def _rclpy_is_here() -> bool:

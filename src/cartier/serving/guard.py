@@ -12,7 +12,7 @@ import json
 import os
 import time
 from collections import OrderedDict
-from collections.abc import Awaitable, Callable, Iterable, MutableMapping
+from collections.abc import Awaitable, Callable, Iterable, Mapping, MutableMapping
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +20,7 @@ import anyio
 
 from cartier.errors import InputError
 from cartier.io.files import read_text
+from cartier.serving.access import ACCESS, Access
 
 Scope = MutableMapping[str, Any]
 Message = MutableMapping[str, Any]
@@ -28,7 +29,7 @@ Send = Callable[[Message], Awaitable[None]]
 App = Callable[[Scope, Receive, Send], Awaitable[None]]
 
 TOKEN_VARIABLE = "CARTIER_TOKEN"
-MIN_TOKEN_CHARS, MAX_TOKEN_CHARS = 20, 4096
+MIN_TOKEN_CHARS, MAX_TOKENS_CHARS = 20, 2**20
 MAX_BODY, MAX_TARGET = 64 * 1024, 4096  # bytes of a request's body, and of its path with the query
 BODY_S, SEND_S = 10.0, 30.0  # for a body to arrive, and for a part of an answer to be sent
 MAX_IN_FLIGHT = 256
@@ -70,32 +71,45 @@ def host_names(host: str, port: int, more: Iterable[str] = ()) -> frozenset[str]
     return frozenset(f"{name.lower()}{end}" for name in names for end in ends)
 
 
-def read_token(host: str, file: Path | None) -> str | None:
-    """The token from a file, else from the environment; None if there is none and the server is on loopback.
+def read_tokens(host: str, file: Path | None) -> Mapping[bytes, Access] | None:
+    """What each token may see, by the token's digest; None if there is none and the server is on loopback.
 
-    Raises InputError if it is missing, too short to be safe, or in a file that others may read.
+    A line of the file is a token, and the names of the homes that it may see, if these are not all. The token of the
+    environment may see all. Raises InputError if there is none, one is too short to be safe, or others may read the
+    file.
     """
-    token = None
+    rows = None
     if file is not None:
-        token = read_text(file, MAX_TOKEN_CHARS).strip()
+        rows = [line.split() for line in read_text(file, MAX_TOKENS_CHARS).splitlines() if line.strip()] or [[""]]
         if os.name == "posix" and file.stat().st_mode & 0o077:
             raise InputError(f"{file} can be read by others: chmod 600 {file}")
     elif TOKEN_VARIABLE in os.environ:
-        token = os.environ[TOKEN_VARIABLE].strip()
-    if token is None:
+        rows = [[os.environ[TOKEN_VARIABLE].strip()]]
+    if rows is None:
         if is_loopback(host):
             return None
         raise InputError(
             f"{host} can be reached from other machines: give a token in a file (--token-file) or in {TOKEN_VARIABLE}, "
             'for example from: python -c "import secrets; print(secrets.token_urlsafe(32))"'
         )
-    if len(token) < MIN_TOKEN_CHARS or not token.isascii() or not token.isprintable() or " " in token:
-        raise InputError(f"the token needs {MIN_TOKEN_CHARS} or more printable ASCII characters without blanks")
-    return token
+    found = dict[bytes, Access]()
+    for token, *homes in rows:
+        if len(token) < MIN_TOKEN_CHARS or not token.isascii() or not token.isprintable() or " " in token:
+            raise InputError(f"a token needs {MIN_TOKEN_CHARS} or more printable ASCII characters without blanks")
+        digest = digest_of(token)
+        if digest in found:
+            raise InputError(f"{file} has a token twice: put all of its homes on one line")
+        found[digest] = Access(digest.hex()[:16], tuple(homes) or Access.homes)
+    return found
+
+
+def digest_of(token: str) -> bytes:
+    """What is kept of a token, and compared."""
+    return hashlib.sha256(token.encode("latin-1")).digest()
 
 
 class Guard:
-    """ASGI middleware. ``hosts`` are the accepted Host headers, with the port.
+    """ASGI middleware. ``hosts`` are the accepted Host headers, with the port; ``tokens`` what ``read_tokens`` gives.
 
     ``open_paths`` (the page itself, which holds no data) need no token.
     """
@@ -104,14 +118,14 @@ class Guard:
         self,
         app: App,
         hosts: Iterable[str],
-        token: str | None = None,
+        tokens: Mapping[bytes, Access] | None = None,
         *,
         tls: bool = False,
         open_paths: Iterable[str] = (),
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._app, self._hosts, self._scheme = app, frozenset(h.lower() for h in hosts), "https" if tls else "http"
-        self._token = None if token is None else hashlib.sha256(token.encode()).digest()
+        self._tokens = tokens
         self._open, self._clock, self._in_flight = frozenset(open_paths), clock, 0
         self._buckets: OrderedDict[str, tuple[float, float]] = OrderedDict()  # by address: requests left, and when
         self._wrong: OrderedDict[str, list[float]] = OrderedDict()  # by address: times of wrong tokens
@@ -136,6 +150,9 @@ class Guard:
                 await send(message)
 
         refused = self._refusal(scope)
+        if not isinstance(refused, tuple):
+            ACCESS.set(refused)
+            refused = None
         if refused is None and self._in_flight >= MAX_IN_FLIGHT:
             refused = (503, "too many requests at once: try again in a second")
         if refused is not None:
@@ -154,8 +171,8 @@ class Guard:
         finally:
             self._in_flight -= 1
 
-    def _refusal(self, scope: Scope) -> tuple[int, str] | None:
-        """Status and message if the request is refused."""
+    def _refusal(self, scope: Scope) -> tuple[int, str] | Access | None:
+        """Status and message if the request is refused, else what it may see; None where it shows no token."""
         headers: dict[bytes, list[str]] = {}
         for key, value in scope["headers"]:
             headers.setdefault(key.lower(), []).append(value.decode("latin-1"))
@@ -182,19 +199,20 @@ class Guard:
             return 415, "a body must be application/json"
         if not self._in_rate(address):
             return 429, "too many requests from this address: wait a second"
-        if self._token is not None and scope["path"] not in self._open:
-            return self._refused_token(address, headers.get(b"authorization", []))
+        if self._tokens is not None and scope["path"] not in self._open:
+            return self._access(self._tokens, address, headers.get(b"authorization", []))
         return None
 
-    def _refused_token(self, address: str, given: list[str]) -> tuple[int, str] | None:
+    def _access(self, tokens: Mapping[bytes, Access], address: str, given: list[str]) -> tuple[int, str] | Access:
         now = self._clock()
         wrong = [t for t in self._wrong.get(address, ()) if now - t < WRONG_S]
         if len(wrong) >= WRONG_TOKENS:
             return 429, "too many wrong tokens from this address: wait a minute"
         kind, _, token = given[0].partition(" ") if len(given) == 1 else ("", "", "")
-        digest = hashlib.sha256(token.strip().encode("latin-1")).digest()
-        if kind.lower() == "bearer" and hmac.compare_digest(digest, self._token or b""):
-            return None
+        digest = digest_of(token.strip())
+        access = [held for known, held in tokens.items() if hmac.compare_digest(digest, known)]
+        if kind.lower() == "bearer" and access:
+            return access[0]
         if given:
             self._wrong[address] = [*wrong, now]
             _trim(self._wrong)

@@ -21,6 +21,7 @@ from starlette.exceptions import HTTPException
 from cartier.errors import CartierError, InputError
 from cartier.serving import api_page, page, results
 from cartier.serving.operations import Operations
+from cartier.serving.over_homes import ask_fleet
 from cartier.serving.values import wrong_value
 
 THREADS = 4  # per home: slow requests to one home do not delay another
@@ -52,6 +53,13 @@ class Question(BaseModel):
     from_y: Metres = None
 
 
+class FleetQuestion(BaseModel):
+    """A question over all homes."""
+
+    model_config = ConfigDict(extra="forbid")
+    words: Text
+
+
 class Correction(BaseModel):
     """A correction, and who makes it; ``Home.correct`` says which values each kind takes."""
 
@@ -79,11 +87,13 @@ def make(operations: Operations) -> FastAPI:
         summary="Talk to mapped homes: where objects are, how certain that is, and poses to reach them.",
         responses={"4XX": {"model": results.Fault, "description": "what is wrong, in one line"}},
     )  # fmt: skip
-    limits = {name: anyio.CapacityLimiter(THREADS) for name in operations.homes.names}
+    limits = dict[str, anyio.CapacityLimiter]()
     _add_faults(app)
     _add_page(app)
     for add in (_add_reading, _add_pictures, _add_writing):
         add(app, operations, functools.partial(_run, operations, limits))
+    if operations.homes.fleet is not None:
+        _add_fleet(app, operations)
     _add_documentation(app)
     return app
 
@@ -92,8 +102,11 @@ async def _run(
     operations: Operations, limits: dict[str, anyio.CapacityLimiter], home: str, work: Callable[..., Any], *given: Any
 ) -> Any:
     """Run an operation on a home in one of its threads."""
-    name = operations.homes.name(home)
-    return await anyio.to_thread.run_sync(functools.partial(work, *given), limiter=limits[name])
+    if not home.strip():
+        raise InputError("there is no home '': /api/homes lists them")
+    name = await anyio.to_thread.run_sync(operations.homes.name, home)  # a fleet's store may be slow
+    limiter = limits.setdefault(name, anyio.CapacityLimiter(THREADS))
+    return await anyio.to_thread.run_sync(functools.partial(work, *given), limiter=limiter)
 
 
 def _add_faults(app: FastAPI) -> None:
@@ -128,10 +141,10 @@ def _add_page(app: FastAPI) -> None:
 def _add_reading(app: FastAPI, ops: Operations, run: Callable[..., Any]) -> None:
     @app.get("/api/homes", summary="The homes that are served")
     async def homes() -> results.Homes:
-        return results.Homes(homes=ops.homes.names)
+        return results.Homes(homes=await anyio.to_thread.run_sync(lambda: ops.homes.names))
 
     @app.post(
-        "/api/homes/{home}/ask", response_model=results.Answered, responses=EVENTS,
+        "/api/homes/{home:path}/ask", response_model=results.Answered, responses=EVENTS,
         summary="The answer to a person's words; as server-sent events if accepted",
     )  # fmt: skip
     async def ask(home: str, question: Question, accept: Annotated[str, Header()] = "") -> Response:
@@ -140,12 +153,12 @@ def _add_reading(app: FastAPI, ops: Operations, run: Callable[..., Any]) -> None
             return JSONResponse(await run(*given))
         return StreamingResponse(_events(functools.partial(run, *given)), media_type="text/event-stream")
 
-    @app.get("/api/homes/{home}/find", response_model=results.FoundByName, summary="Objects and rooms by name")
+    @app.get("/api/homes/{home:path}/find", response_model=results.FoundByName, summary="Objects and rooms by name")
     async def find(home: str, name: ShortQuery) -> Response:
         return JSONResponse(await run(home, ops.find, name, home))
 
     @app.get(
-        "/api/homes/{home}/objects", response_model=results.ObjectList,
+        "/api/homes/{home:path}/objects", response_model=results.ObjectList,
         summary="The objects of a home or of one room, one page at a time",
     )  # fmt: skip
     async def objects(
@@ -153,27 +166,33 @@ def _add_reading(app: FastAPI, ops: Operations, run: Callable[..., Any]) -> None
     ) -> Response:
         return JSONResponse(await run(home, ops.list_objects, room, page, tentative, home))
 
-    @app.get("/api/homes/{home}/rooms", response_model=results.RoomList, summary="The rooms of a home")
+    @app.get("/api/homes/{home:path}/rooms", response_model=results.RoomList, summary="The rooms of a home")
     async def rooms(home: str) -> Response:
         return JSONResponse(await run(home, ops.list_rooms, home))
 
-    @app.get("/api/homes/{home}/rules", response_model=results.RuleList, summary="The route rules of a home")
+    @app.get("/api/homes/{home:path}/live", response_model=results.LiveNow, summary="How mapping goes on, and where")
+    async def live(home: str) -> Response:
+        return JSONResponse({"live": await run(home, ops.homes.state)})
+
+    @app.get("/api/homes/{home:path}/rules", response_model=results.RuleList, summary="The route rules of a home")
     async def rules(home: str) -> Response:
         return JSONResponse(await run(home, ops.list_rules, home))
 
     @app.get(
-        "/api/homes/{home}/describe", response_model=results.ObjectDescription | results.RoomDescription,
+        "/api/homes/{home:path}/describe", response_model=results.ObjectDescription | results.RoomDescription,
         summary="All that is known about one object or room",
     )  # fmt: skip
     async def describe(home: str, entity: ShortQuery) -> Response:
         return JSONResponse(await run(home, ops.describe, entity, home))
 
-    @app.get("/api/homes/{home}/relate", response_model=results.Related, summary="The spatial relations of two objects")
+    @app.get(
+        "/api/homes/{home:path}/relate", response_model=results.Related, summary="The spatial relations of two objects"
+    )
     async def relate(home: str, entity: ShortQuery, other: ShortQuery) -> Response:
         return JSONResponse(await run(home, ops.relate, entity, other, home))
 
     @app.get(
-        "/api/homes/{home}/goal", response_model=results.ObjectPose | results.RoomPose,
+        "/api/homes/{home:path}/goal", response_model=results.ObjectPose | results.RoomPose,
         summary="A reachable goal pose that faces an object or lies in a room",
     )  # fmt: skip
     async def goal(home: str, entity: ShortQuery, from_x: MetresQuery = None, from_y: MetresQuery = None) -> Response:
@@ -182,7 +201,7 @@ def _add_reading(app: FastAPI, ops: Operations, run: Callable[..., Any]) -> None
 
 def _add_pictures(app: FastAPI, ops: Operations, run: Callable[..., Any]) -> None:
     @app.get(
-        "/api/homes/{home}/view",
+        "/api/homes/{home:path}/view",
         response_model=results.View,
         summary="The data of the page: floor plan, rooms, objects",
     )
@@ -190,7 +209,7 @@ def _add_pictures(app: FastAPI, ops: Operations, run: Callable[..., Any]) -> Non
         return Response(await run(home, page.served_json, ops, home, page.view), media_type="application/json")
 
     @app.get(
-        "/api/homes/{home}/cloud", response_model=results.Cloud,
+        "/api/homes/{home:path}/cloud", response_model=results.Cloud,
         summary="The point cloud of the 3-D view, null without one",
     )  # fmt: skip
     async def cloud(home: str) -> Response:
@@ -200,7 +219,7 @@ def _add_pictures(app: FastAPI, ops: Operations, run: Callable[..., Any]) -> Non
         )
 
     @app.get(
-        "/api/homes/{home}/photo", summary="A photo of an object, its evidence, as JPEG; view 0 is the floor plan",
+        "/api/homes/{home:path}/photo", summary="A photo of an object, its evidence, as JPEG; view 0 is the floor plan",
         response_class=Response, responses=PHOTO,
     )  # fmt: skip
     async def photo(home: str, entity: ShortQuery, view: Annotated[int, Query(ge=0, le=100)] = 1) -> Response:
@@ -211,16 +230,27 @@ def _add_pictures(app: FastAPI, ops: Operations, run: Callable[..., Any]) -> Non
 
 def _add_writing(app: FastAPI, ops: Operations, run: Callable[..., Any]) -> None:
     @app.post(
-        "/api/homes/{home}/corrections", response_model=results.Corrected,
+        "/api/homes/{home:path}/corrections", response_model=results.Corrected,
         summary="Name, confirm, relabel, add, merge, split, forget or move; a route rule, or its end",
     )  # fmt: skip
     async def correct(home: str, made: Correction) -> Response:
         given = (made.entity, made.name, made.x, made.y, home, made.who, made.other)
         return JSONResponse(await run(home, ops.correct, made.what, *given))
 
-    @app.post("/api/homes/{home}/undo", response_model=results.Corrected, summary="Undo the latest correction")
+    @app.post("/api/homes/{home:path}/undo", response_model=results.Corrected, summary="Undo the latest correction")
     async def undo(home: str, by: Who) -> Response:
         return JSONResponse(await run(home, ops.undo, home, by.who))
+
+
+def _add_fleet(app: FastAPI, ops: Operations) -> None:
+    limiter = anyio.CapacityLimiter(THREADS)
+
+    @app.post(
+        "/api/fleet/ask", response_model=results.FleetAnswered,
+        summary="The answer to a question over all homes: which have or lack something, how many, most, biggest",
+    )  # fmt: skip
+    async def ask_all(question: FleetQuestion) -> Response:
+        return JSONResponse(await anyio.to_thread.run_sync(ask_fleet, ops, question.words, limiter=limiter))
 
 
 def _add_documentation(app: FastAPI) -> None:

@@ -24,6 +24,7 @@ from mcp_types import (
     ElicitationCapability,
     ImageContent,
     InputRequiredResult,
+    Resource,
     TextContent,
     Tool,
     ToolAnnotations,
@@ -32,6 +33,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from cartier.errors import CartierError, brief
 from cartier.serving import page
+from cartier.serving.mcp_homes import add_homes, listed_homes
 from cartier.serving.operations import Operations
 from cartier.serving.values import wrong_value
 
@@ -84,8 +86,9 @@ def make(operations: Operations, robot: str | None = None) -> MCPServer:
     server = _Server(
         "cartier", instructions=INSTRUCTIONS, version=version("cartier"), log_level="WARNING", extensions=[apps]
     )
-    server.several = len(operations.homes.names) > 1
+    server.operations = operations
     _add_reading(server, operations)
+    add_homes(server, operations, _call)
     _add_writing(server, operations)
     if robot is not None:
         _add_go(server, operations, robot)
@@ -95,7 +98,11 @@ def make(operations: Operations, robot: str | None = None) -> MCPServer:
 class _Server(MCPServer):
     """MCPServer with short schemas, for models with small context windows."""
 
-    several = True
+    operations: Operations
+
+    async def list_resources(self) -> list[Resource]:
+        """The homes that the request may see, after the server's own resources."""
+        return [*await super().list_resources(), *await listed_homes(self.operations)]
 
     async def list_tools(self) -> list[Tool]:
         tools = await super().list_tools()
@@ -128,7 +135,7 @@ class _Server(MCPServer):
             if key in ("title", "default", "additionalProperties") or (key == "description" and depth != 1):
                 continue
             if key == "properties":  # with one home, only results name it
-                shown = [name for name in value if name != "home" or self.several or "age_h" in value]
+                shown = [name for name in value if name != "home" or self.operations.homes.several or "age_h" in value]
                 short[key] = {name: self._short(value[name], 1) for name in shown}
             elif key == "anyOf":
                 short |= self._short(next(each for each in value if each.get("type") != "null"), depth)
@@ -230,11 +237,12 @@ def _add_go(server: MCPServer, ops: Operations, robot: str) -> None:
         agreed: Annotated[Consent, Resolve(consent)],
         home: str = "",
         code: Annotated[str, Field(description="only if a person read it to you")] = "",
+        frame_epoch: Annotated[int | None, Field(description="of the answer's as_of")] = None,
     ) -> Result:
         if not agreed.go:
             why = "the person did not agree, or the code is wrong or old; goal_for only shows the pose"
             raise ToolError(f"nothing was sent: {why}")
-        return _call(ops.go, entity, robot, home)
+        return _call(ops.go, entity, robot, home, frame_epoch)
 
     server.add_tool(go, description="Send the robot; a person is asked first", annotations=MOVES)
 

@@ -12,6 +12,7 @@ import threading
 import time
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
+from dataclasses import asdict
 from datetime import datetime
 from typing import Any
 
@@ -27,6 +28,7 @@ from cartier.home.corrections import find
 from cartier.home.dates import age_h
 from cartier.home.photos import photo_of
 from cartier.home.spoken import correct_by_words, keep_rules
+from cartier.live.answers import as_of
 from cartier.llm.prompts import check_query, recent
 from cartier.navigation.planning import plan
 from cartier.pipeline import ask, plan_for, serve
@@ -74,7 +76,7 @@ class Operations:
         alarm.emergency_number(emergency_number)  # a mistake is told now, not in an emergency
         self.emergency_number = emergency_number
         self._on_alarm, self._look = on_alarm, look
-        self._turns: OrderedDict[tuple[str, str], list[tuple[str, str]]] = OrderedDict()
+        self._turns: OrderedDict[tuple[str, str, str], list[tuple[str, str]]] = OrderedDict()
         self._lock = threading.Lock()
 
     def ask(
@@ -90,8 +92,8 @@ class Operations:
 
         With ``corrects``, words that correct the home do so: "yes, it is there", "that is a pencil box".
         """
-        words, mapped = check_query(words), self.homes.get(home)
-        key = (self.homes.name(home), conversation.strip()[:MAX_CONVERSATION_CHARS])
+        moment, words, mapped = self.homes.moment(), check_query(words), self.homes.get(home)  # the moment first
+        key = (self.homes.name(home), conversation.strip()[:MAX_CONVERSATION_CHARS], self.homes.asker)
         with self._lock:
             turns = list(self._turns.get(key, ()))
         start = _start(mapped, from_x, from_y)
@@ -106,6 +108,7 @@ class Operations:
                 emergency_number=self.emergency_number, look=self._look,
             )  # fmt: skip
             mapped, answer = keep_rules(mapped, answer) if corrects else (mapped, not_kept(answer))
+        answer = answer if moment is None else as_of(answer, moment)
         if answer.selection.status == "alarm" and self._on_alarm is not None:
             told = {"conversation": key[1]} | answer.to_dict()
             threading.Thread(target=self._tell, args=(told,), daemon=True).start()  # the person does not wait for it
@@ -220,9 +223,9 @@ class Operations:
         self, entity: str, home: str = "", from_x: float | None = None, from_y: float | None = None
     ) -> dict[str, Any]:
         """A goal pose that faces an object or lies in a room, reachable from the start."""
+        about = self.about(home, self.homes.get(home))  # first, so that the goal is of no older epoch than it says
         mapped, one = self._one(entity, home)
-        goal = self._goal(mapped, one, _start(mapped, from_x, from_y))
-        return self.about(home, mapped) | self._row(mapped, one) | goal
+        return about | self._row(mapped, one) | self._goal(mapped, one, _start(mapped, from_x, from_y))
 
     def goal(self, entity: str, home: str = "", from_x: float | None = None, from_y: float | None = None) -> Goal:
         """The pose of ``goal_for``. Raises InputError if there is none."""
@@ -232,8 +235,9 @@ class Operations:
             raise InputError(why_not)
         return goal
 
-    def go(self, entity: str, robot: str, home: str = "") -> dict[str, Any]:
-        """Send a robot (named as for ``--go``) to the pose of ``goal_for``. The caller must have a person's consent."""
+    def go(self, entity: str, robot: str, home: str = "", frame_epoch: int | None = None) -> dict[str, Any]:
+        """Send a robot (as for ``--go``) to the pose of ``goal_for``, with a person's consent; not for an old epoch."""
+        self.homes.check_epoch(frame_epoch)
         said = specs.robot(robot, self.homes.get(home), self.robot).go_to(self.goal(entity, home))
         return self.goal_for(entity, home) | {"sent": said}
 
@@ -292,7 +296,9 @@ class Operations:
 
     def about(self, home: str, mapped: Home) -> dict[str, Any]:
         """The name and id of a home, and the hours since it was recorded (None where its recordings have no date)."""
-        return {"home": self.homes.name(home), "home_id": mapped.id, "age_h": age_h(mapped.objects, time.time())}
+        about = {"home": self.homes.name(home), "home_id": mapped.id, "age_h": age_h(mapped.objects, time.time())}
+        moment = self.homes.moment()
+        return about if moment is None else about | {"as_of": asdict(moment)}
 
     def _one(self, entity: str, home: str) -> tuple[Home, MapObject | Room]:
         """A home, and the object or room in it that is meant."""

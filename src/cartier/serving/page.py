@@ -27,7 +27,7 @@ from cartier.types import FREE, OCCUPIED, MapObject, RobotModel
 from cartier.understanding.cards import SHIPPED, read_deck
 
 WEB = Path(__file__).with_name("web")
-SCRIPTS = ("parts.js", "data.js", "labels.js", "plan.js", "scene.js", "doubt.js", "app.js", "corrections.js")
+SCRIPTS = ("parts.js", "data.js", "labels.js", "plan.js", "scene.js", "doubt.js", "live.js", "app.js", "corrections.js")
 ANSWER_SCRIPTS = ("parts.js", "labels.js", "plan.js", "answer.js")
 KINDS = {
     ".html": "text/html; charset=utf-8",

@@ -6,7 +6,7 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from cartier.types import AlarmKind, Status
+from cartier.types import AlarmKind, AsOf, Status
 
 
 class Part(BaseModel):
@@ -27,10 +27,27 @@ class Result(Part):
     home: str = Field(description="its name on this server")
     home_id: str = Field(description="of its map; the same while nobody maps it again")
     age_h: float | None = Field(description="hours since it was recorded; null where its recordings have no date")
+    as_of: AsOf | None = Field(None, description="of when it is, for a home that is being mapped")
+
+
+class LiveNow(Part):
+    """How mapping goes on."""
+
+    live: dict[str, Any] | None = Field(description="the state; null for a home that is not being mapped")
 
 
 class Homes(Part):
     homes: list[str]
+
+
+class FleetAnswered(Part):
+    """The answer to a question over all homes, with three values."""
+
+    text: str
+    value: Any = Field(description="names of homes, a number, numbers by home, or a home and the id of an object")
+    has: list[str] = Field(description="the homes that have what was asked for")
+    has_none: list[str] = Field(description="those that have it not, though it was looked for")
+    cannot_tell: dict[str, str] = Field(description="why nobody can tell, by home")
 
 
 class Way(Part):
@@ -107,6 +124,7 @@ class AnswerPart(Part):
     z: float | None = None
     goal: Pose | None = None
     notes: list[str] = []
+    as_of: AsOf | None = Field(None, description="of when it is, for a home that is being mapped")
     next: list["AnswerPart"] = Field([], description="the answers to further needs, in order")
 
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Iterable
+import threading
+import time
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -12,14 +14,17 @@ import uvicorn
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from cartier.errors import InputError
-from cartier.serving.guard import App, Guard, host_names, read_token
+from cartier.serving.access import Access
+from cartier.serving.guard import App, Guard, host_names
 
+START_S = 0.05
 HEAD_S = 5.0  # from the start of a connection, or the first byte of a head, until the head of the request is complete
+Tokens = Mapping[bytes, Access] | None
 MAX_CONNECTIONS = 800  # below the 1,024 files that a process may usually open
 
 
 def listen(
-    served: Any, host: str, port: int, names: Iterable[str], token_file: Path | None,
+    served: Any, host: str, port: int, names: Iterable[str], tokens: Tokens,
     tls: tuple[Path | None, Path | None], say: Callable[[str], None], open_paths: Iterable[str] = (),
 ) -> None:  # fmt: skip
     """Serve an ASGI app until Ctrl-C; ``say`` gets the lines for the operator.
@@ -27,22 +32,53 @@ def listen(
     ``tls`` is the certificate and its key, both or none. ``open_paths`` need no token. Raises InputError
     for a bad option.
     """
+    uvicorn.run(**_settings(served, host, port, names, tokens, tls, say, open_paths))
+
+
+def listen_beside(
+    served: Any, host: str, port: int, tokens: Tokens, say: Callable[[str], None], open_paths: Iterable[str]
+) -> Callable[[], None]:
+    """Serve an ASGI app in a thread of its own; returns what ends that.
+
+    Raises InputError for a bad option, or if the port is taken.
+    """
+    settings = _settings(served, host, port, (), tokens, (None, None), say, open_paths)
+    server = uvicorn.Server(uvicorn.Config(**settings))
+    thread = threading.Thread(target=server.run, daemon=True)
+    thread.start()
+    while thread.is_alive() and not server.started:
+        time.sleep(START_S)
+    if not server.started:
+        raise InputError(f"cannot listen at {host}:{port}: choose another --port")
+
+    def end() -> None:
+        server.should_exit = True
+        thread.join()
+
+    return end
+
+
+def _settings(
+    served: Any, host: str, port: int, names: Iterable[str], tokens: Tokens,
+    tls: tuple[Path | None, Path | None], say: Callable[[str], None], open_paths: Iterable[str],
+) -> dict[str, Any]:  # fmt: skip
+    """What uvicorn is started with."""
     if (tls[0] is None) != (tls[1] is None):
         raise InputError("TLS needs both --tls-cert and --tls-key")
     for file in tls:
         if file is not None and not file.is_file():
             raise InputError(f"{file} is missing")
-    token = read_token(host, token_file)
-    guarded: App = Guard(served, host_names(host, port, names), token, tls=tls[0] is not None, open_paths=open_paths)
+    guarded: App = Guard(served, host_names(host, port, names), tokens, tls=tls[0] is not None, open_paths=open_paths)
     shown, scheme = f"[{host}]" if ":" in host else host, "https" if tls[0] else "http"
-    say(f"serving at {scheme}://{shown}:{port}/{'' if token is None else ' (with the token)'}; Ctrl-C ends it")
-    if token is not None and tls[0] is None:
+    say(f"serving at {scheme}://{shown}:{port}/{'' if tokens is None else ' (with a token)'}; Ctrl-C ends it")
+    if tokens is not None and tls[0] is None:
         say("without --tls-cert the token and the home are not encrypted: use a TLS proxy, or give a certificate")
-    uvicorn.run(
-        guarded, host=host, port=port, ssl_certfile=tls[0], ssl_keyfile=tls[1], log_level="warning", access_log=False,
-        server_header=False, timeout_keep_alive=15, timeout_graceful_shutdown=5, backlog=512, ws="none",
-        proxy_headers=False, http=Connection, h11_max_incomplete_event_size=16_384,
-    )  # fmt: skip
+    return {
+        "app": guarded, "host": host, "port": port, "ssl_certfile": tls[0], "ssl_keyfile": tls[1],
+        "log_level": "warning", "access_log": False, "server_header": False, "timeout_keep_alive": 15,
+        "timeout_graceful_shutdown": 5, "backlog": 512, "ws": "none", "proxy_headers": False, "http": Connection,
+        "h11_max_incomplete_event_size": 16_384,
+    }  # fmt: skip
 
 
 class Connection(H11Protocol):

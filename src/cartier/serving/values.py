@@ -8,7 +8,7 @@ from __future__ import annotations
 import io
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from datetime import datetime
 from typing import Any
 
@@ -50,6 +50,7 @@ def answer_values(home: Home, answer: Answer) -> dict[str, Any]:
     result["goal"] = None if goal is None else pose(goal)
     notes = [note for note in answer.notes if "embedded reasoner answers" not in note]
     result |= {"notes": notes} if notes else {}
+    result |= {"as_of": asdict(answer.as_of)} if answer.as_of is not None else {}
     return result | ({"next": [answer_values(home, further) for further in answer.next]} if answer.next else {})
 
 

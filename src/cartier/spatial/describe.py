@@ -10,6 +10,21 @@ from cartier.spatial.query import Scene
 from cartier.spatial.relations import ASKED_NEAR_M
 from cartier.types import MapObject, Room
 
+MAIN_SHARE = 0.25
+"""The share of its surface from which an object is said to have a colour."""
+WHITE_IN_SHADE = 0.2
+"""The share of white from which a grey object is a white one that is partly in shadow: the largest of 0.1, 0.2, 0.3 and
+0.4 with which most answers were right in six generated homes (80101 to 80106, ``benchmarks/look_colours.py``)."""
+
+
+def colours_of(obj: MapObject) -> tuple[str, ...]:
+    """The one or two colours that people would say an object has, the main one first; none if none was seen."""
+    shares = dict(obj.colours)
+    names = [name for name, share in obj.colours if share >= MAIN_SHARE][:2] or [name for name, _ in obj.colours[:1]]
+    if names[:1] == ["grey"] and shares.get("white", 0.0) >= WHITE_IN_SHADE:
+        names = ["white", *(name for name in names if name not in ("white", "grey"))]
+    return tuple(names)
+
 
 def whereabouts(scene: Scene, obj: MapObject) -> str:
     """Where an object is, in words: "on the table in the kitchen"."""

@@ -19,7 +19,8 @@ class ReferringExpression:
     that it may mean where no object of these labels fits ("the cup by the sink": a mug), ``rooms`` the ids of rooms.
 
     ``generic`` is for "one", "something", "it". ``most`` is a superlative such as "biggest", ``order`` counts from 1,
-    or from -1, the last. ``obj`` is the id of an object mentioned before.
+    or from -1, the last. ``obj`` is the id of an object mentioned before. ``recalled``: what is said of it was said in
+    an earlier turn.
     """
 
     said: str
@@ -36,6 +37,7 @@ class ReferringExpression:
     order: int = 0
     relations: tuple[SpatialRelation, ...] = ()
     obj: int | None = None
+    recalled: bool = False
 
     @property
     def bare(self) -> bool:

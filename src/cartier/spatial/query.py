@@ -30,6 +30,7 @@ BESIDE = {
     "green": ("blue", "yellow"), "purple": ("blue", "pink"),
 }  # fmt: skip
 """Names that a colour may get in warm light or in shadow."""
+DEEPEST = 5  # objects that stand on each other
 ALIKE = 0.9  # sizes from this share of the biggest count as equal
 
 
@@ -68,7 +69,7 @@ class Scene:
     def held_by(self, obj: MapObject) -> list[MapObject]:
         """What an object stands on or in, and what that stands on, in order."""
         found: list[MapObject] = []
-        while obj.id in self.holders and self.holders[obj.id].object is not None and len(found) < 5:
+        while obj.id in self.holders and self.holders[obj.id].object is not None and len(found) < DEEPEST:
             obj = self.by_id[self.holders[obj.id].object or 0]
             found.append(obj)
         return found
@@ -247,7 +248,8 @@ class Scene:
         pairs = [(a, b) for a in beside[:4] for b in ends[:4] if a.id != b.id]
         told = [r for a, b in pairs for r in relations.between(a, b, [o for o in found if o.id not in (a.id, b.id)])]
         told.sort(key=lambda r: -r.probability)
-        return [self.by_id[r.subject] for r in told if r.probability >= LIKELY][:1]
+        likely = [r.subject for r in told if r.probability >= LIKELY][:1]
+        return [o for o in found if o.id in likely]
 
     def _apart(self, found: Sequence[MapObject], beside: Sequence[MapObject]) -> Sequence[MapObject]:
         """The objects that neither stand on the others nor hold them, if there are any close by."""
@@ -275,9 +277,9 @@ class Scene:
         told = [
             r for b in beside if b.views for r in side(b, [o for o in found if o.id != b.id], b.views[0].camera[:2])
         ]
-        likely = sorted((r for r in told if r.probability >= 0.5), key=lambda r: r.metres)
-        near = [self.by_id[r.subject] for r in likely]
-        return sorted(dict.fromkeys(near), key=lambda o: min(self.distance_m(o, b) for b in beside))[:1]
+        likely = {r.subject for r in told if r.probability >= 0.5}
+        there = [o for o in found if o.id in likely]
+        return sorted(there, key=lambda o: min(self.distance_m(o, b) for b in beside))[:1]
 
 
 def _doorway(door: Door) -> MapObject:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
-from cartier.spatial.describe import the, whereabouts
+from cartier.spatial.describe import colours_of, the, whereabouts
 from cartier.spatial.expressions import ParsedUtterance, ReferringExpression, SpatialRelation
 from cartier.spatial.query import Scene, called
 from cartier.types import Door, Fact, MapObject, Selection
@@ -57,7 +57,7 @@ def answer(asked: ParsedUtterance, scene: Scene, last: MapObject | None, model: 
     if head.rooms is not None:
         return _room(head.rooms, scene, model)
     if not found:
-        return _told(f"I have not seen {_a(head)}.{_instead(head, scene)}", Fact("where", None), model)
+        return _told(f"I have not seen {_unseen(head, scene)}", Fact("where", None), model)
     return _about(asked, found, scene, model)
 
 
@@ -120,7 +120,7 @@ def _known(asked: ParsedUtterance, obj: MapObject, it: str, where: str, scene: S
         looked = f"and looked there last at {obj.last_looked_s:.0f} s"
         return f"I saw {it} last {obj.last_seen_s:.0f} s into the recording, {looked}", obj.last_seen_s
     if asked.kind == "colour":
-        names = [name for name, share in obj.colours if share >= 0.25][:2] or [name for name, _ in obj.colours[:1]]
+        names = colours_of(obj)
         return f"{it} is {' and '.join(names) or 'of no colour that I could tell'}", names[0] if names else None
     size = [round(high - low, 2) for low, high in zip(obj.box_min, obj.box_max, strict=True)]
     return f"{it} is about {size[0]:.2f} m by {size[1]:.2f} m, and {size[2]:.2f} m high", size
@@ -131,7 +131,7 @@ def _counted(head: ReferringExpression, found: Sequence[MapObject], scene: Scene
     unsure = f" {'One' if len(maybe) == 1 else len(maybe)} more may be there, hardly seen." if maybe else ""
     names = Counter(o.label for o in found)
     if not found:
-        say = f"I have seen no {_name(head)}{_where(head)}.{_instead(head, scene)}{unsure}"
+        say = f"I have not seen {_unseen(replace(head, plural=True), scene)}{unsure}"
     else:
         what = _and([_many(name, count) for name, count in names.items()])
         say = f"I have seen {what}{_where(head)}.{unsure}"
@@ -149,8 +149,9 @@ def _exists(head: ReferringExpression, found: Sequence[MapObject], scene: Scene,
     ids = tuple(o.id for o in found)
     if found:
         what = _many(found[0].label, len(found)) if len({o.label for o in found}) == 1 else f"{len(found)} of them"
-        return _told(f"Yes: {what}, {whereabouts(scene, found[0])}.", Fact("exists", True, ids), model, found[0])
-    return _told(f"No, I have not seen {_a(head)}{_where(head)}.{_instead(head, scene)}", Fact("exists", False), model)
+        where = whereabouts(scene, found[0])
+        return _told(f"Yes: {what}{f', {where}' if where else ''}.", Fact("exists", True, ids), model, found[0])
+    return _told(f"No, I have not seen {_unseen(head, scene)}", Fact("exists", False), model)
 
 
 def _listed(head: ReferringExpression, scene: Scene, model: str) -> Selection | None:
@@ -185,7 +186,7 @@ def _compared(asked: ParsedUtterance, scene: Scene, model: str) -> Selection | N
     found = [scene.meant(phrase)[0] for phrase in phrases]
     gone = [phrase for phrase, objects in zip(phrases, found, strict=True) if not objects]
     if gone:
-        return _told(f"I have not seen {_a(gone[0])}.", Fact("compare", None), model)
+        return _told(f"I have not seen {_unseen(gone[0], scene)}", Fact("compare", None), model)
     first = list({objects[0].id: objects[0] for objects in found}.values())
     if len(first) < len(found):  # "is the bed in the study bigger than the bed": another bed than that
         rest = [o for objects in reversed(found) for o in objects if o.id not in {obj.id for obj in first}]
@@ -209,12 +210,17 @@ def _told(say: str, fact: Fact, model: str, obj: MapObject | None = None) -> Sel
     return Selection("answered", name, reason=say, text=say, fact=fact, model=model, object_id=number)
 
 
-def _instead(head: ReferringExpression, scene: Scene) -> str:
-    """What there is instead of what a phrase asks for."""
-    elsewhere = [o for o in scene.objects if called(o, head.labels)]
-    if elsewhere:
-        return "" if head.bare else f" There is {one(elsewhere[0].label)} {whereabouts(scene, elsewhere[0])}."
-    return ""
+def _unseen(head: ReferringExpression, scene: Scene) -> str:
+    """The rest of "I have not seen …" for a phrase that nothing fits, and what of its name there is instead.
+
+    Where something has the name, the words say in what it differs: never "I have not seen a mug. There is a mug".
+    """
+    elsewhere = next((obj for obj in scene.objects if called(obj, head.labels)), None)
+    if elsewhere is None:
+        return f"{_a(head)}{_where(head)}."
+    described = head.relations or any(colour in head.said for colour in head.colours)
+    there = f"There is {one(elsewhere.label)} {whereabouts(scene, elsewhere)}".rstrip()
+    return f"{_a(head)}{_where(head)}{'' if described else ' as you say'}. {there}."
 
 
 def _where(phrase: ReferringExpression) -> str:

@@ -75,8 +75,10 @@ def resolve(asked: ParsedUtterance, state: DialogueState) -> ParsedUtterance:
         named = head is not None and bool(head.labels)
         if not named and (before is None or not before.labels):
             return _need_again(asked, state)
-        kind = head if named or before is None else again(before, head)
-        return replace(asked, kind="go", head=_other(kind))
+        if named or before is None:
+            return replace(asked, kind="go", head=_other(head))
+        told = head is not None and bool(head.colours or head.size or head.most or head.relations)
+        return replace(asked, kind="go", head=_other(replace(again(before, head), recalled=not told)))
     chosen = asked.kind == "go" and head is not None and head.rooms is not None and state.offered
     placed = asked.kind == "go" and head is not None and head.generic and not head.said and bool(head.relations)
     if chosen or asked.kind in ("correct", "choose") or (placed and before is not None):  # "on the desk"

@@ -126,7 +126,7 @@ class ReferenceGrounder:
             return chosen
         meant = replace(head, labels=frozenset({o.label for o in same}))
         there = self.scene.meant(meant)[0]
-        return replace(chosen, object_id=there[0].id) if there else self._none(meant, True)
+        return replace(chosen, object_id=there[0].id) if there else self._none(meant)
 
     def _likely(self, same: Sequence[MapObject]) -> list[MapObject]:
         """The nearest first, of those that are surely there if any are."""
@@ -144,16 +144,18 @@ class ReferenceGrounder:
     def _found(self, head: ReferringExpression) -> Selection:
         out = {obj.id for noun in self.asked.rejected for obj in self.scene.meant(noun)[0]}
         without = out.union(self.state.served if head.other else ())
-        found, emptied = self.scene.meant(head, without)
+        found, _ = self.scene.meant(head, without)
         if not found and head.other and head.relations:  # "the other one" may stand elsewhere
-            found, emptied = self.scene.meant(replace(head, relations=()), without)
-        elif not found and head.relations:  # "no, the one in the kitchen" may be the same again
-            found, emptied = self.scene.meant(head)
+            found, _ = self.scene.meant(replace(head, relations=()), without)
+        if not found and head.other and head.recalled:  # after "the red one", it may be blue
+            found, _ = self.scene.meant(replace(head, relations=(), colours=(), size="", most=""), without)
+        elif not found and head.relations and not head.other:  # "no, the one in the kitchen" may be the same again
+            found, _ = self.scene.meant(head)
         found = [obj for obj in found if obj.id != self.asked.instead_of] or found
         if not found and not head.other and (maybe := self.scene.perhaps(head)) is not None:
             return maybe_there(maybe, MODEL) if self._wanted else offer(maybe, self.scene, MODEL)
         if not found:
-            return self._none(head, emptied is not None)
+            return self._none(head)
         if len(found) > 1 and not (head.other or HURRY.search(self.said) or head.plural):
             return self._which(found)
         obj, where = found[0], whereabouts(self.scene, found[0])
@@ -184,12 +186,13 @@ class ReferenceGrounder:
             model=MODEL,
         )
 
-    def _none(self, head: ReferringExpression, emptied: bool) -> Selection:
+    def _none(self, head: ReferringExpression) -> Selection:
         others = [o for o in self.scene.objects if called(o, head.labels)]
         if head.other and others:
             say = f"I know no other {others[0].label}."
-        elif others and emptied:
-            say = f"There is {one(others[0].label)} {whereabouts(self.scene, others[0])}, but none as you say."
+        elif others:
+            there = f"There is {one(others[0].label)} {whereabouts(self.scene, others[0])}".rstrip()
+            say = f"{there}, but none as you say."
         else:
             say = f"I have not seen any {head.said if not head.generic else 'such object'}."
         return Selection("not_found", reason=say, text=say, model=MODEL)
@@ -217,11 +220,11 @@ class ReferenceGrounder:
         there, _ = self.scene.meant(head)
         names = tuple(sorted({o.label for o in there}))
         if not names:  # "drink something from a cup" is no place
-            return self._none(head, True) if any(c.target and c.target.rooms for c in head.relations) else None
+            return self._none(head) if any(c.target and c.target.rooms for c in head.relations) else None
         chosen = serve(asked.need, names)
         fitting = [o for o in there if called(o, [chosen.object or ""])]
         if chosen.status != "found" or not fitting:
-            return chosen if chosen.status != "likely_near" else self._none(head, True)
+            return chosen if chosen.status != "likely_near" else self._none(head)
         obj = self._likely(fitting)[0]
         return replace(chosen, object_id=obj.id, text=f"The {obj.label} {whereabouts(self.scene, obj)}.")
 

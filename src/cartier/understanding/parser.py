@@ -1,6 +1,6 @@
 """Learned parser: the dialogue act of each clause of an utterance and the role of each of its words.
 
-Two small transformer layers over the words (parser.npz, trained by tools/understanding/train_parser.py on marked
+Three small transformer layers over the words (parser.npz, trained by tools/understanding/train_parser.py on marked
 requests) see what the shipped encoder and the need scorer's layers make of each word, and whether it belongs to a known
 name or to a table of words. The turn before goes in with the words, so that "the blue one" can be read as a reply.
 """
@@ -28,7 +28,7 @@ from cartier.understanding.utterance import TOKEN
 FITTED = Path(__file__).with_name("parser.npz")
 MOST_CONTEXT = 20  # tokens of each side of the turn before
 MOST_TOKENS, LONGEST_NAME = 110, 4
-HEADS, LAYERS = 4, 2
+HEADS, LAYERS = 4, 3
 NUMBER = re.compile(r"\s*(?:#\d+|\(room \d+\))")
 NEGATIONS = frozenset(words("no not never without none nor neither t cannot dont isnt except instead rather"))
 QUESTIONS = frozenset(words("what which who where when how whose why is are do does did have has can could"))
@@ -129,7 +129,7 @@ class Parser:
         return moved
 
     def _states(self, seen: Words) -> Array:
-        """(n, width) what two layers of attention make of the words."""
+        """(n, width) what the layers of attention make of the words."""
         x = self._linear(np.concatenate([seen.states, seen.bits], 1), "begin")
         x = x + self._w["places"][np.minimum(np.arange(len(x))[::-1], len(self._w["places"]) - 1)]
         for k in range(LAYERS):

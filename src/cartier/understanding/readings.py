@@ -24,7 +24,7 @@ def question(clause: Clause, asked: ParsedUtterance) -> str | None:
     first, second = _outcome(clause.act), _outcome(clause.second[0])
     if clause.certainty >= LEAST_CERTAIN or first is None or second is None or first == second:
         return None
-    noun = the(asked.head.said) if asked.head is not None and asked.head.labels else ""
+    noun = the(" ".join(asked.head.said.split())) if asked.head is not None and asked.head.labels else ""
     told = {
         DRIVES: f"shall I go to {noun}"
         if noun and "go" in (clause.act, clause.second[0])

@@ -17,8 +17,8 @@ from cartier.spatial.expressions import EntityVocabulary, ReferringExpression
 from cartier.spatial.query import DOORS, Scene
 from cartier.types import Selection
 from cartier.understanding.assembly import routed
-from cartier.understanding.dialogue_state import DialogueState, same
-from cartier.understanding.rule_scope import scope_of
+from cartier.understanding.dialogue_state import ASKING, DialogueState, same
+from cartier.understanding.rule_scope import STANDING, scope_of
 from cartier.understanding.tags import ROUTE_NOUNS, ROUTING, Clause, Span
 from cartier.understanding.utterance import ENDS
 
@@ -35,9 +35,14 @@ FLOOR_OF = {word: kind for kind, said in FLOOR_WORDS.items() for word in said.sp
 ADJECTIVES = {"tiled": "tiles", "wooden": "planks", "carpeted": "carpet", "laminated": "planks"}
 """Before "floor", "part", "bit"."""
 SOFT = re.compile(
-    r"\b(rather|prefer\w*|preferabl[ye]|ideally|better|possible|possibly|try|maybe|perhaps|wish|fancy|sooner|glad|nicer"
-    r"|best|(?:if|when|where|wherever|whenever) (?:you|it|there|that) (?:can|could|is|s|may|might|works|suits)"
-    r"|where alternatives|minimi[sz]e|as (?:far|much|little) as|a (?:little|bit))\b"
+    r"\b(rather|sooner|just as soon|prefer\w*|preferabl[ye]|ideally|better|possible|possibly|try|maybe|perhaps|wish"
+    r"|fancy|nicer|best|where alternatives|minimi[sz]e|as (?:far|much|little) as|a (?:little|bit|touch|kindness)"
+    r"|suggest|(?:if|when|where|wherever|whenever) (?:you|ye|it|there|that) (?:can|could|is|s|may|might|works|suits"
+    r"|goes|would|wouldn|have|feels|doesn|makes no)"
+    r"|if (?:it|its|it s|that s|that) (?:isn|not|no|all the same|cool|not too)"
+    r"|(?:glad|grateful|obliged|kind|nice|magic|lovely|fine|good enough) (?:if|of you)"
+    r"|(?:be|were) (?:kind|nice|fine|magic|lovely)"
+    r"|(?:i|we) (?:should|would|d) (?:like|be|ask|take)|mean a lot|please me|no odds|free choice|being equal)\b"
 )
 HARD = re.compile(r"\b(never|must|have to|has to|not allowed|forbid\w*|forbidden|whatever you do|absolutely|only|always"
                   r"|under no|strictly|nothing but)\b")  # fmt: skip
@@ -78,7 +83,7 @@ def driving(clause: Clause, names: EntityVocabulary, scene: Scene, state: Dialog
     marked = sorted([span for span, _ in nouns] + [s for s in clause.spans if s.role == "vh"], key=lambda s: s.start)
     of = {span.start: noun for span, noun in nouns}
     for span in marked:
-        strength, scope = _strength(span, clause, marked), _scope(span, clause, marked)
+        strength, scope = _strength(span, clause, marked), _scope(span, clause, marked, state)
         if span.role == "vh":
             found.append(RouteRule("shortest", None, strength, scope, said))
         else:
@@ -146,6 +151,8 @@ def _strength(span: Span, clause: Clause, marked: Sequence[Span]) -> Strength:
 def _around(span: Span, clause: Clause, marked: Sequence[Span]) -> str:
     """The words that go with a noun: from the noun before, or the sentence's begin, to a pause after it."""
     tokens = clause.tokens
+    if clause.act == "rule" and len(marked) == 1:  # the whole sentence is about it
+        return " ".join(words(" ".join(tokens)))
     before = [other.end for other in marked if other.end <= span.start]
     ends = [k + 1 for k in range(span.start) if tokens[k] in ENDS or tokens[k] == "but"]
     begin = max([0, span.start - NEAR_WORDS, *before, *ends])
@@ -160,16 +167,18 @@ def _around(span: Span, clause: Clause, marked: Sequence[Span]) -> str:
     return " ".join(words(" ".join(tokens[begin:end])))
 
 
-def _scope(span: Span, clause: Clause, marked: Sequence[Span]) -> str:
-    """How long the rule of a noun holds, by the words for it that stand nearest."""
-    default = "standing" if clause.act in ("rule", "prohibit") else "drive"
+def _scope(span: Span, clause: Clause, marked: Sequence[Span], state: DialogueState) -> str:
+    """How long the rule of a noun holds, by the words for it that stand nearest; what is said just after a goal is
+    about the drive to it."""
+    default = "standing" if clause.act in ("rule", "prohibit") and state.last is None else "drive"
     times = [s for s in clause.spans if s.role == "vt"]
     if not times:
-        return default
+        told = " ".join(words(" ".join(clause.tokens)))
+        return "standing" if clause.act == "rule" and STANDING.search(told) else default
     own = [t for t in times if _meant_by(t, clause, marked) == span]
     if len(times) == 1 and not marked[0].start < times[0].start < marked[-1].start:
         own = times  # said before all of them, or after
-    return scope_of(" ".join(own[0].words), default) if own else default
+    return scope_of(" ".join(own[0].words), default, " ".join(clause.tokens)) if own else default
 
 
 def _meant_by(time: Span, clause: Clause, marked: Sequence[Span]) -> Span:
@@ -186,8 +195,18 @@ def agrees(text: str) -> bool | None:
     return True if YES.fullmatch(said) else False if NO.fullmatch(said) else None
 
 
-def told(how: Driving, standing: Sequence[RouteRule], model: str) -> Selection:
-    """The answer to words that only say how to drive; ``standing`` are the rules that hold."""
+def asks_of_rules(clause: Clause) -> bool:
+    """Whether words about rules name nothing and ask: "which rules are there?" takes none back."""
+    named = any(span.role in (*ROUTE_NOUNS, "vh") for span in clause.spans)
+    return not named and bool(ASKING & set(clause.tokens[:2]))
+
+
+def told(how: Driving, standing: Sequence[RouteRule], model: str, asked: bool = False) -> Selection:
+    """The answer to words that only say how to drive, or that ask how; ``standing`` are the rules that hold."""
+    if asked:
+        which = "; ".join(rule.in_words() for rule in standing)
+        say = f"These rules hold: {which}." if which else "No rule holds."
+        return Selection("answered", reason="the rules were asked for", text=say, model=model)
     if how.unknown:
         return asked_back(how, model)
     if how.rules:

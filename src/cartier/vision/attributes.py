@@ -40,6 +40,8 @@ _POLITE = re.compile(
 )
 _INDIRECT = re.compile(r"^(?P<np>(?:the|my|our|your|this|that) .+?) (?P<verb>is|are) (?P<rest>.+)$")
 """The order of words after "tell me whether"."""
+_WHETHER = re.compile(r"\b(?:whether|if|check|see|tell me|find out|wonder|know)\b")
+"""What makes a question of words in the order of a statement: "the mug is dirty" alone asks nothing."""
 _STILL = r"(?:(?:still|really|currently|already|all|both|left|now) )*"
 _END = r"(?: (?:now|right now|at the moment|still|again|yet|today|please|or not))*$"
 Form = Literal["state", "which", "what"]
@@ -69,6 +71,18 @@ _PATTERNS: Sequence[tuple[Form, str | None, str]] = (
     ("state", None, rf"(?:did|have|has) (?:i|we|you|some(?:body|one)|anybody) {_LEFT} {_NP} (?P<value>on|off|open)"),
 )  # fmt: skip
 _FORMS = [(form, attribute, re.compile(f"^{pattern}{_END}")) for form, attribute, pattern in _PATTERNS]
+_UNLISTED = (
+    "broken|cracked|damaged|scratched|torn|wet|dry|warm|hot|cold|cool|fresh|ripe|rotten|spoiled|alive|dead|wilted|made|"
+    "unmade|tidy|messy|locked|unlocked|plugged in|unplugged|charged|charging|working|ready|done|finished|boiling|sharp|"
+    "blunt|comfortable|soft|heavy|loose|new|worn|made of \\w+|wooden|flat|inflated|loaded|free|occupied|in use"
+)
+"""Predicates that no list of objects holds, and that no closed set of answers fits."""
+_UNLISTED_FORM = re.compile(rf"^(?:is|are|was|were) {_NP} {_STILL}(?P<value>{_UNLISTED})(?: or not)?{_END}")
+PRONOUNS = frozenset(("it", "this", "that", "this one", "that one", "they", "them", "these", "those"))
+_PRONOUN = re.compile(
+    rf"^(?:is|are|was|were) (?P<np>{'|'.join(sorted(PRONOUNS, key=len, reverse=True))}) "
+    rf"{_STILL}(?P<value>{_STATE})(?: or (?:{_STATE}|not))?{_END}"
+)
 
 
 @dataclass(frozen=True)
@@ -95,8 +109,7 @@ class Asked:
 
 def read(words: str) -> Asked | None:
     """The question about how something looks that a person's words are, or None if they ask for something else."""
-    said = " ".join(re.sub(r"[^\w\s',-]", " ", plain(words)).split()).strip(" ,")
-    said = _INDIRECT.sub(r"\g<verb> \g<np> \g<rest>", _POLITE.sub("", said))
+    said = _asked_words(words)
     for form, attribute, pattern in _FORMS:
         found = pattern.match(said)
         if found is None:
@@ -110,6 +123,29 @@ def read(words: str) -> Asked | None:
             continue
         return Asked(form, asked, noun, value)
     return None
+
+
+def read_unlisted(words: str) -> Asked | None:
+    """A question about a state that neither a list nor a closed set of answers holds ("is the chair broken?"), or
+    None."""
+    found = _UNLISTED_FORM.match(_asked_words(words))
+    return None if found is None else Asked("state", "other", found["np"], found["value"])
+
+
+def read_of_last(words: str) -> Asked | None:
+    """The question about a state of what was mentioned before ("is it open?"), or None."""
+    found = _PRONOUN.match(_asked_words(words))
+    if found is None:
+        return None
+    value = VALUES[found["value"]]
+    return Asked("state", next(name for name, choices in CLOSED.items() if value in choices), found["np"], value)
+
+
+def _asked_words(words: str) -> str:
+    """The words without marks and courtesies, in the order of a question."""
+    said = " ".join(re.sub(r"[^\w\s',-]", " ", plain(words)).split()).strip(" ,")
+    bare = _POLITE.sub("", said)
+    return _INDIRECT.sub(r"\g<verb> \g<np> \g<rest>", bare) if _WHETHER.search(said[: len(said) - len(bare)]) else bare
 
 
 def _is_go(said: str) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from cartier.spatial.expressions import ReferringExpression
 from cartier.spatial.query import Scene
 from cartier.types import Inventory, MapObject, Selection
 from cartier.understanding.assembly import query
@@ -17,12 +18,21 @@ WEAK_LABEL = 0.5
 
 def meant(asked: Asked, inventory: Inventory) -> list[MapObject]:
     """The confirmed objects that the noun phrase of a question may mean, the nearest first; none if it names none."""
-    scene, names = Scene(inventory), lexicon(read_deck(SHIPPED), inventory)
-    for clause in parser()(listen(f"go to {asked.noun}").tokens, None, names)[:1]:
-        head = query(clause, names).head
-        if head is not None and (head.labels or head.similar):
-            return scene.meant(head)[0]
-    return []
+    head = _phrase(asked, inventory)
+    return Scene(inventory).meant(head)[0] if head is not None and (head.labels or head.similar) else []
+
+
+def passages(asked: Asked, inventory: Inventory) -> list[tuple[int, int]]:
+    """The passages of the floor plan that the noun phrase may mean, each by the ids of the rooms that it joins."""
+    head = _phrase(asked, inventory)
+    return [] if head is None else [door.rooms for door in Scene(inventory).doors(head)]
+
+
+def _phrase(asked: Asked, inventory: Inventory) -> ReferringExpression | None:
+    """The noun phrase as the parser reads it."""
+    names = lexicon(read_deck(SHIPPED), inventory)
+    clauses = parser()(listen(f"go to {asked.noun}").tokens, None, names)
+    return query(clauses[0], names).head if clauses else None
 
 
 def doubtful(selection: Selection, inventory: Inventory) -> MapObject | None:
@@ -33,6 +43,11 @@ def doubtful(selection: Selection, inventory: Inventory) -> MapObject | None:
     obj = next((obj for obj in inventory.objects if obj.id == number), None)
     if obj is None or obj.by_person:
         return None
+    return None if obj.confirmed and clear_label(obj) else obj
+
+
+def clear_label(obj: MapObject, share: float = WEAK_LABEL) -> bool:
+    """Whether an object's label has a share of the evidence for its labels; with no evidence it is clear."""
     total = sum(weight for _, weight in obj.labels)
     own = sum(weight for label, weight in obj.labels if label == obj.label)
-    return obj if not obj.confirmed or (total > 0 and own / total < WEAK_LABEL) else None
+    return total <= 0 or own / total >= share

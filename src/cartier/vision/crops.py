@@ -56,6 +56,15 @@ def picture(
     )  # fmt: skip
 
 
+def whole(frame: int, photo: npt.NDArray[np.uint8], tokens: int) -> CandidateView:
+    """A picture of a whole photograph, twice and without a box: what a model sees that has no list."""
+    image = Image.fromarray(photo)
+    small = image.resize(_fitting(image.size, 1.0, tokens // 2), Image.Resampling.LANCZOS)
+    jpeg, used = _jpeg(small), 2 * image_tokens(*small.size)
+    box = (0.0, 0.0, float(image.width), float(image.height))
+    return CandidateView(0, "photograph", frame, box, float(min(image.size)), jpeg, jpeg, used)
+
+
 def blurred(image: Image.Image, boxes_xyxy: Sequence[Sequence[float]]) -> Image.Image:
     """A copy in which nothing inside of the boxes can be recognised: eight coarse cells a side, then smoothed."""
     image = image.copy()

@@ -110,8 +110,12 @@ def ask_about(
     photographs: Photographs,
     around: Surroundings,
     choose: bool = False,
+    strict: bool = False,
 ) -> VisualTrace:
-    """Ask a question about candidates, in one call at most. ``choose``: which of them fits is asked."""
+    """Ask a question about candidates, in one call at most. ``choose``: which of them fits is asked.
+
+    Raises ReasonerError only if ``strict``; otherwise a model that cannot be reached could not tell.
+    """
     sizes = photographs.sizes(candidates)
     largest = candidates[0] if len(candidates) == 1 else None
     if all(len(obj.views) < MIN_VIEWS for obj in candidates):
@@ -123,11 +127,13 @@ def ask_about(
         why = "people and screens cannot be blurred: the detector's boxes of these frames are not stored"
         why = why if unlogged else f"it is below {MIN_APPARENT_PX:g} px in every photograph"
         return _trace(question, (), None, Decision("cannot_tell", why), largest or candidates[0], sizes, around)
-    if (barred := _barred(allowed, question, pictures)) is not None:
-        return VisualTrace(question, pictures, None, "not_asked", why=barred)
+    if (bar := barred(allowed, question, pictures)) is not None:
+        return VisualTrace(question, pictures, None, "not_asked", why=bar)
     try:
         reply = allowed.model.look(question, pictures)
     except ReasonerError as error:
+        if strict:
+            raise
         nothing = prompt.cannot_tell(pictures)
         reply = VisualReply(nothing, allowed.model.name, allowed.model.endpoint)
         return _trace(question, pictures, reply, Decision("cannot_tell", str(error)), None, sizes, around)
@@ -191,7 +197,7 @@ def _private(detections: Detections) -> list[tuple[float, ...]]:
     ]
 
 
-def _barred(allowed: Look, question: VisualQuestion, pictures: Sequence[CandidateView]) -> str | None:
+def barred(allowed: Look, question: VisualQuestion, pictures: Sequence[CandidateView]) -> str | None:
     """Why nothing may be sent, or None."""
     if optional(allowed.model, VisionModelDefaults, "sees") is False:
         return f"cartier check-model found that {allowed.model.name} does not see pictures"

@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Sequence
-from typing import Any
 
 from cartier.llm import capabilities
-from cartier.llm.prompts import Messages
 from cartier.llm.server import THINKING_OFF, Server
 from cartier.llm.structured_output import Refused
 from cartier.types import CandidateView, VisualQuestion, VisualReply
 from cartier.vision import prompt
 
 EXTRA = "llm"
-MAX_TOKENS = 300
-"""Of a reply: three short answers, and what a model that cannot stop may waste."""
 _url_forms: dict[tuple[str, str], bool] = {}  # (server, model) → whether ``image_url`` is a bare string
 
 
@@ -66,7 +61,7 @@ class VisionServer:
         for bare in forms:
             try:
                 reply = self._server.complete(
-                    messages(words, pictures, bare), prompt.schema(question, len(pictures)), MAX_TOKENS,
+                    prompt.messages(words, pictures, bare), prompt.schema(question, len(pictures)), prompt.MAX_TOKENS,
                     lambda text: prompt.read(text, question, pictures) is not None,
                 )  # fmt: skip
             except Refused:
@@ -76,14 +71,3 @@ class VisionServer:
             _url_forms[key] = bare
             return reply
         raise AssertionError("one of the forms returns or raises")
-
-
-def messages(words: str, pictures: Sequence[CandidateView], bare: bool = False) -> Messages:
-    """One user turn: the images of all pictures, each crop before its context, then the words."""
-    images = [jpeg for picture in pictures for jpeg in (picture.crop_jpeg, picture.context_jpeg)]
-    return [{"role": "user", "content": [*(_image(jpeg, bare) for jpeg in images), {"type": "text", "text": words}]}]
-
-
-def _image(jpeg: bytes, bare: bool) -> dict[str, Any]:
-    url = f"data:image/jpeg;base64,{base64.b64encode(jpeg).decode()}"
-    return {"type": "image_url", "image_url": url if bare else {"url": url}}

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import math
 import re
 from collections.abc import Sequence
 from typing import Any
 
-from cartier.llm.prompts import Schema
+from cartier.llm.prompts import Messages, Request, Schema
 from cartier.types import CANNOT_TELL, CandidateView, VisualAnswer, VisualQuestion
 
 MAX_READ_CHARS = 80
 """Of an open answer: a title, a label, a number."""
 MAX_REPLY_CHARS = 20_000
+MAX_TOKENS = 300
+"""Of a reply: three short answers, and what a model that cannot stop may waste."""
 TASK = """\
 The images above show {count} from a home, taken by a robot. Each picture is two images: first an enlarged crop of one \
 object, then the photograph around it, in which a magenta box marks the object. {list}
@@ -51,6 +54,17 @@ def text(question: VisualQuestion, pictures: Sequence[CandidateView]) -> str:
     )  # fmt: skip
 
 
+def request(question: VisualQuestion, pictures: Sequence[CandidateView]) -> Request:
+    """What is sent to a server that understands all of it."""
+    return Request(messages(text(question, pictures), pictures), schema(question, len(pictures)), MAX_TOKENS)
+
+
+def messages(words: str, pictures: Sequence[CandidateView], bare: bool = False) -> Messages:
+    """One user turn: the images of all pictures, each crop before its context, then the words."""
+    images = [jpeg for picture in pictures for jpeg in (picture.crop_jpeg, picture.context_jpeg)]
+    return [{"role": "user", "content": [*(_image(jpeg, bare) for jpeg in images), {"type": "text", "text": words}]}]
+
+
 def read(reply: str, question: VisualQuestion, pictures: Sequence[CandidateView]) -> tuple[VisualAnswer, ...] | None:
     """The answers in a reply, one for each picture; None if it is not of the schema."""
     row = _last_object(reply.rpartition("</think>")[2][-MAX_REPLY_CHARS:])
@@ -69,6 +83,11 @@ def bare_words(words: str, most: int = MAX_READ_CHARS) -> str:
     """Words that were read in a photograph, as text that nothing else in cartier takes for a reference or a mark."""
     kept = "".join(c if c.isalnum() or c in " .,:%&+-/'°€$£" else " " for c in words)
     return " ".join(kept.split())[:most].strip()
+
+
+def _image(jpeg: bytes, bare: bool) -> dict[str, Any]:
+    url = f"data:image/jpeg;base64,{base64.b64encode(jpeg).decode()}"
+    return {"type": "image_url", "image_url": url if bare else {"url": url}}
 
 
 def _answer(row: Any, question: VisualQuestion, picture: CandidateView) -> VisualAnswer | None:

@@ -29,8 +29,8 @@ def selection_of(before: Selection, trace: VisualTrace, asked: Asked | None, inv
         return _which(candidates, scene, trace, model)
     about = named.get(trace.object_id) if trace.object_id is not None else None
     if trace.verdict != "told":
-        if goes:
-            return before
+        if goes or (before.fact is not None and before.fact.value is not None):
+            return before  # what the list tells, its colour, stays
         text = f"I cannot tell by looking{_of(candidates, scene)}: {trace.why}."
         return Selection("answered", reason=trace.why, text=text, model=model)
     if about is None:

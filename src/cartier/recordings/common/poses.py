@@ -58,16 +58,22 @@ def read_trajectory_rows(path: Path) -> Matrix:
     rows = []
     for number, line in enumerate(read_text(path, MAX_TABLE_BYTES).splitlines(), 1):
         if line.strip() and not line.startswith("#"):
-            words, where = line.split(), f"{path} line {number}"
-            if len(words) < 8 or len(words) in MATRIX_SIZES:
-                raise InputError(f"{where}: a pose is 't x y z qx qy qz qw', 8 numbers, got {len(words)}")
-            rows.append(numbers(words[:8], where))
-            norm = float(np.linalg.norm(rows[-1][4:]))
-            if abs(norm - 1) > UNIT_TOLERANCE:
-                raise InputError(f"{where}: the quaternion's length must be 1, got {norm:.3g}")
+            rows.append(trajectory_row(line, f"{path} line {number}"))
     if not rows:
         raise InputError(f"{path} holds no pose")
     return np.array(rows)
+
+
+def trajectory_row(line: str, where: str) -> list[float]:
+    """The 8 numbers of a TUM line."""
+    words = line.split()
+    if len(words) < 8 or len(words) in MATRIX_SIZES:
+        raise InputError(f"{where}: a pose is 't x y z qx qy qz qw', 8 numbers, got {len(words)}")
+    row = numbers(words[:8], where)
+    norm = float(np.linalg.norm(row[4:]))
+    if abs(norm - 1) > UNIT_TOLERANCE:
+        raise InputError(f"{where}: the quaternion's length must be 1, got {norm:.3g}")
+    return row
 
 
 def trajectory_line(time_s: float, world_from_camera: Array) -> str:

@@ -102,6 +102,10 @@ class Bag:
         """The names of the topics of some types, sorted."""
         return sorted(name for name, parts in self._topics.items() if parts[0][1].type in types)
 
+    def all_topics(self) -> list[str]:
+        """The names of all topics, sorted."""
+        return sorted(self._topics)
+
     def type_of(self, name: str) -> str:
         return self._topics[name][0][1].type if name in self._topics else ""
 
@@ -127,35 +131,45 @@ class Bag:
     def header(self, name: str, row: Index) -> Header:
         """The header that a message begins with, and whether an image comes after it; the rest is not read."""
         data = self.read(row, 16 + 2 * MAX_NAME)
-        ros1 = self._encoding(name) == "ros1"
-        try:
-            order = "<" if ros1 or data[1] & 1 else ">"
-            seconds, nanoseconds, length = struct.unpack_from(f"{order}{'I' if ros1 else 'i'}II", data, 4)
-        except (struct.error, IndexError) as error:
-            raise InputError(f"{self.path}: a message of {name} is too short to have a header") from error
-        if length > MAX_NAME:
-            raise InputError(f"{self.path}: a message of {name} has a frame_id of {length} bytes")
-        frame = data[16 : 16 + length].rstrip(b"\0").decode("utf-8", "replace")
-        empty = _no_image(data, 16 + length, order, ros1, self.type_of(name))
-        return Header(seconds * 10**9 + nanoseconds, frame_name(frame, self.path), empty)
+        return header_of(data, self.type_of(name), self.encoding(name), f"{self.path}: a message of {name}")
 
     def decode(self, name: str, data: bytes) -> Any:
         """A message as an object with the fields of its type."""
-        from rosbags.serde import SerdeError
-
-        kind, encoding = self.type_of(name), self._encoding(name)
+        kind, encoding = self.type_of(name), self.encoding(name)
         if encoding not in ("cdr", "ros1"):
             raise InputError(
                 f"{self.path}: topic {name} is encoded as {brief(encoding, 40)!r}; cartier reads cdr and ros1"
             )
-        types = _types(encoding)
-        try:
-            return types.deserialize_ros1(data, kind) if encoding == "ros1" else types.deserialize_cdr(data, kind)
-        except (SerdeError, UnicodeDecodeError, struct.error, ValueError, AssertionError) as error:
-            raise InputError(f"{self.path}: a message of {name} is damaged ({brief(error)})") from error
+        return decoded(data, kind, encoding, f"{self.path}: a message of {name}")
 
-    def _encoding(self, name: str) -> str:
+    def encoding(self, name: str) -> str:
         return self._topics[name][0][1].encoding
+
+
+def decoded(data: bytes, kind: str, encoding: str, where: str) -> Any:
+    """A message of type ``kind``, encoded as ``cdr`` or ``ros1``. Raises InputError for a damaged one."""
+    from rosbags.serde import SerdeError
+
+    types = _types(encoding)
+    try:
+        return types.deserialize_ros1(data, kind) if encoding == "ros1" else types.deserialize_cdr(data, kind)
+    except (SerdeError, UnicodeDecodeError, struct.error, ValueError, AssertionError) as error:
+        raise InputError(f"{where} is damaged ({brief(error)})") from error
+
+
+def header_of(data: bytes, kind: str, encoding: str, where: str) -> Header:
+    """The header that a message begins with, and whether an image comes after it; the rest is not read."""
+    ros1 = encoding == "ros1"
+    try:
+        order = "<" if ros1 or data[1] & 1 else ">"
+        seconds, nanoseconds, length = struct.unpack_from(f"{order}{'I' if ros1 else 'i'}II", data, 4)
+    except (struct.error, IndexError) as error:
+        raise InputError(f"{where} is too short to have a header") from error
+    if length > MAX_NAME:
+        raise InputError(f"{where} has a frame_id of {length} bytes")
+    frame = data[16 : 16 + length].rstrip(b"\0").decode("utf-8", "replace")
+    empty = _no_image(data, 16 + length, order, ros1, kind)
+    return Header(seconds * 10**9 + nanoseconds, frame_name(frame, where), empty)
 
 
 def _no_image(data: bytes, at: int, order: str, ros1: bool, kind: str) -> bool:
@@ -173,14 +187,14 @@ def _no_image(data: bytes, at: int, order: str, ros1: bool, kind: str) -> bool:
     return word(at + (0 if ros1 else -at % 4)) == 0
 
 
-def checked_name(name: str, path: Path) -> str:
+def checked_name(name: str, path: Path | str) -> str:
     """The name of a topic or a frame, or an InputError if it is none that a robot would use."""
     if len(name) > MAX_NAME or not name.isprintable():
         raise InputError(f"{path} is damaged: {brief(name, 40)!r} is no name of a topic or a frame")
     return name
 
 
-def frame_name(name: str, path: Path) -> str:
+def frame_name(name: str, path: Path | str) -> str:
     """A frame's name without the slash of ROS 1."""
     return checked_name(name, path).lstrip("/")
 

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
-from typing import Any
+from pathlib import Path
+from typing import Any, Protocol
 
 from cartier.errors import InputError, brief
 from cartier.recordings.common.lens import Lens, off_centre_notes
-from cartier.recordings.ros.bags import COMPRESSED, IMAGE, Bag, frame_name
+from cartier.recordings.ros.bags import COMPRESSED, IMAGE, Header, frame_name
 from cartier.recordings.ros.file import Index
 from cartier.recordings.ros.images import (
     COLOURS,
@@ -23,6 +24,18 @@ from cartier.recordings.ros.images import (
 TRANSPORTS = ("/compressed", "/compressedDepth")
 REGISTERED = ("align", "registered", "to_color", "to_rgb")
 ASPECT_TOLERANCE = 0.02
+
+
+class Messages(Protocol):
+    """The messages of some topics: a bag, or what was heard of a stream so far."""
+
+    @property
+    def path(self) -> Path | str: ...
+    def topics(self, *types: str) -> list[str]: ...
+    def index(self, name: str) -> Index: ...
+    def read(self, row: Index) -> bytes: ...
+    def header(self, name: str, row: Index) -> Header: ...
+    def decode(self, name: str, data: bytes) -> Any: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +75,7 @@ class Choice:
     notes: Sequence[str]
 
 
-def choose(bag: Bag, colour: str | None, depth: str | None, info: str | None) -> Choice:
+def choose(bag: Messages, colour: str | None, depth: str | None, info: str | None) -> Choice:
     """The streams that were asked for, else those that fit best."""
     notes: list[str] = []
     streams = _streams(bag, {name.lstrip("/") for name in (colour, depth) if name is not None}, notes)
@@ -89,7 +102,7 @@ def choose(bag: Bag, colour: str | None, depth: str | None, info: str | None) ->
     return Choice(seen, colour_lens, measured, depth_lens, notes)
 
 
-def _streams(bag: Bag, wanted: Collection[str], notes: list[str]) -> list[Stream]:
+def _streams(bag: Messages, wanted: Collection[str], notes: list[str]) -> list[Stream]:
     """Every image topic that can be read; of the others, those that are wanted raise, the rest are noted."""
     found, faults = [], []
     for name in bag.topics(IMAGE, COMPRESSED):
@@ -109,7 +122,7 @@ def _streams(bag: Bag, wanted: Collection[str], notes: list[str]) -> list[Stream
     return found
 
 
-def _stream(bag: Bag, name: str) -> Stream | None:
+def _stream(bag: Messages, name: str) -> Stream | None:
     index = bag.index(name)
     if not len(index):
         return None
@@ -152,7 +165,7 @@ def _transport(stream: Stream) -> bool:
     return stream.name != stream.camera_name
 
 
-def _infos(bag: Bag) -> dict[str, Any]:
+def _infos(bag: Messages) -> dict[str, Any]:
     """The first CameraInfo of each topic that has one."""
     found = {}
     for name in bag.topics(INFO):
@@ -171,7 +184,7 @@ def _named(stream: Stream, infos: dict[str, Any]) -> str | None:
     return same[0] if len(same) == 1 else None
 
 
-def _lens(bag: Bag, stream: Stream, infos: dict[str, Any], wanted: str | None, notes: list[str]) -> Lens:
+def _lens(bag: Messages, stream: Stream, infos: dict[str, Any], wanted: str | None, notes: list[str]) -> Lens:
     name = wanted or _named(stream, infos)
     if name is None and len(infos) == 1:
         name = next(iter(infos))

@@ -81,7 +81,7 @@ async function ask(words) {
   busy = true;
   say("person", words);
   const waiting = say("robot", "…");
-  try { const told = await source.ask(words); if (told.corrected) await reload(null); answer(waiting, told); } catch (error) { waiting.replaceChildren(make("p", {}, error.message)); }
+  try { const told = await source.ask(words); if (told.corrected) await reload(null); else if (source.mapping) await grown(); answer(waiting, told); } catch (error) { waiting.replaceChildren(make("p", {}, error.message)); }
   busy = false;
   waiting.scrollIntoView({ block: "nearest" });
 }
@@ -142,6 +142,10 @@ function renameRoom(place) {
 
 async function reload(keep) {
   data = await source.view();
+  drawn();
+  choose(keep !== undefined && keep !== null && byId(keep) ? keep : null);
+}
+function drawn(stay) { // stay: the plan keeps its place and size
   document.title = `${data.title} · cartier`;
   el("title").textContent = data.title;
   const sure = data.objects.filter((t) => t.confirmed).length, maybe = data.objects.length - sure, age = data.age_h === undefined ? "" : data.age_h < 1 ? ", mapped within the hour" : data.age_h < 48 ? `, mapped ${Math.round(data.age_h)} h ago` : `, mapped ${Math.round(data.age_h / 24)} days ago`;
@@ -152,10 +156,9 @@ async function reload(keep) {
   const room = el("room").value;
   el("room").replaceChildren(make("option", { value: "" }, "all rooms"), ...data.rooms.map((r) => make("option", { value: String(r.id) }, r.name)));
   el("room").value = room;
-  plan.draw(data, css); scene.draw(data, css, plan.whole);
+  plan.draw(data, css, stay); scene.draw(data, css, plan.whole, stay);
   loadPoints();
   listObjects();
-  choose(keep !== undefined && keep !== null && byId(keep) ? keep : null);
 }
 function tab(which) {
   for (const name of ["talk", "objects"]) { el(name).hidden = name !== which; el(`tab-${name}`).setAttribute("aria-selected", String(name === which)); el(`tab-${name}`).tabIndex = name === which ? 0 : -1; }
@@ -241,7 +244,7 @@ safely(async () => {
   source.home = homes[0];
   el("homes").hidden = homes.length < 2; el("title").classList.toggle("hidden", homes.length > 1);
   el("homes").replaceChildren(...homes.map((h) => make("option", {}, h)));
-  await reload();
+  if (!(await follow())) await reload();
   say("robot", make("p", {}, stored ? "Which object are you looking for?" : "What do you need? Say it as you like."));
   document.documentElement.dataset.ready = "1";
 });

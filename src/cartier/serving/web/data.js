@@ -4,8 +4,8 @@
 const plain = (text) => text.toLowerCase().normalize("NFKD").replace(/[^\p{L}\p{N} ]+/gu, " ").replace(/\s+/g, " ").trim();
 
 class Served {
-  constructor() { this.home = ""; this.token = sessionStorage.getItem("cartier-token") || ""; this.talk = Array.from(crypto.getRandomValues(new Uint8Array(12)), (b) => b.toString(16).padStart(2, "0")).join(""); }
-  get canCorrect() { return true; }
+  constructor() { this.home = ""; this.mapping = false; this.token = sessionStorage.getItem("cartier-token") || ""; this.talk = Array.from(crypto.getRandomValues(new Uint8Array(12)), (b) => b.toString(16).padStart(2, "0")).join(""); }
+  get canCorrect() { return !this.mapping; }
   async call(path, body) {
     const headers = this.token ? { authorization: `Bearer ${this.token}` } : {};
     if (body) headers["content-type"] = "application/json";
@@ -26,6 +26,7 @@ class Served {
   at(rest) { return `api/homes/${encodeURIComponent(this.home)}/${rest}`; }
   async homes() { return (await this.json("api/homes")).homes; }
   view() { return this.json(this.at("view")); }
+  async live() { return (await this.json(this.at("live"))).live; }
   async cloud() { return (await this.json(this.at("cloud"))).cloud; }
   ask(words) { return this.json(this.at("ask"), { words, conversation: this.talk }); }
   async goal(obj) { const result = await this.json(this.at(`goal?entity=${obj.id}`)); return result.goal || { why: result.why_no_goal }; }

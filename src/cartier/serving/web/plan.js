@@ -12,7 +12,7 @@ const shape = (name, attributes = {}, text) => {
 
 class Plan {
   constructor(svg, on) {
-    this.svg = svg; this.on = on; this.shapes = new Map(); this.view = { x: 0, y: 0, w: 1, h: 1 }; this.chosen = null; this.only = null; this.placing = null; this.tentative = false; this.labels = new Labels(0, 0);
+    this.svg = svg; this.on = on; this.shapes = new Map(); this.view = { x: 0, y: 0, w: 1, h: 1 }; this.chosen = null; this.only = null; this.placing = null; this.tentative = false; this.labels = new Labels(0, 0); this.camera = null;
     new ResizeObserver(() => this.data && this.fit()).observe(svg);
     svg.addEventListener("wheel", (e) => { e.preventDefault(); this.zoom(Math.exp(e.deltaY * 0.0015), this.metres(e)); }, { passive: false });
     svg.addEventListener("keydown", (e) => this.key(e));
@@ -78,7 +78,7 @@ class Plan {
     const w = Math.min(Math.max(this.view.w * by, 1), this.fitted * 3), k = w / this.view.w;
     this.look(at[0] - (at[0] - this.view.x) * k, at[1] - (at[1] - this.view.y) * k, w, this.view.h * k);
   }
-  look(x, y, w, h) { this.view = { x, y, w, h }; this.svg.setAttribute("viewBox", `${x} ${y} ${w} ${h}`); this.name(); if (this.on.scaled) this.on.scaled(1 / this.px); }
+  look(x, y, w, h) { this.view = { x, y, w, h }; this.svg.setAttribute("viewBox", `${x} ${y} ${w} ${h}`); this.name(); if (this.camera) this.robot(this.camera); if (this.on.scaled) this.on.scaled(1 / this.px); }
   fit() { // the whole home, as large as the canvas allows
     const frame = this.svg.getBoundingClientRect(), { x, y, w, h } = this.whole, gap = 2 * Math.min(16, 0.04 * frame.width);
     if (!frame.width || !frame.height) { this.look(x, y, w, h); this.fitted = w; return; }
@@ -87,7 +87,8 @@ class Plan {
     this.fitted = this.view.w;
   }
 
-  draw(data, css) {
+  draw(data, css, stay) { // stay: keep the place and the size, if somebody chose them
+    const zoomed = stay && this.data && this.view.w !== this.fitted ? this.view : null;
     this.data = data; this.byId = new Map(data.objects.map((t) => [t.id, t])); this.shapes.clear(); this.order = stacked(data.objects); this.goal = null;
     const [left, right, low, high] = data.extent;
     this.whole = { x: left, y: -high, w: Math.max(right - left, 0.5), h: Math.max(high - low, 0.5) };
@@ -101,11 +102,19 @@ class Plan {
       group.append(r);
     }
     this.start = shape("circle", { class: "start-mark", cx: data.start[0], cy: -data.start[1], r: 0.07 });
-    this.way = shape("g"); this.frame = shape("g"); this.texts = shape("g");
-    group.append(this.start, this.way, this.frame, this.texts);
+    this.way = shape("g"); this.frame = shape("g"); this.texts = shape("g"); this.here = shape("g");
+    group.append(this.start, this.way, this.frame, this.here, this.texts);
     this.svg.replaceChildren(group);
     this.mark(this.chosen, this.only);
     this.fit();
+    if (zoomed) this.look(zoomed.x, zoomed.y, zoomed.w, zoomed.h);
+    this.robot(this.camera);
+  }
+  robot(camera) { // where a camera is that maps now: x, y (m), yaw (rad)
+    this.camera = camera;
+    if (!this.data) return;
+    const [x, y, yaw] = camera || [], r = 26 * this.px, at = (a) => `${x + r * Math.cos(yaw + a)},${-(y + r * Math.sin(yaw + a))}`;
+    this.here.replaceChildren(...(camera ? [shape("polygon", { class: "sight", points: [`${x},${-y}`, at(0.6), at(-0.6)].join(" ") }), shape("circle", { class: "robot-mark", cx: x, cy: -y, r: 7 * this.px })] : []));
   }
   ground(data, css) {
     const { rows, cols, side, origin, cells: runs } = data.grid, cells = expand(runs, rows * cols), heights = expand(data.grid.heights, rows * cols), canvas = document.createElement("canvas");

@@ -149,8 +149,10 @@ class Scene {
     }
     return kept;
   }
-  draw(data, css, whole) {
+  draw(data, css, whole, stay) {
+    const before = stay && this.data;
     this.data = data; this.css = css;
+    if (before) { this.paint(); return; }
     this.middle = [whole.x + whole.w / 2, -(whole.y + whole.h / 2), 0.4];
     this.fitted = this.far = Math.hypot(whole.w, whole.h) * 1.18;
     this.paint();

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from cartier.errors import InputError
 from cartier.geometry import invert, transform
-from cartier.types import Camera, Goal, Place
+from cartier.types import Camera, Frame, Goal, Place
 from cartier.worlds.dollhouse.explore import RADIUS_M, advance, standing_plan
 from cartier.worlds.dollhouse.model import Scene
 from cartier.worlds.dollhouse.recording import EYE_M, lit_renderer, look, pinhole
@@ -79,14 +79,28 @@ def drive(
     return Drive(collided_at is None, collided_at, track, length_m, view, in_view)
 
 
+def frame_at(
+    scene: Scene,
+    goal: Goal,
+    xy: Sequence[float] | Floats | None = None,
+    camera: Camera | None = None,
+    eye_m: float = EYE_M,
+) -> Frame:
+    """What a robot's camera shows at a goal, or at ``xy`` (m): along the goal's yaw, pitched towards its place."""
+    place, camera = goal.place, camera or pinhole()
+    x, y = (goal.x, goal.y) if xy is None else (float(xy[0]), float(xy[1]))
+    away_m = math.hypot(place.position[0] - x, place.position[1] - y)
+    down = math.atan2(eye_m - place.position[2], max(away_m, 0.1))
+    pose = look((x, y), goal.yaw, min(max(down, HIGHEST), LOWEST), eye_m)
+    view = lit_renderer(scene, camera).render(pose)
+    return Frame(0, 0.0, view.rgb, view.depth_m, pose, camera)
+
+
 def _look_at(scene: Scene, xy: Floats, goal: Goal, camera: Camera, eye_m: float) -> tuple[npt.NDArray[np.uint8], bool]:
     """The view from a point along the goal's yaw, pitched towards its place, and whether the place shows in it."""
-    place = goal.place
-    away_m = math.hypot(place.position[0] - xy[0], place.position[1] - xy[1])
-    down = math.atan2(eye_m - place.position[2], max(away_m, 0.1))
-    pose = look(xy, goal.yaw, min(max(down, HIGHEST), LOWEST), eye_m)
-    view = lit_renderer(scene, camera).render(pose)
-    return view.rgb, _shows(place, camera, pose, view.depth_m)
+    frame = frame_at(scene, goal, xy, camera, eye_m)
+    assert frame.depth_m is not None
+    return frame.rgb, _shows(goal.place, camera, frame.world_from_camera, frame.depth_m)
 
 
 def _shows(place: Place, camera: Camera, pose: Floats, depth_m: npt.NDArray[np.float32]) -> bool:

@@ -1,0 +1,23 @@
+"""Number of a DDS domain: the option, else ROS_DOMAIN_ID, else 0."""
+
+from __future__ import annotations
+
+import os
+
+from cartier.errors import BackendError, brief
+
+LAST_DOMAIN = 232  # the last whose ports fit into 16 bits
+
+
+def domain_of(value: int | str | None, who: str) -> int:
+    """A domain: ``value``, else this shell's ROS_DOMAIN_ID, else 0. Raises BackendError for an impossible one."""
+    value = os.environ.get("ROS_DOMAIN_ID") or 0 if value is None else value
+    try:
+        domain = int(value)
+    except ValueError:
+        domain = -1
+    if not 0 <= domain <= LAST_DOMAIN:
+        raise BackendError(
+            f"{who}: the domain (or ROS_DOMAIN_ID) must be 0 to {LAST_DOMAIN}, got {brief(repr(value), 40)}"
+        )
+    return domain

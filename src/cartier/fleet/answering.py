@@ -1,0 +1,212 @@
+"""Answers to questions over many homes, with three values: has, has none though it was looked for, cannot tell."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+from cartier.errors import InputError
+from cartier.fleet.catalog import Tables
+from cartier.fleet.database import Database
+from cartier.fleet.entity import (
+    NO_FLOOR,
+    NO_ROOM,
+    TENTATIVE,
+    UNKNOWN_NAMES,
+    UNNAMED,
+    UNSEEN,
+    FleetAnswer,
+    counted,
+)
+from cartier.fleet.matching import MEASURES, extreme, find, find_tentative, without_extreme
+from cartier.fleet.questions import FleetQuestion, read_question
+from cartier.fleet.reading import Vocabulary, read_phrase, rooms_of
+from cartier.spatial.expressions import ReferringExpression
+from cartier.spatial.floor_seen import WHOLE
+
+MOST_NAMED = 20  # homes that a sentence lists
+
+
+@dataclass(frozen=True)
+class HomeFacts:
+    """What decides whether "none" means anything in a home."""
+
+    vocabulary: Vocabulary
+    with_depth: bool
+    floor_seen: float
+    kinds: frozenset[str]
+
+
+@dataclass(frozen=True)
+class Loaded:
+    """A catalog in memory."""
+
+    database: Database
+    homes: Mapping[str, HomeFacts]
+    kinds: tuple[str, ...]
+
+    @classmethod
+    def of(cls, tables: Tables) -> Loaded:
+        """A catalog's tables, and the vocabularies of its homes."""
+        database = Database(tables)
+        most = max(1, tables["homes"].num_rows, tables["rooms"].num_rows, tables["objects"].num_rows)
+        rooms = dict[str, set[str]]()
+        for home, kind in database.query("select distinct home, kind from rooms", (), most).rows:
+            rooms.setdefault(home, set()).add(kind)
+        kinds = tuple(sorted({kind for of_home in rooms.values() for kind in of_home}))
+        seen = dict[tuple[str, ...], set[str]]()
+        labels = "select knows, list(distinct label) from objects join homes using (home, version) group by knows"
+        names = "select knows, list(distinct name) from (select knows, unnest(names) as name from objects join homes "
+        for sql in (labels, f"{names}using (home, version)) group by knows"):
+            for knows, found in database.query(sql, (), most).rows:
+                seen.setdefault(tuple(knows), set()).update(found)
+        vocabularies = {knows: Vocabulary(knows, frozenset(found), kinds) for knows, found in seen.items()}
+        homes = {}
+        sql = "select home, knows, with_depth, coalesce(floor_seen, 0) from homes order by home"
+        for home, knows, with_depth, floor in database.query(sql, (), most).rows:
+            vocabulary = vocabularies.setdefault(tuple(knows), Vocabulary(tuple(knows), frozenset(), kinds))
+            homes[home] = HomeFacts(vocabulary, with_depth, floor, frozenset(rooms.get(home, ())))
+        return cls(database, homes, kinds)
+
+    def only(self, may_see: Callable[[str], bool]) -> Loaded:
+        """The same for some of the homes. Raises InputError if these are none."""
+        homes = {home: facts for home, facts in self.homes.items() if may_see(home)}
+        if not homes:
+            raise InputError("there are no homes that you may ask about")
+        return replace(self, homes=homes)
+
+
+@dataclass(frozen=True)
+class Matches:
+    """The objects that were meant in each home, and why their number may be too small."""
+
+    objects: Mapping[str, list[int]]
+    doubts: Mapping[str, str]
+
+
+def answer(query: str, loaded: Loaded) -> FleetAnswer:
+    """The answer to a question over all homes. Raises InputError for words that ask something else."""
+    asked = read_question(query)
+    phrases = read_phrase(asked.about, {facts.vocabulary for facts in loaded.homes.values()})
+    wishes = {phrase.most for phrase in phrases.values()}
+    if asked.form == "extreme":
+        if not wishes <= MEASURES.keys():
+            raise InputError(f"over many homes I can tell {', '.join(MEASURES)}, not {', '.join(sorted(wishes))}")
+        phrases = {vocabulary: without_extreme(phrase) for vocabulary, phrase in phrases.items()}
+    found = _matches(loaded, phrases)
+    if asked.form == "extreme":
+        return _extreme(query, asked, found, loaded, next(iter(wishes)))
+    return _told(query, asked, found, loaded)
+
+
+def _matches(loaded: Loaded, phrases: Mapping[Vocabulary, ReferringExpression]) -> Matches:
+    """What each phrase means in the homes of its vocabulary; equal phrases are looked for once."""
+    objects, doubts = dict[str, list[int]](), dict[str, str]()
+    for phrase in set(phrases.values()):
+        met, maybe = find(loaded.database, phrase, loaded.kinds), find_tentative(loaded.database, phrase)
+        rooms = {loaded.kinds[place] for place in rooms_of(phrase)}
+        for home, facts in loaded.homes.items():
+            if phrases[facts.vocabulary] != phrase:
+                continue
+            if home in met:
+                objects[home] = met[home]
+            if doubt := _doubt(facts, phrase, rooms, home in maybe):
+                doubts[home] = doubt
+    return Matches(objects, doubts)
+
+
+def _doubt(facts: HomeFacts, phrase: ReferringExpression, rooms: set[str], maybe: bool) -> str:
+    """Why there may be more in a home than was found; "" where it was looked for."""
+    if not facts.vocabulary.knows:
+        return UNKNOWN_NAMES
+    if not facts.vocabulary.could_name(phrase):
+        return UNNAMED
+    if not facts.with_depth:
+        return NO_FLOOR
+    if facts.floor_seen < WHOLE:
+        return UNSEEN
+    if rooms and not rooms & facts.kinds:
+        return NO_ROOM
+    return TENTATIVE if maybe else ""
+
+
+def _told(query: str, asked: FleetQuestion, found: Matches, loaded: Loaded) -> FleetAnswer:
+    counts = {home: len(found.objects.get(home, ())) for home in loaded.homes}
+    has, none, unsure = list[str](), list[str](), dict[str, str]()
+    for home, count in counts.items():
+        too_many = asked.most is not None and count > asked.most
+        enough = count >= asked.least and asked.most is None
+        if too_many:
+            none.append(home)
+        elif not enough and (doubt := found.doubts.get(home)):
+            unsure[home] = doubt
+        else:
+            (has if enough or count >= asked.least else none).append(home)
+    text, value = _in_words(asked, counts, has, none, unsure)
+    return FleetAnswer(query, text, value, tuple(has), tuple(none), unsure, found.objects)
+
+
+def _in_words(
+    asked: FleetQuestion, counts: Mapping[str, int], has: list[str], none: list[str], unsure: Mapping[str, str]
+) -> tuple[str, Any]:
+    """A sentence, and the same for programs."""
+    what, total = asked.about, sum(counts.values())
+    cannot = f"; cannot tell in {_homes(len(unsure))} ({counted(unsure)})" if unsure else ""
+    if asked.form in ("which", "count_homes"):
+        wanted = none if asked.negated else has
+        listed = f": {_list(wanted)}" if asked.form == "which" and wanted else ""
+        parts = [
+            f"{_homes(len(has))} {_has(len(has))} {_bounds(asked)}it",
+            f"{_homes(len(none))} {_has(len(none))} not",
+        ]
+        parts[1] += " (looked for)"
+        parts[asked.negated] += listed
+        parts = parts[::-1] if asked.negated else parts
+        return f"{what}: {'; '.join(parts)}{cannot}.", wanted if asked.form == "which" else len(wanted)
+    if asked.form == "per_home":
+        listed = ", ".join(f"{home} {count}" for home, count in list(counts.items())[:MOST_NAMED])
+        more = f" and {len(counts) - MOST_NAMED} more homes" if len(counts) > MOST_NAMED else ""
+        return f"{what} per home: {listed}{more}; {total / max(1, len(counts)):.2f} on average{cannot}.", dict(counts)
+    if asked.form in ("most", "fewest"):
+        ranked = {home: n for home, n in counts.items() if asked.form == "most" or home not in unsure}
+        if not ranked:
+            return f"Nobody can tell{cannot}.", None
+        best = (max if asked.form == "most" else min)(ranked.values())
+        homes = [home for home, n in ranked.items() if n == best]
+        return f"{_list(homes)}: {best} {what}{cannot}.", homes
+    where = {home: n for home, n in counts.items() if n}
+    if asked.form == "list":
+        listed = ", ".join(f"{home} ({n})" for home, n in list(where.items())[:MOST_NAMED])
+        return f"{total} {what} in {_homes(len(where))}{': ' + listed if listed else ''}{cannot}.", where
+    return f"{total} {what} in {_homes(len(where))} of {len(counts)}{cannot}.", total
+
+
+def _extreme(query: str, asked: FleetQuestion, found: Matches, loaded: Loaded, wish: str) -> FleetAnswer:
+    best = extreme(loaded.database, found.objects, wish)
+    unsure = {home: why for home, why in found.doubts.items() if home not in found.objects}
+    has = tuple(found.objects)
+    none = tuple(home for home in loaded.homes if home not in found.objects and home not in unsure)
+    cannot = f"; cannot tell in {_homes(len(unsure))} ({counted(unsure)})" if unsure else ""
+    said = "No such object was seen" if best is None else f"{asked.about} is in {best[0]} (object {best[1]})"
+    text = f"{said[:1].upper()}{said[1:]}{cannot}."
+    return FleetAnswer(query, text, best, has, none, unsure, found.objects)
+
+
+def _bounds(asked: FleetQuestion) -> str:
+    if asked.most is None:
+        return f"at least {asked.least} of " if asked.least > 1 else ""
+    return f"{asked.least} of " if asked.least == asked.most else f"at most {asked.most} of "
+
+
+def _homes(count: int) -> str:
+    return f"{count} home" if count == 1 else f"{count} homes"
+
+
+def _has(count: int) -> str:
+    return "has" if count == 1 else "have"
+
+
+def _list(homes: list[str]) -> str:
+    more = f" and {len(homes) - MOST_NAMED} more" if len(homes) > MOST_NAMED else ""
+    return f"{', '.join(homes[:MOST_NAMED])}{more}"

@@ -1,0 +1,1 @@
+"""Live mapping: a home grows while its frames are taken, and answers meanwhile."""

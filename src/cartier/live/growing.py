@@ -1,0 +1,311 @@
+"""Growing map of a live session: one mapper, its keyframes and its spool; each step takes the lock by itself."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+from cartier.contracts import Detector, Encoder, Recording, Source, SourceDefaults, optional
+from cartier.errors import InputError
+from cartier.home import Home
+from cartier.io.spool import SUFFIX, Keyframe, Place, Spool, SpoolWriter
+from cartier.live.sent_poses import SentPoses
+from cartier.live.walked import Walked
+from cartier.mapping.alignment import Alignment, align
+from cartier.mapping.config import MappingConfig, config_for
+from cartier.mapping.detection_cache import detecting
+from cartier.mapping.keyframes import Keyframes
+from cartier.mapping.mapper import Mapper
+from cartier.mapping.remapping import add_kept, again, follow, succeed
+from cartier.mapping.repose import KeptFrame, Matrix, frame_key, moved
+from cartier.streams import PoseUpdate, Stamped
+from cartier.types import Detections, Frame
+
+Progress = Callable[[int, int], None]
+
+
+class GrowingMap:
+    """Frames in, snapshots out.
+
+    Args:
+        source: Whose frames they are.
+        detector: Detects the objects.
+        spool: The file in which the keyframes are kept, or None for one that is removed in the end.
+        onto: The home to grow.
+        mapping: Further arguments of ``Mapper``.
+        every: As for ``map_home``.
+        align: Whether the source has a world of its own: frames are mapped apart until objects and walls agree where
+            it lies in that of ``onto``.
+    """
+
+    def __init__(
+        self,
+        source: Source,
+        detector: Detector,
+        spool: Path | None,
+        onto: Home | None,
+        every: int | None,
+        indexes: Sequence[str] | None,
+        encoder: str | Encoder,
+        config: MappingConfig | None,
+        align: bool = False,
+    ) -> None:
+        self._source, self._detector, self._onto = source, detector, onto
+        self._to_align = onto if align else None
+        self._alignment: Alignment | None = None
+        self._refusal = ""
+        begun = None if align else onto
+        config = config_for(config, onto)
+        self._mapper = Mapper(detector, indexes, encoder=encoder, onto=begun, config=config)
+        self._detect = detecting(detector)
+        self._keyframes = Keyframes(every, self._mapper.config.keyframes)
+        self._lock = threading.Lock()
+        self._walked, self._looked, self._last_looked_s = Walked(source), 0, 0.0
+        self._by_frame: dict[int, Stamped] = {}
+        self._spool_path, self._own_folder = spool, None if spool is not None else TemporaryDirectory(prefix="cartier-")
+        self._path = spool or Path(str(self._own_folder and self._own_folder.name)) / f"keyframes{SUFFIX}"
+        self._spool: SpoolWriter | None = self._opened(self._path)
+        self._reader: Spool | None = None
+        self._kept: list[KeptFrame] = []
+        self._sent, self._origins = SentPoses(), set[str]()
+        self._resumed = 0
+        self.version = 0
+        """Rises with each keyframe that is in the map, and when its poses are corrected."""
+        self.epoch = 0
+        """How often the map was moved by corrected poses."""
+
+    def resume(self, progress: Progress | None = None) -> int:
+        """Map the keyframes of a session that was cut off, with the detections of then; returns how many."""
+        if self._spool_path is None:
+            return 0
+        spool = Spool(self._spool_path)
+        places = spool.unsaved()
+        for number, place in enumerate(places):
+            kept = spool.keyframe(place, number)
+            self._walked.add(kept.frame, kept.stamp_ns)
+            self._sent.add(kept.stamp_ns, kept.frame.world_from_camera)
+            if self._mapper.integrate_depth(kept.frame):
+                self._mapper.integrate_detections(kept.frame, kept.detections)
+                self._keep(place, kept.stamp_ns, kept.frame, number)
+            if progress is not None:
+                progress(number + 1, len(places))
+        if places:
+            self._walked.notes = [f"{len(places)} keyframes of a session that was cut off"]
+            self._mapper.finish(self._walked, len(places))
+            self._walked, self.version = Walked(self._source), len(places)
+        self._resumed = len(places)
+        return len(places)
+
+    def heard(self, stamped: Stamped) -> None:
+        """A frame has arrived, and may be taken in later: corrections that come from now on may be of it."""
+        self._sent.add(stamped.stamp_ns, stamped.frame.world_from_camera)
+
+    def measure(self, stamped: Stamped) -> list[Stamped]:
+        """Take in the depth of a frame; returns the keyframes that are decided by it."""
+        with self._lock:
+            self._walked.add(stamped.frame, stamped.stamp_ns)
+            stamped = self._now(stamped)
+            new = self._mapper.integrate_depth(stamped.frame)
+        return self._decided(stamped, self._keyframes.push(stamped.frame)) if new else []
+
+    def flush(self) -> list[Stamped]:
+        """The keyframe that still waits for a sharper one."""
+        return self._decided(None, self._keyframes.flush())
+
+    def look(self, stamped: Stamped) -> int:
+        """Detect the objects of a keyframe and take them in; returns how many."""
+        (detections,) = self._detect([stamped.frame])
+        with self._lock:
+            told = self._sent.now(stamped)
+            stamped = self._now(stamped)
+            self._mapper.integrate_depth(stamped.frame)  # nothing, unless the poses were corrected meanwhile
+            self._mapper.integrate_detections(stamped.frame, detections)
+            self._looked += 1
+            self.version += 1
+            if self._spool is not None:
+                frame = Keyframe(told.frame, stamped.stamp_ns, detections, stamped.odom_from_camera)
+                place = self._spool.keyframe(frame)
+                self._keep(place, stamped.stamp_ns, stamped.frame, stamped.frame.index + self._resumed)
+        return len(detections)
+
+    def correct_poses(self, update: PoseUpdate) -> bool:
+        """Take in corrected poses; returns whether a keyframe moved, so that ``repose`` is due."""
+        with self._lock:
+            poses = self._to_correct() if self._sent.correct(update.poses) else {}
+            if poses and self._spool is not None:
+                self._origins.add(update.origin)
+                now = {each.stamp_ns: each.world_from_camera for each in self._kept}
+                told = {ns: self._sent.current(ns) for ns in poses}
+                changed = {ns: told[ns] for ns, pose in poses.items() if not np.array_equal(pose, now[ns])}
+                self._spool.poses(update.origin, changed)
+            return bool(poses)
+
+    def repose(self) -> bool:
+        """Map the keyframes again with their corrected poses, while frames are still taken in; returns whether it was.
+
+        A correction that comes meanwhile is due again.
+        """
+        with self._lock:
+            mapper, kept, poses = self._mapper, list(self._kept), self._to_correct()
+        if not poses:
+            return False
+        self._reader = self._reader or Spool(self._path)
+        now = [replace(each, world_from_camera=poses[each.stamp_ns]) for each in kept]
+        fresh = again(mapper, now)
+        with self._lock:
+            late = self._kept[len(kept) :]
+            for each in late:
+                add_kept(fresh, each)
+            succeed(fresh, mapper)
+            self._mapper, self._kept = fresh, now + late
+            self.epoch += 1
+            self.version += 1
+        return True
+
+    def align(self) -> bool:
+        """Try to find where the source's world lies in that of the home; returns whether the map is in it now.
+
+        The keyframes so far are mapped again, onto the home.
+        """
+        with self._lock:
+            if self._to_align is None or self._alignment is not None:
+                return False
+            mapper, kept = self._mapper, list(self._kept)
+            apart = replace(mapper.home(), name=self._source.name)
+        try:
+            found = align(self._to_align, apart)
+        except InputError as error:
+            self._refusal = str(error)
+            return False
+        self._reader = self._reader or Spool(self._path)
+        now = [replace(each, world_from_camera=found.pose(0, each.world_from_camera)) for each in kept]
+        fresh = again(mapper, now, onto=self._to_align)
+        with self._lock:
+            late = [replace(k, world_from_camera=found.pose(0, k.world_from_camera)) for k in self._kept[len(kept) :]]
+            for each in late:
+                add_kept(fresh, each)
+            follow(fresh, mapper, found)
+            self._mapper, self._kept, self._alignment = fresh, now + late, found
+            self.epoch += 1
+            self.version += 1
+        return True
+
+    @property
+    def apart(self) -> bool:
+        """Whether the map is still to be aligned."""
+        return self._to_align is not None and self._alignment is None
+
+    def snapshot(self) -> tuple[Home, int]:
+        """The map so far, and its frame epoch. Raises InputError if there is none yet."""
+        with self._lock:
+            home, epoch = self._mapper.home(), self.epoch
+            row = {"recording": self._walked.name, "sha256": self._walked.fingerprint(), "frames": len(self._walked)}
+            looked = self._looked
+        if self.apart:
+            home = replace(home, notes=(*home.notes, "places are in the robot's own frame: it is not aligned yet"))
+        if not row["frames"]:
+            return home, epoch
+        rows = [*home.settings["recordings"], row | {"looked": looked, "live": True}]
+        name = self._walked.name if self._spool_path is None else self._spool_path.stem
+        if self._onto is not None:
+            name = home.name
+        return replace(home, name=name, settings={**home.settings, "recordings": rows}), epoch
+
+    def finish(self, left_out: Mapping[str, int], thinned: int) -> tuple[Home, int]:
+        """End the session; returns the whole home and its frame epoch.
+
+        The home is that of ``cartier map`` if no frame was left out and no pose was corrected.
+        """
+        recording: Recording | None = optional(self._source, SourceDefaults, "recording")
+        with suppress(InputError):  # nothing was detected
+            self.align()
+        if self.apart:
+            why = self._refusal or "nothing was detected, so nothing can be aligned"
+            raise InputError(f"{why}: cartier map {self._path} -o OTHER")
+        with self._lock:
+            if len(self._walked):
+                whole = recording is not None and len(recording) == len(self._walked)
+                whole = whole and not self.epoch
+                notes = [*optional(self._source, SourceDefaults, "notes")]
+                notes += [f"{count} frames left out: {reason}" for reason, count in sorted(left_out.items())]
+                notes += [f"{thinned} frames passed over: depth is taken ten times a second"] if thinned else []
+                notes += [f"poses were corrected by {origin}" for origin in sorted(self._origins)]
+                self._walked.notes = notes
+                made_of = recording if whole and recording is not None else self._walked
+                self._mapper.finish(made_of, self._looked, aligned=self._alignment)
+            return self._mapper.home(), self.epoch
+
+    def end_spool(self, home_id: str) -> None:
+        """The home is saved."""
+        if self._spool is not None:
+            self._spool.ended(home_id)
+
+    def close(self) -> None:
+        if self._spool is not None:
+            self._spool.close()
+            self._spool = None
+        if self._own_folder is not None:
+            self._own_folder.cleanup()
+
+    def _keep(self, place: Place, stamp_ns: int, frame: Frame, number: int) -> None:
+        """Remember where a keyframe lies that is in the map."""
+
+        def read() -> tuple[Frame, Detections]:
+            assert self._reader is not None
+            kept = self._reader.keyframe(place, number)
+            return kept.frame, kept.detections
+
+        self._sent.hold(stamp_ns)
+        self._kept.append(KeptFrame(stamp_ns, frame.world_from_camera, frame_key(frame), read))
+
+    def _now(self, stamped: Stamped) -> Stamped:
+        """A frame with the pose that it has in the world of the map by what is known now."""
+        told = self._sent.now(stamped)
+        if self._alignment is None:
+            return told
+        return replace(told, frame=replace(told.frame, world_from_camera=self._placed(told.frame.world_from_camera)))
+
+    def _placed(self, pose: Matrix) -> Matrix:
+        """A pose of the source's world in that of the map."""
+        return pose if self._alignment is None else self._alignment.pose(0, pose)
+
+    def _to_correct(self) -> dict[int, Matrix]:
+        """The corrected poses of the keyframes in the map, if one of them moved."""
+        poses = {each.stamp_ns: self._placed(self._sent.current(each.stamp_ns)) for each in self._kept}
+        return poses if any(moved(each.world_from_camera, poses[each.stamp_ns]) for each in self._kept) else {}
+
+    def _decided(self, stamped: Stamped | None, frames: list[Frame]) -> list[Stamped]:
+        """The stamped frames of keyframes; of others only that is kept which may still become one."""
+        if stamped is not None:
+            self._by_frame[stamped.frame.index] = stamped
+        chosen = [self._by_frame[frame.index] for frame in frames]
+        waiting = self._keyframes.waiting
+        kept = {} if waiting is None else {waiting.index: self._by_frame[waiting.index]}
+        self._by_frame = kept
+        return chosen
+
+    def _opened(self, path: Path) -> SpoolWriter:
+        about: dict[str, Any] = {
+            "name": self._source.name, "detector": self._detector.name,
+            "detector_sha256": optional(self._detector, Detector, "sha256"),
+            "onto": None if self._onto is None else self._onto.id,
+            "notes": list(optional(self._source, SourceDefaults, "notes")),
+        }  # fmt: skip
+        if path.exists():
+            spool = Spool(path)
+            begun = spool.begin()
+            if not spool.ended and begun:
+                lost = [name for name in ("detector", "detector_sha256", "onto") if begun.get(name) != about[name]]
+                if lost:
+                    was = "another home" if lost == ["onto"] else f"the detector {begun.get('detector')}"
+                    raise InputError(
+                        f"{path} was begun with {was}, and was cut off: go on with that, or move the file away"
+                    )
+        return SpoolWriter(path, about)

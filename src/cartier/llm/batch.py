@@ -1,0 +1,39 @@
+"""Batch files: requests to a model as lines that OpenAI's Batch API takes, and the replies that come back."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from cartier.io.atomic import write_file
+from cartier.llm.prompts import Request, without_bounds
+
+URL = "/v1/chat/completions"
+
+
+def save_requests(file: Path, requests: Mapping[str, Request], model: str) -> None:
+    """One request a line: custom_id, method, url and body. Raises InputError if the file cannot be written."""
+    lines = [
+        {"custom_id": key, "method": "POST", "url": URL, "body": without_bounds(request.body(model))}
+        for key, request in requests.items()
+    ]
+    write_file(file, "".join(json.dumps(line, ensure_ascii=False) + "\n" for line in lines).encode())
+
+
+def answered(row: Mapping[str, Any]) -> dict[str, str]:
+    """The id of a request and the reply to it, from a line of a batch's output; nothing for a failed request.
+
+    Who answers by hand writes {"custom_id": id, "reply": text}. Raises LookupError or TypeError for another line.
+    """
+    if "reply" in row:
+        content = row["reply"]
+    else:
+        response = row["response"]
+        if row.get("error") or response["status_code"] != 200:
+            return {}
+        content = response["body"]["choices"][0]["message"]["content"]
+    if not isinstance(row["custom_id"], str) or not isinstance(content, str | None):
+        raise TypeError("custom_id and content must be text")
+    return {} if content is None else {row["custom_id"]: content}

@@ -1,0 +1,1 @@
+"""What robots share: the latest transforms."""

@@ -1,0 +1,1 @@
+"""What several live sources share: pairing, transforms, pacing."""

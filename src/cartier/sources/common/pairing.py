@@ -1,0 +1,154 @@
+"""Pairing of colour, depth and pose by header stamps: nothing is extrapolated, and every image left out has a reason.
+
+An image waits at most half a second for its depth and its transforms. After the clock jumped, a second of the stream is
+left out: what is late from before the jump cannot be told from what is new.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+from cartier.sources.common.transforms import Lookup, Matrix
+from cartier.streams import Fault
+
+SLOP_NS = 20_000_000
+WAIT_S = 0.5
+QUARANTINE_S = 1.0
+MOST_WAITING = 64  # images: two seconds at 30 Hz
+MOST_DEPTH = 64
+REMEMBERED = 128  # stamps, to tell an image that comes twice from one that comes late
+
+
+class Paired(NamedTuple):
+    """A colour image, its depth image (None for streams without) and its pose, (4, 4) world_from_camera."""
+
+    stamp_ns: int
+    colour: Any
+    depth: Any
+    world_from_camera: Matrix
+
+
+@dataclass
+class Waiting:
+    """An image that has arrived at ``arrived_s``, by a steady clock."""
+
+    stamp_ns: int
+    image: Any
+    arrived_s: float
+
+
+class Pairer:
+    """Pairs images in the order of their stamps.
+
+    Args:
+        lookup: The pose at a stamp (ns).
+        with_depth: Whether a frame needs a depth image.
+        forget: Called when the clock jumped: the transforms of before are void.
+    """
+
+    def __init__(self, lookup: Callable[[int], Lookup], with_depth: bool, forget: Callable[[], None]) -> None:
+        self._lookup, self._with_depth, self._forget = lookup, with_depth, forget
+        self._waiting: list[Waiting] = []
+        self._depth: list[Waiting] = []
+        self._newest: dict[str, int] = {}
+        self._seen: dict[str, deque[int]] = {"colour": deque(maxlen=REMEMBERED), "depth": deque(maxlen=REMEMBERED)}
+        self._sent_ns: int | None = None
+        self._quiet_until_s = float("-inf")
+        self._faults: list[Fault] = []
+
+    def colour(self, stamp_ns: int, image: Any, now_s: float) -> None:
+        """Take in a colour image that has just arrived."""
+        if not self._in_order("colour", stamp_ns, now_s):
+            return
+        self._waiting.append(Waiting(stamp_ns, image, now_s))
+        if len(self._waiting) > MOST_WAITING:
+            self._waiting.pop(0)
+            self._drop("busy", f"more than {MOST_WAITING} images wait for their transforms")
+
+    def depth(self, stamp_ns: int, image: Any, now_s: float) -> None:
+        """Take in a depth image that has just arrived."""
+        if self._in_order("depth", stamp_ns, now_s):
+            self._depth.append(Waiting(stamp_ns, image, now_s))
+            del self._depth[:-MOST_DEPTH]
+
+    def quiet(self, now_s: float) -> bool:
+        """Whether all is left out now, because the clock has just jumped."""
+        return now_s < self._quiet_until_s
+
+    def clock_jumped(self, now_s: float, why: str) -> None:
+        """Forget all that is older than now."""
+        frames = len(self._waiting)
+        self._waiting, self._depth, self._newest, self._sent_ns = [], [], {}, None
+        for seen in self._seen.values():
+            seen.clear()
+        self._quiet_until_s = now_s + QUARANTINE_S
+        self._forget()
+        self._drop("clock", f"{why}: one second of the stream is left out", frames)
+
+    def poll(self, now_s: float) -> list[Paired | Fault]:
+        """The frames that are complete now, in order, and what was left out since the last call."""
+        done: list[Paired | Fault] = []
+        while self._waiting:
+            first = self._waiting[0]
+            paired, why = self._complete(first, now_s - first.arrived_s >= WAIT_S)
+            if paired is None and not why:
+                break
+            self._waiting.pop(0)
+            if paired is None:
+                self._drop(*why)
+            else:
+                self._sent_ns = first.stamp_ns
+                done.append(paired)
+        done += self._faults
+        self._faults = []
+        return done
+
+    def _complete(self, first: Waiting, late: bool) -> tuple[Paired | None, tuple[str, str] | tuple[()]]:
+        """The frame of an image, or the reason why there will be none; neither while that may change."""
+        at = f"the image at {first.stamp_ns / 1e9:.3f} s"
+        found = self._lookup(first.stamp_ns)
+        if found.matrix is None and found.why != "wait":
+            return None, (found.why, f"{at} has no pose")
+        partner = self._partner(first.stamp_ns) if self._with_depth else None
+        passed = bool(self._depth) and self._depth[-1].stamp_ns >= first.stamp_ns
+        if self._with_depth and partner is None and passed and self._depth[-1].stamp_ns > first.stamp_ns + SLOP_NS:
+            return None, ("no_depth", f"{at} has no depth within {SLOP_NS // 10**6} ms")
+        if found.matrix is not None and (not self._with_depth or (partner is not None and (passed or late))):
+            if partner is not None:
+                self._depth = [each for each in self._depth if each.stamp_ns > partner.stamp_ns]
+            return Paired(first.stamp_ns, first.image, partner and partner.image, found.matrix), ()
+        if not late:
+            return None, ()
+        if found.matrix is None:
+            return None, ("no_pose", f"{at} had no transforms after {WAIT_S:g} s")
+        return None, ("no_depth", f"{at} had no depth after {WAIT_S:g} s")
+
+    def _partner(self, stamp_ns: int) -> Waiting | None:
+        near = [each for each in self._depth if abs(each.stamp_ns - stamp_ns) <= SLOP_NS]
+        return min(near, key=lambda each: abs(each.stamp_ns - stamp_ns), default=None)
+
+    def _in_order(self, kind: str, stamp_ns: int, now_s: float) -> bool:
+        """Whether an image is newer than all of its kind; if not, it is dropped."""
+        if self.quiet(now_s):
+            self._drop_colour(kind, "clock", "an image from around a jump of the clock")
+            return False
+        newest = self._newest.get(kind)
+        if newest is not None and stamp_ns <= newest:
+            if stamp_ns in self._seen[kind]:
+                self._drop_colour(kind, "double", f"an image at {stamp_ns / 1e9:.3f} s came twice")
+            else:
+                self.clock_jumped(now_s, f"{kind} went back from {newest / 1e9:.3f} to {stamp_ns / 1e9:.3f} s")
+            return False
+        self._newest[kind] = stamp_ns
+        self._seen[kind].append(stamp_ns)
+        return True
+
+    def _drop_colour(self, kind: str, reason: str, text: str) -> None:
+        if kind == "colour":  # frames are counted by their colour images
+            self._drop(reason, text)
+
+    def _drop(self, reason: str, text: str, frames: int = 1) -> None:
+        self._faults.append(Fault(reason, text, frames))

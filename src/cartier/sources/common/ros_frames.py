@@ -1,0 +1,276 @@
+"""Frames out of ROS messages as they come: topics chosen by type and name, then colour, depth and pose paired."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from cartier.errors import InputError, brief
+from cartier.recordings.common.poses import matrices, rigid
+from cartier.recordings.ros.bags import COMPRESSED, IMAGE, TRANSFORMS, frame_name
+from cartier.recordings.ros.frames import FrameImages, registration
+from cartier.recordings.ros.graphs import GRAPHS, ns_of, read_graph
+from cartier.recordings.ros.images import INFO
+from cartier.recordings.ros.poses import ODOMETRY, POSE
+from cartier.recordings.ros.tf import extrinsic_matrix
+from cartier.recordings.ros.topics import Choice, Messages, choose
+from cartier.sources.common.corrections import Corrections
+from cartier.sources.common.messages import FirstMessages, Message
+from cartier.sources.common.pairing import Paired, Pairer
+from cartier.sources.common.transforms import Lookup, Matrix, TransformBuffer
+from cartier.streams import Event, Fault, Stamped
+from cartier.types import Frame
+
+KINDS = frozenset((IMAGE, COMPRESSED, INFO, *TRANSFORMS, ODOMETRY, POSE, *GRAPHS))
+"""The types of messages that are listened to."""
+CHOOSING_S = 1.0  # from the first image on, so that every topic has shown itself
+WORLD_S = 1.0  # how long a frame "map" may take to appear above "odom"
+MOST_HELD = 128  # messages that wait until the topics are chosen
+BODY = "cartier_body"  # what moves, where a topic of poses does not name it
+
+
+@dataclass(frozen=True)
+class RosOptions:
+    """Which topics and frames to take, where those that fit by type and name are not the right ones.
+
+    ``colour depth info`` are topics; ``frame`` is the world; ``odometry`` a topic of poses to take instead of /tf, and
+    ``extrinsic``, x,y,z,qx,qy,qz,qw, the camera's pose on what it moves.
+    """
+
+    colour: str | None = None
+    depth: str | None = None
+    info: str | None = None
+    frame: str | None = None
+    odometry: str | None = None
+    extrinsic: Sequence[float] | str | None = None
+
+
+class RosFrames:
+    """Takes messages, gives frames. Times are those of arrival, by a clock that never jumps (s).
+
+    ``known`` are the messages that there will be, as far as that is known; else the first second of images decides
+    which topics are taken. Raises InputError if nothing among what is known fits.
+    """
+
+    def __init__(self, name: str, options: RosOptions, known: Messages | None = None) -> None:
+        self.name, self.options = name, options
+        self.notes: list[str] = []
+        self.transforms = TransformBuffer()
+        self.choice: Choice | None = None
+        self.first = FirstMessages(name)
+        self._held: list[Message] = []
+        self._first_image_s: float | None = None
+        self._first_pose_s: float | None = None
+        self._images: FrameImages | None = None
+        self._world: str | None = options.frame
+        self._events: list[Event] = []
+        self._count = 0
+        self._lack = ""
+        self._pairer = Pairer(self._pose, True, self._forget)
+        self._corrections = Corrections()
+        self._above: tuple[int, Matrix] | None = None  # the transform above odometry, and since when (ns)
+        self._body = None if options.extrinsic is None else extrinsic_matrix(options.extrinsic)
+        if known is not None:
+            self._take(choose(known, options.colour, options.depth, options.info))
+
+    def feed(self, message: Message, now_s: float) -> None:
+        """Take in a message that has arrived."""
+        if message.kind not in KINDS:
+            return
+        try:
+            if message.kind in TRANSFORMS:
+                self._transforms(message, now_s)
+            elif message.kind in (ODOMETRY, POSE):
+                self._odometry(message, now_s)
+            elif message.kind in GRAPHS:
+                self._graph(message)
+            elif self.choice is None:
+                self._look(message, now_s)
+            else:
+                self._image(message, now_s)
+        except InputError as error:
+            self._events.append(Fault("unreadable", brief(error, 300), int(self._is_colour(message))))
+
+    def poll(self, now_s: float) -> list[Event]:
+        """The events that are due now."""
+        self._choose(now_s)
+        events, self._events = self._events, []
+        if self.choice is not None and self._found_world(now_s):
+            for each in self._pairer.poll(now_s):
+                events += [each] if isinstance(each, Fault) else [*self._jumped(each.stamp_ns), self._frame(each)]
+        return events
+
+    @property
+    def world_frame(self) -> str:
+        """The frame that is mapped, ``map`` until that is decided."""
+        return self._world or "map"
+
+    def why_silent(self) -> str:
+        """Why there are no frames."""
+        if self._lack:
+            return self._lack
+        if self._first_image_s is None:
+            return "no images arrive: is the camera's driver running, and are these its topics?"
+        if self.choice is None:
+            return "images arrive: which topics belong together is seen in a second"
+        if self._world is None:
+            return (
+                f"no transforms lead to the camera's frame {self.choice.colour.frame!r}: is its driver's /tf_static on?"
+            )
+        return "images arrive, but none has depth and a pose"
+
+    def _is_colour(self, message: Message) -> bool:
+        return self.choice is not None and message.topic == self.choice.colour.name
+
+    def _look(self, message: Message, now_s: float) -> None:
+        """Hold a message until it is known which topics are taken."""
+        self.first.add(message)
+        if message.kind != INFO:
+            self._first_image_s = now_s if self._first_image_s is None else self._first_image_s
+        self._held.append(message)
+        del self._held[:-MOST_HELD]
+
+    def _choose(self, now_s: float) -> None:
+        if self.choice is not None or self._first_image_s is None or now_s - self._first_image_s < CHOOSING_S:
+            return
+        self._first_image_s = now_s  # if there is no choice yet, there may be one in a second
+        try:
+            self._take(choose(self.first, self.options.colour, self.options.depth, self.options.info))
+        except InputError as error:
+            self._lack = str(error)
+            return
+        held, self._held = self._held, []
+        for message in held:
+            self.feed(message, now_s)
+
+    def _take(self, choice: Choice) -> None:
+        """Take these topics from now on."""
+        self._lack, self.choice = "", choice
+        self._pairer = Pairer(self._pose, choice.depth is not None, self._forget)
+        self.notes = list(choice.notes)
+
+    def _image(self, message: Message, now_s: float) -> None:
+        assert self.choice is not None
+        depth = self.choice.depth
+        takes = {self.choice.colour.name: self._pairer.colour} | ({depth.name: self._pairer.depth} if depth else {})
+        if message.topic not in takes:
+            return
+        header = message.header()
+        self._first_image_s = now_s if self._first_image_s is None else self._first_image_s
+        if header.empty_image:
+            raise InputError(f"an image of {message.topic} is empty")
+        takes[message.topic](header.stamp_ns, message, now_s)
+
+    def _transforms(self, message: Message, now_s: float) -> None:
+        static = message.topic.endswith("tf_static")
+        if self._pairer.quiet(now_s) and not static:
+            return
+        for item in message.decode().transforms:
+            parent, child = (frame_name(str(n), self.name) for n in (item.header.frame_id, item.child_frame_id))
+            t, q = item.transform.translation, item.transform.rotation
+            pose = (t.x, t.y, t.z, q.x, q.y, q.z, q.w)
+            self._add(parent, child, item.header.stamp, pose, static, now_s)
+            if parent == self._world and not static:
+                self._jump(child, pose, ns_of(item.header.stamp))
+
+    def _jump(self, child: str, pose: Sequence[float], stamp_ns: int) -> None:
+        """Remember the latest transform of odometry in the world; it counts once a frame of its time is sent."""
+        if self.choice is None or self._above is not None:
+            return
+        chain = self.transforms.chain(self.choice.colour.frame)
+        if child in chain and self.transforms.fixed(child, chain[0]) is None:  # else it is the robot itself
+            self._above = stamp_ns, matrices(np.array([pose]))[0]
+
+    def _jumped(self, stamp_ns: int) -> list[Event]:
+        """The corrections that are due before a frame of this time."""
+        if self._above is None or stamp_ns < self._above[0]:
+            return []
+        update, self._above = self._corrections.by_jump(self._above[1]), None
+        return [] if update is None else [update]
+
+    def _graph(self, message: Message) -> None:
+        """Take in the optimised poses of a SLAM, if they are of the world that is mapped."""
+        if self.choice is None or self._world is None:
+            return
+        told = read_graph(message.data, message.kind, message.encoding, f"a message of {message.topic}")
+        if told.world != self._world:
+            return
+        camera = self.choice.colour.frame
+        fixed = {name: self.transforms.fixed(name, camera) for name in self.transforms.chain(camera)}
+        bodies = {name: matrix for name, matrix in fixed.items() if matrix is not None}
+        update = self._corrections.by_graph(told, message.topic, bodies)
+        self._events += [] if update is None else [update]
+
+    def _forget(self) -> None:
+        """The clock jumped."""
+        self.transforms.forget_moving()
+        self._corrections, self._above = Corrections(), None
+
+    def _odometry(self, message: Message, now_s: float) -> None:
+        wanted = self.options.odometry
+        if wanted is None or message.topic.lstrip("/") != wanted.lstrip("/") or self._pairer.quiet(now_s):
+            return
+        told = message.decode()
+        pose = told.pose.pose if message.kind == ODOMETRY else told.pose
+        world = frame_name(str(told.header.frame_id), self.name)
+        body = frame_name(str(getattr(told, "child_frame_id", "")), self.name) or BODY
+        p, q = pose.position, pose.orientation
+        self._world = self._world or world
+        self._add(world, body, told.header.stamp, (p.x, p.y, p.z, q.x, q.y, q.z, q.w), False, now_s)
+        if self._body is not None and self.choice is not None:
+            self._fix(body, self.choice.colour.frame, self._body)
+
+    def _fix(self, body: str, camera: str, body_from_camera: Matrix) -> None:
+        """Say where the camera sits."""
+        from scipy.spatial.transform import Rotation
+
+        quaternion = Rotation.from_matrix(body_from_camera[:3, :3]).as_quat()
+        self.transforms.add(body, camera, 0.0, (*body_from_camera[:3, 3], *quaternion), True)
+
+    def _add(self, parent: str, child: str, stamp: Any, pose: Sequence[float], static: bool, now_s: float) -> None:
+        self._first_pose_s = now_s if self._first_pose_s is None else self._first_pose_s
+        if not self.transforms.add(parent, child, stamp.sec + stamp.nanosec * 1e-9, pose, static):
+            self._pairer.clock_jumped(now_s, f"the transform of {child!r} went back in time")
+
+    def _found_world(self, now_s: float) -> bool:
+        """Whether it is decided in which frame to map."""
+        if self._world is not None:
+            return True
+        assert self.choice is not None
+        camera = self.choice.colour.frame
+        if self._first_pose_s is None or not self.transforms.moves(camera):
+            return False
+        world = self.transforms.world(camera)
+        if world != "map" and now_s - self._first_pose_s < WORLD_S:
+            return False
+        self._world = world
+        self.notes.append(f"poses from /tf: {world!r} to {camera!r}")
+        return True
+
+    def _pose(self, stamp_ns: int) -> Lookup:
+        assert self.choice is not None and self._world is not None
+        return self.transforms.lookup(self._world, self.choice.colour.frame, stamp_ns / 1e9)
+
+    def _frame(self, paired: Paired) -> Event:
+        assert self.choice is not None
+        if self._images is None:  # the transforms are known by now
+            self._images = FrameImages(self.choice, registration(self.choice, self.transforms, self.notes))
+        where = f"{self.name}: the image at {paired.stamp_ns / 1e9:.3f} s"
+        try:
+            frame = Frame(
+                index=self._count,
+                time_s=paired.stamp_ns / 1e9,
+                rgb=self._images.rgb(paired.colour.decode(), where),
+                depth_m=None if paired.depth is None else self._images.depth_m(paired.depth.decode(), where),
+                world_from_camera=rigid(paired.world_from_camera, where),
+                camera=self._images.camera,
+            )
+        except InputError as error:
+            return Fault("unreadable", brief(error, 300), 1)
+        self._count += 1
+        self._corrections.sent(paired.stamp_ns, frame.world_from_camera)
+        odometry = self.transforms.lookup("odom", self.choice.colour.frame, paired.stamp_ns / 1e9).matrix
+        return Stamped(frame, paired.stamp_ns, None if odometry is None else np.asarray(odometry))

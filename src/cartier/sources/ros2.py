@@ -1,0 +1,189 @@
+"""A robot's ROS 2 topics over DDS, without ROS: images, CameraInfo, /tf and /tf_static, found by type and name.
+
+Messages stay the bytes that they came as until it is known that they are needed. What every writer of a topic offers is
+asked for: reliable and latched where all are, so that no publisher is left out.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Any
+
+from cartier.contracts import Source
+from cartier.dds.domain import domain_of
+from cartier.errors import BackendError, InputError, brief
+from cartier.recordings.ros.bags import COMPRESSED, IMAGE, TRANSFORMS
+from cartier.recordings.ros.images import INFO
+from cartier.recordings.ros.poses import ODOMETRY, POSE
+from cartier.sources.common.gaps import Gaps
+from cartier.sources.common.messages import Message
+from cartier.sources.common.pacing import QUIET_S
+from cartier.sources.common.ros_frames import RosFrames, RosOptions
+from cartier.streams import Event, Fault
+
+if TYPE_CHECKING:
+    from cartier.dds.topics import Offer, Reader
+
+EXTRA = "ros"
+POLL_S, FIND_S = 0.004, 0.25  # how often messages are taken, and topics looked for
+IMAGES, OTHERS = 30, 100  # messages that wait: a second of images at 30 Hz
+TF, TRANSFORM = ("/tf", "/tf_static"), TRANSFORMS[0]
+
+
+def make(
+    domain: int | None = None,
+    colour: str | None = None,
+    depth: str | None = None,
+    info: str | None = None,
+    frame: str | None = None,
+    odometry: str | None = None,
+    extrinsic: Sequence[float] | str | None = None,
+) -> Source:
+    """``domain`` is the robot's ROS_DOMAIN_ID, by default this shell's, else 0; the rest is as for ROS bags.
+
+    Raises BackendError for an impossible domain.
+    """
+    import cyclonedds  # noqa: F401  # a missing package is reported at once, with its extra
+    import rosbags  # noqa: F401
+
+    from cartier.dds.types import topic_type
+
+    number = domain_of(domain, "source ros2")
+    for kind in (IMAGE, COMPRESSED, INFO, TRANSFORM, ODOMETRY, POSE):  # now, and not while the stream is listened to
+        topic_type(kind)
+    return Ros2Topics(number, RosOptions(colour, depth, info, frame, odometry, extrinsic))
+
+
+class Ros2Topics:
+    """Obeys the Source contract."""
+
+    waits = False
+    recording = None
+
+    def __init__(self, domain: int, options: RosOptions) -> None:
+        self.name, self._domain, self._options = f"ros2 in domain {domain}", domain, options
+        self._frames = RosFrames(self.name, options)
+        self._closed = threading.Event()
+        self._offers: dict[str, Offer] = {}
+        self._readers: dict[str, Reader] = {}
+        self._gaps = Gaps()
+
+    @property
+    def notes(self) -> Sequence[str]:
+        return self._frames.notes
+
+    @property
+    def world_frame(self) -> str:
+        return self._frames.world_frame
+
+    def __iter__(self) -> Iterator[Event]:
+        """Raises BackendError if DDS cannot use the network."""
+        from cartier.dds.topics import Publishers, participant
+
+        ours = participant(self._domain)
+        publishers = Publishers(ours)
+        told_s, found_s = time.monotonic(), float("-inf")
+        try:
+            while not self._closed.is_set():
+                now_s = time.monotonic()
+                if now_s - found_s >= FIND_S:
+                    self._offers, found_s = publishers.offers(), now_s
+                    self._listen(ours)
+                events, heard = self._take(now_s)
+                if not events and time.monotonic() - told_s >= QUIET_S:
+                    events = [Fault("silent", self._why_silent())]
+                told_s = time.monotonic() if events else told_s
+                yield from itertools.takewhile(lambda _: not self._closed.is_set(), events)
+                if not heard:
+                    self._closed.wait(POLL_S)
+        finally:
+            self._readers = {}
+            del publishers, ours
+
+    def close(self) -> None:
+        self._closed.set()
+
+    def _take(self, now_s: float) -> tuple[list[Event], bool]:
+        """The events that are due, and whether any message came."""
+        heard, lost = False, 0
+        for reader in self._readers.values():
+            for data in reader.take():
+                message, heard = Message(reader.offer.name, reader.offer.kind, data), True
+                lost += self._missing(message)
+                self._frames.feed(message, now_s)
+        events = self._frames.poll(now_s)
+        if lost:
+            events.append(Fault("lost", f"images did not arrive, by their stamps: {_wider()}", lost))
+        return events, heard
+
+    def _missing(self, message: Message) -> int:
+        choice = self._frames.choice
+        if choice is None or message.topic != choice.colour.name:
+            return 0
+        try:
+            return self._gaps.add(message.header().stamp_ns)
+        except InputError:
+            return 0  # it is told when the message is read
+
+    def _listen(self, participant: Any) -> None:
+        """Hear the topics that are wanted now, as their writers offer them now."""
+        from cartier.dds.topics import Reader
+
+        wanted = {name: offer for name, offer in self._offers.items() if self._wanted(offer)}
+        self._readers = {name: reader for name, reader in self._readers.items() if wanted.get(name) == reader.offer}
+        for name, offer in wanted.items():
+            if name not in self._readers:
+                depth = IMAGES if offer.kind in (IMAGE, COMPRESSED) else OTHERS
+                with contextlib.suppress(BackendError):  # somebody published it with another type before
+                    self._readers[name] = Reader(participant, offer, depth)
+
+    def _wanted(self, offer: Offer) -> bool:
+        if offer.kind == TRANSFORM:
+            return offer.name in TF or not any(name in self._offers for name in TF)
+        if offer.kind in (ODOMETRY, POSE):
+            return _is(offer.name, self._options.odometry)
+        if offer.kind not in (IMAGE, COMPRESSED, INFO):
+            return False
+        choice = self._frames.choice
+        if choice is None:
+            given = self._options
+            names = (given.info,) if offer.kind == INFO else (given.colour, given.depth)
+            return None in names or any(_is(offer.name, name) for name in names)
+        return offer.name in (choice.colour.name, choice.depth and choice.depth.name)
+
+    def _why_silent(self) -> str:
+        where = f"in domain {self._domain}"
+        if not self._offers:
+            return (
+                f"nobody publishes {where}: is the robot on, is its ROS_DOMAIN_ID {self._domain}, and do the two "
+                "machines share a network that lets multicast through?"
+            )
+        images = sorted(offer.name for offer in self._offers.values() if offer.kind in (IMAGE, COMPRESSED))
+        if not images:
+            return f"{len(self._offers)} topics are published {where}, but none of images: is the camera's driver on?"
+        for name in (self._options.colour, self._options.depth, self._options.info, self._options.odometry):
+            if name is not None and not any(_is(each, name) for each in self._offers):
+                return (
+                    f"nobody publishes {brief(name, 80)} {where}; the image topics are {brief(', '.join(images), 200)}"
+                )
+        if not any(offer.kind == TRANSFORM for offer in self._offers.values()) and self._options.odometry is None:
+            return f"nobody publishes /tf {where}: is the robot's own driver on, or --odometry TOPIC the pose?"
+        return brief(self._frames.why_silent(), 300)
+
+
+def _is(name: str, given: str | None) -> bool:
+    return given is not None and name.lstrip("/") == given.lstrip("/")
+
+
+def _wider() -> str:
+    """What helps against lost images."""
+    from cartier.dds.topics import SOCKET_BYTES, socket_limit
+
+    limit = socket_limit()
+    if limit is None:
+        return "a cable or smaller images help"
+    return f"sockets hold {limit} bytes at most here; 'sudo sysctl -w net.core.rmem_max={SOCKET_BYTES}' helps"

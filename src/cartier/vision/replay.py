@@ -1,0 +1,49 @@
+"""Recorded replies of a vision model, from the output of a batch: each to the very words and pictures sent."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+from cartier.errors import InputError, ReasonerError
+from cartier.io.files import read_text
+from cartier.llm.batch import answered
+from cartier.types import CandidateView, VisualQuestion, VisualReply
+from cartier.vision import prompt
+
+MAX_BYTES = 256 * 1024 * 1024
+FORM = '{"custom_id": "…", "reply": "…"}, or a line of a batch\'s output, {"custom_id": "…", "response": {…}}'
+
+
+def make(model: str | Path) -> Replay:
+    """``model`` is the file of replies to the prompts that ``--write-prompts`` wrote, one a line; the last one counts.
+
+    Raises InputError if the file is missing, too large, or has an invalid line.
+    """
+    path, replies = Path(model), dict[str, str]()
+    for number, line in enumerate(read_text(path, MAX_BYTES).split("\n"), start=1):
+        if line.strip():
+            try:
+                replies |= answered(json.loads(line))
+            except (ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:
+                raise InputError(f"{path} line {number}: expected {FORM}") from error
+    return Replay(path, replies)
+
+
+class Replay:
+    """Replies are read exactly as a server's are; nothing leaves."""
+
+    endpoint = ""
+
+    def __init__(self, path: Path, replies: dict[str, str]) -> None:
+        self.name = f"replay {path.name}"
+        self._path, self._replies = path, replies
+
+    def look(self, question: VisualQuestion, pictures: Sequence[CandidateView]) -> VisualReply:
+        """The recorded answers. Raises ReasonerError if none is recorded for these words and pictures."""
+        request = prompt.request(question, pictures)
+        if (reply := self._replies.get(request.id)) is None:
+            raise ReasonerError(f"{self._path} holds no reply to “{question.words}” with these photographs")
+        answers = prompt.read(reply, question, pictures) or prompt.cannot_tell(pictures)
+        return VisualReply(answers, self.name, "", prompt.text(question, pictures), reply)

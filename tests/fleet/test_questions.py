@@ -1,0 +1,251 @@
+"""Questions over many homes: three values, the same objects as in one home, and SQL that reaches nothing else."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("pyarrow", reason="needs pip install '.[fleet]'")
+pytest.importorskip("duckdb", reason="needs pip install '.[fleet]'")
+
+import cartier
+from cartier.blob_stores import open_store
+from cartier.errors import InputError
+from cartier.fleet import entity
+from cartier.fleet.compiling import Compiler, NoSql
+from cartier.fleet.database import Database
+from cartier.fleet.matching import find
+from cartier.fleet.questions import FleetQuestion, read_question
+from cartier.fleet.reading import Vocabulary, read_phrase, with_rooms
+from cartier.spatial.query import Scene
+from flat import FLAT, obj
+from fleet.catalogued import KNOWS, enter, home
+
+table = pytest.mark.parametrize
+SOFA = obj(40, "sofa", (8.0, 1.0, 0.4), (2.0, 0.9, 0.8), 2)
+HUGE = obj(41, "sofa", (5.0, 5.0, 0.5), (3.0, 1.2, 1.0), 1)
+RED = obj(42, "fire extinguisher", (0.3, 0.3, 0.4), (0.2, 0.2, 0.5), 0, ["red"])
+MAYBE = replace(RED, id=43, probability=0.4, confirmed=False)
+HOMES = {
+    "has": home((*FLAT.objects, RED, SOFA)),
+    "none": home((*FLAT.objects, HUGE)),
+    "blind": home(knows=("cup", "bed")),
+    "open": home(seen=0.5),
+    "flat-world": home(depth=False),
+    "maybe": home((*FLAT.objects, MAYBE)),
+    "unknown": home(knows=()),
+    "empty": home(FLAT.objects[:1], FLAT.rooms[1:2]),
+}
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> str:
+    folder = str(tmp_path_factory.mktemp("fleet") / "store")
+    for name, made in HOMES.items():
+        enter(open_store(folder), name, replace(made, objects=tuple(
+            replace(o, room=None) if name == "empty" else o for o in made.objects
+        )))  # fmt: skip
+    return folder
+
+
+@pytest.fixture(scope="module")
+def fleet(place: str) -> cartier.Fleet:
+    return cartier.Fleet(place)
+
+
+def test_three_values(fleet: cartier.Fleet) -> None:
+    answer = fleet.ask("Which flats have no fire extinguisher?")
+    assert answer.has == ("has",) and set(answer.has_none) == {"none", "empty"} == set(answer.value)
+    assert answer.cannot_tell == {
+        "blind": entity.UNNAMED, "open": entity.UNSEEN, "flat-world": entity.NO_FLOOR, "maybe": entity.TENTATIVE,
+        "unknown": entity.UNKNOWN_NAMES,
+    }  # fmt: skip
+    assert "2 homes have not (looked for): empty, none" in answer.text
+    assert "cannot tell in 5 homes" in answer.text and f"1: {entity.UNNAMED}" in answer.text
+    assert answer.objects == {"has": [42]}
+
+
+def test_ground_truth_can_name_anything(tmp_path: Path) -> None:
+    store = str(tmp_path / "store")
+    enter(open_store(store), "true", replace(home(knows=()), detector="ground truth (flat)"))
+    for words in ("which homes have a fire extinguisher?", "which homes have a helicopter?"):
+        assert cartier.Fleet(store).ask(words).has_none == ("true",)
+
+
+def test_a_room_that_is_not_known_is_a_doubt(fleet: cartier.Fleet) -> None:
+    answer = fleet.ask("which homes have a cup in the kitchen?")
+    assert answer.cannot_tell == {"empty": entity.NO_ROOM}
+    assert set(answer.has) == HOMES.keys() - {"empty"}
+
+
+def test_more_than_the_most_is_certain_whatever_was_not_seen(fleet: cartier.Fleet) -> None:
+    answer = fleet.ask("how many homes have at most two cups?")
+    assert answer.has == ("empty",) and answer.cannot_tell == {}
+    assert set(answer.has_none) == HOMES.keys() - {"empty"}
+
+
+def test_what_no_detector_can_name_nobody_can_tell(fleet: cartier.Fleet) -> None:
+    answer = fleet.ask("how many homes have a helicopter?")
+    assert answer.value == 0 and answer.has_none == ()
+    assert answer.cannot_tell["has"] == entity.UNNAMED
+
+
+@table(
+    ("words", "value"),
+    [
+        ("how many cups are there in all homes?", 21),
+        ("how many sofas per home?", {**dict.fromkeys(HOMES, 0), "has": 1, "none": 1}),
+        ("which home has the most sofas?", ["has", "none"]),
+        ("which home has the fewest cups?", ["empty"]),
+        ("where is the biggest sofa?", ("none", 41)),
+        ("where is the smallest sofa?", ("has", 40)),
+        ("which home has the tallest sofa?", ("none", 41)),
+        ("which homes have at least three cups?", sorted(HOMES.keys() - {"empty"})),
+        ("which homes have more than three cups?", []),
+        ("how many homes have exactly three cups?", 0),  # a fourth may be there in each
+        ("how many homes have exactly 1 sofa?", 2),
+        ("how many homes have fewer than two cups?", 1),
+        ("list the sofas", {"has": 1, "none": 1}),
+        ("which homes have a sofa in the bedroom?", ["has", "none"]),
+        ("which homes have a red cup?", sorted(HOMES.keys() - {"empty"})),
+        ("how many cups on a table are there?", 7),
+        ("how many cups not in the kitchen are there?", 7),
+    ],
+)
+def test_answers(fleet: cartier.Fleet, words: str, value: object) -> None:
+    assert fleet.ask(words).value == value
+
+
+@table(
+    "about",
+    [
+        "cup", "cups in the kitchen", "cups not in the kitchen", "red cups", "cups on the table", "biggest cup",
+        "cups in the bedroom", "sofas next to the bed", "beds", "cups under the table",
+    ],
+)  # fmt: skip
+def test_objects_are_those_that_one_home_means(fleet: cartier.Fleet, about: str) -> None:
+    """What SQL and the catalog's rows give is what the scene of each home itself gives."""
+    kinds = ("bedroom", "kitchen")
+    vocabulary = Vocabulary(KNOWS, frozenset(), kinds)
+    phrase = read_phrase(about, [vocabulary])[vocabulary]
+    found = find(fleet._catalog().database, phrase, kinds)
+    for name, made in HOMES.items():
+        rooms = {k: tuple(room.id for room in made.rooms if room.kind == kind) for k, kind in enumerate(kinds)}
+        objects = tuple(replace(o, room=None) for o in made.objects) if name == "empty" else made.objects
+        scene = Scene(replace(FLAT, objects=objects, rooms=made.rooms))
+        expected = [o.id for o in scene.meant(with_rooms(phrase, rooms))[0]]
+        assert sorted(found.get(name, [])) == sorted(expected), name
+
+
+def test_both_ways_are_taken() -> None:
+    vocabulary = Vocabulary(KNOWS, frozenset(), ("bedroom", "kitchen"))
+    taken = ("cups in the kitchen", "cups on the table", "red cups by the sink", "cups near the bed not in the bedroom")
+    for about in taken:
+        assert Compiler(vocabulary.kinds, ())(read_phrase(about, [vocabulary])[vocabulary])
+    with pytest.raises(NoSql):
+        Compiler(vocabulary.kinds, ())(read_phrase("cups under the table", [vocabulary])[vocabulary])
+
+
+@table(
+    ("words", "question"),
+    [
+        ("Which flats have no fire extinguisher?", FleetQuestion("which", "fire extinguisher", True)),
+        ("what homes don't have a piano", FleetQuestion("which", "piano", True)),
+        ("which houses lack a bed?", FleetQuestion("which", "bed", True)),
+        ("list all the apartments without any mugs", FleetQuestion("which", "mugs", True)),
+        ("which homes have a bed", FleetQuestion("which", "bed")),
+        ("is there a sofa in any home?", FleetQuestion("which", "sofa")),
+        ("does any flat have a red sofa?", FleetQuestion("which", "red sofa")),
+        ("which homes have two beds", FleetQuestion("which", "beds", least=2)),
+        ("which homes have at most 2 beds", FleetQuestion("which", "beds", least=0, most=2)),
+        ("how many flats have no bed", FleetQuestion("count_homes", "bed", True)),
+        ("how many mugs per home?", FleetQuestion("per_home", "mugs")),
+        ("how many mugs does each home have?", FleetQuestion("per_home", "mugs")),
+        ("how many mugs in the kitchen are there in total?", FleetQuestion("total", "mugs in the kitchen")),
+        ("which home has the most chairs", FleetQuestion("most", "chairs")),
+        ("where is the biggest bed of all homes?", FleetQuestion("extreme", "the biggest bed")),
+        ("where are the lamps?", FleetQuestion("list", "lamps")),
+    ],
+)  # fmt: skip
+def test_frames(words: str, question: FleetQuestion) -> None:
+    assert read_question(words) == question
+
+
+@table("words", ["what is love", "", "which homes", "bring me a cup", "which homes have a bed, then bring me a cup?"])
+def test_other_words_are_refused(fleet: cartier.Fleet, words: str) -> None:
+    with pytest.raises(InputError):
+        fleet.ask(words)
+
+
+def test_a_new_home_is_seen_at_once(tmp_path: Path) -> None:
+    store = str(tmp_path / "store")
+    fleet = cartier.Fleet(store)
+    with pytest.raises(InputError, match="holds no homes"):
+        fleet.ask("how many cups are there?")
+    enter(open_store(store), "a", home())
+    assert fleet.ask("how many cups are there?").value == 3
+    enter(open_store(store), "b", home())
+    assert fleet.ask("how many cups are there?").value == 6
+
+
+@table(
+    "sql",
+    [
+        "select * from read_text('/etc/passwd')", "from '/etc/passwd'", "select * from read_csv('/etc/passwd')",
+        "select * from glob('/*')", "select * from read_parquet('s3://x/y')", "copy objects to '/tmp/x.csv'",
+        "attach '/tmp/x.db'", "install httpfs", "load httpfs", "set memory_limit='99GB'", "export database '/tmp/x'",
+        "drop table objects", "delete from objects", "create table x as select 1", "select 1; select 2", "",
+        "pragma database_list", "select nothing from objects", "insert into rooms from rooms", "x" * 30_000,
+    ],
+)  # fmt: skip
+def test_sql_reads_the_catalog_alone(fleet: cartier.Fleet, sql: str) -> None:
+    before = fleet.query("select count(*) from objects")
+    with pytest.raises(InputError) as told:
+        fleet.query(sql)
+    assert "\n" not in str(told.value)
+    assert fleet.query("select count(*) from objects") == before
+    assert not Path("/tmp/x.csv").exists()
+
+
+def test_variables_of_python_are_no_tables(fleet: cartier.Fleet) -> None:
+    import pyarrow
+
+    secret = pyarrow.table({"a": [1]})
+    assert secret.num_rows
+    with pytest.raises(InputError):
+        fleet.query("select * from secret")
+
+
+def test_sql_is_bounded(fleet: cartier.Fleet) -> None:
+    columns, rows = fleet.query("select label, count(*) n from objects group by label order by n desc", limit=2)
+    assert columns == ("label", "n") and len(rows) == 2 and rows[0][0] == "cup"
+    database: Database = fleet._catalog().database
+    with pytest.raises(InputError, match="more than 0\\.2 s"):
+        database.query("select sum(a.range * b.range) from range(10000000) a, range(1000000) b", most_s=0.2)
+    with pytest.raises(InputError, match="SQL: "):
+        database.query("select list(range) from range(2000000000)", most_s=20)
+    assert database.query("select 1").rows == ((1,),), "it goes on"
+
+
+def test_commands(place: str, tmp_path: Path) -> None:
+    def ran(*words: str) -> str:
+        command = [sys.executable, "-m", "cartier", "fleet", *words]
+        return subprocess.run(command, capture_output=True, text=True, check=True).stdout
+
+    assert json.loads(ran("ask", place, "which homes have a sofa?", "--json"))["value"] == ["has", "none"]
+    rows = json.loads(ran("query", place, "select home, floor_seen from homes where home = 'has'", "--json"))
+    assert rows == [{"home": "has", "floor_seen": 1.0}]
+    assert "8 homes" in ran("compact", place)
+    assert "2 homes have it" in ran("ask", place, "which homes have a sofa?")
+
+
+def test_who_can_name_anything_takes_no_table_for_another() -> None:
+    """Ground truth lists all that is there: without a dining table, a coffee table is none."""
+    anything = Vocabulary(("*",), frozenset({"coffee table", "side table"}), ("kitchen",))
+    phrase = read_phrase("dining table", [anything])[anything]
+    assert phrase.labels == {"dining table"} and anything.could_name(phrase)

@@ -1,0 +1,308 @@
+"""ROS 2 topics over real DDS: robots in other processes, another vendor's too, a bag that is played, and trouble."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from peers import LOOPBACK, any_domain, fastdds_program, peer
+
+from cartier.contracts import Source
+from cartier.errors import BackendError, InputError, MissingExtra
+from cartier.sources import open_source
+from cartier.sources.common.gaps import Gaps
+from cartier.streams import Fault, Stamped
+from cartier.testing import check_source
+from synthetic import walk
+
+pytest.importorskip("cyclonedds", reason="needs cyclonedds: pip install 'cartier[ros]'")
+ros_camera = pytest.importorskip("ros_camera")
+
+CAMERA = Path(ros_camera.__file__)
+FASTDDS = Path(__file__).parent / "fastdds_camera"
+WALK = walk()
+
+
+@pytest.fixture(autouse=True)
+def loopback(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("rosbags", reason="needs rosbags: pip install 'cartier[ros]'")
+    monkeypatch.setenv("CYCLONEDDS_URI", LOOPBACK)
+
+
+def some_frames(domain: int | None, count: int = 8, **options: Any) -> list[Stamped]:
+    """So many frames, which obey the laws; a stream that brings fewer in 40 s is closed, and that breaks them."""
+    source = open_source("ros2", domain=domain, **options)
+    patience = threading.Timer(40, source.close)
+    patience.start()
+    try:
+        return check_source(lambda: source, most=count, ends=False)
+    finally:
+        patience.cancel()
+
+
+def seen_by_the_camera(frames: list[Stamped], count: int = 8) -> None:
+    """The frames are what tests/robots/ros_camera.py and the C++ peer send."""
+    assert len(frames) >= count
+    for each in frames:
+        k = round(each.frame.time_s * 10) - ros_camera.START_S * 10
+        assert each.stamp_ns == ros_camera.START_S * 10**9 + k * 10**8
+        np.testing.assert_array_equal(each.frame.rgb, ros_camera.rgb())
+        assert each.frame.depth_m is not None
+        np.testing.assert_allclose(each.frame.depth_m, ros_camera.depth_mm() / 1000, atol=1e-6)
+        forward_right_down = [[0, 0, 1, 1.1 + 0.1 * k], [-1, 0, 0, 2], [0, -1, 0, 1.2], [0, 0, 0, 1]]
+        np.testing.assert_allclose(each.frame.world_from_camera, forward_right_down, atol=1e-9)
+        assert each.odom_from_camera is not None
+        np.testing.assert_allclose(each.odom_from_camera[:3, 3], [0.1 + 0.1 * k, 0, 1.2], atol=1e-9)
+
+
+@pytest.mark.parametrize("form", ["raw", "compressed"])
+def test_a_robot_in_another_process_is_heard(form: str) -> None:
+    domain = any_domain()
+    with peer(sys.executable, CAMERA, domain, form, 400):
+        seen_by_the_camera(some_frames(domain))
+
+
+def test_a_robot_on_fast_dds_is_heard(pytestconfig: pytest.Config) -> None:
+    domain = any_domain()
+    with peer(fastdds_program(pytestconfig, FASTDDS), domain, 400):
+        seen_by_the_camera(some_frames(domain))
+
+
+def test_topics_can_be_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    domain = any_domain()
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
+    names = {
+        "colour": "camera/color/image_raw",
+        "depth": "/camera/depth/image_raw",
+        "info": "/camera/color/camera_info",
+    }
+    with peer(sys.executable, CAMERA, domain, "raw", 400):
+        seen_by_the_camera(some_frames(None, **names))  # the domain is this shell's
+        assert "nobody publishes /left/image in domain" in first_fault(domain, colour="/left/image").text
+
+
+def first_fault(
+    domain: int, skip: Callable[[Fault], bool] = lambda fault: "nobody publishes in" in fault.text, **options: Any
+) -> Fault:
+    """What the source says first once it has found somebody."""
+    source, until_s = open_source("ros2", domain=domain, **options), time.monotonic() + 20
+    try:
+        for event in source:
+            assert time.monotonic() < until_s
+            if isinstance(event, Fault) and not skip(event):
+                return event
+        raise AssertionError("it ended")
+    finally:
+        source.close()
+
+
+def test_an_empty_domain_is_told_within_a_second() -> None:
+    begin, domain = time.monotonic(), any_domain()
+    fault = first_fault(domain, skip=lambda _: False)
+    assert fault.reason == "silent"
+    assert f"nobody publishes in domain {domain}: is the robot on" in fault.text
+    assert time.monotonic() - begin < 3
+
+
+@pytest.mark.parametrize(
+    ("form", "says"),
+    [
+        ("no_images", "images arrive: is the camera's driver running"),
+        ("no_tf", "no transforms lead to the camera's frame 'camera_optical'"),
+    ],
+)
+def test_what_a_robot_lacks_is_told(form: str, says: str) -> None:
+    domain = any_domain()
+    with peer(sys.executable, CAMERA, domain, form, 400):
+        patience = lambda fault: says not in fault.text  # noqa: E731  # it may speak once before it has heard enough
+        assert first_fault(domain, skip=patience).reason == "silent"
+
+
+def test_a_domain_without_a_camera_is_told() -> None:
+    from cartier.dds.topics import Writer, participant
+
+    domain = any_domain()
+    ours = participant(domain)
+    scan = Writer(ours, "/chatter", "std_msgs/msg/String")
+    assert "1 topics are published" in first_fault(domain).text
+    del scan
+
+
+def test_images_that_are_lost_are_counted() -> None:
+    domain = any_domain()
+    with peer(sys.executable, CAMERA, domain, "gaps", 400):
+        fault = first_fault(domain, skip=lambda fault: fault.reason != "lost")
+    assert fault.frames == 5
+    assert "did not arrive" in fault.text
+
+
+def test_gaps_are_counted_by_the_usual_step() -> None:
+    gaps = Gaps()
+    stamps = [k * 33_000_000 + k % 3 * 4_000_000 for k in range(40)]
+    assert not any(gaps.add(ns) for ns in stamps)
+    assert gaps.add(stamps[-1] + 4 * 33_000_000) == 3
+    assert gaps.add(stamps[-1] + 20 * 10**9) == 0  # a pause
+    assert gaps.add(0) == 0  # the clock went back
+    assert Gaps().add(5) == 0
+
+
+def test_rubbish_on_a_topic_is_left_out() -> None:
+    from bags import Messages
+
+    from cartier.dds.topics import Writer, participant
+
+    domain, m = any_domain(), Messages()
+    with peer(sys.executable, CAMERA, domain, "raw", 400):
+        ours = participant(domain)
+        images = Writer(ours, "/camera/color/image_raw", "sensor_msgs/msg/Image")
+        transforms = Writer(ours, "/tf", "tf2_msgs/msg/TFMessage")
+        frames, faults = 0, list[Fault]()
+        source = open_source("ros2", domain=domain)
+        patience = threading.Timer(40, source.close)
+        patience.start()
+        for event in source:
+            if isinstance(event, Fault):
+                faults.append(event)
+                continue
+            frames += 1
+            images.write(m.bytes_of(m.image(event.stamp_ns + 10**7, "camera_optical", np.zeros((0, 0)), "rgb8")))
+            transforms.write(m.bytes_of(m.transforms((event.stamp_ns, "odom", "\x1b[31mbase", np.eye(4)))))
+            if frames >= 30:
+                source.close()
+    patience.cancel()
+    assert frames == 30
+    told = [fault.text for fault in faults if fault.reason == "unreadable"]
+    assert any("an image of /camera/color/image_raw is empty" in text for text in told)
+    assert any("no name of a topic or a frame" in text for text in told)
+    assert not any("\x1b" in text for text in told)
+
+
+def test_bytes_that_are_no_message_do_not_leave() -> None:
+    from cartier.dds.topics import Writer, participant
+
+    writer = Writer(participant(any_domain()), "/tf", "tf2_msgs/msg/TFMessage")
+    with pytest.raises(BackendError, match="DDS did not take a message of tf2_msgs"):
+        writer.write(b"\0\1\0\0\xff\xff\xff\xff")
+
+
+@pytest.mark.parametrize("domain", [-1, 233, "home"])
+def test_an_impossible_domain_is_refused(domain: Any) -> None:
+    with pytest.raises(BackendError, match=r"source ros2: the domain .* 0 to 232"):
+        open_source("ros2", domain=domain)
+
+
+def test_without_cyclonedds_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "cyclonedds", None)
+    with pytest.raises(MissingExtra, match=r"\[ros\]"):
+        open_source("ros2")
+
+
+@contextmanager
+def cartier(*words: object) -> Iterator[subprocess.Popen[str]]:
+    """The command in a process of its own, ended when the block is left."""
+    command = [sys.executable, "-m", "cartier", *map(str, words)]
+    env = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=env) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+@pytest.fixture(scope="module", params=["mcap", "ros1"])
+def bag(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    pytest.importorskip("rosbags", reason="needs cartier[ros]")
+    from bags import write_bag
+
+    path = tmp_path_factory.mktemp("walk") / "room"
+    write_bag(WALK, path, request.param)
+    return path
+
+
+def test_a_bag_that_is_played_is_heard_whole(bag: Path) -> None:
+    domain = any_domain()
+    with cartier("play", bag, "--domain", domain) as player:
+        frames = some_frames(domain, len(WALK))
+        out, err = player.communicate(timeout=20)
+    assert [each.frame.index for each in frames] == list(range(len(WALK)))
+    for each in frames:
+        true = WALK[each.frame.index]
+        np.testing.assert_allclose(each.frame.world_from_camera, true.world_from_camera, atol=1e-6)
+        np.testing.assert_array_equal(each.frame.rgb, true.rgb)
+        assert each.frame.depth_m is not None
+        np.testing.assert_allclose(each.frame.depth_m, true.depth_m, atol=0.001)
+    assert f"/camera/color/image_raw: {len(WALK)} messages" in out
+    assert "waiting for somebody" in err
+
+
+def test_a_bag_is_played_in_its_time(bag: Path) -> None:
+    from cartier.recordings.ros.bags import Bag
+    from cartier.sources.common.topic_player import TopicPlayer
+
+    player, begin = TopicPlayer(Bag(bag), any_domain(), 4.0), time.monotonic()
+    sent = player.play()
+    assert time.monotonic() - begin >= (len(WALK) - 1) * 0.1 / 4
+    assert sent.total() == player.count
+    assert player.damaged == player.left_out == []
+
+
+def test_a_played_bag_is_checked_and_mapped(tmp_path: Path) -> None:
+    from bags import write_bag
+
+    from cartier import Home, plugins
+
+    flat = plugins.make("worlds", "dollhouse", width=160, height=120).explore("studio", max_frames=30)
+    write_bag(flat, tmp_path / "flat")
+    domain = any_domain()
+    play = ("play", tmp_path / "flat", "--domain", domain, "--speed", 1.5)
+    with cartier(*play), cartier("live", "--check", "ros2", "--domain", domain, "--seconds", 4, "--json") as check:
+        report = json.loads(check.communicate(timeout=40)[0])
+    assert report["ok"], report["faults"]
+    assert report["frames"] >= 25
+    home = tmp_path / "home"
+    mapped = ("live", home, "--from", "ros2", "--domain", domain, "--detector", "embedded", "--seconds", 5, "--json")
+    with cartier(*play), cartier(*mapped) as live:
+        out = live.communicate(timeout=60)[0]
+    state = json.loads(out.splitlines()[-1])
+    assert state["frames_in"] >= 25, state
+    assert "fridge" in Home.load(home).names
+
+
+def test_a_player_refuses_what_it_cannot_play(tmp_path: Path) -> None:
+    from bags import BagFile
+
+    from cartier.recordings.ros.bags import Bag
+    from cartier.sources.common.topic_player import TopicPlayer
+
+    with BagFile(tmp_path / "talk") as out:
+        out.put("/chatter", 1, out.messages("std_msgs/msg/String", data="hello"))
+    with pytest.raises(InputError, match="holds no images to play"):
+        TopicPlayer(Bag(tmp_path / "talk"), any_domain(), 1.0)
+    for words, says in (
+        (("play", tmp_path), "is no ROS bag"),
+        (("play", tmp_path / "talk", "--speed", "0"), "--speed"),
+    ):
+        with cartier(*words) as process:
+            _, err = process.communicate(timeout=20)
+        assert process.returncode == 1
+        assert says in err and len(err.splitlines()) == 1
+
+
+def test_a_source_is_closed_from_another_thread() -> None:
+    source: Source = open_source("ros2", domain=any_domain())
+    events = iter(source)
+    next(events)
+    source.close()
+    begin = time.monotonic()
+    assert list(events) == []
+    assert time.monotonic() - begin < 1
