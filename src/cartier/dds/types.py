@@ -63,8 +63,9 @@ def encoded(value: Any) -> bytes:
 def ros2_of(value: Any, kind: str) -> Any:
     """A ROS 1 message as the ROS 2 message of type ``kind``: fields by name, where ROS 1 may write capitals."""
     types = store()
-    fields = {}
-    for name, (form, what) in types.fielddefs[kind][1]:
+    fields: dict[str, Any] = {}
+    described: Any = types.fielddefs[kind][1]  # rosbags types an element as an enumeration's member or a string
+    for name, (form, what) in described:
         old = getattr(value, name, None)
         old = getattr(value, name.upper(), None) if old is None else old
         if old is None:
