@@ -138,3 +138,16 @@ def test_walls_refine_and_judge() -> None:
     half_turn = motion(np.pi, 5.0, 4.0)  # onto itself, but for the walls within
     assert not register_walls(plan(), plan(), half_turn).best
     assert not register_walls(plan(), plan(flip=True), np.eye(4)).on_walls > 0.95
+
+
+def test_each_plan_has_the_walls_and_the_floor_of_the_other() -> None:
+    cells = plan().cells.copy()
+    cells[12:68, 12:88] = FREE  # all of its walls are walls of the other one, which has more
+    bare = replace(plan(), cells=cells)
+    for old, new in ((plan(), bare), (bare, plan())):
+        assert not register_walls(old, new, np.eye(4)).agree
+    filled = cells.copy()
+    filled[20:60, 60:80] = OCCUPIED
+    for old, new in ((bare, replace(bare, cells=filled)), (replace(bare, cells=filled), bare)):
+        assert register_walls(old, new, np.eye(4)).on_floor < 0.9
+    assert register_walls(plan(), plan(), np.eye(4)).agree

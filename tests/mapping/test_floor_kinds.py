@@ -99,6 +99,24 @@ def test_a_patch_lies_where_the_floor_is() -> None:
         assert np.median(patch.height_m[rug]) > 0.005 > np.median(patch.height_m[patch.seen & ~rug])
 
 
+def test_floor_that_was_looked_at_often_is_not_looked_at_again() -> None:
+    scene, frame = looks(FIRST)
+    called: list[int] = []
+
+    def counting(frame: Frame, patch: floor_kinds.Patch) -> npt.NDArray[np.float32]:
+        called.append(1)
+        return true_classifier(scene)(frame, patch)
+
+    mapper = FloorKindMapper(0.05, counting)
+    for _ in range(3 * floor_kinds.ENOUGH):
+        mapper.add(frame)
+    assert len(called) == floor_kinds.ENOUGH
+    elsewhere = frame.world_from_camera.copy()
+    elsewhere[:2, 3] += 8.0
+    mapper.add(replace(frame, world_from_camera=elsewhere))
+    assert len(called) == floor_kinds.ENOUGH + 1
+
+
 def test_state_goes_on() -> None:
     whole, first, second = FloorKindMapper(0.05), FloorKindMapper(0.05), FloorKindMapper(0.05)
     frames = [looks(FIRST + k)[1] for k in range(3)]

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from cartier.errors import InputError
 from cartier.home import Home
 from cartier.mapping.registration import about_z
-from cartier.mapping.wall_registration import ON_WALLS, register_walls
+from cartier.mapping.wall_registration import register_walls
 from cartier.types import MapObject
 
 Floats = npt.NDArray[np.float64]
@@ -40,7 +40,8 @@ class Alignment:
     Args:
         old_from_new: (4, 4) a turn about z and a shift.
         objects: How many objects of both lie on each other.
-        on_walls: Which share of the walls lies on walls, of those where both maps know the floor plan.
+        on_walls: Which share of the walls lies on walls, of those where both maps know the floor plan; the smaller
+            one of both ways.
     """
 
     old_from_new: Floats
@@ -84,8 +85,11 @@ def align(old: Home, new: Home) -> Alignment:
     off_rad = float(np.abs(_wrapped(_yaw(by_walls.old_from_new) - _yaw(proposed[0]))))
     if off_m > AGREE_M or off_rad > AGREE_RAD or not by_walls.best:
         raise _refusal(old, new, "walls lie otherwise than objects say")
-    if by_walls.on_walls < ON_WALLS:
-        raise _refusal(old, new, f"only {by_walls.on_walls:.0%} of the walls come to lie on walls")
+    if not by_walls.agree:
+        told = (
+            f"only {by_walls.on_walls:.0%} of the walls come to lie on walls, and {by_walls.on_floor:.0%} of the floor "
+        )
+        raise _refusal(old, new, f"{told}on floor")
     return Alignment(by_walls.old_from_new, proposed[1], by_walls.on_walls)
 
 

@@ -31,6 +31,7 @@ FINE = 4  # texels along a cell of the floor plan
 PATCH = 64  # cells along the side of the square of floor that is laid out
 WINDOWS = (3, 11)  # cells around a cell whose texture counts
 LEVEL_M = 0.05  # what lies higher or lower is no floor
+ENOUGH, NEW = 12, 0.25  # looks at a cell that suffice; share of the seen cells with fewer, for a frame to be looked at
 TEXEL_PX_M = 0.02  # a pixel that shows more floor than this shows no texture
 MIN_SHARE = 0.4  # of a window's texels that must be seen
 CLEAR = 0.8  # posterior from which a kind is told
@@ -50,8 +51,8 @@ seen, -inf for all where the texture is like none that it knows."""
 class Patch:
     """A square of floor that a frame shows, seen from above; its first cell is ``low`` (row, col) of the world's cells.
 
-    ``eye_xy`` is where the camera is above the floor. With S = PATCH * FINE: ``colour`` (S, S, 3) float32 from 0 to 1,
-    ``height_m`` (S, S), ``seen`` (S, S) and ``texel_m`` (S, S), how much floor the pixel of a texel shows.
+    ``eye_xy`` is where the camera is above the floor. With S = PATCH * FINE texels: ``colour`` (S, S, 3) float32 from 0
+    to 1, ``height_m`` (S, S), ``seen`` (S, S) and ``texel_m`` (S, S), how much floor the pixel of a texel shows.
     """
 
     low: npt.NDArray[np.int64]
@@ -64,9 +65,7 @@ class Patch:
 
     def xy(self) -> npt.NDArray[np.float64]:
         """The middles (S, S, 2) of the texels."""
-        step = self.resolution_m / FINE
-        rows, cols = ((self.low[k] * FINE + np.arange(PATCH * FINE) + 0.5) * step for k in (0, 1))
-        return np.stack(np.broadcast_arrays(cols, rows[:, None]), -1)
+        return _texels(self.low, self.resolution_m, len(self.seen) // PATCH)
 
 
 class FloorKindMapper:
@@ -78,8 +77,9 @@ class FloorKindMapper:
         self._votes = np.zeros((0, 0, KNOWN + 2), np.int16)  # sums of STEPS * log-probabilities, looks, strange looks
 
     def add(self, frame: Frame) -> None:
-        """Take in one frame with depth."""
-        patch = laid_out(frame, self.resolution_m)
+        """Take in one frame with depth, unless nearly all floor that it shows was looked at often enough."""
+        coarse = laid_out(frame, self.resolution_m, 1)
+        patch = laid_out(frame, self.resolution_m) if coarse is not None and self._tells_more(coarse) else None
         if patch is None:
             return
         found = self._classify(frame, patch)
@@ -91,6 +91,11 @@ class FloorKindMapper:
             votes[sure, :KNOWN] += np.rint(np.clip(found[sure], LEAST, 0) * STEPS).astype(np.int16)
             votes[sure, KNOWN] += 1
             votes[strange & (votes[..., STRANGE] < MAX_LOOKS), STRANGE] += 1
+
+    def _tells_more(self, coarse: Patch) -> bool:
+        window = self._window(coarse.low)  # before ``votes``, which it may replace
+        looks = self._votes[window][..., KNOWN:].sum(-1)
+        return bool((looks[coarse.seen] < ENOUGH).mean() > NEW)
 
     def kinds(self, grid: OccupancyGrid) -> npt.NDArray[np.uint8] | None:
         """The kind of floor (rows, cols) in each cell of a floor plan of the same resolution, as ``FLOOR_KINDS`` number
@@ -148,8 +153,16 @@ class FloorKindMapper:
         return slice(row, row + PATCH), slice(col, col + PATCH)
 
 
-def laid_out(frame: Frame, resolution_m: float) -> Patch | None:
+def _texels(low: npt.NDArray[np.int64], resolution_m: float, fine: int) -> npt.NDArray[np.float64]:
+    step = resolution_m / fine
+    rows, cols = ((low[k] * fine + np.arange(PATCH * fine) + 0.5) * step for k in (0, 1))
+    return np.stack(np.broadcast_arrays(cols, rows[:, None]), -1)
+
+
+def laid_out(frame: Frame, resolution_m: float, fine: int = FINE) -> Patch | None:
     """The floor ahead of the camera as a square from above, or None if too little of it can be seen.
+
+    Each cell has ``fine`` by ``fine`` texels.
 
     The floor is at z = 0 (``occupancy.py``); where the frame's depth lies elsewhere, it shows no floor.
     """
@@ -165,9 +178,7 @@ def laid_out(frame: Frame, resolution_m: float) -> Patch | None:
     side_m = PATCH * resolution_m
     middle = pose[:2, 3] + begin + ahead / max(float(np.hypot(*ahead)), 0.3) * (side_m / 2 - 0.4)
     low = np.floor((middle[::-1] - side_m / 2) / resolution_m).astype(np.int64)
-    empty = np.zeros((1, 1), np.float32)
-    eye_xy = pose[:2, 3].copy()
-    xy = Patch(low, resolution_m, eye_xy, empty, empty, empty > 0, empty).xy()
+    xy = _texels(low, resolution_m, fine)
     points = np.concatenate([xy, np.zeros((*xy.shape[:2], 1))], -1).reshape(-1, 3).astype(np.float32)
     uv, z = project(points, camera, pose)
     with np.errstate(invalid="ignore"):
@@ -180,9 +191,9 @@ def laid_out(frame: Frame, resolution_m: float) -> Patch | None:
         height = pose[2, 3] * (1 - depth / z)
         pixel_m = z * z / (camera.fy * pose[2, 3])  # along the view, where a pixel reaches farthest
         seen = (np.abs(height) < LEVEL_M) & (pixel_m < TEXEL_PX_M)
-    if seen.sum() < FINE * FINE * 40:
+    if seen.sum() < fine * fine * 40:
         return None
-    shape = (PATCH * FINE, PATCH * FINE)
+    shape = (PATCH * fine, PATCH * fine)
     layers = np.zeros((shape[0] * shape[1], 5), np.float32)
     kept = inside[seen]
     layers[kept, :3] = frame.rgb[row[seen], col[seen]] / np.float32(255)
@@ -190,7 +201,9 @@ def laid_out(frame: Frame, resolution_m: float) -> Patch | None:
     mask = np.zeros(len(layers), np.bool_)
     mask[kept] = True
     square = layers.reshape(*shape, 5)
-    return Patch(low, resolution_m, eye_xy, square[..., :3], square[..., 3], mask.reshape(shape), square[..., 4])
+    return Patch(
+        low, resolution_m, pose[:2, 3].copy(), square[..., :3], square[..., 3], mask.reshape(shape), square[..., 4]
+    )
 
 
 def features(patch: Patch) -> tuple[Floats, npt.NDArray[np.bool_]]:

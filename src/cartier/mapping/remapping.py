@@ -9,10 +9,14 @@ from typing import TYPE_CHECKING
 
 from cartier.home import Home
 from cartier.mapping.alignment import Alignment
+from cartier.mapping.prefetch import read_ahead
 from cartier.mapping.repose import KeptFrame, keep_ids
+from cartier.types import Detections, Frame
 
 if TYPE_CHECKING:
     from cartier.mapping.mapper import Mapper
+
+REREADERS = 2  # threads that read kept frames again: a live session has more to do
 
 
 def again(
@@ -24,8 +28,9 @@ def again(
     """A new mapper of the same settings, with these frames; by default onto the home that the old one grows."""
     (indexes, encoder), onto = mapper._asked, mapper._onto if onto is None else onto
     fresh = type(mapper)(mapper.detector, indexes, encoder=encoder, onto=onto, config=mapper.config)
-    for done, each in enumerate(kept, 1):
-        add_kept(fresh, each)
+    reads = read_ahead((each.read for each in kept), REREADERS)
+    for done, (each, (frame, detections)) in enumerate(zip(kept, reads, strict=True), 1):
+        _add(fresh, each, frame, detections)
         if progress is not None:
             progress(done, len(kept))
     return fresh
@@ -33,7 +38,10 @@ def again(
 
 def add_kept(mapper: Mapper, kept: KeptFrame) -> None:
     """Map a frame that is read again, with the pose that it has now."""
-    frame, detections = kept.read()
+    _add(mapper, kept, *kept.read())
+
+
+def _add(mapper: Mapper, kept: KeptFrame, frame: Frame, detections: Detections) -> None:
     frame = replace(frame, world_from_camera=kept.world_from_camera)
     if mapper.integrate_depth(frame, kept.key):
         mapper.integrate_detections(frame, detections)

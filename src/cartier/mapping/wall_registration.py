@@ -17,16 +17,23 @@ BESIDE_M = 0.1
 ON_FREE = -0.5  # what it costs that a wall of one plan is free floor in the other
 STEPS_RAD = np.deg2rad(np.arange(-2, 2.1, 1.0))  # walls' directions are known to a degree
 AS_GOOD = 0.9  # of the best score that any motion has
-ON_WALLS = 0.75  # of the walls that both plans know must lie on walls
+ON_WALLS, ON_FLOOR = 0.85, 0.9  # so much that both plans know must lie on its like, whichever is laid on the other
 FEWEST_CELLS = 60  # of walls that both plans know
 
 
 class ByWalls(NamedTuple):
-    """The motion (4, 4), the share of known walls that it brings onto walls, and whether no other one does better."""
+    """The motion (4, 4), which shares of known walls and free floor lie on their like, whichever plan is laid on the
+    other, and whether no other motion does better."""
 
     old_from_new: Floats
     on_walls: float
+    on_floor: float
     best: bool
+
+    @property
+    def agree(self) -> bool:
+        """Whether the two may be plans of one home."""
+        return self.best and self.on_walls >= ON_WALLS and self.on_floor >= ON_FLOOR
 
 
 def register_walls(old: OccupancyGrid, new: OccupancyGrid, proposed: Floats) -> ByWalls:
@@ -47,13 +54,23 @@ def register_walls(old: OccupancyGrid, new: OccupancyGrid, proposed: Floats) -> 
         "maxfev": 200,
     })  # fmt: skip
     refined = _about(proposed, found.x, middle, start)
-    at = old.cell(_placed(refined, walls))
-    inside = ((at >= 0) & (at < old.cells.shape)).all(axis=1)
-    at = at[inside]
-    known = old.cells[at[:, 0], at[:, 1]] != UNKNOWN
-    on = apart_m[at[:, 0], at[:, 1]][known] <= BESIDE_M
-    share = float(on.mean()) if len(on) >= FEWEST_CELLS else 0.0
-    return ByWalls(refined, share, -float(found.fun) >= AS_GOOD * _best(field, old, new, walls, floor, proposed))
+    back, apart_of_new_m = np.linalg.inv(refined), _field(new)[1]
+    on_walls = min(_on(apart_m, old, new, refined, OCCUPIED), _on(apart_of_new_m, new, old, back, OCCUPIED))
+    on_floor = min(_on(apart_m, old, new, refined, FREE), _on(apart_of_new_m, new, old, back, FREE))
+    best = -float(found.fun) >= AS_GOOD * _best(field, old, new, walls, floor, proposed)
+    return ByWalls(refined, on_walls, on_floor, best)
+
+
+def _on(apart_m: Floats, grid: OccupancyGrid, laid: OccupancyGrid, motion: Floats, kind: int) -> float:
+    """Which share of the walls or free cells of a plan that is laid on another one lies on its like, where both are
+    known; 0 with too few. ``apart_m`` (H, W) is how far each cell of the other is from a wall."""
+    at = grid.cell(_placed(motion, _centres(laid, kind)))
+    at = at[((at >= 0) & (at < grid.cells.shape)).all(axis=1)]
+    at = at[grid.cells[at[:, 0], at[:, 1]] != UNKNOWN]
+    if len(at) < FEWEST_CELLS:
+        return 0.0
+    on = apart_m[at[:, 0], at[:, 1]] <= BESIDE_M if kind == OCCUPIED else grid.cells[at[:, 0], at[:, 1]] == FREE
+    return float(on.mean())
 
 
 def _field(grid: OccupancyGrid) -> tuple[Floats, Floats]:
