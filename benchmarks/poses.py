@@ -12,7 +12,8 @@ from __future__ import annotations
 import json
 import statistics
 import time
-from collections.abc import Iterator, Sequence
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -22,15 +23,14 @@ from command_line import Parser, run_script
 
 import cartier
 from cartier import Live, plugins
+from cartier.contracts import Detector
 from cartier.errors import InputError
 from cartier.home import Home
-from cartier.labels import display_name
 from cartier.mapping.alignment import align
 from cartier.mapping.pose_graph import PoseGraph
 from cartier.mapping.registration import about_z
 from cartier.mapping.reposed import Reposed
 from cartier.streams import Event, PoseUpdate, Stamped
-from cartier.types import TrueObject
 from cartier.worlds.dollhouse import Dollhouse
 from cartier.worlds.dollhouse.recording import DollhouseRecording
 from cartier.worlds.dollhouse.sensor import Sensor
@@ -194,18 +194,30 @@ class Told:
         """It ends by itself."""
 
 
-def who(home: Home, truth: Sequence[TrueObject], far_m: float) -> dict[int, int]:
-    """Which true object each confirmed one is, by label and place."""
+def true_ids(recording: DollhouseRecording, detector: Detector) -> dict[int, list[int]]:
+    """The ids of the true objects in each frame's detections, by the frame's number."""
     found = {}
-    for obj in home.objects:
-        near = [
-            (float(np.linalg.norm(np.subtract(obj.position, np.add(t.box_min, t.box_max) / 2))), t.id)
-            for t in truth
-            if display_name(t.label) == obj.label
-        ]
-        if obj.confirmed and near and min(near)[0] <= far_m:
-            found[obj.id] = min(near)[1]
+    for number in range(len(recording)):
+        frame = recording[number]
+        masks = detector.detect(frame).masks
+        assert masks is not None and frame.instances is not None
+        found[number] = [int(frame.instances[mask][0]) for mask in masks]
     return found
+
+
+def who(home: Home, true: Mapping[int, Sequence[int]]) -> dict[int, int]:
+    """Which true object each confirmed one is, by its ids of now and of before: that of most of its boxes."""
+    log = home.detections()
+    assert log is not None
+    one = {alias: obj.id for obj in home.objects if obj.confirmed for alias in (obj.id, *obj.aliases)}
+    boxes = Counter(
+        (one[number], true_id)
+        for frame, seen in log.looked().items()
+        for number, true_id in zip(seen.objects.tolist(), true[frame], strict=True)
+        if number in one
+    )
+    most = {number: true_id for (number, true_id), _ in sorted(boxes.items(), key=lambda each: each[1])}
+    return {number: most[obj] for number, obj in one.items() if obj in most}
 
 
 def loop(world: Dollhouse, number: int, frames: int, drift_m: float) -> dict[str, Any]:
@@ -235,10 +247,10 @@ def loop(world: Dollhouse, number: int, frames: int, drift_m: float) -> dict[str
         any(o.label == k.label and np.linalg.norm(np.subtract(o.position, k.position)) <= 0.3 for o in sure)
         for k in known
     ]
-    kept = []
+    kept, ids = [], true_ids(recording, truth)
     for _, before, after in swaps:
-        was, now = who(before, recording.truth, 0.3 + drift_m), who(after, recording.truth, 0.3)
-        kept += [now[number] == was[number] for number in was.keys() & now.keys()]
+        was, now = who(before, ids), who(after, ids)
+        kept += [now.get(obj.id) == was[obj.id] for obj in before.objects if obj.id in was]
     return {
         "frames": len(recording), "corrections that moved the map": live.frame_epoch,
         "objects of the map with true poses": len(known), "of these within 0.3 m": float(np.mean(close)),
