@@ -404,8 +404,6 @@ def test_one_file_from_disk_shows_finds_and_asks_nobody(home: Path, tmp_path: Pa
     tab.wait_for_selector("#card .photo i")
     assert tab.locator("#plan .way").count() == 1 and tab.locator("text=Rename").count() == 0
     assert [url for url in tab.asked if not url.startswith("data:")] == [file.as_uri()]
-    painted = tab.evaluate("performance.getEntriesByName('first-contentful-paint')[0].startTime")
-    assert painted < 1500
 
 
 def test_an_object_in_3d_has_its_colour_where_it_should_be(
