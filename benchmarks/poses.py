@@ -143,8 +143,9 @@ def alignment(world: Dollhouse, homes: int, frames: int) -> dict[str, Any]:
         same.append(aligned(old, few, moved))
         took_s.append(time.monotonic() - begin)
     others = [
-        aligned(old, new, None) for i, (old, _, _) in enumerate(maps) for j, (_, new, _) in enumerate(maps) if i != j
-    ]
+        aligned(old, new, None)
+        for i, (old, _, _) in enumerate(maps) for j, pair in enumerate(maps) for new in pair[:2] if i != j
+    ]  # fmt: skip
     right = [row for row in same if row is not None and row[0] <= 0.1 and row[1] <= 1.0]
     errors = [row for row in same if row is not None]
     return {

@@ -96,6 +96,26 @@ def test_ids_stay_when_the_map_moves() -> None:
     assert live.frame_epoch == 1
 
 
+def test_ids_stay_where_a_map_that_begins_anew_has_others() -> None:
+    before: list[cartier.MapObject] = []
+
+    def events() -> Iterator[Event]:  # what was seen in the first two frames is seen again elsewhere
+        yield from (stamped(number, motion(0, 2.0, 0) if number > 1 else None) for number in range(len(WALK)))
+        while live.state().looked < len(WALK):
+            threading.Event().wait(0.01)
+        before.extend(live._map.snapshot()[0].objects)
+        yield PoseUpdate(truth(range(len(WALK))), "/mapPath")
+
+    live = Live(Scripted(events()), Eyes(), every=1)
+    live.start()
+    after = {obj.label: obj.id for obj in live.wait().objects}
+    _, anew = run(stamped(number) for number in range(len(WALK)))
+    labels = [obj.label for obj in before]
+    once = {obj.label: obj.id for obj in before if labels.count(obj.label) == 1}
+    assert len(once) < len(set(labels)) and any(obj.id != once.get(obj.label, obj.id) for obj in anew.objects)
+    assert {label: after[label] for label in once} == once
+
+
 def test_a_corrected_frame_is_no_new_frame() -> None:
     mapper, frame = cartier.Mapper(Eyes()), stamped(3).frame
     mapper.add(frame)
