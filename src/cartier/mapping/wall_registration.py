@@ -17,7 +17,7 @@ BESIDE_M = 0.1
 ON_FREE = -0.5  # what it costs that a wall of one plan is free floor in the other
 STEPS_RAD = np.deg2rad(np.arange(-2, 2.1, 1.0))  # walls' directions are known to a degree
 AS_GOOD = 0.9  # of the best score that any motion has
-ON_WALLS, ON_FLOOR = 0.85, 0.9  # so much that both plans know must lie on its like, whichever is laid on the other
+ON_WALLS, ON_FLOOR = 0.9, 0.8  # so much that both plans know must lie on its like, whichever is laid on the other
 FEWEST_CELLS = 60  # of walls that both plans know
 
 
