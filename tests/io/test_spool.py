@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +23,11 @@ def kept(number: int) -> Keyframe:
     frame = WALK[number]
     odometry = frame.world_from_camera.copy()
     odometry[0, 3] += 1 / 3
-    return Keyframe(frame, 10**9 + number, EYES.detect(frame), odometry if number % 2 else None)
+    seen = EYES.detect(frame)
+    if number > 1:
+        masks = np.random.default_rng(number).random((len(seen.scores), *frame.rgb.shape[:2])) < 0.3
+        seen = replace(seen, masks=masks)
+    return Keyframe(frame, 10**9 + number, seen, odometry if number % 2 else None)
 
 
 @pytest.fixture

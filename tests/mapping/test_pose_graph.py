@@ -59,7 +59,11 @@ def test_drift_is_mended() -> None:
     np.testing.assert_array_equal(mended.pose(0, AROUND[0]), AROUND[0])
 
 
-def test_sound_poses_are_left_alone() -> None:
+def test_sound_poses_are_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    def unasked(*given: object) -> None:
+        raise AssertionError("nothing is solved where registration finds next to nothing")
+
+    monkeypatch.setattr("cartier.mapping.pose_graph._solved", unasked)
     assert mend(ROOM) is None
     assert mend(drifting(0.03, 0.0)) is None
 
@@ -135,6 +139,16 @@ def test_too_little_registers_nothing() -> None:
     assert register(here, np.zeros(4), EVERYTHING[:5], (0.2,), sigma) is None
     far = EVERYTHING + np.array([30.0, 0, 0, 0, 0, 0])
     assert register(here, np.zeros(4), far, (0.2,), sigma) is None
+
+
+def test_surfaces_at_an_angle_are_not_one() -> None:
+    y, z = np.meshgrid(np.linspace(0, 2, 20), np.linspace(0, 2, 20))
+    wall = np.column_stack([np.zeros(400), y.ravel(), z.ravel(), np.ones(400), np.zeros(400), np.zeros(400)])
+    leaning = wall.copy()
+    leaning[:, 3:5] = 0.5, np.sqrt(0.75)
+    camera, sigma = Surface(np.eye(4), wall.astype(np.float32)), np.full(4, 1.0)
+    assert register(camera, np.zeros(4), wall, (0.2,), sigma) is not None
+    assert register(camera, np.zeros(4), leaning, (0.2,), sigma) is None
 
 
 def test_a_correction_leads_the_next_frame() -> None:
