@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -55,8 +56,28 @@ def test_a_session_is_moved_onto_the_home(update: bool, old: cartier.Home, tmp_p
     assert row["frames"] == 24 and len(row["moved"]) == 4
     spool = Spool(tmp_path / "a.spool")
     kept = spool.keyframe(spool.keyframes()[2]).frame.world_from_camera
-    np.testing.assert_allclose(kept, ANOTHER_DAY[2].world_from_camera, atol=1e-6), "in the robot's own frame"
-    np.testing.assert_allclose(len(old.settings["recordings"]), 1)
+    np.testing.assert_allclose(kept, ANOTHER_DAY[2].world_from_camera, atol=1e-6)
+    assert len(old.settings["recordings"]) == 1
+
+
+def test_the_spool_stays_in_the_frame_of_the_robot(old: cartier.Home, tmp_path: Path) -> None:
+    def stream() -> Iterator[Event]:
+        for number, event in enumerate(events()):
+            if number == 20:
+                until_s = time.monotonic() + 60
+                while live._map.apart and time.monotonic() < until_s:
+                    time.sleep(0.01)
+                assert not live._map.apart
+            yield event
+
+    live = Live(
+        Scripted(stream()), TrueBoxes(ROOM_THINGS), onto=old, align=True, every=1, spool=tmp_path / "a.spool"
+    )  # fmt: skip
+    live.start()
+    live.wait()
+    spool = Spool(tmp_path / "a.spool")
+    kept = [spool.keyframe(place).frame.world_from_camera for place in spool.keyframes()]
+    np.testing.assert_allclose(kept, [frame.world_from_camera for frame in ANOTHER_DAY], atol=1e-6)
 
 
 def test_another_room_is_refused_and_its_frames_are_kept(old: cartier.Home, tmp_path: Path) -> None:

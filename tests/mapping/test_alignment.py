@@ -151,3 +151,10 @@ def test_each_plan_has_the_walls_and_the_floor_of_the_other() -> None:
     for old, new in ((bare, replace(bare, cells=filled)), (replace(bare, cells=filled), bare)):
         assert register_walls(old, new, np.eye(4)).on_floor < 0.9
     assert register_walls(plan(), plan(), np.eye(4)).agree
+
+
+def test_walls_within_something_solid_lie_on_no_walls() -> None:
+    cells = np.hstack([plan().cells, np.full((80, 100), OCCUPIED, np.int8)])
+    solid = OccupancyGrid(cells, 0.05, (0.0, 0.0), np.zeros(cells.shape, np.float16))
+    assert register_walls(solid, plan(), np.eye(4)).best
+    assert not register_walls(solid, plan(), motion(0.0, 5.0, 0.0)).best
