@@ -13,11 +13,15 @@ from typer.testing import CliRunner
 
 import cartier
 from cartier import cli
+from cartier.blob_stores.folder import FolderBlobs
 from cartier.errors import InputError, ReasonerError
 from cartier.home import Home
 from cartier.home.correction_log import LOG, read_log
 from cartier.home.looking import verify
-from cartier.types import MapObject
+from cartier.home.store import PublishedStore
+from cartier.serving.homes import Homes
+from cartier.serving.operations import Operations
+from cartier.types import MapObject, Selection, VisualReply
 from cartier.vision.permission import Look
 from cartier.vision.verification import Calibration, doubts
 from vision.seeing_server import RGB, serving
@@ -36,6 +40,17 @@ def own_settings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 def seeing() -> Iterator[Served]:
     with serving() as served:
         yield served
+
+
+class Blind:
+    """A reasoner that nobody asks."""
+
+    name = "blind"
+
+    def select(self, *given: object) -> Selection:
+        raise AssertionError("nothing is asked")
+
+    propose = select
 
 
 def thing(number: int, colour: str, probability: float, label: str = "") -> MapObject:
@@ -101,6 +116,56 @@ def test_a_model_without_eyes_changes_nothing(fault: str, tmp_path: Path) -> Non
         home = staged(tmp_path / "home", (7, "pink", 0.5, ""), (8, "pink", 0.75, "orange box"))
         verify(home, eyes(url, fault))
         assert (probability(home, 7), probability(home, 8)) == (0.5, 0.75)
+
+
+def test_served_it_is_asked_only_where_the_owner_lets_photographs_leave(seeing: Served, tmp_path: Path) -> None:
+    staged(tmp_path / "home", (7, "pink", 0.5, ""), (8, "pink", 0.75, "orange box"))
+    served, nobody = Homes([tmp_path / "home"]), ("never", "ask")
+    for when in nobody:
+        look = None if when == "never" else replace(eyes(seeing[0]), when=when)
+        shut = Operations(served, Blind(), look=look)
+        assert not shut.verifies
+        with pytest.raises(InputError, match="no photograph may leave here.* --look auto"):
+            shut.verify()
+    assert not seeing[1]
+    ops = Operations(served, Blind(), look=eyes(seeing[0]))
+    told = ops.verify()
+    assert [(row["id"], row["said"], row["frames"]) for row in told["asked"]] == [(8, "no", [8, 108]), (7, "yes", [7, 107])]
+    assert told["asked"][1]["after"] == pytest.approx(7 / 8, abs=1e-4) and told["not_asked"] == 0
+    assert told["model"].endswith(f"at {seeing[0]}") and told["weights"]["yes"] == 7
+    assert probability(Home.load(tmp_path / "home"), 7) == pytest.approx(7 / 8, abs=1e-4)
+    assert ops.verify()["next"] == "nothing changed"
+    assert "undone: " in ops.undo()["done"]
+
+
+def test_served_a_home_is_verified_by_one_at_a_time(tmp_path: Path) -> None:
+    """A second asker is told so, and both ask again when the first has ended, also after a fault."""
+    staged(tmp_path / "home", (7, "pink", 0.5, ""))
+    refused = list[str]()
+
+    class Asking:
+        name, endpoint = "asks back", ""
+
+        def look(self, question: object, pictures: object) -> VisualReply:
+            if not refused:
+                with pytest.raises(InputError) as told:
+                    ops.verify()
+                refused.append(str(told.value))
+            raise ReasonerError("the server is gone")
+
+    ops = Operations(Homes([tmp_path / "home"]), Blind(), look=Look(Asking()))
+    for _ in range(2):
+        with pytest.raises(ReasonerError, match="the server is gone"):
+            ops.verify()
+    assert refused == ["home is being verified: call verify again when that has ended"]
+
+
+def test_a_published_home_is_not_asked_about(seeing: Served, tmp_path: Path) -> None:
+    home = staged(tmp_path / "home", (7, "pink", 0.5, ""))
+    published = replace(home, store=PublishedStore(FolderBlobs(tmp_path / "store"), "homes/home/"))
+    with pytest.raises(InputError, match="is published and stays as it is"):
+        verify(published, eyes(seeing[0]))
+    assert not seeing[1]
 
 
 def test_what_a_person_said_outweighs_it(seeing: Served, tmp_path: Path) -> None:

@@ -115,7 +115,7 @@ def _apparent_px(home: Home, item: LookItem) -> float:
     """The shorter side (px) of the largest view of what is asked about, at its place."""
     label = item.label
     size = (home.camera.width, home.camera.height)
-    views = [view for obj in home.objects if obj.label == label for view in obj.views]
+    views = [view for obj in home.objects if obj.label == label for view in obj.all_views]
     return round(max((apparent_px(view, size) for view in views), default=0.0), 1)
 
 

@@ -84,11 +84,12 @@ def verify(home: Home, allowed: Look, step: Step = _silent) -> tuple[Calibration
         What the model said of objects beyond doubt, by which its answers are weighed, and of each doubtful one.
 
     Raises:
-        InputError: The home was not loaded from a folder.
+        InputError: The home was not loaded from a folder, or it is published and stays as it is; nothing was asked.
         ReasonerError: The model cannot be reached; nothing was added then.
     """
     if home.store is None or home.corrected is None:
         raise InputError(f"{home.name} was not loaded from a folder: save it, load it, and verify it then")
+    home.store.check_appendable()
     calibration, checked = ask_about_doubts(home, allowed, step)
     who, origin = name_of(allowed.model), origin_of(home.settings)
     for each in checked:

@@ -161,8 +161,8 @@ def objects_from(rows: Any, rooms: Sequence[Room]) -> tuple[MapObject, ...]:
 
 
 def _check_views(obj: MapObject) -> None:
-    need(len(obj.views) <= MAX_LISTED, f"object {obj.id} has {len(obj.views)} views")
-    for view in obj.views:
+    need(len(obj.all_views) <= MAX_LISTED, f"object {obj.id} has {len(obj.all_views)} views")
+    for view in obj.all_views:
         what = f"object {obj.id}: its view in frame {brief(view.frame, 20)}"
         need(0 <= view.frame <= MAX_COUNT and len(view.label) <= MAX_NAME_CHARS, f"{what} is none")
         x1, y1, x2, y2 = view.box_xyxy

@@ -164,6 +164,8 @@ def merge_pair(columns: Columns, keep: int, drop: int, geometry: Geometry) -> No
     views = np.concatenate([columns["views"][keep], columns["views"][drop]])
     best = np.argsort(-views["worth"], kind="stable")[: columns["views"].shape[1]]
     columns["views"][keep] = views[best]
+    sides, others = columns["side_views"][keep], columns["side_views"][drop]
+    columns["side_views"][keep] = np.where(others["worth"] > sides["worth"], others, sides)
     votes, weights = columns["label_votes"], columns["label_weights"]
     for label, weight in zip(votes[drop].tolist(), weights[drop].tolist(), strict=True):
         if label >= 0:

@@ -7,6 +7,7 @@ then objects that turn out to be one are merged (``merging.py``).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -14,11 +15,11 @@ import numpy as np
 import numpy.typing as npt
 
 from cartier.errors import InputError, brief
-from cartier.geometry import view_yaw, weak_perspective_size
+from cartier.geometry import shorter_side, view_yaw, weak_perspective_size
 from cartier.home.old_names import OLD_GROWTH
 from cartier.io.files import json_bytes, npz_bytes, parse_json, read_npz, typed
 from cartier.mapping.association import add_label_vote, label_agreement, suppress_duplicates, touching_pairs
-from cartier.mapping.columns import COLUMNS, Indices, check_columns, empty_columns, map_objects
+from cartier.mapping.columns import COLUMNS, LATER, SIDES_KEPT, Indices, check_columns, empty_columns, map_objects
 from cartier.mapping.config import DEFAULT_CONFIG, MappingConfig
 from cartier.mapping.existence import (
     EarlierFrames,
@@ -134,7 +135,7 @@ class ObjectMap:
         if o == len(rows["id"]):
             self._rows = rows = {name: np.concatenate([column, np.zeros_like(column)]) for name, column in rows.items()}
         rows["id"][o], rows["first_s"][o] = self._next_id, time_s
-        rows["label_votes"][o] = rows["views"]["frame"][o] = -1
+        rows["label_votes"][o] = rows["views"]["frame"][o] = rows["side_views"]["frame"][o] = -1
         self.geometry.spawn(rows, o, lifted, detection)
         self._next_id, self._count = self._next_id + 1, o + 1
         return o
@@ -142,15 +143,17 @@ class ObjectMap:
     def _keep_view(
         self, o: int, frame: Frame, box_xyxy: Array, score: float, label: int, size_px2: float, surface: Array
     ) -> None:
-        """Keep the view if it is among the most confident and largest of the object."""
-        views, camera = self._rows["views"][o], frame.camera
+        """Keep the view if it is among the most confident and largest of the object, or the largest of a side."""
+        views, sides, camera = self._rows["views"][o], self._rows["side_views"][o], frame.camera
         self._rows["widest_rad"][o] = max(self._rows["widest_rad"][o], (size_px2 / (camera.fx * camera.fy)) ** 0.5)
+        pose = frame.world_from_camera
+        yaw = view_yaw(pose, camera, float(box_xyxy[0] + box_xyxy[2]) / 2, float(box_xyxy[1] + box_xyxy[3]) / 2)
+        side = round(yaw / (math.tau / SIDES_KEPT)) % SIDES_KEPT
         worth = score * size_px2**0.5
-        last = int(views["worth"].argmin())
-        if worth > views["worth"][last]:
-            pose = frame.world_from_camera
-            yaw = view_yaw(pose, camera, float(box_xyxy[0] + box_xyxy[2]) / 2, float(box_xyxy[1] + box_xyxy[3]) / 2)
-            views[last] = (frame.index, box_xyxy, score, label, size_px2, pose[:3, 3], yaw, surface, worth)
+        side_worth = score**0.5 * shorter_side(box_xyxy, (camera.width, camera.height))  # how it looks follows its size more than its score
+        for kept, slot, better in ((views, int(views["worth"].argmin()), worth), (sides, side, side_worth)):
+            if better > kept["worth"][slot]:
+                kept[slot] = (frame.index, box_xyxy, score, label, size_px2, pose[:3, 3], yaw, surface, better)
 
     def merge_and_prune(self) -> None:
         """Merge what turned out to be one object, unless frames showed both; forget what was hardly ever seen again."""
@@ -211,8 +214,9 @@ class ObjectMap:
         self._next_id = next_id
 
     def best_frames(self) -> set[int]:
-        """The frames that show the best views of objects."""
-        return set(self._rows["views"]["frame"][: self._count].ravel().tolist()) - {-1}
+        """The frames that show the best views of objects, and the largest of their sides."""
+        kept = (self._rows[name]["frame"][: self._count].ravel().tolist() for name in ("views", "side_views"))
+        return {frame for frames in kept for frame in frames} - {-1}
 
     def evidence(self) -> tuple[Array, Array, Array]:
         """The evidence for and against each object: the first arguments of ``existence.posterior``."""
@@ -249,8 +253,10 @@ class ObjectMap:
             arrays, about = ({OLD_GROWTH.get(name, name): part for name, part in of.items()} for of in (arrays, about))
             self._labels = {name: number for number, name in enumerate(typed(about["labels"], tuple[str, ...]))}
             spare = empty_columns(self._kinds, GROWTH_ROWS)
-            later = self._kinds.keys() - arrays.keys() if "patches" not in arrays else {"fit_shape"} - arrays.keys()
+            later = (self._kinds.keys() if "patches" not in arrays else self._kinds.keys() & LATER) - arrays.keys()
             arrays |= empty_columns({name: self._kinds[name] for name in later}, len(arrays["id"]))
+            if "side_views" in later:
+                arrays["side_views"]["frame"] = -1
             check_columns(arrays, self._kinds, len(self._labels))
             self._rows = {name: np.concatenate([arrays[name], spare[name]]) for name in self._kinds}
             self._count, self._next_id, self._frames = len(arrays["id"]), int(about["next_id"]), int(about["frames"])

@@ -26,6 +26,7 @@ from cartier.home import Home
 from cartier.home.correction_log import CorrectionKind
 from cartier.home.corrections import find
 from cartier.home.dates import age_h
+from cartier.home.looking import name_of, verify
 from cartier.home.photos import photo_of
 from cartier.home.spoken import correct_by_words, keep_rules
 from cartier.live.answers import as_of
@@ -78,6 +79,12 @@ class Operations:
         self._on_alarm, self._look = on_alarm, look
         self._turns: OrderedDict[tuple[str, str, str], list[tuple[str, str]]] = OrderedDict()
         self._lock = threading.Lock()
+        self._verifying = set[str]()
+
+    @property
+    def verifies(self) -> bool:
+        """Whether the owner lets photographs be looked at without being asked each time."""
+        return self._look is not None and self._look.when == "auto"
 
     def ask(
         self,
@@ -293,6 +300,33 @@ class Operations:
         """Undo the latest correction."""
         result = self.correct("undo", home=home, who=who)
         return {key: value for key, value in result.items() if key != "next"}
+
+    def verify(self, home: str = "") -> dict[str, Any]:
+        """Ask the owner's vision model once about doubtful objects; what it says is evidence in the log of the home.
+
+        Photographs leave only from a server that was started with ``--look auto``. One verification of a home at a
+        time.
+        """
+        if self._look is None or not self.verifies:
+            raise InputError("no photograph may leave here: the owner starts the server with --look auto to verify")
+        mapped, name = self.homes.get(home), self.homes.name(home)
+        with self._lock:
+            if name in self._verifying:
+                raise InputError(f"{name} is being verified: call verify again when that has ended")
+            self._verifying.add(name)
+        try:
+            calibration, checked = verify(mapped, self._look)
+        finally:
+            with self._lock:
+                self._verifying.discard(name)
+        mapped = self.homes.get(home)
+        after = {obj.id: obj.probability for obj in mapped.objects}
+        asked = [each for each in checked if each.trace.reply is not None]
+        return self.about(home, mapped) | {
+            "model": name_of(self._look.model), "weights": calibration.to_dict(),
+            "asked": [each.to_dict(after[each.obj.id]) for each in asked], "not_asked": len(checked) - len(asked),
+            "next": "undo takes the latest back" if asked else "nothing changed",
+        }  # fmt: skip
 
     def about(self, home: str, mapped: Home) -> dict[str, Any]:
         """The name and id of a home, and the hours since it was recorded (None where its recordings have no date)."""

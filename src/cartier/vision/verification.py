@@ -60,6 +60,14 @@ class Checked:
     factor: float
     trace: VisualTrace
 
+    def to_dict(self, after: float) -> dict[str, Any]:
+        """Plain JSON values; ``after`` is how likely the object is now."""
+        return {
+            "id": self.obj.id, "label": self.obj.label, "said": self.said, "factor": self.factor,
+            "before": self.obj.probability, "after": after, "why": self.trace.why,
+            "asked": self.trace.reply is not None, "frames": [picture.frame for picture in self.trace.pictures],
+        }  # fmt: skip
+
 
 def doubts(objects: Iterable[MapObject], out: Collection[int] = ()) -> list[MapObject]:
     """The objects that a look may decide about, the likeliest first: tentative, just confirmed, or of unclear label.
