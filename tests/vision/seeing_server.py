@@ -181,7 +181,14 @@ class Handler(BaseHTTPRequestHandler):
 
 
 def text_answer(asked: dict[str, Any]) -> dict[str, Any]:
-    """A value of the schema of a request without pictures: the first choice of each member."""
+    """A value of the schema of a request without pictures: the first choice of each member.
+
+    A comparison (LLM-Match) gets 5 if the words of the answer have the true one among them, and otherwise 1.
+    """
+    said = asked["messages"][-1]["content"]
+    if found := re.search(r"<truth>(.*)</truth>\s*<answer>(.*)</answer>", said, re.S):
+        true, given = (" ".join(part.lower().split()) for part in found.groups())
+        return {"score": 5 if re.search(rf"\b{re.escape(true)}\b", given) else 1}
     form = asked["response_format"]["json_schema"]["schema"]["properties"]
     return {key: one.get("enum", ["x"])[0] for key, one in form.items()}
 
