@@ -353,7 +353,7 @@ class MapObject:
         names: The names that people gave it (``Home.correct``).
         oriented: Its box in the directions of the walls, or None where they have no clear one.
         by_person: Whether a person said that it is there (``Home.correct``), which outweighs all scores.
-        side_views: Further views, the largest from each side of it, largest first; none of them is among ``views``.
+        side_views: Further views, none of them among ``views``: the largest from each side, and of the latest visit.
     """
 
     id: int

@@ -9,7 +9,7 @@ from cartier.contracts import VisionModel
 from cartier.errors import InputError
 from cartier.home import correction_log, corrections
 from cartier.home.data import origin_of
-from cartier.types import Detections, Inventory, RobotModel, Selection, VisualTrace
+from cartier.types import Detections, Inventory, MapObject, RobotModel, Selection, VisualTrace
 from cartier.vision.permission import Look
 
 if TYPE_CHECKING:
@@ -50,6 +50,17 @@ def look_for_answer(
 
     around = Surroundings(home.grid, from_xy, robot)
     return look(allowed, query, selection, inventory, photographs_of(home), around)
+
+
+def seen_twice(home: Home, query: str, selection: Selection, inventory: Inventory) -> Selection:
+    """The answer to whether a lamp or a screen is on, where the home's own photographs tell; nothing is sent."""
+    from cartier.vision import brightness, pixels
+
+    def seen(obj: MapObject) -> brightness.SeenTwice | None:
+        photographs = photographs_of(home)
+        return brightness.seen_twice(obj, photographs.sizes([obj]), photographs.rgb)
+
+    return pixels.twice(query, selection, seen, inventory)
 
 
 def ask_about_doubts(home: Home, allowed: Look, step: Step = _silent) -> tuple[Calibration, list[Checked]]:

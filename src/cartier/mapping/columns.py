@@ -33,10 +33,10 @@ COLUMNS: ColumnKinds = {
     "first_s": ((), "f8"), "last_s": ((), "f8"), "looked_s": ((), "f8"), "widest_rad": ((), "f4"),
     "observable": ((VIEWPOINT_BINS,), "f4"),
     "detected": ((VIEWPOINT_BINS,), "f4"), "views": ((VIEWS_KEPT,), VIEW_KIND),
-    "side_views": ((SIDES_KEPT,), VIEW_KIND), "colours": ((len(COLOURS),), "f4"),
+    "side_views": ((SIDES_KEPT,), VIEW_KIND), "late_view": ((1,), VIEW_KIND), "late_s": ((), "f8"), "colours": ((len(COLOURS),), "f4"),
     "changed": ((), "?"),
 }  # fmt: skip
-LATER = frozenset(["fit_shape", "side_views"])
+LATER = frozenset(["fit_shape", "side_views", "late_view", "late_s"])
 """Columns that maps written before they were kept do not have."""
 
 FAR_M = 2 * MAX_FAR_M  # what is seen lies beyond the camera
@@ -62,7 +62,7 @@ def check_columns(columns: Columns, kinds: ColumnKinds, labels: int) -> None:
     for name, empty in empty_columns(kinds, len(columns["id"])).items():
         if columns[name].shape != empty.shape or columns[name].dtype != empty.dtype:
             raise ValueError(f"{name} is of another kind or length")
-    views = np.concatenate([columns["views"]["label"], columns["side_views"]["label"]], axis=1)
+    views = np.concatenate([columns[name]["label"] for name in ("views", "side_views", "late_view")], axis=1)
     most = max(int(columns["label_votes"].max(initial=-1)), int(views.max(initial=-1)))
     if most >= labels:
         raise ValueError(f"label {most} has no name")
@@ -108,13 +108,15 @@ def map_objects(
         box_min, box_max = boxes[0][o]
         position = _metres((box_min + box_max) / 2)
         place = None if located is None else (position if located[o] else None,)
-        views, sides = (_views(row[kept], names, place) for kept in ("views", "side_views"))
-        best = {view.frame for view in views}
+        views = _views(row["views"], names, place)
+        further = {view.frame: view for kept in ("side_views", "late_view") for view in _views(row[kept], names, place)}
+        for view in views:
+            further.pop(view.frame, None)
         objects.append(MapObject(
             number, votes[0][0], tuple(votes), position, _metres(box_min), _metres(box_max),
             round(float(likely[o]), 4), bool(confirmed[o]), int(row["n_detected"]), int(row["n_observable"]),
             float(row["first_s"]), float(row["last_s"]), float(row["looked_s"]), views, named_shares(row["colours"]),
-            aliases=tuple(old_ids.get(number, ())), oriented=boxes[1][o], side_views=tuple(view for view in sides if view.frame not in best),
+            aliases=tuple(old_ids.get(number, ())), oriented=boxes[1][o], side_views=tuple(further.values()),
         ))  # fmt: skip
     return tuple(objects)
 

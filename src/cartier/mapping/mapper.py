@@ -216,6 +216,7 @@ class Mapper:
         if self._next_frame:
             frame = replace(frame, index=frame.index + self._next_frame)
             detections = replace(detections, frame=frame.index)
+        self._objects.visit_from = self._next_frame
         ids = self._objects.add(frame, detections)
         self._log.add(detections, ids)
         if frame.depth_m is not None:

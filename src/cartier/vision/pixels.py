@@ -1,12 +1,13 @@
 """Answers to questions about looks without a vision model: colours as the map has them, and where nothing is known.
 
-A map holds the colours of an object's surface and the passages of the floor plan. It holds no state of anything: to
-"is the fridge open?" the honest answer is that a vision model would have to look.
+A map holds the colours of an object's surface and the passages of the floor plan, and its photographs tell of a lamp
+or a screen that was seen both bright and dark. Of other states it knows nothing: to "is the fridge open?" the honest
+answer is that a vision model would have to look.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from cartier.labels import words
@@ -14,6 +15,7 @@ from cartier.spatial.describe import colours_of, whereabouts
 from cartier.spatial.query import Scene
 from cartier.types import Fact, Inventory, MapObject, Selection
 from cartier.vision.attributes import PRONOUNS, Asked, read, read_of_last, read_unlisted
+from cartier.vision.brightness import SeenTwice
 from cartier.vision.candidates import meant, passages
 
 BLIND = "I cannot tell by looking without a vision model"
@@ -55,6 +57,28 @@ def unchecked(said: str, chosen: Selection) -> Selection:
     if asked is None or asked.form != "which" or asked.attribute == "colour":
         return chosen
     return replace(chosen, reason=f"{chosen.reason.rstrip('.')}. {BLIND} whether it is {asked.value}.")
+
+
+def twice(said: str, chosen: Selection, seen: Callable[[MapObject], SeenTwice | None], inventory: Inventory) -> Selection:
+    """The answer to whether a lamp or a screen is on, where its photographs tell; otherwise the choice as it is.
+
+    ``seen`` says what the photographs of an object show; it is called only for such a question that has no answer.
+    """
+    asked = read(said) or read_of_last(said)
+    fact = chosen.fact
+    if asked is None or asked.attribute != "on" or asked.form != "state":
+        return chosen
+    if fact is None or fact.kind != "tell" or fact.value is not None or len(fact.objects) != 1:
+        return chosen
+    obj = next((obj for obj in inventory.objects if obj.id == fact.objects[0]), None)
+    told = None if obj is None else seen(obj)
+    if obj is None or told is None:
+        return chosen
+    was = {"on": "bright", "off": "dark"}[told.state], {"on": "dark", "off": "bright"}[told.state]
+    why = f"it was {was[0]} in the photograph of frame {told.frame} and {was[1]} in that of frame {told.other}"
+    named = _named(obj, Scene(inventory))
+    text = f"{_yes(told.state == asked.value)}{named} was {told.state} when I saw it last: {why}."
+    return replace(chosen, reason=why, text=text, fact=replace(fact, value=told.state))
 
 
 def _asks(said: str) -> bool:
