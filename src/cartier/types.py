@@ -439,6 +439,7 @@ class Inventory:
         from_xy: Where the robot stands (x, y) in metres, or None if unknown.
         doors: The passages between its rooms.
         rules: The route rules that people gave and that hold.
+        shut_doors: Passages that an earlier recording showed open, and the floor plan now shows shut.
     """
 
     objects: tuple[MapObject, ...]
@@ -447,6 +448,7 @@ class Inventory:
     from_xy: tuple[float, ...] | None = None
     doors: tuple[Door, ...] = ()
     rules: tuple[RouteRule, ...] = ()
+    shut_doors: tuple[Door, ...] = ()
 
     @property
     def names(self) -> list[str]:

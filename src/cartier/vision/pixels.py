@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import Literal
 
 from cartier.labels import words
 from cartier.spatial.describe import colours_of, whereabouts
@@ -40,8 +41,10 @@ def answer(said: str, inventory: Inventory, last: MapObject | None, model: str) 
     if asked.form == "which" and not _asks(said):
         return None  # a drive to "a clean towel": the list serves it, and its state is not known
     scene = Scene(inventory)
-    if asked.attribute == "open" and (between := passages(asked, inventory)):
-        return _passage(asked, between, scene, model)
+    if asked.attribute == "open":
+        opened, shut = passages(asked, inventory), passages(asked, inventory, shut=True)
+        if opened or shut:
+            return _passage(asked, opened, shut, scene, model)
     it = [] if last is None else [last]
     found = it if asked.noun in PRONOUNS else meant(asked, inventory)
     if not found:
@@ -86,11 +89,23 @@ def _asks(said: str) -> bool:
     return not {"where", "bring", "get", "fetch", "take", "find", "want", "need", "show", "give"} & set(words(said)[:4])
 
 
-def _passage(asked: Asked, between: Sequence[tuple[int, int]], scene: Scene, model: str) -> Selection:
-    """A passage is on the floor plan because floor was seen in it: it was open then."""
-    one, other = (scene.rooms[number].name for number in between[0])
-    text = f"{_yes(asked.value == 'open')}the way between the {one} and the {other} was open when I saw it."
-    return Selection("answered", reason=text, text=text, fact=Fact("tell", "open"), model=model)
+def _passage(
+    asked: Asked, opened: Sequence[tuple[int, int]], shut: Sequence[tuple[int, int]], scene: Scene, model: str
+) -> Selection:
+    """A passage is on the floor plan because floor was seen in it: it was open then. A shut one was seen twice."""
+
+    def between(rooms: tuple[int, int]) -> str:
+        one, other = (scene.rooms[number].name for number in rooms)
+        return f"between the {one} and the {other}"
+
+    if opened and shut:
+        text = f"Some: the way {between(opened[0])} was open when I saw it, the one {between(shut[0])} was shut."
+        fact = Fact("tell", f"{len(opened)} of {len(opened) + len(shut)}")
+        return Selection("answered", reason=text, text=text, fact=fact, model=model)
+    state: Literal["open", "closed"] = "open" if opened else "closed"
+    how = "open when I saw it" if opened else "shut when I saw it last; it was open before"
+    text = f"{_yes(asked.value == state)}the way {between((*opened, *shut)[0])} was {how}."
+    return Selection("answered", reason=text, text=text, fact=Fact("tell", state), model=model)
 
 
 def _coloured(asked: Asked, found: Sequence[MapObject], scene: Scene, model: str) -> Selection:
