@@ -59,7 +59,9 @@ def test_left_and_right_are_compared_as_they_were_asked() -> None:
 
 def test_frames_have_no_words_of_the_robot() -> None:
     assert "<answer>on</answer>" in compared(row(TELEVISION, "on", "the question itself", mode="frames only"))
-    assert f"<answer>{CANNOT_TELL}</answer>" in compared(row(TELEVISION, CANNOT_TELL, "the question", mode="frames only"))
+    assert f"<answer>{CANNOT_TELL}</answer>" in compared(
+        row(TELEVISION, CANNOT_TELL, "the question", mode="frames only")
+    )
 
 
 def test_words_open_no_mark_of_the_prompt() -> None:

@@ -39,10 +39,10 @@ from cartier.serving.guard import Guard, digest_of, host_names, read_tokens  # n
 from cartier.serving.homes import Homes  # noqa: E402
 from cartier.serving.operations import Operations  # noqa: E402
 from cartier.types import Inventory, Selection  # noqa: E402
-from vision import seeing_server  # noqa: E402
-from vision import test_verification as verifying  # noqa: E402
 from serving.conftest import Server, free_port, starting  # noqa: E402
 from serving.test_operations import CALLS, Echo  # noqa: E402
+from vision import seeing_server  # noqa: E402
+from vision import test_verification as verifying  # noqa: E402
 
 TOKEN = "correct-horse-battery-staple-42"
 JSON = {"content-type": "application/json"}
@@ -188,7 +188,9 @@ def test_verification_over_http_needs_the_owner_and_a_token(tmp_path: Path) -> N
     allowed = digest_of(TOKEN)
     with seeing_server.serving() as (url, asked):
         ops = Operations(Homes([tmp_path / "home"]), Echo(), look=verifying.eyes(url))
-        app = Guard(http.make(ops), ["test"], {allowed: Access("a", ("home",)), digest_of(TOKEN[::-1]): Access("b", ())})
+        app = Guard(
+            http.make(ops), ["test"], {allowed: Access("a", ("home",)), digest_of(TOKEN[::-1]): Access("b", ())}
+        )
 
         async def called() -> list[Any]:
             web = httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url="http://test", timeout=60)

@@ -9,7 +9,6 @@ import pytest
 import cartier
 from cartier.evaluation.look_items import items, scene_of, walk
 from cartier.reasoners import embedded
-from cartier.types import MapObject
 from cartier.vision.brightness import SeenTwice, seen_twice
 from cartier.worlds.dollhouse.states import with_states
 from vision.staged_photos import BOX, mug, painted_home, photo, photographs
@@ -63,7 +62,9 @@ def test_small_ones_tell_nothing() -> None:
 
 
 def test_a_home_answers_and_says_by_which_photographs(tmp_path: Path) -> None:
-    screen, fridge = (mug(k, [(k, BOX, 0), (k + 10, BOX, 0)], label=name) for k, name in ((1, "television"), (2, "fridge")))
+    screen, fridge = (
+        mug(k, [(k, BOX, 0), (k + 10, BOX, 0)], label=name) for k, name in ((1, "television"), (2, "fridge"))
+    )
     jpegs = {1: photo((BOX, DARK)), 11: photo((BOX, BRIGHT)), 2: photo((BOX, DARK)), 12: photo((BOX, BRIGHT))}
     home = painted_home([screen, fridge], jpegs, tmp_path / "home")
     for words, value, begins in (
@@ -89,4 +90,3 @@ def test_two_recordings_of_a_room_tell_its_screen(before: str, after: str) -> No
         home = cartier.map_home(recording, detector, ["object_depth"], every=1, onto=home)
         said = cartier.ask(home, "is the television on?", embedded.make()).selection
         assert said.fact is not None and said.fact.value == (None if state == before else after)
-

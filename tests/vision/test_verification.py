@@ -130,7 +130,10 @@ def test_served_it_is_asked_only_where_the_owner_lets_photographs_leave(seeing: 
     assert not seeing[1]
     ops = Operations(served, Blind(), look=eyes(seeing[0]))
     told = ops.verify()
-    assert [(row["id"], row["said"], row["frames"]) for row in told["asked"]] == [(8, "no", [8, 108]), (7, "yes", [7, 107])]
+    assert [(row["id"], row["said"], row["frames"]) for row in told["asked"]] == [
+        (8, "no", [8, 108]),
+        (7, "yes", [7, 107]),
+    ]
     assert told["asked"][1]["after"] == pytest.approx(7 / 8, abs=1e-4) and told["not_asked"] == 0
     assert told["model"].endswith(f"at {seeing[0]}") and told["weights"]["yes"] == 7
     assert probability(Home.load(tmp_path / "home"), 7) == pytest.approx(7 / 8, abs=1e-4)

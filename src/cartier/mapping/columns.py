@@ -33,7 +33,8 @@ COLUMNS: ColumnKinds = {
     "first_s": ((), "f8"), "last_s": ((), "f8"), "looked_s": ((), "f8"), "widest_rad": ((), "f4"),
     "observable": ((VIEWPOINT_BINS,), "f4"),
     "detected": ((VIEWPOINT_BINS,), "f4"), "views": ((VIEWS_KEPT,), VIEW_KIND),
-    "side_views": ((SIDES_KEPT,), VIEW_KIND), "late_view": ((1,), VIEW_KIND), "late_s": ((), "f8"), "colours": ((len(COLOURS),), "f4"),
+    "side_views": ((SIDES_KEPT,), VIEW_KIND), "late_view": ((1,), VIEW_KIND), "late_s": ((), "f8"),
+    "colours": ((len(COLOURS),), "f4"),
     "changed": ((), "?"),
 }  # fmt: skip
 LATER = frozenset(["fit_shape", "side_views", "late_view", "late_s"])

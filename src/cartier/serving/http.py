@@ -249,7 +249,7 @@ def _add_writing(app: FastAPI, ops: Operations, run: Callable[..., Any]) -> None
 
     @app.post(
         "/api/homes/{home:path}/verify", response_model=results.Verified,
-        summary="Ask the owner's vision model once about doubtful objects; only where the server may look (--look auto)",
+        summary="Ask the owner's vision model once about doubtful objects; where the server may look (--look auto)",
     )  # fmt: skip
     async def verify(home: str, wish: Verification) -> Response:
         return JSONResponse(await run(home, ops.verify, home))

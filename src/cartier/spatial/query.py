@@ -137,7 +137,11 @@ class Scene:
             return []
         ends = (end for relation in phrase.relations for end in (relation.target, relation.other))
         told = [set(end.rooms) for end in ends if end is not None and end.rooms]
-        return [door for door in (self._shut_doors if shut else self._doors) if all(rooms & set(door.rooms) for rooms in told)]
+        return [
+            door
+            for door in (self._shut_doors if shut else self._doors)
+            if all(rooms & set(door.rooms) for rooms in told)
+        ]
 
     def _perhaps_there(self, landmark: ReferringExpression) -> list[MapObject]:
         """Tentative objects that may still serve as a landmark."""

@@ -19,7 +19,7 @@ from cartier.labels import words
 from cartier.types import MapObject, View
 from cartier.vision.views import MIN_APPARENT_PX, apparent_px, stored_views
 
-SCREENS, LAMPS = frozenset("television tv monitor laptop screen".split()), frozenset("lamp light lantern".split())
+SCREENS, LAMPS = frozenset(["television", "tv", "monitor", "laptop", "screen"]), frozenset(["lamp", "light", "lantern"])
 CHANGE_STOPS = 1.0
 """By which it must differ between two photographs: twice as bright against its surroundings."""
 LIT_STOPS = -1.5

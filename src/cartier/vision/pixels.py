@@ -62,7 +62,9 @@ def unchecked(said: str, chosen: Selection) -> Selection:
     return replace(chosen, reason=f"{chosen.reason.rstrip('.')}. {BLIND} whether it is {asked.value}.")
 
 
-def twice(said: str, chosen: Selection, seen: Callable[[MapObject], SeenTwice | None], inventory: Inventory) -> Selection:
+def twice(
+    said: str, chosen: Selection, seen: Callable[[MapObject], SeenTwice | None], inventory: Inventory
+) -> Selection:
     """The answer to whether a lamp or a screen is on, where its photographs tell; otherwise the choice as it is.
 
     ``seen`` says what the photographs of an object show; it is called only for such a question that has no answer.

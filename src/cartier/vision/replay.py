@@ -10,6 +10,7 @@ from cartier.llm.batch import read_replies
 from cartier.types import CandidateView, VisualQuestion, VisualReply
 from cartier.vision import prompt
 
+
 def make(model: str | Path) -> Replay:
     """``model`` is the file of replies to the prompts that ``--write-prompts`` wrote, one a line; the last one counts.
 
