@@ -36,8 +36,10 @@ def compared(row: dict[str, Any]) -> str:
 @pytest.mark.parametrize(
     ("reply", "value"),
     [
-        ('{"score": 1}', 1), ('{"score": 5}', 5), ('It is close. {"score": 4}', 4), ('<think>{"score": 1}</think>{"score": 3}', 3),
-        ('{"score": 0}', None), ('{"score": 6}', None), ('{"score": 4.0}', None), ('{"score": true}', None), ('{"score": "5"}', None),
+        ('{"score": 1}', 1), ('{"score": 5}', 5), ('It is close. {"score": 4}', 4),
+        ('<think>{"score": 1}</think>{"score": 3}', 3),
+        ('{"score": 0}', None), ('{"score": 6}', None), ('{"score": 4.0}', None), ('{"score": true}', None),
+        ('{"score": "5"}', None),
         ('{"score": 5, "why": "it fits"}', None), ("5", None), ("[5]", None), ("", None), ('{"score": }', None),
     ],
 )  # fmt: skip

@@ -79,7 +79,7 @@ def seen_twice(
 
 
 def glow(obj: MapObject, view: View, rgb: npt.NDArray[np.uint8]) -> float:
-    """How bright an object is against what is around it, in stops: of a screen the middle, of a lamp the upper third."""
+    """How bright an object is against what is around it, in stops: a screen's middle, a lamp's upper third."""
     height, width = rgb.shape[:2]
     x1, y1, x2, y2 = view.box_xyxy
     wide, high = x2 - x1, y2 - y1
