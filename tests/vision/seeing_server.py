@@ -94,6 +94,9 @@ def look_at(crop: np.ndarray, context: np.ndarray, words: str, choices: list[str
         return {"answer": "mirrored" if digit_of(crop)[1] else "not mirrored", "certainty": 0.95}
     if "number" in words or "digit" in words or "written" in words:
         return {"answer": digit_of(crop)[0] or "cannot tell", "certainty": 0.95}
+    if words.startswith("What is this"):  # a red box or a blue one: things that are known by their colour
+        fits = [choice for choice in choices if colour_of(core) in choice.split()]
+        return {"answer": (fits or choices[-1:])[0], "certainty": 0.95}
     named = [colour for colour in RGB if "really" in words and colour in words.split()]
     if named:  # "Is this really a red box?": things that are known by their colour
         return {"answer": choices[0] if colour_of(core) == named[0] else choices[1], "certainty": 0.95}

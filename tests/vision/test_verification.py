@@ -23,7 +23,7 @@ from cartier.serving.homes import Homes
 from cartier.serving.operations import Operations
 from cartier.types import MapObject, Selection, VisualReply
 from cartier.vision.permission import Look
-from cartier.vision.verification import Calibration, doubts
+from cartier.vision.verification import Calibration, contested, doubts
 from vision.seeing_server import RGB, serving
 from vision.staged_photos import BOX, mug, painted_home, photo
 
@@ -254,3 +254,30 @@ def test_command_refuses_never_and_unknown_replies(tmp_path: Path) -> None:
 def test_cannot_tell_is_no_evidence() -> None:
     counted = Calibration(Counter(yes=6), Counter({"cannot tell": 6}))
     assert counted.factor("cannot tell") == 1 and counted.factor("yes") == 7
+
+
+def test_of_a_contested_object_the_name_is_asked_for(seeing: Served, tmp_path: Path) -> None:
+    """A sure object of two names as likely: the chosen one counts for more, and the object stays."""
+    home = staged(tmp_path / "home", (7, "pink", 0.95, "orange box"))
+    unclear = replace(home.objects[6], labels=(("orange box", 4.0), ("pink box", 3.0), ("lid", 1.0)))
+    assert contested(unclear) == ("orange box", "pink box") and doubts([unclear]) == [unclear]
+    assert not contested(replace(unclear, labels=(("orange box", 4.0), ("pink box", 1.9))))
+    replace(home, objects=(*home.objects[:6], unclear), corrected=None).save(tmp_path / "unclear")
+    home = Home.load(tmp_path / "unclear")
+    (each,) = verify(home, eyes(seeing[0]))[1]
+    assert (each.said, each.label, each.factor) == ("yes", "pink box", 7.0)
+    after = Home.load(tmp_path / "unclear").objects[6]
+    assert (after.id, after.label, after.confirmed) == (7, "pink box", True) and after.probability > 0.99
+    undone, told = Home.load(tmp_path / "unclear").correct("undo")
+    assert "pink box, odds x 7" in told and undone.objects[6].label == "orange box"
+
+
+def test_a_yes_to_a_second_entry_of_one_thing_counts_nothing(seeing: Served, tmp_path: Path) -> None:
+    """A photograph does not tell that an object is listed twice: it shows the other one."""
+    home = staged(tmp_path / "home", (7, "pink", 0.5, ""), (8, "pink", 0.95, ""))
+    for apart_m, factor in ((0.2, 1.0), (2.0, 7.0)):
+        moved = tuple(replace(obj, position=(apart_m * (obj.id == 7), 9.0, 0.8)) for obj in home.objects)
+        folder = tmp_path / f"apart {apart_m}"
+        replace(home, objects=moved, corrected=None).save(folder)
+        (each,) = verify(Home.load(folder), eyes(seeing[0]))[1]
+        assert (each.obj.id, each.said, each.factor) == (7, "yes", factor)

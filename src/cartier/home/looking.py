@@ -105,8 +105,8 @@ def verify(home: Home, allowed: Look, step: Step = _silent) -> tuple[Calibration
     who, origin = name_of(allowed.model), origin_of(home.settings)
     for each in checked:
         if each.trace.reply is not None:  # something was asked
-            said = f"{each.said}, odds x {each.factor:g}"
-            entry = corrections.evidence(each.obj, home.corrected, said, each.factor, who, origin)
+            said = f"{each.label or each.said}, odds x {each.factor:g}"
+            entry = corrections.evidence(each.obj, home.corrected, said, each.factor, who, origin, each.label)
             home.store.append(correction_log.LOG, correction_log.line_of(entry))
     return calibration, checked
 

@@ -17,14 +17,20 @@ def affirmed(obj: MapObject) -> MapObject:
     return replace(obj, confirmed=True, probability=1.0, by_person=True)
 
 
-def weighed(obj: MapObject, factor: float) -> MapObject:
-    """The object with the odds that it exists multiplied by a factor; what a person said of it stays."""
+def weighed(obj: MapObject, factor: float, label: str = "") -> MapObject:
+    """The object with the odds that it exists multiplied by a factor, and with them the evidence for one of its labels,
+    if one is given; what a person said of it stays."""
     if obj.by_person or factor == 1:
         return obj
     before = min(max(obj.probability, SUREST), 1 - SUREST)
     odds = factor * before / (1 - before)
     likely = round(odds / (1 + odds), 4)
-    return replace(obj, probability=likely, confirmed=likely >= CONFIRMED_PROBABILITY)
+    heavier = [(name, round(weight * factor, 4) if name == label else weight) for name, weight in obj.labels]
+    labels = tuple(sorted(heavier, key=lambda each: -each[1]))
+    best = labels[0][0] if label and labels else obj.label
+    return replace(
+        obj, label=best, labels=labels, probability=likely, confirmed=likely >= CONFIRMED_PROBABILITY
+    )
 
 
 def relabelled(obj: MapObject, label: str) -> MapObject:
