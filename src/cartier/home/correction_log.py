@@ -52,8 +52,8 @@ class Correction:
     ``other`` is the object that "merge" takes in, or the second one that "split" makes; "add" makes its ``subject``.
     ``rule`` is a route rule in its text form, for "rule" with the sentence that made it in ``name``; "lift" takes back
     the entry ``undoes``. "evidence" is what a vision model said of its ``subject``, in ``name``: the odds that it is
-    there are multiplied by ``factor``, and so is the evidence for ``label`` where it chose one. ``origin`` names the pose frame of the positions, and ``newest`` is the largest
-    id of an object then; older entries have neither.
+    there are multiplied by ``factor``, and so is the evidence for ``label`` where it chose one. ``origin`` names the
+    pose frame of the positions, and ``newest`` is the largest id of an object then; older entries have neither.
     """
 
     id: str
