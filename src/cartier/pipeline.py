@@ -196,14 +196,12 @@ def ask(
         with _timed(timing_ms, "look"):
             looked = look_for_answer(home, query, selection, inventory, look, from_xy, robot or RobotModel())
     selection, trace, looked_notes = looked or (selection, None, ())
-    if alarming is None:
-        selection = seen_twice(home, query, selection, inventory)
+    selection = selection if alarming is not None else seen_twice(home, query, selection, inventory)
     if not inventory.contains(selection):
         raise BackendError(f"the look chose {selection.object!r}, which is not in the list")
-    who = selection.model or reasoner.name  # a reasoner may hand over to another one
     holding = _holding([*kept, *rules], selection, now)
     answer = serve(
-        home, said, selection, who, index=index, from_xy=from_xy, robot=robot, timing_ms=timing_ms,
+        home, said, selection, selection.model or reasoner.name, index=index, from_xy=from_xy, robot=robot, timing_ms=timing_ms,
         rules=holding, agreed=agreed is True,
     )  # fmt: skip
     if alarming is not None:

@@ -124,7 +124,7 @@ def test_served_it_is_asked_only_where_the_owner_lets_photographs_leave(seeing: 
     for when in nobody:
         look = None if when == "never" else replace(eyes(seeing[0]), when=when)
         shut = Operations(served, Blind(), look=look)
-        assert not shut.verifies
+        assert not shut.verification.allowed
         with pytest.raises(InputError, match=r"no photograph may leave here.* --look auto"):
             shut.verify()
     assert not seeing[1]

@@ -28,9 +28,7 @@ def weighed(obj: MapObject, factor: float, label: str = "") -> MapObject:
     heavier = [(name, round(weight * factor, 4) if name == label else weight) for name, weight in obj.labels]
     labels = tuple(sorted(heavier, key=lambda each: -each[1]))
     best = labels[0][0] if label and labels else obj.label
-    return replace(
-        obj, label=best, labels=labels, probability=likely, confirmed=likely >= CONFIRMED_PROBABILITY
-    )
+    return replace(obj, label=best, labels=labels, probability=likely, confirmed=likely >= CONFIRMED_PROBABILITY)
 
 
 def relabelled(obj: MapObject, label: str) -> MapObject:

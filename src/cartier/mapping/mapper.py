@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import replace
@@ -37,12 +36,11 @@ from cartier.mapping.remapping import again, succeed
 from cartier.mapping.repose import KeptFrame, frame_key, moved
 from cartier.mapping.rooms import find_rooms, room_of
 from cartier.mapping.walls import walls_yaw
-from cartier.spatial.doors import SAME_DOOR_M
+from cartier.spatial.doors import remembered
 from cartier.types import Camera, Detections, Frame
 
 DEFAULT_INDEXES = ("object_depth", "object_viewpoint")
 SCALE_GUESSED = "the scale of this home is a guess: its metres and centimetres are right only relative to each other"
-MAX_DOORS = 500  # that a home remembers
 COUNTS, FRAMES, FLOOR_KINDS = "occupancy_counts.npz", "frames.npz", "floor_kinds.npz"
 
 
@@ -120,8 +118,7 @@ class Mapper:
         self._settings, self._indexes = deepcopy(dict(home.settings)), deepcopy(dict(home.indexes))
         self._start_xy, self._camera, self._photos = home.start_xy, home.camera, BestPhotos(home.photos)
         self._notes = dict.fromkeys(home.notes)
-        if doors := _doors_of(home):
-            self._settings["doors"] = doors  # one that is shut by now is told by that
+        self._settings |= remembered(home.route_map, home.settings)  # a door that is shut by now is told by that
         try:
             self._objects = self._object_map(home.grid is not None)
             rows = [(row["recording"], row["sha256"], int(row["frames"])) for row in self._settings["recordings"]]
@@ -221,8 +218,7 @@ class Mapper:
         if self._next_frame:
             frame = replace(frame, index=frame.index + self._next_frame)
             detections = replace(detections, frame=frame.index)
-        self._objects.visit_from = self._next_frame
-        ids = self._objects.add(frame, detections)
+        ids = self._objects.add(frame, detections, self._next_frame)
         self._log.add(detections, ids)
         if frame.depth_m is not None:
             self._floor_kinds.add(frame)
@@ -351,14 +347,3 @@ class Mapper:
             **({} if counts is None else {FLOOR_KINDS: npz_bytes(**self._floor_kinds.state())}),
             **({} if cloud is None else {CLOUD: cloud}),
         }
-
-
-def _doors_of(home: Home) -> list[list[float]]:
-    """The middle (x, y) and the width (m) of the passages that a home has or once had, at most ``MAX_DOORS``."""
-    here = () if home.route_map is None else home.route_map.doors
-    now = [[round(value, 3) for value in (*door.xy, door.width_m)] for door in here]
-    before = [
-        [x, y, width_m] for x, y, width_m in home.settings.get("doors", ())
-        if all(math.dist((x, y), each[:2]) >= SAME_DOOR_M for each in now)
-    ]  # fmt: skip
-    return [*now, *before][:MAX_DOORS]

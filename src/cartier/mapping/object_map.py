@@ -70,8 +70,12 @@ class ObjectMap:
         """Views of the arrays, one row per object."""
         return {name: column[: self._count] for name, column in self._rows.items()}
 
-    def add(self, frame: Frame, detections: Detections) -> npt.NDArray[np.int64]:
-        """Add one frame and everything detected in it; returns each detection's object id (N,), -1 for none."""
+    def add(self, frame: Frame, detections: Detections, visit_from: int = 0) -> npt.NDArray[np.int64]:
+        """Add one frame and everything detected in it; returns each detection's object id (N,), -1 for none.
+
+        ``visit_from`` is the number of the first frame of the recording.
+        """
+        self.visit_from = visit_from
         order = np.argsort(-detections.scores, kind="stable")[:MAX_DETECTIONS]
         boxes_px, scores = detections.boxes_xyxy[order], detections.scores[order]
         boxes = boxes_px.astype(np.float64)

@@ -219,7 +219,7 @@ def _add_writing(server: MCPServer, ops: Operations) -> None:
 
     server.add_tool(correct, description="Correct what is wrong; add at x, y or on entity", annotations=WRITES)
     server.add_tool(undo, description="Undo the latest correction", annotations=WRITES)
-    if ops.verifies:
+    if ops.verification.allowed:
         server.add_tool(verify, description="Check doubtful objects by their photos, once", annotations=SENDS)
 
 

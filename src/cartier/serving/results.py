@@ -228,6 +228,7 @@ class Looked(Part):
     id: int
     label: str
     said: str = Field(description="yes, no or cannot tell")
+    chosen: str = Field(description="of a contested label, the one that was chosen")
     factor: float
     before: float = Field(description="how likely it was")
     after: float

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import math
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import combinations
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
 from cartier.types import FREE, OCCUPIED, Door, OccupancyGrid, Room
 
+if TYPE_CHECKING:
+    from cartier.navigation.layers import RouteMap
+
 Mask = npt.NDArray[np.bool_]
 MAX_WALL_M = 0.3  # thickness of a wall with a lintel, which is no floor of either room
 AROUND_M = 0.6  # before and behind a door, what stands there makes it narrower
+MAX_REMEMBERED = 500  # doors of one home
 SAME_DOOR_M = 0.5  # between the middles of one door on two floor plans
 LEAF_M = 1.2  # a door is seen at least so high: what is lower stands in the way
 MAX_WIDTH_M = 1.6  # two rooms that meet over more are one open space, as a person sees it
@@ -43,6 +49,15 @@ def find_doors(rooms: Sequence[Room], grid: OccupancyGrid) -> tuple[Door, ...]:
                 narrow_m = _narrowest_m(grid, cells, masks[one], masks[other])
                 found.append(Door((float(x), float(y)), (one, other), width_m, min(narrow_m, width_m)))
     return tuple(found)
+
+
+def remembered(site: RouteMap | None, settings: Mapping[str, Any]) -> dict[str, Any]:
+    """A setting ``doors`` with the middle (x, y) and the width (m) of the passages that a home has, and of others that
+    its settings say it had before; nothing where there are none."""
+    now = [[round(value, 3) for value in (*door.xy, door.width_m)] for door in (site.doors if site is not None else ())]
+    before = settings.get("doors", ())
+    gone = [[*old] for old in before if all(math.dist(old[:2], each[:2]) >= SAME_DOOR_M for each in now)]
+    return {"doors": [*now, *gone][:MAX_REMEMBERED]} if now or gone else {}
 
 
 def shut_doors(
