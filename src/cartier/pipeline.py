@@ -201,8 +201,8 @@ def ask(
         raise BackendError(f"the look chose {selection.object!r}, which is not in the list")
     holding = _holding([*kept, *rules], selection, now)
     answer = serve(
-        home, said, selection, selection.model or reasoner.name, index=index, from_xy=from_xy, robot=robot, timing_ms=timing_ms,
-        rules=holding, agreed=agreed is True,
+        home, said, selection, selection.model or reasoner.name, index=index, from_xy=from_xy, robot=robot,
+        timing_ms=timing_ms, rules=holding, agreed=agreed is True,
     )  # fmt: skip
     if alarming is not None:
         return answer  # what else there is to know about the home can wait
