@@ -14,6 +14,7 @@ import shutil
 import sys
 import tempfile
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from command_line import Parser, run_script
@@ -60,14 +61,15 @@ def main() -> None:
             _, checked = verify(copy, allowed)
             after = Home.load(Path(folder) / "home").objects
         said = [each.said for each in checked]
-        wrong = [e for e in checked if e.said != "cannot tell" and (e.said == "yes") is not _real(e.obj, truth.objects)]
+        told = [(e.said, replace(e.obj, label=e.label or e.obj.label)) for e in checked if e.said != "cannot tell"]
+        wrong = [(answer, obj) for answer, obj in told if (answer == "yes") is not _real(obj, truth.objects)]
         before, later = _counts(home.objects, truth.objects, true), _counts(after, truth.objects, true)
         totals = [total + count for total, count in zip(totals, (*before, *later), strict=True)]
         asked = sum(each.trace.reply is not None for each in checked)
-        told = f"{len(said):8} {asked:6} {said.count('yes'):4} {said.count('no'):4}"
-        print(f"{name:14} {told}   {_shares(before, later, len(true))}    {len(wrong)}")
-        for each in wrong:
-            print(f"    {each.said} to {each.obj.label} {each.obj.id}")
+        counts = f"{len(said):8} {asked:6} {said.count('yes'):4} {said.count('no'):4}"
+        print(f"{name:14} {counts}   {_shares(before, later, len(true))}    {len(wrong)}")
+        for answer, obj in wrong:
+            print(f"    {answer} to {obj.label} {obj.id}")
     shown = sum(len(true) for true in shown_in.values())
     print(f"all: precision {totals[0] / totals[1]:.1%}, after {totals[3] / totals[4]:.1%}; "
           f"recall {totals[2] / shown:.1%}, after {totals[5] / shown:.1%}")  # fmt: skip

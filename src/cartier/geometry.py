@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -51,6 +52,12 @@ def project(points_world: Array, camera: Camera, world_from_camera: Array) -> tu
     with np.errstate(divide="ignore", invalid="ignore"):
         uv = points[..., :2] / z[..., None] * (camera.fx, camera.fy) + (camera.cx, camera.cy)
     return uv, z
+
+
+def shorter_side(box_xyxy: Sequence[float] | Array, size: tuple[int, int]) -> float:
+    """The shorter side (px) of an image box, as far as it lies inside of an image of a size (width, height)."""
+    x1, y1, x2, y2 = box_xyxy
+    return float(max(0.0, min(min(x2, size[0]) - max(x1, 0), min(y2, size[1]) - max(y1, 0))))
 
 
 def weak_perspective_size(boxes_xyxy: Array, camera: Camera) -> npt.NDArray[np.float64]:

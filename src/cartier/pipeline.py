@@ -19,7 +19,7 @@ from cartier import plugins
 from cartier.contracts import Detector, Encoder, IndexDefaults, Reasoner, ReasonerDefaults, Recording, optional
 from cartier.errors import BackendError, InputError
 from cartier.home import Home
-from cartier.home.looking import look_for_answer
+from cartier.home.looking import look_for_answer, seen_twice
 from cartier.llm.prompts import check_query
 from cartier.mapping.alignment import align as find_alignment
 from cartier.mapping.config import MappingConfig, config_for
@@ -196,13 +196,13 @@ def ask(
         with _timed(timing_ms, "look"):
             looked = look_for_answer(home, query, selection, inventory, look, from_xy, robot or RobotModel())
     selection, trace, looked_notes = looked or (selection, None, ())
+    selection = selection if alarming is not None else seen_twice(home, query, selection, inventory)
     if not inventory.contains(selection):
         raise BackendError(f"the look chose {selection.object!r}, which is not in the list")
-    who = selection.model or reasoner.name  # a reasoner may hand over to another one
     holding = _holding([*kept, *rules], selection, now)
     answer = serve(
-        home, said, selection, who, index=index, from_xy=from_xy, robot=robot, timing_ms=timing_ms,
-        rules=holding, agreed=agreed is True,
+        home, said, selection, selection.model or reasoner.name, index=index, from_xy=from_xy, robot=robot,
+        timing_ms=timing_ms, rules=holding, agreed=agreed is True,
     )  # fmt: skip
     if alarming is not None:
         return answer  # what else there is to know about the home can wait

@@ -353,6 +353,7 @@ class MapObject:
         names: The names that people gave it (``Home.correct``).
         oriented: Its box in the directions of the walls, or None where they have no clear one.
         by_person: Whether a person said that it is there (``Home.correct``), which outweighs all scores.
+        side_views: Further views, none of them among ``views``: the largest from each side, and of the latest visit.
     """
 
     id: int
@@ -375,10 +376,16 @@ class MapObject:
     names: tuple[str, ...] = ()
     oriented: OrientedBox | None = None
     by_person: bool = False
+    side_views: tuple[View, ...] = ()
 
     def __post_init__(self) -> None:
         for name in ("position", "box_min", "box_max"):
             finite(getattr(self, name), 3, f"object {self.id} ({brief(self.label, 40)}): {name}")
+
+    @property
+    def all_views(self) -> tuple[View, ...]:
+        """All views that are kept of it: the best ones, then those of further sides."""
+        return (*self.views, *self.side_views)
 
     @property
     def located(self) -> bool:
@@ -432,6 +439,7 @@ class Inventory:
         from_xy: Where the robot stands (x, y) in metres, or None if unknown.
         doors: The passages between its rooms.
         rules: The route rules that people gave and that hold.
+        shut_doors: Passages that an earlier recording showed open, and the floor plan now shows shut.
     """
 
     objects: tuple[MapObject, ...]
@@ -440,6 +448,7 @@ class Inventory:
     from_xy: tuple[float, ...] | None = None
     doors: tuple[Door, ...] = ()
     rules: tuple[RouteRule, ...] = ()
+    shut_doors: tuple[Door, ...] = ()
 
     @property
     def names(self) -> list[str]:

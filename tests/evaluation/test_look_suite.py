@@ -12,7 +12,7 @@ import pytest
 
 import cartier
 from cartier.errors import InputError
-from cartier.evaluation import look_run
+from cartier.evaluation import llm_match, look_run
 from cartier.evaluation.look_items import CANNOT_TELL, KINDS, items, scene_of
 from cartier.evaluation.look_modes import MODES, grey, mirrored
 from cartier.evaluation.look_report import results
@@ -31,7 +31,8 @@ def ran(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Path, list[d
     with serving() as (url, calls), pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CONFIG_HOME", str(folder))
         model = cartier.make("vision", "openai", model="sees", base_url=url)
-        rows = look_run.run(folder / "run", asked, model, folder / "maps")
+        judge = llm_match.judge("openai:sees", url)
+        rows = look_run.run(folder / "run", asked, model, folder / "maps", judge=judge)
         yield folder, rows, len(calls)
 
 
@@ -73,13 +74,17 @@ def test_modes_differ_as_they_should(ran: tuple[Path, list[dict], int]) -> None:
 def test_a_server_counts_one_call_a_question(ran: tuple[Path, list[dict], int]) -> None:
     _, rows, calls = ran
     assert max(row["calls"] for row in rows) == 1
-    assert calls == sum(row["calls"] for row in rows)
+    compared = {r.id for r in llm_match.requests_of(rows, look_run.questions([ROOM])) if r is not None}
+    assert calls == sum(row["calls"] for row in rows) + len(compared) and len(compared) < len(rows)
 
 
 def test_report_has_tables_failures_and_photographs(ran: tuple[Path, list[dict], int]) -> None:
     folder, rows, _ = ran
     said = (folder / "run" / "report.md").read_text()
-    assert "changed by mirroring" in said and "| which | 1 |" in said
+    assert "changed by mirroring" in said and "| which | 1 |" in said and "LLM-Match" in said
+    told = results(rows)["by_kind"]["list + look"]
+    assert told["attribute"]["llm_match"] == told["attribute"]["right"] == 1
+    assert "100 (0) / 100" in said  # right, wrong, and what the judge made of the words
     assert len(list((folder / "run" / "looks").glob("*.jpg"))) == 6 * 4
     trace = json.loads((folder / "run" / "looks" / f"{ROOM}-1.json").read_text())
     assert trace["look"]["sent"] is True and len(trace["look"]["photos"]) == 3

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from cartier.mapping.object_map import ObjectMap
+from cartier.mapping.registration import about_z
 from cartier.types import Detections, Frame
 from staged import CAMERA, SURE, Box, Row, all_of, flat, found, fresh, square
 
@@ -243,6 +247,46 @@ def test_best_views_are_kept() -> None:
         (obj,) = made.objects()
         assert [view.frame for view in obj.views] == [5, 2, 4]
         assert made.best_frames() == {2, 4, 5}
+
+
+def seen_in(made: ObjectMap, number: int, heading_deg: float, width: float, score: float = SURE) -> None:
+    """A view of the only object, in a frame whose camera is turned."""
+    pose = flat(0).world_from_camera.copy()
+    pose[:3, :3] = about_z(math.radians(heading_deg)) @ pose[:3, :3]
+    frame = replace(flat(number), world_from_camera=pose)
+    made._keep_view(0, frame, np.array(square(width=width, height=width)), score, 0, width**2, np.zeros(3))
+
+
+def test_the_largest_view_of_each_side_is_kept() -> None:
+    """By its size, though three surer ones of another side are better views; at most one of each quarter."""
+    made = fresh()
+    made.add(flat(0), found(flat(0), ("sofa", SURE, square(width=60, height=60))))
+    for number in (1, 2):
+        seen_in(made, number, 0, 60)
+    seen_in(made, 3, 180, 30, 0.3)
+    seen_in(made, 4, 175, 40, 0.3)
+    seen_in(made, 5, 90, 20, 0.3)
+    (obj,) = made.objects()
+    assert {view.frame for view in obj.views} == {0, 1, 2}
+    assert [view.frame for view in obj.side_views] == [4, 5]
+    assert made.best_frames() == {0, 1, 2, 4, 5} == {view.frame for view in obj.all_views}
+
+
+def test_the_latest_visit_keeps_a_view() -> None:
+    """Of a later recording or ten minutes later, though every earlier view is larger; within a visit the largest."""
+    made = fresh()
+    made.add(flat(0), found(flat(0), ("sofa", SURE, square(width=60, height=60))))
+    for number in (1, 2):
+        seen_in(made, number, 0, 60)
+    seen_in(made, 3, 0, 20)
+    assert [view.frame for view in made.objects()[0].side_views] == []
+    made.visit_from = 4
+    seen_in(made, 4, 0, 20)
+    seen_in(made, 5, 0, 30)
+    seen_in(made, 6, 0, 25)
+    assert [view.frame for view in made.objects()[0].side_views] == [5]
+    seen_in(made, 100_000, 0, 10)
+    assert [view.frame for view in made.objects()[0].side_views] == [100_000]
 
 
 # ---- from boxes to space

@@ -39,13 +39,15 @@ def restored(arrays: dict[str, Any], **about: Any) -> ObjectMap:
         for column, fields in {
             "points": ("",), "box_min": ("",), "extent_max": ("",), "observable": ("",), "label_weights": ("",),
             "first_s": ("",), "colours": ("",), "views": ("box", "camera", "surface", "worth", "yaw"),
+            "side_views": ("box", "worth"), "late_view": ("camera", "worth"), "late_s": ("",),
             "patches": ("pose", "camera", "box", "seed_m", "size_m", "worth"),
         }.items()
         for field in fields
         for to in (np.nan, np.inf, -1e30)
     ]
     + [
-        ("id", "", 5), ("id", "", -1), ("label_votes", "", -1), ("views", "label", -1), ("n_detected", "", -1),
+        ("id", "", 5), ("id", "", -1), ("label_votes", "", -1), ("views", "label", -1), ("side_views", "label", 99),
+        ("late_view", "label", -1), ("n_detected", "", -1),
         ("observable", "", -1), ("patches", "pose", 0), ("patches", "pose", 2e5), ("patches", "camera", 0),
         ("patches", "camera", 1e-3), ("patches", "box", 7), ("patches", "seed_m", 0), ("patches", "seed_m", 1.5e5),
         ("patches", "size_m", 1.5e5), ("earlier_pose", "", np.nan), ("earlier_pose", "", 2e5),

@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from cartier.mapping.bearings import BearingGeometry
-from cartier.mapping.merging import merge_by_box
+from cartier.mapping.columns import COLUMNS, empty_columns
+from cartier.mapping.config import DEFAULT_CONFIG
+from cartier.mapping.merging import merge_by_box, merge_pair
 from cartier.mapping.object_map import ObjectMap
 from cartier.types import DetectorScoreModel, Frame, MapObject
 from staged import SURE, WEAK, Box, about, all_of, flat, found, fresh, square
@@ -171,6 +173,16 @@ def test_merged_object_has_the_evidence_of_both() -> None:
     assert {view.frame for view in whole.views} > {view.frame for view in right.views if view.score > 0.5}
     assert {name for name, _ in left.colours} | {name for name, _ in right.colours} == {n for n, _ in whole.colours}
     assert {name for name, _ in left.colours} != {name for name, _ in right.colours}
+
+
+def test_merged_object_has_the_larger_view_of_each_side() -> None:
+    columns = empty_columns(COLUMNS, 2)
+    columns["side_views"]["frame"] = [[1, 2, -1, 3], [4, 5, 6, -1]]
+    columns["side_views"]["worth"] = [[9, 1, 0, 5], [1, 9, 5, 0]]
+    columns["late_view"]["frame"], columns["late_s"][:] = [[7], [8]], [70, 80]
+    merge_pair(columns, 0, 1, BearingGeometry(DEFAULT_CONFIG))  # which joins nothing of its own
+    assert columns["side_views"]["frame"][0].tolist() == [1, 5, 6, 3]
+    assert (columns["late_view"]["frame"][0, 0], columns["late_s"][0]) == (8, 80)
 
 
 def test_box_grows_by_half_over_the_merged_one() -> None:

@@ -142,6 +142,16 @@ def test_map_without_patches_keeps_its_boxes_and_grows() -> None:
     assert [list(obj.box_min) for obj in read.objects()] != read.columns()["box_min"].round(4).tolist()
 
 
+def test_map_without_views_of_sides_is_read() -> None:
+    """Homes written before views of sides were kept."""
+    today, read = mapped(walk()), ObjectMap(TrueBoxes.score_model)
+    arrays = read_npz(today.state()["object_map.npz"])
+    before = {name: column for name, column in arrays.items() if name not in ("side_views", "late_view", "late_s")}
+    read.restore(today.state() | {"object_map.npz": npz_bytes(**before)})
+    assert [obj.views for obj in read.objects()] == [obj.views for obj in today.objects()]
+    assert any(obj.side_views for obj in today.objects()) and not any(obj.side_views for obj in read.objects())
+
+
 def test_memory_depends_on_objects_only() -> None:
     recording = walk()
     once, often = (mapped(recording, order=[*range(len(recording))] * times) for times in (1, 10))

@@ -41,6 +41,8 @@ from cartier.serving.operations import Operations  # noqa: E402
 from cartier.types import Inventory, Selection  # noqa: E402
 from serving.conftest import Server, free_port, starting  # noqa: E402
 from serving.test_operations import CALLS, Echo  # noqa: E402
+from vision import seeing_server  # noqa: E402
+from vision import test_verification as verifying  # noqa: E402
 
 TOKEN = "correct-horse-battery-staple-42"
 JSON = {"content-type": "application/json"}
@@ -101,7 +103,7 @@ def test_ask_goal_photo_over_http(server: Server) -> None:
 
 def test_openapi_describes_every_path_and_answer(server: Server) -> None:
     paths = httpx.get(f"{server.url}/openapi.json").json()["paths"]
-    assert len(paths) == 15
+    assert len(paths) == 16
     for path, verb in ((path, verb) for path, methods in paths.items() for verb in methods.values()):
         assert verb["summary"] and "4XX" in verb["responses"] and "422" not in verb["responses"], path
         for content in verb["responses"]["200"]["content"].values():
@@ -141,13 +143,16 @@ def answered_by(operation: str) -> Any:
         "homes": results.Homes, "ask": results.Answered, "find": results.FoundByName, "objects": results.ObjectList,
         "rooms": results.RoomList, "relate": results.Related, "view": results.View, "cloud": results.Cloud,
         "corrections": results.Corrected, "undo": results.Corrected, "live": results.LiveNow,
+        "verify": results.Verified,
     }  # fmt: skip
     return either.get(name)
 
 
 @pytest.mark.skipif(shutil.which("curl") is None, reason="needs curl")
 def test_every_path_has_a_curl_line_that_works(home: Path, start: Callable[..., Server], tmp_path: Path) -> None:
-    server = start("serve", Path(shutil.copytree(home, tmp_path / "served" / "home")))
+    (tmp_path / "replies.jsonl").touch()  # nothing in this home is doubtful
+    looking = ("--look", "auto", "--vision", f"replay:{tmp_path / 'replies.jsonl'}")
+    server = start("serve", Path(shutil.copytree(home, tmp_path / "served" / "home")), *looking)
     paths = httpx.get(f"{server.url}/openapi.json").json()["paths"]
     known = [f"{method.upper()} {path}" for path, methods in paths.items() for method in methods]
     rows = documented()
@@ -175,6 +180,33 @@ def test_operations_answer_as_openapi_says(home: Path, call: str) -> None:
     names |= {"correct": results.Corrected, "undo": results.Corrected}
     if call != "look_at":  # whose answer over HTTP is a picture
         TypeAdapter(names[call]).validate_json(json.dumps(told))
+
+
+def test_verification_over_http_needs_the_owner_and_a_token(tmp_path: Path) -> None:
+    """It answers as OpenAPI says where the owner lets photographs leave, and sends none for who has no token."""
+    verifying.staged(tmp_path / "home", (8, "pink", 0.75, "orange box"))
+    allowed = digest_of(TOKEN)
+    with seeing_server.serving() as (url, asked):
+        ops = Operations(Homes([tmp_path / "home"]), Echo(), look=verifying.eyes(url))
+        app = Guard(
+            http.make(ops), ["test"], {allowed: Access("a", ("home",)), digest_of(TOKEN[::-1]): Access("b", ())}
+        )
+
+        async def called() -> list[Any]:
+            web = httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url="http://test", timeout=60)
+            path, bearers = "/api/homes/home/verify", [None, TOKEN[::-1], TOKEN]
+            got = []
+            for bearer in bearers:
+                headers = {} if bearer is None else {"authorization": f"Bearer {bearer}"}
+                got.append((await web.post(path, headers=headers, json={}), len(asked)))
+            await web.aclose()
+            return got
+
+        (nobody, none), (stranger, still), (owner, sent) = asyncio.run(called())
+    assert (nobody.status_code, none, stranger.status_code, still) == (401, 0, 404, 0)
+    told = TypeAdapter(results.Verified).validate_json(owner.text)
+    assert owner.status_code == 200 and sent == 13
+    assert [(row.id, row.said, row.after) for row in told.asked] == [(8, "no", 0.3001)]
 
 
 def test_long_work_sends_signs_of_life(mapped: Path, monkeypatch: pytest.MonkeyPatch) -> None:

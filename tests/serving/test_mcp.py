@@ -34,6 +34,8 @@ from cartier.serving.operations import Operations
 from cartier.types import RobotModel
 from serving.conftest import Server
 from serving.test_operations import Echo
+from vision import seeing_server
+from vision import test_verification as verifying
 
 TOOLS = {"ask", "find", "describe", "list_objects", "list_rooms", "relate", "goal_for", "look_at", "correct", "undo"}
 Work = Callable[[Client], Awaitable[Any]]
@@ -138,6 +140,26 @@ def with_server(ops: Operations, work: Work, robot: str | None = None, **options
 @pytest.fixture
 def ops(home: Path) -> Operations:
     return Operations(Homes([home]), Echo())
+
+
+def test_verify_exists_only_where_the_owner_lets_photographs_leave(tmp_path: Path) -> None:
+    verifying.staged(tmp_path / "home", (8, "pink", 0.75, "orange box"))
+
+    async def listed(client: Client) -> dict[str, Any]:
+        return {tool.name: tool for tool in (await client.list_tools()).tools}
+
+    async def verified(client: Client) -> dict[str, Any]:
+        tool = (await listed(client))["verify"]
+        assert tool.annotations is not None and tool.annotations.open_world_hint
+        return await told(client, "verify")
+
+    with seeing_server.serving() as (url, asked):
+        eyes = verifying.eyes(url)
+        for look in (None, replace(eyes, when="ask")):
+            assert set(with_server(Operations(Homes([tmp_path / "home"]), Echo(), look=look), listed)) == TOOLS
+        assert not asked
+        got = with_server(Operations(Homes([tmp_path / "home"]), Echo(), look=eyes), verified)
+    assert [(row["id"], row["said"], row["after"]) for row in got["asked"]] == [(8, "no", 0.3001)] and len(asked) == 13
 
 
 def tokens(text: str) -> int:

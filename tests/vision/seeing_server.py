@@ -94,6 +94,9 @@ def look_at(crop: np.ndarray, context: np.ndarray, words: str, choices: list[str
         return {"answer": "mirrored" if digit_of(crop)[1] else "not mirrored", "certainty": 0.95}
     if "number" in words or "digit" in words or "written" in words:
         return {"answer": digit_of(crop)[0] or "cannot tell", "certainty": 0.95}
+    if words.startswith("What is this"):  # a red box or a blue one: things that are known by their colour
+        fits = [choice for choice in choices if colour_of(core) in choice.split()]
+        return {"answer": (fits or choices[-1:])[0], "certainty": 0.95}
     named = [colour for colour in RGB if "really" in words and colour in words.split()]
     if named:  # "Is this really a red box?": things that are known by their colour
         return {"answer": choices[0] if colour_of(core) == named[0] else choices[1], "certainty": 0.95}
@@ -181,7 +184,14 @@ class Handler(BaseHTTPRequestHandler):
 
 
 def text_answer(asked: dict[str, Any]) -> dict[str, Any]:
-    """A value of the schema of a request without pictures: the first choice of each member."""
+    """A value of the schema of a request without pictures: the first choice of each member.
+
+    A comparison (LLM-Match) gets 5 if the words of the answer have the true one among them, and otherwise 1.
+    """
+    said = asked["messages"][-1]["content"]
+    if found := re.search(r"<truth>(.*)</truth>\s*<answer>(.*)</answer>", said, re.S):
+        true, given = (" ".join(part.lower().split()) for part in found.groups())
+        return {"score": 5 if re.search(rf"\b{re.escape(true)}\b", given) else 1}
     form = asked["response_format"]["json_schema"]["schema"]["properties"]
     return {key: one.get("enum", ["x"])[0] for key, one in form.items()}
 

@@ -13,13 +13,17 @@ from typer.testing import CliRunner
 
 import cartier
 from cartier import cli
+from cartier.blob_stores.folder import FolderBlobs
 from cartier.errors import InputError, ReasonerError
 from cartier.home import Home
 from cartier.home.correction_log import LOG, read_log
 from cartier.home.looking import verify
-from cartier.types import MapObject
+from cartier.home.store import PublishedStore
+from cartier.serving.homes import Homes
+from cartier.serving.operations import Operations
+from cartier.types import MapObject, Selection, VisualReply
 from cartier.vision.permission import Look
-from cartier.vision.verification import Calibration, doubts
+from cartier.vision.verification import Calibration, contested, doubts
 from vision.seeing_server import RGB, serving
 from vision.staged_photos import BOX, mug, painted_home, photo
 
@@ -36,6 +40,17 @@ def own_settings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 def seeing() -> Iterator[Served]:
     with serving() as served:
         yield served
+
+
+class Blind:
+    """A reasoner that nobody asks."""
+
+    name = "blind"
+
+    def select(self, *given: object) -> Selection:
+        raise AssertionError("nothing is asked")
+
+    propose = select
 
 
 def thing(number: int, colour: str, probability: float, label: str = "") -> MapObject:
@@ -101,6 +116,59 @@ def test_a_model_without_eyes_changes_nothing(fault: str, tmp_path: Path) -> Non
         home = staged(tmp_path / "home", (7, "pink", 0.5, ""), (8, "pink", 0.75, "orange box"))
         verify(home, eyes(url, fault))
         assert (probability(home, 7), probability(home, 8)) == (0.5, 0.75)
+
+
+def test_served_it_is_asked_only_where_the_owner_lets_photographs_leave(seeing: Served, tmp_path: Path) -> None:
+    staged(tmp_path / "home", (7, "pink", 0.5, ""), (8, "pink", 0.75, "orange box"))
+    served, nobody = Homes([tmp_path / "home"]), ("never", "ask")
+    for when in nobody:
+        look = None if when == "never" else replace(eyes(seeing[0]), when=when)
+        shut = Operations(served, Blind(), look=look)
+        assert not shut.verification.allowed
+        with pytest.raises(InputError, match=r"no photograph may leave here.* --look auto"):
+            shut.verify()
+    assert not seeing[1]
+    ops = Operations(served, Blind(), look=eyes(seeing[0]))
+    told = ops.verify()
+    assert [(row["id"], row["said"], row["frames"]) for row in told["asked"]] == [
+        (8, "no", [8, 108]),
+        (7, "yes", [7, 107]),
+    ]
+    assert told["asked"][1]["after"] == pytest.approx(7 / 8, abs=1e-4) and told["not_asked"] == 0
+    assert told["model"].endswith(f"at {seeing[0]}") and told["weights"]["yes"] == 7
+    assert probability(Home.load(tmp_path / "home"), 7) == pytest.approx(7 / 8, abs=1e-4)
+    assert ops.verify()["next"] == "nothing changed"
+    assert "undone: " in ops.undo()["done"]
+
+
+def test_served_a_home_is_verified_by_one_at_a_time(tmp_path: Path) -> None:
+    """A second asker is told so, and both ask again when the first has ended, also after a fault."""
+    staged(tmp_path / "home", (7, "pink", 0.5, ""))
+    refused = list[str]()
+
+    class Asking:
+        name, endpoint = "asks back", ""
+
+        def look(self, question: object, pictures: object) -> VisualReply:
+            if not refused:
+                with pytest.raises(InputError) as told:
+                    ops.verify()
+                refused.append(str(told.value))
+            raise ReasonerError("the server is gone")
+
+    ops = Operations(Homes([tmp_path / "home"]), Blind(), look=Look(Asking()))
+    for _ in range(2):
+        with pytest.raises(ReasonerError, match="the server is gone"):
+            ops.verify()
+    assert refused == ["home is being verified: call verify again when that has ended"]
+
+
+def test_a_published_home_is_not_asked_about(seeing: Served, tmp_path: Path) -> None:
+    home = staged(tmp_path / "home", (7, "pink", 0.5, ""))
+    published = replace(home, store=PublishedStore(FolderBlobs(tmp_path / "store"), "homes/home/"))
+    with pytest.raises(InputError, match="is published and stays as it is"):
+        verify(published, eyes(seeing[0]))
+    assert not seeing[1]
 
 
 def test_what_a_person_said_outweighs_it(seeing: Served, tmp_path: Path) -> None:
@@ -186,3 +254,30 @@ def test_command_refuses_never_and_unknown_replies(tmp_path: Path) -> None:
 def test_cannot_tell_is_no_evidence() -> None:
     counted = Calibration(Counter(yes=6), Counter({"cannot tell": 6}))
     assert counted.factor("cannot tell") == 1 and counted.factor("yes") == 7
+
+
+def test_of_a_contested_object_the_name_is_asked_for(seeing: Served, tmp_path: Path) -> None:
+    """A sure object of two names as likely: the chosen one counts for more, and the object stays."""
+    home = staged(tmp_path / "home", (7, "pink", 0.95, "orange box"))
+    unclear = replace(home.objects[6], labels=(("orange box", 4.0), ("pink box", 3.0), ("lid", 1.0)))
+    assert contested(unclear) == ("orange box", "pink box") and doubts([unclear]) == [unclear]
+    assert not contested(replace(unclear, labels=(("orange box", 4.0), ("pink box", 1.9))))
+    replace(home, objects=(*home.objects[:6], unclear), corrected=None).save(tmp_path / "unclear")
+    home = Home.load(tmp_path / "unclear")
+    (each,) = verify(home, eyes(seeing[0]))[1]
+    assert (each.said, each.label, each.factor) == ("yes", "pink box", 7.0)
+    after = Home.load(tmp_path / "unclear").objects[6]
+    assert (after.id, after.label, after.confirmed) == (7, "pink box", True) and after.probability > 0.99
+    undone, told = Home.load(tmp_path / "unclear").correct("undo")
+    assert "pink box, odds x 7" in told and undone.objects[6].label == "orange box"
+
+
+def test_a_yes_to_a_second_entry_of_one_thing_counts_nothing(seeing: Served, tmp_path: Path) -> None:
+    """A photograph does not tell that an object is listed twice: it shows the other one."""
+    home = staged(tmp_path / "home", (7, "pink", 0.5, ""), (8, "pink", 0.95, ""))
+    for apart_m, factor in ((0.2, 1.0), (2.0, 7.0)):
+        moved = tuple(replace(obj, position=(apart_m * (obj.id == 7), 9.0, 0.8)) for obj in home.objects)
+        folder = tmp_path / f"apart {apart_m}"
+        replace(home, objects=moved, corrected=None).save(folder)
+        (each,) = verify(Home.load(folder), eyes(seeing[0]))[1]
+        assert (each.obj.id, each.said, each.factor) == (7, "yes", factor)

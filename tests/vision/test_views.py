@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from cartier.vision.views import MAX_PICTURES, MIN_APPARENT_PX, apparent_px, ranked, select
@@ -49,3 +51,9 @@ def test_frames_without_a_photograph_are_left_out() -> None:
     thing = mug(1, [(1, square(200), 0), (2, square(100), 90)])
     assert [view.frame for _, view in select([thing], {2: SIZE})] == [2]
     assert [view.frame for _, view in select([thing], SIZES, out={1})] == [2]
+
+
+def test_views_of_further_sides_are_asked_about() -> None:
+    thing = mug(1, [(1, square(100), 0), (2, square(90), 180)])
+    apart = replace(thing, views=thing.views[:1], side_views=thing.views[1:])
+    assert [view.frame for _, view in select([apart], SIZES)] == [1, 2]

@@ -64,6 +64,14 @@ def bench(
         str | None,
         typer.Option(metavar="NAME[:MODEL]", help="Suite look: the vision model. Default: only the list answers."),
     ] = None,
+    judge: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME[:MODEL]",
+            help="Suite look: the language model that scores answers (OpenEQA's LLM-Match): openai, openai:MODEL, or "
+            "replay:FILE with replies to RUN/match-prompts.jsonl. Default: nobody does.",
+        ),
+    ] = None,
     prompt: Annotated[str | None, typer.Option(help="The language model's prompt: rich (default) or paper.")] = None,
     detector: Annotated[
         list[str] | None,
@@ -93,7 +101,7 @@ def bench(
 
     if suite == "look":
         seen = f"replay:{replies}" if replies is not None else vision
-        _look(output, _names(homes), seen, model, base_url, write_prompts, maps or output / "maps", as_json)
+        _look(output, _names(homes), seen, model, base_url, write_prompts, judge, maps or output / "maps", as_json)
         return
     answered = specs.reasoner("replay", path=replies) if replies and write_prompts else None
     writer = PromptWriter(model, prompt or "rich", answered) if write_prompts is not None else None
@@ -190,10 +198,10 @@ def _things(
 
 def _look(
     output: Path, rooms: tuple[str, ...], vision: str | None, model: str | None, base_url: str | None,
-    write_prompts: Path | None, maps: Path, as_json: bool,
+    write_prompts: Path | None, judge: str | None, maps: Path, as_json: bool,
 ) -> None:  # fmt: skip
     """Ask questions about how objects look, or write them with their photographs."""
-    from cartier.evaluation import look_run
+    from cartier.evaluation import llm_match, look_run
     from cartier.vision.batch import PictureWriter
 
     asked = look_run.questions(rooms)
@@ -206,8 +214,9 @@ def _look(
         return
     named = None if vision is None or ":" in vision else model
     allowed = None if vision is None else specs.look("auto", vision, model=named, base_url=base_url)
+    judges = None if judge is None else llm_match.judge(judge, base_url)
     with _stages() as step:
-        look_run.run(output, asked, None if allowed is None else allowed.model, maps, step)
+        look_run.run(output, asked, None if allowed is None else allowed.model, maps, step, judges)
     print((output / ("results.json" if as_json else "report.md")).read_text("utf-8"))
     say(f"{len(asked)} questions; failures: {output / 'failures.md'}")
 

@@ -17,7 +17,7 @@ from cartier.errors import InputError
 if TYPE_CHECKING:
     from cartier.home import Home
     from cartier.types import CandidateView, VisualQuestion
-    from cartier.vision.verification import Calibration, Checked
+    from cartier.vision.verification import Calibration
 
 app = typer.Typer()
 
@@ -59,7 +59,7 @@ def verify(
     with progress("asking") as step:
         calibration, checked = check(mapped, allowed, step)
     after = {obj.id: obj for obj in Home.load(home).objects}
-    rows = [_row(each, after[each.obj.id].probability) for each in checked]
+    rows = [each.to_dict(after[each.obj.id].probability) for each in checked]
     if as_json:
         print(json.dumps({"model": allowed.model.name, "calibration": calibration.to_dict(), "objects": rows}))
         return
@@ -89,14 +89,6 @@ def _agreed_once(mapped: Home) -> Callable[[VisualQuestion, Sequence[CandidateVi
         return agreed[0]
 
     return ask
-
-
-def _row(each: Checked, after: float) -> dict[str, Any]:
-    return {
-        "id": each.obj.id, "label": each.obj.label, "said": each.said, "factor": each.factor,
-        "before": each.obj.probability, "after": after, "why": each.trace.why,
-        "asked": each.trace.reply is not None, "frames": [picture.frame for picture in each.trace.pictures],
-    }  # fmt: skip
 
 
 def _print(calibration: Calibration, rows: Sequence[dict[str, Any]]) -> None:

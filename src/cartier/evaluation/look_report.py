@@ -60,11 +60,12 @@ def results(rows: Sequence[Row]) -> dict[str, Any]:
 
 
 def shares(rows: Sequence[Row]) -> dict[str, Any]:
-    """n, and the shares of right, wrong and untold answers; None where nothing was asked."""
+    """n, the shares of right, wrong and untold answers, and LLM-Match; None where nothing was asked or judged."""
     return {
         "n": len(rows), "right": _share(rows, lambda row: row["right"]),
         "wrong": _share(rows, lambda row: not row["right"] and not row["cannot_tell"]),
         "cannot_tell": _share(rows, lambda row: row["cannot_tell"]),
+        "llm_match": _match([row["llm_match"] for row in rows if row["llm_match"] is not None]),
     }  # fmt: skip
 
 
@@ -74,7 +75,8 @@ def report(rows: Sequence[Row], figures: Mapping[str, Any], who: str) -> str:
     parts = [
         f"# Questions about looks: {who}",
         "Rooms of the dollhouse made for the questions; the lists are mapped by ground truth. Right, with wrong "
-        "answers in brackets, in percent; the rest is “cannot tell”, which is right where the side is hidden.",
+        "answers in brackets, in percent; the rest is “cannot tell”, which is right where the side is hidden."
+        + (" After the stroke OpenEQA's LLM-Match, in percent." if any(row["llm_match"] for row in rows) else ""),
         _table(["", "n", *modes], [_line(figures["by_kind"], kind, modes) for kind in ("all", *KINDS)]),
     ]
     if sized := figures["by_size"]:
@@ -140,12 +142,20 @@ def _mean(values: Sequence[float]) -> float | None:
     return round(sum(values) / len(values), 2) if values else None
 
 
+def _match(scores: Sequence[int]) -> float | None:
+    """OpenEQA's correctness of scores from 1 to 5."""
+    return round(sum((score - 1) / 4 for score in scores) / len(scores), 4) if scores else None
+
+
 def _percent(share: float | None) -> str:
     return "–" if share is None else f"{100 * share:.0f} %"
 
 
 def _cell(found: Mapping[str, Any]) -> str:
-    return "–" if found["right"] is None else f"{100 * found['right']:.0f} ({100 * found['wrong']:.0f})"
+    if found["right"] is None:
+        return "–"
+    match = "" if found["llm_match"] is None else f" / {100 * found['llm_match']:.0f}"
+    return f"{100 * found['right']:.0f} ({100 * found['wrong']:.0f}){match}"
 
 
 def _class(k: int) -> str:

@@ -13,16 +13,22 @@ from typing import Any
 from cartier import plugins
 from cartier.contracts import VisionModel
 from cartier.errors import InputError
+from cartier.evaluation.llm_match import Judge, judged, requests_of
 from cartier.evaluation.look_items import CANNOT_TELL, LookItem, items, scene_of, walk
 from cartier.evaluation.look_modes import MODES, Given, answer
 from cartier.evaluation.look_report import keep_pictures, write_report
 from cartier.evaluation.run import Progress, claim
 from cartier.home import Home
 from cartier.io.atomic import locked
+from cartier.llm.batch import save_requests
+from cartier.llm.client import server_asked
 from cartier.pipeline import map_home
 from cartier.vision.views import apparent_px
 
 LIST_ONLY = MODES[:1]
+MATCH_PROMPTS = "match-prompts.jsonl"
+VERSION = 2
+"""Of what a map of a room holds; a change in mapping that older maps must not survive raises it."""
 
 
 @dataclass(frozen=True)
@@ -50,10 +56,12 @@ def run(
     model: VisionModel | None,
     maps_folder: Path,
     progress: Progress | None = None,
+    judge: Judge | None = None,
 ) -> list[dict[str, Any]]:
     """Ask everything in every mode and write the report; without a model only the list answers.
 
-    Raises InputError for a run folder of other settings.
+    ``judge`` scores the answers for the second column; its requests are written as a batch file in any case. Raises
+    InputError for a run folder of other settings.
     """
     rooms = tuple(dict.fromkeys(each.room for each in asked))
     settings = LookSettings(rooms, MODES if model is not None else LIST_ONLY)
@@ -73,6 +81,10 @@ def run(
                 done += 1
                 if progress:
                     progress("asking", done, len(asked))
+        requests = requests_of(rows, asked)
+        save_requests(folder / MATCH_PROMPTS, {r.id: r for r in requests if r is not None}, server_asked()[1])
+        for row, score in zip(rows, judged(requests, judge), strict=True):
+            row["llm_match"] = score
         write_report(folder, rows, who)
     return rows
 
@@ -93,7 +105,7 @@ def room_map(room: str, folder: Path, progress: Progress | None = None) -> Home:
     asked = questions([room])
     scene = scene_of(room, asked)
     recording = walk(scene, asked)
-    kept = folder / f"look-{room}-{hashlib.sha256(recording.fingerprint().encode()).hexdigest()[:10]}"
+    kept = folder / f"look-{room}-{hashlib.sha256(f'{VERSION} {recording.fingerprint()}'.encode()).hexdigest()[:10]}"
     if not kept.exists():
         detector = plugins.make("detectors", "ground_truth", truth=recording.truth, source=recording.name)
         step = (lambda done, total: progress(room, done, total)) if progress else None
@@ -115,7 +127,7 @@ def _apparent_px(home: Home, item: LookItem) -> float:
     """The shorter side (px) of the largest view of what is asked about, at its place."""
     label = item.label
     size = (home.camera.width, home.camera.height)
-    views = [view for obj in home.objects if obj.label == label for view in obj.views]
+    views = [view for obj in home.objects if obj.label == label for view in obj.all_views]
     return round(max((apparent_px(view, size) for view in views), default=0.0), 1)
 
 

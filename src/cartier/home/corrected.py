@@ -109,7 +109,7 @@ class _Applying:
         self.pool, self.objs = ({obj.id: obj for obj in objects} for _ in range(2))
         self.places = {room.id: room for room in rooms}
         self.made, self.into, self.notes = dict[int, MapObject](), dict[int, int](), list[str]()
-        self.factors = dict[int, float]()
+        self.factors = dict[int, tuple[float, str]]()
         self.now_s = max((obj.last_looked_s for obj in objects), default=0.0)
         self.kept: dict[int, list[Subject]] = {}  # what people said is there, by the object of the map that it is
         for entry in log:
@@ -119,13 +119,13 @@ class _Applying:
 
     def sorted_objects(self) -> tuple[MapObject, ...]:
         left = (self.objs[number] for number in self.pool if number in self.objs)
-        return tuple(weighed(obj, self.factors.get(obj.id, 1.0)) for obj in left)
+        return tuple(weighed(obj, *self.factors.get(obj.id, (1.0, ""))) for obj in left)
 
     def weigh(self, entry: Correction, subject: Subject) -> None:
         """Note what a vision model said of an object, if the map still has that very one; the latest counts."""
         number = self._found(subject, entry, again=False)
         if number is not None and subject.id in (number, *self.pool[number].aliases):
-            self.factors[number] = float(entry.factor or 1.0)
+            self.factors[number] = float(entry.factor or 1.0), entry.label or ""
 
     def name_room(self, entry: Correction, subject: Subject) -> None:
         number = find_room(subject.position, self.rooms, self.grid)

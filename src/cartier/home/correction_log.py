@@ -52,8 +52,8 @@ class Correction:
     ``other`` is the object that "merge" takes in, or the second one that "split" makes; "add" makes its ``subject``.
     ``rule`` is a route rule in its text form, for "rule" with the sentence that made it in ``name``; "lift" takes back
     the entry ``undoes``. "evidence" is what a vision model said of its ``subject``, in ``name``: the odds that it is
-    there are multiplied by ``factor``. ``origin`` names the pose frame of the positions, and ``newest`` is the largest
-    id of an object then; older entries have neither.
+    there are multiplied by ``factor``, and so is the evidence for ``label`` where it chose one. ``origin`` names the
+    pose frame of the positions, and ``newest`` is the largest id of an object then; older entries have neither.
     """
 
     id: str
@@ -184,6 +184,7 @@ def _entry(row: Mapping[str, Any]) -> Correction:
         about["name"] = clean(row["name"], MAX_NAME_CHARS, "name")
     if what == "evidence":
         about["factor"] = _factor(row["factor"])
+        about |= {"label": clean(row["label"], MAX_NAME_CHARS, "label")} if "label" in row else {}
     if what == "relabel":
         about["label"] = clean(row["label"], MAX_NAME_CHARS, "label")
     if what in ("merge", "split"):

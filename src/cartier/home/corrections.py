@@ -85,12 +85,16 @@ def make(known: Corrected, grid: OccupancyGrid | None, wish: Wish, origin: str =
     return Correction(secrets.token_hex(6), when, clean(wish.who, MAX_WHO_CHARS, "who corrects"), **about)
 
 
-def evidence(obj: MapObject, known: Corrected, said: str, factor: float, who: str, origin: str) -> Correction:
-    """An entry that multiplies the odds that an object exists, because a vision model (``who``) said something."""
+def evidence(
+    obj: MapObject, known: Corrected, said: str, factor: float, who: str, origin: str, label: str = ""
+) -> Correction:
+    """An entry that multiplies the odds that an object exists, because a vision model (``who``) said something, and the
+    evidence for a ``label`` of it, if it chose one."""
     when, by = datetime.now(UTC).isoformat(timespec="milliseconds"), brief(" ".join(who.split()), MAX_WHO_CHARS)
     return Correction(
         secrets.token_hex(6), when, clean(by, MAX_WHO_CHARS, "who looked"), "evidence", _subject(obj, known),
         name=clean(said, MAX_NAME_CHARS, "what was said"), factor=factor, origin=origin or None,
+        label=clean(label, MAX_NAME_CHARS, "label") if label else None,
     )  # fmt: skip
 
 

@@ -23,7 +23,7 @@ from cartier.home.point_cloud import PointCloud, read_cloud
 from cartier.navigation.layers import RouteMap
 from cartier.navigation.planning import room_middle
 from cartier.route_rules import RouteRule
-from cartier.spatial.doors import find_doors
+from cartier.spatial.doors import find_doors, shut_doors
 from cartier.types import Answer, Door, Inventory, Place, Room, Selection
 
 ANSWERS = "answers.jsonl"
@@ -87,7 +87,9 @@ class Home(HomeData):
         """
         names, at = self.index(index)[1].names(), tuple(self.start_xy if from_xy is None else from_xy)
         if set(names) <= set(self.names):
-            return Inventory(self.objects, self.rooms, self.photo, at, self._doors, tuple(rules))
+            return Inventory(
+                self.objects, self.rooms, self.photo, at, self._doors, tuple(rules), self._shut_doors
+            )  # fmt: skip
         return Inventory.of(names)
 
     @cached_property
@@ -98,6 +100,13 @@ class Home(HomeData):
     @cached_property
     def _doors(self) -> tuple[Door, ...]:
         return find_doors(self.rooms, self.grid) if self.grid is not None else ()
+
+    @cached_property
+    def _shut_doors(self) -> tuple[Door, ...]:
+        earlier = self.settings.get("doors", ())
+        if self.grid is None or not earlier:
+            return ()
+        return shut_doors([(x, y, width_m) for x, y, width_m in earlier], self._doors, self.rooms, self.grid)
 
     def locate(self, chosen: Selection, index: str | None = None) -> Place | None:
         """Where a reasoner's choice is.

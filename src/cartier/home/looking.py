@@ -9,7 +9,7 @@ from cartier.contracts import VisionModel
 from cartier.errors import InputError
 from cartier.home import correction_log, corrections
 from cartier.home.data import origin_of
-from cartier.types import Detections, Inventory, RobotModel, Selection, VisualTrace
+from cartier.types import Detections, Inventory, MapObject, RobotModel, Selection, VisualTrace
 from cartier.vision.permission import Look
 
 if TYPE_CHECKING:
@@ -52,6 +52,17 @@ def look_for_answer(
     return look(allowed, query, selection, inventory, photographs_of(home), around)
 
 
+def seen_twice(home: Home, query: str, selection: Selection, inventory: Inventory) -> Selection:
+    """The answer to whether a lamp or a screen is on, where the home's own photographs tell; nothing is sent."""
+    from cartier.vision import brightness, pixels
+
+    def seen(obj: MapObject) -> brightness.SeenTwice | None:
+        photographs = photographs_of(home)
+        return brightness.seen_twice(obj, photographs.sizes([obj]), photographs.rgb)
+
+    return pixels.twice(query, selection, seen, inventory)
+
+
 def ask_about_doubts(home: Home, allowed: Look, step: Step = _silent) -> tuple[Calibration, list[Checked]]:
     """Ask a vision model about the doubtful objects of a home that it was not asked about, and write nothing.
 
@@ -84,17 +95,18 @@ def verify(home: Home, allowed: Look, step: Step = _silent) -> tuple[Calibration
         What the model said of objects beyond doubt, by which its answers are weighed, and of each doubtful one.
 
     Raises:
-        InputError: The home was not loaded from a folder.
+        InputError: The home was not loaded from a folder, or it is published and stays as it is; nothing was asked.
         ReasonerError: The model cannot be reached; nothing was added then.
     """
     if home.store is None or home.corrected is None:
         raise InputError(f"{home.name} was not loaded from a folder: save it, load it, and verify it then")
+    home.store.check_appendable()
     calibration, checked = ask_about_doubts(home, allowed, step)
     who, origin = name_of(allowed.model), origin_of(home.settings)
     for each in checked:
         if each.trace.reply is not None:  # something was asked
-            said = f"{each.said}, odds x {each.factor:g}"
-            entry = corrections.evidence(each.obj, home.corrected, said, each.factor, who, origin)
+            said = f"{each.label or each.said}, odds x {each.factor:g}"
+            entry = corrections.evidence(each.obj, home.corrected, said, each.factor, who, origin, each.label)
             home.store.append(correction_log.LOG, correction_log.line_of(entry))
     return calibration, checked
 

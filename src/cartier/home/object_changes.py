@@ -17,14 +17,18 @@ def affirmed(obj: MapObject) -> MapObject:
     return replace(obj, confirmed=True, probability=1.0, by_person=True)
 
 
-def weighed(obj: MapObject, factor: float) -> MapObject:
-    """The object with the odds that it exists multiplied by a factor; what a person said of it stays."""
+def weighed(obj: MapObject, factor: float, label: str = "") -> MapObject:
+    """The object with the odds that it exists multiplied by a factor, and with them the evidence for one of its labels,
+    if one is given; what a person said of it stays."""
     if obj.by_person or factor == 1:
         return obj
     before = min(max(obj.probability, SUREST), 1 - SUREST)
     odds = factor * before / (1 - before)
     likely = round(odds / (1 + odds), 4)
-    return replace(obj, probability=likely, confirmed=likely >= CONFIRMED_PROBABILITY)
+    heavier = [(name, round(weight * factor, 4) if name == label else weight) for name, weight in obj.labels]
+    labels = tuple(sorted(heavier, key=lambda each: -each[1]))
+    best = labels[0][0] if label and labels else obj.label
+    return replace(obj, label=best, labels=labels, probability=likely, confirmed=likely >= CONFIRMED_PROBABILITY)
 
 
 def relabelled(obj: MapObject, label: str) -> MapObject:
@@ -39,6 +43,7 @@ def moved(obj: MapObject, to_xy: tuple[float, float], room: int | None) -> MapOb
     return replace(
         obj, position=_shifted(obj.position, by), box_min=_shifted(obj.box_min, by), box_max=_shifted(obj.box_max, by),
         oriented=box, room=room, views=tuple(_shifted_view(view, by) for view in obj.views),
+        side_views=tuple(_shifted_view(view, by) for view in obj.side_views),
     )  # fmt: skip
 
 
@@ -64,11 +69,13 @@ def merged(one: MapObject, other: MapObject) -> MapObject:
         weights[label] = weights.get(label, 0.0) + weight
     labels = sorted(weights.items(), key=lambda each: (each[0] != one.label, -each[1]))
     views = sorted((*one.views, *other.views), key=lambda view: -view.score * view.size_px2**0.5)
+    sides = sorted((*one.side_views, *other.side_views), key=lambda view: -view.size_px2)
     return replace(
         one, labels=tuple(labels), position=_middle(low, high), box_min=low, box_max=high, oriented=None,
         n_detected=max(one.n_detected, other.n_detected), n_observable=max(one.n_observable, other.n_observable),
         first_seen_s=min(one.first_seen_s, other.first_seen_s), last_seen_s=max(one.last_seen_s, other.last_seen_s),
         last_looked_s=max(one.last_looked_s, other.last_looked_s), views=tuple(views[:MAX_VIEWS]),
+        side_views=tuple(sides[:MAX_VIEWS]),
         aliases=(*one.aliases, other.id, *other.aliases), names=tuple(dict.fromkeys((*one.names, *other.names))),
     )  # fmt: skip
 
@@ -90,8 +97,14 @@ def _part(obj: MapObject, axis: int, cut: float, upper: bool) -> MapObject:
     side = [*(obj.box_min if upper else obj.box_max)]
     side[axis] = cut
     low, high = (tuple(side), obj.box_max) if upper else (obj.box_min, tuple(side))
-    views = tuple(v for v in obj.views if v.surface is not None and (v.surface[axis] >= cut) is upper)
-    return replace(obj, position=_middle(low, high), box_min=low, box_max=high, oriented=None, views=views or obj.views)
+    shown, sides = (
+        tuple(v for v in views if v.surface is not None and (v.surface[axis] >= cut) is upper)
+        for views in (obj.views, obj.side_views)
+    )
+    return replace(
+        obj, position=_middle(low, high), box_min=low, box_max=high, oriented=None, views=shown or obj.views,
+        side_views=sides or obj.side_views,
+    )  # fmt: skip
 
 
 def _middle(low: Sequence[float], high: Sequence[float]) -> tuple[float, ...]:

@@ -57,6 +57,7 @@ class Settings:
     doubts: tuple[str, ...] = ()
     config: dict[str, dict[str, float]] = field(default_factory=dict)
     scale_guessed: bool = False
+    doors: tuple[tuple[float, float, float], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -93,6 +94,8 @@ def manifest_from(about: Mapping[str, Any]) -> Manifest:
     _check_texts("settings: doubts", settings.doubts, MAX_NOTE_CHARS, MAX_LISTED)
     _check_texts("settings: knows", settings.knows, MAX_NAME_CHARS, MAX_KNOWN)
     _check_near("start_xy", made.start_xy)
+    need(len(settings.doors) <= MAX_LISTED, f"settings: more than {MAX_LISTED} doors")
+    _check_near("settings: doors", [value for door in settings.doors for value in door])
     for row in settings.recordings:
         need(
             0 <= row.frames <= MAX_COUNT and 0 <= row.looked <= MAX_COUNT,
@@ -161,8 +164,8 @@ def objects_from(rows: Any, rooms: Sequence[Room]) -> tuple[MapObject, ...]:
 
 
 def _check_views(obj: MapObject) -> None:
-    need(len(obj.views) <= MAX_LISTED, f"object {obj.id} has {len(obj.views)} views")
-    for view in obj.views:
+    need(len(obj.all_views) <= MAX_LISTED, f"object {obj.id} has {len(obj.all_views)} views")
+    for view in obj.all_views:
         what = f"object {obj.id}: its view in frame {brief(view.frame, 20)}"
         need(0 <= view.frame <= MAX_COUNT and len(view.label) <= MAX_NAME_CHARS, f"{what} is none")
         x1, y1, x2, y2 = view.box_xyxy

@@ -82,6 +82,9 @@ class Store:
                 with replaced_folder(self.folder, MANIFEST) as new:
                     self._fill(new, whole, blobs, files)
 
+    def check_appendable(self) -> None:
+        """Raises InputError if nothing may be appended here."""
+
     def append(self, log: str, line: str) -> None:
         """Append a line to one of the home's logs, which mapping never replaces. Raises InputError if that fails."""
         append_line(self.folder / log, line)
@@ -149,8 +152,11 @@ class PublishedStore(Store):
     def put(self, about: Mapping[str, Any], blobs: Mapping[str, bytes], files: Mapping[str, bytes]) -> None:
         raise InputError(f"{self.place} is published and stays as it is: save the home to a folder")
 
-    def append(self, log: str, line: str) -> None:
+    def check_appendable(self) -> None:
         raise InputError(f"{self.place} is published and stays as it is: pull it to a folder, and correct it there")
+
+    def append(self, log: str, line: str) -> None:
+        self.check_appendable()
 
     def _is_made(self) -> bool:
         return self._blobs.get(self._prefix + MANIFEST) is not None

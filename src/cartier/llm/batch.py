@@ -7,10 +7,14 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from cartier.errors import InputError
 from cartier.io.atomic import write_file
+from cartier.io.files import read_text
 from cartier.llm.prompts import Request, without_bounds
 
 URL = "/v1/chat/completions"
+MAX_BYTES = 256 * 1024 * 1024
+FORM = '{"custom_id": "…", "reply": "…"}, or a line of a batch\'s output, {"custom_id": "…", "response": {…}}'
 
 
 def save_requests(file: Path, requests: Mapping[str, Request], model: str) -> None:
@@ -20,6 +24,21 @@ def save_requests(file: Path, requests: Mapping[str, Request], model: str) -> No
         for key, request in requests.items()
     ]
     write_file(file, "".join(json.dumps(line, ensure_ascii=False) + "\n" for line in lines).encode())
+
+
+def read_replies(path: Path) -> dict[str, str]:
+    """Replies by the ids of their requests, one a line; the last line of an id counts.
+
+    Raises InputError if the file is missing, too large, or has an invalid line.
+    """
+    replies = dict[str, str]()
+    for number, line in enumerate(read_text(path, MAX_BYTES).split("\n"), start=1):
+        if line.strip():
+            try:
+                replies |= answered(json.loads(line))
+            except (ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:
+                raise InputError(f"{path} line {number}: expected {FORM}") from error
+    return replies
 
 
 def answered(row: Mapping[str, Any]) -> dict[str, str]:

@@ -21,6 +21,7 @@ ColumnKinds = Mapping[str, tuple[tuple[int, ...], Any]]
 """The shape of a row and the kind of number of each column."""
 
 LABELS_KEPT, VIEWS_KEPT = 6, 3  # per object
+SIDES_KEPT = 4  # of an object, by the quarter of all headings that it is seen in
 VIEW_KIND = np.dtype(
     [("frame", "i4"), ("box", "f4", 4), ("score", "f4"), ("label", "i2"), ("size_px2", "f4"), ("camera", "f4", 3),
      ("yaw", "f4"), ("surface", "f4", 3), ("worth", "f4")]
@@ -31,9 +32,13 @@ COLUMNS: ColumnKinds = {
     "label_weights": ((LABELS_KEPT,), "f4"), "n_detected": ((), "i4"), "n_observable": ((), "i4"),
     "first_s": ((), "f8"), "last_s": ((), "f8"), "looked_s": ((), "f8"), "widest_rad": ((), "f4"),
     "observable": ((VIEWPOINT_BINS,), "f4"),
-    "detected": ((VIEWPOINT_BINS,), "f4"), "views": ((VIEWS_KEPT,), VIEW_KIND), "colours": ((len(COLOURS),), "f4"),
+    "detected": ((VIEWPOINT_BINS,), "f4"), "views": ((VIEWS_KEPT,), VIEW_KIND),
+    "side_views": ((SIDES_KEPT,), VIEW_KIND), "late_view": ((1,), VIEW_KIND), "late_s": ((), "f8"),
+    "colours": ((len(COLOURS),), "f4"),
     "changed": ((), "?"),
 }  # fmt: skip
+LATER = frozenset(["fit_shape", "side_views", "late_view", "late_s"])
+"""Columns that maps written before they were kept do not have."""
 
 FAR_M = 2 * MAX_FAR_M  # what is seen lies beyond the camera
 MAX_NUMBER, MAX_PX = 1e15, 1e6
@@ -58,10 +63,11 @@ def check_columns(columns: Columns, kinds: ColumnKinds, labels: int) -> None:
     for name, empty in empty_columns(kinds, len(columns["id"])).items():
         if columns[name].shape != empty.shape or columns[name].dtype != empty.dtype:
             raise ValueError(f"{name} is of another kind or length")
-    most = max(int(columns["label_votes"].max(initial=-1)), int(columns["views"]["label"].max(initial=-1)))
+    views = np.concatenate([columns[name]["label"] for name in ("views", "side_views", "late_view")], axis=1)
+    most = max(int(columns["label_votes"].max(initial=-1)), int(views.max(initial=-1)))
     if most >= labels:
         raise ValueError(f"label {most} has no name")
-    if (columns["label_votes"] < 0).all(1).any() or (columns["views"]["label"] < 0).any():
+    if (columns["label_votes"] < 0).all(1).any() or (views < 0).any():
         raise ValueError("an object or a view has no label")
     if len(np.unique(columns["id"])) < len(columns["id"]):
         raise ValueError("two objects have one id")
@@ -102,16 +108,26 @@ def map_objects(
         votes = sorted(((names[k], round(float(w), 4)) for k, w in by_label if k >= 0), key=lambda vote: -vote[1])
         box_min, box_max = boxes[0][o]
         position = _metres((box_min + box_max) / 2)
-        best = [view for view in np.sort(row["views"], order="worth")[::-1] if view["frame"] >= 0]
-        surfaces = [_metres(view["surface"]) if located is None else position if located[o] else None for view in best]
-        views = tuple(_view(view, names, surface) for view, surface in zip(best, surfaces, strict=True))
+        place = None if located is None else (position if located[o] else None,)
+        views = _views(row["views"], names, place)
+        further = {view.frame: view for kept in ("side_views", "late_view") for view in _views(row[kept], names, place)}
+        for view in views:
+            further.pop(view.frame, None)
         objects.append(MapObject(
             number, votes[0][0], tuple(votes), position, _metres(box_min), _metres(box_max),
             round(float(likely[o]), 4), bool(confirmed[o]), int(row["n_detected"]), int(row["n_observable"]),
             float(row["first_s"]), float(row["last_s"]), float(row["looked_s"]), views, named_shares(row["colours"]),
-            aliases=tuple(old_ids.get(number, ())), oriented=boxes[1][o],
+            aliases=tuple(old_ids.get(number, ())), oriented=boxes[1][o], side_views=tuple(further.values()),
         ))  # fmt: skip
     return tuple(objects)
+
+
+def _views(
+    kept: npt.NDArray[Any], names: Sequence[str], place: tuple[tuple[float, ...] | None] | None
+) -> tuple[View, ...]:
+    """The views in a row, best first; ``place`` is the surface that they show where depth does not tell it."""
+    best = [view for view in np.sort(kept, order="worth")[::-1] if view["frame"] >= 0]
+    return tuple(_view(view, names, _metres(view["surface"]) if place is None else place[0]) for view in best)
 
 
 def _view(view: Any, names: Sequence[str], surface: tuple[float, ...] | None) -> View:

@@ -36,6 +36,7 @@ from cartier.mapping.remapping import again, succeed
 from cartier.mapping.repose import KeptFrame, frame_key, moved
 from cartier.mapping.rooms import find_rooms, room_of
 from cartier.mapping.walls import walls_yaw
+from cartier.spatial.doors import remembered
 from cartier.types import Camera, Detections, Frame
 
 DEFAULT_INDEXES = ("object_depth", "object_viewpoint")
@@ -117,6 +118,7 @@ class Mapper:
         self._settings, self._indexes = deepcopy(dict(home.settings)), deepcopy(dict(home.indexes))
         self._start_xy, self._camera, self._photos = home.start_xy, home.camera, BestPhotos(home.photos)
         self._notes = dict.fromkeys(home.notes)
+        self._settings |= remembered(home.route_map, home.settings)  # a door that is shut by now is told by that
         try:
             self._objects = self._object_map(home.grid is not None)
             rows = [(row["recording"], row["sha256"], int(row["frames"])) for row in self._settings["recordings"]]
@@ -216,7 +218,7 @@ class Mapper:
         if self._next_frame:
             frame = replace(frame, index=frame.index + self._next_frame)
             detections = replace(detections, frame=frame.index)
-        ids = self._objects.add(frame, detections)
+        ids = self._objects.add(frame, detections, self._next_frame)
         self._log.add(detections, ids)
         if frame.depth_m is not None:
             self._floor_kinds.add(frame)

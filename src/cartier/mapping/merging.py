@@ -164,6 +164,10 @@ def merge_pair(columns: Columns, keep: int, drop: int, geometry: Geometry) -> No
     views = np.concatenate([columns["views"][keep], columns["views"][drop]])
     best = np.argsort(-views["worth"], kind="stable")[: columns["views"].shape[1]]
     columns["views"][keep] = views[best]
+    sides, others = columns["side_views"][keep], columns["side_views"][drop]
+    columns["side_views"][keep] = np.where(others["worth"] > sides["worth"], others, sides)
+    if columns["late_view"]["frame"][drop, 0] > columns["late_view"]["frame"][keep, 0]:
+        columns["late_view"][keep], columns["late_s"][keep] = columns["late_view"][drop], columns["late_s"][drop]
     votes, weights = columns["label_votes"], columns["label_weights"]
     for label, weight in zip(votes[drop].tolist(), weights[drop].tolist(), strict=True):
         if label >= 0:

@@ -7,6 +7,7 @@ then objects that turn out to be one are merged (``merging.py``).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -14,11 +15,11 @@ import numpy as np
 import numpy.typing as npt
 
 from cartier.errors import InputError, brief
-from cartier.geometry import view_yaw, weak_perspective_size
+from cartier.geometry import shorter_side, view_yaw, weak_perspective_size
 from cartier.home.old_names import OLD_GROWTH
 from cartier.io.files import json_bytes, npz_bytes, parse_json, read_npz, typed
 from cartier.mapping.association import add_label_vote, label_agreement, suppress_duplicates, touching_pairs
-from cartier.mapping.columns import COLUMNS, Indices, check_columns, empty_columns, map_objects
+from cartier.mapping.columns import COLUMNS, LATER, SIDES_KEPT, Indices, check_columns, empty_columns, map_objects
 from cartier.mapping.config import DEFAULT_CONFIG, MappingConfig
 from cartier.mapping.existence import (
     EarlierFrames,
@@ -35,6 +36,8 @@ from cartier.mapping.observation import LiftedDetections
 from cartier.types import Array, Detections, DetectorScoreModel, Frame, MapObject, OrientedBox
 
 MAX_DETECTIONS = 60  # per frame, the most confident ones
+VISIT_S = 600.0  # a view that is taken later than that after another is of another visit
+KEPT_VIEWS = ("views", "side_views", "late_view")
 GROWTH_ROWS = 64  # that are set aside at a time
 
 
@@ -57,6 +60,7 @@ class ObjectMap:
         self._walls_yaw: float | None = None  # of the boxes that were fitted last
         self._covisible: dict[tuple[int, int], int] = {}  # frames that show two touching objects side by side, by ids
         self._aliases: dict[int, int] = {}  # ids of objects that were merged into another one
+        self.visit_from = 0  # the number of the first frame of the recording that is being mapped
         self.kept: frozenset[int] = frozenset()  # ids of objects that are never pruned: a person said they are there
 
     def __len__(self) -> int:
@@ -66,8 +70,12 @@ class ObjectMap:
         """Views of the arrays, one row per object."""
         return {name: column[: self._count] for name, column in self._rows.items()}
 
-    def add(self, frame: Frame, detections: Detections) -> npt.NDArray[np.int64]:
-        """Add one frame and everything detected in it; returns each detection's object id (N,), -1 for none."""
+    def add(self, frame: Frame, detections: Detections, visit_from: int = 0) -> npt.NDArray[np.int64]:
+        """Add one frame and everything detected in it; returns each detection's object id (N,), -1 for none.
+
+        ``visit_from`` is the number of the first frame of the recording.
+        """
+        self.visit_from = visit_from
         order = np.argsort(-detections.scores, kind="stable")[:MAX_DETECTIONS]
         boxes_px, scores = detections.boxes_xyxy[order], detections.scores[order]
         boxes = boxes_px.astype(np.float64)
@@ -134,7 +142,9 @@ class ObjectMap:
         if o == len(rows["id"]):
             self._rows = rows = {name: np.concatenate([column, np.zeros_like(column)]) for name, column in rows.items()}
         rows["id"][o], rows["first_s"][o] = self._next_id, time_s
-        rows["label_votes"][o] = rows["views"]["frame"][o] = -1
+        rows["label_votes"][o] = -1
+        for kept in KEPT_VIEWS:
+            rows[kept]["frame"][o] = -1
         self.geometry.spawn(rows, o, lifted, detection)
         self._next_id, self._count = self._next_id + 1, o + 1
         return o
@@ -142,15 +152,25 @@ class ObjectMap:
     def _keep_view(
         self, o: int, frame: Frame, box_xyxy: Array, score: float, label: int, size_px2: float, surface: Array
     ) -> None:
-        """Keep the view if it is among the most confident and largest of the object."""
-        views, camera = self._rows["views"][o], frame.camera
+        """Keep the view if it is among the most confident and largest of the object, or the largest of a side or of the
+        latest visit."""
+        (views, sides, late), camera = (self._rows[kept][o] for kept in KEPT_VIEWS), frame.camera
         self._rows["widest_rad"][o] = max(self._rows["widest_rad"][o], (size_px2 / (camera.fx * camera.fy)) ** 0.5)
+        pose = frame.world_from_camera
+        yaw = view_yaw(pose, camera, float(box_xyxy[0] + box_xyxy[2]) / 2, float(box_xyxy[1] + box_xyxy[3]) / 2)
+        side = round(yaw / (math.tau / SIDES_KEPT)) % SIDES_KEPT
         worth = score * size_px2**0.5
-        last = int(views["worth"].argmin())
-        if worth > views["worth"][last]:
-            pose = frame.world_from_camera
-            yaw = view_yaw(pose, camera, float(box_xyxy[0] + box_xyxy[2]) / 2, float(box_xyxy[1] + box_xyxy[3]) / 2)
-            views[last] = (frame.index, box_xyxy, score, label, size_px2, pose[:3, 3], yaw, surface, worth)
+        side_worth = score**0.5 * shorter_side(
+            box_xyxy, (camera.width, camera.height)
+        )  # how it looks follows its size more than its score
+        if late["frame"][0] < self.visit_from or frame.time_s - self._rows["late_s"][o] > VISIT_S:
+            late["worth"] = 0.0
+        if side_worth > late["worth"][0]:
+            self._rows["late_s"][o] = frame.time_s
+        slots = (views, int(views["worth"].argmin()), worth), (sides, side, side_worth), (late, 0, side_worth)
+        for kept, slot, better in slots:
+            if better > kept["worth"][slot]:
+                kept[slot] = (frame.index, box_xyxy, score, label, size_px2, pose[:3, 3], yaw, surface, better)
 
     def merge_and_prune(self) -> None:
         """Merge what turned out to be one object, unless frames showed both; forget what was hardly ever seen again."""
@@ -211,8 +231,9 @@ class ObjectMap:
         self._next_id = next_id
 
     def best_frames(self) -> set[int]:
-        """The frames that show the best views of objects."""
-        return set(self._rows["views"]["frame"][: self._count].ravel().tolist()) - {-1}
+        """The frames that show the best views of objects, the largest of their sides, and of the latest visit."""
+        kept = (self._rows[name]["frame"][: self._count].ravel().tolist() for name in KEPT_VIEWS)
+        return {frame for frames in kept for frame in frames} - {-1}
 
     def evidence(self) -> tuple[Array, Array, Array]:
         """The evidence for and against each object: the first arguments of ``existence.posterior``."""
@@ -249,8 +270,10 @@ class ObjectMap:
             arrays, about = ({OLD_GROWTH.get(name, name): part for name, part in of.items()} for of in (arrays, about))
             self._labels = {name: number for number, name in enumerate(typed(about["labels"], tuple[str, ...]))}
             spare = empty_columns(self._kinds, GROWTH_ROWS)
-            later = self._kinds.keys() - arrays.keys() if "patches" not in arrays else {"fit_shape"} - arrays.keys()
+            later = (self._kinds.keys() if "patches" not in arrays else self._kinds.keys() & LATER) - arrays.keys()
             arrays |= empty_columns({name: self._kinds[name] for name in later}, len(arrays["id"]))
+            for kept in later & set(KEPT_VIEWS):
+                arrays[kept]["frame"] = -1
             check_columns(arrays, self._kinds, len(self._labels))
             self._rows = {name: np.concatenate([arrays[name], spare[name]]) for name in self._kinds}
             self._count, self._next_id, self._frames = len(arrays["id"]), int(about["next_id"]), int(about["frames"])

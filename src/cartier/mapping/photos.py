@@ -1,4 +1,4 @@
-"""Photos of a map: of the frames, those that are among the best views of an object."""
+"""Photos of a map: of the frames, those that are among the best views of an object, or the largest of a side."""
 
 from __future__ import annotations
 
@@ -28,6 +28,9 @@ class BestPhotos:
             del self._photos[old]
 
     def of(self, objects: Sequence[MapObject]) -> dict[int, bytes]:
-        """The photos of all views of confirmed objects, and of the best one of the others."""
-        shown = {view.frame for obj in objects for view in obj.views[: None if obj.confirmed else 1]}
+        """The photos of all views of confirmed objects, and of the best and the largest one of the others."""
+        shown = {
+            view.frame for obj in objects for views in (obj.views, obj.side_views)
+            for view in views[: None if obj.confirmed else 1]
+        }  # fmt: skip
         return {frame: jpeg for frame, jpeg in sorted(self._photos.items()) if frame in shown}

@@ -80,6 +80,12 @@ class Who(BaseModel):
     who: Short = "somebody"
 
 
+class Verification(BaseModel):
+    """A verification takes nothing: the owner of the server chooses who looks."""
+
+    model_config = ConfigDict(extra="forbid")
+
+
 def make(operations: Operations) -> FastAPI:
     """The app. It has no access control: put a ``Guard`` around it."""
     app = FastAPI(
@@ -240,6 +246,13 @@ def _add_writing(app: FastAPI, ops: Operations, run: Callable[..., Any]) -> None
     @app.post("/api/homes/{home:path}/undo", response_model=results.Corrected, summary="Undo the latest correction")
     async def undo(home: str, by: Who) -> Response:
         return JSONResponse(await run(home, ops.undo, home, by.who))
+
+    @app.post(
+        "/api/homes/{home:path}/verify", response_model=results.Verified,
+        summary="Ask the owner's vision model once about doubtful objects; where the server may look (--look auto)",
+    )  # fmt: skip
+    async def verify(home: str, wish: Verification) -> Response:
+        return JSONResponse(await run(home, ops.verify, home))
 
 
 def _add_fleet(app: FastAPI, ops: Operations) -> None:

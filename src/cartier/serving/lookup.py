@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from difflib import get_close_matches
 from typing import NamedTuple
 
+from cartier.errors import InputError
+from cartier.home import Home
 from cartier.spatial import relations
 from cartier.spatial.relations import Relation
 from cartier.types import MapObject
@@ -74,3 +76,15 @@ def _likeliest(found: Sequence[Relation]) -> list[Relation]:
     """The most probable relation, if it is probable enough."""
     best = max(found, key=lambda r: r.probability, default=None)
     return [best] if best is not None and best.probability >= LIKELY else []
+
+
+def start_of(home: Home, from_x: float | None, from_y: float | None) -> Sequence[float]:
+    """Where a drive begins, by default where the home was first seen. Raises InputError for half a place."""
+    if (from_x is None) != (from_y is None):
+        raise InputError("a start needs both from_x and from_y, in metres of the map")
+    return home.start_xy if from_x is None or from_y is None else (from_x, from_y)
+
+
+def confirmed_of(home: Home, *more: MapObject) -> list[MapObject]:
+    """The confirmed objects of a home, and some more of it."""
+    return [t for t in home.objects if t.confirmed or t in more]

@@ -1,6 +1,7 @@
 """Model Context Protocol server: the operations as tools, over stdio or streamable HTTP.
 
-All tools but ``correct``, ``undo`` and ``go`` only read. ``go`` exists only if the server is started with a robot to
+All tools but ``correct``, ``undo``, ``verify`` and ``go`` only read. ``verify`` exists only if the owner lets
+photographs be looked at (``--look auto``). ``go`` exists only if the server is started with a robot to
 move, and each goal needs a person's consent: by elicitation, or by a code that the server prints on its terminal.
 """
 
@@ -47,6 +48,7 @@ SHOWN = {"ui": {"resourceUri": ANSWER_URI}}  # hosts that show MCP Apps draw the
 CODE_S, CODE_TRIES = 300.0, 3
 READS = ToolAnnotations(read_only_hint=True)
 WRITES = ToolAnnotations(read_only_hint=False, destructive_hint=False, open_world_hint=False)
+SENDS = ToolAnnotations(read_only_hint=False, destructive_hint=False, open_world_hint=True)
 MOVES = ToolAnnotations(read_only_hint=False, destructive_hint=True, open_world_hint=True)
 
 
@@ -212,8 +214,13 @@ def _add_writing(server: MCPServer, ops: Operations) -> None:
     def undo(ctx: Context, home: str = "") -> Result:
         return _call(ops.undo, home, _client(ctx))
 
+    def verify(home: str = "") -> Result:
+        return _call(ops.verify, home)
+
     server.add_tool(correct, description="Correct what is wrong; add at x, y or on entity", annotations=WRITES)
     server.add_tool(undo, description="Undo the latest correction", annotations=WRITES)
+    if ops.verification.allowed:
+        server.add_tool(verify, description="Check doubtful objects by their photos, once", annotations=SENDS)
 
 
 def _add_go(server: MCPServer, ops: Operations, robot: str) -> None:

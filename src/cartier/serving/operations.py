@@ -33,7 +33,7 @@ from cartier.llm.prompts import check_query, recent
 from cartier.navigation.planning import plan
 from cartier.pipeline import ask, plan_for, serve
 from cartier.serving.homes import Homes
-from cartier.serving.lookup import named, placed
+from cartier.serving.lookup import confirmed_of, named, placed, start_of
 from cartier.serving.values import (
     answer_values,
     called,
@@ -48,6 +48,7 @@ from cartier.serving.values import (
     rule_row,
     xyz,
 )
+from cartier.serving.verification import Verification
 from cartier.spatial import relations
 from cartier.types import Goal, MapObject, RobotModel, Room
 from cartier.understanding import alarm
@@ -78,6 +79,7 @@ class Operations:
         self._on_alarm, self._look = on_alarm, look
         self._turns: OrderedDict[tuple[str, str, str], list[tuple[str, str]]] = OrderedDict()
         self._lock = threading.Lock()
+        self.verification = Verification(look)
 
     def ask(
         self,
@@ -96,7 +98,7 @@ class Operations:
         key = (self.homes.name(home), conversation.strip()[:MAX_CONVERSATION_CHARS], self.homes.asker)
         with self._lock:
             turns = list(self._turns.get(key, ()))
-        start = _start(mapped, from_x, from_y)
+        start = start_of(mapped, from_x, from_y)
         corrected = correct_by_words(mapped, words, turns, from_xy=start) if corrects else None
         mapped, chosen = corrected or (mapped, None)
         if chosen is not None:
@@ -157,7 +159,7 @@ class Operations:
             labels = {obj.label for obj in mapped.objects if obj.room == one.id and obj.confirmed}
             return about | {"holds": sorted(labels)[:30]} | goal
         held = relations.supports(mapped.objects)
-        on, beside = held.get(one.id), relations.next_to(one, _confirmed(mapped))
+        on, beside = held.get(one.id), relations.next_to(one, confirmed_of(mapped))
         return about | {
             "size_m": [round(high - low, 2) for low, high in zip(one.box_min, one.box_max, strict=True)],
             "colours": [name for name, _ in one.colours[:3]],
@@ -206,7 +208,7 @@ class Operations:
             raise InputError(f"{brief(entity, 40)} and {brief(other, 40)} are one object {a.id}: relate needs two")
         goal, _ = self._planned(mapped, b, mapped.start_xy)
         seen_from = (goal.x, goal.y) if goal is not None else mapped.start_xy
-        rows, side = placed(a, b, _confirmed(mapped, a, b), seen_from)
+        rows, side = placed(a, b, confirmed_of(mapped, a, b), seen_from)
         kinds = [f"{r.kind} than" if r.kind == "bigger" else r.kind for r in rows]
         lines = [
             f"{called(mapped, r.subject)} is {kind} {called(mapped, r.object)}"
@@ -225,12 +227,12 @@ class Operations:
         """A goal pose that faces an object or lies in a room, reachable from the start."""
         about = self.about(home, self.homes.get(home))  # first, so that the goal is of no older epoch than it says
         mapped, one = self._one(entity, home)
-        return about | self._row(mapped, one) | self._goal(mapped, one, _start(mapped, from_x, from_y))
+        return about | self._row(mapped, one) | self._goal(mapped, one, start_of(mapped, from_x, from_y))
 
     def goal(self, entity: str, home: str = "", from_x: float | None = None, from_y: float | None = None) -> Goal:
         """The pose of ``goal_for``. Raises InputError if there is none."""
         mapped, one = self._one(entity, home)
-        goal, why_not = self._obeying(mapped, one, _start(mapped, from_x, from_y))
+        goal, why_not = self._obeying(mapped, one, start_of(mapped, from_x, from_y))
         if goal is None:
             raise InputError(why_not)
         return goal
@@ -294,6 +296,11 @@ class Operations:
         result = self.correct("undo", home=home, who=who)
         return {key: value for key, value in result.items() if key != "next"}
 
+    def verify(self, home: str = "") -> dict[str, Any]:
+        """Ask the owner's vision model once about doubtful objects; what it says is evidence in the log of the home."""
+        told = self.verification.of(self.homes, home)
+        return self.about(home, self.homes.get(home)) | told
+
     def about(self, home: str, mapped: Home) -> dict[str, Any]:
         """The name and id of a home, and the hours since it was recorded (None where its recordings have no date)."""
         about = {"home": self.homes.name(home), "home_id": mapped.id, "age_h": age_h(mapped.objects, time.time())}
@@ -338,13 +345,3 @@ def _an_object(obj: MapObject | Room) -> MapObject:
         hint = f"pass an object; list_objects with room={obj.name!r} shows what is in it"
         raise InputError(f"{obj.name} is a room: {hint}")
     return obj
-
-
-def _start(home: Home, from_x: float | None, from_y: float | None) -> Sequence[float]:
-    if (from_x is None) != (from_y is None):
-        raise InputError("a start needs both from_x and from_y, in metres of the map")
-    return home.start_xy if from_x is None or from_y is None else (from_x, from_y)
-
-
-def _confirmed(home: Home, *more: MapObject) -> list[MapObject]:
-    return [t for t in home.objects if t.confirmed or t in more]

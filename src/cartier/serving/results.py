@@ -215,6 +215,36 @@ class Corrected(Result):
     next: str | None = None
 
 
+class Weights(Part):
+    """What the model said of objects beyond doubt, by their names and by others, and what its answers count."""
+
+    named: dict[str, int]
+    misnamed: dict[str, int]
+    yes: float = Field(description="by how much a yes multiplies the odds that an object is there")
+    no: float
+
+
+class Looked(Part):
+    id: int
+    label: str
+    said: str = Field(description="yes, no or cannot tell")
+    chosen: str = Field(description="of a contested label, the one that was chosen")
+    factor: float
+    before: float = Field(description="how likely it was")
+    after: float
+    why: str
+    asked: bool
+    frames: list[int] = Field(description="the photographs that were sent")
+
+
+class Verified(Result):
+    model: str = Field(description="the vision model, and where the photographs went")
+    weights: Weights
+    asked: list[Looked]
+    not_asked: int = Field(description="doubtful objects that no photograph shows large enough")
+    next: str
+
+
 class ViewRoom(Part):
     id: int
     name: str

@@ -2,17 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import math
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import combinations
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
 from cartier.types import FREE, OCCUPIED, Door, OccupancyGrid, Room
 
+if TYPE_CHECKING:
+    from cartier.navigation.layers import RouteMap
+
 Mask = npt.NDArray[np.bool_]
 MAX_WALL_M = 0.3  # thickness of a wall with a lintel, which is no floor of either room
 AROUND_M = 0.6  # before and behind a door, what stands there makes it narrower
+MAX_REMEMBERED = 500  # doors of one home
+SAME_DOOR_M = 0.5  # between the middles of one door on two floor plans
+LEAF_M = 1.2  # a door is seen at least so high: what is lower stands in the way
 MAX_WIDTH_M = 1.6  # two rooms that meet over more are one open space, as a person sees it
 
 
@@ -40,6 +48,43 @@ def find_doors(rooms: Sequence[Room], grid: OccupancyGrid) -> tuple[Door, ...]:
                 x, y = grid.centre(cells).mean(0)
                 narrow_m = _narrowest_m(grid, cells, masks[one], masks[other])
                 found.append(Door((float(x), float(y)), (one, other), width_m, min(narrow_m, width_m)))
+    return tuple(found)
+
+
+def remembered(site: RouteMap | None, settings: Mapping[str, Any]) -> dict[str, Any]:
+    """A setting ``doors`` with the middle (x, y) and the width (m) of the passages that a home has, and of others that
+    its settings say it had before; nothing where there are none."""
+    now = [[round(value, 3) for value in (*door.xy, door.width_m)] for door in (site.doors if site is not None else ())]
+    before = settings.get("doors", ())
+    gone = [[*old] for old in before if all(math.dist(old[:2], each[:2]) >= SAME_DOOR_M for each in now)]
+    return {"doors": [*now, *gone][:MAX_REMEMBERED]} if now or gone else {}
+
+
+def shut_doors(
+    earlier: Sequence[tuple[float, float, float]], doors: Sequence[Door], rooms: Sequence[Room], grid: OccupancyGrid
+) -> tuple[Door, ...]:
+    """The passages that were open once, and in which something as high as a door stands now.
+
+    Args:
+        earlier: The middle (x, y) and the width (m) of passages on an earlier floor plan.
+        doors: Those of this floor plan.
+        rooms: Its rooms.
+        grid: This floor plan.
+
+    Returns:
+        The shut ones, each between the two rooms that are nearest to it; none where fewer than two are near.
+    """
+    tall = (grid.cells == OCCUPIED) & (grid.height_m >= LEAF_M)
+    solid = grid.centre(np.argwhere(tall))
+    found = list[Door]()
+    for x, y, width_m in earlier:
+        open_now = any(np.hypot(door.xy[0] - x, door.xy[1] - y) < SAME_DOOR_M for door in doors)
+        if open_now or not (np.hypot(*(solid - (x, y)).T) <= MAX_WALL_M).any():
+            continue
+        away_m = sorted((float(np.hypot(*(grid.centre(room.cells) - (x, y)).T).min()), room.id) for room in rooms)
+        near = [number for distance_m, number in away_m[:2] if distance_m <= AROUND_M]
+        if len(near) == 2:
+            found.append(Door((x, y), (min(near), max(near)), width_m))
     return tuple(found)
 
 

@@ -49,7 +49,7 @@ class Scene:
         self.maybe = sorted(maybe, key=lambda o: -o.probability)  # mentioned in words, never served unasked
         self.by_id = {obj.id: obj for obj in self.objects} | {a: t for t in self.objects for a in t.aliases}
         self.from_xy = inventory.from_xy
-        self._doors = inventory.doors
+        self._doors, self._shut_doors = inventory.doors, inventory.shut_doors
 
     @property
     def known(self) -> bool:
@@ -130,13 +130,18 @@ class Scene:
         tentative ones."""
         return self.meant(phrase)[0] or [_doorway(door) for door in self.doors(phrase)] or self._perhaps_there(phrase)
 
-    def doors(self, phrase: ReferringExpression) -> list[Door]:
-        """The passages between rooms that a phrase may mean: "the kitchen door" is any of the kitchen's."""
+    def doors(self, phrase: ReferringExpression, shut: bool = False) -> list[Door]:
+        """The passages between rooms that a phrase may mean: "the kitchen door" is any of the kitchen's. ``shut``: of
+        those that are shut by now."""
         if name_key(phrase.said) not in DOORS:
             return []
         ends = (end for relation in phrase.relations for end in (relation.target, relation.other))
         told = [set(end.rooms) for end in ends if end is not None and end.rooms]
-        return [door for door in self._doors if all(rooms & set(door.rooms) for rooms in told)]
+        return [
+            door
+            for door in (self._shut_doors if shut else self._doors)
+            if all(rooms & set(door.rooms) for rooms in told)
+        ]
 
     def _perhaps_there(self, landmark: ReferringExpression) -> list[MapObject]:
         """Tentative objects that may still serve as a landmark."""

@@ -22,10 +22,11 @@ def meant(asked: Asked, inventory: Inventory) -> list[MapObject]:
     return Scene(inventory).meant(head)[0] if head is not None and (head.labels or head.similar) else []
 
 
-def passages(asked: Asked, inventory: Inventory) -> list[tuple[int, int]]:
-    """The passages of the floor plan that the noun phrase may mean, each by the ids of the rooms that it joins."""
+def passages(asked: Asked, inventory: Inventory, shut: bool = False) -> list[tuple[int, int]]:
+    """The passages of the floor plan that the noun phrase may mean, each by the ids of the rooms that it joins; with
+    ``shut`` those that are shut by now."""
     head = _phrase(asked, inventory)
-    return [] if head is None else [door.rooms for door in Scene(inventory).doors(head)]
+    return [] if head is None else [door.rooms for door in Scene(inventory).doors(head, shut)]
 
 
 def _phrase(asked: Asked, inventory: Inventory) -> ReferringExpression | None:

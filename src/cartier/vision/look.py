@@ -65,7 +65,7 @@ class Photographs:
 
     def sizes(self, objects: Sequence[MapObject]) -> dict[int, tuple[int, int]]:
         """(width, height) of the photographs of some objects, by frame."""
-        frames = {view.frame for obj in objects for view in obj.views if view.frame in self.jpegs}
+        frames = {view.frame for obj in objects for view in obj.all_views if view.frame in self.jpegs}
         return {frame: decoded_size(self.jpegs[frame], _where(frame)) for frame in frames}
 
     def rgb(self, frame: int) -> npt.NDArray[np.uint8]:

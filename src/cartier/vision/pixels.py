@@ -1,19 +1,22 @@
 """Answers to questions about looks without a vision model: colours as the map has them, and where nothing is known.
 
-A map holds the colours of an object's surface and the passages of the floor plan. It holds no state of anything: to
-"is the fridge open?" the honest answer is that a vision model would have to look.
+A map holds the colours of an object's surface and the passages of the floor plan, and its photographs tell of a lamp
+or a screen that was seen both bright and dark. Of other states it knows nothing: to "is the fridge open?" the honest
+answer is that a vision model would have to look.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import Literal
 
 from cartier.labels import words
 from cartier.spatial.describe import colours_of, whereabouts
 from cartier.spatial.query import Scene
 from cartier.types import Fact, Inventory, MapObject, Selection
 from cartier.vision.attributes import PRONOUNS, Asked, read, read_of_last, read_unlisted
+from cartier.vision.brightness import SeenTwice
 from cartier.vision.candidates import meant, passages
 
 BLIND = "I cannot tell by looking without a vision model"
@@ -38,8 +41,10 @@ def answer(said: str, inventory: Inventory, last: MapObject | None, model: str) 
     if asked.form == "which" and not _asks(said):
         return None  # a drive to "a clean towel": the list serves it, and its state is not known
     scene = Scene(inventory)
-    if asked.attribute == "open" and (between := passages(asked, inventory)):
-        return _passage(asked, between, scene, model)
+    if asked.attribute == "open":
+        opened, shut = passages(asked, inventory), passages(asked, inventory, shut=True)
+        if opened or shut:
+            return _passage(asked, opened, shut, scene, model)
     it = [] if last is None else [last]
     found = it if asked.noun in PRONOUNS else meant(asked, inventory)
     if not found:
@@ -57,16 +62,52 @@ def unchecked(said: str, chosen: Selection) -> Selection:
     return replace(chosen, reason=f"{chosen.reason.rstrip('.')}. {BLIND} whether it is {asked.value}.")
 
 
+def twice(
+    said: str, chosen: Selection, seen: Callable[[MapObject], SeenTwice | None], inventory: Inventory
+) -> Selection:
+    """The answer to whether a lamp or a screen is on, where its photographs tell; otherwise the choice as it is.
+
+    ``seen`` says what the photographs of an object show; it is called only for such a question that has no answer.
+    """
+    asked = read(said) or read_of_last(said)
+    fact = chosen.fact
+    if asked is None or asked.attribute != "on" or asked.form != "state":
+        return chosen
+    if fact is None or fact.kind != "tell" or fact.value is not None or len(fact.objects) != 1:
+        return chosen
+    obj = next((obj for obj in inventory.objects if obj.id == fact.objects[0]), None)
+    told = None if obj is None else seen(obj)
+    if obj is None or told is None:
+        return chosen
+    was = {"on": "bright", "off": "dark"}[told.state], {"on": "dark", "off": "bright"}[told.state]
+    why = f"it was {was[0]} in the photograph of frame {told.frame} and {was[1]} in that of frame {told.other}"
+    named = _named(obj, Scene(inventory))
+    text = f"{_yes(told.state == asked.value)}{named} was {told.state} when I saw it last: {why}."
+    return replace(chosen, reason=why, text=text, fact=replace(fact, value=told.state))
+
+
 def _asks(said: str) -> bool:
     """Whether words begin as a question about which object it is, or whether there is one."""
     return not {"where", "bring", "get", "fetch", "take", "find", "want", "need", "show", "give"} & set(words(said)[:4])
 
 
-def _passage(asked: Asked, between: Sequence[tuple[int, int]], scene: Scene, model: str) -> Selection:
-    """A passage is on the floor plan because floor was seen in it: it was open then."""
-    one, other = (scene.rooms[number].name for number in between[0])
-    text = f"{_yes(asked.value == 'open')}the way between the {one} and the {other} was open when I saw it."
-    return Selection("answered", reason=text, text=text, fact=Fact("tell", "open"), model=model)
+def _passage(
+    asked: Asked, opened: Sequence[tuple[int, int]], shut: Sequence[tuple[int, int]], scene: Scene, model: str
+) -> Selection:
+    """A passage is on the floor plan because floor was seen in it: it was open then. A shut one was seen twice."""
+
+    def between(rooms: tuple[int, int]) -> str:
+        one, other = (scene.rooms[number].name for number in rooms)
+        return f"between the {one} and the {other}"
+
+    if opened and shut:
+        text = f"Some: the way {between(opened[0])} was open when I saw it, the one {between(shut[0])} was shut."
+        fact = Fact("tell", f"{len(opened)} of {len(opened) + len(shut)}")
+        return Selection("answered", reason=text, text=text, fact=fact, model=model)
+    state: Literal["open", "closed"] = "open" if opened else "closed"
+    how = "open when I saw it" if opened else "shut when I saw it last; it was open before"
+    text = f"{_yes(asked.value == state)}the way {between((*opened, *shut)[0])} was {how}."
+    return Selection("answered", reason=text, text=text, fact=Fact("tell", state), model=model)
 
 
 def _coloured(asked: Asked, found: Sequence[MapObject], scene: Scene, model: str) -> Selection:

@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 
-from cartier.errors import InputError, ReasonerError
-from cartier.io.files import read_text
-from cartier.llm.batch import answered
+from cartier.errors import ReasonerError
+from cartier.llm.batch import read_replies
 from cartier.types import CandidateView, VisualQuestion, VisualReply
 from cartier.vision import prompt
-
-MAX_BYTES = 256 * 1024 * 1024
-FORM = '{"custom_id": "…", "reply": "…"}, or a line of a batch\'s output, {"custom_id": "…", "response": {…}}'
 
 
 def make(model: str | Path) -> Replay:
@@ -21,14 +16,8 @@ def make(model: str | Path) -> Replay:
 
     Raises InputError if the file is missing, too large, or has an invalid line.
     """
-    path, replies = Path(model), dict[str, str]()
-    for number, line in enumerate(read_text(path, MAX_BYTES).split("\n"), start=1):
-        if line.strip():
-            try:
-                replies |= answered(json.loads(line))
-            except (ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:
-                raise InputError(f"{path} line {number}: expected {FORM}") from error
-    return Replay(path, replies)
+    path = Path(model)
+    return Replay(path, read_replies(path))
 
 
 class Replay:

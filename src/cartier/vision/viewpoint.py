@@ -32,7 +32,7 @@ def pose_to_see(
     """
     if grid is None or not obj.views or seen_px <= 0 or (area := reach(grid, from_xy, robot.radius_m)) is None:
         return None
-    view = max(obj.views, key=lambda view: view.size_px2)
+    view = max(obj.all_views, key=lambda view: view.size_px2)
     middle = np.array(obj.position)
     near_m = float(np.linalg.norm(np.array(view.camera) - middle)) * seen_px / WANTED_PX
     above_m = robot.camera_height_m - middle[2]
@@ -44,7 +44,7 @@ def pose_to_see(
     fits = np.flatnonzero((away_m <= floor_m) & (away_m >= NEAREST_M) & outside)
     yaws = np.arctan2(middle[1] - xy[fits, 1], middle[0] - xy[fits, 0])
     known = np.zeros(len(fits), bool)
-    for each in obj.views if new_side else ():
+    for each in obj.all_views if new_side else ():
         known |= np.abs(np.remainder(yaws - each.yaw + math.pi, math.tau) - math.pi) < SAME_SIDE_RAD
     place = Place(obj.label, obj.position, 1.0, view.frame, None, obj.box_min, obj.box_max, object_id=obj.id)
     order = fits[np.lexsort((area.length_m[tuple(cells[fits].T)], known))]

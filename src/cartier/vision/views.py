@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping, Sequence
 
+from cartier.geometry import shorter_side
 from cartier.types import MapObject, View
 
 MIN_APPARENT_PX = 64.0
@@ -18,14 +19,12 @@ SAME_SIDE_RAD = math.radians(30)
 
 def apparent_px(view: View, size: tuple[int, int]) -> float:
     """The shorter side (px) of a view's box, as far as it lies inside of an image of a size (width, height)."""
-    x1, y1, x2, y2 = view.box_xyxy
-    width, height = size
-    return max(0.0, min(min(x2, width) - max(x1, 0), min(y2, height) - max(y1, 0)))
+    return shorter_side(view.box_xyxy, size)
 
 
 def stored_views(obj: MapObject, sizes: Mapping[int, tuple[int, int]]) -> list[View]:
     """The views of an object whose photographs are stored; ``sizes`` has their (width, height) by frame."""
-    return [view for view in obj.views if view.frame in sizes]
+    return [view for view in obj.all_views if view.frame in sizes]
 
 
 def ranked(views: Sequence[View], sizes: Mapping[int, tuple[int, int]]) -> list[View]:
@@ -36,6 +35,15 @@ def ranked(views: Sequence[View], sizes: Mapping[int, tuple[int, int]]) -> list[
         best = next((v for v in left if not _seen_from(v, chosen)), left[0])
         chosen.append(best)
         left.remove(best)
+    return chosen
+
+
+def sides_of(views: Sequence[View]) -> list[View]:
+    """Of views, best first, the first one of each side."""
+    chosen: list[View] = []
+    for view in views:
+        if not _seen_from(view, chosen):
+            chosen.append(view)
     return chosen
 
 
