@@ -36,7 +36,7 @@ def main() -> None:
     maps = Maps(given.maps, MapSettings("dollhouse", given.detector, encoder_for(given.detector)), ("object_depth",))
     print(f"{'objects':10} {'kept':5} {'number':>6} {'at least 64 px':>15} {'sides':>6} {'photographs':>12} {'MB':>6}")
     mapped = [maps.get(name) for name in given.homes or homes()]
-    for kind, of in (("confirmed", _confirmed), ("doubtful", lambda home: doubts(home.objects))):
+    for kind, of in ASKED.items():
         for kept, views in KEPT.items():
             found = [_seen(home, obj, views(obj)) for home in mapped for obj in of(home)]
             frames = [_frames(home, views) for home in mapped]
@@ -51,6 +51,13 @@ def main() -> None:
 
 def _confirmed(home: Home) -> list[MapObject]:
     return [obj for obj in home.objects if obj.confirmed]
+
+
+def _doubtful(home: Home) -> list[MapObject]:
+    return doubts(home.objects)
+
+
+ASKED: dict[str, Callable[[Home], list[MapObject]]] = {"confirmed": _confirmed, "doubtful": _doubtful}
 
 
 def _seen(home: Home, obj: MapObject, views: Sequence[View]) -> tuple[float, int]:

@@ -84,7 +84,7 @@ def test_it_is_kept_with_the_home_and_checked_when_read(tmp_path: Path) -> None:
     assert said(home, "is the kitchen door shut?")[1] == "closed"
     assert not home.inventory().doors and len(home.inventory().shut_doors) == 1
     with pytest.raises(InputError):
-        replace(home, settings=home.settings | {"doors": [[1e9, 0, 1]]}).save(tmp_path / "far")
+        replace(home, settings={**home.settings, "doors": [[1e9, 0, 1]]}).save(tmp_path / "far")
         Home.load(tmp_path / "far")
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -21,7 +21,7 @@ from cartier.home.looking import verify
 from cartier.home.store import PublishedStore
 from cartier.serving.homes import Homes
 from cartier.serving.operations import Operations
-from cartier.types import MapObject, Selection, VisualReply
+from cartier.types import CandidateView, Inventory, MapObject, Selection, VisualQuestion, VisualReply
 from cartier.vision.permission import Look
 from cartier.vision.verification import Calibration, contested, doubts
 from vision.seeing_server import RGB, serving
@@ -47,10 +47,11 @@ class Blind:
 
     name = "blind"
 
-    def select(self, *given: object) -> Selection:
+    def select(self, query: str, inventory: Inventory, dialogue: Sequence[tuple[str, str]] = ()) -> Selection:
         raise AssertionError("nothing is asked")
 
-    propose = select
+    def propose(self, query: str) -> list[str]:
+        raise AssertionError("nothing is asked")
 
 
 def thing(number: int, colour: str, probability: float, label: str = "") -> MapObject:
@@ -120,9 +121,8 @@ def test_a_model_without_eyes_changes_nothing(fault: str, tmp_path: Path) -> Non
 
 def test_served_it_is_asked_only_where_the_owner_lets_photographs_leave(seeing: Served, tmp_path: Path) -> None:
     staged(tmp_path / "home", (7, "pink", 0.5, ""), (8, "pink", 0.75, "orange box"))
-    served, nobody = Homes([tmp_path / "home"]), ("never", "ask")
-    for when in nobody:
-        look = None if when == "never" else replace(eyes(seeing[0]), when=when)
+    served = Homes([tmp_path / "home"])
+    for look in (None, replace(eyes(seeing[0]), when="ask")):
         shut = Operations(served, Blind(), look=look)
         assert not shut.verification.allowed
         with pytest.raises(InputError, match=r"no photograph may leave here.* --look auto"):
@@ -149,7 +149,7 @@ def test_served_a_home_is_verified_by_one_at_a_time(tmp_path: Path) -> None:
     class Asking:
         name, endpoint = "asks back", ""
 
-        def look(self, question: object, pictures: object) -> VisualReply:
+        def look(self, question: VisualQuestion, pictures: Sequence[CandidateView]) -> VisualReply:
             if not refused:
                 with pytest.raises(InputError) as told:
                     ops.verify()

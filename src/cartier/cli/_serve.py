@@ -131,7 +131,8 @@ def mcp(
 ) -> None:
     """Serve homes to agents over MCP.
 
-    The Model Context Protocol server has ten tools that read, correct and undo.
+    The Model Context Protocol server has ten tools that read, correct and undo, and with --look auto one that
+    verifies.
     """
     operations = _operations(
         homes, reasoner, model, memory_mb, emergency_number, on_alarm, specs.look(look, vision, None, blur)

@@ -15,7 +15,7 @@ from typing import Any
 from cartier.errors import InputError, ReasonerError, brief
 from cartier.evaluation.look_items import CANNOT_TELL, LookItem
 from cartier.llm.batch import read_replies
-from cartier.llm.prompts import Request
+from cartier.llm.prompts import Request, Schema
 
 SCORES = (1, 2, 3, 4, 5)
 MAX_TOKENS = 64
@@ -69,7 +69,12 @@ def request_for(question: str, truth: str, answer: str) -> Request:
     given = {"question": question, "truth": truth, "answer": answer}
     words = TASK.format(**{name: re.sub(r"[<>]", " ", text)[:400] for name, text in given.items()})
     kind = {"type": "integer", "enum": list(SCORES)}
-    schema = {"type": "object", "properties": {"score": kind}, "required": ["score"], "additionalProperties": False}
+    schema: Schema = {
+        "type": "object",
+        "properties": {"score": kind},
+        "required": ["score"],
+        "additionalProperties": False,
+    }
     return Request([{"role": "user", "content": words}], schema, MAX_TOKENS)
 
 
@@ -81,7 +86,7 @@ def score(reply: str) -> int | None:
     except ValueError:
         return None
     value = row.get("score") if isinstance(row, dict) and set(row) == {"score"} else None
-    return value if value in SCORES and not isinstance(value, bool | float) else None
+    return int(value) if value in SCORES and not isinstance(value, bool | float) else None
 
 
 def requests_of(rows: Iterable[Row], items: Iterable[LookItem]) -> list[Request | None]:

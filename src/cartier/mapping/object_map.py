@@ -160,9 +160,8 @@ class ObjectMap:
         yaw = view_yaw(pose, camera, float(box_xyxy[0] + box_xyxy[2]) / 2, float(box_xyxy[1] + box_xyxy[3]) / 2)
         side = round(yaw / (math.tau / SIDES_KEPT)) % SIDES_KEPT
         worth = score * size_px2**0.5
-        side_worth = score**0.5 * shorter_side(
-            box_xyxy, (camera.width, camera.height)
-        )  # how it looks follows its size more than its score
+        size = camera.width, camera.height  # how an object looks follows its size more than its score
+        side_worth = score**0.5 * shorter_side(box_xyxy, size)
         if late["frame"][0] < self.visit_from or frame.time_s - self._rows["late_s"][o] > VISIT_S:
             late["worth"] = 0.0
         if side_worth > late["worth"][0]:
