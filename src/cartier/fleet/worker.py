@@ -54,7 +54,7 @@ class Worker:
 
     def map(self, task: Task, stale: str | None = None) -> Outcome:
         """Map one recording, unless that is done. Raises InputError if the store cannot be used."""
-        seen = signature(Path(task.path))
+        seen = signature(task.path)
         if is_current(self._store, task.name, seen, self._settings):
             return Outcome("finished")
         try:
