@@ -19,7 +19,9 @@ APART = " and ".join(f"f.{a}_min - l.{a}_max <= {{0}} and l.{a}_min - f.{a}_max 
 WITHIN = " and ".join(f"f.{a} between l.{a}_min and l.{a}_max" for a in "xy")
 
 
-COLUMNS = ", ".join(["home", "object", "room", "room_kind", "x", "y", *(f"{a}_{end}" for end in ("min", "max") for a in "xyz")])
+COLUMNS = ", ".join(
+    ["home", "object", "room", "room_kind", "x", "y", *(f"{a}_{end}" for end in ("min", "max") for a in "xyz")]
+)
 
 
 class NoSql(Exception):
@@ -102,7 +104,8 @@ class Compiler:
         def at(condition: str) -> str:
             return self._add(f"from {found} f semi join ({_above(beside)} where {condition}) r using (home, object)")
 
-        stands = f"l.home = f.home and l.object <> f.object and {WITHIN} and {APART.format(relations.ASKED_ON_M)} and {GAP_M} <= {relations.ASKED_ON_M}"
+        close = f"{APART.format(relations.ASKED_ON_M)} and {GAP_M} <= {relations.ASKED_ON_M}"
+        stands = f"l.home = f.home and l.object <> f.object and {WITHIN} and {close}"
         loosely = self._add(f"from {found} f semi join {beside} l on {stands}")
         return self._else(self._else(at("deep = 1"), at("true")), loosely)
 

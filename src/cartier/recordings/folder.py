@@ -3,7 +3,8 @@
 ``recording.json`` needs schema, name and camera. ``depth`` and ``instances`` say whether these folders are read (by
 default if they exist), ``simulator`` that truth.json is read, ``notes`` what was estimated. It names no files: the
 layout is fixed, so nothing in it can lead out of the folder; links that do are noted. It may lie on object storage,
-too, of which each frame's images are fetched when that frame is asked for. A simulator's recording also holds ``truth.json`` (the true objects with their boxes) and ``instances/000000.png`` (uint16 ids).
+too, of which each frame's images are fetched when that frame is asked for. A simulator's recording also holds
+``truth.json`` (the true objects with their boxes) and ``instances/000000.png`` (uint16 ids).
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ def matches(path: Path) -> bool:
 
 
 def open(path: str | Path) -> Recording:
-    """Read a recording that ``save`` wrote, or another program in the same layout; or one at ``s3://…`` and the like."""
+    """Read a recording that ``save`` wrote, or another program in the same layout; also at ``s3://…``."""
     if "://" not in str(path):
         return Folder(FolderFiles(Path(path)))
     files = BlobFiles(open_store(str(path)))
@@ -206,7 +207,9 @@ def _check_count(files: Files, folder: str, suffix: str, poses: int) -> None:
     if there != wanted:
         odd = min(there ^ wanted)
         trouble = f"{odd} is missing" if odd in wanted else f"{odd} has no pose"
-        raise InputError(f"{files.where(folder)} holds {len(there)} images but {TRAJECTORY} holds {poses} poses: {trouble}")
+        raise InputError(
+            f"{files.where(folder)} holds {len(there)} images but {TRAJECTORY} holds {poses} poses: {trouble}"
+        )
 
 
 class _Fields:

@@ -1,4 +1,4 @@
-"""Where a recording's files lie: in a folder, or below a prefix of object storage, of which single files are fetched."""
+"""Where a recording's files lie: in a folder, or on object storage, of which single files are fetched."""
 
 from __future__ import annotations
 
