@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import sys
 from pathlib import Path
 
 import pytest
@@ -11,6 +13,11 @@ from cartier.errors import InputError
 from cartier.evaluation.run import run
 from cartier.evaluation.run_shared import PARTS, ReasonerSpec, share
 from evaluation.test_run import QUERIES, SETTINGS, without_times
+
+
+@pytest.fixture(autouse=True)
+def workers_find_the_world(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(path for path in sys.path if path))
 
 
 @pytest.fixture(scope="module")

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from cartier import specs
-from cartier.errors import CartierError, InputError
+from cartier.errors import CartierError, InputError, brief
 from cartier.evaluation.maps import Maps
 from cartier.evaluation.queries import Query
 from cartier.evaluation.run import BenchSettings, Progress, claim, find_cases, threshold_of
@@ -99,8 +99,11 @@ def serving(about: dict[str, Any]) -> Callable[[dict[str, Any]], dict[str, Any]]
         try:
             run(Path(task.path), replace(settings, homes=(task.name,)), here, reasoner, Path(plain["maps"]))
             return asdict(Outcome("finished"))
-        except CartierError as error:
-            return asdict(Outcome("stopped", f"{task.name}: {error}"))
+        except (
+            Exception
+        ) as error:  # what a world from elsewhere raises would end each worker
+            line = str(error) if isinstance(error, CartierError) else f"{type(error).__name__}: {brief(error)}"
+            return asdict(Outcome("stopped", f"{task.name}: {line}"))
 
     return serve
 
