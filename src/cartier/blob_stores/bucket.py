@@ -77,13 +77,13 @@ class BucketBlobs:
 
         return self._repeated(prefix, once)
 
-    def listing(self) -> list[tuple[str, int, str]]:
+    def listing(self) -> tuple[tuple[str, int, str], ...]:
         """All keys with their sizes and versions, sorted. Raises StoreError."""
         import obstore
 
-        def once() -> list[tuple[str, int, str]]:
+        def once() -> tuple[tuple[str, int, str], ...]:
             pages = obstore.list(self._bucket, chunk_size=LISTED_AT_ONCE)
-            return sorted((row["path"], row["size"], str(row["e_tag"])) for page in pages for row in page)
+            return tuple(sorted((row["path"], row["size"], str(row["e_tag"])) for page in pages for row in page))
 
         return self._repeated("", once)
 

@@ -95,13 +95,11 @@ def serving(about: dict[str, Any]) -> Callable[[dict[str, Any]], dict[str, Any]]
 
     def serve(given: dict[str, Any]) -> dict[str, Any]:
         task = Task(**given["task"])
-        here = [typed(query, Query) for query in plain["queries"][task.name]]
+        here = [Query(**query | {"accept": tuple(query["accept"])}) for query in plain["queries"][task.name]]
         try:
             run(Path(task.path), replace(settings, homes=(task.name,)), here, reasoner, Path(plain["maps"]))
             return asdict(Outcome("finished"))
-        except (
-            Exception
-        ) as error:  # what a world from elsewhere raises would end each worker
+        except Exception as error:  # what a world from elsewhere raises would end each worker
             line = str(error) if isinstance(error, CartierError) else f"{type(error).__name__}: {brief(error)}"
             return asdict(Outcome("stopped", f"{task.name}: {line}"))
 
