@@ -7,12 +7,12 @@ import sys
 from pathlib import Path
 
 import pytest
+from test_run import QUERIES, SETTINGS, without_times
 
 from cartier import specs
 from cartier.errors import InputError
 from cartier.evaluation.run import run
 from cartier.evaluation.run_shared import PARTS, ReasonerSpec, share
-from evaluation.test_run import QUERIES, SETTINGS, without_times
 
 
 @pytest.fixture(autouse=True)
