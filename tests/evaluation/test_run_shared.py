@@ -48,4 +48,5 @@ def test_a_home_that_fails_is_one_line(tmp_path: Path, maps: Path) -> None:
         share(tmp_path / "run", SETTINGS, QUERIES, spec, maps, runner="local", workers=1)
     assert "\n" not in str(caught.value)
     with pytest.raises(InputError, match="the runner is local or ray"):
-        share(tmp_path / "run", SETTINGS, QUERIES, ReasonerSpec("embedded"), maps, runner="dask", workers=1)
+        share(tmp_path / "other", SETTINGS, QUERIES, ReasonerSpec("embedded"), maps, runner="dask", workers=1)
+    assert not (tmp_path / "other").exists(), "it is said before the work"

@@ -51,6 +51,7 @@ def share(
 
     Raises InputError as ``run`` does, and with the line of a home that failed; what was answered before stays.
     """
+    runners.check_workers(runner, workers)
     maps, name = Maps(maps_folder, settings.maps), reasoner.make().name
     _, asked = find_cases(settings, queries, maps)
     of_home = dict[str, list[Query]]()

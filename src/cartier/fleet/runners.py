@@ -83,8 +83,7 @@ def work(
 
     Raises InputError for numbers out of range, or with the line of an outcome "stopped"; MissingExtra without Ray.
     """
-    need(runner in RUNNERS, f"the runner is {' or '.join(RUNNERS)}, got {runner!r}")
-    need(1 <= workers <= 10_000, f"workers must be 1 to 10000, got {workers}")
+    check_workers(runner, workers)
     schedule = Scheduler(tasks, lease_s)
     made = RayPool(about, gpus, module) if runner == "ray" else LocalPool(about, module)
     pool: Pool = made
@@ -93,6 +92,12 @@ def work(
     finally:
         pool.close()
     return schedule.outcomes
+
+
+def check_workers(runner: str, workers: int) -> None:
+    """Raises InputError for a runner that there is not, or a number of workers out of range."""
+    need(runner in RUNNERS, f"the runner is {' or '.join(RUNNERS)}, got {runner!r}")
+    need(1 <= workers <= 10_000, f"workers must be 1 to 10000, got {workers}")
 
 
 def _drive(schedule: Scheduler, pool: Pool, workers: int, told: Told | None) -> None:
