@@ -118,8 +118,8 @@ def _read(
     fresh = [key for key in chunks if key not in held]
     with ThreadPoolExecutor(READERS) as pool:
         if head.folder:
-            tables = pool.map(lambda name: _table(store, f"{head.folder}/{name}.parquet", name), names)
-            snapshot = dict(zip(names, tables, strict=True))
+            read = pool.map(lambda name: _table(store, f"{head.folder}/{name}.parquet", name), names)
+            snapshot = dict(zip(names, read, strict=True))
         held |= zip(fresh, pool.map(lambda key: _chunk(store, key), fresh), strict=True)
     new = [held[key] for key in chunks]
     rows = zip(*(snapshot["homes"][column].to_pylist() for column in ("home", "sequence", "version")), strict=True)
