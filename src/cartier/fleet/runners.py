@@ -226,4 +226,5 @@ class RayWorker:
 
     def map(self, task: dict[str, str], stale: str | None) -> dict[str, Any]:
         """The outcome of a task."""
-        return self._serve({"task": task, "stale": stale})
+        done: dict[str, Any] = self._serve({"task": task, "stale": stale})
+        return done
