@@ -2,12 +2,14 @@
 
     python benchmarks/fleet.py kills [--rounds 3]        SIGKILL before and after each call of the store, and at random
     python benchmarks/fleet.py faults [--count 20]       a store that fails and is slow, and workers killed
-    python benchmarks/fleet.py questions [--homes 1000] [--copies 1]
-                                                         made-up homes in a folder, and on S3 by moto's server
+    python benchmarks/fleet.py questions [--homes 50] [--copies 20] [--dense]
+                                                         homes of the dollhouse, in a folder and on S3 by moto's server
     python benchmarks/fleet.py serve [--homes 1000]      the memory of a server of which every home was asked
     python benchmarks/fleet.py cost [--count 200]        tiny recordings: bookkeeping per job, one process and two
 
-It needs pip install '.[test-fleet]'. Times are of this machine, whose processors others may use: the load is printed.
+It needs pip install '.[test-fleet]'. Times are of this machine, whose processors others may use: the load is printed,
+and of a question also what it took of a processor. ``--dense`` asks made-up homes of 100 objects, 90 of which are cups,
+vases, tables and sinks: the worst case of relations, which look at each pair.
 """
 
 from __future__ import annotations
@@ -36,6 +38,7 @@ from command_line import Parser, run_script
 
 import cartier
 from cartier.blob_stores import BlobStore, open_store
+from cartier.evaluation.true_home import true_objects
 from cartier.fleet import runners
 from cartier.fleet.catalog import compact, read_catalog
 from cartier.fleet.jobs import Task
@@ -43,11 +46,14 @@ from cartier.fleet.publishing import Pointer, home_store, key_of
 from cartier.fleet.status import status
 from cartier.home import Home
 from cartier.io.files import json_bytes
+from cartier.types import Room
+from cartier.worlds.dollhouse.scene import load_home
 from flat import FLAT, obj
 from fleet.catalogued import KNOWS, enter, home
 from fleet.moto_server import moto_server
 from fleet.tiny import SETTINGS, make_recordings, worker
 
+FIRST = 71_000  # seed of the first home of the dollhouse
 MOST_KILLS = 30  # of one run: a job whose worker died ten times is set aside
 QUESTIONS = (
     "which homes have no fire extinguisher?", "how many cups per home?", "which homes have a sofa in the bedroom?",
@@ -181,10 +187,10 @@ def faults(given: argparse.Namespace) -> int:
 
 
 def questions(given: argparse.Namespace) -> int:
-    """Time questions over made-up homes of about 100 objects, half of which have a fire extinguisher."""
+    """Time questions over homes as they are built, or over dense ones, half of which have a fire extinguisher."""
     with tempfile.TemporaryDirectory() as folder, moto_server() as s3:
         chunks = Path(folder) / "made"
-        _make_homes(open_store(str(chunks)), given.homes)
+        (_make_dense if given.dense else _make_homes)(open_store(str(chunks)), given.homes)
         for place in (str(chunks), s3):
             store = open_store(place)
             if place == s3:
@@ -199,20 +205,24 @@ def questions(given: argparse.Namespace) -> int:
                     f"{made['homes']} homes, {made['objects']} objects compacted: {time.perf_counter() - begin:.1f} s"
                 )
                 if given.copies > 1:
-                    print(f"{_copy_rows(store, given.copies)} objects after copying each home")
+                    print(
+                        f"{given.homes * given.copies} homes, {_copy_rows(store, given.copies)} objects after copying"
+                    )
             fleet = cartier.Fleet(place)
             begin = time.perf_counter()
             fleet.ask(QUESTIONS[0])
             print(f"\n{'folder' if place != s3 else 'S3 by moto'}: first question, with reading the catalog: "
                   f"{(time.perf_counter() - begin) * 1e3:.0f} ms")  # fmt: skip
             for question in QUESTIONS:
-                times = []
-                for _ in range(5):
-                    begin = time.perf_counter()
+                times, busy = [], []
+                for _ in range(7):
+                    begin, used = time.perf_counter(), time.process_time()
                     answer = fleet.ask(question)
                     times.append((time.perf_counter() - begin) * 1e3)
+                    busy.append((time.process_time() - used) * 1e3)
                 counts = f"{len(answer.has)} / {len(answer.has_none)} / {len(answer.cannot_tell)}"
-                print(f"  {statistics.median(times):7.1f} ms  {question:45} has / none / cannot tell: {counts}")
+                print(f"  {statistics.median(times):7.1f} ms, {statistics.median(busy):7.1f} of a processor  "
+                      f"{question:58} has / none / cannot tell: {counts}")  # fmt: skip
     print(f"load {os.getloadavg()[0]:.1f} on {os.cpu_count()} processors")
     return 0
 
@@ -266,6 +276,17 @@ def serve(given: argparse.Namespace) -> int:
 
 
 def _make_homes(store: BlobStore, count: int) -> None:
+    """Homes of the dollhouse with all their objects as they are built, half with a fire extinguisher more."""
+    for number in range(count):
+        scene = load_home(str(FIRST + number))
+        none = np.zeros((1, 2), np.int32)
+        rooms = [Room(k, room.name, room.kind, none) for k, room in enumerate(scene.rooms)]
+        more = [obj(3000, "fire extinguisher", (0.3, 0.3, 0.4), (0.2, 0.2, 0.5), 0, ["red"])] if number % 2 else []
+        made = home((*true_objects(scene), *more), rooms, seen=0.5 if number % 7 == 0 else 1.0)
+        enter(store, f"home-{number:05d}", replace(made, detector="ground truth (dollhouse)"))
+
+
+def _make_dense(store: BlobStore, count: int) -> None:
     dice = random.Random(0)
     for number in range(count):
         more = [
@@ -322,8 +343,9 @@ def main() -> int:
     )
     commands.add_parser("faults").add_argument("--count", type=int, default=20, help="recordings")
     asked = commands.add_parser("questions")
-    asked.add_argument("--homes", type=int, default=1000, help="made-up homes")
-    asked.add_argument("--copies", type=int, default=1, help="how often each home is in the catalog")
+    asked.add_argument("--homes", type=int, default=50, help="different homes")
+    asked.add_argument("--copies", type=int, default=20, help="how often each is in the catalog, by other names")
+    asked.add_argument("--dense", action="store_true", help="made-up homes of 100 objects")
     served = commands.add_parser("serve")
     served.add_argument("--homes", type=int, default=1000, help="homes")
     served.add_argument("--memory-mb", type=int, default=1024, help="as for cartier serve")

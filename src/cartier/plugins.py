@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 
 KINDS = ("recordings", "sources", "detectors", "encoders", "indexes", "reasoners", "vision", "robots", "worlds")
 PACKAGE = Path(__file__).parent
+REMOTE = "folder"
+"""The format of recordings that is read from object storage."""
 
 
 @dataclass(frozen=True)
@@ -110,7 +112,8 @@ def open_recording(path: str | Path, format: str | None = None, **options: Any) 
     """Open a recording.
 
     Args:
-        path: A file or folder.
+        path: A file or folder; or ``s3://BUCKET/PREFIX``, ``gs://…``, ``az://…`` of a recording in cartier's own
+            format, whose frames are fetched one by one.
         format: The name of its format; by default the one that recognises the path.
         **options: Options of that format's reader.
 
@@ -122,8 +125,25 @@ def open_recording(path: str | Path, format: str | None = None, **options: Any) 
         BackendError: The format or an option is unknown.
         MissingExtra: The reader needs a package that is not installed.
     """
-    path = Path(path)
     options = {n: tuple(v) if isinstance(v, list) else v for n, v in options.items()}  # as fingerprints have them
+    place = str(path) if "://" in str(path) else Path(path)
+    name = _format_there(place, format) if isinstance(place, str) else _format_of(place, format)
+    recording: Recording = _call("recordings", name, "open", (place,), options)
+    given = {"format": format, **options}
+    with suppress(AttributeError):  # a reader from elsewhere may have slots
+        recording.read_with = {n: v for n, v in given.items() if v is not None}  # type: ignore[attr-defined]
+    return recording
+
+
+def _format_there(place: str, format: str | None) -> str:
+    """The format of a recording on object storage."""
+    if format not in (None, REMOTE):
+        raise InputError(f"{place}: on object storage, cartier reads its own format ({REMOTE}), not {format}")
+    return REMOTE
+
+
+def _format_of(path: Path, format: str | None) -> str:
+    """The format of a recording: the given one, or the one that recognises it."""
     if not path.exists():
         raise InputError(f"{path} does not exist")
     names = [format] if format else formats_of(path)
@@ -134,11 +154,7 @@ def open_recording(path: str | Path, format: str | None = None, **options: Any) 
         raise InputError(f"{path} is no recording that cartier knows: {hints.what_else(path, formats_of) or generic}")
     if len(names) > 1:
         raise InputError(f"{path} may be one of {', '.join(names)}: say which with --format (in Python, format=…)")
-    recording: Recording = _call("recordings", names[0], "open", (path,), options)
-    given = {"format": format, **options}
-    with suppress(AttributeError):  # a reader from elsewhere may have slots
-        recording.read_with = {n: v for n, v in given.items() if v is not None}  # type: ignore[attr-defined]
-    return recording
+    return names[0]
 
 
 def formats_of(path: Path) -> list[str]:

@@ -11,10 +11,10 @@ import pytest
 
 pytest.importorskip("pyarrow", reason="needs pip install '.[fleet]'")
 
-from cartier.blob_stores import BlobStore, open_store
+from cartier.blob_stores import Blob, BlobStore, open_store
 from cartier.errors import InputError
 from cartier.fleet import status
-from cartier.fleet.catalog import compact, read_catalog
+from cartier.fleet.catalog import Tables, compact, read_catalog
 from cartier.fleet.catalog_rows import TABLES
 from cartier.fleet.publishing import NEW
 from cartier.fleet.status import speed
@@ -163,3 +163,22 @@ def test_compaction_replaces_in_a_bucket_too(s3: str) -> None:
     enter(store, "home-0", home(FLAT.objects[:1]), "next", 2)
     compact(store)
     assert seen(store) == {"home-0": ("next", 1), "home-1": ("v-home-1", 7), "home-2": ("v-home-2", 7)}
+
+
+def test_entries_are_fetched_once_and_forgotten_when_they_are_compacted(
+    store: BlobStore, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first, held = enter(store, "a", home()), dict[str, Tables]()
+    read_catalog(store, held=held)
+    fetched, get = list[str](), store.get
+
+    def counting(key: str) -> Blob | None:
+        fetched.append(key)
+        return get(key)
+
+    monkeypatch.setattr(store, "get", counting)
+    second = enter(store, "b", home())
+    assert sorted(read_catalog(store, held=held)["homes"]["home"].to_pylist()) == ["a", "b"]
+    assert second in fetched and first not in fetched
+    compact(store)
+    assert read_catalog(store, held=held)["homes"].num_rows == 2 and not held

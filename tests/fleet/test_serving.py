@@ -228,6 +228,13 @@ def test_commands_take_a_home_of_a_store(filled: str, tmp_path: Path) -> None:
     for place, line in ((filled, "name one of its homes"), (f"{filled}#attic", "has no home called attic")):
         wrong = cli("show", place)
         assert wrong.returncode == 1 and line in wrong.stderr and len(wrong.stderr.splitlines()) == 1
+    assert "no rules hold" in cli("rules", f"{filled}#nested/flat-0").stdout
+    for words, line in (
+        (("forget", f"{filled}#nested/flat-0", home.objects[0].label), "is published and stays as it is"),
+        (("verify", f"{filled}#nested/flat-0"), "cartier fleet pull STORE NAME -o HOME"),
+    ):
+        wrong = cli(*words)
+        assert wrong.returncode == 1 and line in wrong.stderr and len(wrong.stderr.splitlines()) == 1
     both = cli("serve", filled, tmp_path)
     assert both.returncode == 1 and "serve it alone" in both.stderr
 

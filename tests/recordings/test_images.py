@@ -48,7 +48,7 @@ def test_depth_that_does_not_fit_is_none(tmp_path: Path) -> None:
 def test_instances_survive_or_are_refused(tmp_path: Path) -> None:
     ids = np.arange(65536, dtype=np.int32).reshape(256, 256)
     images.write_instances(tmp_path / "a.png", ids)
-    assert np.array_equal(images.read_instances(tmp_path / "a.png", CAMERA), ids)
+    assert np.array_equal(images.decode_instances((tmp_path / "a.png").read_bytes(), CAMERA, "a.png"), ids)
     for bad in (-1, 65536):
         with pytest.raises(InputError, match="0 to 65535"):
             images.write_instances(tmp_path / "b.png", np.full((256, 256), bad, np.int32))

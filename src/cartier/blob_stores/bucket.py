@@ -77,6 +77,16 @@ class BucketBlobs:
 
         return self._repeated(prefix, once)
 
+    def listing(self) -> tuple[tuple[str, int, str], ...]:
+        """All keys with their sizes and versions, sorted. Raises StoreError."""
+        import obstore
+
+        def once() -> tuple[tuple[str, int, str], ...]:
+            pages = obstore.list(self._bucket, chunk_size=LISTED_AT_ONCE)
+            return tuple(sorted((row["path"], row["size"], str(row["e_tag"])) for page in pages for row in page))
+
+        return self._repeated("", once)
+
     def delete(self, key: str) -> None:
         import obstore
         from obstore.exceptions import NotFoundError

@@ -91,6 +91,11 @@ def bench(
     marked: Annotated[
         Path | None, typer.Option(help="RUN/marking.csv, filled in by hand: its agreement with the automatic match.")
     ] = None,
+    runner: Annotated[
+        str | None,
+        typer.Option(help="Suite paper: share the homes among workers: local (processes) or ray (docs/fleet.md)."),
+    ] = None,
+    workers: Annotated[int, typer.Option(help="With --runner: how many homes are mapped and asked at once.")] = 2,
     as_json: AsJson = False,
 ) -> None:
     """Repeat the paper's evaluation.
@@ -99,6 +104,8 @@ def bench(
     """
     from cartier.evaluation.batch import PromptWriter
 
+    if runner is not None and (suite != "paper" or write_prompts is not None):
+        raise InputError("--runner is for suite paper, and not for --write-prompts")
     if suite == "look":
         seen = f"replay:{replies}" if replies is not None else vision
         _look(output, _names(homes), seen, model, base_url, write_prompts, judge, maps or output / "maps", as_json)
@@ -127,6 +134,7 @@ def bench(
     from cartier.evaluation.queries import SPLITS, load_file, load_queries
     from cartier.evaluation.run import BenchSettings, run
     from cartier.evaluation.run import write_prompts as write
+    from cartier.evaluation.run_shared import ReasonerSpec, share
 
     detectors = list(dict.fromkeys(detector or [specs.DETECTOR]))
     made_by = [MapSettings(world, one, encoder or encoder_for(one), seed) for one in detectors]
@@ -148,6 +156,9 @@ def bench(
     found = []
     for folder, settings in runs:
         with _stages() as step:
+            if runner is not None:
+                spec = ReasonerSpec(who, model, base_url, own_prompt, None if replies is None else str(replies))
+                share(folder, settings, asked, spec, kept, runner=runner, workers=workers, progress=step)
             found.append(run(folder, settings, asked, chosen, kept, step))
     for folder, made in reversed(every):  # the main report comes last, since it compares all
         results = report.write_report(folder, Maps(kept, made).photo, beside if folder == output else ())

@@ -23,7 +23,7 @@ app = typer.Typer()
 @app.command()
 @reads_recordings
 def convert(
-    source: Annotated[Path, typer.Argument(metavar="IN", help="A recording in any format that 'cartier list' shows.")],
+    source: Annotated[str, typer.Argument(metavar="IN", help="A recording in any format that 'cartier list' shows.")],
     output: Annotated[
         Path, typer.Option("--output", "-o", metavar="OUT", help="The folder to write; it must not exist.")
     ],
@@ -45,7 +45,7 @@ def convert(
 @reads_recordings
 def doctor(
     source: Annotated[
-        Path,
+        str,
         typer.Argument(
             metavar="RECORDING|HOME",
             help="A recording in any format that 'cartier list' shows, or a folder that 'cartier map' made.",
@@ -65,7 +65,7 @@ def doctor(
     from cartier.doctor import Report, draw_report, examine, examine_home, is_home, open_for_doctor, repair
     from cartier.recordings.folder import save
 
-    if is_home(source):
+    if "://" not in source and is_home(source):
         if fix or plot:
             raise CartierError(f"{source} is a mapped home: --fix and --plot are for recordings")
         report = examine_home(source)

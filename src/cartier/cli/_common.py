@@ -17,7 +17,18 @@ from cartier.errors import InputError, MissingExtra, brief
 AsJson = Annotated[
     bool, typer.Option("--json", help="Print one JSON object on standard output; the rest goes to standard error.")
 ]
-HomeFolder = Annotated[Path, typer.Argument(metavar="HOME", help="A folder that 'cartier map' wrote.")]
+
+
+def _folder(home: Path) -> Path:
+    """The folder, or an InputError for a published home, which stays as it is."""
+    if not home.exists() and ("#" in home.name or ":/" in str(home)):
+        raise InputError(f"{home} is no folder: 'cartier fleet pull STORE NAME -o HOME' makes one of a published home")
+    return home
+
+
+HomeFolder = Annotated[
+    Path, typer.Argument(metavar="HOME", help="A folder that 'cartier map' wrote.", callback=_folder)
+]
 IndexName = Annotated[str | None, typer.Option("--index", help="The index of the home to search.")]
 ReasonerName = Annotated[
     str, typer.Option(help="auto (the configured language model, else embedded), or any of 'cartier list'.")

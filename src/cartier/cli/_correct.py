@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import getpass
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cartier.cli._common import HomeFolder, numbers
+from cartier.cli._common import numbers
+from cartier.cli.places import HomePlace, home_at
 from cartier.errors import InputError
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ Who = Annotated[str | None, typer.Option("--who", help="Who makes the correction
 
 @app.command()
 def name(
-    home: HomeFolder,
+    home: HomePlace,
     entity: Annotated[
         str | None,
         typer.Argument(metavar="[ROOM_OR_OBJECT]", help="An object's id or label, a room's name, or room:ID."),
@@ -45,14 +45,14 @@ def name(
 
 
 @app.command()
-def confirm(home: HomeFolder, obj: Object, who: Who = None) -> None:
+def confirm(home: HomePlace, obj: Object, who: Who = None) -> None:
     """Say that an object is there, however sure the map is."""
     _correct(home, "confirm", obj, who=who)
 
 
 @app.command()
 def relabel(
-    home: HomeFolder,
+    home: HomePlace,
     obj: Object,
     label: Annotated[str, typer.Argument(metavar="LABEL", help='What it is, for example "pencil box".')],
     who: Who = None,
@@ -63,7 +63,7 @@ def relabel(
 
 @app.command(context_settings={"ignore_unknown_options": True})  # -1,2 is a place
 def add(
-    home: HomeFolder,
+    home: HomePlace,
     label: Annotated[str, typer.Argument(metavar="LABEL", help='What it is, for example "pencil box".')],
     at: Annotated[
         str, typer.Argument(metavar="X,Y|ENTITY", help="Its middle in metres, what it stands on, or a room.")
@@ -80,7 +80,7 @@ def add(
 
 @app.command()
 def merge(
-    home: HomeFolder,
+    home: HomePlace,
     obj: Object,
     other: Annotated[str, typer.Argument(metavar="OTHER", help="The object that becomes part of it.")],
     who: Who = None,
@@ -91,7 +91,7 @@ def merge(
 
 @app.command(context_settings={"ignore_unknown_options": True})  # -1,2 is a place
 def split(
-    home: HomeFolder,
+    home: HomePlace,
     obj: Object,
     second: Annotated[
         str | None, typer.Argument(metavar="[X,Y]", help="A point in the second object. Default: the larger x or y.")
@@ -104,14 +104,14 @@ def split(
 
 
 @app.command()
-def forget(home: HomeFolder, obj: Object, who: Who = None) -> None:
+def forget(home: HomePlace, obj: Object, who: Who = None) -> None:
     """Remove an object that is not there."""
     _correct(home, "forget", obj, who=who)
 
 
 @app.command(context_settings={"ignore_unknown_options": True})  # -1,2 is a place
 def move(
-    home: HomeFolder,
+    home: HomePlace,
     obj: Object,
     to: Annotated[str, typer.Argument(metavar="X,Y", help="The new middle, in metres of the floor plan.")],
     who: Who = None,
@@ -121,18 +121,16 @@ def move(
 
 
 @app.command()
-def undo(home: HomeFolder, who: Who = None) -> None:
+def undo(home: HomePlace, who: Who = None) -> None:
     """Undo the latest correction."""
     _correct(home, "undo", who=who)
 
 
 def _correct(
-    home: Path, what: CorrectionKind, entity: str = "", *,
+    home: str, what: CorrectionKind, entity: str = "", *,
     name: str = "", to_xy: Sequence[float] = (), other: str = "", who: str | None,
 ) -> None:  # fmt: skip
-    from cartier.home import Home
-
-    _, told = Home.load(home).correct(what, entity, name=name, to_xy=to_xy, other=other, who=who or user())
+    _, told = home_at(home).correct(what, entity, name=name, to_xy=to_xy, other=other, who=who or user())
     print(told)
 
 

@@ -23,8 +23,12 @@ StorePlace = Annotated[
 @app.command("map")
 def map_command(
     recordings: Annotated[
-        Path,
-        typer.Argument(metavar="RECORDINGS", help="A folder of recordings; homes are called by the paths below it."),
+        str,
+        typer.Argument(
+            metavar="RECORDINGS",
+            help="A folder of recordings, or s3://… of those in cartier's own format; homes are called by the paths "
+            "below it.",
+        ),
     ],
     store: Annotated[str, typer.Option("--store", metavar="STORE", help="A folder, or s3://BUCKET/PREFIX, gs://… .")],
     runner: Annotated[
@@ -43,7 +47,7 @@ def map_command(
     ] = 60.0,
     as_json: AsJson = False,
 ) -> None:
-    """Map every recording below a folder into a store; what is done already is left as it is.
+    """Map every recording below a place into a store; what is done already is left as it is.
 
     Any number of these commands may run at once, and each may be stopped and run again.
     """

@@ -72,7 +72,11 @@ def record(
 @reads_recordings
 def map_command(
     recording: Annotated[
-        Path, typer.Argument(metavar="RECORDING", help="A recording in any format that 'cartier list' shows.")
+        str,
+        typer.Argument(
+            metavar="RECORDING",
+            help="A recording in any format that 'cartier list' shows, or s3://… of one in cartier's own.",
+        ),
     ],
     output: Annotated[
         Path, typer.Option("--output", "-o", metavar="HOME", help="The folder to write; an older home is replaced.")

@@ -8,15 +8,16 @@ from typing import Annotated
 
 import typer
 
-from cartier.cli._common import AsJson, HomeFolder
+from cartier.cli._common import AsJson
 from cartier.cli._correct import Who, user
+from cartier.cli.places import HomePlace, home_at
 
 app = typer.Typer()
 
 
 @app.command()
 def rules(
-    home: HomeFolder,
+    home: HomePlace,
     add: Annotated[
         str | None, typer.Option(metavar="RULE", help="Add a rule, such as 'avoid room:bedroom hard standing'.")
     ] = None,
@@ -25,10 +26,9 @@ def rules(
     as_json: AsJson = False,
 ) -> None:
     """List how the robot is to drive; add a rule, or take one back."""
-    from cartier.home import Home
     from cartier.serving.values import rule_row
 
-    mapped = Home.load(home)
+    mapped = home_at(home)
     if add is not None:
         mapped, told = mapped.correct("rule", add, who=who or user())
         print(told)

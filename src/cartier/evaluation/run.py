@@ -64,7 +64,7 @@ def run(
     home or method, or a run folder of other settings; what was answered before an error stays.
     """
     maps = Maps(maps_folder or folder / MAPS, settings.maps)
-    truth, asked = _asked(settings, queries, maps)
+    truth, asked = find_cases(settings, queries, maps)
     with locked(folder):
         return _run(folder, settings, queries, asked, truth, reasoner, maps, progress)
 
@@ -79,7 +79,7 @@ def write_prompts(
     """Let the writer see all that a run would ask a language model. Raises InputError as ``run`` does; no run folder is
     made."""
     maps = Maps(maps_folder, settings.maps)
-    _, asked = _asked(settings, queries, maps)
+    _, asked = find_cases(settings, queries, maps)
     depends = "nlmap" in settings.methods and writer.replies is not None  # its choice is among what came back at first
     threshold = _calibrated(maps, settings.homes, progress)[0] if depends else 0.0
     bench = Bench(writer, TextEncoder(), threshold, settings.seed)
@@ -90,7 +90,7 @@ def write_prompts(
                 METHODS[method](home, query, bench)
 
 
-def _asked(
+def find_cases(
     settings: BenchSettings, queries: Sequence[Query], maps: Maps
 ) -> tuple[dict[str, list[TrueObject]], list[tuple[str, Query]]]:
     """The true objects of each home, and every (home, request) to be asked."""
@@ -122,7 +122,7 @@ def _run(
         (row["home"], row["query_id"], row["method"]): row for row in read_rows(file, ("home", "query_id", "method"))
     }
     memory = Asked(reasoner, folder / "asked.jsonl")
-    threshold = _threshold(folder, maps, settings.homes, progress) if "nlmap" in settings.methods else None
+    threshold = threshold_of(folder, maps, settings.homes, progress) if "nlmap" in settings.methods else None
     bench = Bench(memory, TextEncoder(), threshold, settings.seed)
     total = len(asked) * len(settings.methods)
     for home_name in settings.homes:
@@ -172,7 +172,7 @@ def _rounded(metres: float | None) -> float | None:
     return None if metres is None else round(metres, 4)
 
 
-def _threshold(folder: Path, maps: Maps, asked: Sequence[str], progress: Progress | None) -> float:
+def threshold_of(folder: Path, maps: Maps, asked: Sequence[str], progress: Progress | None) -> float:
     """NLMap's threshold, chosen on homes of which nothing is asked; kept in the run's settings."""
     kept = read_json(folder / "settings.json")
     if kept.get("nlmap_threshold") is None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 from cartier.errors import InputError
@@ -30,11 +31,16 @@ MOST_NAMED = 20  # homes that a sentence lists
 
 @dataclass(frozen=True)
 class HomeFacts:
-    """What decides whether "none" means anything in a home."""
+    """What decides whether "none" means anything in a home.
+
+    Args:
+        vocabulary: What its detector can name.
+        blind: Why things may be in it that were never looked for; "" where all of it was seen.
+        kinds: The kinds of its rooms.
+    """
 
     vocabulary: Vocabulary
-    with_depth: bool
-    floor_seen: float
+    blind: str
     kinds: frozenset[str]
 
 
@@ -66,8 +72,17 @@ class Loaded:
         sql = "select home, knows, with_depth, coalesce(floor_seen, 0) from homes order by home"
         for home, knows, with_depth, floor in database.query(sql, (), most).rows:
             vocabulary = vocabularies.setdefault(tuple(knows), Vocabulary(tuple(knows), frozenset(), kinds))
-            homes[home] = HomeFacts(vocabulary, with_depth, floor, frozenset(rooms.get(home, ())))
+            blind = NO_FLOOR if not with_depth else UNSEEN if floor < WHOLE else ""
+            homes[home] = HomeFacts(vocabulary, blind, frozenset(rooms.get(home, ())))
         return cls(database, homes, kinds)
+
+    @cached_property
+    def by_vocabulary(self) -> list[tuple[Vocabulary, list[str]]]:
+        """The homes of each vocabulary. Comparing long lists of names once a home would take longer than the query."""
+        found = dict[int, tuple[Vocabulary, list[str]]]()
+        for home, facts in self.homes.items():
+            found.setdefault(id(facts.vocabulary), (facts.vocabulary, []))[1].append(home)
+        return list(found.values())
 
     def only(self, may_see: Callable[[str], bool]) -> Loaded:
         """The same for some of the homes. Raises InputError if these are none."""
@@ -88,7 +103,7 @@ class Matches:
 def answer(query: str, loaded: Loaded) -> FleetAnswer:
     """The answer to a question over all homes. Raises InputError for words that ask something else."""
     asked = read_question(query)
-    phrases = read_phrase(asked.about, {facts.vocabulary for facts in loaded.homes.values()})
+    phrases = read_phrase(asked.about, [vocabulary for vocabulary, _ in loaded.by_vocabulary])
     wishes = {phrase.most for phrase in phrases.values()}
     if asked.form == "extreme":
         if not wishes <= MEASURES.keys():
@@ -106,26 +121,29 @@ def _matches(loaded: Loaded, phrases: Mapping[Vocabulary, ReferringExpression]) 
     for phrase in set(phrases.values()):
         met, maybe = find(loaded.database, phrase, loaded.kinds), find_tentative(loaded.database, phrase)
         rooms = {loaded.kinds[place] for place in rooms_of(phrase)}
-        for home, facts in loaded.homes.items():
-            if phrases[facts.vocabulary] != phrase:
+        for vocabulary, homes in loaded.by_vocabulary:
+            if phrases[vocabulary] != phrase:
                 continue
-            if home in met:
-                objects[home] = met[home]
-            if doubt := _doubt(facts, phrase, rooms, home in maybe):
-                doubts[home] = doubt
-    return Matches(objects, doubts)
+            unnamed = _unnamed(vocabulary, phrase)
+            for home in homes:
+                if home in met:
+                    objects[home] = met[home]
+                if doubt := unnamed or _doubt(loaded.homes[home], rooms, home in maybe):
+                    doubts[home] = doubt
+    return Matches({home: objects[home] for home in loaded.homes if home in objects}, doubts)
 
 
-def _doubt(facts: HomeFacts, phrase: ReferringExpression, rooms: set[str], maybe: bool) -> str:
-    """Why there may be more in a home than was found; "" where it was looked for."""
-    if not facts.vocabulary.knows:
+def _unnamed(vocabulary: Vocabulary, phrase: ReferringExpression) -> str:
+    """Why a detector would not have named what is meant; "" if it would have."""
+    if not vocabulary.knows:
         return UNKNOWN_NAMES
-    if not facts.vocabulary.could_name(phrase):
-        return UNNAMED
-    if not facts.with_depth:
-        return NO_FLOOR
-    if facts.floor_seen < WHOLE:
-        return UNSEEN
+    return "" if vocabulary.could_name(phrase) else UNNAMED
+
+
+def _doubt(facts: HomeFacts, rooms: set[str], maybe: bool) -> str:
+    """Why there may be more in a home than was found; "" where it was looked for."""
+    if facts.blind:
+        return facts.blind
     if rooms and not rooms & facts.kinds:
         return NO_ROOM
     return TENTATIVE if maybe else ""

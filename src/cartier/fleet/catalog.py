@@ -47,14 +47,14 @@ def version_of(store: BlobStore) -> tuple[str, tuple[str, ...]]:
     return "" if head is None else head.version, tuple(store.list(NEW))
 
 
-def read_catalog(store: BlobStore, names: Sequence[str] = TABLES) -> Tables:
+def read_catalog(store: BlobStore, names: Sequence[str] = TABLES, held: dict[str, Tables] | None = None) -> Tables:
     """The rows of the latest version of every home, in the tables of these names; "homes" must be among them.
 
-    Raises InputError if the catalog is damaged.
+    ``held`` keeps the chunks, which never change, for whoever reads again. Raises InputError if the catalog is damaged.
     """
     for _ in range(MAX_ATTEMPTS):
         try:
-            return _read(store, _head(store.get(HEAD)), store.list(NEW), names)
+            return _read(store, _head(store.get(HEAD)), store.list(NEW), names, {} if held is None else held)
         except _Gone:
             continue
     raise InputError(f"{store.place}: the catalog changes faster than it can be read: try again")
@@ -75,7 +75,7 @@ def compact(store: BlobStore) -> dict[str, int]:
         held, chunks = store.get(HEAD), store.list(NEW)
         before = _head(held)
         try:
-            tables = _read(store, before, chunks)
+            tables = _read(store, before, chunks, TABLES, {})
         except _Gone:
             continue
         if not chunks or _put_snapshot(store, held, before, tables):
@@ -108,13 +108,20 @@ def _sweep(store: BlobStore, head: Head, chunks: list[str]) -> None:
             store.delete(key)
 
 
-def _read(store: BlobStore, head: Head, chunks: list[str], names: Sequence[str] = TABLES) -> Tables:
+def _read(
+    store: BlobStore, head: Head, chunks: list[str], names: Sequence[str], held: dict[str, Tables]
+) -> Tables:  # fmt: skip
     pa = arrow()
     snapshot = {name: schemas()[name].empty_table() for name in names}
-    if head.folder:
-        snapshot = {name: _table(store, f"{head.folder}/{name}.parquet", name) for name in names}
+    for key in held.keys() - set(chunks):
+        del held[key]
+    fresh = [key for key in chunks if key not in held]
     with ThreadPoolExecutor(READERS) as pool:
-        new = [*pool.map(lambda key: _chunk(store, key), chunks)]
+        if head.folder:
+            read = pool.map(lambda name: _table(store, f"{head.folder}/{name}.parquet", name), names)
+            snapshot = dict(zip(names, read, strict=True))
+        held |= zip(fresh, pool.map(lambda key: _chunk(store, key), fresh), strict=True)
+    new = [held[key] for key in chunks]
     rows = zip(*(snapshot["homes"][column].to_pylist() for column in ("home", "sequence", "version")), strict=True)
     latest: dict[str, tuple[int, str, int]] = {home: (number, version, -1) for home, number, version in rows}
     for place, tables in enumerate(new):

@@ -11,10 +11,17 @@ from collections.abc import Callable, Collection, Sequence
 from cartier.labels import name_key
 from cartier.spatial import relations
 from cartier.spatial.expressions import ReferringExpression, SpatialRelation
-from cartier.spatial.query import BESIDE, CLEARLY, DEEPEST, LEAST_SHARE, LIKELY, MAIN_SHARE
+from cartier.spatial.query import BESIDE, CLEARLY, LEAST_SHARE, MAIN_SHARE
 
 GAP_M = "sqrt({})".format(" + ".join(f"greatest(f.{a}_min - l.{a}_max, l.{a}_min - f.{a}_max, 0) ** 2" for a in "xyz"))
+APART = " and ".join(f"f.{a}_min - l.{a}_max <= {{0}} and l.{a}_min - f.{a}_max <= {{0}}" for a in "xyz")
+"""No farther than that along each axis: cheaper than ``GAP_M``, which only the pairs that are left need."""
 WITHIN = " and ".join(f"f.{a} between l.{a}_min and l.{a}_max" for a in "xy")
+
+
+COLUMNS = ", ".join(
+    ["home", "object", "room", "room_kind", "x", "y", *(f"{a}_{end}" for end in ("min", "max") for a in "xyz")]
+)
 
 
 class NoSql(Exception):
@@ -24,11 +31,12 @@ class NoSql(Exception):
 def named(labels: Collection[str]) -> str:
     """The condition that an object has one of the names, as its label or given by people."""
     listed = ", ".join(map(_quoted, sorted(labels)))
-    return f"(list_contains([{listed}]::varchar[], label) or list_has_any(names, [{listed}]::varchar[]))"
+    own = f"label in ({listed})" if listed else "false"
+    return f"({own} or len(names) > 0 and list_has_any(names, [{listed}]::varchar[]))"
 
 
 class Compiler:
-    """Makes one query of common table expressions, each of rows of ``objects``.
+    """Makes one query of common table expressions, each of rows of the table ``placed``.
 
     Args:
         kinds: The kinds of rooms, which phrases name by their places.
@@ -39,9 +47,9 @@ class Compiler:
         self._kinds, self._unsure, self._parts = kinds, unsure, list[str]()
 
     def __call__(self, phrase: ReferringExpression) -> str:
-        """The query of ``home`` and ``object`` of what is meant. Raises NoSql."""
+        """The query of ``home`` (its number) and ``object`` of what is meant. Raises NoSql."""
         met = self._meant(phrase)
-        return f"with recursive {', '.join(self._parts)} select home, object from {met} order by home, object"
+        return f"with {', '.join(self._parts)} select home, object from {met} order by home, object"
 
     def _add(self, sql: str) -> str:
         name = f"t{len(self._parts)}"
@@ -55,14 +63,15 @@ class Compiler:
         return self._else(met, self._of(phrase, phrase.similar)) if phrase.similar else met
 
     def _of(self, phrase: ReferringExpression, labels: Collection[str]) -> str:
-        found = self._add(f"select * from objects where confirmed and {named(labels)}")
+        columns = f"{COLUMNS}, colours" if phrase.colours else COLUMNS
+        found = self._add(f"select {columns} from placed where confirmed and {named(labels)}")
         for relation in phrase.relations:
             found = self._related(found, relation)
         return self._coloured(found, phrase.colours) if phrase.colours else found
 
     def _else(self, first: str, then: str) -> str:
         """The first in each home where it has rows, else the second."""
-        return self._add(f"from {first} union all from {then} where home not in (select home from {first})")
+        return self._add(f"from {first} union all from {then} anti join {first} using (home)")
 
     def _related(self, found: str, relation: SpatialRelation) -> str:
         kind, target = relation.kind, relation.target
@@ -85,44 +94,33 @@ class Compiler:
         return ways[kind](found, self._landmarks(target))
 
     def _landmarks(self, phrase: ReferringExpression) -> str:
-        likely = named([label for label in self._unsure if name_key(label) == name_key(phrase.said)])
-        perhaps = self._add(f"from objects where not confirmed and probability >= {LIKELY} and {likely}")
+        likely = [label for label in self._unsure if name_key(label) == name_key(phrase.said)]
+        if not likely:
+            return self._meant(phrase)
+        perhaps = self._add(f"select {COLUMNS} from unsure where label in ({', '.join(map(_quoted, likely))})")
         return self._else(self._meant(phrase), perhaps)
 
-    def _held(self, found: str) -> str:
-        """What each object stands on or in, and what that does, as ``below``."""
-        up = self._add(
-            f"select home, object, on_object as below, 1 as deep from {found} where on_object is not null union all "
-            f"select up.home, up.object, o.on_object, deep + 1 from t{len(self._parts)} up join objects o "
-            f"on o.home = up.home and o.object = up.below where o.on_object is not null and deep < {DEEPEST}"
-        )
-        return up
-
     def _on(self, found: str, beside: str) -> str:
-        held = self._held(found)
-
         def at(condition: str) -> str:
-            below = f"from {held} h join {beside} l on l.home = h.home and l.object = h.below where {condition}"
-            return self._add(f"from {found} f semi join (select h.home, h.object {below}) r using (home, object)")
+            return self._add(f"from {found} f semi join ({_above(beside)} where {condition}) r using (home, object)")
 
-        stands = f"l.home = f.home and l.object <> f.object and {WITHIN} and {GAP_M} <= {relations.ASKED_ON_M}"
+        close = f"{APART.format(relations.ASKED_ON_M)} and {GAP_M} <= {relations.ASKED_ON_M}"
+        stands = f"l.home = f.home and l.object <> f.object and {WITHIN} and {close}"
         loosely = self._add(f"from {found} f semi join {beside} l on {stands}")
         return self._else(self._else(at("deep = 1"), at("true")), loosely)
 
     def _next(self, found: str, beside: str) -> str:
-        up, down = self._held(found), self._held(beside)
-        apart = self._add(
-            f"from {found} f anti join (select h.home, h.object from {up} h join {beside} l "
-            f"on l.home = h.home and l.object = h.below union all select home, below from {down}) r(home, object) "
-            "on r.home = f.home and r.object = f.object"
-        )
+        below = f"select home, below from held semi join {beside} using (home, object)"
+        touching = f"({_above(beside)} union all {below}) r(home, object)"
+        apart = self._add(f"from {found} f anti join {touching} using (home, object)")
         most_m = relations.ASKED_NEXT_M
         return self._else(self._close(apart, beside, most_m), self._close(found, beside, most_m))
 
     def _close(self, found: str, beside: str, most_m: float) -> str:
         near = self._add(
             f"select f.home, f.object, any_value(f.room) as room, min({GAP_M}) as far from {found} f join {beside} l "
-            f"on l.home = f.home and l.object <> f.object group by f.home, f.object having far <= {most_m}"
+            f"on l.home = f.home and l.object <> f.object and {APART.format(most_m)} "
+            f"group by f.home, f.object having far <= {most_m}"
         )
         there = f"(select distinct home, room from {beside})"
         roomed = self._add(
@@ -151,7 +149,12 @@ class Compiler:
         )
         clear = f"coalesce(best > {CLEARLY} * second, false)"
         kept = self._add(f"from {best} where not {clear} or fit = best")
-        return self._add(f"from {found} f semi join {kept} k using (home, object)")
+        return self._add(f"select {COLUMNS} from {found} f semi join {kept} k using (home, object)")
+
+
+def _above(beside: str) -> str:
+    """What stands on or in the landmarks, or on what does."""
+    return f"select h.home, h.object from held h join {beside} l on l.home = h.home and l.object = h.below"
 
 
 def _share(colours: Collection[str]) -> str:

@@ -60,6 +60,7 @@ class Fleet:
         self.store = open_store(store)
         self._version: Any = None
         self._loaded: Any = None
+        self._chunks = dict[str, Any]()
         self._loading = Lock()
 
     def ask(self, query: str, may_see: Callable[[str], bool] | None = None) -> FleetAnswer:
@@ -140,7 +141,7 @@ class Fleet:
         version = version_of(self.store)
         with self._loading:
             if self._loaded is None or version != self._version:
-                self._loaded, self._version = Loaded.of(read_catalog(self.store)), version
+                self._loaded, self._version = Loaded.of(read_catalog(self.store, held=self._chunks)), version
             loaded = self._loaded
         if not loaded.homes:
             raise InputError(f"{self.store.place} holds no homes: cartier fleet map RECORDINGS --store STORE")

@@ -15,18 +15,19 @@ from __future__ import annotations
 import hashlib
 import json
 import secrets
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import cartier
 from cartier import plugins
-from cartier.blob_stores import Blob, BlobStore
+from cartier.blob_stores import Blob, BlobStore, open_store
 from cartier.contracts import Detector, Recording, RecordingDefaults, optional
 from cartier.errors import InputError, brief
 from cartier.home.repository import SCHEMA
 from cartier.io.files import json_bytes, parse_json, typed
+from cartier.recordings.folder import HEAD
 
 MAX_FAILURES = 3
 MAX_DEATHS = 10  # kills and lost machines are seldom the job's fault
@@ -53,7 +54,7 @@ class MapSettings:
 
 @dataclass(frozen=True)
 class Task:
-    """A recording to map, and what its home is called: the path below the folder of all recordings."""
+    """A recording to map (a path, or a place on object storage), and what its home is called: the path below all."""
 
     path: str
     name: str
@@ -76,8 +77,20 @@ class Claim:
     nonce: str = field(default_factory=lambda: secrets.token_hex(8))
 
 
-def find_tasks(root: Path) -> list[Task]:
-    """The recordings below a folder, by name. Raises InputError if there are none, or two would share a name."""
+def find_tasks(place: str | Path) -> list[Task]:
+    """The recordings below a folder or a prefix of object storage, by name.
+
+    Raises InputError if there are none, or two would share a name.
+    """
+    found = _tasks_there(str(place).rstrip("/")) if "://" in str(place) else _tasks_below(Path(place))
+    names = dict[str, Task]()
+    for task in found:
+        if (other := names.setdefault(task.name, task)) is not task:
+            raise InputError(f"{other.path} and {task.path} would both be called {task.name}: rename one")
+    return found
+
+
+def _tasks_below(root: Path) -> list[Task]:
     if not root.exists():
         raise InputError(f"{root} does not exist")
     if plugins.formats_of(root):
@@ -85,11 +98,20 @@ def find_tasks(root: Path) -> list[Task]:
     found = [Task(str(path.absolute()), _name(path, root)) for path in _recordings(root, DEEPEST)]
     if not found:
         raise InputError(f"{root} holds no recording that cartier knows: 'cartier list' shows the formats")
-    names = dict[str, Task]()
-    for task in found:
-        if (other := names.setdefault(task.name, task)) is not task:
-            raise InputError(f"{other.path} and {task.path} would both be called {task.name}: rename one")
     return found
+
+
+def _tasks_there(place: str) -> list[Task]:
+    """The recordings on object storage, which are those in cartier's own format."""
+    folders = [key.removesuffix(HEAD).rstrip("/") for key in open_store(place).list() if key.split("/")[-1] == HEAD]
+    if not folders:
+        raise InputError(
+            f"{place} holds no recording in cartier's own format ({HEAD}), which alone is read from object storage: "
+            "'cartier convert RECORDING -o OUT' writes it"
+        )
+    if "" in folders:
+        return [Task(place, _cleaned(place.split("/")[-1:]))]
+    return [Task(f"{place}/{folder}", _cleaned(folder.split("/"))) for folder in folders]
 
 
 def _recordings(folder: Path, deepest: int) -> list[Path]:
@@ -106,12 +128,24 @@ def _name(path: Path, root: Path) -> str:
     """A recording's path below ``root`` as part of a key, without the suffix of a file."""
     relative = path.relative_to(root)
     parts = relative.with_suffix("").parts if path.is_file() else relative.parts
+    return _cleaned(parts)
+
+
+def _cleaned(parts: Iterable[str]) -> str:
     cleaned = ("".join(c if c.isascii() and (c.isalnum() or c in "_=-.") else "-" for c in part) for part in parts)
     return "/".join(part.lstrip(".") or "-" for part in cleaned)
 
 
-def signature(path: Path) -> str:
-    """A digest of the names, sizes and times of a recording's files: the same while nobody wrote to them."""
+def signature(place: str) -> str:
+    """A digest of the names, sizes and times (on object storage, versions) of a recording's files.
+
+    It is the same while nobody wrote to them.
+    """
+    if "://" in place:
+        from cartier.blob_stores.bucket import BucketBlobs, open_bucket
+
+        return _digest(BucketBlobs(open_bucket(place), place).listing())
+    path = Path(place)
     files = sorted(path.rglob("*")) if path.is_dir() else [path]
     about = [(file.relative_to(path.parent).as_posix(), file.stat()) for file in files if file.is_file()]
     return _digest([(name, seen.st_size, seen.st_mtime_ns) for name, seen in about])

@@ -17,7 +17,7 @@ from cartier.fleet.database import Database
 from cartier.fleet.reading import with_rooms
 from cartier.labels import name_key
 from cartier.spatial.expressions import ReferringExpression
-from cartier.spatial.query import LIKELY, Scene
+from cartier.spatial.query import Scene
 from cartier.types import Inventory, MapObject, Room
 
 MAX_FOUND = 1_000_000  # rows of one question
@@ -31,15 +31,11 @@ MEASURES |= {"smallest": f"-({MEASURES['biggest']})", "shortest": f"-({MEASURES[
 
 def find(database: Database, phrase: ReferringExpression, kinds: Sequence[str]) -> dict[str, list[int]]:
     """The ids of the objects that a phrase means, by home; rooms are places in ``kinds``."""
-    rows = database.query(f"select distinct label from objects where not confirmed and probability >= {LIKELY}").rows
-    unsure = [label for (label,) in rows]
-    found = dict[str, list[int]]()
     try:
-        for home, number in database.query(Compiler(kinds, unsure)(phrase), (), MAX_FOUND).rows:
-            found.setdefault(home, []).append(number)
-        return found
+        return database.by_home(Compiler(kinds, database.unsure_labels)(phrase))
     except NoSql:
-        scenes = _scenes(database, phrase, unsure)
+        scenes = _scenes(database, phrase, database.unsure_labels)
+    found = dict[str, list[int]]()
     for home, scene in scenes.items():
         if met := scene.meant(with_rooms(phrase, _rooms_by_kind(scene, kinds)))[0]:
             found[home] = [obj.id for obj in met]
@@ -48,20 +44,19 @@ def find(database: Database, phrase: ReferringExpression, kinds: Sequence[str]) 
 
 def find_tentative(database: Database, phrase: ReferringExpression) -> set[str]:
     """The homes in which an object of the name may be, though it was hardly seen."""
-    sql = f"select distinct home from objects where not confirmed and probability >= {LIKELY} and "
-    sql += named({*phrase.labels, *phrase.similar})
-    return {home for (home,) in database.query(sql, (), MAX_FOUND).rows}
+    return set[str]().union(*(database.unsure.get(name, ()) for name in (*phrase.labels, *phrase.similar)))
 
 
 def extreme(database: Database, found: Mapping[str, Sequence[int]], wish: str) -> tuple[str, int] | None:
     """The home and the id of the object that is the biggest … of those found."""
-    pairs = [f"{home}\n{number}" for home, ids in found.items() for number in ids]
+    numbers = {home: number for number, home in enumerate(database.names)}
+    homes = [numbers[home] for home, ids in found.items() for _ in ids]
     sql = (
-        "select home, object from objects where home || chr(10) || object in (select unnest($1)) "
-        f"order by {MEASURES[wish]} desc, home, object limit 1"
+        "select home, object from placed semi join (select unnest($1) as home, unnest($2) as object) "
+        f"using (home, object) order by {MEASURES[wish]} desc, home, object limit 1"
     )
-    rows = database.query(sql, [pairs]).rows
-    return (rows[0][0], rows[0][1]) if rows else None
+    rows = database.query(sql, [homes, [number for ids in found.values() for number in ids]]).rows
+    return (database.names[rows[0][0]], rows[0][1]) if rows else None
 
 
 def _scenes(database: Database, phrase: ReferringExpression, unsure: Sequence[str]) -> dict[str, Scene]:

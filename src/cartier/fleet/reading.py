@@ -37,7 +37,7 @@ class Vocabulary:
     seen: frozenset[str]
     kinds: tuple[str, ...]
 
-    @property
+    @cached_property
     def inventory(self) -> Inventory:
         """All that may be named, with one room of each kind, whose id is its place.
 

@@ -6,6 +6,7 @@ that of a worker which died, and is taken over without waiting for its lease to 
 
 from __future__ import annotations
 
+import importlib
 import json
 import secrets
 import selectors
@@ -25,6 +26,8 @@ from cartier.fleet.scheduler import Scheduler
 from cartier.fleet.worker import Outcome
 from cartier.plugins import install
 
+MAPPING = "cartier.fleet.worker"
+"""The module whose ``serving`` maps recordings."""
 LEASE_S = 60.0
 POLL_S = 0.5
 RUNNERS = ("local", "ray")
@@ -67,18 +70,34 @@ def run(
         InputError: The store failed, or a number is out of range.
         MissingExtra: Ray is not installed.
     """
-    need(runner in RUNNERS, f"the runner is {' or '.join(RUNNERS)}, got {runner!r}")
-    need(1 <= workers <= 10_000, f"workers must be 1 to 10000, got {workers}")
-    schedule = Scheduler(tasks, lease_s)
     owner = f"{socket.gethostname()[:40]}-{secrets.token_hex(4)}"  # of all claims of this run
     about = {"store": store, "settings": asdict(settings), "lease_s": lease_s, "owner": owner}
-    made = RayPool(about, gpus) if runner == "ray" else LocalPool(about)
+    return work(tasks, about, runner=runner, workers=workers, gpus=gpus, lease_s=lease_s, told=told)
+
+
+def work(
+    tasks: Iterable[Task], about: dict[str, Any], *, module: str = MAPPING, runner: str = "local", workers: int = 1,
+    gpus: float = 0.0, lease_s: float = LEASE_S, told: Told | None = None,
+) -> dict[str, Outcome]:  # fmt: skip
+    """As ``run``, of any work: ``serving(about)`` of a module gives what does a task.
+
+    Raises InputError for numbers out of range, or with the line of an outcome "stopped"; MissingExtra without Ray.
+    """
+    check_workers(runner, workers)
+    schedule = Scheduler(tasks, lease_s)
+    made = RayPool(about, gpus, module) if runner == "ray" else LocalPool(about, module)
     pool: Pool = made
     try:
         _drive(schedule, pool, workers, told)
     finally:
         pool.close()
     return schedule.outcomes
+
+
+def check_workers(runner: str, workers: int) -> None:
+    """Raises InputError for a runner that there is not, or a number of workers out of range."""
+    need(runner in RUNNERS, f"the runner is {' or '.join(RUNNERS)}, got {runner!r}")
+    need(1 <= workers <= 10_000, f"workers must be 1 to 10000, got {workers}")
 
 
 def _drive(schedule: Scheduler, pool: Pool, workers: int, told: Told | None) -> None:
@@ -106,8 +125,8 @@ def _drive(schedule: Scheduler, pool: Pool, workers: int, told: Told | None) -> 
 class LocalPool:
     """Processes of this machine, which speak JSON lines."""
 
-    def __init__(self, about: dict[str, Any]) -> None:
-        self._about = about
+    def __init__(self, about: dict[str, Any], module: str = MAPPING) -> None:
+        self._about, self._module = about, module
         self._children = dict[int, subprocess.Popen[str]]()
         self._ears = selectors.DefaultSelector()
 
@@ -144,8 +163,9 @@ class LocalPool:
     def start(self, worker: int) -> subprocess.Popen[str]:
         """Start the process of a worker."""
         child = subprocess.Popen(
-            [sys.executable, "-m", "cartier.fleet.worker"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-        )
+            [sys.executable, "-m", "cartier.fleet.worker", self._module],
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+        )  # fmt: skip
         assert child.stdin is not None and child.stdout is not None
         self._children[worker] = child
         self._ears.register(child.stdout, selectors.EVENT_READ, worker)
@@ -165,12 +185,12 @@ class LocalPool:
 class RayPool:
     """Actors of a Ray cluster, or of one on this machine where none is running; one that dies is made anew."""
 
-    def __init__(self, about: dict[str, Any], gpus: float) -> None:
+    def __init__(self, about: dict[str, Any], gpus: float, module: str = MAPPING) -> None:
         try:
             import ray
         except ModuleNotFoundError as error:
             raise MissingExtra(f"the runner ray needs the package 'ray': {install('fleet', 'ray')}") from error
-        self._ray, self._about = ray, about
+        self._ray, self._about, self._module = ray, about, module
         if not ray.is_initialized():
             ray.init(log_to_driver=False, include_dashboard=False)
         self._kind = ray.remote(num_cpus=1, num_gpus=gpus or None, max_restarts=0)(RayWorker)
@@ -178,7 +198,7 @@ class RayPool:
 
     def give(self, worker: int, task: Task, stale: str | None) -> None:
         if worker not in self._actors:
-            self._actors[worker] = self._kind.remote(self._about)
+            self._actors[worker] = self._kind.remote(self._about, self._module)
         self._running[self._actors[worker].map.remote(asdict(task), stale)] = worker
 
     def ended(self, wait_s: float) -> list[tuple[int, Outcome]]:
@@ -201,11 +221,10 @@ class RayPool:
 class RayWorker:
     """A worker as an actor; what it is given and gives back are plain values."""
 
-    def __init__(self, about: dict[str, Any]) -> None:
-        from cartier.fleet.worker import serving
-
-        self._serve = serving(about)
+    def __init__(self, about: dict[str, Any], module: str) -> None:
+        self._serve = importlib.import_module(module).serving(about)
 
     def map(self, task: dict[str, str], stale: str | None) -> dict[str, Any]:
         """The outcome of a task."""
-        return self._serve({"task": task, "stale": stale})
+        done: dict[str, Any] = self._serve({"task": task, "stale": stale})
+        return done

@@ -1,10 +1,13 @@
 """Worker of a fleet: maps one recording after another into the store, and keeps its detector loaded between them.
 
-python -m cartier.fleet.worker      reads its settings and then tasks as JSON lines, and answers each with one
+python -m cartier.fleet.worker [MODULE]     reads its settings and then tasks as JSON lines, answers each with one
+
+``serving`` of MODULE, this one by default, says what is done with a task.
 """
 
 from __future__ import annotations
 
+import importlib
 import json
 import sys
 import tempfile
@@ -54,7 +57,7 @@ class Worker:
 
     def map(self, task: Task, stale: str | None = None) -> Outcome:
         """Map one recording, unless that is done. Raises InputError if the store cannot be used."""
-        seen = signature(Path(task.path))
+        seen = signature(task.path)
         if is_current(self._store, task.name, seen, self._settings):
             return Outcome("finished")
         try:
@@ -160,7 +163,8 @@ def serving(about: dict[str, Any]) -> Callable[[dict[str, Any]], dict[str, Any]]
 def main() -> None:
     """Answer tasks until standard input ends."""
     out, sys.stdout = sys.stdout, sys.stderr  # what a library prints is no answer
-    serve = serving(json.loads(sys.stdin.readline()))
+    module = importlib.import_module(sys.argv[1] if len(sys.argv) > 1 else "cartier.fleet.worker")
+    serve = module.serving(json.loads(sys.stdin.readline()))
     for line in sys.stdin:
         print(json.dumps(serve(json.loads(line))), file=out, flush=True)
 

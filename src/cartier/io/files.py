@@ -35,7 +35,7 @@ def read_json(path: Path) -> Any:
 def parse_json(data: bytes, where: Path | str) -> Any:
     """The value in JSON text, or an InputError with ``where``, the line and the fault."""
     try:
-        return json.loads(_text(data, where))
+        return json.loads(text_of(data, where))
     except json.JSONDecodeError as error:
         raise InputError(f"{where} line {error.lineno}: not valid JSON ({error.msg})") from error
     except (RecursionError, ValueError) as error:  # nested without end, or a number of thousands of digits
@@ -110,10 +110,11 @@ def read_bytes(path: Path, max_bytes: int, follow_link: bool = True) -> bytes:
 
 def read_text(path: Path, max_bytes: int) -> str:
     """The UTF-8 text of a plain file no larger than ``max_bytes``, or an InputError."""
-    return _text(read_bytes(path, max_bytes), path)
+    return text_of(read_bytes(path, max_bytes), path)
 
 
-def _text(data: bytes, where: Path | str) -> str:
+def text_of(data: bytes, where: Path | str) -> str:
+    """UTF-8 text, or an InputError with ``where`` and the line."""
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:

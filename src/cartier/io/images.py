@@ -62,6 +62,11 @@ def read_depth(path: Path, camera: Camera | None, per_metre: float = 1000.0) -> 
     return metres(_grey16(image, str(path), f"depth in {unit}"), per_metre)
 
 
+def decode_depth(data: bytes, camera: Camera, where: str) -> npt.NDArray[np.float32]:
+    """(H, W) float32 metres of a 16-bit PNG of millimetres in memory; 0 and 65535 become NaN."""
+    return metres(_grey16(_decode(BytesIO(data), _size(camera), where), where, "depth in millimetres"))
+
+
 def decode_grey16(data: bytes, camera: Camera, where: str) -> npt.NDArray[np.uint16]:
     """(H, W) uint16 of a 16-bit PNG in memory."""
     return _grey16(_decode(BytesIO(data), _size(camera), where), where, "depth")
@@ -89,9 +94,9 @@ def read_grey8(path: Path, size: Size) -> npt.NDArray[np.uint8]:
     return np.asarray(image).astype(np.uint8, copy=False)
 
 
-def read_instances(path: Path, camera: Camera) -> npt.NDArray[np.int32]:
-    """(H, W) int32 object ids of a 16-bit PNG; 0 = none."""
-    return _grey16(_read(path, _size(camera)), str(path), "instance ids").astype(np.int32)
+def decode_instances(data: bytes, camera: Camera, where: str) -> npt.NDArray[np.int32]:
+    """(H, W) int32 object ids of a 16-bit PNG in memory; 0 = none."""
+    return _grey16(_decode(BytesIO(data), _size(camera), where), where, "instance ids").astype(np.int32)
 
 
 def write_rgb(path: Path | BytesIO, rgb: npt.NDArray[np.uint8]) -> None:

@@ -2,8 +2,9 @@
 
 ``recording.json`` needs schema, name and camera. ``depth`` and ``instances`` say whether these folders are read (by
 default if they exist), ``simulator`` that truth.json is read, ``notes`` what was estimated. It names no files: the
-layout is fixed, so nothing in it can lead out of the folder; links that do are noted. A simulator's recording also
-holds ``truth.json`` (the true objects with their boxes) and ``instances/000000.png`` (uint16 ids).
+layout is fixed, so nothing in it can lead out of the folder; links that do are noted. It may lie on object storage,
+too, of which each frame's images are fetched when that frame is asked for. A simulator's recording also holds
+``truth.json`` (the true objects with their boxes) and ``instances/000000.png`` (uint16 ids).
 """
 
 from __future__ import annotations
@@ -13,13 +14,15 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, TextIO
 
+from cartier.blob_stores import open_store
 from cartier.contracts import Recording, RecordingDefaults, optional
 from cartier.errors import InputError, brief, frame_number
 from cartier.io import images
 from cartier.io.atomic import replaced_folder, write_json
-from cartier.io.files import read_json
-from cartier.recordings.common.files import READERS, content_hash, link_notes, names_in
-from cartier.recordings.common.poses import read_trajectory, trajectory_line
+from cartier.io.files import MAX_JSON_BYTES, parse_json, read_json, text_of
+from cartier.recordings.common.files import MAX_TABLE_BYTES, READERS
+from cartier.recordings.common.places import MAX_FILE_BYTES, BlobFiles, Files, FolderFiles
+from cartier.recordings.common.poses import parse_trajectory, trajectory_line
 from cartier.types import Camera, Frame, TrueObject
 
 SCHEMA = 1
@@ -34,8 +37,16 @@ def matches(path: Path) -> bool:
 
 
 def open(path: str | Path) -> Recording:
-    """Read a recording that ``save`` wrote, or another program in the same layout."""
-    return Folder(Path(path))
+    """Read a recording that ``save`` wrote, or another program in the same layout; also at ``s3://…``."""
+    if "://" not in str(path):
+        return Folder(FolderFiles(Path(path)))
+    files = BlobFiles(open_store(str(path)))
+    if HEAD not in files.names(""):
+        raise InputError(
+            f"{files.where(HEAD)} is missing: on object storage, cartier reads recordings in its own format, which "
+            "'cartier convert RECORDING -o OUT' writes; fetch others to a folder first"
+        )
+    return Folder(files)
 
 
 class Folder:
@@ -43,32 +54,34 @@ class Folder:
 
     readers = READERS
 
-    def __init__(self, root: Path) -> None:
-        self._root = root
-        head = _Fields(read_json(root / HEAD), root / HEAD)
+    def __init__(self, files: Files) -> None:
+        self._place = files
+        head = _Fields(_json(files, HEAD), files.where(HEAD))
         schema = head.get("schema", int)
         if schema != SCHEMA:
             raise InputError(
-                f"{root / HEAD} has schema {brief(schema, 20)}, this cartier reads {SCHEMA}: upgrade cartier"
+                f"{files.where(HEAD)} has schema {brief(schema, 20)}, this cartier reads {SCHEMA}: upgrade cartier"
             )
         self.name = head.line("name")
-        self.camera = _camera(_Fields(head.get("camera", dict), root / HEAD))
+        self.camera = _camera(_Fields(head.get("camera", dict), files.where(HEAD)))
         self.notes: Sequence[str] = head.lines("notes") if "notes" in head.value else ()
         self.scale_guessed = head.value.get("scale_guessed") is True
-        self._times_s, self._poses = read_trajectory(root / TRAJECTORY)
+        self._times_s, self._poses = parse_trajectory(
+            text_of(files.read(TRAJECTORY, MAX_TABLE_BYTES), files.where(TRAJECTORY)), files.where(TRAJECTORY)
+        )
         self._poses.setflags(write=False)
-        self._has_depth: bool = head.flag("depth", (root / "depth").is_dir())
-        self._has_instances: bool = head.flag("instances", (root / "instances").is_dir())
+        self._has_depth: bool = head.flag("depth", files.has("depth"))
+        self._has_instances: bool = head.flag("instances", files.has("instances"))
         simulator = head.flag("simulator", False)  # truth.json alone makes no simulator: what is true must be said
-        self.truth: Sequence[TrueObject] | None = _read_truth(root / TRUTH) if simulator else None
+        self.truth: Sequence[TrueObject] | None = _read_truth(files) if simulator else None
         self._images = {"rgb": ".jpg"}
         self._images |= {"depth": ".png"} if self._has_depth else {}
         self._images |= {"instances": ".png"} if self._has_instances else {}
         for kind, suffix in self._images.items():
-            _check_count(root / kind, suffix, len(self._poses))
+            _check_count(files, kind, suffix, len(self._poses))
         images = [_image(kind, i, suffix) for kind, suffix in self._images.items() for i in range(len(self))]
         self._files = [HEAD, TRAJECTORY, *([] if self.truth is None else [TRUTH]), *images]
-        self.notes = [*self.notes, *link_notes(root, self._files)]
+        self.notes = [*self.notes, *files.notes(self._files)]
         self._fingerprint: str | None = None
 
     def __len__(self) -> int:
@@ -76,27 +89,30 @@ class Folder:
 
     def __getitem__(self, index: int) -> Frame:
         i = frame_number(index, len(self), self.name)
-        depth, instances = self._root / _image("depth", i, ".png"), self._root / _image("instances", i, ".png")
         return Frame(
             index=i,
             time_s=float(self._times_s[i]),
-            rgb=images.read_rgb(self._root / _image("rgb", i, ".jpg"), self.camera),
-            depth_m=images.read_depth(depth, self.camera) if self._has_depth else None,
+            rgb=images.decode_rgb(*self._image_of("rgb", i)),
+            depth_m=images.decode_depth(*self._image_of("depth", i)) if self._has_depth else None,
             world_from_camera=self._poses[i],
             camera=self.camera,
-            instances=images.read_instances(instances, self.camera) if self._has_instances else None,
+            instances=images.decode_instances(*self._image_of("instances", i)) if self._has_instances else None,
         )
 
     def fingerprint(self) -> str:
         if self._fingerprint is None:
-            self._fingerprint = content_hash("folder 1", self._root, self._files)
+            self._fingerprint = self._place.fingerprint("folder 1", self._files)
         return self._fingerprint
+
+    def _image_of(self, kind: str, number: int) -> tuple[bytes, Camera, str]:
+        name = _image(kind, number, self._images[kind])
+        return self._place.read(name, MAX_FILE_BYTES), self.camera, self._place.where(name)
 
 
 def read_head(root: Path) -> tuple[str, Camera, bool]:
     """The name and camera that a ``recording.json`` gives, and whether there is depth. Raises InputError without."""
-    head = _Fields(read_json(root / HEAD), root / HEAD)
-    camera = _camera(_Fields(head.get("camera", dict), root / HEAD))
+    head = _Fields(read_json(root / HEAD), str(root / HEAD))
+    camera = _camera(_Fields(head.get("camera", dict), str(root / HEAD)))
     return head.line("name"), camera, head.flag("depth", (root / "depth").is_dir())
 
 
@@ -184,20 +200,22 @@ def _image(kind: str, number: int, suffix: str) -> str:
     return f"{kind}/{number:06d}{suffix}"
 
 
-def _check_count(folder: Path, suffix: str, poses: int) -> None:
+def _check_count(files: Files, folder: str, suffix: str, poses: int) -> None:
     """Refuse a folder of images that are not as many as there are poses."""
-    there = {name for name in names_in(folder) if name.endswith(suffix) and not name.startswith(".")}
+    there = {name for name in files.names(folder) if name.endswith(suffix) and not name.startswith(".")}
     wanted = {f"{i:06d}{suffix}" for i in range(poses)}
     if there != wanted:
         odd = min(there ^ wanted)
         trouble = f"{odd} is missing" if odd in wanted else f"{odd} has no pose"
-        raise InputError(f"{folder} holds {len(there)} images but {TRAJECTORY} holds {poses} poses: {trouble}")
+        raise InputError(
+            f"{files.where(folder)} holds {len(there)} images but {TRAJECTORY} holds {poses} poses: {trouble}"
+        )
 
 
 class _Fields:
     """A JSON object that says which field is missing or of the wrong type."""
 
-    def __init__(self, value: Any, path: Path) -> None:
+    def __init__(self, value: Any, path: str) -> None:
         if not isinstance(value, dict):
             raise InputError(f"{path} must hold a JSON object, got {type(value).__name__}")
         self.value, self.path = value, path
@@ -241,8 +259,13 @@ def _camera(fields: _Fields) -> Camera:
         raise InputError(f"{fields.path}: {error}") from error
 
 
-def _read_truth(path: Path) -> list[TrueObject]:
-    items = (_Fields(item, path) for item in _Fields(read_json(path), path).get("objects", list))
+def _json(files: Files, name: str) -> Any:
+    return parse_json(files.read(name, MAX_JSON_BYTES), files.where(name))
+
+
+def _read_truth(files: Files) -> list[TrueObject]:
+    path = files.where(TRUTH)
+    items = (_Fields(item, path) for item in _Fields(_json(files, TRUTH), path).get("objects", list))
     return [
         TrueObject(item.get("id", int), item.line("label"), item.corner("box_min"), item.corner("box_max"))
         for item in items

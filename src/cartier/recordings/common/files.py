@@ -128,17 +128,25 @@ def read_table(
 
 def content_hash(settings: str, root: Path, names: Iterable[str]) -> str:
     """sha256 (hex) over the reader's settings and each file's name below ``root``, size and bytes, read in pieces."""
+    return hash_of(settings, ((name, *_hashed(root / name)) for name in names))
+
+
+def hash_of(settings: str, files: Iterable[tuple[str, int, bytes]]) -> str:
+    """sha256 (hex) over a reader's settings and the name, size and sha256 of each file."""
     total = hashlib.sha256(settings.encode())
-    for name in names:
-        path = root / name
-        check_file(path)
-        try:
-            with path.open("rb") as file:
-                content = hashlib.file_digest(file, "sha256")
-                total.update(f"\0{name}\0{file.tell()}\0".encode() + content.digest())
-        except OSError as error:
-            raise InputError(f"{path} cannot be read ({error.strerror})") from error
+    for name, size, content in files:
+        total.update(f"\0{name}\0{size}\0".encode() + content)
     return total.hexdigest()
+
+
+def _hashed(path: Path) -> tuple[int, bytes]:
+    check_file(path)
+    try:
+        with path.open("rb") as file:
+            content = hashlib.file_digest(file, "sha256")
+            return file.tell(), content.digest()
+    except OSError as error:
+        raise InputError(f"{path} cannot be read ({error.strerror})") from error
 
 
 def read_fields(head: object, names: Sequence[str], where: str) -> list[float]:

@@ -49,18 +49,27 @@ def read_matrix(path: Path, rows: int, separator: str | None = None) -> Matrix:
 
 def read_trajectory(path: Path) -> tuple[npt.NDArray[np.float64], Matrix]:
     """Times (N,) in seconds and world_from_camera (N, 4, 4) of a TUM file: lines of ``t x y z qx qy qz qw [more]``."""
-    table = read_trajectory_rows(path)
+    return parse_trajectory(read_text(path, MAX_TABLE_BYTES), str(path))
+
+
+def parse_trajectory(text: str, where: str) -> tuple[npt.NDArray[np.float64], Matrix]:
+    """As ``read_trajectory``, of its text."""
+    table = _trajectory_rows(text, where)
     return table[:, 0], matrices(table[:, 1:])
 
 
 def read_trajectory_rows(path: Path) -> Matrix:
     """(N, 8) of a TUM file, as written."""
+    return _trajectory_rows(read_text(path, MAX_TABLE_BYTES), str(path))
+
+
+def _trajectory_rows(text: str, where: str) -> Matrix:
     rows = []
-    for number, line in enumerate(read_text(path, MAX_TABLE_BYTES).splitlines(), 1):
+    for number, line in enumerate(text.splitlines(), 1):
         if line.strip() and not line.startswith("#"):
-            rows.append(trajectory_row(line, f"{path} line {number}"))
+            rows.append(trajectory_row(line, f"{where} line {number}"))
     if not rows:
-        raise InputError(f"{path} holds no pose")
+        raise InputError(f"{where} holds no pose")
     return np.array(rows)
 
 
