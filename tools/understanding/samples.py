@@ -11,10 +11,10 @@ from random import Random
 
 sys.path.append(str(Path(__file__).parent))
 from check_marks import fault, home
-from markup import Line, read, unmarked
 from templates import NAMES, PLACES, ROOM_NAMES, Templates
 
 from cartier.errors import InputError
+from cartier.evaluation.marked_lines import Line, read, unmarked
 from cartier.evaluation.things_made import plural
 from cartier.labels import name_key, object_ref, plain
 from cartier.understanding.answers import answer

@@ -127,7 +127,9 @@ class Templates:
         if kind > 0.82 and wants:
             act, goal = "need", rng.choice(wants).rstrip(".!?")
         join = rng.choice(ROUTES["joins"])
-        told = f"{goal}{join}{rule}" if rng.random() < 0.75 else f"{rule}{rng.choice(['. ', ', ', ' and ', '; '])}{goal}"
+        told = (
+            f"{goal}{join}{rule}" if rng.random() < 0.75 else f"{rule}{rng.choice(['. ', ', ', ' and ', '; '])}{goal}"
+        )
         return f"{act} ? :: {self._reasoned(told)}"
 
     def _rule(self) -> str:
@@ -146,8 +148,10 @@ class Templates:
         if rng.random() < 0.5:
             reason = rng.choice(RULES["reasons"])
             mark = rng.choice([", ", ". ", " ", "; ", ", because ", ", since ", " because ", ", you see "])
-            words = f"{reason}{rng.choice([', ', '. ', ', so ', ' so '])}{words}" if rng.random() < 0.5 else (
-                f"{words}{mark}{reason}"
+            words = (
+                f"{reason}{rng.choice([', ', '. ', ', so ', ' so '])}{words}"
+                if rng.random() < 0.5
+                else (f"{words}{mark}{reason}")
             )
         return self._dressed(words, "rule")
 

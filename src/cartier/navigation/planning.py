@@ -232,7 +232,9 @@ def lines_of_sight(
     steps = grid.resolution_m * (1 + np.arange(max(int(counts.max(initial=0)), 0)) / 2)
     far = steps / np.maximum(lengths, grid.resolution_m)  # (N, steps), as shares of the way
     rows, cols = (
-        np.floor((from_xy[:, k, None] + far * spans[:, k, None] - grid.origin_xy[k]) / grid.resolution_m).astype(np.intp)
+        np.floor((from_xy[:, k, None] + far * spans[:, k, None] - grid.origin_xy[k]) / grid.resolution_m).astype(
+            np.intp
+        )
         for k in (1, 0)
     )
     checked = (np.arange(len(steps)) < counts) & (rows >= 0) & (cols >= 0)
