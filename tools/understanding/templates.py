@@ -37,10 +37,11 @@ GERUNDS = {
     "tread": "treading", "use": "using",
 }  # fmt: skip
 BIDS = (
-    "please", "would you", "could you", "you're to", "i want you to", "i need you to", "i'd like you to", "make sure you",
-    "see that you", "remember to", "be a dear and", "be so good as to", "kindly", "and mind you", "you will", "you must",
-    "you'd better", "you should", "try to", "if you can", "if you would", "if you wouldn't mind", "maybe", "do",
-    "i'd be glad if you'd", "i'd ask you to", "let me ask you to", "tell him to", "robot,", "now then,", "from here",
+    "please", "would you", "could you", "you're to", "i want you to", "i need you to", "i'd like you to",
+    "make sure you", "see that you", "remember to", "be a dear and", "be so good as to", "kindly", "and mind you",
+    "you will", "you must", "you'd better", "you should", "try to", "if you can", "if you would",
+    "if you wouldn't mind", "maybe", "do", "i'd be glad if you'd", "i'd ask you to", "let me ask you to",
+    "tell him to", "robot,", "now then,", "from here",
 )  # fmt: skip
 """Before a frame that begins with a verb."""
 
@@ -103,7 +104,7 @@ class Templates:
         return f"go ? :: {self._dressed(words, 'go')}"
 
     def routed(self, count: int, wants: Sequence[str] = ()) -> list[str]:
-        """Lines about the way in many words: rules alone, beside a goal, beside one of ``wants``, taken back, or told of.
+        """Lines about the way: rules alone, beside a goal, beside one of ``wants``, taken back, or only told of.
 
         A line of ``wants`` is a request that names nothing.
         """
@@ -206,7 +207,8 @@ class Templates:
             "{S}": lambda: f"[{rng.choice(MOST + SIZES)}:s]", "{m}": lambda: f"[{rng.choice(MORE)}:s]",
             "{S1}": lambda: rng.choice(MOST + SIZES), "{N}": lambda: rng.choice(NAMES),
             "{R1}": self._room, "{C}": lambda: rng.choice(list(COLOURS)),
-            "{vh}": lambda: f"the [{rng.choice(ROUTES['short'])}:vh]", "{vhn}": lambda: f"[{rng.choice(ROUTES['short'])}:vh]",
+            "{vh}": lambda: f"the [{rng.choice(ROUTES['short'])}:vh]",
+            "{vhn}": lambda: f"[{rng.choice(ROUTES['short'])}:vh]",
             **{f"{{{role}}}": partial(self._way, role) for role in ROUTE_NOUNS},
             "{p}": lambda: f"[{rng.choice(['it', 'it', 'that', 'them', 'there', 'this'])}:p]",
         }  # fmt: skip

@@ -254,7 +254,10 @@ def _stages() -> Iterator[Callable[[str, int, int], None]]:
         nonlocal stage, step
         if what != stage or step is None:
             stack.close()
-            stage, step = what, stack.enter_context(progress(what if what in ("asking", "driving") else f"mapping {what}"))
+            stage, step = (
+                what,
+                stack.enter_context(progress(what if what in ("asking", "driving") else f"mapping {what}")),
+            )
         step(done, total)
 
     with ExitStack() as stack:

@@ -1,4 +1,4 @@
-"""True homes with rugs and narrow doors for drives under rules, random rules, and how far points are off a rule's area."""
+"""True homes with rugs and narrow doors, random rules for drives in them, and how far points are off a rule's area."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Suite routes of ``cartier bench``: drives under rules in true homes, and sentences against the rules that they mean."""
+"""Suite routes of ``cartier bench``: drives under rules in true homes, and sentences against the rules they mean."""
 
 from __future__ import annotations
 
@@ -52,8 +52,8 @@ def report(results: Mapping[str, Any]) -> str:
         f"{driven['drives']} drives in {len(results['homes'])} homes on their true floor plans (ground truth)",
         table(["rule", *columns], rows),
         f"Hard rules broken without having asked: {driven['hard_rules_broken']}; drives that hit something: "
-        f"{driven['collided']}; asked: {driven['asked']}. Detours: {driven['detours']}, {driven['median_detour_m']} m at "
-        f"the median. Planning: {driven['median_ms']:.0f} ms at the median, {driven['most_ms']:.0f} ms at most.",
+        f"{driven['collided']}; asked: {driven['asked']}. Detours: {driven['detours']}, {driven['median_detour_m']} m "
+        f"at the median. Planning: {driven['median_ms']:.0f} ms at the median, {driven['most_ms']:.0f} ms at most.",
         "Sentences of which all is exact, and whose parts are right, in percent:",
         table(["sentences", "lines", *parts], said),
     ])  # fmt: skip
