@@ -70,7 +70,7 @@ def _judged(line: Line, reasoner: Reasoner) -> Judged:
     right = {name: _same(got, wanted, name) for name in PARTS}
     if lifting:
         right |= {"strength": True, "scope": True}
-        exact = {rule.id for rule in got} == {rule.id for rule in standing}
+        exact = set(got) == set(standing)  # without their ids, which kept answers do not have
     else:
         exact = set(got) == set(wanted)
     sort = "takes back" if lifting else "only a rule" if line.acts[0] == "rule" else "goal and rule"
