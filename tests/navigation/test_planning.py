@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from cartier.errors import InputError
 from cartier.geometry import box_distance
-from cartier.navigation.planning import NEAREST_M, SNAP_M, line_of_sight, plan, reach
+from cartier.navigation.planning import NEAREST_M, SNAP_M, line_of_sight, lines_of_sight, plan, reach
 from cartier.types import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, Place, RobotModel
 
 RADIUS = 0.2
@@ -167,6 +167,15 @@ def test_a_counter_can_be_looked_over_and_a_cupboard_cannot() -> None:
     behind = Place("kettle", (2.5, 3.6, 1.0), 1.0, 0)
     assert line_of_sight(low, np.array([2.5, 1.0]), behind)
     assert not line_of_sight(high, np.array([2.5, 1.0]), behind)
+
+
+def test_sight_from_many_points_is_that_from_each() -> None:
+    grid = world((2, 2, 3, 3, 0.9), (4, 1, 4.2, 5, 1.9))
+    kettle = Place("kettle", (2.5, 3.6, 1.0), 1.0, 0)
+    points = np.random.default_rng(0).uniform(0.1, 5.9, (200, 2))
+    seen = lines_of_sight(grid, points, kettle)
+    assert seen.tolist() == [line_of_sight(grid, point, kettle) for point in points]
+    assert 20 < seen.sum() < 180 and len(lines_of_sight(grid, points[:0], kettle)) == 0
 
 
 def test_unreachable_and_far_are_said_and_not_guessed() -> None:

@@ -21,6 +21,7 @@ from cartier.serving import homes
 from cartier.serving.homes import Homes
 from cartier.serving.lookup import placed
 from cartier.serving.operations import Operations
+from cartier.serving.page import view
 from cartier.types import Fact, Inventory, MapObject, Selection
 from synthetic import CHAIR, MUG
 
@@ -325,3 +326,13 @@ def test_what_an_answer_in_words_is_about_can_be_shown(home: Path) -> None:
         "how many?"
     )
     assert told["ids"] == list(some)
+
+
+def test_the_page_s_data_has_the_rules_with_their_sentences(home: Path) -> None:
+    chair = next(t for t in Home.load(home).objects if t.label == "chair")
+    mapped, _ = Home.load(home).correct("rule", f"keep-away object:{chair.id} hard standing")
+    (row,) = view(mapped)["rules"]
+    assert row["id"] and row["rule"] == f"keep-away object:{chair.id} hard standing" and row["holds"] == "now"
+    assert row["words"].startswith("keep away from")
+    mapped, _ = mapped.correct("lift", row["id"])
+    assert view(mapped)["rules"] == []

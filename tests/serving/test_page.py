@@ -564,3 +564,39 @@ def test_a_host_for_mcp_apps_shows_the_answer(home: Path, visit: Callable[..., A
     said = next(m for m in tab.evaluate("seen") if m["method"] == "ui/message")["params"]
     assert said == {"role": "user", "content": [{"type": "text", "text": f"The mug {mug.id}."}]}
     assert [url for url in tab.asked if not url.startswith(("data:", "about:"))] == [blank.as_uri()], "no network"
+
+
+def test_rules_are_listed_with_their_sentences_and_taken_back(
+    home: Path, start: Callable[..., Server], visit: Callable[..., Any]
+) -> None:
+    chair = next(t for t in Home.load(home).objects if t.label == "chair")
+    Home.load(home).correct("rule", f"keep-away object:{chair.id} hard standing")
+    tab = visit(start("serve", home).url)
+    tab.fill("#words", "never drive over the rug")
+    tab.click("#ask button.main")
+    tab.wait_for_selector("#turns .robot:nth-of-type(3)")
+    tab.click("#tab-rules")
+    kept = Home.load(home).rules
+    rows = tab.locator("#rule-list li")
+    assert rows.count() == len(kept) and tab.inner_text("#rule-count") == str(len(kept))
+    assert f"Keep away from the object {chair.id}" in rows.first.inner_text() or "Keep away" in rows.first.inner_text()
+    rows.first.locator("text=Take back").click()
+    tab.wait_for_selector("#toast")
+    assert [rule.id for rule in Home.load(home).rules] == [rule.id for rule in kept[1:]]
+    assert tab.locator("#rule-list li button").count() == len(kept) - 1
+
+
+def test_the_way_without_rules_is_drawn_beside_the_way_under_them(
+    home: Path, start: Callable[..., Server], visit: Callable[..., Any]
+) -> None:
+    chair = next(t for t in Home.load(home).objects if t.label == "chair")
+    tab = visit(start("serve", home).url)
+    tab.evaluate(f"choose({chair.id})")
+    tab.wait_for_selector("#plan .way")
+    assert tab.locator("#plan .shortest").count() == 0
+    Home.load(home).correct("rule", f"slow-near object:{chair.id} soft standing")
+    tab.reload()
+    tab.wait_for_selector("html[data-ready]")
+    tab.evaluate(f"choose({chair.id})")
+    tab.wait_for_selector("#plan .shortest", state="attached")
+    assert tab.locator("#plan .way:not(.shortest)").count() == 1

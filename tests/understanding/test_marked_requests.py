@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from cartier.errors import InputError
+from cartier.evaluation.marked_lines import read, unmarked
 from cartier.understanding.assembly import query, routed
 from cartier.understanding.decoding import clauses
 from cartier.understanding.tags import ACTS, ROLES, TAGS
@@ -15,7 +16,6 @@ from cartier.understanding.tags import ACTS, ROLES, TAGS
 TOOLS = Path(__file__).parents[2] / "tools" / "understanding"
 sys.path.append(str(TOOLS))
 from check_marks import fault, home  # noqa: E402
-from markup import read, unmarked  # noqa: E402
 
 FILES = sorted((TOOLS / "written").glob("*_1.txt"))
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from cartier.route_rules import RouteRule
+from cartier.spatial.expressions import ParsedUtterance
 from cartier.spatial.query import Scene
 from cartier.types import Inventory
 from cartier.understanding.cards import SHIPPED, read_deck
@@ -29,6 +30,8 @@ CASES = [
     ("rule", "don't wake the baby: not through the [study:va]", "avoid room:study hard standing"),
     ("rule", "nobody in the [study:va] [until three:vt]", "avoid room:study hard until:15:00"),
     ("rule", "not through the [hall:va] [after ten at night:vt]", "avoid room:hall hard daily:22:00-06:00"),
+    ("rule", "not through the [hall:va] [from nine at night:vt] till seven, kindly",
+     "avoid room:hall hard daily:21:00-07:00"),
     ("rule", "leave the [kitchen:r] [door:va] alone", "avoid door:study|kitchen,kitchen|hall hard standing"),
     ("rule", "keep off the [trampoline:va]", "avoid none:trampoline hard standing"),
     ("go", "to the [sofa:t], not over the [rug:va] and if you can past the [vase:vv]",
@@ -77,6 +80,25 @@ def test_a_rule_just_after_a_goal_is_about_the_drive_to_it() -> None:
         (clause,) = clauses_of("rule", said)[1]
         assert [rule.scope for rule in driving(clause, names, scene, begun).rules] == [scope]
         assert [rule.scope for rule in driving(clause, names, scene, DialogueState()).rules] == ["standing"]
+
+
+def test_a_rule_in_a_conversation_is_about_its_drive() -> None:
+    """Also where the turn before served nothing, unless the words say how long."""
+    before = DialogueState(before=ParsedUtterance("need"))
+    names = lexicon(read_deck(SHIPPED), HOME)
+    for words, scope in (("by the [short way:vh]", "drive"), ("[from now on:vt] by the [short way:vh]", "standing")):
+        (clause,) = clauses_of("rule", words)[1]
+        assert driving(clause, names, Scene(HOME), before).rules[0].scope == scope
+
+
+def test_a_zone_that_a_rule_has_named_is_known_by_its_name() -> None:
+    zone = RouteRule.parse("slow-near zone:play corner=0,0;1,0;1,1 soft standing")
+    names = lexicon(read_deck(SHIPPED), HOME)
+    for words in ("keep out of the [play corner:va]", "keep out of the play [corner:va]"):
+        (clause,) = clauses_of("rule", words)[1]
+        (rule,) = driving(clause, names, Scene(HOME), DialogueState(), "", [zone]).rules
+        assert rule.text == "avoid zone:play corner=0,0;1,0;1,1 hard standing"
+        assert driving(clause, names, Scene(HOME), DialogueState()).unknown
 
 
 def test_lifts_end_what_holds() -> None:

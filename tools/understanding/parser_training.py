@@ -113,16 +113,24 @@ class Network(nn.Module):
             loss = loss + 3 * fn.cross_entropy(self.tag(torch.cat(said)), torch.tensor(tags), label_smoothing=0.02)
         return loss
 
+    def load(self, file: Path) -> None:
+        """Take on weights that ``save`` wrote."""
+        with np.load(file, allow_pickle=False) as kept:
+            self.load_state_dict({name: torch.tensor(kept[name]).float() for name in self.state_dict()})
+
     def save(self, file: Path, temperature: float = 1.0) -> None:
         """Write the weights in half precision."""
         weights = {name: value.detach().numpy().astype(np.float16) for name, value in self.state_dict().items()}
         np.savez(file, **weights, temperature=np.float32(temperature))
 
 
-def train(samples: list[Ready], passes: int, seed: int = 0) -> Network:
-    """A network that learned from samples."""
+def train(samples: list[Ready], passes: int, seed: int = 0, begin: Path | None = None) -> Network:
+    """A network that learned from samples; ``begin`` are weights that it goes on from, at half the rate."""
     torch.manual_seed(seed)
     rng, network = random.Random(seed), Network().train()
+    rate = RATE if begin is None else RATE / 2
+    if begin is not None:
+        network.load(begin)
     optimiser = torch.optim.AdamW(network.parameters(), weight_decay=DECAY)
     steps, step, losses, began = passes * -(-len(samples) // BATCH), 0, list[float](), time.perf_counter()
     for _ in range(passes):
@@ -131,7 +139,7 @@ def train(samples: list[Ready], passes: int, seed: int = 0) -> Network:
         rng.shuffle(batches)
         for batch in batches:
             for group in optimiser.param_groups:
-                group["lr"] = RATE * min((step + 1) / WARM_UP, 1) * max(1 - step / steps, 0.02)
+                group["lr"] = rate * min((step + 1) / WARM_UP, 1) * max(1 - step / steps, 0.02)
             loss = network.loss(batch)
             optimiser.zero_grad()
             loss.backward()

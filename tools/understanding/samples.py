@@ -11,10 +11,10 @@ from random import Random
 
 sys.path.append(str(Path(__file__).parent))
 from check_marks import fault, home
-from markup import Line, read, unmarked
 from templates import NAMES, PLACES, ROOM_NAMES, Templates
 
 from cartier.errors import InputError
+from cartier.evaluation.marked_lines import Line, read, unmarked
 from cartier.evaluation.things_made import plural
 from cartier.labels import name_key, object_ref, plain
 from cartier.understanding.answers import answer
@@ -87,9 +87,18 @@ def _told(line: Line, states: dict[str, DialogueState]) -> str:
 
 def templated(count: int, seed: int) -> list[Sample]:
     """Templates, as samples."""
+    return _read(Templates(seed).lines(count), Random(seed))
+
+
+def routed(count: int, seed: int) -> list[Sample]:
+    """Templates about the way, as samples; some beside a need of those in tools/requests."""
+    wants = [" ".join(sample.tokens) for sample in needs() if not sample.tags or set(sample.tags) == {"O"}]
+    return _read(Templates(seed).routed(count, [want for want in wants if len(want) < 90]), Random(seed))
+
+
+def _read(rows: list[str], rng: Random) -> list[Sample]:
     found, before, said = list[Sample](), "", ""
-    rng = Random(seed)
-    for row in Templates(seed).lines(count):
+    for row in rows:
         if row.startswith("?"):
             said = row[2:]
             continue

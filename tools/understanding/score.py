@@ -21,9 +21,9 @@ import numpy as np
 sys.path.append(str(Path(__file__).parent))
 sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
 from command_line import Parser, run_script
-from home_text import inventory
-from markup import Line, read
 
+from cartier.evaluation.marked_lines import Line, read
+from cartier.evaluation.true_home import perfect_map
 from cartier.labels import object_ref
 from cartier.reasoners import embedded
 from cartier.spatial.query import called
@@ -51,7 +51,7 @@ def scored(reasoner: embedded.Embedded, files: list[Path]) -> Iterator[Scored]:
     for file in files:
         last: Selection | None = None
         for line in read(file):
-            home = inventory(line.home)
+            home = perfect_map(line.home)
             dialogue = _dialogue(line, home, last)
             began = time.perf_counter()
             chosen = last = reasoner.select(line.text, home, dialogue)

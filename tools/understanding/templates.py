@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from random import Random
@@ -25,7 +25,25 @@ ROOM_NAMES = sorted({*ROOMS, *(name for more in ROOMS.values() for name in more)
 TABLES = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
 PLACES, MOST, SIZES, MORE = (TABLES[key] for key in ("places", "most", "sizes", "more"))
 ASIDES, OPENINGS, ENDS = (TABLES[key] for key in ("asides", "openings", "ends"))
-SAY, NOT, FRAMES, REPLIES, ROUTES = (TABLES[key] for key in ("say", "not", "frames", "replies", "routes"))
+SAY, NOT, FRAMES, REPLIES, ROUTES, RULES = (
+    TABLES[key] for key in ("say", "not", "frames", "replies", "routes", "rules")
+)
+GERUNDS = {
+    "avoid": "avoiding", "bypass": "bypassing", "call": "calling", "come": "coming", "crawl": "crawling",
+    "creep": "creeping", "dodge": "dodging", "drive": "driving", "ease": "easing", "give": "giving", "glide": "gliding",
+    "go": "going", "inch": "inching", "keep": "keeping", "leave": "leaving", "make": "making", "pass": "passing",
+    "pop": "popping", "roll": "rolling", "skirt": "skirting", "slow": "slowing", "stay": "staying", "steer": "steering",
+    "stick": "sticking", "stop": "stopping", "swing": "swinging", "take": "taking", "tiptoe": "tiptoeing",
+    "tread": "treading", "use": "using",
+}  # fmt: skip
+BIDS = (
+    "please", "would you", "could you", "you're to", "i want you to", "i need you to", "i'd like you to",
+    "make sure you", "see that you", "remember to", "be a dear and", "be so good as to", "kindly", "and mind you",
+    "you will", "you must", "you'd better", "you should", "try to", "if you can", "if you would",
+    "if you wouldn't mind", "maybe", "do", "i'd be glad if you'd", "i'd ask you to", "let me ask you to",
+    "tell him to", "robot,", "now then,", "from here",
+)  # fmt: skip
+"""Before a frame that begins with a verb."""
 
 
 class Templates:
@@ -85,6 +103,59 @@ class Templates:
             words = f"{goal}{rng.choice(ROUTES['joins'])}{way}" if rng.random() < 0.8 else f"{way}. {goal}"
         return f"go ? :: {self._dressed(words, 'go')}"
 
+    def routed(self, count: int, wants: Sequence[str] = ()) -> list[str]:
+        """Lines about the way: rules alone, beside a goal, beside one of ``wants``, taken back, or only told of.
+
+        A line of ``wants`` is a request that names nothing.
+        """
+        return [self._route_line(wants) for _ in range(count)]
+
+    def _route_line(self, wants: Sequence[str]) -> str:
+        rng, kind = self.rng, self.rng.random()
+        if kind < 0.05:
+            return f"remark ? :: {self._dressed(self._filled(rng.choice(RULES['told'])), 'remark')}"
+        if kind < 0.17:
+            return f"lift ? :: {self._reasoned(self._filled(rng.choice(RULES['lift'])))}"
+        rule = self._rule()
+        if rng.random() < 0.12:
+            rule = f"{rule}{rng.choice([' and ', ', and ', ', ', '. ', ' but '])}{self._rule()}"
+        if kind < 0.5:
+            if rng.random() < 0.3:
+                when = f"[{rng.choice(ROUTES['times'])}:vt]"
+                rule = f"{when}{rng.choice([' ', ', '])}{rule}" if rng.random() < 0.5 else f"{rule} {when}"
+            return f"rule ? :: {self._reasoned(rule)}"
+        act, goal = "go", self._one(("go",))[1] if rng.random() < 0.6 else self._target()
+        if kind > 0.82 and wants:
+            act, goal = "need", rng.choice(wants).rstrip(".!?")
+        join = rng.choice(ROUTES["joins"])
+        told = (
+            f"{goal}{join}{rule}" if rng.random() < 0.75 else f"{rule}{rng.choice(['. ', ', ', ' and ', '; '])}{goal}"
+        )
+        return f"{act} ? :: {self._reasoned(told)}"
+
+    def _rule(self) -> str:
+        """A route rule of any kind, as an order, a wish or a gerund."""
+        frame = self.rng.choice(RULES[self.rng.choice([*ROUTE_NOUNS, "vh"])])
+        verb, _, rest = frame.partition(" ")
+        if verb in GERUNDS and self.rng.random() < 0.3:
+            frame = f"{self.rng.choice(BIDS)} {frame}"
+        elif verb in GERUNDS and self.rng.random() < 0.2:
+            frame = f"{GERUNDS[verb]} {rest}"
+        return self._filled(frame)
+
+    def _reasoned(self, words: str) -> str:
+        """With a reason before or after, sometimes; dressed as other lines."""
+        rng = self.rng
+        if rng.random() < 0.5:
+            reason = rng.choice(RULES["reasons"])
+            mark = rng.choice([", ", ". ", " ", "; ", ", because ", ", since ", " because ", ", you see "])
+            words = (
+                f"{reason}{rng.choice([', ', '. ', ', so ', ' so '])}{words}"
+                if rng.random() < 0.5
+                else (f"{words}{mark}{reason}")
+            )
+        return self._dressed(words, "rule")
+
     def _way(self, role: str) -> str:
         """What a route rule is about: a kind of floor, a room or an object."""
         rng, kind = self.rng, self.rng.random()
@@ -137,6 +208,7 @@ class Templates:
             "{S1}": lambda: rng.choice(MOST + SIZES), "{N}": lambda: rng.choice(NAMES),
             "{R1}": self._room, "{C}": lambda: rng.choice(list(COLOURS)),
             "{vh}": lambda: f"the [{rng.choice(ROUTES['short'])}:vh]",
+            "{vhn}": lambda: f"[{rng.choice(ROUTES['short'])}:vh]",
             **{f"{{{role}}}": partial(self._way, role) for role in ROUTE_NOUNS},
             "{p}": lambda: f"[{rng.choice(['it', 'it', 'that', 'them', 'there', 'this'])}:p]",
         }  # fmt: skip

@@ -1,6 +1,6 @@
 """Training of the parser (understanding/parser.npz) on marked requests; needs torch.
 
-    python tools/understanding/train_parser.py [--limit N] [--out FILE] [--hold FILE...] [--temperature T]
+    python tools/understanding/train_parser.py [--limit N] [--begin FILE] [--out FILE] [--hold FILE...]
 
 Prints, for held-out files of marked requests, the share of clauses with the right act, of lines with every span right,
 the F1 of spans, the temperature that fits their acts and the calibration error. ``--limit`` takes so many written lines
@@ -16,21 +16,27 @@ from pathlib import Path
 sys.path.append(str(Path(__file__).parent))
 sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
 from command_line import Parser, run_script
-from samples import act_only, needs, templated, varied, written
+from samples import act_only, needs, routed, templated, varied, written
 
 from cartier.understanding.parser import FITTED
 from cartier.understanding.parser import Parser as Fitted
+from cartier.understanding.tags import ROUTE_NOUNS, ROUTE_WORDS
 
 WRITTEN = Path(__file__).parent / "written"
+ROUTE_TAGS = frozenset(f"B-{role}" for role in (*ROUTE_NOUNS, *ROUTE_WORDS))
+ROUTES_AGAIN = 3
+"""How often more a written line about the way is learnt: they are few, and their words vary most."""
 
 
 def main() -> None:
     """Train and report."""
     parser = Parser(__doc__)
-    parser.add_argument("--limit", type=int, help="how many written lines to learn from (default: all)")
+    parser.add_argument("--limit", type=int, help="how many written lines that say nothing of the way (default: all)")
     parser.add_argument("--templates", type=int, default=6000, help="templated lines, at most as many as are written")
+    parser.add_argument("--routes", type=int, default=6000, help="templated lines about the way (default: %(default)s)")
     parser.add_argument("--needs", type=int, default=2500, help="requests that name nothing (default: %(default)s)")
     parser.add_argument("--passes", type=int, default=8, help="passes over all lines (default: %(default)s)")
+    parser.add_argument("--begin", type=Path, metavar="FILE", help="go on from these weights (default: from nothing)")
     parser.add_argument("--out", type=Path, default=FITTED, help="where to write the weights")
     parser.add_argument("--hold", type=Path, nargs="*", default=[], help="files that are reported on, not learnt from")
     parser.add_argument("--temperature", type=float, help="of the acts (default: fitted to the held-out files, or 1)")
@@ -40,13 +46,16 @@ def main() -> None:
 
     held, rng = {file.resolve() for file in options.hold}, random.Random(0)
     learnt = written(sorted(f for f in options.folder.glob("*.txt") if f.resolve() not in held))
+    about_routes = [s for s in learnt if s.tags is not None and ROUTE_TAGS & set(s.tags)]
     if options.limit:
-        learnt = rng.sample(learnt, options.limit)
-    templates = templated(min(options.templates, max(len(learnt), 2000)), 1)
+        others = [s for s in learnt if s not in about_routes]
+        learnt = [*about_routes, *rng.sample(others, options.limit)]
+    templates = [*templated(min(options.templates, max(len(learnt), 2000)), 1), *routed(options.routes, 2)]
     acts = [*act_only(), *rng.sample(needs(), options.needs)]
     print(f"{len(learnt)} written lines, {len(templates)} templates, {len(acts)} needs and acts", flush=True)
-    variants = [*learnt, *(varied(s, rng) for s in learnt), *(varied(s, rng) for s in [*templates, *acts])]
-    network = train([r for r in map(ready, variants) if r is not None], options.passes)
+    again = about_routes * ROUTES_AGAIN
+    variants = [*learnt, *(varied(s, rng) for s in [*(learnt if not options.limit else []), *again, *templates, *acts])]
+    network = train([r for r in map(ready, variants) if r is not None], options.passes, begin=options.begin)
     fit = [r for r in map(ready, written(options.hold)) if r is not None]
     degree = options.temperature or (temperature(network, fit) if fit else 1.0)
     network.save(options.out, degree)

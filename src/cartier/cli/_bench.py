@@ -32,14 +32,16 @@ def bench(
         str,
         typer.Option(
             help="paper: its evaluation; things: requests and questions about particular objects; look: questions "
-            "about how objects look, to a vision model (docs/look.md)."
+            "about how objects look, to a vision model (docs/look.md); routes: drives under rules, and sentences about "
+            "the way (docs/routes.md)."
         ),
     ] = "paper",
     queries: Annotated[
         str | None,
         typer.Option(
             help="Suite paper: paper (default), extended, or a FILE.jsonl with id, type, target, accept, text. "
-            "Suite things: all (default), made, written, or a FILE.jsonl (docs/things.md)."
+            "Suite things: all (default), made, written, or a FILE.jsonl (docs/things.md). Suite routes: a FILE.txt of "
+            "sentences (default: held-out ones)."
         ),
     ] = None,
     answers: Annotated[
@@ -121,11 +123,15 @@ def bench(
         )
         _save(writer, write_prompts)
         return
+    if suite == "routes":
+        chosen = specs.reasoner(who, model=model, base_url=base_url, prompt=own_prompt, path=replies)
+        _routes(output, _names(homes), queries, chosen, seed, as_json)
+        return
     if suite != "paper" or answers is not None:
         raise InputError(
             "--answers goes with --suite things"
             if suite == "paper"
-            else f"there is no suite {suite!r}: paper, things, look"
+            else f"there is no suite {suite!r}: paper, things, look, routes"
         )
     queries = queries or "paper"
     from cartier.evaluation import report
@@ -232,6 +238,17 @@ def _look(
     say(f"{len(asked)} questions; failures: {output / 'failures.md'}")
 
 
+def _routes(
+    output: Path, homes: tuple[str, ...], queries: str | None, reasoner: Reasoner, seed: int, as_json: bool
+) -> None:
+    """Drive under rules, and ask sentences about the way."""
+    from cartier.evaluation import route_run
+
+    with _stages() as step:
+        route_run.run(output, homes, [Path(queries)] if queries else (), reasoner, seed, progress=step)
+    print((output / ("results.json" if as_json else "report.md")).read_text("utf-8"))
+
+
 def _save(writer: PromptWriter | None, file: Path | None) -> None:
     if writer is not None and file is not None:
         writer.save(file)
@@ -257,7 +274,10 @@ def _stages() -> Iterator[Callable[[str, int, int], None]]:
         nonlocal stage, step
         if what != stage or step is None:
             stack.close()
-            stage, step = what, stack.enter_context(progress("asking" if what == "asking" else f"mapping {what}"))
+            stage, step = (
+                what,
+                stack.enter_context(progress(what if what in ("asking", "driving") else f"mapping {what}")),
+            )
         step(done, total)
 
     with ExitStack() as stack:

@@ -77,7 +77,7 @@ def report(rows: Sequence[Row], figures: Mapping[str, Any], who: str) -> str:
         "Rooms of the dollhouse made for the questions; the lists are mapped by ground truth. Right, with wrong "
         "answers in brackets, in percent; the rest is “cannot tell”, which is right where the side is hidden."
         + (" After the stroke OpenEQA's LLM-Match, in percent." if any(row["llm_match"] for row in rows) else ""),
-        _table(["", "n", *modes], [_line(figures["by_kind"], kind, modes) for kind in ("all", *KINDS)]),
+        table(["", "n", *modes], [_line(figures["by_kind"], kind, modes) for kind in ("all", *KINDS)]),
     ]
     if sized := figures["by_size"]:
         head = ["apparent size", *(f"{mode} (n)" for mode in sized)]
@@ -92,7 +92,7 @@ def report(rows: Sequence[Row], figures: Mapping[str, Any], who: str) -> str:
             f"- a look: {figures['pictures_a_look']} pictures, {figures['image_tokens_a_look']} image tokens",
             f"- without a reply, and not counted: {figures['unanswered']} of {len(rows)}",
         ]
-        parts += [_table(head, body), "\n".join(cost)]
+        parts += [table(head, body), "\n".join(cost)]
     return "\n\n".join(parts)
 
 
@@ -163,6 +163,7 @@ def _class(k: int) -> str:
     return f"≥ {low} px" if low else f"< {SIZES_PX[-2]} px"
 
 
-def _table(head: Sequence[str], body: Sequence[Sequence[str]]) -> str:
+def table(head: Sequence[str], body: Sequence[Sequence[str]]) -> str:
+    """A table as Markdown, with figures to the right."""
     lines = [head, ["---", *("---:" for _ in head[1:])], *body]
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)

@@ -4,19 +4,21 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from cartier import plugins
 from cartier.contracts import World
 from cartier.errors import InputError
 from cartier.geometry import box_distance
 from cartier.io.atomic import write_json
 from cartier.io.files import read_json
 from cartier.labels import display_name
-from cartier.types import MapObject
+from cartier.types import Inventory, MapObject, Room, View
 from cartier.worlds.dollhouse import Dollhouse
 from cartier.worlds.dollhouse.contacts import Contacts
 from cartier.worlds.dollhouse.model import Scene, Thing
@@ -157,3 +159,36 @@ def _pixels(world: Dollhouse, name: str, seed: int, progress: Callable[[str, int
 
 def _safe(name: str) -> str:
     return "".join(c if c.isalnum() or c in "-_" else "_" for c in name)[:80]
+
+
+@cache
+def scene_of(name: str) -> Scene:
+    """A home of the dollhouse, built in or generated."""
+    world = plugins.make("worlds", "dollhouse")
+    assert isinstance(world, Dollhouse)
+    return world.scene(name)
+
+
+@cache
+def perfect_map(name: str) -> Inventory:
+    """A home as a perfect map would have it; each object was seen from the middle of its room."""
+    of = scene_of(name)
+    middles = [np.add(room.box[:2], room.box[2:]) / 2 for room in of.rooms]
+    objects = tuple(_seen(obj, middles[obj.room or 0]) for obj in true_objects(of))
+    kinds = [display_name(room.kind) for room in of.rooms]
+    rooms = tuple(
+        Room(i, kind if kinds.count(kind) == 1 else f"{kind} {kinds[:i].count(kind) + 1}", kind,
+             np.zeros((0, 2), np.int32))
+        for i, kind in enumerate(kinds)
+    )  # fmt: skip
+    return Inventory(objects, rooms, from_xy=of.start_xy)
+
+
+def _seen(obj: MapObject, camera_xy: np.ndarray) -> MapObject:
+    x, y = map(float, camera_xy)
+    basic = {"light wood": "brown", "cream": "white", "dark grey": "grey", "rust": "red", "beige": "brown"}
+    colours = dict[str, float]()
+    for colour, share in obj.colours:
+        colours[basic.get(colour, colour)] = colours.get(basic.get(colour, colour), 0.0) + share
+    view = View(0, (0.0, 0.0, 9.0, 9.0), 0.9, obj.label, 81.0, (x, y, 1.5), 0.0, obj.position)
+    return replace(obj, views=(view,), colours=tuple(colours.items()))

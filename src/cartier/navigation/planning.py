@@ -217,18 +217,32 @@ def line_of_sight(
 
     Within 0.3 m of the place, surfaces no higher than the object are the object itself; the last 0.1 m are not checked.
     """
+    return bool(lines_of_sight(grid, from_xy[None], place, camera_height_m)[0])
+
+
+def lines_of_sight(
+    grid: OccupancyGrid, from_xy: npt.NDArray[np.float64], place: Place, camera_height_m: float = CAMERA_HEIGHT_M
+) -> npt.NDArray[np.bool_]:
+    """``line_of_sight`` (N,) from each of some points (N, 2)."""
     target = np.array(place.position)
     own_top_m = (place.box_max[2] if place.box_max else target[2] + OWN_HEIGHT_M) + 0.1
-    span = target[:2] - from_xy
-    length = float(np.linalg.norm(span))
-    steps = np.arange(grid.resolution_m, max(length - 0.1, 0), grid.resolution_m / 2)
-    if not len(steps):
-        return True
-    rows, cols = grid.cell(from_xy + steps[:, None] / length * span).T
-    inside = (rows >= 0) & (cols >= 0) & (rows < grid.cells.shape[0]) & (cols < grid.cells.shape[1])
-    line_m = camera_height_m + (target[2] - camera_height_m) * steps / length + 0.05
-    line_m = np.where(length - steps < 0.3, np.maximum(line_m, own_top_m), line_m)
-    return not bool((grid.height_m[rows[inside], cols[inside]] > line_m[inside]).any())
+    spans = target[:2] - from_xy
+    lengths = np.hypot(*spans.T)[:, None]
+    counts = np.ceil((lengths - 0.1 - grid.resolution_m) / (grid.resolution_m / 2))
+    steps = grid.resolution_m * (1 + np.arange(max(int(counts.max(initial=0)), 0)) / 2)
+    far = steps / np.maximum(lengths, grid.resolution_m)  # (N, steps), as shares of the way
+    rows, cols = (
+        np.floor((from_xy[:, k, None] + far * spans[:, k, None] - grid.origin_xy[k]) / grid.resolution_m).astype(
+            np.intp
+        )
+        for k in (1, 0)
+    )
+    checked = (np.arange(len(steps)) < counts) & (rows >= 0) & (cols >= 0)
+    checked &= (rows < grid.cells.shape[0]) & (cols < grid.cells.shape[1])
+    line_m = camera_height_m + (target[2] - camera_height_m) * far + 0.05
+    line_m = np.where(lengths - steps < 0.3, np.maximum(line_m, own_top_m), line_m)
+    tops_m = grid.height_m[np.where(checked, rows, 0), np.where(checked, cols, 0)]
+    return np.asarray(~((tops_m > line_m) & checked).any(1))
 
 
 def _near(

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -15,7 +16,7 @@ import numpy.typing as npt
 from cartier.geometry import yaw_towards
 from cartier.navigation.landmarks import directions
 from cartier.navigation.layers import SLOW, Cost, CostLayer, Mask, RouteMap, body_layer, total, wish_layer
-from cartier.navigation.planning import SIGHT_DETOUR_M, line_of_sight, poses_at
+from cartier.navigation.planning import SIGHT_DETOUR_M, lines_of_sight, poses_at
 from cartier.navigation.search import cheapest
 from cartier.route_rules import RouteRule, RuleKind, called
 from cartier.types import Goal, Place, RobotModel, Route, RouteAlternative
@@ -24,6 +25,7 @@ LEAVING = 30.0  # per metre, for a robot that stands where it must not be: it le
 BREACH = 20.0  # per metre, over what would have to be crossed against a rule
 VIA_DETOUR_M = 8.0  # the most that a wish to pass something may cost
 OTHER_WAY_M = 0.3  # from what difference of length on another way is told
+SIGHTS, UNKNOWN = 48, -1  # poses that are looked from at once
 WALLS = ("avoid", "keep-away", "only-through")
 
 
@@ -72,6 +74,11 @@ class Drive:
     open_cells: Mask
     start: tuple[int, int]
     layers: tuple[CostLayer, ...]
+
+    @cached_property
+    def sight(self) -> npt.NDArray[np.int8]:
+        """For each cell (rows, cols) whether it sees the place: 1, 0, or UNKNOWN until it is asked for."""
+        return np.full(self.open_cells.shape, UNKNOWN, np.int8)
 
     def wished(self, ruled: Sequence[Ruled], free: Way) -> tuple[Way | None, list[Ruled]]:
         """The way under all rules, or without the wishes to pass something that would be too long a detour."""
@@ -143,13 +150,26 @@ class Drive:
         if self.place.view_yaw is not None:
             return self._cells(poses.cells), float(poses.off_m[0]), bool(poses.off_m[0] < 0.5)
         steps = np.round(poses.off_m, 2)
-        xy, height_m = self.site.grid.centre(poses.cells), self.robot.camera_height_m
-        for step in np.unique(steps[poses.off_m <= poses.off_m[0] + SIGHT_DETOUR_M]):
-            near = np.flatnonzero(steps == step)
-            seeing = [i for i in near if line_of_sight(self.site.grid, xy[i], self.place, height_m)]
-            if seeing:
-                return self._cells(poses.cells[seeing]), float(step), True
+        close = int(np.searchsorted(steps, steps[0] + SIGHT_DETOUR_M, "right"))
+        begin = 0
+        while begin < close:  # most often one of the first sees the place
+            last = steps[min(begin + SIGHTS, close) - 1]
+            end = int(np.searchsorted(steps, last, "right"))
+            seeing = begin + np.flatnonzero(self._sees(poses.cells[begin:end]))
+            if len(seeing):
+                best = seeing[steps[seeing] == steps[seeing[0]]]
+                return self._cells(poses.cells[best]), float(steps[best[0]]), True
+            begin = end
         return self._cells(poses.cells[steps == steps[0]]), float(steps[0]), False
+
+    def _sees(self, cells: npt.NDArray[np.intp]) -> Mask:
+        """Which cells (N, 2) have a line of sight to the place; each is looked from once."""
+        known = self.sight[tuple(cells.T)]
+        new = cells[known == UNKNOWN]
+        if len(new):
+            xy, height_m = self.site.grid.centre(new), self.robot.camera_height_m
+            self.sight[tuple(new.T)] = lines_of_sight(self.site.grid, xy, self.place, height_m)
+        return np.asarray(self.sight[tuple(cells.T)] == 1)
 
     def _cells(self, cells: npt.NDArray[np.intp]) -> Mask:
         mask = np.zeros(self.open_cells.shape, bool)

@@ -134,7 +134,7 @@ class Embedded:
         object is not known."""
         if not says_how(clause):
             return self._one(clause, home, state)
-        how = driving(clause, home.names, home.scene, state, " ".join(said.split())[:MOST_SAID])
+        how = driving(clause, home.names, home.scene, state, " ".join(said.split())[:MOST_SAID], home.rules)
         if clause.act in NOTHING_ASKED and (clause.act != "prohibit" or how.unknown):
             return self._one(clause, home, state)  # "the rug was cold yesterday" is no rule
         if clause.act in (*ROUTING, "prohibit") or how.unknown:

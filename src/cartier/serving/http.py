@@ -209,7 +209,7 @@ def _add_pictures(app: FastAPI, ops: Operations, run: Callable[..., Any]) -> Non
     @app.get(
         "/api/homes/{home:path}/view",
         response_model=results.View,
-        summary="The data of the page: floor plan, rooms, objects",
+        summary="The data of the page: floor plan, rooms, objects, route rules",
     )
     async def view(home: str) -> Response:
         return Response(await run(home, page.served_json, ops, home, page.view), media_type="application/json")

@@ -6,6 +6,7 @@ import base64
 import hashlib
 import json
 from collections.abc import Callable, Iterable
+from datetime import datetime
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -18,16 +19,20 @@ from cartier.home.correction_log import in_force
 from cartier.home.photos import photo_of
 from cartier.home.point_cloud import STEP_M, PointCloud
 from cartier.navigation.planning import plan
+from cartier.pipeline import plan_for
 from cartier.render.extent import shown_extent
 from cartier.render.floor_plan import label_cell
 from cartier.serving.operations import Operations
-from cartier.serving.values import crop, place_of, pose
+from cartier.serving.values import crop, place_of, pose, rule_row
 from cartier.spatial.relations import supports
 from cartier.types import FREE, OCCUPIED, MapObject, RobotModel
 from cartier.understanding.cards import SHIPPED, read_deck
 
 WEB = Path(__file__).with_name("web")
-SCRIPTS = ("parts.js", "data.js", "labels.js", "plan.js", "scene.js", "doubt.js", "live.js", "app.js", "corrections.js")
+SCRIPTS = (
+    "parts.js", "data.js", "labels.js", "plan.js", "scene.js", "doubt.js", "live.js", "rules.js", "app.js",
+    "corrections.js",
+)  # fmt: skip
 ANSWER_SCRIPTS = ("parts.js", "labels.js", "plan.js", "answer.js")
 KINDS = {
     ".html": "text/html; charset=utf-8",
@@ -48,7 +53,7 @@ def files() -> dict[str, tuple[str, bytes]]:
 
 
 def view(home: Home) -> dict[str, Any]:
-    """Floor plan, rooms and objects of a home as JSON values; the cells row by row as runs of (code, count)."""
+    """Floor plan, rooms, objects and route rules of a home as JSON; the cells row by row as runs of (code, count)."""
     sure = [obj for obj in home.objects if obj.confirmed]
     held = {k: r for k, r in supports(home.objects).items() if k not in {t.id for t in sure}} | supports(sure)
     about: dict[str, Any] = {
@@ -56,6 +61,7 @@ def view(home: Home) -> dict[str, Any]:
         "extent": _rounded(shown_extent(home)),
         "notes": home.to_dict()["notes"], "corrections": len(in_force(home.corrected.log)) if home.corrected else 0,
         "objects": [_object(obj, held) for obj in home.objects], "rooms": [], "grid": None,
+        "rules": [rule_row(rule, datetime.now().astimezone()) for rule in home.rules],
     }  # fmt: skip
     grid = home.grid
     if grid is not None:
@@ -110,9 +116,13 @@ def one_file(home: Home, robot: RobotModel | None = None) -> bytes:
     about = view(home) | {"goals": {}, "photos": {}, "home": home.name, "uses": _uses(home), "cloud": cloud(home)}
     unsure = sorted((obj for obj in home.objects if not obj.confirmed), key=lambda obj: -obj.probability)
     shown = {obj.id for obj in [*(obj for obj in home.objects if obj.confirmed), *unsure[:UNSURE_PHOTOS]]}
+    now = datetime.now().astimezone()
+    rules = [rule for rule in home.rules if rule.holds(now)]
     for obj in home.objects:
         if home.grid is not None:
-            goal, _ = plan(home.grid, place_of(obj, home), home.start_xy, robot or RobotModel())
+            place, model = place_of(obj, home), robot or RobotModel()
+            goal = (plan_for(home, place, home.start_xy, model, rules).goal if rules
+                    else plan(home.grid, place, home.start_xy, model)[0])  # fmt: skip
             about["goals"][obj.id] = None if goal is None else pose(goal)
         if obj.id in shown and (photo := _photo(home, obj)) is not None:
             about["photos"][obj.id] = photo

@@ -295,6 +295,7 @@ class View(Result):
     notes: list[str]
     corrections: int
     objects: list[ViewObject]
+    rules: list[RuleRow] = Field(description="its route rules, with the sentences that made them")
     rooms: list[ViewRoom]
     grid: ViewGrid | None
 

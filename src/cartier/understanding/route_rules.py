@@ -55,6 +55,7 @@ NO = re.compile(r"(?:oh |well )*(?:no|nope|nah|don t|do not|stop|leave it|never|
 GO_ANYWAY = "Shall I go all the same?"
 """How the robot's question ends when a rule stands in the way."""
 NEAR_WORDS = 12
+TO, TO_WORDS = ("until", "till", "til", "to"), 4
 WISHES = ("if", "when", "where", "wherever", "preferably", "ideally")
 """Words after a comma that still go with the noun before it."""
 
@@ -76,8 +77,18 @@ def says_how(clause: Clause) -> bool:
     return clause.act in ROUTING or any(span.role in (*ROUTE_NOUNS, "vh") for span in clause.spans)
 
 
-def driving(clause: Clause, names: EntityVocabulary, scene: Scene, state: DialogueState, said: str = "") -> Driving:
-    """The typed rules of a clause; ``said`` is the sentence that they are kept with."""
+def driving(
+    clause: Clause,
+    names: EntityVocabulary,
+    scene: Scene,
+    state: DialogueState,
+    said: str = "",
+    standing: Sequence[RouteRule] = (),
+) -> Driving:
+    """The typed rules of a clause; ``said`` is the sentence that they are kept with.
+
+    The zones that the ``standing`` rules name are known by those names.
+    """
     found = list[RouteRule]()
     nouns = routed(clause, names)
     marked = sorted([span for span, _ in nouns] + [s for s in clause.spans if s.role == "vh"], key=lambda s: s.start)
@@ -87,9 +98,8 @@ def driving(clause: Clause, names: EntityVocabulary, scene: Scene, state: Dialog
         if span.role == "vh":
             found.append(RouteRule("shortest", None, strength, scope, said))
         else:
-            found.append(
-                RouteRule(KIND_OF[span.role], target_of(of[span.start], names, scene, state), strength, scope, said)
-            )
+            target = _zone_of(span, clause, standing) or target_of(of[span.start], names, scene, state)
+            found.append(RouteRule(KIND_OF[span.role], target, strength, scope, said))
     rules = tuple(dict.fromkeys(found))
     return Driving(lifts=rules) if clause.act == "lift" else Driving(rules)
 
@@ -117,6 +127,18 @@ def target_of(noun: ReferringExpression, names: EntityVocabulary, scene: Scene, 
     if floor:
         return RouteTarget("floor", (floor,), said=said)
     return RouteTarget("none", (said,))
+
+
+def _zone_of(span: Span, clause: Clause, standing: Sequence[RouteRule]) -> RouteTarget | None:
+    """The zone that a rule has named, if the words around a noun are its name: "the play corner"."""
+    for rule in standing:
+        if rule.target is None or rule.target.kind != "zone" or not rule.target.names:
+            continue
+        name = tuple(words(plain(rule.target.names[0])))
+        for k in range(len(clause.tokens) - len(name) + 1):
+            if clause.tokens[k : k + len(name)] == name and k < span.end and span.start < k + len(name):
+                return replace(rule.target, said=" ".join(name))
+    return None
 
 
 def _with_places(noun: ReferringExpression) -> str:
@@ -168,9 +190,10 @@ def _around(span: Span, clause: Clause, marked: Sequence[Span]) -> str:
 
 
 def _scope(span: Span, clause: Clause, marked: Sequence[Span], state: DialogueState) -> str:
-    """How long the rule of a noun holds, by the words for it that stand nearest; what is said just after a goal is
-    about the drive to it."""
-    default = "standing" if clause.act in ("rule", "prohibit") and state.last is None else "drive"
+    """How long the rule of a noun holds, by the words for it that stand nearest; what goes on with a conversation is
+    about the drive that it is of."""
+    alone = state.last is None and state.before is None
+    default = "standing" if clause.act in ("rule", "prohibit") and alone else "drive"
     times = [s for s in clause.spans if s.role == "vt"]
     if not times:
         told = " ".join(words(" ".join(clause.tokens)))
@@ -178,7 +201,12 @@ def _scope(span: Span, clause: Clause, marked: Sequence[Span], state: DialogueSt
     own = [t for t in times if _meant_by(t, clause, marked) == span]
     if len(times) == 1 and not marked[0].start < times[0].start < marked[-1].start:
         own = times  # said before all of them, or after
-    return scope_of(" ".join(own[0].words), default, " ".join(clause.tokens)) if own else default
+    if not own:
+        return default
+    end = own[0].end
+    if clause.tokens[end : end + 1] and clause.tokens[end] in TO:  # "from nine at night" is followed by "until seven"
+        end += TO_WORDS
+    return scope_of(" ".join(clause.tokens[own[0].start : end]), default, " ".join(clause.tokens))
 
 
 def _meant_by(time: Span, clause: Clause, marked: Sequence[Span]) -> Span:

@@ -2,6 +2,7 @@
 // The page: a conversation and a list of objects beside the floor plan. An object chosen in one of them is chosen in all.
 
 const stored = el("home-data"), source = stored ? new Stored(JSON.parse(stored.textContent)) : new Served();
+const TABS = ["talk", "objects", "rules"];
 let data = null, chosen = null, offered = null, busy = false;
 const on = { choose: (t) => choose(t ? t.id : null), hover: tip, scaled: showScale };
 const plan = new Plan(el("plan"), on), scene = new Scene(el("scene"), on), views = [plan, scene];
@@ -81,7 +82,7 @@ async function ask(words) {
   busy = true;
   say("person", words);
   const waiting = say("robot", "…");
-  try { const told = await source.ask(words); if (told.corrected) await reload(null); else if (source.mapping) await grown(); answer(waiting, told); } catch (error) { waiting.replaceChildren(make("p", {}, error.message)); }
+  try { const told = await source.ask(words); if (told.corrected || [...(told.rules || []), ...(told.lifts || [])].length) await reload(null); else if (source.mapping) await grown(); answer(waiting, told); } catch (error) { waiting.replaceChildren(make("p", {}, error.message)); }
   busy = false;
   waiting.scrollIntoView({ block: "nearest" });
 }
@@ -159,9 +160,10 @@ function drawn(stay) { // stay: the plan keeps its place and size
   plan.draw(data, css, stay); scene.draw(data, css, plan.whole, stay);
   loadPoints();
   listObjects();
+  listRules();
 }
 function tab(which) {
-  for (const name of ["talk", "objects"]) { el(name).hidden = name !== which; el(`tab-${name}`).setAttribute("aria-selected", String(name === which)); el(`tab-${name}`).tabIndex = name === which ? 0 : -1; }
+  for (const name of TABS) { el(name).hidden = name !== which; el(`tab-${name}`).setAttribute("aria-selected", String(name === which)); el(`tab-${name}`).tabIndex = name === which ? 0 : -1; }
 }
 function show(solid) {
   if (solid) { el("scene").hidden = false; if (!scene.start()) { el("scene").hidden = true; toast("This browser has no WebGL2."); return; } }
@@ -215,9 +217,9 @@ function viewport() {
 const current = () => (el("scene").hidden ? plan : scene);
 el("ask").addEventListener("submit", (e) => { e.preventDefault(); const words = el("words").value; el("words").value = ""; ask(words); });
 for (const id of ["search", "room", "tentative"]) el(id).addEventListener("input", listObjects);
-for (const name of ["talk", "objects"]) {
+for (const [k, name] of TABS.entries()) {
   el(`tab-${name}`).addEventListener("click", () => tab(name));
-  el(`tab-${name}`).addEventListener("keydown", (e) => { if (e.key === "ArrowLeft" || e.key === "ArrowRight") { const other = name === "talk" ? "objects" : "talk"; tab(other); el(`tab-${other}`).focus(); } });
+  el(`tab-${name}`).addEventListener("keydown", (e) => { if (e.key === "ArrowLeft" || e.key === "ArrowRight") { const other = TABS[(k + (e.key === "ArrowLeft" ? TABS.length - 1 : 1)) % TABS.length]; tab(other); el(`tab-${other}`).focus(); } });
 }
 el("flat").addEventListener("click", () => show(false));
 el("points").addEventListener("input", () => { scene.shown = el("points").checked; scene.paint(); });

@@ -38,7 +38,8 @@ function tip(obj, e) {
 }
 function inWords(goal) {
   if (!goal) return "…";
-  return goal.path ? `${goal.length_m.toFixed(1)} m to drive, to x ${goal.x.toFixed(2)} y ${goal.y.toFixed(2)}${goal.sees_it === false ? ", something in between" : ""}` : goal.why || "none";
+  const told = goal.route && goal.route.directions.length ? ` ${goal.route.directions.join("; ")}.` : "";
+  return goal.path ? `${goal.length_m.toFixed(1)} m to drive, to x ${goal.x.toFixed(2)} y ${goal.y.toFixed(2)}${goal.sees_it === false ? ", something in between" : ""}${told && `:${told}`}` : goal.why || "none";
 }
 function showPhoto(into, photo, obj) {
   if (!photo) return;

@@ -169,7 +169,9 @@ class Plan {
     this.goal = goal && goal.path ? goal : null;
     this.way.replaceChildren();
     if (this.goal) {
-      this.way.append(shape("polyline", { class: "way", points: goal.path.map(([x, y]) => `${x},${-y}`).join(" ") }));
+      const points = (path) => path.map(([x, y]) => `${x},${-y}`).join(" ");
+      if (goal.route) this.way.append(shape("polyline", { class: "way shortest", points: points(goal.route.shortest_path) })); // what it would be without rules
+      this.way.append(shape("polyline", { class: "way", points: points(goal.path) }));
       const tip = (a, r) => `${goal.x + r * Math.cos(goal.yaw + a)},${-(goal.y + r * Math.sin(goal.yaw + a))}`;
       this.way.append(shape("polygon", { class: "robot-mark", points: [tip(0, 0.3), tip(2.5, 0.22), tip(Math.PI, 0.1), tip(-2.5, 0.22)].join(" ") }));
     }

@@ -1,4 +1,4 @@
-"""Marked requests: ``go 14 :: over to the [small:s] [table:t] [by:near] the [window:l]``; README.md has the form."""
+"""Marked requests: ``go 14 :: over to the [small:s] [table:t]``; tools/understanding/README.md has the form."""
 
 from __future__ import annotations
 
