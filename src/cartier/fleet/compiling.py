@@ -49,7 +49,8 @@ class Compiler:
         return name
 
     def _meant(self, phrase: ReferringExpression) -> str:
-        if phrase.generic or phrase.obj is not None or phrase.size or phrase.most or phrase.order or phrase.other:
+        told = phrase.size or phrase.most or phrase.order or phrase.other or phrase.also
+        if phrase.generic or phrase.obj is not None or phrase.usually is not None or told:
             raise NoSql
         met = self._of(phrase, phrase.labels)
         return self._else(met, self._of(phrase, phrase.similar)) if phrase.similar else met

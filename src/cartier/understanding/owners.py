@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from cartier.labels import name_key, plain
-from cartier.spatial.expressions import EntityVocabulary, ParsedUtterance, ReferringExpression
+from cartier.spatial.expressions import EntityVocabulary, ParsedUtterance, rephrased
 from cartier.types import Inventory
 from cartier.understanding.entity_vocabulary import ROOMS
 from cartier.understanding.tags import Clause, Span
@@ -59,12 +59,7 @@ def with_owner(asked: ParsedUtterance, rooms: tuple[int, ...]) -> ParsedUtteranc
     """The query with its unknown person's room replaced by rooms."""
     said = unknown_owner(asked)
 
-    def put(phrase: ReferringExpression) -> ReferringExpression:
-        told = tuple(replace(r, target=put(r.target) if r.target is not None else None) for r in phrase.relations)
-        return replace(phrase, relations=told, rooms=rooms if phrase.said == said else phrase.rooms)
-
-    head, to = (put(phrase) if phrase is not None else None for phrase in (asked.head, asked.to))
-    return replace(asked, head=head, others=tuple(put(phrase) for phrase in asked.others), to=to)
+    return rephrased(asked, lambda phrase: replace(phrase, rooms=rooms if phrase.said == said else phrase.rooms))
 
 
 def owner_told(words: str, robot: str, inventory: Inventory) -> tuple[int, str] | None:
