@@ -26,6 +26,7 @@ from cartier.understanding.grounding import MODEL, ReferenceGrounder
 from cartier.understanding.need_scorer import Scorer
 from cartier.understanding.needs import FITS, Needs, shortened
 from cartier.understanding.offers import REPLIES, reply
+from cartier.understanding.owners import owner_of
 from cartier.understanding.parser import parser
 from cartier.understanding.readings import UNSURE, picked, question
 from cartier.understanding.route_rules import asked_back, asks_of_rules, driving, says_how, told
@@ -37,6 +38,7 @@ MOST_NEEDS = 4  # most needs in one utterance
 LATEST = 3000  # characters at the end of a text that are read
 PARSED = 64  # turns whose parse is kept: each request reads all turns of its conversation
 ROOM_ALONE = re.compile(r"^(?:no |in |the )*|(?: please)?[ .!?,]*$")
+LEAST_NEW = 4  # tokens of a request that is no reply to the question before
 MOST_SAID = 300  # characters of a sentence that are kept with its rules
 TURNED_DOWN = Selection("answered", reason="the offer was turned down", text="All right.", model=MODEL)
 
@@ -80,6 +82,7 @@ class Embedded:
             act = in_context(clauses[0], state).act
             if act in ("confirm", "deny"):
                 return TURNED_DOWN if act == "deny" else self._anyway(dialogue, home)
+        clauses = self._afresh(query, clauses, home, state)
         found: list[Selection] = []
         for clause in clauses[:MOST_NEEDS] or [Clause("need", 1.0, (), ())]:
             chosen, asked = self._with_rules(clause, home, state, query)
@@ -95,6 +98,16 @@ class Embedded:
         if all(in_context(clause, DialogueState()).act in (*NOTHING_ASKED, *ROUTING) for clause in clauses):
             return []
         return self.needs.propose(query)
+
+    def _afresh(
+        self, query: str, clauses: tuple[Clause, ...], home: _Home, state: DialogueState
+    ) -> tuple[Clause, ...]:
+        """The clauses, read without the turn before where they answer its question with none of its choices."""
+        if not state.choices or len(clauses) != 1 or clauses[0].act != "choose":
+            return clauses
+        own, alone = query_of(clauses[0], home.names), self._clauses(query, (), home)
+        new = len(alone) > 0 and alone[0].act not in REPLIES[:-2] and len(alone[0].tokens) >= LEAST_NEW
+        return alone if new and self._chosen(clauses[0], own, state) is None else clauses
 
     def _clauses(self, query: str, before: Sequence[tuple[str, str]], home: _Home) -> tuple[Clause, ...]:
         turn = (before[-1][0][-LATEST:], before[-1][1][-LATEST:]) if before else None
@@ -179,6 +192,9 @@ class Embedded:
         if clause.act == "confirm" and state.before is not None:
             asked = state.before
         grounder = ReferenceGrounder(asked, home.scene, home.names, state, said, wanted)
+        owned = owner_of(clause, own.head) if asked.kind in ("go", "where") else ""
+        if owned and (whose := grounder.whose(owned)) is not None:
+            return whose, asked
         chosen = self._answer(grounder, asked, home, state, said)
         return self._with_tentative(chosen, asked, home, wanted), asked
 

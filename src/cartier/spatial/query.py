@@ -159,7 +159,7 @@ class Scene:
             found = [(min if wish == "smallest" else max)(found, key=self._room_size)]
         if phrase.order and found:
             found = found[phrase.order - 1 :][:1] if phrase.order > 0 else found[phrase.order :][:1]
-        return ReferringExpression(phrase.said, rooms=tuple(found))
+        return ReferringExpression(phrase.said if found else f"such {phrase.said}", rooms=tuple(found))
 
     def _room_size(self, room: int) -> float:
         """The number of a room's cells; where there is no floor plan, the area over which its objects stand (m²)."""

@@ -14,6 +14,7 @@ from cartier.spatial.query import HERE, Scene, called
 from cartier.types import Door, Fact, MapObject, Selection
 from cartier.understanding.reference_words import STANDS_FOR
 
+MOST_TOLD = 5  # objects of which a sentence tells something each
 NUMBERS = {1: "one", 2: "two", 3: "three"}
 PLURALS = (
     ("ss", "sses"), ("s", "s"), ("ch", "ches"), ("sh", "shes"), ("x", "xes"), ("ato", "atoes"), ("fe", "ves"),
@@ -35,7 +36,7 @@ def answer(asked: ParsedUtterance, scene: Scene, last: MapObject | None, model: 
     head = asked.head
     if asked.kind == "rooms" and not OURSELVES.search(asked.need):
         rooms = [room.name for room in scene.rooms.values()]
-        return _told(f"I know {_and(rooms) if rooms else 'no rooms'}.", Fact("list", rooms), model)
+        return _told(f"I know {listing(rooms) if rooms else 'no rooms'}.", Fact("list", rooms), model)
     if asked.kind == "compare":
         return _compared(asked, scene, model)
     if asked.kind in ("where", "rooms") and head is None and OURSELVES.search(asked.need):
@@ -124,7 +125,7 @@ def spoken_of(asked: ParsedUtterance | None, scene: Scene, listed: Sequence[int]
 
 def between(scene: Scene, door: Door) -> str:
     """The rooms that a passage joins: "the kitchen and the hall"."""
-    return _and([the(scene.rooms[number].name) for number in door.rooms])
+    return listing([the(scene.rooms[number].name) for number in door.rooms])
 
 
 def passages(scene: Scene, doors: Sequence[Door]) -> str:
@@ -150,6 +151,12 @@ def _about(asked: ParsedUtterance, found: Sequence[MapObject], scene: Scene, mod
     obj = found[0]
     it = next((name for name in obj.names if asked.head and name in asked.head.labels), f"the {obj.label}")
     where = whereabouts(scene, obj) or "where I saw it"
+    if asked.kind == "colour" and len(found) > 1 and asked.head is not None and asked.head.plural:
+        each = (f"the one {whereabouts(scene, o) or 'there'} is {_colours(o)}" for o in found[:MOST_TOLD])
+        say = "; ".join(each)
+        names = colours_of(obj)
+        fact = Fact("tell", names[0] if names else None, tuple(o.id for o in found))
+        return _told(f"{say[:1].upper()}{say[1:]}.", fact, model, obj)
     if asked.kind != "where":
         say, value = _known(asked, obj, it, where, scene)
         return _told(f"{say[:1].upper()}{say[1:]}.", Fact("tell", value, (obj.id,)), model, obj)
@@ -179,9 +186,13 @@ def _known(asked: ParsedUtterance, obj: MapObject, it: str, where: str, scene: S
         return f"I saw {it} last {obj.last_seen_s:.0f} s into the recording, {looked}", obj.last_seen_s
     if asked.kind == "colour":
         names = colours_of(obj)
-        return f"{it} is {' and '.join(names) or 'of no colour that I could tell'}", names[0] if names else None
+        return f"{it} is {_colours(obj)}", names[0] if names else None
     size = [round(high - low, 2) for low, high in zip(obj.box_min, obj.box_max, strict=True)]
     return f"{it} is about {size[0]:.2f} m by {size[1]:.2f} m, and {size[2]:.2f} m high", size
+
+
+def _colours(obj: MapObject) -> str:
+    return " and ".join(colours_of(obj)) or "of no colour that I could tell"
 
 
 def _counted(head: ReferringExpression, found: Sequence[MapObject], scene: Scene, model: str) -> Selection:
@@ -191,7 +202,7 @@ def _counted(head: ReferringExpression, found: Sequence[MapObject], scene: Scene
     if not found:
         say = f"I have not seen {_unseen(replace(head, plural=True), scene)}{unsure}"
     else:
-        what = _and([_many(name, count) for name, count in names.items()])
+        what = listing([_many(name, count) for name, count in names.items()])
         say = f"I have seen {what}{where(head)}.{unsure}"
     return _told(
         say, Fact("count", len(found), tuple(o.id for o in found)), model, found[0] if len(names) == 1 else None
@@ -235,7 +246,7 @@ def _listed(
     names = Counter(o.label for o in found)
     order = [name for name, _ in names.most_common()]
     found = sorted(found, key=lambda o: order.index(o.label))  # "the second of them" is that of these words
-    what = _and([_many(name, count) for name, count in names.most_common(12)]) + (
+    what = listing([_many(name, count) for name, count in names.most_common(12)]) + (
         " and more" if len(names) > 12 else ""
     )
     ids = tuple(o.id for o in found)
@@ -244,7 +255,7 @@ def _listed(
 
 def _inventory(scene: Scene, model: str) -> Selection:
     names = Counter(o.label for o in scene.objects)
-    what = _and([_many(name, count) for name, count in names.most_common(15)])
+    what = listing([_many(name, count) for name, count in names.most_common(15)])
     say = f"I know {len(scene.objects)} objects of {len(names)} kinds: {what}{' and more' if len(names) > 15 else ''}."
     return _told(say, Fact("list", sorted(names), tuple(o.id for o in scene.objects)), model)
 
@@ -330,5 +341,6 @@ def _many(name: str, count: int) -> str:
     return f"{count} {name}s"
 
 
-def _and(parts: Sequence[str]) -> str:
+def listing(parts: Sequence[str]) -> str:
+    """The parts as a sentence lists them: "a cup, a mug and a bowl"."""
     return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} and {parts[-1]}"

@@ -169,7 +169,11 @@ def _snapped(spans: Sequence[Span], tokens: Sequence[str], names: EntityVocabula
                 for end in range(min(start + LONGEST_NAME, len(tokens)), span.end - 1, -1)
                 if not any(start < other.end and other.start < end for other in others)
             )
-            known = [(end - start, start, end) for start, end in around if _is_known(tokens[start:end], names)]
+            known = [
+                (end - start, start, end)
+                for start, end in around
+                if _is_known(tokens[start:end], names) and (end == span.end or tokens[end - 1] != "one")
+            ]  # "the bedroom one" is no room
             _, start, end = max(known, default=(0, span.start, span.end))
             if found and start < found[-1].end:
                 start, end = span.start, span.end

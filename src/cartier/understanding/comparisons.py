@@ -39,7 +39,8 @@ def _to_what(spans: Sequence[Span]) -> list[Span]:
     if len(both) < 3 or any(span.role == "l" for span in spans):
         to = None
     left = [span for span in both if span is not to]
-    head = next((span for span in left if span.role == "t"), left[0] if left else None)
+    said = any(span.role in ("t", "p") for span in spans if span is not to)
+    head = None if said or not left else left[0]
     return [
         span._replace(role="l") if span is to else span._replace(role="t") if span is head else span for span in spans
     ]

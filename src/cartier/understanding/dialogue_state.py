@@ -26,7 +26,7 @@ LEAST_ASKING = 0.35  # probability of a request from which words that seem to as
 RETURNS = ("go", "correct", "another", "choose")
 """Acts of words that go back to what was served."""
 SEEKING = ("count", "exists", "where", "list")
-GOES_ON = re.compile(r"(?:so )?(?:and|what about|how about)\b")
+GOES_ON = re.compile(r"(?:so )?(?:and|(?:and )?(?:what|how) about) (?:in|on|at|under|near|by|next|beside|the|my|our)\b")
 MOST_SHOWING = 4  # words of a drive to what was spoken of: "show me then"
 
 

@@ -49,7 +49,6 @@ SORTS = {
 }  # fmt: skip
 """General words, and the names of what they mean."""
 NUMBERED = {"1": ("one", "first"), "2": ("two", "second"), "3": ("three", "third"), "4": ("four", "fourth")}
-NOT_FOR_PEOPLE = frozenset(words("dog cat pet doll toy"))  # a dog bed is no bed
 NO_ENDS = frozenset(words("top head bar stand can holder hanger machine paper control bag board"))
 
 
@@ -67,7 +66,7 @@ class _Things(Mapping[str, frozenset[str]]):
             card = deck.card_of(name)
             if card is not None:
                 self._cards.setdefault(card, set()).add(name)
-            for i in range(1, len(parts)) if parts[0] not in NOT_FOR_PEOPLE else ():
+            for i in range(1, len(parts)):
                 end = name_key(" ".join(parts[i:]))
                 if end in deck.by_key and end not in NO_ENDS:  # a floor lamp is a lamp; a counter top is no top
                     self._ends.setdefault(end, set()).add(name)

@@ -5,19 +5,19 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
+from cartier.labels import name_key
 from cartier.spatial.describe import tell_apart, the, whereabouts
 from cartier.spatial.expressions import EntityVocabulary, ParsedUtterance, ReferringExpression
 from cartier.spatial.query import Scene, called, is_door
 from cartier.types import MapObject, Selection
-from cartier.understanding.answers import answer, between, one, passages, where
+from cartier.understanding.answers import answer, between, listing, one, passages, where
 from cartier.understanding.dialogue_state import DialogueState
-from cartier.understanding.owners import owner_question, unknown_owner
+from cartier.understanding.owners import MOST_ASKED, owner_question, unknown_owner, which_is
 from cartier.understanding.reference_words import HURRY, NEEDY
 from cartier.understanding.tentative import maybe_there, offer
 
 MODEL = "embedded (knowledge cards, MiniLM, learned scorer)"
 SURE = 0.85  # least probability of an object that is preferred where any of several will do
-MOST_ASKED = 4  # objects that a question offers for choice
 SAID: Mapping[str, str] = {
     "stop": "All right.", "come": "I do not know where you are: name a room or a thing beside you.",
     "back": "I do not know where back is: name a room or a thing.",
@@ -81,6 +81,18 @@ class ReferenceGrounder:
     def _common(self, head: ReferringExpression) -> bool:
         """Whether a name is that of a kind, not one that people gave to a particular object."""
         return not any(head.labels & set(obj.names) for obj in self.scene.objects)
+
+    def whose(self, name: str) -> Selection | None:
+        """A question for the object that is called "Ben's chair", where there are several and none has that name."""
+        head = self.asked.head
+        found = self.scene.meant(head)[0][:MOST_ASKED] if head is not None else []
+        label = found[0].label if found else ""
+        if len(found) < 2 or any(obj.label != label or name_key(name) in map(name_key, obj.names) for obj in found):
+            return None
+        if not all(apart := tell_apart(self.scene, found)):
+            return None
+        question = which_is(name, label, apart)
+        return Selection("clarify", reason=f"nothing is called {name}", question=question, text=question, model=MODEL)
 
     def refined(self, chosen: Selection) -> Selection:
         """The object of the chosen name that the words describe, else the nearest of that name."""
@@ -228,8 +240,8 @@ class ReferenceGrounder:
             if len(head.said.split()) == 1 and head.said in ("room", "one", "place"):
                 say = "I know no such room here."
                 return Selection("not_found", reason=say, text=say, model=MODEL)
-            known = _or([the(room.name) for room in self.scene.rooms.values()]) or "no room that I know"
-            say = f"I know no {head.said} here; there is {known}."
+            known = [the(room.name) for room in self.scene.rooms.values()]
+            say = f"I know no {head.said} here{f', only {listing(known)}' if known else ''}."
             return Selection("not_found", reason=say, text=say, model=MODEL)
         inside = {room.id: [o for o in self.scene.objects if o.room == room.id] for room in rooms}
         room = min(rooms, key=lambda room: min(map(self.scene.distance_m, inside[room.id]), default=1e9))

@@ -80,7 +80,7 @@ def _excepted(spans: Sequence[Span], clause: Clause) -> list[Span]:
 def _beside_us(clause: Clause) -> Clause:
     """The clause, where "next to me" tells the nearest, or in a question for several is where the robot stands."""
     tokens, spans = clause.tokens, clause.spans
-    at = next((k for k, t in enumerate(tokens) if t in HERE and _is_by(tokens[:k])), None)
+    at = next((k for k, t in enumerate(tokens) if t in HERE and _is_by(tokens[:k], t)), None)
     if at is None:
         return clause
     begin = at - (1 if tokens[at - 1] in BY else 2)
@@ -96,8 +96,9 @@ def _beside_us(clause: Clause) -> Clause:
     return clause._replace(spans=tuple(sorted((*rest, *place), key=lambda span: span.start)))
 
 
-def _is_by(before: Sequence[str]) -> bool:
-    return before[-1:] != () and (before[-1] in BY or (before[-1] == "to" and len(before) > 1 and before[-2] in TO))
+def _is_by(before: Sequence[str], place: str) -> bool:
+    by = ("near", "nearby") if place == "here" else BY  # "in by here" is no more than "here"
+    return before[-1:] != () and (before[-1] in by or (before[-1] == "to" and len(before) > 1 and before[-2] in TO))
 
 
 def colours_said(said: Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:

@@ -18,6 +18,10 @@ COLOURS = {
     "pink": ("pink",), "purple": ("purple",), "violet": ("purple",), "beige": ("brown", "white", "yellow"),
     "cream": ("white", "yellow"), "navy": ("blue",), "turquoise": ("blue", "green"), "golden": ("yellow", "orange"),
     "silver": ("grey", "white"), "wooden": ("brown", "orange"), "maroon": ("red", "brown"),
+    "rust": ("red", "orange", "brown"), "rusty": ("red", "orange", "brown"), "gold": ("yellow", "orange"),
+    "chrome": ("grey", "white"), "steel": ("grey",), "tan": ("brown", "orange"), "teal": ("blue", "green"),
+    "lilac": ("purple", "pink"), "crimson": ("red",), "scarlet": ("red",), "burgundy": ("red", "brown"),
+    "ivory": ("white", "yellow"), "charcoal": ("grey", "black"), "olive": ("green",), "mint": ("green",),
 }  # fmt: skip
 SIZES = {
     "big": "biggest", "large": "biggest", "huge": "biggest", "small": "smallest", "little": "smallest",
