@@ -30,7 +30,7 @@ from cartier.understanding.owners import owner_of
 from cartier.understanding.parser import parser
 from cartier.understanding.readings import UNSURE, picked, question
 from cartier.understanding.route_rules import asked_back, asks_of_rules, driving, says_how, told
-from cartier.understanding.tags import NOTHING_ASKED, ROUTING, Clause
+from cartier.understanding.tags import NOTHING_ASKED, NOUNS, REQUESTS, ROUTING, Clause
 from cartier.understanding.tentative import OFFER, maybe_there, offer, tentative_matches, unsure, usual_place
 from cartier.vision import pixels
 
@@ -38,7 +38,7 @@ MOST_NEEDS = 4  # most needs in one utterance
 LATEST = 3000  # characters at the end of a text that are read
 PARSED = 64  # turns whose parse is kept: each request reads all turns of its conversation
 ROOM_ALONE = re.compile(r"^(?:no |in |the )*|(?: please)?[ .!?,]*$")
-LEAST_NEW = 4  # tokens of a request that is no reply to the question before
+LEAST_CERTAIN, SURE_ALONE = 0.7, 0.9  # of an act in the context of the turn before, and of one without
 MOST_SAID = 300  # characters of a sentence that are kept with its rules
 TURNED_DOWN = Selection("answered", reason="the offer was turned down", text="All right.", model=MODEL)
 
@@ -99,15 +99,23 @@ class Embedded:
             return []
         return self.needs.propose(query)
 
-    def _afresh(
-        self, query: str, clauses: tuple[Clause, ...], home: _Home, state: DialogueState
-    ) -> tuple[Clause, ...]:
-        """The clauses, read without the turn before where they answer its question with none of its choices."""
-        if not state.choices or len(clauses) != 1 or clauses[0].act != "choose":
+    def _afresh(self, query: str, clauses: tuple[Clause, ...], home: _Home, state: DialogueState) -> tuple[Clause, ...]:
+        """The clauses, read without the turn before where that makes a surer request of them: where they answer its
+        question with none of its choices, or where only they alone name an object."""
+        if state == DialogueState() or len(clauses) != 1 or clauses[0].act in ("correct", "another", "confirm", "deny"):
             return clauses
-        own, alone = query_of(clauses[0], home.names), self._clauses(query, (), home)
-        new = len(alone) > 0 and alone[0].act not in REPLIES[:-2] and len(alone[0].tokens) >= LEAST_NEW
-        return alone if new and self._chosen(clauses[0], own, state) is None else clauses
+        clause = clauses[0]
+        own = query_of(clause, home.names)
+        if clause.act == "choose":
+            unlike = bool(state.choices) and self._chosen(clause, own, state) is None
+        else:
+            unlike = clause.certainty < LEAST_CERTAIN or not any(span.role in NOUNS for span in clause.spans)
+        alone = self._clauses(query, (), home) if unlike else ()
+        if len(alone) != 1 or alone[0].act not in REQUESTS or alone[0].certainty < SURE_ALONE:
+            return clauses
+        head = query_of(alone[0], home.names).head
+        named = head is not None and bool(head.labels or head.rooms or is_door(head))
+        return alone if named or alone[0].act == "need" else clauses
 
     def _clauses(self, query: str, before: Sequence[tuple[str, str]], home: _Home) -> tuple[Clause, ...]:
         turn = (before[-1][0][-LATEST:], before[-1][1][-LATEST:]) if before else None

@@ -36,7 +36,9 @@ def answer(asked: ParsedUtterance, scene: Scene, last: MapObject | None, model: 
     head = asked.head
     if asked.kind == "rooms" and not OURSELVES.search(asked.need):
         rooms = [room.name for room in scene.rooms.values()]
-        return _told(f"I know {listing(rooms) if rooms else 'no rooms'}.", Fact("list", rooms), model)
+        return _told(
+            f"I know {listing([the(name) for name in rooms]) if rooms else 'no rooms'}.", Fact("list", rooms), model
+        )
     if asked.kind == "compare":
         return _compared(asked, scene, model)
     if asked.kind in ("where", "rooms") and head is None and OURSELVES.search(asked.need):
@@ -62,10 +64,10 @@ def answer(asked: ParsedUtterance, scene: Scene, last: MapObject | None, model: 
         return _listed(head, asked.rejected, scene, model)
     if asked.kind == "exists":
         return _exists(head, found, scene, model)
-    if head.rooms is not None and asked.kind in ("where", "far"):
-        return _room(head, scene, model)
     if asked.others and asked.kind == "far" and (gone := _gone(asked.others, scene)) is not None:
         return _told(f"I have not seen {_unseen(gone, scene)}", Fact("tell", None), model)
+    if head.rooms is not None and asked.kind in ("where", "far"):
+        return _room(asked, head, scene, model)
     if not found:
         return _told(f"I have not seen {_unseen(head, scene)}", Fact("where", None), model)
     return _about(asked, found, scene, model)
@@ -76,18 +78,18 @@ def _gone(phrases: Sequence[ReferringExpression], scene: Scene) -> ReferringExpr
     return next((phrase for phrase in phrases if phrase.rooms is None and not scene.landmarks(phrase)), None)
 
 
-def _room(head: ReferringExpression, scene: Scene, model: str) -> Selection | None:
-    """Where a room is: how far its nearest object is."""
+def _room(asked: ParsedUtterance, head: ReferringExpression, scene: Scene, model: str) -> Selection | None:
+    """Where a room is: how far its nearest object is from here, or from what is said."""
     inside = [obj for obj in scene.objects if obj.room in (head.rooms or ())]
     if not head.rooms:
         return _told(f"I know no {head.said}.", Fact("where", None), model)
     if not inside:
         return None
-    near = min(inside, key=scene.distance_m)
-    name = scene.rooms[near.room or 0].name
-    say = (
-        f"{the(name)[:1].upper()}{the(name)[1:]} begins {scene.distance_m(near):.1f} m from here, by the {near.label}."
-    )
+    other = next(iter(scene.landmarks(asked.others[0])), None) if asked.others else None
+    near = min(inside, key=lambda o: scene.distance_m(o, other))
+    name, far = scene.rooms[near.room or 0].name, scene.distance_m(near, other)
+    begins = f"{the(name)[:1].upper()}{the(name)[1:]} begins {far:.1f} m from"
+    say = f"{begins} {f'the {other.label}' if other else 'here'}, by the {near.label}."
     return _told(say, Fact("where", name), model)
 
 

@@ -84,8 +84,12 @@ def with_owner(asked: ParsedUtterance, rooms: tuple[int, ...]) -> ParsedUtteranc
 
 def which_is(name: str, label: str, apart: Sequence[str]) -> str:
     """What the robot asks when it first hears of a person's object, by what tells the objects of that label apart."""
-    ones = [words if words.startswith("the ") else f"the one {words}" for words in apart]
+    ones = _ones(apart)
     return f"Which {label} is {name[:1].upper()}{name[1:]}: {', '.join(ones[:-1])} or {ones[-1]}?"
+
+
+def _ones(apart: Sequence[str]) -> list[str]:
+    return [words if words.startswith("the ") else f"the one {words}" for words in apart]
 
 
 def owner_told(words: str, robot: str, inventory: Inventory) -> tuple[str, str] | None:
@@ -105,6 +109,6 @@ def _object_told(words: str, robot: str, inventory: Inventory) -> tuple[str, str
         return None
     scene, said = Scene(inventory), tuple(TOKEN.findall(plain(words)))
     few = sorted((o for o in scene.objects if o.label == asked["label"]), key=scene.distance_m)[:MOST_ASKED]
-    choices = [(apart, obj.id) for apart, obj in zip(tell_apart(scene, few), few, strict=True)]
+    choices = [(apart, obj.id) for apart, obj in zip(_ones(tell_apart(scene, few)), few, strict=True)]
     picked = chosen(Clause("choose", 1.0, (), said), choices) if len(said) <= MOST_WORDS else None
     return (str(picked), asked["name"]) if picked is not None else None

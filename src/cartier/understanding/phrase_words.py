@@ -37,9 +37,14 @@ def number_before(span: Span, tokens: Sequence[str]) -> int:
 
 def _ends(clause: Clause) -> tuple[Span, ...]:
     """The spans, where the second object of "between the bed and the desk" is a landmark like the first."""
+    if clause.act == "far" and [span.role for span in clause.spans] == ["r", "t"]:  # "how far is the hall from the bed"
+        room, noun = clause.spans
+        if "from" in clause.tokens[room.end : noun.start]:
+            return room, noun._replace(role="b")
     if clause.act in ("compare", "far") or not any(span.role == "between" for span in clause.spans):
         return clause.spans
-    return tuple(span._replace(role="l") if span.role == "b" else span for span in clause.spans)
+    joined = [span for span in clause.spans if span.role == "r" and "and" in clause.tokens[span.start - 2 : span.start]]
+    return tuple(span._replace(role="l") if span.role == "b" or span in joined else span for span in clause.spans)
 
 
 def _one_colour(spans: Sequence[Span]) -> list[Span]:
