@@ -154,10 +154,10 @@ class Scene:
                 found = [i for i in found if i in holding]
         if phrase.other:
             found = [i for i in found if i != here]
-        wish = phrase.most or (phrase.size if len(found) > 1 else "")
+        wish = phrase.most or phrase.size
         if wish in ("biggest", "smallest", "longest", "widest") and found:
             found = [(min if wish == "smallest" else max)(found, key=self._room_size)]
-        if phrase.order and found:
+        if found and phrase.order:
             found = found[phrase.order - 1 :][:1] if phrase.order > 0 else found[phrase.order :][:1]
         return ReferringExpression(phrase.said if found else f"such {phrase.said}", rooms=tuple(found))
 

@@ -110,8 +110,10 @@ def resolve(asked: ParsedUtterance, state: DialogueState) -> ParsedUtterance:
         head = _landmarks(head, state.last)
         means = head.said or head.most or head.size or head.order or head.colours
         if head.generic and means and state.last is not None and asked.kind != "need":
-            of_kind = head.said in LISTED and asked.kind == "count" and before is not None and before.labels
-            head = again(before, head) if of_kind else _stood_for(head, before, state.last)
+            if before is not None and before.labels and head.said in LISTED and asked.kind == "count":
+                head = again(before, head)  # "how many of them"
+            else:
+                head = _stood_for(head, before, state.last)
     return replace(asked, head=head)
 
 

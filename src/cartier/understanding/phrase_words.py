@@ -92,10 +92,10 @@ def _beside_us(clause: Clause) -> Clause:
     rest = tuple(span for span in spans if span.end <= begin or span.start > at)
     named = any(span.role == "t" for span in rest)
     if clause.act in ("list", "count", "exists") or (clause.act == "which" and not named):
-        place = Span("near", tokens[begin:at], begin, at), Span("l", (tokens[at],), at, at + 1)
+        place = [Span("near", tokens[begin:at], begin, at), Span("l", (tokens[at],), at, at + 1)]
         clause = clause._replace(act="list" if clause.act == "which" else clause.act)
     else:
-        place = (Span("s", ("nearest",), begin, at + 1),)
+        place = [Span("s", ("nearest",), begin, at + 1)]
     if not named and clause.act not in ("list", "count", "exists"):
         return clause
     return clause._replace(spans=tuple(sorted((*rest, *place), key=lambda span: span.start)))
