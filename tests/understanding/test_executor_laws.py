@@ -239,6 +239,13 @@ def test_list_is_spoken_of_in_its_order(head: ReferringExpression, found: list[i
     assert asked is not None and ids(asked) == found
 
 
+def test_listed_objects_are_compared() -> None:
+    head = ReferringExpression("them", generic=True, size="widest")
+    asked = resolve(ParsedUtterance("compare", head, by="widest"), replace(LISTED, listed=(1, 2)))
+    told = answer(asked, SCENE, None, "")
+    assert told is not None and told.object_id == 2 and told.text == "The table in the kitchen is wider."
+
+
 def test_named_object_is_meant_rather_than_the_list() -> None:
     pointed = replace(LISTED, pointed=True)
     head = resolve(ParsedUtterance("go", ReferringExpression("that", generic=True)), pointed).head

@@ -114,7 +114,7 @@ class Embedded:
         if len(alone) != 1 or alone[0].act not in REQUESTS or alone[0].certainty < SURE_ALONE:
             return clauses
         head = query_of(alone[0], home.names).head
-        named = head is not None and bool(head.labels or head.rooms or is_door(head))
+        named = head is not None and bool(head.labels or is_door(head))
         return alone if named or alone[0].act == "need" else clauses
 
     def _clauses(self, query: str, before: Sequence[tuple[str, str]], home: _Home) -> tuple[Clause, ...]:

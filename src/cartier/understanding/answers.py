@@ -268,6 +268,7 @@ def _compared(asked: ParsedUtterance, scene: Scene, model: str) -> Selection | N
     found = [scene.meant(phrase)[0] for phrase in phrases]
     if len(phrases) == 1 and phrases[0].among:  # "which of them is bigger"
         found = [[obj] for obj in scene.meant(replace(phrases[0], most="", size=""))[0]]
+        phrases = phrases * len(found)
     gone = [phrase for phrase, objects in zip(phrases, found, strict=True) if not objects]
     if gone:
         return _told(f"I have not seen {_unseen(gone[0], scene)}", Fact("compare", None), model)
