@@ -10,8 +10,9 @@ from collections.abc import Callable, Collection, Sequence
 
 from cartier.labels import name_key
 from cartier.spatial import relations
+from cartier.spatial.colour_shares import BESIDE
 from cartier.spatial.expressions import ReferringExpression, SpatialRelation
-from cartier.spatial.query import BESIDE, CLEARLY, DEEPEST, LEAST_SHARE, LIKELY, MAIN_SHARE
+from cartier.spatial.query import CLEARLY, DEEPEST, LEAST_SHARE, LIKELY, MAIN_SHARE
 
 GAP_M = "sqrt({})".format(" + ".join(f"greatest(f.{a}_min - l.{a}_max, l.{a}_min - f.{a}_max, 0) ** 2" for a in "xyz"))
 WITHIN = " and ".join(f"f.{a} between l.{a}_min and l.{a}_max" for a in "xy")

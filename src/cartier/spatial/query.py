@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import cached_property
 
@@ -12,6 +12,7 @@ import numpy as np
 
 from cartier.labels import name_key
 from cartier.spatial import relations
+from cartier.spatial.colour_shares import coloured_share, share
 from cartier.spatial.expressions import ParsedUtterance, ReferringExpression, SpatialRelation, rephrased
 from cartier.types import Door, Inventory, MapObject, Room
 
@@ -26,13 +27,6 @@ HERE = frozenset(["me", "you", "us", "here"])
 REACH_M = 0.5  # half the width of that place
 LEAST = 0.1  # least probability of a tentative object that is mentioned at all
 CLEARLY = 1.3  # ratio to the next object's share of a colour from which the colour means one object alone
-BESIDE = {
-    "white": ("grey", "yellow"), "black": ("grey", "brown"), "grey": ("white", "black"),
-    "brown": ("orange", "red", "black", "yellow"), "yellow": ("orange", "brown"), "orange": ("brown", "red", "yellow"),
-    "red": ("brown", "orange", "pink"), "pink": ("red", "purple"), "blue": ("purple", "grey"),
-    "green": ("blue", "yellow"), "purple": ("blue", "pink"),
-}  # fmt: skip
-"""Names that a colour may get in warm light or in shadow."""
 DEEPEST = 5  # objects that stand on each other
 ALIKE = 0.9  # sizes from this share of the biggest count as equal
 
@@ -57,7 +51,7 @@ class Scene:
         self.maybe = sorted(maybe, key=lambda o: -o.probability)  # mentioned in words, never served unasked
         self.by_id = {obj.id: obj for obj in self.objects} | {a: t for t in self.objects for a in t.aliases}
         self.from_xy = inventory.from_xy
-        self._doors = inventory.doors
+        self.every_door = inventory.doors
 
     @property
     def known(self) -> bool:
@@ -116,12 +110,12 @@ class Scene:
                 return [], constraint
             found = left
         if phrase.colours and found:
-            of = {o.id: _coloured(o, phrase.colours) for o in found}
-            exact = [o for o in found if _share(o, phrase.colours) >= MAIN_SHARE]
+            of = {o.id: coloured_share(o, phrase.colours) for o in found}
+            exact = [o for o in found if share(o, phrase.colours) >= MAIN_SHARE]
             coloured = exact or [o for o in found if of[o.id] >= LEAST_SHARE]
             if phrase.also:
-                coloured = [o for o in coloured if _share(o, phrase.also) >= LEAST_SHARE] or coloured
-                of = {o.id: min(of[o.id], _coloured(o, phrase.also)) for o in found}
+                coloured = [o for o in coloured if share(o, phrase.also) >= LEAST_SHARE] or coloured
+                of = {o.id: min(of[o.id], coloured_share(o, phrase.also)) for o in found}
             coloured.sort(key=lambda o: -of[o.id])
             unlike = [o for o in found if o.colours and of[o.id] == 0]
             if not coloured and (len(found) > 1 or unlike):
@@ -189,11 +183,7 @@ class Scene:
             return []
         ends = (end for relation in phrase.relations for end in (relation.target, relation.other))
         told = [set(end.rooms) for end in ends if end is not None and end.rooms]
-        return [door for door in self._doors if all(rooms & set(door.rooms) for rooms in told)]
-
-    def number_of(self, door: Door) -> int:
-        """Which of the inventory's doors it is."""
-        return self._doors.index(door)
+        return [door for door in self.every_door if all(rooms & set(door.rooms) for rooms in told)]
 
     def door_distance_m(self, door: Door) -> float:
         """The distance from the robot to the middle of a door."""
@@ -357,13 +347,3 @@ def _doorway(door: Door) -> MapObject:
     return MapObject(
         -1, "door", (("door", 1.0),), (x, y, DOOR_M / 2), low, high, 1.0, True, 0, 0, 0.0, 0.0, 0.0, (),
     )  # fmt: skip
-
-
-def _coloured(obj: MapObject, colours: Sequence[str]) -> float:
-    """The share of an object's surface with one of the colours; similar colours count for a third."""
-    near = {other for colour in colours for other in BESIDE.get(colour, ())} - set(colours)
-    return _share(obj, colours) + _share(obj, near) / 3
-
-
-def _share(obj: MapObject, colours: Collection[str]) -> float:
-    return sum(share for name, share in obj.colours if name in colours)

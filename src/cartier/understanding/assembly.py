@@ -10,7 +10,7 @@ from cartier.labels import name_key
 from cartier.spatial.expressions import EntityVocabulary, ParsedUtterance, ReferringExpression, SpatialRelation, merged
 from cartier.understanding.comparisons import compared, of_kind
 from cartier.understanding.owners import owned_rooms
-from cartier.understanding.phrase_words import colours_said, in_words, number_before
+from cartier.understanding.phrase_words import colours_said, in_words, number_before, of_room, usual_place
 from cartier.understanding.reference_words import COLOURS, DEFINITE, GENERIC, MOST, ORDER, PLURAL, SIZES
 from cartier.understanding.tags import ATTRIBUTES, NOUNS, RELATIONS, ROUTE_NOUNS, ROUTE_WORDS, Clause, Span
 from cartier.understanding.text import STOP
@@ -28,15 +28,6 @@ PARTS = (",", ".", ";", "!", "?", "but")
 """Tokens between which a need and the way there stand apart."""
 HEADS = ("t", "b", "p", "n")
 """Roles of nouns that are no landmark."""
-USUAL = {
-    name_key(name): place
-    for place, every in {
-        "bed": "bedside table, bedside cabinet, nightstand, night stand, night table, bedside lamp",
-        "dining table": "dining chair, dining room chair", "desk": "desk chair, office chair, swivel chair",
-    }.items()
-    for name in every.split(", ")
-}  # fmt: skip
-"""What an object is by whose name tells its place."""
 NOWHERE = -1
 """Where a target stands that no word names: "the blue, please", "what is on the table"."""
 
@@ -256,15 +247,8 @@ def _noun(span: Span, clause: Clause, names: EntityVocabulary) -> ReferringExpre
         return replace(base, rooms=names.rooms[key])
     if not labels and keys[-1] == "room":  # "the room with the bed"
         return replace(base, rooms=())
-    usually = _usual_place(keys, labels, names)
+    usually = usual_place(keys, labels, names)
     return replace(base, labels=labels, similar=names.like(keys[-1]) - labels, usually=usually)
-
-
-def _usual_place(keys: Sequence[str], labels: frozenset[str], names: EntityVocabulary) -> SpatialRelation | None:
-    """Where an object of a telling name is, if the home calls it something else: a bedside table is by a bed."""
-    key = next((key for key in keys if key in USUAL), "")
-    place = names.objs.get(name_key(USUAL.get(key, ""))) if key and key not in map(name_key, labels) else None
-    return SpatialRelation("near", ReferringExpression(USUAL[key], place)) if place else None
 
 
 def _attach_attributes(every: Sequence[Span], spans: Sequence[Span], nouns: list[ReferringExpression]) -> None:
@@ -272,19 +256,12 @@ def _attach_attributes(every: Sequence[Span], spans: Sequence[Span], nouns: list
     for span in every:
         if span.role not in ATTRIBUTES:
             continue
-        able = [k for k, other in enumerate(spans) if other.role != "r" or _of_room(span, k, spans)]
+        able = [k for k, other in enumerate(spans) if other.role != "r" or of_room(span, k, spans)]
         after = [(spans[k].start - span.end, k) for k in able if spans[k].start >= span.end]
         before = [(span.start - spans[k].end + 1, k) for k in able if spans[k].end <= span.start]
         nearest = min((after[:1] + before[-1:]), default=None)
         if nearest is not None:
             nouns[nearest[1]] = _with(nouns[nearest[1]], span)
-
-
-def _of_room(span: Span, room: int, spans: Sequence[Span]) -> bool:
-    """Whether an attribute is a room's: "the second bedroom", not "the biggest kitchen table"."""
-    end = spans[room].end
-    alone = not any(noun.start == end and noun.role in ("t", "b", "l", "m") for noun in spans)
-    return alone and span.role in ("s", "o", "x") and span.end == spans[room].start
 
 
 def _with(noun: ReferringExpression, span: Span) -> ReferringExpression:

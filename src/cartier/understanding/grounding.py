@@ -230,7 +230,12 @@ class ReferenceGrounder:
         if len(doors) > 1 and not head.most:
             say = f"There are {len(doors)}; this is the nearest, between {between(self.scene, door)}."
         return Selection(
-            "found", "door", reason="the passage was asked for", text=say, door=self.scene.number_of(door), model=MODEL
+            "found",
+            "door",
+            reason="the passage was asked for",
+            text=say,
+            door=self.scene.every_door.index(door),
+            model=MODEL,
         )
 
     def _room(self, head: ReferringExpression) -> Selection:

@@ -8,12 +8,22 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
-from cartier.labels import words
+from cartier.labels import name_key, words
+from cartier.spatial.expressions import EntityVocabulary, ReferringExpression, SpatialRelation
 from cartier.spatial.query import HERE
 from cartier.understanding.reference_words import COLOURS, ORDER
 from cartier.understanding.tags import NOUNS, Clause, Span
 
 NUMBERS = {word: k for k, word in enumerate(words("two three four five six seven eight"), 2)}
+USUAL = {
+    name_key(name): place
+    for place, every in {
+        "bed": "bedside table, bedside cabinet, nightstand, night stand, night table, bedside lamp",
+        "dining table": "dining chair, dining room chair", "desk": "desk chair, office chair, swivel chair",
+    }.items()
+    for name in every.split(", ")
+}  # fmt: skip
+"""What an object is by whose name tells its place."""
 LISTED = ("them", "those", "these")
 EXCEPT = re.compile(
     r"\b(?:besides|except(?: for)?|excluding|(?:apart|aside) from|other than)(?: the| my| that| a| an| our)?$"
@@ -113,3 +123,17 @@ def colours_said(said: Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...]]
     first = tuple(dict.fromkeys(c for k, colours in each for c in colours if k < cut))
     also = tuple(dict.fromkeys(c for k, colours in each for c in colours if k > cut))
     return (first, also) if first else (also, ())
+
+
+def usual_place(keys: Sequence[str], labels: frozenset[str], names: EntityVocabulary) -> SpatialRelation | None:
+    """Where an object of a telling name is, if the home calls it something else: a bedside table is by a bed."""
+    key = next((key for key in keys if key in USUAL), "")
+    place = names.objs.get(name_key(USUAL.get(key, ""))) if key and key not in map(name_key, labels) else None
+    return SpatialRelation("near", ReferringExpression(USUAL[key], place)) if place else None
+
+
+def of_room(span: Span, room: int, spans: Sequence[Span]) -> bool:
+    """Whether an attribute is a room's: "the second bedroom", not "the biggest kitchen table"."""
+    end = spans[room].end
+    alone = not any(noun.start == end and noun.role in ("t", "b", "l", "m") for noun in spans)
+    return alone and span.role in ("s", "o", "x") and span.end == spans[room].start
