@@ -109,7 +109,8 @@ class Embedded:
         if clause.act == "choose":
             unlike = bool(state.choices) and self._chosen(clause, own, state) is None
         else:
-            unlike = clause.certainty < LEAST_CERTAIN or not any(span.role in NOUNS for span in clause.spans)
+            nouns = [span.role for span in clause.spans if span.role in NOUNS]
+            unlike = "p" not in nouns and (clause.certainty < LEAST_CERTAIN or not nouns)
         alone = self._clauses(query, (), home) if unlike else ()
         if len(alone) != 1 or alone[0].act not in REQUESTS or alone[0].certainty < SURE_ALONE:
             return clauses
