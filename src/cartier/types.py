@@ -467,6 +467,8 @@ class Inventory:
         objects = {obj.id: obj for obj in self.objects}
         if not objects.keys() >= set(chosen.fact.objects if chosen.fact else ()):
             return False
+        if chosen.door is not None:
+            return 0 <= chosen.door < len(self.doors)
         if chosen.room is not None:
             return any((room.id, room.name) == (chosen.room, chosen.object) for room in self.rooms)
         if chosen.object_id is not None:
@@ -604,6 +606,7 @@ class Selection:
         next: The choices for further needs in the same words, in the order in which to serve them.
         object_id: Which object of that name, or None to leave it to the index.
         room: The id of the chosen room, or None for an object.
+        door: The chosen passage between rooms, by its place among the inventory's doors, or None.
         text: The answer in words, for "answered" and "alarm".
         fact: The same answer for programs, or None.
         alarm: The kind of emergency, for "alarm": "self_harm", "violence" (to others), "child" (in danger), "medical"
@@ -632,6 +635,7 @@ class Selection:
     tentative: int | None = None
     rules: tuple[RouteRule, ...] = ()
     lifts: tuple[RouteRule, ...] = ()
+    door: int | None = None
 
     def __post_init__(self) -> None:
         need(self.status in STATUSES, f"selection status {self.status!r} is not one of {', '.join(STATUSES)}")

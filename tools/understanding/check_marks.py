@@ -59,7 +59,7 @@ def fault(line: Line, states: dict[str, DialogueState]) -> str:
     state = states.get("now", DialogueState()) if line.context else DialogueState()
     wrong = ""
     for clause, told, rules in zip(line.clauses(), line.answers, line.rules, strict=True):
-        asked = resolve(query(clause, names), state)
+        asked = scene.with_rooms(resolve(query(clause, names), state), state.last)
         ids = [int(i) for i in re.findall(r"\d+", told)] if clause.act != "count" else []
         gone = [i for i in ids if i not in scene.by_id]
         wrong = wrong or (f"no object #{gone[0]} here" if gone else _fault(clause.act, asked, told, ids, scene, state))

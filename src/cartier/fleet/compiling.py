@@ -10,8 +10,9 @@ from collections.abc import Callable, Collection, Sequence
 
 from cartier.labels import name_key
 from cartier.spatial import relations
+from cartier.spatial.colour_shares import BESIDE
 from cartier.spatial.expressions import ReferringExpression, SpatialRelation
-from cartier.spatial.query import BESIDE, CLEARLY, LEAST_SHARE, MAIN_SHARE
+from cartier.spatial.query import CLEARLY, LEAST_SHARE, MAIN_SHARE
 
 GAP_M = "sqrt({})".format(" + ".join(f"greatest(f.{a}_min - l.{a}_max, l.{a}_min - f.{a}_max, 0) ** 2" for a in "xyz"))
 APART = " and ".join(f"f.{a}_min - l.{a}_max <= {{0}} and l.{a}_min - f.{a}_max <= {{0}}" for a in "xyz")
@@ -57,7 +58,8 @@ class Compiler:
         return name
 
     def _meant(self, phrase: ReferringExpression) -> str:
-        if phrase.generic or phrase.obj is not None or phrase.size or phrase.most or phrase.order or phrase.other:
+        told = phrase.size or phrase.most or phrase.order or phrase.other or phrase.also
+        if phrase.generic or phrase.obj is not None or phrase.usually is not None or told:
             raise NoSql
         met = self._of(phrase, phrase.labels)
         return self._else(met, self._of(phrase, phrase.similar)) if phrase.similar else met

@@ -24,6 +24,8 @@ MAX_FOUND = 1_000_000  # rows of one question
 MEASURES = {
     "biggest": "greatest(x_max - x_min, 0.02) * greatest(y_max - y_min, 0.02) * greatest(z_max - z_min, 0.02)",
     "tallest": "greatest(z_max - z_min, 0.02)", "highest": "z_max", "lowest": "-z_min",
+    "widest": "greatest(x_max - x_min, y_max - y_min)",
+    "longest": "greatest(x_max - x_min, y_max - y_min, z_max - z_min)",
 }  # fmt: skip
 MEASURES |= {"smallest": f"-({MEASURES['biggest']})", "shortest": f"-({MEASURES['tallest']})"}
 """What the largest value of ranks first; as ``Scene.measure`` does."""

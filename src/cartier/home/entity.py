@@ -116,14 +116,17 @@ class Home(HomeData):
             index: The name of an index, by default the first one.
 
         Returns:
-            The place of the object, the middle of the chosen room, or None if nothing was chosen or the index has no
-            place.
+            The place of the object, the middle of the chosen room or door, or None if nothing was chosen or the index
+            has no place.
 
         Raises:
             InputError: The home has no such index.
         """
         if chosen.object is None:
             return None
+        if chosen.door is not None:
+            x, y = self._doors[chosen.door].xy
+            return Place(chosen.object, (x, y, 0.0), 1.0, -1)
         if chosen.room is not None:
             return self._room_place(next(room for room in self.rooms if room.id == chosen.room))
         held = self.index(index)[1]

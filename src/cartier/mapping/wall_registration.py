@@ -54,7 +54,7 @@ def register_walls(old: OccupancyGrid, new: OccupancyGrid, proposed: Floats) -> 
         "maxfev": 200,
     })  # fmt: skip
     refined = _about(proposed, found.x, middle, start)
-    back, apart_of_new_m = np.linalg.inv(refined), _field(new)[1]
+    back, apart_of_new_m = np.asarray(np.linalg.inv(refined), np.float64), _field(new)[1]
     on_walls = min(_on(apart_m, old, new, refined, OCCUPIED), _on(apart_of_new_m, new, old, back, OCCUPIED))
     on_floor = min(_on(apart_m, old, new, refined, FREE), _on(apart_of_new_m, new, old, back, FREE))
     best = -float(found.fun) >= AS_GOOD * _best(field, old, new, walls, floor, proposed)

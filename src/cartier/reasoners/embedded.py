@@ -7,14 +7,16 @@ reports the accuracy.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 
 from cartier.spatial.expressions import EntityVocabulary, ParsedUtterance
-from cartier.spatial.query import Scene, called
+from cartier.spatial.query import Scene, called, is_door
 from cartier.types import Inventory, MapObject, Selection
+from cartier.understanding.answers import listed_in, spoken_of
 from cartier.understanding.assembly import query as query_of
 from cartier.understanding.cards import SHIPPED, Deck, read_deck
 from cartier.understanding.choices import chosen, options
@@ -24,16 +26,19 @@ from cartier.understanding.grounding import MODEL, ReferenceGrounder
 from cartier.understanding.need_scorer import Scorer
 from cartier.understanding.needs import FITS, Needs, shortened
 from cartier.understanding.offers import REPLIES, reply
+from cartier.understanding.owners import owner_of
 from cartier.understanding.parser import parser
 from cartier.understanding.readings import UNSURE, picked, question
 from cartier.understanding.route_rules import asked_back, asks_of_rules, driving, says_how, told
-from cartier.understanding.tags import NOTHING_ASKED, ROUTING, Clause
+from cartier.understanding.tags import NOTHING_ASKED, NOUNS, REQUESTS, ROUTING, Clause
 from cartier.understanding.tentative import OFFER, maybe_there, offer, tentative_matches, unsure, usual_place
 from cartier.vision import pixels
 
 MOST_NEEDS = 4  # most needs in one utterance
 LATEST = 3000  # characters at the end of a text that are read
 PARSED = 64  # turns whose parse is kept: each request reads all turns of its conversation
+ROOM_ALONE = re.compile(r"^(?:no |in |the )*|(?: please)?[ .!?,]*$")
+LEAST_CERTAIN, SURE_ALONE = 0.7, 0.9  # of an act in the context of the turn before, and of one without
 MOST_SAID = 300  # characters of a sentence that are kept with its rules
 TURNED_DOWN = Selection("answered", reason="the offer was turned down", text="All right.", model=MODEL)
 
@@ -77,6 +82,7 @@ class Embedded:
             act = in_context(clauses[0], state).act
             if act in ("confirm", "deny"):
                 return TURNED_DOWN if act == "deny" else self._anyway(dialogue, home)
+        clauses = self._afresh(query, clauses, home, state)
         found: list[Selection] = []
         for clause in clauses[:MOST_NEEDS] or [Clause("need", 1.0, (), ())]:
             chosen, asked = self._with_rules(clause, home, state, query)
@@ -92,6 +98,25 @@ class Embedded:
         if all(in_context(clause, DialogueState()).act in (*NOTHING_ASKED, *ROUTING) for clause in clauses):
             return []
         return self.needs.propose(query)
+
+    def _afresh(self, query: str, clauses: tuple[Clause, ...], home: _Home, state: DialogueState) -> tuple[Clause, ...]:
+        """The clauses, read without the turn before where that makes a surer request of them: where they answer its
+        question with none of its choices, or where only they alone name an object."""
+        if state == DialogueState() or len(clauses) != 1 or clauses[0].act in ("correct", "another", "confirm", "deny"):
+            return clauses
+        clause = clauses[0]
+        own = query_of(clause, home.names)
+        if clause.act == "choose":
+            unlike = bool(state.choices) and self._chosen(clause, own, state) is None
+        else:
+            nouns = [span.role for span in clause.spans if span.role in NOUNS]
+            unlike = "p" not in nouns and (clause.certainty < LEAST_CERTAIN or not nouns)
+        alone = self._clauses(query, (), home) if unlike else ()
+        if len(alone) != 1 or alone[0].act not in REQUESTS or alone[0].certainty < SURE_ALONE:
+            return clauses
+        head = query_of(alone[0], home.names).head
+        named = head is not None and bool(head.labels or is_door(head))
+        return alone if named or alone[0].act == "need" else clauses
 
     def _clauses(self, query: str, before: Sequence[tuple[str, str]], home: _Home) -> tuple[Clause, ...]:
         turn = (before[-1][0][-LATEST:], before[-1][1][-LATEST:]) if before else None
@@ -111,9 +136,13 @@ class Embedded:
             if not served and not robot.rstrip().endswith("?"):
                 served = [o for o in home.scene.objects if o.label in names[:1]][:1]
             offers = robot.rstrip().endswith("?") and not robot.startswith("Which ")
+            listed = listed_in(asked, home.scene, state.last)
+            if listed and not SERVED.search(robot):
+                served = spoken_of(asked, home.scene, listed)
             state = state.then(asked, served, names if offers else ())
-            questioned = robot.rstrip().endswith("?")
-            state = replace(state, choices=self._choices(robot, asked, home), questioned=questioned)
+            questioned, pointed = robot.rstrip().endswith("?"), bool(SERVED.search(robot))
+            choices = self._choices(robot, asked, home)
+            state = replace(state, choices=choices, questioned=questioned, listed=listed, pointed=pointed)
         return state
 
     def _choices(self, robot: str, asked: ParsedUtterance | None, home: _Home) -> tuple[tuple[str, int], ...]:
@@ -123,7 +152,9 @@ class Embedded:
         for words in options(robot) if before is not None else ():
             clauses = self._clauses(words, (), home)
             if before is not None and clauses:
-                there, _ = home.scene.meant(again(before, query_of(clauses[0], home.names).head), found)
+                option = query_of(clauses[0], home.names).head
+                named = option if option is not None and option.labels - before.labels else again(before, option)
+                there, _ = home.scene.meant(named, found)
                 found |= {there[0].id: words} if there else {}
         return tuple((words, obj) for obj, words in found.items())
 
@@ -150,7 +181,7 @@ class Embedded:
         """The answer to one clause, and what it asked."""
         unsure_of, clause = clause, in_context(clause, state)
         own = query_of(clause, home.names)
-        asked = resolve(own, state)
+        asked = home.scene.with_rooms(self._in_room(own, resolve(own, state), home, state), state.last)
         if not state.offered and (told := question(unsure_of, own)):
             return Selection("clarify", reason="two readings are likely", question=told, text=told, model=MODEL), asked
         said = " ".join(clause.tokens).replace(" ' ", "'")
@@ -170,8 +201,23 @@ class Embedded:
         if clause.act == "confirm" and state.before is not None:
             asked = state.before
         grounder = ReferenceGrounder(asked, home.scene, home.names, state, said, wanted)
+        owned = owner_of(clause, own.head) if asked.kind in ("go", "where") else ""
+        if owned and (whose := grounder.whose(owned)) is not None:
+            return whose, asked
         chosen = self._answer(grounder, asked, home, state, said)
         return self._with_tentative(chosen, asked, home, wanted), asked
+
+    def _in_room(
+        self, own: ParsedUtterance, asked: ParsedUtterance, home: _Home, state: DialogueState
+    ) -> ParsedUtterance:
+        """The query, where a bare room tells which of several was meant: "take me to the lamp", "the bedroom"."""
+        head, last = own.head, state.last
+        before = state.before if state.before is not None and state.before.kind == "go" else None
+        bare = head is not None and own.kind == "go" and head.said == ROOM_ALONE.sub("", own.need).strip()
+        if head is None or not head.rooms or not bare or before is None or last is None or last.room in head.rooms:
+            return asked
+        there = resolve(replace(own, kind="correct"), state)
+        return there if there.head is not None and home.scene.meant(there.head)[0] else asked
 
     def _answer(
         self, grounder: ReferenceGrounder, asked: ParsedUtterance, home: _Home, state: DialogueState, said: str
@@ -180,6 +226,9 @@ class Embedded:
         out = self._turned_down(asked, home, state)
         told = grounder.answer(lambda text, among: self.needs.serve(text, among or home.listed, out))
         if told is not None and not (_nowhere(told) and grounder.anywhere and asked.kind in ("go", "need")):
+            return told
+        head = asked.head
+        if told is not None and head is not None and (is_door(head) or (head.rooms is not None and told.room is None)):
             return told
         text = asked.need if asked.kind in ("need", "go") else said
         served = self.needs.serve(text, home.listed, out)

@@ -20,7 +20,9 @@ class ReferringExpression:
 
     ``generic`` is for "one", "something", "it". ``most`` is a superlative such as "biggest", ``order`` counts from 1,
     or from -1, the last. ``obj`` is the id of an object mentioned before. ``recalled``: what is said of it was said in
-    an earlier turn.
+    an earlier turn. ``number`` is how many are meant ("the two pillows"; 0: not said), ``among`` the ids of what the
+    robot listed, in the order of its words, ``also`` a second colour ("green and white"), and ``usually`` a relation
+    that counts where some object has it ("bedside table").
     """
 
     said: str
@@ -38,6 +40,10 @@ class ReferringExpression:
     relations: tuple[SpatialRelation, ...] = ()
     obj: int | None = None
     recalled: bool = False
+    number: int = 0
+    among: tuple[int, ...] = ()
+    also: tuple[str, ...] = ()
+    usually: SpatialRelation | None = None
 
     @property
     def bare(self) -> bool:
@@ -89,9 +95,24 @@ class EntityVocabulary:
     like: Callable[[str], frozenset[str]] = lambda _: frozenset()
 
 
+def rephrased(asked: ParsedUtterance, change: Callable[[ReferringExpression], ReferringExpression]) -> ParsedUtterance:
+    """The query with each of its noun phrases changed, those of relations first."""
+
+    def put(phrase: ReferringExpression) -> ReferringExpression:
+        told = tuple(replace(r, target=ends(r.target), other=ends(r.other)) for r in phrase.relations)
+        return change(replace(phrase, relations=told))
+
+    def ends(phrase: ReferringExpression | None) -> ReferringExpression | None:
+        return None if phrase is None else put(phrase)
+
+    others, rejected = (tuple(put(phrase) for phrase in each) for each in (asked.others, asked.rejected))
+    return replace(asked, head=ends(asked.head), to=ends(asked.to), others=others, rejected=rejected)
+
+
 def merged(before: ReferringExpression, now: ReferringExpression) -> ReferringExpression:
     """The earlier phrase with the constraints that the new one adds."""
     return replace(
         before, relations=(*before.relations, *now.relations), colours=now.colours or before.colours,
         size=now.size or before.size, most=now.most or before.most, order=now.order or before.order, other=now.other,
+        also=now.also if now.colours else before.also, number=now.number or before.number,
     )  # fmt: skip

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import cached_property
 
@@ -12,7 +12,8 @@ import numpy as np
 
 from cartier.labels import name_key
 from cartier.spatial import relations
-from cartier.spatial.expressions import ReferringExpression, SpatialRelation
+from cartier.spatial.colour_shares import coloured_share, share
+from cartier.spatial.expressions import ParsedUtterance, ReferringExpression, SpatialRelation, rephrased
 from cartier.types import Door, Inventory, MapObject, Room
 
 Side = Callable[[MapObject, Sequence[MapObject], relations.Point], tuple[relations.Relation, ...]]
@@ -21,17 +22,18 @@ MAIN_SHARE = 0.25  # share from which an object has a colour; others are conside
 LIKELY = 0.3  # least probability of a tentative landmark, and of a relation that a person states
 DOORS = frozenset(["door", "doorway", "doors", "entrance", "exit", "way out", "threshold", "passage"])
 DOOR_M = 2.0  # height of a door
+HERE = frozenset(["me", "you", "us", "here"])
+"""Words for where the robot stands, with whoever speaks to it."""
+REACH_M = 0.5  # half the width of that place
 LEAST = 0.1  # least probability of a tentative object that is mentioned at all
 CLEARLY = 1.3  # ratio to the next object's share of a colour from which the colour means one object alone
-BESIDE = {
-    "white": ("grey", "yellow"), "black": ("grey", "brown"), "grey": ("white", "black"),
-    "brown": ("orange", "red", "black", "yellow"), "yellow": ("orange", "brown"), "orange": ("brown", "red", "yellow"),
-    "red": ("brown", "orange", "pink"), "pink": ("red", "purple"), "blue": ("purple", "grey"),
-    "green": ("blue", "yellow"), "purple": ("blue", "pink"),
-}  # fmt: skip
-"""Names that a colour may get in warm light or in shadow."""
 DEEPEST = 5  # objects that stand on each other
 ALIKE = 0.9  # sizes from this share of the biggest count as equal
+
+
+def is_door(phrase: ReferringExpression) -> bool:
+    """Whether a phrase names a passage between rooms, or the way out."""
+    return name_key(phrase.said) in DOORS or phrase.said.split()[-1:] == ["door"]
 
 
 def called(obj: MapObject, names: Iterable[str]) -> bool:
@@ -49,7 +51,7 @@ class Scene:
         self.maybe = sorted(maybe, key=lambda o: -o.probability)  # mentioned in words, never served unasked
         self.by_id = {obj.id: obj for obj in self.objects} | {a: t for t in self.objects for a in t.aliases}
         self.from_xy = inventory.from_xy
-        self._doors, self._shut_doors = inventory.doors, inventory.shut_doors
+        self.every_door, self._shut_doors = inventory.doors, inventory.shut_doors
 
     @property
     def known(self) -> bool:
@@ -98,17 +100,22 @@ class Scene:
             like = () if found else self.meant(replace(own, labels=phrase.similar), without)[0]
             return list(like or found), None if like else emptied
         out = set(without)
-        found = [o for o in self.objects if (phrase.generic or called(o, phrase.labels)) and o.id not in out]
-        found.sort(key=self.distance_m)
+        every = [self.by_id[i] for i in phrase.among if i in self.by_id] or sorted(self.objects, key=self.distance_m)
+        found = [o for o in every if (phrase.generic or called(o, phrase.labels)) and o.id not in out]
+        if phrase.usually is not None:
+            found = self._related(found, phrase.usually) or found
         for constraint in phrase.relations:
             left = self._related(found, constraint)
             if not left and found:
                 return [], constraint
             found = left
         if phrase.colours and found:
-            of = {o.id: _coloured(o, phrase.colours) for o in found}
-            exact = [o for o in found if _share(o, phrase.colours) >= MAIN_SHARE]
+            of = {o.id: coloured_share(o, phrase.colours) for o in found}
+            exact = [o for o in found if share(o, phrase.colours) >= MAIN_SHARE]
             coloured = exact or [o for o in found if of[o.id] >= LEAST_SHARE]
+            if phrase.also:
+                coloured = [o for o in coloured if share(o, phrase.also) >= LEAST_SHARE] or coloured
+                of = {o.id: min(of[o.id], coloured_share(o, phrase.also)) for o in found}
             coloured.sort(key=lambda o: -of[o.id])
             unlike = [o for o in found if o.colours and of[o.id] == 0]
             if not coloured and (len(found) > 1 or unlike):
@@ -125,9 +132,49 @@ class Scene:
             found = found[phrase.order - 1 :][:1] if phrase.order > 0 else found[phrase.order :][:1]
         return found, None
 
+    def with_rooms(self, asked: ParsedUtterance, last: MapObject | None = None) -> ParsedUtterance:
+        """The query with each room that is described replaced by the rooms that fit: "the second bedroom", "the room
+        with the bed"; "the other bedroom" is not that of ``last``."""
+        return rephrased(asked, lambda phrase: self._room_meant(phrase, last.room if last is not None else None))
+
+    def _room_meant(self, phrase: ReferringExpression, here: int | None) -> ReferringExpression:
+        unnamed = phrase.rooms == () and name_key(phrase.said) in ("room", "one", "place")
+        if phrase.rooms is None or phrase.bare or not (phrase.rooms or unnamed):
+            return phrase
+        found = sorted(self.rooms if unnamed else phrase.rooms, key=lambda i: self.rooms[i].name)
+        for relation in phrase.relations:
+            if relation.kind in ("with", "in") and relation.target is not None and relation.target.rooms is None:
+                holding = {o.room for o in self.landmarks(relation.target)}
+                found = [i for i in found if i in holding]
+        if phrase.other:
+            found = [i for i in found if i != here]
+        wish = phrase.most or phrase.size
+        if wish in ("biggest", "smallest", "longest", "widest") and found:
+            found = [(min if wish == "smallest" else max)(found, key=self._room_size)]
+        if found and phrase.order:
+            found = found[phrase.order - 1 :][:1] if phrase.order > 0 else found[phrase.order :][:1]
+        return ReferringExpression(phrase.said if found else f"such {phrase.said}", rooms=tuple(found))
+
+    def _room_size(self, room: int) -> float:
+        """The number of a room's cells; where there is no floor plan, the area over which its objects stand (m²)."""
+        inside = [o for o in self.objects if o.room == room]
+        if len(self.rooms[room].cells) or not inside:
+            return float(len(self.rooms[room].cells))
+        low, high = (np.array([getattr(o, corner)[:2] for o in inside]) for corner in ("box_min", "box_max"))
+        return float(np.prod(high.max(0) - low.min(0)))
+
+    @property
+    def robot(self) -> MapObject:
+        """Where the robot stands, as a landmark: what is within reach of it is beside it. Its id is none."""
+        x, y = (self.from_xy or (0.0, 0.0))[:2]
+        low, high = (x - REACH_M, y - REACH_M, 0.0), (x + REACH_M, y + REACH_M, DOOR_M)
+        return MapObject(-1, "robot", (), (x, y, DOOR_M / 2), low, high, 1.0, True, 0, 0, 0.0, 0.0, 0.0, ())
+
     def landmarks(self, phrase: ReferringExpression) -> list[MapObject]:
         """The objects that a phrase may mean as a landmark: confirmed ones, else doors of the floor plan, else likely
         tentative ones."""
+        if phrase.generic and phrase.said in HERE:
+            return [self.robot]
         return self.meant(phrase)[0] or [_doorway(door) for door in self.doors(phrase)] or self._perhaps_there(phrase)
 
     def doors(self, phrase: ReferringExpression, shut: bool = False) -> list[Door]:
@@ -139,9 +186,13 @@ class Scene:
         told = [set(end.rooms) for end in ends if end is not None and end.rooms]
         return [
             door
-            for door in (self._shut_doors if shut else self._doors)
+            for door in (self._shut_doors if shut else self.every_door)
             if all(rooms & set(door.rooms) for rooms in told)
         ]
+
+    def door_distance_m(self, door: Door) -> float:
+        """The distance from the robot to the middle of a door."""
+        return math.dist(door.xy, (self.from_xy or (0.0, 0.0))[:2])
 
     def _perhaps_there(self, landmark: ReferringExpression) -> list[MapObject]:
         """Tentative objects that may still serve as a landmark."""
@@ -180,6 +231,7 @@ class Scene:
         measured = {
             "biggest": float(np.prod(size)), "smallest": -float(np.prod(size)), "tallest": float(size[2]),
             "shortest": -float(size[2]), "highest": float(high[2]), "lowest": -float(low[2]),
+            "widest": float(size[:2].max()), "longest": float(size.max()),
         }  # fmt: skip
         return measured[wish]
 
@@ -203,7 +255,7 @@ class Scene:
             "from": lambda: self._on(found, beside),
             "under": lambda: self._under(found, beside),
             "above": lambda: self._above(found, beside),
-            "with": lambda: self._with(found, beside),
+            "with": lambda: self._with(found, beside, target.number),
             "between": lambda: self._between(found, beside, constraint),
             "next to": lambda: self._close(self._apart(found, beside), beside, relations.ASKED_NEXT_M),
             "of": lambda: self._close(found, beside, relations.ASKED_NEXT_M),
@@ -228,6 +280,9 @@ class Scene:
         return obj.id != below.id and over and self.distance_m(obj, below) <= relations.ASKED_ON_M
 
     def _under(self, found: Sequence[MapObject], beside: Sequence[MapObject]) -> list[MapObject]:
+        below = {h.id for b in beside for h in self.held_by(b)[:1]}
+        if holding := [o for o in found if o.id in below]:  # "the burner under the pot"
+            return holding
         ids = {r.subject for b in beside for r in relations.under(b, self.objects) if r.probability >= LIKELY}
         low = [o for o in found if o.id in ids]
         lower = ((o, b) for o in found for b in beside if o.position[2] < b.position[2])
@@ -242,9 +297,12 @@ class Scene:
         apart = np.maximum(np.array(one.box_min) - other.box_max, np.array(other.box_min) - one.box_max)[:2]
         return float(np.linalg.norm(np.maximum(apart, 0)))
 
-    def _with(self, found: Sequence[MapObject], beside: Sequence[MapObject]) -> list[MapObject]:
-        holding = {h.id for b in beside for h in self.held_by(b)[:1]}
-        return [o for o in found if o.id in holding] or self._close(found, beside, relations.ASKED_NEXT_M)
+    def _with(self, found: Sequence[MapObject], beside: Sequence[MapObject], number: int) -> list[MapObject]:
+        """Those that hold any of the others, else those beside them; of several, those with the number that is said."""
+        holds = Counter(h.id for b in beside for h in self.held_by(b)[:1])
+        holding = [o for o in found if o.id in holds]
+        told = [o for o in holding if holds[o.id] == number] or [o for o in holding if 0 < number < holds[o.id]]
+        return told or holding or self._close(found, beside, relations.ASKED_NEXT_M)
 
     def _between(
         self, found: Sequence[MapObject], beside: Sequence[MapObject], constraint: SpatialRelation
@@ -294,13 +352,3 @@ def _doorway(door: Door) -> MapObject:
     return MapObject(
         -1, "door", (("door", 1.0),), (x, y, DOOR_M / 2), low, high, 1.0, True, 0, 0, 0.0, 0.0, 0.0, (),
     )  # fmt: skip
-
-
-def _coloured(obj: MapObject, colours: Sequence[str]) -> float:
-    """The share of an object's surface with one of the colours; similar colours count for a third."""
-    near = {other for colour in colours for other in BESIDE.get(colour, ())} - set(colours)
-    return _share(obj, colours) + _share(obj, near) / 3
-
-
-def _share(obj: MapObject, colours: Collection[str]) -> float:
-    return sum(share for name, share in obj.colours if name in colours)

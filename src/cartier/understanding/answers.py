@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
@@ -9,10 +10,11 @@ from typing import Any
 
 from cartier.spatial.describe import colours_of, the, whereabouts
 from cartier.spatial.expressions import ParsedUtterance, ReferringExpression, SpatialRelation
-from cartier.spatial.query import Scene, called
+from cartier.spatial.query import HERE, Scene, called
 from cartier.types import Door, Fact, MapObject, Selection
 from cartier.understanding.reference_words import STANDS_FOR
 
+MOST_TOLD = 5  # objects of which a sentence tells something each
 NUMBERS = {1: "one", 2: "two", 3: "three"}
 PLURALS = (
     ("ss", "sses"), ("s", "s"), ("ch", "ches"), ("sh", "shes"), ("x", "xes"), ("ato", "atoes"), ("fe", "ves"),
@@ -21,57 +23,85 @@ PLURALS = (
 
 COMPARATIVES = {
     "biggest": "bigger", "smallest": "smaller", "nearest": "nearer", "farthest": "farther", "tallest": "taller",
-    "highest": "higher", "lowest": "lower", "shortest": "shorter",
+    "highest": "higher", "lowest": "lower", "shortest": "shorter", "widest": "wider", "longest": "longer",
 }  # fmt: skip
+
+
+OURSELVES = re.compile(r"\b(?:am i|are (?:you|we|u)|(?:i am|i'm|you are|you're|we are|we're))\b")
+"""Who asks where the robot is, with whoever speaks to it."""
 
 
 def answer(asked: ParsedUtterance, scene: Scene, last: MapObject | None, model: str) -> Selection | None:
     """The answer to a question; None if it is about nothing known here. ``last`` is the object mentioned before."""
     head = asked.head
-    if asked.kind == "rooms":
+    if asked.kind == "rooms" and not OURSELVES.search(asked.need):
         rooms = [room.name for room in scene.rooms.values()]
-        return _told(f"I know {_and(rooms) if rooms else 'no rooms'}.", Fact("list", rooms), model)
+        return _told(
+            f"I know {listing([the(name) for name in rooms]) if rooms else 'no rooms'}.", Fact("list", rooms), model
+        )
     if asked.kind == "compare":
         return _compared(asked, scene, model)
+    if asked.kind in ("where", "rooms") and head is None and OURSELVES.search(asked.need):
+        return _here(scene, model)
     if (head is None or head.said in ("are", "is", "")) and last is not None and asked.kind != "list":
         head = ReferringExpression(last.label, frozenset({last.label}), plural=True)
     if head is None:
         return _inventory(scene, model) if asked.kind == "list" else None
     if head.said in STANDS_FOR and head.bare and last is None:
         return None
-    if head.generic and head.bare and last is not None and asked.kind != "list":
+    if head.generic and head.bare and not head.among and last is not None and asked.kind != "list":
         found: list[MapObject] = [last]
     else:
         out = {obj.id for noun in asked.rejected for obj in scene.meant(noun)[0]}
         found, _ = scene.meant(head, out)
-    if not found and asked.kind in ("count", "exists", "where") and (doors := scene.doors(head)):
+    if not found and asked.kind in ("count", "exists", "where", "far") and (doors := scene.doors(head)):
         return _doors(asked, doors, scene, model)
     if asked.kind == "count":
         return _counted(head, found, scene, model)
     if asked.kind == "list" and found and not head.generic and _is_one(head):
         return _about(replace(asked, kind="which"), found, scene, model)
     if asked.kind == "list":
-        return _listed(head, scene, model)
+        return _listed(head, asked.rejected, scene, model)
     if asked.kind == "exists":
         return _exists(head, found, scene, model)
-    if head.rooms is not None:
-        return _room(head.rooms, scene, model)
+    if asked.others and asked.kind == "far" and (gone := _gone(asked.others, scene)) is not None:
+        return _told(f"I have not seen {_unseen(gone, scene)}", Fact("tell", None), model)
+    if head.rooms is not None and asked.kind in ("where", "far"):
+        return _room(asked, head, scene, model)
     if not found:
         return _told(f"I have not seen {_unseen(head, scene)}", Fact("where", None), model)
     return _about(asked, found, scene, model)
 
 
-def _room(rooms: Sequence[int], scene: Scene, model: str) -> Selection | None:
-    """Where a room is: how far its nearest object is."""
-    inside = [obj for obj in scene.objects if obj.room in rooms]
+def _gone(phrases: Sequence[ReferringExpression], scene: Scene) -> ReferringExpression | None:
+    """The first phrase that means nothing here."""
+    return next((phrase for phrase in phrases if phrase.rooms is None and not scene.landmarks(phrase)), None)
+
+
+def _room(asked: ParsedUtterance, head: ReferringExpression, scene: Scene, model: str) -> Selection | None:
+    """Where a room is: how far its nearest object is from here, or from what is said."""
+    inside = [obj for obj in scene.objects if obj.room in (head.rooms or ())]
+    if not head.rooms:
+        return _told(f"I know no {head.said}.", Fact("where", None), model)
     if not inside:
         return None
-    near = min(inside, key=scene.distance_m)
-    name = scene.rooms[near.room or 0].name
-    say = (
-        f"{the(name)[:1].upper()}{the(name)[1:]} begins {scene.distance_m(near):.1f} m from here, by the {near.label}."
-    )
+    other = next(iter(scene.landmarks(asked.others[0])), None) if asked.others else None
+    near = min(inside, key=lambda o: scene.distance_m(o, other))
+    name, far = scene.rooms[near.room or 0].name, scene.distance_m(near, other)
+    begins = f"{the(name)[:1].upper()}{the(name)[1:]} begins {far:.1f} m from"
+    say = f"{begins} {f'the {other.label}' if other else 'here'}, by the {near.label}."
     return _told(say, Fact("where", name), model)
+
+
+def _here(scene: Scene, model: str) -> Selection | None:
+    """Where the robot stands, by the nearest object."""
+    near = min(scene.objects, key=scene.distance_m, default=None)
+    if near is None or not scene.known:
+        return None
+    room = scene.room_of(near)
+    inside = f" in {the(room.name)}," if room is not None else ""
+    say = f"I am{inside} {scene.distance_m(near):.1f} m from the {near.label}."
+    return _told(say, Fact("where", room.name if room is not None else None, (near.id,)), model, near)
 
 
 def _is_one(head: ReferringExpression) -> bool:
@@ -79,10 +109,41 @@ def _is_one(head: ReferringExpression) -> bool:
     return bool(head.most or head.order) or any(r.kind in ("nearest", "farthest") for r in head.relations)
 
 
+def listed_in(asked: ParsedUtterance | None, scene: Scene, last: MapObject | None) -> tuple[int, ...]:
+    """The ids of the objects that the answer to a question told of, in the order of its words."""
+    if asked is None or asked.kind not in ("count", "exists", "where", "list"):
+        return ()
+    told = answer(asked, scene, last, "")
+    return told.fact.objects if told is not None and told.fact is not None else ()
+
+
+def spoken_of(asked: ParsedUtterance | None, scene: Scene, listed: Sequence[int]) -> list[MapObject]:
+    """What "it" is after a list: the one object that lists what is on or by it, else the first that was listed."""
+    ends = (relation.target for relation in asked.head.relations) if asked is not None and asked.head else ()
+    places = [scene.landmarks(end)[:1] for end in ends if end is not None and end.rooms is None]
+    held = [obj for found in places for obj in found if obj.id in scene.by_id]
+    return held[:1] or [scene.by_id[i] for i in listed[:1] if i in scene.by_id]
+
+
+def between(scene: Scene, door: Door) -> str:
+    """The rooms that a passage joins: "the kitchen and the hall"."""
+    return listing([the(scene.rooms[number].name) for number in door.rooms])
+
+
+def passages(scene: Scene, doors: Sequence[Door]) -> str:
+    """The rest of "There …" for passages between rooms."""
+    joined = "; ".join(between(scene, door) for door in doors)
+    return f"{'is one passage' if len(doors) == 1 else f'are {len(doors)} passages'}: between {joined}"
+
+
 def _doors(asked: ParsedUtterance, doors: Sequence[Door], scene: Scene, model: str) -> Selection:
     """What the floor plan tells of passages between rooms, which are no objects."""
-    joined = [_and([the(scene.rooms[number].name) for number in door.rooms]) for door in doors]
-    say = f"There {'is one passage' if len(doors) == 1 else f'are {len(doors)} passages'}: between {'; '.join(joined)}."
+    say = f"There {passages(scene, doors)}."
+    if asked.kind == "far":
+        near = min(doors, key=scene.door_distance_m)
+        far = scene.door_distance_m(near)
+        say = f"The passage between {between(scene, near)} is {far:.1f} m from here."
+        return _told(say, Fact("tell", round(far, 2)), model)
     told = {"count": Fact("count", len(doors)), "exists": Fact("exists", True)}
     return _told(say, told.get(asked.kind, Fact("where", None)), model)
 
@@ -92,6 +153,12 @@ def _about(asked: ParsedUtterance, found: Sequence[MapObject], scene: Scene, mod
     obj = found[0]
     it = next((name for name in obj.names if asked.head and name in asked.head.labels), f"the {obj.label}")
     where = whereabouts(scene, obj) or "where I saw it"
+    if asked.kind == "colour" and len(found) > 1 and asked.head is not None and asked.head.plural:
+        each = (f"the one {whereabouts(scene, o) or 'there'} is {_colours(o)}" for o in found[:MOST_TOLD])
+        say = "; ".join(each)
+        names = colours_of(obj)
+        fact = Fact("tell", names[0] if names else None, tuple(o.id for o in found))
+        return _told(f"{say[:1].upper()}{say[1:]}.", fact, model, obj)
     if asked.kind != "where":
         say, value = _known(asked, obj, it, where, scene)
         return _told(f"{say[:1].upper()}{say[1:]}.", Fact("tell", value, (obj.id,)), model, obj)
@@ -121,9 +188,13 @@ def _known(asked: ParsedUtterance, obj: MapObject, it: str, where: str, scene: S
         return f"I saw {it} last {obj.last_seen_s:.0f} s into the recording, {looked}", obj.last_seen_s
     if asked.kind == "colour":
         names = colours_of(obj)
-        return f"{it} is {' and '.join(names) or 'of no colour that I could tell'}", names[0] if names else None
+        return f"{it} is {_colours(obj)}", names[0] if names else None
     size = [round(high - low, 2) for low, high in zip(obj.box_min, obj.box_max, strict=True)]
     return f"{it} is about {size[0]:.2f} m by {size[1]:.2f} m, and {size[2]:.2f} m high", size
+
+
+def _colours(obj: MapObject) -> str:
+    return " and ".join(colours_of(obj)) or "of no colour that I could tell"
 
 
 def _counted(head: ReferringExpression, found: Sequence[MapObject], scene: Scene, model: str) -> Selection:
@@ -133,8 +204,8 @@ def _counted(head: ReferringExpression, found: Sequence[MapObject], scene: Scene
     if not found:
         say = f"I have not seen {_unseen(replace(head, plural=True), scene)}{unsure}"
     else:
-        what = _and([_many(name, count) for name, count in names.items()])
-        say = f"I have seen {what}{_where(head)}.{unsure}"
+        what = listing([_many(name, count) for name, count in names.items()])
+        say = f"I have seen {what}{where(head)}.{unsure}"
     return _told(
         say, Fact("count", len(found), tuple(o.id for o in found)), model, found[0] if len(names) == 1 else None
     )
@@ -154,28 +225,39 @@ def _exists(head: ReferringExpression, found: Sequence[MapObject], scene: Scene,
     return _told(f"No, I have not seen {_unseen(head, scene)}", Fact("exists", False), model)
 
 
-def _listed(head: ReferringExpression, scene: Scene, model: str) -> Selection | None:
+def _listed(
+    head: ReferringExpression, rejected: Sequence[ReferringExpression], scene: Scene, model: str
+) -> Selection | None:
     """What is on, in, under or near something; or in a room."""
+    out = {obj.id for noun in rejected for obj in scene.meant(noun)[0]}
     if head.rooms is not None:
-        found = [o for o in scene.objects if o.room in head.rooms]
-        where = f"in {the(head.said)}"
+        found = [o for o in scene.objects if o.room in head.rooms and o.id not in out]
+        there = f"in {the(head.said)}"
     elif head.generic and head.bare:
         return _inventory(scene, model)
     else:
-        found, where = scene.meant(head)[0], _where(head).strip() or "here"
+        found, there = scene.meant(head, out)[0], where(head).strip() or "here"
+    if not found and not head.generic and head.rooms is None:
+        return _told(f"I have not seen {_unseen(replace(head, plural=True), scene)}", Fact("list", []), model)
+    if not found and any(r.target is not None and r.target.said in HERE for r in head.relations):
+        near = min(scene.objects, key=scene.distance_m)
+        say = f"Nothing is within reach; the nearest is the {near.label}, {scene.distance_m(near):.1f} m from here."
+        return _told(say, Fact("list", []), model)
     if not found:
-        return _told(f"Nothing that I have seen is {where}.", Fact("list", []), model)
+        return _told(f"Nothing {'else ' if out else ''}that I have seen is {there}.", Fact("list", []), model)
     names = Counter(o.label for o in found)
-    what = _and([_many(name, count) for name, count in names.most_common(12)]) + (
+    order = [name for name, _ in names.most_common()]
+    found = sorted(found, key=lambda o: order.index(o.label))  # "the second of them" is that of these words
+    what = listing([_many(name, count) for name, count in names.most_common(12)]) + (
         " and more" if len(names) > 12 else ""
     )
     ids = tuple(o.id for o in found)
-    return _told(f"I have seen {what} {where}.", Fact("list", sorted(names), ids), model)
+    return _told(f"I have seen {what} {there}.", Fact("list", sorted(names), ids), model)
 
 
 def _inventory(scene: Scene, model: str) -> Selection:
     names = Counter(o.label for o in scene.objects)
-    what = _and([_many(name, count) for name, count in names.most_common(15)])
+    what = listing([_many(name, count) for name, count in names.most_common(15)])
     say = f"I know {len(scene.objects)} objects of {len(names)} kinds: {what}{' and more' if len(names) > 15 else ''}."
     return _told(say, Fact("list", sorted(names), tuple(o.id for o in scene.objects)), model)
 
@@ -184,6 +266,9 @@ def _compared(asked: ParsedUtterance, scene: Scene, model: str) -> Selection | N
     """Which of two or more objects has more of a measure, each object counted once."""
     phrases = [phrase for phrase in (asked.head, *asked.others) if phrase is not None]
     found = [scene.meant(phrase)[0] for phrase in phrases]
+    if len(phrases) == 1 and phrases[0].among:  # "which of them is bigger"
+        found = [[obj] for obj in scene.meant(replace(phrases[0], most="", size=""))[0]]
+        phrases = phrases * len(found)
     gone = [phrase for phrase, objects in zip(phrases, found, strict=True) if not objects]
     if gone:
         return _told(f"I have not seen {_unseen(gone[0], scene)}", Fact("compare", None), model)
@@ -217,20 +302,24 @@ def _unseen(head: ReferringExpression, scene: Scene) -> str:
     """
     elsewhere = next((obj for obj in scene.objects if called(obj, head.labels)), None)
     if elsewhere is None:
-        return f"{_a(head)}{_where(head)}."
+        return f"{_a(head)}{where(head)}."
     described = head.relations or any(colour in head.said for colour in head.colours)
     there = f"There is {one(elsewhere.label)} {whereabouts(scene, elsewhere)}".rstrip()
-    return f"{_a(head)}{_where(head)}{'' if described else ' as you say'}. {there}."
+    return f"{_a(head)}{where(head)}{'' if described else ' as you say'}. {there}."
 
 
-def _where(phrase: ReferringExpression) -> str:
-    """The relations of a phrase in words again."""
+def where(phrase: ReferringExpression) -> str:
+    """The relations of a phrase in words again: " on the table in the kitchen"."""
     return "".join(f" {_preposition(c)}" for c in phrase.relations)
 
 
 def _preposition(constraint: SpatialRelation) -> str:
     if constraint.target is None:
         return constraint.kind
+    if constraint.target.said in HERE:
+        return f"{constraint.kind.removesuffix('next to') or 'near'} here"
+    if constraint.other is not None:
+        return f"{constraint.kind} {the(constraint.target.said)} and {the(constraint.other.said)}"
     return f"{'nearest to' if constraint.kind == 'nearest' else constraint.kind} {the(constraint.target.said)}"
 
 
@@ -255,5 +344,6 @@ def _many(name: str, count: int) -> str:
     return f"{count} {name}s"
 
 
-def _and(parts: Sequence[str]) -> str:
+def listing(parts: Sequence[str]) -> str:
+    """The parts as a sentence lists them: "a cup, a mug and a bowl"."""
     return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} and {parts[-1]}"

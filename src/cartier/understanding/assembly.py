@@ -10,6 +10,7 @@ from cartier.labels import name_key
 from cartier.spatial.expressions import EntityVocabulary, ParsedUtterance, ReferringExpression, SpatialRelation, merged
 from cartier.understanding.comparisons import compared, of_kind
 from cartier.understanding.owners import owned_rooms
+from cartier.understanding.phrase_words import colours_said, in_words, number_before, of_room, usual_place
 from cartier.understanding.reference_words import COLOURS, DEFINITE, GENERIC, MOST, ORDER, PLURAL, SIZES
 from cartier.understanding.tags import ATTRIBUTES, NOUNS, RELATIONS, ROUTE_NOUNS, ROUTE_WORDS, Clause, Span
 from cartier.understanding.text import STOP
@@ -35,6 +36,7 @@ def query(clause: Clause, names: EntityVocabulary) -> ParsedUtterance:
     """The typed query of a clause: the act, the target with its attributes and relations, and what is turned down."""
     clause = owned_rooms(clause, names)
     routes = [span for span in clause.spans if span.role in (*ROUTE_NOUNS, *ROUTE_WORDS)]
+    clause = in_words(clause)
     told = _of_the_goal(_snapped(clause.spans, clause.tokens, names))
     told = told if clause.act in ("compare", "choose") else _targeted(told)
     clause = clause._replace(spans=tuple(_measures(compared(told) if clause.act == "compare" else told)))
@@ -45,9 +47,10 @@ def query(clause: Clause, names: EntityVocabulary) -> ParsedUtterance:
         clause = clause._replace(spans=tuple(kept))
     spans = [span for span in clause.spans if span.role in NOUNS]
     if not any(span.role in ("t", "p") for span in spans) and (
-        clause.act not in ("go", "where") or not spans or _places(clause)
+        clause.act not in ("go", "where", "far") or not spans or _places(clause)
     ):
         spans = [_stand_in(clause), *spans]
+    spans = _where_said(spans, names)
     nouns = [_noun(span, clause, names) for span in spans]
     _attach_attributes(clause.spans, spans, nouns)
     _attach_relations(clause.spans, spans, nouns)
@@ -64,6 +67,15 @@ def query(clause: Clause, names: EntityVocabulary) -> ParsedUtterance:
         clause.act, head, tuple(of_kind(noun, head) for noun in of["b"]), by, _need(clause, routes),
         of["l"][0] if of["l"] else None, tuple(_refused(noun, head) for noun in of["n"]),
     )  # fmt: skip
+
+
+def _where_said(spans: Sequence[Span], names: EntityVocabulary) -> list[Span]:
+    """The nouns, where "there" is a place that was just named: "I put it on the table, go there"."""
+    places = [k for k, span in enumerate(spans) if span.role == "l" and names.objs.get(name_key(" ".join(span.words)))]
+    pronouns = [span for span in spans if span.role in ("t", "p")]
+    if len(places) != 1 or not pronouns or any(span.words != ("there",) for span in pronouns):
+        return list(spans)
+    return [s._replace(role="t") if k == places[0] else s for k, s in enumerate(spans) if s not in pronouns]
 
 
 def routed(clause: Clause, names: EntityVocabulary) -> list[tuple[Span, ReferringExpression]]:
@@ -148,7 +160,11 @@ def _snapped(spans: Sequence[Span], tokens: Sequence[str], names: EntityVocabula
                 for end in range(min(start + LONGEST_NAME, len(tokens)), span.end - 1, -1)
                 if not any(start < other.end and other.start < end for other in others)
             )
-            known = [(end - start, start, end) for start, end in around if _is_known(tokens[start:end], names)]
+            known = [
+                (end - start, start, end)
+                for start, end in around
+                if _is_known(tokens[start:end], names) and (end == span.end or tokens[end - 1] != "one")
+            ]  # "the bedroom one" is no room
             _, start, end = max(known, default=(0, span.start, span.end))
             if found and start < found[-1].end:
                 start, end = span.start, span.end
@@ -213,21 +229,26 @@ def _noun(span: Span, clause: Clause, names: EntityVocabulary) -> ReferringExpre
         name_key(span.words[-1]) != span.words[-1] and span.words[-1].endswith("s"),
     )
     before = clause.tokens[max(span.start - 3, 0) : span.start]
-    base = ReferringExpression(said, plural=plural, definite=not DEFINITE.isdisjoint(before))
+    number = number_before(span, clause.tokens) if plural else 0
+    base = ReferringExpression(said, plural=plural, definite=not DEFINITE.isdisjoint(before), number=number)
     if span.role == "p" or span.start == NOWHERE or (span.words[-1] in GENERIC and name_key(said) not in names.objs):
         return replace(base, generic=True, plural=span.words[-1] in PLURAL)
     owner = next((s.words for s in clause.spans if s.role == "w" and s.end <= span.start), ())
     keys = [name_key(" ".join((*owner, *span.words)))] if owner else []
     ends = 1 if "'" in span.words else len(span.words)  # "Ben's bedroom" is not just any bedroom
     keys += [name_key(" ".join(span.words[k:])) for k in range(ends)]
-    if span.role in ("r", "l", "m"):
+    keys += [name_key(" ".join(span.words[:-1]))] if span.words[1:] and span.words[-1] == "side" else []
+    if span.role in ("r", "l", "m") or (clause.act == "far" and names.rooms.get(keys[-1])):
         rooms = next((names.rooms[key] for key in keys if key in names.rooms), None)
         if rooms is not None or span.role == "r":
             return replace(base, rooms=rooms or ())
     labels = next((names.objs[key] for key in keys if names.objs.get(key)), frozenset())
     if not labels and span.role == "t" and (key := next((key for key in keys if key in names.rooms), "")):
         return replace(base, rooms=names.rooms[key])
-    return replace(base, labels=labels, similar=names.like(keys[-1]) - labels)
+    if not labels and keys[-1] == "room":  # "the room with the bed"
+        return replace(base, rooms=())
+    usually = usual_place(keys, labels, names)
+    return replace(base, labels=labels, similar=names.like(keys[-1]) - labels, usually=usually)
 
 
 def _attach_attributes(every: Sequence[Span], spans: Sequence[Span], nouns: list[ReferringExpression]) -> None:
@@ -235,7 +256,7 @@ def _attach_attributes(every: Sequence[Span], spans: Sequence[Span], nouns: list
     for span in every:
         if span.role not in ATTRIBUTES:
             continue
-        able = [k for k, other in enumerate(spans) if other.role != "r"]
+        able = [k for k, other in enumerate(spans) if other.role != "r" or of_room(span, k, spans)]
         after = [(spans[k].start - span.end, k) for k in able if spans[k].start >= span.end]
         before = [(span.start - spans[k].end + 1, k) for k in able if spans[k].end <= span.start]
         nearest = min((after[:1] + before[-1:]), default=None)
@@ -245,8 +266,8 @@ def _attach_attributes(every: Sequence[Span], spans: Sequence[Span], nouns: list
 
 def _with(noun: ReferringExpression, span: Span) -> ReferringExpression:
     if span.role == "c":
-        colours = tuple(c for word in span.words for c in COLOURS.get(word, ()))
-        return replace(noun, colours=tuple(dict.fromkeys((*noun.colours, *colours))))
+        colours, also = colours_said(span.words)
+        return replace(noun, colours=tuple(dict.fromkeys((*noun.colours, *colours))), also=noun.also or also)
     if span.role == "s":
         measure = _measure(span.words)
         best = any(word in MOST or word.endswith("est") for word in span.words) or measure.endswith("most")
@@ -286,6 +307,10 @@ def _attach_relations(every: Sequence[Span], spans: Sequence[Span], nouns: list[
             between = k
             continue
         unrelated = kind == "" and span.role == "l" and not (nouns[k].labels or nouns[k].rooms or nouns[k].generic)
+        unknown = not (nouns[k].labels or nouns[k].rooms is not None or nouns[k].generic)
+        if owner is not None and kind == "with" and unknown and nouns[k].colours:  # "the book with the white cover"
+            nouns[owner] = replace(nouns[owner], colours=nouns[owner].colours or nouns[k].colours)
+            continue
         if owner is None or owner == k or unrelated:  # "the nearest chair, put my bag there"
             continue
         negated = kind.startswith("!")

@@ -18,6 +18,7 @@ def compared(spans: Sequence[Span]) -> tuple[Span, ...]:
     both = [span for span in spans if span.role in BOTH]
     if len(both) == 3 and both[0].role == "b":  # "farther from the bed, the desk or the sofa"
         spans = [span._replace(role="l") if span is both[0] else span for span in spans]
+    spans = _to_what(spans)
     named = [span for span in spans if span.role in BOTH and span.words[-1] not in GENERIC]
     if len(named) == 1 and sum(span.role == "r" for span in spans) == 2:
         return _in_two_rooms(spans, named[0])
@@ -28,6 +29,21 @@ def compared(spans: Sequence[Span]) -> tuple[Span, ...]:
         for span in spans
         if span.role != "t" or span in named or span is first
     )
+
+
+def _to_what(spans: Sequence[Span]) -> list[Span]:
+    """The spans with a target, and of three objects the one that "closer to" names as what both are compared to."""
+    both = [span for span in spans if span.role in BOTH]
+    near = next((k for k, span in enumerate(spans) if span.role in ("nearest", "farthest")), None)
+    to = next((span for span in spans[near + 1 :] if span in both), None) if near is not None else None
+    if len(both) < 3 or any(span.role == "l" for span in spans):
+        to = None
+    left = [span for span in both if span is not to]
+    said = any(span.role in ("t", "p") for span in spans if span is not to)
+    head = None if said or not left else left[0]
+    return [
+        span._replace(role="l") if span is to else span._replace(role="t") if span is head else span for span in spans
+    ]
 
 
 def of_kind(noun: ReferringExpression, head: ReferringExpression | None) -> ReferringExpression:

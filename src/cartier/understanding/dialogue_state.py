@@ -8,10 +8,13 @@ from dataclasses import dataclass, replace
 
 from cartier.labels import name_key, plain, singular, words
 from cartier.spatial.expressions import ParsedUtterance, ReferringExpression, SpatialRelation, merged
+from cartier.spatial.query import HERE
 from cartier.types import MapObject
 from cartier.understanding.cards import bare
 from cartier.understanding.owners import unknown_owner, with_owner
-from cartier.understanding.tags import NOTHING_ASKED, Clause
+from cartier.understanding.phrase_words import LISTED
+from cartier.understanding.reference_words import STANDS_FOR
+from cartier.understanding.tags import NOTHING_ASKED, NOUNS, Clause
 
 LONGEST_NAME = 5
 SERVED = re.compile(r"#(\d+)")
@@ -20,11 +23,19 @@ ASKING = frozenset(words("what which who whose where when how why is are was do 
 LEAST_ASKING = 0.35  # probability of a request from which words that seem to ask for nothing are one
 
 
+RETURNS = ("go", "correct", "another", "choose")
+"""Acts of words that go back to what was served."""
+SEEKING = ("count", "exists", "where", "list")
+GOES_ON = re.compile(r"(?:so )?(?:and|(?:and )?(?:what|how) about) (?:in|on|at|under|near|by|next|beside|the|my|our)\b")
+MOST_SHOWING = 4  # words of a drive to what was spoken of: "show me then"
+
+
 @dataclass(frozen=True)
 class DialogueState:
     """The latest query about objects, what the robot named last, all that it was sent to, and what it offered just now
     or, in ``rest``, before and was not taken. ``choices`` are the objects that it asked about just now, each with the
-    words that tell it apart; ``questioned``: whether its last turn was a question."""
+    words that tell it apart; ``questioned``: whether its last turn was a question. ``listed`` are the objects of its
+    last answer in their order; ``pointed``: whether it named one of them by its number."""
 
     before: ParsedUtterance | None = None
     last: MapObject | None = None
@@ -33,6 +44,8 @@ class DialogueState:
     rest: tuple[str, ...] = ()
     choices: tuple[tuple[str, int], ...] = ()
     questioned: bool = False
+    listed: tuple[int, ...] = ()
+    pointed: bool = False
 
     def then(
         self, asked: ParsedUtterance | None, served: Sequence[MapObject], offered: Sequence[str] = ()
@@ -56,6 +69,10 @@ def in_context(clause: Clause, state: DialogueState) -> Clause:
         return clause._replace(act="go")
     if clause.act == "deny" and not state.questioned and state.last is not None:
         return clause._replace(act="another")
+    nouns = [span.words[-1] for span in clause.spans if span.role in NOUNS]
+    alone = len(nouns) == 1 and nouns[0] in STANDS_FOR
+    if clause.act == "compare" and alone and second in RETURNS and state.last is not None:
+        return clause._replace(act="another")  # "and the smaller one?"
     if clause.act == "alarm":
         return clause._replace(act=second)
     if clause.act in ("which", "where") and second == "go" and likely >= LEAST_DRIVING:
@@ -71,6 +88,12 @@ def resolve(asked: ParsedUtterance, state: DialogueState) -> ParsedUtterance:
     head, before = asked.head, state.before.head if state.before is not None else None
     if state.before is not None and unknown_owner(state.before) and (rooms := _rooms(head)):
         return with_owner(state.before, rooms)  # "which room is Ben's?" "the bedroom"
+    if (of_list := _of_list(asked, state)) is not None:
+        return of_list
+    if (asked.kind, head) == ("go", None) and state.last is not None and len(asked.need.split()) <= MOST_SHOWING:
+        return replace(asked, head=same(state.last))  # "show me"
+    if before is not None and before.labels and (goes_on := _goes_on(asked, state)) is not None:
+        return goes_on
     if asked.kind == "another":
         named = head is not None and bool(head.labels)
         if not named and (before is None or not before.labels):
@@ -87,8 +110,42 @@ def resolve(asked: ParsedUtterance, state: DialogueState) -> ParsedUtterance:
         head = _landmarks(head, state.last)
         means = head.said or head.most or head.size or head.order or head.colours
         if head.generic and means and state.last is not None and asked.kind != "need":
-            head = _stood_for(head, before, state.last)
+            if before is not None and before.labels and head.said in LISTED and asked.kind == "count":
+                head = again(before, head)  # "how many of them"
+            else:
+                head = _stood_for(head, before, state.last)
     return replace(asked, head=head)
+
+
+def _of_list(asked: ParsedUtterance, state: DialogueState) -> ParsedUtterance | None:
+    """The query about what the robot listed just now: "the second of them", "how many of them are red", "bring me
+    that"; None where the words name something themselves."""
+    head = asked.head
+    if head is None or not state.listed or not head.generic or head.other or asked.kind == "need":
+        return None
+    several = len(state.listed) > 1
+    described = head.order or head.most or head.size or head.colours or head.relations
+    if head.said in ("it", "that", "this") and head.bare:
+        if state.pointed:
+            return None
+    elif not several or not (head.said in LISTED or (head.said in ("one", "ones") and described)):
+        return None
+    kind = "go" if asked.kind in ("another", "choose", "correct") else asked.kind
+    return replace(asked, kind=kind, head=replace(_landmarks(head, state.last), among=state.listed))
+
+
+def _goes_on(asked: ParsedUtterance, state: DialogueState) -> ParsedUtterance | None:
+    """The question before, asked of another place: "and in the kitchen?"; None for any other words."""
+    head, before = asked.head, state.before
+    if head is None or before is None or before.head is None or not GOES_ON.match(asked.need):
+        return None
+    if asked.kind not in SEEKING or before.kind not in SEEKING:
+        return None
+    if head.rooms is not None:
+        head = ReferringExpression("", generic=True, relations=(SpatialRelation("in", head),))
+    if not head.generic or head.said or not head.relations:
+        return None
+    return replace(before, head=again(before.head, _landmarks(head, state.last)), need=asked.need)
 
 
 def _rooms(head: ReferringExpression | None) -> tuple[int, ...]:
@@ -144,7 +201,10 @@ def _landmarks(head: ReferringExpression, last: MapObject | None) -> ReferringEx
         return head
     told = (
         replace(relation, target=same(last))
-        if relation.target is not None and relation.target.generic and relation.target.bare
+        if relation.target is not None
+        and relation.target.generic
+        and relation.target.bare
+        and relation.target.said not in HERE
         else relation
         for relation in head.relations
     )

@@ -16,9 +16,10 @@ ROOMS = {
         "lounge", "sitting room", "sittingroom", "telly room", "tv room", "day room", "living area", "parlour",
         "parlor", "front room",
     ),
-    "bathroom": ("restroom", "washroom", "bath room", "shower room", "wet room"),
-    "hall": ("hallway", "corridor", "entrance", "passage"), "study": ("office", "home office", "workroom"),
-    "bedroom": ("bed room", "sleeping room", "bedchamber", "boudoir"),
+    "bathroom": ("restroom", "washroom", "bath room", "shower room", "wet room", "toilet room", "wc", "en suite"),
+    "hall": ("hallway", "corridor", "entrance", "passage", "entrance hall", "entryway", "foyer", "vestibule", "lobby"),
+    "study": ("office", "home office", "workroom", "den"),
+    "bedroom": ("bed room", "sleeping room", "bedchamber", "boudoir", "guest room", "spare room"),
     "kitchen": ("kitchenette", "cooking area", "kitchen area", "galley"), "dining room": ("dining area",),
 }  # fmt: skip
 SORTS = {
@@ -47,6 +48,7 @@ SORTS = {
     }.items()
 }  # fmt: skip
 """General words, and the names of what they mean."""
+NUMBERED = {"1": ("one", "first"), "2": ("two", "second"), "3": ("three", "third"), "4": ("four", "fourth")}
 NO_ENDS = frozenset(words("top head bar stand can holder hanger machine paper control bag board"))
 
 
@@ -105,5 +107,9 @@ def _lexicon(deck: Deck, names: tuple[str, ...], rooms: tuple[tuple[int, str, st
         of_kind = tuple(number for number, _, room_kind in rooms if room_kind == kind)
         called |= dict.fromkeys(map(name_key, (kind, *more)), of_kind)
     called |= {name_key(name): (number,) for number, name, kind in rooms if name != kind}
+    for number, name, _ in rooms:  # "bedroom one", "the first bedroom"
+        kind, _, digit = name.rpartition(" ")
+        for word in NUMBERED.get(digit, ()) if kind else ():
+            called |= dict.fromkeys((name_key(f"{kind} {word}"), name_key(f"{word} {kind}")), (number,))
     objs = _Things(deck, names, called)
     return EntityVocabulary(objs, called, objs.like)

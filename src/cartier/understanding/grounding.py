@@ -5,19 +5,19 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
+from cartier.labels import name_key
 from cartier.spatial.describe import tell_apart, the, whereabouts
 from cartier.spatial.expressions import EntityVocabulary, ParsedUtterance, ReferringExpression
-from cartier.spatial.query import Scene, called
+from cartier.spatial.query import Scene, called, is_door
 from cartier.types import MapObject, Selection
-from cartier.understanding.answers import answer, one
+from cartier.understanding.answers import answer, between, listing, one, passages, where
 from cartier.understanding.dialogue_state import DialogueState
-from cartier.understanding.owners import owner_question, unknown_owner
+from cartier.understanding.owners import MOST_ASKED, owner_question, unknown_owner, which_is
 from cartier.understanding.reference_words import HURRY, NEEDY
 from cartier.understanding.tentative import maybe_there, offer
 
 MODEL = "embedded (knowledge cards, MiniLM, learned scorer)"
 SURE = 0.85  # least probability of an object that is preferred where any of several will do
-MOST_ASKED = 4  # objects that a question offers for choice
 SAID: Mapping[str, str] = {
     "stop": "All right.", "come": "I do not know where you are: name a room or a thing beside you.",
     "back": "I do not know where back is: name a room or a thing.",
@@ -66,17 +66,33 @@ class ReferenceGrounder:
             return self._need(head, asked, serve) if head.relations else None
         if head.generic and (head.most or head.size or head.colours) and head.said not in NEEDY:
             return self._found(head)
+        if head.among:
+            return self._found(head)
         if head.generic:
             return None if head.bare else self._need(head, asked, serve)
         told = not head.bare or any(noun.colours and noun.labels & head.labels for noun in asked.rejected)
-        if head.obj is not None or (head.labels and (told or not self._common(head))):
+        if head.obj is not None or (head.labels and (told or head.usually is not None or not self._common(head))):
             return self._found(head)
+        if not head.labels and (self.scene.doors(head) or is_door(head)):
+            return self._door(head)
         placed = any(c.kind != "from" for c in head.relations)
         return self.placed(head, serve(head.said, ())) if placed else None  # it may be listed by another name
 
     def _common(self, head: ReferringExpression) -> bool:
         """Whether a name is that of a kind, not one that people gave to a particular object."""
         return not any(head.labels & set(obj.names) for obj in self.scene.objects)
+
+    def whose(self, name: str) -> Selection | None:
+        """A question for the object that is called "Ben's chair", where there are several and none has that name."""
+        head = self.asked.head
+        found = self.scene.meant(head)[0][:MOST_ASKED] if head is not None else []
+        label = found[0].label if found else ""
+        if len(found) < 2 or any(obj.label != label or name_key(name) in map(name_key, obj.names) for obj in found):
+            return None
+        if not all(apart := tell_apart(self.scene, found)):
+            return None
+        question = which_is(name, label, apart)
+        return Selection("clarify", reason=f"nothing is called {name}", question=question, text=question, model=MODEL)
 
     def refined(self, chosen: Selection) -> Selection:
         """The object of the chosen name that the words describe, else the nearest of that name."""
@@ -145,6 +161,9 @@ class ReferenceGrounder:
         out = {obj.id for noun in self.asked.rejected for obj in self.scene.meant(noun)[0]}
         without = out.union(self.state.served if head.other else ())
         found, _ = self.scene.meant(head, without)
+        if not found and head.other:  # all were served before: the other one is not the last of them
+            without = out.union(self.state.served[-1:])
+            found, _ = self.scene.meant(head, without)
         if not found and head.other and head.relations:  # "the other one" may stand elsewhere
             found, _ = self.scene.meant(replace(head, relations=()), without)
         if not found and head.other and head.recalled:  # after "the red one", it may be blue
@@ -156,7 +175,7 @@ class ReferenceGrounder:
             return maybe_there(maybe, MODEL) if self._wanted else offer(maybe, self.scene, MODEL)
         if not found:
             return self._none(head)
-        if len(found) > 1 and not (head.other or HURRY.search(self.said) or head.plural):
+        if len(found) > 1 and not (head.other or HURRY.search(self.said) or head.plural or head.usually is not None):
             return self._which(found)
         obj, where = found[0], whereabouts(self.scene, found[0])
         name = next((name for name in obj.names if name in head.labels), obj.label)
@@ -169,10 +188,11 @@ class ReferenceGrounder:
     def _which(self, found: Sequence[MapObject]) -> Selection:
         """A question that separates the candidates; where nothing does, the nearest, with the others listed."""
         few = list(found[:MOST_ASKED])
-        apart = tell_apart(self.scene, few)
+        labels = [obj.label for obj in few]
+        apart = [the(label) for label in labels] if len(set(labels)) == len(few) else tell_apart(self.scene, few)
         if all(apart):
             ones = [words if words.startswith("the ") else f"the one {words}" for words in apart]
-            question = f"Which {few[0].label}: {_or(ones)}?"
+            question = f"Which {labels[0] if len(set(labels)) == 1 else 'of them'}: {_or(ones)}?"
             return Selection(
                 "clarify", reason=f"{len(found)} fit what was said", question=question, text=question, model=MODEL
             )
@@ -197,12 +217,36 @@ class ReferenceGrounder:
             say = f"I have not seen any {head.said if not head.generic else 'such object'}."
         return Selection("not_found", reason=say, text=say, model=MODEL)
 
+    def _door(self, head: ReferringExpression) -> Selection:
+        """A drive to the nearest passage between rooms that is meant."""
+        doors = self.scene.doors(head)
+        if not doors:
+            every = self.scene.doors(replace(head, said="door", relations=()))
+            there = f"; there {passages(self.scene, every)}" if every else ""
+            say = f"I know no {head.said}{where(head)} here{there}."
+            return Selection("not_found", reason=say, text=say, model=MODEL)
+        door = (max if head.most == "farthest" else min)(doors, key=self.scene.door_distance_m)
+        say = f"The passage between {between(self.scene, door)}."
+        if len(doors) > 1 and not head.most:
+            say = f"There are {len(doors)}; this is the nearest, between {between(self.scene, door)}."
+        return Selection(
+            "found",
+            "door",
+            reason="the passage was asked for",
+            text=say,
+            door=self.scene.every_door.index(door),
+            model=MODEL,
+        )
+
     def _room(self, head: ReferringExpression) -> Selection:
         """A drive to a room."""
         rooms = [self.scene.rooms[i] for i in head.rooms or ()]
         if not rooms:
-            known = _or([the(room.name) for room in self.scene.rooms.values()]) or "no room that I know"
-            say = f"I know no {head.said} here; there is {known}."
+            if len(head.said.split()) == 1 and head.said in ("room", "one", "place"):
+                say = "I know no such room here."
+                return Selection("not_found", reason=say, text=say, model=MODEL)
+            known = [the(room.name) for room in self.scene.rooms.values()]
+            say = f"I know no {head.said} here{f', only {listing(known)}' if known else ''}."
             return Selection("not_found", reason=say, text=say, model=MODEL)
         inside = {room.id: [o for o in self.scene.objects if o.room == room.id] for room in rooms}
         room = min(rooms, key=lambda room: min(map(self.scene.distance_m, inside[room.id]), default=1e9))

@@ -10,16 +10,26 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from cartier.labels import name_key, plain
-from cartier.spatial.expressions import EntityVocabulary, ParsedUtterance, ReferringExpression
+from cartier.spatial.describe import tell_apart
+from cartier.spatial.expressions import EntityVocabulary, ParsedUtterance, ReferringExpression, rephrased
+from cartier.spatial.query import Scene
 from cartier.types import Inventory
+from cartier.understanding.choices import chosen
 from cartier.understanding.entity_vocabulary import ROOMS
+from cartier.understanding.offers import MOST_WORDS
 from cartier.understanding.tags import Clause, Span
+from cartier.understanding.utterance import TOKEN
 
 ROOM_WORDS = frozenset(["room", "office", *(name.split()[-1] for name in ROOMS)])
 NO_PERSONS = frozenset(
     ["it", "that", "what", "there", "let", "who", "where", "here", "he", "she", "how", "when", "this", "today", "one"]
 )
+NO_NAMES = frozenset(["my", "our", "your", "his", "her", "their", "the", "a", "an", "this", "that", "some", "no"])
+"""Words before what is no name of a person: "my son's bed", "the neighbour's chair"."""
 MOST_NAMED = 6  # rooms in a question
+MOST_ASKED = 4
+"""Objects that a question offers for choice."""
+OBJECT_QUESTION = re.compile(r"Which (?P<label>[^:?]+) is (?P<name>[^\W\d_][\w-]*'s [a-z ]+): [^?]+\?")
 QUESTION = re.compile(r"Which room is (?P<name>[^\W\d_][\w-]*'s [a-z ]+)(?::[^?]*)?\?")
 
 
@@ -36,6 +46,16 @@ def owned_rooms(clause: Clause, names: EntityVocabulary) -> Clause:
             others = [span for span in spans if span.end <= start or span.start >= end]
             spans = tuple(sorted([*others, Span("r", tokens[start:end], start, end)], key=lambda span: span.start))
     return clause._replace(spans=spans)
+
+
+def owner_of(clause: Clause, head: ReferringExpression | None) -> str:
+    """The person of "Ben's chair", with the name that the chair may get: "ben's chair"; "" where no name is said."""
+    target = next((span for span in clause.spans if span.role == "t"), None)
+    if head is None or not head.bare or not head.labels or target is None or target.start < 3:
+        return ""
+    before, (person, mark, s) = clause.tokens[: target.start - 3], clause.tokens[target.start - 3 : target.start]
+    named = mark == "'" and s == "s" and person.isalpha() and person not in NO_PERSONS | NO_NAMES
+    return f"{person}'s {head.said}" if named and NO_NAMES.isdisjoint(before[-1:]) else ""
 
 
 def _is_room(said: Sequence[str], names: EntityVocabulary) -> bool:
@@ -59,19 +79,36 @@ def with_owner(asked: ParsedUtterance, rooms: tuple[int, ...]) -> ParsedUtteranc
     """The query with its unknown person's room replaced by rooms."""
     said = unknown_owner(asked)
 
-    def put(phrase: ReferringExpression) -> ReferringExpression:
-        told = tuple(replace(r, target=put(r.target) if r.target is not None else None) for r in phrase.relations)
-        return replace(phrase, relations=told, rooms=rooms if phrase.said == said else phrase.rooms)
-
-    head, to = (put(phrase) if phrase is not None else None for phrase in (asked.head, asked.to))
-    return replace(asked, head=head, others=tuple(put(phrase) for phrase in asked.others), to=to)
+    return rephrased(asked, lambda phrase: replace(phrase, rooms=rooms if phrase.said == said else phrase.rooms))
 
 
-def owner_told(words: str, robot: str, inventory: Inventory) -> tuple[int, str] | None:
-    """The room and its new name in a reply to the robot's question whose room is which: a room's name, no more."""
+def which_is(name: str, label: str, apart: Sequence[str]) -> str:
+    """What the robot asks when it first hears of a person's object, by what tells the objects of that label apart."""
+    ones = _ones(apart)
+    return f"Which {label} is {name[:1].upper()}{name[1:]}: {', '.join(ones[:-1])} or {ones[-1]}?"
+
+
+def _ones(apart: Sequence[str]) -> list[str]:
+    return [words if words.startswith("the ") else f"the one {words}" for words in apart]
+
+
+def owner_told(words: str, robot: str, inventory: Inventory) -> tuple[str, str] | None:
+    """The room or object, as corrections name it, and its new name in a reply to the robot's question whose it is: a
+    room's name, or words that pick one object; no more than that."""
     asked = QUESTION.fullmatch(robot.strip())
     if asked is None:
-        return None
+        return _object_told(words, robot, inventory)
     said = name_key(re.sub(r"^(?:(?:it is|it's|that is|that's|it) )?(?:the )?", "", plain(words).strip(" .!")))
     told = [room.id for room in inventory.rooms if name_key(room.name) == said]
-    return (told[0], asked["name"]) if len(told) == 1 else None
+    return (f"room:{told[0]}", asked["name"]) if len(told) == 1 else None
+
+
+def _object_told(words: str, robot: str, inventory: Inventory) -> tuple[str, str] | None:
+    asked = OBJECT_QUESTION.fullmatch(robot.strip())
+    if asked is None:
+        return None
+    scene, said = Scene(inventory), tuple(TOKEN.findall(plain(words)))
+    few = sorted((o for o in scene.objects if o.label == asked["label"]), key=scene.distance_m)[:MOST_ASKED]
+    choices = [(apart, obj.id) for apart, obj in zip(_ones(tell_apart(scene, few)), few, strict=True)]
+    picked = chosen(Clause("choose", 1.0, (), said), choices) if len(said) <= MOST_WORDS else None
+    return (str(picked), asked["name"]) if picked is not None else None

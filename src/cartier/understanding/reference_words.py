@@ -18,20 +18,24 @@ COLOURS = {
     "pink": ("pink",), "purple": ("purple",), "violet": ("purple",), "beige": ("brown", "white", "yellow"),
     "cream": ("white", "yellow"), "navy": ("blue",), "turquoise": ("blue", "green"), "golden": ("yellow", "orange"),
     "silver": ("grey", "white"), "wooden": ("brown", "orange"), "maroon": ("red", "brown"),
+    "rust": ("red", "orange", "brown"), "rusty": ("red", "orange", "brown"), "gold": ("yellow", "orange"),
+    "chrome": ("grey", "white"), "steel": ("grey",), "tan": ("brown", "orange"), "teal": ("blue", "green"),
+    "lilac": ("purple", "pink"), "crimson": ("red",), "scarlet": ("red",), "burgundy": ("red", "brown"),
+    "ivory": ("white", "yellow"), "charcoal": ("grey", "black"), "olive": ("green",), "mint": ("green",),
 }  # fmt: skip
 SIZES = {
     "big": "biggest", "large": "biggest", "huge": "biggest", "small": "smallest", "little": "smallest",
-    "tiny": "smallest", "tall": "tallest", "high": "highest", "low": "lowest", "short": "shortest", "long": "biggest",
+    "tiny": "smallest", "tall": "tallest", "high": "highest", "low": "lowest", "short": "shortest", "long": "longest",
     "bigger": "biggest", "larger": "biggest", "smaller": "smallest", "taller": "tallest", "higher": "highest",
     "lower": "lowest", "nearer": "nearest", "closer": "nearest", "farther": "farthest", "further": "farthest",
-    "shorter": "shortest", "longer": "biggest", "wider": "biggest", "broader": "biggest", "wide": "biggest",
+    "shorter": "shortest", "longer": "longest", "wider": "widest", "broader": "widest", "wide": "widest",
     "thicker": "biggest", "deeper": "biggest", "giant": "biggest", "enormous": "biggest", "massive": "biggest",
     "wee": "smallest", "teeny": "smallest", "mini": "smallest", "slim": "smallest", "thin": "smallest",
     "near": "nearest", "close": "nearest", "far": "farthest", "upper": "highest", "top": "highest", "bottom": "lowest",
     "left": "leftmost", "right": "rightmost",
 }  # fmt: skip
 MOST = {
-    "biggest": "biggest", "largest": "biggest", "longest": "biggest", "widest": "biggest", "smallest": "smallest",
+    "biggest": "biggest", "largest": "biggest", "longest": "longest", "widest": "widest", "smallest": "smallest",
     "tiniest": "smallest", "littlest": "smallest", "tallest": "tallest", "highest": "highest", "lowest": "lowest",
     "shortest": "shortest", "nearest": "nearest", "closest": "nearest", "farthest": "farthest", "furthest": "farthest",
     "leftmost": "leftmost", "rightmost": "rightmost",

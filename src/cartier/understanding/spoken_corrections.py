@@ -53,7 +53,7 @@ def spoken_correction(
         return SpokenCorrection("name", f"room:{here}", whose["name"].replace("’", "'"))
     said, robot = " ".join(words(plain(text))), dialogue[-1][1] if dialogue else ""
     if (told := owner_told(text, robot, inventory)) is not None:
-        return SpokenCorrection("name", f"room:{told[0]}", told[1], drive=True)
+        return SpokenCorrection("name", *told, drive=True)
     if UNDO.fullmatch(said) and _left_to_undo(dialogue):
         return SpokenCorrection("undo")
     obj = _spoken_of(robot, inventory.objects)
