@@ -178,17 +178,13 @@ class Scene:
         return self.meant(phrase)[0] or [_doorway(door) for door in self.doors(phrase)] or self._perhaps_there(phrase)
 
     def doors(self, phrase: ReferringExpression, shut: bool = False) -> list[Door]:
-        """The passages between rooms that a phrase may mean: "the kitchen door" is any of the kitchen's. ``shut``: of
-        those that are shut by now."""
+        """The passages that a phrase may mean: "the kitchen door" is any of the kitchen's. ``shut``: by now."""
         if name_key(phrase.said) not in DOORS:
             return []
         ends = (end for relation in phrase.relations for end in (relation.target, relation.other))
         told = [set(end.rooms) for end in ends if end is not None and end.rooms]
-        return [
-            door
-            for door in (self._shut_doors if shut else self.every_door)
-            if all(rooms & set(door.rooms) for rooms in told)
-        ]
+        asked = self._shut_doors if shut else self.every_door
+        return [door for door in asked if all(rooms & set(door.rooms) for rooms in told)]
 
     def door_distance_m(self, door: Door) -> float:
         """The distance from the robot to the middle of a door."""
