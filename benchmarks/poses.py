@@ -11,10 +11,12 @@ from __future__ import annotations
 
 import json
 import statistics
+import tempfile
 import time
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -26,11 +28,14 @@ from cartier import Live, plugins
 from cartier.contracts import Detector
 from cartier.errors import InputError
 from cartier.home import Home
+from cartier.io.spool import Keyframe, Place, Spool, SpoolWriter
 from cartier.mapping.alignment import align
 from cartier.mapping.pose_graph import PoseGraph
 from cartier.mapping.registration import about_z
+from cartier.mapping.repose import KeptFrame, frame_key
 from cartier.mapping.reposed import Reposed
 from cartier.streams import Event, PoseUpdate, Stamped
+from cartier.types import Detections, Frame
 from cartier.worlds.dollhouse import Dollhouse
 from cartier.worlds.dollhouse.recording import DollhouseRecording
 from cartier.worlds.dollhouse.sensor import Sensor
@@ -263,17 +268,51 @@ def loop(world: Dollhouse, number: int, frames: int, drift_m: float) -> dict[str
     }  # fmt: skip
 
 
+def replay(count: int) -> dict[str, Any]:
+    """How long it takes to map the keyframes of a spool again: one walk, round and round, at 640x480."""
+    world: Dollhouse = plugins.make("worlds", "dollhouse", width=640, height=480)
+    recording, true = walk(world, FIRST_LOOP, 0, 160, 0.5)
+    detector = plugins.make("detectors", "ground_truth", truth=recording.truth, source="dollhouse")
+    frames = [recording[number] for number in range(len(recording))]
+    seen = [detector.detect(frame) for frame in frames]
+    mapper = cartier.Mapper(detector)
+    with tempfile.TemporaryDirectory() as folder:
+        path, kept = Path(folder) / "walk.spool", []
+        writer = SpoolWriter(path, {"name": "walk"})
+        for number in range(count):
+            frame = replace(frames[number % len(frames)], index=number, time_s=number / 2)
+            found = replace(seen[number % len(frames)], frame=number)
+            kept.append((writer.keyframe(Keyframe(frame, number, found, None)), frame_key(frame)))
+        writer.close()
+        spool = Spool(path)
+
+        def read(place: Place, number: int) -> tuple[Frame, Detections]:
+            keyframe = spool.keyframe(place, number)
+            return keyframe.frame, keyframe.detections
+
+        again = [
+            KeptFrame(number, frames[number % len(frames)].world_from_camera, key, partial(read, place, number))
+            for number, (place, key) in enumerate(kept)
+        ]
+        poses = {number: true[number % len(frames)] for number in range(count)}
+        begin = time.monotonic()
+        mapper.repose(poses, again)
+        took_s = time.monotonic() - begin
+    return {"keyframes": count, "mapped again in s": took_s}
+
+
 def main() -> None:
     options = Parser(__doc__)
     options.add_argument("--walks", type=int, default=8, help="walks for each size of drift")
     options.add_argument("--homes", type=int, default=8, help="homes that are mapped twice and aligned")
     options.add_argument("--loops", type=int, default=1, help="live sessions whose poses are corrected")
+    options.add_argument("--keyframes", type=int, default=1000, help="keyframes that are mapped again")
     options.add_argument("--frames", type=int, default=160, help="the longest walk")
-    options.add_argument("--part", action="append", choices=["loop", "drift", "align"], help="only this part")
+    options.add_argument("--part", action="append", choices=["loop", "drift", "align", "replay"], help="only this part")
     options.add_argument("--json", type=Path, help="write the results here")
     given = options.parse_args()
     world: Dollhouse = plugins.make("worlds", "dollhouse", width=SIZE[0], height=SIZE[1])
-    parts, found = given.part or ["loop", "drift", "align"], dict[str, Any]()
+    parts, found = given.part or ["loop", "drift", "align", "replay"], dict[str, Any]()
     if "loop" in parts:
         for number in range(given.loops):
             found[f"loop: home {FIRST_LOOP + number}"] = loop(world, number, given.frames, 0.5)
@@ -281,6 +320,8 @@ def main() -> None:
         found |= {f"drift: {name}": row for name, row in drift(world, given.walks, given.frames).items()}
     if "align" in parts:
         found["align"] = alignment(world, given.homes, given.frames)
+    if "replay" in parts:
+        found["replay"] = replay(given.keyframes)
     for part, numbers in found.items():
         print(part)
         for name, value in numbers.items():

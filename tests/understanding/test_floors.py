@@ -26,8 +26,8 @@ FLOORS = {
         "bare": 92, "count": 90, "exists": 93.2, "where": 98, "list": 81.3, "compare": 98, "nothing": 90,
     },
 }  # fmt: skip
-"""Percent right, by set and category: two points less than on 26 November 2026. In total 513 of 535 (504 the day before)
-and 427 of 487 (428): what doors, rooms by ordinal and lists that are spoken of gained is not what strangers wrote there.
+"""Percent right, by set and category: two points less than on 26 November 2026. In total 513 of 535 (504 the day
+before) and 427 of 487 (428): doors, rooms by ordinal and lists that are spoken of gained nothing on strangers' words.
 """
 
 
