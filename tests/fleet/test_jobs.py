@@ -106,10 +106,10 @@ def test_a_key_names_content_and_settings(recorded: list[Task]) -> None:
 
 def test_a_signature_changes_with_the_files(recorded: list[Task]) -> None:
     path = Path(recorded[0].path)
-    before = signature(path)
-    assert signature(path) == before
+    before = signature(str(path))
+    assert signature(str(path)) == before
     (path / "rgb" / "extra.png").write_bytes(b"1")
-    assert signature(path) != before
+    assert signature(str(path)) != before
 
 
 def test_recordings_are_found_and_named(recorded: list[Task], tmp_path: Path) -> None:

@@ -21,7 +21,7 @@ AsJson = Annotated[
 
 def _folder(home: Path) -> Path:
     """The folder, or an InputError for a published home, which stays as it is."""
-    if not home.exists() and ("#" in home.name or ":/" in str(home)):
+    if not home.exists() and ("#" in str(home) or ":/" in str(home)):
         raise InputError(f"{home} is no folder: 'cartier fleet pull STORE NAME -o HOME' makes one of a published home")
     return home
 
