@@ -25,6 +25,10 @@ types:
 test *options:
     pytest {{ options }}
 
+# all tests, and which lines they reach; twice as long
+coverage:
+    pytest --cov --cov-report=term --cov-fail-under=85
+
 # the API page from the code, then every link, anchor and command of the documents
 docs:
     python tools/build_api_page.py
