@@ -576,12 +576,13 @@ def test_rules_are_listed_with_their_sentences_and_taken_back(
     tab.click("#ask button.main")
     tab.wait_for_selector("#turns .robot:nth-of-type(3)")
     tab.click("#tab-rules")
+    tab.locator("#rule-list button").nth(1).wait_for(state="attached")
     kept = Home.load(home).rules
     rows = tab.locator("#rule-list li")
     assert rows.count() == len(kept) and tab.inner_text("#rule-count") == str(len(kept))
     assert f"Keep away from the object {chair.id}" in rows.first.inner_text() or "Keep away" in rows.first.inner_text()
     rows.first.locator("text=Take back").click()
-    tab.wait_for_selector("#toast")
+    tab.locator("#rule-list button").nth(len(kept) - 1).wait_for(state="detached")
     assert [rule.id for rule in Home.load(home).rules] == [rule.id for rule in kept[1:]]
     assert tab.locator("#rule-list li button").count() == len(kept) - 1
 

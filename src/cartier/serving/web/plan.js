@@ -13,7 +13,7 @@ const shape = (name, attributes = {}, text) => {
 class Plan {
   constructor(svg, on) {
     this.svg = svg; this.on = on; this.shapes = new Map(); this.view = { x: 0, y: 0, w: 1, h: 1 }; this.chosen = null; this.only = null; this.placing = null; this.tentative = false; this.labels = new Labels(0, 0); this.camera = null;
-    new ResizeObserver(() => this.data && this.fit()).observe(svg);
+    new ResizeObserver(() => this.data && this.resized()).observe(svg);
     svg.addEventListener("wheel", (e) => { e.preventDefault(); this.zoom(Math.exp(e.deltaY * 0.0015), this.metres(e)); }, { passive: false });
     svg.addEventListener("keydown", (e) => this.key(e));
     this.fingers = new Map();
@@ -85,6 +85,11 @@ class Plan {
     const px = Math.max(w / Math.max(frame.width - gap, 1), h / Math.max(frame.height - gap, 1));
     this.look(x + w / 2 - px * frame.width / 2, y + h / 2 - px * frame.height / 2, px * frame.width, px * frame.height);
     this.fitted = this.view.w;
+  }
+  resized() { // what somebody zoomed to stays, as wide as it was
+    const zoomed = this.view.w !== this.fitted ? this.view : null, frame = this.svg.getBoundingClientRect();
+    this.fit();
+    if (zoomed && frame.width) this.look(zoomed.x, zoomed.y, zoomed.w, zoomed.w * frame.height / frame.width);
   }
 
   draw(data, css, stay) { // stay: keep the place and the size, if somebody chose them
