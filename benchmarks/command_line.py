@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import json
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any, NoReturn
 
 from cartier.errors import CartierError
@@ -31,6 +33,16 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         self.exit(2, f"{self.prog}: {message} (--help lists the options)\n")
+
+
+def print_parts(parts: Mapping[str, Mapping[str, Any]], width: int, file: Path | None) -> None:
+    """Print the figures of each part, one a line, after names of ``width`` letters; write them as JSON into a file."""
+    for part, figures in parts.items():
+        print(part)
+        for name, value in figures.items():
+            print(f"  {name:{width}} {value:.3f}" if isinstance(value, float) else f"  {name:{width}} {value}")
+    if file is not None:
+        file.write_text(json.dumps(parts, indent=1), encoding="utf-8")
 
 
 def run_script(main: Callable[[], int | None]) -> NoReturn:

@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from command_line import Parser, run_script
+from command_line import Parser, print_parts, run_script
 
 import cartier
 from cartier import Live, plugins
@@ -206,12 +206,7 @@ def main() -> None:
         result["kept up with"] = {"the home of map": told(played_whole(folder, recording)) == told(offline)}
         result["kill -9"] = kills(folder, given.kills)
     result["memory"] = memory(given.long)
-    for part, numbers in result.items():
-        print(part)
-        for name, value in numbers.items():
-            print(f"  {name:32} {value:.3f}" if isinstance(value, float) else f"  {name:32} {value}")
-    if given.json:
-        given.json.write_text(json.dumps(result, indent=1), encoding="utf-8")
+    print_parts(result, 32, given.json)
 
 
 if __name__ == "__main__":

@@ -9,7 +9,6 @@ does.
 
 from __future__ import annotations
 
-import json
 import statistics
 import tempfile
 import time
@@ -21,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from command_line import Parser, run_script
+from command_line import Parser, print_parts, run_script
 
 import cartier
 from cartier import Live, plugins
@@ -322,12 +321,7 @@ def main() -> None:
         found["align"] = alignment(world, given.homes, given.frames)
     if "replay" in parts:
         found["replay"] = replay(given.keyframes)
-    for part, numbers in found.items():
-        print(part)
-        for name, value in numbers.items():
-            print(f"  {name:76} {value:.3f}" if isinstance(value, float) else f"  {name:76} {value}")
-    if given.json:
-        given.json.write_text(json.dumps(found, indent=1), encoding="utf-8")
+    print_parts(found, 76, given.json)
 
 
 if __name__ == "__main__":

@@ -446,24 +446,8 @@ class Robot(Protocol):
 
 
 @runtime_checkable
-class DrivingRobot(Protocol):
+class DrivingRobot(Robot, Protocol):
     """A robot that can be watched while it drives, and stopped. It has all that a ``Robot`` has."""
-
-    name: str
-
-    def go_to(self, goal: Goal) -> str:
-        """Send a goal, as a ``Robot`` does.
-
-        Args:
-            goal: Pose and path in the map frame (m, rad).
-
-        Returns:
-            One line that says what happened.
-
-        Raises:
-            CartierError: The goal was refused or could not be sent.
-        """
-        ...
 
     def drive(self, goal: Goal) -> Iterator[DriveProgress]:
         """Send a goal, and watch the robot until it has arrived, failed or was stopped.

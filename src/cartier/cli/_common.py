@@ -51,6 +51,9 @@ VisionName = Annotated[
     str, typer.Option("--vision", metavar="NAME[:MODEL]", help="The vision model: any of 'cartier list'.")
 ]
 Blur = Annotated[bool, typer.Option("--blur", help="Blur people and screens in photographs before they are sent.")]
+Threshold = Annotated[float | None, typer.Option(help="The least score of a detection. Default: the detector's own.")]
+Every = Annotated[int | None, typer.Option("--every", metavar="N", help="Process each N-th frame. Default: keyframes.")]
+Append = Annotated[bool, typer.Option("--append", help="Add to the home at HOME (same pose frame, same detector).")]
 Seed = Annotated[int, typer.Option(help="Seed of all random choices.")]
 
 

@@ -15,7 +15,19 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from cartier import specs
-from cartier.cli._common import AsJson, EmergencyNumber, ModelName, OnAlarm, ReasonerName, missing, progress, say
+from cartier.cli._common import (
+    Append,
+    AsJson,
+    EmergencyNumber,
+    Every,
+    ModelName,
+    OnAlarm,
+    ReasonerName,
+    Threshold,
+    missing,
+    progress,
+    say,
+)
 from cartier.cli.reader_options import NOTHING, reads_streams
 from cartier.errors import InputError
 from cartier.io.spool import SUFFIX
@@ -55,15 +67,9 @@ def live(
     detector: Annotated[
         str | None, typer.Option(help="As for 'cartier map'. Default: photos, or embedded for the dollhouse.")
     ] = None,
-    threshold: Annotated[
-        float | None, typer.Option(help="The least score of a detection. Default: the detector's own.")
-    ] = None,
-    every: Annotated[
-        int | None, typer.Option("--every", metavar="N", help="Process each N-th frame. Default: keyframes.")
-    ] = None,
-    append: Annotated[
-        bool, typer.Option("--append", help="Add to the home at HOME (same pose frame, same detector).")
-    ] = False,
+    threshold: Threshold = None,
+    every: Every = None,
+    append: Append = False,
     align: Annotated[
         bool, typer.Option("--align", help="With --append: the robot's frame is another one; find where it lies.")
     ] = False,

@@ -11,7 +11,7 @@ from typing import Annotated, Any
 import typer
 
 from cartier import plugins, specs
-from cartier.cli._common import AsJson, Seed, duration, progress, say
+from cartier.cli._common import Append, AsJson, Every, Seed, Threshold, duration, progress, say
 from cartier.cli.reader_options import NOTHING, reads_recordings
 from cartier.errors import InputError
 
@@ -88,12 +88,8 @@ def map_command(
             "'cartier list'. Default: photos, or embedded for a recording of the dollhouse."
         ),
     ] = None,
-    threshold: Annotated[
-        float | None, typer.Option(help="The least score of a detection. Default: the detector's own.")
-    ] = None,
-    every: Annotated[
-        int | None, typer.Option("--every", metavar="N", help="Process each N-th frame. Default: keyframes.")
-    ] = None,
+    threshold: Threshold = None,
+    every: Every = None,
     all_frames: Annotated[bool, typer.Option("--all", help="Process every frame.")] = False,
     vocabulary: Annotated[
         Path | None, typer.Option(help="A file of labels for a zero-shot transformers model. Default: those of LVIS.")
@@ -105,9 +101,7 @@ def map_command(
     encoder: Annotated[
         str, typer.Option(help="For the index vlmaps: embedded, embedded:pixels, clip:MODEL or lseg:FILE.")
     ] = "embedded",
-    append: Annotated[
-        bool, typer.Option("--append", help="Add to the home at HOME (same pose frame, same detector).")
-    ] = False,
+    append: Append = False,
     align: Annotated[
         bool,
         typer.Option("--align", help="With --append: the recording has a pose frame of its own; find where it lies."),
