@@ -31,7 +31,7 @@ def main() -> None:
     parser = Parser(description=__doc__)
     parser.add_argument("homes", nargs="*", help="homes of the dollhouse")
     parser.add_argument("--maps", type=Path, required=True, help="the folder of mapped homes")
-    parser.add_argument("--detector", default="embedded")
+    parser.add_argument("--detector", default="embedded", help="the detector of the maps (default: embedded)")
     given = parser.parse_args()
     maps = Maps(given.maps, MapSettings("dollhouse", given.detector, encoder_for(given.detector)), ("object_depth",))
     print(f"{'objects':10} {'kept':5} {'number':>6} {'at least 64 px':>15} {'sides':>6} {'photographs':>12} {'MB':>6}")
