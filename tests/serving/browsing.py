@@ -17,14 +17,14 @@ CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 
 
 @contextmanager
-def chromium() -> Iterator[Any]:
-    """A browser that draws WebGL by software."""
+def chromium(webgl: bool = True) -> Iterator[Any]:
+    """A browser that draws WebGL by software, or not at all: drawing takes most of a click's time."""
     if CHROMIUM is None:
         pytest.skip("needs Chromium: apt-get install chromium")
     playwright = pytest.importorskip("playwright.sync_api", reason="needs playwright")
     with playwright.sync_playwright() as running:
-        flags = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
-        opened = running.chromium.launch(executable_path=CHROMIUM, args=flags)
+        drawing = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader"] if webgl else ["--disable-gpu", "--disable-3d-apis"]
+        opened = running.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox", *drawing])
         yield opened
         opened.close()
 

@@ -1,4 +1,4 @@
-"""Every object of three homes clicked on the floor plan: what is chosen is what was meant, and never a ghost."""
+"""Every object of two homes clicked on the floor plan: what is chosen is what was meant, and never a ghost."""
 
 from __future__ import annotations
 
@@ -16,14 +16,13 @@ from cartier.serving.page import one_file
 from flat import obj
 from serving.browsing import chromium, click_every_object
 
-HOMES = ("family_flat", "kitchen_diner", "studio")
 GHOSTS = 60  # tentative objects in a home, as in that of a real kitchen
 LEAST_RIGHT = 0.98
 
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Any]:
-    with chromium() as opened:
+    with chromium(webgl=False) as opened:
         yield opened
 
 
@@ -45,27 +44,25 @@ def crowded(name: str, base: Home) -> Home:
     return replace(base, objects=(*sure, *ghosts), grid=None, rooms=(), photos={})
 
 
-@pytest.mark.parametrize("tap", [False, True], ids=["mouse", "finger"])
-def test_a_click_chooses_what_was_meant(browser: Any, mapped: Path, tmp_path: Path, tap: bool) -> None:
-    clicked, wrong = 0, list[str]()
-    for name in HOMES:
-        home = crowded(name, Home.load(mapped))
-        file = tmp_path / f"{name}.html"
-        file.write_bytes(one_file(home))
-        size = {"width": 390, "height": 844} if tap else {"width": 1280, "height": 800}
-        tab = browser.new_context(viewport=size, has_touch=tap, is_mobile=tap).new_page()
-        tab.goto(file.as_uri())
-        tab.wait_for_selector("html[data-ready]")
-        assert tab.locator("#plan .tentative:visible").count() == 0, "ghosts are hidden until asked for"
-        for shown in (False, True) if name == "studio" and not tap else (False,):  # minutes, with ghosts in all three
-            tab.set_checked("#tentative", shown)
-            found = click_every_object(tab, home, tap)
-            assert found.ghosts == [], "no ghost is above what is there"
-            clicked, wrong = clicked + found.objects + found.labels, wrong + found.wrong
-        tab.check("#tentative")
-        assert tab.locator("#plan .tentative:visible").count() == GHOSTS
-        tab.context.close()
-    assert clicked > 250 and len(wrong) <= (1 - LEAST_RIGHT) * clicked, (clicked, wrong)
+@pytest.mark.parametrize(("tap", "name"), [(False, "studio"), (True, "kitchen_diner")], ids=["mouse", "finger"])
+def test_a_click_chooses_what_was_meant(browser: Any, mapped: Path, tmp_path: Path, tap: bool, name: str) -> None:
+    home = crowded(name, Home.load(mapped))
+    file = tmp_path / f"{name}.html"
+    file.write_bytes(one_file(home))
+    size = {"width": 390, "height": 844} if tap else {"width": 1280, "height": 800}
+    tab = browser.new_context(viewport=size, has_touch=tap, is_mobile=tap).new_page()
+    tab.goto(file.as_uri())
+    tab.wait_for_selector("html[data-ready]")
+    assert tab.locator("#plan .tentative:visible").count() == 0, "ghosts are hidden until asked for"
+    found = click_every_object(tab, home, tap)
+    tab.check("#tentative")
+    assert tab.locator("#plan .tentative:visible").count() == GHOSTS
+    among = click_every_object(tab, home) if not tap else found
+    tab.context.close()
+    assert not found.ghosts and not among.ghosts, "no ghost is above what is there"
+    assert found.objects > 50, found.objects
+    for each in (found, among):
+        assert len(each.wrong) <= (1 - LEAST_RIGHT) * (each.objects + each.labels), each
 
 
 def test_what_is_hidden_cannot_be_chosen_and_what_is_chosen_covers_nothing(
