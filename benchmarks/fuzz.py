@@ -185,30 +185,45 @@ def run(cases: Iterable[tuple[str, int]], goods: dict[str, Path], jobs: int) -> 
                 yield finish(running.pop(fd), fd in late)
 
 
+def _made(kind: str, folder: Path) -> bool:
+    try:
+        kinds()[kind].write(folder / kind)
+    except BaseException as error:  # pytest's skip is no Exception
+        if "Skipped" not in type(error).__name__:
+            raise
+        return False
+    return True
+
+
+def _made_in_a_child(kind: str, folder: Path) -> bool:
+    pid = os.fork()
+    if pid == 0:
+        try:
+            os._exit(not _made(kind, folder))
+        except BaseException:
+            traceback.print_exc()
+            os._exit(2)
+    code = os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
+    if code not in (0, 1):
+        raise RuntimeError(f"a good {kind} cannot be made")
+    return code == 0
+
+
 def make_goods(names: Sequence[str], folder: Path) -> dict[str, Path]:
-    """A good folder of each kind, each made and read once in a process of its own; kinds that lack a package are left
-    out."""
+    """A good folder of each kind, made and read once; kinds that lack a package are left out.
+
+    In this process, so that what is imported and cached here need not be in every child; not what starts threads, which
+    a fork does not carry over.
+    """
     goods = {}
     for kind in names:
-        pid = os.fork()
-        if pid == 0:
-            try:
-                kinds()[kind].write(folder / kind)
-            except BaseException as error:  # pytest's skip is no Exception
-                if "Skipped" not in type(error).__name__:
-                    traceback.print_exc()
-                    os._exit(2)
-                os._exit(1)
-            os._exit(0)
-        code = os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
-        if code not in (0, 1):
-            raise RuntimeError(f"a good {kind} cannot be made")
-        if code == 0:
+        make = _made_in_a_child if kinds()[kind].starts_threads else _made
+        if make(kind, folder):
             goods[kind] = folder / kind
     for kind, good in goods.items():
-        if kinds()[kind].starts_threads:  # which a fork does not carry over
+        if kinds()[kind].starts_threads:
             outcome, said = next((case.outcome, case.said) for case in run([(kind, -1)], goods, 1))
-        else:  # in this process: what is imported and cached here need not be in every child
+        else:
             outcome, said = read(kind, good)
         if outcome != "ok":
             raise RuntimeError(f"a good {kind} is not read: {outcome}: {said}")

@@ -129,7 +129,7 @@ def test_interrupted_anywhere_old_or_new_is_left_and_a_second_run_gives_the_same
     code, events, told = run(command, target.parent)
     assert code == 0, told
     new, whole = opened(), content(target)
-    for nth in sorted({1, 2, events // 2, events - 3, events - 1, events}):
+    for nth in (2, events // 2, events - 1):
         prepared()
         code, _, told = run(command, target.parent, nth, error)
         if error:

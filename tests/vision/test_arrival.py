@@ -60,14 +60,14 @@ def room(colour: str) -> Scene:
 @pytest.fixture(scope="module")
 def mapped() -> Home:
     """The map of the room while both ottomans are red."""
-    eyes = [((x, 1.0), np.pi / 2 + turn) for x in (1.5, 2.5, 3.5, 4.5, 5.5) for turn in (-0.5, 0.0, 0.5)]
+    standpoints = [((x, 1.0), np.pi / 2 + turn) for x in (1.5, 2.5, 3.5, 4.5, 5.5) for turn in (-0.5, 0.0, 0.5)]
     scene = room("red")
-    walk = DollhouseRecording(scene, pinhole(), np.array([look(xy, yaw, 0.4) for xy, yaw in eyes]))
+    walk = DollhouseRecording(scene, pinhole(), np.array([look(xy, yaw, 0.4) for xy, yaw in standpoints]))
     truth = cartier.make("detectors", "ground_truth", truth=walk.truth, source=walk.name)
     return map_home(walk, truth, ("object_depth",))
 
 
-def eyes(url: str) -> Look:
+def permitted(url: str) -> Look:
     return Look(cartier.make("vision", "openai", model="sees", base_url=url))
 
 
@@ -84,7 +84,7 @@ def test_what_is_gone_is_looked_for_elsewhere(
     monkeypatch.setitem(looking._WORDS, "exists", "Is this really a red {label}?")  # the stand-in knows only colours
     robot, scene = Drives(), room(colour)
     lines = list(
-        send_and_look(robot, asked(mapped), mapped, RobotModel(), eyes(seeing[0]), lambda goal: frame_at(scene, goal))
+        send_and_look(robot, asked(mapped), mapped, RobotModel(), permitted(seeing[0]), lambda goal: frame_at(scene, goal))
     )
     assert len(robot.goals) == drives == len(seeing[1]), lines
     assert abs(robot.goals[-1].place.position[0] - last) < 0.4
@@ -94,7 +94,7 @@ def test_what_is_gone_is_looked_for_elsewhere(
 
 def test_nobody_agreed_so_nothing_is_sent(seeing: Served, mapped: Home) -> None:
     robot, scene = Drives(), room("blue")
-    allowed = Look(eyes(seeing[0]).model, "ask")
+    allowed = Look(permitted(seeing[0]).model, "ask")
     lines = list(send_and_look(robot, asked(mapped), mapped, RobotModel(), allowed, lambda goal: frame_at(scene, goal)))
     assert len(robot.goals) == 1 and not seeing[1] and "only when the owner agrees" in lines[-1]
 
@@ -117,7 +117,7 @@ def test_what_is_out_of_view_cannot_be_told(seeing: Served, mapped: Home) -> Non
     assert answer.goal is not None
     obj = next(obj for obj in mapped.objects if obj.id != answer.selection.object_id)
     away = frame_at(room("red"), answer.goal, xy=(6.5, 3.9))
-    told = look_there(eyes(seeing[0]), obj, answer.goal, "arrived", away)
+    told = look_there(permitted(seeing[0]), obj, answer.goal, "arrived", away)
     assert told.said == "cannot tell" and "not in the camera's view" in told.why and not seeing[1]
 
 

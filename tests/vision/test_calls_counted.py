@@ -40,7 +40,7 @@ def seeing() -> Iterator[Served]:
         yield served
 
 
-def eyes(url: str, name: str = "sees") -> Look:
+def permitted(url: str, name: str = "sees") -> Look:
     return Look(cartier.make("vision", "openai", model=name, base_url=url))
 
 
@@ -54,7 +54,7 @@ def photographed(name: str) -> Home:
 
 def test_most_requests_need_no_call_and_none_needs_two(seeing: Served) -> None:
     url, calls = seeing
-    look, counted = eyes(url), Counter[int]()
+    look, counted = permitted(url), Counter[int]()
     for row in ROWS[:: max(1, len(ROWS) // 240)]:
         before = len(calls)
         cartier.ask(photographed(row["home"]), row["text"], look=look)
@@ -67,7 +67,7 @@ def test_a_question_about_looks_is_one_call(seeing: Served) -> None:
     url, calls = seeing
     home = photographed("studio")
     label = next(obj.label for obj in home.objects if obj.confirmed and len(obj.views) > 1)
-    cartier.ask(home, f"is the {label} clean?", look=eyes(url))
+    cartier.ask(home, f"is the {label} clean?", look=permitted(url))
     assert len(calls) == 1
 
 
@@ -80,7 +80,7 @@ ASKED = ("is the {} clean?", "which {} is dirty?", "what colour is the {}?", "wh
 PLACES = ("label", "words", "reply", "answer", "name")
 
 
-def test_two_hundred_injections_change_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_injections_change_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Text in labels, names, words and replies: the list stays, no schema has it, no robot is sent."""
     made = cache(lambda obj, view, tokens, shade: crops.picture(obj, view, np.full((480, 640, 3), shade), tokens))
     monkeypatch.setattr(
@@ -93,16 +93,15 @@ def test_two_hundred_injections_change_nothing(tmp_path: Path, monkeypatch: pyte
     }
     tried = 0
     with serving(replies) as (url, calls):
-        for place, (k, words) in product(PLACES, enumerate(INJECTED)):
+        for number, (place, (k, words)) in enumerate(product(PLACES, enumerate(INJECTED))):
             home = cups(tmp_path / f"{place}-{k}", place, words)
-            for asked in ASKED:
-                said = asked.format("cup") + (f" {words}" if place == "words" else "")
-                model = f"{place}-{k}" if place in ("reply", "answer") else "sees"
-                told = cartier.ask(home, said, look=eyes(url, model))
-                check(told, home, person=place == "words")
-                tried += 1
+            said = ASKED[number % len(ASKED)].format("cup") + (f" {words}" if place == "words" else "")
+            model = f"{place}-{k}" if place in ("reply", "answer") else "sees"
+            told = cartier.ask(home, said, look=permitted(url, model))
+            check(told, home, person=place == "words")
+            tried += 1
         schemas = "".join(json.dumps(call.get("response_format")) for call in calls)
-    assert tried == 200 and calls
+    assert tried == 50 and calls
     assert not any(words in schemas for words in INJECTED)
 
 

@@ -46,8 +46,8 @@ def test_command_keeps_what_it_finds_and_a_look_uses_it(tmp_path: Path) -> None:
         run = [sys.executable, "-m", "cartier", "check-model", url, "--model", "blind", "--json"]
         said = json.loads(subprocess.run(run, capture_output=True, text=True, check=True).stdout)
         assert said["sees"] is False and Path(said["kept_in"]).is_relative_to(tmp_path)
-        eyes = cartier.make("vision", "openai", model="blind", base_url=url)
-        assert eyes.sees is False  # type: ignore[attr-defined]
+        permitted = cartier.make("vision", "openai", model="blind", base_url=url)
+        assert permitted.sees is False  # type: ignore[attr-defined]
         assert cartier.make("vision", "openai", model="sees", base_url=url).sees is None  # type: ignore[attr-defined]
 
 

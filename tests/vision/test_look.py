@@ -43,14 +43,14 @@ def model(url: str, name: str = "sees", **more: float) -> VisionModel:
 
 
 def told(
-    eyes: Look,
+    permitted: Look,
     words: str,
     objects: list[MapObject],
     photos: Photographs,
     before: Selection = NOTHING,
     around: Surroundings = AROUND,
 ) -> tuple[Selection, VisualTrace, tuple[str, ...]]:
-    found = look(eyes, words, before, Inventory(tuple(objects), ROOMS, from_xy=(0.5, 0.5)), photos, around)
+    found = look(permitted, words, before, Inventory(tuple(objects), ROOMS, from_xy=(0.5, 0.5)), photos, around)
     assert found is not None
     return found
 
@@ -158,8 +158,8 @@ def test_doubtful_choice_is_looked_at(rgb: tuple[int, int, int], status: str, se
 def test_nothing_is_sent_without_consent(seeing: tuple[str, Calls]) -> None:
     mugs, photos = two_mugs()
     asked: list[int] = []
-    eyes = Look(model(seeing[0]), "ask", lambda question, pictures: bool(asked.append(len(pictures))))
-    chosen, trace, notes = told(eyes, "which cup is dirty?", mugs, photos)
+    permitted = Look(model(seeing[0]), "ask", lambda question, pictures: bool(asked.append(len(pictures))))
+    chosen, trace, notes = told(permitted, "which cup is dirty?", mugs, photos)
     assert chosen is NOTHING and trace.verdict == "not_asked" and not seeing[1] and asked == [3]
     assert "nothing was sent" in notes[0]
 
@@ -186,11 +186,11 @@ def test_faulty_servers_give_no_false_which(fault: str, seeing: tuple[str, Calls
 @pytest.mark.parametrize("fault", ["string-only", "reasoning-field", "no-thinking-switch"])
 def test_peculiar_servers_are_understood(fault: str, seeing: tuple[str, Calls]) -> None:
     mugs, photos = two_mugs()
-    eyes = Look(model(seeing[0], fault))
-    chosen, trace, _ = told(eyes, "which cup is dirty?", mugs, photos)
+    permitted = Look(model(seeing[0], fault))
+    chosen, trace, _ = told(permitted, "which cup is dirty?", mugs, photos)
     assert chosen.object_id == 2, trace.why
     before = len(seeing[1])
-    told(eyes, "which cup is clean?", mugs, photos)
+    told(permitted, "which cup is clean?", mugs, photos)
     assert len(seeing[1]) == before + 1  # the form is known now
 
 
@@ -232,9 +232,9 @@ PLAIN = [
 
 
 def test_plain_requests_send_no_photograph(seeing: tuple[str, Calls]) -> None:
-    home, eyes = stored_home("80001", "truth"), Look(model(seeing[0]))
+    home, permitted = stored_home("80001", "truth"), Look(model(seeing[0]))
     for words in PLAIN:
-        assert cartier.ask(home, words, look=eyes).look is None, words  # stored homes have no photographs to send
+        assert cartier.ask(home, words, look=permitted).look is None, words  # stored homes have no photographs to send
     assert len(seeing[1]) == 0, seeing[1]
 
 
@@ -274,11 +274,11 @@ def test_no_words_in_photographs_change_list_schema_or_goal(monkeypatch: pytest.
     replies, tried = hostile_replies(), 0
     with serving(replies) as (url, calls):
         for name in replies:
-            eyes = Look(model(url, name))
+            permitted = Look(model(url, name))
             for words in ATTACKED:
                 before = Selection("found", "cup", object_id=1) if words.startswith("bring") else NOTHING
                 one = mugs[:1] if words in ATTACKED[:2] else mugs
-                chosen, trace, _ = told(eyes, words, one, photos, before)
+                chosen, trace, _ = told(permitted, words, one, photos, before)
                 assert Inventory(tuple(mugs), ROOMS).contains(chosen)
                 assert chosen.status == "found" if chosen is before else chosen.status in ("answered", "clarify")
                 assert chosen.object_id in (None, 1) and not set('#<>{}[]"?') & set(trace.answer or "")

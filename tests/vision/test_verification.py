@@ -69,7 +69,7 @@ def staged(folder: Path, *doubtful: tuple[int, str, float, str]) -> Home:
     return painted_home([thing(*row) for row in rows], jpegs, folder)
 
 
-def eyes(url: str, name: str = "sees") -> Look:
+def permitted(url: str, name: str = "sees") -> Look:
     return Look(cartier.make("vision", "openai", model=name, base_url=url))
 
 
@@ -80,7 +80,7 @@ def probability(home: Home, number: int) -> float:
 
 def test_real_ones_gain_and_false_ones_lose(seeing: Served, tmp_path: Path) -> None:
     home = staged(tmp_path / "home", (7, "pink", 0.5, ""), (8, "pink", 0.75, "orange box"))
-    calibration, checked = verify(home, eyes(seeing[0]))
+    calibration, checked = verify(home, permitted(seeing[0]))
     assert (calibration.named["yes"], calibration.misnamed["no"]) == (6, 6)
     assert [(each.obj.id, each.said) for each in checked] == [(8, "no"), (7, "yes")]
     assert probability(home, 7) == pytest.approx(7 / 8, abs=1e-4)  # odds of 1, times 7
@@ -93,16 +93,16 @@ def test_real_ones_gain_and_false_ones_lose(seeing: Served, tmp_path: Path) -> N
 
 def test_one_call_a_question_and_none_twice(seeing: Served, tmp_path: Path) -> None:
     home = staged(tmp_path / "home", (7, "pink", 0.5, ""))
-    verify(home, eyes(seeing[0]))
+    verify(home, permitted(seeing[0]))
     assert len(seeing[1]) == 6 + 6 + 1
     again = Home.load(tmp_path / "home")
-    assert verify(again, eyes(seeing[0])) == (Calibration(), [])
+    assert verify(again, permitted(seeing[0])) == (Calibration(), [])
     assert len(seeing[1]) == 13
 
 
 def test_undone_it_is_as_before_and_asked_again(seeing: Served, tmp_path: Path) -> None:
     home = staged(tmp_path / "home", (7, "pink", 0.5, ""))
-    verify(home, eyes(seeing[0]))
+    verify(home, permitted(seeing[0]))
     undone, told = Home.load(tmp_path / "home").correct("undo")
     assert told == "undone: pink box (7) was looked at: yes, odds x 7"
     assert undone.objects == home.objects and [obj.id for obj in doubts(undone.objects)] == [7]
@@ -115,20 +115,20 @@ def test_a_model_without_eyes_changes_nothing(fault: str, tmp_path: Path) -> Non
     )
     with serving({"yes-man": always}) as (url, _):
         home = staged(tmp_path / "home", (7, "pink", 0.5, ""), (8, "pink", 0.75, "orange box"))
-        verify(home, eyes(url, fault))
+        verify(home, permitted(url, fault))
         assert (probability(home, 7), probability(home, 8)) == (0.5, 0.75)
 
 
 def test_served_it_is_asked_only_where_the_owner_lets_photographs_leave(seeing: Served, tmp_path: Path) -> None:
     staged(tmp_path / "home", (7, "pink", 0.5, ""), (8, "pink", 0.75, "orange box"))
     served = Homes([tmp_path / "home"])
-    for look in (None, replace(eyes(seeing[0]), when="ask")):
+    for look in (None, replace(permitted(seeing[0]), when="ask")):
         shut = Operations(served, Blind(), look=look)
         assert not shut.verification.allowed
         with pytest.raises(InputError, match=r"no photograph may leave here.* --look auto"):
             shut.verify()
     assert not seeing[1]
-    ops = Operations(served, Blind(), look=eyes(seeing[0]))
+    ops = Operations(served, Blind(), look=permitted(seeing[0]))
     told = ops.verify()
     assert [(row["id"], row["said"], row["frames"]) for row in told["asked"]] == [
         (8, "no", [8, 108]),
@@ -167,13 +167,13 @@ def test_a_published_home_is_not_asked_about(seeing: Served, tmp_path: Path) -> 
     home = staged(tmp_path / "home", (7, "pink", 0.5, ""))
     published = replace(home, store=PublishedStore(FolderBlobs(tmp_path / "store"), "homes/home/"))
     with pytest.raises(InputError, match="is published and stays as it is"):
-        verify(published, eyes(seeing[0]))
+        verify(published, permitted(seeing[0]))
     assert not seeing[1]
 
 
 def test_what_a_person_said_outweighs_it(seeing: Served, tmp_path: Path) -> None:
     home = staged(tmp_path / "home", (8, "pink", 0.75, "orange box"))
-    verify(home, eyes(seeing[0]))
+    verify(home, permitted(seeing[0]))
     said, _ = Home.load(tmp_path / "home").correct("confirm", 8)
     assert probability(said, 8) == 1.0
     assert [obj.id for obj in doubts(said.objects)] == []
@@ -181,10 +181,10 @@ def test_what_a_person_said_outweighs_it(seeing: Served, tmp_path: Path) -> None
 
 def test_nothing_is_written_where_nobody_agrees_or_answers(seeing: Served, tmp_path: Path) -> None:
     home = staged(tmp_path / "home", (7, "pink", 0.5, ""))
-    _, checked = verify(home, replace(eyes(seeing[0]), when="ask"))
+    _, checked = verify(home, replace(permitted(seeing[0]), when="ask"))
     assert [each.trace.verdict for each in checked] == ["not_asked"] and not seeing[1]
     with pytest.raises(ReasonerError):
-        verify(home, eyes("http://127.0.0.1:9/v1"))
+        verify(home, permitted("http://127.0.0.1:9/v1"))
     assert not (tmp_path / "home" / LOG).exists()
 
 
@@ -200,7 +200,7 @@ def test_who_is_asked_about_is_in_doubt() -> None:
 
 def test_evidence_is_of_one_object_and_no_other(seeing: Served, tmp_path: Path) -> None:
     home = staged(tmp_path / "home", (7, "pink", 0.5, ""))
-    verify(home, eyes(seeing[0]))
+    verify(home, permitted(seeing[0]))
     log = (tmp_path / "home" / LOG).read_text()
     elsewhere = [replace(obj, id=70) if obj.id == 7 else obj for obj in home.objects]
     other = painted_home(elsewhere, home.photos, tmp_path / "other")
@@ -211,7 +211,7 @@ def test_evidence_is_of_one_object_and_no_other(seeing: Served, tmp_path: Path) 
 @pytest.mark.parametrize("factor", ["0", "-1", "NaN", "1e9", "true", '"7"', "null"])
 def test_strange_factors_are_left_out(factor: str, seeing: Served, tmp_path: Path) -> None:
     home = staged(tmp_path / "home", (7, "pink", 0.5, ""))
-    verify(home, eyes(seeing[0]))
+    verify(home, permitted(seeing[0]))
     file = tmp_path / "home" / LOG
     row = json.loads(file.read_text())
     file.write_text(json.dumps(row | {"factor": "X"}).replace('"X"', factor) + "\n")
@@ -264,7 +264,7 @@ def test_of_a_contested_object_the_name_is_asked_for(seeing: Served, tmp_path: P
     assert not contested(replace(unclear, labels=(("orange box", 4.0), ("pink box", 1.9))))
     replace(home, objects=(*home.objects[:6], unclear), corrected=None).save(tmp_path / "unclear")
     home = Home.load(tmp_path / "unclear")
-    (each,) = verify(home, eyes(seeing[0]))[1]
+    (each,) = verify(home, permitted(seeing[0]))[1]
     assert (each.said, each.label, each.factor) == ("yes", "pink box", 7.0)
     after = Home.load(tmp_path / "unclear").objects[6]
     assert (after.id, after.label, after.confirmed) == (7, "pink box", True) and after.probability > 0.99
@@ -279,5 +279,5 @@ def test_a_yes_to_a_second_entry_of_one_thing_counts_nothing(seeing: Served, tmp
         moved = tuple(replace(obj, position=(apart_m * (obj.id == 7), 9.0, 0.8)) for obj in home.objects)
         folder = tmp_path / f"apart {apart_m}"
         replace(home, objects=moved, corrected=None).save(folder)
-        (each,) = verify(Home.load(folder), eyes(seeing[0]))[1]
+        (each,) = verify(Home.load(folder), permitted(seeing[0]))[1]
         assert (each.obj.id, each.said, each.factor) == (7, "yes", factor)
