@@ -128,11 +128,14 @@ def test_examples_run(where: Any) -> None:
     assert result.failed == 0
 
 
-def test_importing_cartier_loads_numpy_alone() -> None:
+@pytest.mark.parametrize(
+    ("code", "heaviest"), [("", []), ("[getattr(cartier, name) for name in cartier.__all__]", ["numpy"])]
+)
+def test_importing_cartier_loads_nothing_and_its_names_numpy_alone(code: str, heaviest: list[str]) -> None:
     code = (
-        "import sys; before = set(sys.modules); import cartier\n"
+        f"import sys; before = set(sys.modules); import cartier\n{code}\n"
         "loaded = {name.split('.')[0] for name in set(sys.modules) - before}\n"
         "print(sorted(n for n in loaded - set(sys.stdlib_module_names) if not n.startswith('_')))"
     )
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
-    assert loaded.strip() == "['cartier', 'numpy']"
+    assert loaded.strip() == str(["cartier", "lazy_loader", *heaviest])

@@ -23,7 +23,11 @@ def chromium(webgl: bool = True) -> Iterator[Any]:
         pytest.skip("needs Chromium: apt-get install chromium")
     playwright = pytest.importorskip("playwright.sync_api", reason="needs playwright")
     with playwright.sync_playwright() as running:
-        drawing = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader"] if webgl else ["--disable-gpu", "--disable-3d-apis"]
+        drawing = (
+            ["--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+            if webgl
+            else ["--disable-gpu", "--disable-3d-apis"]
+        )
         opened = running.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox", *drawing])
         yield opened
         opened.close()

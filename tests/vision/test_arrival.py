@@ -84,7 +84,9 @@ def test_what_is_gone_is_looked_for_elsewhere(
     monkeypatch.setitem(looking._WORDS, "exists", "Is this really a red {label}?")  # the stand-in knows only colours
     robot, scene = Drives(), room(colour)
     lines = list(
-        send_and_look(robot, asked(mapped), mapped, RobotModel(), permitted(seeing[0]), lambda goal: frame_at(scene, goal))
+        send_and_look(
+            robot, asked(mapped), mapped, RobotModel(), permitted(seeing[0]), lambda goal: frame_at(scene, goal)
+        )
     )
     assert len(robot.goals) == drives == len(seeing[1]), lines
     assert abs(robot.goals[-1].place.position[0] - last) < 0.4

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import errno
+import os
 import sys
 
 import typer
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy loads: small products, which threads only make wait
 
 from cartier.cli import (
     _ask,
