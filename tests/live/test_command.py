@@ -29,7 +29,7 @@ from serving.conftest import free_port
 
 ENV = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path), "OMP_NUM_THREADS": "1"}
 DOLLHOUSE = "dollhouse:studio@max"
-SMALL = 24  # frames, so that tests are quick
+SMALL = 16  # frames, so that tests are quick
 
 
 @pytest.fixture(scope="module")
@@ -179,7 +179,7 @@ def test_what_cannot_be_mapped_is_one_line(args: list[str], fault: str, tmp_path
 
 def test_the_recording_of_a_simulator_stays_one(folder: Path, tmp_path: Path) -> None:
     home = tmp_path / "home"
-    given = ["live", str(home), "--from", DOLLHOUSE, "--seconds", "8", "--detector", "embedded"]
+    given = ["live", str(home), "--from", DOLLHOUSE, "--seconds", "4", "--detector", "embedded"]
     result = CliRunner().invoke(app, given)
     assert result.exit_code == 0, result.output
     spooled = open_recording(tmp_path / "home.spool")
