@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -23,14 +24,8 @@ class TextEncoder:
     """
 
     def __init__(self, model: bytes | None = None) -> None:
-        import onnxruntime  # not before the first text
-
-        options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = 1  # a sentence is too small to share, and busy cores make sharing slow
-        options.inter_op_num_threads = 1
-        source = model or str(FOLDER / "minilm.onnx")
-        self._session: Any = onnxruntime.InferenceSession(source, options, providers=["CPUExecutionProvider"])
-        self._tokens = WordPiece(FOLDER / "vocab.txt")
+        self._session = _shipped() if model is None else _session(model)
+        self._tokens = _words()
         self._known: dict[str, Array] = {}
         self.cut = 0
 
@@ -48,3 +43,22 @@ class TextEncoder:
             if len(self._known) < 10_000:  # a server's lifetime of requests must not fill the memory
                 self._known[text] = known
         return known
+
+
+def _session(source: str | bytes) -> Any:
+    import onnxruntime  # not before the first text
+
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = 1  # a sentence is too small to share, and busy cores make sharing slow
+    options.inter_op_num_threads = 1
+    return onnxruntime.InferenceSession(source, options, providers=["CPUExecutionProvider"])
+
+
+@cache  # every encoder of a process reads the same network and words, and changes neither
+def _shipped() -> Any:
+    return _session(str(FOLDER / "minilm.onnx"))
+
+
+@cache
+def _words() -> WordPiece:
+    return WordPiece(FOLDER / "vocab.txt")
