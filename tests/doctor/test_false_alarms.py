@@ -32,7 +32,8 @@ def names(report: Report) -> list[str]:
 
 
 @pytest.mark.parametrize(
-    "home, sensor, eye_m", [("old_couple", False, 0.2), ("118", True, 0.2), ("118", False, 1.5), ("old_couple", True, 1.5)]
+    "home, sensor, eye_m",
+    [("old_couple", False, 0.2), ("118", True, 0.2), ("118", False, 1.5), ("old_couple", True, 1.5)],
 )
 def test_no_alarm_over_a_sound_walk_alone_or_joined_with_another(home: str, sensor: bool, eye_m: float) -> None:
     """A slice of what benchmarks/doctor.py does with all homes and more heights."""

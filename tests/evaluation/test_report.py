@@ -363,6 +363,14 @@ def test_broken_markings(tmp_path: Path) -> None:
         export_marking([row("h", "q", "nlmap"), row("h", "q", "random", match=False)], file)
 
 
+@pytest.fixture
+def without_figures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """For tests of the tables alone: drawing takes most of a report's time."""
+    for name in ("distance_png", "match_png"):
+        monkeypatch.setattr(f"cartier.evaluation.report.{name}", lambda summary, who: b"")
+
+
+@pytest.mark.usefixtures("without_figures")
 def test_every_table_says_whether_the_objects_come_from_pixels(run: Path, tmp_path: Path) -> None:
     seen = [row | {"detector": "embedded dollhouse detector (counts from 0.3)"} for row in fake_rows()]
     folder = write_run(tmp_path / "run", seen)
@@ -382,6 +390,7 @@ def test_every_table_says_whether_the_objects_come_from_pixels(run: Path, tmp_pa
         assert {line["objects"] for line in lines} == {objects_from}
 
 
+@pytest.mark.usefixtures("without_figures")
 def test_runs_stand_side_by_side(run: Path, tmp_path: Path) -> None:
     folder = write_run(tmp_path / "run", [row | {"detector": "onnx | (mine)"} for row in fake_rows(seed=1)])
     write_report(folder, beside=[run])

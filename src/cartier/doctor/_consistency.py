@@ -113,7 +113,7 @@ class Pairs:
     def _there(self, images: Array, u: Array, v: Array) -> Array:
         """The values of images (M, h, w) of the frames b at pixels (P, n)."""
         _, height, width = images.shape
-        return images.reshape(-1).take((self.pairs[:, 1:] * height + v) * width + u)
+        return np.asarray(images.reshape(-1).take((self.pairs[:, 1:] * height + v) * width + u))
 
 
 @dataclass(frozen=True, eq=False)
