@@ -4,6 +4,7 @@ import csv
 import io
 import json
 import re
+import shutil
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -373,12 +374,13 @@ def without_figures(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.usefixtures("without_figures")
 def test_every_table_says_whether_the_objects_come_from_pixels(run: Path, tmp_path: Path) -> None:
     seen = [row | {"detector": "embedded dollhouse detector (counts from 0.3)"} for row in fake_rows()]
-    folder = write_run(tmp_path / "run", seen)
+    folder, truth = write_run(tmp_path / "run", seen), tmp_path / "truth"
+    shutil.copytree(run, truth)
     for objects_from, other, summary in (
         ("from pixels", "ground truth", write_report(folder)),
-        ("ground truth", "from pixels", write_report(run, photo)),
+        ("ground truth", "from pixels", write_report(truth, photo)),
     ):
-        of = folder if objects_from == "from pixels" else run
+        of = folder if objects_from == "from pixels" else truth
         assert summary["objects_from"] == objects_from
         tables = re.findall(r"(?:^\|.*\n)+", (of / "report.md").read_text("utf-8"), re.M)
         assert len(tables) > 8
