@@ -37,12 +37,14 @@ def render(pose: np.ndarray, camera: Camera, objects: Sequence[TrueObject]) -> t
     """z-depth (H, W) and instance ids (H, W) of boxes inside a closed room, by the slab method."""
     u, v = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
     rays = np.stack([(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones(u.shape)], -1) @ pose[:3, :3].T
+    along = [np.ascontiguousarray(rays[..., axis]) for axis in range(3)]
     eye = pose[:3, 3]
     with np.errstate(divide="ignore", invalid="ignore"):
 
         def slabs(low: Sequence[float], high: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
-            t = np.stack([(np.array(low) - eye) / rays, (np.array(high) - eye) / rays])
-            return np.nanmax(t.min(0), axis=-1), np.nanmin(t.max(0), axis=-1)
+            t = [((low[i] - eye[i]) / ray, (high[i] - eye[i]) / ray) for i, ray in enumerate(along)]
+            near, far = ([pick(*both) for both in t] for pick in (np.minimum, np.maximum))
+            return np.fmax(np.fmax(near[0], near[1]), near[2]), np.fmin(np.fmin(far[0], far[1]), far[2])
 
         depth = slabs(*ROOM)[1]
         ids = np.zeros(depth.shape, np.int32)

@@ -48,10 +48,8 @@ def backends(kind: str) -> list[Backend]:
     """Every built-in and installed backend of a kind, by name."""
     if kind not in KINDS:
         raise BackendError(f"there is no kind {kind!r} of backend; the kinds are {', '.join(KINDS)}")
-    files = [f for f in (PACKAGE / kind).iterdir() if f.suffix == ".py" or (f / "__init__.py").is_file()]
-    built_in = [backend for f in sorted(files) if (backend := _read(kind, f)) is not None]
     added = [Backend(kind, e.name, f"from {e.value}", None) for e in _entry_points(kind)]
-    return built_in + sorted(added, key=lambda b: b.name)
+    return [*_built_in(kind), *sorted(added, key=lambda b: b.name)]
 
 
 @overload
@@ -163,6 +161,11 @@ def formats_of(path: Path) -> list[str]:
 
 
 @cache  # opening a recording asks every format
+def _built_in(kind: str) -> tuple[Backend, ...]:
+    files = [f for f in (PACKAGE / kind).iterdir() if f.suffix == ".py" or (f / "__init__.py").is_file()]
+    return tuple(backend for f in sorted(files) if (backend := _read(kind, f)) is not None)
+
+
 def _read(kind: str, file: Path) -> Backend | None:
     """The backend that a source file defines; None for a module without the factory, which is a helper of backends."""
     tree = ast.parse((file / "__init__.py" if file.is_dir() else file).read_text(encoding="utf-8"))

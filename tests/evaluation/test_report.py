@@ -4,6 +4,7 @@ import csv
 import io
 import json
 import re
+import shutil
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -363,14 +364,23 @@ def test_broken_markings(tmp_path: Path) -> None:
         export_marking([row("h", "q", "nlmap"), row("h", "q", "random", match=False)], file)
 
 
+@pytest.fixture
+def without_figures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """For tests of the tables alone: drawing takes most of a report's time."""
+    for name in ("distance_png", "match_png"):
+        monkeypatch.setattr(f"cartier.evaluation.report.{name}", lambda summary, who: b"")
+
+
+@pytest.mark.usefixtures("without_figures")
 def test_every_table_says_whether_the_objects_come_from_pixels(run: Path, tmp_path: Path) -> None:
     seen = [row | {"detector": "embedded dollhouse detector (counts from 0.3)"} for row in fake_rows()]
-    folder = write_run(tmp_path / "run", seen)
+    folder, truth = write_run(tmp_path / "run", seen), tmp_path / "truth"
+    shutil.copytree(run, truth)
     for objects_from, other, summary in (
         ("from pixels", "ground truth", write_report(folder)),
-        ("ground truth", "from pixels", write_report(run, photo)),
+        ("ground truth", "from pixels", write_report(truth, photo)),
     ):
-        of = folder if objects_from == "from pixels" else run
+        of = folder if objects_from == "from pixels" else truth
         assert summary["objects_from"] == objects_from
         tables = re.findall(r"(?:^\|.*\n)+", (of / "report.md").read_text("utf-8"), re.M)
         assert len(tables) > 8
@@ -382,6 +392,7 @@ def test_every_table_says_whether_the_objects_come_from_pixels(run: Path, tmp_pa
         assert {line["objects"] for line in lines} == {objects_from}
 
 
+@pytest.mark.usefixtures("without_figures")
 def test_runs_stand_side_by_side(run: Path, tmp_path: Path) -> None:
     folder = write_run(tmp_path / "run", [row | {"detector": "onnx | (mine)"} for row in fake_rows(seed=1)])
     write_report(folder, beside=[run])

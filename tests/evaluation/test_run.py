@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -74,9 +75,18 @@ def without_times(folder: Path) -> list[dict[str, Any]]:
     return [{key: value for key, value in row.items() if key != "seconds"} for row in rows]
 
 
-def test_every_method_answers_every_request_without_a_gap(tmp_path: Path, maps: Path) -> None:
-    reasoner = Words()
-    rows = run(tmp_path / "run", SETTINGS, QUERIES, reasoner, maps)
+Whole = tuple[Path, list[dict[str, Any]], Words]
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory, maps: Path) -> Whole:
+    """A run in one go: its folder, its rows and its reasoner."""
+    folder, reasoner = tmp_path_factory.mktemp("whole"), Words()
+    return folder, run(folder, SETTINGS, QUERIES, reasoner, maps), reasoner
+
+
+def test_every_method_answers_every_request_without_a_gap(whole: Whole) -> None:
+    _, rows, reasoner = whole
     assert len(rows) == ROWS * len(METHODS)
     assert len({(row["home"], row["query_id"], row["method"]) for row in rows}) == len(rows)
     assert len(reasoner.heard) == len(set(reasoner.heard)), "nobody is asked the same thing twice"
@@ -91,17 +101,18 @@ def test_every_method_answers_every_request_without_a_gap(tmp_path: Path, maps: 
     assert all(row["detector"].startswith("ground truth") for row in rows)
 
 
-def test_the_same_seed_gives_the_same_rows_and_another_draws_otherwise(tmp_path: Path, maps: Path) -> None:
-    run(tmp_path / "a", SETTINGS, QUERIES, Words(), maps)
+def test_the_same_seed_gives_the_same_rows_and_another_draws_otherwise(
+    tmp_path: Path, maps: Path, whole: Whole
+) -> None:
     run(tmp_path / "b", SETTINGS, QUERIES, Words(), maps)
-    assert without_times(tmp_path / "a") == without_times(tmp_path / "b")
+    assert without_times(whole[0]) == without_times(tmp_path / "b")
     only = [BenchSettings(("north",), ("random",), maps=MapSettings(WORLD), seed=seed) for seed in range(9)]
     drawn = {run(tmp_path / f"s{one.seed}", one, QUERIES[:1], Words(), maps)[0]["object"] for one in only}
     assert len(drawn) > 1
 
 
-def test_a_run_that_died_twice_goes_on_and_equals_one_in_one_go(tmp_path: Path, maps: Path) -> None:
-    run(tmp_path / "whole", SETTINGS, QUERIES, Words(), maps)
+def test_a_run_that_died_twice_goes_on_and_equals_one_in_one_go(tmp_path: Path, maps: Path, whole: Whole) -> None:
+    folder, _, reasoner = whole
     for calls in (2, 5):
         with pytest.raises(ReasonerError, match="went away"):
             run(tmp_path / "broken", SETTINGS, QUERIES, Words(calls), maps)
@@ -109,15 +120,13 @@ def test_a_run_that_died_twice_goes_on_and_equals_one_in_one_go(tmp_path: Path, 
             file.write('{"home": "north", "query_')  # what a kill leaves
     last = Words()
     run(tmp_path / "broken", SETTINGS, QUERIES, last, maps)
-    assert without_times(tmp_path / "broken") == without_times(tmp_path / "whole")
-    whole = Words()
-    run(tmp_path / "count", SETTINGS, QUERIES, whole, maps)
-    assert last.calls == whole.calls - 2 - 5, "what was answered before is not asked again"
+    assert without_times(tmp_path / "broken") == without_times(folder)
+    assert last.calls == reasoner.calls - 2 - 5, "what was answered before is not asked again"
     run(tmp_path / "broken", SETTINGS, QUERIES, Words(0), maps)  # nothing is left to ask
 
 
-def test_a_run_folder_of_other_settings_is_refused(tmp_path: Path, maps: Path) -> None:
-    run(tmp_path / "run", SETTINGS, QUERIES, Words(), maps)
+def test_a_run_folder_of_other_settings_is_refused(tmp_path: Path, maps: Path, whole: Whole) -> None:
+    shutil.copytree(whole[0], tmp_path / "run")
     before = (tmp_path / "run" / "results.jsonl").read_bytes()
     for other in (
         BenchSettings(("east",), maps=MapSettings(WORLD)),

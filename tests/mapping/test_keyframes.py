@@ -81,13 +81,13 @@ def test_a_quarter_of_a_dense_recording_at_most_is_looked_at_and_gives_the_same_
             self.looked += 1
             return super().detect(frame)
 
-    recording, homes, counts = dense(12), [], []
+    recording, homes, counts = dense(6), [], []
     for every in (None, 1):
         detector = Counts(THINGS)
         homes.append(map_home(recording, detector, every=every))
         counts.append(detector.looked)
         assert homes[-1].settings["recordings"][0]["looked"] == detector.looked
-    assert counts[1] == len(recording) == 360 and counts[0] <= 90
+    assert counts[1] == len(recording) == 180 and counts[0] <= 45
     some, every_frame = ({o.label: o.position for o in home.objects if o.confirmed} for home in homes)
     assert some.keys() == every_frame.keys() and len(some) >= 2
     assert all(np.linalg.norm(np.subtract(some[name], every_frame[name])) < 0.5 for name in some)

@@ -32,7 +32,7 @@ class Remembered:
 
 def test_a_dollhouse_home_maps_from_its_bag_as_it_does_directly(tmp_path: Path) -> None:
     world = plugins.make("worlds", "dollhouse", width=160, height=120)
-    recording = world.explore("7", max_frames=60)
+    recording = world.explore("7", max_frames=40)
     truth = plugins.make("detectors", "ground_truth", truth=recording.truth, source="dollhouse")
     found = [truth.detect(recording[i]) for i in range(len(recording))]
     eyes = Remembered([Detections(d.frame, d.boxes_xyxy, d.scores, d.labels) for d in found])

@@ -187,7 +187,7 @@ def test_verification_over_http_needs_the_owner_and_a_token(tmp_path: Path) -> N
     verifying.staged(tmp_path / "home", (8, "pink", 0.75, "orange box"))
     allowed = digest_of(TOKEN)
     with seeing_server.serving() as (url, asked):
-        ops = Operations(Homes([tmp_path / "home"]), Echo(), look=verifying.eyes(url))
+        ops = Operations(Homes([tmp_path / "home"]), Echo(), look=verifying.permitted(url))
         app = Guard(
             http.make(ops), ["test"], {allowed: Access("a", ("home",)), digest_of(TOKEN[::-1]): Access("b", ())}
         )

@@ -154,11 +154,11 @@ def test_verify_exists_only_where_the_owner_lets_photographs_leave(tmp_path: Pat
         return await told(client, "verify")
 
     with seeing_server.serving() as (url, asked):
-        eyes = verifying.eyes(url)
-        for look in (None, replace(eyes, when="ask")):
+        permitted = verifying.permitted(url)
+        for look in (None, replace(permitted, when="ask")):
             assert set(with_server(Operations(Homes([tmp_path / "home"]), Echo(), look=look), listed)) == TOOLS
         assert not asked
-        got = with_server(Operations(Homes([tmp_path / "home"]), Echo(), look=eyes), verified)
+        got = with_server(Operations(Homes([tmp_path / "home"]), Echo(), look=permitted), verified)
     assert [(row["id"], row["said"], row["after"]) for row in got["asked"]] == [(8, "no", 0.3001)] and len(asked) == 13
 
 

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from cartier import plugins
 from cartier.contracts import Recording, RecordingDefaults, optional
 from cartier.doctor import checks
-from cartier.doctor._consistency import FEWEST_PAIRS, Numbers, Verdict, judge
+from cartier.doctor._consistency import FEWEST_PAIRS, Numbers, Pairs, Verdict, judge
 from cartier.doctor._diagnosis import Diagnosis, diagnose, small_camera
 from cartier.doctor._evidence import draw_report, evidence_pair
 from cartier.doctor._home import examine_home, is_home
@@ -142,7 +142,7 @@ def _register(
 
     def score(depth_camera: bool, pairs: Numbers) -> float:
         camera = repaired_camera(samples.camera, replace(plain, registration=registration, depth_camera=depth_camera))
-        return judge(registered, poses, plain.reading.depth_scale, small_camera(samples, camera), pairs).score
+        return judge(Pairs(registered, pairs), poses, plain.reading.depth_scale, small_camera(samples, camera)).score
 
     depth_camera = all(score(True, pairs) > score(False, pairs) for pairs in (diagnosis.choosing, diagnosis.testing))
     return replace(plain, registration=registration, depth_camera=depth_camera)

@@ -52,6 +52,7 @@ class Pairs:
         rows, cols = np.meshgrid(np.arange(step // 2, height, step), np.arange(step // 2, width, step), indexing="ij")
         self._rows, self._cols = rows.ravel(), cols.ravel()
         self._z = samples.depth_m[self.pairs[:, :1], self._rows, self._cols]
+        self._measured = np.isfinite(self._z)
 
     def __len__(self) -> int:
         return len(self.pairs)
@@ -60,15 +61,15 @@ class Pairs:
         """The agreement by motions (P, 4, 4), with the depth times ``scale`` and the small camera or another one."""
         camera = small or self.samples.small
         moved, u, v, inside = self.carry(b_from_a, scale, camera)
-        there = self.samples.depth_m[self.pairs[:, 1:], v, u] * np.float32(scale)
+        there = self._there(self.samples.depth_m, u, v) * np.float32(scale)
         with np.errstate(invalid="ignore", divide="ignore"):
             behind = np.where(inside, moved - there, 0)
-            meets = np.clip(np.nan_to_num(1 - np.abs(behind) / (CAP * moved)), 0, 1) * inside
-        read = np.isfinite(self._z) & ~(inside & np.isnan(there))
+            meets = np.fmin(np.fmax(1 - np.abs(behind) / (CAP * moved), 0), 1) * inside  # NaN becomes 0
+        read = self._measured & ~(inside & np.isnan(there))
         both = read & inside
         met = (meets * both).sum(axis=1)
         before = ((1 - meets) * (both & (behind < 0))).sum(axis=1)
-        count = np.where(np.isfinite(b_from_a).all(axis=(1, 2)), read.sum(axis=1), 0)
+        count = np.where(np.isfinite(b_from_a).all(axis=(1, 2)), np.count_nonzero(read, axis=1), 0)
         visible = both & ((behind < 0) | (meets > 0))
         return Agreement(
             np.where(count >= LEAST_SEEN, met / np.maximum(count, 1), np.nan),
@@ -81,7 +82,7 @@ class Pairs:
         _, u, v, inside = self.carry(b_from_a, scale, small)
         grey = self.samples.grey
         a = np.where(inside, grey[self.pairs[:, :1], self._rows, self._cols], 0)
-        b = np.where(inside, grey[self.pairs[:, 1:], v, u], 0)
+        b = np.where(inside, self._there(grey, u, v), 0)
         count = np.maximum(inside.sum(axis=1, keepdims=True), 1)
         a, b = (np.where(inside, x - x.sum(axis=1, keepdims=True) / count, 0) for x in (a, b))
         norm = np.sqrt((a * a).sum(axis=1) * (b * b).sum(axis=1))
@@ -91,18 +92,28 @@ class Pairs:
     def carry(self, b_from_a: Array, scale: float, camera: Camera) -> tuple[Array, Array, Array, Array]:
         """The points of a in b: z (m), pixel column u and row v, and whether they lie in the image; each (P, n)."""
         z = self._z * np.float32(scale)
-        points = np.stack(
-            [z * ((self._cols - camera.cx) / camera.fx), z * ((self._rows - camera.cy) / camera.fy), z], axis=-1
-        ).astype(np.float32)
+        points = np.empty((*z.shape, 3), np.float32)
+        points[..., 0] = z * ((self._cols - camera.cx) / camera.fx)
+        points[..., 1] = z * ((self._rows - camera.cy) / camera.fy)
+        points[..., 2] = z
         motion = np.asarray(b_from_a, dtype=np.float32)
-        points = points @ motion[:, :3, :3].transpose(0, 2, 1) + motion[:, None, :3, 3]
+        points = points @ motion[:, :3, :3].transpose(0, 2, 1)
+        x, y, moved = (points[..., i] + motion[:, None, i, 3] for i in range(3))
         height, width = self.samples.grey.shape[1:]
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-            u = np.rint(points[..., 0] / points[..., 2] * camera.fx + camera.cx)
-            v = np.rint(points[..., 1] / points[..., 2] * camera.fy + camera.cy)
-            inside = (points[..., 2] > 0) & (u >= 0) & (u < width) & (v >= 0) & (v < height)
-        u, v = (np.where(inside, x, 0).astype(np.int64) for x in (u, v))
-        return points[..., 2], u, v, inside
+            for along, focal, middle in ((x, camera.fx, camera.cx), (y, camera.fy, camera.cy)):
+                along /= moved  # in place: this is run for a hundred readings of every recording
+                along *= focal
+                along += middle
+                np.rint(along, out=along)
+            inside = (moved > 0) & (x >= 0) & (x < width) & (y >= 0) & (y < height)
+        u, v = (np.where(inside, along, 0).astype(np.int64) for along in (x, y))
+        return moved, u, v, inside
+
+    def _there(self, images: Array, u: Array, v: Array) -> Array:
+        """The values of images (M, h, w) of the frames b at pixels (P, n)."""
+        _, height, width = images.shape
+        return np.asarray(images.reshape(-1).take((self.pairs[:, 1:] * height + v) * width + u))
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,12 +152,12 @@ class Verdict:
         return self.seen >= FEWEST_PAIRS and self.disagreeing <= (1 - AGREED_SHARE) * self.seen
 
 
-def judge(samples: Samples, poses: Array, scale: float, small: Camera, pairs: Numbers) -> Verdict:
-    """How well pairs (P, 2) agree by poses (M, 4, 4; NaN = unknown), scale of depth and camera."""
-    if not len(pairs):
-        return Verdict(np.empty(0), np.empty(0), float("nan"), pairs)
-    found = Pairs(samples, pairs).agreement(motions(poses, pairs), scale, small)
-    return Verdict(found.met, found.agreed, found.off_m, pairs)
+def judge(those: Pairs, poses: Array, scale: float, small: Camera) -> Verdict:
+    """How well pairs agree by poses (M, 4, 4; NaN = unknown), scale of depth and camera."""
+    if not len(those):
+        return Verdict(np.empty(0), np.empty(0), float("nan"), those.pairs)
+    found = those.agreement(motions(poses, those.pairs), scale, small)
+    return Verdict(found.met, found.agreed, found.off_m, those.pairs)
 
 
 def much_better(new: Verdict, old: Verdict) -> bool:

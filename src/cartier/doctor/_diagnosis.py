@@ -48,21 +48,22 @@ def small_camera(samples: Samples, camera: Camera) -> Camera:
     )
 
 
-def weigh(samples: Samples, reading: Reading, pairs: Numbers) -> Verdict:
+def weigh(reading: Reading, pairs: Pairs) -> Verdict:
     """How well one reading makes pairs of frames agree."""
+    samples = pairs.samples
     poses = reading.shifted(samples.poses, samples.index)
-    return judge(samples, poses, reading.depth_scale, small_camera(samples, reading.camera(samples.camera)), pairs)
+    return judge(pairs, poses, reading.depth_scale, small_camera(samples, reading.camera(samples.camera)))
 
 
 def diagnose(samples: Samples, level: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> Diagnosis:
     """Accept the best change of reading as long as it makes the choosing and the testing frames agree much better."""
-    choosing, testing = near_pairs(samples)
-    both = np.concatenate([choosing, testing])
+    choosing, testing = (Pairs(samples, pairs) for pairs in near_pairs(samples))
+    both = Pairs(samples, np.concatenate([choosing.pairs, testing.pairs]))
     reading = Reading(level)
     faults: list[Fault] = []
     doubts: list[str] = []
-    while len(faults) < MOST_FAULTS and (found := _best(samples, reading, choosing)):
-        better, now = (weigh(samples, r, testing) for r in (found[-1].reading, reading))
+    while len(faults) < MOST_FAULTS and (found := _best(reading, choosing)):
+        better, now = (weigh(r, testing) for r in (found[-1].reading, reading))
         if not much_better(better, now):
             doubts += [
                 f"{h.words}? --fix does not apply it, for other frames contradict it: {_evidence(better, now)}"
@@ -71,10 +72,10 @@ def diagnose(samples: Samples, level: np.ndarray[tuple[int, ...], np.dtype[np.fl
             break
         faults += [Fault(h.fault, f"{h.words}: {_evidence(better, now)}", h.repair) for h in found]
         reading = found[-1].reading
-    return Diagnosis(reading, tuple(faults), tuple(doubts), weigh(samples, reading, both), choosing, testing)
+    return Diagnosis(reading, tuple(faults), tuple(doubts), weigh(reading, both), choosing.pairs, testing.pairs)
 
 
-def _best(samples: Samples, reading: Reading, pairs: Numbers) -> list[Hypothesis]:
+def _best(reading: Reading, pairs: Pairs) -> list[Hypothesis]:
     """The change that makes the pairs agree best, in one or two steps; empty if it is not much better than ``reading``.
 
     If no single change suffices, each change of the poses is tried with each unit of depth: two faults may hide each
@@ -82,27 +83,27 @@ def _best(samples: Samples, reading: Reading, pairs: Numbers) -> list[Hypothesis
     """
     if len(pairs) < FEWEST_PAIRS:
         return []
-    now = weigh(samples, reading, pairs)
+    samples, now = pairs.samples, weigh(reading, pairs)
     near = len(samples) // 4
     single = [h for h in hypotheses(reading, samples.camera) if abs(h.reading.shift - reading.shift) <= near]
-    best = _fitting(samples, single, pairs)
+    best = _fitting(single, pairs)
     first: dict[Hypothesis, Hypothesis] = {}
     if max(best[0][1].score, now.score) < SETTLED:
         poses = [h for h in single if h.fault in ("inverted_poses", "opengl_axes", "left_handed")]
         both = {depth_by(h.reading, scale): h for h in poses for scale in (1000.0, 1e-3, 5.0, 0.2)}
-        others = _fitting(samples, list(both), pairs)
+        others = _fitting(list(both), pairs)
         if others[0][1].fit > best[0][1].fit + TIED:
             first, best = both, others
     if not much_better(best[0][1], now):
         return []
     found, verdict = best[0] if len(best) == 1 else min(best, key=lambda judged: _lean(samples, judged[0].reading))
     before = [first[found]] if first else []
-    return [*before, _refined(samples, before[0].reading if before else reading, found, verdict)]
+    return [*before, _refined(pairs, before[0].reading if before else reading, found, verdict)]
 
 
-def _fitting(samples: Samples, those: list[Hypothesis], pairs: Numbers) -> list[tuple[Hypothesis, Verdict]]:
+def _fitting(those: list[Hypothesis], pairs: Pairs) -> list[tuple[Hypothesis, Verdict]]:
     """The hypotheses that fit best or nearly as well, best first."""
-    judged = [(h, weigh(samples, h.reading, pairs)) for h in those]
+    judged = [(h, weigh(h.reading, pairs)) for h in those]
     judged.sort(key=lambda pair: -pair[1].fit)
     return [pair for pair in judged if pair[1].fit >= judged[0][1].fit - TIED]
 
@@ -114,22 +115,22 @@ def _lean(samples: Samples, reading: Reading) -> int:
     return round((180 if found is None else found.degrees) / LEAN_DEG)
 
 
-def _refined(samples: Samples, reading: Reading, found: Hypothesis, verdict: Verdict) -> Hypothesis:
+def _refined(pairs: Pairs, reading: Reading, found: Hypothesis, verdict: Verdict) -> Hypothesis:
     """The same change with a finer factor of depth or number of frames to shift."""
     if found.fault == "depth_scale":
-        return _of_poses(samples, reading, _finer_scale(samples, reading, found, verdict))
+        return _of_poses(pairs.samples, reading, _finer_scale(pairs, reading, found))
     if found.fault != "time_offset":
         return found
     shift = found.reading.shift - reading.shift
     steps = [shift_by(reading, shift + step) for step in range(-4, 5) if step and shift + step]
-    finer, fits = _fitting(samples, steps, verdict.pairs)[0]
+    finer, fits = _fitting(steps, pairs)[0]
     return finer if fits.fit > verdict.fit else found
 
 
-def _finer_scale(samples: Samples, reading: Reading, found: Hypothesis, verdict: Verdict) -> Hypothesis:
+def _finer_scale(pairs: Pairs, reading: Reading, found: Hypothesis) -> Hypothesis:
     """The factor that fits the same pairs best; the known unit if it is as good."""
-    pairs = Pairs(samples, verdict.pairs)
-    motion = motions(found.reading.shifted(samples.poses, samples.index), verdict.pairs)
+    samples = pairs.samples
+    motion = motions(found.reading.shifted(samples.poses, samples.index), pairs.pairs)
     small = small_camera(samples, found.reading.camera(samples.camera))
     fits = [
         float(np.nan_to_num(pairs.agreement(motion, found.reading.depth_scale * step, small).met).mean())

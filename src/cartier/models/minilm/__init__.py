@@ -24,8 +24,8 @@ class TextEncoder:
     """
 
     def __init__(self, model: bytes | None = None) -> None:
-        self._session = _session(model) if model else _shipped()
-        self._tokens = _tokens()
+        self._session = _shipped() if model is None else _session(model)
+        self._tokens = _words()
         self._known: dict[str, Array] = {}
         self.cut = 0
 
@@ -45,21 +45,20 @@ class TextEncoder:
         return known
 
 
-def _session(model: bytes | str) -> Any:
+def _session(source: str | bytes) -> Any:
     import onnxruntime  # not before the first text
 
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = 1  # a sentence is too small to share, and busy cores make sharing slow
     options.inter_op_num_threads = 1
-    return onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
+    return onnxruntime.InferenceSession(source, options, providers=["CPUExecutionProvider"])
 
 
-@cache
+@cache  # every encoder of a process reads the same network and words, and changes neither
 def _shipped() -> Any:
-    """Opened once a process, however many encoders are made: it takes a tenth of a second."""
     return _session(str(FOLDER / "minilm.onnx"))
 
 
 @cache
-def _tokens() -> WordPiece:
+def _words() -> WordPiece:
     return WordPiece(FOLDER / "vocab.txt")

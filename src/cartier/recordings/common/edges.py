@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy.fft import irfft2, next_fast_len, rfft2
@@ -51,7 +52,7 @@ class Registration:
 
 def registration(images: Sequence[tuple[Array, Array]]) -> Registration | None:
     """Find the registration by edges, from (grey, depth) images of the same size; None without edges."""
-    colour = [_colour_edges(grey) for grey, _ in images]
+    colour = [_Spectrum.of(_colour_edges(grey)) for grey, _ in images]
     filled = [_filled(depth) for _, depth in images]
     if not images:
         return None
@@ -74,7 +75,7 @@ def registration(images: Sequence[tuple[Array, Array]]) -> Registration | None:
 
 def fits(images: Sequence[tuple[Array, Array]], found: Registration) -> tuple[float, float]:
     """The correlation of edges in other images of that size: registered, and as given."""
-    colour = [_colour_edges(grey) for grey, _ in images]
+    colour = [_Spectrum.of(_colour_edges(grey)) for grey, _ in images]
     filled = [_filled(depth) for _, depth in images]
     width = images[0][0].shape[1]
     row, col = REACH + round(found.dy * width), REACH + round(found.dx * width)
@@ -82,19 +83,33 @@ def fits(images: Sequence[tuple[Array, Array]], found: Registration) -> tuple[fl
     return float(there), float(_correlation(colour, filled, 1.0)[REACH, REACH])
 
 
-def _correlation(colour: Sequence[Array], depth: Sequence[Array], zoom: float) -> Array:
+@dataclass(frozen=True, eq=False)
+class _Spectrum:
+    """The transform of an image of edges less its mean, padded to ``shape``, and its norm."""
+
+    transform: Array
+    shape: tuple[int, ...]
+    norm: np.floating[Any]
+
+    @classmethod
+    def of(cls, edges: Array) -> _Spectrum:
+        shape = tuple(next_fast_len(n + REACH, real=True) for n in edges.shape)
+        level = edges - edges.mean()
+        return cls(rfft2(level, shape), shape, np.linalg.norm(level))
+
+
+def _correlation(colour: Sequence[_Spectrum], depth: Sequence[Array], zoom: float) -> Array:
     """Mean normalised correlation (2 REACH + 1, same) of colour edges with those of the zoomed depth, by shift."""
     total = np.zeros((2 * REACH + 1, 2 * REACH + 1))
-    for c, z in zip(colour, depth, strict=True):
+    for a, z in zip(colour, depth, strict=True):
         e = _depth_edges(z if zoom == 1 else zoomed(z, zoom))
         if not e.any():
             continue
-        a, b = c - c.mean(), e - e.mean()
-        shape = tuple(next_fast_len(n + REACH, real=True) for n in a.shape)
-        product = irfft2(rfft2(a, shape) * np.conj(rfft2(b, shape)), shape)
+        b = _Spectrum.of(e)
+        product = irfft2(a.transform * np.conj(b.transform), a.shape)
         near = np.concatenate([product[-REACH:], product[: REACH + 1]])
         near = np.concatenate([near[:, -REACH:], near[:, : REACH + 1]], axis=1)
-        total += near / max(float(np.linalg.norm(a) * np.linalg.norm(b)), 1e-9)
+        total += near / max(float(a.norm * b.norm), 1e-9)
     return total / max(len(colour), 1)
 
 
