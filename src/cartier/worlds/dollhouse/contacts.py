@@ -22,7 +22,8 @@ class Contacts:
     def __init__(self, scene: Scene) -> None:
         self._mesh = triangles(scene)
         self._boxes = {t.id: np.array([t.box_min, t.box_max], np.float32) for t in scene.truth()}
-        self._own = {i: self._tracer(np.flatnonzero(self._mesh.instance == i)) for i in self._boxes}
+        self._own = {i: self._tracer([i]) for i in self._boxes}
+        self._structure = self._tracer([0])
         self.holder: dict[int, tuple[int, str]] = {}
         self.covered: set[tuple[int, int]] = set()
         for i in self._boxes:
@@ -41,11 +42,12 @@ class Contacts:
         low, high = self._boxes[i]
         share = (np.arange(RAYS, dtype=np.float32) + 0.5) / RAYS
         xy = np.stack(np.meshgrid(*(low[:2] + share[:, None] * (high - low)[:2]).T), -1).reshape(-1, 2)
-        rest = self._tracer(self._around(i))
+        near = self._near(i)
+        others = self._tracer(near) if near else None
         bottom = low[2] - 1 + self._far(self._own[i], _at(xy, low[2] - 1), UP)
         stands = bottom < max(low[2], float(np.nanmin(bottom))) + TOUCH_M
         feet = _at(xy[stands], bottom[stands] + 0.02)
-        below, far = self._met(rest, feet, DOWN)
+        below, far = self._met(others, feet, DOWN)
         holder = _most(below[far < 0.02 + TOUCH_M])
         if holder:
             roof = _at(feet[:, :2], max(high[2] - 0.005, low[2] + 0.015))
@@ -57,7 +59,7 @@ class Contacts:
             )
             self.holder[i] = holder, "in" if covers >= COVERED or walls >= WALLED else "on"
         top = high[2] + 1 - self._far(self._own[i], _at(xy, high[2] + 1), DOWN)
-        above, _ = self._met(rest, _at(xy, top + 0.005)[np.isfinite(top)], UP)
+        above, _ = self._met(others, _at(xy, top + 0.005)[np.isfinite(top)], UP)
         cover = _most(above)
         if cover and (above == cover).mean() >= COVERED and cover != holder and self.holder.get(cover, (0,))[0] != i:
             self.covered.add((i, cover))
@@ -73,16 +75,16 @@ class Contacts:
             smallest = min(ring, key=lambda j: float(np.prod(self._boxes[j][1] - self._boxes[j][0])))
             del self.holder[next(j for j in ring if self.holder[j][0] == smallest)]
 
-    def _around(self, i: int) -> Array:
-        """The faces of the structure and of what may touch or cover a furnishing."""
+    def _near(self, i: int) -> list[int]:
+        """What may touch or cover a furnishing."""
         low, high = self._boxes[i]
-        near = [
+        return [
             j for j, (a, b) in self._boxes.items() if j != i and (a[:2] <= high[:2]).all() and (b[:2] >= low[:2]).all()
         ]
-        return np.flatnonzero(np.isin(self._mesh.instance, [0, *near]))
 
-    def _tracer(self, faces: Array) -> Tracer:
-        made = tracer(self._mesh, faces)
+    def _tracer(self, ids: list[int]) -> Tracer:
+        """Of the triangles of some furnishings; 0 is the structure."""
+        made = tracer(self._mesh, np.flatnonzero(np.isin(self._mesh.instance, ids)))
         if made is None:
             raise BackendError("what stands on what is found by tracing rays: this machine has no embreex")
         return made
@@ -92,10 +94,15 @@ class Contacts:
         triangle, _, _, far = by.hits(starts.astype(np.float32), np.broadcast_to(ways, starts.shape))
         return np.where(triangle >= 0, far, np.nan)
 
-    def _met(self, by: Tracer, starts: Array, ways: Array) -> tuple[Array, Array]:
-        """Whose triangles rays meet (0: the structure or nothing), and how far off."""
-        triangle, _, _, far = by.hits(starts.astype(np.float32), np.broadcast_to(ways, starts.shape))
-        return np.where(triangle >= 0, self._mesh.instance[triangle], 0), np.where(triangle >= 0, far, np.inf)
+    def _met(self, others: Tracer | None, starts: Array, ways: Array) -> tuple[Array, Array]:
+        """Whose triangles rays meet first (0: the structure or nothing), and how far off."""
+        whose, far = np.zeros(len(starts), int), np.full(len(starts), np.inf)
+        for by in (self._structure, *([others] if others else [])):
+            triangle, _, _, reached = by.hits(starts.astype(np.float32), np.broadcast_to(ways, starts.shape))
+            first = (triangle >= 0) & (reached < far)
+            whose = np.where(first, self._mesh.instance[triangle], whose)
+            far = np.where(first, reached, far)
+        return whose, far
 
 
 def _at(xy: Array, z: Array | float) -> Array:
