@@ -66,8 +66,8 @@ def tracer(mesh: Triangles, which: npt.NDArray[np.int64] | None = None) -> Trace
     numbers = np.arange(len(mesh.faces)) if which is None else which
     vertices, faces = mesh.vertices, np.ascontiguousarray(mesh.faces[numbers])
     if which is not None:  # embree copies all vertices that it is given
-        used, faces = np.unique(faces, return_inverse=True)
-        vertices, faces = vertices[used], faces.reshape(-1, 3).astype(mesh.faces.dtype)
+        used, again = np.unique(faces, return_inverse=True)
+        vertices, faces = vertices[used], again.reshape(-1, 3).astype(np.int32)
     scene = EmbreeScene()
     return Tracer(scene, TriangleMesh(scene, vertices, faces), numbers)
 
