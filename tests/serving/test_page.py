@@ -107,7 +107,7 @@ def visit(browser: Any) -> Iterator[Callable[..., Any]]:
         tab = browser.new_context(**{"viewport": {"width": 1280, "height": 800}} | options).new_page()
         said: list[str] = []
         asked: list[str] = []
-        tab.on("console", lambda message: said.append(message.text))
+        tab.on("console", lambda message: said.append(f"{message.text} {message.location.get('url')}"))
         tab.on("pageerror", lambda error: said.append(str(error)))
         tab.on("request", lambda request: asked.append(request.url))
         tab.goto(url)

@@ -16,7 +16,7 @@ function toast(text) {
   toast.timer = setTimeout(() => { box.hidden = true; }, 6000);
 }
 async function safely(work) {
-  try { return await work(); } catch (error) { toast(error.message); return null; }
+  try { return await work(); } catch (error) { if (error.name !== "AbortError") toast(error.message); return null; }
 }
 
 function choose(id, goal) {

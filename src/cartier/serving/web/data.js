@@ -4,13 +4,13 @@
 const plain = (text) => text.toLowerCase().normalize("NFKD").replace(/[^\p{L}\p{N} ]+/gu, " ").replace(/\s+/g, " ").trim();
 
 class Served {
-  constructor() { this.home = ""; this.mapping = false; this.token = sessionStorage.getItem("cartier-token") || ""; this.talk = Array.from(crypto.getRandomValues(new Uint8Array(12)), (b) => b.toString(16).padStart(2, "0")).join(""); }
+  constructor() { this.home = ""; this.reads = new AbortController(); this.mapping = false; this.token = sessionStorage.getItem("cartier-token") || ""; this.talk = Array.from(crypto.getRandomValues(new Uint8Array(12)), (b) => b.toString(16).padStart(2, "0")).join(""); }
   get canCorrect() { return !this.mapping; }
-  async call(path, body) {
+  async call(path, body, signal) {
     const headers = this.token ? { authorization: `Bearer ${this.token}` } : {};
     if (body) headers["content-type"] = "application/json";
-    const got = await fetch(path, { method: body ? "POST" : "GET", headers, body: body && JSON.stringify(body), credentials: "omit" });
-    if (got.status === 401) { await this.unlock(); return this.call(path, body); }
+    const got = await fetch(path, { method: body ? "POST" : "GET", headers, body: body && JSON.stringify(body), credentials: "omit", signal });
+    if (got.status === 401) { await this.unlock(); return this.call(path, body, signal); }
     if (!got.ok) throw new Error((await got.json().catch(() => ({}))).error || `the server answered ${got.status}`);
     return got;
   }
@@ -22,20 +22,21 @@ class Served {
       box.showModal();
     });
   }
-  json(path, body) { return this.call(path, body).then((got) => got.json()); }
+  json(path, body, signal) { return this.call(path, body, signal).then((got) => got.json()); }
   at(rest) { return `api/homes/${encodeURIComponent(this.home)}/${rest}`; }
   async homes() { return (await this.json("api/homes")).homes; }
   view() { return this.json(this.at("view")); }
   async live() { return (await this.json(this.at("live"))).live; }
   async cloud() { return (await this.json(this.at("cloud"))).cloud; }
   ask(words) { return this.json(this.at("ask"), { words, conversation: this.talk }); }
-  async goal(obj) { const result = await this.json(this.at(`goal?entity=${obj.id}`)); return result.goal || { why: result.why_no_goal }; }
+  async goal(obj) { const result = await this.json(this.at(`goal?entity=${obj.id}`), undefined, this.reads.signal); return result.goal || { why: result.why_no_goal }; }
   async photo(obj, view) {
-    const got = await this.call(this.at(`photo?entity=${obj.id}&view=${view}`));
+    const got = await this.call(this.at(`photo?entity=${obj.id}&view=${view}`), undefined, this.reads.signal);
     return { src: URL.createObjectURL(await got.blob()), box: JSON.parse(got.headers.get("x-box")) };
   }
-  correct(what, entity, more) { return this.json(this.at("corrections"), { what, entity: String(entity), who: "the page", ...more }); }
-  undo() { return this.json(this.at("undo"), { who: "the page" }); }
+  forgetReads() { this.reads.abort(); this.reads = new AbortController(); } // of a home that is about to change
+  correct(what, entity, more) { this.forgetReads(); return this.json(this.at("corrections"), { what, entity: String(entity), who: "the page", ...more }); }
+  undo() { this.forgetReads(); return this.json(this.at("undo"), { who: "the page" }); }
 }
 
 class Stored {
