@@ -1,6 +1,6 @@
 """Training of the parser (understanding/parser.npz) on marked requests; needs torch.
 
-    python tools/understanding/train_parser.py [--limit N] [--begin FILE] [--out FILE] [--hold FILE...]
+    python tools/understanding/train_parser.py [--limit N] [--begin FILE] [--average FILE] [--out FILE] [--hold FILE...]
 
 Prints, for held-out files of marked requests, the share of clauses with the right act, of lines with every span right,
 the F1 of spans, the temperature that fits their acts and the calibration error. ``--limit`` takes so many written lines
@@ -12,6 +12,8 @@ from __future__ import annotations
 import random
 import sys
 from pathlib import Path
+
+import numpy as np
 
 sys.path.append(str(Path(__file__).parent))
 sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
@@ -37,6 +39,7 @@ def main() -> None:
     parser.add_argument("--needs", type=int, default=2500, help="requests that name nothing (default: %(default)s)")
     parser.add_argument("--passes", type=int, default=8, help="passes over all lines (default: %(default)s)")
     parser.add_argument("--begin", type=Path, metavar="FILE", help="go on from these weights (default: from nothing)")
+    parser.add_argument("--average", type=Path, metavar="FILE", help="end halfway to these weights, whose skills stay")
     parser.add_argument("--out", type=Path, default=FITTED, help="where to write the weights")
     parser.add_argument("--hold", type=Path, nargs="*", default=[], help="files that are reported on, not learnt from")
     parser.add_argument("--temperature", type=float, help="of the acts (default: fitted to the held-out files, or 1)")
@@ -59,11 +62,20 @@ def main() -> None:
     fit = [r for r in map(ready, written(options.hold)) if r is not None]
     degree = options.temperature or (temperature(network, fit) if fit else 1.0)
     network.save(options.out, degree)
+    if options.average:
+        average(options.out, options.average)
     print(f"temperature {degree:.2f}")
     fitted = Fitted(options.out)
     for file in options.hold:
         report(fitted, written([file]), file.stem)
     report(fitted, templated(300, 99), "templates")
+
+
+def average(file: Path, other: Path) -> None:
+    """Put the means of two networks' weights into the first's file (WiSE-FT, Wortsman et al. 2022)."""
+    with np.load(file, allow_pickle=False) as ours, np.load(other, allow_pickle=False) as theirs:
+        means = {name: ((ours[name].astype(np.float32) + theirs[name]) / 2).astype(ours[name].dtype) for name in ours}
+    np.savez_compressed(file, allow_pickle=False, **means)
 
 
 if __name__ == "__main__":
