@@ -96,8 +96,11 @@ def test_a_failed_append_leaves_the_home_that_it_began_from_as_it_was(made: Path
     assert {name: home.index()[1].locate(name) for name in home.names} == before
 
 
-@pytest.mark.parametrize("error", [False, True], ids=["killed", "disk full"])
-@pytest.mark.parametrize("kind", ["map", "append", "convert"])
+@pytest.mark.parametrize(
+    ("kind", "error"),
+    [("map", False), ("append", True), ("convert", False)],
+    ids=["map killed", "append, disk full", "convert killed"],
+)
 def test_interrupted_anywhere_old_or_new_is_left_and_a_second_run_gives_the_same(
     made: Path, tmp_path: Path, kind: str, error: bool
 ) -> None:
