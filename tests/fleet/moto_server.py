@@ -14,6 +14,7 @@ import random
 import socket
 import subprocess
 import sys
+import threading
 import time
 import urllib.request
 from collections.abc import Callable, Iterable, Iterator
@@ -26,7 +27,13 @@ WSGI = Callable[[dict[str, Any], Callable[..., Any]], Iterable[bytes]]
 
 def faulty(app: WSGI, fail: float, lose: float, slow: float, seed: int) -> WSGI:
     """The application behind a bad network."""
-    dice = random.Random(seed)
+    dice, writing = random.Random(seed), threading.Lock()
+
+    def served(environ: dict[str, Any], start: Callable[..., Any]) -> Iterable[bytes]:
+        if environ["REQUEST_METHOD"] != "PUT":
+            return app(environ, start)
+        with writing:  # moto looks at the condition and then writes; a real store does both at once
+            return list(app(environ, start))
 
     def answer(environ: dict[str, Any], start: Callable[..., Any]) -> Iterable[bytes]:
         if "/moto-api" in environ["PATH_INFO"]:
@@ -39,10 +46,10 @@ def faulty(app: WSGI, fail: float, lose: float, slow: float, seed: int) -> WSGI:
         if drawn < fail + slow:
             time.sleep(dice.uniform(0.2, 1.0))
         elif drawn < fail + slow + lose:
-            list(app(environ, lambda *_: None))
+            list(served(environ, lambda *_: None))
             start("500 Internal Server Error", [("Content-Length", "0")])
             return [b""]
-        return app(environ, start)
+        return served(environ, start)
 
     return answer
 
@@ -66,9 +73,7 @@ def main() -> None:
     server = make_server(
         "127.0.0.1", given.port, faulty(app, given.fail, given.lose, given.slow, given.seed), threaded=True
     )
-    from threading import Thread
-
-    Thread(target=server.serve_forever, daemon=True).start()
+    threading.Thread(target=server.serve_forever, daemon=True).start()
     client = boto3.client("s3", endpoint_url=f"http://127.0.0.1:{given.port}", **CREDENTIALS)
     client.create_bucket(Bucket=BUCKET)
     print("ready", flush=True)
