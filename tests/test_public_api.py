@@ -7,6 +7,7 @@ import dataclasses
 import doctest
 import inspect
 import itertools
+import os
 import re
 import subprocess
 import sys
@@ -139,3 +140,17 @@ def test_importing_cartier_loads_nothing_and_its_names_numpy_alone(code: str, he
     )
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
     assert loaded.strip() == str(["cartier", "lazy_loader", *heaviest])
+
+
+@pytest.mark.parametrize(("before", "after"), [(None, "1"), ("4", "4")])
+def test_the_command_line_keeps_numpy_to_one_thread_unless_told_otherwise(before: str | None, after: str) -> None:
+    """Set before numpy loads, which reads it once."""
+    code = (
+        "import builtins, os, sys\nload = builtins.__import__\ndef watched(name, *rest):\n"
+        "    if name == 'numpy' and name not in sys.modules: print(os.environ.get('OPENBLAS_NUM_THREADS'))\n"
+        "    return load(name, *rest)\nbuiltins.__import__ = watched\nimport cartier.cli"
+    )
+    given = {name: value for name, value in os.environ.items() if name != "OPENBLAS_NUM_THREADS"}
+    given |= {"OPENBLAS_NUM_THREADS": before} if before else {}
+    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=given).stdout
+    assert said.split()[0] == after

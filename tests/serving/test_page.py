@@ -365,6 +365,19 @@ def test_an_uncertain_answer_shows_its_photo_and_asks(
     assert number not in {t.id for t in Home.load(home).objects}
 
 
+def test_a_correction_drops_what_was_asked_of_the_home_before(
+    home: Path, start: Callable[..., Server], visit: Callable[..., Any]
+) -> None:
+    tab = visit(start("serve", home).url)
+    dropped: list[str] = []
+    tab.on("requestfailed", lambda request: dropped.append(request.url))
+    tab.route("**/goal?*", lambda route: None)  # the goal never comes
+    tab.evaluate("choose(data.objects.find((t) => t.confirmed).id)")
+    tab.click("#card button:text-is('Forget')")
+    tab.wait_for_selector("#toast:has-text('is forgotten')")
+    assert any("/goal?" in url for url in dropped)
+
+
 def test_a_name_from_the_outside_is_only_text(
     home: Path, start: Callable[..., Server], visit: Callable[..., Any]
 ) -> None:

@@ -75,7 +75,7 @@ def average(file: Path, other: Path) -> None:
     """Put the means of two networks' weights into the first's file (WiSE-FT, Wortsman et al. 2022)."""
     with np.load(file, allow_pickle=False) as ours, np.load(other, allow_pickle=False) as theirs:
         means = {name: ((ours[name].astype(np.float32) + theirs[name]) / 2).astype(ours[name].dtype) for name in ours}
-    np.savez_compressed(file, allow_pickle=False, **means)
+    np.savez(file, **means)
 
 
 if __name__ == "__main__":

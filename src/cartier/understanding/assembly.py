@@ -237,8 +237,10 @@ def _noun(span: Span, clause: Clause, names: EntityVocabulary) -> ReferringExpre
     keys = [name_key(" ".join((*owner, *span.words)))] if owner else []
     ends = 1 if "'" in span.words else len(span.words)  # "Ben's bedroom" is not just any bedroom
     keys += [name_key(" ".join(span.words[k:])) for k in range(ends)]
-    keys += [name_key(" ".join(span.words[:-1]))] if span.words[1:] and span.words[-1] == "side" else []
-    keys += [key for key in [name_key(" ".join(span.words[:-1]))] if span.words[-1] == "door" and names.objs.get(key)]
+    whole = name_key(" ".join(span.words[:-1]))  # "the sofa side", and the door of a thing, not of a room
+    keys += (
+        [whole] if whole and (span.words[-1] == "side" or (span.words[-1] == "door" and names.objs.get(whole))) else []
+    )
     if span.role in ("r", "l", "m") or (clause.act == "far" and names.rooms.get(keys[-1])):
         rooms = next((names.rooms[key] for key in keys if key in names.rooms), None)
         if rooms is not None or span.role == "r":
