@@ -74,10 +74,8 @@ def finite(values: Sequence[float] | npt.NDArray[Any], size: int, what: str) -> 
         numbers = tuple(float(v) for v in values)
     except (TypeError, ValueError, OverflowError):  # no list of numbers, or a number of hundreds of digits
         numbers = ()
-    need(
-        len(numbers) == size and all(map(math.isfinite, numbers)),
-        f"{what} must be {size} finite numbers, got {brief(values)}",
-    )
+    if len(numbers) != size or not all(map(math.isfinite, numbers)):  # an error's text is made only where there is one
+        raise InputError(f"{what} must be {size} finite numbers, got {brief(values)}")
     return numbers
 
 

@@ -24,7 +24,17 @@ from typing import Any, Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
-from cartier.errors import BackendError, brief, check_camera, check_pose, check_radius, finite, need, without_far
+from cartier.errors import (
+    BackendError,
+    InputError,
+    brief,
+    check_camera,
+    check_pose,
+    check_radius,
+    finite,
+    need,
+    without_far,
+)
 from cartier.route_rules import FLOOR_KINDS, RouteRule
 
 Array = npt.NDArray[Any]
@@ -306,7 +316,8 @@ class View:
         what = f"view of {self.label!r} in frame {self.frame}"
         finite(self.box_xyxy, 4, f"{what}: its box")
         for point in (self.camera, self.surface):
-            need(point is None or len(point) == 3, f"{what}: camera and surface are points, got {brief(point)}")
+            if point is not None and len(point) != 3:
+                raise InputError(f"{what}: camera and surface are points, got {brief(point)}")
 
 
 @dataclass(frozen=True)

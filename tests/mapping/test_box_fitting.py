@@ -13,6 +13,7 @@ from cartier.mapping.box_fitting import (
     about_z,
     agreed_surface,
     agreement,
+    cell_keys,
     decoded,
     flying,
     on_top,
@@ -271,3 +272,13 @@ def test_another_label_fits_the_box_anew() -> None:
     assert not known.columns()["fit_is_stale"].any()
     known.objects()
     assert known.columns()["fit_shape"].tolist() == [STANDING | FLAT_TOPPED]
+
+
+@pytest.mark.parametrize("far_m", [1.0, 1e9])
+def test_cells_are_numbered_in_their_order(far_m: float) -> None:
+    points = np.random.default_rng(0).uniform(-1, 1, (300, 3)) * [1.0, far_m, far_m]
+    cells = np.floor(points / 0.2).astype(int)
+    _, first, of, counts = np.unique(cells, axis=0, return_index=True, return_inverse=True, return_counts=True)
+    found = np.unique(cell_keys(points, 0.2), return_index=True, return_inverse=True, return_counts=True)[1:]
+    for mine, truth in zip(found, (first, of.ravel(), counts), strict=True):
+        np.testing.assert_array_equal(mine, truth)

@@ -104,7 +104,7 @@ def test_a_home_keeps_its_cloud_and_grows_it(tmp_path: object) -> None:
 
 def test_without_depth_there_is_no_cloud() -> None:
     assert map_home(walk(with_depth=False), TrueBoxes(THINGS)).cloud() is None
-    assert CloudMapper().state() is None
+    assert CloudMapper().empty
 
 
 @pytest.mark.parametrize("size", [(1, 1), (2, 2), (3, 200), (200, 3), (641, 2)])
@@ -115,7 +115,7 @@ def test_images_of_any_shape_are_taken(size: tuple[int, int]) -> None:
     for number in range(5):
         rgb, depth = np.full((height, width, 3), 9, np.uint8), np.full((height, width), 1.0, np.float32)
         grown.add(Frame(number, float(number), rgb, depth, look((0, 0, 1.0), (1, 0, 1.0)), camera))
-    assert (grown.state() is None) == (min(size) < 2)
+    assert grown.empty == (min(size) < 2)
 
 
 @pytest.mark.parametrize(

@@ -85,6 +85,13 @@ def test_each_condition_is_one_line(change: Callable[[Frame, int], Frame], says:
     assert len(found) == 1 and found[0].startswith(says) and "\n" not in found[0]
 
 
+def test_drift_is_not_looked_for_unless_asked() -> None:
+    conditions = Conditions()
+    for number, frame in enumerate(frames()):
+        conditions.add(drifting(frame, number))
+    assert len(conditions.notes()) == 1 and conditions.notes(drift=False) == []
+
+
 def test_good_frames_have_no_line() -> None:
     assert notes(frames()) == []
 

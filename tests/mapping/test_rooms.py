@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cartier.mapping.rooms import find_rooms, room_of, rooms_of
+from cartier.mapping.rooms import find_rooms, rooms_of
 from cartier.types import FREE, OCCUPIED, UNKNOWN, MapObject, OccupancyGrid, View
 from plans import DOOR, LEFT, RIGHT, Box, Plan, flat
 
@@ -94,36 +94,38 @@ def test_a_mirrored_home_has_the_mirrored_rooms(turned) -> None:
 def test_nothing_seen_has_no_rooms() -> None:
     grid = Plan().grid()
     assert find_rooms(grid, [obj("bed", (1, 1))]) == ()
-    assert room_of(obj("bed", (1, 1)), grid, ()) is None
-    assert room_of(obj("bed", (1, 1)), None, find_rooms(flat().grid(), ())) is None
+    assert rooms_of([obj("bed", (1, 1))], grid, ()) == [None]
+    assert rooms_of([obj("bed", (1, 1))], None, find_rooms(flat().grid(), ())) == [None]
 
 
 def test_what_hangs_on_a_wall_is_in_the_room_from_which_it_is_seen() -> None:
     grid = flat().grid()
     rooms = find_rooms(grid, ())
     on_the_wall = (4.05, 2.5)
-    assert room_of(obj("painting", on_the_wall, [(2.0, 1.5)]), grid, rooms) == 0
-    assert room_of(obj("painting", on_the_wall, [(6.0, 1.5)]), grid, rooms) == 1
-    assert room_of(obj("painting", on_the_wall, [(6.0, 1.5), (2.0, 1.5), (1.0, 1.5)]), grid, rooms) == 0, "the majority"
+    assert rooms_of([obj("painting", on_the_wall, [(2.0, 1.5)])], grid, rooms) == [0]
+    assert rooms_of([obj("painting", on_the_wall, [(6.0, 1.5)])], grid, rooms) == [1]
+    often_left = obj("painting", on_the_wall, [(6.0, 1.5), (2.0, 1.5), (1.0, 1.5)])
+    assert rooms_of([often_left], grid, rooms) == [0], "the majority"
 
 
 def test_what_is_seen_through_a_doorway_is_where_it_stands() -> None:
     grid = flat().grid()
     rooms = find_rooms(grid, ())
-    assert room_of(obj("sofa", (6.5, 1.5), [(1.0, 1.4)]), grid, rooms) == 1
+    assert rooms_of([obj("sofa", (6.5, 1.5), [(1.0, 1.4)])], grid, rooms) == [1]
 
 
 def test_without_a_view_the_nearest_room_is_taken() -> None:
     grid = flat().grid()
     rooms = find_rooms(grid, ())
-    assert [room_of(obj("cup", xy), grid, rooms) for xy in ((1, 1), (6, 1), (7.4, 1), (-0.9, 2))] == [0, 1, 1, 0]
+    cups = [obj("cup", xy) for xy in ((1, 1), (6, 1), (7.4, 1), (-0.9, 2))]
+    assert rooms_of(cups, grid, rooms) == [0, 1, 1, 0]
 
 
 def test_many_at_once_are_as_one_by_one() -> None:
     grid, rng = flat().grid(), np.random.default_rng(0)
     rooms = find_rooms(grid, ())
     objs = [obj("cup", rng.uniform(0, 7, 2), rng.uniform(0, 7, (k % 3, 2)).tolist()) for k in range(30)]
-    assert rooms_of(objs, grid, rooms) == [room_of(one, grid, rooms) for one in objs]
+    assert rooms_of(objs, grid, rooms) == [rooms_of([one], grid, rooms)[0] for one in objs]
     assert rooms_of([], grid, rooms) == []
 
 
@@ -213,4 +215,4 @@ def test_views_vote_by_their_scores() -> None:
     rooms = find_rooms(grid, ())
     one = obj("painting", (4.05, 2.5), [(2.0, 1.5), (6.0, 1.5), (6.0, 1.0)])
     weak = replace(one, views=(one.views[0], *(replace(view, score=0.2) for view in one.views[1:])))
-    assert (room_of(one, grid, rooms), room_of(weak, grid, rooms)) == (1, 0)
+    assert rooms_of([one, weak], grid, rooms) == [1, 0]

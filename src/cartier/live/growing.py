@@ -178,7 +178,7 @@ class GrowingMap:
             if self._to_align is None or self._alignment is not None:
                 return False
             mapper, kept = self._mapper, list(self._kept)
-            apart = replace(mapper.home(), name=self._source.name)
+            apart = replace(mapper.home(drift=False), name=self._source.name)
         try:
             found = align(self._to_align, apart)
         except InputError as error:
@@ -205,7 +205,7 @@ class GrowingMap:
     def snapshot(self) -> tuple[Home, int]:
         """The map so far, and its frame epoch. Raises InputError if there is none yet."""
         with self._lock:
-            home, epoch = self._mapper.home(), self.epoch
+            home, epoch = self._mapper.home(drift=False), self.epoch
             row = {"recording": self._walked.name, "sha256": self._walked.fingerprint(), "frames": len(self._walked)}
             looked = self._looked
         if self.apart:

@@ -32,7 +32,7 @@ from cartier.types import Answer, AsOf, Goal
 
 INBOX, KEYFRAMES = 8, 4  # frames and keyframes that wait
 DEPTH_HZ, DEPTH_BURST = 10.0, 3.0  # how often depth is taken, and how many frames may come close together
-SNAPSHOT_S, SNAPSHOT_SHARE = 1.0, 0.15  # how often a snapshot is made, and which share of the time it may take
+SNAPSHOT_S, SNAPSHOT_SHARE = 1.0, 0.25  # how often a snapshot is made, and which share of the time it may take
 TICK_S = 0.05
 ALIGN_FROM, ALIGN_MORE = 10, 1.5  # keyframes from which aligning is tried, and times as many before it is again
 

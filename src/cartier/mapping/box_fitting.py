@@ -44,6 +44,7 @@ AREA_CELLS = 16  # along the longest side of an object; each holds the same shar
 FLOOR_M = 0.03  # lower points are floor, if the object is higher than ``LOW_M``
 LOW_M = 0.15
 NEIGHBOURS = np.stack(np.meshgrid(*[(-1, 0, 1)] * 3), axis=-1).reshape(-1, 3)  # of a cell, itself among them
+MOST_KEYS = 2.0**62  # cells in a box around points; there are more only where views are a hundred kilometres apart
 SIDES_SEEN = ("+x", "-x", "+y", "-y", "+z")
 STANDING_SHARE = 1 / 3  # an object whose bottom is seen below this share of its top stands on the floor
 
@@ -68,7 +69,7 @@ def agreed_surface(patches: npt.NDArray[Any], min_agreement: float) -> tuple[Arr
         return points, masked
     side_m = np.sort(np.quantile(points, 0.9, axis=0) - np.quantile(points, 0.1, axis=0))[1] / 0.8
     cell_m = float(np.clip(side_m / CELLS_PER_SIDE, MIN_CELL_M, MAX_CELL_M))
-    points = points[np.unique(np.floor(points / cell_m).astype(int), axis=0, return_index=True)[1]]
+    points = points[np.unique(cell_keys(points, cell_m), return_index=True)[1]]
     share = agreement(points, patches, depth_m, inside)
     agreed = share >= min_agreement
     if agreed.sum() < MIN_SURFACE_SAMPLES:
@@ -179,8 +180,8 @@ def _box_of_most(points: Array) -> Array:
     """The box (2, 3) of ``points`` (k, 3) without outliers: the far end of a worktop counts as the near one does, which
     views show with many more points."""
     cell_m = max(float(np.ptp(points, axis=0).max()) / AREA_CELLS, MIN_CELL_M)
-    _, of, counts = np.unique(np.floor(points / cell_m).astype(int), axis=0, return_inverse=True, return_counts=True)
-    weight = 1 / counts[of.ravel()]
+    _, of, counts = np.unique(cell_keys(points, cell_m), return_inverse=True, return_counts=True)
+    weight = 1 / counts[of]
     order = np.argsort(points, axis=0)
     below = np.cumsum(weight[order], axis=0) - weight[order] / 2
     shares, ordered = below / weight.sum(), np.take_along_axis(points, order, 0)
@@ -224,21 +225,31 @@ def _in_world(patches: npt.NDArray[Any], depth_m: Array, chosen: npt.NDArray[np.
     return np.asarray((pose[:, :, :3] @ rays[:, :, None])[:, :, 0] + pose[:, :, 3])
 
 
+def cell_keys(points: Array, cell_m: float) -> npt.NDArray[np.int64]:
+    """A number for the cell of each of ``points`` (k, 3), which keeps the order of cells and is sorted faster."""
+    cells = np.floor(points / cell_m).astype(int)
+    cells -= cells.min(0)
+    span = cells.max(0) + 1
+    if np.prod(span, dtype=np.float64) >= MOST_KEYS:
+        return np.unique(cells, axis=0, return_inverse=True)[1].ravel()
+    return np.asarray(np.ravel_multi_index(tuple(cells.T), tuple(span)))
+
+
 def _main_component(points: Array, cell_m: float) -> Array:
     """The points (k, 3) of the largest connected part, and of parts that are not much smaller."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
-    cells, of = np.unique(np.floor((points - points.min(0)) / cell_m).astype(int), axis=0, return_inverse=True)
+    cells = np.floor((points - points.min(0)) / cell_m).astype(int)
     span = cells.max(0) + 3
-    if np.prod(span, dtype=np.float64) >= 2**62:  # its views are a hundred kilometres apart: no part is the object's
-        return points
-    keys = np.ravel_multi_index(tuple(cells.T + 1), tuple(span))
+    if np.prod(span, dtype=np.float64) >= MOST_KEYS:
+        return points  # no part is the object's
+    keys, of = np.unique(np.ravel_multi_index(tuple(cells.T + 1), tuple(span)), return_inverse=True)
     steps = np.ravel_multi_index(tuple(NEIGHBOURS.T + 1), tuple(span)) - np.ravel_multi_index((1, 1, 1), tuple(span))
     wanted = keys[:, None] + steps
     at = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
     cell, side = np.nonzero(keys[at] == wanted)
     links = coo_array((np.ones(len(cell)), (cell, at[cell, side])), shape=(len(keys), len(keys)))
-    part = connected_components(links, directed=False)[1][of.ravel()]
+    part = connected_components(links, directed=False)[1][of]
     sizes = np.bincount(part)
     return np.asarray(points[sizes[part] >= MIN_COMPONENT_SHARE * sizes.max()])

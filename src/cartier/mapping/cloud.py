@@ -90,11 +90,14 @@ class CloudMapper:
         self._points[:, :6] /= self._points[:, 6:]
         np.minimum(self._points[:, 6], MAX_WEIGHT, out=self._points[:, 6])  # so that new colours come through
 
-    def state(self) -> bytes | None:
-        """What ``restore`` and ``read_cloud`` read, None before the first point."""
+    @property
+    def empty(self) -> bool:
+        """Whether there is no point yet."""
+        return not len(self._points) and not any(map(len, self._new))
+
+    def state(self) -> bytes:
+        """What ``restore`` and ``read_cloud`` read, of a cloud that is not empty."""
         self._merge()
-        if not len(self._points):
-            return None
         points = self._points
         low = np.floor(points[:, :3].min(0) / self.side_m) * self.side_m  # so that a restored cloud has the same voxels
         return npz_bytes(

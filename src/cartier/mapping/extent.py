@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from itertools import compress
 from typing import ClassVar, Protocol
 
 import numpy as np
@@ -205,8 +206,11 @@ class DepthGeometry:
             columns["fit_shape"][row] = shapes[row]
         fitted, running = columns["fitted"], np.stack([columns["box_min"], columns["box_max"]], axis=1)
         sound = np.all(fitted[:, 1] > fitted[:, 0], axis=1)
-        turned = zip(columns["fitted_along_walls"], columns["seen"], sound & (walls_yaw is not None), strict=True)
-        oriented = [_oriented(box, seen, yaw) if good else None for box, seen, good in turned]
+        oriented: list[OrientedBox | None] = [None] * len(sound)
+        good = np.flatnonzero(sound if walls_yaw is not None else ())
+        turned = _oriented(columns["fitted_along_walls"][good], columns["seen"][good], yaw)
+        for at, along_walls in zip(good.tolist(), turned, strict=True):
+            oriented[at] = along_walls
         return np.where(sound[:, None, None], fitted, running), oriented
 
     def fitted_box(self, columns: Columns, row: int) -> Array | None:
@@ -225,7 +229,9 @@ class DepthGeometry:
         return np.ones(len(columns["id"]), bool)
 
 
-def _oriented(box: Array, seen: npt.NDArray[np.bool_], yaw: float) -> OrientedBox:
-    middle, size = about_z(yaw) @ box.mean(0), box[1] - box[0]
-    sides = tuple(name for name, shown in zip(SIDES_SEEN, seen, strict=True) if shown)
-    return OrientedBox(tuple(middle.round(4).tolist()), tuple(size.round(4).tolist()), round(yaw, 6), sides)
+def _oriented(boxes: Array, seen: npt.NDArray[np.bool_], yaw: float) -> list[OrientedBox]:
+    """Boxes (n, 2, 3) along axes that are turned by ``yaw``, with the sides (n, 5) that were seen."""
+    middles = (boxes.mean(1) @ about_z(yaw).T).round(4).tolist()
+    sizes = (boxes[:, 1] - boxes[:, 0]).round(4).tolist()
+    sides, yaw = (tuple(compress(SIDES_SEEN, shown)) for shown in seen.tolist()), round(yaw, 6)
+    return [OrientedBox(tuple(m), tuple(s), yaw, of) for m, s, of in zip(middles, sizes, sides, strict=True)]

@@ -16,7 +16,7 @@ from cartier.home.corrected import apply
 from cartier.home.data import origin_of
 from cartier.home.detection_log import DetectionLog
 from cartier.home.entity import CLOUD, DETECTIONS, Home
-from cartier.io.files import npz_bytes, read_npz
+from cartier.io.files import read_npz
 from cartier.mapping.alignment import Alignment
 from cartier.mapping.bearings import BearingGeometry
 from cartier.mapping.cloud import CloudMapper
@@ -24,6 +24,7 @@ from cartier.mapping.config import MappingConfig, config_for
 from cartier.mapping.domain import domain_warning
 from cartier.mapping.extent import DepthGeometry
 from cartier.mapping.floor_kinds import FloorKindMapper
+from cartier.mapping.growth import COUNTS, FLOOR_KINDS, FRAMES, growth
 from cartier.mapping.indexing import filled_indexes, make_indexes
 from cartier.mapping.object_map import ObjectMap
 from cartier.mapping.occupancy import OccupancyMapper
@@ -34,14 +35,13 @@ from cartier.mapping.quality import Conditions
 from cartier.mapping.recording_row import recording_row
 from cartier.mapping.remapping import again, succeed
 from cartier.mapping.repose import KeptFrame, frame_key, moved
-from cartier.mapping.rooms import find_rooms, room_of
+from cartier.mapping.rooms import find_rooms, rooms_of
 from cartier.mapping.walls import walls_yaw
 from cartier.spatial.doors import remembered
 from cartier.types import Camera, Detections, Frame
 
 DEFAULT_INDEXES = ("object_depth", "object_viewpoint")
 SCALE_GUESSED = "the scale of this home is a guess: its metres and centimetres are right only relative to each other"
-COUNTS, FRAMES, FLOOR_KINDS = "occupancy_counts.npz", "frames.npz", "floor_kinds.npz"
 
 
 class Mapper:
@@ -282,8 +282,11 @@ class Mapper:
         self._next_frame += len(recording)
         self._notes |= dict.fromkeys(recording.notes)
 
-    def home(self) -> Home:
+    def home(self, drift: bool = True) -> Home:
         """The map so far, as a home that further frames do not change.
+
+        Args:
+            drift: Whether to search for drifting poses, which takes most of the time; not for answers meanwhile.
 
         Returns:
             The home.
@@ -296,7 +299,7 @@ class Mapper:
         grid = self._floor.grid()
         grid = None if grid is None else replace(grid, floor_kinds=self._floor_kinds.kinds(grid))
         yaw = None if grid is None else walls_yaw(grid)
-        self._objects.objects(yaw)  # what is fitted here need not be fitted again for the next home
+        self._objects.fit(yaw)  # what is fitted here need not be fitted again for the next home
         merged = deepcopy(self._objects)
         merged.consolidate(yaw)
         objects = merged.objects(yaw)
@@ -307,7 +310,8 @@ class Mapper:
         if merged.geometry.with_depth:
             objects = weighed(objects, grid, self._camera, self.config.existence.confirmed_probability)
         rooms = find_rooms(grid, objects, self.config.rooms) if grid is not None else ()
-        objects = tuple(replace(obj, room=room_of(obj, grid, rooms)) for obj in objects)
+        within = rooms_of(objects, grid, rooms)
+        objects = tuple(replace(obj, room=room) for obj, room in zip(objects, within, strict=True))
         with_depth = self._objects.geometry.with_depth
         name = " + ".join(row["recording"] for row in self._settings["recordings"][:1]) or "live"
         known = None
@@ -318,17 +322,18 @@ class Mapper:
                 name, objects, rooms = known.name, known.objects, known.rooms
         indexes, about_indexes, encoder = filled_indexes(self._indexes, objects, self._explicit, with_depth)
         settings = self._settings | ({} if encoder is None else {"encoder": encoder})
-        notes = dict.fromkeys([*self._home_notes(grid is not None), *about_indexes])
+        notes = dict.fromkeys([*self._home_notes(grid is not None, drift), *about_indexes])
         return Home(
             name, self.detector.name, self._camera, objects, indexes, grid, self._start_xy, settings, rooms,
-            self._photos.of(objects), tuple(notes), self._growth(merged), corrected=known,
+            self._photos.of(objects), tuple(notes),
+            growth(merged, self._seen, self._log, self._floor, self._floor_kinds, self._cloud), corrected=known,
         )  # fmt: skip
 
-    def _home_notes(self, with_grid: bool) -> Iterator[str]:
+    def _home_notes(self, with_grid: bool, drift: bool) -> Iterator[str]:
         """What a user of the home should know about how it was made."""
         yield from self._settings.get("doubts", ())
         yield from self._notes
-        yield from self._conditions.notes()
+        yield from self._conditions.notes(drift)
         yield from optional(self.detector, Detector, "notes")
         if not self._score_model.measured:
             yield f"{self.detector.name} was never measured: how likely its objects are there is a sober guess"
@@ -336,14 +341,3 @@ class Mapper:
             yield "the recording has no depth: no occupancy grid, and so no goals; objects lie where bearings meet"
         if self._blind:
             yield f"{self._blind} frames without depth add nothing to a map that has depth"
-
-    def _growth(self, objects: ObjectMap) -> dict[str, bytes]:
-        counts, cloud = self._floor.counts(), self._cloud.state()
-        return {
-            **objects.state(),
-            FRAMES: npz_bytes(keys=np.array(sorted(self._seen), np.int64)),
-            DETECTIONS: self._log.state(),
-            **({} if counts is None else {COUNTS: npz_bytes(**counts)}),
-            **({} if counts is None else {FLOOR_KINDS: npz_bytes(**self._floor_kinds.state())}),
-            **({} if cloud is None else {CLOUD: cloud}),
-        }

@@ -39,6 +39,7 @@ MAX_DETECTIONS = 60  # per frame, the most confident ones
 VISIT_S = 600.0  # a view that is taken later than that after another is of another visit
 KEPT_VIEWS = ("views", "side_views", "late_view")
 GROWTH_ROWS = 64  # that are set aside at a time
+MAP_ARRAYS, MAP_ABOUT = "object_map.npz", "object_map.json"  # the blobs of ``ObjectMap.state``
 
 
 class ObjectMap:
@@ -239,6 +240,11 @@ class ObjectMap:
         columns = self.columns()
         return columns["observable"], columns["detected"], columns["widest_rad"]
 
+    def fit(self, walls_yaw: float | None) -> None:
+        """Fit the boxes of objects whose views changed."""
+        self._walls_yaw = walls_yaw
+        self._fit_boxes(walls_yaw)
+
     def objects(self, walls_yaw: float | None = None) -> tuple[MapObject, ...]:
         """Every object, confirmed and tentative, by id; with ``walls_yaw`` (rad) also boxes along the walls."""
         self._walls_yaw = walls_yaw
@@ -256,15 +262,12 @@ class ObjectMap:
             "covisible": [[*pair, count] for pair, count in self._covisible.items()],
             "aliases": [list(pair) for pair in self._aliases.items()],
         }  # fmt: skip
-        return {
-            "object_map.npz": npz_bytes(**self.columns(), **self._earlier.state()),
-            "object_map.json": json_bytes(about),
-        }
+        return {MAP_ARRAYS: npz_bytes(**self.columns(), **self._earlier.state()), MAP_ABOUT: json_bytes(about)}
 
     def restore(self, state: Mapping[str, bytes]) -> None:
         """Take what ``state`` gave into a new map. Raises InputError if it is damaged."""
-        about = parse_json(state["object_map.json"], "object_map.json")
-        arrays = read_npz(state["object_map.npz"], where="object_map.npz")
+        about = parse_json(state[MAP_ABOUT], MAP_ABOUT)
+        arrays = read_npz(state[MAP_ARRAYS], where=MAP_ARRAYS)
         try:
             arrays, about = ({OLD_GROWTH.get(name, name): part for name, part in of.items()} for of in (arrays, about))
             self._labels = {name: number for number, name in enumerate(typed(about["labels"], tuple[str, ...]))}

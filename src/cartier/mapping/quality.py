@@ -55,8 +55,8 @@ class Conditions:
                 self._samples, self._every = self._samples[::2], 2 * self._every
         self._frames += 1
 
-    def notes(self) -> list[str]:
-        """One line for each condition that makes the map worse than it could be."""
+    def notes(self, drift: bool = True) -> list[str]:
+        """One line for each condition that makes the map worse than it could be, by choice also drifting poses."""
         found = []
         widths = np.array([s.edge_px for s in self._samples if np.isfinite(s.edge_px)])
         if len(widths) and (widths > BLURRED_PX).mean() > BLURRED_SHARE:
@@ -77,8 +77,7 @@ class Conditions:
                 f"by their poses the pictures {LYING[turns]}: few objects are recognised so; "
                 "'cartier doctor RECORDING --fix -o OUT' turns them"
             )
-        found += self._drift()
-        return found
+        return found + (self._drift() if drift else [])
 
     def _drift(self) -> list[str]:
         """Whether a late part of the recording is misaligned with an early one."""

@@ -71,13 +71,8 @@ def find_rooms(
     return tuple(rooms)
 
 
-def room_of(obj: MapObject, grid: OccupancyGrid | None, rooms: Sequence[Room]) -> int | None:
-    """The id of an object's room; for an object on a wall, the room from which it is seen. None without rooms."""
-    return rooms_of([obj], grid, rooms)[0]
-
-
 def rooms_of(objects: Sequence[MapObject], grid: OccupancyGrid | None, rooms: Sequence[Room]) -> list[int | None]:
-    """``room_of`` of many objects, in a fraction of the time.
+    """The id of each object's room; for an object on a wall, the room from which it is seen. None without rooms.
 
     Each view votes for the first room that lies between the object's surface and the camera; where there is none, the
     room nearest to the object is taken.

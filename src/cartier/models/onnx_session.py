@@ -97,6 +97,7 @@ def _open(path: Path, provider: str, threads: int | None) -> onnxruntime.Inferen
     check_file(path, MAX_BYTES)
     options = onnxruntime.SessionOptions()
     options.log_severity_level = FATAL
+    options.add_session_config_entry("session.intra_op.allow_spinning", "0")  # threads that spin take others' time
     if threads is not None:
         options.intra_op_num_threads = threads
     wanted = _provider(provider)

@@ -20,11 +20,13 @@ OUTCOMES = (DRIVES, QUESTIONS, NOTHING)
 
 def question(clause: Clause, asked: ParsedUtterance) -> str | None:
     """A question that names the two likeliest readings of a clause; None where it is sure enough what is asked for, or
-    where both would come to the same."""
+    where both would come to the same: to be driven to a named thing and to be told of it serve nearly the same wish."""
     first, second = _outcome(clause.act), _outcome(clause.second[0])
     if clause.certainty >= LEAST_CERTAIN or first is None or second is None or first == second:
         return None
     noun = the(" ".join(asked.head.said.split())) if asked.head is not None and asked.head.labels else ""
+    if noun and NOTHING not in (first, second):
+        return None
     told = {
         DRIVES: f"shall I go to {noun}"
         if noun and "go" in (clause.act, clause.second[0])
