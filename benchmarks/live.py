@@ -101,12 +101,14 @@ def at_real_time(folder: Path, recording: Recording, answers: Any) -> tuple[dict
         number += 1
         first_s = time.monotonic() - begin if first_s is None else first_s
         asked_s.append(time.monotonic() - now)
+    in_time, begin = session.state(), time.monotonic()
     home, state = session.wait(), session.state()
     asked_s.sort()
     left_out = sum(state.dropped.values())
     return {
         "frames": len(recording), "frames with depth and pose": state.frames_in, "left out, by reason": state.dropped,
-        "every one has a reason": state.frames_in + left_out >= len(recording), "looked at": state.looked,
+        "every one has a reason": state.frames_in + left_out >= len(recording), "looked at in time": in_time.looked,
+        "looked at after the end": state.looked - in_time.looked, "which took, s": time.monotonic() - begin,
         "delay p50, s": state.delay_p50_s, "delay p95, s": state.delay_p95_s,
         "first answer after, s": first_s, "ask p50, ms": 1e3 * statistics.median(asked_s),
         "ask p95, ms": 1e3 * asked_s[int(0.95 * len(asked_s))], "floor seen": state.floor_seen,

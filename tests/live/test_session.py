@@ -145,16 +145,43 @@ def test_what_the_source_says_is_counted(tmp_path: Path) -> None:
     assert home.settings["recordings"][0]["frames"] == 16
 
 
-def test_a_slow_detector_leaves_the_blurred_out_and_counts_them(recorded: Path) -> None:
+def test_what_a_slow_detector_has_no_time_for_is_looked_at_in_the_end(recorded: Path, tmp_path: Path) -> None:
+    eyes, spool = Eyes(), tmp_path / "home.spool"
+    eyes.pause_s = 0.15
+    live = Live(open_source(f"bag:{recorded}@2"), eyes, every=1, spool=spool)
+    live.start()
+    while live.running():
+        time.sleep(0.05)
+    before, in_time = live.home(), live.state()
+    assert in_time.postponed > 0 and f"{in_time.postponed} put off to the end" in in_time.line()
+    assert in_time.looked + in_time.postponed == in_time.keyframes
+    steps: list[tuple[int, int]] = []
+    eyes.pause_s = 0.0
+    home, state = live.wait(lambda done, total: steps.append((done, total))), live.state()
+    live.saved()
+    assert state.looked == state.keyframes and state.dropped.get("busy", 0) + state.thinned + state.looked == len(WALK)
+    assert [done for done, _ in steps] == list(range(1, steps[-1][1] + 1)) and len({total for _, total in steps}) == 1
+    ids = {o.label: o.id for o in before.objects if o.confirmed}
+    assert {o.label: o.id for o in home.objects if o.label in ids} == ids
+    kept = plugins.open_recording(spool)
+    times_s = [kept[number].time_s for number in range(len(kept))]
+    assert len(kept) == state.keyframes and times_s == sorted(times_s), "the recording is in the order of its frames"
+    offline = cartier.map_home(kept, Eyes(), every=1)
+    assert [(o.label, o.n_detected, o.last_seen_s) for o in home.objects] == [
+        (o.label, o.n_detected, o.last_seen_s) for o in offline.objects
+    ]
+
+
+def test_more_keyframes_than_there_is_room_for_are_left_out(recorded: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("cartier.live.postponed.MOST", 2)
     eyes = Eyes()
     eyes.pause_s = 0.15
     live = Live(open_source(f"bag:{recorded}@2"), eyes, every=1)
     live.start()
     live.wait()
     state = live.state()
-    assert state.frames_in == len(WALK)
-    assert state.dropped.get("busy", 0) + state.thinned + state.looked == len(WALK)
-    assert state.dropped["busy"] > 0
+    assert state.postponed == 2 and state.dropped["busy"] > 0
+    assert state.dropped["busy"] + state.thinned + state.looked == len(WALK)
 
 
 class Waits:

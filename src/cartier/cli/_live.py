@@ -231,7 +231,8 @@ def _ended(session: Live, folder: Path, onto: Home | None) -> Home:
     """Map what still waits, and save the whole home."""
     from dataclasses import replace
 
-    whole = session.stop()
+    with progress("looking at what was put off") as step:
+        whole = session.stop(step)
     if onto is None:
         whole = replace(whole, name=folder.resolve().name or whole.name)
     whole.save(folder)

@@ -14,6 +14,7 @@ import os
 import struct
 import time
 import zlib
+from bisect import bisect
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from io import BytesIO
@@ -80,7 +81,13 @@ class Spool:
         return {} if last is None else self._json(self._content(last))[0]
 
     def keyframes(self) -> tuple[Place, ...]:
+        """All keyframes, as they were written."""
         return tuple(place for place in self.places if place.kind == KEYFRAME)
+
+    def in_time(self) -> tuple[Place, ...]:
+        """All keyframes, those of each session in the order of their stamps: some are looked at only at its end."""
+        begun = [place.start for place in self.places if place.kind == BEGIN]
+        return tuple(sorted(self.keyframes(), key=lambda place: (bisect(begun, place.start), self._stamp_ns(place))))
 
     def unsaved(self) -> tuple[Place, ...]:
         """The keyframes since the last session that ended whole."""
@@ -151,6 +158,15 @@ class Spool:
             self.end = start + length
             if sound:
                 yield Place(kind, start, length)
+
+    def _stamp_ns(self, place: Place) -> int:
+        with self.path.open("rb") as file:
+            file.seek(place.start)
+            told, _ = self._json(file.readline(place.length))
+        stamp_ns = told.get("stamp_ns")
+        if not isinstance(stamp_ns, int):
+            raise InputError(f"{self.path}: the record at byte {place.start} has no stamp")
+        return stamp_ns
 
     def _content(self, place: Place) -> bytes:
         with self.path.open("rb") as file:

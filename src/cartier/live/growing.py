@@ -16,6 +16,7 @@ from cartier.contracts import Detector, Encoder, Recording, Source, SourceDefaul
 from cartier.errors import InputError
 from cartier.home import Home
 from cartier.io.spool import SUFFIX, Keyframe, Place, Spool, SpoolWriter
+from cartier.live.postponed import Postponed
 from cartier.live.sent_poses import SentPoses
 from cartier.live.walked import Walked
 from cartier.mapping.alignment import Alignment, align
@@ -74,6 +75,7 @@ class GrowingMap:
         self._spool: SpoolWriter | None = self._opened(self._path)
         self._reader: Spool | None = None
         self._kept: list[KeptFrame] = []
+        self._postponed = Postponed()
         self._sent, self._origins = SentPoses(), set[str]()
         self._resumed = 0
         self.version = 0
@@ -131,9 +133,37 @@ class GrowingMap:
             self.version += 1
             if self._spool is not None:
                 frame = Keyframe(told.frame, stamped.stamp_ns, detections, stamped.odom_from_camera)
-                place = self._spool.keyframe(frame)
-                self._keep(place, stamped.stamp_ns, stamped.frame, stamped.frame.index + self._resumed)
+                self._keep(self._spool.keyframe(frame), stamped.stamp_ns, stamped.frame, stamped.frame.index)
         return len(detections)
+
+    def postpone(self, stamped: Stamped) -> bool:
+        """Keep a keyframe for the end; returns whether there was room."""
+        self._sent.hold(stamped.stamp_ns)
+        return self._postponed.add(stamped)
+
+    def catch_up(self, progress: Progress | None = None) -> int:
+        """Detect the objects of the keyframes that were postponed, then map all again in the order of their stamps;
+        returns how many there were."""
+        count = len(self._postponed)
+        if not count or self._spool is None:
+            return 0
+        step, total = progress or (lambda done, of: None), 2 * count + len(self._kept)
+        for number, (stamped, key) in enumerate(self._postponed, 1):
+            (detections,) = self._detect([stamped.frame])
+            told, now = self._sent.now(stamped), self._now(stamped)
+            record = Keyframe(told.frame, stamped.stamp_ns, detections, stamped.odom_from_camera)
+            self._keep(self._spool.keyframe(record), stamped.stamp_ns, now.frame, now.frame.index, key)
+            step(number, total)
+        self._postponed.close()
+        self._reader = self._reader or Spool(self._path)
+        kept = sorted(self._kept, key=lambda each: each.stamp_ns)
+        fresh = again(self._mapper, kept, lambda done, of: step(count + done, total))
+        with self._lock:
+            succeed(fresh, self._mapper)
+            self._mapper, self._kept = fresh, kept
+            self._looked += count
+            self.version += 1
+        return count
 
     def correct_poses(self, update: PoseUpdate) -> bool:
         """Take in corrected poses; returns whether a keyframe moved, so that ``repose`` is due."""
@@ -248,14 +278,16 @@ class GrowingMap:
             self._spool.ended(home_id)
 
     def close(self) -> None:
+        self._postponed.close()
         if self._spool is not None:
             self._spool.close()
             self._spool = None
         if self._own_folder is not None:
             self._own_folder.cleanup()
 
-    def _keep(self, place: Place, stamp_ns: int, frame: Frame, number: int) -> None:
+    def _keep(self, place: Place, stamp_ns: int, frame: Frame, index: int, key: int | None = None) -> None:
         """Remember where a keyframe lies that is in the map."""
+        number = index + self._resumed
 
         def read() -> tuple[Frame, Detections]:
             assert self._reader is not None
@@ -263,7 +295,8 @@ class GrowingMap:
             return kept.frame, kept.detections
 
         self._sent.hold(stamp_ns)
-        self._kept.append(KeptFrame(stamp_ns, frame.world_from_camera, frame_key(frame), read))
+        key = frame_key(frame) if key is None else key
+        self._kept.append(KeptFrame(stamp_ns, frame.world_from_camera, key, read))
 
     def _now(self, stamped: Stamped) -> Stamped:
         """A frame with the pose that it has in the world of the map by what is known now."""

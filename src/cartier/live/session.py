@@ -1,7 +1,8 @@
 """Live session: frames in, a home that grows, snapshots that answer meanwhile.
 
 Four threads: one listens, one takes in depth and picks keyframes, one detects, one makes snapshots. A frame that comes
-while the computer is busy is left out and counted; a source that can wait is held up instead.
+while the computer is busy is left out and counted, and a keyframe for which the detector has no time is looked at when
+the stream has ended; a source that can wait is held up instead.
 """
 
 from __future__ import annotations
@@ -194,8 +195,11 @@ class Live:
             as_of_s=None if self._newest_s is None else round(time.monotonic() - self._newest_s, 3), **counts,
         )  # fmt: skip
 
-    def stop(self) -> Home:
+    def stop(self, progress: Callable[[int, int], None] | None = None) -> Home:
         """End the session and the source; frames that wait are still mapped.
+
+        Args:
+            progress: As for ``wait``.
 
         Returns:
             As ``wait``.
@@ -205,10 +209,13 @@ class Live:
         """
         self._stopped.set()
         self.source.close()
-        return self.wait()
+        return self.wait(progress)
 
-    def wait(self) -> Home:
-        """Wait until the stream ends.
+    def wait(self, progress: Callable[[int, int], None] | None = None) -> Home:
+        """Wait until the stream ends; then the keyframes are looked at for which there was no time.
+
+        Args:
+            progress: Called with how many steps of that are done, and of how many.
 
         Returns:
             The whole home. If all frames of a recording were mapped, it is that of ``map_home``.
@@ -222,6 +229,7 @@ class Live:
             self._map.close()
             raise self._failed
         if not self._done:
+            self._tally.add("looked", self._map.catch_up(progress))
             counts = self._tally.counts()
             self._swap(lambda: self._map.finish(counts["dropped"], counts.get("thinned", 0)))
             self._done = True
@@ -290,8 +298,12 @@ class Live:
     def _queue(self, keyframes: Sequence[Stamped]) -> None:
         for keyframe in keyframes:
             self._tally.add("keyframes")
-            if self._keyframes.put(keyframe) is not None:
-                self._tally.fault(Fault("busy", "a keyframe came before the detector was ready: the sharpest stay", 1))
+            if (gone := self._keyframes.put(keyframe)) is None:
+                continue
+            if self._map.postpone(gone):
+                self._tally.add("postponed")
+            else:
+                self._tally.fault(Fault("busy", "keyframes come faster than the detector works, for too long", 1))
 
     def _look(self) -> None:
         while (stamped := self._keyframes.get()) is not None:

@@ -27,6 +27,7 @@ class LiveState:
         dropped: How many frames were left out, by reason (``cartier.streams.REASONS``).
         thinned: Frames that were passed over, because depth is taken ten times a second.
         waiting: Keyframes that wait for the detector.
+        postponed: Keyframes for which the detector had no time: they are looked at when the stream has ended.
         delay_s: From the arrival of the newest frame in the map until it could be answered for (s); None before that.
         delay_p50_s, delay_p95_s: The same over the last frames.
         as_of_s: How old the newest frame in the map is now (s); None before the first map.
@@ -46,6 +47,7 @@ class LiveState:
     dropped: Mapping[str, int] = field(default_factory=dict)
     thinned: int = 0
     waiting: int = 0
+    postponed: int = 0
     delay_s: float | None = None
     delay_p50_s: float | None = None
     delay_p95_s: float | None = None
@@ -75,6 +77,7 @@ class LiveState:
         lost = sum(self.dropped.values())
         why = f" ({', '.join(f'{reason} {count}' for reason, count in sorted(self.dropped.items()))})" if lost else ""
         parts = [f"{self.phase}: {self.frames_in} frames, {self.looked} looked at"]
+        parts += [f"{self.postponed} put off to the end"] if self.postponed else []
         parts += [f"{lost} left out{why}"] if lost else []
         parts += (
             [f"{self.confirmed} objects", f"{self.floor_seen:.0%} of the floor seen"]

@@ -34,7 +34,7 @@ class SpoolRecording:
     readers = READERS
 
     def __init__(self, spool: Spool) -> None:
-        self._spool, self._places = spool, spool.keyframes()
+        self._spool, self._places = spool, spool.in_time()
         if not self._places:
             raise InputError(f"{spool.path} holds no keyframe yet")
         begun = spool.begin()
