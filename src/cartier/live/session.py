@@ -23,7 +23,7 @@ from cartier.home import Home
 from cartier.live.answers import as_of, check_epoch
 from cartier.live.growing import GrowingMap
 from cartier.live.queues import Bounded
-from cartier.live.state import LiveState, Tally
+from cartier.live.state import LiveState, Tally, planar
 from cartier.mapping.config import MappingConfig
 from cartier.mapping.keyframes import sharpness
 from cartier.pipeline import ask
@@ -31,7 +31,7 @@ from cartier.spatial.floor_seen import floor_seen
 from cartier.streams import Fault, PoseUpdate, Stamped
 from cartier.types import Answer, AsOf, Goal
 
-INBOX, KEYFRAMES = 8, 4  # frames and keyframes that wait
+INBOX, KEYFRAMES = 8, 2  # frames and keyframes that wait
 DEPTH_HZ, DEPTH_BURST = 10.0, 3.0  # how often depth is taken, and how many frames may come close together
 SNAPSHOT_S, SNAPSHOT_SHARE = 1.0, 0.25  # how often a snapshot is made, and which share of the time it may take
 TICK_S = 0.05
@@ -173,10 +173,7 @@ class Live:
         Returns:
             x, y (m) and yaw (rad) of the camera in the map, or None before the first frame.
         """
-        pose = self._camera_pose
-        return (
-            None if pose is None else [round(float(v), 3) for v in (*pose[:2, 3], np.arctan2(pose[1, 2], pose[0, 2]))]
-        )
+        return None if self._camera_pose is None else planar(self._camera_pose)
 
     def state(self) -> LiveState:
         """How the session is doing; never waits.
@@ -184,11 +181,9 @@ class Live:
         Returns:
             The state.
         """
-        counts, home = self._tally.counts(), self._home
-        phase = "failed" if self._failed is not None else "ended" if self._done else "waiting"
-        if phase == "waiting" and counts.get("frames_in"):
-            phase = "mapping"
-        objects = () if home is None else home.objects
+        counts, objects = self._tally.counts(), () if self._home is None else self._home.objects
+        going = "mapping" if counts.get("frames_in") else "waiting"
+        phase = "failed" if self._failed is not None else "ended" if self._done else going
         return LiveState(
             phase=phase, waiting=len(self._keyframes), floor_seen=round(self._floor_seen, 3), objects=len(objects),
             confirmed=sum(obj.confirmed for obj in objects), frame_epoch=self.frame_epoch, resumed=self._resumed,
@@ -260,9 +255,7 @@ class Live:
             self._inbox.close()
             self._keyframes.close()
         finally:
-            after = {"_listen": self._inbox.close, "_measure": self._keyframes.close}.get(step.__name__)
-            if after is not None:
-                after()
+            {"_listen": self._inbox.close, "_measure": self._keyframes.close}.get(step.__name__, lambda: None)()
 
     def _listen(self) -> None:
         for event in self.source:
@@ -298,11 +291,10 @@ class Live:
     def _queue(self, keyframes: Sequence[Stamped]) -> None:
         for keyframe in keyframes:
             self._tally.add("keyframes")
-            if (gone := self._keyframes.put(keyframe)) is None:
-                continue
-            if self._map.postpone(gone):
+            gone = self._keyframes.put(keyframe)
+            if gone is not None and self._map.postpone(gone):
                 self._tally.add("postponed")
-            else:
+            elif gone is not None:
                 self._tally.fault(Fault("busy", "keyframes come faster than the detector works, for too long", 1))
 
     def _look(self) -> None:
@@ -332,17 +324,17 @@ class Live:
         self._correcting = False
 
     def _snapshots(self) -> None:
-        version, rest_s = self._map.version - 1, 0.0
+        version, due_s = self._map.version - 1, 0.0
         while any(thread.is_alive() for thread in self._threads[:3]) and self._failed is None:
-            if self._map.version == version or self._stopped.wait(0) or rest_s > 0:
+            begin = time.monotonic()
+            if self._map.version == version or self._stopped.is_set() or begin < due_s:
                 time.sleep(TICK_S)
-                rest_s -= TICK_S
                 continue
-            begin, version = time.monotonic(), self._map.version
+            version = self._map.version
             with suppress(InputError):  # nothing was detected yet
                 self._swap(self._map.snapshot)
             took_s = time.monotonic() - begin
-            rest_s = max(SNAPSHOT_S - took_s, took_s / SNAPSHOT_SHARE - took_s) if self._home is not None else TICK_S
+            due_s = begin + max(SNAPSHOT_S, took_s / SNAPSHOT_SHARE) if self._home is not None else 0.0
 
     def _swap(self, make: Callable[[], tuple[Home, int]]) -> None:
         """Make a home, and answer from it from now on."""

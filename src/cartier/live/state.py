@@ -9,6 +9,9 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
+import numpy as np
+import numpy.typing as npt
+
 from cartier.streams import Fault
 
 KEPT_DELAYS = 1000
@@ -87,6 +90,11 @@ class LiveState:
         parts += [f"{self.delay_p50_s:.1f} s behind"] if self.delay_p50_s is not None else []
         parts += [self.message] if self.message else []
         return " · ".join(parts)
+
+
+def planar(pose: npt.NDArray[np.float64]) -> list[float]:
+    """x, y (m) and the heading of the camera (rad) of a pose (4, 4), world_from_camera."""
+    return [round(float(v), 3) for v in (*pose[:2, 3], np.arctan2(pose[1, 2], pose[0, 2]))]
 
 
 class Tally:

@@ -9,6 +9,7 @@ from itertools import pairwise
 from cartier.labels import name_key
 from cartier.spatial.expressions import EntityVocabulary, ParsedUtterance, ReferringExpression, SpatialRelation, merged
 from cartier.understanding.comparisons import compared, of_kind
+from cartier.understanding.naming import LONGEST_NAME, with_target
 from cartier.understanding.owners import owned_rooms
 from cartier.understanding.phrase_words import colours_said, in_words, number_before, of_room, usual_place
 from cartier.understanding.reference_words import COLOURS, DEFINITE, GENERIC, MOST, ORDER, PLURAL, SIZES
@@ -18,7 +19,6 @@ from cartier.understanding.utterance import MOTION
 
 KINDS = {"next": "next to", "left": "left of", "right": "right of", "behind": "near", "front": "near"}
 """What ``spatial.query`` calls a relation, where it has another name there."""
-LONGEST_NAME = 4  # words
 LEAST_TELLING = 2  # words besides a room and those of driving, that tell a need
 LEAST_SECOND = 0.02  # probability of the second act
 REACH = 4  # words from "one" to the room that it is in
@@ -36,7 +36,7 @@ def query(clause: Clause, names: EntityVocabulary) -> ParsedUtterance:
     """The typed query of a clause: the act, the target with its attributes and relations, and what is turned down."""
     clause = owned_rooms(clause, names)
     routes = [span for span in clause.spans if span.role in (*ROUTE_NOUNS, *ROUTE_WORDS)]
-    clause = in_words(clause)
+    clause = with_target(in_words(clause), names)
     told = _of_the_goal(_snapped(clause.spans, clause.tokens, names))
     told = told if clause.act in ("compare", "choose") else _targeted(told)
     clause = clause._replace(spans=tuple(_measures(compared(told) if clause.act == "compare" else told)))

@@ -75,6 +75,8 @@ class ReferenceGrounder:
             return self._found(head)
         if not head.labels and (self.scene.doors(head) or is_door(head)):
             return self._door(head)
+        if head.bare and (there := self.scene.meant(head)[0]):
+            return self._named(head, [o for o in there if any(name.lower() in self.said for name in o.names)] or there)
         placed = any(c.kind != "from" for c in head.relations)
         return self.placed(head, serve(head.said, ())) if placed else None  # it may be listed by another name
 
@@ -184,6 +186,12 @@ class ReferenceGrounder:
             "found", name, reason=f"this is {where or 'the one'}", object_id=obj.id, text=say,
             candidates=((name, 1.0),), model=MODEL,
         )  # fmt: skip
+
+    def _named(self, head: ReferringExpression, there: Sequence[MapObject]) -> Selection:
+        """The nearest of the objects that a mere name may mean."""
+        obj, reason = self._likely(there)[0], f"'{head.said}' was asked for by name"
+        say, sure = self._one_of(obj, there) if len(there) > 1 else "", ((obj.label, 1.0),)
+        return Selection("found", obj.label, reason, object_id=obj.id, text=say, candidates=sure, model=MODEL)
 
     def _which(self, found: Sequence[MapObject]) -> Selection:
         """A question that separates the candidates; where nothing does, the nearest, with the others listed."""
