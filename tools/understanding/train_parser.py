@@ -39,7 +39,8 @@ def main() -> None:
     parser.add_argument("--needs", type=int, default=2500, help="requests that name nothing (default: %(default)s)")
     parser.add_argument("--passes", type=int, default=8, help="passes over all lines (default: %(default)s)")
     parser.add_argument("--begin", type=Path, metavar="FILE", help="go on from these weights (default: from nothing)")
-    parser.add_argument("--average", type=Path, metavar="FILE", help="end halfway to these weights, whose skills stay")
+    parser.add_argument("--average", type=Path, metavar="FILE", help="end on the way to these weights, whose skills stay")
+    parser.add_argument("--share", type=float, default=0.5, help="of the weights of --average (default: %(default)s)")
     parser.add_argument("--out", type=Path, default=FITTED, help="where to write the weights")
     parser.add_argument("--hold", type=Path, nargs="*", default=[], help="files that are reported on, not learnt from")
     parser.add_argument("--temperature", type=float, help="of the acts (default: fitted to the held-out files, or 1)")
@@ -63,7 +64,7 @@ def main() -> None:
     degree = options.temperature or (temperature(network, fit) if fit else 1.0)
     network.save(options.out, degree)
     if options.average:
-        average(options.out, options.average)
+        average(options.out, options.average, options.share)
     print(f"temperature {degree:.2f}")
     fitted = Fitted(options.out)
     for file in options.hold:
@@ -71,10 +72,13 @@ def main() -> None:
     report(fitted, templated(300, 99), "templates")
 
 
-def average(file: Path, other: Path) -> None:
+def average(file: Path, other: Path, share: float) -> None:
     """Put the means of two networks' weights into the first's file (WiSE-FT, Wortsman et al. 2022)."""
     with np.load(file, allow_pickle=False) as ours, np.load(other, allow_pickle=False) as theirs:
-        means = {name: ((ours[name].astype(np.float32) + theirs[name]) / 2).astype(ours[name].dtype) for name in ours}
+        means = {
+            name: ((1 - share) * ours[name].astype(np.float32) + share * theirs[name]).astype(ours[name].dtype)
+            for name in ours
+        }
     np.savez(file, **means)
 
 
