@@ -39,7 +39,7 @@ def main() -> None:
     parser.add_argument("--needs", type=int, default=2500, help="requests that name nothing (default: %(default)s)")
     parser.add_argument("--passes", type=int, default=8, help="passes over all lines (default: %(default)s)")
     parser.add_argument("--begin", type=Path, metavar="FILE", help="go on from these weights (default: from nothing)")
-    parser.add_argument("--average", type=Path, metavar="FILE", help="end on the way to these weights, whose skills stay")
+    parser.add_argument("--average", type=Path, metavar="FILE", help="mix with these weights, whose skills stay")
     parser.add_argument("--share", type=float, default=0.5, help="of the weights of --average (default: %(default)s)")
     parser.add_argument("--out", type=Path, default=FITTED, help="where to write the weights")
     parser.add_argument("--hold", type=Path, nargs="*", default=[], help="files that are reported on, not learnt from")

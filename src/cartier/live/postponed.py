@@ -34,7 +34,7 @@ class Postponed:
         if self._folder is None or self._writer is None:
             self._folder = TemporaryDirectory(prefix="cartier-")
             self._writer = SpoolWriter(self._path, {})
-        nothing = Detections(stamped.frame.index, np.zeros((0, 4)), np.zeros(0), ())
+        nothing = Detections(stamped.frame.index, np.zeros((0, 4), np.float32), np.zeros(0, np.float32), ())
         self._writer.keyframe(Keyframe(stamped.frame, stamped.stamp_ns, nothing, stamped.odom_from_camera))
         self._keys.append(frame_key(stamped.frame))
         return True
