@@ -33,9 +33,9 @@ def test_what_was_marked_and_what_is_no_drive_stays() -> None:
 
 
 def test_a_name_that_is_wanted_wins_over_what_else_the_words_suggest(monkeypatch: pytest.MonkeyPatch) -> None:
-    reasoner, words = embedded.make(), "i am so sleepy , i want to sleep all night , the sofa".split()
-    clause = Clause("go", 0.9, (Span("t", ("sofa",), len(words) - 1, len(words)),), tuple(words))
+    reasoner, said = embedded.make(), "mirror . i am so sleepy , i could sleep all night"
+    clause = Clause("go", 0.9, (Span("t", ("mirror",), 0, 1),), tuple(said.split()))
     monkeypatch.setattr(reasoner, "_parse", lambda *_: (clause,))
-    assert reasoner.select(" ".join(words), inventory("flat")).object == "sofa"
+    assert reasoner.select(said, inventory("flat")).object == "mirror"
     monkeypatch.setattr(reasoner, "_parse", lambda *_: (clause._replace(act="need", spans=()),))
-    assert reasoner.select(" ".join(words), inventory("flat")).object == "bed", "what the words suggest"
+    assert reasoner.select(said, inventory("flat")).object == "bed", "what the words suggest"
