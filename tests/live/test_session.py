@@ -18,6 +18,7 @@ import pytest
 import cartier
 from cartier import Live, plugins
 from cartier.errors import InputError
+from cartier.io.files import read_npz
 from cartier.io.spool import Spool
 from cartier.recordings.folder import save
 from cartier.sources import open_source
@@ -170,6 +171,16 @@ def test_what_a_slow_detector_has_no_time_for_is_looked_at_in_the_end(recorded: 
     assert [(o.label, o.n_detected, o.last_seen_s) for o in home.objects] == [
         (o.label, o.n_detected, o.last_seen_s) for o in offline.objects
     ]
+
+
+def test_depth_of_frames_between_keyframes_stays_in_the_floor_plan(recorded: Path) -> None:
+    eyes = Eyes()
+    eyes.pause_s = 0.15
+    live = Live(open_source(f"bag:{recorded}@2"), eyes, every=2)
+    live.start()
+    home = live.wait()
+    state, keys = live.state(), read_npz(home.growth["frames.npz"])["keys"]
+    assert state.postponed > 0 and len(keys) == state.measured > state.looked
 
 
 def test_more_keyframes_than_there_is_room_for_are_left_out(recorded: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -24,7 +24,7 @@ from cartier.mapping.config import MappingConfig, config_for
 from cartier.mapping.detection_cache import detecting
 from cartier.mapping.keyframes import Keyframes
 from cartier.mapping.mapper import Mapper
-from cartier.mapping.remapping import add_kept, again, follow, succeed
+from cartier.mapping.remapping import add_kept, again, follow, keep_depth, succeed
 from cartier.mapping.repose import KeptFrame, Matrix, frame_key, moved
 from cartier.streams import PoseUpdate, Stamped
 from cartier.types import Detections, Frame
@@ -160,6 +160,7 @@ class GrowingMap:
         fresh = again(self._mapper, kept, lambda done, of: step(count + done, total))
         with self._lock:
             succeed(fresh, self._mapper)
+            keep_depth(fresh, self._mapper)  # also of the frames between keyframes
             self._mapper, self._kept = fresh, kept
             self._looked += count
             self.version += 1

@@ -55,6 +55,11 @@ def succeed(mapper: Mapper, old: Mapper) -> None:
         keep_ids((old._objects, old._log), (mapper._objects, mapper._log), old._first_id)
 
 
+def keep_depth(mapper: Mapper, old: Mapper) -> None:
+    """Take on the floor plan and the points of a mapper that took in the depth of more frames in the same poses."""
+    mapper._floor, mapper._cloud, mapper._conditions, mapper._seen = old._floor, old._cloud, old._conditions, old._seen
+
+
 def follow(mapper: Mapper, apart: Mapper, aligned: Alignment) -> None:
     """Go on where a mapper is that mapped these frames apart, before they were moved onto the home of this one."""
     mapper._settings["recordings"] += [row | {"moved": aligned.row()} for row in apart._settings["recordings"]]
