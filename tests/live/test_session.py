@@ -175,7 +175,7 @@ def test_what_a_slow_detector_has_no_time_for_is_looked_at_in_the_end(recorded: 
 
 def test_depth_of_frames_between_keyframes_stays_in_the_floor_plan(recorded: Path) -> None:
     eyes = Eyes()
-    eyes.pause_s = 0.15
+    eyes.pause_s = 0.6
     live = Live(open_source(f"bag:{recorded}@2"), eyes, every=2)
     live.start()
     home = live.wait()
