@@ -168,9 +168,8 @@ def test_what_a_slow_detector_has_no_time_for_is_looked_at_in_the_end(recorded: 
     times_s = [kept[number].time_s for number in range(len(kept))]
     assert len(kept) == state.keyframes and times_s == sorted(times_s), "the recording is in the order of its frames"
     offline = cartier.map_home(kept, Eyes(), every=1)
-    assert [(o.label, o.n_detected, o.last_seen_s) for o in home.objects] == [
-        (o.label, o.n_detected, o.last_seen_s) for o in offline.objects
-    ]
+    told = [sorted((o.label, o.n_detected, o.last_seen_s) for o in each.objects) for each in (home, offline)]
+    assert told[0] == told[1], "ids are those of before, and may be in another order"
 
 
 def test_depth_of_frames_between_keyframes_stays_in_the_floor_plan(recorded: Path) -> None:
