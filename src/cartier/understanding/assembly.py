@@ -9,13 +9,13 @@ from itertools import pairwise
 from cartier.labels import name_key
 from cartier.spatial.expressions import EntityVocabulary, ParsedUtterance, ReferringExpression, SpatialRelation, merged
 from cartier.understanding.comparisons import compared, of_kind
-from cartier.understanding.naming import LONGEST_NAME, with_target
+from cartier.understanding.naming import with_target
 from cartier.understanding.owners import owned_rooms
 from cartier.understanding.phrase_words import colours_said, in_words, number_before, of_room, usual_place
 from cartier.understanding.reference_words import COLOURS, DEFINITE, GENERIC, MOST, ORDER, PLURAL, SIZES
 from cartier.understanding.tags import ATTRIBUTES, NOUNS, RELATIONS, ROUTE_NOUNS, ROUTE_WORDS, Clause, Span
 from cartier.understanding.text import STOP
-from cartier.understanding.utterance import MOTION
+from cartier.understanding.utterance import LONGEST_NAME, MOTION
 
 KINDS = {"next": "next to", "left": "left of", "right": "right of", "behind": "near", "front": "near"}
 """What ``spatial.query`` calls a relation, where it has another name there."""

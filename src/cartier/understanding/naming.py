@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from cartier.labels import name_key
 from cartier.spatial.expressions import EntityVocabulary
+from cartier.understanding.offers import NEGATIONS
 from cartier.understanding.tags import NOUNS, Clause, Span
+from cartier.understanding.utterance import LONGEST_NAME
 
-LONGEST_NAME = 4  # words
-NEGATIONS = frozenset(("no", "not", "without", "never", "nor"))
 NEAR = 2  # words before a name, within which a negation turns it down
 
 
