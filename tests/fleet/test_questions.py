@@ -133,7 +133,7 @@ def test_objects_are_those_that_one_home_means(fleet: cartier.Fleet, about: str)
     """What SQL and the catalog's rows give is what the scene of each home itself gives."""
     kinds = ("bedroom", "kitchen")
     vocabulary = Vocabulary(KNOWS, frozenset(), kinds)
-    phrase = read_phrase(about, [vocabulary])[vocabulary]
+    phrase = read_phrase(about, [vocabulary], vocabulary)[vocabulary]
     found = find(fleet._catalog().database, phrase, kinds)
     for name, made in HOMES.items():
         rooms = {k: tuple(room.id for room in made.rooms if room.kind == kind) for k, kind in enumerate(kinds)}
@@ -147,9 +147,9 @@ def test_both_ways_are_taken() -> None:
     vocabulary = Vocabulary(KNOWS, frozenset(), ("bedroom", "kitchen"))
     taken = ("cups in the kitchen", "cups on the table", "red cups by the sink", "cups near the bed not in the bedroom")
     for about in taken:
-        assert Compiler(vocabulary.kinds, ())(read_phrase(about, [vocabulary])[vocabulary])
+        assert Compiler(vocabulary.kinds, ())(read_phrase(about, [vocabulary], vocabulary)[vocabulary])
     with pytest.raises(NoSql):
-        Compiler(vocabulary.kinds, ())(read_phrase("cups under the table", [vocabulary])[vocabulary])
+        Compiler(vocabulary.kinds, ())(read_phrase("cups under the table", [vocabulary], vocabulary)[vocabulary])
 
 
 @table(
@@ -257,5 +257,5 @@ def test_commands(place: str, tmp_path: Path) -> None:
 def test_who_can_name_anything_takes_no_table_for_another() -> None:
     """Ground truth lists all that is there: without a dining table, a coffee table is none."""
     anything = Vocabulary(("*",), frozenset({"coffee table", "side table"}), ("kitchen",))
-    phrase = read_phrase("dining table", [anything])[anything]
+    phrase = read_phrase("dining table", [anything], anything)[anything]
     assert phrase.labels == {"dining table"} and anything.could_name(phrase)

@@ -22,7 +22,7 @@ from cartier.fleet.entity import (
 )
 from cartier.fleet.matching import MEASURES, extreme, find, find_tentative, without_extreme
 from cartier.fleet.questions import FleetQuestion, read_question
-from cartier.fleet.reading import Vocabulary, read_phrase, rooms_of
+from cartier.fleet.reading import Vocabulary, read_phrase, rooms_of, union
 from cartier.spatial.expressions import ReferringExpression
 from cartier.spatial.floor_seen import WHOLE
 
@@ -84,6 +84,11 @@ class Loaded:
             found.setdefault(id(facts.vocabulary), (facts.vocabulary, []))[1].append(home)
         return list(found.values())
 
+    @cached_property
+    def vocabulary(self) -> Vocabulary:
+        """All vocabularies together. Its inventory has a thousand names, and is made once, not for each question."""
+        return union([vocabulary for vocabulary, _ in self.by_vocabulary])
+
     def only(self, may_see: Callable[[str], bool]) -> Loaded:
         """The same for some of the homes. Raises InputError if these are none."""
         homes = {home: facts for home, facts in self.homes.items() if may_see(home)}
@@ -103,7 +108,7 @@ class Matches:
 def answer(query: str, loaded: Loaded) -> FleetAnswer:
     """The answer to a question over all homes. Raises InputError for words that ask something else."""
     asked = read_question(query)
-    phrases = read_phrase(asked.about, [vocabulary for vocabulary, _ in loaded.by_vocabulary])
+    phrases = read_phrase(asked.about, [vocabulary for vocabulary, _ in loaded.by_vocabulary], loaded.vocabulary)
     wishes = {phrase.most for phrase in phrases.values()}
     if asked.form == "extreme":
         if not wishes <= MEASURES.keys():

@@ -45,17 +45,17 @@ class Compiler:
     """
 
     def __init__(self, kinds: Sequence[str], unsure: Collection[str]) -> None:
-        self._kinds, self._unsure, self._parts = kinds, unsure, list[str]()
+        self._kinds, self._unsure, self._parts = kinds, unsure, dict[str, str]()
 
     def __call__(self, phrase: ReferringExpression) -> str:
         """The query of ``home`` (its number) and ``object`` of what is meant. Raises NoSql."""
         met = self._meant(phrase)
-        return f"with {', '.join(self._parts)} select home, object from {met} order by home, object"
+        parts = ", ".join(f"{name} as ({sql})" for sql, name in self._parts.items())
+        return f"with {parts} select home, object from {met} order by home, object"
 
     def _add(self, sql: str) -> str:
-        name = f"t{len(self._parts)}"
-        self._parts.append(f"{name} as ({sql})")
-        return name
+        """The name of a table; the same one for the same SQL, as of a landmark of two names."""
+        return self._parts.setdefault(sql, f"t{len(self._parts)}")
 
     def _meant(self, phrase: ReferringExpression) -> str:
         told = phrase.size or phrase.most or phrase.order or phrase.other or phrase.also

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 
@@ -57,19 +57,33 @@ class Vocabulary:
         return frozenset(map(display_name, self.knows))
 
 
-def read_phrase(about: str, vocabularies: Iterable[Vocabulary]) -> Mapping[Vocabulary, ReferringExpression]:
-    """What words about an object mean to each vocabulary. Raises InputError for words that name no object."""
-    every = list(vocabularies)
-    kinds = every[0].kinds if every else ()
-    union = Vocabulary(
-        tuple(sorted({name for one in every for name in one.knows})),
-        frozenset().union(*(one.seen for one in every)), kinds,
-    )  # fmt: skip
+def union(vocabularies: Sequence[Vocabulary]) -> Vocabulary:
+    """All that any of them can name, or named."""
+    return Vocabulary(
+        tuple(sorted({name for one in vocabularies for name in one.knows})),
+        frozenset().union(*(one.seen for one in vocabularies)),
+        vocabularies[0].kinds if vocabularies else (),
+    )
+
+
+def read_phrase(
+    about: str, vocabularies: Sequence[Vocabulary], together: Vocabulary
+) -> Mapping[Vocabulary, ReferringExpression]:
+    """What words about an object mean to each vocabulary.
+
+    Args:
+        about: The words.
+        vocabularies: Those of the homes.
+        together: Their ``union``, for which the words are parsed once.
+
+    Raises:
+        InputError: The words name no object, or several.
+    """
     asked = f"where is {about}?" if about.startswith("the ") else f"how many {about} are there?"
-    clauses = parser()(listen(asked[:MAX_CHARS]).tokens, None, lexicon(deck(), union.inventory))
+    clauses = parser()(listen(asked[:MAX_CHARS]).tokens, None, lexicon(deck(), together.inventory))
     if len(clauses) != 1:
         raise InputError(f"{brief(about, 80)!r} is more than one object: ask about one at a time")
-    return {one: _meant(about, clauses[0], one) for one in every}
+    return {one: _meant(about, clauses[0], one) for one in vocabularies}
 
 
 def _meant(about: str, clause: Clause, vocabulary: Vocabulary) -> ReferringExpression:
