@@ -11,8 +11,10 @@ from cartier.types import Inventory
 from cartier.understanding.cards import SHIPPED, read_deck
 from cartier.understanding.dialogue_state import DialogueState
 from cartier.understanding.entity_vocabulary import lexicon
-from cartier.understanding.route_rules import Driving, agrees, asks_of_rules, driving, ended_by, says_how, told
+from cartier.understanding.parser import parser
+from cartier.understanding.route_rules import Driving, agrees, as_rule, asks_of_rules, driving, ended_by, says_how, told
 from cartier.understanding.rule_scope import scope_of
+from cartier.understanding.utterance import listen
 from route_talk import clauses_of, flat_inventory
 
 HOME = flat_inventory()
@@ -34,6 +36,8 @@ CASES = [
      "avoid room:hall hard daily:21:00-07:00"),
     ("rule", "leave the [kitchen:r] [door:va] alone", "avoid door:study|kitchen,kitchen|hall hard standing"),
     ("rule", "keep off the [trampoline:va]", "avoid none:trampoline hard standing"),
+    ("rule", "never drive through Ben's [study:va]", "avoid room:study hard standing"),
+    ("rule", "stay out of this family's [attic room:va]", "avoid none:attic room hard standing"),
     ("go", "to the [sofa:t], not over the [rug:va] and if you can past the [vase:vv]",
      "avoid floor:rug hard drive + via object:4 soft drive"),
     ("go", "to the [sofa:t], past the [vase:vv] and [from now on:vt] never through the [hall:va]",
@@ -48,6 +52,39 @@ def test_marked_words_give_typed_rules(act: str, words: str, rules: str) -> None
     how = driving(clause, lexicon(read_deck(SHIPPED), HOME), Scene(HOME), DialogueState(), "said")
     assert [rule.text for rule in how.rules] == rules.split(" + ")
     assert all(rule.said == "said" for rule in how.rules) and bool(how.unknown) == ("none:" in rules)
+
+
+ORDERS = (
+    "never drive over the carpet", "keep off the rug", "you must not go through the kitchen",
+    "stay well away from the vase", "only go through the hall, nothing else", "don't you dare cross the rug",
+    "no driving through the study", "slow down near the vase, that's an order",
+)  # fmt: skip
+WISHES = (
+    "I'd rather you didn't drive over the carpet", "if you can, keep off the rug", "better not go through the kitchen",
+    "I'd prefer it if you stayed away from the vase", "try to go through the hall", "perhaps go round the rug",
+    "it would be nice if you avoided the study", "it would be kind of you to slow down near the vase",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("words", [*ORDERS, *WISHES])
+def test_orders_and_wishes_are_told_apart(words: str) -> None:
+    (clause,) = parser()(listen(words).tokens, None, lexicon(read_deck(SHIPPED), HOME))
+    how = driving(clause, lexicon(read_deck(SHIPPED), HOME), Scene(HOME), DialogueState())
+    assert [rule.strength for rule in how.rules] == ["soft" if words in WISHES else "hard"]
+
+
+@pytest.mark.parametrize(
+    ("words", "act"),
+    [("not over the [rug:va] [in:in] the [study:r]", "rule"), ("to the [study:r], not over the [rug:va]", "go")],
+)
+def test_what_names_nothing_to_drive_to_is_a_rule(words: str, act: str) -> None:
+    (clause,) = clauses_of("go", words)[1]
+    assert as_rule(clause).act == act
+
+
+def test_a_rule_about_nothing_is_asked_about() -> None:
+    answer = told(Driving(), [], "model", lifts=False)
+    assert answer.status == "clarify" and answer.question is not None and answer.question.endswith("?")
 
 
 @pytest.mark.parametrize(

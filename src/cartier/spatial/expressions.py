@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Container, Mapping
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -87,12 +87,14 @@ class ParsedUtterance:
 class EntityVocabulary:
     """The names that may be used: the listed labels for each key of a name (none: not listed), and rooms' ids.
 
-    ``like`` gives the labels that a name may mean where no object has the very name.
+    ``like`` gives the labels that a name may mean where no object has the very name. ``kinds`` are the keys of the
+    names of kinds of objects: a dining table is no coffee table.
     """
 
     objs: Mapping[str, frozenset[str]]
     rooms: Mapping[str, tuple[int, ...]]
     like: Callable[[str], frozenset[str]] = lambda _: frozenset()
+    kinds: Container[str] = ()
 
 
 def rephrased(asked: ParsedUtterance, change: Callable[[ReferringExpression], ReferringExpression]) -> ParsedUtterance:

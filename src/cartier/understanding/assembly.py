@@ -168,7 +168,7 @@ def _snapped(spans: Sequence[Span], tokens: Sequence[str], names: EntityVocabula
             _, start, end = max(known, default=(0, span.start, span.end))
             if found and start < found[-1].end:
                 start, end = span.start, span.end
-            span = Span(span.role, tuple(tokens[start:end]), start, end)
+            span = span._replace(words=tuple(tokens[start:end]), start=start, end=end)
         found.append(span)
     return tuple(found)
 
@@ -224,10 +224,8 @@ def _need(clause: Clause, routes: Sequence[Span]) -> str:
 
 def _noun(span: Span, clause: Clause, names: EntityVocabulary) -> ReferringExpression:
     """A noun by its words: a room, listed labels, a stand-in such as "one", or what is not known."""
-    said, plural = (
-        " ".join(span.words).replace(" ' ", "'"),
-        name_key(span.words[-1]) != span.words[-1] and span.words[-1].endswith("s"),
-    )
+    said = " ".join(span.words).replace(" ' ", "'")
+    plural = name_key(span.words[-1]) != span.words[-1] and span.words[-1].endswith("s")
     before = clause.tokens[max(span.start - 3, 0) : span.start]
     number = number_before(span, clause.tokens) if plural else 0
     base = ReferringExpression(said, plural=plural, definite=not DEFINITE.isdisjoint(before), number=number)
@@ -238,9 +236,8 @@ def _noun(span: Span, clause: Clause, names: EntityVocabulary) -> ReferringExpre
     ends = 1 if "'" in span.words else len(span.words)  # "Ben's bedroom" is not just any bedroom
     keys += [name_key(" ".join(span.words[k:])) for k in range(ends)]
     whole = name_key(" ".join(span.words[:-1]))  # "the sofa side", and the door of a thing, not of a room
-    keys += (
-        [whole] if whole and (span.words[-1] == "side" or (span.words[-1] == "door" and names.objs.get(whole))) else []
-    )
+    if whole and (span.words[-1] == "side" or (span.words[-1] == "door" and names.objs.get(whole))):
+        keys.append(whole)
     if span.role in ("r", "l", "m") or (clause.act == "far" and names.rooms.get(keys[-1])):
         rooms = next((names.rooms[key] for key in keys if key in names.rooms), None)
         if rooms is not None or span.role == "r":
@@ -251,7 +248,10 @@ def _noun(span: Span, clause: Clause, names: EntityVocabulary) -> ReferringExpre
     if not labels and keys[-1] == "room":  # "the room with the bed"
         return replace(base, rooms=())
     usually = usual_place(keys, labels, names)
-    return replace(base, labels=labels, similar=names.like(keys[-1]) - labels, usually=usually)
+    kind = next((key for key in keys[:-1] if key in names.kinds), "")
+    if kind:  # a dining table is no coffee table, but what is only called a table may be one
+        labels = names.objs.get(kind) or frozenset(label for label in labels if name_key(label) == keys[-1])
+    return replace(base, labels=labels, similar=names.like(kind or keys[-1]) - labels, usually=usually)
 
 
 def _attach_attributes(every: Sequence[Span], spans: Sequence[Span], nouns: list[ReferringExpression]) -> None:

@@ -112,4 +112,4 @@ def _lexicon(deck: Deck, names: tuple[str, ...], rooms: tuple[tuple[int, str, st
         for word in NUMBERED.get(digit, ()) if kind else ():
             called |= dict.fromkeys((name_key(f"{kind} {word}"), name_key(f"{word} {kind}")), (number,))
     objs = _Things(deck, names, called)
-    return EntityVocabulary(objs, called, objs.like)
+    return EntityVocabulary(objs, called, objs.like, frozenset(name_key(bare(card.name)) for card in deck.cards))

@@ -17,7 +17,7 @@ from cartier.types import Inventory
 from cartier.understanding.choices import chosen
 from cartier.understanding.entity_vocabulary import ROOMS
 from cartier.understanding.offers import MOST_WORDS
-from cartier.understanding.tags import Clause, Span
+from cartier.understanding.tags import ROUTE_NOUNS, Clause, Span
 from cartier.understanding.utterance import TOKEN
 
 ROOM_WORDS = frozenset(["room", "office", *(name.split()[-1] for name in ROOMS)])
@@ -34,17 +34,22 @@ QUESTION = re.compile(r"Which room is (?P<name>[^\W\d_][\w-]*'s [a-z ]+)(?::[^?]
 
 
 def owned_rooms(clause: Clause, names: EntityVocabulary) -> Clause:
-    """The clause with each "Ben's room" as one span of a room; other marks on its words go."""
+    """The clause with each "Ben's room" as one span: of a room, or of a route rule that is about it; other marks on its
+    words go."""
     tokens, spans = clause.tokens, clause.spans
     for start in range(len(tokens) - 3):
-        person, mark, s, *rest = tokens[start : start + 5]
-        if mark != "'" or s != "s" or not person.isalpha() or person in NO_PERSONS:
+        person, mark, letter, *rest = tokens[start : start + 5]
+        if mark != "'" or letter != "s" or not person.isalpha() or person in NO_PERSONS:
             continue
+        if name_key(person) not in names.rooms:  # "Ben's" is no room
+            spans = tuple(s._replace(role="w") if s.role == "r" and s.words == (person,) else s for s in spans)
         length = next((n for n in (2, 1) if len(rest) >= n and _is_room(rest[:n], names)), 0)
         if length:
             end = start + 3 + length
             others = [span for span in spans if span.end <= start or span.start >= end]
-            spans = tuple(sorted([*others, Span("r", tokens[start:end], start, end)], key=lambda span: span.start))
+            rule = next((span for span in spans if span not in others and span.role in ROUTE_NOUNS), None)
+            room = (rule or Span("r", (), 0, 0))._replace(words=tokens[start:end], start=start, end=end)
+            spans = tuple(sorted([*others, room], key=lambda span: span.start))
     return clause._replace(spans=spans)
 
 

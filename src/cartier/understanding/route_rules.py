@@ -19,7 +19,7 @@ from cartier.types import Selection
 from cartier.understanding.assembly import routed
 from cartier.understanding.dialogue_state import ASKING, DialogueState, same
 from cartier.understanding.rule_scope import STANDING, scope_of
-from cartier.understanding.tags import ROUTE_NOUNS, ROUTING, Clause, Span
+from cartier.understanding.tags import RELATIONS, ROUTE_NOUNS, ROUTING, Clause, Span
 from cartier.understanding.utterance import ENDS
 
 KIND_OF: dict[str, RuleKind] = {
@@ -52,6 +52,7 @@ YES = re.compile(
     r"(?: (?:please|then|go|do|it|ahead|on|anyway|thanks?|that is fine|that s fine|drive|all the same))*"
 )
 NO = re.compile(r"(?:oh |well )*(?:no|nope|nah|don t|do not|stop|leave it|never|better not|rather not)\b.*")
+ABOUT = "That is about how I drive, but what am I to keep off, pass or use: which room, floor or object?"
 GO_ANYWAY = "Shall I go all the same?"
 """How the robot's question ends when a rule stands in the way."""
 NEAR_WORDS = 12
@@ -75,6 +76,14 @@ class Driving(NamedTuple):
 def says_how(clause: Clause) -> bool:
     """Whether a clause says how to drive."""
     return clause.act in ROUTING or any(span.role in (*ROUTE_NOUNS, "vh") for span in clause.spans)
+
+
+def as_rule(clause: Clause) -> Clause:
+    """A clause that says how to drive and is taken for a drive, but marks nothing to drive to: it is a rule."""
+    relations = [span.end for span in clause.spans if span.role in RELATIONS]
+    placed = {s.start for s in clause.spans if s.role == "r" and any(0 <= s.start - end <= 1 for end in relations)}
+    wanted = any(s.role in ("t", "b", "p", "r") and s.start not in placed for s in clause.spans)
+    return clause if wanted or clause.act != "go" else clause._replace(act="rule")
 
 
 def driving(
@@ -109,7 +118,7 @@ def target_of(noun: ReferringExpression, names: EntityVocabulary, scene: Scene, 
     if noun.generic and noun.bare and state.last is not None:  # "don't drive over it"
         noun = same(state.last)
     said = noun.said or "that"
-    if numbers := noun.rooms or (names.rooms.get(name_key(said), ()) if noun.bare else ()):
+    if numbers := noun.rooms or (_rooms_called(said, names) if noun.bare else ()):
         # a way goes through rooms: here "the bathroom" is not the toilet
         rooms = tuple(scene.rooms[number].name for number in numbers)
         very = tuple(name for name in rooms if name_key(name) == name_key(said))  # not "bedroom 2" for "the bedroom"
@@ -127,6 +136,13 @@ def target_of(noun: ReferringExpression, names: EntityVocabulary, scene: Scene, 
     if floor:
         return RouteTarget("floor", (floor,), said=said)
     return RouteTarget("none", (said,))
+
+
+def _rooms_called(said: str, names: EntityVocabulary) -> tuple[int, ...]:
+    """The rooms of a name; for somebody's bedroom the only one, if nobody's is known."""
+    rooms = names.rooms.get(name_key(said), ())
+    only = names.rooms.get(name_key(said.rpartition("'s ")[2]), ()) if "'s " in said and not rooms else ()
+    return rooms or (only if len(only) == 1 else ())
 
 
 def _zone_of(span: Span, clause: Clause, standing: Sequence[RouteRule]) -> RouteTarget | None:
@@ -229,8 +245,9 @@ def asks_of_rules(clause: Clause) -> bool:
     return not named and bool(ASKING & set(clause.tokens[:2]))
 
 
-def told(how: Driving, standing: Sequence[RouteRule], model: str, asked: bool = False) -> Selection:
-    """The answer to words that only say how to drive, or that ask how; ``standing`` are the rules that hold."""
+def told(how: Driving, standing: Sequence[RouteRule], model: str, asked: bool = False, lifts: bool = True) -> Selection:
+    """The answer to words that only say how to drive, that take rules back (``lifts``), or that ask how; ``standing``
+    are the rules that hold."""
     if asked:
         which = "; ".join(rule.in_words() for rule in standing)
         say = f"These rules hold: {which}." if which else "No rule holds."
@@ -240,6 +257,8 @@ def told(how: Driving, standing: Sequence[RouteRule], model: str, asked: bool = 
     if how.rules:
         say = echo(how.rules)
         return Selection("answered", reason="understood: how to drive", text=say, model=model, rules=how.rules)
+    if not lifts:
+        return Selection("clarify", reason="a rule about nothing", question=ABOUT, text=ABOUT, model=model)
     ended = ended_by(how.lifts, standing)
     if not ended:
         which = "; ".join(rule.in_words() for rule in standing)
