@@ -12,7 +12,7 @@ from cartier.understanding.cards import SHIPPED, read_deck
 from cartier.understanding.dialogue_state import DialogueState
 from cartier.understanding.entity_vocabulary import lexicon
 from cartier.understanding.parser import parser
-from cartier.understanding.route_rules import Driving, agrees, as_rule, asks_of_rules, driving, ended_by, says_how, told
+from cartier.understanding.route_rules import Driving, agrees, asks_of_rules, driving, ended_by, says_how, told
 from cartier.understanding.rule_scope import scope_of
 from cartier.understanding.utterance import listen
 from route_talk import clauses_of, flat_inventory
@@ -71,15 +71,6 @@ def test_orders_and_wishes_are_told_apart(words: str) -> None:
     (clause,) = parser()(listen(words).tokens, None, lexicon(read_deck(SHIPPED), HOME))
     how = driving(clause, lexicon(read_deck(SHIPPED), HOME), Scene(HOME), DialogueState())
     assert [rule.strength for rule in how.rules] == ["soft" if words in WISHES else "hard"]
-
-
-@pytest.mark.parametrize(
-    ("words", "act"),
-    [("not over the [rug:va] [in:in] the [study:r]", "rule"), ("to the [study:r], not over the [rug:va]", "go")],
-)
-def test_what_names_nothing_to_drive_to_is_a_rule(words: str, act: str) -> None:
-    (clause,) = clauses_of("go", words)[1]
-    assert as_rule(clause).act == act
 
 
 def test_a_rule_about_nothing_is_asked_about() -> None:

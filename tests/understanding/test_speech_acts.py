@@ -98,7 +98,7 @@ def test_a_correction_stays_a_correction() -> None:
 
 @pytest.mark.parametrize(
     ("sentences", "most_goals"),
-    [(TOLD[::2], 0.06), (TOLD[1::2], 0.05), (LATER_TOLD, 0.06), (FRESH_TOLD, 0.02)],
+    [(TOLD[::2], 0.06), (TOLD[1::2], 0.05), (LATER_TOLD, 0.07), (FRESH_TOLD, 0.02)],
     ids=["even", "odd", "later", "fresh"],
 )
 def test_of_all_that_asks_for_nothing_few_get_a_goal(sentences: list[str], most_goals: float) -> None:
@@ -109,7 +109,7 @@ def test_of_all_that_asks_for_nothing_few_get_a_goal(sentences: list[str], most_
 
 @pytest.mark.parametrize(
     ("sentences", "most_refused", "most_asked_back"),
-    [(ASKED, 18, 0.04), (LATER_ASKED, 15, 0.07), (FRESH_ASKED, 13, 0.14)],
+    [(ASKED, 16, 0.04), (LATER_ASKED, 16, 0.07), (FRESH_ASKED, 12, 0.14)],
     ids=["both halves", "later", "fresh"],
 )
 def test_what_only_sounds_like_it_is_not_refused(

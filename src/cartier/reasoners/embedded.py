@@ -29,7 +29,7 @@ from cartier.understanding.offers import REPLIES, reply
 from cartier.understanding.owners import owner_of
 from cartier.understanding.parser import parser
 from cartier.understanding.readings import UNSURE, picked, question
-from cartier.understanding.route_rules import as_rule, asked_back, asks_of_rules, driving, says_how, told
+from cartier.understanding.route_rules import asked_back, asks_of_rules, driving, says_how, told
 from cartier.understanding.tags import NOTHING_ASKED, NOUNS, REQUESTS, ROUTING, Clause
 from cartier.understanding.tentative import OFFER, maybe_there, offer, tentative_matches, unsure, usual_place
 from cartier.vision import pixels
@@ -165,7 +165,6 @@ class Embedded:
         object is not known."""
         if not says_how(clause):
             return self._one(clause, home, state)
-        clause = as_rule(clause)
         how = driving(clause, home.names, home.scene, state, " ".join(said.split())[:MOST_SAID], home.rules)
         if clause.act in NOTHING_ASKED and (clause.act != "prohibit" or how.unknown):
             return self._one(clause, home, state)  # "the rug was cold yesterday" is no rule

@@ -19,7 +19,7 @@ from cartier.types import Selection
 from cartier.understanding.assembly import routed
 from cartier.understanding.dialogue_state import ASKING, DialogueState, same
 from cartier.understanding.rule_scope import STANDING, scope_of
-from cartier.understanding.tags import RELATIONS, ROUTE_NOUNS, ROUTING, Clause, Span
+from cartier.understanding.tags import ROUTE_NOUNS, ROUTING, Clause, Span
 from cartier.understanding.utterance import ENDS
 
 KIND_OF: dict[str, RuleKind] = {
@@ -76,14 +76,6 @@ class Driving(NamedTuple):
 def says_how(clause: Clause) -> bool:
     """Whether a clause says how to drive."""
     return clause.act in ROUTING or any(span.role in (*ROUTE_NOUNS, "vh") for span in clause.spans)
-
-
-def as_rule(clause: Clause) -> Clause:
-    """A clause that says how to drive and is taken for a drive, but marks nothing to drive to: it is a rule."""
-    relations = [span.end for span in clause.spans if span.role in RELATIONS]
-    placed = {s.start for s in clause.spans if s.role == "r" and any(0 <= s.start - end <= 1 for end in relations)}
-    wanted = any(s.role in ("t", "b", "p", "r") and s.start not in placed for s in clause.spans)
-    return clause if wanted or clause.act != "go" else clause._replace(act="rule")
 
 
 def driving(
