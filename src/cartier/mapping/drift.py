@@ -19,6 +19,7 @@ POINTS, AGAINST = 1500, 7500  # that are moved, and that they are compared with
 REACHES_M = (1.0, 1.0, 0.7, 0.7, 0.5, 0.5, 0.35, 0.35, 0.25, 0.25, 0.2, 0.15, 0.15)
 NORMAL_M = 0.5  # what it costs a pair of points, per unit, that their normals differ
 ALIKE = 0.8  # least cosine of the normals of one surface
+FAR_NORMALS = (2 - 2 * ALIKE) ** 0.5 + 1e-6  # the greatest distance of two such normals
 BESIDE_M, APART_M = 0.15, 0.05  # two points lie on one surface: so near, and so flat
 DAMPING = 1e-2  # of the mean curvature: along a bare wall the shift is not determined
 FEWEST = 100
@@ -57,8 +58,10 @@ def _between(late: Floats, early: Floats) -> Drift | None:
         """The moved late points, the early points nearest to them, and which of the pairs are of one surface."""
         turn = _about_z(motion[0])
         points, normals = (late[:, :3] - middle) @ turn.T + middle + motion[1:], late[:, 3:] @ turn.T
-        other = early[tree.query(np.hstack([points, NORMAL_M * normals]))[1]]
-        same = np.linalg.norm(points - other[:, :3], axis=1) < reach_m
+        bound_m = np.hypot(reach_m, NORMAL_M * FAR_NORMALS)  # what is farther is not of one surface
+        nearest = tree.query(np.hstack([points, NORMAL_M * normals]), distance_upper_bound=bound_m)[1]
+        other = early[np.minimum(nearest, len(early) - 1)]
+        same = (nearest < len(early)) & (np.linalg.norm(points - other[:, :3], axis=1) < reach_m)
         return points, other, same & ((normals * other[:, 3:]).sum(axis=1) > ALIKE)
 
     def share() -> float:
@@ -66,6 +69,8 @@ def _between(late: Floats, early: Floats) -> Drift | None:
         return float((same & (np.abs(((points - other[:, :3]) * other[:, 3:]).sum(axis=1)) < APART_M)).mean())
 
     before = share()
+    if max(SHARED, TIMES_MORE * before) > 1:
+        return None  # no better fit would tell
     for reach_m in REACHES_M:
         points, other, same = pairs(reach_m)
         if same.sum() < FEWEST:
