@@ -35,7 +35,7 @@ def test_executor_gives_the_written_answers(file: Path) -> None:
     assert not wrong, wrong[:5]
 
 
-def test_executor_gives_the_written_answers_in_one_home_of_each_voice() -> None:
+def test_executor_gives_the_written_answers_in_one_home_of_every_third_voice() -> None:
     """Of every third file the lines of its first home: to build the homes takes longer than to ask in them."""
     files = FILES[::3]
     wrong = [each for file in files for each in wrong_in(file, frozenset({next(read(file)).home}))]
