@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import inspect
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +26,7 @@ from cartier.mapping.detection_cache import detecting
 from synthetic import THINGS, TrueBoxes, walk
 
 SOURCE = Path(cartier.__file__).parent
+READERS = ("getattr", "hasattr", "optional")
 BACKENDS = {
     "recording", "detector", "encoder", "index", "spatial_index", "reasoner", "robot", "world", "source", "model",
     "inner", "held", "searched", "backend",
@@ -49,13 +51,20 @@ CONTRACTS = [kind for kind in vars(contracts).values() if getattr(kind, "__modul
 NAMED = set().union(*(members(kind) for kind in CONTRACTS if isinstance(kind, type)))
 
 
+@cache
+def calls() -> tuple[tuple[Path, str, ast.Call], ...]:
+    """Every call of src that reads a member by its name: the file, the function, the call."""
+    return tuple(
+        (file, node.func.id, node)
+        for file in sorted(SOURCE.rglob("*.py"))
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in READERS
+    )
+
+
 def reads(function: str) -> list[tuple[str, ast.Call]]:
     """Every call of ``function`` in src, with its place; ``contracts.optional`` itself apart."""
-    found = []
-    for file in sorted(SOURCE.rglob("*.py")):
-        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == function:
-                found.append((f"{file.relative_to(SOURCE)}:{node.lineno}", node))
+    found = [(f"{file.relative_to(SOURCE)}:{node.lineno}", node) for file, name, node in calls() if name == function]
     return [(where, call) for where, call in found if not where.startswith("contracts.py")]
 
 
@@ -79,9 +88,9 @@ def test_no_backend_is_read_by_getattr() -> None:
 
 
 def test_every_optional_read_names_a_member_with_a_default() -> None:
-    calls = reads("optional")
-    assert len(calls) > 20
-    for where, call in calls:
+    found = reads("optional")
+    assert len(found) > 20
+    for where, call in found:
         contract = getattr(contracts, ast.unparse(call.args[1]))
         assert contract in DEFAULTS, where
         if isinstance(call.args[2], ast.Constant):

@@ -6,6 +6,7 @@ import ast
 import inspect
 import tomllib
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -33,16 +34,26 @@ LONG_FUNCTIONS = {
 }
 
 
+@cache
+def read(path: Path) -> tuple[tuple[ast.Import | ast.ImportFrom, ...], tuple[tuple[str, int], ...]]:
+    """The imports of a file, and its functions with their lines: two rules read src, and to parse it takes longest."""
+    imports, functions = list[ast.Import | ast.ImportFrom](), list[tuple[str, int]]()
+    for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+        if isinstance(node, ast.Import | ast.ImportFrom):
+            imports.append(node)
+        elif isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            functions.append((node.name, (node.end_lineno or 0) - node.lineno))
+    return tuple(imports), tuple(functions)
+
+
 def private_imports(folder: str) -> Iterator[str]:
     """Imports of what a leading underscore keeps to its own folder, by files outside of that folder."""
     for path in sorted((ROOT / folder).rglob("*.py")):
-        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+        for node in read(path)[0]:
             if isinstance(node, ast.ImportFrom):
                 names = [f"{node.module}.{alias.name}" for alias in node.names]
-            elif isinstance(node, ast.Import):
-                names = [alias.name for alias in node.names]
             else:
-                continue
+                names = [alias.name for alias in node.names]
             for name in names:
                 parts = name.split(".")
                 private = [k for k, part in enumerate(parts) if part.startswith("_") and not part.startswith("__")]
@@ -83,11 +94,10 @@ def test_files_are_short() -> None:
 
 def test_functions_are_short() -> None:
     long = {
-        f"{path.relative_to(SOURCE)} {node.name}"
+        f"{path.relative_to(SOURCE)} {name}"
         for path in SOURCE.rglob("*.py")
-        for node in ast.walk(ast.parse(path.read_text("utf-8")))
-        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
-        and (node.end_lineno or 0) - node.lineno >= FUNCTION_LINES
+        for name, lines in read(path)[1]
+        if lines >= FUNCTION_LINES
     }
     assert long == LONG_FUNCTIONS.keys(), "split the function, or take a name that is short again from the list"
 

@@ -195,7 +195,8 @@ def test_what_a_model_says_to_the_person_is_one_short_line() -> None:
 
 
 @pytest.mark.no_cover  # too many rounds to trace each line
-def test_ten_thousand_adversarial_replies_never_leave_the_list() -> None:
+@pytest.mark.parametrize("count", [2_000, pytest.param(10_000, marks=pytest.mark.slow)])
+def test_adversarial_replies_never_leave_the_list(count: int) -> None:
     rng = random.Random(0)
     bits = [
         *HOME,
@@ -218,7 +219,7 @@ def test_ten_thousand_adversarial_replies_never_leave_the_list() -> None:
         "é",
         "'''",
     ]
-    for _ in range(10_000):
+    for _ in range(count):
         reply = "".join(rng.choice(bits) + rng.choice(["", " "]) for _ in range(rng.randrange(12)))
         assert parse_object(reply, HOME) in (*HOME, NOTHING, None)
         assert_inside(reply, HOME)
@@ -294,17 +295,18 @@ def strange(rng: random.Random, depth: int = 0) -> Any:
 
 
 @pytest.mark.no_cover  # too many rounds to trace each line
-def test_ten_thousand_adversarial_needs_never_leave_the_list() -> None:
+@pytest.mark.parametrize("count", [2_000, pytest.param(10_000, marks=pytest.mark.slow)])
+def test_adversarial_needs_never_leave_the_list(count: int) -> None:
     rng = random.Random(1)
     answers = 0
-    for _ in range(10_000):
+    for _ in range(count):
         row = {"status": rng.choice(STRANGE), "object": rng.choice(STRANGE), "then": strange(rng)}
         whole = json.dumps(row | {rng.choice(list(row)): strange(rng)} if rng.random() < 0.5 else strange(rng))
         cut = whole[: rng.randrange(len(whole) + 1)] if rng.random() < 0.3 else whole
         reply = rng.choice(["", "Sure: ", "<think>", "```json\n", "{"]) + cut + rng.choice(["", "```", *STRANGE])
         assert_inside(reply, HOME)
         answers += read_reply(reply, LISTED) is not None
-    assert 1000 < answers < 9000  # both sides of the line were tried
+    assert count / 10 < answers < count * 9 / 10  # both sides of the line were tried
 
 
 @given(st.sampled_from(HOME))
@@ -508,7 +510,8 @@ VALUES = [
 KINDS = ["count", "exists", "where", "list", "compare", "tell", "colour", None]
 
 
-def test_twenty_thousand_adversarial_replies_never_leave_the_home() -> None:
+@pytest.mark.parametrize("total", [4_000, pytest.param(20_000, marks=pytest.mark.slow)])
+def test_adversarial_replies_never_leave_the_home(total: int) -> None:
     """Objects by number, rooms and answers for programs, true and made up, whole, cut off, and in free text."""
     rng = random.Random(2)
 
@@ -536,7 +539,7 @@ def test_twenty_thousand_adversarial_replies_never_leave_the_home() -> None:
 
     read = dict.fromkeys(REPLY_STATUSES.values(), 0)
     facts = rooms = numbers = 0
-    for count in range(20_000):
+    for count in range(total):
         if count % 4 == 0:
             reply = " ".join(
                 rng.choice([*POINTERS, "go to the", "not the", '{"object": "', '"}', "or", "'"])
@@ -552,7 +555,7 @@ def test_twenty_thousand_adversarial_replies_never_leave_the_home() -> None:
             rooms += chosen.room is not None
             numbers += chosen.object_id is not None
     assert (
-        min(*read.values(), facts, rooms, numbers) > 100 and sum(read.values()) < 18_000
+        min(*read.values(), facts, rooms, numbers) > total / 200 and sum(read.values()) < total * 9 / 10
     )  # both sides of each line were tried
 
 

@@ -98,7 +98,12 @@ def test_a_correction_stays_a_correction() -> None:
 
 @pytest.mark.parametrize(
     ("sentences", "most_goals"),
-    [(TOLD[::2], 0.06), (TOLD[1::2], 0.05), (LATER_TOLD, 0.07), (FRESH_TOLD, 0.02)],
+    [
+        (TOLD[::2], 0.06),
+        pytest.param(TOLD[1::2], 0.05, marks=pytest.mark.slow),
+        (LATER_TOLD, 0.07),
+        (FRESH_TOLD, 0.02),
+    ],
     ids=["even", "odd", "later", "fresh"],
 )
 def test_of_all_that_asks_for_nothing_few_get_a_goal(sentences: list[str], most_goals: float) -> None:
@@ -109,7 +114,7 @@ def test_of_all_that_asks_for_nothing_few_get_a_goal(sentences: list[str], most_
 
 @pytest.mark.parametrize(
     ("sentences", "most_refused", "most_asked_back"),
-    [(ASKED, 16, 0.04), (LATER_ASKED, 16, 0.07), (FRESH_ASKED, 12, 0.14)],
+    [pytest.param(ASKED, 16, 0.04, marks=pytest.mark.slow), (LATER_ASKED, 16, 0.07), (FRESH_ASKED, 12, 0.14)],
     ids=["both halves", "later", "fresh"],
 )
 def test_what_only_sounds_like_it_is_not_refused(
@@ -121,12 +126,14 @@ def test_what_only_sounds_like_it_is_not_refused(
     assert len(asked_back) <= most_asked_back * len(sentences), asked_back
 
 
-def test_no_request_of_the_bench_or_of_the_held_out_ones_is_refused() -> None:
+@pytest.mark.parametrize("step", [5, pytest.param(1, marks=pytest.mark.slow)])
+def test_no_request_of_the_bench_or_of_the_held_out_ones_is_refused(step: int) -> None:
     texts = [query.text for query in (*load_queries("paper"), *load_queries("extended")[::6])]
     texts += [text for _, _, text, expected in HELD_OUT if expected]
-    assert [text for text in texts if not asks(text)] == []
+    assert [text for text in texts[::step] if not asks(text)] == []
 
 
+@pytest.mark.slow
 @pytest.mark.no_cover  # too many rounds to trace each line
 def test_of_hundreds_of_requests_hardly_any_is_refused() -> None:
     """Every ninetieth; of every tenth 11 are refused, which is 1.0 %."""

@@ -55,11 +55,11 @@ def photographed(name: str) -> Home:
 def test_most_requests_need_no_call_and_none_needs_two(seeing: Served) -> None:
     url, calls = seeing
     look, counted = permitted(url), Counter[int]()
-    for row in ROWS[:: max(1, len(ROWS) // 120)]:
+    for row in ROWS[:: max(1, len(ROWS) // 60)]:
         before = len(calls)
         cartier.ask(photographed(row["home"]), row["text"], look=look)
         counted[len(calls) - before] += 1
-    assert set(counted) <= {0, 1} and counted.total() >= 100
+    assert set(counted) <= {0, 1} and counted.total() >= 50
     assert counted[0] / counted.total() >= 0.8, counted
 
 
@@ -91,10 +91,10 @@ def test_injections_change_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPat
         f"answer-{k}": json.dumps({f"picture_{n}": {"answer": words, "certainty": 1} for n in (1, 2, 3)})
         for k, words in enumerate(INJECTED)
     }
-    tried = 0
+    tried, plain = 0, cups(tmp_path / "plain", "reply", "")
     with serving(replies) as (url, calls):
         for number, (place, (k, words)) in enumerate(product(PLACES, enumerate(INJECTED))):
-            home = cups(tmp_path / f"{place}-{k}", place, words)
+            home = plain if place in ("reply", "answer") else cups(tmp_path / f"{place}-{k}", place, words)
             said = ASKED[number % len(ASKED)].format("cup") + (f" {words}" if place == "words" else "")
             model = f"{place}-{k}" if place in ("reply", "answer") else "sees"
             told = cartier.ask(home, said, look=permitted(url, model))

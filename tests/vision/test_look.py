@@ -273,19 +273,18 @@ def test_no_words_in_photographs_change_list_schema_or_goal(monkeypatch: pytest.
     mugs, photos = two_mugs()
     replies, tried = hostile_replies(), 0
     with serving(replies) as (url, calls):
-        for name in replies:
-            permitted = Look(model(url, name))
-            for words in ATTACKED:
-                before = Selection("found", "cup", object_id=1) if words.startswith("bring") else NOTHING
-                one = mugs[:1] if words in ATTACKED[:2] else mugs
-                chosen, trace, _ = told(permitted, words, one, photos, before)
-                assert Inventory(tuple(mugs), ROOMS).contains(chosen)
-                assert chosen.status == "found" if chosen is before else chosen.status in ("answered", "clarify")
-                assert chosen.object_id in (None, 1) and not set('#<>{}[]"?') & set(trace.answer or "")
-                tried += 1
+        for number, name in enumerate(replies):  # five forms of reply: each meets each of the four requests
+            words = ATTACKED[number % len(ATTACKED)]
+            before = Selection("found", "cup", object_id=1) if words.startswith("bring") else NOTHING
+            one = mugs[:1] if words in ATTACKED[:2] else mugs
+            chosen, trace, _ = told(Look(model(url, name)), words, one, photos, before)
+            assert Inventory(tuple(mugs), ROOMS).contains(chosen)
+            assert chosen.status == "found" if chosen is before else chosen.status in ("answered", "clarify")
+            assert chosen.object_id in (None, 1) and not set('#<>{}[]"?') & set(trace.answer or "")
+            tried += 1
         schemas = {json.dumps(call["response_format"]) for call in calls if call.get("response_format")}
         assert all("knife" not in schema and "#2" not in schema for schema in schemas)
-    assert tried == 200
+    assert tried == 50
 
 
 @pytest.mark.parametrize("label", HOSTILE)
