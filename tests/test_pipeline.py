@@ -17,8 +17,7 @@ from cartier.home import Home
 from cartier.home.store import Store
 from cartier.pipeline import map_home
 from cartier.types import Detections, Frame, Inventory, Selection
-from synthetic import CHAIR, THINGS, RoomRecording, TrueBoxes
-from synthetic import small_walk as walk
+from synthetic import CHAIR, THINGS, RoomRecording, TrueBoxes, walk
 
 
 class Says:
