@@ -6,7 +6,7 @@ import hashlib
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from cartier.errors import frame_number
 from cartier.types import Camera, Detections, DetectorScoreModel, Frame, TrueObject
 
 CAMERA = Camera(160, 120, 120.0, 120.0, 79.5, 59.5)
+SMALL = Camera(80, 60, 60.0, 60.0, 39.5, 29.5)
 ROOM = ((0.0, 0.0, 0.0), (5.0, 4.0, 2.6))
 
 
@@ -141,3 +142,9 @@ def walk(objects: Sequence[TrueObject] = THINGS, with_depth: bool = True) -> Roo
             angle = 2.4 * len(poses)
             poses.append(look((x, y, 1.5), (x + math.cos(angle), y + math.sin(angle), 1.5 - 0.55)))
     return RoomRecording(poses, objects, with_depth=with_depth)
+
+
+def small_walk(objects: Sequence[TrueObject] = THINGS, with_depth: bool = True) -> RoomRecording:
+    """The same walk by a camera of a quarter of the pixels, mapped in a third of the time: where pixels are not the
+    matter."""
+    return replace(walk(objects, with_depth), camera=SMALL)

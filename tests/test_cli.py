@@ -2,22 +2,52 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
 from cartier import cli
 from cartier.home import Home
 from cartier.recordings.folder import save
-from synthetic import THINGS, walk
+from cartier.worlds import dollhouse
+from synthetic import THINGS
+from synthetic import small_walk as walk
 
 DETECTOR = str(Path(__file__).parent / "slow_detector.py")
 Run = Callable[..., tuple[int, str, str]]
+CLOSET = """
+name: closet
+about: One small room.
+start: [1.5, 1.2]
+rooms:
+  - {name: closet, kind: bedroom, box: [0.0, 0.0, 3.2, 2.8], floor: "planks:oak", walls: "paint:cream"}
+windows:
+  - {room: closet, side: north, at: 1.6, width: 1.2, sill: 1.0, height: 1.2}
+things:
+  - type: Bed
+    at: [2.1, 2.1]
+    face: east
+    size: [1.25, 2.05, 0.85]
+    colour: petrol
+    things:
+      - {type: Pillow, at: [0.0, 0.72], size: [0.6, 0.38, 0.14], colour: white}
+  - {type: GarbageCan, at: [0.25, 0.25], face: north, size: [0.3, 0.3, 0.5]}
+  - type: SideTable
+    at: [0.25, 2.5]
+    face: east
+    size: [0.45, 0.4, 0.5]
+    things:
+      - {type: AlarmClock, at: [0.0, 0.0], colour: red}
+  - {type: Fridge, at: [2.8, 0.37], face: north, size: [0.62, 0.66, 1.6], colour: mustard}
+"""
 
 
 @pytest.fixture
@@ -45,12 +75,22 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def home(recording: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("homes") / "room"
-    subprocess.run(
-        [sys.executable, "-m", "cartier", "map", recording, "--detector", DETECTOR, "-o", folder],
-        check=True,
-        env=_env(),
-    )
+    done = CliRunner().invoke(cli.app, ["map", str(recording), "--detector", DETECTOR, "-o", str(folder)])
+    assert done.exit_code == 0, done.output
     return folder
+
+
+@pytest.fixture
+def closet(tmp_path: Path) -> Path:
+    """A home of one small room for the simulator."""
+    file = tmp_path / "closet.yaml"
+    file.write_text(CLOSET)
+    return file
+
+
+def few_pixels(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The simulator's camera has a quarter of its pixels, unless another is asked for."""
+    monkeypatch.setattr(dollhouse, "make", partial(dollhouse.make, width=320, height=240))
 
 
 def _env() -> dict[str, str]:
@@ -184,8 +224,11 @@ def test_list_names_every_kind_and_backend(run: Run) -> None:
     ).items()
 
 
-def test_the_demo_leaves_answers_pictures_and_a_home_that_can_be_asked(run: Run, tmp_path: Path) -> None:
-    code, out, err = run("demo", "--home", "10", "-o", tmp_path / "demo")
+def test_the_demo_leaves_answers_pictures_and_a_home_that_can_be_asked(
+    run: Run, closet: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    few_pixels(monkeypatch)
+    code, out, err = run("demo", "--home", closet, "-o", tmp_path / "demo")
     assert code == 0, err
     told = json.loads((tmp_path / "demo" / "answers.json").read_text())
     assert (
@@ -203,36 +246,41 @@ def test_the_demo_leaves_answers_pictures_and_a_home_that_can_be_asked(run: Run,
     assert code == 1 and "castle" in err and not (tmp_path / "other").exists()
 
 
-def test_record_saves_what_map_reads_with_ground_truth(run: Run, tmp_path: Path) -> None:
+def test_record_saves_what_map_reads_with_ground_truth(
+    run: Run, closet: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    few_pixels(monkeypatch)
     code, _, err = run("record", "dollhouse", "-o", tmp_path / "r")
     assert code == 1 and "which home?" in err
     code, _, err = run("record", "dollhouse:nowhere", "-o", tmp_path / "r")
     assert code == 1 and "nowhere" in err and not (tmp_path / "r").exists()
-    code, out, err = run("record", "dollhouse:2", "-o", tmp_path / "r")
+    code, out, err = run("record", f"dollhouse:{closet}", "-o", tmp_path / "r")
     assert code == 0 and "frames of dollhouse" in out, err
     code, out, err = run("map", tmp_path / "r", "--detector", "ground_truth", "-o", tmp_path / "home", "--json")
     assert code == 0 and len(json.loads(out)["names"]) > 5, err
     assert Home.load(tmp_path / "home").detector.startswith("ground truth (dollhouse")
 
 
-@pytest.mark.parametrize("delay_s", [1.3, 1.8])
 def test_kill_leaves_the_old_home_whole_and_the_next_run_finishes(
-    recording: Path, home: Path, tmp_path: Path, delay_s: float, run: Run
+    recording: Path, home: Path, tmp_path: Path, run: Run
 ) -> None:
-    """20 frames at 30 ms each after about 0.6 s of start-up: the kills fall before, into and after the frames."""
-    detector = tmp_path / "slow.py"
-    detector.write_text(Path(DETECTOR).read_text().replace("pause_s: float = 0.0", "pause_s: float = 0.03"))
-    target = tmp_path / "home"
-    subprocess.run(["cp", "-r", home, target], check=True)
+    """Killed amid the frames, once some of their detections are noted; a kill at each moment: tests/home/test_store."""
+    detector, target = tmp_path / "slow.py", tmp_path / "home"
+    detector.write_text(Path(DETECTOR).read_text().replace("pause_s: float = 0.0", "pause_s: float = 0.2"))
+    shutil.copytree(home, target)
     before = {f: f.read_bytes() for f in target.rglob("*") if f.is_file()}
-    command = [sys.executable, "-m", "cartier", "map", recording, "--detector", detector, "-o", target]
-    process = subprocess.Popen(command, env=_env(), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    time.sleep(delay_s)
+    words = ["map", recording, "--detector", detector, "-o", target]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "cartier", *words], env=_env(), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    )
+    noted, give_up = tmp_path / ".home.unfinished.jsonl", time.monotonic() + 60
+    while not (noted.is_file() and noted.read_bytes().count(b"\n") > 3) and time.monotonic() < give_up:
+        time.sleep(0.02)
     process.send_signal(signal.SIGKILL)
-    process.wait()
-    Home.load(target)  # old or new, but whole
-    if process.returncode != 0 and any(f.name == ".home.unfinished.jsonl" for f in tmp_path.iterdir()):
-        assert {f: f.read_bytes() for f in target.rglob("*") if f.is_file()} == before
-    subprocess.run(command, env=_env(), check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    assert process.wait() == -signal.SIGKILL and noted.is_file()
+    assert Home.load(target) and {f: f.read_bytes() for f in target.rglob("*") if f.is_file()} == before
+    detector.write_text(Path(DETECTOR).read_text())
+    code, _, err = run(*words)
+    assert code == 0, err
     assert Home.load(target).names == sorted(t.label for t in THINGS)
     assert sorted(f.name for f in tmp_path.iterdir()) == ["home", "slow.py"]

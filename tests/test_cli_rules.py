@@ -16,7 +16,7 @@ RULE = "avoid room:bathroom hard standing"
 
 @pytest.fixture(scope="module")
 def home(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    walk = make("worlds", "dollhouse", width=160, height=120).explore("studio", max_frames=120)
+    walk = make("worlds", "dollhouse", width=96, height=72).explore("studio", max_frames=120)
     mapped = map_home(walk, make("detectors", "ground_truth", truth=walk.truth, source="dollhouse"))
     folder = tmp_path_factory.mktemp("homes") / "home"
     mapped.save(folder)

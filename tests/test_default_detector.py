@@ -19,7 +19,8 @@ from cartier.pipeline import ask, map_home
 from cartier.recordings.folder import save
 from cartier.types import Camera, Frame
 from cartier.understanding.out_of_vocabulary import out_of_vocabulary_mention
-from synthetic import THINGS, RoomRecording, TrueBoxes, walk
+from synthetic import THINGS, RoomRecording, TrueBoxes
+from synthetic import small_walk as walk
 
 
 class Dollhouse(TrueBoxes):
@@ -66,11 +67,11 @@ def test_the_dollhouses_recordings_get_its_detector_and_all_others_the_photograp
 def test_map_says_which_detector_it_takes(tmp_path: Path) -> None:
     """An exported home of the dollhouse stays one; photographs of noise hold nothing, which is said with the detector's
     name."""
-    explored = plugins.make("worlds", "dollhouse", width=160, height=120).explore("studio", max_frames=12)
+    explored = plugins.make("worlds", "dollhouse", width=160, height=120).explore("studio", max_frames=4)
     save(explored, tmp_path / "rec")
     run = CliRunner().invoke(app, ["map", str(tmp_path / "rec"), "-o", str(tmp_path / "home")])
     assert "detector: embedded, since this is a recording of the dollhouse" in run.stderr
-    assert "of 12 frames to process, in about" in run.stderr and "WRONG DETECTOR" not in run.stderr
+    assert "of 4 frames to process, in about" in run.stderr and "WRONG DETECTOR" not in run.stderr
     head = tmp_path / "rec/recording.json"
     head.write_text(json.dumps(json.loads(head.read_text()) | {"name": "my flat", "simulator": False}))
     run = CliRunner().invoke(app, ["map", str(tmp_path / "rec"), "-o", str(tmp_path / "home")])

@@ -20,6 +20,7 @@ import cartier
 from cartier import contracts, pipeline, testing
 from cartier.home import entity
 from cartier.mapping import mapper
+from cartier.worlds.dollhouse import Dollhouse
 
 INTERNAL = {"Store", "Corrected", "Mended", "Alignment"}
 """Classes of fields that ``Home.load`` sets and no user makes."""
@@ -119,6 +120,24 @@ def ours_of_cartier(word: str) -> list[Any]:
     return [m for m in modules if getattr(getattr(m, word, None), "__module__", "") == m.__name__]
 
 
+@pytest.fixture(scope="module")
+def one_walk() -> Iterator[None]:
+    """Worlds give the walk of equal options once: all examples show the same one."""
+    walks: dict[str, Any] = {}
+    explore = Dollhouse.explore
+
+    def kept(world: Dollhouse, home: str, **options: Any) -> Any:
+        key = repr((world._size, home, sorted(options.items())))
+        if key not in walks:
+            walks[key] = explore(world, home, **options)
+        return walks[key]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Dollhouse, "explore", kept)
+        yield
+
+
+@pytest.mark.usefixtures("one_walk")
 @pytest.mark.parametrize(
     "where", [pipeline.map_home, pipeline.ask, mapper.Mapper, entity.Home], ids=lambda where: where.__name__
 )

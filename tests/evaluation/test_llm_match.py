@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from cartier.evaluation import look_run
 from cartier.evaluation.llm_match import judge, judged, request_for, requests_of, score
 from cartier.evaluation.look_items import CANNOT_TELL
 from cartier.evaluation.look_report import shares
+from cartier.worlds.dollhouse import recording
 
 ITEMS = {each.id: each for each in look_run.questions()}
 TELEVISION, CHAIR, BEHIND = "aster-1", "laurel-3", "elm-1"
@@ -92,7 +94,10 @@ def test_correctness_is_the_mean_of_a_fourth_of_scores_above_one() -> None:
     assert shares([row(TELEVISION, "on") | {"llm_match": None}])["llm_match"] is None
 
 
-def test_batch_is_written_and_its_replies_are_the_second_column(tmp_path: Path) -> None:
+def test_batch_is_written_and_its_replies_are_the_second_column(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(recording, "pinhole", partial(recording.pinhole, 160, 120))  # no picture is asked about
     line = ["bench", "--suite", "look", "--homes", "aster", "--maps", str(tmp_path / "maps"), "-o"]
     run = CliRunner().invoke(cli.app, [*line, str(tmp_path / "one")])
     assert run.exit_code == 0 and " / " not in run.stdout

@@ -7,12 +7,16 @@ import sys
 from pathlib import Path
 
 import pytest
-from test_run import QUERIES, SETTINGS, without_times
+from test_run import QUERIES, WORLD, without_times
 
 from cartier import specs
 from cartier.errors import InputError
-from cartier.evaluation.run import run
+from cartier.evaluation.maps import MapSettings
+from cartier.evaluation.run import BenchSettings, run
 from cartier.evaluation.run_shared import PARTS, ReasonerSpec, share
+
+SETTINGS = BenchSettings(("north", "east"), ("object_depth", "nlmap", "random"), maps=MapSettings(WORLD))
+"""One method that asks once, one that asks twice by a threshold of all homes, and one that draws by the seed."""
 
 
 @pytest.fixture(autouse=True)

@@ -17,7 +17,8 @@ from cartier.mapping.mapper import Mapper
 from cartier.mapping.object_map import ObjectMap
 from cartier.pipeline import map_home
 from cartier.types import Detections, Frame
-from synthetic import THINGS, TrueBoxes, walk
+from synthetic import THINGS, TrueBoxes
+from synthetic import small_walk as walk
 
 
 class Every(TrueBoxes):

@@ -13,7 +13,8 @@ import pytest
 
 import cartier
 from cartier.home.store import Store
-from synthetic import THINGS, RoomRecording, TrueBoxes, box, walk
+from synthetic import THINGS, RoomRecording, TrueBoxes, box
+from synthetic import small_walk as walk
 
 SAVED = Path(__file__).parents[1] / "data" / "home_0_1_0"
 OBJECTS = (*THINGS, box(4, "vase", (2.9, 0.2, 0.0), (3.2, 0.5, 0.6)))

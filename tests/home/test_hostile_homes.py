@@ -24,7 +24,8 @@ from cartier.serving.homes import Homes
 from cartier.serving.operations import Operations
 from cartier.serving.page import one_file
 from hostile import write_signed
-from synthetic import THINGS, TrueBoxes, walk
+from synthetic import THINGS, TrueBoxes
+from synthetic import small_walk as walk
 
 
 @pytest.fixture(scope="module")

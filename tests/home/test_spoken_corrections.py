@@ -15,7 +15,8 @@ from cartier.types import Inventory
 from cartier.understanding.spoken_corrections import NOTED, SpokenCorrection, spoken_correction
 from cartier.understanding.tentative import OFFER
 from flat import OBJECTS, ROOMS, UNSURE
-from synthetic import THINGS, TrueBoxes, walk
+from synthetic import THINGS, TrueBoxes
+from synthetic import small_walk as walk
 
 FLAT = Inventory((*OBJECTS, *UNSURE), ROOMS, from_xy=(0.0, 0.0))
 OFFERED = f"I may have seen a vase in the bedroom, but too seldom to be sure. {OFFER}"

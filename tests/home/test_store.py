@@ -18,7 +18,8 @@ from cartier.io.atomic import append_line, locked, replaced_folder, sweep_parts,
 from cartier.io.files import read_rows
 from cartier.recordings import folder as own_format
 from interrupted import KILLED, content, run
-from synthetic import THINGS, RoomRecording, TrueBoxes, walk
+from synthetic import THINGS, RoomRecording, TrueBoxes
+from synthetic import small_walk as walk
 
 DETECTOR = '"""True boxes."""\nfrom synthetic import THINGS, TrueBoxes\n\ndef make():\n    return TrueBoxes(THINGS)\n'
 

@@ -19,7 +19,8 @@ from cartier.home.correction_log import LOG, Correction, CorrectionKind, Subject
 from cartier.home.corrections import find
 from cartier.pipeline import map_home
 from cartier.types import MapObject, Selection
-from synthetic import THINGS, RoomRecording, TrueBoxes, walk
+from synthetic import THINGS, RoomRecording, TrueBoxes
+from synthetic import small_walk as walk
 
 Wish = tuple[CorrectionKind, str, dict[str, Any]]
 WISHES: list[Wish] = [

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from another_day import MOVED
+from another_day import MOVED, OTHER_THINGS, ROOM_THINGS, rounds
 from cartier.cli import app
 from cartier.errors import CartierError
 from cartier.home import Home
 from cartier.mapping.reposed import Reposed
 from cartier.recordings.folder import save
-from cartier.worlds.dollhouse import make
+from synthetic import SMALL
 
 TRUTH = ["--detector", "ground_truth"]
 
@@ -33,10 +34,13 @@ def cli(*words: object) -> str:
 def days(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two walks through one home, the second in a pose frame of its own, and one through another home."""
     folder = tmp_path_factory.mktemp("days")
-    world = make(width=128, height=96)
-    save(world.explore("studio", seed=1, max_frames=40), folder / "one")
-    save(Reposed(world.explore("studio", seed=2, max_frames=40), lambda number, pose: MOVED @ pose), folder / "two")
-    save(world.explore("kitchen_diner", seed=1, max_frames=8), folder / "elsewhere")
+    one, two, elsewhere = (
+        replace(rounds(things, phase, radius_m), camera=SMALL, name="room")
+        for things, phase, radius_m in ((ROOM_THINGS, 0.0, 1.0), (ROOM_THINGS, 0.1, 0.9), (OTHER_THINGS, 0.0, 1.0))
+    )
+    save(one, folder / "one")
+    save(Reposed(two, lambda number, pose: MOVED @ pose), folder / "two")
+    save(replace(elsewhere, poses=elsewhere.poses[:8], name="elsewhere"), folder / "elsewhere")
     for name in ("one", "two", "elsewhere"):
         cli("map", folder / name, "-o", folder / f"home_{name}", *TRUTH, "--keep-poses")
     return folder

@@ -13,7 +13,8 @@ from cartier.errors import InputError
 from cartier.mapping.keyframes import Keyframes, forecast, sharpness
 from cartier.pipeline import map_home
 from cartier.types import Frame
-from synthetic import CAMERA, THINGS, RoomRecording, TrueBoxes, look, walk
+from synthetic import CAMERA, SMALL, THINGS, RoomRecording, TrueBoxes, look
+from synthetic import small_walk as walk
 
 
 def view(index: int, x: float = 0.0, yaw: float = 0.0, depth: float = 2.0, blurred: bool = False) -> Frame:
@@ -39,7 +40,7 @@ def dense(seconds: float, hz: int = 30, metres_a_second: float = 0.5, degrees_a_
         turn, angle = time_s * metres_a_second / 0.8, math.radians(time_s * degrees_a_second)
         x, y = 2.5 + 0.8 * math.cos(turn), 2 + 0.8 * math.sin(turn)
         poses.append(look((x, y, 1.5), (x + math.cos(angle), y + math.sin(angle), 1.1)))
-    return RoomRecording(poses, THINGS)
+    return RoomRecording(poses, THINGS, SMALL)
 
 
 def test_standing_still_is_one_view_and_moving_is_a_view_each_15_cm_or_10_degrees() -> None:
