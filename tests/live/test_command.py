@@ -16,30 +16,27 @@ import httpx
 import pytest
 from typer.testing import CliRunner
 
+from cartier import Live, plugins
 from cartier.cli import app
 from cartier.errors import CartierError
 from cartier.home import Home
 from cartier.io.spool import Spool
 from cartier.pipeline import map_home
 from cartier.plugins import open_recording
-from cartier.recordings.folder import save
+from cartier.sources import open_source
 from cartier.specs import detector, detector_for
 from serving.browsing import chromium
 from serving.conftest import free_port
+from studio import saved_studio
 
 ENV = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path), "OMP_NUM_THREADS": "1"}
 DOLLHOUSE = "dollhouse:studio@max"
-SMALL = 16  # frames, so that tests are quick
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A recording of the dollhouse, whose objects the default detector knows."""
-    from cartier import plugins
-
-    path = tmp_path_factory.mktemp("live") / "studio"
-    save(plugins.make("worlds", "dollhouse", width=320, height=240).explore("studio", max_frames=SMALL), path)
-    return path
+    return saved_studio(tmp_path_factory.mktemp("live") / "studio")
 
 
 def begun(*args: object) -> subprocess.Popen[str]:
@@ -65,7 +62,7 @@ def test_a_played_recording_gives_the_home_of_map(folder: Path, tmp_path: Path) 
     told = json.loads(result.stdout.splitlines()[-1])
     recording = open_recording(folder)
     mapped = map_home(recording, detector(detector_for(recording)[0], recording))
-    assert told["phase"] == "ended" and told["frames_in"] == SMALL and not told["dropped"]
+    assert told["phase"] == "ended" and told["frames_in"] == len(recording) and not told["dropped"]
     home = Home.load(tmp_path / "home")
     assert [(o.label, o.position, o.box_max) for o in home.objects] == [
         (o.label, o.position, o.box_max) for o in mapped.objects
@@ -177,11 +174,11 @@ def test_what_cannot_be_mapped_is_one_line(args: list[str], fault: str, tmp_path
     assert not (tmp_path / "home").exists()
 
 
-def test_the_recording_of_a_simulator_stays_one(folder: Path, tmp_path: Path) -> None:
-    home = tmp_path / "home"
-    given = ["live", str(home), "--from", DOLLHOUSE, "--seconds", "4", "--detector", "embedded"]
-    result = CliRunner().invoke(app, given)
-    assert result.exit_code == 0, result.output
+def test_the_recording_of_a_simulator_stays_one(tmp_path: Path) -> None:
+    source = open_source(DOLLHOUSE, width=64, height=48, max_frames=4)
+    live = Live(source, plugins.make("detectors", "embedded"), spool=tmp_path / "home.spool")
+    live.start()
+    live.wait()
     spooled = open_recording(tmp_path / "home.spool")
     assert any(note.startswith("a simulation") for note in spooled.notes)
     assert detector_for(spooled)[0] == "embedded"

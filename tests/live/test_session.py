@@ -88,6 +88,20 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+@pytest.fixture(scope="module")
+def offline(recorded: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
+    """The files of the home that ``map`` makes of the recording."""
+    home = cartier.map_home(plugins.open_recording(recorded), Eyes())
+    assert len(home.objects) == 3
+    return files(home, tmp_path_factory.mktemp("offline") / "home")
+
+
+@pytest.fixture(scope="module")
+def whole() -> cartier.Home:
+    """The home of all frames of the walk."""
+    return cartier.map_home(WALK, Eyes(), every=1)
+
+
 def mapped(spec: str, **options: Any) -> cartier.Home:
     live = Live(open_source(spec), Eyes(), **options)
     live.start()
@@ -95,11 +109,11 @@ def mapped(spec: str, **options: Any) -> cartier.Home:
 
 
 @pytest.mark.parametrize("speed", ["max", "0.8"])
-def test_a_folder_that_is_kept_up_with_gives_the_same_home(speed: str, recorded: Path, tmp_path: Path) -> None:
-    offline = cartier.map_home(plugins.open_recording(recorded), Eyes())
+def test_a_folder_that_is_kept_up_with_gives_the_same_home(
+    speed: str, recorded: Path, offline: dict[str, bytes], tmp_path: Path
+) -> None:
     live = mapped(f"bag:{recorded}@{speed}")
-    assert len(offline.objects) == 3
-    assert files(live, tmp_path / "live") == files(offline, tmp_path / "offline")
+    assert files(live, tmp_path / "live") == offline
 
 
 def test_a_bag_that_is_kept_up_with_gives_the_same_home(tmp_path: Path) -> None:
@@ -275,7 +289,7 @@ while True:
 
 
 @pytest.mark.parametrize("after", [1, 6])
-def test_a_killed_session_goes_on(after: int, recorded: Path, tmp_path: Path) -> None:
+def test_a_killed_session_goes_on(after: int, recorded: Path, whole: cartier.Home, tmp_path: Path) -> None:
     script = tmp_path / "run.py"
     script.write_text(RUN.format(paths=[str(Path(__file__).parent), str(Path(__file__).parents[1])]))
     spool = tmp_path / "home.spool"
@@ -297,7 +311,6 @@ def test_a_killed_session_goes_on(after: int, recorded: Path, tmp_path: Path) ->
     live.saved()
     assert live.state().resumed == kept
     assert [row["frames"] for row in home.settings["recordings"]] == [kept, len(WALK) - kept]
-    whole = cartier.map_home(WALK, Eyes(), every=1)
     assert home.names == whole.names
     for mine, theirs in zip(home.objects, whole.objects, strict=True):
         np.testing.assert_allclose(mine.position, theirs.position, atol=0.02)

@@ -18,6 +18,8 @@ from peers import LOOPBACK, any_domain
 from cartier import Home, plugins
 from cartier.pipeline import map_home
 from cartier.types import MapObject, OrientedBox
+from studio import saved_studio
+from synthetic import THINGS, TrueBoxes, walk
 
 for needed in ("cyclonedds", "rosbags"):
     pytest.importorskip(needed, reason="needs cartier[ros]")
@@ -128,7 +130,8 @@ def until(told: Callable[[], Any], limit_s: float = 40.0) -> Any:
 def test_a_live_home_is_published_and_answers(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("CYCLONEDDS_URI", LOOPBACK)
     domain = any_domain()
-    command = [sys.executable, "-m", "cartier", "live", str(tmp_path / "home"), "--from", "dollhouse:studio@1"]
+    folder = saved_studio(tmp_path / "studio")
+    command = [sys.executable, "-m", "cartier", "live", str(tmp_path / "home"), "--from", f"bag:{folder}@0.2"]
     command += ["--publish", "--domain", str(domain), "--reasoner", "embedded", "--detector", "embedded"]
     env = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path), "OMP_NUM_THREADS": "1"}
     with subprocess.Popen(command, env=env, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
@@ -156,29 +159,27 @@ def test_questions_are_answered_one_after_the_other(monkeypatch: pytest.MonkeyPa
     from cartier.serving.topics import HomeTopics
 
     class One:
-        names, asker = ("studio",), ""
+        names, asker = ("room",), ""
 
         def name(self, home: str = "") -> str:
-            return "studio"
+            return "room"
 
         def get(self, home: str = "") -> Home:
-            return home_of_studio
+            return room
 
         def moment(self) -> None:
             return None
 
     monkeypatch.setenv("CYCLONEDDS_URI", LOOPBACK)
-    recording = plugins.make("worlds", "dollhouse", width=160, height=120).explore("studio", max_frames=16)
-    truth = plugins.make("detectors", "ground_truth", truth=recording.truth, source="dollhouse")
-    home_of_studio = map_home(recording, truth)
+    room = map_home(walk(), TrueBoxes(THINGS))
     domain = any_domain()
     operations = Operations(One(), plugins.make("reasoners", "embedded"))
     topics = HomeTopics(operations, domain, lambda: "map")
     outside = Outside(domain)
     until(lambda: outside.asks.get_matched_subscriptions() or None)
     until(lambda: outside.answers.get_matched_publications() or None)
-    first = outside.ask("bring me to the fridge")
-    assert first["object"] == "fridge"
+    first = outside.ask("bring me to the table")
+    assert first["object"] == "table"
     assert outside.ask("how many of them are there?")["status"] == "answered"
     assert until(lambda: heard(outside.objects)).detections
     topics.close()

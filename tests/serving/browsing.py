@@ -54,10 +54,10 @@ class Clicks(NamedTuple):
     ghosts: list[str]
 
 
-def click_every_object(tab: Any, home: Home, tap: bool = False) -> Clicks:
-    """Click each confirmed object where neither a smaller one nor another's name lies over it, and each name.
+def click_every_object(tab: Any, home: Home, tap: bool = False, part: slice = slice(None)) -> Clicks:
+    """Click the confirmed objects, where neither a smaller one nor another's name lies over, and their names.
 
-    ``ghosts`` are tentative objects hit instead.
+    Of both lists a ``part``. ``ghosts`` are tentative objects hit instead.
     """
     sure = [obj for obj in home.objects if obj.confirmed]
     wrong, ghosts = list[str](), list[str]()
@@ -76,14 +76,14 @@ def click_every_object(tab: Any, home: Home, tap: bool = False) -> Clicks:
     tab.evaluate(STILL)
     px, left, top = tab.evaluate("[plan.px, -plan.view.x / plan.px, -plan.view.y / plan.px]")
     named = tab.evaluate("plan.labels.placed.filter((p) => p.id !== null).map((p) => [p.id, ...p.box])")
-    for obj in sure:
+    for obj in sure[part]:
         names = [[(b[0] - left) * px, (top - b[3]) * px, (b[2] - left) * px, (top - b[1]) * px]
                  for number, *b in named if number != obj.id]  # fmt: skip
         x, y = free_point(obj, sure, names, px)
         click(obj, left + x / px, top - y / px)
-    for number, *b in named:
+    for number, *b in named[part]:
         click(of[number], (b[0] + b[2]) / 2, (b[1] + b[3]) / 2, "the name of ")
-    return Clicks(len(sure), len(named), wrong, ghosts)
+    return Clicks(len(sure[part]), len(named[part]), wrong, ghosts)
 
 
 def free_point(

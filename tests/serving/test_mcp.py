@@ -32,7 +32,7 @@ from cartier.serving.homes import Homes
 from cartier.serving.mcp_server import Codes, make
 from cartier.serving.operations import Operations
 from cartier.types import RobotModel
-from serving.conftest import Server
+from serving.conftest import Beside
 from serving.test_operations import Echo
 from vision import seeing_server
 from vision import test_verification as verifying
@@ -104,8 +104,8 @@ def test_a_conversation_over_stdio(home: Path, mode: str) -> None:
 
 
 @pytest.mark.parametrize("mode", ["auto", "legacy"])
-def test_a_conversation_over_http(home: Path, start: Callable[..., Server], mode: str) -> None:
-    server = start("mcp", home, "--http")
+def test_a_conversation_over_http(home: Path, beside: Callable[..., Beside], mode: str) -> None:
+    server = beside("mcp", home, "--http")
 
     async def run() -> None:
         async with Client(f"{server.url}/mcp", mode=mode) as client:
@@ -114,9 +114,9 @@ def test_a_conversation_over_http(home: Path, start: Callable[..., Server], mode
     asyncio.run(run())
 
 
-def test_http_is_guarded_as_the_api_is(home: Path, start: Callable[..., Server]) -> None:
+def test_http_is_guarded_as_the_api_is(home: Path, beside: Callable[..., Beside]) -> None:
     token = "correct-horse-battery-staple-42"
-    server = start("mcp", home, "--http", CARTIER_TOKEN=token)
+    server = beside("mcp", home, "--http", CARTIER_TOKEN=token)
     body = {"jsonrpc": "2.0", "id": 1, "method": "tools/list"}
     for headers, status in (({}, 401), ({"host": "evil.example"}, 421), ({"origin": "https://evil.example"}, 403)):
         assert httpx2.post(f"{server.url}/mcp", json=body, headers=headers).status_code == status
@@ -333,7 +333,13 @@ def test_a_robot_goes_only_after_a_person_agreed(home: Path, ops: Operations, mo
     async def go(client: Client) -> Any:
         return await client.call_tool("go", {"entity": "chair"})
 
-    yes = over_stdio(go, home, "--allow-go", "print", mode=mode, elicitation_callback=answering("accept", True, asked))
+    agreed_to = {"mode": mode, "elicitation_callback": answering("accept", True, asked)}
+    in_a_process = mode == "auto"  # as the command starts it: once suffices
+    yes = (
+        over_stdio(go, home, "--allow-go", "print", **agreed_to)
+        if in_a_process
+        else with_server(ops, go, "print", **agreed_to)
+    )
     assert not yes.is_error and "navigate_to_pose" in yes.structured_content["sent"]
     assert "drive to the room: chair at x" in asked[0] and len(asked) == 1
     for action, agreed in (("accept", False), ("decline", True), ("cancel", True)):
@@ -375,9 +381,14 @@ def test_nothing_is_sent_without_a_goal(home: Path) -> None:
     )
 
 
-def test_the_floor_plan_is_never_needed_to_start(home: Path) -> None:
-    """Whoever lists the tools has not waited for a model or a map."""
-    assert over_stdio(lambda client: client.list_tools(), home).tools
+def test_the_floor_plan_is_never_needed_to_start(ops: Operations, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whoever lists the tools has not waited for a map."""
+    loaded = list[Path]()
+    real = Home.load
+    monkeypatch.setattr(Home, "load", lambda folder: (loaded.append(folder), real(folder))[1])
+    assert with_server(ops, lambda client: client.list_tools()).tools and not loaded
+    with_server(ops, lambda client: told(client, "list_rooms"))
+    assert loaded
 
 
 def test_a_picture_is_a_picture(ops: Operations) -> None:
@@ -415,8 +426,8 @@ async def answer_page(client: Client) -> str:
 
 
 @pytest.mark.parametrize("mode", ["auto", "legacy"])
-def test_the_answer_is_an_app_of_its_own_which_loads_nothing(home: Path, mode: str) -> None:
-    html = over_stdio(answer_page, home, mode=mode)
+def test_the_answer_is_an_app_of_its_own_which_loads_nothing(ops: Operations, mode: str) -> None:
+    html = with_server(ops, answer_page, mode=mode)
     assert html.lower().startswith("<!doctype html>") and 'id="plan"' in html
     addresses = set(re.findall(r"https?://[^\s\"'`<>)]+", html))
     assert addresses <= {"http://www.w3.org/2000/svg"}, "which is a name, and no address"

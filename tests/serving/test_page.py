@@ -17,7 +17,7 @@ from cartier.home import Home
 from cartier.serving import page
 from cartier.serving.page import one_file, view
 from serving.browsing import chromium
-from serving.conftest import Server
+from serving.conftest import Beside, Server
 
 STYLE = (page.WEB / "style.css").read_text()
 
@@ -140,9 +140,9 @@ def test_ask_and_see_goal_path_and_photo(home: Path, start: Callable[..., Server
 
 
 def test_click_rename_move_forget_undo_and_reload(
-    home: Path, start: Callable[..., Server], visit: Callable[..., Any]
+    home: Path, beside: Callable[..., Beside], visit: Callable[..., Any]
 ) -> None:
-    tab = visit(start("serve", home).url)
+    tab = visit(beside("serve", home).url)
 
     def choose(label: str) -> None:
         number = next(t.id for t in Home.load(home).objects if t.label == label)
@@ -180,9 +180,9 @@ def test_click_rename_move_forget_undo_and_reload(
 
 
 def test_confirm_relabel_split_merge_add_and_the_home_s_name(
-    home: Path, start: Callable[..., Server], visit: Callable[..., Any]
+    home: Path, beside: Callable[..., Beside], visit: Callable[..., Any]
 ) -> None:
-    tab = visit(start("serve", home).url)
+    tab = visit(beside("serve", home).url)
     chair = next(t for t in Home.load(home).objects if t.label == "chair")
 
     def told(words: str) -> Home:
@@ -228,8 +228,8 @@ def test_confirm_relabel_split_merge_add_and_the_home_s_name(
     assert tab.locator("#undo").is_hidden() and objects(Home.load(home)) == before
 
 
-def test_the_keyboard_alone_suffices(home: Path, start: Callable[..., Server], visit: Callable[..., Any]) -> None:
-    tab = visit(start("serve", home).url)
+def test_the_keyboard_alone_suffices(home: Path, beside: Callable[..., Beside], visit: Callable[..., Any]) -> None:
+    tab = visit(beside("serve", home).url)
     keys = tab.keyboard
 
     def walk_to(selector: str) -> None:
@@ -277,9 +277,11 @@ def test_the_keyboard_alone_suffices(home: Path, start: Callable[..., Server], v
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_a_phone_s_width_and_its_scheme(
-    mapped: Path, start: Callable[..., Server], visit: Callable[..., Any], scheme: str
+    mapped: Path, beside: Callable[..., Beside], visit: Callable[..., Any], scheme: str
 ) -> None:
-    tab = visit(start("serve", mapped).url, viewport={"width": 360, "height": 740}, color_scheme=scheme, has_touch=True)
+    tab = visit(
+        beside("serve", mapped).url, viewport={"width": 360, "height": 740}, color_scheme=scheme, has_touch=True
+    )
     assert tab.evaluate("document.documentElement.classList.contains('dark')") is (scheme == "dark")
     tab.click("#tab-objects")
     tab.locator("#list button[data-id]").first.click()
@@ -305,9 +307,9 @@ def unsure(home: Path, label: str = "mug") -> int:
 
 
 def test_a_phone_s_keyboard_covers_neither_the_field_nor_the_evidence(
-    home: Path, start: Callable[..., Server], visit: Callable[..., Any]
+    home: Path, beside: Callable[..., Beside], visit: Callable[..., Any]
 ) -> None:
-    tab = visit(start("serve", home).url, viewport={"width": 390, "height": 844}, has_touch=True, is_mobile=True)
+    tab = visit(beside("serve", home).url, viewport={"width": 390, "height": 844}, has_touch=True, is_mobile=True)
     tab.fill("#words", "I want to sit down")
     tab.press("#words", "Enter")
     tab.wait_for_selector("#card .photo i")
@@ -326,8 +328,8 @@ def test_a_phone_s_keyboard_covers_neither_the_field_nor_the_evidence(
             assert tab.evaluate(seen, middle), f"nothing lies over {part}"
 
 
-def test_names_on_the_plan_do_not_collide(home: Path, start: Callable[..., Server], visit: Callable[..., Any]) -> None:
-    tab = visit(start("serve", home).url, viewport={"width": 390, "height": 844})
+def test_names_on_the_plan_do_not_collide(home: Path, beside: Callable[..., Beside], visit: Callable[..., Any]) -> None:
+    tab = visit(beside("serve", home).url, viewport={"width": 390, "height": 844})
     tab.evaluate("choose(data.objects[0].id)")
     boxes = tab.evaluate("[...document.querySelectorAll('#plan text')].map(t => t.getBoundingClientRect().toJSON())")
     frame = tab.locator("#plan").bounding_box()
@@ -340,10 +342,10 @@ def test_names_on_the_plan_do_not_collide(home: Path, start: Callable[..., Serve
 
 
 def test_an_uncertain_answer_shows_its_photo_and_asks(
-    home: Path, start: Callable[..., Server], visit: Callable[..., Any]
+    home: Path, beside: Callable[..., Beside], visit: Callable[..., Any]
 ) -> None:
     number = unsure(home)
-    tab = visit(start("serve", home).url)
+    tab = visit(beside("serve", home).url)
     assert tab.locator(f'#plan [data-id="{number}"]').is_hidden(), "hidden until asked for"
     tab.fill("#words", "where is the mug?")
     tab.press("#words", "Enter")
@@ -366,9 +368,9 @@ def test_an_uncertain_answer_shows_its_photo_and_asks(
 
 
 def test_a_correction_drops_what_was_asked_of_the_home_before(
-    home: Path, start: Callable[..., Server], visit: Callable[..., Any]
+    home: Path, beside: Callable[..., Beside], visit: Callable[..., Any]
 ) -> None:
-    tab = visit(start("serve", home).url)
+    tab = visit(beside("serve", home).url)
     dropped: list[str] = []
     tab.on("requestfailed", lambda request: dropped.append(request.url))
     tab.route("**/goal?*", lambda route: None)  # the goal never comes
@@ -379,17 +381,17 @@ def test_a_correction_drops_what_was_asked_of_the_home_before(
 
 
 def test_a_name_from_the_outside_is_only_text(
-    home: Path, start: Callable[..., Server], visit: Callable[..., Any]
+    home: Path, beside: Callable[..., Beside], visit: Callable[..., Any]
 ) -> None:
     Home.load(home).correct("name", "mug", name="<img src=x onerror=alert(1)>")
-    tab = visit(start("serve", home).url)
+    tab = visit(beside("serve", home).url)
     tab.click("#tab-objects")
     assert tab.locator("#list img").count() == 0 and "<img src=x" in tab.inner_text("#list")
 
 
-def test_a_server_with_a_token_asks_for_it(mapped: Path, start: Callable[..., Server], browser: Any) -> None:
+def test_a_server_with_a_token_asks_for_it(mapped: Path, beside: Callable[..., Beside], browser: Any) -> None:
     token = "correct-horse-battery-staple-42"
-    server = start("serve", mapped, CARTIER_TOKEN=token)
+    server = beside("serve", mapped, CARTIER_TOKEN=token)
     tab = browser.new_context().new_page()
     tab.goto(server.url)
     for given in ("wrong", token):
@@ -444,9 +446,9 @@ def test_an_object_in_3d_has_its_colour_where_it_should_be(
 
 
 def test_the_points_are_where_depth_showed_them_and_can_be_switched_off(
-    home: Path, start: Callable[..., Server], visit: Callable[..., Any]
+    home: Path, beside: Callable[..., Beside], visit: Callable[..., Any]
 ) -> None:
-    tab = visit(start("serve", home).url)
+    tab = visit(beside("serve", home).url)
     assert tab.locator("#points").is_hidden() and not any("cloud" in url for url in tab.asked), (
         "not before they are seen"
     )
@@ -580,11 +582,11 @@ def test_a_host_for_mcp_apps_shows_the_answer(home: Path, visit: Callable[..., A
 
 
 def test_rules_are_listed_with_their_sentences_and_taken_back(
-    home: Path, start: Callable[..., Server], visit: Callable[..., Any]
+    home: Path, beside: Callable[..., Beside], visit: Callable[..., Any]
 ) -> None:
     chair = next(t for t in Home.load(home).objects if t.label == "chair")
     Home.load(home).correct("rule", f"keep-away object:{chair.id} hard standing")
-    tab = visit(start("serve", home).url)
+    tab = visit(beside("serve", home).url)
     tab.fill("#words", "never drive over the rug")
     tab.click("#ask button.main")
     tab.wait_for_selector("#turns .robot:nth-of-type(3)")
@@ -601,10 +603,10 @@ def test_rules_are_listed_with_their_sentences_and_taken_back(
 
 
 def test_the_way_without_rules_is_drawn_beside_the_way_under_them(
-    home: Path, start: Callable[..., Server], visit: Callable[..., Any]
+    home: Path, beside: Callable[..., Beside], visit: Callable[..., Any]
 ) -> None:
     chair = next(t for t in Home.load(home).objects if t.label == "chair")
-    tab = visit(start("serve", home).url)
+    tab = visit(beside("serve", home).url)
     tab.evaluate(f"choose({chair.id})")
     tab.wait_for_selector("#plan .way")
     assert tab.locator("#plan .shortest").count() == 0

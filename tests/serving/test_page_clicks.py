@@ -54,13 +54,13 @@ def test_a_click_chooses_what_was_meant(browser: Any, mapped: Path, tmp_path: Pa
     tab.goto(file.as_uri())
     tab.wait_for_selector("html[data-ready]")
     assert tab.locator("#plan .tentative:visible").count() == 0, "ghosts are hidden until asked for"
-    found = click_every_object(tab, home, tap)
+    found = click_every_object(tab, home, tap, slice(0, None, 2))
     tab.check("#tentative")
     assert tab.locator("#plan .tentative:visible").count() == GHOSTS
-    among = click_every_object(tab, home) if not tap else found
+    among = click_every_object(tab, home, tap, slice(1, None, 2))
     tab.context.close()
     assert not found.ghosts and not among.ghosts, "no ghost is above what is there"
-    assert found.objects > 50, found.objects
+    assert found.objects + among.objects > 50, "each object is clicked once"
     for each in (found, among):
         assert len(each.wrong) <= (1 - LEAST_RIGHT) * (each.objects + each.labels), each
 
