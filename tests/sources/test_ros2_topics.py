@@ -272,19 +272,21 @@ def test_a_played_bag_is_checked_and_mapped(tmp_path: Path) -> None:
     def heard(*words: object) -> dict[str, Any]:
         """What the command says at its end of the bag, which is played to it over DDS."""
         told = ("--domain", domain, "--seconds", 4, "--json")
-        playing = threading.Thread(target=TopicPlayer(Bag(tmp_path / "flat"), domain, 1.0).play)
+        player = TopicPlayer(Bag(tmp_path / "flat"), domain, 1.0)
+        playing = threading.Thread(target=lambda: player.wait() and player.play())
         playing.start()
         result = CliRunner().invoke(app, [str(word) for word in ("live", *words, *told)])
+        player.close()
         playing.join()
         assert result.exit_code == 0, result.output
         return json.loads(result.stdout.splitlines()[-1])  # type: ignore[no-any-return]
 
     report = heard("--check", "ros2")
     assert report["ok"], report["faults"]
-    assert report["frames"] >= len(studio()) / 2, "the first come before all topics are found"
+    assert report["frames"] >= len(studio()) - 2
     state = heard(tmp_path / "home", "--from", "ros2", "--detector", "embedded")
-    assert state["frames_in"] >= len(studio()) / 2, state
-    assert {"fridge", "sink", "bed", "dining table"} & set(Home.load(tmp_path / "home").names)
+    assert state["frames_in"] >= len(studio()) - 2, state
+    assert "bed" in Home.load(tmp_path / "home").names
 
 
 def test_a_player_refuses_what_it_cannot_play(tmp_path: Path) -> None:
