@@ -17,10 +17,11 @@ def fuzz(*options: str) -> subprocess.CompletedProcess[str]:
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="it forks, and limits the address space")
 @pytest.mark.no_cover  # too many rounds to trace each line
-def test_no_broken_file_is_a_traceback_a_wait_or_a_gigabyte() -> None:
-    done = fuzz("--cases", "160", "--first", "20")
+@pytest.mark.parametrize("cases", [64, pytest.param(160, marks=pytest.mark.slow)])  # one or more of each kind
+def test_no_broken_file_is_a_traceback_a_wait_or_a_gigabyte(cases: int) -> None:
+    done = fuzz("--cases", str(cases), "--first", "20")
     assert done.returncode == 0, done.stdout[-5000:] + done.stderr[-3000:]
-    assert "\n160 cases in " in done.stdout
+    assert f"\n{cases} cases in " in done.stdout
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="it forks, and limits the address space")

@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cartier.detectors.vocabulary import LVIS, MAX_BYTES, MAX_NAME_CHARS, MAX_NAMES, read_vocabulary
@@ -75,6 +75,7 @@ def test_blanks_are_left_out_and_duplicates_merged_and_both_are_said(tmp_path: P
 
 
 @given(st.lists(st.text(), max_size=30))
+@settings(max_examples=40)
 def test_any_list_gives_unique_display_names_in_order_or_one_clear_line(names: list[str]) -> None:
     expected = list(dict.fromkeys(filter(None, map(display_name, names))))
     try:

@@ -6,6 +6,7 @@ import hashlib
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -74,6 +75,21 @@ class Walk:
         if eye_m < LEVEL_BELOW_M:
             poses = np.array([look((x, y), yaw, 0.0, eye_m) for x, y, yaw in self.way.track])
         return Kept(DollhouseRecording(self.scene, self.camera, poses, Sensor(self.seed) if sensor else None))
+
+
+WALK_FRAMES = 40
+
+
+@cache
+def walk(home: str) -> Walk:
+    """A short walk that the tests share; benchmarks/doctor.py walks all the way."""
+    return Walk(home, max_frames=WALK_FRAMES)
+
+
+@cache
+def seen(home: str, eye_m: float, sensor: bool = False) -> Kept:
+    """The same, by a camera at this height; held in memory, and not to be changed."""
+    return walk(home).seen(eye_m, sensor)
 
 
 class Faulty:

@@ -12,7 +12,7 @@ from typing import Any, cast
 import numpy as np
 import published
 import pytest
-from faulty_recordings import INJECTED, Faulty, Kept, Thor, leap, posed, rotated
+from faulty_recordings import INJECTED, Faulty, Kept, Thor, leap, posed, rotated, seen
 
 from cartier import plugins
 from cartier.contracts import Recording
@@ -34,13 +34,13 @@ UNREPAIRABLE = {"black depth", "blurred", "5 frames"}
 @pytest.fixture(scope="module")
 def dollhouse() -> Recording:
     """A small walk through a built-in home, which needs no files."""
-    return Kept(plugins.make("worlds", "dollhouse", width=160, height=120).explore("studio", max_frames=70))
+    return seen("studio", 1.5)
 
 
 @pytest.fixture(scope="module")
 def raw_kitchen(tmp_path_factory: pytest.TempPathFactory) -> Recording:
     """A kitchen as 7-Scenes publishes one, by a reader that leaves its depth beside the colour and says so."""
-    walk, folder = published.kitchen(), tmp_path_factory.mktemp("7scenes") / "kitchen"
+    walk, folder = published.kitchen(40), tmp_path_factory.mktemp("7scenes") / "kitchen"
     published.write_sevenscenes(walk, folder, range(len(walk)))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(sevenscenes, "LEAST_FIT", 1.0)
@@ -174,15 +174,15 @@ def test_two_faults_are_both_found(dollhouse: Recording) -> None:
 
 
 def test_a_jump_for_good_keeps_the_longest_piece_and_a_stray_frame_is_left_out(dollhouse: Recording) -> None:
-    for_good = posed(leap(25, 10**6, 1.0))(dollhouse)
+    for_good = posed(leap(15, 10**6, 1.0))(dollhouse)
     repaired = repair(for_good, examine(for_good))
-    assert len(repaired) == len(dollhouse) - 25
+    assert len(repaired) == len(dollhouse) - 15
     stray = posed(leap(25, 25, 1.0))(dollhouse)
     assert len(repair(stray, examine(stray))) == len(dollhouse) - 1
 
 
 def test_repaired_recording_is_saved_and_read(dollhouse: Recording, tmp_path: Path) -> None:
-    faulty = INJECTED["inverted"][1](Faulty(dollhouse, numbers=range(0, 60, 2)))
+    faulty = INJECTED["inverted"][1](Faulty(dollhouse, numbers=range(0, len(dollhouse), 2)))
     save(faulty, tmp_path / "in")
     opened = open_for_doctor(tmp_path / "in")
     assert not isinstance(opened, Report)
@@ -254,7 +254,7 @@ def test_frames_that_disagree_for_no_known_reason_are_not_called_sound(dollhouse
 def test_all_poses_bad_and_no_frame_at_all(dollhouse: Recording) -> None:
     all_bad = posed(lambda pose, i: pose @ np.diag([3.0, 3, 3, 1]))(dollhouse)
     report = examine(all_bad)
-    assert names(report) == ["bad_rotation"] and "70 of 70" in report.faults[0].evidence
+    assert names(report) == ["bad_rotation"] and "40 of 40" in report.faults[0].evidence
     assert names(examine(Faulty(dollhouse, numbers=[]))) == ["too_few_views"]
 
 
@@ -262,7 +262,7 @@ def test_progress_and_json_and_picture(dollhouse: Recording, tmp_path: Path) -> 
     seen: list[tuple[int, int]] = []
     faulty = INJECTED["opengl"][1](dollhouse)
     report = examine(faulty, lambda done, total: seen.append((done, total)))
-    assert seen[-1] == (70, 70)
+    assert seen[-1] == (40, 40)
     assert json.loads(json.dumps(report.to_dict()))["ok"] is False
     for name, shown in (("a.png", report), ("b.svg", examine(INJECTED["depth 24 px right"][1](dollhouse)))):
         draw_report(faulty, shown, tmp_path / name)

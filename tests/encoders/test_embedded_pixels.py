@@ -13,13 +13,12 @@ from cartier.labels import display_name
 from cartier.models.dollhouse_detector import load
 from cartier.models.dollhouse_detector.inference import Inference, open_inference
 from cartier.types import Camera, Frame
-
-HELD_BACK = "90011"  # a generated home that neither training nor any choice ever saw
+from strange_home import strange_walk
 
 
 @pytest.fixture(scope="module")
 def walk() -> Any:
-    return plugins.make("worlds", "dollhouse", width=320, height=240).explore(HELD_BACK, max_frames=12)
+    return strange_walk()
 
 
 @pytest.fixture

@@ -44,9 +44,10 @@ def by_the_pixel(features, depth_m, camera, pose, cell_m):  # type: ignore[no-un
     return cells
 
 
-@settings(max_examples=40, deadline=None)
-@given(st.integers(0, 10**6), st.sampled_from([(13, 17), (30, 40), (1, 1), (2, 5), (45, 64)]), st.integers(1, 3))
-def test_the_sums_are_those_of_a_loop_over_pixels(seed: int, shape: tuple[int, int], frames: int) -> None:
+@pytest.mark.parametrize("shape", [(13, 17), (30, 40), (1, 1), (2, 5), (45, 64)])
+@settings(max_examples=3, deadline=None)
+@given(seed=st.integers(0, 10**6), frames=st.integers(1, 3))
+def test_the_sums_are_those_of_a_loop_over_pixels(shape: tuple[int, int], seed: int, frames: int) -> None:
     rng = np.random.default_rng(seed)
     grid, expected = FeatureGrid(0.2), dict[Any, Any]()
     for _ in range(frames):

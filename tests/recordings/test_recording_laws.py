@@ -46,12 +46,26 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
     return write
 
 
+def copied(whole: Path, tmp_path: Path) -> Path:
+    (shutil.copytree if whole.is_dir() else shutil.copy)(whole, tmp_path / "home")
+    return tmp_path / "home"
+
+
 @pytest.fixture(params=LAYOUTS)
 def layout(request: pytest.FixtureRequest, written: Callable[[str], Path], tmp_path: Path) -> Path:
     """A copy of a layout, to be changed at will."""
-    whole = written(request.param)
-    (shutil.copytree if whole.is_dir() else shutil.copy)(whole, tmp_path / "home")
-    return tmp_path / "home"
+    return copied(written(request.param), tmp_path)
+
+
+LIKE_ANOTHER = ("-without-depth", "-simulator", "-png", "-zstd", "-bz2")  # the same kinds of files, or fewer of them
+
+
+@pytest.fixture(
+    params=[pytest.param(n, marks=pytest.mark.slow) if n.endswith(LIKE_ANOTHER) else pytest.param(n) for n in LAYOUTS]
+)
+def files(request: pytest.FixtureRequest, written: Callable[[str], Path], tmp_path: Path) -> Path:
+    """The same, for what is done to one file after the other: by default once for each set of kinds of files."""
+    return copied(written(request.param), tmp_path)
 
 
 def test_every_format_is_under_the_laws() -> None:
@@ -138,19 +152,19 @@ def test_there_is_no_frame_outside(layout: Path) -> None:
             recording[index]
 
 
-def test_the_fingerprint_covers_every_kind_of_file_and_no_place(layout: Path, tmp_path: Path) -> None:
-    before = plugins.open_recording(layout).fingerprint()
+def test_the_fingerprint_covers_every_kind_of_file_and_no_place(files: Path, tmp_path: Path) -> None:
+    before = plugins.open_recording(files).fingerprint()
     assert len(before) == 64
     moved = tmp_path / "elsewhere" / "home"
-    shutil.copytree(layout, moved)
+    shutil.copytree(files, moved)
     assert plugins.open_recording(moved).fingerprint() == before
-    for path in one_of_each(layout):
+    for path in one_of_each(files):
         content = path.read_bytes()
-        recording = plugins.open_recording(layout)
+        recording = plugins.open_recording(files)
         path.write_bytes(content + b" ")
         assert recording.fingerprint() != before, path.name
         path.write_bytes(content)
-    assert plugins.open_recording(layout).fingerprint() == before
+    assert plugins.open_recording(files).fingerprint() == before
 
 
 def one_of_each(layout: Path) -> list[Path]:
@@ -158,60 +172,60 @@ def one_of_each(layout: Path) -> list[Path]:
     return list({(p.parent, *p.suffixes[-2:]): p for p in sorted(layout.rglob("*")) if p.is_file()}.values())
 
 
-def test_a_pipe_or_a_folder_in_place_of_a_file_is_as_good_as_none(layout: Path, tmp_path: Path) -> None:
+def test_a_pipe_or_a_folder_in_place_of_a_file_is_as_good_as_none(files: Path, tmp_path: Path) -> None:
     """Nothing hangs: who reads a pipe that nobody writes to waits for ever."""
-    before = plugins.open_recording(layout).fingerprint()
-    for path in one_of_each(layout):
+    before = plugins.open_recording(files).fingerprint()
+    for path in one_of_each(files):
         path.rename(tmp_path / "kept")
         for other in (os.mkfifo, os.mkdir):
             other(path)
             try:
-                recording = plugins.open_recording(layout)  # some formats leave out frames that lack an image
+                recording = plugins.open_recording(files)  # some formats leave out frames that lack an image
                 assert len(list(recording)) and recording.fingerprint() != before
             except InputError as error:
                 assert "\n" not in str(error)
             path.rmdir() if path.is_dir() else path.unlink()
         (tmp_path / "kept").rename(path)
-    assert plugins.open_recording(layout).fingerprint() == before
+    assert plugins.open_recording(files).fingerprint() == before
 
 
-def test_links_are_read_and_those_out_of_the_folder_are_noted(layout: Path, tmp_path: Path) -> None:
+def test_links_are_read_and_those_out_of_the_folder_are_noted(files: Path, tmp_path: Path) -> None:
     """Whoever shares a map shares what the links lead to, and has to know."""
-    before, noted = plugins.open_recording(layout).fingerprint(), "out of the recording's folder, such as "
-    for path in one_of_each(layout):
-        name = path.relative_to(layout).as_posix()
-        for target in (tmp_path / path.name, layout / f".{path.name}"):
+    before, noted = plugins.open_recording(files).fingerprint(), "out of the recording's folder, such as "
+    for path in one_of_each(files):
+        name = path.relative_to(files).as_posix()
+        for target in (tmp_path / path.name, files / f".{path.name}"):
             path.rename(target)
             path.symlink_to(target)
-            recording = plugins.open_recording(layout)
+            recording = plugins.open_recording(files)
             assert recording.fingerprint() == before
             notes = [note for note in recording.notes if noted in note]
             out = f"1 file is a link that leads {noted}{name}"
-            assert notes == ([] if target.parent == layout else [out])
+            assert notes == ([] if target.parent == files else [out])
             path.unlink()
             target.rename(path)
-    for folder_of in {path.parent for path in one_of_each(layout)} - {layout}:
+    for folder_of in {path.parent for path in one_of_each(files)} - {files}:
         folder_of.rename(tmp_path / folder_of.name)
         folder_of.symlink_to(tmp_path / folder_of.name)
-        recording = plugins.open_recording(layout)
+        recording = plugins.open_recording(files)
         assert recording.fingerprint() == before
         assert sum(noted in note for note in recording.notes) == 1
         folder_of.unlink()
         (tmp_path / folder_of.name).rename(folder_of)
-    layout.rename(tmp_path / "moved")
-    layout.symlink_to(tmp_path / "moved")  # the person's own link to the whole of it is no link in it
-    recording = plugins.open_recording(layout)
+    files.rename(tmp_path / "moved")
+    files.symlink_to(tmp_path / "moved")  # the person's own link to the whole of it is no link in it
+    recording = plugins.open_recording(files)
     assert recording.fingerprint() == before and not any(noted in note for note in recording.notes)
 
 
-def test_a_link_to_a_device_or_to_nothing_is_as_good_as_no_file(layout: Path, tmp_path: Path) -> None:
-    before = plugins.open_recording(layout).fingerprint()
-    for path in one_of_each(layout):
+def test_a_link_to_a_device_or_to_nothing_is_as_good_as_no_file(files: Path, tmp_path: Path) -> None:
+    before = plugins.open_recording(files).fingerprint()
+    for path in one_of_each(files):
         path.rename(tmp_path / "kept")
         for target in ("/dev/zero", tmp_path / "gone", path.name):
             path.symlink_to(target)
             try:
-                recording = plugins.open_recording(layout)  # some formats leave out frames that lack an image
+                recording = plugins.open_recording(files)  # some formats leave out frames that lack an image
                 assert len(list(recording)) and recording.fingerprint() != before
             except InputError as error:
                 assert "\n" not in str(error)

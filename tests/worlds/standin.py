@@ -30,7 +30,7 @@ import numpy as np
 from cartier.types import Camera
 from cartier.worlds.dollhouse.model import Scene
 from cartier.worlds.dollhouse.place import Plan
-from cartier.worlds.dollhouse.render import Renderer
+from cartier.worlds.dollhouse.render import Renderer, View
 from cartier.worlds.dollhouse.scene import load_home, load_scene
 
 METADATA, ACTION, RGB, DEPTH, IDS, END = 1, 2, 4, 5, 9, 255
@@ -55,17 +55,28 @@ def object_id(type: str, middle: Any) -> str:
     return "|".join([type, *("00.00" if v == 0 else f"{v:+06.2f}" for v in unity(middle).values())])
 
 
+PLANS: dict[int, Plan] = {}
+
+
+def plan_of(scene: Scene) -> Plan:
+    """Made once for each scene: some are shown again and again."""
+    if id(scene) not in PLANS:
+        PLANS[id(scene)] = Plan(scene, RADIUS_M)
+    return PLANS[id(scene)]
+
+
 class Player:
     """What Unity would do: an agent in a scene. Angles in degrees; yaw clockwise, horizon positive downwards."""
 
     def __init__(self, scenes: dict[str, Scene], width: int, height: int, legacy: bool) -> None:
         self.scenes, self.width, self.height, self.legacy = scenes, width, height, legacy
         self.options: dict[str, Any] = {}
+        self.view: View | None = None
         self.last: dict[str, Any] = {"action": "", "ok": True, "error": "", "code": None, "return": None}
         self.show(next(iter(scenes)))
 
     def show(self, name: str) -> None:
-        self.name, self.scene, self.plan = name, self.scenes[name], Plan(self.scenes[name], RADIUS_M)
+        self.name, self.scene, self.plan = name, self.scenes[name], plan_of(self.scenes[name])
         self.xy, self.yaw, self.horizon = np.array(self.scene.start_xy, float), 0.0, 0.0
         truth = self.scene.truth()
         self.objects = [self.described(t.label, np.array(t.box_min), np.array(t.box_max)) for t in truth]
@@ -149,7 +160,11 @@ class Player:
             focal = self.height / 2 / math.tan(math.radians(fov / 2))  # Unity's field of view is vertical
             camera = Camera(self.width, self.height, focal, focal, (self.width - 1) / 2, (self.height - 1) / 2)
             self.renderer = Renderer(self.scene, camera, light=False)
-        view = self.renderer.render(self.world_from_camera())
+            self.view = None
+        seen_from = (*self.xy, self.yaw, self.horizon)
+        if self.view is None or self.seen_from != seen_from:  # nothing moves but the agent
+            self.view, self.seen_from = self.renderer.render(self.world_from_camera()), seen_from
+        view = self.view
         images = {RGB: view.rgb}
         if self.options.get("renderDepthImage"):
             metres = np.where(np.isnan(view.depth_m), FAR_M, np.minimum(view.depth_m, FAR_M)).astype("<f4")

@@ -39,7 +39,7 @@ things:
   - {type: Bed, at: [5.9, 1.1], face: west, size: [1.0, 1.0, 0.6]}
   - {type: GarbageCan, at: [4.5, 0.4], face: north, size: [0.3, 0.3, 0.5]}
 """
-CAMERA = pinhole(160, 120)
+CAMERA = pinhole(96, 72)
 
 
 @pytest.fixture(scope="module")
@@ -61,7 +61,7 @@ def test_all_floor_is_found_and_everything_is_seen_from_near(home: Scene, walk) 
         instances = recording[i].instances
         assert instances is not None
         most = np.maximum(most, np.bincount(instances.ravel(), minlength=len(most)))
-    assert (most[1:] >= 12).all()  # 200 pixels of a picture of 640x480
+    assert (most[1:] >= 5).all()  # 200 pixels of a picture of 640x480
 
 
 def test_no_step_is_too_long_or_through_anything(home: Scene, walk) -> None:
@@ -143,7 +143,7 @@ def test_frames_agree_with_their_poses(home: Scene) -> None:
     points = transform(frame.world_from_camera, backproject(frame.depth_m, frame.camera))
     assert frame.instances is not None
     table = points[frame.instances == 1]
-    assert len(table) > 500
+    assert len(table) > 180
     assert (table > np.array(boxes[1].box_min) - 0.02).all()
     assert (table < np.array(boxes[1].box_max) + 0.02).all()
 
@@ -154,7 +154,7 @@ def test_the_fingerprint_covers_scene_poses_camera_and_sensor(home: Scene, walk)
 
     other = load_scene(HOME.replace("[4.5, 0.4]", "[4.5, 0.5]"))
     prints = [
-        fingerprint(), fingerprint(walk.poses[:-1]), fingerprint(camera=pinhole(160, 120, 63)),
+        fingerprint(), fingerprint(walk.poses[:-1]), fingerprint(camera=pinhole(96, 72, 63)),
         fingerprint(sensor=Sensor(1)), fingerprint(sensor=Sensor(2)), fingerprint(scene=other),
     ]  # fmt: skip
     assert len(set(prints)) == len(prints)

@@ -29,7 +29,7 @@ def home(world: Any) -> str:
 
 @pytest.fixture(scope="module")
 def recording(world: Any, home: str) -> Iterator[Any]:
-    yield world.explore(home, max_frames=14)
+    yield world.explore(home, max_frames=6)
 
 
 def test_there_is_one() -> None:
@@ -48,24 +48,24 @@ class Short:
         self.world = world
 
     def explore(self, home: str, **options: Any) -> Recording:
-        return self.world.explore(home, max_frames=14, **options)
+        return self.world.explore(home, max_frames=6, **options)
 
 
 def test_exploring_makes_a_recording(world: Any, recording: Any) -> None:
     assert isinstance(recording, Recording)
     assert world.name in recording.name
-    assert len(recording) == 14
+    assert len(recording) == 6
     assert recording.notes
     assert all("\n" not in note for note in recording.notes)
     assert any("simulat" in note for note in recording.notes)
-    for i in (0, 13):
+    for i in (0, 5):
         frame = recording[i]
         assert frame.index == i
         assert frame.camera == recording.camera
         assert frame.depth_m is not None
         assert frame.depth_m.dtype == np.float32
         assert frame.instances is not None
-    for index in (-1, 14):
+    for index in (-1, 6):
         with pytest.raises(IndexError):
             recording[index]
 
