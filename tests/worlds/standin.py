@@ -72,6 +72,7 @@ class Player:
         self.scenes, self.width, self.height, self.legacy = scenes, width, height, legacy
         self.options: dict[str, Any] = {}
         self.view: View | None = None
+        self.seen_from: tuple[float, ...] = ()
         self.last: dict[str, Any] = {"action": "", "ok": True, "error": "", "code": None, "return": None}
         self.show(next(iter(scenes)))
 
