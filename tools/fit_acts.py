@@ -11,6 +11,7 @@ from __future__ import annotations
 import json
 import sys
 import zlib
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -27,7 +28,7 @@ HELD_BACK = ("grumpy", "hosts", "newcomer", "others_past", "transcript", "wheels
 NETWORKS, HIDDEN, EPOCHS, BATCH, DROP = 4, 64, 20, 256, 0.3
 RATE, DECAY, SMOOTH = 2e-3, 1e-2, 0.05
 DENSE_SCALE = 0.5  # of the encoder's features beside the patterns'
-SENTENCES, WHOLE = 5000, 1500  # of requests
+PARTS, WHOLE = 16000, 1500  # of requests
 THRESHOLD = (
     0.45  # at which of 590 requests in tools/things/development.jsonl one is taken for an alarm; at 0.3 seven are
 )
@@ -43,15 +44,21 @@ def written() -> dict[str, list[str]]:
 
 
 def requests() -> list[str]:
-    """Ordinary requests to learn from, whole and their sentences, none of the styles that are held back."""
+    """Ordinary requests to learn from, whole and in parts, none of the styles that are held back."""
     learnt: list[str] = []
     for file in sorted((TOOLS / "requests").glob("*.jsonl")):
         texts = [json.loads(line)["text"] for line in file.read_text(encoding="utf-8").splitlines()]
         learnt.extend(texts if file.stem not in HELD_BACK else [])
     rng = np.random.default_rng(0)
-    sentences = [s for text in learnt for s in SENTENCE.split(text) if len(s.split()) > 2]
+    parts = [part for text in learnt for part in parts_of(text) if len(part.split()) > 2]
     whole = [learnt[i] for i in rng.permutation(len(learnt))[:WHOLE]]
-    return [*whole, *(sentences[i] for i in rng.permutation(len(sentences))[:SENTENCES])]
+    return [*whole, *(parts[i] for i in rng.permutation(len(parts))[:PARTS])]
+
+
+def parts_of(text: str) -> list[str]:
+    """The sentences of a text, and two in a row, as the screen judges them."""
+    sentences = SENTENCE.split(text)
+    return [*sentences, *(f"{one} {two}" for one, two in pairwise(sentences))]
 
 
 def network(z: Array, y: Array, seed: int) -> list[Array]:
@@ -100,6 +107,7 @@ def main() -> None:
     arguments.add_argument("--write", action="store_true", help="save networks that were fitted on all lines")
     given = arguments.parse_args()
     lines = [(text, name) for name, texts in written().items() for text in texts]
+    lines += [(part, name) for text, name in lines if name not in KINDS for part in parts_of(text) if part != text]
     lines += [(text, "requests") for text in requests()]
     x = np.stack([features(text) for text, _ in lines])
     y = np.array([KINDS.index(name) if name in KINDS else len(KINDS) for _, name in lines])
