@@ -25,6 +25,10 @@ types:
 test *options:
     pytest {{ options }}
 
+# the long sweeps, of which the tests take a sample
+slow *options:
+    pytest -m slow {{ options }}
+
 # all tests, and which lines they reach; twice as long
 coverage:
     pytest --cov --cov-report=term --cov-fail-under=85
