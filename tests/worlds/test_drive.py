@@ -54,7 +54,7 @@ def test_a_planned_goal_is_reached_and_shows_the_place(home: Scene, type: str) -
     assert result.arrived
     assert result.collided_at is None
     assert result.in_view
-    assert result.view.shape == (120, 160, 3)
+    assert result.view.shape == (CAMERA.height, CAMERA.width, 3)
     assert np.allclose(result.poses[-1], (goal.x, goal.y, goal.yaw))
     assert result.length_m == pytest.approx(goal.length_m, abs=0.1)
     plan = Plan(home, RADIUS_M)
