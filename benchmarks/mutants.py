@@ -36,6 +36,7 @@ from hypothesis import Phase
 
 HERE = Path(__file__).resolve().parent
 PASSED, FAILED = 0, 1  # exit codes of pytest
+WHOLE = ("-x", "-q", "-p", "no:cacheprovider", "-m", "")  # the long sweeps, too
 UNTESTED = 70  # exit code of a run that did not test the copy of the source
 HEAVY = [
     "numpy",
@@ -165,7 +166,7 @@ def run(root: Path, folder: str, tests: Sequence[str], timeout_s: float) -> tupl
                 del sys.modules[name]  # command_line.py has imported the whole one
             code = UNTESTED
             try:
-                ended = int(pytest.main(["-x", "-q", "-p", "no:cacheprovider", "--hypothesis-profile=mutants", *tests]))
+                ended = int(pytest.main([*WHOLE, "--hypothesis-profile=mutants", *tests]))
                 tested = (sys.modules["cartier"].__file__ or "").startswith(folder)
                 code = ended if tested else UNTESTED
             finally:
