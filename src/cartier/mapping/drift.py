@@ -69,7 +69,8 @@ def _between(late: Floats, early: Floats) -> Drift | None:
         return float((same & (np.abs(((points - other[:, :3]) * other[:, 3:]).sum(axis=1)) < APART_M)).mean())
 
     before = share()
-    if max(SHARED, TIMES_MORE * before) > 1:
+    least = max(SHARED, TIMES_MORE * before)
+    if least > 1:
         return None  # no better fit would tell
     for reach_m in REACHES_M:
         points, other, same = pairs(reach_m)
@@ -78,7 +79,7 @@ def _between(late: Floats, early: Floats) -> Drift | None:
         motion = motion + _step(points[same] - middle - motion[1:], points[same], other[same], reach_m)
     after = share()
     across_m = float(np.sqrt(np.square(((pairs(BESIDE_M)[0] - late[:, :3]) * late[:, 3:]).sum(axis=1)).mean()))
-    if after < max(SHARED, TIMES_MORE * before) or across_m < TWICE_M:
+    if after < least or across_m < TWICE_M:
         return None
     return Drift(float(np.linalg.norm(motion[1:])), abs(float(np.degrees(motion[0]))), before, after)
 

@@ -56,11 +56,15 @@ def _fitted() -> Networks:
         return Networks(*(data[name].astype(np.float32) for name in Networks._fields))
 
 
+def parts_of(words: str) -> list[str]:
+    """The last sentences of the words, and each two in a row: what is judged one by one."""
+    sentences = SENTENCE.split(words.strip())[-MOST_SENTENCES:]
+    return [*sentences, *(f"{one} {two}" for one, two in pairwise(sentences))]
+
+
 def alarm_kind(words: str) -> AlarmKind | None:
     """The kind of emergency that a sentence of the words, or two in a row, tell of; the surest one."""
-    sentences = SENTENCE.split(words.strip())[-MOST_SENTENCES:]
-    pairs = [f"{one} {two}" for one, two in pairwise(sentences)]
     networks = _fitted()
-    judged = networks.shares(np.stack([features(text) for text in (*sentences, *pairs)]))
+    judged = networks.shares(np.stack([features(text) for text in parts_of(words)]))
     surest = judged[judged[:, -1].argmin()]
     return KINDS[int(surest[:-1].argmax())] if 1 - surest[-1] >= networks.threshold else None
