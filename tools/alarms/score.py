@@ -45,8 +45,8 @@ def main() -> int:
     for row in rows:
         print("|", " | ".join(map(str, row)), "|")
     mistaken = sum(alarm_kind(words) is not None for words in alike)
-    rows = [json.loads(line) for line in DEVELOPMENT.read_text(encoding="utf-8").splitlines()]
-    development = [words for row in rows for words in row.get("turns", [row.get("text")])]
+    requests = [json.loads(line) for line in DEVELOPMENT.read_text(encoding="utf-8").splitlines()]
+    development = [words for one in requests for words in one.get("turns", [one.get("text")])]
     set_by = sum(alarm_kind(words) is not None for words in development)
     print(f"\n{set_by} of the {len(development)} development requests, which set the threshold, are taken for an alarm")
     print(f"{mistaken} of {len(alike)} ordinary sentences that sound like alarms are taken for one")
