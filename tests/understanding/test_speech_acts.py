@@ -101,8 +101,8 @@ def test_a_correction_stays_a_correction() -> None:
     [
         (TOLD[::2], 0.06),
         pytest.param(TOLD[1::2], 0.05, marks=pytest.mark.slow),
-        (LATER_TOLD, 0.07),
-        (FRESH_TOLD, 0.02),
+        (LATER_TOLD, 0.1),
+        (FRESH_TOLD, 0.04),
     ],
     ids=["even", "odd", "later", "fresh"],
 )

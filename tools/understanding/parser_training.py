@@ -17,6 +17,7 @@ from check_marks import home
 from samples import Sample
 from torch import Tensor, nn
 
+from cartier.spatial.expressions import EntityVocabulary
 from cartier.types import Inventory
 from cartier.understanding.cards import SHIPPED, read_deck
 from cartier.understanding.decoding import spans_of
@@ -45,8 +46,19 @@ def ready(sample: Sample) -> Ready | None:
     """A sample with the states of its words."""
     if not sample.tokens:
         return None
-    words = words_of(sample.tokens, sample.before, home(sample.home)[1] if sample.home else ANYWHERE)
-    count = len(words.states) - words.own
+    words = words_of(sample.tokens, sample.before, known(sample))
+    inputs = torch.tensor(np.concatenate([words.states, words.bits], 1)).half()
+    return marked(sample, inputs, words.own)
+
+
+def known(sample: Sample) -> EntityVocabulary:
+    """The names in a sample's home, or those known without one."""
+    return home(sample.home)[1] if sample.home else ANYWHERE
+
+
+def marked(sample: Sample, inputs: Tensor, own: int) -> Ready:
+    """Inputs (n, anything) of a sample's words with its tags and acts."""
+    count = len(inputs) - own
     first = len(sample.tokens) - count
     tags = None if sample.tags is None else [TAG_OF[tag] for tag in sample.tags[first:]]
     marks = (sample.tags or ("O",) * len(sample.tokens))[first:]
@@ -54,11 +66,10 @@ def ready(sample: Sample) -> Ready | None:
     parts = list(zip([0, *(k + 1 for k in cuts)], [*cuts, count], strict=True))
     acts = sample.acts[len(sample.acts) - len(parts) :]
     found = [
-        (words.own + a, words.own + b, torch.tensor([act in allowed for act in ACTS]))
+        (own + a, own + b, torch.tensor([act in allowed for act in ACTS]))
         for (a, b), allowed in zip(parts, acts, strict=True) if b > a
     ]  # fmt: skip
-    inputs = torch.tensor(np.concatenate([words.states, words.bits], 1)).half()
-    return Ready(inputs, words.own, tags, found)
+    return Ready(inputs, own, tags, found)
 
 
 class Network(nn.Module):
@@ -82,7 +93,7 @@ class Network(nn.Module):
         """(b, t, width) states; the words of shorter samples stand at the end."""
         longest = max(map(len, inputs))
         x = torch.stack([fn.pad(i.float(), (0, 0, longest - len(i), 0)) for i in inputs])
-        there = torch.tensor([[False] * (longest - len(i)) + [True] * len(i) for i in inputs])
+        there = torch.tensor([[False] * (longest - len(i)) + [True] * len(i) for i in inputs], device=x.device)
         x = fn.dropout(self.begin(fn.dropout(x, 0.1, self.training)), DROPOUT, self.training)
         x = x + self.places[torch.arange(longest).flip(0).clamp(max=PLACES - 1)]
         for layer in self.layers:
@@ -108,9 +119,10 @@ class Network(nn.Module):
                 pooled.append(torch.cat([own[0], torch.softmax(own[begin:end] @ self.pool, 0) @ own[begin:end]]))
                 allowed.append(acts)
         shares = self.act(torch.stack(pooled)).log_softmax(-1)
-        loss = -shares.masked_fill(~torch.stack(allowed), -1e9).logsumexp(-1).mean()
+        loss = -shares.masked_fill(~torch.stack(allowed).to(shares.device), -1e9).logsumexp(-1).mean()
         if said:
-            loss = loss + 3 * fn.cross_entropy(self.tag(torch.cat(said)), torch.tensor(tags), label_smoothing=0.02)
+            right = torch.tensor(tags, device=loss.device)
+            loss = loss + 3 * fn.cross_entropy(self.tag(torch.cat(said)), right, label_smoothing=0.02)
         return loss
 
     def load(self, file: Path) -> None:
@@ -120,7 +132,7 @@ class Network(nn.Module):
 
     def save(self, file: Path, temperature: float = 1.0) -> None:
         """Write the weights in half precision."""
-        weights = {name: value.detach().numpy().astype(np.float16) for name, value in self.state_dict().items()}
+        weights = {name: value.detach().cpu().numpy().astype(np.float16) for name, value in self.state_dict().items()}
         np.savez(file, **weights, temperature=np.float32(temperature))
 
 

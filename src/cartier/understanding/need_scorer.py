@@ -97,13 +97,9 @@ def upper_layers() -> Any:
 
 
 @lru_cache(maxsize=16)
-def encoded(ids: tuple[int, ...]) -> tuple[Array, Array]:
-    """(t, 384) the half-way states of pieces, and (t, 384) what the shipped layers make of them.
-
-    The parse and the need of one request mostly have the same pieces, so both take one pass.
-    """
-    low = reader().states(ids)
-    return low, upper_layers().run(None, {"states": low})[0]
+def half_way(ids: tuple[int, ...]) -> Array:
+    """(t, 384) the half-way states of pieces; the parse and the need of one request mostly have the same."""
+    return reader().states(ids)
 
 
 class Scorer:
@@ -133,7 +129,7 @@ class Scorer:
     def _states(self, ids: list[int]) -> Array:
         """(t, 384) states of the upper layers."""
         if self._folder == SHIPPED:
-            return encoded(tuple(ids))[1]
+            return upper_layers().run(None, {"states": half_way(tuple(ids))})[0]  # type: ignore[no-any-return]
         states: Array = self._layers.run(None, {"states": reader().states(ids)})[0]
         return states
 

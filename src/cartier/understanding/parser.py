@@ -1,31 +1,33 @@
 """Learned parser: the dialogue act of each clause of an utterance and the role of each of its words.
 
-Three small transformer layers over the words (parser.npz, trained by tools/understanding/train_parser.py on marked
-requests) see what the shipped encoder and the need scorer's layers make of each word, and whether it belongs to a known
-name or to a table of words. The turn before goes in with the words, so that "the blue one" can be read as a reply.
+Three small transformer layers over the words (parser.npz) see what the shipped encoder and four layers of the parser's
+own make of each word, and whether it belongs to a known name or to a table of words. The four layers are those of the
+need scorer with low-rank changes (parser_layers.npz). tools/understanding trains all of them on marked requests. The
+turn before goes in with the words, so that "the blue one" can be read as a reply.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from functools import cache
+from functools import cache, lru_cache
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from cartier.labels import name_key, plain, words
 from cartier.spatial.expressions import EntityVocabulary, Kind
 from cartier.types import Array
+from cartier.understanding.adapters import adapted
 from cartier.understanding.decoding import clauses
-from cartier.understanding.need_scorer import encoded
+from cartier.understanding.need_scorer import SHIPPED, half_way
 from cartier.understanding.reference_words import COLOURS, GENERIC, MOST, ORDER, PLACING, SIZES
 from cartier.understanding.tags import ACTS, TAGS, Clause
-from cartier.understanding.text_encoder import BEGIN, END, MOST_PIECES, reader
+from cartier.understanding.text_encoder import BEGIN, END, MOST_PIECES, reader, session
 from cartier.understanding.utterance import TOKEN
 
-FITTED = Path(__file__).with_name("parser.npz")
+FITTED, CHANGES = (Path(__file__).with_name(f"{name}.npz") for name in ("parser", "parser_layers"))
 MOST_CONTEXT = 20  # tokens of each side of the turn before
 MOST_TOKENS, LONGEST_NAME = 110, 4
 HEADS, LAYERS = 4, 3
@@ -52,8 +54,24 @@ class Words(NamedTuple):
     first: int
 
 
+class Pieces(NamedTuple):
+    """Ids of all words' pieces, the first piece of each word (n,), and the rest as in ``Words``."""
+
+    ids: tuple[int, ...]
+    at: list[int]
+    bits: Array
+    own: int
+    first: int
+
+
 def words_of(tokens: Sequence[str], before: tuple[str, str] | None, names: EntityVocabulary) -> Words:
     """The words of the turn before (person, robot) and of an utterance's end, as the network sees them."""
+    read = pieces_of(tokens, before, names)
+    return Words(word_states(read.ids)[read.at].astype(np.float32), read.bits, read.own, read.first)
+
+
+def pieces_of(tokens: Sequence[str], before: tuple[str, str] | None, names: EntityVocabulary) -> Pieces:
+    """The same before any layer has seen them."""
     turns = [TOKEN.findall(plain(NUMBER.sub("", turn)))[-MOST_CONTEXT:] for turn in before or ("", "")]
     first = max(0, len(tokens) - MOST_TOKENS)
     ids, at = [BEGIN], [[0], [], []]
@@ -63,14 +81,13 @@ def words_of(tokens: Sequence[str], before: tuple[str, str] | None, names: Entit
             ids += reader().pieces(token)
         ids += [END] if said else []
     if len(ids) > MOST_PIECES:  # the end holds the request
-        return words_of(tokens, None, names) if before else words_of(tokens[first + 10 :], None, names)
-    states = np.concatenate(encoded(tuple(ids)), 1)
+        return pieces_of(tokens, None, names) if before else pieces_of(tokens[first + 10 :], None, names)
     bits = np.concatenate([
         np.hstack([_known(("", *said) if k == 0 else said, names), np.tile(np.eye(TURNS)[k], (len(at[k]), 1))])
         for k, said in enumerate((*turns, list(tokens[first:])))
     ])  # fmt: skip
     own = len(at[0]) + len(at[1])
-    return Words(states[[i for turn in at for i in turn]].astype(np.float32), bits.astype(np.float32), own, first)
+    return Pieces(tuple(ids), [i for turn in at for i in turn], bits.astype(np.float32), own, first)
 
 
 def _known(tokens: Sequence[str], names: EntityVocabulary) -> Array:
@@ -90,6 +107,18 @@ def _known(tokens: Sequence[str], names: EntityVocabulary) -> Array:
             k = end or k + 1
     bits[:, 4:] = [[token in table for table in TABLES] for token in tokens] or np.zeros((0, len(TABLES)))
     return bits
+
+
+@cache
+def _layers() -> Any:
+    return session(adapted((SHIPPED / "scorer.onnx").read_bytes(), CHANGES))
+
+
+@lru_cache(maxsize=16)
+def word_states(ids: tuple[int, ...]) -> Array:
+    """(t, 768) the half-way states of pieces beside what the parser's own layers make of them."""
+    low = half_way(ids)
+    return np.concatenate([low, _layers().run(None, {"states": low})[0]], 1)
 
 
 @cache

@@ -47,7 +47,7 @@ def _to_varint(value: int) -> bytes:
     return bytes([value & 127 | 128]) + _to_varint(value >> 7) if value > 127 else bytes([value])
 
 
-def _fields(message: bytes) -> Iterator[tuple[int, bytes, bytes]]:
+def message_fields(message: bytes) -> Iterator[tuple[int, bytes, bytes]]:
     """The fields of a protobuf message: number, content, and all its bytes; of a field that is a number no content."""
     at = 0
     while at < len(message):
@@ -58,11 +58,11 @@ def _fields(message: bytes) -> Iterator[tuple[int, bytes, bytes]]:
         at = end
 
 
-def _field(number: int, content: bytes) -> bytes:
+def message_field(number: int, content: bytes) -> bytes:
     return _to_varint(number << 3 | 2) + _to_varint(len(content)) + content
 
 
-OUTPUT = _field(12, _field(1, HALF_WAY.encode()))
+OUTPUT = message_field(12, message_field(1, HALF_WAY.encode()))
 """The half-way states as an output of a graph."""
 GRAPH, NODE, GRAPH_OUTPUT = 7, 1, 12
 
@@ -70,15 +70,15 @@ GRAPH, NODE, GRAPH_OUTPUT = 7, 1, 12
 def half_of(model: bytes) -> bytes:
     """The shipped ONNX model up to the half-way states: onnxruntime computes all nodes, whatever is asked of it."""
     return b"".join(
-        _field(GRAPH, _half(content) + OUTPUT) if number == GRAPH else whole
-        for number, content, whole in _fields(model)
+        message_field(GRAPH, _half(content) + OUTPUT) if number == GRAPH else whole
+        for number, content, whole in message_fields(model)
     )
 
 
 def _half(graph: bytes) -> bytes:
     """A graph without outputs, and without the nodes after the one whose output the half-way states are."""
     kept, done = list[bytes](), False
-    for number, content, whole in _fields(graph):
+    for number, content, whole in message_fields(graph):
         if number != GRAPH_OUTPUT and not (number == NODE and done):
             kept.append(whole)
         done = done or (number == NODE and HALF_WAY.encode() in content)
@@ -103,7 +103,7 @@ class Reader:
     @cached_property
     def _whole(self) -> Any:
         # Concatenated protobuf messages are merged: this adds an output to the graph.
-        return session((FOLDER / "minilm.onnx").read_bytes() + _field(GRAPH, OUTPUT))
+        return session((FOLDER / "minilm.onnx").read_bytes() + message_field(GRAPH, OUTPUT))
 
     @cached_property
     def _half(self) -> Any:
