@@ -7,8 +7,8 @@ Objects and true things are matched one to one, by label, where an object's midd
 true box. Precision is over what is confirmed, recall over things of 400 px or more in some frame; a listed thing of
 fewer is no fault. Entries: confirmed objects per true thing that has any. Invented: confirmed, and no thing of that
 name is within 0.5 m. Shuffled, twice: the share of confirmed objects that another order of the frames, or the same
-frames again, lose and add. Then the boxes (boxes.py), rooms and relations (spatial.py). Nothing was fitted on any of
-these homes.
+frames again, lose and add. Then the boxes (boxes.py; needs `pip install '.[test]'`, for shapely), rooms and relations
+(spatial.py). Nothing was fitted on any of these homes.
 """
 
 from __future__ import annotations

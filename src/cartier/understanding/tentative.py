@@ -16,7 +16,7 @@ from cartier.understanding.answers import one
 
 OFFER = "Shall I look there?"
 REQUEST_LIKELIHOOD_RATIO = (
-    9.0  # of a request given that its object is there, to one for what is not (tools/tentative.py)
+    9.0  # of a request given that its object is there, to one for what is not (tools/request_evidence.py)
 )
 CONFIRMED_PROBABILITY = 0.7  # as in the configuration of the mapping
 
