@@ -101,9 +101,8 @@ def batch(layers: Layers, some: list[tuple[Pieces, Sample]], device: str, rng: r
     ]
 
 
-def lines(held: set[Path], templates: int, rng: random.Random) -> list[Sample]:
+def lines(learnt: list[Sample], templates: int, rng: random.Random) -> list[Sample]:
     """The lines of one pass: as written, and varied beside templates, needs and lines with an act alone."""
-    learnt = written(sorted(file for file in WRITTEN.glob("*.txt") if file.resolve() not in held))
     about_routes = [s for s in learnt if s.tags is not None and ROUTE_TAGS & set(s.tags)]
     made = [*templated(templates, rng.randrange(10**6)), *routed(templates, rng.randrange(10**6))]
     others = [*made, *act_only(), *rng.sample(needs(), 3000)]
@@ -114,13 +113,14 @@ def train(passes: int, templates: int, most: int | None, held: set[Path], out: P
     """Go on from what ships, and write the weights to a folder; ``most`` lines alone where it is given."""
     torch.manual_seed(0)
     rng, device = random.Random(0), "cuda" if torch.cuda.is_available() else "cpu"
+    learnt = written(sorted(file for file in WRITTEN.glob("*.txt") if file.resolve() not in held))
     scorers = (SHIPPED / "scorer.onnx").read_bytes()
     layers, network = Layers(floats(adapted(scorers, CHANGES))).to(device), Network().to(device)
     network.load(FITTED)
     parts = [{"params": layers.parameters(), "rate": RATE}, {"params": network.parameters(), "rate": TOP_RATE}]
     optimiser, began, step = torch.optim.AdamW(parts, weight_decay=0.01), time.perf_counter(), 0
     for number in range(passes):
-        some = lines(held, templates, rng)
+        some = lines(learnt, templates, rng)
         some = rng.sample(some, most) if most else some
         read = [(pieces_of(s.tokens, s.before, known(s)), s) for s in some if s.tokens]
         read.sort(key=lambda one: len(one[0].ids) + rng.random() * 8)
