@@ -14,7 +14,7 @@ from cartier.types import Frame, TrueObject
 class Studio:
     """A recording of them, with the name of one of the dollhouse: the detector that maps it is the dollhouse's own."""
 
-    name, notes = "dollhouse studio", ()
+    name, notes = "dollhouse studio", ("a simulation: the dollhouse",)
     truth: Sequence[TrueObject] | None = None
 
     def __init__(self) -> None:

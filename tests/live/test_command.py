@@ -81,6 +81,7 @@ def test_it_goes_on_after_a_kill(folder: Path, tmp_path: Path) -> None:
     result = CliRunner().invoke(app, ["live", str(home), "--from", f"bag:{folder}@max"])
     assert result.exit_code == 0, result.output
     assert f"{before} keyframes of {spool}" in result.stderr
+    assert "detector: embedded" in result.stderr and "WRONG DETECTOR" not in result.stderr
     assert Spool(spool).ended and kept(spool) > before
     assert Home.load(home).objects
     again = CliRunner().invoke(app, ["live", str(home), "--from", f"bag:{folder}@max"])

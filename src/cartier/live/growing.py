@@ -99,7 +99,8 @@ class GrowingMap:
             if progress is not None:
                 progress(number + 1, len(places))
         if places:
-            self._walked.notes = [f"{len(places)} keyframes of a session that was cut off"]
+            told = optional(self._source, SourceDefaults, "notes")  # by which a simulation is known
+            self._walked.notes = [*told, f"{len(places)} keyframes of a session that was cut off"]
             self._mapper.finish(self._walked, len(places))
             self._walked, self.version = Walked(self._source), len(places)
         self._resumed = len(places)
