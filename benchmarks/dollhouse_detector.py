@@ -1,6 +1,6 @@
 """Benchmark of the embedded dollhouse detector: boxes, objects, distances, and frames per second on one core.
 
-python benchmarks/dollhouse_detector.py [HOME …] [--seed 0] [--max-frames 800] [--sensor] [--sheet FILE]
+python benchmarks/dollhouse_detector.py [HOME …] [--seed 0] [--max-frames 800] [--sensor KIND] [--sheet FILE]
     (default: the seven homes that no training saw)
 Per home: AP50 over its types; recall of the types of which a thing of 400 px or more was seen, and precision, of the
 list of confirmed objects; the mean distance from where a name is located to the nearest true thing of that name, from
@@ -293,9 +293,7 @@ def main() -> None:
     parser.add_argument("homes", nargs="*", help="built-in homes, or numbers (default: the seven built-in ones)")
     parser.add_argument("--seed", type=int, default=0, help="of the walks (default: %(default)s)")
     parser.add_argument("--max-frames", type=int, default=800, help="of each walk (default: %(default)s)")
-    parser.add_argument(
-        "--sensor", action="store_true", help="with a real camera's faults: noise, exposure, holes, drift"
-    )
+    parser.add_argument("--sensor", default="exact", metavar="KIND", help="exact, depth-camera or phone")
     parser.add_argument("--sheet", type=Path, help="a contact sheet of detections goes there (.jpg, .png)")
     asked = parser.parse_args()
     world = plugins.make("worlds", "dollhouse")

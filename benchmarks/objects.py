@@ -1,8 +1,8 @@
 """Benchmark of the object map against ground truth: with ground-truth detections, and from pixels.
 
-python benchmarks/objects.py [HOME …] [--generated 20] [--sensor] [--labels]
-    (default: the seven built-in homes; a number is a generated one; --sensor adds the faults of a depth camera:
-    coarse depth, holes, flying pixels, image noise, drifting poses)
+python benchmarks/objects.py [HOME …] [--generated 20] [--sensor KIND] [--labels]
+    (default: the seven built-in homes; a number is a generated one; --sensor depth-camera or phone adds the
+    faults of one: coarse depth, holes, flying pixels, image noise, drifting poses)
 Objects and true things are matched one to one, by label, where an object's middle lies at most 0.5 m from the thing's
 true box. Precision is over what is confirmed, recall over things of 400 px or more in some frame; a listed thing of
 fewer is no fault. Entries: confirmed objects per true thing that has any. Invented: confirmed, and no thing of that
@@ -194,7 +194,7 @@ def _ece(told: Sequence[tuple[float, bool]]) -> float:
     return sum(abs(float((chosen[:, 0] - chosen[:, 1]).sum())) for *_, chosen in _bins(told)) / len(told)
 
 
-def walked(name: str, sensor: bool = False) -> tuple[OccupancyGrid, dict[str, Home]]:
+def walked(name: str, sensor: str = "exact") -> tuple[OccupancyGrid, dict[str, Home]]:
     """A home's floor plan, and what each detector makes of its walk: three times, since frames are not kept."""
     world: Any = plugins.make("worlds", "dollhouse")
     recording, objs = world.explore(name, sensor=sensor), world.scene(name).truth()
@@ -260,7 +260,7 @@ def cost_ms() -> float:
     return float(np.median(times[50:])) * 1e3
 
 
-def report(title: str, names: Sequence[str], sensor: bool, by_label: bool) -> None:
+def report(title: str, names: Sequence[str], sensor: str, by_label: bool) -> None:
     counts, spatial = {key: Counts() for key in DETECTORS}, {key: Figures() for key in DETECTORS}
     ms, sizes = ({key: list[float]() for key in DETECTORS} for _ in range(2))
     world: Any = plugins.make("worlds", "dollhouse")
@@ -285,7 +285,7 @@ def main() -> None:
     parser = Parser(__doc__)
     parser.add_argument("homes", nargs="*", help="built-in homes, or numbers (default: the seven built-in ones)")
     parser.add_argument("--generated", type=int, default=20, metavar="N", help="generated homes (default: %(default)s)")
-    parser.add_argument("--sensor", action="store_true", help="with the faults of a depth camera")
+    parser.add_argument("--sensor", default="exact", metavar="KIND", help="exact, depth-camera or phone")
     parser.add_argument("--labels", action="store_true", help="boxes by label")
     options = parser.parse_args()
     print(f"a frame with 30 detections of 300 known objects in view: {cost_ms():.1f} ms")

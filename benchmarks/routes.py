@@ -38,7 +38,7 @@ def main() -> None:
     parser.add_argument("--frames", type=int, default=400, help="of each walk at most (default: %(default)s)")
     options = parser.parse_args()
     if options.floors is not None:
-        measure(options.floors or FLOOR_HOMES, options.frames, sensor=False)
+        measure(options.floors or FLOOR_HOMES, options.frames, sensor="exact")
         return
     with tempfile.TemporaryDirectory() as folder:
         print(report(run(Path(folder), (), options.files, embedded.make(), options.seed, options.drives)))

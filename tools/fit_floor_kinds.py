@@ -194,7 +194,7 @@ def true_classifier(scene: Scene) -> Any:
     return classify
 
 
-def measure(homes: Sequence[str], max_frames: int, sensor: bool) -> None:
+def measure(homes: Sequence[str], max_frames: int, sensor: str) -> None:
     world = plugins.make("worlds", "dollhouse")
     totals = {"true": Score(), "pixels": Score()}
     for home in homes:
@@ -241,7 +241,7 @@ def main() -> int:
     parser.add_argument("homes", nargs="*", help="homes to measure in (default: the built-in and ten generated ones)")
     parser.add_argument("--rows", type=Path, help="keep the rows of the fit in this file, or take them from it")
     parser.add_argument("--max-frames", type=int, default=800, help="of a walk (default: %(default)s)")
-    parser.add_argument("--sensor", action="store_true", help="frames as a real camera has them")
+    parser.add_argument("--sensor", default="exact", metavar="KIND", help="exact, depth-camera or phone")
     asked = parser.parse_args()
     if asked.what == "measure":
         built_in = plugins.make("worlds", "dollhouse").homes()

@@ -352,7 +352,7 @@ def test_an_unknown_scene_is_named_with_what_is_close(thor: Any) -> None:
     with pytest.raises(InputError, match=r"nowhere\.json is missing"):
         thor.explore("nowhere.json")
     with pytest.raises(BackendError, match="has no option 'sensor'; it has spacing_m"):
-        thor.explore("FloorPlan1", sensor=True)
+        thor.explore("FloorPlan1", sensor="phone")
 
 
 def test_no_display_is_said_before_anything_starts(start: Maker) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -10,7 +11,7 @@ import pytest
 
 from cartier.errors import InputError
 from cartier.worlds.dollhouse.render import View
-from cartier.worlds.dollhouse.sensor import Sensor
+from cartier.worlds.dollhouse.sensor import SENSORS, Sensor, sensor_of
 
 OFF = {"depth_quantum": 0.0, "holes": False, "flying": 0.0, "image_noise": 0.0, "exposure": 0.0}
 
@@ -106,3 +107,33 @@ def _same(first: list[npt.NDArray[np.float64]], second: list[npt.NDArray[np.floa
 def test_impossible_sizes_are_refused(wrong: dict[str, float]) -> None:
     with pytest.raises(InputError, match="sensor"):
         Sensor(**wrong)  # type: ignore[arg-type]
+
+
+def test_coarse_depth_shows_one_reading_in_all_pixels_of_a_cell() -> None:
+    given = view()
+    made = Sensor(depth_width=40, range_m=(0.0, 900.0), **OFF).corrupt(given, 0).depth_m
+    cells = made.reshape(30, 4, 40, 4)
+    assert made.shape == given.depth_m.shape and (cells == cells[:, :1, :, :1]).all()
+    np.testing.assert_array_equal(cells[:, 0, :, 0], given.depth_m[2::4, 2::4])
+    assert not np.array_equal(made, given.depth_m)
+
+
+def test_depth_noise_is_a_share_of_depth() -> None:
+    spreads = [
+        float(np.nanstd(Sensor(depth_noise=0.02, range_m=(0.0, 900.0), **OFF).corrupt(view(far), 0).depth_m[:30] / far))
+        for far in (1.5, 3.0)
+    ]
+    assert spreads == pytest.approx([0.02, 0.02], rel=0.5) and spreads[0] == pytest.approx(spreads[1], rel=1e-3)
+
+
+def test_a_phone_sees_coarser_and_less_far_than_a_picture() -> None:
+    given = view(4.0)
+    made = replace(SENSORS["phone"], seed=1, depth_width=80).corrupt(given, 0)
+    assert np.isfinite(made.depth_m[:100]).mean() > 0.7 and np.nanmax(made.depth_m) <= 5.0
+    assert np.nanmax(Sensor(1).corrupt(given, 0).depth_m) > 5.0
+
+
+def test_sensors_by_name() -> None:
+    assert sensor_of("exact", 3) is None and sensor_of("phone", 3) == replace(SENSORS["phone"], seed=3)
+    with pytest.raises(InputError, match="no sensor 'radar': exact, depth-camera, phone"):
+        sensor_of("radar", 0)

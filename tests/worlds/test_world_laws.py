@@ -87,7 +87,7 @@ def test_the_dollhouse_refuses_impossible_options(option: dict[str, float]) -> N
 
 def test_dollhouse_homes_can_be_generated_steered_and_disturbed(monkeypatch: pytest.MonkeyPatch) -> None:
     world = plugins.make("worlds", "dollhouse", **OPTIONS["dollhouse"])
-    recording = world.explore("7", max_frames=3, sensor=True, seed=5)
+    recording = world.explore("7", max_frames=3, sensor="phone", seed=5)
     assert len(recording) == 3
     assert any("ended early, after 3 frames" in note for note in recording.notes)
     monkeypatch.setattr("cartier.worlds.dollhouse.teleop.terminal_keys", lambda: (key for key in "adq"))

@@ -50,7 +50,12 @@ def record(
     ],
     output: Annotated[Path, typer.Option("--output", "-o", metavar="DIR", help="The folder to write.")],
     seed: Seed = 0,
-    sensor: Annotated[bool, typer.Option(help="Add the noise of a real sensor to depth, images and poses.")] = False,
+    sensor: Annotated[
+        str,
+        typer.Option(
+            metavar="KIND", help="exact, or with the faults of a depth-camera or phone: depth, images, poses."
+        ),
+    ] = "exact",
     drive: Annotated[bool, typer.Option("--drive", help="Drive with the keyboard instead of exploring.")] = False,
 ) -> None:
     """Explore a home of a simulator and save the recording."""
@@ -60,7 +65,8 @@ def record(
     world = plugins.make("worlds", name)
     if not home:
         raise InputError(f"which home? {name} has {', '.join(world.homes())}: cartier record {name}:HOME -o {output}")
-    options: dict[str, Any] = {"seed": seed} | ({"sensor": True} if sensor else {}) | ({"drive": True} if drive else {})
+    options: dict[str, Any] = {"seed": seed} | ({"drive": True} if drive else {})
+    options |= {"sensor": sensor} if sensor != "exact" else {}
     recording = world.explore(home, **options)
     with progress("saving") as step:
         save(recording, output, step)

@@ -15,7 +15,7 @@ def make(
     model: str,
     speed: float = 1.0,
     seed: int = 0,
-    sensor: bool = False,
+    sensor: str = "exact",
     max_frames: int = 800,
     width: int = 640,
     height: int = 480,

@@ -67,7 +67,7 @@ class Dollhouse:
         self,
         home: str,
         seed: int = 0,
-        sensor: bool = False,
+        sensor: str = "exact",
         drive: bool = False,
         max_frames: int = 800,
         stop: Callable[[], bool] | None = None,
@@ -76,17 +76,20 @@ class Dollhouse:
         """A robot's walk through a home that it does not know, or (``drive``) one that a person steers with the
         keyboard.
 
-        ``sensor`` disturbs depth, image and poses as a real camera's are, by ``seed``; another seed is another walk as
-        well. ``stop`` is asked before each step. Frames are rendered when they are asked for. Raises InputError for an
-        unknown home, when ``stop`` says so, or if nothing can be steered; BackendError for an unknown option.
+        ``sensor`` is "exact", or disturbs depth, image and poses as those of a real "depth-camera" or "phone" are, by
+        ``seed``; another seed is another walk as well. ``stop`` is asked before each step. Frames are rendered when
+        they are asked for. Raises InputError for an unknown home or sensor, when ``stop`` says so, or if nothing can be
+        steered; BackendError for an unknown option.
         """
         from cartier.worlds.dollhouse.recording import DollhouseRecording, pinhole
+        from cartier.worlds.dollhouse.sensor import sensor_of
 
         if unknown:
             known = "seed, sensor, drive, max_frames, stop"
             raise BackendError(f"exploring the dollhouse has no option {next(iter(unknown))!r}; it has {known}")
         if max_frames < 1:
             raise BackendError(f"dollhouse: max_frames must be 1 or more, got {max_frames}")
+        disturbing = sensor_of(sensor, seed)
         scene, camera = self.scene(home), pinhole(*self._size, self._fov)
         if drive:
             from cartier.worlds.dollhouse.teleop import steer
@@ -99,7 +102,7 @@ class Dollhouse:
             poses = walk.poses
             note = f"explored by itself (seed {seed}): {walk.coverage:.1%} of the reachable floor, {walk.bumps} bumps"
             note += "" if walk.complete else f"; ended early, after {max_frames} frames"
-        return DollhouseRecording(scene, camera, poses, _sensor(seed) if sensor else None, [note])
+        return DollhouseRecording(scene, camera, poses, disturbing, [note])
 
     def objects(self, home: str) -> list[TrueObject]:
         """All furnishings of a home with their true boxes."""
@@ -113,9 +116,3 @@ class Dollhouse:
         if home not in self._plans:
             self._plans[home] = Plan(self.scene(home), self._radius_m)
         return self._plans[home].free((x, y))
-
-
-def _sensor(seed: int) -> Any:
-    from cartier.worlds.dollhouse.sensor import Sensor
-
-    return Sensor(seed)

@@ -1,4 +1,4 @@
-"""Noise model of an RGB-D camera: coarse depth, holes, flying pixels, image noise, drifting poses."""
+"""Noise model of an RGB-D camera or a phone: coarse depth, holes, flying pixels, image noise, drifting poses."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from cartier.errors import InputError, check_pose
 from cartier.worlds.dollhouse.render import View
 
 Floats = npt.NDArray[np.float32]
+Index = tuple[npt.NDArray[np.intp], ...]
 _FRAMES, _DRIFT = 0, 1  # streams of random numbers that never touch
 
 
@@ -21,6 +22,8 @@ class Sensor:
     """A fault model with the size of each fault; 0 or False switches one off. The same seed and frame give the same
     bytes.
 
+    ``depth_width`` is how many pixels wide depth is measured, where that is less than the picture's width; 0 is as wide
+    as the picture. ``depth_noise`` is the deviation of depth as a share of it, in smooth patches.
     ``depth_quantum`` is the depth step in metres at 1 m; it grows with depth squared, as disparities do (a first
     Kinect: 0.003). ``range_m`` is where depth ends. ``flying`` is the share of pixels at depth edges that hang between
     front and back. ``image_noise`` is the deviation of the colours (of 255) and ``exposure`` that of the frame's
@@ -28,6 +31,8 @@ class Sensor:
     """
 
     seed: int = 0
+    depth_width: int = 0
+    depth_noise: float = 0.0
     depth_quantum: float = 0.003
     range_m: tuple[float, float] = (0.35, 6.0)
     holes: bool = True
@@ -38,7 +43,8 @@ class Sensor:
     drift_rad: float = 0.02
 
     def __post_init__(self) -> None:
-        sizes = (self.depth_quantum, self.flying, self.image_noise, self.exposure, self.drift_m, self.drift_rad)
+        sizes = [self.depth_width, self.depth_noise, self.depth_quantum, self.flying, self.image_noise, self.exposure]
+        sizes += [self.drift_m, self.drift_rad]
         if not (0 <= self.range_m[0] < self.range_m[1] and all(0 <= size < 1e3 for size in sizes) and self.flying <= 1):
             raise InputError(
                 f"sensor: sizes must be finite and not negative, flying at most 1, a range (near, far); got {self}"
@@ -49,18 +55,22 @@ class Sensor:
     def corrupt(self, view: View, frame_index: int) -> View:
         """The view with this sensor's faults; its instances stay true."""
         rng = np.random.default_rng((self.seed, _FRAMES, frame_index))
-        depth = view.depth_m.copy()
-        edge = _edges(depth)
+        width = min(self.depth_width or view.depth_m.shape[1], view.depth_m.shape[1])
+        coarse, cell = _cells(view.depth_m.shape, width)
+        true, hard = view.depth_m[coarse], view.hard[coarse]
+        depth, edge = true.copy(), _edges(true)
         if self.flying:
             depth = self._fly(depth, edge, rng)
+        if self.depth_noise:
+            depth *= 1 + np.float32(self.depth_noise) * _patches(depth.shape, rng)
         if self.depth_quantum:
             depth = self._quantise(depth, rng)
         if self.holes:
-            depth[_grazing(view.depth_m) & ~edge & (rng.random(depth.shape) < 0.8)] = np.nan
-            depth[view.hard & (_patches(depth.shape, rng) > -0.8)] = np.nan
+            depth[_grazing(true) & ~edge & (rng.random(depth.shape) < 0.8)] = np.nan
+            depth[hard & (_patches(depth.shape, rng) > -0.8)] = np.nan
         with np.errstate(invalid="ignore"):
             depth[(depth < self.range_m[0]) | (depth > self.range_m[1])] = np.nan
-        return replace(view, rgb=self._film(view.rgb, rng), depth_m=depth)
+        return replace(view, rgb=self._film(view.rgb, rng), depth_m=depth[cell])
 
     def drift(
         self, poses: Sequence[npt.NDArray[np.floating]] | npt.NDArray[np.floating]
@@ -100,6 +110,34 @@ class Sensor:
         bright = np.float32(np.exp(self.exposure * rng.standard_normal()))
         noise = np.float32(self.image_noise) * rng.standard_normal(rgb.shape, dtype=np.float32)
         return np.asarray(np.clip(rgb * bright + noise + 0.5, 0, 255), dtype=np.uint8)
+
+
+SENSORS = {
+    "depth-camera": Sensor(),
+    "phone": Sensor(
+        depth_width=256, depth_noise=0.01, depth_quantum=0.0, range_m=(0.2, 5.0), image_noise=1.5, drift_m=0.03,
+        drift_rad=0.01,
+    ),
+}  # fmt: skip
+"""By the name that ``cartier record --sensor`` takes; a phone's is that of a LiDAR phone: 256 pixels wide, to 5 m."""
+
+
+def sensor_of(kind: str, seed: int) -> Sensor | None:
+    """The sensor of a name in SENSORS, None for "exact". Raises InputError for another name."""
+    if kind == "exact":
+        return None
+    if kind not in SENSORS:
+        raise InputError(f"there is no sensor {kind!r}: exact, {', '.join(SENSORS)}")
+    return replace(SENSORS[kind], seed=seed)
+
+
+def _cells(shape: tuple[int, ...], width: int) -> tuple[Index, Index]:
+    """Which pixels a depth image of a smaller width measures, and which of its own each pixel of the picture shows."""
+    height = max(1, round(shape[0] * width / shape[1]))
+    sizes = tuple(zip(shape, (height, width), strict=True))
+    measured = [((np.arange(few) + 0.5) * many / few).astype(np.intp) for many, few in sizes]
+    shown = [(np.arange(many) * few // many).astype(np.intp) for many, few in sizes]
+    return np.ix_(*measured), np.ix_(*shown)
 
 
 def _edges(depth: Floats) -> npt.NDArray[np.bool_]:
