@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from PIL import Image
+from PIL import Image, ImageDraw
 
 from cartier.errors import InputError
 from cartier.pipeline import map_home
-from cartier.render.overlay import COLOURS, draw_overlay
+from cartier.render.overlay import COLOURS, draw_overlay, placed_names
 from synthetic import THINGS, TrueBoxes, walk
 
 
@@ -31,3 +31,14 @@ def test_overlay_needs_the_mapped_recording_and_a_picture_format(tmp_path: Path)
     with pytest.raises(InputError, match="no image format"):
         draw_overlay(home, recording, tmp_path / "boxes.xyz")
     assert not list(tmp_path.iterdir())
+
+
+def test_names_lie_in_the_picture_and_not_on_each_other() -> None:
+    home = map_home(walk(), TrueBoxes(THINGS))
+    draw = ImageDraw.Draw(Image.new("RGB", (640, 480)))
+    corners = np.random.default_rng(0).uniform((-200, -50), (800, 200), (30, 2))
+    named = [(home.objects[k % len(home.objects)], corner) for k, corner in enumerate(corners)]
+    boxes = np.array([box for *_, box in placed_names(draw, named)])
+    assert (boxes[:, :2] >= 0).all() and (boxes[:, 2] < 640).all()
+    apart = (boxes[:, None, :2] > boxes[None, :, 2:]).any(-1)
+    assert (apart | apart.T | np.eye(len(boxes), dtype=bool)).all()
