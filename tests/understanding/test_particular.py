@@ -10,9 +10,10 @@ import pytest
 from cartier import plugins
 from cartier.contracts import Reasoner
 from cartier.spatial.expressions import ParsedUtterance, ReferringExpression
-from cartier.types import Selection
+from cartier.types import Inventory, Selection
 from cartier.understanding.dialogue_state import DialogueState, resolve
 from flat import UNSURE_FLAT as FLAT
+from flat import obj
 
 SINK_CUP, TABLE_CUP, BED_CUP = 14, 12, 15
 
@@ -129,6 +130,23 @@ def test_request_is_evidence_for_what_it_names(embedded: Reasoner) -> None:
     chosen = ask(embedded, "bring me the key chain")
     assert (chosen.status, chosen.object_id) == ("found", 33) and chosen.text.startswith("I think I saw a key chain")
     assert chosen.candidates == (("key chain", 0.794),), "the certainty is that of an object once it is asked for"
+
+
+@pytest.mark.parametrize(
+    ("words", "probability", "number"),
+    [
+        ("I'm tired, I'd like to lie down on the sofa", 0.5, 40),
+        ("I'm tired, I'd like to lie down on the sofa", 0.1, 20),
+        ("I'm tired, I'd like to lie down", 0.5, 20),
+        ("I'm tired, I'd like to lie down, but not on the sofa", 0.5, 20),
+    ],
+)
+def test_need_that_names_what_is_likely_there_goes_to_it(
+    embedded: Reasoner, words: str, probability: float, number: int
+) -> None:
+    sofa = obj(40, "sofa", (6.0, 3.0, 0.4), (2.0, 0.9, 0.8), 1, probability=probability)
+    chosen = embedded.select(words, Inventory((*FLAT.objects, sofa), FLAT.rooms, from_xy=(0.0, 0.0)))
+    assert chosen.status == "found" and (chosen.object_id or chosen.object) in (number, "bed" if number == 20 else "")
 
 
 @pytest.mark.parametrize("words", ["where are my keys?", "is there a key chain?", "where is the vase?"])

@@ -280,6 +280,9 @@ class Embedded:
                 if wanted:
                     return maybe_there(maybe, MODEL)
                 return offer(maybe, home.scene, MODEL) if nothing else unsure(chosen, maybe, home.scene)
+        if chosen.status == "found" and FITS in chosen.reason and (by_name := self._maybe_named(asked.need, home)):
+            offered = offer(by_name, home.scene, MODEL)
+            return offered if offered.status == "found" else chosen
         return usual_place(chosen) if chosen.status == "likely_near" and not wanted else chosen
 
     def _anyway(self, dialogue: Sequence[tuple[str, str]], home: _Home) -> Selection:
@@ -287,6 +290,13 @@ class Embedded:
         state = self._state(dialogue[:-1], home)
         clauses = self._clauses(dialogue[-1][0], dialogue[-2:-1], home) or (Clause("need", 1.0, (), ()),)
         return self._one(clauses[-1], home, state, wanted=True)[0]
+
+    def _maybe_named(self, text: str, home: _Home) -> MapObject | None:
+        """The tentative object that the words of a need name, if it would serve better than all that is confirmed."""
+        maybe = tentative_matches(home.scene)
+        names = named(text, sorted({candidate.label for candidate in maybe}))
+        chosen = self.needs.serve(text, (*home.listed, *names)) if names else None
+        return next((o for o in maybe if chosen and o.label in names and chosen.object == o.label), None)
 
     def _maybe(self, text: str, scene: Scene) -> MapObject | None:
         """The likeliest tentative object that would serve the words."""

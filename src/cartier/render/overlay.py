@@ -70,7 +70,7 @@ def _objects_by_frame(home: Home) -> dict[int, list[MapObject]]:
 
 
 def _most_telling(shown: dict[int, list[MapObject]]) -> list[int]:
-    """As many frames as fill rows, each with the most objects that none before it shows; later ones with most of all."""
+    """As many frames as fill rows, each with the most objects that none before it shows; later ones with most."""
     chosen, left = list[int](), {obj.id for objs in shown.values() for obj in objs}
     while shown and len(chosen) < max(n for n in FRAMES if n <= len(shown)):
         best = max(
