@@ -1,6 +1,6 @@
 """How much a request by name says that its object is there: the likelihood ratio of ``understanding/tentative.py``.
 
-python tools/request_evidence.py [--homes 8]
+python tools/request_evidence.py [--homes 8] [--first 75001]
 Walks through generated homes from pixels and takes each name that the detector knows as asked for once. A name that is
 nowhere in the home must not be driven to. Prints, for each ratio, what share of names that are there gains a goal from
 a tentative object (and how many of these goals are right), and what share of names that are not there is driven to.
@@ -57,7 +57,9 @@ def names_of(home: str) -> list[Row]:
 def main() -> None:
     parser = Parser(__doc__)
     parser.add_argument("--homes", type=int, default=8, help="how many generated homes (default: %(default)s)")
-    homes = [str(FIRST_HOME + k) for k in range(parser.parse_args().homes)]
+    parser.add_argument("--first", type=int, default=FIRST_HOME, help="the first of them (default: %(default)s)")
+    asked = parser.parse_args()
+    homes = [str(asked.first + k) for k in range(asked.homes)]
     rows = [row for home in homes for row in names_of(home)]
     here, gone = [row for row in rows if row[0]], [row for row in rows if not row[0]]
     odds = ASKED_FOR_WHAT_IS_THERE / (1 - ASKED_FOR_WHAT_IS_THERE)

@@ -36,6 +36,11 @@ def room_ref(name: str, number: int) -> str:
     return f"{name} (room {number})"
 
 
+def number_of(count: int, noun: str) -> str:
+    """``1 object``, ``2 objects``; for nouns whose plural takes an s."""
+    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
+
+
 def plain(text: str) -> str:
     """Lower-case text in plain letters."""
     lower = text.lower().replace("’", "'")

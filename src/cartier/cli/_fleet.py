@@ -10,6 +10,7 @@ import typer
 
 from cartier.cli._common import AsJson, progress, say
 from cartier.errors import InputError
+from cartier.labels import number_of
 
 app = typer.Typer(
     name="fleet", help="Many homes in one store: map, status, pull, compact, ask, query.", no_args_is_help=True
@@ -121,7 +122,8 @@ def pull_command(
 
     pulled = pull(open_store(store), home, output)
     sure = sum(obj.confirmed for obj in pulled.objects)
-    print(f"{output}: {sure} objects of {len(pulled.names)} kinds ({pulled.detector})")
+    objects, kinds = number_of(sure, "object"), number_of(len(pulled.names), "kind")
+    print(f"{output}: {objects} of {kinds} ({pulled.detector})")
 
 
 @app.command("compact")

@@ -31,6 +31,7 @@ from cartier.cli._common import (
 from cartier.cli.reader_options import NOTHING, reads_streams
 from cartier.errors import InputError
 from cartier.io.spool import SUFFIX
+from cartier.labels import number_of
 
 if TYPE_CHECKING:
     from cartier.contracts import Source
@@ -249,7 +250,8 @@ def _told(whole: Home, home: Path, spool: Path, session: Live, as_json: bool) ->
     for note in whole.notes:
         say(note)
     sure = sum(obj.confirmed for obj in whole.objects)
-    print(f"{home}: {sure} objects of {len(whole.names)} kinds in {state.looked} of {state.frames_in} frames")
+    objects, kinds = number_of(sure, "object"), number_of(len(whole.names), "kind")
+    print(f"{home}: {objects} of {kinds} in {state.looked} of {state.frames_in} frames")
     print(f"the keyframes are in {spool}: cartier map {spool} -o HOME maps them again")
     print(f'ask it something:  cartier ask {home} "I would love to sit down"')
 

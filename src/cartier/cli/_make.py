@@ -14,6 +14,7 @@ from cartier import plugins, specs
 from cartier.cli._common import Append, AsJson, Every, Seed, Threshold, duration, progress, say
 from cartier.cli.reader_options import NOTHING, reads_recordings
 from cartier.errors import InputError
+from cartier.labels import number_of
 
 app = typer.Typer()
 A_DAY_S = 86_400.0  # how long to wait for another process that maps into the same home
@@ -183,7 +184,8 @@ def map_command(
             say(note)
         row = home.settings["recordings"][-1]
         frames = f"{row.get('looked', row['frames'])} of {row['frames']} frames"
-        print(f"{output}: {sure} objects of {len(home.names)} kinds in {frames} ({home.detector})")
+        objects, kinds = number_of(sure, "object"), number_of(len(home.names), "kind")
+        print(f"{output}: {objects} of {kinds} in {frames} ({home.detector})")
         print(f"see them:          cartier show {output} --plot plan.png --sheet sheet.png")
         print(f'ask it something:  cartier ask {output} "I would love to sit down"')
 

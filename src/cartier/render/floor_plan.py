@@ -15,6 +15,7 @@ import numpy.typing as npt
 from cartier.errors import InputError
 from cartier.home import Home
 from cartier.io.atomic import write_file
+from cartier.labels import number_of
 from cartier.render.extent import shown_extent
 from cartier.render.plan_key import (
     CHOSEN,
@@ -106,7 +107,8 @@ def draw_home(home: Home, file: Path) -> None:
     draw_plan(axes, home)
     _draw_boxes(axes, objs)
     tentative = len(home.objects) - len(objs)
-    made = f"{len(objs)} objects of {len(home.names)} kinds, {tentative} more tentative, not drawn"
+    objects, kinds = number_of(len(objs), "object"), number_of(len(home.names), "kind")
+    made = f"{objects} of {kinds}, {tentative} more tentative, not drawn"
     add_title_and_key(figure, home.name, _caption(figure, home, made), grid=home.grid is not None, boxes=True)
     figure.canvas.draw()  # positions must be final before labels are placed
     write_names(figure, axes, [(obj.label, obj.position) for obj in objs])
