@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
+from scipy import ndimage
 
 from cartier.mapping.rooms import find_rooms
 from cartier.reasoners import embedded
-from cartier.spatial.doors import find_doors
+from cartier.spatial.doors import _distance_to, _widest, find_doors
 from cartier.types import OCCUPIED, Inventory, MapObject
 from plans import DOOR, LEFT, RIGHT, Plan, flat
 
@@ -77,3 +79,25 @@ def test_home_without_rooms_has_no_door(home: Inventory) -> None:
     told = embedded.make().select("how many doors are there?", Inventory(home.objects))
     assert told.fact is not None
     assert told.fact.value == 0
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_distances_are_scipys(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    solid = rng.random(tuple(rng.integers(2, 40, 2))) < 0.1
+    solid[0, 1] = True
+    np.testing.assert_allclose(_distance_to(solid), ndimage.distance_transform_edt(~solid))
+    assert np.isinf(_distance_to(np.zeros((3, 4), bool))).all()
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_widest_way_is_the_last_that_joins_both_ends(seed: int) -> None:
+    clear = np.random.default_rng(seed).integers(0, 9, (12, 15)).astype(float)
+    start, end = np.zeros(clear.shape, bool), np.zeros(clear.shape, bool)
+    start[:, 0] = end[:, -1] = True
+    joined = []
+    for reach in range(9):
+        parts, _ = ndimage.label(clear >= reach, np.ones((3, 3)))
+        joined.append(bool((set(parts[start]) & set(parts[end])) - {0}))
+    assert _widest(clear, start, end) == max(reach for reach in range(9) if joined[reach])
+    assert _widest(clear, start, np.zeros(clear.shape, bool)) == -np.inf
