@@ -116,6 +116,9 @@ def test_only_something_high_shuts_a_door() -> None:
     assert shut_doors(EARLIER, (), SIDES, plan()) == (Door((2.05, 1.0), (0, 1), 0.8),)
     assert shut_doors(EARLIER, (), SIDES, plan(np.minimum(HIGH, np.float16(1.1)))) == ()
     assert shut_doors([(1.2, 1.0, 0.8)], (), SIDES, plan()) == ()  # the wall is elsewhere
+    aside = HIGH.copy()
+    aside[abs(np.arange(len(HIGH)) - len(HIGH) // 2) < len(HIGH) // 4] = 0.5  # beside the door alone it is high
+    assert shut_doors(EARLIER, (), SIDES, plan(aside)) == ()
     assert shut_doors(EARLIER, (), SIDES[:1], plan()) == ()  # behind it lies nothing that is known
     assert shut_doors(EARLIER, (Door((2.05, 1.2), (0, 1), 0.8),), SIDES, plan()) == ()  # it is open
 
