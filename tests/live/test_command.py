@@ -130,7 +130,8 @@ def test_the_page_follows_the_map_and_the_camera(folder: Path, tmp_path: Path) -
         tab = browser.new_page()
         tab.goto(f"http://127.0.0.1:{port}/")
         tab.wait_for_selector("html[data-ready]")
-        assert tab.text_content("#live").startswith("Mapping now") and tab.title() == "flat · cartier"
+        until(lambda: tab.text_content("#live").startswith("Mapping now"), process)
+        assert tab.title() == "flat · cartier"
         assert not tab.locator("#name-home").is_visible(), "it cannot be corrected before it is whole"
         objects = "data.objects.filter((t) => t.confirmed).map((t) => t.id)"
         first, before, (one, *_) = (tab.evaluate(what) for what in ("data.home_id", "plan.camera", objects))
