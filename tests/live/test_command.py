@@ -124,7 +124,7 @@ def test_the_page_follows_the_map_and_the_camera(folder: Path, tmp_path: Path) -
     port = free_port()
     with chromium() as browser:
         process = begun(
-            tmp_path / "flat", "--from", f"bag:{folder}@0.3", "--serve", "--port", port, "--reasoner", "embedded"
+            tmp_path / "flat", "--from", f"bag:{folder}@0.12", "--serve", "--port", port, "--reasoner", "embedded"
         )
         until(lambda: reachable(f"http://127.0.0.1:{port}/api/homes"), process)
         tab = browser.new_page()
