@@ -14,7 +14,7 @@ import pytest
 import cartier
 from cartier.contracts import VisionModel
 from cartier.types import Detections, Fact, Inventory, MapObject, RobotModel, Selection, VisualTrace
-from cartier.vision import crops
+from cartier.vision import crops, prompt
 from cartier.vision.look import Photographs, Surroundings, ask_about, look, question_about
 from cartier.vision.permission import Look
 from stored import home as stored_home
@@ -180,6 +180,7 @@ def test_faulty_servers_give_no_false_which(fault: str, seeing: tuple[str, Calls
     mugs, photos = two_mugs()
     chosen, trace, _ = told(Look(model(seeing[0], fault)), "which cup is dirty?", mugs, photos)
     assert trace.verdict != "told" or trace.object_id is None
+    assert (trace.why == prompt.INVALID) == (fault in ("ignores-grammar", "endless"))
     assert chosen.object_id is None
 
 
