@@ -184,6 +184,17 @@ def test_faulty_servers_give_no_false_which(fault: str, seeing: tuple[str, Calls
     assert chosen.object_id is None
 
 
+@pytest.mark.parametrize(("certainty", "valid"), [(0.9, True), (9, False)])
+def test_a_recorded_reply_is_valid_as_a_servers_is(certainty: float, valid: bool, tmp_path: Path) -> None:
+    thing, question = mug(1, [(1, BOX, 0)]), question_about("cup", "clean")
+    pictures = [crops.picture(thing, thing.views[0], np.full((480, 640, 3), 150, np.uint8), 400)]
+    reply = json.dumps({"picture_1": {"answer": "clean", "certainty": certainty}})
+    row = {"custom_id": prompt.request(question, pictures).id, "reply": reply}
+    (tmp_path / "replies.jsonl").write_text(json.dumps(row) + "\n")
+    told = cartier.make("vision", "replay", model=tmp_path / "replies.jsonl").look(question, pictures)
+    assert (told.valid, told.answers[0].answer) == (valid, "clean" if valid else None)
+
+
 @pytest.mark.parametrize("fault", ["string-only", "reasoning-field", "no-thinking-switch"])
 def test_peculiar_servers_are_understood(fault: str, seeing: tuple[str, Calls]) -> None:
     mugs, photos = two_mugs()
