@@ -854,6 +854,7 @@ class VisualReply:
         endpoint: Where the pictures went: a URL without credentials; empty if they did not leave this process.
         prompt, reply: What it was sent (without the images) and what it returned.
         tokens: How many tokens it took, as the server counts them; 0 if unknown.
+        valid: False if the reply was not of the form that it was asked for, so that it answers nothing.
     """
 
     answers: tuple[VisualAnswer, ...]
@@ -862,6 +863,7 @@ class VisualReply:
     prompt: str = ""
     reply: str = ""
     tokens: int = 0
+    valid: bool = True
 
 
 @dataclass(frozen=True)

@@ -152,6 +152,8 @@ class Handler(BaseHTTPRequestHandler):
         if fault == "no-thinking-switch" and ("chat_template_kwargs" in asked or "reasoning_effort" in asked):
             named = next(name for name in ("chat_template_kwargs", "reasoning_effort") if name in asked)
             return 400, {"error": {"message": f"Unrecognized request argument supplied: {named}"}}
+        if fault == "detail" and "reasoning_effort" in asked:  # as FastAPI says it
+            return 422, {"detail": "Unexpected fields in the request: {'reasoning_effort'}"}
         if fault == "no-schema" and asked.get("response_format", {}).get("type") == "json_schema":
             return 400, {"error": {"message": "response_format json_schema is not supported"}}
         if fault == "endless":

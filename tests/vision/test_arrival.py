@@ -14,6 +14,7 @@ from cartier.home import Home
 from cartier.pipeline import ask, map_home
 from cartier.types import Answer, Frame, Goal, RobotModel
 from cartier.vision import look as looking
+from cartier.vision import prompt
 from cartier.vision.arrival import expected_box, look_there
 from cartier.vision.permission import Look
 from cartier.worlds.dollhouse.drive import frame_at
@@ -121,6 +122,14 @@ def test_what_is_out_of_view_cannot_be_told(seeing: Served, mapped: Home) -> Non
     away = frame_at(room("red"), answer.goal, xy=(6.5, 3.9))
     told = look_there(permitted(seeing[0]), obj, answer.goal, "arrived", away)
     assert told.said == "cannot tell" and "not in the camera's view" in told.why and not seeing[1]
+
+
+def test_a_reply_of_no_valid_form_is_told_as_one(seeing: Served, mapped: Home) -> None:
+    answer, talks = asked(mapped), cartier.make("vision", "openai", model="ignores-grammar", base_url=seeing[0])
+    assert answer.goal is not None
+    obj = next(obj for obj in mapped.objects if obj.id == answer.selection.object_id)
+    told = look_there(Look(talks), obj, answer.goal, "arrived", frame_at(room("red"), answer.goal))
+    assert (told.said, told.why) == ("cannot tell", prompt.INVALID)
 
 
 def test_what_lies_behind_the_camera_is_not_in_view(mapped: Home) -> None:

@@ -28,6 +28,7 @@ def own_settings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         ("string-only", True, True, True, "off"),
         ("reasoning-field", True, True, True, "on"),
         ("no-thinking-switch", True, True, True, "off"),
+        ("detail", True, True, True, "off"),
         ("blind", True, False, False, "off"),
         ("ignores-grammar", False, False, False, "off"),
         ("endless", False, False, False, "on"),

@@ -14,7 +14,7 @@ import pytest
 import cartier
 from cartier.contracts import VisionModel
 from cartier.types import Detections, Fact, Inventory, MapObject, RobotModel, Selection, VisualTrace
-from cartier.vision import crops
+from cartier.vision import crops, prompt
 from cartier.vision.look import Photographs, Surroundings, ask_about, look, question_about
 from cartier.vision.permission import Look
 from stored import home as stored_home
@@ -180,7 +180,19 @@ def test_faulty_servers_give_no_false_which(fault: str, seeing: tuple[str, Calls
     mugs, photos = two_mugs()
     chosen, trace, _ = told(Look(model(seeing[0], fault)), "which cup is dirty?", mugs, photos)
     assert trace.verdict != "told" or trace.object_id is None
+    assert (trace.why == prompt.INVALID) == (fault in ("ignores-grammar", "endless"))
     assert chosen.object_id is None
+
+
+@pytest.mark.parametrize(("certainty", "valid"), [(0.9, True), (9, False)])
+def test_a_recorded_reply_is_valid_as_a_servers_is(certainty: float, valid: bool, tmp_path: Path) -> None:
+    thing, question = mug(1, [(1, BOX, 0)]), question_about("cup", "clean")
+    pictures = [crops.picture(thing, thing.views[0], np.full((480, 640, 3), 150, np.uint8), 400)]
+    reply = json.dumps({"picture_1": {"answer": "clean", "certainty": certainty}})
+    row = {"custom_id": prompt.request(question, pictures).id, "reply": reply}
+    (tmp_path / "replies.jsonl").write_text(json.dumps(row) + "\n")
+    told = cartier.make("vision", "replay", model=tmp_path / "replies.jsonl").look(question, pictures)
+    assert (told.valid, told.answers[0].answer) == (valid, "clean" if valid else None)
 
 
 @pytest.mark.parametrize("fault", ["string-only", "reasoning-field", "no-thinking-switch"])

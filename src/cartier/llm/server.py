@@ -119,7 +119,7 @@ class Server:
                     ) from error
             except openai.APIStatusError as error:
                 status = error.status_code
-                refused = {name for name in (*kept, *extra) if name in str(error)} if status in (400, 422) else set()
+                refused = {name for name in (*kept, *extra) if name in _said(error)} if status in (400, 422) else set()
                 passing = status in BUSY or (sure and status >= 500)
                 if refused:  # some models take no temperature, or another name for the limit
                     self._refused |= refused
@@ -190,7 +190,7 @@ class Server:
 
     def _refusal(self, error: openai.APIStatusError) -> ReasonerError:
         status = error.status_code
-        return ReasonerError(f"{self.where} answered {status}: {HINTS.get(status) or self.brief(error)}")
+        return ReasonerError(f"{self.where} answered {status}: {HINTS.get(status) or self.brief(_said(error))}")
 
     def _too_late(self) -> ReasonerError:
         return ReasonerError(
@@ -201,6 +201,14 @@ class Server:
         """One short printable line that does not hold the key, even where the server repeats it."""
         text = str(fault).strip() or type(fault).__name__
         return brief(text.replace(self._key, "…") if self._key != "none" else text, 160)
+
+
+def _said(error: openai.APIStatusError) -> str:
+    """What a server says of its refusal: newer SDKs print an ``error.message`` only, and FastAPI has a ``detail``."""
+    text, body = str(error), error.body
+    if not body or text != f"Error code: {error.status_code}":
+        return text
+    return f"{text} - {body.get('detail', body) if isinstance(body, dict) else body}"
 
 
 def _json_in(thoughts: object) -> str:

@@ -97,7 +97,7 @@ def look_there(allowed: Look, obj: MapObject, goal: Goal, drove: str, frame: Fra
         return Arrival(obj, goal, drove, "cannot tell", str(error), trace)
     answer = reply.answers[0]
     if answer.answer not in ("yes", "no") or 2 * answer.certainty - 1 < MIN_MARGIN:
-        why = "the vision model cannot tell"
+        why = "the vision model cannot tell" if reply.valid else prompt.INVALID
         trace = VisualTrace(question, pictures, reply, "cannot_tell", why=why)
         return Arrival(obj, goal, drove, "cannot tell", why, trace)
     trace = VisualTrace(question, pictures, reply, "told", answer.answer, obj.id, answer.certainty, "seen at the goal")

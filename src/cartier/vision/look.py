@@ -137,6 +137,8 @@ def ask_about(
         nothing = prompt.cannot_tell(pictures)
         reply = VisualReply(nothing, allowed.model.name, allowed.model.endpoint)
         return _trace(question, pictures, reply, Decision("cannot_tell", str(error)), None, sizes, around)
+    if not reply.valid:
+        return _trace(question, pictures, reply, Decision("cannot_tell", prompt.INVALID), None, sizes, around)
     pixels = [each.apparent_px for each in pictures]
     decision = decide(question, candidates, _checked(reply, question, pictures), pixels, choose)
     return _trace(question, pictures, reply, decision, largest, sizes, around)

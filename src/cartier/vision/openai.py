@@ -50,9 +50,9 @@ class VisionServer:
         """One answer for each picture; "cannot tell" for all if the reply is not of the schema."""
         words, before = prompt.text(question, pictures), self._server.tokens
         reply = self._reply(words, question, pictures)
-        answers = prompt.read(reply, question, pictures) or prompt.cannot_tell(pictures)
-        used = self._server.tokens - before
-        return VisualReply(answers, self.name, self.endpoint, words, reply, used)
+        answers, used = prompt.read(reply, question, pictures), self._server.tokens - before
+        told = answers or prompt.cannot_tell(pictures)
+        return VisualReply(told, self.name, self.endpoint, words, reply, used, valid=answers is not None)
 
     def _reply(self, words: str, question: VisualQuestion, pictures: Sequence[CandidateView]) -> str:
         """The raw reply. ``image_url`` is an object, or a bare string for a server that understands only that."""

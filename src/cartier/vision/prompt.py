@@ -17,6 +17,8 @@ MAX_READ_CHARS = 80
 MAX_REPLY_CHARS = 20_000
 MAX_TOKENS = 300
 """Of a reply: three short answers, and what a model that cannot stop may waste."""
+INVALID = "the vision model gave no valid answer"
+"""Why nothing is told where a reply is not of the schema: the photographs may show it well."""
 TASK = """\
 The images above show {count} from a home, taken by a robot. Each picture is two images: first an enlarged crop of one \
 object, then the photograph around it, in which a magenta box marks the object. {list}

@@ -34,5 +34,6 @@ class Replay:
         request = prompt.request(question, pictures)
         if (reply := self._replies.get(request.id)) is None:
             raise ReasonerError(f"{self._path} holds no reply to “{question.words}” with these photographs")
-        answers = prompt.read(reply, question, pictures) or prompt.cannot_tell(pictures)
-        return VisualReply(answers, self.name, "", prompt.text(question, pictures), reply)
+        answers = prompt.read(reply, question, pictures)
+        told, words = answers or prompt.cannot_tell(pictures), prompt.text(question, pictures)
+        return VisualReply(told, self.name, "", words, reply, valid=answers is not None)
