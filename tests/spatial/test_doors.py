@@ -8,7 +8,7 @@ from scipy import ndimage
 
 from cartier.mapping.rooms import find_rooms
 from cartier.reasoners import embedded
-from cartier.spatial.doors import _distance_to, _widest, find_doors
+from cartier.spatial.doors import distance_to, widest_way, find_doors
 from cartier.types import OCCUPIED, Inventory, MapObject
 from plans import DOOR, LEFT, RIGHT, Plan, flat
 
@@ -86,8 +86,8 @@ def test_distances_are_scipys(seed: int) -> None:
     rng = np.random.default_rng(seed)
     solid = rng.random(tuple(rng.integers(2, 40, 2))) < 0.1
     solid[0, 1] = True
-    np.testing.assert_allclose(_distance_to(solid), ndimage.distance_transform_edt(~solid))
-    assert np.isinf(_distance_to(np.zeros((3, 4), bool))).all()
+    np.testing.assert_allclose(distance_to(solid), ndimage.distance_transform_edt(~solid))
+    assert np.isinf(distance_to(np.zeros((3, 4), bool))).all()
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -99,5 +99,5 @@ def test_widest_way_is_the_last_that_joins_both_ends(seed: int) -> None:
     for reach in range(9):
         parts, _ = ndimage.label(clear >= reach, np.ones((3, 3)))
         joined.append(bool((set(parts[start]) & set(parts[end])) - {0}))
-    assert _widest(clear, start, end) == max(reach for reach in range(9) if joined[reach])
-    assert _widest(clear, start, np.zeros(clear.shape, bool)) == -np.inf
+    assert widest_way(clear, start, end) == max(reach for reach in range(9) if joined[reach])
+    assert widest_way(clear, start, np.zeros(clear.shape, bool)) == -np.inf

@@ -97,7 +97,7 @@ def _narrowest_m(
     low, high = np.maximum(cells.min(0) - beside, 0), cells.max(0) + beside + 1
     window = slice(low[0], high[0]), slice(low[1], high[1])
     solid = grid.cells[window] == OCCUPIED
-    clear = _distance_to(solid) - 0.5  # cells
+    clear = distance_to(solid) - 0.5  # cells
     inside = np.zeros(solid.shape, bool)
     first = np.maximum(cells.min(0) - near - low, 0)
     last = cells.max(0) + near + 1 - low
@@ -106,11 +106,11 @@ def _narrowest_m(
     edge[first[0] + 1 : last[0] - 1, first[1] + 1 : last[1] - 1] = False
     inside &= grid.cells[window] == FREE
     ends = [(mask[window] & edge if (mask[window] & edge & inside).any() else mask[window]) for mask in (one, other)]
-    narrow = _widest(np.where(inside, clear, -np.inf), *ends)
+    narrow = widest_way(np.where(inside, clear, -np.inf), *ends)
     return float(2 * narrow * grid.resolution_m) if narrow > 0 else 0.0
 
 
-def _distance_to(solid: Mask) -> npt.NDArray[np.float64]:
+def distance_to(solid: Mask) -> npt.NDArray[np.float64]:
     """(rows, cols) how many cells it is to the nearest solid one, inf where there is none.
 
     As scipy's distance_transform_edt, whose import takes a fifth of the time of a request.
@@ -123,7 +123,7 @@ def _distance_to(solid: Mask) -> npt.NDArray[np.float64]:
     return np.asarray(np.sqrt(squared.min(2)))
 
 
-def _widest(clear: npt.NDArray[np.float64], start: Mask, end: Mask) -> float:
+def widest_way(clear: npt.NDArray[np.float64], start: Mask, end: Mask) -> float:
     """The greatest value that some path of touching cells from one area into another nowhere falls below."""
     reached, before = np.where(start, clear, -np.inf), None
     while before is None or not np.array_equal(reached, before):
