@@ -8,7 +8,7 @@ from scipy import ndimage
 
 from cartier.mapping.rooms import find_rooms
 from cartier.reasoners import embedded
-from cartier.spatial.doors import distance_to, widest_way, find_doors
+from cartier.spatial.doors import distance_to, find_doors, widest_way
 from cartier.types import OCCUPIED, Inventory, MapObject
 from plans import DOOR, LEFT, RIGHT, Plan, flat
 
