@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from PIL import Image, ImageDraw
 from cartier.errors import InputError
 from cartier.pipeline import map_home
 from cartier.render.overlay import COLOURS, draw_overlay, placed_names
-from synthetic import THINGS, TrueBoxes, walk
+from synthetic import THINGS, RoomRecording, TrueBoxes, walk
 
 
 def test_overlay_draws_boxes_of_confirmed_objects(tmp_path: Path) -> None:
@@ -42,3 +43,15 @@ def test_names_lie_in_the_picture_and_not_on_each_other() -> None:
     assert (boxes[:, :2] >= 0).all() and (boxes[:, 2] < 640).all()
     apart = (boxes[:, None, :2] > boxes[None, :, 2:]).any(-1)
     assert (apart | apart.T | np.eye(len(boxes), dtype=bool)).all()
+
+
+@pytest.mark.parametrize(("frames", "shown", "size"), [(1, 1, (640, 480)), (4, 3, (1920, 480)), (10, 5, (1280, 960))])
+def test_rows_of_frames_are_full(tmp_path: Path, frames: int, shown: int, size: tuple[int, int]) -> None:
+    recording = RoomRecording(walk().poses[:frames], THINGS)
+    home = map_home(recording, TrueBoxes(THINGS))
+    log = home.detections()
+    assert log is not None and sum(len(of.objects) > 0 for of in log.looked().values()) == shown
+    confirmed = tuple(replace(obj, confirmed=True) for obj in home.objects)
+    draw_overlay(replace(home, objects=confirmed), recording, tmp_path / "b.png")
+    with Image.open(tmp_path / "b.png") as picture:
+        assert picture.size == size

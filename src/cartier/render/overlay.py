@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 Box = tuple[float, float, float, float]
 """left, top, right, bottom, in pixels"""
-FRAMES, WIDTH = (6, 4, 3, 2, 1), 640  # how many are shown, as many as there are, in full rows; pixels of each
+FRAMES, WIDTH = 6, 640  # shown at most, and pixels of each
 NEAR_M = 0.1  # corners nearer to the camera are not drawn
 CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
 EDGES = [(i, j) for i in range(8) for j in range(i) if np.abs(CORNERS[i] - CORNERS[j]).sum() == 1]
@@ -53,7 +53,8 @@ def draw_overlay(home: Home, recording: Recording, file: Path) -> None:
             draw.text(xy, text, fill="white")
         pages.append(page)
     tall, columns = max(page.height for page in pages), 3 if len(pages) == 3 else min(2, len(pages))
-    sheet = Image.new("RGB", (columns * WIDTH, len(pages) // columns * tall), "white")
+    rows = len(pages) // columns  # a last one that is not full is left out
+    sheet = Image.new("RGB", (columns * WIDTH, rows * tall), "white")
     for k, page in enumerate(pages):
         sheet.paste(page, (k % columns * WIDTH, k // columns * tall))
     write_image(sheet, file)
@@ -70,9 +71,9 @@ def _objects_by_frame(home: Home) -> dict[int, list[MapObject]]:
 
 
 def _most_telling(shown: dict[int, list[MapObject]]) -> list[int]:
-    """As many frames as fill rows, each with the most objects that none before it shows; later ones with most."""
+    """Up to ``FRAMES`` frames, each with the most objects that none before it shows; later ones with most."""
     chosen, left = list[int](), {obj.id for objs in shown.values() for obj in objs}
-    while shown and len(chosen) < max(n for n in FRAMES if n <= len(shown)):
+    while len(chosen) < min(FRAMES, len(shown)):
         best = max(
             (n for n in shown if n not in chosen),
             key=lambda n: (len(left & {obj.id for obj in shown[n]}), len(shown[n]), -n),
