@@ -63,7 +63,7 @@ class DialogueState:
 
 def in_context(clause: Clause, state: DialogueState) -> Clause:
     """The clause with the act that it has here: a "no" to what was served wants another, and words that seem to ask
-    for nothing are a request where that is nearly as likely. An alarm was judged before, by the whole of the words."""
+    for nothing are a request where that is nearly as likely."""
     second, likely = clause.second
     if clause.act == "deny" and any(span.role == "t" for span in clause.spans):  # "no, the sink"
         return clause._replace(act="go")
@@ -73,8 +73,6 @@ def in_context(clause: Clause, state: DialogueState) -> Clause:
     alone = len(nouns) == 1 and nouns[0] in STANDS_FOR
     if clause.act == "compare" and alone and second in RETURNS and state.last is not None:
         return clause._replace(act="another")  # "and the smaller one?"
-    if clause.act == "alarm":
-        return clause._replace(act=second)
     if clause.act in ("which", "where") and second == "go" and likely >= LEAST_DRIVING:
         return clause if ASKING & set(clause.tokens[:3]) else clause._replace(act="go")  # "closest plant to us"
     if clause.act not in NOTHING_ASKED or second not in ("go", "need") or likely < LEAST_ASKING:

@@ -176,12 +176,15 @@ class Parser:
         return states
 
     def _acts(self, whole: Array, said: Array) -> list[tuple[Kind, float]]:
-        """The two likeliest acts of a clause's words with their probabilities."""
+        """The two likeliest acts of a clause's words with their probabilities.
+
+        An alarm is none of them: ``alarm.py`` has judged the whole of the words before they are parsed.
+        """
         if not len(said):
             return [("other", 0.0)]
         attention = np.exp(said @ self._w["pool"] - (said @ self._w["pool"]).max())
         pooled = np.concatenate([whole, attention @ said / attention.sum()])
-        logits = self._linear(pooled, "act") / self._w["temperature"]
+        logits = np.where(_ALARM, -np.inf, self._linear(pooled, "act") / self._w["temperature"])
         shares = np.exp(logits - logits.max()) / np.exp(logits - logits.max()).sum()
         return [(ACTS[k], float(shares[k])) for k in np.argsort(-shares)[:2]]
 
@@ -199,6 +202,7 @@ def _tags(logits: Array) -> list[str]:
     return [TAGS[k] for k in reversed(tags)]
 
 
+_ALARM = np.array([act == "alarm" for act in ACTS])
 _INSIDE = np.array([tag.startswith("I-") for tag in TAGS])
 _ALLOWED = np.array([
     [0.0 if not now.startswith("I-") or before[1:] == now[1:] else -np.inf for now in TAGS] for before in TAGS

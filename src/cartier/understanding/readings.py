@@ -8,6 +8,8 @@ from cartier.understanding.reference_words import ORDER
 from cartier.understanding.tags import Clause
 
 LEAST_CERTAIN = 0.5  # fitted to the development part: below it half of the answers are wrong
+LEAST_WANTED = 0.4
+"""The same for a request that may ask for nothing: to ask "is there nothing to do" helps less than the likelier drive."""
 UNSURE = "I am not sure what you mean: "
 DRIVES: tuple[Kind, ...] = ("go", "need")
 QUESTIONS: tuple[Kind, ...] = (
@@ -22,7 +24,8 @@ def question(clause: Clause, asked: ParsedUtterance) -> str | None:
     """A question that names the two likeliest readings of a clause; None where it is sure enough what is asked for, or
     where both would come to the same: to be driven to a named thing and to be told of it serve nearly the same wish."""
     first, second = _outcome(clause.act), _outcome(clause.second[0])
-    if clause.certainty >= LEAST_CERTAIN or first is None or second is None or first == second:
+    least = LEAST_WANTED if (first, second) == (DRIVES, NOTHING) else LEAST_CERTAIN
+    if clause.certainty >= least or first is None or second is None or first == second:
         return None
     noun = the(" ".join(asked.head.said.split())) if asked.head is not None and asked.head.labels else ""
     if noun and NOTHING not in (first, second):
