@@ -11,7 +11,6 @@ import numpy as np
 import torch
 from _scorer_network import NOWHERE, Network, save
 from fit_decision import FITTED, REPORTED
-from safetensors.numpy import load_file
 from scorer_report import Outcome, put, summary, table, write
 from scorer_requests import Homes, Request, Sample, Variations, read_requests
 
@@ -30,6 +29,8 @@ class Trainer:
     """Trains networks on requests, their variations, and the uses of the cards."""
 
     def __init__(self, minilm: Path, deck: Deck, homes: Homes) -> None:
+        from safetensors.numpy import load_file  # only who trains needs it
+
         raw = load_file(minilm / "model.safetensors")
         self.weights = {k.removeprefix("bert."): v for k, v in raw.items() if v.dtype.kind == "f"}
         self.deck, self.homes = deck, homes
