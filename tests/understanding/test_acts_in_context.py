@@ -6,6 +6,7 @@ import pytest
 
 from cartier.reasoners import embedded
 from cartier.understanding.dialogue_state import DialogueState, in_context
+from cartier.understanding.parser import parser
 from cartier.understanding.tags import Clause
 from route_talk import clauses_of, flat_inventory
 
@@ -41,3 +42,10 @@ def test_only_prohibitions_of_what_is_there_are_rules(
     chosen = reasoner.select(text, flat_inventory())
     assert chosen.status == "answered" and chosen.object is None
     assert [rule.text for rule in chosen.rules] == rules
+
+
+@pytest.mark.parametrize("words", ["take me to Ben's room", "the curtains are burning", "she drank the bleach"])
+def test_parser_leaves_alarms_to_the_screen(words: str) -> None:
+    names = embedded.lexicon(embedded.make().deck, flat_inventory())
+    for clause in parser()(words.replace("'", " ' ").split(), None, names):
+        assert "alarm" not in (clause.act, clause.second[0]) and 0 < clause.certainty <= 1
