@@ -12,7 +12,7 @@ import torch
 from _scorer_network import NOWHERE, Network, save
 from fit_decision import FITTED, REPORTED
 from scorer_report import Outcome, put, summary, table, write
-from scorer_requests import Homes, Request, Sample, Variations, read_requests
+from scorer_requests import Homes, Request, Sample, Variations, read_requests, written_needs
 
 from cartier.reasoners.embedded import Embedded
 from cartier.understanding.cards import SHIPPED, Deck, read_deck
@@ -131,7 +131,8 @@ def train_and_report(reference: Path, minilm: Path | None, kept: Path | None) ->
     homes, requests = Homes(deck, reference), read_requests(deck)
     if minilm:
         trainer = Trainer(minilm, deck, homes)
-        network = trainer.train([r for r in requests if r.style not in (*FITTED, *REPORTED)])
+        learnt = [r for r in requests if r.style not in (*FITTED, *REPORTED)]
+        network = trainer.train([*learnt, *written_needs(deck)])
         save(network, PACKAGE)
         fit_decision.write(_shipped(deck), reference)
     outcomes = put(_shipped(deck), [r for r in requests if r.style in REPORTED], homes)

@@ -18,6 +18,9 @@ from cartier.understanding.cards import Deck
 from cartier.understanding.text import STOP
 
 REQUESTS = Path(__file__).parent / "requests"
+WRITTEN = Path(__file__).parent / "understanding" / "written"
+NOT_LEARNED = ("hana_1", "hana_2", "hana_3", "olga_12", "pavel_12", "tara_2", "kara_1", "arno_1", "bodo_1")
+"""Development lines of the parser (understanding/README.md)."""
 FRAMES = json.loads((Path(__file__).parent / "scorer_frames.json").read_text(encoding="utf-8"))
 REMOVED = 0.06  # of the requests meet a list from which all that serves is gone
 NO_THINGS = {"ContainerFull", "Dirt", "MiscTableObject", "MassObjectSpawner", "TargetCircle", "Floor", "ScreenFrame"}
@@ -62,6 +65,24 @@ def read_requests(deck: Deck) -> list[Request]:
             needs = tuple(tuple(_card(deck, name) for name in group) for group in groups)
             avoid = tuple(_card(deck, name) for name in row["avoid"])
             found.append(Request(row["text"], row["kind"], file.stem, needs, avoid))
+    return found
+
+
+def written_needs(deck: Deck) -> list[Request]:
+    """The needs among the marked lines of ``understanding/written``, whose answers are objects of a generated home."""
+    from cartier.evaluation.marked_lines import read
+    from cartier.evaluation.true_home import perfect_map
+
+    found = []
+    for file in sorted(WRITTEN.glob("*.txt")):
+        for line in read(file) if file.stem not in NOT_LEARNED else ():
+            if line.acts != ("need",) or line.context or any(line.rules):
+                continue
+            labels = {obj.id: display_name(obj.label) for obj in perfect_map(line.home).objects}
+            ids = (int(number) for number in re.findall(r"\d+", line.answers[0]))
+            right = {deck.card_of(labels[number]) for number in ids if number in labels} - {None}
+            if right:
+                found.append(Request(line.text, "implicit", "written", (tuple(sorted(right)),), ()))
     return found
 
 

@@ -29,6 +29,31 @@ DRIVING = re.compile(
     r"\b(?:go(?:es|in|ing)?|drive|driving|enter|come|cross|near|off|out of|past|away|clear|close to)\b"
 )
 """Words of a prohibition that may be read as a route rule."""
+JOINING = (
+    "and",
+    "and",
+    "and",
+    "then",
+    "then",
+    "and then",
+    "and then",
+    "and also",
+    "and after that",
+    "after that",
+    "also",
+    "plus",
+    "oh and",
+    "and afterwards",
+    "next",
+    "afterwards",
+    "but before that",
+    "and now",
+    "and from there",
+    "followed by",
+)
+"""What people put between two requests, the usual ones more often."""
+JOINED_TOKENS = 26  # a request of at most so many words is joined with another
+REPLIES = ("another", "correct", "choose", "confirm", "deny")
 ALARMS = ("child", "fire", "medical", "self_harm", "violence")
 
 
@@ -109,6 +134,32 @@ def _read(rows: list[str], rng: Random) -> list[Sample]:
         found.append(Sample(tokens, tags, acts, turn, "templates"))
         before, said = " ".join(tokens), ""
     return found
+
+
+def joined(learnt: list[Sample], count: int, rng: Random) -> list[Sample]:
+    """Two requests of one home in one breath: few of the written lines have more than one."""
+    alone: dict[str, list[Sample]] = {}
+    for sample in learnt:
+        one = sample.tags is not None and len(sample.acts) == 1 and sample.before is None and sample.tokens
+        if one and len(sample.tokens) <= JOINED_TOKENS and not sample.acts[0] & {*NOTHING_ASKED, *REPLIES}:
+            alone.setdefault(sample.home, []).append(sample)
+    homes = [some for some in alone.values() if len(some) > 1]
+    pairs = (rng.sample(rng.choice(homes), 2) for _ in range(count))
+    return [_joined(one, other, rng) for one, other in pairs]
+
+
+def _joined(one: Sample, other: Sample, rng: Random) -> Sample:
+    assert one.tags is not None and other.tags is not None
+    tokens, tags = one.tokens, one.tags
+    if tokens[-1] in ".!?" and rng.random() < 0.6:
+        tokens, tags = tokens[:-1], tags[:-1]
+    if tokens[-1].isalnum() and rng.random() < 0.35:
+        tokens, tags = (*tokens, rng.choice(",,.")), (*tags, "O")
+    link = tuple(rng.choice(JOINING).split())
+    marks = ("B-/", *["I-/"] * (len(link) - 1))
+    return replace(
+        one, tokens=(*tokens, *link, *other.tokens), tags=(*tags, *marks, *other.tags), acts=one.acts + other.acts
+    )
 
 
 def needs() -> list[Sample]:
