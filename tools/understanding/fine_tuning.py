@@ -112,6 +112,7 @@ def lines(learnt: list[Sample], templates: int, rng: random.Random) -> list[Samp
 
 def train(passes: int, templates: int, most: int | None, held: set[Path], out: Path) -> None:
     """Go on from what ships, and write the weights to a folder; ``most`` lines alone where it is given."""
+    out.mkdir(parents=True, exist_ok=True)
     torch.manual_seed(0)
     rng, device = random.Random(0), "cuda" if torch.cuda.is_available() else "cpu"
     learnt = written(sorted(file for file in WRITTEN.glob("*.txt") if file.resolve() not in held))
