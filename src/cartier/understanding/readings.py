@@ -9,7 +9,7 @@ from cartier.understanding.tags import Clause
 
 LEAST_CERTAIN = 0.5  # fitted to the development part: below it half of the answers are wrong
 LEAST_WANTED = 0.4
-"""The same for a request that may ask for nothing: to ask "is there nothing to do" helps less than the likelier drive."""
+"""The same for a request that may ask for nothing: a question helps less than the likelier drive."""
 UNSURE = "I am not sure what you mean: "
 DRIVES: tuple[Kind, ...] = ("go", "need")
 QUESTIONS: tuple[Kind, ...] = (
