@@ -116,6 +116,29 @@ def test_support_of_a_thing_is_what_is_under_it() -> None:
     assert ids(phrase("stove burner", relations=(SpatialRelation("under", phrase("pot")),))) == [12]
 
 
+def test_what_a_thing_stands_on_is_under_it_rather_than_what_lies_below() -> None:
+    below = obj(22, "stove burner", (8.4, 1.0, 0.02), (0.3, 0.3, 0.04), 0)
+    under = phrase("stove burner", relations=(SpatialRelation("under", phrase("pot")),))
+    assert [o.id for o in Scene(Inventory((*OBJECTS, below))).meant(under)[0]] == [12]
+
+
+def test_tentative_object_may_be_left_of_a_landmark() -> None:
+    bed = obj(6, "bed", (8.0, 3.0, 0.25), (2.0, 1.6, 0.5), 1)
+    lamps = (obj(31, "lamp", (8.0, 4.5, 0.5), (0.3, 0.3, 1.0), 1, probability=0.4),
+             obj(32, "lamp", (8.0, 1.0, 0.5), (0.3, 0.3, 1.0), 1, probability=0.6))  # fmt: skip
+    scene = Scene(Inventory((bed, *lamps)))
+    for side, number in (("left of", 31), ("right of", 32)):
+        found = scene.perhaps(phrase("lamp", relations=(SpatialRelation(side, phrase("bed")),)))
+        assert found is not None and found.id == number
+
+
+def test_list_of_a_room_is_what_stands_in_it() -> None:
+    kitchen = ReferringExpression("kitchen", rooms=(0,))
+    chosen = answer(ParsedUtterance("list", head=kitchen), SCENE, None, "")
+    assert chosen is not None and chosen.fact is not None
+    assert set(chosen.fact.objects) == {o.id for o in OBJECTS if o.room == 0}
+
+
 def test_usual_place_narrows_and_never_excludes() -> None:
     near = SpatialRelation("near", phrase("bed"))
     assert ids(phrase("side table", usually=near)) == [7]
