@@ -52,10 +52,11 @@ def test_found_and_near_are_sent(status: str) -> None:
         (answer("not_found", None), "nothing was sent: no object here serves the request"),
         (answer("clarify", None), "nothing was sent: answer the question first: which one?"),
         (
-            answer("found", None, ("no goal: no pose within 2.0 m of the chair can be reached",)),
+            answer("found", None, ("another note", "no goal: no pose within 2.0 m of the chair can be reached")),
             "nothing was sent: no goal: no pose within 2.0 m of the chair can be reached",
         ),
-        (answer("likely_near", None), "nothing was sent: the chair has no goal"),
+        (answer("likely_near", None, ("another note",)), "nothing was sent: the chair has no goal"),
+        (answer("answered", None, ("another note",)), "nothing was sent: the answer is in words"),
         (answer("not_found", GOAL), "nothing was sent: no object here serves the request"),  # a goal alone is no reason
         (answer("clarify", GOAL), "nothing was sent: answer the question first: which one?"),
     ],

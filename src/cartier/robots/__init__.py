@@ -49,4 +49,7 @@ def _why_not(answer: Answer) -> str:
         return chosen.text
     if chosen.status == "not_found":
         return "no object here serves the request"
-    return next((note for note in answer.notes), f"the {chosen.object} has no goal")
+    if chosen.status == "answered":
+        return "the answer is in words"
+    why = (note for note in answer.notes if note.startswith("no goal") or " has no place for " in note)
+    return next(why, f"the {chosen.object} has no goal")
