@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cartier.navigation.layers import KEEP_AWAY_M, SOFT_AVOID, RouteMap, area_of, ruled_area
-from cartier.navigation.planning import plan
+from cartier.navigation.layers import KEEP_AWAY_M, SOFT_AVOID, RouteMap, area_of, ruled_area, total
+from cartier.navigation.planning import line_of_sight, plan
 from cartier.navigation.routes import RoutePlan, plan_route
 from cartier.route_rules import RouteRule, RouteTarget
 from cartier.types import Goal, Place, RobotModel
@@ -182,6 +182,32 @@ def test_a_robot_leaves_what_it_stands_on() -> None:
     goal = got(drive(site, "avoid zone:0,1;1,1;1,2;0,2 hard drive"))
     inside = (goal.path[:, 0] < 1.0) & (goal.path[:, 1] > 1.0) & (goal.path[:, 1] < 2.0)
     assert inside[0] and not inside[int(np.argmin(inside)) :].any()
+
+
+def test_a_robot_leaves_by_the_shortest_way() -> None:
+    """Though the way to the goal would be a little shorter inside of what it must leave."""
+    site = flat()
+    rule = "avoid zone:0.2,1.3;3.6,1.3;3.6,1.7;0.2,1.7 hard drive"
+    area = area_of(RouteRule.parse(rule).target, site)  # type: ignore[arg-type]
+    assert crossed(got(drive(site, rule)), area, site) * site.grid.resolution_m < 0.5
+
+
+def test_a_goal_that_is_said_to_see_the_place_sees_it() -> None:
+    site, seen = flat(), set()
+    for x in np.arange(0.3, 9.0, 0.4):
+        for y in (0.3, 1.5, 2.7):
+            place = at(float(x), y)
+            goal = drive(site, to=place).goal
+            if goal is not None:
+                sees = line_of_sight(site.grid, np.array([goal.x, goal.y]), place, ROBOT.camera_height_m)
+                assert goal.line_of_sight == sees
+                seen.add(sees)
+    assert True in seen
+
+
+def test_layers_of_a_cell_are_summed() -> None:
+    site = flat()
+    assert (total([lambda _: np.array(2.0), lambda _: np.array(3.0)], site) == 6).all()
 
 
 def test_no_goal_lies_where_the_robot_must_not_stay() -> None:

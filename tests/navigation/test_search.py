@@ -76,6 +76,15 @@ def test_a_long_detour_is_still_found() -> None:
     assert found is not None and math.isclose(found.cost, brute_force(cost, (119, 0), [goal]))
 
 
+def test_a_long_detour_is_cheaper_than_a_dear_way_that_is_found_first() -> None:
+    cost = np.ones((120, 42))
+    cost[1:, 20] = 150.0
+    goal = np.zeros(cost.shape, bool)
+    goal[60, 41] = True
+    found = cheapest(cost, (60, 0), [goal])
+    assert found is not None and found.cost < 140 and math.isclose(found.cost, brute_force(cost, (60, 0), [goal]))
+
+
 def test_dear_cells_are_no_walls() -> None:
     cost = np.array([[1.0, 500.0, 500.0, 1.0]])
     goal = np.array([[False, False, False, True]])

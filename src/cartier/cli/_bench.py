@@ -123,6 +123,10 @@ def bench(
         )
         _save(writer, write_prompts)
         return
+    if suite == "routes" and writer is not None:
+        _route_prompts(queries, writer)
+        _save(writer, write_prompts)
+        return
     if suite == "routes":
         chosen = specs.reasoner(who, model=model, base_url=base_url, prompt=own_prompt, path=replies)
         _routes(output, _names(homes), queries, chosen, seed, as_json)
@@ -247,6 +251,15 @@ def _routes(
     with _stages() as step:
         route_run.run(output, homes, [Path(queries)] if queries else (), reasoner, seed, progress=step)
     print((output / ("results.json" if as_json else "report.md")).read_text("utf-8"))
+
+
+def _route_prompts(queries: str | None, writer: PromptWriter) -> None:
+    """Write what a language model would be asked about the way; no drive depends on it."""
+    from cartier.evaluation import route_sentences
+
+    lines = route_sentences.sentence_lines([Path(queries)] if queries else ())
+    with _stages() as step:
+        list(route_sentences.judged(lines, writer, step))
 
 
 def _save(writer: PromptWriter | None, file: Path | None) -> None:
