@@ -9,6 +9,7 @@ from dataclasses import replace
 from typing import Any, get_args
 
 from cartier.errors import InputError
+from cartier.labels import plain
 from cartier.route_rules import RouteRule, RouteTarget, RuleKind, Strength, echo
 from cartier.types import Inventory, Selection
 
@@ -45,8 +46,17 @@ rules that the words take back ("you may cross the bedroom again"), of those tha
 
 
 def asks(words: str) -> bool:
-    """Whether words may say how to drive."""
-    return WAYS.search(words) is not None
+    """Whether words may say how to drive: by their words, else as the embedded parser reads them."""
+    if WAYS.search(words):
+        return True
+    from cartier.understanding.cards import SHIPPED, read_deck  # not before a language model is asked
+    from cartier.understanding.entity_vocabulary import lexicon
+    from cartier.understanding.parser import parser
+    from cartier.understanding.route_rules import says_how
+    from cartier.understanding.utterance import TOKEN
+
+    names = lexicon(read_deck(SHIPPED), Inventory.of(()))
+    return any(says_how(clause) for clause in parser()(TOKEN.findall(plain(words)), None, names))
 
 
 def prompt_part(inventory: Inventory) -> str:
