@@ -57,11 +57,9 @@ def cheapest(
     bound = min(FIRST_DETOUR * least + SLACK, everywhere)
     while True:
         found = _within(cost, begin, passes, chain, bound)
-        if found is not None and found.cost <= bound * (1 + ROUNDING):
+        if found is not None or bound >= everywhere:
             return found
-        if bound >= everywhere:
-            return found if math.isinf(most) else None
-        grown = DETOUR_GROWS * bound if found is None else found.cost
+        grown = DETOUR_GROWS * bound
         bound = grown if grown < everywhere / 8 else everywhere
 
 
