@@ -1,6 +1,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -97,3 +99,14 @@ def test_the_suite_writes_a_report(tmp_path: Path) -> None:
 def test_homes_have_rugs_and_narrow_doors() -> None:
     names = home_names()
     assert len(names) >= 13 and all(name.endswith("+rugs+narrow") for name in names)
+
+
+def test_prompts_of_the_sentences_are_written_and_nobody_is_asked(tmp_path: Path) -> None:
+    (tmp_path / "lines.txt").write_text(LINES)
+    file = tmp_path / "prompts.jsonl"
+    options = ["bench", "-o", "run", "--suite", "routes", "--queries", "lines.txt", "--write-prompts", "prompts.jsonl"]
+    run = subprocess.run([sys.executable, "-m", "cartier", *options], cwd=tmp_path, capture_output=True, text=True)
+    assert run.returncode == 0 and "nothing was sent" in run.stdout, run.stderr
+    written = [json.loads(line)["body"]["messages"][-1]["content"] for line in file.read_text().splitlines()]
+    assert len(written) == 4 and any("keep off the rug" in words for words in written)
+    assert not (tmp_path / "run").exists()

@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from cartier.llm import route_rules
 from cartier.llm.prompts import prompt_named
 from cartier.llm.reply_parser import read_reply
 from cartier.route_rules import RouteRule
@@ -82,6 +83,17 @@ def test_the_prompt_asks_for_rules_only_where_the_words_do() -> None:
     assert ways.schema is not None and set(ways.schema["required"]) >= {"object", "rules", "lifts"}
     assert ways.text.startswith(plain.text.partition("\nuser:")[0]) and '"keep-away"' in ways.text
     assert "rules" not in str(prompt_named("paper").request("not over the carpet", HOME).schema)
+
+
+@pytest.mark.parametrize(
+    ("words", "way"),
+    [
+        ("the bedroom is off limits today", True), ("to the sofa, and mind the vase", True),
+        ("bring me the cup", False), ("what colour is the vase?", False),
+    ],
+)  # fmt: skip
+def test_the_parser_hears_the_way_where_no_word_of_the_table_stands(words: str, way: bool) -> None:
+    assert not route_rules.WAYS.search(words) and route_rules.asks(words) == way
 
 
 def test_rules_that_hold_are_listed_for_lifts() -> None:
