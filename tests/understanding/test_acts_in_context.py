@@ -26,6 +26,14 @@ def test_what_begins_as_no_question_may_drive(words: str, second: tuple[str, flo
 
 
 @pytest.mark.parametrize(
+    ("words", "act"), [("robot , where are you now ?", "where"), ("where am i", "where"), ("where can you go", "able")]
+)
+def test_where_are_you_is_a_question(words: str, act: str) -> None:
+    clause = Clause("able", 0.7, (), tuple(words.split()), ("back", 0.2))
+    assert in_context(clause, DialogueState()).act == act
+
+
+@pytest.mark.parametrize(
     ("act", "words", "rules"),
     [
         ("prohibit", "stay off the [rug:va]", ["avoid floor:rug hard standing"]),

@@ -20,6 +20,8 @@ LONGEST_NAME = 5
 SERVED = re.compile(r"#(\d+)")
 LEAST_DRIVING = 0.2  # probability of a drive from which words that do not begin as a question are one
 ASKING = frozenset(words("what which who whose where when how why is are was do does did has have can could tell"))
+WHERE_NOW = re.compile(r"\bwhere (?:are|am) (?:you|we|i)\b")
+"""A question that few authors wrote, and the parser takes for what the robot can do or for a way back."""
 LEAST_ASKING = 0.35  # probability of a request from which words that seem to ask for nothing are one
 
 
@@ -70,6 +72,8 @@ def in_context(clause: Clause, state: DialogueState) -> Clause:
     if clause.act == "deny" and not state.questioned and state.last is not None:
         return clause._replace(act="another")
     nouns = [span.words[-1] for span in clause.spans if span.role in NOUNS]
+    if clause.act in ("able", "back", "other") and not nouns and WHERE_NOW.search(" ".join(clause.tokens)):
+        return clause._replace(act="where")
     alone = len(nouns) == 1 and nouns[0] in STANDS_FOR
     if clause.act == "compare" and alone and second in RETURNS and state.last is not None:
         return clause._replace(act="another")  # "and the smaller one?"
