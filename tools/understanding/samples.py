@@ -31,7 +31,8 @@ DRIVING = re.compile(
 """Words of a prohibition that may be read as a route rule."""
 JOINING = (
     "and", "and", "and", "then", "then", "and then", "and then", "and also", "and after that", "after that", "also",
-    "plus", "oh and", "and afterwards", "next", "afterwards", "but before that", "and now", "and from there", "followed by",
+    "plus", "oh and", "and afterwards", "next", "afterwards", "but before that", "and now", "and from there",
+    "followed by",
 )  # fmt: skip
 """What people put between two requests, the usual ones more often."""
 JOINED_TOKENS = 26  # a request of at most so many words is joined with another
