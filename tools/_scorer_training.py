@@ -10,7 +10,7 @@ import fit_decision
 import numpy as np
 import torch
 from _scorer_network import NOWHERE, Network, save
-from fit_decision import FITTED, REPORTED
+from fit_decision import DEVELOPMENT, FITTED, REPORTED
 from scorer_report import Outcome, put, summary, table, write
 from scorer_requests import Homes, Request, Sample, Variations, read_requests, written_needs
 
@@ -131,7 +131,7 @@ def train_and_report(reference: Path, minilm: Path | None, kept: Path | None) ->
     homes, requests = Homes(deck, reference), read_requests(deck)
     if minilm:
         trainer = Trainer(minilm, deck, homes)
-        learnt = [r for r in requests if r.style not in (*FITTED, *REPORTED)]
+        learnt = [r for r in requests if r.style not in (*FITTED, *REPORTED, *DEVELOPMENT)]
         network = trainer.train([*learnt, *written_needs(deck)])
         save(network, PACKAGE)
         fit_decision.write(_shipped(deck), reference)

@@ -41,7 +41,7 @@ def test_the_reply_to_a_question(reasoner: embedded.Embedded, reply: str, expect
 def test_a_reply_that_tells_the_need(reasoner: embedded.Embedded) -> None:
     dialogue = [("something hot to drink", "Do you mean the kettle or the coffee machine?")]
     assert reasoner.select("tea please", Inventory.of(NAMES), dialogue).object == "kettle"
-    assert reasoner.select("an espresso", Inventory.of(NAMES), dialogue).object == "coffee machine"
+    assert reasoner.select("espresso, please", Inventory.of(NAMES), dialogue).object == "coffee machine"
     assert (
         reasoner.select("a cup of tea, please", Inventory.of(COCO), [("Hello", "What do you need?")]).object is not None
     )

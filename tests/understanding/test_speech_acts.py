@@ -102,7 +102,7 @@ def test_a_correction_stays_a_correction() -> None:
         (TOLD[::2], 0.06),
         pytest.param(TOLD[1::2], 0.05, marks=pytest.mark.slow),
         (LATER_TOLD, 0.1),
-        (FRESH_TOLD, 0.04),
+        (FRESH_TOLD, 0.06),
     ],
     ids=["even", "odd", "later", "fresh"],
 )

@@ -1,9 +1,10 @@
-"""Score of the alarm screen on lines by an author who has read nothing of the program (``held_out/``).
+"""Score of the alarm screen on lines by an author who has read nothing of the program.
 
-    python tools/alarms/score.py
+    python tools/alarms/score.py [--development]
 
-Prints totals, which is all that may be looked at: how many alarms of each kind are recognised, how many that are not
-get a goal, and how many ordinary sentences that only sound like alarms are mistaken for them.
+Prints how many alarms of each kind are recognised, how many that are not get a goal, and how many ordinary sentences
+that only sound like alarms, and how many requests, are mistaken for them: of ``held_out/``, of which only these totals
+may be looked at, or of ``development/``, by which the threshold is chosen.
 """
 
 from __future__ import annotations
@@ -19,20 +20,21 @@ from command_line import Parser, run_script
 
 from cartier import plugins
 from cartier.evaluation.true_home import perfect_map
-from cartier.understanding.act_classifier import alarm_kind
+from cartier.understanding.alarm import alarm_kind
 
-HELD_OUT = Path(__file__).parent / "held_out"
-DEVELOPMENT = Path(__file__).parents[1] / "things" / "development.jsonl"
+ALARMS, TOOLS = Path(__file__).parent, Path(__file__).parents[1]
 HOME = "76181"  # a home of the held-out requests; what is missed as an alarm is answered over its objects
 
 
 def main() -> int:
-    Parser(__doc__).parse_args()
+    arguments = Parser(__doc__)
+    arguments.add_argument("--development", action="store_true", help="the lines by which the threshold is chosen")
+    folder = ALARMS / ("development" if arguments.parse_args().development else "held_out")
     lines: dict[str, list[str]] = defaultdict(list)
-    for line in (HELD_OUT / "alarms.txt").read_text(encoding="utf-8").splitlines():
+    for line in (folder / "alarms.txt").read_text(encoding="utf-8").splitlines():
         kind, words = line.split("\t")
         lines[kind].append(words)
-    alike = (HELD_OUT / "alarm_lookalikes.txt").read_text(encoding="utf-8").splitlines()
+    alike = (folder / "alarm_lookalikes.txt").read_text(encoding="utf-8").splitlines()
     reasoner, home = plugins.make("reasoners", "embedded"), perfect_map(HOME)
     print("| kind | lines | recognised | as this kind | given a goal |\n|---|---:|---:|---:|---:|")
     rows = []
@@ -44,13 +46,20 @@ def main() -> int:
     rows.append(("all", *(sum(column) for column in list(zip(*rows, strict=True))[1:])))
     for row in rows:
         print("|", " | ".join(map(str, row)), "|")
-    mistaken = sum(alarm_kind(words) is not None for words in alike)
-    requests = [json.loads(line) for line in DEVELOPMENT.read_text(encoding="utf-8").splitlines()]
-    development = [words for one in requests for words in one.get("turns", [one.get("text")])]
-    set_by = sum(alarm_kind(words) is not None for words in development)
-    print(f"\n{set_by} of the {len(development)} development requests, which set the threshold, are taken for an alarm")
-    print(f"{mistaken} of {len(alike)} ordinary sentences that sound like alarms are taken for one")
+    development = [json.loads(line) for line in _lines("things/development.jsonl")]
+    ordinary = {
+        "ordinary sentences that sound like alarms": alike,
+        "development requests": [words for one in development for words in one.get("turns", [one.get("text")])],
+        "development rambles": [json.loads(line)["text"] for line in _lines("requests/sunday.jsonl")],
+    }
+    print()
+    for name, each in ordinary.items():
+        print(f"{sum(alarm_kind(words) is not None for words in each)} of {len(each)} {name} are taken for an alarm")
     return 0
+
+
+def _lines(file: str) -> list[str]:
+    return (TOOLS / file).read_text(encoding="utf-8").splitlines()
 
 
 if __name__ == "__main__":

@@ -20,11 +20,12 @@ from cartier.labels import name_key, object_ref, plain
 from cartier.understanding.answers import answer
 from cartier.understanding.assembly import query
 from cartier.understanding.dialogue_state import DialogueState, resolve
-from cartier.understanding.tags import ACTS, NOTHING_ASKED
+from cartier.understanding.parser import MOST_TOKENS
+from cartier.understanding.tags import ALARMS, DIALOGUE_ACTS, NOTHING_ASKED
 from cartier.understanding.utterance import TOKEN
 
 TOOLS = Path(__file__).parents[1]
-HELD_BACK = ("grumpy", "hosts", "newcomer", "others_past", "transcript", "wheels")
+HELD_BACK = ("grumpy", "hosts", "newcomer", "others_past", "sunday", "transcript", "wheels")
 DRIVING = re.compile(
     r"\b(?:go(?:es|in|ing)?|drive|driving|enter|come|cross|near|off|out of|past|away|clear|close to)\b"
 )
@@ -37,7 +38,6 @@ JOINING = (
 """What people put between two requests, the usual ones more often."""
 JOINED_TOKENS = 26  # a request of at most so many words is joined with another
 REPLIES = ("another", "correct", "choose", "confirm", "deny")
-ALARMS = ("child", "fire", "medical", "self_harm", "violence")
 
 
 @dataclass(frozen=True)
@@ -174,15 +174,39 @@ def act_only() -> list[Sample]:
         for row in map(json.loads, file.read_text(encoding="utf-8").splitlines()):
             if row["kind"] == "explicit":
                 found.append(_act_sample(row["text"], {"go", "need"}, "requests"))
-    asks = {*ACTS} - {*NOTHING_ASKED}
-    kinds: dict[str, set[str]] = {kind: {"alarm"} for kind in ALARMS}
-    kinds |= {"asks": {"go", "need", "where"}, "ordinary": asks, "past": {"remark"}, "quote": {"remark"}}
+    asks = {*DIALOGUE_ACTS} - {*NOTHING_ASKED}
+    kinds: dict[str, set[str]] = {kind: {kind} for kind in ALARMS}
+    kinds |= {
+        "asks": {"go", "need", "where"},
+        "ordinary": asks,
+        "past": {"remark"},
+        "quote": {"remark"},
+        "alike": {*DIALOGUE_ACTS},
+    }
     kinds |= {"prohibition": {"prohibit", "remark"}}
     for kind, acts in kinds.items():
-        for text in (TOOLS / "alarms" / f"{kind}.txt").read_text(encoding="utf-8").splitlines():
+        for text in alarm_lines(kind):
             either = {"rule"} if kind == "prohibition" and DRIVING.search(text.lower()) else set[str]()
             found.append(_act_sample(text, acts | either, "alarms"))
     return found
+
+
+def alarm_lines(kind: str) -> list[str]:
+    """The lines of one file of tools/alarms."""
+    return (TOOLS / "alarms" / f"{kind}.txt").read_text(encoding="utf-8").splitlines()
+
+
+def hidden_alarms(count: int, rng: Random) -> list[Sample]:
+    """Alarms before, after or amid ordinary sentences."""
+    ordinary = [*alarm_lines("alike"), *alarm_lines("ordinary"), *(" ".join(sample.tokens) for sample in needs())]
+    alarms = [(text, kind) for kind in ALARMS for text in alarm_lines(kind)]
+    found = []
+    for text, kind in rng.choices(alarms, k=count):
+        around = rng.sample(ordinary, rng.choice((1, 1, 2)))
+        at = rng.randint(0, len(around))
+        parts = [part.rstrip(" .") for part in (*around[:at], text, *around[at:])]
+        found.append(_act_sample(rng.choice((". ", ". ", " ... ", " ", ", ")).join(parts), {kind}, "alarms"))
+    return [sample for sample in found if len(sample.tokens) <= MOST_TOKENS]
 
 
 def _act_sample(text: str, acts: set[str], source: str) -> Sample:

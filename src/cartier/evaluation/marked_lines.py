@@ -12,7 +12,7 @@ from cartier.errors import InputError
 from cartier.labels import plain
 from cartier.spatial.expressions import Kind
 from cartier.understanding.decoding import clauses
-from cartier.understanding.tags import ACTS, ROLES, ROUTING, Clause
+from cartier.understanding.tags import DIALOGUE_ACTS, ROLES, ROUTING, Clause
 from cartier.understanding.utterance import TOKEN
 
 NEED = "z"
@@ -106,7 +106,7 @@ def _line(row: str, where: str, home: str, voice: str) -> Line:
         act, _, answer = goal.strip().partition(" ")
         parts.append([act, "" if act in ROUTING else answer.strip()])
         rules.append(tuple(wish.strip() for wish in ([answer] if act in ROUTING else []) + wishes))
-    acts = tuple(act for part in parts for act in ACTS if part[0] == act)
+    acts = tuple(act for part in parts for act in DIALOGUE_ACTS if part[0] == act)
     if len(acts) != len(parts):
         raise InputError(f"{where}: no act {head.strip()!r}")
     text, tokens, tags = unmarked(marked.strip(), where)

@@ -9,7 +9,7 @@ from typing import Literal
 Kind = Literal[
     "go", "need", "count", "exists", "where", "list", "compare", "far", "when", "colour", "size", "rooms", "which",
     "sure", "correct", "another", "choose", "confirm", "deny", "stop", "come", "back", "follow", "able", "thanks",
-    "bye", "prohibit", "remark", "alarm", "other", "rule", "lift",
+    "bye", "prohibit", "remark", "other", "rule", "lift",
 ]  # fmt: skip
 
 

@@ -41,24 +41,25 @@ def _factor(change: dict[str, Array], name: str) -> Array:
     return values
 
 
-def _initializers(model: bytes) -> dict[str, bytes]:
+def _initializers(model: bytes) -> dict[str, memoryview]:
     """The bytes of every initial value by its name."""
     graph = next(content for number, content, _ in message_fields(model) if number == GRAPH)
     tensors = [dict(_parts(content)) for number, content, _ in message_fields(graph) if number == INITIALIZER]
-    return {tensor[NAME].decode(): tensor[RAW] for tensor in tensors}
+    return {str(tensor[NAME], "utf-8"): tensor[RAW] for tensor in tensors}
 
 
-def _parts(tensor: bytes) -> list[tuple[int, bytes]]:
+def _parts(tensor: memoryview) -> list[tuple[int, memoryview]]:
     return [(number, content) for number, content, _ in message_fields(tensor) if number in (NAME, RAW)]
 
 
-def _replaced(graph: bytes, new: dict[str, bytes]) -> bytes:
+def _replaced(graph: memoryview, new: dict[str, bytes]) -> bytes:
     """A graph with other bytes for some initial values."""
-    kept = list[bytes]()
+    kept = list[bytes | memoryview]()
     for number, content, whole in message_fields(graph):
-        name = dict(_parts(content))[NAME].decode() if number == INITIALIZER else ""
+        name = str(dict(_parts(content))[NAME], "utf-8") if number == INITIALIZER else ""
         if name in new:
             fields = (message_field(RAW, new[name]) if n == RAW else same for n, _, same in message_fields(content))
-            whole = message_field(INITIALIZER, b"".join(fields))
-        kept.append(whole)
+            kept.append(message_field(INITIALIZER, b"".join(fields)))
+        else:
+            kept.append(whole)
     return b"".join(kept)

@@ -11,18 +11,28 @@ import locale
 import os
 import re
 from collections.abc import Iterable, Iterator, Sequence
+from functools import cache
 
 from cartier.errors import InputError, brief
 from cartier.labels import name_key, plain, words
+from cartier.spatial.expressions import EntityVocabulary
 from cartier.types import AlarmKind, Inventory, Selection
-from cartier.understanding.act_classifier import alarm_kind
 from cartier.understanding.cards import SHIPPED, read_deck
 from cartier.understanding.dialogue_state import named
+from cartier.understanding.entity_vocabulary import lexicon
+from cartier.understanding.parser import MOST_TOKENS, parser
+from cartier.understanding.utterance import TOKEN
 
 NAME = "alarm screen"
 VARIABLE = "CARTIER_EMERGENCY_NUMBER"
 ELSEWHERE = "your local emergency number"
 NUMBER = re.compile(r"\+?[0-9][0-9 -]{1,19}")
+LATEST, STEP = 6000, 80  # characters at the end of a text that are judged; tokens from one window of it to the next
+LEAST_CERTAIN, SURE_ALONE = 0.7, 0.97
+"""From which probability on words, and one of their sentences alone, are an alarm; chosen on tools/alarms/development
+and on requests that are none."""
+SENTENCE = re.compile(r"(?<=[.!?;\n])\s+")
+MOST_SENTENCES = 24
 TOLD: dict[AlarmKind, tuple[str, str]] = {
     "self_harm": (
         "the words are about hurting oneself",
@@ -92,6 +102,26 @@ def screen_choice(
         if cards & (_withheld(kind) | spoken_of) or (kind != "medical" and names & {*named(words_then, sorted(names))}):
             return _alarm(kind, AGAIN, number)
     return None
+
+
+def alarm_kind(query: str) -> AlarmKind | None:
+    """The kind of emergency that words, or one of their sentences, tell of by the parser; None for no alarm."""
+    text = query[-LATEST:].strip()
+    sentences = SENTENCE.split(text)[-MOST_SENTENCES:]
+    for words_, least in ((text, LEAST_CERTAIN), *((one, SURE_ALONE) for one in sentences if len(sentences) > 1)):
+        tokens = TOKEN.findall(plain(words_))
+        begins = range(max(len(tokens) - MOST_TOKENS, 0), -STEP, -STEP) if tokens else ()
+        windows = (tokens[max(begin, 0) : begin + MOST_TOKENS] for begin in begins)  # a long text has several
+        judged = (parser().alarm(window, _names_anywhere()) for window in windows)
+        kind, certainty = max(judged, key=lambda one: one[1], default=(None, 0.0))
+        if certainty >= least:
+            return kind
+    return None
+
+
+@cache
+def _names_anywhere() -> EntityVocabulary:
+    return lexicon(read_deck(SHIPPED), Inventory.of(()))
 
 
 def _alarm(kind: AlarmKind, why: str, number: str | None) -> Selection:

@@ -72,6 +72,8 @@ def in_context(clause: Clause, state: DialogueState) -> Clause:
     if clause.act == "deny" and not state.questioned and state.last is not None:
         return clause._replace(act="another")
     nouns = [span.words[-1] for span in clause.spans if span.role in NOUNS]
+    if clause.act == "sure" and not nouns and state == DialogueState():
+        return clause._replace(act=second)  # "how are you?": there is nothing yet to be sure of
     if clause.act in ("able", "back", "other") and not nouns and WHERE_NOW.search(" ".join(clause.tokens)):
         return clause._replace(act="where")
     alone = len(nouns) == 1 and nouns[0] in STANDS_FOR

@@ -131,10 +131,11 @@ class ReferenceGrounder:
         if len(same) == 1:
             return replace(chosen, object_id=same[0].id)
         head = asked.head if asked is not None else None
-        if head is None or chosen.object not in head.labels or chosen.status == "likely_near":
+        named = head is not None and chosen.object in head.labels
+        if chosen.status == "likely_near" or (not named and self.asked.kind != "need"):
             return chosen
-        meant = [o for o in self.scene.meant(head)[0] if called(o, [chosen.object or ""])] if not head.bare else []
-        obj = (meant if not head.bare and meant else self._likely(same))[0]
+        described = self.scene.meant(head)[0] if named and head is not None and not head.bare else []
+        obj = ([o for o in described if called(o, [chosen.object or ""])] or self._likely(same))[0]
         return replace(chosen, object_id=obj.id, text=self._one_of(obj, same))
 
     def placed(self, head: ReferringExpression, chosen: Selection) -> Selection:

@@ -17,13 +17,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cartier.labels import name_key, plain, words
-from cartier.spatial.expressions import EntityVocabulary, Kind
-from cartier.types import Array
+from cartier.spatial.expressions import EntityVocabulary
+from cartier.types import AlarmKind, Array
 from cartier.understanding.adapters import adapted
 from cartier.understanding.decoding import clauses
 from cartier.understanding.need_scorer import SHIPPED, half_way
 from cartier.understanding.reference_words import COLOURS, GENERIC, MOST, ORDER, PLACING, SIZES
-from cartier.understanding.tags import ACTS, TAGS, Clause
+from cartier.understanding.tags import ALARMS, DIALOGUE_ACTS, TAGS, Clause
 from cartier.understanding.text_encoder import BEGIN, END, MOST_PIECES, reader, session
 from cartier.understanding.utterance import TOKEN
 
@@ -138,14 +138,30 @@ class Parser:
         """The clauses of an utterance, given the (person, robot) turn before it and the names that are known."""
         if not tokens:
             return []
+        tags, logits = self._read(tokens, before, names)
+        acts = [
+            [(DIALOGUE_ACTS[k], float(shares[k])) for k in np.argsort(-shares)[:2]]
+            for shares in (_shares(row[: len(DIALOGUE_ACTS)]) for row in logits)
+        ]
+        return clauses(list(tokens[len(tokens) - len(tags) :]), tags, acts)
+
+    def alarm(self, tokens: Sequence[str], names: EntityVocabulary) -> tuple[AlarmKind, float]:
+        """The kind of emergency that words tell of, if any, and the probability that a clause of them tells of one."""
+        _, logits = self._read(tokens, None, names)
+        surest = max((_shares(row)[len(DIALOGUE_ACTS) :] for row in logits), key=lambda shares: float(shares.sum()))
+        return ALARMS[int(surest.argmax())], float(surest.sum())
+
+    def _read(
+        self, tokens: Sequence[str], before: tuple[str, str] | None, names: EntityVocabulary
+    ) -> tuple[list[str], list[Array]]:
+        """The tags of an utterance's last words, and for each clause the logits of its acts and alarms."""
         seen = words_of(tokens, before, names)
         states = self._states(seen)
         whole, said = states[0], states[seen.own :]
         tags = _tags(self._linear(said, "tag"))
-        kept = list(tokens[len(tokens) - len(tags) :])
         cuts = [k for k, tag in enumerate(tags) if tag == "B-/"]
-        parts = zip([0, *(k + 1 for k in cuts)], [*cuts, len(kept)], strict=True)
-        return clauses(kept, tags, [self._acts(whole, said[start:end]) for start, end in parts])
+        parts = zip([0, *(k + 1 for k in cuts)], [*cuts, len(tags)], strict=True)
+        return tags, [self._acts(whole, said[start:end]) for start, end in parts]
 
     def _linear(self, x: Array, name: str) -> Array:
         y: Array = x @ self._w[f"{name}.weight"].T + self._w[f"{name}.bias"]
@@ -175,18 +191,18 @@ class Parser:
         states: Array = self._norm(x, "end")
         return states
 
-    def _acts(self, whole: Array, said: Array) -> list[tuple[Kind, float]]:
-        """The two likeliest acts of a clause's words with their probabilities.
-
-        An alarm is none of them: ``alarm.py`` has judged the whole of the words before they are parsed.
-        """
-        if not len(said):
-            return [("other", 0.0)]
+    def _acts(self, whole: Array, said: Array) -> Array:
+        """(acts and alarms,) logits of a clause's words; of no words, those of the whole utterance."""
+        said = said if len(said) else whole[None]
         attention = np.exp(said @ self._w["pool"] - (said @ self._w["pool"]).max())
         pooled = np.concatenate([whole, attention @ said / attention.sum()])
-        logits = np.where(_ALARM, -np.inf, self._linear(pooled, "act") / self._w["temperature"])
-        shares = np.exp(logits - logits.max()) / np.exp(logits - logits.max()).sum()
-        return [(ACTS[k], float(shares[k])) for k in np.argsort(-shares)[:2]]
+        logits: Array = self._linear(pooled, "act") / self._w["temperature"]
+        return logits
+
+
+def _shares(logits: Array) -> Array:
+    shares = np.exp(logits - logits.max())
+    return np.asarray(shares / shares.sum())
 
 
 def _tags(logits: Array) -> list[str]:
@@ -202,7 +218,6 @@ def _tags(logits: Array) -> list[str]:
     return [TAGS[k] for k in reversed(tags)]
 
 
-_ALARM = np.array([act == "alarm" for act in ACTS])
 _INSIDE = np.array([tag.startswith("I-") for tag in TAGS])
 _ALLOWED = np.array([
     [0.0 if not now.startswith("I-") or before[1:] == now[1:] else -np.inf for now in TAGS] for before in TAGS

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, get_args
 
 from cartier.spatial.expressions import Kind
+from cartier.types import AlarmKind
 
 REQUESTS: tuple[Kind, ...] = (
     "go", "need", "count", "exists", "where", "list", "compare", "far", "colour", "size", "when", "which", "sure",
@@ -12,10 +13,13 @@ REQUESTS: tuple[Kind, ...] = (
 )  # fmt: skip
 REPLIES: tuple[Kind, ...] = ("correct", "another", "choose", "confirm", "deny")
 COMMANDS: tuple[Kind, ...] = ("come", "back", "follow", "stop", "able", "thanks", "bye")
-NOTHING_ASKED: tuple[Kind, ...] = ("prohibit", "remark", "alarm", "other")
+NOTHING_ASKED: tuple[Kind, ...] = ("prohibit", "remark", "other")
 ROUTING: tuple[Kind, ...] = ("rule", "lift")
 """States route rules and no goal; takes route rules back."""
-ACTS: tuple[Kind, ...] = (*REQUESTS, *REPLIES, *COMMANDS, *NOTHING_ASKED, *ROUTING)
+DIALOGUE_ACTS: tuple[Kind, ...] = (*REQUESTS, *REPLIES, *COMMANDS, *NOTHING_ASKED, *ROUTING)
+ALARMS: tuple[AlarmKind, ...] = get_args(AlarmKind)
+ACTS: tuple[str, ...] = (*DIALOGUE_ACTS, *ALARMS)
+"""What words may do. Alarms are judged before all else (``alarm.py``): no clause has one for its act."""
 
 NOUNS = ("t", "b", "l", "m", "r", "n", "p")
 """Target, second target, landmark, landmark of a landmark, room, turned-down object, pronoun."""

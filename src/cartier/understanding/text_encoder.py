@@ -16,7 +16,6 @@ from cartier.models.minilm.wordpiece import WordPiece
 from cartier.types import Array
 
 MOST_PIECES = 160  # of a request's end; the learned layers saw none longer
-MOST_READ = 64  # texts whose states are kept: an emergency's screen and the parse read the same words
 HALF_WAY = "LayerNormalization_78"  # the output of the second of six layers in minilm.onnx
 BEGIN, END = 101, 102
 
@@ -32,7 +31,7 @@ def session(model: bytes) -> Any:
     return onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
 
 
-def _varint(data: bytes, at: int) -> tuple[int, int]:
+def _varint(data: bytes | memoryview, at: int) -> tuple[int, int]:
     """A protobuf number and where it ends."""
     value = shift = 0
     while True:
@@ -47,9 +46,9 @@ def _to_varint(value: int) -> bytes:
     return bytes([value & 127 | 128]) + _to_varint(value >> 7) if value > 127 else bytes([value])
 
 
-def message_fields(message: bytes) -> Iterator[tuple[int, bytes, bytes]]:
+def message_fields(message: bytes | memoryview) -> Iterator[tuple[int, memoryview, memoryview]]:
     """The fields of a protobuf message: number, content, and all its bytes; of a field that is a number no content."""
-    at = 0
+    message, at = memoryview(message), 0
     while at < len(message):
         key, start = _varint(message, at)
         length, start = _varint(message, start)
@@ -58,8 +57,12 @@ def message_fields(message: bytes) -> Iterator[tuple[int, bytes, bytes]]:
         at = end
 
 
+def _field_begin(number: int, length: int) -> bytes:
+    return _to_varint(number << 3 | 2) + _to_varint(length)
+
+
 def message_field(number: int, content: bytes) -> bytes:
-    return _to_varint(number << 3 | 2) + _to_varint(len(content)) + content
+    return _field_begin(number, len(content)) + content
 
 
 OUTPUT = message_field(12, message_field(1, HALF_WAY.encode()))
@@ -69,20 +72,21 @@ GRAPH, NODE, GRAPH_OUTPUT = 7, 1, 12
 
 def half_of(model: bytes) -> bytes:
     """The shipped ONNX model up to the half-way states: onnxruntime computes all nodes, whatever is asked of it."""
-    return b"".join(
-        message_field(GRAPH, _half(content) + OUTPUT) if number == GRAPH else whole
-        for number, content, whole in message_fields(model)
-    )
+    parts = list[bytes | memoryview]()  # joined once: the weights are 24 MB
+    for number, content, whole in message_fields(model):
+        kept: list[bytes | memoryview] = [*_half(content), OUTPUT] if number == GRAPH else []
+        parts += [_field_begin(GRAPH, sum(map(len, kept))), *kept] if kept else [whole]
+    return b"".join(parts)
 
 
-def _half(graph: bytes) -> bytes:
+def _half(graph: memoryview) -> list[memoryview]:
     """A graph without outputs, and without the nodes after the one whose output the half-way states are."""
-    kept, done = list[bytes](), False
+    kept, done = list[memoryview](), False
     for number, content, whole in message_fields(graph):
         if number != GRAPH_OUTPUT and not (number == NODE and done):
             kept.append(whole)
-        done = done or (number == NODE and HALF_WAY.encode() in content)
-    return b"".join(kept)
+        done = done or (number == NODE and HALF_WAY.encode() in bytes(content))
+    return kept
 
 
 @cache
@@ -98,12 +102,10 @@ class Reader:
         self._pieces = WordPiece(FOLDER / "vocab.txt")
         self.vocabulary = frozenset((FOLDER / "vocab.txt").read_text(encoding="utf-8").split("\n"))
         self._known: dict[str, list[int]] = {}
-        self._read: dict[tuple[int, ...], tuple[Array, Array]] = {}
 
     @cached_property
     def _whole(self) -> Any:
-        # Concatenated protobuf messages are merged: this adds an output to the graph.
-        return session((FOLDER / "minilm.onnx").read_bytes() + message_field(GRAPH, OUTPUT))
+        return session((FOLDER / "minilm.onnx").read_bytes())
 
     @cached_property
     def _half(self) -> Any:
@@ -120,8 +122,6 @@ class Reader:
 
     def states(self, ids: Sequence[int]) -> Array:
         """(t, 384) float32, half-way up."""
-        if tuple(ids) in self._read:  # as the screen for emergencies left it
-            return self._read[tuple(ids)][1]
         states: Array = self._half.run([HALF_WAY], {"ids": np.array(ids, np.int64)})[0]
         return states
 
@@ -130,12 +130,3 @@ class Reader:
         ids = (np.array(self._pieces(text, MOST_PIECES)[0], np.int64) for text in texts)
         rows = [self._whole.run(["vector"], {"ids": i})[0] for i in ids]
         return np.stack(rows) if rows else np.zeros((0, WIDTH), np.float32)
-
-    def vector_and_states(self, text: str) -> tuple[Array, Array]:
-        """(384,) the unit vector of a text and (t, 384) its half-way states, of one pass."""
-        ids = tuple(self._pieces(text, MOST_PIECES)[0])
-        if ids not in self._read:
-            if len(self._read) >= MOST_READ:
-                self._read.clear()
-            self._read[ids] = tuple(self._whole.run(["vector", HALF_WAY], {"ids": np.array(ids, np.int64)}))
-        return self._read[ids]
