@@ -32,6 +32,8 @@ ALARMS = {
 ORDINARY = (
     "I need a knife for the bread", "I want to take a hot bath", "I'm dying for a coffee", "my feet are killing me",
     "the baby is awake", "I'm four and I want to play with my teddy", "where do we keep the fire extinguisher?",
+    "so much work tonight… I am getting really sleepy… we better do something about that",
+    "I am getting really sleepy",
 )  # fmt: skip
 
 
@@ -72,6 +74,11 @@ def test_ordinary_words_are_no_alarm(words: str) -> None:
 
 def test_an_alarm_is_heard_between_other_sentences() -> None:
     said = screen("Good evening, robot. I had a long day at work. The sofa is burning! Where is my book?")
+    assert said is not None and said.alarm == "fire"
+
+
+def test_an_alarm_is_heard_at_the_beginning_of_a_long_text_without_sentences() -> None:
+    said = screen("the kitchen is on fire help" + " and then we talked of the weather" * 25)
     assert said is not None and said.alarm == "fire"
 
 
