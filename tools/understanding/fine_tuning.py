@@ -15,7 +15,7 @@ import torch
 import torch.nn.functional as fn
 from onnx import numpy_helper
 from parser_training import Network, Ready, known, marked
-from samples import Sample, act_only, joined, needs, routed, templated, varied, written
+from samples import Sample, act_only, hidden_alarms, joined, needs, routed, templated, varied, written
 from torch import Tensor, nn
 from train_parser import ROUTE_TAGS, WRITTEN
 
@@ -27,7 +27,7 @@ from cartier.understanding.text_encoder import WIDTH, reader
 BATCH, RATE, TOP_RATE, DROPOUT, UNREAD, RANK, HEADS = 128, 1e-4, 4e-4, 0.1, 0.02, 64, 12
 UNKNOWN, SPECIAL = 100, 103  # id of a word that cannot be read; up to this are ids of no words
 LAYERS = range(2, 6)
-JOINED = 3000  # pairs of requests in one breath, of each pass
+JOINED, NEEDS = 3000, 7000  # pairs of requests in one breath, and requests that name nothing, of each pass
 
 
 def floats(model: bytes) -> dict[str, np.ndarray]:
@@ -106,7 +106,7 @@ def lines(learnt: list[Sample], templates: int, rng: random.Random) -> list[Samp
     """The lines of one pass: as written, and varied beside templates, needs and lines with an act alone."""
     about_routes = [s for s in learnt if s.tags is not None and ROUTE_TAGS & set(s.tags)]
     made = [*templated(templates, rng.randrange(10**6)), *routed(templates, rng.randrange(10**6))]
-    others = [*made, *act_only(), *rng.sample(needs(), 3000), *joined(learnt, JOINED, rng)]
+    others = [*made, *act_only(), *hidden_alarms(rng), *rng.sample(needs(), NEEDS), *joined(learnt, JOINED, rng)]
     return [*learnt, *(varied(s, rng) for s in [*learnt, *about_routes * 2, *others])]
 
 

@@ -37,6 +37,7 @@ JOINING = (
 )  # fmt: skip
 """What people put between two requests, the usual ones more often."""
 JOINED_TOKENS = 26  # a request of at most so many words is joined with another
+HIDDEN = 3500  # alarms amid ordinary sentences
 REPLIES = ("another", "correct", "choose", "confirm", "deny")
 
 
@@ -196,12 +197,12 @@ def alarm_lines(kind: str) -> list[str]:
     return (TOOLS / "alarms" / f"{kind}.txt").read_text(encoding="utf-8").splitlines()
 
 
-def hidden_alarms(count: int, rng: Random) -> list[Sample]:
+def hidden_alarms(rng: Random) -> list[Sample]:
     """Alarms before, after or amid ordinary sentences."""
     ordinary = [*alarm_lines("alike"), *alarm_lines("ordinary"), *(" ".join(sample.tokens) for sample in needs())]
     alarms = [(text, kind) for kind in ALARMS for text in alarm_lines(kind)]
     found = []
-    for text, kind in rng.choices(alarms, k=count):
+    for text, kind in rng.choices(alarms, k=HIDDEN):
         around = rng.sample(ordinary, rng.choice((1, 1, 2)))
         at = rng.randint(0, len(around))
         parts = [part.rstrip(" .") for part in (*around[:at], text, *around[at:])]

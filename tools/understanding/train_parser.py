@@ -18,7 +18,7 @@ import numpy as np
 sys.path.append(str(Path(__file__).parent))
 sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
 from command_line import Parser, run_script
-from samples import act_only, needs, routed, templated, varied, written
+from samples import act_only, hidden_alarms, needs, routed, templated, varied, written
 
 from cartier.understanding.parser import FITTED
 from cartier.understanding.parser import Parser as Fitted
@@ -55,7 +55,7 @@ def main() -> None:
         others = [s for s in learnt if s not in about_routes]
         learnt = [*about_routes, *rng.sample(others, options.limit)]
     templates = [*templated(min(options.templates, max(len(learnt), 2000)), 1), *routed(options.routes, 2)]
-    acts = [*act_only(), *rng.sample(needs(), options.needs)]
+    acts = [*act_only(), *hidden_alarms(rng), *rng.sample(needs(), options.needs)]
     print(f"{len(learnt)} written lines, {len(templates)} templates, {len(acts)} needs and acts", flush=True)
     again = about_routes * ROUTES_AGAIN
     variants = [*learnt, *(varied(s, rng) for s in [*(learnt if not options.limit else []), *again, *templates, *acts])]
