@@ -37,7 +37,12 @@ JOINING = (
 )  # fmt: skip
 """What people put between two requests, the usual ones more often."""
 JOINED_TOKENS = 26  # a request of at most so many words is joined with another
-HIDDEN = 3500  # alarms amid ordinary sentences
+HIDDEN, FRAMED = 3500, 24  # alarms amid ordinary sentences; sentences of each frame
+PERSONS = (
+    "Ben", "Anna", "Tom", "Lena", "Mia", "Grandma", "Grandpa", "Mum", "Dad", "Mom", "Leo", "Emma", "Noah", "Paul",
+    "Sara", "Lukas", "Ida", "Omar", "Fatima", "Chen", "Yuki", "Olga", "Ivan", "Rosa", "Max", "Julia", "Peter",
+    "Karen", "Mike", "Lily", "the baby", "my brother", "my sister", "my son", "my daughter", "our guest",
+)  # fmt: skip
 REPLIES = ("another", "correct", "choose", "confirm", "deny")
 
 
@@ -189,6 +194,10 @@ def act_only() -> list[Sample]:
         for text in alarm_lines(kind):
             either = {"rule"} if kind == "prohibition" and DRIVING.search(text.lower()) else set[str]()
             found.append(_act_sample(text, acts | either, "alarms"))
+    rng, asks_or_tells = Random(0), {*DIALOGUE_ACTS}
+    for frame in alarm_lines("frames") * FRAMED:  # "this is Ben's room" is none
+        text = frame.format(who=rng.choice(PERSONS), room=rng.choice(ROOM_NAMES), thing=rng.choice(NAMES))
+        found.append(_act_sample(text, asks_or_tells, "alarms"))
     return found
 
 
