@@ -29,10 +29,10 @@ ELSEWHERE = "your local emergency number"
 NUMBER = re.compile(r"\+?[0-9][0-9 -]{1,19}")
 LATEST, STEP = 6000, 80  # characters at the end of a text that are judged; tokens from one window of it to the next
 LEAST_CERTAIN, SURE_ALONE = 0.65, 0.92
-"""From which probability on words, and one of their sentences alone, are an alarm; chosen on tools/alarms/development
-and on requests that are none."""
+"""From which probability on words, and one sentence of a few words alone, are an alarm; chosen on
+tools/alarms/development and on requests that are none."""
 SENTENCE = re.compile(r"(?<=[.!?;\n])\s+")
-MOST_SENTENCES = 24
+FEW = 30  # tokens
 TOLD: dict[AlarmKind, tuple[str, str]] = {
     "self_harm": (
         "the words are about hurting oneself",
@@ -105,18 +105,18 @@ def screen_choice(
 
 
 def alarm_kind(query: str) -> AlarmKind | None:
-    """The kind of emergency that words, or one of their sentences, tell of by the parser; None for no alarm."""
-    text = query[-LATEST:].strip()
-    sentences = SENTENCE.split(text)[-MOST_SENTENCES:]
-    for words_, least in ((text, LEAST_CERTAIN), *((one, SURE_ALONE) for one in sentences if len(sentences) > 1)):
-        tokens = TOKEN.findall(plain(words_))
-        begins = range(max(len(tokens) - MOST_TOKENS, 0), -STEP, -STEP) if tokens else ()
-        windows = (tokens[max(begin, 0) : begin + MOST_TOKENS] for begin in begins)  # a long text has several
-        judged = (parser().alarm(window, _names_anywhere()) for window in windows)
-        kind, certainty = max(judged, key=lambda one: one[1], default=(None, 0.0))
-        if certainty >= least:
-            return kind
-    return None
+    """The kind of emergency that words tell of by the parser, a window of a long text at a time; None for no alarm.
+
+    The sentences of a short text are judged alone as well ("The sofa is burning! Come quickly."); those of a long story
+    are no alarms apart from it.
+    """
+    tokens = TOKEN.findall(plain(query[-LATEST:]))
+    begins = range(max(len(tokens) - MOST_TOKENS, 0), -STEP, -STEP) if tokens else ()
+    windows = [(tokens[max(begin, 0) : begin + MOST_TOKENS], LEAST_CERTAIN) for begin in begins]
+    parts = SENTENCE.split(query.strip()) if len(tokens) <= FEW else []
+    alone = [(TOKEN.findall(plain(part)), SURE_ALONE) for part in parts if len(parts) > 1]
+    judged = ((*parser().alarm(some, _names_anywhere()), least) for some, least in (*windows, *alone) if some)
+    return next((kind for kind, certainty, least in judged if certainty >= least), None)
 
 
 @cache
