@@ -77,6 +77,14 @@ def test_an_alarm_is_heard_between_other_sentences() -> None:
     assert said is not None and said.alarm == "fire"
 
 
+def test_a_sentence_of_a_long_story_is_no_alarm_apart_from_it() -> None:
+    story = (
+        " That is what the old man cried in the play which we saw on Saturday with my sister, and how we laughed, and"
+        " then it rained all the way home. Now I would like something to read in bed."
+    )
+    assert screen("The sofa is burning!" + story) is None
+
+
 def test_an_alarm_is_heard_at_the_beginning_of_a_long_text_without_sentences() -> None:
     said = screen("the house is on fire and i can not get out" + " and then we talked of the weather" * 25)
     assert said is not None and said.alarm == "fire"

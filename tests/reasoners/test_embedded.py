@@ -220,7 +220,7 @@ def test_nobody_who_checks_something_looks_for_a_cheque(reasoner: embedded.Embed
     ("query", "expected"),
     [
         ("Where can our puppy and I sleep tonight?", "bed"),
-        ("what can I drink tea from?", "cup"),
+        ("where do you keep what I can drink tea from", "cup"),
         ("where do these muddy carrots get washed?", "sink"),
     ],
 )

@@ -47,6 +47,11 @@ def test_a_reply_that_tells_the_need(reasoner: embedded.Embedded) -> None:
     )
 
 
+def test_a_bare_name_that_tells_the_need(reasoner: embedded.Embedded) -> None:
+    dialogue = [("something hot to drink", "Do you mean the kettle or the coffee machine?")]
+    assert reasoner.select("an espresso", Inventory.of(NAMES), dialogue).object == "coffee machine"
+
+
 def test_a_reply_by_something_in_the_name(reasoner: embedded.Embedded) -> None:
     names = ["big towel", "small towel", "sink"]
     dialogue = [("I need a towel", "Do you mean the big towel or the small towel?")]

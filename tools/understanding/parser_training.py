@@ -18,18 +18,14 @@ from samples import Sample
 from torch import Tensor, nn
 
 from cartier.spatial.expressions import EntityVocabulary
-from cartier.types import Inventory
-from cartier.understanding.cards import SHIPPED, read_deck
 from cartier.understanding.decoding import spans_of
-from cartier.understanding.entity_vocabulary import lexicon
+from cartier.understanding.entity_vocabulary import known_anywhere
 from cartier.understanding.parser import BITS, HEADS, LAYERS, TAG_OF, words_of
 from cartier.understanding.parser import Parser as Fitted
 from cartier.understanding.tags import ACTS, TAGS
 
 INPUT, WIDTH, INNER, PLACES = 2 * 384 + BITS, 192, 576, 64
 BATCH, RATE, DECAY, WARM_UP, DROPOUT = 32, 8e-4, 0.02, 200, 0.2
-ANYWHERE = lexicon(read_deck(SHIPPED), Inventory.of(()))
-"""The names that are known without a home."""
 
 
 class Ready(NamedTuple):
@@ -53,7 +49,7 @@ def ready(sample: Sample) -> Ready | None:
 
 def known(sample: Sample) -> EntityVocabulary:
     """The names in a sample's home, or those known without one."""
-    return home(sample.home)[1] if sample.home else ANYWHERE
+    return home(sample.home)[1] if sample.home else known_anywhere()
 
 
 def marked(sample: Sample, inputs: Tensor, own: int) -> Ready:
@@ -188,7 +184,7 @@ def report(fitted: Fitted, samples: list[Sample], name: str) -> None:
     """How much of held-out lines is read as marked, and how far certainties are from shares of right acts."""
     acts, lines, hits, said, right, sure = list[bool](), 0, 0, 0, 0, list[float]()
     for sample in samples:
-        found = fitted(sample.tokens, sample.before, home(sample.home)[1] if sample.home else ANYWHERE)
+        found = fitted(sample.tokens, sample.before, home(sample.home)[1] if sample.home else known_anywhere())
         acts += [len(found) == len(sample.acts) and f.act in a for f, a in zip(found, sample.acts, strict=False)]
         sure += [f.certainty for f, _ in zip(found, sample.acts, strict=False)]
         got = {(s.role, s.words) for clause in found for s in clause.spans}

@@ -49,14 +49,13 @@ def asks(words: str) -> bool:
     """Whether words may say how to drive: by their words, else as the embedded parser reads them."""
     if WAYS.search(words):
         return True
-    from cartier.understanding.cards import SHIPPED, read_deck  # not before a language model is asked
-    from cartier.understanding.entity_vocabulary import lexicon
+    from cartier.understanding.entity_vocabulary import known_anywhere  # not before a language model is asked
     from cartier.understanding.parser import parser
     from cartier.understanding.route_rules import says_how
     from cartier.understanding.utterance import TOKEN
 
-    names = lexicon(read_deck(SHIPPED), Inventory.of(()))
-    return any(says_how(clause) for clause in parser()(TOKEN.findall(plain(words)), None, names))
+    clauses = parser()(TOKEN.findall(plain(words)), None, known_anywhere())
+    return any(says_how(clause) for clause in clauses)
 
 
 def prompt_part(inventory: Inventory) -> str:

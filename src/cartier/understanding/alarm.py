@@ -11,15 +11,13 @@ import locale
 import os
 import re
 from collections.abc import Iterable, Iterator, Sequence
-from functools import cache
 
 from cartier.errors import InputError, brief
 from cartier.labels import name_key, plain, words
-from cartier.spatial.expressions import EntityVocabulary
 from cartier.types import AlarmKind, Inventory, Selection
 from cartier.understanding.cards import SHIPPED, read_deck
 from cartier.understanding.dialogue_state import named
-from cartier.understanding.entity_vocabulary import lexicon
+from cartier.understanding.entity_vocabulary import known_anywhere
 from cartier.understanding.parser import MOST_TOKENS, parser
 from cartier.understanding.utterance import TOKEN
 
@@ -110,18 +108,14 @@ def alarm_kind(query: str) -> AlarmKind | None:
     The sentences of a short text are judged alone as well ("The sofa is burning! Come quickly."); those of a long story
     are no alarms apart from it.
     """
-    tokens = TOKEN.findall(plain(query[-LATEST:]))
+    text = query[-LATEST:].strip()
+    tokens = TOKEN.findall(plain(text))
     begins = range(max(len(tokens) - MOST_TOKENS, 0), -STEP, -STEP) if tokens else ()
     windows = [(tokens[max(begin, 0) : begin + MOST_TOKENS], LEAST_CERTAIN) for begin in begins]
-    parts = SENTENCE.split(query.strip()) if len(tokens) <= FEW else []
+    parts = SENTENCE.split(text) if len(tokens) <= FEW else []
     alone = [(TOKEN.findall(plain(part)), SURE_ALONE) for part in parts if len(parts) > 1]
-    judged = ((*parser().alarm(some, _names_anywhere()), least) for some, least in (*windows, *alone) if some)
+    judged = ((*parser().alarm(some, known_anywhere()), least) for some, least in (*windows, *alone) if some)
     return next((kind for kind, certainty, least in judged if certainty >= least), None)
-
-
-@cache
-def _names_anywhere() -> EntityVocabulary:
-    return lexicon(read_deck(SHIPPED), Inventory.of(()))
 
 
 def _alarm(kind: AlarmKind, why: str, number: str | None) -> Selection:

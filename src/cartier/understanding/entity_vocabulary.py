@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Container, Iterator, Mapping, Sequence
-from functools import lru_cache
+from functools import cache, lru_cache
 
 from cartier.labels import name_key, plain, words
 from cartier.spatial.expressions import EntityVocabulary
 from cartier.types import Inventory
-from cartier.understanding.cards import Deck, bare
+from cartier.understanding.cards import SHIPPED, Deck, bare, read_deck
 from cartier.understanding.text import STOP
 
 ROOMS = {
@@ -98,6 +98,12 @@ class _Things(Mapping[str, frozenset[str]]):
 def lexicon(deck: Deck, inventory: Inventory) -> EntityVocabulary:
     """What may be named in a home: its objects by all names that their cards have, what it has not, and its rooms."""
     return _lexicon(deck, tuple(inventory.names), tuple((room.id, room.name, room.kind) for room in inventory.rooms))
+
+
+@cache
+def known_anywhere() -> EntityVocabulary:
+    """The names that are known without a home."""
+    return lexicon(read_deck(SHIPPED), Inventory.of(()))
 
 
 @lru_cache(maxsize=16)

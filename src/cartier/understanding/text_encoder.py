@@ -74,8 +74,11 @@ def half_of(model: bytes) -> bytes:
     """The shipped ONNX model up to the half-way states: onnxruntime computes all nodes, whatever is asked of it."""
     parts = list[bytes | memoryview]()  # joined once: the weights are 24 MB
     for number, content, whole in message_fields(model):
-        kept: list[bytes | memoryview] = [*_half(content), OUTPUT] if number == GRAPH else []
-        parts += [_field_begin(GRAPH, sum(map(len, kept))), *kept] if kept else [whole]
+        if number != GRAPH:
+            parts.append(whole)
+            continue
+        kept = _half(content)
+        parts += [_field_begin(GRAPH, sum(map(len, kept)) + len(OUTPUT)), *kept, OUTPUT]
     return b"".join(parts)
 
 
