@@ -19,6 +19,7 @@ from cartier.robots import send
 from cartier.robots.print import make as printing
 from cartier.types import Fact, Inventory, Selection
 from cartier.understanding.alarm import ELSEWHERE, VARIABLE, emergency_number, screen
+from cartier.understanding.parser import MOST_TOKENS
 from synthetic import THINGS, TrueBoxes, walk
 
 ALARMS = {
@@ -83,6 +84,23 @@ def test_a_sentence_of_a_long_story_is_no_alarm_apart_from_it() -> None:
         " then it rained all the way home. Now I would like something to read in bed."
     )
     assert screen("The sofa is burning!" + story) is None
+
+
+def test_all_parts_of_a_long_text_are_judged_at_full_length(monkeypatch: pytest.MonkeyPatch) -> None:
+    judged: list[tuple[str, ...]] = []
+
+    class Hearing:
+        def alarm(self, tokens: Sequence[str], names: object) -> tuple[str, float]:
+            judged.append(tuple(tokens))
+            return "fire", 0.0
+
+    monkeypatch.setattr("cartier.understanding.alarm.parser", Hearing)
+    for length in (MOST_TOKENS, MOST_TOKENS + 4, 3 * MOST_TOKENS):
+        said = [f"w{k}" for k in range(length)]
+        judged.clear()
+        assert screen(" ".join(said)) is None
+        assert {len(part) for part in judged} == {MOST_TOKENS}
+        assert set().union(*judged) == set(said)
 
 
 def test_an_alarm_is_heard_at_the_beginning_of_a_long_text_without_sentences() -> None:

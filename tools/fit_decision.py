@@ -31,7 +31,7 @@ from cartier.worlds.dollhouse import make
 
 FITTED = ("hosts", "transcript", "wheels")  # styles that the scorer was not trained on, but this is
 REPORTED = ("grumpy", "newcomer", "others_past")  # styles that only validate
-DEVELOPMENT = ("sunday",)  # by which weights and the alarms' threshold are chosen
+DEVELOPMENT = ("night_kitchen", "sunday")  # by which weights and the alarms' threshold are chosen
 HOMES = [str(number) for number in range(1001, 1013)]
 LISTS, NAMED = 2, 1000  # lists in which something serves, for each request; names asked for
 WEIGHTS = {"removed": 0.2, "nothing": 4.0, "listed": 0.5, "named": 0.5, "either": 0.2}

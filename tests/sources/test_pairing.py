@@ -150,6 +150,15 @@ def test_any_order_gives_no_wrong_pose(data: st.DataObject) -> None:
     check_poses(received(sorted(mixed, key=lambda each: each.arrives_s)))
 
 
+def test_a_second_after_a_jump_is_left_out() -> None:
+    jump_s = 1.5
+    stream = received(messages(dict.fromkeys(("colour", "depth", "fast", "slow"), 0.0), [(jump_s, -5.0)]))
+    times = [each.colour for each in stream.paired]
+    assert not [at for at in times if jump_s + IMAGE_S < at < jump_s + 1.0]
+    assert [at for at in times if at < jump_s]
+    assert [at for at in times if at > jump_s + 1.0]
+
+
 def test_an_image_waits_half_a_second_and_no_longer() -> None:
     stream = Stream()
     stream.pairer.colour(10, "a", 0.0)

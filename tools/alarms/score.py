@@ -16,7 +16,9 @@ from pathlib import Path
 
 sys.path.append(str(Path(__file__).parents[1] / "understanding"))
 sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
+sys.path.append(str(Path(__file__).parents[1]))
 from command_line import Parser, run_script
+from fit_decision import DEVELOPMENT
 
 from cartier import plugins
 from cartier.evaluation.true_home import perfect_map
@@ -50,7 +52,9 @@ def main() -> int:
     ordinary = {
         "ordinary sentences that sound like alarms": alike,
         "development requests": [words for one in development for words in one.get("turns", [one.get("text")])],
-        "development rambles": [json.loads(line)["text"] for line in _lines("requests/sunday.jsonl")],
+        "development rambles": [
+            json.loads(line)["text"] for style in DEVELOPMENT for line in _lines(f"requests/{style}.jsonl")
+        ],
     }
     print()
     for name, each in ordinary.items():

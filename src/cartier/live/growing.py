@@ -68,7 +68,7 @@ class GrowingMap:
         self._detect = detecting(detector)
         self._keyframes = Keyframes(every, self._mapper.config.keyframes)
         self._lock = threading.Lock()
-        self._walked, self._looked, self._last_looked_s = Walked(source), 0, 0.0
+        self._walked, self._looked = Walked(source), 0
         self._by_frame: dict[int, Stamped] = {}
         self._spool_path, self._own_folder = spool, None if spool is not None else TemporaryDirectory(prefix="cartier-")
         self._path = spool or Path(str(self._own_folder and self._own_folder.name)) / f"keyframes{SUFFIX}"

@@ -30,7 +30,6 @@ class ReferringExpression:
     similar: frozenset[str] = frozenset()
     rooms: tuple[int, ...] | None = None
     generic: bool = False
-    definite: bool = False
     plural: bool = False
     colours: tuple[str, ...] = ()
     size: str = ""

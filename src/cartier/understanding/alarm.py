@@ -110,8 +110,8 @@ def alarm_kind(query: str) -> AlarmKind | None:
     """
     text = query[-LATEST:].strip()
     tokens = TOKEN.findall(plain(text))
-    begins = range(max(len(tokens) - MOST_TOKENS, 0), -STEP, -STEP) if tokens else ()
-    windows = [(tokens[max(begin, 0) : begin + MOST_TOKENS], LEAST_CERTAIN) for begin in begins]
+    begins = [max(begin, 0) for begin in range(len(tokens) - MOST_TOKENS, -STEP, -STEP)] or [0]
+    windows = [(tokens[begin : begin + MOST_TOKENS], LEAST_CERTAIN) for begin in begins]
     parts = SENTENCE.split(text) if len(tokens) <= FEW else []
     alone = [(TOKEN.findall(plain(part)), SURE_ALONE) for part in parts if len(parts) > 1]
     judged = ((*parser().alarm(some, known_anywhere()), least) for some, least in (*windows, *alone) if some)

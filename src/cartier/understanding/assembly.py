@@ -12,7 +12,7 @@ from cartier.understanding.comparisons import compared, of_kind
 from cartier.understanding.naming import with_target
 from cartier.understanding.owners import owned_rooms
 from cartier.understanding.phrase_words import colours_said, in_words, number_before, of_room, usual_place
-from cartier.understanding.reference_words import COLOURS, DEFINITE, GENERIC, MOST, ORDER, PLURAL, SIZES
+from cartier.understanding.reference_words import COLOURS, GENERIC, MOST, ORDER, PLURAL, SIZES
 from cartier.understanding.tags import ATTRIBUTES, NOUNS, RELATIONS, ROUTE_NOUNS, ROUTE_WORDS, Clause, Span
 from cartier.understanding.text import STOP
 from cartier.understanding.utterance import LONGEST_NAME, MOTION
@@ -226,9 +226,8 @@ def _noun(span: Span, clause: Clause, names: EntityVocabulary) -> ReferringExpre
     """A noun by its words: a room, listed labels, a stand-in such as "one", or what is not known."""
     said = " ".join(span.words).replace(" ' ", "'")
     plural = name_key(span.words[-1]) != span.words[-1] and span.words[-1].endswith("s")
-    before = clause.tokens[max(span.start - 3, 0) : span.start]
     number = number_before(span, clause.tokens) if plural else 0
-    base = ReferringExpression(said, plural=plural, definite=not DEFINITE.isdisjoint(before), number=number)
+    base = ReferringExpression(said, plural=plural, number=number)
     if span.role == "p" or span.start == NOWHERE or (span.words[-1] in GENERIC and name_key(said) not in names.objs):
         return replace(base, generic=True, plural=span.words[-1] in PLURAL)
     owner = next((s.words for s in clause.spans if s.role == "w" and s.end <= span.start), ())

@@ -11,7 +11,6 @@ def _words(text: str) -> frozenset[str]:
     return frozenset(words(text))
 
 
-DEFINITE = _words("the my our your his her their this that these those")
 COLOURS = {
     "black": ("black",), "white": ("white",), "grey": ("grey",), "gray": ("grey",), "red": ("red",),
     "green": ("green",), "blue": ("blue",), "yellow": ("yellow",), "orange": ("orange",), "brown": ("brown",),

@@ -47,13 +47,8 @@ def read_matrix(path: Path, rows: int, separator: str | None = None) -> Matrix:
     return np.array([numbers(line, f"{path} line {i}", finite=False) for i, line in enumerate(lines, 1)])
 
 
-def read_trajectory(path: Path) -> tuple[npt.NDArray[np.float64], Matrix]:
-    """Times (N,) in seconds and world_from_camera (N, 4, 4) of a TUM file: lines of ``t x y z qx qy qz qw [more]``."""
-    return parse_trajectory(read_text(path, MAX_TABLE_BYTES), str(path))
-
-
 def parse_trajectory(text: str, where: str) -> tuple[npt.NDArray[np.float64], Matrix]:
-    """As ``read_trajectory``, of its text."""
+    """Times (N,) in seconds and world_from_camera (N, 4, 4) of a TUM file: lines of ``t x y z qx qy qz qw [more]``."""
     table = _trajectory_rows(text, where)
     return table[:, 0], matrices(table[:, 1:])
 

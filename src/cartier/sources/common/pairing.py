@@ -55,7 +55,6 @@ class Pairer:
         self._depth: list[Waiting] = []
         self._newest: dict[str, int] = {}
         self._seen: dict[str, deque[int]] = {"colour": deque(maxlen=REMEMBERED), "depth": deque(maxlen=REMEMBERED)}
-        self._sent_ns: int | None = None
         self._quiet_until_s = float("-inf")
         self._faults: list[Fault] = []
 
@@ -81,7 +80,7 @@ class Pairer:
     def clock_jumped(self, now_s: float, why: str) -> None:
         """Forget all that is older than now."""
         frames = len(self._waiting)
-        self._waiting, self._depth, self._newest, self._sent_ns = [], [], {}, None
+        self._waiting, self._depth, self._newest = [], [], {}
         for seen in self._seen.values():
             seen.clear()
         self._quiet_until_s = now_s + QUARANTINE_S
@@ -100,7 +99,6 @@ class Pairer:
             if paired is None:
                 self._drop(*why)
             else:
-                self._sent_ns = first.stamp_ns
                 done.append(paired)
         done += self._faults
         self._faults = []

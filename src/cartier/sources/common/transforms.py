@@ -98,12 +98,6 @@ class TransformBuffer:
         """Whether some transform above a frame changes with time."""
         return any(name in self._links and not self._links[name].static for name in self.chain(frame))
 
-    def newest_s(self, frame: str) -> float | None:
-        """Until when the pose of a frame is known: the oldest of the newest samples above it; None if none moves."""
-        links = (self._links.get(name) for name in self.chain(frame))
-        newest = [link.stamps_s[-1] for link in links if link is not None and not link.static]
-        return min(newest, default=None)
-
     def parents(self, frame: str) -> tuple[str, str] | None:
         """The two parents of the first frame from this one up that has two."""
         for name in self.chain(frame):
