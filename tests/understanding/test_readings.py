@@ -7,6 +7,7 @@ from homes import inventory
 
 from cartier.reasoners import embedded
 from cartier.understanding import readings
+from cartier.understanding.assembly import query as query_of
 from cartier.understanding.tags import Clause
 
 HOME = inventory("flat")
@@ -17,7 +18,7 @@ SAID = "take me to the sofa"
 def unsure(monkeypatch: pytest.MonkeyPatch) -> embedded.Embedded:
     """A reasoner to which "take me to the sofa" may be a drive or a remark, nearly as likely."""
     reasoner = embedded.make()
-    read = reasoner._parsed
+    read = reasoner.tracker.parsed
 
     def parsed(query: str, turn: tuple[str, str] | None, names: object) -> tuple[Clause, ...]:
         found = read(query, turn, names)
@@ -25,7 +26,7 @@ def unsure(monkeypatch: pytest.MonkeyPatch) -> embedded.Embedded:
             return (found[0]._replace(act="go", certainty=0.38, second=("remark", 0.37)),)
         return found
 
-    monkeypatch.setattr(reasoner, "_parse", parsed)
+    monkeypatch.setattr(reasoner.tracker, "parsed", parsed)
     return reasoner
 
 
@@ -57,7 +58,7 @@ def test_another_request_is_no_reply(unsure: embedded.Embedded) -> None:
 def test_likelier_request_that_may_ask_for_nothing_is_served_sooner_than_a_remark_that_may_be_one() -> None:
     names = embedded.lexicon(embedded.make().deck, HOME)
     need = Clause("need", 0.45, (), ("tired",), ("remark", 0.4))
-    asked = embedded.query_of(need, names)
+    asked = query_of(need, names)
     assert readings.question(need, asked) is None
     assert readings.question(need._replace(certainty=0.39), asked) is not None
     assert readings.question(need._replace(act="remark", second=("need", 0.4)), asked) is not None
@@ -68,8 +69,8 @@ def test_sure_words_and_readings_that_come_to_the_same_are_not_asked_about() -> 
     assert reasoner.select(SAID, HOME).status == "found"
     names = embedded.lexicon(reasoner.deck, HOME)
     clause = Clause("where", 0.4, (), ("where",), ("exists", 0.39))
-    assert readings.question(clause, embedded.query_of(clause, names)) is None
-    (named,) = reasoner._parsed(SAID, None, names)
+    assert readings.question(clause, query_of(clause, names)) is None
+    (named,) = reasoner.tracker.parsed(SAID, None, names)
     for first, second in (("go", "where"), ("count", "go")):  # either reading serves who named the sofa
         named = named._replace(act=first, certainty=0.4, second=(second, 0.39))
-        assert readings.question(named, embedded.query_of(named, names)) is None
+        assert readings.question(named, query_of(named, names)) is None
