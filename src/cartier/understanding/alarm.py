@@ -26,9 +26,9 @@ VARIABLE = "CARTIER_EMERGENCY_NUMBER"
 ELSEWHERE = "your local emergency number"
 NUMBER = re.compile(r"\+?[0-9][0-9 -]{1,19}")
 LATEST, STEP = 6000, 80  # characters at the end of a text that are judged; tokens from one window of it to the next
-LEAST_CERTAIN, SURE_ALONE = 0.65, 0.92
-"""From which probability on words, and one sentence of a few words alone, are an alarm; chosen on
-tools/alarms/development and on requests that are none."""
+LEAST_CERTAIN, SURE_IN_STORY, SURE_ALONE = 0.65, 0.85, 0.92
+"""From which probability on a few words, a part of a longer text, and one sentence of a few words alone are an alarm;
+chosen on tools/alarms/development and on requests that are none."""
 SENTENCE = re.compile(r"(?<=[.!?;\n])\s+")
 FEW = 30  # tokens
 TOLD: dict[AlarmKind, tuple[str, str]] = {
@@ -111,11 +111,12 @@ def alarm_kind(query: str) -> AlarmKind | None:
     text = query[-LATEST:].strip()
     tokens = TOKEN.findall(plain(text))
     begins = [max(begin, 0) for begin in range(len(tokens) - MOST_TOKENS, -STEP, -STEP)] or [0]
-    windows = [(tokens[begin : begin + MOST_TOKENS], LEAST_CERTAIN) for begin in begins]
+    least = LEAST_CERTAIN if len(tokens) <= FEW else SURE_IN_STORY
+    windows = [(tokens[begin : begin + MOST_TOKENS], least) for begin in begins]
     parts = SENTENCE.split(text) if len(tokens) <= FEW else []
     alone = [(TOKEN.findall(plain(part)), SURE_ALONE) for part in parts if len(parts) > 1]
-    judged = ((*parser().alarm(some, known_anywhere()), least) for some, least in (*windows, *alone) if some)
-    return next((kind for kind, certainty, least in judged if certainty >= least), None)
+    judged = ((*parser().alarm(some, known_anywhere()), enough) for some, enough in (*windows, *alone) if some)
+    return next((kind for kind, certainty, enough in judged if certainty >= enough), None)
 
 
 def _alarm(kind: AlarmKind, why: str, number: str | None) -> Selection:
