@@ -8,10 +8,10 @@ from dataclasses import replace
 import pytest
 
 from cartier.labels import plain
-from cartier.reasoners import embedded
 from cartier.spatial.expressions import Kind
 from cartier.types import Inventory, MapObject
 from cartier.understanding.decoding import clauses
+from cartier.understanding.dialogue_tracker import DialogueTracker
 from cartier.understanding.tags import Clause
 from cartier.understanding.utterance import TOKEN
 from route_maps import flat, thing
@@ -56,10 +56,10 @@ def reads(monkeypatch: pytest.MonkeyPatch, **acts: str) -> list[str]:
     Of the keys, ``go_2`` is for "go".
     """
     known = dict(clauses_of(act.split("_")[0], marked) for act, marked in acts.items())  # type: ignore[arg-type]
-    real = embedded.Embedded._parsed
+    real = DialogueTracker._parsed
 
-    def parsed(self: embedded.Embedded, query: str, turn: object, names: object) -> tuple[Clause, ...]:
+    def parsed(self: DialogueTracker, query: str, turn: object, names: object) -> tuple[Clause, ...]:
         return known[query] if query in known else real(self, query, turn, names)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(embedded.Embedded, "_parsed", parsed)
+    monkeypatch.setattr(DialogueTracker, "_parsed", parsed)
     return list(known)

@@ -88,7 +88,7 @@ def test_the_prompt_asks_for_rules_only_where_the_words_do() -> None:
 @pytest.mark.parametrize(
     ("words", "way"),
     [
-        ("the bedroom is off limits today", True), ("to the sofa, and mind the vase", True),
+        ("the bedroom is off limits today", True), ("to the sofa, and spare the vase", True),
         ("bring me the cup", False), ("what colour is the vase?", False),
     ],
 )  # fmt: skip

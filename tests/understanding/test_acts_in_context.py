@@ -46,7 +46,7 @@ def test_only_prohibitions_of_what_is_there_are_rules(
 ) -> None:
     text, clauses = clauses_of(act, words)
     reasoner = embedded.make()
-    monkeypatch.setattr(reasoner, "_parse", lambda *_: tuple(clauses))
+    monkeypatch.setattr(reasoner.tracker, "parsed", lambda *_: tuple(clauses))
     chosen = reasoner.select(text, flat_inventory())
     assert chosen.status == "answered" and chosen.object is None
     assert [rule.text for rule in chosen.rules] == rules

@@ -35,7 +35,7 @@ def test_what_was_marked_and_what_is_no_drive_stays() -> None:
 def test_a_name_that_is_wanted_wins_over_what_else_the_words_suggest(monkeypatch: pytest.MonkeyPatch) -> None:
     reasoner, said = embedded.make(), "mirror . i am so sleepy , i could sleep all night"
     clause = Clause("go", 0.9, (Span("t", ("mirror",), 0, 1),), tuple(said.split()))
-    monkeypatch.setattr(reasoner, "_parse", lambda *_: (clause,))
+    monkeypatch.setattr(reasoner.tracker, "parsed", lambda *_: (clause,))
     assert reasoner.select(said, inventory("flat")).object == "mirror"
-    monkeypatch.setattr(reasoner, "_parse", lambda *_: (clause._replace(act="need", spans=()),))
+    monkeypatch.setattr(reasoner.tracker, "parsed", lambda *_: (clause._replace(act="need", spans=()),))
     assert reasoner.select(said, inventory("flat")).object == "bed", "what the words suggest"

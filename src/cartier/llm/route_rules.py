@@ -24,7 +24,7 @@ WAYS = re.compile(
     r"|(?:not|never|no|only|than) (?:over|through|past|by|across|on) the|(?:past|through|over) the"
     r"|(?:stop|call)\w* (?:by|at|in)|first|touch|near(?:by)?|vicinity|restrict\w*|driv(?:e|es|ing)|drove"
     r"|until|till|again|any ?more|wherever|where there|choice|open for|is fine|s fine|out of bounds|in (?:t?here)"
-    r"|carpets?|rugs?|tiles|parquet|planks)\b",
+    r"|mind (?:the|my|our|your|his|her|that|those)|carpets?|rugs?|tiles|parquet|planks)\b",
     re.IGNORECASE,
 )
 """Words that may speak of the way: a model then is told how to state route rules. Other prompts stay as they were when

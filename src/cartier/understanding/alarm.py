@@ -26,7 +26,7 @@ VARIABLE = "CARTIER_EMERGENCY_NUMBER"
 ELSEWHERE = "your local emergency number"
 NUMBER = re.compile(r"\+?[0-9][0-9 -]{1,19}")
 LATEST, STEP = 6000, 80  # characters at the end of a text that are judged; tokens from one window of it to the next
-LEAST_CERTAIN, SURE_IN_STORY, SURE_ALONE = 0.65, 0.85, 0.92
+LEAST_CERTAIN, SURE_IN_STORY, SURE_ALONE = 0.65, 0.8, 0.88
 """From which probability on a few words, a part of a longer text, and one sentence of a few words alone are an alarm;
 chosen on tools/alarms/development and on requests that are none."""
 SENTENCE = re.compile(r"(?<=[.!?;\n])\s+")
