@@ -17,8 +17,8 @@ FLOORS = {
     "bare": 86.2, "count": 95.4, "exists": 93.2, "where": 95.4, "list": 75.8, "compare": 98, "nothing": 90.3,
 }  # fmt: skip
 """Percent right of the sentences of ``written``, which are held out: only totals of them are printed. Two points less
-than with the weights that ship, 447 of 487 in total (446 with those before; *bare* 15 of 17, 16 before). The development
-sentences: ``cartier bench --suite things --queries``.
+than with the weights that ship, 447 of 487 in total (446 with those before; *bare* 15 of 17, 16 before). The
+development sentences: ``cartier bench --suite things --queries``.
 """
 
 
