@@ -103,6 +103,16 @@ def test_all_parts_of_a_long_text_are_judged_at_full_length(monkeypatch: pytest.
         assert set().union(*judged) == set(said)
 
 
+def test_a_long_text_needs_a_surer_alarm_than_a_short_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Hearing:
+        def alarm(self, tokens: Sequence[str], names: object) -> tuple[str, float]:
+            return "fire", 0.7
+
+    monkeypatch.setattr("cartier.understanding.alarm.parser", Hearing)
+    assert screen(" ".join(["word"] * 30)) is not None
+    assert screen(" ".join(["word"] * 31)) is None
+
+
 def test_an_alarm_is_heard_at_the_beginning_of_a_long_text_without_sentences() -> None:
     said = screen("the house is on fire and i can not get out" + " and then we talked of the weather" * 25)
     assert said is not None and said.alarm == "fire"
