@@ -19,8 +19,10 @@ from cartier.dds.types import as_sample, dds_name, ros_name, store, topic_type
 from cartier.errors import BackendError
 
 SOCKET_BYTES = 10_000_000  # an image of 1280x720 comes in 2,100 pieces at once
-BUFFERS = (
-    f'<CycloneDDS><Domain><Internal><SocketReceiveBufferSize max="{SOCKET_BYTES}B"/></Internal></Domain></CycloneDDS>'
+EPROSIMA = "1.15"  # vendor id: type information of Fast DDS 3 (Kilted) describes types that cyclonedds cannot match
+SETTINGS = (
+    f'<CycloneDDS><Domain><Internal><SocketReceiveBufferSize max="{SOCKET_BYTES}B"/></Internal>'
+    f"<Compatibility><IgnoreTypeInformation>{EPROSIMA}</IgnoreTypeInformation></Compatibility></Domain></CycloneDDS>"
 )
 RMEM_MAX = "/proc/sys/net/core/rmem_max"
 MOST_WRITERS = 4096
@@ -47,7 +49,7 @@ def participant(domain: int) -> Any:
     """
     with _environment:  # cyclonedds reads its settings from there alone
         before = os.environ.get(URI)
-        os.environ[URI] = f"{BUFFERS},{before}" if before else BUFFERS
+        os.environ[URI] = f"{SETTINGS},{before}" if before else SETTINGS
         try:
             return DomainParticipant(domain)
         except DDSException as error:
