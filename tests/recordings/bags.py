@@ -59,13 +59,25 @@ class Messages:
         pixels = np.frombuffer(data, np.uint8)
         return self("sensor_msgs/msg/CompressedImage", self.header(ns, frame), format=form, data=pixels)
 
-    def info(self, ns: int, frame: str, c: Camera, d: Sequence[float] = (), model: str = "plumb_bob") -> Any:
+    def info(
+        self,
+        ns: int,
+        frame: str,
+        c: Camera,
+        d: Sequence[float] = (),
+        model: str = "plumb_bob",
+        region: Sequence[int] = (0, 0, 0, 0),
+        binning: Sequence[int] = (0, 0),
+    ) -> Any:
+        """``region`` is x, y, width, height."""
         k = np.array([c.fx, 0, c.cx, 0, c.fy, c.cy, 0, 0, 1])
         p = np.array([c.fx, 0, c.cx, 0, 0, c.fy, c.cy, 0, 0, 0, 1, 0])
         distortion, r = np.array(d, dtype=np.float64), np.eye(3).ravel()
         matrices = {"D": distortion, "K": k, "R": r, "P": p} if self.ros1 else {"d": distortion, "k": k, "r": r, "p": p}
-        roi = self("sensor_msgs/msg/RegionOfInterest", 0, 0, 0, 0, False)
-        rest = {"height": c.height, "width": c.width, "distortion_model": model, "binning_x": 0, "binning_y": 0}
+        x, y, width, height = region
+        roi = self("sensor_msgs/msg/RegionOfInterest", x, y, height, width, False)
+        rest = {"height": c.height, "width": c.width, "distortion_model": model}
+        rest |= {"binning_x": binning[0], "binning_y": binning[1]}
         return self("sensor_msgs/msg/CameraInfo", self.header(ns, frame), **rest, **matrices, roi=roi)
 
     def transforms(self, *items: tuple[int, str, str, np.ndarray]) -> Any:

@@ -26,6 +26,8 @@ from layouts import room
 from PIL import Image
 
 from cartier.errors import InputError
+from cartier.recordings.common.lens import Lens
+from cartier.recordings.ros.images import lens_of
 from cartier.types import Camera
 from synthetic import look
 
@@ -243,6 +245,57 @@ def test_intrinsics_of_neither_size_name_both(tmp_path: Path) -> None:
     with_info(tmp_path / "b", Camera(200, 120, 120.0, 120.0, 99.5, 59.5))
     with pytest.raises(InputError, match=r"is for images of 200x120 px, but those of /camera/image_raw have 160x120"):
         opened(tmp_path / "b")
+
+
+SENSOR = Camera(640, 480, 500.0, 500.0, 319.5, 239.5)
+CUT = {  # what the CameraInfo says, and the camera of images of that region
+    "in the middle": (SENSOR, (160, 120, 320, 240), (0, 0), Camera(320, 240, 500.0, 500.0, 159.5, 119.5)),
+    "at the edge": (SENSOR, (0, 240, 320, 240), (1, 1), Camera(320, 240, 500.0, 500.0, 319.5, -0.5)),
+    "binned": (SENSOR, (0, 0, 0, 0), (2, 2), SENSOR.scaled(320, 240)),
+    "binned across": (SENSOR, (0, 0, 0, 0), (2, 1), SENSOR.scaled(320, 480)),
+    "region and binned": (SENSOR, (320, 0, 320, 480), (2, 2), Camera(160, 240, 250.0, 250.0, -0.5, 119.5)),
+    "moved already": (
+        Camera(640, 480, 500.0, 500.0, 19.5, 119.5), (300, 120, 320, 240), (0, 0),
+        Camera(320, 240, 500.0, 500.0, 19.5, 119.5),
+    ),
+    "size of the region": (
+        Camera(320, 240, 500.0, 500.0, 319.5, 239.5), (160, 120, 320, 240), (0, 0),
+        Camera(320, 240, 500.0, 500.0, 159.5, 119.5),
+    ),
+    "not cut": (SENSOR, (160, 120, 320, 240), (0, 0), SENSOR),
+    "whole": (SENSOR, (0, 0, 640, 480), (1, 1), SENSOR),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", CUT)
+@pytest.mark.parametrize("ros1", [False, True])
+@pytest.mark.parametrize("rectified", [False, True])
+def test_region_of_interest_moves_intrinsics(name: str, ros1: bool, rectified: bool) -> None:
+    said, region, binning, right = CUT[name]
+    info = Messages(ros1).info(0, FRAME, said, region=region, binning=binning)
+    lens, note = lens_of(info, rectified, (right.width, right.height), "/camera_info")
+    assert lens.scaled(right.width, right.height).camera == right
+    assert bool(note) == (name not in ("not cut", "whole", "binned"))
+
+
+def test_region_of_interest_of_a_bag(tmp_path: Path) -> None:
+    source = room()
+    c = source.camera
+    whole = replace(c, width=c.width + 60, height=c.height + 40, cx=c.cx + 60, cy=c.cy + 10)
+    with BagFile(tmp_path / "a") as bag:
+        write_transforms(bag, source.poses)
+        m, region = bag.messages, (60, 10, c.width, c.height)
+        bag.put("/camera/camera_info", START_NS, m.info(START_NS, FRAME, whole, region=region))
+        bag.put("/camera/image_raw", START_NS, m.image(START_NS, FRAME, source[0].rgb, "rgb8"))
+    found = opened(tmp_path / "a")
+    assert found.camera == c
+    assert [note for note in found.notes if "160x120 px of the sensor from 60, 10 on" in note]
+
+
+@pytest.mark.parametrize("model", ["equidistant", "fisheye", "Kannala_Brandt4"])
+def test_fisheye_bends_without_coefficients(model: str) -> None:
+    lens, _ = lens_of(Messages().info(0, FRAME, SENSOR, (0.0,) * 4, model), False, (640, 480), "")
+    assert lens == Lens(SENSOR, "equidistant", (0.0,) * 4)
 
 
 @pytest.mark.parametrize("kind", ["mcap", "ros1"])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,10 @@ BLUE_FIRST = ("bgr8", "bgra8", "8UC3", "8UC4")  # OpenCV's order, which is what 
 GREY = ("mono8", "8UC1")
 DEPTHS: dict[str, type] = {"16UC1": np.uint16, "mono16": np.uint16, "32FC1": np.float32}
 MODELS: dict[str, Model] = {"plumb_bob": "plumb_bob", "rational_polynomial": "plumb_bob", "equidistant": "equidistant"}
+MODELS |= {"radtan": "plumb_bob", "fisheye": "equidistant", "opencv_fisheye": "equidistant"}
+MODELS |= {"kannala_brandt": "equidistant", "kannala_brandt4": "equidistant"}
+"""OpenCV's and Kalibr's names beside those of ROS: one lens has several."""
+ASPECT_TOLERANCE = 0.02
 DEPTH_HEAD = struct.Struct("<i2f")  # compressed_depth_image_transport: format, and the two numbers of inverse depth
 RAW_DEPTH = "compressedDepth"
 VIDEOS = ("h264", "h265", "hevc", "av1", "vp9", "theora", "ffmpeg")
@@ -73,11 +78,12 @@ def depth(message: Any, camera: Camera, where: str) -> npt.NDArray[np.float32]:
     return images.metres(pixels.astype(np.uint16)) if DEPTHS[name] is np.uint16 else valid(pixels)
 
 
-def lens_of(info: Any, rectified: bool, size: tuple[int, int], where: str) -> Lens:
-    """The lens that a CameraInfo describes; of its projection matrix where the images are rectified.
+def lens_of(info: Any, rectified: bool, size: tuple[int, int], where: str) -> tuple[Lens, str]:
+    """The lens that a CameraInfo describes, of its projection matrix where the images are rectified, and a note or "".
 
-    It is at the CameraInfo's own size, or at ``size``, (width, height) of the images, if the principal point lies
-    nearer to their middle: a driver that reduces images may forget either.
+    It is that of the region of the sensor that the images show (``_cut``), else at the CameraInfo's own size, or at
+    ``size``, (width, height) of the images, if the principal point lies nearer to their middle: a driver that reduces
+    images may forget either.
     """
     matrix = np.asarray(getattr(info, "k", None) if hasattr(info, "k") else info.K, dtype=np.float64).reshape(3, 3)
     if rectified:
@@ -85,19 +91,57 @@ def lens_of(info: Any, rectified: bool, size: tuple[int, int], where: str) -> Le
         matrix = np.asarray(projection, dtype=np.float64).reshape(3, 4)[:, :3]
     if not matrix.any():
         raise InputError(f"{where}: the CameraInfo holds no intrinsics (all zero): calibrate the camera")
-    stated, centre = (int(info.width), int(info.height)), (float(matrix[0, 2]), float(matrix[1, 2]))
-    right = stated if min(stated) > 0 and off_centre(stated, centre) <= off_centre(size, centre) else size
-    says = where if stated == size else f"{where} (of {stated[0]}x{stated[1]} px, for images of {size[0]}x{size[1]})"
-    camera = camera_of(*right, matrix[[0, 1, 0, 1], [0, 1, 2, 2]].tolist(), says)
+    stated, values = (int(info.width), int(info.height)), matrix[[0, 1, 0, 1], [0, 1, 2, 2]].tolist()
+    cut = _cut(info, values, size, where)
+    if cut is None:
+        centre = values[2], values[3]
+        right = stated if min(stated) > 0 and off_centre(stated, centre) <= off_centre(size, centre) else size
+        of = f"{where} (of {stated[0]}x{stated[1]} px, for images of {size[0]}x{size[1]})"
+        cut = camera_of(*right, values, where if stated == size else of), ""
+    camera, note = cut
     coefficients = np.asarray(info.d if hasattr(info, "d") else info.D, dtype=np.float64)
-    if rectified or not coefficients.any():
-        return Lens(camera)
-    model = str(info.distortion_model)
-    if model not in MODELS:
+    if rectified or not len(coefficients):
+        return Lens(camera), note
+    model = MODELS.get(str(info.distortion_model).lower())
+    if model == "equidistant":  # without coefficients it bends all the same
+        return Lens(camera, model, tuple(coefficients.tolist()) if coefficients.any() else (0.0,) * 4), note
+    if model is None and coefficients.any():
         raise InputError(
-            f"{where}: distortion {brief(model, 40)!r} is unknown; record rectified images, or {', '.join(MODELS)}"
+            f"{where}: distortion {brief(info.distortion_model, 40)!r} is unknown; record rectified images, or "
+            f"{', '.join(MODELS)}"
         )
-    return straight(camera, MODELS[model], coefficients)
+    beyond = slice(None) if coefficients[8:].any() else slice(8)  # OpenCV's thin prism and tilt, mostly zero
+    return straight(camera, model or "pinhole", coefficients[beyond]), note
+
+
+def _cut(info: Any, values: Sequence[float], size: tuple[int, int], where: str) -> tuple[Camera, str] | None:
+    """The camera of the region of the sensor that the images show, and a note; None where they show all of it.
+
+    A CameraInfo's matrices and size are the whole sensor's, and its region counts the sensor's pixels before they are
+    binned (REP-104). A driver that has moved them already is known by a principal point in the middle of the region.
+    """
+    stated, roi = np.array([info.width, info.height], float), info.roi
+    bins = np.maximum(1, [info.binning_x, info.binning_y]).astype(float)
+    first, sides = np.array([[roi.x_offset, roi.y_offset], [roi.width, roi.height]], float)
+    first, sides = (first, sides) if sides.all() else (np.zeros(2), stated)
+    if (bins > 1).any() and tuple(sides) == size:  # some drivers give them in pixels of the images
+        first, sides = first * bins, sides * bins
+    held = bool((first + sides <= stated).all())
+    whole = held and ((tuple(sides) == tuple(stated) and bins[0] == bins[1]) or tuple(stated) == size)
+    width, height = (int(n) for n in sides // bins)
+    if whole or min(width, height) < 1 or abs(size[0] / size[1] / (width / height) - 1) > ASPECT_TOLERANCE:
+        return None
+    focal, centre = np.array(values[:2]), np.array(values[2:])
+    moved, back = (centre - first + 0.5) / bins - 0.5, (centre + 0.5) * bins - 0.5 + first
+    sensor = (int(stated[0]), int(stated[1])) if held else (width, height)  # the judge: the sensor, if it is known
+    told, done = (centre, back) if held else (moved, centre)
+    already = off_centre(sensor, (done[0], done[1])) < off_centre(sensor, (told[0], told[1]))
+    camera_of(*sensor, [*focal, *(done if already else told)], where)  # an InputError if it is neither's
+    region = f"{sides[0]:.0f}x{sides[1]:.0f} px of the sensor from {first[0]:.0f}, {first[1]:.0f} on"
+    region += f", binned {bins[0]:.0f}x{bins[1]:.0f}" if (bins > 1).any() else ""
+    says = "its intrinsics are those of that region" if already else "its intrinsics were moved there"
+    lens = values if already else [*(focal / bins).tolist(), *moved.tolist()]
+    return Camera(width, height, *lens), f"{where}: the images show {region}; {says}"
 
 
 def _rows(message: Any, camera: Camera, kind: np.dtype[Any], channels: int, where: str) -> npt.NDArray[Any]:

@@ -193,33 +193,36 @@ def _lens(bag: Messages, stream: Stream, infos: dict[str, Any], wanted: str | No
         there = brief(", ".join(infos), 300) or "none"
         lack = f"topic {name!r} has no CameraInfo" if name else f"no CameraInfo belongs to {stream.name}"
         raise InputError(f"{bag.path}: {lack}; there are {there}: choose with --info TOPIC")
-    lens = _of_info(infos[name], stream, name, notes)
-    notes += off_centre_notes(lens.camera)
+    lens, cut = _of_info(infos[name], stream, name, notes)
+    notes += [] if cut else off_centre_notes(lens.camera)
     if lens.model != "pinhole":
         notes.append(f"lens distortion ({lens.model}) is taken out of the images")
     return lens
 
 
-def _of_info(info: Any, stream: Stream, name: str, notes: list[str]) -> Lens:
-    """The lens of a CameraInfo at the size of the stream's images."""
+def _of_info(info: Any, stream: Stream, name: str, notes: list[str]) -> tuple[Lens, bool]:
+    """The lens of a CameraInfo at the size of the stream's images, and whether these show a region of the sensor."""
     size = stream.width, stream.height
-    described = lens_of(info, stream.rectified, size, name)
-    if _size(described) != size:
+    described, cut = lens_of(info, stream.rectified, size, name)
+    if cut:
+        notes.append(cut)
+    elif _size(described) != size:
         notes.append(f"{name} is of another resolution than {stream.name}; its intrinsics were scaled")
     elif (info.width, info.height) != size:
         notes.append(
             f"{name} says {info.width}x{info.height} px, but its intrinsics are those of {stream.name}'s "
             f"{size[0]}x{size[1]}"
         )
-    return _scaled(described, stream, name)
+    return _scaled(described, stream, name), bool(cut)
 
 
 def _depth_lens(stream: Stream, colour: Stream, infos: dict[str, Any], colour_lens: Lens, notes: list[str]) -> Lens:
     """The depth camera's own lens; the colour camera's where the depth is registered to it or nothing else is known."""
     name = _named(stream, infos)
-    if stream.frame == colour.frame or name is None:
-        return colour_lens if _size(colour_lens) == (stream.width, stream.height) else _fit(colour_lens, stream)
-    return _of_info(infos[name], stream, name, notes)
+    same = _size(colour_lens) == (stream.width, stream.height)
+    if name is None or (stream.frame == colour.frame and (same or name == _named(colour, infos))):
+        return colour_lens if same else _fit(colour_lens, stream)
+    return _of_info(infos[name], stream, name, notes)[0]
 
 
 def _size(lens: Lens) -> tuple[int, int]:
