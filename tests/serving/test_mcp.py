@@ -271,6 +271,24 @@ def test_bad_arguments_get_one_line(ops: Operations) -> None:
         assert said.startswith(line) and "\n" not in said and "pydantic" not in said
 
 
+def test_hosts_write_null_and_numbers(home: Path, ops: Operations) -> None:
+    number = next(obj.id for obj in Home.load(home).objects if obj.label == "mug")
+    same: list[tuple[str, dict[str, Any], dict[str, Any]]] = [
+        ("list_objects", {}, {"room": None, "page": None, "tentative": None, "home": None}),
+        ("list_objects", {"page": 1}, {"page": "1"}),
+        ("describe", {"entity": str(number)}, {"entity": number}),
+        ("goal_for", {"entity": str(number)}, {"entity": number, "from_x": None, "from_y": None}),
+    ]
+
+    async def work(client: Client) -> None:
+        for tool, plain, written in same:
+            assert await told(client, tool, **written) == await told(client, tool, **plain)
+        assert await fault(client, "describe", entity=None) == "entity: Field required"
+        assert "valid string" in await fault(client, "describe", entity=True)
+
+    with_server(ops, work)
+
+
 def test_tentative_objects_can_be_listed(home: Path) -> None:
     mapped = Home.load(home)
     objects = tuple(replace(t, confirmed=t.label != "chair") for t in mapped.objects)
@@ -318,7 +336,7 @@ def test_names_and_requests_are_data(home: Path, ops: Operations) -> None:
     with_server(ops, work)
 
 
-def answering(action: str, go: bool, asked: list[str]) -> Callable[..., Awaitable[ElicitResult]]:
+def answering(action: str, go: object, asked: list[str]) -> Callable[..., Awaitable[ElicitResult]]:
     async def answer(context: Any, params: ElicitRequestParams) -> ElicitResult:
         asked.append(params.message)
         return ElicitResult(action=action, content={"go": go} if action == "accept" else None)  # type: ignore[arg-type]
@@ -333,7 +351,7 @@ def test_a_robot_goes_only_after_a_person_agreed(home: Path, ops: Operations, mo
     async def go(client: Client) -> Any:
         return await client.call_tool("go", {"entity": "chair"})
 
-    agreed_to = {"mode": mode, "elicitation_callback": answering("accept", True, asked)}
+    agreed_to = {"mode": mode, "elicitation_callback": answering("accept", "yes", asked)}
     in_a_process = mode == "auto"  # as the command starts it: once suffices
     yes = (
         over_stdio(go, home, "--allow-go", "print", **agreed_to)
@@ -342,7 +360,9 @@ def test_a_robot_goes_only_after_a_person_agreed(home: Path, ops: Operations, mo
     )
     assert not yes.is_error and "navigate_to_pose" in yes.structured_content["sent"]
     assert "drive to the room: chair at x" in asked[0] and len(asked) == 1
-    for action, agreed in (("accept", False), ("decline", True), ("cancel", True)):
+    for action, agreed in (
+        ("accept", "no"), ("accept", 1), ("accept", True), ("accept", ["yes"]), ("decline", "yes"), ("cancel", "yes"),
+    ):  # fmt: skip
         no = with_server(ops, go, "print", mode=mode, elicitation_callback=answering(action, agreed, asked))
         assert no.is_error and "sent" not in str(no.structured_content)
 
@@ -377,7 +397,7 @@ def test_nothing_is_sent_without_a_goal(home: Path) -> None:
         return await fault(client, "go", entity="mug")
 
     assert "no known free floor that fits" in with_server(
-        wide, work, "print", elicitation_callback=answering("accept", True, [])
+        wide, work, "print", elicitation_callback=answering("accept", "yes", [])
     )
 
 

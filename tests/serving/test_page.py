@@ -7,6 +7,7 @@ import json
 import re
 import shutil
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -83,8 +84,6 @@ def test_no_file_of_the_page_names_another_machine() -> None:
 
 
 def test_a_home_without_a_floor_plan_is_shown_too(home: Path) -> None:
-    from dataclasses import replace
-
     bare = replace(Home.load(home), grid=None, rooms=())
     assert view(bare)["grid"] is None and b"home-data" in one_file(bare)
 
@@ -296,8 +295,6 @@ def test_a_phone_s_width_and_its_scheme(
 
 def unsure(home: Path, label: str = "mug") -> int:
     """Make the object of a label tentative in a saved home; returns its id."""
-    from dataclasses import replace
-
     mapped = Home.load(home)
     doubted = [replace(t, confirmed=False, probability=0.3) if t.label == label else t for t in mapped.objects]
     replace(mapped, objects=tuple(doubted), store=None, corrected=None).save(home.with_name("doubted"))
@@ -435,7 +432,7 @@ def test_an_object_in_3d_has_its_colour_where_it_should_be(
       box = scene.canvas.getBoundingClientRect(), k = scene.canvas.width / box.width, pixel = new Uint8Array(4);
       scene.gl.readPixels(Math.round((x - box.left) * k), scene.canvas.height - 1 - Math.round((y - box.top) * k),
         1, 1, scene.gl.RGBA, scene.gl.UNSIGNED_BYTE, pixel);
-      return { x, y, pixel: [...pixel], colour: COLOURS[t.colours[0]] }; }"""
+      return { x, y, pixel: [...pixel], colour: colourOf(t) }; }"""
     table = next(t for t in Home.load(home).objects if t.label == "chair")
     seen = tab.evaluate(top, table.id)
     wanted = [int(seen["colour"][k : k + 2], 16) for k in (1, 3, 5)]
@@ -478,8 +475,6 @@ def test_the_points_are_where_depth_showed_them_and_can_be_switched_off(
 def test_a_click_in_3d_chooses_the_smallest_that_holds_the_surface_and_no_ghost(
     home: Path, tmp_path: Path, visit: Callable[..., Any]
 ) -> None:
-    from dataclasses import replace
-
     from flat import obj
 
     mapped = Home.load(home)
@@ -509,8 +504,6 @@ def test_a_click_in_3d_chooses_the_smallest_that_holds_the_surface_and_no_ghost(
 def test_a_home_of_an_older_cartier_has_no_points_and_opens_as_before(
     home: Path, tmp_path: Path, visit: Callable[..., Any]
 ) -> None:
-    from dataclasses import replace
-
     older = Home.load(home)
     replace(older, growth={k: v for k, v in older.growth.items() if k != "cloud.npz"}).save(tmp_path / "older")
     file = tmp_path / "home.html"
@@ -616,3 +609,16 @@ def test_the_way_without_rules_is_drawn_beside_the_way_under_them(
     tab.evaluate(f"choose({chair.id})")
     tab.wait_for_selector("#plan .shortest", state="attached")
     assert tab.locator("#plan .way:not(.shortest)").count() == 1
+
+
+def test_a_colour_may_have_any_name(home: Path, tmp_path: Path, visit: Callable[..., Any]) -> None:
+    """A look-up of ``constructor`` on a bare object gives a function, and the 3-D view threw."""
+    odd = ("constructor", "__proto__", "toString", "hasOwnProperty")
+    mapped = Home.load(home)
+    objects = [replace(obj, colours=((odd[k % 4], 1.0),)) for k, obj in enumerate(mapped.objects)]
+    file = tmp_path / "home.html"
+    file.write_bytes(one_file(replace(mapped, objects=tuple(objects))))
+    tab = visit(file.as_uri())
+    assert set(tab.evaluate("data.objects.map(colourOf)")) == {"#4a78b8"}
+    tab.click("#solid")
+    tab.wait_for_function("() => scene.gl && scene.canvas.width > 10")

@@ -33,7 +33,7 @@ MIN_TOKEN_CHARS, MAX_TOKENS_CHARS = 20, 2**20
 MAX_BODY, MAX_TARGET = 64 * 1024, 4096  # bytes of a request's body, and of its path with the query
 BODY_S, SEND_S = 10.0, 30.0  # for a body to arrive, and for a part of an answer to be sent
 MAX_IN_FLIGHT = 256
-RATE, BURST = 50.0, 200.0  # requests of one other machine per second, and at once
+RATE, BURST = 50.0, 200.0  # requests of one token, or of one other machine without, per second, and at once
 WRONG_TOKENS, WRONG_S = 20, 60.0  # wrong tokens from one address within this time
 MAX_ADDRESSES = 10_000
 HEADERS = (
@@ -127,7 +127,7 @@ class Guard:
         self._app, self._hosts, self._scheme = app, frozenset(h.lower() for h in hosts), "https" if tls else "http"
         self._tokens = tokens
         self._open, self._clock, self._in_flight = frozenset(open_paths), clock, 0
-        self._buckets: OrderedDict[str, tuple[float, float]] = OrderedDict()  # by address: requests left, and when
+        self._buckets: OrderedDict[str, tuple[float, float]] = OrderedDict()  # by token or address: how many are left
         self._wrong: OrderedDict[str, list[float]] = OrderedDict()  # by address: times of wrong tokens
         self._headers = HEADERS + (((b"strict-transport-security", b"max-age=31536000"),) if tls else ())
 
@@ -197,34 +197,38 @@ class Guard:
         kind = headers.get(b"content-type", [""])[0].partition(";")[0].strip().lower()
         if scope["method"] == "POST" and kind != "application/json":
             return 415, "a body must be application/json"
-        if not self._in_rate(address):
+        given = headers.get(b"authorization", [])
+        access = self._access(given)
+        if not is_loopback(address) and not self._in_rate(access.who if access else address):
             return 429, "too many requests from this address: wait a second"
+        if access is not None:  # whatever others tried from the same address, which may be a proxy's
+            return access
         if self._tokens is not None and scope["path"] not in self._open:
-            return self._access(self._tokens, address, headers.get(b"authorization", []))
+            return self._without_token(address, bool(given))
         return None
 
-    def _access(self, tokens: Mapping[bytes, Access], address: str, given: list[str]) -> tuple[int, str] | Access:
+    def _access(self, given: list[str]) -> Access | None:
+        """What a right token may see; None for any other."""
+        kind, _, token = given[0].partition(" ") if len(given) == 1 else ("", "", "")
+        digest = digest_of(token.strip())
+        access = [held for known, held in (self._tokens or {}).items() if hmac.compare_digest(digest, known)]
+        return access[0] if kind.lower() == "bearer" and access else None
+
+    def _without_token(self, address: str, wrong_one: bool) -> tuple[int, str]:
         now = self._clock()
         wrong = [t for t in self._wrong.get(address, ()) if now - t < WRONG_S]
         if len(wrong) >= WRONG_TOKENS:
             return 429, "too many wrong tokens from this address: wait a minute"
-        kind, _, token = given[0].partition(" ") if len(given) == 1 else ("", "", "")
-        digest = digest_of(token.strip())
-        access = [held for known, held in tokens.items() if hmac.compare_digest(digest, known)]
-        if kind.lower() == "bearer" and access:
-            return access[0]
-        if given:
+        if wrong_one:
             self._wrong[address] = [*wrong, now]
             _trim(self._wrong)
         return 401, "a token is needed: Authorization: Bearer TOKEN"
 
-    def _in_rate(self, address: str) -> bool:
-        if is_loopback(address):
-            return True
+    def _in_rate(self, who: str) -> bool:
         now = self._clock()
-        left, before = self._buckets.pop(address, (BURST, now))
+        left, before = self._buckets.pop(who, (BURST, now))
         left = min(BURST, left + (now - before) * RATE)
-        self._buckets[address] = (max(left - 1, 0.0), now)
+        self._buckets[who] = (max(left - 1, 0.0), now)
         _trim(self._buckets)
         return left >= 1
 

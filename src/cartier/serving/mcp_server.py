@@ -70,9 +70,9 @@ class ObjectResult(AnyResult):
 
 
 class Consent(BaseModel):
-    """A person's consent to a goal."""
+    """A person's consent to a goal: the word yes, which no host fills in as it may tick a box."""
 
-    go: bool = Field(description="Drive there?")
+    go: Literal["yes", "no"] = Field(description="Drive there?")
 
 
 Result = Annotated[CallToolResult, AnyResult]
@@ -118,9 +118,12 @@ class _Server(MCPServer):
     ) -> CallToolResult | InputRequiredResult:
         """As MCPServer does, but what is wrong with the arguments is one line, as over HTTP."""
         tool = next((tool for tool in await super().list_tools() if tool.name == name), None)
-        known = list(tool.input_schema.get("properties", {})) if tool is not None else list(arguments)
-        if unknown := [given for given in arguments if given not in known]:
-            raise ToolError(f"{name} has no argument {brief(unknown[0], 40)!r}; it has {', '.join(known) or 'none'}")
+        if tool is not None:
+            known = tool.input_schema.get("properties", {})
+            if unknown := [given for given in arguments if given not in known]:
+                has = ", ".join(known) or "none"
+                raise ToolError(f"{name} has no argument {brief(unknown[0], 40)!r}; it has {has}")
+            arguments = _as_hosts_mean(arguments, known)
         try:
             return await super().call_tool(name, arguments, context)
         except UnexpectedToolError:
@@ -144,6 +147,15 @@ class _Server(MCPServer):
             else:
                 short[key] = value
         return short
+
+
+def _as_hosts_mean(arguments: dict[str, Any], known: dict[str, Any]) -> dict[str, Any]:
+    """Arguments as hosts write them: null is one that is left out, and a text that is a number may come as one."""
+    return {
+        name: str(value) if known[name].get("type") == "string" and type(value) is int else value
+        for name, value in arguments.items()
+        if value is not None
+    }
 
 
 def _add_reading(server: MCPServer, ops: Operations) -> None:
@@ -233,7 +245,7 @@ def _add_go(server: MCPServer, ops: Operations, robot: str) -> None:
             raise ToolError(str(error)) from error
         asked = f"{ops.homes.name(home)}: {goal.place.label} at x {goal.x:.2f} y {goal.y:.2f}"
         if code:
-            return Consent(go=codes.accept(code, asked))
+            return Consent(go="yes" if codes.accept(code, asked) else "no")
         if ctx.request_context.session.check_client_capability(ClientCapabilities(elicitation=ElicitationCapability())):
             return Elicit(f"May the robot ({robot}) drive to the {asked}, {goal.length_m:.1f} m?", Consent)
         sys.stderr.write(f"cartier: an agent wants to send {robot} to {asked}. Code: {codes.new(asked)}\n")
@@ -246,7 +258,7 @@ def _add_go(server: MCPServer, ops: Operations, robot: str) -> None:
         code: Annotated[str, Field(description="only if a person read it to you")] = "",
         frame_epoch: Annotated[int | None, Field(description="of the answer's as_of")] = None,
     ) -> Result:
-        if not agreed.go:
+        if agreed.go != "yes":
             why = "the person did not agree, or the code is wrong or old; goal_for only shows the pose"
             raise ToolError(f"nothing was sent: {why}")
         return _call(ops.go, entity, robot, home, frame_epoch)

@@ -6,7 +6,6 @@ whether it can be reached. A fault is an InputError whose line names the operati
 
 from __future__ import annotations
 
-import logging
 import math
 import threading
 import time
@@ -32,6 +31,7 @@ from cartier.live.answers import as_of
 from cartier.llm.prompts import check_query, recent
 from cartier.navigation.planning import plan
 from cartier.pipeline import ask, plan_for, serve
+from cartier.serving.alarms import Alarms
 from cartier.serving.homes import Homes
 from cartier.serving.lookup import confirmed_of, named, placed, start_of
 from cartier.serving.values import (
@@ -76,7 +76,7 @@ class Operations:
         self.homes, self.reasoner, self.robot = homes, reasoner, robot or RobotModel()
         alarm.emergency_number(emergency_number)  # a mistake is told now, not in an emergency
         self.emergency_number = emergency_number
-        self._on_alarm, self._look = on_alarm, look
+        self._alarms, self._look = Alarms(on_alarm) if on_alarm is not None else None, look
         self._turns: OrderedDict[tuple[str, str, str], list[tuple[str, str]]] = OrderedDict()
         self._lock = threading.Lock()
         self.verification = Verification(look)
@@ -111,9 +111,9 @@ class Operations:
             )  # fmt: skip
             mapped, answer = keep_rules(mapped, answer) if corrects else (mapped, not_kept(answer))
         answer = answer if moment is None else as_of(answer, moment)
-        if answer.selection.status == "alarm" and self._on_alarm is not None:
+        if answer.selection.status == "alarm" and self._alarms is not None:
             told = {"conversation": key[1]} | answer.to_dict()
-            threading.Thread(target=self._tell, args=(told,), daemon=True).start()  # the person does not wait for it
+            self._alarms.ring(key, told)  # the person does not wait for it
         if key[1]:
             with self._lock:
                 self._turns[key] = recent([*turns, (words, robot_turn(answer))])
@@ -122,10 +122,6 @@ class Operations:
                     self._turns.popitem(last=False)
         known = {"corrected": True} if corrected is not None else {}
         return self.about(home, mapped) | answer_values(mapped, answer) | known
-
-    def _tell(self, alarming: dict[str, Any]) -> None:
-        assert self._on_alarm is not None
-        logging.getLogger("cartier").warning("on alarm: %s", self._on_alarm(alarming))
 
     def find(self, name: str, home: str = "") -> dict[str, Any]:
         """Objects and rooms by name, the most probable first; similar spellings if none has the name.

@@ -107,7 +107,7 @@ function apart(obj, others) { // its name, and what distinguishes it from others
 }
 function dot(obj) {
   const made = make("span", { class: "dot", "aria-hidden": "true" });
-  made.style.background = COLOURS[obj.colours[0]] || "#4a78b8";
+  made.style.background = colourOf(obj);
   return made;
 }
 

@@ -1,7 +1,7 @@
 "use strict";
 // Helpers shared by the page (app.js) and the answer in an MCP host (answer.js). Texts are inserted as text, never as HTML.
 
-const COLOURS = { black: "#26262a", white: "#f4f4f0", grey: "#8d9096", red: "#c8403a", orange: "#d9823b", brown: "#8a5f3c", yellow: "#dcc04c", green: "#5b9a52", blue: "#4a78b8", purple: "#80609f", pink: "#d893ae", beige: "#d8c6a2", turquoise: "#4fa9a4" };
+const COLOURS = new Map(Object.entries({ black: "#26262a", white: "#f4f4f0", grey: "#8d9096", red: "#c8403a", orange: "#d9823b", brown: "#8a5f3c", yellow: "#dcc04c", green: "#5b9a52", blue: "#4a78b8", purple: "#80609f", pink: "#d893ae", beige: "#d8c6a2", turquoise: "#4fa9a4" })), colourOf = (obj) => COLOURS.get(obj.colours[0]) || "#4a78b8"; // a colour's name comes from outside: no bare object
 const called = (obj) => obj.names[0] || obj.label;
 const calledAny = (objects, names) => objects.filter((t) => t.confirmed && (names.includes(t.label) || t.names.some((n) => names.includes(n))));
 const footprint = (t) => Math.max(t.high[0] - t.low[0], 0.02) * Math.max(t.high[1] - t.low[1], 0.02);

@@ -101,7 +101,7 @@ class Plan {
     if (data.grid) group.append(this.ground(data, css));
     for (const obj of this.order) {
       const size = [0, 1].map((i) => Math.max(obj.high[i] - obj.low[i], 0.04)), look = { x: obj.low[0], y: -obj.high[1], width: size[0], height: size[1], rx: Math.min(0.03, size[0] / 4, size[1] / 4) };
-      const r = shape("rect", { ...look, class: obj.confirmed ? "object" : "object tentative", fill: COLOURS[obj.colours[0]] || "#4a78b8" });
+      const r = shape("rect", { ...look, class: obj.confirmed ? "object" : "object tentative", fill: colourOf(obj) });
       r.dataset.id = obj.id;
       this.shapes.set(obj.id, r);
       group.append(r);

@@ -250,7 +250,7 @@ class Scene {
       const chosen = t.id === this.chosen, dim = this.only && !this.only.has(t.id) && !chosen;
       if (!this.seen(t)) continue;
       if (!t.confirmed && !chosen) { for (const [low, high] of edges(t, 0.004)) put(solid, low, high, rgb("--unsure")); continue; } // never solid: nothing confirmed is hidden
-      const hex = COLOURS[t.colours[0]] || "#4a78b8", colour = chosen ? rgb("--chosen") : hex.match(/\w\w/g).map((h) => parseInt(h, 16) / 255);
+      const hex = colourOf(t), colour = chosen ? rgb("--chosen") : hex.match(/\w\w/g).map((h) => parseInt(h, 16) / 255);
       if (!dots || chosen) put(dim || dots ? clear : solid, t.low, t.high, colour, dim ? 0.12 : dots ? 0.35 : 1);
       if (dots && !dim) for (const [low, high] of edges(t, chosen || this.only ? 0.012 : 0.006)) put(solid, low, high, this.only ? rgb("--chosen") : colour);
     }
