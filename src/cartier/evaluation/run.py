@@ -20,7 +20,7 @@ from cartier.evaluation.methods import ASKING, METHODS, Bench
 from cartier.evaluation.metrics import distances, matches
 from cartier.evaluation.queries import Query, cases
 from cartier.home import Home
-from cartier.io.atomic import locked, sweep_parts, write_file, write_json
+from cartier.io.atomic import append_line, locked, sweep_parts, write_file, write_json
 from cartier.io.files import read_json, read_rows
 from cartier.labels import display_name
 from cartier.models.minilm import TextEncoder
@@ -131,14 +131,12 @@ def _run(
         if not missing:
             continue
         home = maps.get(home_name, progress)
-        with file.open("a", encoding="utf-8") as out:
-            for query, method in missing:
-                row = _row(home, home_name, query, method, bench, memory, truth[home_name])
-                done[home_name, query.id, method] = row
-                out.write(json.dumps(row, ensure_ascii=False) + "\n")
-                out.flush()
-                if progress:
-                    progress("asking", len(done), total)
+        for query, method in missing:
+            row = _row(home, home_name, query, method, bench, memory, truth[home_name])
+            done[home_name, query.id, method] = row
+            append_line(file, json.dumps(row, ensure_ascii=False))
+            if progress:
+                progress("asking", len(done), total)
     rows = [done[home, query.id, method] for home, query in asked for method in settings.methods]
     write_file(file, "".join(json.dumps(row, ensure_ascii=False) + "\n" for row in rows).encode())
     return rows

@@ -22,7 +22,7 @@ from cartier.evaluation.things_made import make_items
 from cartier.evaluation.things_report import write_report, write_requests
 from cartier.evaluation.true_home import true_home
 from cartier.home import Home
-from cartier.io.atomic import locked
+from cartier.io.atomic import append_line, locked
 from cartier.io.files import read_rows
 from cartier.types import Answer, Fact, Inventory, Selection, TrueObject
 
@@ -153,15 +153,13 @@ def run(
                 if not missing:
                     continue
                 home, truth = maps.get(name, progress), _truth(maps.world, name)
-                with file.open("a", encoding="utf-8") as out:
-                    for item, how in missing:
-                        answer = answer_row(home, item, how, reasoner, settings.seed, truth)
-                        row = {"detector": detector, "run": how} | answer
-                        done[_key(row)] = row
-                        out.write(json.dumps(row, ensure_ascii=False) + "\n")
-                        out.flush()
-                        if progress:
-                            progress("asking", len(done), total)
+                for item, how in missing:
+                    answer = answer_row(home, item, how, reasoner, settings.seed, truth)
+                    row = {"detector": detector, "run": how} | answer
+                    done[_key(row)] = row
+                    append_line(file, json.dumps(row, ensure_ascii=False))
+                    if progress:
+                        progress("asking", len(done), total)
         rows = [
             done[detector, item.id, how] for detector in settings.detectors for item in items for how in settings.runs
         ]

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import re
 import secrets
 import shutil
 import stat
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,7 @@ from cartier.io.files import json_bytes
 
 TEMPORARY = ".cartier-temporary"
 """The file that marks a folder as a half-written one of ours, which may be deleted."""
+CANNOT_SYNC = (errno.EINVAL, errno.EBADF, errno.ENOTSUP, errno.EACCES)  # what says that a platform has no such sync
 PART = re.compile(r"\..+-[0-9a-f]{8}\.part")
 """The names under which ``write_file`` writes."""
 
@@ -56,51 +58,123 @@ def create_file(path: Path, data: bytes) -> bool:
 
 
 @contextmanager
+def replaced_file(path: Path) -> Iterator[Path]:
+    """A path beside ``path``: the file that the block writes there takes the name once it is on the disk.
+
+    Raises InputError if it cannot be written.
+    """
+    with _beside(path) as beside:
+        yield beside
+        sync(beside)
+        beside.replace(path)
+
+
+@contextmanager
 def _written_beside(path: Path, data: bytes) -> Iterator[Path]:
     """A file with the data beside ``path``, for a block that gives it that name."""
+    with _beside(path) as beside:
+        with beside.open("xb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        yield beside
+
+
+@contextmanager
+def _beside(path: Path) -> Iterator[Path]:
+    """A free name beside ``path``; a file that the block leaves there is deleted."""
     beside = path.with_name(f".{path.name[:80]}-{secrets.token_hex(4)}.part")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         try:
-            with beside.open("xb") as file:
-                file.write(data)
-                file.flush()
-                os.fsync(file.fileno())
             yield beside
         finally:
             beside.unlink(missing_ok=True)
-        sync_folder(path.parent)
+        sync(path.parent)
     except OSError as error:
         raise InputError(f"{path} cannot be written: {error.strerror or error}") from error
 
 
-def sync_folder(folder: Path) -> None:
-    """Flush the names in a folder to the disk, where the platform can."""
-    with suppress(OSError):
-        handle = os.open(folder, os.O_RDONLY)
-        try:
-            os.fsync(handle)
-        finally:
-            os.close(handle)
+def sync(path: Path) -> None:
+    """Flush a file, or the names in a folder, to the disk, where the platform can. Raises OSError if that fails."""
+    try:
+        handle = os.open(path, os.O_RDONLY)
+    except OSError:  # Windows opens no folder
+        return
+    try:
+        os.fsync(handle)
+    except OSError as error:
+        if error.errno not in CANNOT_SYNC:
+            raise
+    finally:
+        os.close(handle)
 
 
 def append_line(path: Path, line: str) -> None:
-    """Append a line to a log, and end a line that a kill cut short first. Links are not followed.
+    """Append one line to a log; see ``append_lines``."""
+    append_lines(path, [line])
+
+
+def append_lines(path: Path, lines: Sequence[str]) -> None:
+    """Append lines to a log: on the disk when this returns, or, with an error, none of them.
+
+    A line that a kill cut short is ended first. One process writes at a time, and links are not followed.
 
     Raises InputError if the file cannot be written.
     """
-    flags = os.O_RDWR | os.O_APPEND | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
     try:
-        with os.fdopen(os.open(path, flags, 0o666), "r+b", buffering=0) as file:
-            if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
-                raise InputError(f"{path} is no file: nothing was added to it")
-            size = file.seek(0, os.SEEK_END)
-            file.seek(max(0, size - 1))
-            ended = size == 0 or file.read(1) == b"\n"
-            file.write(("" if ended else "\n").encode() + line.encode() + b"\n")
-            os.fsync(file.fileno())
+        with opened_log(path) as log:
+            size = os.lseek(log, 0, os.SEEK_END)
+            os.lseek(log, max(0, size - 1), os.SEEK_SET)
+            whole = size == 0 or os.read(log, 1) == b"\n"
+            if size == 0:
+                sync(path.parent)
+            append_whole(log, "".join(f"{line}\n" for line in (lines if whole else ("", *lines))).encode())
     except OSError as error:
         raise InputError(f"{path} cannot be written: {error.strerror}") from error
+
+
+@contextmanager
+def opened_log(path: Path) -> Iterator[int]:
+    """The descriptor of a log, made if there is none, that no other process or thread appends to or replaces meanwhile.
+
+    Links are not followed. Raises InputError for what is no file, and OSError.
+    """
+    flags = os.O_RDWR | os.O_APPEND | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
+    while True:
+        log = os.open(path, flags, 0o666)
+        try:
+            if not stat.S_ISREG(os.fstat(log).st_mode):
+                raise InputError(f"{path} is no file: nothing was added to it")
+            _lock(log)
+            if path.exists() and os.path.samestat(os.fstat(log), path.lstat()):  # else it was replaced meanwhile
+                yield log
+                return
+        finally:
+            os.close(log)
+
+
+def _lock(file: int) -> None:
+    """Wait for the lock of an open file, which its closing gives back. Windows and some network disks have none."""
+    with suppress(ImportError, OSError):
+        import fcntl
+
+        fcntl.flock(file, fcntl.LOCK_EX)
+
+
+def append_whole(file: int, data: bytes, on_disk: bool = True) -> None:
+    """Append to an open file all of the data, or, with an OSError, nothing; ``on_disk`` waits until it is there."""
+    end = os.lseek(file, 0, os.SEEK_END)
+    try:
+        left = memoryview(data)
+        while left:  # of what is too much for the disk it takes a part, and says so only when asked again
+            left = left[os.write(file, left) :]
+        if on_disk:
+            os.fsync(file)
+    except BaseException:
+        os.ftruncate(file, end)
+        os.lseek(file, end, os.SEEK_SET)
+        raise
 
 
 @contextmanager
@@ -166,7 +240,7 @@ def replaced_folder(target: Path, marker: str) -> Iterator[Path]:
                 if target.exists():
                     target.replace(old)
                 new.replace(target)
-                sync_folder(target.parent)
+                sync(target.parent)
                 shutil.rmtree(old, ignore_errors=True)
             finally:
                 shutil.rmtree(new, ignore_errors=True)
@@ -203,6 +277,5 @@ def _umask() -> int:
 def _sync_tree(root: Path) -> None:
     for folder, _, names in os.walk(root):
         for name in names:
-            with suppress(OSError), (Path(folder) / name).open("rb") as file:
-                os.fsync(file.fileno())
-        sync_folder(Path(folder))
+            sync(Path(folder) / name)
+        sync(Path(folder))

@@ -25,6 +25,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cartier.errors import InputError, brief, check_pose
+from cartier.io.atomic import append_whole, sync
 from cartier.io.files import check_file, parse_json
 from cartier.types import Camera, Detections, Frame
 
@@ -198,11 +199,11 @@ class SpoolWriter:
         old = Spool(path) if path.exists() and not torn else None
         end = 0 if old is None else old.end
         try:
-            self._file = path.open("r+b" if path.exists() else "x+b")
+            self._file = path.open("r+b" if path.exists() else "x+b", buffering=0)
             self._file.truncate(end)
-            self._file.seek(end)
             if not end:
-                self._file.write(MAGIC)
+                append_whole(self._file.fileno(), MAGIC)
+                sync(path.absolute().parent)
         except OSError as error:
             raise InputError(f"{path} cannot be written: {error.strerror or error}") from error
         if old is None or not old.places or old.ended:
@@ -240,23 +241,23 @@ class SpoolWriter:
         self._append(END, json.dumps({"home": home_id}).encode() + b"\n")
 
     def close(self) -> None:
-        self._flush(0.0)
-        self._file.close()
+        with self._file:
+            try:
+                os.fsync(self._file.fileno())
+            except OSError as error:
+                raise InputError(f"{self._path} cannot be written: {error.strerror or error}") from error
 
     def _append(self, kind: int, content: bytes) -> Place:
         try:
-            start = self._file.tell() + HEAD.size
-            self._file.write(HEAD.pack(MARKER, kind, len(content), zlib.crc32(content)) + content)
-            self._file.flush()
-            self._flush(FLUSH_S)
+            start = os.fstat(self._file.fileno()).st_size + HEAD.size
+            on_disk = kind != KEYFRAME or time.monotonic() - self._flushed_s >= FLUSH_S
+            append_whole(
+                self._file.fileno(), HEAD.pack(MARKER, kind, len(content), zlib.crc32(content)) + content, on_disk
+            )
+            self._flushed_s = time.monotonic() if on_disk else self._flushed_s
         except OSError as error:
             raise InputError(f"{self._path} cannot be written: {error.strerror or error}") from error
         return Place(kind, start, len(content))
-
-    def _flush(self, after_s: float) -> None:
-        if time.monotonic() - self._flushed_s >= after_s:
-            os.fsync(self._file.fileno())
-            self._flushed_s = time.monotonic()
 
 
 def _matrix(numbers: Any, where: str) -> npt.NDArray[np.float64]:

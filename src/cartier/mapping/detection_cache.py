@@ -11,6 +11,7 @@ from typing import Any
 
 from cartier.contracts import Detector, optional
 from cartier.errors import InputError
+from cartier.io.atomic import append_lines
 from cartier.io.files import read_bytes
 from cartier.types import Detections, Frame
 
@@ -66,18 +67,16 @@ def cached(detector: Detector, file: Path | None, fingerprint: str) -> Iterator[
         except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError, InputError):
             break  # the line that a kill cut short
     os.truncate(file, good)
-    with file.open("a", encoding="utf-8") as out:
 
-        def detect(frames: Sequence[Frame]) -> list[Detections]:
-            new = [frame for frame in frames if frame.index not in known]
-            found = {seen.frame: seen for seen in (detecting(detector)(new) if new else [])}
-            for seen in found.values():
-                if seen.masks is None:  # masks come from simulators, where asking again costs nothing
-                    out.write(json.dumps(_row(seen)) + "\n")
-            out.flush()
-            return [found[i] if i in found else known[i] for i in (frame.index for frame in frames)]
+    def detect(frames: Sequence[Frame]) -> list[Detections]:
+        new = [frame for frame in frames if frame.index not in known]
+        found = {seen.frame: seen for seen in (detecting(detector)(new) if new else [])}
+        kept = [seen for seen in found.values() if seen.masks is None]  # masks come from simulators: asked again
+        if file.stat().st_size < MOST_BYTES // 2:  # what is beyond is detected again
+            append_lines(file, [json.dumps(_row(seen)) for seen in kept])
+        return [found[i] if i in found else known[i] for i in (frame.index for frame in frames)]
 
-        yield detect
+    yield detect
 
 
 def _begin(file: Path, key: bytes) -> None:

@@ -8,7 +8,6 @@ whether the detector processed it. The file opens in the viewer of rerun.io (``r
 from __future__ import annotations
 
 import colorsys
-import tempfile
 from collections import defaultdict
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -19,9 +18,9 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from cartier.contracts import Recording
-from cartier.errors import InputError
 from cartier.home import Home
 from cartier.home.detection_log import ProcessedFrame
+from cartier.io.atomic import replaced_file
 from cartier.mapping.occupancy import OccupancyMapper
 from cartier.navigation.planning import room_middle
 from cartier.render.mapped_frames import as_mapped, first_frame_of
@@ -48,32 +47,28 @@ def write_rrd(
     """
     first = None if recording is None else first_frame_of(home, recording)
     recording = None if recording is None else as_mapped(home, recording)
-    try:
-        with tempfile.TemporaryDirectory(dir=file.absolute().parent, prefix=f".{file.name}.") as beside:
-            out = rr.RecordingStream("cartier", recording_id=home.id)
-            out.save(Path(beside) / "home.rrd", default_blueprint=blueprint(recording is not None))
-            looked, least = _looked(home)
-            _still(out, home, looked is not None, least)
-            if recording is None or first is None:
-                out.set_time(TIMELINE, sequence=0)
-                _floor_plan(out, home, home.grid)
-                _points(out, home)
-                _photos(out, home)
-            else:
-                _moving(out, home, recording, first, progress)
-                own = range(
-                    first, first + len(recording)
-                )  # of a home with several recordings, only the boxes on this one's frames
-                looked = None if looked is None else {n: seen for n, seen in looked.items() if n in own}
-            if looked is not None:
-                _detections(out, home, looked)
-            _objects(out, home, looked or {})
-            _sights(out, home)
-            out.flush()
-            out.disconnect()
-            (Path(beside) / "home.rrd").replace(file)
-    except OSError as error:
-        raise InputError(f"{file} cannot be written ({error.strerror or error})") from error
+    with replaced_file(file) as beside:
+        out = rr.RecordingStream("cartier", recording_id=home.id)
+        out.save(beside, default_blueprint=blueprint(recording is not None))
+        looked, least = _looked(home)
+        _still(out, home, looked is not None, least)
+        if recording is None or first is None:
+            out.set_time(TIMELINE, sequence=0)
+            _floor_plan(out, home, home.grid)
+            _points(out, home)
+            _photos(out, home)
+        else:
+            _moving(out, home, recording, first, progress)
+            own = range(
+                first, first + len(recording)
+            )  # of a home with several recordings, only the boxes on this one's frames
+            looked = None if looked is None else {n: seen for n, seen in looked.items() if n in own}
+        if looked is not None:
+            _detections(out, home, looked)
+        _objects(out, home, looked or {})
+        _sights(out, home)
+        out.flush()
+        out.disconnect()
 
 
 def _looked(home: Home) -> tuple[dict[int, ProcessedFrame] | None, float]:
