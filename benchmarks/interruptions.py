@@ -1,7 +1,10 @@
-"""Interruption test of every writing command, killed or with a full disk at each event: old or new files are left.
+"""Interruption test of every writing command, killed or with a full disk at each event and byte: old or new is left.
 
-    python benchmarks/interruptions.py             all events of map, append, convert, record, doctor --fix and bench
+    python benchmarks/interruptions.py             all commands that write, at all events and bytes
     python benchmarks/interruptions.py map --every 5
+
+Full at a byte: no file may grow beyond it, and of a write that would, the system takes a part, as on a disk that
+fills up. What adds more than 400 bytes to a file is cut at 400 places. What was said to be done must be there.
 
 After each interruption what is there is read (the old or the new content, or nothing where there was nothing), the
 command is run again, and the result must be what an undisturbed run gives, with nothing left beside it.
@@ -42,6 +45,7 @@ class Case:
     before: Callable[[Path], None]
     result: Callable[[Path], Any]
     exact: bool = True  # whether two runs give the same bytes
+    again: bool = True  # whether a second run gives what one gives
 
 
 def cases(made: Path) -> dict[str, Case]:
@@ -59,6 +63,13 @@ def cases(made: Path) -> dict[str, Case]:
 
     def nothing(work: Path) -> None: ...
 
+    def told(work: Path) -> Any:
+        home = cartier.Home.load(work / "h")
+        answers = work / "h" / "answers.jsonl"
+        lines = answers.read_text().splitlines() if answers.exists() else []
+        assert home.corrected is not None
+        return [(obj.id, obj.names) for obj in home.objects], len(home.rules), len(home.corrected.log), len(lines)
+
     def with_home(work: Path) -> None:
         shutil.copytree(made / "home", work / "h")
 
@@ -72,6 +83,14 @@ def cases(made: Path) -> dict[str, Case]:
         "convert": Case(lambda w: ["convert", made / "first", "-o", w / "h"], nothing, recording),
         "record": Case(lambda w: ["record", "dollhouse:studio", "-o", w / "h"], nothing, recording),
         "doctor": Case(lambda w: ["doctor", made / "faulty", "--fix", "-o", w / "h"], nothing, recording),
+        **{
+            name: Case(lambda w, of=words: [of[0], w / "h", *of[1:]], with_home, told, exact=False, again=False)
+            for name, words in {
+                "forget": ("forget", "0"), "name": ("name", "0", "the throne"), "undo": ("undo",),
+                "rule": ("ask", "never drive past the bed", "--reasoner", "embedded"),
+                "answer": ("ask", "go to the bed", "--reasoner", "embedded"),
+            }.items()
+        },
         "bench": Case(lambda w: [*bench, "--queries", made / "ask.jsonl", "-o", w / "h"], nothing, rows, exact=False),
     }  # fmt: skip
 
@@ -102,6 +121,7 @@ def prepare(made: Path) -> None:
     asked = {"id": "a", "type": "explicit", "target": "bed", "accept": ["bed"], "text": "go to the bed"}
     (made / "ask.jsonl").write_text(json.dumps(asked) + "\n")
     assert run(["map", made / "first", "--detector", made / "truth.py", "-o", made / "home"], made)[0] == 0
+    assert run(["name", made / "home", "1", "mine"], made)[0] == 0
     assert run([*bench_of(made), "--queries", made / "ask.jsonl", "-o", made / "warm"], made)[0] == 0
 
 
@@ -117,36 +137,62 @@ def _read(open_it: Callable[[], Any]) -> Any:
     return read
 
 
-def sweep(case: Case, base: Path, every: int, error: bool) -> tuple[int, collections.Counter[str]]:
-    """Interrupt a command before each of its events; what came of it, counted."""
+KILL, ERROR, FULL = "kill", "I/O error", "full at byte"
+FAULTS = ("HALF", "exit code", "DIFFERENT", "LEFT", "SAID DONE")
+MOST_CUTS = 400
+
+
+def written(work: Path, before: dict[Path, bytes]) -> list[int]:
+    """The sizes at which a file that grew was cut, or at which one that was made anew is."""
+    cuts = {0}
+    for file, data in contents(work).items():
+        old = before.get(file, b"")
+        begin = len(old) if data.startswith(old) else 0
+        cuts |= set(range(begin, len(data) + 1, max(1, (len(data) - begin) // MOST_CUTS))) if data != old else set()
+    return sorted(cuts)
+
+
+def contents(work: Path) -> dict[Path, bytes]:
+    return {file: file.read_bytes() for file in (work / "h").rglob("*") if file.is_file()}
+
+
+def sweep(case: Case, base: Path, every: int, how: str) -> collections.Counter[str]:
+    """Interrupt a command before each of its events or bytes; what came of it, counted."""
     work = base / "work"
     shutil.rmtree(work, ignore_errors=True)
     work.mkdir()
     case.before(work)
-    old = case.result(work)
+    old, before = case.result(work), contents(work)
     code, events, told = run(case.arguments(work), work)
     assert code == 0, told
     new, whole, names = case.result(work), content(work / "h"), sorted(p.name for p in work.iterdir())
     found: collections.Counter[str] = collections.Counter()
-    for nth in range(1, events + 1, every):
+    for nth in (written(work, before) if how == FULL else range(1, events + 1))[::every]:
         shutil.rmtree(work)
         work.mkdir()
         case.before(work)
-        code, _, told = run(case.arguments(work), work, nth, error)
-        stopped = code == KILLED if not error else code in (0, 1)
+        full_at = nth if how == FULL else None
+        code, _, told = run(case.arguments(work), work, 0 if how == FULL else nth, how == ERROR, full_at)
+        stopped = code == KILLED if how == KILL else code in (0, 1)
         lines = [line for line in told.splitlines() if line.startswith("cartier: ")]
         state = case.result(work)
         left = "new" if state == new else "old" if state == old else f"HALF at {nth}"
-        if not stopped or (error and code == 1 and len(lines) != 1):
+        if code == 0 and state != new and "was not saved" not in told:  # an answer that was given, and is not kept
+            left += f", SAID DONE at {nth}"
+        if not stopped or (how != KILL and code == 1 and len(lines) != 1):
             left += f", exit code {code} at {nth}: {told.strip().splitlines()[-1:]}"
         code, _, told = run(case.arguments(work), work)
         refused = code == 1 and "exists" in told and left == "new"  # done already, and said so
-        same = refused or (code == 0 and (content(work / "h") == whole if case.exact else case.result(work) == new))
+        same = (
+            refused
+            or not case.again
+            or (code == 0 and (content(work / "h") == whole if case.exact else case.result(work) == new))
+        )
         beside = sorted(p.name for p in work.iterdir() if not p.name.endswith(".lock"))
         again = "the same again" if same else f"DIFFERENT at {nth} ({told.strip()[-100:]})"
         found[f"{left}; {again}" + ("" if refused or beside == names else f"; LEFT {beside}")] += 1
     shutil.rmtree(work)
-    return events, found
+    return found
 
 
 def main() -> None:
@@ -162,16 +208,15 @@ def main() -> None:
         prepare(base / "made")
         known, faults = cases(base / "made"), 0
         for name in given.cases or known:
-            for error in (False, True):
+            for how in (KILL, ERROR, FULL):
                 begin = time.perf_counter()
-                events, found = sweep(known[name], base, given.every, error)
-                print(
-                    f"{name:9} {'I/O error' if error else 'kill':9} {events:4} events  "
-                    f"{time.perf_counter() - begin:5.0f} s"
-                )
+                found = sweep(known[name], base, given.every, how)
+                print(f"{name:9} {how:12} {sum(found.values()):4} times  {time.perf_counter() - begin:5.0f} s")
                 for what, count in found.most_common():
                     print(f"    {count:4} {what}", flush=True)
-                    faults += count * any(word in what for word in ("HALF", "exit code", "DIFFERENT", "LEFT"))
+                    faults += count * any(
+                        word in what for word in ("HALF", "exit code", "DIFFERENT", "LEFT", "SAID DONE")
+                    )
     print("old or new after each, the same again" if not faults else f"{faults} FAULTS")
     sys.exit(bool(faults))
 

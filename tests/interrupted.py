@@ -1,4 +1,4 @@
-"""Run a command of cartier in a forked child that is killed, or meets an I/O error, at its Nth file-system event."""
+"""Run a command of cartier in a forked child that is killed, or meets an I/O error or a full disk, at any moment."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import errno
 import hashlib
 import os
 import re
+import resource
 import sys
 import traceback
 from collections.abc import Sequence
@@ -15,24 +16,30 @@ EVENTS = {"open", "os.rename", "os.mkdir", "os.remove", "os.rmdir", "os.truncate
 KILLED = -9
 
 
-def run(arguments: Sequence[object], within: Path, nth: int = 0, error: bool = False) -> tuple[int, int, str]:
+def run(
+    arguments: Sequence[object], within: Path, nth: int = 0, error: bool = False, full_at: int | None = None
+) -> tuple[int, int, str]:
     """(exit code, events under ``within``, what was printed to standard error) of one command.
 
     Before the ``nth`` event that may change a file under ``within`` the process is killed, or with ``error`` gets one
-    OSError (a full disk); 0 lets it run to its end. An unexpected exception gives the exit code 99.
+    OSError (a full disk); 0 lets it run to its end. No file may grow beyond ``full_at`` bytes: of a write that would,
+    the system takes a part. An unexpected exception gives the exit code 99.
     """
-    log = within.parent / f"{within.name}.log"
+    told_to, log = os.pipe()
     child = os.fork()
     if child == 0:
+        if full_at is not None:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (full_at, full_at))
         _child([str(a) for a in arguments], within, nth, error, log)
+    os.close(log)
+    with os.fdopen(told_to, errors="replace") as pipe:
+        told = pipe.read()
     code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
-    told = log.read_text(errors="replace")
     counted = re.search(r"EVENTS (\d+)\n$", told)
-    log.unlink()
     return code, int(counted[1]) if counted else 0, told.split("EVENTS ")[0]
 
 
-def _child(arguments: list[str], within: Path, nth: int, error: bool, log: Path) -> None:
+def _child(arguments: list[str], within: Path, nth: int, error: bool, log: int) -> None:
     from cartier import cli
 
     count = 0
@@ -51,9 +58,8 @@ def _child(arguments: list[str], within: Path, nth: int, error: bool, log: Path)
         if count == nth:
             os.kill(os.getpid(), 9)
 
-    out = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
-    os.dup2(out, 2)
+    os.dup2(log, 2)
     sys.stdout, sys.stderr = os.fdopen(1, "w", closefd=False), os.fdopen(2, "w", closefd=False)  # not pytest's
     sys.argv = ["cartier", *arguments]
     sys.addaudithook(hook)

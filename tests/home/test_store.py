@@ -13,6 +13,7 @@ import pytest
 
 import cartier
 from cartier.errors import InputError
+from cartier.home.correction_log import LOG
 from cartier.home.store import MANIFEST, Store
 from cartier.io.atomic import append_line, locked, replaced_folder, sweep_parts, write_file
 from cartier.io.files import read_rows
@@ -145,6 +146,19 @@ def test_interrupted_anywhere_old_or_new_is_left_and_a_second_run_gives_the_same
         code, _, told = run(command, target.parent)
         assert code == 0 or (left == new and "exists" in told), (nth, told)
         assert content(target) == whole
+
+
+def test_done_is_said_of_what_is_on_the_disk(made: Path, tmp_path: Path) -> None:
+    """A slice of ``benchmarks/interruptions.py``, which fills the disk at every byte of every command."""
+    home, log = tmp_path / "w" / "h", tmp_path / "w" / "h" / LOG
+    cartier.Home.load(made / "home").save(home)
+    before = len(cartier.Home.load(home).objects)
+    for full_at in (40, 200):
+        code, _, told = run(["forget", home, "0"], tmp_path, full_at=full_at)
+        assert code == 1 and told.count("cannot be written") == 1
+        assert len(cartier.Home.load(home).objects) == before and not log.read_bytes()
+    assert run(["forget", home, "0"], tmp_path, full_at=2000)[0] == 0
+    assert len(cartier.Home.load(home).objects) == before - 1
 
 
 def test_a_link_for_answers_is_not_followed_and_the_answer_is_still_printed(made: Path, tmp_path: Path) -> None:
