@@ -335,6 +335,36 @@ def test_a_slow_home_holds_up_no_other(home: Path, tmp_path: Path) -> None:
     assert asyncio.run(both()) < 2.0
 
 
+@pytest.mark.parametrize(("sign", "accept"), [(signal.SIGINT, "*/*"), (signal.SIGTERM, "text/event-stream")])
+def test_the_end_does_not_wait_for_a_slow_model(
+    home: Path, start: Callable[..., Server], sign: signal.Signals, accept: str
+) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as silent:  # a language model that never answers
+        silent.settimeout(60)
+        model = f"http://127.0.0.1:{silent.getsockname()[1]}/v1"
+        asked = start("serve", home, "--reasoner", "openai", "--model", "m", OPENAI_BASE_URL=model, OPENAI_API_KEY="k")
+        said = list[httpx.Response]()
+
+        def ask() -> None:
+            said.append(
+                WEB.post(f"{asked.url}/api/homes/room/ask", json={"words": "a bed"}, headers={"accept": accept})
+            )
+
+        thread = threading.Thread(target=ask)
+        thread.start()
+        waiting, _ = silent.accept()
+        asked.process.send_signal(sign)
+        assert asked.process.wait(20) in (0, -signal.SIGTERM)
+        thread.join(20)
+        waiting.close()
+    assert "Traceback" not in asked.log.read_text()
+    if accept == "*/*":
+        assert (said[0].status_code, said[0].json()) == (503, {"error": guard.ENDS})
+    else:
+        event = said[0].text.rpartition("event: ")[2]
+        assert event == f"fault\ndata: {json.dumps({'error': guard.ENDS})}\n\n"
+
+
 # --- attacks -------------------------------------------------------------------------------------------------------
 
 

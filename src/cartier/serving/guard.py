@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import hashlib
 import hmac
 import ipaddress
@@ -12,7 +13,7 @@ import json
 import os
 import time
 from collections import OrderedDict
-from collections.abc import Awaitable, Callable, Iterable, Mapping, MutableMapping
+from collections.abc import Awaitable, Callable, Coroutine, Iterable, Mapping, MutableMapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +33,8 @@ TOKEN_VARIABLE = "CARTIER_TOKEN"
 MIN_TOKEN_CHARS, MAX_TOKENS_CHARS = 20, 2**20
 MAX_BODY, MAX_TARGET = 64 * 1024, 4096  # bytes of a request's body, and of its path with the query
 BODY_S, SEND_S = 10.0, 30.0  # for a body to arrive, and for a part of an answer to be sent
+GRACE_S = 1.0  # for requests in flight when the server ends
+ENDS = "the server is ending: ask again when it runs"
 MAX_IN_FLIGHT = 256
 RATE, BURST = 50.0, 200.0  # requests of one token, or of one other machine without, per second, and at once
 WRONG_TOKENS, WRONG_S = 20, 60.0  # wrong tokens from one address within this time
@@ -129,6 +132,7 @@ class Guard:
         self._open, self._clock, self._in_flight = frozenset(open_paths), clock, 0
         self._buckets: OrderedDict[str, tuple[float, float]] = OrderedDict()  # by token or address: how many are left
         self._wrong: OrderedDict[str, list[float]] = OrderedDict()  # by address: times of wrong tokens
+        self._endings: set[asyncio.Future[None]] = set()  # of the requests in flight
         self._headers = HEADERS + (((b"strict-transport-security", b"max-age=31536000"),) if tls else ())
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -137,15 +141,14 @@ class Guard:
             return
         if scope["type"] != "http":  # no websockets
             return
-        begun = False
+        begun: list[Message] = []
 
         async def safe_send(message: Message) -> None:
-            nonlocal begun
             if message["type"] == "http.response.start":
-                begun = True
                 kept = [(k, v) for k, v in message.get("headers", ()) if not k.lower().startswith(b"access-control-")]
                 cache = [] if any(k.lower() == b"cache-control" for k, _ in kept) else [(b"cache-control", b"no-store")]
                 message = {**message, "headers": [*kept, *cache, *self._headers]}
+                begun.append(message)
             with anyio.fail_after(SEND_S):  # a client that does not read keeps no place
                 await send(message)
 
@@ -160,16 +163,41 @@ class Guard:
             return
         self._in_flight += 1
         try:
-            body = await _body(receive)
-            if isinstance(body, tuple):
-                await _answer(safe_send, *body)
-                return
-            await self._app(scope, _replayed(body, receive), safe_send)
+            if not await self._in_time(self._served(scope, receive, safe_send)):
+                await _end(safe_send, begun)
         except TimeoutError:
             if not begun:
                 await _answer(safe_send, 503, "the answer took too long: try again")
         finally:
             self._in_flight -= 1
+
+    async def _served(self, scope: Scope, receive: Receive, send: Send) -> None:
+        body = await _body(receive)
+        if isinstance(body, tuple):
+            await _answer(send, *body)
+        else:
+            await self._app(scope, _replayed(body, receive), send)
+
+    def end(self) -> None:
+        """End the requests in flight: each has ``GRACE_S`` to finish, and then its client is told so. In the loop."""
+        for ending in self._endings:
+            if not ending.done():
+                ending.set_result(None)
+
+    async def _in_time(self, work: Coroutine[Any, Any, None]) -> bool:
+        """Do the work of a request; False if the server ended before it was done."""
+        task, ending = asyncio.ensure_future(work), asyncio.get_running_loop().create_future()
+        self._endings.add(ending)
+        try:
+            await asyncio.wait({task, ending}, return_when=asyncio.FIRST_COMPLETED)
+            if not task.done():
+                await asyncio.wait({task}, timeout=GRACE_S)
+            if task.done():
+                task.result()
+            return task.done()
+        finally:
+            self._endings.discard(ending)
+            task.cancel()
 
     def _refusal(self, scope: Scope) -> tuple[int, str] | Access | None:
         """Status and message if the request is refused, else what it may see; None where it shows no token."""
@@ -266,6 +294,15 @@ def _replayed(body: bytes, receive: Receive) -> Receive:
         return {"type": "http.request", "body": body, "more_body": False}
 
     return again
+
+
+async def _end(send: Send, begun: Sequence[Message]) -> None:
+    """Tell a client that the server ends: an answer of its own, or the last event of a stream that has begun."""
+    if not begun:
+        await _answer(send, 503, ENDS)
+    elif any(key == b"content-type" and kind.startswith(b"text/event-stream") for key, kind in begun[0]["headers"]):
+        event = f"event: fault\ndata: {json.dumps({'error': ENDS})}\n\n"
+        await send({"type": "http.response.body", "body": event.encode(), "more_body": False})
 
 
 async def _answer(send: Send, status: int, line: str) -> None:

@@ -10,8 +10,6 @@ from collections.abc import AsyncIterator, Callable
 from importlib.metadata import version
 from typing import Annotated, Any, Literal
 
-import anyio
-import anyio.to_thread
 from fastapi import FastAPI, Header, Query, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse, Response, StreamingResponse
@@ -22,9 +20,11 @@ from cartier.errors import CartierError, InputError
 from cartier.serving import api_page, page, results
 from cartier.serving.operations import Operations
 from cartier.serving.over_homes import ask_fleet
+from cartier.serving.threads import Threads
 from cartier.serving.values import wrong_value
 
 THREADS = 4  # per home: slow requests to one home do not delay another
+NAMES, ALL = " names", " all"  # look-ups of homes' names, and questions over all homes: no home has such a name
 BEAT_S = 1.0  # between two `thinking` events
 
 DOCUMENTATION = "/docs"
@@ -93,26 +93,22 @@ def make(operations: Operations) -> FastAPI:
         summary="Talk to mapped homes: where objects are, how certain that is, and poses to reach them.",
         responses={"4XX": {"model": results.Fault, "description": "what is wrong, in one line"}},
     )  # fmt: skip
-    limits = dict[str, anyio.CapacityLimiter]()
+    threads = Threads(THREADS, {NAMES: 40})
     _add_faults(app)
     _add_page(app)
+    _add_homes(app, operations, threads)
     for add in (_add_reading, _add_pictures, _add_writing):
-        add(app, operations, functools.partial(_run, operations, limits))
-    if operations.homes.fleet is not None:
-        _add_fleet(app, operations)
+        add(app, operations, functools.partial(_run, operations, threads))
     _add_documentation(app)
     return app
 
 
-async def _run(
-    operations: Operations, limits: dict[str, anyio.CapacityLimiter], home: str, work: Callable[..., Any], *given: Any
-) -> Any:
+async def _run(operations: Operations, threads: Threads, home: str, work: Callable[..., Any], *given: Any) -> Any:
     """Run an operation on a home in one of its threads."""
     if not home.strip():
         raise InputError("there is no home '': /api/homes lists them")
-    name = await anyio.to_thread.run_sync(operations.homes.name, home)  # a fleet's store may be slow
-    limiter = limits.setdefault(name, anyio.CapacityLimiter(THREADS))
-    return await anyio.to_thread.run_sync(functools.partial(work, *given), limiter=limiter)
+    name = await threads.run(NAMES, operations.homes.name, home)  # a fleet's store may be slow
+    return await threads.run(name, work, *given)
 
 
 def _add_faults(app: FastAPI) -> None:
@@ -144,11 +140,23 @@ def _add_page(app: FastAPI) -> None:
         app.add_api_route(path, send, include_in_schema=False, response_model=None)
 
 
-def _add_reading(app: FastAPI, ops: Operations, run: Callable[..., Any]) -> None:
+def _add_homes(app: FastAPI, ops: Operations, threads: Threads) -> None:
     @app.get("/api/homes", summary="The homes that are served")
     async def homes() -> results.Homes:
-        return results.Homes(homes=await anyio.to_thread.run_sync(lambda: ops.homes.names))
+        return results.Homes(homes=await threads.run(NAMES, lambda: ops.homes.names))
 
+    if ops.homes.fleet is None:
+        return
+
+    @app.post(
+        "/api/fleet/ask", response_model=results.FleetAnswered,
+        summary="The answer to a question over all homes: which have or lack something, how many, most, biggest",
+    )  # fmt: skip
+    async def ask_all(question: FleetQuestion) -> Response:
+        return JSONResponse(await threads.run(ALL, ask_fleet, ops, question.words))
+
+
+def _add_reading(app: FastAPI, ops: Operations, run: Callable[..., Any]) -> None:
     @app.post(
         "/api/homes/{home:path}/ask", response_model=results.Answered, responses=EVENTS,
         summary="The answer to a person's words; as server-sent events if accepted",
@@ -253,17 +261,6 @@ def _add_writing(app: FastAPI, ops: Operations, run: Callable[..., Any]) -> None
     )  # fmt: skip
     async def verify(home: str, wish: Verification) -> Response:
         return JSONResponse(await run(home, ops.verify, home))
-
-
-def _add_fleet(app: FastAPI, ops: Operations) -> None:
-    limiter = anyio.CapacityLimiter(THREADS)
-
-    @app.post(
-        "/api/fleet/ask", response_model=results.FleetAnswered,
-        summary="The answer to a question over all homes: which have or lack something, how many, most, biggest",
-    )  # fmt: skip
-    async def ask_all(question: FleetQuestion) -> Response:
-        return JSONResponse(await anyio.to_thread.run_sync(ask_fleet, ops, question.words, limiter=limiter))
 
 
 def _add_documentation(app: FastAPI) -> None:

@@ -6,6 +6,7 @@ move, and each goal needs a person's consent: by elicitation, or by a code that 
 """
 
 import base64
+import functools
 import json
 import secrets
 import sys
@@ -36,6 +37,7 @@ from cartier.errors import CartierError, brief
 from cartier.serving import page
 from cartier.serving.mcp_homes import add_homes, listed_homes
 from cartier.serving.operations import Operations
+from cartier.serving.threads import Threads
 from cartier.serving.values import wrong_value
 
 INSTRUCTIONS = (
@@ -46,6 +48,7 @@ INSTRUCTIONS = (
 ANSWER_URI, ANSWER = "ui://cartier", "cartier/answer"
 SHOWN = {"ui": {"resourceUri": ANSWER_URI}}  # hosts that show MCP Apps draw these tools' results on the floor plan
 CODE_S, CODE_TRIES = 300.0, 3
+THREADS = 40  # tools that run at once
 READS = ToolAnnotations(read_only_hint=True)
 WRITES = ToolAnnotations(read_only_hint=False, destructive_hint=False, open_world_hint=False)
 SENDS = ToolAnnotations(read_only_hint=False, destructive_hint=False, open_world_hint=True)
@@ -98,9 +101,17 @@ def make(operations: Operations, robot: str | None = None) -> MCPServer:
 
 
 class _Server(MCPServer):
-    """MCPServer with short schemas, for models with small context windows."""
+    """MCPServer with short schemas, for models with small context windows; its tools run as requests over HTTP do."""
 
     operations: Operations
+    threads = Threads(THREADS)
+
+    def add_tool(self, fn: Callable[..., Any], *given: Any, **about: Any) -> None:
+        @functools.wraps(fn)
+        async def in_thread(*values: Any, **named: Any) -> Any:
+            return await self.threads.run("", functools.partial(fn, *values, **named))
+
+        super().add_tool(in_thread, *given, **about)
 
     async def list_resources(self) -> list[Resource]:
         """The homes that the request may see, after the server's own resources."""

@@ -76,7 +76,7 @@ def _settings(
     return {
         "app": guarded, "host": host, "port": port, "ssl_certfile": tls[0], "ssl_keyfile": tls[1],
         "log_level": "warning", "access_log": False, "server_header": False, "timeout_keep_alive": 15,
-        "timeout_graceful_shutdown": 5, "backlog": 512, "ws": "none", "proxy_headers": False, "http": Connection,
+        "timeout_graceful_shutdown": 2, "backlog": 512, "ws": "none", "proxy_headers": False, "http": Connection,
         "h11_max_incomplete_event_size": 16_384,
     }  # fmt: skip
 
@@ -106,6 +106,10 @@ class Connection(H11Protocol):
     def connection_lost(self, exc: Exception | None) -> None:
         self._cancel()
         super().connection_lost(exc)
+
+    def shutdown(self) -> None:
+        super().shutdown()
+        self.config.app.end()  # type: ignore[union-attr]  # the guard, which tells those who still wait
 
     def _late(self) -> None:
         self._due = None
