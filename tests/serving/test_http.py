@@ -343,7 +343,7 @@ def test_the_end_does_not_wait_for_a_slow_model(
         silent.settimeout(60)
         model = f"http://127.0.0.1:{silent.getsockname()[1]}/v1"
         asked = start("serve", home, "--reasoner", "openai", "--model", "m", OPENAI_BASE_URL=model, OPENAI_API_KEY="k")
-        said = list[httpx.Response]()
+        said = list[Any]()
 
         def ask() -> None:
             said.append(
