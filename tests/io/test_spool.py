@@ -80,19 +80,24 @@ def test_it_is_a_recording(written: Path) -> None:
 @settings(max_examples=30, deadline=None)
 def test_a_torn_tail_costs_the_last_record_alone(tmp_path_factory: pytest.TempPathFactory, data: st.DataObject) -> None:
     path = tmp_path_factory.mktemp("spool") / "home.spool"
-    ends = []
+    ends, begins, seen = [], [], []
     writer = SpoolWriter(path, {})
     for number in range(3):
-        ends.append(path.stat().st_size)
-        writer.keyframe(kept(number))
+        begins.append(path.stat().st_size)
+        place = writer.keyframe(kept(number))
+        ends.append(place.start + place.length)
+        seen.append(path.stat().st_size)
     writer.close()
     whole = path.read_bytes()
     cut = data.draw(st.integers(0, len(whole)))
-    garbage = data.draw(st.sampled_from([b"", b"\0" * 40, b"CKF\x01" * 9, whole[ends[1] : ends[1] + 30]]))
+    garbage = data.draw(st.sampled_from([b"", b"\0" * 40, b"CKF\x01" * 9, whole[begins[1] : begins[1] + 30]]))
     path.write_bytes(whole[:cut] + garbage if cut > len(MAGIC) else whole[:cut])
-    complete = sum(cut >= end for end in [*ends[1:], len(whole)])
+    complete = sum(cut >= end for end in ends)
     if cut >= len(MAGIC):
-        assert numbers(Spool(path)) == list(range(complete))
+        spool = Spool(path)
+        assert numbers(spool) == list(range(complete))
+        looked = [spool.keyframe(place).detections is not None for place in spool.keyframes()]
+        assert looked == [cut >= end for end in seen[:complete]]
     writer = SpoolWriter(path, {})
     writer.keyframe(kept(7))
     writer.close()

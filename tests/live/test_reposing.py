@@ -248,6 +248,57 @@ def test_long_streams_forget_poses_but_not_those_of_keyframes(monkeypatch: pytes
     for number in range(1000):
         poses.add(number, np.eye(4))
         if number % 10 == 0:
-            poses.hold(number)
+            poses.hold(number, np.eye(4))
     assert len(poses._sent) <= 201
     assert all(np.array_equal(poses.current(number), np.eye(4)) for number in range(0, 1000, 10))
+
+
+def test_a_frame_forgotten_while_it_waited_is_held(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("cartier.live.sent_poses.MOST", 2)
+    poses = SentPoses()
+    for number in range(9):
+        poses.add(number, np.eye(4))
+    poses.hold(0, DRIFT)
+    np.testing.assert_array_equal(poses.current(0), DRIFT)
+
+
+def test_poses_are_added_while_others_ask(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("cartier.live.sent_poses.MOST", 10)
+    poses, failed, done = SentPoses(), list[BaseException](), threading.Event()
+
+    def hold() -> None:
+        try:
+            number = 0
+            while not done.is_set():
+                poses.hold(number, np.eye(4))
+                poses.current(number)
+                number += 7
+        except BaseException as error:
+            failed.append(error)
+
+    keeper = threading.Thread(target=hold)
+    keeper.start()
+    for number in range(3000):
+        poses.add(number, np.eye(4))
+    done.set()
+    keeper.join()
+    assert not failed
+
+
+def test_the_camera_is_shown_where_the_map_is() -> None:
+    def events() -> Iterator[Event]:
+        yield from (stamped(number, DRIFT) for number in range(HALF))
+        yield PoseUpdate(truth(range(HALF)), "/mapPath")
+
+    live, home = run(events())
+    right = WALK[HALF - 1].world_from_camera[:2, 3]
+    here = live.camera_pose()
+    assert here is not None
+    np.testing.assert_allclose(here[:2], right, atol=0.002)
+    homes = LiveHomes(live, "flat")
+    np.testing.assert_allclose(homes.start_xy(home), right, atol=0.002)
+    goal = live.ask("take me to the table").goal
+    served = Operations(homes, specs.reasoner("embedded")).ask("the table")
+    assert goal is not None and np.linalg.norm(np.subtract(home.start_xy, right)) > 0.5
+    np.testing.assert_allclose(goal.path[0], right, atol=0.1)
+    np.testing.assert_allclose(served["goal"]["path"][0], right, atol=0.1)

@@ -10,6 +10,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ from cartier.contracts import Source
 from cartier.errors import BackendError, CartierError, InputError
 from cartier.recordings.folder import save
 from cartier.sources import open_source
+from cartier.sources.common.framing import read_event
 from cartier.sources.common.player import RecordingPlayer
 from cartier.streams import Event, Fault, PoseUpdate, Stamped
 from cartier.testing import check_source
@@ -289,3 +291,19 @@ def test_the_laws_notice(fault: str) -> None:
 
 def test_every_source_says_what_it_is() -> None:
     assert {"bag", "folder", "dollhouse", "exec", "rtsp"} <= {b.name for b in plugins.backends("sources")}
+
+
+@pytest.mark.parametrize("stamp", ["²", "-1", "1e9", "9" * 20, ""])
+def test_stamps_of_corrections_are_whole(stamp: str) -> None:
+    line = json.dumps({"poses": {stamp: [0, 0, 0, 0, 0, 0, 1]}}).encode()
+    with pytest.raises(InputError, match="whole nanoseconds"):
+        read_event(BytesIO(line + b"\n"), 0)
+
+
+def test_a_reader_that_fails_ends_the_stream(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails(*_: object) -> None:
+        raise ValueError("of nobody's making")
+
+    monkeypatch.setattr("cartier.sources.exec.read_event", fails)
+    with pytest.raises(InputError, match="the reader failed: ValueError: of nobody's making"):
+        list(open_source(command("-c", "print()")))

@@ -1,9 +1,10 @@
-"""Spool of a live session: one checksummed record a keyframe, only ever appended: a kill costs the last at most.
+"""Spool of a live session: checksummed records, only ever appended: a kill costs the last one at most.
 
 The file begins with ``MAGIC``. A record is a head (``HEAD``: marker, kind, length and CRC-32 of what follows) and its
-content: a line of JSON, then the bytes of the images that it announces. Kinds: ``BEGIN`` says what the session is,
-``KEYFRAME`` is a frame with its detections, ``POSES`` corrects poses of keyframes before it, ``END`` says that the
-session ended whole and its home was saved. Poses, times and masks are exact; colour is a JPEG, depth whole millimetres.
+content: a line of JSON, then the bytes that it announces. Kinds: ``BEGIN`` says what the session is, ``KEYFRAME`` is a
+frame, written before it is looked at, ``SEEN`` holds the detections of a keyframe before it, ``POSES`` corrects poses
+of keyframes before it, ``END`` says that the session ended whole and its home was saved. Poses, times and masks are
+exact; colour is a JPEG, depth whole millimetres.
 What a kill or a full disk left of a record at the end is cut off by the next writer, and passed over by readers.
 """
 
@@ -12,6 +13,7 @@ from __future__ import annotations
 import json
 import os
 import struct
+import threading
 import time
 import zlib
 from bisect import bisect
@@ -32,8 +34,9 @@ from cartier.types import Camera, Detections, Frame
 MAGIC = b"cartier spool 1\n"
 SUFFIX = ".spool"
 HEAD = struct.Struct("<4sBxxxII")  # marker, kind, length, CRC-32
+SEEN_OF = struct.Struct("<Q")  # where the keyframe starts of which the detections are
 MARKER = b"CKF\x01"
-BEGIN, KEYFRAME, POSES, END = 1, 2, 3, 4
+BEGIN, KEYFRAME, POSES, END, SEEN = 1, 2, 3, 4, 5
 MAX_RECORD = 1 << 28
 FLUSH_S = 1.0  # at most so much may be lost if the machine itself stops
 
@@ -49,14 +52,14 @@ class Place:
 
 @dataclass(frozen=True, eq=False)
 class Keyframe:
-    """What a record holds: a frame, its stamp (ns), its detections, and its pose by odometry, (4, 4), where known.
+    """A frame, its stamp (ns), its detections (None before it was looked at) and its pose by odometry (4, 4), if known.
 
     Read from a spool, the frame has the pose of the last correction that came after it.
     """
 
     frame: Frame
     stamp_ns: int
-    detections: Detections
+    detections: Detections | None
     odom_from_camera: npt.NDArray[np.float64] | None
 
 
@@ -64,11 +67,12 @@ class Spool:
     """The whole records of a spool, read one at a time.
 
     Raises InputError if the file is no spool. ``damaged`` counts records in its middle that cannot be read, ``end`` is
-    where the last whole record ends.
+    where the last whole record ends, ``seen`` are the records of detections by where their keyframes start.
     """
 
     def __init__(self, path: Path) -> None:
         self.path, self.damaged, self.end = path, 0, len(MAGIC)
+        self.seen: dict[int, Place] = {}
         check_file(path)
         with path.open("rb") as file:
             if file.read(len(MAGIC)) != MAGIC:
@@ -106,8 +110,11 @@ class Spool:
             if place.kind == POSES:
                 yield self._update(place)
 
-    def keyframe(self, place: Place, index: int | None = None) -> Keyframe:
-        """One record, as frame ``index``, or as its own. Raises InputError for one that is damaged."""
+    def keyframe(self, place: Place, index: int | None = None, seen: Place | None = None) -> Keyframe:
+        """One record, as frame ``index``, or as its own; ``seen`` is that of its detections, if it was written since.
+
+        Raises InputError for one that is damaged.
+        """
         from cartier.io import images
 
         where = f"{self.path}: the record at byte {place.start}"
@@ -121,9 +128,11 @@ class Spool:
                 number, float(told["time_s"]), images.decode_rgb(rgb, camera, where), depth_m,
                 self._pose(place, int(told["stamp_ns"]), _matrix(told["pose"], where)), camera,
             )  # fmt: skip
-            seen, packed = told["detections"], rest[told["rgb"] + told["depth"] :]
-            masks = _unpacked(packed, (len(seen["scores"]), camera.height, camera.width)) if packed else None
-            detections = Detections(number, seen["boxes_xyxy"], seen["scores"], tuple(map(str, seen["labels"])), masks)
+            seen = seen or self.seen.get(place.start)
+            found, packed = told.get("detections"), rest[told["rgb"] + told["depth"] :]
+            if found is None and seen is not None:  # before 0.2 they stood in the same record
+                found, packed = self._json(self._content(seen))
+            detections = None if found is None else _detections(number, found, packed, camera)
             odometry = None if told["odometry"] is None else _matrix(told["odometry"], where)
             return Keyframe(frame, int(told["stamp_ns"]), detections, odometry)
         except (KeyError, TypeError, ValueError, IndexError, OverflowError, zlib.error) as error:
@@ -152,12 +161,15 @@ class Spool:
             start = self.end + HEAD.size
             if marker != MARKER or length > MAX_RECORD or start + length > size:
                 return
-            sound = zlib.crc32(file.read(length)) == crc
+            content = file.read(length)
+            sound = zlib.crc32(content) == crc
             if not sound and file.read(len(MARKER)) != MARKER:
                 return  # the last record, cut short and overwritten
             self.damaged += not sound
             self.end = start + length
-            if sound:
+            if sound and kind == SEEN and length >= SEEN_OF.size:
+                self.seen[SEEN_OF.unpack_from(content)[0]] = Place(kind, start + SEEN_OF.size, length - SEEN_OF.size)
+            elif sound and kind != SEEN:
                 yield Place(kind, start, length)
 
     def _stamp_ns(self, place: Place) -> int:
@@ -183,7 +195,8 @@ class Spool:
 
 
 class SpoolWriter:
-    """Appends to a spool, after what a kill left of its last record was cut off. One process may write at a time.
+    """Appends to a spool, after what a kill left of its last record was cut off. One process may write at a time, in
+    any thread.
 
     Args:
         path: The file; made if there is none.
@@ -194,7 +207,7 @@ class SpoolWriter:
     """
 
     def __init__(self, path: Path, about: Mapping[str, Any]) -> None:
-        self._path, self._flushed_s = path, time.monotonic()
+        self._path, self._flushed_s, self._lock = path, time.monotonic(), threading.Lock()
         torn = path.exists() and path.stat().st_size < len(MAGIC) and MAGIC.startswith(path.read_bytes())
         old = Spool(path) if path.exists() and not torn else None
         end = 0 if old is None else old.end
@@ -210,26 +223,35 @@ class SpoolWriter:
             self._append(BEGIN, json.dumps(dict(about)).encode() + b"\n")
 
     def keyframe(self, kept: Keyframe) -> Place:
-        """Add a keyframe; returns where it lies."""
+        """Add a keyframe, and its detections if it has some; returns where it lies."""
         from cartier.io import images
 
-        frame, seen = kept.frame, kept.detections
+        frame = kept.frame
         rgb, depth = BytesIO(), BytesIO()
         images.write_rgb(rgb, frame.rgb)
         if frame.depth_m is not None:
             images.write_depth(depth, frame.depth_m)
-        c, masks = frame.camera, b"" if seen.masks is None else zlib.compress(np.packbits(seen.masks).tobytes(), 1)
+        c = frame.camera
         told = {
             "stamp_ns": kept.stamp_ns, "index": frame.index, "time_s": frame.time_s,
             "camera": [c.width, c.height, c.fx, c.fy, c.cx, c.cy], "pose": frame.world_from_camera.ravel().tolist(),
             "odometry": None if kept.odom_from_camera is None else kept.odom_from_camera.ravel().tolist(),
             "rgb": len(rgb.getvalue()), "depth": len(depth.getvalue()),
-            "detections": {
-                "boxes_xyxy": seen.boxes_xyxy.tolist(), "scores": seen.scores.tolist(), "labels": list(seen.labels)
-            },
         }  # fmt: skip
-        images_of = rgb.getvalue() + depth.getvalue() + masks
-        return self._append(KEYFRAME, json.dumps(told).encode() + b"\n" + images_of)
+        place = self._append(KEYFRAME, json.dumps(told).encode() + b"\n" + rgb.getvalue() + depth.getvalue())
+        if kept.detections is not None:
+            self.seen(place, kept.detections)
+        return place
+
+    def seen(self, place: Place, found: Detections) -> Place:
+        """Add the detections of the keyframe that lies there; returns where they lie."""
+        masks = b"" if found.masks is None else zlib.compress(np.packbits(found.masks).tobytes(), 1)
+        told = {
+            "boxes_xyxy": found.boxes_xyxy.tolist(), "scores": found.scores.tolist(), "labels": list(found.labels)
+        }  # fmt: skip
+        head = SEEN_OF.pack(place.start)
+        at = self._append(SEEN, head + json.dumps(told).encode() + b"\n" + masks)
+        return Place(SEEN, at.start + len(head), at.length - len(head))
 
     def poses(self, origin: str, poses: Mapping[int, npt.NDArray[np.float64]]) -> None:
         """Add corrected poses, (4, 4) by the stamps of keyframes (ns)."""
@@ -241,23 +263,28 @@ class SpoolWriter:
         self._append(END, json.dumps({"home": home_id}).encode() + b"\n")
 
     def close(self) -> None:
-        with self._file:
+        with self._lock, self._file:
             try:
                 os.fsync(self._file.fileno())
             except OSError as error:
                 raise InputError(f"{self._path} cannot be written: {error.strerror or error}") from error
 
     def _append(self, kind: int, content: bytes) -> Place:
+        record = HEAD.pack(MARKER, kind, len(content), zlib.crc32(content)) + content
         try:
-            start = os.fstat(self._file.fileno()).st_size + HEAD.size
-            on_disk = kind != KEYFRAME or time.monotonic() - self._flushed_s >= FLUSH_S
-            append_whole(
-                self._file.fileno(), HEAD.pack(MARKER, kind, len(content), zlib.crc32(content)) + content, on_disk
-            )
-            self._flushed_s = time.monotonic() if on_disk else self._flushed_s
+            with self._lock:
+                start = os.fstat(self._file.fileno()).st_size + HEAD.size
+                on_disk = kind not in (KEYFRAME, SEEN) or time.monotonic() - self._flushed_s >= FLUSH_S
+                append_whole(self._file.fileno(), record, on_disk)
+                self._flushed_s = time.monotonic() if on_disk else self._flushed_s
         except OSError as error:
             raise InputError(f"{self._path} cannot be written: {error.strerror or error}") from error
         return Place(kind, start, len(content))
+
+
+def _detections(number: int, told: Mapping[str, Any], packed: bytes, camera: Camera) -> Detections:
+    masks = _unpacked(packed, (len(told["scores"]), camera.height, camera.width)) if packed else None
+    return Detections(number, told["boxes_xyxy"], told["scores"], tuple(map(str, told["labels"])), masks)
 
 
 def _matrix(numbers: Any, where: str) -> npt.NDArray[np.float64]:

@@ -7,16 +7,12 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
-
-import numpy as np
 
 from cartier.contracts import Detector, Encoder, Recording, Source, SourceDefaults, optional
 from cartier.errors import InputError
 from cartier.home import Home
-from cartier.io.spool import SUFFIX, Keyframe, Place, Spool, SpoolWriter
-from cartier.live.postponed import Postponed
+from cartier.live.recorded import Recorded
 from cartier.live.sent_poses import SentPoses
 from cartier.live.walked import Walked
 from cartier.mapping.alignment import Alignment, align
@@ -70,13 +66,11 @@ class GrowingMap:
         self._lock = threading.Lock()
         self._walked, self._looked = Walked(source), 0
         self._by_frame: dict[int, Stamped] = {}
-        self._spool_path, self._own_folder = spool, None if spool is not None else TemporaryDirectory(prefix="cartier-")
-        self._path = spool or Path(str(self._own_folder and self._own_folder.name)) / f"keyframes{SUFFIX}"
-        self._spool: SpoolWriter | None = self._opened(self._path)
-        self._reader: Spool | None = None
-        self._kept: list[KeptFrame] = []
-        self._postponed = Postponed()
+        self._name = source.name if spool is None else spool.stem
         self._sent, self._origins = SentPoses(), set[str]()
+        self._recorded = Recorded(spool, self._about(), self._sent)
+        self._kept: list[KeptFrame] = []
+        self._postponed: list[tuple[int, int]] = []  # stamp (ns) and frame_key
         self._resumed = 0
         self.version = 0
         """Rises with each keyframe that is in the map, and when its poses are corrected."""
@@ -85,26 +79,25 @@ class GrowingMap:
 
     def resume(self, progress: Progress | None = None) -> int:
         """Map the keyframes of a session that was cut off, with the detections of then; returns how many."""
-        if self._spool_path is None:
-            return 0
-        spool = Spool(self._spool_path)
-        places = spool.unsaved()
-        for number, place in enumerate(places):
-            kept = spool.keyframe(place, number)
+        count = self._recorded.cut_off_count
+        for number, kept in enumerate(self._recorded.cut_off()):
             self._walked.add(kept.frame, kept.stamp_ns)
-            self._sent.add(kept.stamp_ns, kept.frame.world_from_camera)
+            found = kept.detections
+            if found is None:  # the detector had not come to it yet
+                (found,) = self._detect([kept.frame])
+                self._recorded.seen(kept.stamp_ns, found)
             if self._mapper.integrate_depth(kept.frame):
-                self._mapper.integrate_detections(kept.frame, kept.detections)
-                self._keep(place, kept.stamp_ns, kept.frame, number)
+                self._mapper.integrate_detections(kept.frame, found)
+                self._keep(kept.stamp_ns, kept.frame, number)
             if progress is not None:
-                progress(number + 1, len(places))
-        if places:
+                progress(number + 1, count)
+        if count:
             told = optional(self._source, SourceDefaults, "notes")  # by which a simulation is known
-            self._walked.notes = [*told, f"{len(places)} keyframes of a session that was cut off"]
-            self._mapper.finish(self._walked, len(places))
-            self._walked, self.version = Walked(self._source), len(places)
-        self._resumed = len(places)
-        return len(places)
+            self._walked.notes = [*told, f"{count} keyframes of a session that was cut off"]
+            self._mapper.finish(self._walked, count)
+            self._walked, self.version = Walked(self._source), count
+        self._resumed = count
+        return count
 
     def heard(self, stamped: Stamped) -> None:
         """A frame has arrived, and may be taken in later: corrections that come from now on may be of it."""
@@ -114,49 +107,50 @@ class GrowingMap:
         """Take in the depth of a frame; returns the keyframes that are decided by it."""
         with self._lock:
             self._walked.add(stamped.frame, stamped.stamp_ns)
-            stamped = self._now(stamped)
-            new = self._mapper.integrate_depth(stamped.frame)
-        return self._decided(stamped, self._keyframes.push(stamped.frame)) if new else []
+            placed = self._now(stamped)
+            new = self._mapper.integrate_depth(placed.frame)
+        return self._decided(stamped, self._keyframes.push(placed.frame)) if new else []
 
     def flush(self) -> list[Stamped]:
         """The keyframe that still waits for a sharper one."""
         return self._decided(None, self._keyframes.flush())
 
+    def record(self, stamped: Stamped) -> None:
+        """Write a keyframe to the disk, so that no kill loses it."""
+        self._recorded.add(stamped)
+
     def look(self, stamped: Stamped) -> int:
         """Detect the objects of a keyframe and take them in; returns how many."""
         (detections,) = self._detect([stamped.frame])
         with self._lock:
-            told = self._sent.now(stamped)
             stamped = self._now(stamped)
             self._mapper.integrate_depth(stamped.frame)  # nothing, unless the poses were corrected meanwhile
             self._mapper.integrate_detections(stamped.frame, detections)
             self._looked += 1
             self.version += 1
-            if self._spool is not None:
-                frame = Keyframe(told.frame, stamped.stamp_ns, detections, stamped.odom_from_camera)
-                self._keep(self._spool.keyframe(frame), stamped.stamp_ns, stamped.frame, stamped.frame.index)
+            self._recorded.seen(stamped.stamp_ns, detections)
+            self._keep(stamped.stamp_ns, stamped.frame, stamped.frame.index)
         return len(detections)
 
-    def postpone(self, stamped: Stamped) -> bool:
-        """Keep a keyframe for the end; returns whether there was room."""
-        self._sent.hold(stamped.stamp_ns)
-        return self._postponed.add(stamped)
+    def postpone(self, stamped: Stamped) -> None:
+        """Leave a keyframe that is on the disk for the end."""
+        self._postponed.append((stamped.stamp_ns, frame_key(stamped.frame)))
 
     def catch_up(self, progress: Progress | None = None) -> int:
         """Detect the objects of the keyframes that were postponed, then map all again in the order of their stamps;
         returns how many there were."""
         count = len(self._postponed)
-        if not count or self._spool is None:
+        if not count:
             return 0
         step, total = progress or (lambda done, of: None), 2 * count + len(self._kept)
-        for number, (stamped, key) in enumerate(self._postponed, 1):
-            (detections,) = self._detect([stamped.frame])
-            told, now = self._sent.now(stamped), self._now(stamped)
-            record = Keyframe(told.frame, stamped.stamp_ns, detections, stamped.odom_from_camera)
-            self._keep(self._spool.keyframe(record), stamped.stamp_ns, now.frame, now.frame.index, key)
+        for number, (stamp_ns, key) in enumerate(self._postponed, 1):
+            frame = self._recorded.read(stamp_ns).frame
+            (detections,) = self._detect([frame])
+            self._recorded.seen(stamp_ns, detections)
+            now = self._now(Stamped(frame, stamp_ns)).frame
+            self._keep(stamp_ns, now, now.index, key)
             step(number, total)
-        self._postponed.close()
-        self._reader = self._reader or Spool(self._path)
+        self._postponed = []
         kept = sorted(self._kept, key=lambda each: each.stamp_ns)
         fresh = again(self._mapper, kept, lambda done, of: step(count + done, total))
         with self._lock:
@@ -170,13 +164,12 @@ class GrowingMap:
     def correct_poses(self, update: PoseUpdate) -> bool:
         """Take in corrected poses; returns whether a keyframe moved, so that ``repose`` is due."""
         with self._lock:
-            poses = self._to_correct() if self._sent.correct(update.poses) else {}
-            if poses and self._spool is not None:
+            if not self._sent.correct(update.poses):
+                return False
+            self._recorded.correct(update.origin)
+            poses = self._to_correct()
+            if poses:
                 self._origins.add(update.origin)
-                now = {each.stamp_ns: each.world_from_camera for each in self._kept}
-                told = {ns: self._sent.current(ns) for ns in poses}
-                changed = {ns: told[ns] for ns, pose in poses.items() if not np.array_equal(pose, now[ns])}
-                self._spool.poses(update.origin, changed)
             return bool(poses)
 
     def repose(self) -> bool:
@@ -188,7 +181,6 @@ class GrowingMap:
             mapper, kept, poses = self._mapper, list(self._kept), self._to_correct()
         if not poses:
             return False
-        self._reader = self._reader or Spool(self._path)
         now = [replace(each, world_from_camera=poses[each.stamp_ns]) for each in kept]
         fresh = again(mapper, now)
         with self._lock:
@@ -216,7 +208,6 @@ class GrowingMap:
         except InputError as error:
             self._refusal = str(error)
             return False
-        self._reader = self._reader or Spool(self._path)
         now = [replace(each, world_from_camera=found.pose(0, each.world_from_camera)) for each in kept]
         fresh = again(mapper, now, onto=self._to_align)
         with self._lock:
@@ -245,9 +236,7 @@ class GrowingMap:
         if not row["frames"]:
             return home, epoch
         rows = [*home.settings["recordings"], row | {"looked": looked, "live": True}]
-        name = self._walked.name if self._spool_path is None else self._spool_path.stem
-        if self._onto is not None:
-            name = home.name
+        name = self._name if self._onto is None else home.name
         return replace(home, name=name, settings={**home.settings, "recordings": rows}), epoch
 
     def finish(self, left_out: Mapping[str, int], thinned: int) -> tuple[Home, int]:
@@ -260,7 +249,7 @@ class GrowingMap:
             self.align()
         if self.apart:
             why = self._refusal or "nothing was detected, so nothing can be aligned"
-            raise InputError(f"{why}: cartier map {self._path} -o OTHER")
+            raise InputError(f"{why}: cartier map {self._recorded.path} -o OTHER")
         with self._lock:
             if len(self._walked):
                 whole = recording is not None and len(recording) == len(self._walked)
@@ -276,27 +265,24 @@ class GrowingMap:
 
     def end_spool(self, home_id: str) -> None:
         """The home is saved."""
-        if self._spool is not None:
-            self._spool.ended(home_id)
+        self._recorded.ended(home_id)
 
     def close(self) -> None:
-        self._postponed.close()
-        if self._spool is not None:
-            self._spool.close()
-            self._spool = None
-        if self._own_folder is not None:
-            self._own_folder.cleanup()
+        self._recorded.close()
 
-    def _keep(self, place: Place, stamp_ns: int, frame: Frame, index: int, key: int | None = None) -> None:
-        """Remember where a keyframe lies that is in the map."""
+    def placed(self, stamped: Stamped) -> Matrix:
+        """The pose of a frame in the world of the map by what is known now, (4, 4) world_from_camera."""
+        return self._now(stamped).frame.world_from_camera
+
+    def _keep(self, stamp_ns: int, frame: Frame, index: int, key: int | None = None) -> None:
+        """Remember a keyframe that is in the map."""
         number = index + self._resumed
 
         def read() -> tuple[Frame, Detections]:
-            assert self._reader is not None
-            kept = self._reader.keyframe(place, number)
+            kept = self._recorded.read(stamp_ns, number)
+            assert kept.detections is not None
             return kept.frame, kept.detections
 
-        self._sent.hold(stamp_ns)
         key = frame_key(frame) if key is None else key
         self._kept.append(KeptFrame(stamp_ns, frame.world_from_camera, key, read))
 
@@ -326,21 +312,11 @@ class GrowingMap:
         self._by_frame = kept
         return chosen
 
-    def _opened(self, path: Path) -> SpoolWriter:
-        about: dict[str, Any] = {
+    def _about(self) -> dict[str, Any]:
+        """What the spool says of the session."""
+        return {
             "name": self._source.name, "detector": self._detector.name,
             "detector_sha256": optional(self._detector, Detector, "sha256"),
             "onto": None if self._onto is None else self._onto.id,
             "notes": list(optional(self._source, SourceDefaults, "notes")),
         }  # fmt: skip
-        if path.exists():
-            spool = Spool(path)
-            begun = spool.begin()
-            if not spool.ended and begun:
-                lost = [name for name in ("detector", "detector_sha256", "onto") if begun.get(name) != about[name]]
-                if lost:
-                    was = "another home" if lost == ["onto"] else f"the detector {begun.get('detector')}"
-                    raise InputError(
-                        f"{path} was begun with {was}, and was cut off: go on with that, or move the file away"
-                    )
-        return SpoolWriter(path, about)

@@ -8,6 +8,7 @@ named before them says nothing of them.
 
 from __future__ import annotations
 
+import threading
 from bisect import bisect_left, bisect_right
 from collections.abc import Mapping
 from dataclasses import replace
@@ -22,9 +23,10 @@ MOST = 20_000  # poses that are remembered besides those of keyframes: of more, 
 
 
 class SentPoses:
-    """Remembers poses (4, 4), world_from_camera, by the frames' stamps (ns), which rise."""
+    """Remembers poses (4, 4), world_from_camera, by the frames' stamps (ns), which rise; any thread may ask and add."""
 
     def __init__(self) -> None:
+        self._lock = threading.RLock()
         self._sent: dict[int, Matrix] = {}
         self._held: set[int] = set()
         self._named: dict[int, Matrix] = {}
@@ -33,33 +35,41 @@ class SentPoses:
 
     def add(self, stamp_ns: int, pose: Matrix) -> None:
         """A frame was sent with a pose."""
-        self._sent[stamp_ns] = pose
-        if len(self._sent) - len(self._held) > MOST:
-            gone = [ns for ns in self._sent if ns not in self._held][:-1:2]
-            self._sent = {ns: self._sent[ns] for ns in self._sent.keys() - set(gone)}
+        with self._lock:
+            self._sent[stamp_ns] = pose
+            if len(self._sent) - len(self._held) > MOST:
+                gone = set([ns for ns in self._sent if ns not in self._held][:-1:2])
+                self._sent = {ns: pose for ns, pose in self._sent.items() if ns not in gone}
 
-    def hold(self, stamp_ns: int) -> None:
-        """A frame became a keyframe: its pose is remembered for good."""
-        self._held.add(stamp_ns)
+    def hold(self, stamp_ns: int, pose: Matrix) -> None:
+        """A frame that was sent with this pose became a keyframe: its pose is remembered for good."""
+        with self._lock:
+            self._sent.setdefault(stamp_ns, pose)  # it may have been forgotten while it waited
+            self._held.add(stamp_ns)
 
     def correct(self, poses: Mapping[int, Matrix]) -> bool:
         """Take in corrected poses; returns whether one of them moved by 2 cm or half a degree.
 
         Poses of frames that were never sent are passed over.
         """
-        known = {ns: pose for ns, pose in poses.items() if ns in self._sent}
-        if not any(moved(pose, self.pose(ns, self._sent[ns])) for ns, pose in known.items()):
-            return False
-        first, last = min(known), max(known)
-        self._named = {ns: pose for ns, pose in self._named.items() if not first <= ns <= last} | known
-        self._stamps = sorted(ns for ns in self._named if ns in self._sent)
-        newest = max(self._sent)
-        if moved(self.pose(newest, self._sent[newest]), self._sent[newest]) and newest not in self._breaks:
-            self._breaks.append(newest)
-        return True
+        with self._lock:
+            known = {ns: pose for ns, pose in poses.items() if ns in self._sent}
+            if not any(moved(pose, self.pose(ns, self._sent[ns])) for ns, pose in known.items()):
+                return False
+            first, last = min(known), max(known)
+            self._named = {ns: pose for ns, pose in self._named.items() if not first <= ns <= last} | known
+            self._stamps = sorted(ns for ns in self._named if ns in self._sent)
+            newest = max(self._sent)
+            if moved(self.pose(newest, self._sent[newest]), self._sent[newest]) and newest not in self._breaks:
+                self._breaks.append(newest)
+            return True
 
     def pose(self, stamp_ns: int, sent: Matrix) -> Matrix:
         """The pose of a frame by what is known now; ``sent`` itself where no correction is of it."""
+        with self._lock:
+            return self._pose(stamp_ns, sent)
+
+    def _pose(self, stamp_ns: int, sent: Matrix) -> Matrix:
         if stamp_ns in self._named:
             return self._named[stamp_ns]
         part = bisect_left(self._breaks, stamp_ns)
@@ -74,12 +84,14 @@ class SentPoses:
 
     def now(self, stamped: Stamped) -> Stamped:
         """A frame with the pose that is known now."""
-        sent = self._sent.get(stamped.stamp_ns, stamped.frame.world_from_camera)
-        pose = self.pose(stamped.stamp_ns, sent)
+        with self._lock:
+            sent = self._sent.get(stamped.stamp_ns, stamped.frame.world_from_camera)
+            pose = self._pose(stamped.stamp_ns, sent)
         if pose is stamped.frame.world_from_camera:
             return stamped
         return replace(stamped, frame=replace(stamped.frame, world_from_camera=pose))
 
     def current(self, stamp_ns: int) -> Matrix:
         """The pose of a keyframe by what is known now."""
-        return self.pose(stamp_ns, self._sent[stamp_ns])
+        with self._lock:
+            return self._pose(stamp_ns, self._sent[stamp_ns])

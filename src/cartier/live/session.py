@@ -1,8 +1,9 @@
 """Live session: frames in, a home that grows, snapshots that answer meanwhile.
 
-Four threads: one listens, one takes in depth and picks keyframes, one detects, one makes snapshots. A frame that comes
-while the computer is busy is left out and counted, and a keyframe for which the detector has no time is looked at when
-the stream has ended; a source that can wait is held up instead.
+Five threads: one listens, one takes in depth and picks keyframes, one detects, one makes snapshots, one maps again what
+corrected poses moved. A frame that comes while the computer is busy is left out and counted, and a keyframe for which
+the detector has no time is looked at when the stream has ended; a source that can wait is held up instead. Keyframes
+are on the disk before they are counted.
 """
 
 from __future__ import annotations
@@ -13,9 +14,6 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
-
-import numpy as np
-import numpy.typing as npt
 
 from cartier.contracts import Detector, Encoder, Reasoner, Source, SourceDefaults, optional
 from cartier.errors import InputError, brief
@@ -35,6 +33,7 @@ INBOX, KEYFRAMES = 8, 2  # frames and keyframes that wait
 DEPTH_HZ, DEPTH_BURST = 10.0, 3.0  # how often depth is taken, and how many frames may come close together
 SNAPSHOT_S, SNAPSHOT_SHARE = 1.0, 0.25  # how often a snapshot is made, and which share of the time it may take
 TICK_S = 0.05
+CLOSE_S = 10.0  # how long a source may take to end once it was closed
 ALIGN_FROM, ALIGN_MORE = 10, 1.5  # keyframes from which aligning is tried, and times as many before it is again
 
 
@@ -89,7 +88,7 @@ class Live:
         self._home: Home | None = None if align else onto
         self._floor_seen, self._in_map_s, self.frame_epoch = 0.0, list[float](), 0
         self._newest_s: float | None = None
-        self._camera_pose: npt.NDArray[np.float64] | None = None
+        self._newest: Stamped | None = None
         self._failed: BaseException | None = None
         self._done, self._resumed = False, 0
         self._to_repose, self._correcting = threading.Event(), False
@@ -128,7 +127,7 @@ class Live:
         Args:
             query: What the person says.
             reasoner: Chooses the object; by default the embedded reasoner.
-            **options: Those of ``cartier.ask``.
+            **options: Those of ``cartier.ask``; ``from_xy`` is where the robot is now, unless it is given.
 
         Returns:
             The answer. ``as_of`` says of when it is, and how much of the floor was looked at; until that is 90 %, it
@@ -139,7 +138,9 @@ class Live:
             ReasonerError, BackendError: As ``cartier.ask``.
         """
         moment = self.moment()  # first, so that a goal is of no older epoch than it says
-        return as_of(ask(self.home(), query, reasoner, **options), moment)
+        home = self.home()
+        here = {"from_xy": self.robot_xy() or home.start_xy}
+        return as_of(ask(home, query, reasoner, **(here | options)), moment)
 
     def moment(self) -> AsOf:
         """Of when the latest snapshot is.
@@ -173,7 +174,17 @@ class Live:
         Returns:
             x, y (m) and yaw (rad) of the camera in the map, or None before the first frame.
         """
-        return None if self._camera_pose is None else planar(self._camera_pose)
+        newest = self._newest
+        return None if newest is None else planar(self._map.placed(newest))
+
+    def robot_xy(self) -> tuple[float, float] | None:
+        """Where the robot is.
+
+        Returns:
+            x, y (m) of the newest frame in the map; None before the first one, and until the map is aligned.
+        """
+        here = None if self._map.apart else self.camera_pose()
+        return None if here is None else (here[0], here[1])
 
     def state(self) -> LiveState:
         """How the session is doing; never waits.
@@ -218,8 +229,8 @@ class Live:
         Raises:
             CartierError: What the source or the detector raised, or nothing was detected.
         """
-        for thread in self._threads:
-            thread.join()
+        if self._threads:
+            self._join()
         if self._failed is not None:
             self._map.close()
             raise self._failed
@@ -242,7 +253,19 @@ class Live:
         Returns:
             False once the stream has ended and all is mapped, or if it failed.
         """
-        return any(thread.is_alive() for thread in self._threads)
+        return self._failed is None and any(thread.is_alive() for thread in self._threads)
+
+    def _join(self) -> None:
+        """Wait for the threads; for a source that was closed and does not end, only so long."""
+        listener, *others = self._threads
+        while listener.is_alive() and not self._stopped.is_set():
+            listener.join(TICK_S)
+        listener.join(CLOSE_S)
+        if listener.is_alive():
+            self._tally.fault(Fault("ended", f"{self.source.name} was closed and does not end: it is left alone"))
+            self._inbox.close()
+        for thread in others:
+            thread.join()
 
     def _guarded(self, step: Callable[[], None]) -> None:
         """Run a thread's work; what it raises ends the session."""
@@ -251,9 +274,9 @@ class Live:
         except BaseException as error:
             self._failed = self._failed or error
             self._stopped.set()
-            self.source.close()
             self._inbox.close()
             self._keyframes.close()
+            self.source.close()
         finally:
             {"_listen": self._inbox.close, "_measure": self._keyframes.close}.get(step.__name__, lambda: None)()
 
@@ -262,7 +285,7 @@ class Live:
             if isinstance(event, Stamped):
                 self._tally.add("frames_in")
                 self._map.heard(event)
-                self._camera_pose = event.frame.world_from_camera
+                self._newest = event
                 if self._inbox.put(event) is not None:
                     self._tally.fault(Fault("busy", "a frame came before the last ones were taken in", 1))
             elif isinstance(event, PoseUpdate):
@@ -290,12 +313,12 @@ class Live:
 
     def _queue(self, keyframes: Sequence[Stamped]) -> None:
         for keyframe in keyframes:
+            self._map.record(keyframe)
             self._tally.add("keyframes")
             gone = self._keyframes.put(keyframe)
-            if gone is not None and self._map.postpone(gone):
+            if gone is not None:
+                self._map.postpone(gone)
                 self._tally.add("postponed")
-            elif gone is not None:
-                self._tally.fault(Fault("busy", "keyframes come faster than the detector works, for too long", 1))
 
     def _look(self) -> None:
         while (stamped := self._keyframes.get()) is not None:
@@ -307,7 +330,7 @@ class Live:
     def _reposes(self) -> None:
         """Map again, in the background, what corrected poses have moved."""
         tried = ALIGN_FROM / ALIGN_MORE
-        while any(thread.is_alive() for thread in self._threads[:3]) and self._failed is None:
+        while self._goes_on():
             if self._map.apart and self._map.version >= tried * ALIGN_MORE:
                 tried = self._map.version
                 with suppress(InputError):  # nothing was detected yet
@@ -323,9 +346,13 @@ class Live:
             pass
         self._correcting = False
 
+    def _goes_on(self) -> bool:
+        """Whether frames may still come into the map."""
+        return self._failed is None and any(thread.is_alive() for thread in self._threads[1:3])
+
     def _snapshots(self) -> None:
         version, due_s = self._map.version - 1, 0.0
-        while any(thread.is_alive() for thread in self._threads[:3]) and self._failed is None:
+        while self._goes_on():
             begin = time.monotonic()
             if self._map.version == version or self._stopped.is_set() or begin < due_s:
                 time.sleep(TICK_S)

@@ -58,8 +58,11 @@ class SpoolRecording:
         return self._spool.keyframe(self._places[i], i).frame
 
     def detections(self, index: int) -> Detections:
-        """What the live session's detector found in a frame."""
-        return self._spool.keyframe(self._places[frame_number(index, len(self), self.name)], index).detections
+        """What the live session's detector found in a frame. Raises InputError if it did not come to it."""
+        found = self._spool.keyframe(self._places[frame_number(index, len(self), self.name)], index).detections
+        if found is None:
+            raise InputError(f"{self._spool.path}: the session was cut off before keyframe {index} was looked at")
+        return found
 
     def fingerprint(self) -> str:
         if self._fingerprint is None:

@@ -130,6 +130,10 @@ class Homes:
         """What changes whenever a home is replaced or corrected."""
         return [_written(self._folders[name] / file) for file in (MANIFEST, LOG)]
 
+    def start_xy(self, home: Home) -> Sequence[float]:
+        """Where a drive begins (x, y), metres, if nobody says otherwise."""
+        return home.start_xy
+
     def moment(self) -> AsOf | None:
         """Of when the homes are, if they are being mapped."""
         return None

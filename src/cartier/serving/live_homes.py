@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 from cartier.errors import InputError, brief
@@ -38,6 +39,10 @@ class LiveHomes(Homes):
 
     def moment(self) -> AsOf | None:
         return self._live.moment()
+
+    def start_xy(self, home: Home) -> Sequence[float]:
+        """Where the robot is now (x, y), metres."""
+        return self._live.robot_xy() or home.start_xy
 
     def state(self) -> dict[str, Any] | None:
         state = self._live.state()

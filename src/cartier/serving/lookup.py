@@ -78,11 +78,11 @@ def _likeliest(found: Sequence[Relation]) -> list[Relation]:
     return [best] if best is not None and best.probability >= LIKELY else []
 
 
-def start_of(home: Home, from_x: float | None, from_y: float | None) -> Sequence[float]:
-    """Where a drive begins, by default where the home was first seen. Raises InputError for half a place."""
+def start_of(here_xy: Sequence[float], from_x: float | None, from_y: float | None) -> Sequence[float]:
+    """Where a drive begins, by default ``here_xy``. Raises InputError for half a place."""
     if (from_x is None) != (from_y is None):
         raise InputError("a start needs both from_x and from_y, in metres of the map")
-    return home.start_xy if from_x is None or from_y is None else (from_x, from_y)
+    return here_xy if from_x is None or from_y is None else (from_x, from_y)
 
 
 def confirmed_of(home: Home, *more: MapObject) -> list[MapObject]:

@@ -98,7 +98,7 @@ class Operations:
         key = (self.homes.name(home), conversation.strip()[:MAX_CONVERSATION_CHARS], self.homes.asker)
         with self._lock:
             turns = list(self._turns.get(key, ()))
-        start = start_of(mapped, from_x, from_y)
+        start = start_of(self.homes.start_xy(mapped), from_x, from_y)
         corrected = correct_by_words(mapped, words, turns, from_xy=start) if corrects else None
         mapped, chosen = corrected or (mapped, None)
         if chosen is not None:
@@ -150,7 +150,7 @@ class Operations:
         """All that is known about one object or room."""
         mapped, one = self._one(entity, home)
         about = self.about(home, mapped) | self._row(mapped, one)
-        goal = self._goal(mapped, one, mapped.start_xy)
+        goal = self._goal(mapped, one, self.homes.start_xy(mapped))
         if isinstance(one, Room):
             labels = {obj.label for obj in mapped.objects if obj.room == one.id and obj.confirmed}
             return about | {"holds": sorted(labels)[:30]} | goal
@@ -202,8 +202,8 @@ class Operations:
         a, b = (_an_object(find(each, mapped.objects, mapped.rooms)) for each in (entity, other))
         if a.id == b.id:
             raise InputError(f"{brief(entity, 40)} and {brief(other, 40)} are one object {a.id}: relate needs two")
-        goal, _ = self._planned(mapped, b, mapped.start_xy)
-        seen_from = (goal.x, goal.y) if goal is not None else mapped.start_xy
+        goal, _ = self._planned(mapped, b, self.homes.start_xy(mapped))
+        seen_from = (goal.x, goal.y) if goal is not None else self.homes.start_xy(mapped)
         rows, side = placed(a, b, confirmed_of(mapped, a, b), seen_from)
         kinds = [f"{r.kind} than" if r.kind == "bigger" else r.kind for r in rows]
         lines = [
@@ -223,12 +223,13 @@ class Operations:
         """A goal pose that faces an object or lies in a room, reachable from the start."""
         about = self.about(home, self.homes.get(home))  # first, so that the goal is of no older epoch than it says
         mapped, one = self._one(entity, home)
-        return about | self._row(mapped, one) | self._goal(mapped, one, start_of(mapped, from_x, from_y))
+        start = start_of(self.homes.start_xy(mapped), from_x, from_y)
+        return about | self._row(mapped, one) | self._goal(mapped, one, start)
 
     def goal(self, entity: str, home: str = "", from_x: float | None = None, from_y: float | None = None) -> Goal:
         """The pose of ``goal_for``. Raises InputError if there is none."""
         mapped, one = self._one(entity, home)
-        goal, why_not = self._obeying(mapped, one, start_of(mapped, from_x, from_y))
+        goal, why_not = self._obeying(mapped, one, start_of(self.homes.start_xy(mapped), from_x, from_y))
         if goal is None:
             raise InputError(why_not)
         return goal
@@ -265,7 +266,7 @@ class Operations:
 
         if mapped.grid is None:
             raise InputError("the home has no floor plan: it was mapped without depth; view 1 is the photo")
-        goal, _ = self._obeying(mapped, one, mapped.start_xy)
+        goal, _ = self._obeying(mapped, one, self.homes.start_xy(mapped))
         row = self._row(mapped, one) | {"picture": "floor plan, x to the right, y up"}
         return self.about(home, mapped) | row, plan_jpeg(mapped, place_of(one, mapped), goal, self.robot)
 
@@ -332,7 +333,7 @@ class Operations:
         named = {"name": one.names[0]} if one.names else {}
         return {
             "id": one.id, "label": one.label, **named, "room": room_name(mapped, one), **xyz(one.position),
-            **certainty(one), "reachable": self._planned(mapped, one, mapped.start_xy)[0] is not None,
+            **certainty(one), "reachable": self._planned(mapped, one, self.homes.start_xy(mapped))[0] is not None,
         } | ({} if one.confirmed else {"confirmed": False})  # fmt: skip
 
 

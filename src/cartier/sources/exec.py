@@ -94,6 +94,7 @@ class Program:
             yield Fault("ended", f"{self.name} ended with exit code {code}")
 
     def _read(self, process: subprocess.Popen[bytes], events: queue.Queue[Event | InputError | None]) -> None:
+        """Read events until the end; what goes wrong here ends the stream, with its line."""
         assert process.stdout is not None
         count = 0
         with process.stdout as pipe:
@@ -102,6 +103,8 @@ class Program:
                     event: Event | InputError | None = read_event(pipe, count)
                 except InputError as error:
                     event = error
+                except Exception as error:  # a fault of ours; the thread must not die silently
+                    event = InputError(f"the reader failed: {type(error).__name__}: {brief(error, 200)}")
                 count += isinstance(event, Stamped)
                 self._put(events, event)
                 if event is None or isinstance(event, InputError):

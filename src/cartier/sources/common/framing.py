@@ -100,6 +100,7 @@ def _update(head: dict[str, Any]) -> PoseUpdate:
     need(isinstance(told, dict), f"poses must be an object of poses by stamp_ns, got {brief(told, 40)}")
     poses = {}
     for stamp, values in told.items():
-        need(stamp.isdigit() and len(stamp) < 20, f"a stamp is whole nanoseconds, got {brief(stamp, 40)!r}")
+        whole = stamp.isascii() and stamp.isdigit() and len(stamp) < 20  # "²" is a digit, and no number
+        need(whole, f"a stamp is whole nanoseconds, got {brief(stamp, 40)!r}")
         poses[int(stamp)] = _pose(values)
     return PoseUpdate(poses, "the program")
