@@ -1,31 +1,32 @@
-"""The folder for Nav2, read back by readers written from Nav2's documentation, which share no code with the writer."""
+"""The folder for Nav2, read back by a reader that does what Nav2's code does (nav2_reader.py)."""
 
 from __future__ import annotations
 
-import heapq
-import json
-import math
 from dataclasses import replace
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-import yaml
 
+import nav2_reader
 from cartier.errors import InputError
 from cartier.exports import export, nav2
 from cartier.home import Home
 from cartier.mapping.rooms import find_rooms
-from cartier.navigation.layers import RouteMap
-from cartier.navigation.planning import reach
+from cartier.navigation.layers import SOFT_AVOID, RouteMap
+from cartier.navigation.planning import traversable
+from cartier.navigation.search import cheapest
 from cartier.pipeline import map_home
 from cartier.route_rules import RouteRule
 from cartier.spatial.doors import find_doors
-from plans import LEFT, RIGHT, flat
+from cartier.types import OCCUPIED, RobotModel
+from nav2_reader import read_mask
+from plans import LEFT, RIGHT, Plan, flat
 from synthetic import THINGS, TrueBoxes, walk
 
-RADIUS_M = 0.2
+RADIUS_M = RobotModel.radius_m
 
 
 @pytest.fixture(scope="module")
@@ -33,51 +34,6 @@ def site() -> RouteMap:
     grid = flat().grid()
     rooms = find_rooms(grid, ())
     return RouteMap(grid, rooms, (), find_doors(rooms, grid))
-
-
-def read_mask(file: Path) -> tuple[np.ndarray, dict[str, Any]]:
-    """The values (rows, cols) from 0 to 100 that Nav2's map server publishes for a YAML file, least y first."""
-    about = yaml.safe_load(file.read_text())
-    magic, size, depth, data = (file.parent / about["image"]).read_bytes().split(b"\n", 3)
-    assert (magic, depth) == (b"P5", b"255")
-    cols, rows = map(int, size.split())
-    shade = np.frombuffer(data, np.uint8).reshape(rows, cols)[::-1] / 255
-    occupied = shade if about["negate"] else 1 - shade
-    high, low = about["occupied_thresh"], about["free_thresh"]
-    scaled = np.rint((occupied - low) / (high - low) * 100)
-    return np.where(occupied > high, 100, np.where(occupied < low, 0, scaled)).astype(int), about
-
-
-def read_graph(graph: dict[str, Any]) -> tuple[dict[int, tuple[float, float]], dict[tuple[int, int], dict[str, Any]]]:
-    """Nodes and directed edges, with every check of the documented form."""
-    assert graph["type"] == "FeatureCollection"
-    nodes, edges, ids = {}, {}, set()
-    for feature in graph["features"]:
-        about, shape = feature["properties"], feature["geometry"]
-        assert feature["type"] == "Feature" and type(about["id"]) is int and about["id"] not in ids
-        ids.add(about["id"])
-        if shape["type"] == "Point":
-            assert all(type(v) is float for v in shape["coordinates"])
-            nodes[about["id"]] = tuple(shape["coordinates"])
-            continue
-        assert shape["type"] == "MultiLineString" and type(about["cost"]) is float and about["cost"] > 0
-        metadata = about["metadata"]
-        assert all(type(metadata[key]) is float for key in ("length", "width", "speed_limit", "penalty"))
-        assert type(metadata["class"]) is str
-        edges[about["startid"], about["endid"]] = about
-    assert nodes and edges and {end for pair in edges for end in pair} <= nodes.keys()
-    return nodes, edges
-
-
-def shortest_m(edges: dict[tuple[int, int], dict[str, Any]], begin: int, end: int) -> float:
-    best, queue = {begin: 0.0}, [(0.0, begin)]
-    while queue:
-        far, node = heapq.heappop(queue)
-        for (one, other), about in edges.items():
-            if one == node and far + about["cost"] < best.get(other, math.inf):
-                best[other] = far + about["cost"]
-                heapq.heappush(queue, (best[other], other))
-    return best.get(end, math.inf)
 
 
 def rule(text: str) -> RouteRule:
@@ -123,34 +79,78 @@ def test_a_rule_that_has_expired_marks_nothing(site: RouteMap) -> None:
     assert not nav2.areas_of([wish], site).cost.any()
 
 
-def test_the_graph_route_is_as_long_as_the_grid_path(site: RouteMap) -> None:
-    areas = nav2.areas_of([], site)
-    nodes, edges = read_graph(nav2.route_graph(site, areas, (1.0, 1.0), RADIUS_M))
-    rooms = [k for k in nodes if k < len(site.rooms)]
-    area = reach(site.grid, nodes[rooms[0]], RADIUS_M)
-    assert area is not None
-    straight = float(area.length_m[tuple(site.grid.cell(np.array([nodes[rooms[1]]]))[0])])
-    assert shortest_m(edges, *rooms[:2]) == pytest.approx(straight, rel=0.05)
-    assert {(b, a) for a, b in edges} == edges.keys(), "both ways"
-    narrow = min(about["metadata"]["width"] for about in edges.values())
+def exported(folder: Path, site: RouteMap, *rules: str) -> tuple[nav2_reader.Graph, dict[str, Any], list[Any]]:
+    """What Nav2 has of a floor plan with rules, after its bring-up."""
+    for name, data in nav2.files(site, [rule(text) for text in rules], (1.0, 1.0)).items():
+        (folder / name).write_bytes(data)
+    graph, shapes, params = nav2_reader.start(folder)
+    return graph, params, shapes
+
+
+def test_nav2_starts_with_and_without_zones(site: RouteMap, tmp_path: Path) -> None:
+    _, _, none = exported(tmp_path, site)
+    assert not none
+    _, _, some = exported(tmp_path, site, f"avoid room:{room_at(site, LEFT)} soft standing")
+    assert some
+
+
+def test_one_room_has_no_graph(tmp_path: Path) -> None:
+    grid = Plan().rooms(LEFT).grid()
+    (nodes, _), _, _ = exported(tmp_path, RouteMap(grid, find_rooms(grid, ())))
+    assert not nodes and not (tmp_path / "graph.geojson").exists()
+    assert "left out: the route graph" in (tmp_path / "params.yaml").read_text()
+
+
+@pytest.mark.parametrize("rules", [(), ("avoid room:{} soft standing", "slow-near room:{} hard standing")])
+def test_nav2s_scorers_agree_with_exported_costs(site: RouteMap, tmp_path: Path, rules: tuple[str, ...]) -> None:
+    graph, params, _ = exported(tmp_path, site, *(text.format(room_at(site, RIGHT)) for text in rules))
+    theirs = nav2_reader.nav2_cost(graph, params["route_server"])
+    for begin in graph[0]:
+        ours = nav2_reader.routes_from(graph, begin, lambda edge: float(edge["cost"]))
+        found = nav2_reader.routes_from(graph, begin, theirs)
+        assert ours.keys() == found.keys() == graph[0].keys(), "all are connected"
+        assert all(found[end][0] == pytest.approx(ours[end][0], abs=1e-3) for end in ours)
+
+
+def test_the_graph_route_costs_what_the_grid_path_does(site: RouteMap, tmp_path: Path) -> None:
+    text = f"avoid room:{room_at(site, RIGHT)} soft standing"
+    graph, params, _ = exported(tmp_path, site, text)
+    area = nav2.areas_of([rule(text)], site).cost
+    cost = np.where(traversable(site.grid, RADIUS_M), 1 + SOFT_AVOID * (area > 0), np.inf)
+    for begin, end in combinations(range(len(site.rooms)), 2):
+        cells = [tuple(site.grid.cell(np.array([graph[0][k]]))[0]) for k in (begin, end)]
+        goal = np.zeros(cost.shape, bool)
+        goal[cells[1]] = True
+        found = cheapest(cost, cells[0], [goal])
+        routes = nav2_reader.routes_from(graph, begin, nav2_reader.nav2_cost(graph, params["route_server"]))
+        assert found is not None
+        assert routes[end][0] == pytest.approx(found.cost * site.grid.resolution_m, rel=0.08)
+    narrow = min(edge["metadata"]["width"] for edge in graph[1])
     assert narrow == pytest.approx(0.9, abs=0.11), "the door of 0.9 m"
 
 
-def test_a_forbidden_room_has_no_edges_and_an_unwanted_one_a_penalty(site: RouteMap) -> None:
+def test_edges_are_straight_lines_over_open_floor(tmp_path: Path) -> None:
+    plan = flat().draw((1.5, 0.5, 2.5, 2.5), OCCUPIED, 0.8)  # a table between one room's middle and its door
+    grid = plan.grid()
+    (nodes, edges), _, _ = exported(tmp_path, RouteMap(grid, find_rooms(grid, ())))
+    fits = traversable(grid, RADIUS_M)
+    for edge in edges:
+        line = np.linspace(nodes[edge["startid"]], nodes[edge["endid"]], 200)
+        assert fits[tuple(grid.cell(line).T)].all()
+    assert {(edge["endid"], edge["startid"]) for edge in edges} == {(e["startid"], e["endid"]) for e in edges}
+    assert min(edge["metadata"]["width"] for edge in edges) == 0.5, "beside the table"
+
+
+def test_a_forbidden_room_has_no_node(site: RouteMap, tmp_path: Path) -> None:
     right = room_at(site, RIGHT)
-    hard = nav2.areas_of([rule(f"avoid room:{right} hard standing")], site)
-    number = next(k for k, room in enumerate(site.rooms) if room.name == right)
-    graph = nav2.route_graph(site, hard, (1.0, 1.0), RADIUS_M)
-    ends = {end for f in graph["features"] if "startid" in (p := f["properties"]) for end in (p["startid"], p["endid"])}
-    assert number not in ends
-    soft = nav2.areas_of(
-        [rule(f"avoid room:{right} soft standing"), rule(f"slow-near room:{right} hard standing")], site
-    )
-    _, edges = read_graph(nav2.route_graph(site, soft, (1.0, 1.0), RADIUS_M))
-    into = [about["metadata"] for (one, other), about in edges.items() if number in (one, other)]
-    assert into and all(m["penalty"] > 0 and m["speed_limit"] == nav2.SLOW_PERCENT for m in into)
-    away = [about["metadata"] for (one, other), about in edges.items() if number not in (one, other)]
-    assert away and all(m["speed_limit"] == 100.0 or m["penalty"] > 0 for m in away)
+    graph, _, _ = exported(tmp_path, site, f"avoid room:{right} hard standing")
+    told = (tmp_path / "params.yaml").read_text()
+    assert all(x < RIGHT[0] for x, _ in graph[0].values()) and f"left out: room {right}" in told
+
+
+def test_no_edge_has_a_tag_that_divides_lengths(site: RouteMap, tmp_path: Path) -> None:
+    (_, edges), _, _ = exported(tmp_path, site, f"slow-near room:{room_at(site, RIGHT)} hard standing")
+    assert all("speed_limit" not in edge["metadata"] for edge in edges), "Nav2's own parameters name this tag"
 
 
 def test_the_folder_holds_the_homes_rules(tmp_path: Path) -> None:
@@ -167,22 +167,16 @@ def test_the_folder_holds_the_homes_rules(tmp_path: Path) -> None:
     assert read_mask(tmp_path / "nav2/speed.yaml")[0].max() == 0
     plan, plan_about = read_mask(tmp_path / "nav2/map.yaml")
     assert plan.shape == mask.shape and plan_about["origin"] == about["origin"]
-    read_graph_ids = {
-        f["properties"]["id"] for f in json.loads((tmp_path / "nav2/graph.geojson").read_text())["features"]
-    }
-    assert len(read_graph_ids) >= len(home.rooms)
-    about_nodes = yaml.safe_load((tmp_path / "nav2/params.yaml").read_text())
-    shapes = about_nodes["vector_object_server"]["ros__parameters"]
     covered = np.zeros(mask.shape, bool)
-    for name in shapes["shapes"]:
-        assert shapes[name]["type"] == "polygon" and shapes[name]["value"] == nav2.UNWANTED
-        x, y = np.array(shapes[name]["points"]).reshape(4, 2).T
+    for shape in nav2_reader.start(tmp_path / "nav2")[1]:
+        assert shape["value"] == nav2.UNWANTED
+        x, y = np.array(shape["points"]).reshape(4, 2).T
         (row, col), (last, end) = home.grid.cell(np.array([[x.min(), y.min()], [x.max(), y.max()]]) + 1e-4)
         covered[row:last, col:end] = True
     assert (covered == area).all()
-    for server in ("keepout_filter_mask_server", "speed_filter_mask_server", "map_server"):
-        assert (tmp_path / "nav2" / about_nodes[server]["ros__parameters"]["yaml_filename"]).is_file()
-    assert (tmp_path / "nav2" / about_nodes["route_server"]["ros__parameters"]["graph_filepath"]).is_file()
+    home, _ = home.correct("undo")
+    export(home, tmp_path / "nav2")
+    assert not nav2_reader.start(tmp_path / "nav2")[1], "those of the earlier export are gone"
 
 
 def test_a_home_without_a_floor_plan_is_refused_in_one_line(tmp_path: Path) -> None:

@@ -1,35 +1,34 @@
-"""Nav2 export: a folder with the floor plan, filter masks, zones and a route graph, and one file of parameters.
+"""Nav2 export: a folder with the floor plan, filter masks, zones, a route graph, parameters, and what starts them.
 
-The rules that people gave for all drives go in. Sources of the formats: Nav2's configuration guide (map server, costmap
-filters, vector object server, route server). What a mask cannot say is named in the parameters' first lines.
+The rules that people gave for all drives go in. What the formats mean is what Nav2's sources do with them (Humble to
+Rolling, read in November 2026): map server, costmap filters, vector object server, route server. What no file can say
+is named in the parameters' first lines.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from datetime import datetime
-from itertools import combinations
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from cartier.errors import InputError
+from cartier.exports._nav2_graph import FORBIDDEN, route_graph
 from cartier.exports.scene import rectangles
 from cartier.home import Home
 from cartier.home.map_server import pgm, yaml
 from cartier.io.atomic import write_file
-from cartier.navigation.layers import RouteMap, ruled_area
-from cartier.navigation.planning import reach, room_middle, traversable
-from cartier.navigation.search import cheapest
+from cartier.navigation.layers import SLOW, RouteMap, ruled_area
 from cartier.route_rules import RouteRule
-from cartier.types import FREE, OccupancyGrid, RobotModel
+from cartier.types import OccupancyGrid, RobotModel
 
 FOLDER = "nav2"
-FORBIDDEN, UNWANTED = 100, 50  # of 100, as Nav2's masks have it: what no path crosses, and what costs more
-SLOW_PERCENT = 40.0  # of full speed, as ``navigation.layers.SLOW``
+UNWANTED = 50  # of 100, as Nav2's masks have it: what costs more
+SLOW_PERCENT = 100 * SLOW  # of full speed
 Mask = npt.NDArray[np.bool_]
 
 
@@ -61,21 +60,37 @@ def write(home: Home, folder: Path) -> list[Path]:
     site = home.route_map
     if site is None:
         raise InputError(f"{home.name} was mapped without depth: it has no floor plan that Nav2 could read")
+    contents = files(site, home.rules, home.start_xy)
+    folder.mkdir(parents=True, exist_ok=True)
+    for name in ("graph.geojson", "vector_objects.yaml"):  # of an export before this one
+        (folder / name).unlink(missing_ok=True)
+    for name, data in contents.items():
+        write_file(folder / name, data)
+    return [folder / name for name in contents]
+
+
+def files(site: RouteMap, rules: Sequence[RouteRule], start_xy: Sequence[float]) -> dict[str, bytes]:
+    """The contents of the folder by file name, for drives from a start (x, y) in metres.
+
+    Nav2 does not start with a graph without edges, nor with a shape without a type: where there is no edge or no zone,
+    there is no such file.
+    """
     radius_m = RobotModel.radius_m
-    areas = areas_of(home.rules, site)
+    areas = areas_of(rules, site)
     speed = np.where(areas.slow, 100 - SLOW_PERCENT, 0).astype(np.uint8)
-    graph = route_graph(site, areas, home.start_xy, radius_m)
-    files = {
+    graph, left_out = route_graph(site, areas.cost, start_xy, radius_m)
+    found = {
         "map.pgm": pgm(site.grid), "map.yaml": yaml(site.grid, "map.pgm"),
         "keepout.pgm": mask_pgm(areas.cost), "keepout.yaml": mask_yaml(site.grid, "keepout.pgm"),
         "speed.pgm": mask_pgm(speed), "speed.yaml": mask_yaml(site.grid, "speed.pgm"),
-        "graph.geojson": (json.dumps(graph, indent=1) + "\n").encode(),
-        "params.yaml": parameters(site.grid, areas, radius_m).encode(),
+        "params.yaml": parameters(areas, (*areas.left_out, *left_out), radius_m).encode(),
+        "filters.launch.yaml": LAUNCH.encode(),
     }  # fmt: skip
-    folder.mkdir(parents=True, exist_ok=True)
-    for name, data in files.items():
-        write_file(folder / name, data)
-    return [folder / name for name in files]
+    if graph["features"]:
+        found["graph.geojson"] = (json.dumps(graph, indent=1) + "\n").encode()
+    if areas.zones:
+        found["vector_objects.yaml"] = "".join([VECTOR_OBJECTS, *_shapes(site.grid, areas)]).encode()
+    return found
 
 
 def areas_of(rules: Sequence[RouteRule], site: RouteMap) -> Areas:
@@ -118,125 +133,14 @@ def mask_yaml(grid: OccupancyGrid, image: str) -> bytes:
     return bytes(scaled.replace("thresh: 0.196", "thresh: 0.0"), "utf-8")
 
 
-def route_graph(site: RouteMap, areas: Areas, start_xy: Sequence[float], radius_m: float) -> dict[str, Any]:
-    """Rooms and doors as the nodes of a graph in the GeoJSON form of nav2_route, with what each edge is like.
-
-    Args:
-        site: The floor plan with rooms and doors.
-        areas: What rules say of its cells.
-        start_xy: Where the robot stands (m); only what it can reach is in the graph.
-        radius_m: The robot's radius.
-
-    Returns:
-        A FeatureCollection. Edges go both ways and have as ``cost`` the length of the shortest path in metres; their
-        metadata are the room's kind as ``class``, the narrowest width, the speed limit in percent and, for what people
-        would rather not have crossed, a penalty in metres. What a rule forbids has no edge.
-    """
-    grid, nodes = site.grid, _nodes(site)
-    area = reach(grid, start_xy, radius_m)
-    open_cells = traversable(grid, radius_m) & (areas.cost < FORBIDDEN)
-    if area is None:
-        raise InputError("no floor around the start fits the robot: there is no route graph")
-    open_cells &= np.isfinite(area.length_m)
-    features = [_node(k, node, _class(site, node)) for k, node in enumerate(nodes)]
-    clearance_m, number = _clearance_m(grid), len(nodes)
-    for (i, one), (k, other) in combinations(enumerate(nodes), 2):
-        shared = sorted(set(one.rooms) & set(other.rooms))
-        metadata = _metadata(site, areas, shared[0], (one.xy, other.xy), open_cells, clearance_m) if shared else None
-        if metadata is not None:
-            features.append(_edge(number, (i, one.xy), (k, other.xy), metadata))
-            features.append(_edge(number + 1, (k, other.xy), (i, one.xy), metadata))
-            number += 2
-    return {"type": "FeatureCollection", "name": "cartier", "features": features}
-
-
-class _Node(NamedTuple):
-    name: str
-    xy: tuple[float, float]
-    rooms: tuple[int, ...]
-
-
-def _nodes(site: RouteMap) -> list[_Node]:
-    names = {room.id: room.name for room in site.rooms}
-    middles = [_Node(room.name, room_middle(room, site.grid), (room.id,)) for room in site.rooms]
-    doors = [_Node(f"door of {' and '.join(names[r] for r in door.rooms)}", door.xy, door.rooms) for door in site.doors]
-    return middles + doors
-
-
-def _class(site: RouteMap, node: _Node) -> str:
-    return "door" if len(node.rooms) > 1 else next(room.kind for room in site.rooms if room.id == node.rooms[0])
-
-
-def _metadata(
-    site: RouteMap,
-    areas: Areas,
-    room: int,
-    ends: tuple[tuple[float, float], tuple[float, float]],
-    open_cells: Mask,
-    clearance_m: npt.NDArray[np.float64],
-) -> dict[str, Any] | None:
-    """What the shortest path between two points is like; None if the robot cannot drive it."""
-    grid = site.grid
-    begin, end = (_nearest(grid, open_cells, xy) for xy in ends)
-    if begin is None or end is None:
-        return None
-    goal = np.zeros(open_cells.shape, bool)
-    goal[end] = True
-    found = cheapest(np.where(open_cells, 1 + areas.cost / 100, np.inf), begin, [goal])
-    if found is None:
-        return None
-    cells = tuple(found.cells.T)
-    steps_m = np.hypot(*np.diff(grid.centre(found.cells), axis=0).T)
-    length_m, unwanted = float(steps_m.sum()), areas.cost[cells][1:] > 0
-    return {
-        "class": next(each.kind for each in site.rooms if each.id == room), "length": max(round(length_m, 3), 0.01),
-        "width": round(2 * float(clearance_m[cells].min()), 3),
-        "speed_limit": SLOW_PERCENT if areas.slow[cells].any() else 100.0,
-        "penalty": round(float(steps_m[unwanted].sum()), 3),
-    }  # fmt: skip
-
-
-def _nearest(grid: OccupancyGrid, open_cells: Mask, xy: tuple[float, float]) -> tuple[int, int] | None:
-    """The open cell within half a metre that is nearest to a point."""
-    cells = np.argwhere(open_cells)
-    if not len(cells):
-        return None
-    far = np.hypot(*(grid.centre(cells) - xy).T)
-    best = int(far.argmin())
-    return (int(cells[best][0]), int(cells[best][1])) if far[best] <= 0.5 else None
-
-
-def _clearance_m(grid: OccupancyGrid) -> npt.NDArray[np.float64]:
-    """How far (rows, cols) each cell's centre is from the nearest one that is not free."""
-    from scipy.ndimage import distance_transform_edt
-
-    free = np.pad(grid.cells == FREE, 1)
-    return np.asarray(distance_transform_edt(free)[1:-1, 1:-1] * grid.resolution_m)
-
-
-def _node(number: int, node: _Node, kind: str) -> dict[str, Any]:
-    about = {"id": number, "frame": "map", "metadata": {"class": kind, "name": node.name}}
-    point = {"type": "Point", "coordinates": [round(float(v), 4) for v in node.xy]}
-    return {"type": "Feature", "properties": about, "geometry": point}
-
-
-def _edge(
-    number: int, one: tuple[int, Sequence[float]], other: tuple[int, Sequence[float]], metadata: Mapping[str, Any]
-) -> dict[str, Any]:
-    line = [[round(float(v), 4) for v in xy] for _, xy in (one, other)]
-    about = {"id": number, "startid": one[0], "endid": other[0], "cost": metadata["length"], "overridable": True,
-             "metadata": dict(metadata)}  # fmt: skip
-    return {"type": "Feature", "properties": about, "geometry": {"type": "MultiLineString", "coordinates": [line]}}
-
-
-def parameters(grid: OccupancyGrid, areas: Areas, radius_m: float) -> str:
-    """The parameters of the servers and of both costmaps, as YAML."""
+def parameters(areas: Areas, left_out: Sequence[str], radius_m: float) -> str:
+    """The parameters of the filters' servers, of both costmaps and of the route server, as YAML."""
     return "".join([
-        "# Written by cartier for Nav2. Start map servers, filter info servers, vector object server and route server\n"
-        "# with it from this folder (paths are relative), and merge the costmaps' part into your own parameters.\n",
-        *(f"# left out: {line}\n" for line in areas.left_out),
+        "# Written by cartier for Nav2: filters.launch.yaml starts the filters' servers with it; merge the costmaps'\n"
+        f"# and the route server's part into your own parameters. The graph is for a radius of {radius_m:.2f} m.\n",
+        *(f"# left out: {' '.join(line.split())}\n" for line in left_out),
         *(f"# rule: {rule.text}\n" for rule, _, _ in areas.zones),
-        SERVERS.format(radius=f"{radius_m:.3f}"), *_shapes(grid, areas),
+        PARAMETERS,
     ])  # fmt: skip
 
 
@@ -246,7 +150,7 @@ def _shapes(grid: OccupancyGrid, areas: Areas) -> Iterator[str]:
         (f"rule{k}_{n}", value, box)
         for k, (_, area, value) in enumerate(areas.zones) for n, box in enumerate(rectangles(area))
     ]  # fmt: skip
-    yield f"    shapes: [{', '.join(name for name, *_ in shapes)}]\n" if shapes else '    shapes: [""]\n'
+    yield f"    shapes: [{', '.join(name for name, *_ in shapes)}]\n"
     x, y, side = *grid.origin_xy, grid.resolution_m
     for name, value, (row, col, down, across) in shapes:
         low, high = (x + col * side, y + row * side), (x + (col + across) * side, y + (row + down) * side)
@@ -257,58 +161,83 @@ def _shapes(grid: OccupancyGrid, areas: Areas) -> Iterator[str]:
         )
 
 
-SERVERS = """
-map_server:
-  ros__parameters: {{yaml_filename: map.yaml, topic_name: map, frame_id: map}}
+PARAMETERS = """
 keepout_filter_mask_server:
-  ros__parameters: {{yaml_filename: keepout.yaml, topic_name: keepout_filter_mask, frame_id: map}}
+  ros__parameters: {topic_name: keepout_filter_mask, frame_id: map}
 keepout_costmap_filter_info_server:
   ros__parameters:
-    {{type: 0, filter_info_topic: keepout_costmap_filter_info, mask_topic: keepout_filter_mask, base: 0.0,
-     multiplier: 1.0}}
+    {type: 0, filter_info_topic: keepout_costmap_filter_info, mask_topic: keepout_filter_mask, base: 0.0,
+     multiplier: 1.0}
 speed_filter_mask_server:
-  ros__parameters: {{yaml_filename: speed.yaml, topic_name: speed_filter_mask, frame_id: map}}
+  ros__parameters: {topic_name: speed_filter_mask, frame_id: map}
 speed_costmap_filter_info_server: # percent of full speed is 100 - mask
   ros__parameters:
-    {{type: 1, filter_info_topic: speed_costmap_filter_info, mask_topic: speed_filter_mask, base: 100.0,
-     multiplier: -1.0}}
-vo_costmap_filter_info_server: # of the vector object server
-  ros__parameters:
-    {{type: 0, filter_info_topic: vo_costmap_filter_info, mask_topic: vo_map, base: 0.0, multiplier: 1.0}}
-lifecycle_manager_costmap_filters:
+    {type: 1, filter_info_topic: speed_costmap_filter_info, mask_topic: speed_filter_mask, base: 100.0,
+     multiplier: -1.0}
+lifecycle_manager_filters:
   ros__parameters:
     autostart: true
-    node_names: [map_server, keepout_filter_mask_server, keepout_costmap_filter_info_server, speed_filter_mask_server,
-                 speed_costmap_filter_info_server, vector_object_server, vo_costmap_filter_info_server, route_server]
+    node_names: [keepout_filter_mask_server, keepout_costmap_filter_info_server, speed_filter_mask_server,
+                 speed_costmap_filter_info_server]
 global_costmap:
   global_costmap:
     ros__parameters:
-      robot_radius: {radius}
-      filters: [keepout_filter, speed_filter, vector_filter]
+      filters: [keepout_filter, speed_filter]
       keepout_filter:
-        {{plugin: "nav2_costmap_2d::KeepoutFilter", enabled: true, filter_info_topic: keepout_costmap_filter_info}}
+        {plugin: "nav2_costmap_2d::KeepoutFilter", enabled: true, filter_info_topic: keepout_costmap_filter_info}
       speed_filter:
-        {{plugin: "nav2_costmap_2d::SpeedFilter", enabled: true, filter_info_topic: speed_costmap_filter_info,
-         speed_limit_topic: speed_limit}}
-      vector_filter: # the same areas as keepout_filter, as polygons that services can change: enable one of the two
-        {{plugin: "nav2_costmap_2d::KeepoutFilter", enabled: false, filter_info_topic: vo_costmap_filter_info}}
+        {plugin: "nav2_costmap_2d::SpeedFilter", enabled: true, filter_info_topic: speed_costmap_filter_info,
+         speed_limit_topic: speed_limit}
 local_costmap:
   local_costmap:
     ros__parameters:
-      robot_radius: {radius}
       filters: [keepout_filter]
       keepout_filter:
-        {{plugin: "nav2_costmap_2d::KeepoutFilter", enabled: true, filter_info_topic: keepout_costmap_filter_info}}
-route_server:
+        {plugin: "nav2_costmap_2d::KeepoutFilter", enabled: true, filter_info_topic: keepout_costmap_filter_info}
+route_server: # AdjustSpeedLimit is left out: at each edge it would lift the limit that the speed filter has set
   ros__parameters:
-    graph_filepath: graph.geojson
-    graph_file_loader: GeoJsonGraphFileLoader
-    GeoJsonGraphFileLoader: {{plugin: "nav2_route::GeoJsonGraphFileLoader"}}
     edge_cost_functions: [DistanceScorer, PenaltyScorer]
-    DistanceScorer: {{plugin: "nav2_route::DistanceScorer", speed_tag: speed_limit}}
-    PenaltyScorer: {{plugin: "nav2_route::PenaltyScorer", penalty_tag: penalty}}
-    operations: [AdjustSpeedLimit]
-    AdjustSpeedLimit: {{plugin: "nav2_route::AdjustSpeedLimit", speed_tag: speed_limit}}
+    DistanceScorer: {plugin: "nav2_route::DistanceScorer"}
+    PenaltyScorer: {plugin: "nav2_route::PenaltyScorer", penalty_tag: penalty}
+    operations: [ReroutingService]
+    ReroutingService: {plugin: "nav2_route::ReroutingService"}
+"""
+
+LAUNCH = """\
+# Written by cartier, for Nav2 of Humble and Jazzy; from Kilted on, bringup_launch.py starts these servers itself.
+launch:
+- node:
+    pkg: nav2_map_server
+    exec: map_server
+    name: keepout_filter_mask_server
+    param: [{from: $(dirname)/params.yaml}, {name: yaml_filename, value: $(dirname)/keepout.yaml}]
+- node:
+    pkg: nav2_map_server
+    exec: costmap_filter_info_server
+    name: keepout_costmap_filter_info_server
+    param: [{from: $(dirname)/params.yaml}]
+- node:
+    pkg: nav2_map_server
+    exec: map_server
+    name: speed_filter_mask_server
+    param: [{from: $(dirname)/params.yaml}, {name: yaml_filename, value: $(dirname)/speed.yaml}]
+- node:
+    pkg: nav2_map_server
+    exec: costmap_filter_info_server
+    name: speed_costmap_filter_info_server
+    param: [{from: $(dirname)/params.yaml}]
+- node:
+    pkg: nav2_lifecycle_manager
+    exec: lifecycle_manager
+    name: lifecycle_manager_filters
+    param: [{from: $(dirname)/params.yaml}]
+"""
+
+VECTOR_OBJECTS = """\
+# The keepout areas again, as polygons that services can move: for Nav2 from Lyrical on, in place of the keepout mask.
+costmap_filter_info_server:
+  ros__parameters:
+    {type: 0, filter_info_topic: keepout_costmap_filter_info, mask_topic: vo_map, base: 0.0, multiplier: 1.0}
 vector_object_server:
   ros__parameters:
     map_topic: vo_map
