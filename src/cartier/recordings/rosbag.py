@@ -10,6 +10,7 @@ robot: z = 0 is taken for the floor. Depth that is not registered to colour is r
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from threading import Lock
 from typing import Any
@@ -26,8 +27,9 @@ from cartier.recordings.common.poses import rigid
 from cartier.recordings.ros.bags import METADATA, Bag, files_of
 from cartier.recordings.ros.file import Index
 from cartier.recordings.ros.frames import FrameImages, registration
-from cartier.recordings.ros.poses import camera_poses, transform_tree
-from cartier.recordings.ros.tf import extrinsic_matrix
+from cartier.recordings.ros.poses import camera_poses, left_out, transform_tree
+from cartier.recordings.ros.runs import Series, clock_notes, longest_run
+from cartier.recordings.ros.tf import Edge, extrinsic_matrix
 from cartier.recordings.ros.topics import Choice, Stream, choose
 from cartier.types import Camera, Frame, TrueObject
 
@@ -90,12 +92,16 @@ class RosBag:
         self._fingerprint: str | None = None
         notes = [*choice.notes, *bag.notes]
         tree = transform_tree(bag)
-        rows, stamps_s = _stamps(bag, choice.colour, notes)
-        found = camera_poses(bag, tree, choice.colour.frame, stamps_s, frame, odometry, body_from_camera)
+        poses_of = camera_poses(bag, tree, choice.colour.frame, frame, odometry, body_from_camera)
+        seen = self._seen(choice.colour, notes)
+        measured = None if choice.depth is None else self._seen(choice.depth, notes)
+        seen, measured = self._one_run(seen, measured, poses_of.moving, notes)
+        rows, stamps_s = seen.rows, seen.times_s
+        found = poses_of.at(stamps_s)
         keep = np.asarray(np.isfinite(found.matrices).all(axis=(1, 2)))
-        partner = self._partners(stamps_s, keep, notes)
+        partner = self._partners(stamps_s, measured, keep, notes)
         keep &= partner >= 0
-        notes += found.notes
+        notes += [*poses_of.notes, *left_out(found, poses_of.what)]
         if not keep.any():
             raise InputError(f"{bag.path}: no image of {choice.colour.name} can be used: {'; '.join(notes)}")
         self._rows: Index = choice.colour.index[rows][keep]
@@ -110,7 +116,7 @@ class RosBag:
             check_floor(poses, floor_m)
             notes += levelling.notes
         else:
-            notes.append(f"the floor is taken to be z = 0 of frame {found.world!r}; override with --floor M")
+            notes.append(f"the floor is taken to be z = 0 of frame {poses_of.world!r}; override with --floor M")
         self._poses = poses
         self._poses.setflags(write=False)
         self.notes: Sequence[str] = notes
@@ -150,38 +156,68 @@ class RosBag:
             return None
         return self._images.depth_m(*self._message(stream, stream.index[self._partner[i]]))
 
-    def _partners(self, stamps_s: npt.NDArray[np.float64], posed: npt.NDArray[np.bool_], notes: list[str]) -> Index:
+    def _seen(self, stream: Stream, notes: list[str]) -> _Seen:
+        """The messages of a stream that hold an image, with their own stamps, else the recorder's."""
+        headers = [self._bag.header(stream.name, row) for row in stream.index]
+        rows = np.flatnonzero([not header.empty_image for header in headers])
+        if len(rows) < len(headers):
+            notes.append(f"{len(headers) - len(rows)} messages of {stream.name} left out: their images are empty")
+        stamps_ns = np.array([headers[row].stamp_ns for row in rows], dtype=np.int64)
+        if not stamps_ns.any():
+            notes.append(
+                f"the images of {stream.name} carry no time stamps; the times at which they were recorded are used"
+            )
+            stamps_ns = stream.index[rows, 0]
+        return _Seen(self._bag.order(stream.index[rows]), stamps_ns / 1e9, rows)
+
+    def _one_run(
+        self, seen: _Seen, measured: _Seen | None, moving: Sequence[Edge], notes: list[str]
+    ) -> tuple[_Seen, _Seen | None]:
+        """The images and depth of the longest run; the transforms are cut to it, too."""
+        index, where = self._choice.colour.index[seen.rows], str(self._bag.path)
+        others = [*([] if measured is None else [measured]), *(edge.series() for edge in moving)]
+        kept, says = longest_run(seen, others, self._bag.pauses(index), where)
+        notes += says
+        if kept is not None:
+            seen, parts = seen.part(kept[0]), iter(kept[1:])
+            measured = None if measured is None else measured.part(next(parts))
+            for edge in moving:
+                edge.kept = next(parts)
+        notes += clock_notes(seen, [edge.series() for edge in moving], self._bag.logged)
+        return seen, measured
+
+    def _partners(
+        self,
+        stamps_s: npt.NDArray[np.float64],
+        measured: _Seen | None,
+        posed: npt.NDArray[np.bool_],
+        notes: list[str],
+    ) -> Index:
         """Which depth image belongs to each colour image, -1 for none: the nearest, at most half a period away."""
-        depth = self._choice.depth
-        if depth is None:
+        if measured is None:
             notes.append("there is no depth")
             return np.zeros(len(stamps_s), np.int64)
-        rows, times_s = _stamps(self._bag, depth, notes)
-        order = np.argsort(times_s, kind="stable")
-        rows, times_s = rows[order], times_s[order]
+        order = np.argsort(measured.times_s, kind="stable")
+        rows, times_s = measured.rows[order], measured.times_s[order]
         after = np.clip(np.searchsorted(times_s, stamps_s), 0, len(times_s) - 1)
         before = np.maximum(after - 1, 0)
         nearest = np.where(np.abs(times_s[before] - stamps_s) < np.abs(times_s[after] - stamps_s), before, after)
         steps = np.diff(np.sort(stamps_s))
         period_s = float(np.median(steps[steps > 0])) if (steps > 0).any() else DEFAULT_PERIOD_S
-        lonely = np.abs(times_s[nearest] - stamps_s) > period_s / 2
+        away_s = np.abs(times_s[nearest] - stamps_s)
+        lonely = away_s > period_s / 2
         if (lonely & posed).any():
-            notes.append(
-                f"{int((lonely & posed).sum())} images left out: no depth within {period_s / 2 * 1000:.0f} ms of them"
-            )
+            clocks = f" (the nearest is {np.median(away_s):.3g} s away: two clocks?)" if lonely.all() else ""
+            lack = f"no depth within {period_s / 2 * 1000:.0f} ms of them{clocks}"
+            notes.append(f"{int((lonely & posed).sum())} images left out: {lack}")
         return np.asarray(np.where(lonely, -1, rows[nearest]), dtype=np.int64)
 
 
-def _stamps(bag: Bag, stream: Stream, notes: list[str]) -> tuple[Index, npt.NDArray[np.float64]]:
-    """The rows of the stream's index that hold an image, and their times in seconds: their own, else the recorder's."""
-    headers = [bag.header(stream.name, row) for row in stream.index]
-    rows = np.flatnonzero([not header.empty_image for header in headers])
-    if len(rows) < len(headers):
-        notes.append(f"{len(headers) - len(rows)} messages of {stream.name} left out: their images are empty")
-    stamps_ns = np.array([headers[row].stamp_ns for row in rows], dtype=np.int64)
-    if not stamps_ns.any():
-        notes.append(
-            f"the images of {stream.name} carry no time stamps; the times at which they were recorded are used"
-        )
-        stamps_ns = stream.index[rows, 0]
-    return rows, np.asarray(stamps_ns / 1e9)
+@dataclass(frozen=True, eq=False)
+class _Seen(Series):
+    """An image stream, and the rows of its index."""
+
+    rows: Index
+
+    def part(self, places: Index) -> _Seen:
+        return _Seen(self.order[places], self.times_s[places], self.rows[places])

@@ -86,6 +86,11 @@ def trajectory_line(time_s: float, world_from_camera: Array) -> str:
     return " ".join(repr(float(v)) for v in (time_s, x, y, z, *_quaternion(world_from_camera[:3, :3]))) + "\n"
 
 
+def lost(poses: Array) -> npt.NDArray[np.bool_]:
+    """Which of N poses of any form hold NaN or infinity, as trackers write while they are lost."""
+    return np.asarray(~np.isfinite(poses.reshape(len(poses), -1)).all(axis=1))
+
+
 def unit_quaternions(quaternions: npt.NDArray[np.float64], where: str) -> npt.NDArray[np.float64]:
     """(N, 4) of length 1. Raises InputError if one is far from it."""
     lengths = np.linalg.norm(quaternions, axis=1, keepdims=True)
@@ -123,6 +128,11 @@ class Interpolated:
     outside: npt.NDArray[np.bool_]
     in_gaps: npt.NDArray[np.bool_]
 
+    @property
+    def lost(self) -> npt.NDArray[np.bool_]:
+        """Which lie beside a sample that is NaN."""
+        return lost(self.rows)
+
     def matrices(self) -> Matrix:
         """(N, 4, 4)."""
         return matrices(self.rows)
@@ -144,6 +154,7 @@ def interpolated(samples: Array, times_s: Array) -> Interpolated:
     span = b[:, 0] - a[:, 0]
     with np.errstate(over="ignore"):  # times outside of two samples that all but coincide: cut to 0 or 1
         share = np.clip(np.divide(times - a[:, 0], span, out=np.zeros_like(times), where=span > 0), 0, 1)
+    a, b = np.where(share[:, None] == 1, b, a), np.where(share[:, None] == 0, a, b)  # a lost neighbour does not matter
     rotation, angle = _slerp(a[:, 4:], b[:, 4:], share)
     position = a[:, 1:4] + share[:, None] * (b[:, 1:4] - a[:, 1:4])
     moved = (np.linalg.norm(b[:, 1:4] - a[:, 1:4], axis=1) > STILL_M) | (angle > STILL_RAD)

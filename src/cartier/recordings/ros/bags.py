@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import re
 import struct
 from collections.abc import Callable, Sequence
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -25,6 +26,8 @@ if TYPE_CHECKING:
 METADATA = "metadata.yaml"
 MAX_METADATA = 4 << 20
 MAX_NAME = 256  # of a topic or a frame
+PAUSE_NS = 10 * 10**9  # between two recordings, and never between the parts of one
+MOST_LATE_NS = 10**7  # messages of one topic may be written in another order than they came, but not by more
 IMAGE, COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
 TRANSFORMS = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 
@@ -66,12 +69,15 @@ class Header(NamedTuple):
 
 
 def files_of(path: Path) -> list[Path]:
-    """The files that a bag consists of, by name; none if it is no bag."""
+    """The files that a bag consists of, by name, their numbers as numbers; none if it is no bag."""
     if path.is_file():
         return [path] if path.suffix in READERS else []
     if not path.is_dir():
         return []
-    return sorted(path / name for name in names_in(path) if name.endswith(tuple(READERS)) and name[0] != ".")
+    names = (name for name in names_in(path) if name.endswith(tuple(READERS)) and name[0] != ".")
+    return [
+        path / name for name in sorted(names, key=lambda name: (re.sub(r"\d+", lambda n: n[0].zfill(20), name), name))
+    ]
 
 
 class Bag:
@@ -82,7 +88,8 @@ class Bag:
         self.files = files_of(path)
         metadata = [METADATA] if (path / METADATA).exists() else []
         self.notes = link_notes(path, metadata + [file.name for file in self.files]) if path.is_dir() else []
-        self._packed = path.is_dir() and _check_metadata(path, self.files)
+        self._packed, listed = _check_metadata(path, self.files) if path.is_dir() else (False, set())
+        self._loose = any(file.name not in listed for file in self.files)
         kinds = sorted({file.suffix for file in self.files})
         if len(kinds) != 1:
             there = (
@@ -121,6 +128,33 @@ class Bag:
         index = np.concatenate(parts)
         return np.asarray(index[np.argsort(index[:, 0], kind="stable")])
 
+    @cached_property
+    def logged(self) -> bool:
+        """Whether the log times of images and transforms grow as they were written."""
+        for name in self.topics(IMAGE, COMPRESSED, *TRANSFORMS):
+            try:
+                index = self.index(name)
+            except InputError:  # whoever reads the topic is told
+                continue
+            written = index[np.argsort(_places(index), kind="stable")]
+            steps_ns = np.diff(written[:, 0])[np.diff(written[:, 1]) == 0]
+            if (steps_ns < -MOST_LATE_NS).any():
+                return False
+        return True
+
+    def order(self, index: Index) -> Index:
+        """(N,) numbers that grow as messages were recorded: their log times, or their places if these go back."""
+        return index[:, 0] if self.logged else _places(index)
+
+    def pauses(self, index: Index) -> list[int]:
+        """Orders between the messages of a topic at which another recording begins.
+
+        It is another file, after a pause, and no metadata binds the two.
+        """
+        order = self.order(index)
+        other = (np.diff(index[:, 1]) != 0) & (np.diff(index[:, 0]) > PAUSE_NS) & self._loose
+        return [int(order[i] + (order[i + 1] - order[i]) // 2) for i in np.flatnonzero(other)]
+
     def read(self, row: Index, limit: int = WHOLE) -> bytes:
         """The bytes of the message of one index row, or about the first ``limit`` of them."""
         _, number, chunk, offset = (int(value) for value in row)
@@ -144,6 +178,11 @@ class Bag:
 
     def encoding(self, name: str) -> str:
         return self._topics[name][0][1].encoding
+
+
+def _places(index: Index) -> Index:
+    """(N,) numbers that grow with a message's place: its file, its chunk and its offset."""
+    return np.asarray((index[:, 1] << 54) + (np.maximum(index[:, 2], 0) << 28) + index[:, 3])
 
 
 def decoded(data: bytes, kind: str, encoding: str, where: str) -> Any:
@@ -211,10 +250,10 @@ def _types(encoding: str) -> Typestore:
     return store
 
 
-def _check_metadata(folder: Path, files: Sequence[Path]) -> bool:
-    """Whether each message is compressed; an InputError if metadata.yaml asks for what is not there."""
+def _check_metadata(folder: Path, files: Sequence[Path]) -> tuple[bool, set[str]]:
+    """Whether each message is compressed, and the files of the bag; an InputError if metadata.yaml asks for others."""
     if not (folder / METADATA).exists():
-        return False
+        return False, set()
     try:
         value, _ = read_yaml(read_text(folder / METADATA, MAX_METADATA))
         information = value["rosbag2_bagfile_information"]
@@ -234,7 +273,7 @@ def _check_metadata(folder: Path, files: Sequence[Path]) -> bool:
         raise InputError(f"{folder / brief(missing[0])} is missing, but {METADATA} names it")
     if mode == "message" and form != "zstd":
         raise InputError(f"{folder}: messages are compressed with {form!r}; cartier reads zstd")
-    return mode == "message"
+    return mode == "message", set(names)
 
 
 def _unpacked(data: bytes, path: Path) -> bytes:

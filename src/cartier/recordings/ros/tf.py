@@ -13,8 +13,9 @@ import numpy.typing as npt
 
 from cartier.errors import InputError, brief
 from cartier.geometry import invert
-from cartier.recordings.common.poses import by_time, interpolated, matrices
+from cartier.recordings.common.poses import Interpolated, by_time, interpolated, lost, matrices
 from cartier.recordings.ros.bags import frame_name
+from cartier.recordings.ros.runs import Series
 from cartier.types import Array
 
 WORLDS = ("map", "odom", "world")
@@ -29,20 +30,53 @@ class Edge:
     parent: str
     static: bool
     samples: array[float] = field(default_factory=lambda: array("d"))
+    order: array[int] = field(default_factory=lambda: array("q"))
+    """Of each sample; see ``runs.Series``."""
+    kept: npt.NDArray[np.int64] | None = None
+    """Which samples are of the run that is read; None for all."""
+
+    def add(self, order: int, stamp: Any, pose: Any) -> None:
+        """Take in a Transform or a Pose."""
+        t, q = getattr(pose, "translation", None) or pose.position, getattr(pose, "rotation", None) or pose.orientation
+        self.samples.extend((stamp.sec + stamp.nanosec * 1e-9, t.x, t.y, t.z, q.x, q.y, q.z, q.w))
+        self.order.append(order)
+
+    def rows(self) -> npt.NDArray[np.float64]:
+        """(N, 8) as they came."""
+        rows = np.frombuffer(self.samples, np.float64).reshape(-1, 8)
+        return np.asarray(rows if self.kept is None else rows[self.kept])
+
+    def series(self) -> Series:
+        """The stamps of the samples."""
+        order = np.frombuffer(self.order, np.int64)
+        return Series(order if self.kept is None else order[self.kept], self.rows()[:, 0])
 
     def table(self) -> npt.NDArray[np.float64]:
         """(N, 8) by time, one row per time; of equal times the last."""
-        rows = np.frombuffer(self.samples, np.float64).reshape(-1, 8)
-        return np.asarray(rows[-1:]) if self.static else by_time(rows)
+        return np.asarray(self.rows()[-1:]) if self.static else by_time(self.rows())
 
 
 @dataclass(frozen=True, eq=False)
 class Poses:
-    """(N, 4, 4) poses, NaN where there is none, and why: the images outside of the transforms' time, and in gaps."""
+    """(N, 4, 4) poses, NaN where there is none, and why: images outside of the transforms' time, in gaps, and lost."""
 
     matrices: npt.NDArray[np.float64]
     outside: int
     in_gaps: int
+    lost: int
+
+    @classmethod
+    def of(cls, steps: Sequence[npt.NDArray[np.float64] | Interpolated], count: int) -> Poses:
+        """The product of transforms, the last one first: each fixed, or at ``count`` times."""
+        total = np.tile(np.eye(4), (count, 1, 1))
+        outside, gaps, lost = np.zeros((3, count), bool)
+        for step in steps:
+            if isinstance(step, Interpolated):
+                outside, gaps, lost = outside | step.outside, gaps | step.in_gaps, lost | step.lost
+            total = (step.matrices() if isinstance(step, Interpolated) else step) @ total
+        total[outside | gaps | lost] = np.nan
+        gaps, lost = gaps & ~outside, lost & ~(outside | gaps)
+        return cls(total, *(int(why.sum()) for why in (outside, gaps, lost)))
 
 
 class Tree:
@@ -52,7 +86,7 @@ class Tree:
         self._edges: dict[str, Edge] = {}
         self._torn: dict[str, str] = {}
 
-    def add(self, message: Any, static: bool, bag: Path) -> None:
+    def add(self, message: Any, static: bool, bag: Path, order: int) -> None:
         """Take in a TFMessage of a bag."""
         for item in message.transforms:
             child, parent = frame_name(item.child_frame_id, bag), frame_name(item.header.frame_id, bag)
@@ -64,8 +98,7 @@ class Tree:
             if edge.parent != parent and not static:
                 self._torn[child] = parent
             edge.parent = parent
-            stamp, t, q = item.header.stamp, item.transform.translation, item.transform.rotation
-            edge.samples.extend((stamp.sec + stamp.nanosec * 1e-9, t.x, t.y, t.z, q.x, q.y, q.z, q.w))
+            edge.add(order, item.header.stamp, item.transform)
 
     def chain(self, frame: str) -> list[str]:
         """The frames from one up to its root, itself first."""
@@ -82,9 +115,10 @@ class Tree:
         chain = self.chain(frame)
         return next((name for name in WORLDS if name in chain[1:]), chain[-1] if len(chain) > 1 else None)
 
-    def moves(self, frame: str) -> bool:
-        """Whether some transform above a frame changes with time."""
-        return any(name in self._edges and not self._edges[name].static for name in self.chain(frame))
+    def moving(self, frame: str) -> list[Edge]:
+        """The transforms above a frame that change with time."""
+        edges = (self._edges[name] for name in self.chain(frame) if name in self._edges)
+        return [edge for edge in edges if not edge.static]
 
     def fixed(self, target: str, source: str) -> npt.NDArray[np.float64] | None:
         """target_from_source (4, 4) along static transforms alone, or None if they do not connect the two."""
@@ -111,31 +145,33 @@ class Tree:
                 f"no transform leads from {target!r} to {source!r}: above it are "
                 f"{brief(', '.join(chain[1:]), 200) or 'none'}"
             )
-        total = np.tile(np.eye(4), (len(times_s), 1, 1))
-        outside, gaps = np.zeros(len(times_s), bool), np.zeros(len(times_s), bool)
+        steps = list[npt.NDArray[np.float64] | Interpolated]()
         for child in chain[: chain.index(target)]:
             if child in self._torn:
                 parents = f"{self._edges[child].parent!r} and {self._torn[child]!r}"
                 raise InputError(f"frame {child!r} has two parents in /tf, {parents}: two programs publish it")
-            table = self._edges[child].table()
-            if self._edges[child].static:
-                total = checked(table, child)[0] @ total
-                continue
-            edge = interpolated(checked_rows(table, child), times_s)
-            outside |= edge.outside
-            gaps |= edge.in_gaps
-            total = edge.matrices() @ total
-        total[outside | gaps] = np.nan
-        return Poses(total, int(outside.sum()), int((gaps & ~outside).sum()))
+            table, static = self._edges[child].table(), self._edges[child].static
+            steps.append(
+                checked(table, child)[0] if static else interpolated(checked_rows(table, child, True), times_s)
+            )
+        return Poses.of(steps, len(times_s))
 
 
-def checked_rows(table: Array, what: str) -> npt.NDArray[np.float64]:
-    """Samples (N, 8) with quaternions of length 1; an InputError if one is far from it."""
-    sane = bool((np.abs(table) < MAX_NUMBER).all())  # false for NaN too
-    lengths = np.linalg.norm(table[:, 4:], axis=1) if sane else np.zeros(1)
+def checked_rows(table: Array, what: str, may_be_lost: bool = False) -> npt.NDArray[np.float64]:
+    """Samples (N, 8) with quaternions of length 1, NaN where a tracker lost its pose if that may be.
+
+    Raises InputError for a pose that is none.
+    """
+    gone = lost(table[:, 1:]) if may_be_lost else np.zeros(len(table), bool)
+    known = table[~gone]
+    sane = bool((np.abs(known) < MAX_NUMBER).all())  # false for NaN too
+    lengths = np.linalg.norm(known[:, 4:], axis=1) if sane else np.zeros(1)
     if not (np.abs(lengths - 1) < 0.01).all():
         raise InputError(f"the pose of {what!r} holds NaN, infinity or a quaternion that is not of length 1")
-    return np.hstack([table[:, :4], table[:, 4:] / lengths[:, None]])
+    out = np.full(table.shape, np.nan)
+    out[:, 0] = table[:, 0]
+    out[~gone, 1:] = np.hstack([known[:, 1:4], known[:, 4:] / lengths[:, None]])
+    return out
 
 
 def checked(table: Array, what: str) -> npt.NDArray[np.float64]:
