@@ -456,7 +456,8 @@ class DrivingRobot(Robot, Protocol):
             goal: Pose and path in the map frame (m, rad).
 
         Returns:
-            Progress, at least once in a second while the robot drives; the last one alone has ``ended``.
+            Progress, at least once in a second while the robot drives; the last one alone has ``ended``. Closed before
+            its end, or left by an exception, it stops the robot as ``stop`` does.
 
         Raises:
             CartierError: The goal was refused or could not be sent.
@@ -471,11 +472,11 @@ class DrivingRobot(Robot, Protocol):
         """
         ...
 
-    def stop(self) -> str:
-        """Stop the robot, from any thread; a ``drive`` ends as "stopped". Without a drive it does no harm.
+    def stop(self) -> DriveProgress:
+        """Stop the robot, from any thread, and wait until it says so, at most some 3 s; a ``drive`` ends so, too.
 
         Returns:
-            One line that says what was done.
+            What became of the robot: "stopped", "arrived" or "failed" if it stands, "unknown" if it may still drive.
 
         Raises:
             CartierError: The robot cannot be stopped from here.

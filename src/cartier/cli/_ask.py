@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import signal
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -29,7 +30,7 @@ from cartier.cli.arrive import send_and_look
 from cartier.cli.places import HomePlace, home_at
 from cartier.errors import InputError, ReasonerError
 from cartier.io.command import OwnerCommand
-from cartier.robots import send
+from cartier.robots import Sent, send
 
 if TYPE_CHECKING:
     from cartier.home import Home
@@ -95,7 +96,7 @@ def ask(
     )  # fmt: skip
     robot = specs.robot(go, mapped, model_of_robot) if go else None
     see = specs.camera_at_goals(go, mapped, model_of_robot) if go and allowed is not None else None
-    shown: set[str] = set()
+    shown, sent = set[str](), Sent("")
     for request in [words] if words is not None else _typed(mapped.name):
         try:
             answer = talk.say(request)
@@ -116,11 +117,14 @@ def ask(
             for line in send_and_look(robot, answer, talk.home, model_of_robot, allowed, see):
                 say(f"robot: {line}")
         elif robot is not None:
-            say(f"robot: {send(robot, answer, _watched)}")
+            sent = send(robot, answer, _watched)
+            say(f"robot: {sent.text}")
         try:
             mapped.remember(answer)
         except InputError as error:
             say(f"the answer was not saved: {error}")
+        if sent.exit_code and (words is not None or sent.signal not in (None, signal.SIGINT)):  # a talk outlives Ctrl-C
+            raise typer.Exit(sent.exit_code)
 
 
 def _watched(progress: DriveProgress) -> None:

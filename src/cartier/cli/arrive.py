@@ -25,7 +25,7 @@ def send_and_look(
     chosen = answer.selection
     first = next((obj for obj in home.objects if obj.id == chosen.object_id), None)
     if answer.goal is None or chosen.status not in ("found", "likely_near") or first is None or answer.next:
-        yield send(robot, answer)
+        yield send(robot, answer).text
         return
     for arrival in seek(allowed, _candidates(home, first, answer.goal, model), robot.go_to, see):
         yield arrival.drove

@@ -138,9 +138,12 @@ class Writer:
         kind: The type of its messages.
         depth: How many messages are kept for a listener that is slow.
         latched: Whether those who come later get the last messages.
+        prefix: ``rt`` for a topic, ``rq`` for the requests of a service.
     """
 
-    def __init__(self, participant: Any, name: str, kind: str, depth: int = 10, latched: bool = False) -> None:
+    def __init__(
+        self, participant: Any, name: str, kind: str, depth: int = 10, latched: bool = False, prefix: str = "rt"
+    ) -> None:
         self._kind = kind
         kept = Policy.History.KeepLast(max(depth, KEPT_LATCHED) if latched else depth)
         qos = Qos(
@@ -151,7 +154,7 @@ class Writer:
             Policy.Userdata(f"typehash={store().hash_rihs01(kind)};".encode()),  # robots from Iron on expect it
         )
         try:
-            topic = Topic(participant, f"rt{name}", topic_type(kind))
+            topic = Topic(participant, f"{prefix}{name}", topic_type(kind))
             self._writer: Any = DataWriter(participant, topic, qos=qos)
         except DDSException as error:
             raise BackendError(f"DDS cannot publish {name}: {error}") from error

@@ -25,6 +25,7 @@ VISION = {  # vision_msgs 4 (Humble to Kilted), which rosbags does not have
     "vision_msgs/BoundingBox3D bbox\nstring id",
     "Detection3DArray": "std_msgs/Header header\nvision_msgs/Detection3D[] detections",
 }
+CANCEL_GOAL = "action_msgs/srv/CancelGoal_Request"
 WORDS = {"string": str, "bool": bool, "byte": idl.byte, "char": idl.uint8} | {
     f"{kind}{bits}": getattr(idl, f"{kind}{bits}")
     for kind, sizes in (("int", (8, 16, 32, 64)), ("uint", (8, 16, 32, 64)), ("float", (32, 64)))
@@ -40,6 +41,8 @@ def store() -> Typestore:
     types = get_typestore(Stores.ROS2_JAZZY)
     for name, definition in VISION.items():
         types.register(get_types_from_msg(definition, f"vision_msgs/msg/{name}"))
+    (fields,) = get_types_from_msg("action_msgs/msg/GoalInfo goal_info", "a/msg/b").values()
+    types.register({CANCEL_GOAL: fields})  # rosbags would file a service's request among the messages
     return types
 
 

@@ -3,19 +3,43 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 from cartier.contracts import DrivingRobot, Robot
+from cartier.robots.common.signals import stopped_by_signals
 from cartier.types import Answer, DriveProgress, Goal
 
 Watch = Callable[[DriveProgress], None]
 
 
-def send(robot: Robot, answer: Answer, watch: Watch | None = None) -> str:
-    """Send an answer's goal pose to a robot; returns a line that says what happened, or why nothing was sent.
+@dataclass(frozen=True)
+class Sent:
+    """What became of an answer's goal.
+
+    Args:
+        text: One line that says what happened, or why nothing was sent.
+        end: How the drive ended, if it was watched.
+        signal: The signal that stopped it, such as SIGINT of Ctrl-C.
+    """
+
+    text: str
+    end: DriveProgress | None = None
+    signal: int | None = None
+
+    @property
+    def exit_code(self) -> int:
+        """0 if all went well, 1 if the drive failed, 3 if the robot may still be driving, 128 + the signal if stopped."""
+        status = "arrived" if self.end is None else self.end.status
+        stopped = 1 if self.signal is None else 128 + self.signal
+        return {"arrived": 0, "failed": 1, "unknown": 3, "stopped": stopped}[status]
+
+
+def send(robot: Robot, answer: Answer, watch: Watch | None = None) -> Sent:
+    """Send an answer's goal pose to a robot.
 
     A goal is sent only if the object was ``found`` or is ``likely_near``, and can be reached. Of several needs in one
     request the first with a goal is served, because a second goal would replace the first. With ``watch``, a robot that
-    can be watched is until its drive ends; KeyboardInterrupt meanwhile stops the robot.
+    can be watched is until its drive ends; Ctrl-C, SIGTERM and a closed terminal meanwhile stop the robot.
     Raises BackendError or InputError if the robot is not there or cannot take the goal.
     """
     first, *further = [answer, *answer.next]
@@ -23,22 +47,19 @@ def send(robot: Robot, answer: Answer, watch: Watch | None = None) -> str:
         first, *further = further
     goal = first.goal
     if goal is None or first.selection.status not in ("found", "likely_near"):
-        return f"nothing was sent: {_why_not(answer)}"
+        return Sent(f"nothing was sent: {_why_not(answer)}")
     waiting = [a.goal.place.label for a in further if a.goal is not None]
     later = f"; after that: {', '.join(waiting)}" if waiting else ""
-    driving = watch is not None and isinstance(robot, DrivingRobot)
-    return (_driven(robot, goal, watch) if driving else robot.go_to(goal)) + later  # type: ignore[arg-type]
-
-
-def _driven(robot: DrivingRobot, goal: Goal, watch: Watch) -> str:
-    text = "the robot said nothing"
-    try:
-        for progress in robot.drive(goal):
-            text = progress.text
-            watch(progress)
-    except KeyboardInterrupt:
-        return robot.stop()
-    return text
+    if watch is None or not isinstance(robot, DrivingRobot):
+        return Sent(robot.go_to(goal) + later)
+    end, drive = DriveProgress("unknown", "the robot said nothing"), robot.drive(goal)
+    with stopped_by_signals(robot) as came:
+        try:
+            for end in drive:
+                watch(end)
+        finally:
+            getattr(drive, "close", lambda: None)()  # an exception of who watches stops the robot, too
+    return Sent(end.text + later, end, came[0] if came else None)
 
 
 def _why_not(answer: Answer) -> str:

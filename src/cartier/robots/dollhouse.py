@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from cartier import plugins
 from cartier.errors import BackendError, InputError, check_radius
 from cartier.robots._pose import Pose, in_words, pose_of
+from cartier.robots.common.drives import Drives
 from cartier.types import DriveProgress, Goal
 
 if TYPE_CHECKING:
@@ -49,7 +50,7 @@ class Dollhouse:
     def __init__(self, scene: Any, radius_m: float, speed_m_s: float) -> None:
         self._scene, self._radius_m, self._speed_m_s = scene, radius_m, speed_m_s
         self._pose: Pose | None = None
-        self._stopped = threading.Event()
+        self._drives = Drives(self._steps, self._stands)
 
     def go_to(self, goal: Goal) -> str:
         """Raises InputError if the robot does not fit at the start or at the goal."""
@@ -59,26 +60,30 @@ class Dollhouse:
 
     def drive(self, goal: Goal) -> Iterator[DriveProgress]:
         """Raises InputError if the robot does not fit at the start or at the goal."""
-        self._stopped.clear()
+        return self._drives.watch(goal)
+
+    def pose(self) -> Pose | None:
+        """None before the first goal."""
+        return self._pose
+
+    def stop(self) -> DriveProgress:
+        return self._drives.stop()
+
+    def _steps(self, goal: Goal, asked: threading.Event) -> Iterator[DriveProgress]:
         driven = self._driven(goal)
         for at in range(0, len(driven.poses) - 1, TOLD_EVERY):
             self._pose = pose = _pose(driven, at)
             left_m = math.dist(pose[:2], (goal.x, goal.y))
             yield DriveProgress("driving", f"{left_m:.1f} m to the {goal.place.label}", pose, left_m)
             step_m = STEP_M * TOLD_EVERY
-            if self._stopped.wait(step_m / self._speed_m_s if self._speed_m_s else 0):
+            if asked.wait(step_m / self._speed_m_s if self._speed_m_s else 0):
                 yield DriveProgress("stopped", f"the drive was stopped at {in_words(pose)}", pose, left_m)
                 return
         self._pose = _pose(driven, -1)
         yield self._ended(driven, goal)
 
-    def pose(self) -> Pose | None:
-        """None before the first goal."""
-        return self._pose
-
-    def stop(self) -> str:
-        self._stopped.set()
-        return "the robot in the dollhouse stops"
+    def _stands(self) -> DriveProgress:
+        return DriveProgress("stopped", "the robot in the dollhouse stands", self._pose)
 
     def _driven(self, goal: Goal) -> Drive:
         from cartier.worlds.dollhouse.drive import drive

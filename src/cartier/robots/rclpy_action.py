@@ -1,108 +1,185 @@
-"""Client of Nav2's NavigateToPose action, with the ROS 2 that is sourced in this shell. Untried on a robot."""
+"""Client of Nav2's NavigateToPose action, with the ROS 2 that is sourced in this shell."""
 
 from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Iterator
+import time
+import uuid
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
 import rclpy
+from action_msgs.msg import GoalStatusArray
+from action_msgs.srv import CancelGoal
 from nav2_msgs.action import NavigateToPose
 from rclpy.action import ActionClient
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.qos import qos_profile_action_status_default
+from rclpy.signals import SignalHandlerOptions
+from unique_identifier_msgs.msg import UUID
 
-from cartier.errors import BackendError
+from cartier.errors import BackendError, brief
 from cartier.robots._pose import FRAME, Pose, in_words, pose_of, quaternion_zw
+from cartier.robots.common.drives import STOP_S
 from cartier.types import DriveProgress, Goal
 
-TELL_S = 0.5
+TELL_S, SPIN_S = 0.5, 0.05
+ASK_S = 0.5  # between two requests to cancel: a service that is not discovered yet loses them
+SILENT_S = 5.0  # a server that gave feedback gives it many times a second
 SUCCEEDED, CANCELED = 4, 5  # action_msgs/msg/GoalStatus
+ACTIVE = {1, 2, 3}  # accepted, executing, canceling
 
 
-class Drive:
-    """A goal that Nav2 has accepted, and what it said of it last."""
+class Nav2:
+    """The action server of a robot, as a node of ours sees it. All of it runs in one thread.
 
-    def __init__(self, node: Any, executor: Any, timeout_s: float) -> None:
-        self._node, self._executor, self._timeout_s = node, executor, timeout_s
-        self.pose: Pose | None = None
-        self.left_m: float | None = None
-        self.handle: Any = None
+    Args:
+        action: The name of the action.
+        domain: The ROS_DOMAIN_ID.
+        timeout_s: How long the server, and its answer to a goal, are waited for.
+    """
 
-    def wait(self, future: Any, timeout_s: float | None = None) -> bool:
-        """Whether a future is done within so long."""
-        within_s = self._timeout_s if timeout_s is None else timeout_s
-        rclpy.spin_until_future_complete(self._node, future, executor=self._executor, timeout_sec=within_s)
-        return bool(future.done())
+    def __init__(self, action: str, domain: int, timeout_s: float, context: Any) -> None:
+        self._where, self._timeout_s = f"/{action} in domain {domain}", timeout_s
+        self._node = rclpy.create_node("cartier", context=context)
+        self._executor = SingleThreadedExecutor(context=context)
+        self._executor.add_node(self._node)
+        self._client = ActionClient(self._node, NavigateToPose, action)
+        self._cancels = self._node.create_client(CancelGoal, f"{action}/_action/cancel_goal")
+        self._statuses: Any = None
+        self._node.create_subscription(
+            GoalStatusArray, f"{action}/_action/status", self._told_statuses, qos_profile_action_status_default
+        )
+        self._pose: Pose | None = None
+        self._left_m: float | None = None
+        self._heard_s = math.inf
 
-    def feedback(self, told: Any) -> None:
-        """What Nav2 says of the drive: where the robot is, and how far the path still is."""
+    def drive(self, goal: Goal, asked: threading.Event) -> Iterator[DriveProgress]:
+        """The steps of a drive, as ``Drives`` wants them. Raises BackendError without a server, or if it refuses."""
+        if not self._spun(self._client.server_is_ready, self._timeout_s, asked):
+            if asked.is_set():
+                yield DriveProgress("stopped", f"nothing was sent to {self._where}")
+                return
+            raise BackendError(self._nobody())
+        name = UUID(uuid=list(uuid.uuid4().bytes))
+        answer = self._client.send_goal_async(_message(goal), self._told_feedback, name)
+        try:
+            yield from self._followed(answer, name, goal, asked)
+        except (BackendError, GeneratorExit):
+            raise
+        except BaseException:
+            self._cancelled(answer, name, goal)
+            raise
+
+    def halt(self) -> DriveProgress:
+        """Cancel all goals of the server, whoever sent them. Raises BackendError without a server."""
+        if not self._spun(lambda: self._cancels.service_is_ready() and self._client.server_is_ready(), self._timeout_s):
+            raise BackendError(self._nobody())
+        answer = self._cancels.call_async(CancelGoal.Request())  # no name and no time: all of them
+        end_s = time.monotonic() + STOP_S
+        self._spun(answer.done, STOP_S)
+        if answer.done() and not answer.result().goals_canceling:
+            return DriveProgress("stopped", f"nothing was driving by {self._where}")
+        over = self._spun(lambda: self._statuses is not None and not self._active(), end_s - time.monotonic())
+        return DriveProgress("stopped", f"cancelled by {self._where}") if answer.done() and over else self._unknown()
+
+    def _followed(self, answer: Any, name: Any, goal: Goal, asked: threading.Event) -> Iterator[DriveProgress]:
+        """A goal that was sent, to its end. Raises BackendError if it is refused."""
+        self._spun(answer.done, self._timeout_s, asked)
+        if not answer.done():
+            yield self._cancelled(answer, name, goal)
+            return
+        if not answer.result().accepted:
+            raise BackendError(self._refused(goal))
+        yield DriveProgress("driving", f"accepted by {self._where}: {in_words(pose_of(goal))}")
+        result = answer.result().get_result_async()
+        while not self._spun(result.done, TELL_S, asked):
+            silent_s = time.monotonic() - self._heard_s
+            gone = not self._client.server_is_ready()
+            if asked.is_set() or gone or silent_s > SILENT_S:
+                ended = self._cancelled(answer, name, goal)
+                lost = "" if asked.is_set() else "the server is gone: " if gone else "the server went silent: "
+                yield DriveProgress(ended.status, f"{lost}{ended.text}", ended.pose, ended.left_m)
+                return
+            left = "on the way" if self._left_m is None else f"{self._left_m:.1f} m"
+            silent = f"; nothing heard for {silent_s:.0f} s" if silent_s > 1 else ""
+            yield DriveProgress("driving", f"{left} to the {goal.place.label}{silent}", self._pose, self._left_m)
+        yield self._ended(result.result(), goal)
+
+    def _cancelled(self, answer: Any, name: Any, goal: Goal) -> DriveProgress:
+        """Ask the server to cancel a goal, accepted or not, until it says that the drive is over, or time is."""
+        request, result = CancelGoal.Request(), None
+        request.goal_info.goal_id = name
+        begin_s, asked_s = time.monotonic(), -math.inf
+        while time.monotonic() - begin_s < STOP_S:
+            if answer.done() and not answer.result().accepted:
+                return DriveProgress("stopped", self._refused(goal))
+            if answer.done() and result is None:
+                result, asked_s = answer.result().get_result_async(), -math.inf
+            if time.monotonic() - asked_s >= ASK_S:
+                asked_s = time.monotonic()
+                self._cancels.call_async(request)
+            if result is not None and self._spun(result.done, SPIN_S):
+                return self._ended(result.result(), goal)
+            self._spun(answer.done, SPIN_S)
+        return self._unknown()
+
+    def _spun(self, done: Callable[[], bool], within_s: float, asked: threading.Event | None = None) -> bool:
+        """Whether something is done within so long; a stop that is asked for ends the wait."""
+        end_s = time.monotonic() + within_s
+        while not done() and time.monotonic() < end_s and not (asked is not None and asked.is_set()):
+            self._executor.spin_once(timeout_sec=SPIN_S)
+        return done()
+
+    def _told_feedback(self, told: Any) -> None:
         p, q = told.feedback.current_pose.pose.position, told.feedback.current_pose.pose.orientation
-        self.pose = float(p.x), float(p.y), 2 * math.atan2(q.z, q.w)
-        self.left_m = float(told.feedback.distance_remaining)
+        self._pose = float(p.x), float(p.y), 2 * math.atan2(q.z, q.w)
+        self._left_m = float(told.feedback.distance_remaining)
+        self._heard_s = time.monotonic()
 
+    def _told_statuses(self, told: Any) -> None:
+        self._statuses = told
 
-def send_action(goal: Goal, action: str, domain: int, timeout_s: float) -> str:
-    """Send the goal and wait until it is accepted. Raises BackendError on timeout or refusal."""
-    with _accepted(goal, action, domain, timeout_s):
-        return f"accepted by /{action} in domain {domain}: {in_words(pose_of(goal))}"
+    def _active(self) -> bool:
+        return any(each.status in ACTIVE for each in self._statuses.status_list)
 
+    def _ended(self, told: Any, goal: Goal) -> DriveProgress:
+        """The end of a drive, by the status of the action's result."""
+        label = goal.place.label
+        if told.status == SUCCEEDED:
+            return DriveProgress("arrived", f"Nav2 says that it arrived at the {label}", pose_of(goal), 0.0)
+        if told.status == CANCELED:
+            return DriveProgress("stopped", f"the drive to the {label} was cancelled", self._pose, self._left_m)
+        code, why = getattr(told.result, "error_code", 0), getattr(told.result, "error_msg", "")  # not in all versions
+        reason = brief(why, 200) or f"error {code}"
+        return DriveProgress("failed", f"Nav2 gave up the drive to the {label}: {reason}", self._pose, self._left_m)
 
-def drive_action(
-    goal: Goal, action: str, domain: int, timeout_s: float, stopped: threading.Event
-) -> Iterator[DriveProgress]:
-    """Send the goal and tell Nav2's feedback until its result; ``stopped`` cancels it. Raises BackendError as above."""
-    with _accepted(goal, action, domain, timeout_s) as drive:
-        result = drive.handle.get_result_async()
-        cancelled = False
-        while not drive.wait(result, TELL_S):
-            if stopped.is_set() and not cancelled:
-                cancelled = True
-                if not drive.wait(drive.handle.cancel_goal_async()):
-                    raise BackendError(f"/{action} in domain {domain} does not answer the request to stop")
-            left = "on the way" if drive.left_m is None else f"{drive.left_m:.1f} m"
-            yield DriveProgress("driving", f"{left} to the {goal.place.label}", drive.pose, drive.left_m)
-        yield _ended(result.result(), goal, drive)
+    def _unknown(self) -> DriveProgress:
+        text = f"{self._where} did not say within {STOP_S:g} s that it cancelled: it may still be driving"
+        return DriveProgress("unknown", f"{text}; stop it on the robot", self._pose, self._left_m)
+
+    def _refused(self, goal: Goal) -> str:
+        return f"{self._where} refused the goal: {in_words(pose_of(goal))}; the robot's log says why"
+
+    def _nobody(self) -> str:
+        return (
+            f"no robot serves the action {self._where} (waited {self._timeout_s:g} s): is Nav2 up and active, and are "
+            "the action's name and the ROS_DOMAIN_ID right?"
+        )
 
 
 @contextmanager
-def _accepted(goal: Goal, action: str, domain: int, timeout_s: float) -> Iterator[Drive]:
-    """A goal that is accepted; ROS is left at the end."""
+def nav2(action: str, domain: int, timeout_s: float) -> Iterator[Nav2]:
+    """The action server of a robot; ROS is left at the end."""
     context = Context()  # a context of its own, beside that of a program that uses ROS
-    rclpy.init(args=[], context=context, domain_id=domain)
+    rclpy.init(args=[], context=context, domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
     try:
-        node = rclpy.create_node("cartier", context=context)
-        client = ActionClient(node, NavigateToPose, action)
-        if not client.wait_for_server(timeout_sec=timeout_s):
-            raise BackendError(
-                f"no robot serves the action /{action} in domain {domain} (waited {timeout_s:g} s): is Nav2 up and "
-                f"active, and is its ROS_DOMAIN_ID {domain}?"
-            )
-        drive = Drive(node, SingleThreadedExecutor(context=context), timeout_s)
-        future = client.send_goal_async(_message(goal), feedback_callback=drive.feedback)
-        if not drive.wait(future):
-            raise BackendError(f"/{action} in domain {domain} did not answer within {timeout_s:g} s")
-        drive.handle = future.result()
-        if not drive.handle.accepted:
-            refused = f"/{action} in domain {domain} refused the goal: {in_words(pose_of(goal))}"
-            raise BackendError(f"{refused}; the robot's log says why")
-        yield drive
+        yield Nav2(action, domain, timeout_s, context)
     finally:
         rclpy.shutdown(context=context)
-
-
-def _ended(told: Any, goal: Goal, drive: Drive) -> DriveProgress:
-    """The end of a drive, by the status of the action's result."""
-    label = goal.place.label
-    if told.status == SUCCEEDED:
-        return DriveProgress("arrived", f"Nav2 says that it arrived at the {label}", pose_of(goal), 0.0)
-    if told.status == CANCELED:
-        return DriveProgress("stopped", f"the drive to the {label} was cancelled", drive.pose, drive.left_m)
-    code, why = getattr(told.result, "error_code", 0), str(getattr(told.result, "error_msg", ""))  # from Jazzy on
-    reason = " ".join(why.split())[:200] or f"error {code}"
-    return DriveProgress("failed", f"Nav2 gave up the drive to the {label}: {reason}", drive.pose, drive.left_m)
 
 
 def _message(goal: Goal) -> Any:

@@ -8,17 +8,26 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from contextlib import AbstractContextManager
+from typing import TYPE_CHECKING, Protocol
 
 from cartier.dds.domain import domain_of
 from cartier.errors import BackendError
-from cartier.robots._pose import pose_of
+from cartier.robots.common.drives import Drives
 from cartier.types import DriveProgress, Goal
 
 if TYPE_CHECKING:
     from cartier.robots.dds import RobotPose
 
 EXTRA = "ros"
+ACTION = "navigate_to_pose"
+
+
+class Nav2(Protocol):
+    """A robot's Nav2 for the length of a drive, by either way."""
+
+    def drive(self, goal: Goal, asked: threading.Event) -> Iterator[DriveProgress]: ...
+    def halt(self) -> DriveProgress: ...
 
 
 def make(domain: int | None = None, timeout_s: float = 5.0, namespace: str = "", base_frame: str = "base_link") -> Ros2:
@@ -47,61 +56,44 @@ class Ros2:
 
     def __init__(self, domain: int, timeout_s: float, prefix: str, base: str, with_rclpy: bool) -> None:
         self._domain, self._timeout_s, self._prefix, self._with_rclpy = domain, timeout_s, prefix, with_rclpy
-        self._base, self._stopped, self._driving = base, threading.Event(), False
+        self._base, self._drives = base, Drives(self._steps, self._halt)
         self._pose: RobotPose | None = None
         self._last: tuple[float, float, float] | None = None
 
     def go_to(self, goal: Goal) -> str:
         """Raises BackendError if no robot is found in time, or if it does not take the goal."""
-        if self._with_rclpy:
-            from cartier.robots.rclpy_action import send_action
-
-            return send_action(goal, self._action, self._domain, self._timeout_s)
-        from cartier.robots.dds import send_pose
-
-        return send_pose(pose_of(goal), self._topic, self._domain, self._timeout_s)
+        return self._drives.send(goal)
 
     def drive(self, goal: Goal) -> Iterator[DriveProgress]:
         """By Nav2's feedback through rclpy, else by the robot's transforms. Raises BackendError as ``go_to``."""
-        self._stopped.clear()
-        self._driving = True
-        try:
-            for progress in self._watched(goal):
-                self._last = progress.pose or self._last
-                yield progress
-        finally:
-            self._driving = False
+        return self._drives.watch(goal)
 
     def pose(self) -> tuple[float, float, float] | None:
         """By /tf over DDS; through rclpy what Nav2 said of the latest drive. Raises BackendError as ``go_to``."""
         return self._last if self._with_rclpy else self._where().now()
 
-    def stop(self) -> str:
-        """Cancels Nav2's action through rclpy; over DDS the robot is sent its own pose. Raises BackendError."""
-        driving = self._driving
-        self._stopped.set()
+    def stop(self) -> DriveProgress:
+        """Cancels this robot's drive, or else every goal of Nav2's. Raises BackendError if there is no Nav2."""
+        return self._drives.stop()
+
+    def _steps(self, goal: Goal, asked: threading.Event) -> Iterator[DriveProgress]:
+        with self._nav2() as robot:
+            for progress in robot.drive(goal, asked):
+                self._last = progress.pose or self._last
+                yield progress
+
+    def _halt(self) -> DriveProgress:
+        with self._nav2() as robot:
+            return robot.halt()
+
+    def _nav2(self) -> AbstractContextManager[Nav2]:
         if self._with_rclpy:
-            return "the drive is being cancelled" if driving else "nothing was driving: only a drive can be cancelled"
-        from cartier.robots.dds import stop
+            from cartier.robots.rclpy_action import nav2
 
-        return stop(self._where(), self._topic, self._domain, self._timeout_s)
+            return nav2(f"{self._prefix}{ACTION}", self._domain, self._timeout_s)
+        from cartier.robots.dds import nav2 as nav2_over_dds
 
-    @property
-    def _action(self) -> str:
-        return f"{self._prefix}navigate_to_pose"
-
-    @property
-    def _topic(self) -> str:
-        return f"{self._prefix}goal_pose"
-
-    def _watched(self, goal: Goal) -> Iterator[DriveProgress]:
-        if self._with_rclpy:
-            from cartier.robots.rclpy_action import drive_action
-
-            return drive_action(goal, self._action, self._domain, self._timeout_s, self._stopped)
-        from cartier.robots.dds import drive
-
-        return drive(goal, self.go_to(goal), self._where(), self._stopped)
+        return nav2_over_dds(self._where(), self._prefix, self._domain, self._timeout_s)
 
     def _where(self) -> RobotPose:
         from cartier.robots.dds import RobotPose
