@@ -65,7 +65,7 @@ def test_an_alarm_asks_no_reasoner_and_has_no_goal(home: cartier.Home, words: st
     assert reasoner.asked == 0 and answer.goal is None and answer.place is None and not answer.next
     assert "112" in answer.selection.text
     assert json.loads(json.dumps(answer.to_dict()))["alarm"] == ALARMS[words]
-    assert send(printing(), answer).endswith(answer.selection.text)
+    assert send(printing(), answer).text.endswith(answer.selection.text)
 
 
 @pytest.mark.parametrize("words", ORDINARY)

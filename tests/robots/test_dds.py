@@ -161,7 +161,7 @@ def driven(
 
     for name, value in {"STILL_S": 0.2, "STUCK_S": 0.6, "SILENT_S": 1.0, "POLL_S": 0.01, "TELL_S": 0.1}.items():
         monkeypatch.setattr(dds, name, value)
-    return list(dds.drive(GOAL, "sent", Scripted(poses, silent), threading.Event()))[-1]
+    return list(dds.follow(GOAL, "sent", Scripted(poses, silent), threading.Event()))[-1]
 
 
 def test_who_stands_at_the_goal_has_arrived(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 import re
+import signal
+import subprocess
 import sys
 import threading
 from collections.abc import Iterator
@@ -16,7 +18,7 @@ from peers import HOME, LOOPBACK, Peer, answer, any_domain, goal_at, peer
 from cartier import plugins
 from cartier.contracts import DrivingRobot
 from cartier.errors import BackendError, InputError
-from cartier.robots import send
+from cartier.robots import Sent, send
 from cartier.testing import check_robot
 from cartier.types import DriveProgress, Goal
 
@@ -72,7 +74,7 @@ def test_a_stop_over_dds_sends_the_robot_where_it_is() -> None:
     with peer(sys.executable, DRIVER, domain, "drives", 60, 0.5) as process:
         robot: DrivingRobot = plugins.make("robots", "ros2", domain=domain)
         told = list[DriveProgress]()
-        said = list[str]()
+        said = list[DriveProgress]()
         for progress in robot.drive(goal_at(10.0, 0.0, 0.0)):
             told.append(progress)
             if len(told) == 3:
@@ -82,7 +84,8 @@ def test_a_stop_over_dds_sends_the_robot_where_it_is() -> None:
         x, y, _ = next(sent)
     assert told[-1].status == "stopped"
     assert 0 < x < 4 and abs(y) < 0.01
-    assert said[0].startswith("asked to stay where it is: sent on /goal_pose")
+    assert said == [told[-1]]
+    assert told[-1].text.startswith("asked to stay where it is, and stands at x ")
 
 
 @pytest.mark.usefixtures("loopback")
@@ -104,8 +107,8 @@ def test_a_drive_that_does_not_arrive_says_why(
         robot = plugins.make("robots", "ros2", domain=domain, timeout_s=1.0)
         last = list(robot.drive(GOAL))[-1]
         if form == "mute":
-            with pytest.raises(BackendError, match="cannot be stopped from here"):
-                robot.stop()
+            end = robot.stop()
+            assert end.status == "unknown" and "it may still be driving" in end.text
     assert last.status == status
     assert re.search(says, last.text), last.text
 
@@ -170,25 +173,82 @@ class Drives:
     def pose(self) -> tuple[float, float, float] | None:
         return None
 
-    def stop(self) -> str:
+    def stop(self) -> DriveProgress:
         self.stops += 1
-        return "it stands"
+        return DriveProgress("stopped", "it stands")
 
 
 ON = DriveProgress("driving", "1.0 m to the chair")
 
 
-def test_who_watches_is_told_and_ctrl_c_stops_the_robot() -> None:
+def test_who_watches_is_told_how_it_ends() -> None:
     found, seen = answer("found", GOAL), list[DriveProgress]()
-    robot = Drives([ON, DriveProgress("arrived", "there")])
-    assert send(robot, found, seen.append) == "there"
+    sent = send(Drives([ON, DriveProgress("arrived", "there")]), found, seen.append)
+    assert (sent.text, sent.end, sent.signal, sent.exit_code) == ("there", seen[-1], None, 0)
     assert [each.status for each in seen] == ["driving", "arrived"]
-    assert robot.stops == 0
-    robot = Drives([ON, KeyboardInterrupt()])
-    assert send(robot, found, seen.append) == "it stands"
-    assert robot.stops == 1
-    assert send(robot, found) == "sent"  # nobody watches
-    assert send(plugins.make("robots", "print"), found, seen.append).startswith("chair: ")
+    assert send(Drives([]), found) == Sent("sent")  # nobody watches
+    assert send(plugins.make("robots", "print"), found, seen.append).text.startswith("chair: ")
+
+
+@pytest.mark.parametrize(("status", "code"), [("arrived", 0), ("failed", 1), ("unknown", 3), ("stopped", 1)])
+def test_the_exit_code_says_what_became_of_it(status: str, code: int) -> None:
+    sent = send(Drives([ON, DriveProgress(status, "so")]), answer("found", GOAL), lambda _: None)
+    assert sent.exit_code == code
+    assert Sent("", DriveProgress(status, "so"), signal.SIGTERM).exit_code == (143 if status == "stopped" else code)
+
+
+class Fails(Exception):
+    """What goes wrong in a program that watches."""
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize("moment", ["at once", "later", "twice"])
+def test_a_signal_stops_the_robot(home: str, number: signal.Signals, moment: str) -> None:
+    robot = plugins.make("robots", "dollhouse", home=home, speed_m_s=0.5)
+
+    def watch(progress: DriveProgress) -> None:
+        if not progress.ended and (moment != "later" or progress.left_m < 0.7):
+            for _ in range(2 if moment == "twice" else 1):
+                signal.raise_signal(number)
+
+    before = signal.getsignal(number)
+    sent = send(robot, answer("found", WAY), watch)
+    assert sent.end is not None and sent.end.status == "stopped"
+    assert sent.exit_code == 128 + number
+    assert signal.getsignal(number) is before
+
+
+def test_a_stop_before_the_first_word_holds(home: str) -> None:
+    robot: DrivingRobot = plugins.make("robots", "dollhouse", home=home, speed_m_s=0.5)
+    drive = robot.drive(WAY)
+    robot.stop()
+    assert [each.status for each in drive] == ["driving", "stopped"]
+
+
+def test_what_fails_while_it_watches_stops_the_robot(home: str) -> None:
+    def watch(progress: DriveProgress) -> None:
+        raise Fails
+
+    robot: DrivingRobot = plugins.make("robots", "dollhouse", home=home, speed_m_s=0.5)
+    with pytest.raises(Fails):
+        send(robot, answer("found", WAY), watch)
+    assert robot.pose() == (1.0, 1.0, pytest.approx(math.pi / 2))
+
+
+def test_the_end_of_a_program_stops_its_robot(home: str) -> None:
+    code = (
+        "import sys; sys.path.insert(0, sys.argv[1])\n"
+        "from test_driving import WAY; from cartier import plugins\n"
+        "robot = plugins.make('robots', 'dollhouse', home=sys.argv[2], speed_m_s=0.5)\n"
+        "drive = robot.drive(WAY); next(drive)\n"
+        "import atexit; drives = robot._drives\n"
+        "import cartier.robots.common.drives as d; atexit.unregister(d._stop_all)\n"
+        "atexit.register(lambda: print(drives._latest.end.status)); atexit.register(d._stop_all)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(Path(__file__).parent), home], capture_output=True, text=True
+    )
+    assert done.stdout.strip() == "stopped", done.stderr
 
 
 @pytest.mark.parametrize(

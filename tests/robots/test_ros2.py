@@ -99,7 +99,9 @@ def test_a_robot_that_listens_but_hangs_is_said_in_time() -> None:
         known = DomainParticipant(domain)  # as long as it lives, this process remembers who listens
         robot.go_to(GOAL)
         listener.process.send_signal(signal.SIGSTOP)
-        with pytest.raises(BackendError, match=r"^a robot listens .* but did not take the goal within 1 s$"):
+        with pytest.raises(
+            BackendError, match=r"^a robot listens .* but did not take the goal within 1 s; it may still take it$"
+        ):
             robot.go_to(GOAL)
         listener.process.send_signal(signal.SIGCONT)
         del known

@@ -42,7 +42,7 @@ GOAL = goal_at(1.0, 2.0, 0.5)
 @pytest.mark.parametrize("status", ["found", "likely_near"])
 def test_found_and_near_are_sent(status: str) -> None:
     robot = Recorder()
-    assert send(robot, answer(status, GOAL)) == "off it goes"
+    assert send(robot, answer(status, GOAL)).text == "off it goes"
     assert robot.goals == [GOAL]
 
 
@@ -63,13 +63,13 @@ def test_found_and_near_are_sent(status: str) -> None:
 )
 def test_else_nothing_is_sent_and_the_reason_said(told: Answer, why: str) -> None:
     robot = Recorder()
-    assert send(robot, told) == why
+    assert send(robot, told).text == why
     assert robot.goals == []
 
 
 def test_of_several_needs_the_first_that_can_be_served_is_and_the_others_are_named() -> None:
     robot, sofa = Recorder(), goal_at(3.0, 1.0, 0.0, "sofa")
-    line = send(robot, answer("not_found", None, next=(answer("found", GOAL), answer("found", sofa))))
+    line = send(robot, answer("not_found", None, next=(answer("found", GOAL), answer("found", sofa)))).text
     assert robot.goals == [GOAL]
     assert line == "off it goes; after that: sofa"
 

@@ -1,4 +1,4 @@
-"""ROS 2 environments for the tests: a virtual environment for each distribution, from wheels, with the messages that have none.
+"""ROS 2 environments for the tests: for each distribution one of wheels, and of messages that have no wheel.
 
     python tests/ros/build.py [DISTRIBUTION ...]
 
@@ -44,7 +44,9 @@ DEFINITIONS = {  # package -> what it needs, and its files
             "msg/BoundingBox2D.msg": "vision_msgs/Pose2D center\nfloat64 size_x\nfloat64 size_y\n",
             "msg/BoundingBox3D.msg": "geometry_msgs/Pose center\ngeometry_msgs/Vector3 size\n",
             "msg/ObjectHypothesis.msg": "string class_id\nfloat64 score\n",
-            "msg/ObjectHypothesisWithPose.msg": "vision_msgs/ObjectHypothesis hypothesis\ngeometry_msgs/PoseWithCovariance pose\n",
+            "msg/ObjectHypothesisWithPose.msg": (
+                "vision_msgs/ObjectHypothesis hypothesis\ngeometry_msgs/PoseWithCovariance pose\n"
+            ),
             "msg/Detection2D.msg": HYPOTHESES + "BoundingBox2D bbox\nstring id\n",
             "msg/Detection2DArray.msg": HEADER + "vision_msgs/Detection2D[] detections\n",
             "msg/Detection3D.msg": HYPOTHESES + "BoundingBox3D bbox\nstring id\n",
@@ -74,9 +76,9 @@ def main() -> None:
 
 
 def build(name: str) -> Path:
-    """The folder of a distribution's environment, built if it is not there or is of another version of this file."""
+    """The folder of a distribution's environment, built if it is not there or is made of something else."""
     venv = FOLDER / name
-    version = hashlib.sha256(Path(__file__).read_bytes()).hexdigest()
+    version = hashlib.sha256(repr((WHEELS[name], TOOLS, GENERATORS, DEFINITIONS)).encode()).hexdigest()
     done = venv / "built"
     if done.is_file() and done.read_text() == version:
         return venv

@@ -1,7 +1,7 @@
-"""Robot under ROS 2, run in an environment of build.py: serves NavigateToPose, hears /goal_pose. usage: FORM SECONDS [SPEED]
+"""Robot under ROS 2, for an environment of build.py: serves NavigateToPose. usage: FORM SECONDS [SPEED]
 
-FORM is drives, refuses, aborts, mute (gives no feedback), stuck (gives no feedback after a moment, and answers nothing),
-deaf (does not let itself be cancelled), hesitates (takes two seconds to accept) or dies (after a moment of driving).
+FORM is drives, refuses, aborts, mute (gives no feedback), stuck (after a moment it gives no feedback and answers
+nothing), deaf (does not let itself be cancelled), hesitates (takes two seconds to accept) or dies (after a moment).
 As Nav2's bt_navigator does, it passes what comes on /goal_pose to its own action. Each event is printed with its time.
 """
 

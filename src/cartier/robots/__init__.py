@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from cartier.contracts import DrivingRobot, Robot
 from cartier.robots.common.signals import stopped_by_signals
-from cartier.types import Answer, DriveProgress, Goal
+from cartier.types import Answer, DriveProgress
 
 Watch = Callable[[DriveProgress], None]
 
@@ -28,7 +28,7 @@ class Sent:
 
     @property
     def exit_code(self) -> int:
-        """0 if all went well, 1 if the drive failed, 3 if the robot may still be driving, 128 + the signal if stopped."""
+        """0 if all went well, 1 if the drive failed, 3 if the robot may still drive, 128 + the signal that stopped."""
         status = "arrived" if self.end is None else self.end.status
         stopped = 1 if self.signal is None else 128 + self.signal
         return {"arrived": 0, "failed": 1, "unknown": 3, "stopped": stopped}[status]

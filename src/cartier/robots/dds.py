@@ -152,21 +152,13 @@ class Nav2:
         return got or asked.is_set()
 
     def _followed(self, goal: Goal, sent: str, asked: threading.Event) -> Iterator[DriveProgress]:
-        yield DriveProgress("driving", sent)
-        watched, told_s = _Watched(goal, time.monotonic()), -math.inf
-        while True:
-            pose, now_s = self._robot.now(), time.monotonic()
+        told = DriveProgress("driving", sent)
+        yield told
+        for told in follow(goal, sent, self._robot, asked):
             self._status.over()
-            ended = self.halt() if asked.is_set() else _ended(watched, pose, sent, self._robot, now_s)
-            if ended is not None:
-                yield ended
-                return
-            if now_s - told_s >= TELL_S:
-                told_s = now_s
-                left_m = None if pose is None else watched.left_m(pose)
-                text = sent if left_m is None else f"{left_m:.1f} m to the {goal.place.label}"
-                yield DriveProgress("driving", text, pose, left_m)
-            asked.wait(POLL_S * 2)
+            yield told
+        if not told.ended:
+            yield self.halt()
 
 
 @contextmanager
@@ -232,6 +224,23 @@ def _message(pose: Pose) -> bytes:
             ),
         )
     )
+
+
+def follow(goal: Goal, sent: str, robot: RobotPose, asked: threading.Event) -> Iterator[DriveProgress]:
+    """Watch a robot that has taken a goal by its transforms, to the end of its drive or until a stop is asked for."""
+    watched, told_s = _Watched(goal, time.monotonic()), -math.inf
+    while not asked.is_set():
+        pose, now_s = robot.now(), time.monotonic()
+        ended = _ended(watched, pose, sent, robot, now_s)
+        if ended is not None:
+            yield ended
+            return
+        if now_s - told_s >= TELL_S:
+            told_s = now_s
+            left_m = None if pose is None else watched.left_m(pose)
+            text = sent if left_m is None else f"{left_m:.1f} m to the {goal.place.label}"
+            yield DriveProgress("driving", text, pose, left_m)
+        asked.wait(POLL_S * 2)
 
 
 class _Still:
