@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from dataclasses import dataclass
 
 from cartier.contracts import DrivingRobot, Robot
@@ -58,7 +58,8 @@ def send(robot: Robot, answer: Answer, watch: Watch | None = None) -> Sent:
             for end in drive:
                 watch(end)
         finally:
-            getattr(drive, "close", lambda: None)()  # an exception of who watches stops the robot, too
+            if isinstance(drive, Generator):
+                drive.close()  # an exception of who watches stops the robot, too
     return Sent(end.text + later, end, came[0] if came else None)
 
 
