@@ -19,6 +19,8 @@ REASONS: Mapping[str, str] = {
     "too_early": "taken before the first transform that is known",
     "pose_gap": "the transforms have a gap there",
     "pose_jump": "the transforms jump there faster than a robot moves",
+    "circle": "transforms run in a circle: that which closes it is left out",
+    "frame": "poses are told in another frame than the one that is mapped",
     "two_parents": "a frame has two parents: two programs publish it",
     "double": "an image with the same stamp came before",
     "late": "a later image came before it",

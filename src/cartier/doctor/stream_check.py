@@ -39,6 +39,8 @@ MENDS = {
     "too_early": "start the transforms before the camera",
     "pose_gap": "publish the moving transforms at 20 Hz or more",
     "pose_jump": "stop the second program that publishes the same transform, or map in 'odom'",
+    "circle": "find the program that publishes this transform: ros2 topic info -v /tf; nobody needs it",
+    "frame": "name the frame to map in: --frame map, and start the localisation before the check",
     "two_parents": "stop one of the two programs that publish this frame",
     "double": "stop the second publisher of this topic",
     "late": "stop the second publisher of this topic",
@@ -108,11 +110,14 @@ class _Watched:
     texts: dict[str, str] = field(default_factory=dict)
     every: int = 1
     last: Stamped | None = None
+    moved: bool = False
     leaps_m: list[float] = field(default_factory=list)
 
     def add(self, event: Any) -> None:
         if isinstance(event, Stamped):
-            if len(self.stamps_ns) % self.every == 0:
+            if self.moved:  # poses of before are in another frame
+                self.frames, self.last, self.moved = [], None, False
+            if len(self.stamps_ns) % self.every == 0 or not self.frames:
                 self.frames.append(event.frame)
             if len(self.frames) > KEPT:
                 self.frames, self.every = self.frames[::2], self.every * 2
@@ -122,6 +127,7 @@ class _Watched:
             self.ages_s.append(received_s - event.stamp_ns / 1e9)
         elif isinstance(event, Fault):
             self.counts[event.reason] += 1
+            self.moved |= event.reason == "frame"
             self.left_out[event.reason] += event.frames
             self.texts.setdefault(event.reason, event.text)
 
@@ -210,7 +216,7 @@ def _left_out(watched: _Watched) -> list[DoctorFault]:
         lost, said = watched.left_out[reason], watched.counts[reason]
         if reason == "silent" and came:
             continue
-        always = reason in ("two_parents", "clock", "ended", "double", "late")
+        always = reason in ("two_parents", "circle", "frame", "clock", "ended", "double")
         if not (lost > LEFT_OUT * all_frames or always or (said and not came)):
             continue
         share = f"{lost} of {all_frames} images left out: " if lost else ""

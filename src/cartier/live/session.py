@@ -197,6 +197,7 @@ class Live:
         phase = "failed" if self._failed is not None else "ended" if self._done else going
         return LiveState(
             phase=phase, waiting=len(self._keyframes), floor_seen=round(self._floor_seen, 3), objects=len(objects),
+            world_frame=optional(self.source, SourceDefaults, "world_frame"),
             confirmed=sum(obj.confirmed for obj in objects), frame_epoch=self.frame_epoch, resumed=self._resumed,
             as_of_s=None if self._newest_s is None else round(time.monotonic() - self._newest_s, 3), **counts,
         )  # fmt: skip

@@ -39,6 +39,7 @@ class LiveState:
         pose_updates: How many corrections of poses came.
         frame_epoch: How often the map was moved by them.
         resumed: Keyframes of an earlier run that was cut off.
+        world_frame: The frame that is mapped, by its name on the robot.
         message: The latest thing that the source said; empty if all is well.
     """
 
@@ -61,6 +62,7 @@ class LiveState:
     pose_updates: int = 0
     frame_epoch: int = 0
     resumed: int = 0
+    world_frame: str = "map"
     message: str = ""
 
     def to_dict(self) -> dict[str, Any]:
@@ -80,6 +82,7 @@ class LiveState:
         lost = sum(self.dropped.values())
         why = f" ({', '.join(f'{reason} {count}' for reason, count in sorted(self.dropped.items()))})" if lost else ""
         parts = [f"{self.phase}: {self.frames_in} frames, {self.looked} looked at"]
+        parts += [f"in the frame {self.world_frame!r}"] if self.world_frame != "map" else []
         parts += [f"{self.postponed} put off to the end"] if self.postponed else []
         parts += [f"{lost} left out{why}"] if lost else []
         parts += (

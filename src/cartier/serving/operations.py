@@ -300,7 +300,9 @@ class Operations:
 
     def about(self, home: str, mapped: Home) -> dict[str, Any]:
         """The name and id of a home, and the hours since it was recorded (None where its recordings have no date)."""
-        about = {"home": self.homes.name(home), "home_id": mapped.id, "age_h": age_h(mapped.objects, time.time())}
+        moment = self.homes.moment()  # a bag that is played has a clock of its own
+        age = age_h(mapped.objects, time.time()) if moment is None else round(moment.age_s / 3600, 3)
+        about = {"home": self.homes.name(home), "home_id": mapped.id, "age_h": age}
         moment = self.homes.moment()
         return about if moment is None else about | {"as_of": asdict(moment)}
 

@@ -5,6 +5,7 @@ Of a ROS bag the messages are played, and its images are paired with depth and t
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import threading
 import time
@@ -17,6 +18,7 @@ from cartier.contracts import Recording, Source
 from cartier.errors import CartierError, InputError
 from cartier.recordings import rosbag
 from cartier.recordings.ros.bags import Bag
+from cartier.recordings.ros.poses import transform_tree
 from cartier.sources.common.messages import bag_messages
 from cartier.sources.common.pacing import QUIET_S, Pace, check_speed
 from cartier.sources.common.player import RecordingPlayer
@@ -47,6 +49,7 @@ class BagPlayer:
         self._bag, self._format, self._options = Bag(path), format, options
         self.name, self.waits = self._bag.path.resolve().name, not speed
         self._frames = RosFrames(self.name, RosOptions(**options), self._bag)
+        self._find_world()
         self._closed = threading.Event()
         self._pace = Pace(speed, self._closed)
         self._recording: Recording | None = None
@@ -68,6 +71,16 @@ class BagPlayer:
             except CartierError:
                 return None
         return self._recording
+
+    def _find_world(self) -> None:
+        """Map in the frame that the bag's reader maps in: what comes late in the bag is known beforehand."""
+        options, choice = self._frames.options, self._frames.choice
+        if options.frame is not None or options.odometry is not None or choice is None:
+            return
+        with contextlib.suppress(InputError):  # what is wrong with its transforms is told when they come
+            tree = transform_tree(self._bag)
+            if tree.moves(choice.colour.frame) and (world := tree.world(choice.colour.frame)):
+                self._frames.world_frame = world
 
     def __iter__(self) -> Iterator[Event]:
         now_s, told_s = 0.0, time.monotonic()

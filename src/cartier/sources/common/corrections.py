@@ -47,6 +47,15 @@ class Corrections:
             self._stamps, self._sent = self._stamps[1::2], self._sent[1::2]
             self._agreed //= 2
 
+    def moved(self, new_from_old: Matrix) -> PoseUpdate | None:
+        """The correction of all that was sent when the world becomes another frame; None if nothing was sent."""
+        self._sent = [np.asarray(new_from_old @ pose) for pose in self._sent]
+        self._told = {ns: np.asarray(new_from_old @ pose) for ns, pose in self._told.items()}
+        self._world_from_odom, self._agreed = new_from_old, len(self._sent)
+        some = np.unique(np.linspace(0, len(self._sent) - 1, min(SPREAD, len(self._sent))).round().astype(int))
+        named = {self._stamps[k]: self._sent[k] for k in some.tolist()} if self._sent else {}
+        return PoseUpdate(named, "another frame of the world") if named else None
+
     def by_graph(self, graph: Graph, topic: str, bodies: Mapping[str, Matrix]) -> PoseUpdate | None:
         """The corrections that a path or a graph tells, or None if it tells none.
 

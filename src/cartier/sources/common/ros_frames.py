@@ -20,15 +20,16 @@ from cartier.recordings.ros.topics import Choice, Messages, choose
 from cartier.sources.common.corrections import Corrections
 from cartier.sources.common.messages import FirstMessages, Message
 from cartier.sources.common.pairing import Paired, Pairer
-from cartier.sources.common.transforms import Lookup, Matrix, TransformBuffer
+from cartier.sources.common.transforms import Circle, Lookup, Matrix, TransformBuffer
 from cartier.streams import Event, Fault, Stamped
 from cartier.types import Frame
 
 KINDS = frozenset((IMAGE, COMPRESSED, INFO, *TRANSFORMS, ODOMETRY, POSE, *GRAPHS))
 """The types of messages that are listened to."""
 CHOOSING_S = 1.0  # from the first image on, so that every topic has shown itself
-WORLD_S = 1.0  # how long a frame "map" may take to appear above "odom"
+WORLD_S = 2.0  # how long a frame "map" may take to appear above "odom", once it is known how the camera moves
 MOST_HELD = 128  # messages that wait until the topics are chosen
+MOST_WORLDS = 8  # that are told of
 BODY = "cartier_body"  # what moves, where a topic of poses does not name it
 
 
@@ -63,9 +64,13 @@ class RosFrames:
         self.first = FirstMessages(name)
         self._held: list[Message] = []
         self._first_image_s: float | None = None
-        self._first_pose_s: float | None = None
+        self._moving_s: float | None = None  # since when it is known how the camera moves
         self._images: FrameImages | None = None
         self._world: str | None = options.frame
+        self._guessed = False  # whether the world is what there was in time
+        self._body_of_odometry: str | None = None
+        self._camera = ""  # its frame, where an extrinsic says where it is
+        self._other_worlds: set[str] = set()  # in which poses were corrected, and which are not mapped
         self._events: list[Event] = []
         self._count = 0
         self._lack = ""
@@ -92,21 +97,39 @@ class RosFrames:
             else:
                 self._image(message, now_s)
         except InputError as error:
-            self._events.append(Fault("unreadable", brief(error, 300), int(self._is_colour(message))))
+            self._leave_out(error, message)
+        except Exception as error:  # whatever a stranger sends, it ends no session
+            self._leave_out(f"a message of {message.topic}: {type(error).__name__}: {brief(error, 200)}", message)
+
+    def _leave_out(self, why: object, message: Message) -> None:
+        reason = "circle" if isinstance(why, Circle) else "unreadable"
+        self._events.append(Fault(reason, brief(why, 300), int(self._is_colour(message))))
 
     def poll(self, now_s: float) -> list[Event]:
         """The events that are due now."""
         self._choose(now_s)
         events, self._events = self._events, []
         if self.choice is not None and self._found_world(now_s):
+            events += self._moved_into_map()
+            before = self._pairer.between
             for each in self._pairer.poll(now_s):
                 events += [each] if isinstance(each, Fault) else [*self._jumped(each.stamp_ns), self._frame(each)]
+            if not before and self._pairer.between:
+                self.notes.append(
+                    "depth comes at a lower rate: colour images between two of its images are passed over"
+                )
         return events
 
     @property
     def world_frame(self) -> str:
         """The frame that is mapped, ``map`` until that is decided."""
         return self._world or "map"
+
+    @world_frame.setter
+    def world_frame(self, name: str) -> None:
+        """Say beforehand what is mapped."""
+        self._world = name
+        self._tell_world()
 
     def why_silent(self) -> str:
         """Why there are no frames."""
@@ -172,9 +195,14 @@ class RosFrames:
             parent, child = (frame_name(str(n), self.name) for n in (item.header.frame_id, item.child_frame_id))
             t, q = item.transform.translation, item.transform.rotation
             pose = (t.x, t.y, t.z, q.x, q.y, q.z, q.w)
-            self._add(parent, child, item.header.stamp, pose, static, now_s)
-            if parent == self._world and not static:
-                self._jump(child, pose, ns_of(item.header.stamp))
+            if child == self._body_of_odometry or (self._body is not None and child == self._camera):
+                continue
+            try:
+                self._add(parent, child, item.header.stamp, pose, static, now_s)
+                if parent == self._world and not static:
+                    self._jump(child, pose, ns_of(item.header.stamp))
+            except InputError as error:  # the others of the message may be sound
+                self._leave_out(error, message)
 
     def _jump(self, child: str, pose: Sequence[float], stamp_ns: int) -> None:
         """Remember the latest transform of odometry in the world; it counts once a frame of its time is sent."""
@@ -197,6 +225,10 @@ class RosFrames:
             return
         told = read_graph(message.data, message.kind, message.encoding, f"a message of {message.topic}")
         if told.world != self._world:
+            if told.world not in self._other_worlds and len(self._other_worlds) < MOST_WORLDS:
+                self._other_worlds.add(told.world)
+                told_where = f"{message.topic} corrects poses in {told.world!r}, and {self._world!r} is mapped"
+                self._events.append(Fault("frame", f"{brief(told_where, 200)}: it is ignored; see --frame"))
             return
         camera = self.choice.colour.frame
         fixed = {name: self.transforms.fixed(name, camera) for name in self.transforms.chain(camera)}
@@ -217,8 +249,13 @@ class RosFrames:
         pose = told.pose.pose if message.kind == ODOMETRY else told.pose
         world = frame_name(str(told.header.frame_id), self.name)
         body = frame_name(str(getattr(told, "child_frame_id", "")), self.name) or BODY
+        if self._body is not None:
+            body = BODY  # the extrinsic says where the camera is on what moves, even if that is named like the camera
         p, q = pose.position, pose.orientation
-        self._world = self._world or world
+        if self._body_of_odometry is None:
+            self._world = self.options.frame or world
+            self._body_of_odometry = body  # what /tf says of it is not asked for
+            self.transforms.drop(body)
         self._add(world, body, told.header.stamp, (p.x, p.y, p.z, q.x, q.y, q.z, q.w), False, now_s)
         if self._body is not None and self.choice is not None:
             self._fix(body, self.choice.colour.frame, self._body)
@@ -227,11 +264,13 @@ class RosFrames:
         """Say where the camera sits."""
         from scipy.spatial.transform import Rotation
 
+        if self._camera != camera:  # what /tf says of it is not asked for
+            self._camera = camera
+            self.transforms.drop(camera)
         quaternion = Rotation.from_matrix(body_from_camera[:3, :3]).as_quat()
         self.transforms.add(body, camera, 0.0, (*body_from_camera[:3, 3], *quaternion), True)
 
     def _add(self, parent: str, child: str, stamp: Any, pose: Sequence[float], static: bool, now_s: float) -> None:
-        self._first_pose_s = now_s if self._first_pose_s is None else self._first_pose_s
         if not self.transforms.add(parent, child, stamp.sec + stamp.nanosec * 1e-9, pose, static):
             self._pairer.clock_jumped(now_s, f"the transform of {child!r} went back in time")
 
@@ -241,14 +280,34 @@ class RosFrames:
             return True
         assert self.choice is not None
         camera = self.choice.colour.frame
-        if self._first_pose_s is None or not self.transforms.moves(camera):
+        if self.options.odometry is not None or not self.transforms.moves(camera):
             return False
+        self._moving_s = now_s if self._moving_s is None else self._moving_s
         world = self.transforms.world(camera)
-        if world != "map" and now_s - self._first_pose_s < WORLD_S:
+        if world != "map" and now_s - self._moving_s < WORLD_S:
             return False
-        self._world = world
-        self.notes.append(f"poses from /tf: {world!r} to {camera!r}")
+        self._world, self._guessed = world, world != "map"
+        self._tell_world()
         return True
+
+    def _tell_world(self) -> None:
+        assert self.choice is not None
+        self.notes.append(f"poses from /tf: {self._world!r} to {self.choice.colour.frame!r}")
+        if self._world != "map" and self.options.frame is None:
+            self.notes.append(f"there is no frame 'map' above the camera: the world is {self._world!r}; see --frame")
+
+    def _moved_into_map(self) -> list[Event]:
+        """Where 'map' appears late, what was sent is moved into it, and it is mapped from now on."""
+        if not self._guessed or self._world is None:
+            return []
+        map_from_world = self.transforms.newest("map", self._world)
+        if map_from_world is None:
+            return []
+        late = f"'map' appeared above {self._world!r}, which was mapped until now: the map is moved into it"
+        self._world, self._guessed = "map", False
+        self._tell_world()
+        update = self._corrections.moved(map_from_world)
+        return [Fault("frame", brief(late, 200)), *([] if update is None else [update])]
 
     def _pose(self, stamp_ns: int) -> Lookup:
         assert self.choice is not None and self._world is not None

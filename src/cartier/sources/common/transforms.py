@@ -40,8 +40,14 @@ class Link:
     stamps_s: list[float] = field(default_factory=list)
     rows: list[Matrix] = field(default_factory=list)
     other_parent: str = ""
+    other_s: float = 0.0
+    """When another parent was last told of; a single stray message spoils only what is near it in time."""
     disputed_s: set[float] = field(default_factory=set)
     """Stamps for which two different poses came."""
+
+
+class Circle(InputError):
+    """A transform that would close a circle."""
 
 
 class TransformBuffer:
@@ -60,21 +66,30 @@ class TransformBuffer:
             static: Whether it never changes.
 
         Raises:
+            Circle: It would close a circle.
             InputError: It is no pose, or there are too many frames.
         """
         row = checked_rows(np.array([[stamp_s, *pose]]), child)[0]
         link = self._links.get(child)
+        if (link is None or link.parent != parent) and child in (above := self.chain(parent)):
+            names = " -> ".join([*above[:6], parent])
+            raise Circle(f"the transforms run in a circle: {names}; that of {child!r} in {parent!r} is left out")
         if link is None or (static and not link.static):
             if len(self._links) >= MAX_FRAMES:
                 raise InputError(f"there are more than {MAX_FRAMES} frames: is something naming frames at random?")
             link = self._links[child] = Link(parent, static)
         if link.parent != parent:
             link.other_parent = parent
+            link.other_s = float("inf") if static else max(stamp_s, link.other_s)
             return True
         if static:
             link.stamps_s, link.rows = [stamp_s], [row]
             return True
         return True if link.static else _append(link, stamp_s, row)
+
+    def drop(self, child: str) -> None:
+        """Forget all that was said of where a frame is."""
+        self._links.pop(child, None)
 
     def forget_moving(self) -> None:
         """Drop all samples of frames that move, after the clock jumped."""
@@ -84,8 +99,6 @@ class TransformBuffer:
         """The frames from one up to its root, itself first."""
         names = [frame]
         while (link := self._links.get(names[-1])) is not None and len(names) <= MAX_DEPTH:
-            if link.parent in names:
-                raise InputError(f"the transforms run in a circle: {' -> '.join([*names[:6], link.parent])}")
             names.append(link.parent)
         return names
 
@@ -114,13 +127,22 @@ class TransformBuffer:
         total, why = np.eye(4), ""
         for child in chain[: chain.index(target)]:
             link = self._links[child]
-            if link.other_parent:
+            if link.other_parent and time_s <= link.other_s + KEPT_S:
                 return Lookup(None, "two_parents")
             matrix, here = _at(link, child, time_s)
             why = here if why in ("", "wait") and here else why
             if matrix is not None:
                 total = np.asarray(matrix @ total)
         return Lookup(None, why) if why else Lookup(total)
+
+    def newest(self, target: str, source: str) -> Matrix | None:
+        """Where ``source`` was last in ``target``, (4, 4), or None if no transform leads there."""
+        chain = self.chain(source)
+        links = [self._links[child] for child in chain[: chain.index(target)]] if target in chain else []
+        if not links:
+            return None
+        times_s = [link.stamps_s[-1] for link in links if not link.static]
+        return self.lookup(target, source, min(times_s, default=0.0)).matrix
 
     def fixed(self, target: str, source: str) -> Matrix | None:
         """target_from_source (4, 4) along static transforms alone, or None if they do not connect the two."""
