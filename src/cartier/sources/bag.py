@@ -79,7 +79,7 @@ class BagPlayer:
             return
         with contextlib.suppress(InputError):  # what is wrong with its transforms is told when they come
             tree = transform_tree(self._bag)
-            if tree.moves(choice.colour.frame) and (world := tree.world(choice.colour.frame)):
+            if tree.moving(choice.colour.frame) and (world := tree.world(choice.colour.frame)):
                 self._frames.world_frame = world
 
     def __iter__(self) -> Iterator[Event]:
