@@ -199,7 +199,7 @@ def test_all_schemas_fit_a_small_model(home: Path, tmp_path: Path) -> None:
         for tool in (await client.list_tools()).tools:
             assert tool.description and tool.output_schema and tool.annotations is not None
             assert tool.output_schema["required"] == ["home", "home_id"]
-            assert tool.annotations.read_only_hint is (tool.name not in ("correct", "undo", "go"))
+            assert tool.annotations.read_only_hint is (tool.name not in ("correct", "undo", "go", "stop"))
             flat = tool.input_schema["properties"]
             assert {about["type"] for about in flat.values()} <= {
                 "string",
@@ -209,7 +209,7 @@ def test_all_schemas_fit_a_small_model(home: Path, tmp_path: Path) -> None:
             } and "home" in flat
         return await schemas(client)
 
-    assert tokens(with_server(two, check, "print")) <= 1500
+    assert tokens(with_server(two, check, "print")) <= 1600
 
 
 def test_no_answer_is_long_even_in_a_crowded_home(tmp_path: Path) -> None:

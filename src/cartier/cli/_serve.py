@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import os
+import signal
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -21,7 +24,9 @@ from cartier.cli._common import (
     say,
 )
 from cartier.cli.places import HomePlace, fleet_at, home_at
+from cartier.errors import CartierError
 from cartier.io.command import OwnerCommand
+from cartier.types import DriveProgress
 
 if TYPE_CHECKING:
     from cartier.serving.access import Access
@@ -144,14 +149,51 @@ def mcp(
     except ModuleNotFoundError as error:
         raise missing("mcp", error) from error
     server = make(operations, allow_go)
-    if not http:
-        server.run("stdio")
-        return
-    from cartier.serving.server import listen
+    with _robot_stops(operations, ends=not http) if allow_go is not None else nullcontext() as told:
+        if not http:
+            server.run("stdio")
+            return
+        from cartier.serving.server import listen
 
-    checked = TransportSecuritySettings(enable_dns_rebinding_protection=False)  # the guard checks all paths
-    app = server.streamable_http_app(transport_security=checked)
-    listen(app, host, port, name or [], _guarded(operations, host, token_file), (tls_cert, tls_key), say)
+        checked = TransportSecuritySettings(enable_dns_rebinding_protection=False)  # the guard checks all paths
+        app = server.streamable_http_app(transport_security=checked)
+        tokens = _guarded(operations, host, token_file)
+        listen(app, host, port, name or [], tokens, (tls_cert, tls_key), say, told=told)
+
+
+@contextmanager
+def _robot_stops(operations: Operations, ends: bool) -> Iterator[Callable[[int, Any], None]]:
+    """Stop a robot that was sent, by a signal at once and in any case at the end; yields what hears of a signal.
+
+    Args:
+        operations: Whose robot.
+        ends: Whether a signal also ends the program, which may wait for its standard input.
+    """
+    from cartier.robots import Sent
+    from cartier.robots.common.signals import signals_do
+
+    codes = list[int]()
+
+    def stop(number: int) -> None:
+        try:
+            sent = Sent("", operations.driver.stop(), number)
+        except CartierError as error:
+            sent = Sent("", DriveProgress("unknown", str(error)), number)
+        codes.append(sent.exit_code)
+        with suppress(OSError):  # a terminal that is closed
+            say(f"robot: {sent.end.text if sent.end else ''}")
+        if ends:
+            os._exit(sent.exit_code)
+        os.kill(os.getpid(), signal.SIGTERM)  # the web server ends by this one and by Ctrl-C alone
+
+    with signals_do(stop) as signals:
+        try:
+            yield signals.note
+        finally:
+            signals.end()
+            operations.driver.stop()
+    if codes:
+        raise typer.Exit(codes[0])
 
 
 @app.command()

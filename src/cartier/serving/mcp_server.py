@@ -1,7 +1,7 @@
 """Model Context Protocol server: the operations as tools, over stdio or streamable HTTP.
 
-All tools but ``correct``, ``undo``, ``verify`` and ``go`` only read. ``verify`` exists only if the owner lets
-photographs be looked at (``--look auto``). ``go`` exists only if the server is started with a robot to
+All tools but ``correct``, ``undo``, ``verify``, ``go`` and ``stop`` only read. ``verify`` exists only if the owner lets
+photographs be looked at (``--look auto``). ``go`` and ``stop`` exist only if the server is started with a robot to
 move, and each goal needs a person's consent: by elicitation, or by a code that the server prints on its terminal.
 """
 
@@ -274,7 +274,11 @@ def _add_go(server: MCPServer, ops: Operations, robot: str) -> None:
             raise ToolError(f"nothing was sent: {why}")
         return _call(ops.go, entity, robot, home, frame_epoch)
 
+    def stop(home: str = "") -> Result:
+        return _call(ops.stop, home)
+
     server.add_tool(go, description="Send the robot; a person is asked first", annotations=MOVES)
+    server.add_tool(stop, description="Stop the robot that go sent, at once", annotations=MOVES)
 
 
 class Codes:

@@ -32,6 +32,7 @@ from cartier.llm.prompts import check_query, recent
 from cartier.navigation.planning import plan
 from cartier.pipeline import ask, plan_for, serve
 from cartier.serving.alarms import Alarms
+from cartier.serving.driver import Driver
 from cartier.serving.homes import Homes
 from cartier.serving.lookup import confirmed_of, named, placed, start_of
 from cartier.serving.values import (
@@ -79,7 +80,7 @@ class Operations:
         self._alarms, self._look = Alarms(on_alarm) if on_alarm is not None else None, look
         self._turns: OrderedDict[tuple[str, str, str], list[tuple[str, str]]] = OrderedDict()
         self._lock = threading.Lock()
-        self.verification = Verification(look)
+        self.verification, self.driver = Verification(look), Driver()
 
     def ask(
         self,
@@ -237,8 +238,14 @@ class Operations:
     def go(self, entity: str, robot: str, home: str = "", frame_epoch: int | None = None) -> dict[str, Any]:
         """Send a robot (as for ``--go``) to the pose of ``goal_for``, with a person's consent; not for an old epoch."""
         self.homes.check_epoch(frame_epoch)
-        said = specs.robot(robot, self.homes.get(home), self.robot).go_to(self.goal(entity, home))
+        goal = self.goal(entity, home)
+        said = self.driver.go(specs.robot(robot, self.homes.get(home), self.robot), goal)
         return self.goal_for(entity, home) | {"sent": said}
+
+    def stop(self, home: str = "") -> dict[str, Any]:
+        """Stop the robot that ``go`` sent, and wait until it says so; "unknown" means that it may still be driving."""
+        told = self.driver.stop()
+        return self.about(home, self.homes.get(home)) | {"robot": told.status, "says": told.text}
 
     def look_at(self, entity: str, view: int = 1, home: str = "") -> tuple[dict[str, Any], bytes]:
         """The evidence of an object: one of its best views, and a JPEG of the photo around its box.

@@ -26,13 +26,28 @@ MAX_CONNECTIONS = 800  # below the 1,024 files that a process may usually open
 def listen(
     served: Any, host: str, port: int, names: Iterable[str], tokens: Tokens,
     tls: tuple[Path | None, Path | None], say: Callable[[str], None], open_paths: Iterable[str] = (),
+    told: Callable[[int, Any], None] | None = None,
 ) -> None:  # fmt: skip
     """Serve an ASGI app until Ctrl-C; ``say`` gets the lines for the operator.
 
-    ``tls`` is the certificate and its key, both or none. ``open_paths`` need no token. Raises InputError
-    for a bad option.
+    ``tls`` is the certificate and its key, both or none. ``open_paths`` need no token. ``told`` hears of a signal at
+    once, before the server ends. Raises InputError for a bad option.
     """
-    uvicorn.run(**_settings(served, host, port, names, tokens, tls, say, open_paths))
+    settings = _settings(served, host, port, names, tokens, tls, say, open_paths)
+    if told is None:
+        uvicorn.run(**settings)
+        return
+    server = uvicorn.Server(uvicorn.Config(**settings))
+    ends = server.handle_exit
+
+    def handle(number: int, frame: Any) -> None:
+        told(number, frame)
+        ends(number, frame)
+
+    server.handle_exit = handle  # type: ignore[method-assign, assignment]  # uvicorn makes it the handler of its signals
+    server.run()
+    if not server.started:
+        raise InputError(f"cannot listen at {host}:{port}: choose another --port")
 
 
 def listen_beside(

@@ -6,7 +6,7 @@ import queue
 import signal
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Any
 
@@ -17,42 +17,60 @@ from cartier.robots.common.drives import SLACK_S, STOP_S
 NAMES = ("SIGINT", "SIGTERM", "SIGHUP")
 
 
-@contextmanager
-def stopped_by_signals(robot: DrivingRobot) -> Iterator[list[int]]:
-    """Until the block is left, signals stop the robot instead of the program; yields those that came.
+class Signals:
+    """The signals that came. The first one wakes a thread; a handler may do no more, whatever it interrupts.
 
-    A further one has no effect while the robot is waited for; if it does not end its drive in time, it interrupts.
+    Args:
+        act: What that thread does then, with the signal's number.
     """
-    came, first_s = list[int](), 0.0
-    if threading.current_thread() is not threading.main_thread():
-        yield came
-        return
-    asked: queue.SimpleQueue[bool] = queue.SimpleQueue()  # its put may be called while it is being called
 
-    def stop() -> None:
-        while asked.get():
-            with suppress(CartierError):
-                robot.stop()
+    def __init__(self, act: Callable[[int], object]) -> None:
+        self.came, self._act, self._first_s = list[int](), act, 0.0
+        self._asked: queue.SimpleQueue[int] = queue.SimpleQueue()  # its put may interrupt itself
+        self._thread = threading.Thread(target=self._run, name="stop", daemon=True)
+        self._thread.start()
 
-    def note(number: int, frame: Any) -> None:
-        nonlocal first_s
-        came.append(number)
-        if len(came) == 1:
-            first_s = time.monotonic()
-            asked.put(True)
-        elif time.monotonic() - first_s > STOP_S + 2 * SLACK_S:
+    def note(self, number: int, frame: Any = None) -> None:
+        """The handler. A further signal has no effect, unless what the first one began does not end in time."""
+        self.came.append(number)
+        if len(self.came) == 1:
+            self._first_s = time.monotonic()
+            self._asked.put(number)
+        elif time.monotonic() - self._first_s > STOP_S + 2 * SLACK_S:
             raise KeyboardInterrupt
 
-    stopper = threading.Thread(target=stop, name="stop", daemon=True)
-    stopper.start()
-    numbers = [number for name in NAMES if (number := getattr(signal, name, None)) is not None]
+    def end(self) -> None:
+        """Wait until what the first signal began is done."""
+        self._asked.put(0)
+        self._thread.join(STOP_S + 2 * SLACK_S)
+
+    def _run(self) -> None:
+        number = self._asked.get()
+        if number:
+            with suppress(CartierError):
+                self._act(number)
+
+
+@contextmanager
+def signals_do(act: Callable[[int], object]) -> Iterator[Signals]:
+    """Until the block is left, a signal does this instead of ending the program. In the main thread only."""
+    signals = Signals(act)
+    main = threading.current_thread() is threading.main_thread()
+    numbers = [number for name in NAMES if main and (number := getattr(signal, name, None)) is not None]
     before = {number: signal.getsignal(number) for number in numbers}
     taken = [number for number in numbers if before[number] not in (None, signal.SIG_IGN)]  # nohup holds
     for number in taken:
-        signal.signal(number, note)
+        signal.signal(number, signals.note)
     try:
-        yield came
+        yield signals
     finally:
-        asked.put(False)
+        signals.end()
         for number in taken:
             signal.signal(number, before[number])
+
+
+@contextmanager
+def stopped_by_signals(robot: DrivingRobot) -> Iterator[list[int]]:
+    """Until the block is left, signals stop the robot instead of the program; yields those that came."""
+    with signals_do(lambda number: robot.stop()) as signals:
+        yield signals.came
