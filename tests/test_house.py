@@ -20,6 +20,8 @@ LONG_FILES = {
     "types.py": "the data types of the whole program, of which a third is documentation",
     "testing.py": "the laws of all kinds of backend",
     "live/session.py": "the public class of a session, of which a third is documentation",
+    "serving/mcp_server.py": "every tool, with what the model is told of it",
+    "serving/operations.py": "the operations of all surfaces",
     "contracts.py": "the interfaces of all eight kinds of backend, of which half is documentation",
 }
 LONG_FUNCTIONS = {
