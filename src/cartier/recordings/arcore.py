@@ -46,7 +46,7 @@ def open(
     check_confidence(confidence, 255)
     root = Path(path)
     notes: list[str] = []
-    rows = read_table(root / POSES, ("timestamp_ns", *COLUMNS), (), notes)
+    rows = read_table(root / POSES, ("timestamp_ns", *COLUMNS), (), notes, COLUMNS)
     row_of = {time: i for i, time in enumerate(_times(root / POSES))}
     width, height, *intrinsics = read_fields(read_json(root / CAMERA), FIELDS, str(root / CAMERA))
     lens = Lens(camera_of(int(width), int(height), intrinsics, str(root / CAMERA)))

@@ -14,16 +14,20 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, TextIO
 
+import numpy as np
+import numpy.typing as npt
+
 from cartier.blob_stores import open_store
 from cartier.contracts import Recording, RecordingDefaults, optional
 from cartier.errors import InputError, brief, frame_number
 from cartier.io import images
 from cartier.io.atomic import replaced_folder, write_json
 from cartier.io.files import MAX_JSON_BYTES, parse_json, read_json, text_of
+from cartier.recordings.common.clock import one_run
 from cartier.recordings.common.files import MAX_TABLE_BYTES, READERS
 from cartier.recordings.common.places import MAX_FILE_BYTES, BlobFiles, Files, FolderFiles
-from cartier.recordings.common.poses import parse_trajectory, trajectory_line
-from cartier.types import Camera, Frame, TrueObject
+from cartier.recordings.common.poses import lost, parse_trajectory, trajectory_line
+from cartier.types import Array, Camera, Frame, TrueObject
 
 SCHEMA = 1
 HEAD, TRAJECTORY, TRUTH = "recording.json", "trajectory.txt", "truth.json"
@@ -69,6 +73,9 @@ class Folder:
         self._times_s, self._poses = parse_trajectory(
             text_of(files.read(TRAJECTORY, MAX_TABLE_BYTES), files.where(TRAJECTORY)), files.where(TRAJECTORY)
         )
+        written = len(self._poses)
+        self._numbers, left_out = _posed(self._times_s, self._poses, files.where(TRAJECTORY))
+        self._times_s, self._poses = self._times_s[self._numbers], self._poses[self._numbers]
         self._poses.setflags(write=False)
         self._has_depth: bool = head.flag("depth", files.has("depth"))
         self._has_instances: bool = head.flag("instances", files.has("instances"))
@@ -78,10 +85,10 @@ class Folder:
         self._images |= {"depth": ".png"} if self._has_depth else {}
         self._images |= {"instances": ".png"} if self._has_instances else {}
         for kind, suffix in self._images.items():
-            _check_count(files, kind, suffix, len(self._poses))
-        images = [_image(kind, i, suffix) for kind, suffix in self._images.items() for i in range(len(self))]
+            _check_count(files, kind, suffix, written)
+        images = [_image(kind, i, suffix) for kind, suffix in self._images.items() for i in range(written)]
         self._files = [HEAD, TRAJECTORY, *([] if self.truth is None else [TRUTH]), *images]
-        self.notes = [*self.notes, *files.notes(self._files)]
+        self.notes = [*self.notes, *left_out, *files.notes(self._files)]
         self._fingerprint: str | None = None
 
     def __len__(self) -> int:
@@ -105,7 +112,7 @@ class Folder:
         return self._fingerprint
 
     def _image_of(self, kind: str, number: int) -> tuple[bytes, Camera, str]:
-        name = _image(kind, number, self._images[kind])
+        name = _image(kind, int(self._numbers[number]), self._images[kind])
         return self._place.read(name, MAX_FILE_BYTES), self.camera, self._place.where(name)
 
 
@@ -198,6 +205,17 @@ def _truth_item(item: TrueObject) -> dict[str, Any]:
 
 def _image(kind: str, number: int, suffix: str) -> str:
     return f"{kind}/{number:06d}{suffix}"
+
+
+def _posed(times_s: Array, poses: Array, where: str) -> tuple[npt.NDArray[np.intp], list[str]]:
+    """The numbers of the images of one run that have a pose, and notes. Raises InputError if there are none."""
+    numbers = np.flatnonzero(~lost(poses))
+    if not len(numbers):
+        raise InputError(f"{where}: every pose is NaN: tracking was lost")
+    left = len(poses) - len(numbers)
+    notes = [f"{left} images left out: they have no pose (tracking was lost)"] if left else []
+    keep, says = one_run(times_s[numbers], poses[numbers])
+    return numbers[keep], [*notes, *says]
 
 
 def _check_count(files: Files, folder: str, suffix: str, poses: int) -> None:

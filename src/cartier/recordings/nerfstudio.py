@@ -23,7 +23,7 @@ from cartier.recordings.common.depth import read_exr, valid
 from cartier.recordings.common.files import inside, numbers, relative
 from cartier.recordings.common.lens import Lens, camera_of, straight
 from cartier.recordings.common.posed import Depths, PosedImages, Source, View, png_depth
-from cartier.recordings.common.poses import GL_FROM_OPTICAL, USUAL_WAY_M, Matrix, rigid
+from cartier.recordings.common.poses import GL_FROM_OPTICAL, USUAL_WAY_M, Matrix, lost, pose_numbers, rigid
 from cartier.types import Array, Camera
 
 FILE, EXR = "transforms.json", ".exr"
@@ -84,13 +84,13 @@ def open(path: str | Path, up: Sequence[float] | None = None, floor_m: float | N
     if not scale_guessed:
         notes.append("the scale is taken as metres, as its depth has it")
     read = partial(_depth, unit_m=unit_m, unit=unit)
-    source = Source(root, "nerfstudio 2", views, poses, files, notes, read, scale_guessed=scale_guessed)
+    source = Source(root, "nerfstudio 2", views, poses, files, notes, read, scale_guessed=scale_guessed, clocked=False)
     return PosedImages(source, up, floor_m)
 
 
 def _metres_per_unit(poses: Array, colmap: bool, notes: list[str]) -> float:
     """1 if poses without depth may well be metric, as ARKit's; else the scale that is usual for homes."""
-    positions = poses[:, :3, 3]
+    positions = poses[~lost(poses), :3, 3]
     way = float(np.median(np.linalg.norm(positions - np.median(positions, axis=0), axis=1)))
     if way < 1e-12 or (PLAUSIBLE_WAY_M[0] <= way <= PLAUSIBLE_WAY_M[1] and not colmap):
         notes.append("without depth the scale is a guess: the poses are taken as metres; COLMAP's are not")
@@ -177,7 +177,7 @@ def _pose(value: object, where: str) -> Matrix:
     if len(rows) not in (3, 4) or not all(isinstance(row, list) and len(row) == 4 for row in rows):
         raise InputError(f"{where}: transform_matrix must be 4x4")
     matrix = np.eye(4)
-    matrix[: len(rows)] = [numbers(row, where) for row in rows]
+    matrix[: len(rows)] = [pose_numbers(row, where) for row in rows]
     return rigid(matrix, where) @ GL_FROM_OPTICAL
 
 

@@ -17,14 +17,14 @@ from cartier.errors import InputError
 from cartier.io.files import read_json
 from cartier.io.images import image_size
 from cartier.recordings.common.files import names_in, read_fields, relative
-from cartier.recordings.common.lens import Lens, camera_of
+from cartier.recordings.common.lens import Lens, camera_of, off_centre
 from cartier.recordings.common.posed import PosedImages, Source, View, check_confidence
-from cartier.recordings.common.poses import GL_FROM_OPTICAL, Y_UP, Matrix, rigid
+from cartier.recordings.common.poses import GL_FROM_OPTICAL, Y_UP, Matrix, pose_numbers, rigid
 from cartier.types import Camera
 
 FOLDER = "keyframes"
 SETS = (("corrected_images", "corrected_cameras"), ("images", "cameras"))
-INTRINSICS = ("width", "height", "fx", "fy", "cx", "cy")
+SIZE, INTRINSICS = ("width", "height"), ("fx", "fy", "cx", "cy")
 POSE = tuple(f"t_{row}{column}" for row in range(3) for column in range(4))
 
 
@@ -84,8 +84,28 @@ def _names(folder: Path, suffix: str) -> set[str]:
 
 def _camera(path: Path, image: Path) -> tuple[Camera, Matrix]:
     """The camera at the size of its image, and world_from_camera (4, 4) with OpenGL axes."""
-    width, height, *values = read_fields(read_json(path), (*INTRINSICS, *POSE), str(path))
+    head = read_json(path)
+    values = read_fields(head, INTRINSICS, str(path))
     matrix = np.eye(4)
-    matrix[:3] = np.reshape(values[4:], (3, 4))
-    camera = camera_of(int(width), int(height), values[:4], str(path))
-    return camera.scaled(*image_size(image)), rigid(matrix, str(path))
+    matrix[:3] = np.reshape(pose_numbers(read_fields(head, POSE, str(path), False), str(path)), (3, 4))
+    return _sized(path, image, head, values), rigid(matrix, str(path))
+
+
+def _sized(path: Path, image: Path, head: dict[str, object], values: list[float]) -> Camera:
+    """The camera at the size of its image.
+
+    Newer exports state no size, so that the intrinsics are those of the image or of the same keyframe as it was taken:
+    that one in whose middle the principal point lies.
+    """
+    shown = image_size(image)
+    if all(name in head for name in SIZE):
+        width, height = (int(side) for side in read_fields(head, SIZE, str(path)))
+        return camera_of(width, height, values, str(path)).scaled(*shown)
+    taken = path.parents[1] / SETS[1][1] / path.name
+    sizes = [shown]
+    other = read_json(taken) if taken != path and taken.is_file() else None
+    if isinstance(other, dict) and all(name in other for name in SIZE):
+        width, height = (int(side) for side in read_fields(other, SIZE, str(taken)))
+        sizes.append((width, height))
+    right = min(sizes, key=lambda size: off_centre(size, (values[2], values[3])) if min(size) > 0 else np.inf)
+    return camera_of(*right, values, str(path)).scaled(*shown)

@@ -23,7 +23,7 @@ from cartier.recordings.common.depth import read_exr, valid
 from cartier.recordings.common.files import numbers
 from cartier.recordings.common.lens import Lens, camera_of
 from cartier.recordings.common.posed import Colours, Depths, PosedImages, Source, View, check_confidence
-from cartier.recordings.common.poses import GL_FROM_OPTICAL, Y_UP, matrices, unit_quaternions
+from cartier.recordings.common.poses import GL_FROM_OPTICAL, Y_UP, matrices, pose_numbers, unit_quaternions
 
 EXTRA = "phone"
 MAX_BYTES = 64 << 20
@@ -187,7 +187,8 @@ def _rows(head: dict[str, Any], field: str, length: int, where: str) -> np.ndarr
     rows = head.get(field)
     if not isinstance(rows, list) or not rows or not all(isinstance(r, list) and len(r) == length for r in rows):
         raise InputError(f"{where}: the metadata's {field!r} must be a list of lists of {length} numbers")
-    return np.array([numbers(row, f"{where}: {field} {i}") for i, row in enumerate(rows)])
+    read = pose_numbers if field == "poses" else numbers
+    return np.array([read(row, f"{where}: {field} {i}") for i, row in enumerate(rows)])
 
 
 def _whole(head: dict[str, Any], field: str, where: str) -> int:

@@ -18,10 +18,10 @@ from cartier.contracts import Recording
 from cartier.errors import InputError
 from cartier.io.files import read_json, read_text
 from cartier.io.images import read_depth
-from cartier.recordings.common.files import MAX_TABLE_BYTES, names_in, numbers, read_fields
+from cartier.recordings.common.files import MAX_TABLE_BYTES, names_in, read_fields
 from cartier.recordings.common.lens import Lens, camera_of
 from cartier.recordings.common.posed import PosedImages, Source, View
-from cartier.recordings.common.poses import Z_UP, rigid
+from cartier.recordings.common.poses import Z_UP, pose_numbers, rigid
 from cartier.types import Camera
 
 POSES, CAMERA = "traj.txt", "cam_params.json"
@@ -66,7 +66,7 @@ def _poses(path: Path) -> np.ndarray[Any, np.dtype[np.float64]]:
     poses = []
     for number, line in enumerate(read_text(path, MAX_TABLE_BYTES).splitlines(), 1):
         if line.strip():
-            values = numbers(line.split(), f"{path} line {number}")
+            values = pose_numbers(line.split(), f"{path} line {number}")
             if len(values) != 16:
                 raise InputError(f"{path} line {number}: a pose is 16 numbers, got {len(values)}")
             poses.append(rigid(np.reshape(values, (4, 4)), f"{path} line {number}"))

@@ -20,7 +20,7 @@ from cartier.io.images import image_size
 from cartier.recordings.common.files import names_in, numbers, relative
 from cartier.recordings.common.lens import Lens, camera_of
 from cartier.recordings.common.posed import PosedImages, Source, View, check_confidence
-from cartier.recordings.common.poses import GL_FROM_OPTICAL, Y_UP, rigid
+from cartier.recordings.common.poses import GL_FROM_OPTICAL, Y_UP, pose_numbers, rigid
 
 FRAME = re.compile(r"frame_(\d{1,9})\.json", re.ASCII)
 FRAMES_PER_SECOND = 60.0
@@ -56,7 +56,8 @@ def open(
         file = root / f"frame_{digits}.json"
         head = read_json(file)
         head = head if isinstance(head, dict) else {}
-        pose, k = (_list(head, name, size, file) for name, size in (("cameraPoseARFrame", 16), ("intrinsics", 9)))
+        pose = pose_numbers(_list(head, "cameraPoseARFrame", 16, file), f"{file}: cameraPoseARFrame")
+        k = numbers(_list(head, "intrinsics", 9, file), f"{file}: intrinsics")
         timed &= "time" in head
         time_s = numbers([head.get("time", number / FRAMES_PER_SECOND)], f"{file}: time")[0]
         lens = Lens(camera_of(*size, (k[0], k[4], k[2], k[5]), str(file)))
@@ -73,8 +74,8 @@ def open(
     return PosedImages(source, up, floor_m)
 
 
-def _list(head: dict[str, object], name: str, size: int, file: Path) -> list[float]:
+def _list(head: dict[str, object], name: str, size: int, file: Path) -> list[object]:
     value = head.get(name)
     if not isinstance(value, list) or len(value) != size:
         raise InputError(f"{file}: {name} must be a list of {size} numbers, got {brief(value, 40)}")
-    return numbers(value, f"{file}: {name}")
+    return value

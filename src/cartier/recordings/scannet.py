@@ -46,21 +46,14 @@ def open(path: str | Path, up: Sequence[float] | None = None, floor_m: float | N
     colour = _camera(root, COLOUR_MATRIX, root / "color" / found[0][1], notes)
     depths = names_in(root / "depth", optional=True)
     poses, views, files = [], [], [COLOUR_MATRIX]
-    lost = 0
     for number, name in found:
         pose = read_matrix(root / "pose" / f"{number}.txt", 4)
-        if not np.isfinite(pose).all():
-            lost += 1
-            continue
         if depths and f"{number}.png" not in depths:
             raise InputError(f"{root / 'depth' / f'{number}.png'} is missing")
         depth = root / "depth" / f"{number}.png" if depths else None
         poses.append(rigid(pose, str(root / "pose" / f"{number}.txt")))
         views.append(View(number / FRAMES_PER_SECOND, root / "color" / name, Lens(colour), depth))
         files += [f"color/{name}", f"pose/{number}.txt", *([f"depth/{number}.png"] if depth else [])]
-    notes += [f"{lost} images left out: they have no pose (tracking was lost)"] if lost else []
-    if not views:
-        raise InputError(f"{root}: no image can be used: {'; '.join(notes)}")
     notes.append(f"times assumed: {FRAMES_PER_SECOND:g} frames per second, by frame number")
     depth_lens = None
     if views[0].depth is not None and (root / DEPTH_MATRIX).is_file():

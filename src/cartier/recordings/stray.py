@@ -54,7 +54,7 @@ def open(
     root = Path(path)
     pictures = _pictures(root)
     notes: list[str] = []
-    rows = read_table(root / ODOMETRY, ("timestamp", "frame", *POSE), INTRINSICS, notes)
+    rows = read_table(root / ODOMETRY, ("timestamp", "frame", *POSE), INTRINSICS, notes, POSE)
     own = all(name in rows for name in INTRINSICS)
     shared = [] if own else read_matrix(root / MATRIX, 3, ",")[[0, 1, 0, 1], [0, 1, 2, 2]].tolist()
     depths, confidences = (names_in(root / name, optional=True) for name in ("depth", "confidence"))

@@ -20,6 +20,7 @@ from cartier.contracts import Recording
 from cartier.errors import InputError
 from cartier.io.files import read_text
 from cartier.io.images import image_size
+from cartier.recordings.common.clock import check_clock
 from cartier.recordings.common.files import MAX_TABLE_BYTES, inside, numbers, relative
 from cartier.recordings.common.lens import Lens, camera_of, straight
 from cartier.recordings.common.posed import PosedImages, Source, View, png_depth
@@ -51,16 +52,18 @@ def open(
     times_s, images = _listing(root / COLOUR)
     lens, lens_note = _lens(root, root / images[0], camera)
     depth = _listing(root / DEPTH) if (root / DEPTH).is_file() else None
-    table = by_time(read_trajectory_rows(root / POSES))
+    table = read_trajectory_rows(root / POSES)
+    check_clock(table[:, 0], str(root / POSES))
+    table = by_time(table)
     table[:, 4:] = unit_quaternions(table[:, 4:], str(root / POSES))
     samples = interpolated(table, times_s)
-    lost = samples.outside | samples.in_gaps
+    missing = samples.outside | samples.in_gaps | samples.lost
     notes = [lens_note]
-    if lost.any():
-        notes.append(f"{int(lost.sum())} images left out: {POSES} has no pose at their time")
+    if missing.any():
+        notes.append(f"{int(missing.sum())} images left out: {POSES} has no pose at their time")
     views, rows = [], []
     lonely = 0
-    for i in np.flatnonzero(~lost):
+    for i in np.flatnonzero(~missing):
         partner = None if depth is None else _nearest(depth[0], float(times_s[i]))
         if depth is not None and partner is None:
             lonely += 1
@@ -91,6 +94,7 @@ def _listing(path: Path) -> tuple[npt.NDArray[np.float64], list[str]]:
             rows.append((time_s, inside(words[1].strip(), f"{path} line {number}")))
     if not rows:
         raise InputError(f"{path} names no image")
+    check_clock(np.array([time_s for time_s, _ in rows]), str(path))
     rows.sort()
     return np.array([row[0] for row in rows]), [row[1] for row in rows]
 

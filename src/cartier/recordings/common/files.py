@@ -106,12 +106,12 @@ def read_cells(path: Path, notes: list[str]) -> tuple[list[str], list[tuple[int,
 
 
 def read_table(
-    path: Path, wanted: Sequence[str], optional: Sequence[str], notes: list[str]
+    path: Path, wanted: Sequence[str], optional: Sequence[str], notes: list[str], poses: Collection[str] = ()
 ) -> dict[str, npt.NDArray[np.float64]]:
     """The wanted columns of a CSV file by the names in its first line. Raises InputError if one is missing.
 
     An ``optional`` column is given if it is filled in every row. Other columns are not read: the apps add new ones and
-    leave them empty. ``notes`` gets those of ``read_cells``.
+    leave them empty. ``notes`` gets those of ``read_cells``. The columns ``poses`` may hold NaN and infinity.
     """
     names, rows = read_cells(path, notes)
     lack = [name for name in wanted if name not in names]
@@ -122,8 +122,13 @@ def read_table(
         raise InputError(f"{path} holds no row")
     at = {name: names.index(name) for name in (*wanted, *optional) if name in names}
     at = {name: i for name, i in at.items() if name in wanted or all(cells[i].strip() for _, cells in rows)}
-    values = [numbers([cells[i] for i in at.values()], f"{path} line {number}") for number, cells in rows]
-    return dict(zip(at, np.array(values).T, strict=True))
+    values = np.array(
+        [numbers([cells[i] for i in at.values()], f"{path} line {number}", finite=False) for number, cells in rows]
+    )
+    right = (np.abs(values) <= MAX_NUMBER) | (~np.isfinite(values) & np.array([name in poses for name in at]))
+    if not right.all():
+        numbers([np.nan], f"{path} line {rows[int(right.all(axis=1).argmin())][0]}")
+    return dict(zip(at, values.T, strict=True))
 
 
 def content_hash(settings: str, root: Path, names: Iterable[str]) -> str:
@@ -149,9 +154,9 @@ def _hashed(path: Path) -> tuple[int, bytes]:
         raise InputError(f"{path} cannot be read ({error.strerror})") from error
 
 
-def read_fields(head: object, names: Sequence[str], where: str) -> list[float]:
+def read_fields(head: object, names: Sequence[str], where: str, finite: bool = True) -> list[float]:
     """The numbers that a JSON object holds under some names. Raises InputError if one is missing or no number."""
     lack = [name for name in names if not isinstance(head, dict) or name not in head]
     if not isinstance(head, dict) or lack:
         raise InputError(f"{where} lacks {', '.join(lack[:6])}")
-    return numbers([head[name] for name in names], where)
+    return numbers([head[name] for name in names], where, finite)

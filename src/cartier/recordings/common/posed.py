@@ -19,9 +19,11 @@ from PIL import Image
 from cartier.errors import MAX_FAR_M, InputError, frame_number
 from cartier.io.images import check_depth, read_depth, read_grey8, read_rgb
 from cartier.mapping import gravity
+from cartier.recordings.common.clock import one_run
 from cartier.recordings.common.edges import Registration
 from cartier.recordings.common.files import READERS, content_hash, link_notes
 from cartier.recordings.common.lens import Lens, off_centre_notes, resampled
+from cartier.recordings.common.poses import lost
 from cartier.types import Array, Camera, Frame, TrueObject
 
 MAX_SIDE = 1300  # px; larger images are reduced by a whole factor: no map needs a phone's 12 megapixels
@@ -75,6 +77,8 @@ class Source:
     """Whether images may have to be turned upright."""
     scale_guessed: bool = False
     """Whether nobody measured the metres."""
+    clocked: bool = True
+    """Whether ``time_s`` is of one clock, in the order in which the images were taken."""
     registration: Registration | None = None
     """How depth that is published raw is moved onto the colour images, if it is; ``views`` have their lens."""
     readers: int = READERS
@@ -87,8 +91,7 @@ class PosedImages:
     truth: Sequence[TrueObject] | None = None
 
     def __init__(self, source: Source, up: Sequence[float] | None, floor_m: float | None) -> None:
-        if not source.views:
-            raise InputError(f"{source.root} holds no image with a pose")
+        source = _usable(source)
         links = link_notes(source.root, source.files)
         self.name, self.readers = source.name or source.root.resolve().name, source.readers
         self.scale_guessed = source.scale_guessed
@@ -190,6 +193,21 @@ class PosedImages:
         depth_m = np.asarray(resampled(depth_m, lens, self._upright_camera, np.nan), dtype=np.float32)
         moved = self._source.registration
         return depth_m if moved is None else np.asarray(moved.register(depth_m), np.float32)
+
+
+def _usable(source: Source) -> Source:
+    """The source's frames of one run that have a pose. Raises InputError if there are none."""
+    poses = np.asarray(source.world_from_camera, dtype=np.float64).reshape(-1, 4, 4)
+    keep = ~lost(poses)
+    notes = [f"{(~keep).sum()} images left out: they have no pose (tracking was lost)"] if not keep.all() else []
+    if not keep.any():
+        raise InputError(f"{source.root}: no image can be used: {'; '.join(notes) or 'none has a pose'}")
+    if source.clocked:
+        at = np.flatnonzero(keep)
+        of_run, says = one_run(np.array([source.views[i].time_s for i in at.tolist()]), poses[at])
+        keep[at], notes = of_run, notes + says
+    views = [view for view, kept in zip(source.views, keep, strict=True) if kept]
+    return replace(source, views=views, world_from_camera=poses[keep], notes=[*notes, *source.notes])
 
 
 def check_confidence(confidence: int, highest: int) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -29,7 +30,12 @@ STILL_M, STILL_RAD = 0.1, 0.1  # poses this close on both sides of a gap: the ca
 
 
 def rigid(world_from_camera: Array, where: str) -> Matrix:
-    """The pose with the nearest true rotation. Raises InputError if it is further off than ``check_pose`` allows."""
+    """The pose with the nearest true rotation; NaN for one that holds NaN or infinity: a tracker was lost.
+
+    Raises InputError if it is further off than ``check_pose`` allows.
+    """
+    if lost(world_from_camera[None])[0]:
+        return np.full((4, 4), np.nan)
     if (np.abs(world_from_camera) > MAX_NUMBER).any():
         raise InputError(f"{where}: the pose holds numbers of a senseless size")
     pose = check_pose(world_from_camera, where).copy()
@@ -69,13 +75,13 @@ def _trajectory_rows(text: str, where: str) -> Matrix:
 
 
 def trajectory_row(line: str, where: str) -> list[float]:
-    """The 8 numbers of a TUM line."""
+    """The 8 numbers of a TUM line; those of the pose are NaN or infinite where a tracker was lost."""
     words = line.split()
     if len(words) < 8 or len(words) in MATRIX_SIZES:
         raise InputError(f"{where}: a pose is 't x y z qx qy qz qw', 8 numbers, got {len(words)}")
-    row = numbers(words[:8], where)
+    row = numbers(words[:1], where) + pose_numbers(words[1:8], where)
     norm = float(np.linalg.norm(row[4:]))
-    if abs(norm - 1) > UNIT_TOLERANCE:
+    if not lost(np.array([row]))[0] and abs(norm - 1) > UNIT_TOLERANCE:
         raise InputError(f"{where}: the quaternion's length must be 1, got {norm:.3g}")
     return row
 
@@ -86,16 +92,25 @@ def trajectory_line(time_s: float, world_from_camera: Array) -> str:
     return " ".join(repr(float(v)) for v in (time_s, x, y, z, *_quaternion(world_from_camera[:3, :3]))) + "\n"
 
 
+def pose_numbers(words: Sequence[object], where: str) -> list[float]:
+    """Numbers of a pose, which may be NaN or infinite: a tracker was lost. Raises InputError for others."""
+    values = numbers(words, where, finite=False)
+    if any(MAX_NUMBER < abs(value) < np.inf for value in values):
+        raise InputError(f"{where}: a senseless size where a number of a pose belongs")
+    return values
+
+
 def lost(poses: Array) -> npt.NDArray[np.bool_]:
     """Which of N poses of any form hold NaN or infinity, as trackers write while they are lost."""
     return np.asarray(~np.isfinite(poses.reshape(len(poses), -1)).all(axis=1))
 
 
 def unit_quaternions(quaternions: npt.NDArray[np.float64], where: str) -> npt.NDArray[np.float64]:
-    """(N, 4) of length 1. Raises InputError if one is far from it."""
+    """(N, 4) of length 1, or NaN and infinity as they are. Raises InputError if one is far from it."""
     lengths = np.linalg.norm(quaternions, axis=1, keepdims=True)
-    if not (np.abs(lengths - 1) < UNIT_TOLERANCE).all():
-        raise InputError(f"{where}: pose {int(np.abs(lengths - 1).argmax())} has a quaternion that is not of length 1")
+    off = np.where(np.isfinite(lengths), np.abs(lengths - 1), 0)
+    if not (off < UNIT_TOLERANCE).all():
+        raise InputError(f"{where}: pose {int(off.argmax())} has a quaternion that is not of length 1")
     return np.asarray(quaternions / lengths)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 import zlib
+from collections import Counter
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
@@ -53,11 +54,16 @@ class Database:
         """The nodes that have an image, a pose and a calibrated camera, by time, and notes on the others."""
         best = self._optimised()
         rows = self._file.ask(
-            "SELECT Node.id, Node.stamp, Node.pose, Data.calibration FROM Node JOIN Data ON Node.id = Data.id "
-            f"WHERE length(Data.image) > 0 ORDER BY Node.stamp, Node.id LIMIT {MAX_NODES}"
+            "SELECT Node.id, Node.stamp, Node.pose, Data.calibration, Node.map_id FROM Node JOIN Data "
+            "ON Node.id = Data.id WHERE length(Data.image) > 0 "
+            f"ORDER BY Node.stamp, Node.id LIMIT {MAX_NODES}"
         )
         found, lost = [], 0
-        for key, stamp, raw, calibration in rows:
+        sessions = Counter(session for *_, session in rows)
+        longest = sessions.most_common(1)[0][0] if sessions and not best else None
+        for key, stamp, raw, calibration, session in rows:
+            if longest is not None and session != longest:
+                continue  # its odometry began anew, elsewhere
             where = f"{self.path}: node {brief(key, 20)}"
             pose = best.get(key) if best else _matrix(raw, where)
             if pose is None or not calibration:
@@ -66,6 +72,9 @@ class Database:
             camera, base_from_camera = self._calibration(key, calibration, where)
             found.append(Node(key, numbers([stamp], where)[0], pose @ base_from_camera, camera))
         notes = [f"{lost} nodes left out: they have no pose or no calibration"] if lost else []
+        if longest is not None and len(sessions) > 1:
+            used = f"{sessions[longest]} of {sessions.total()} nodes"
+            notes.append(f"{len(sessions)} sessions that no optimised graph binds: only the longest is used, {used}")
         odometry = "poses are the odometry's: the file holds no optimised graph (open it in RTAB-Map and save it)"
         return found, [*notes, "poses are those of the optimised graph" if best else odometry]
 

@@ -14,10 +14,9 @@ import numpy as np
 import numpy.typing as npt
 
 from cartier.errors import InputError
-from cartier.recordings.common.clock import restarts
+from cartier.recordings.common.clock import FEW, restarts
 
 SURE_S = 0.5  # a clock that only one stream shows must go back so far
-FEW = 3  # times that a stream without images may go back alone: more are two programs that publish one transform
 PAUSE_S = 10.0  # between the files of two recordings
 LATE_S = 0.5  # between the stamps of images and transforms that were recorded together, without a note
 Order = npt.NDArray[np.int64]
@@ -89,7 +88,10 @@ def _sure(own: Restarts) -> bool:
 
 
 def _cuts(back: Sequence[Restarts]) -> Restarts:
-    """Where the clock goes back: as the images show it, else as another stream does; [] if messages only came late."""
+    """Where the clock goes back: as the images show it, else as another stream does; [] if messages only came late.
+
+    A transform that alone goes back more than a few times is published by two programs.
+    """
     showing = [own for own in back if own]
     if not showing or (len(showing) == 1 and not _sure(showing[0])):
         return []
