@@ -18,7 +18,7 @@ from exports import write_rtabmap_database
 from fake_runs import SETTINGS, fake_rows
 from fuzz_homes import read_home, read_loose_home, write_home, write_loose_home
 from layouts import LAYOUTS, room
-from tiny_onnx import CHANNELS, frame, red_finder
+from tiny_onnx import CHANNELS, constant_net, frame, red_finder
 
 from cartier import pipeline, plugins
 from cartier.detectors import onnx
@@ -121,8 +121,16 @@ def write_onnx(path: Path, layout: str) -> None:
     red_finder(path / "m.onnx", layout)
 
 
+def write_onnx_metadata(path: Path) -> None:
+    """Without a sidecar."""
+    path.mkdir()
+    table, props = np.zeros((1, 300, 6)), {"names": "{0: 'mug', 1: 'bed'}", "task": "detect", "imgsz": "[32, 32]"}
+    constant_net(path / "m.onnx", {"output0": table}, props=props)
+
+
 def read_onnx(path: Path) -> None:
-    onnx.make(path / "m.onnx", path / "m.json", threads=1).detect(frame())
+    sidecar = path / "m.json"
+    onnx.make(path / "m.onnx", sidecar if sidecar.is_file() else None, threads=1).detect(frame())
 
 
 def write_text(path: Path, **files: str) -> None:
@@ -185,6 +193,7 @@ KINDS |= {
     f"onnx-{layout}": Kind(lambda p, layout=layout: write_onnx(p, layout), read_onnx, True) for layout in CHANNELS
 }
 KINDS |= {
+    "onnx-metadata": Kind(write_onnx_metadata, read_onnx, True),
     "rtabmap-database": Kind(write_database, lambda p: read_recording(p / "home.db")),
     "archives": Kind(write_archives, read_archives),
     "detections-own": Kind(lambda p: write_detections(p, True), read_detections),

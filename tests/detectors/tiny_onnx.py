@@ -20,6 +20,7 @@ BLUE_BOX = (4, 28, 16, 40)
 SCORE = 0.8
 LABELS = ["mug", "CoffeeMachine"]
 CHANNELS = {"fastestdet": "bgr", "yolov8": "rgb", "yolox": "bgr", "nanodet": "bgr", "detr": "rgb", "exported": "rgb"}
+CHANNELS |= {"end_to_end": "rgb"}
 
 
 def frame(index: int = 3, width: int = 64, height: int = 48) -> Frame:
@@ -50,8 +51,14 @@ class Net:
         self.constants.append(numpy_helper.from_array(array, f"c{len(self.constants)}"))
         return self.constants[-1].name
 
-    def save(self, path: Path, outputs: dict[str, str], types: Mapping[str, int] | None = None) -> Path:
-        """``outputs``: the name that each tensor gets outside."""
+    def save(
+        self,
+        path: Path,
+        outputs: dict[str, str],
+        types: Mapping[str, int] | None = None,
+        props: Mapping[str, str] | None = None,
+    ) -> Path:
+        """``outputs``: the name that each tensor gets outside; ``props``: what the file says about itself."""
         for tensor, name in outputs.items():
             self.nodes.append(helper.make_node("Identity", [tensor], [name]))
         infos = [
@@ -59,16 +66,22 @@ class Net:
         ]
         graph = helper.make_graph(self.nodes, "tiny", self.inputs, infos, self.constants)
         model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 13)], ir_version=8)
+        helper.set_model_props(model, dict(props or {}))
         path.write_bytes(model.SerializeToString())
         return path
 
 
-def constant_net(path: Path, outputs: dict[str, Any], size: Sequence[Any] = (1, 3, SIDE, SIDE)) -> Path:
+def constant_net(
+    path: Path,
+    outputs: dict[str, Any],
+    size: Sequence[Any] = (1, 3, SIDE, SIDE),
+    props: Mapping[str, str] | None = None,
+) -> Path:
     """Gives the same arrays for every image."""
     net = Net(size)
     arrays = {name: np.asarray(value) for name, value in outputs.items()}
     types = {n: TensorProto.INT64 if a.dtype == np.int64 else TensorProto.FLOAT for n, a in arrays.items()}
-    return net.save(path, {net.constant(a): n for n, a in arrays.items()}, types)
+    return net.save(path, {net.constant(a): n for n, a in arrays.items()}, types, props)
 
 
 def describe(model: Path, **keys: Any) -> Path:
@@ -157,6 +170,11 @@ def _detr(net: Net, box: Sequence[str], score: str, keys: dict[str, Any]) -> Enc
     return {logits: "logits", _shaped(net, _centre(net, box, SIDE), (1, 1, 4)): "pred_boxes"}, {}
 
 
+def _end_to_end(net: Net, box: Sequence[str], score: str, keys: dict[str, Any]) -> Encoded:
+    row = _shaped(net, [*box, score, 1.0], (1, 1, 6))
+    return {net("Concat", row, np.zeros((1, 299, 6)), axis=1): "output0"}, {}
+
+
 def _exported(net: Net, box: Sequence[str], score: str, keys: dict[str, Any]) -> Encoded:
     unit = SIDE if keys.get("box_units") == "normalised" else 1
     boxes = _shaped(net, [net("Mul", side, 1 / unit) for side in box], (1, 1, 4))
@@ -170,5 +188,5 @@ def _exported(net: Net, box: Sequence[str], score: str, keys: dict[str, Any]) ->
 
 ENCODERS: dict[str, Callable[[Net, Sequence[str], str, dict[str, Any]], Encoded]] = {
     "fastestdet": _fastestdet, "yolov8": _yolov8, "yolox": _yolox, "nanodet": _nanodet, "detr": _detr,
-    "exported": _exported,
+    "exported": _exported, "end_to_end": _end_to_end,
 }  # fmt: skip

@@ -27,6 +27,8 @@ NANODET_STRIDES: tuple[int, ...] = (8, 16, 32, 64)
 DISTANCES = 8
 """NanoDet and PicoDet give the distance to each side as a distribution over 0 to 7 strides (their reg_max is 7)."""
 FASTESTDET_STRIDE = 16
+EXTRA_COLUMNS = ("segment", "pose")  # tasks with columns of masks or key points after the classes
+MOST_COLUMNS = 1024
 MAX_LOG_SIDE = 12.0  # YOLOX sides beyond e^12 strides would overflow float32, and are clipped to the image anyhow
 
 
@@ -81,7 +83,12 @@ def _fastestdet(outputs: Sequence[Array], sidecar: Sidecar, size: Size) -> Candi
 
 def _yolov8(outputs: Sequence[Array], sidecar: Sidecar, size: Size) -> Candidates:
     table = outputs[0][0]
-    return Candidates(_corners(*table[:4]), *_best(table[4:], 0))
+    return Candidates(_corners(*table[:4]), *_best(table[4 : 4 + len(sidecar.labels)], 0))
+
+
+def _end_to_end(outputs: Sequence[Array], sidecar: Sidecar, size: Size) -> Candidates:
+    table = outputs[0][0]
+    return Candidates(table[:, :4], table[:, 4], table[:, 5])
 
 
 def _yolox(outputs: Sequence[Array], sidecar: Sidecar, size: Size) -> Candidates:
@@ -146,7 +153,15 @@ LAYOUTS = {
         _fastestdet,
         nms=True,
     ),
-    "yolov8": Layout((ANY_NAME,), lambda sidecar, size, count: [(1, 4 + len(sidecar.labels), None)], _yolov8, nms=True),
+    "yolov8": Layout(
+        (ANY_NAME,),
+        lambda sidecar, size, count: [(1, 4 + len(sidecar.labels) + sidecar.more_columns, None)],
+        _yolov8,
+        nms=True,
+    ),
+    "end_to_end": Layout(
+        (ANY_NAME,), lambda sidecar, size, count: [(1, None, 6 + sidecar.more_columns)], _end_to_end, nms=False
+    ),
     "yolox": Layout(
         (ANY_NAME,), lambda sidecar, size, count: [(1, cells(size), 5 + len(sidecar.labels))], _yolox, nms=True
     ),
@@ -161,14 +176,29 @@ LAYOUTS = {
 }
 
 
-def recognised(shapes: Sequence[tuple[int, ...]], size: Size) -> str | None:
-    """The layout that the output shapes prove for a model of COCO's 80 classes, or None.
+def recognised(shapes: Sequence[tuple[int, ...]], size: Size, classes: int = 80) -> str | None:
+    """The layout that the output shapes prove for a model of so many classes, COCO's by default, or None.
 
     Only what no other detector looks like: 1xNx85 is not among them: YOLOX gives raw and YOLOv6 decoded boxes in it.
     """
     proofs: dict[tuple[int, ...], str] = {
-        (1, 85, size[1] // FASTESTDET_STRIDE, size[0] // FASTESTDET_STRIDE): "fastestdet",
-        (1, 84, cells(size)): "yolov8",
-        (1, cells(size, NANODET_STRIDES), 80 + 4 * DISTANCES): "nanodet",
+        (1, 5 + classes, size[1] // FASTESTDET_STRIDE, size[0] // FASTESTDET_STRIDE): "fastestdet",
+        (1, 4 + classes, cells(size)): "yolov8",
+        (1, cells(size, NANODET_STRIDES), classes + 4 * DISTANCES): "nanodet",
     }
     return proofs.get(shapes[0]) if len(shapes) == 1 else None
+
+
+def recognised_task(shapes: Sequence[tuple[int, ...]], size: Size, task: str, classes: int) -> tuple[str, int] | None:
+    """The layout of the first output of a model of an Ultralytics task, and how many columns it has more, or None.
+
+    Masks and key points stand in columns after the classes, and in further outputs.
+    """
+    fewest, most = (0, 0) if task not in EXTRA_COLUMNS else (1, MOST_COLUMNS)
+    shape = shapes[0]
+    if len(shape) != 3 or shape[0] != 1 or (len(shapes) > 1 and not most):
+        return None
+    more, more_end = shape[1] - 4 - classes, shape[2] - 6
+    if fewest <= more <= most and (shape[2] == cells(size) or shape[2] > shape[1]):
+        return "yolov8", more
+    return ("end_to_end", more_end) if fewest <= more_end <= most else None

@@ -4,19 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from cartier.detectors.boxes import clip, nms
-from cartier.detectors.layouts import ANY_NAME, LAYOUTS, Candidates, Size, recognised
+from cartier.detectors.layouts import ANY_NAME, LAYOUTS, Candidates, Size, recognised, recognised_task
+from cartier.detectors.metadata import Metadata, read_metadata
 from cartier.detectors.pixels import to_tensor
-from cartier.detectors.sidecar import Sidecar, read_sidecar
+from cartier.detectors.sidecar import Sidecar, read_sidecar, sidecar_of
 from cartier.errors import BackendError, InputError, brief
 from cartier.io.files import sha256_of
 from cartier.models.onnx_session import Session, shape_text
 from cartier.types import Array, Detections, DetectorScoreModel, Frame
 
 DEFAULT_IOU = 0.5
+SHOWN_NAMES = 4
 MAX_SCORE = 1.001  # half precision rounds a little above 1
 
 
@@ -53,11 +56,12 @@ class OnnxDetector:
 
     def __init__(self, session: Session, described: Path | None, threshold: float | None, iou: float) -> None:
         given = read_sidecar(described) if described else None
+        told = None if given else read_metadata(session.metadata, session.path)
         self.sha256 = sha256_of(session.path, *([described] if described else []))
         self._session, self._iou = session, iou
-        self._size = _input_size(session, given, described)
+        self._size = _input_size(session, given, described, told)
         trial = session.run(np.zeros((1, 3, *self._size[::-1]), np.float32), f"a black {_wxh(self._size)} image")
-        self._sidecar = given or _recognised(session, trial, self._size)
+        self._sidecar = given or _recognised(session, trial, self._size, told)
         self._layout = LAYOUTS[self._sidecar.layout]
         self._outputs = _pick_outputs(session, self._sidecar, described)
         self._check_shapes(trial, f"{described} does not fit it")
@@ -72,7 +76,12 @@ class OnnxDetector:
         overlap = f", iou {iou:g}" if self._layout.nms and iou != DEFAULT_IOU else ""
         self.name = f"onnx {file} (counts from {self.score_model.threshold:g}{overlap})"
         self.notes: tuple[str, ...] = ()
-        if given is None:
+        if told is not None:
+            names = ", ".join(self.knows[:SHOWN_NAMES]) + (", …" if len(self.knows) > SHOWN_NAMES else "")
+            self.notes = (
+                f"{file} has no sidecar: read as {self._sidecar.layout} with its own names ({brief(names, 80)})",
+            )
+        elif given is None:
             self.notes = (
                 f"{file} has no sidecar: its output has the shape of {self._sidecar.layout} with the 80 COCO labels, "
                 f"so that is assumed ({self._sidecar.channels}, value / {self._sidecar.scale:g}, "
@@ -164,8 +173,11 @@ def _pick_outputs(session: Session, sidecar: Sidecar, described: Path | None) ->
     return names
 
 
-def _recognised(session: Session, trial: Mapping[str, Array], size: Size) -> Sidecar:
-    layout = recognised([value.shape for value in trial.values()], size)
+def _recognised(session: Session, trial: Mapping[str, Array], size: Size, told: Metadata | None) -> Sidecar:
+    shapes = [value.shape for value in trial.values()]
+    if told is not None:
+        return _by_metadata(session, trial, size, told)
+    layout = recognised(shapes, size)
     if layout is None:
         raise InputError(
             f"{session.path} has no sidecar, and its shapes do not prove how to read it "
@@ -174,8 +186,25 @@ def _recognised(session: Session, trial: Mapping[str, Array], size: Size) -> Sid
     return Sidecar.model_validate({"layout": layout, "labels": "coco"})
 
 
-def _input_size(session: Session, sidecar: Sidecar | None, described: Path | None) -> Size:
-    asked = sidecar.input_size if sidecar else None
+def _by_metadata(session: Session, trial: Mapping[str, Array], size: Size, told: Metadata) -> Sidecar:
+    """How to read a model whose file names its classes."""
+    shapes, classes = [value.shape for value in trial.values()], len(told.names)
+    layout, more = recognised(shapes, size, classes), 0
+    if layout is None:
+        layout, more = recognised_task(shapes, size, told.task, classes) or (None, 0)
+    if layout is None:
+        kind = f"{told.task or 'detect'} model of {classes} classes ({brief(', '.join(map(str, told.names)), 60)})"
+        raise InputError(
+            f"{session.path} says that it is a {kind}, but its outputs are not ({session.describe(trial)}): "
+            "export it anew with 'yolo export format=onnx nms=False', a model of task detect, or "
+            f"{_how_to_describe(session)}"
+        )
+    keys: dict[str, Any] = {"layout": layout, "labels": told.names} | ({"more_columns": more} if more else {})
+    return sidecar_of(session.path, keys | ({"outputs": session.outputs[:1]} if len(shapes) > 1 else {}))
+
+
+def _input_size(session: Session, sidecar: Sidecar | None, described: Path | None, told: Metadata | None) -> Size:
+    asked = sidecar.input_size if sidecar else told.size if told else None
     size = session.size or asked
     if size is None and sidecar is None:
         raise InputError(
@@ -184,7 +213,7 @@ def _input_size(session: Session, sidecar: Sidecar | None, described: Path | Non
         )
     if size is None:
         raise InputError(f'{session.path} leaves its input size open: add "input_size": [width, height] to {described}')
-    if asked not in (None, size):
+    if sidecar and asked not in (None, size):
         raise InputError(f"{described} does not fit {session.path}: input_size is {asked}, but the model takes {size}")
     return size
 

@@ -28,8 +28,12 @@ DEFAULTS: dict[str, dict[str, Any]] = {
     "nanodet": {"channels": "bgr", "scale": 1.0, "mean": (103.53, 116.28, 123.675), "std": (57.375, 57.12, 58.395)}
     | {"resize": "stretch", "threshold": 0.4},
     "detr": IMAGENET | {"channels": "rgb", "scale": 255.0, "resize": "stretch", "threshold": 0.7},
+    "end_to_end": PLAIN | {"channels": "rgb", "scale": 255.0, "resize": "letterbox", "threshold": 0.5},
     "exported": PLAIN | {"channels": "rgb", "scale": 255.0, "resize": "stretch", "threshold": 0.5},
 }
+
+
+KEYS_OF = {"activation": ("detr",), "box_units": ("exported",), "more_columns": ("yolov8", "end_to_end")}
 
 
 class Sidecar(BaseModel):
@@ -37,7 +41,7 @@ class Sidecar(BaseModel):
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
 
-    layout: Literal["fastestdet", "yolov8", "yolox", "nanodet", "detr", "exported"]
+    layout: Literal["fastestdet", "yolov8", "yolox", "nanodet", "detr", "end_to_end", "exported"]
     labels: Annotated[tuple[str | None, ...], Field(strict=False, min_length=1, max_length=100_000)]
     """Names in the order of the class numbers; null is a class that means nothing. In JSON also "coco" or "coco91"."""
     input_size: Annotated[tuple[Side, Side], AsList] | None = None
@@ -58,6 +62,8 @@ class Sidecar(BaseModel):
     """Layout detr: softmax over labels and a last "no object", or a sigmoid per label."""
     box_units: Literal["pixels", "normalised"] = "pixels"
     """Layout exported: xyxy boxes in pixels of the input (or of ``orig_target_sizes``), or as fractions of it."""
+    more_columns: Annotated[int, Field(ge=0, le=4096)] = 0
+    """Layouts yolov8 and end_to_end: columns after the boxes and scores, as masks' and key points', not read."""
     outputs: Annotated[tuple[str, ...], AsList] | None = None
     """Names of the outputs in the layout's order, where the ONNX file calls them otherwise."""
 
@@ -69,9 +75,9 @@ class Sidecar(BaseModel):
 
     @model_validator(mode="after")
     def _keys_of_its_layout(self) -> Sidecar:
-        for key, layout in (("activation", "detr"), ("box_units", "exported")):
-            if key in self.model_fields_set and self.layout != layout:
-                raise ValueError(f"the key {key!r} belongs to the layout {layout!r}, not to {self.layout!r}")
+        for key, layouts in KEYS_OF.items():
+            if key in self.model_fields_set and self.layout not in layouts:
+                raise ValueError(f"the key {key!r} belongs to the layout {layouts[0]!r}, not to {self.layout!r}")
         return self
 
     @field_validator("labels", mode="before")
@@ -127,6 +133,14 @@ def read_sidecar(path: Path) -> Sidecar:
         return Sidecar.model_validate_json(read_bytes(path, MAX_BYTES))
     except ValidationError as error:
         raise InputError(f"{path}: {_first_fault(error)}") from error
+
+
+def sidecar_of(path: Path, keys: dict[str, Any]) -> Sidecar:
+    """A sidecar of what an ONNX file says about itself, or an InputError that says which is wrong."""
+    try:
+        return Sidecar.model_validate(keys)
+    except ValidationError as error:
+        raise InputError(f"{path}: its metadata: {_first_fault(error)}") from error
 
 
 def _first_fault(error: ValidationError) -> str:

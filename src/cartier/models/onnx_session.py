@@ -29,7 +29,8 @@ FATAL = 4  # onnxruntime's own log stays quiet: what it says arrives as an excep
 class Session:
     """An ONNX model that takes one image.
 
-    ``size`` is the (w, h) that the file fixes, or None where it leaves them open; ``outputs`` are all output names.
+    ``size`` is the (w, h) that the file fixes, or None where it leaves them open; ``outputs`` are all output names;
+    ``metadata`` is what its exporter wrote into it.
     """
 
     def __init__(self, path: Path, provider: str, threads: int | None) -> None:
@@ -50,6 +51,7 @@ class Session:
             raise InputError(
                 f"{path} takes images of {width}x{height} px; cartier makes them 1 to {MAX_SIDE_PX} px a side"
             )
+        self.metadata: Mapping[str, str] = self._session.get_modelmeta().custom_metadata_map
         self.outputs: tuple[str, ...] = tuple(node.name for node in self._session.get_outputs())
 
     def run(self, tensor: npt.NDArray[np.float32], what: str) -> dict[str, Array]:
