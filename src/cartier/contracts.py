@@ -98,6 +98,8 @@ class RecordingDefaults:
     """The options that it was opened with; ``open_recording`` sets them."""
     level_from_world: Array | None = None
     """(4, 4): how the reader levelled the recorded poses (z up, floor at z = 0); None if it did not."""
+    levelled: Any = None
+    """How its world and images are corrected for a map (``mapping.upright.Levelled``); None as a reader gives it."""
     known_registration: tuple[float, float, float] | None = None
     """How the format's published depth lies on its colour, if that is known to be off: zoom, dx and dy in pixels."""
 
@@ -153,6 +155,8 @@ class Detector(Protocol):
     """All labels that it can give, where they are known."""
     world: str | None = None
     """The simulator whose pictures it was trained for, empty for photographs, None if unknown."""
+    as_recorded: bool = False
+    """Whether its boxes belong to the images as they were recorded, so that those must not be turned upright."""
     batch: int = 1
     """How many frames ``detect_batch`` processes most efficiently."""
 

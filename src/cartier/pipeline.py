@@ -27,6 +27,7 @@ from cartier.mapping.detection_cache import cached, remembering
 from cartier.mapping.mapper import Mapper
 from cartier.mapping.pose_graph import PoseGraph
 from cartier.mapping.reposed import Reposed
+from cartier.mapping.upright import Upright, images_key, upright
 from cartier.mapping.walk import integrate
 from cartier.navigation.planning import check_start, plan
 from cartier.navigation.routes import RoutePlan, plan_route
@@ -57,7 +58,8 @@ def map_home(
 ) -> Home:
     """Map a recording. Frames are read a few at a time; all of them make the floor plan, keyframes get detections.
 
-    Poses that drift are corrected by what depth shows, and the recording is mapped again with them.
+    Its floor and its images are levelled first. Poses that drift are corrected by what depth shows, and the recording
+    is mapped again with them.
 
     Args:
         recording: What ``open_recording`` or a world gives.
@@ -71,7 +73,8 @@ def map_home(
         every: Run the detector on each ``every``-th frame (1 for all) instead of on keyframes, which show something
             new.
         resume: A file that keeps the detections of finished frames, so that a run that was killed can be continued.
-        mend_poses: Whether poses that drift are corrected; the world stays that of the first frame.
+        mend_poses: Whether a world that leans is levelled, its floor taken for z = 0, images on their side turned, and
+            poses that drift corrected; the world stays that of the first frame.
         align: Whether the recording has a world of its own, and is to be moved into that of ``onto``: objects and walls
             must agree where it belongs. Or the home that was mapped from it apart, so that this is not done again.
         progress: Called after each frame with the number of frames done and of all frames.
@@ -99,9 +102,11 @@ def map_home(
     mapper = Mapper(detector, indexes, encoder=encoder, onto=onto, config=config)
     if onto is not None and mapper.contains(recording):
         return onto
+    if mend_poses and not isinstance(recording, Upright):
+        recording = upright(recording, detector, () if onto is None or align else onto.settings["recordings"])
     aligned = None if onto is None or not isinstance(align, Home) else find_alignment(onto, align)
     recording = recording if aligned is None else Reposed(recording, aligned.pose)
-    with cached(detector, resume, recording.fingerprint()) as detect:
+    with cached(detector, resume, images_key(recording)) as detect:
         detect, graph = remembering(detect), PoseGraph()
         processed = integrate(apart or mapper, recording, detect, every, graph, progress)
         mended = graph.mend() if mend_poses else None

@@ -16,7 +16,7 @@ from scipy.ndimage import gaussian_filter
 from cartier.contracts import Recording
 from cartier.doctor.hypotheses import QUARTER
 from cartier.errors import frame_number
-from cartier.recordings.common.posed import turned_camera, turned_image
+from cartier.mapping.upright import turned_camera, turned_image
 from cartier.types import Camera, Frame, TrueObject
 from cartier.worlds import unity
 from cartier.worlds.dollhouse.explore import explore

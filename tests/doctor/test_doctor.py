@@ -17,8 +17,8 @@ from faulty_recordings import INJECTED, Faulty, Kept, Thor, leap, posed, rotated
 from cartier import plugins
 from cartier.contracts import Recording
 from cartier.doctor import FAULTS, Report, draw_report, examine, open_for_doctor, repair
-from cartier.doctor.sampling import MAX_FRAMES, chosen, is_mirror_fault, is_pose_fault
 from cartier.errors import InputError, check_pose
+from cartier.mapping.samples import MAX_FRAMES, chosen, is_mirror_fault, is_pose_fault
 from cartier.recordings import sevenscenes
 from cartier.recordings.folder import save
 

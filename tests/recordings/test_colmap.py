@@ -15,8 +15,8 @@ from cartier import plugins
 from cartier.contracts import Recording
 from cartier.errors import InputError
 from cartier.mapping.mapper import SCALE_GUESSED
+from cartier.mapping.upright import turned_camera, turned_image
 from cartier.pipeline import ask, map_home
-from cartier.recordings.common.posed import turned_camera, turned_image
 from cartier.recordings.folder import save
 from cartier.render.floor_plan import draw_plan
 from cartier.types import Camera, Frame

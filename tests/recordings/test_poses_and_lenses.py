@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from cartier.errors import InputError
 from cartier.mapping.gravity import quarter_turns
+from cartier.mapping.upright import turned_camera, turned_image
 from cartier.recordings.common.lens import Lens, camera_of, off_centre_notes, registered, resampled
-from cartier.recordings.common.posed import turned_camera, turned_image
 from cartier.recordings.common.poses import interpolated
 from cartier.types import Camera
 from synthetic import THINGS, look, render

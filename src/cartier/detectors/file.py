@@ -39,6 +39,8 @@ def make(path: str | Path, threshold: float = EVA_THRESHOLD, categories: str | P
 class DetectionsFile:
     """Obeys the Detector contract. Holds the detections that may mean something, 64 bytes each."""
 
+    as_recorded = True
+
     def __init__(self, path: Path, threshold: float, annotations: Annotations | None) -> None:
         self.score_model = DetectorScoreModel().with_threshold(threshold)
         self.name = f"file {path.name} (counts from {threshold:g})"

@@ -25,8 +25,9 @@ from cartier.doctor._pose_jumps import PoseJump, pose_jumps, split_strays
 from cartier.doctor._repair import RepairedRecording, repaired_camera
 from cartier.doctor._report import FAULTS, Fault, Repair, Report
 from cartier.doctor.hypotheses import SWAP_YZ, Reading
-from cartier.doctor.sampling import Samples, is_mirror_fault, is_pose_fault, sample
 from cartier.errors import InputError
+from cartier.mapping.samples import Samples, is_mirror_fault, is_pose_fault, sample
+from cartier.mapping.upright import Levelled, Upright
 from cartier.recordings.common.edges import Registration
 
 __all__ = [
@@ -121,7 +122,8 @@ def repair(recording: Recording, report: Report) -> Recording:
         why = [f"no program can repair {names}: {report.faults[0].repair}"] if names else report.notes[1:]
         raise InputError(f"{recording.name}: nothing to repair; {'; '.join(why) or 'it is sound'}")
     notes = [f"repaired by cartier doctor: {f.fault} ({f.repair})" for f in report.faults]
-    return RepairedRecording(recording, report.repair, notes)
+    level = np.eye(4) if report.repair.level is None else report.repair.level
+    return Upright(RepairedRecording(recording, report.repair, notes), Levelled(level, report.repair.turns))
 
 
 def _register(

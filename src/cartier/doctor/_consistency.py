@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cartier.doctor.sampling import Samples
+from cartier.mapping.samples import Samples
 from cartier.types import Array, Camera
 
 PER_PAIR, LEAST_SEEN = 300, 20  # pixels of a pair to compare, and the fewest that count

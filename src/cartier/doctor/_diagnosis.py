@@ -10,7 +10,7 @@ from cartier.doctor._consistency import FEWEST_PAIRS, Numbers, Pairs, Verdict, j
 from cartier.doctor._report import Fault
 from cartier.doctor.checks import tilt
 from cartier.doctor.hypotheses import Hypothesis, Reading, depth_by, hypotheses, positions_by, shift_by
-from cartier.doctor.sampling import Samples
+from cartier.mapping.samples import Samples
 from cartier.types import Camera
 
 MOST_FAULTS = 3

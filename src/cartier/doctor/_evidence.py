@@ -13,8 +13,8 @@ from cartier.doctor._consistency import Pairs, motions, turns_deg
 from cartier.doctor._diagnosis import Diagnosis, small_camera
 from cartier.doctor._report import EvidencePair, Report
 from cartier.doctor.hypotheses import Reading
-from cartier.doctor.sampling import Samples
 from cartier.errors import InputError
+from cartier.mapping.samples import Samples
 from cartier.recordings.common.edges import Registration
 from cartier.render.floor_plan import save_figure
 from cartier.types import Array

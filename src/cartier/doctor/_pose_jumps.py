@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cartier.doctor._consistency import Pairs, motions, turns_deg
-from cartier.doctor.sampling import Samples
+from cartier.mapping.samples import Samples
 from cartier.types import Array, Camera
 
 PIXELS = 300

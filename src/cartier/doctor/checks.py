@@ -10,9 +10,10 @@ import numpy.typing as npt
 from cartier.doctor._consistency import turns_deg
 from cartier.doctor._pose_jumps import PoseJump
 from cartier.doctor._report import Fault
-from cartier.doctor.sampling import Samples, is_mirror_fault
 from cartier.errors import InputError
 from cartier.mapping import gravity
+from cartier.mapping.samples import Samples, is_mirror_fault
+from cartier.mapping.upright import FLOOR_OFF_M, TURNED_BY, Z_UP
 from cartier.recordings.common.edges import Registration, fits, registration
 from cartier.types import Array, Camera
 
@@ -20,8 +21,7 @@ BLURRED_PX, BLURRED_SHARE = 6.2, 0.2
 LEAST_READ, LEAST_SPREAD_M = 0.01, 1e-6
 EMPTY_SHARE = 0.1
 MIN_VIEWS, APART_M, APART_DEG = 8, 0.04, 4.0
-TILT_DEG, TILT_BLIND_DEG, FLOOR_M = 5.0, 35.0, 0.3
-UP_SEEN = 0.5  # least length of the mean up direction in the images that shows how they are turned
+TILT_DEG = 5.0
 SHIFTED, CLEARER, OVER_NOISE = 0.015, 1.3, 5.0
 UNMIRROR = "mirror one axis of the world and one of the camera (Unity: swap y and z, change the sign of the camera's y)"
 
@@ -118,57 +118,47 @@ def few_views(samples: Samples) -> Fault | None:
 class Tilt:
     """Tilt of the world: ``degrees`` between z and up, the height of the floor, and ``level``, which corrects both.
 
-    ``blind``: no horizontal surface was found. ``floor_seen``: the floor was.
+    ``floor_seen``: the floor was in view.
     """
 
     degrees: float
     floor_m: float
-    blind: bool
     floor_seen: bool
     level: npt.NDArray[np.float64]
 
     @property
     def wrong(self) -> bool:
         """Whether the world has to be levelled."""
-        tilted = self.degrees > (TILT_BLIND_DEG if self.blind else TILT_DEG)
-        return tilted or (self.floor_seen and abs(self.floor_m) > FLOOR_M)
+        return self.degrees > TILT_DEG or (self.floor_seen and abs(self.floor_m) > FLOOR_OFF_M)
 
     def words(self) -> str:
         """The tilt as evidence of the fault."""
-        what = "by the cameras' own up" if self.blind else "by the horizontal surfaces"
         floor = f", and the floor lies at {self.floor_m:.2f} m" if self.floor_seen else ""
-        return f"z leans {self.degrees:.1f}° away from up {what}{floor}"
+        return f"z leans {self.degrees:.1f}° away from up by the horizontal surfaces{floor}"
 
 
 def tilt(samples: Samples, poses: Array, scale: float, small: Camera) -> Tilt | None:
-    """The tilt of the world of poses (M, 4, 4), by horizontal surfaces or the cameras; None if they do not show it."""
+    """The tilt of the world of poses (M, 4, 4), by horizontal surfaces; None if there is no pose."""
     known = np.flatnonzero(np.isfinite(poses[:, 0, 0]))
     if not len(known):
         return None
     depth = (lambda i: samples.depth_m[known[i]] * np.float32(scale)) if samples.has_depth else None
-    try:
-        found = gravity.level(poses[known], small, depth)
-    except InputError:  # the cameras are turned in every direction
-        return None
-    up_note, floor_note = found.notes
+    found = gravity.level(poses[known], small, depth, documented_up=Z_UP)
     degrees = float(np.degrees(np.arccos(np.clip(found.up[2], -1, 1))))
-    seen = "estimated" in floor_note and "was the floor in view" not in floor_note
-    return Tilt(degrees, found.floor_m, "the cameras alone" in up_note, seen, found.level_from_world)
+    return Tilt(degrees, found.floor_m, found.floor_seen, found.level_from_world)
 
 
 def rotated(poses: Array) -> int:
     """Quarter turns to the left that bring the images of level poses (M, 4, 4) upright; 0 if most look down or up."""
-    up_in_image = np.nanmean(poses[:, 2, :2], axis=0)
-    return gravity.quarter_turns(up_in_image) if np.linalg.norm(up_in_image) > UP_SEEN else 0
+    return gravity.turned(poses[np.isfinite(poses[:, 0, 0])], np.array(Z_UP))
 
 
 def lying(turns: int) -> Fault:
     """Images that are turned by quarter turns."""
     off = f"up is {180 if turns == 2 else 90}° off in them"
     evidence = f"by the poses the images {gravity.LYING[turns]}, {off}: few objects are detected in such images"
-    by = ("", "90° to the left", "180°", "90° to the right")[turns]
-    how = f"turn images, depth, intrinsics and camera axes by {by}, and leave the world as it is; --fix does"
-    return Fault("rotated_images", evidence, how)
+    how = f"turn images, depth, intrinsics and camera axes by {TURNED_BY[turns]}, and leave the world as it is; "
+    return Fault("rotated_images", evidence, how + "--fix does")
 
 
 def unregistered(samples: Samples, doubts: list[str]) -> tuple[Fault, Registration] | None:

@@ -31,7 +31,9 @@ MIN_CELL_M, MAX_CELL_M = 0.001, 10.0
 class MappedRecording:
     """A recording that a home was mapped from; ``looked`` counts the frames in which objects were detected.
 
-    ``mended`` are corrections of its poses: a frame's number, a turn about z (rad) and a shift (x, y, z in m).
+    ``level`` (3 by 4, row by row) took its world to one with z up and the floor at 0, and its images were turned by so
+    many quarter ``turns`` to the left. ``mended`` are corrections of its poses: a frame's number, a turn about z (rad)
+    and a shift (x, y, z in m).
     ``moved`` is the turn and the shift by which they were brought into the world of the home.
     """
 
@@ -39,6 +41,8 @@ class MappedRecording:
     sha256: str
     frames: int
     looked: int = 0
+    level: tuple[float, float, float, float, float, float, float, float, float, float, float, float] | None = None
+    turns: int = 0
     mended: tuple[tuple[float, float, float, float, float], ...] = ()
     moved: tuple[float, float, float, float] | None = None
     read_with: dict[str, Any] = field(default_factory=dict)

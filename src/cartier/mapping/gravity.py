@@ -1,11 +1,11 @@
-"""Gravity and floor estimation: which way is up and how high the floor is, where a recording does not say.
+"""Gravity and floor estimation: which way is up, how high the floor is, and how the images must be turned.
 
-Cameras are held level: upright, or turned by a quarter as phones are. People who look around turn about up, which
-therefore keeps its direction in the images, and they walk on the floor, so that cameras move least along up. Where
-both are clear for a camera on its side it is taken to lie on that side, else to be upright. That gives a guess of up,
-which is all there is without depth. With depth, the horizontal surfaces (floor, tables, seats) are the largest set of
-normals near the guess, and the thin layers that they form give up to a fraction of a degree. The lowest layer is the
-floor.
+Cameras are held level: upright, on their heads or on a side, as phones are. People who look around turn about up, which
+therefore keeps its direction in the images, and they walk on the floor, so that cameras move least along up. Each way
+to hold a camera gives a guess of up. Without depth, the poses alone choose one, unless the format documents up. With
+depth, the horizontal surfaces (floor, tables, seats) are the largest set of normals near a guess, and the thin layers
+that they form give up to a fraction of a degree; of the guesses, the one is right whose surfaces are large and that the
+cameras turn about and hardly move along. It also judges a documented up. The lowest layer is the floor.
 """
 
 from __future__ import annotations
@@ -32,7 +32,14 @@ ASSUMED_CAMERA_HEIGHT_M = 1.5
 # Right and down, by the quarter turns to the left that mend it.
 UP_IN_IMAGE = np.array([(0.0, -1.0), (1.0, 0.0), (0.0, 1.0), (-1.0, 0.0)])
 LYING = ("stand upright", "lie on their right side", "stand on their heads", "lie on their left side")
-USUAL = 3.0  # how many times more surface that faces up the opposite turn must show
+USUAL = 3.0  # how many times more must speak for images that do not stand upright
+DOCUMENTED = 10.0  # and against the up that a format documents
+OFF_DEG = 5.0  # what a documented up may be off
+STEADY, STILL, LEAST_WAY_M = 0.05, 0.1, 0.05  # floors of how much cameras sway, and rise and sink in their way
+UP_SEEN = 0.5  # least length of the mean up direction in the images that shows how they are turned
+GIVEN_FLOOR = "floor given by the user"
+BELOW_SHARE = 0.02  # of points under the floor: above, it was perhaps not in view
+BELOW_M = 2.5  # what lies farther below every camera is the floor of another storey
 # How much less one axis of the images moves than the other: enough by itself, and enough if the cameras walk.
 PANS, PANS_LITTLE = 0.25, 0.03
 WALKS_M, WALKS_TIMES = 0.25, 2.0  # root mean square along one direction, and times that along the other
@@ -43,13 +50,18 @@ class Levelling:
     """``level_from_world`` (4, 4) takes the source's world to one with z up and z = 0 on the floor.
 
     ``up`` (3,) is a unit vector of the source's world, ``floor_m`` the floor's height along it; ``notes`` say how both
-    were found, one line each.
+    were found, one line each. ``seen``: horizontal surfaces gave up, rather than the cameras alone; ``floor_seen``: and
+    the lowest of them is the floor, without doubt. ``turns`` counts the quarter turns to the left (counter-clockwise)
+    that bring the images upright, 0 where most look down or at the ceiling.
     """
 
     level_from_world: npt.NDArray[np.float64]
     up: Vector
     floor_m: float
     notes: tuple[str, ...]
+    seen: bool
+    floor_seen: bool
+    turns: int
 
 
 def level(
@@ -58,26 +70,42 @@ def level(
     depth_of: Callable[[int], Array | None] | None = None,
     up: Sequence[float] | None = None,
     floor_m: float | None = None,
+    documented_up: Sequence[float] | None = None,
 ) -> Levelling:
     """Estimate up and the floor from camera poses (N, 4, 4) and, where there is depth, about 20 depth images.
 
     ``depth_of(i)`` gives frame i's z-depth (H, W) in metres, NaN where there is none. ``up`` (x, y, z in the source's
-    world) and ``floor_m`` (along up) override the estimates. Raises InputError if they make no sense.
+    world) and ``floor_m`` (along up) override the estimates. ``documented_up`` is what the format says; it holds unless
+    surfaces contradict it by more than OFF_DEG. Raises InputError if they make no sense.
     """
     poses = np.asarray(world_from_cameras, dtype=np.float64)
-    given_up = None if up is None else _direction(up)
     given_floor_m = None if floor_m is None else _height(floor_m)
     surfaces = None
-    if depth_of is not None and (given_up is None or given_floor_m is None):
+    if depth_of is not None and (up is None or given_floor_m is None):
         surfaces = _surfaces(poses, camera, depth_of)
-    direction, up_note = _find_up(poses, surfaces) if given_up is None else (given_up, "up given by the user")
-    height, floor_note = (
-        _find_floor(poses, surfaces, direction) if given_floor_m is None else (given_floor_m, "floor given by the user")
-    )
+    found = _find_up(poses, surfaces, documented_up) if up is None else _Up(_direction(up), "up given by the user")
+    floor = _find_floor(poses, surfaces, found.up) if given_floor_m is None else _Floor(given_floor_m, GIVEN_FLOOR)
     matrix = np.eye(4)
-    matrix[:3, :3] = _rotation_to_z(direction)
-    matrix[2, 3] = -height
-    return Levelling(matrix, direction, height, (up_note, floor_note))
+    matrix[:3, :3] = _rotation_to_z(found.up)
+    matrix[2, 3] = -floor.height_m
+    return Levelling(
+        matrix, found.up, floor.height_m, (found.note, floor.note), found.seen, floor.seen,
+        turned(poses, found.up),
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class _Up:
+    up: Vector
+    note: str
+    seen: bool = False
+
+
+@dataclass(frozen=True)
+class _Floor:
+    height_m: float
+    note: str
+    seen: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,8 +126,21 @@ def quarter_turns(up_in_image: Array) -> int:
     return int(np.argmax(UP_IN_IMAGE @ np.asarray(up_in_image, dtype=np.float64)))
 
 
-def _find_up(poses: Array, surfaces: _Surfaces | None) -> tuple[Vector, str]:
-    seen = None if surfaces is None else _seen_up(poses, surfaces)
+def turned(poses: Array, up: Array) -> int:
+    """The quarter turns to the left that bring the images of poses (N, 4, 4) upright; 0 if most look down or up."""
+    up_in_image = np.asarray(up) @ poses[:, :3, :2].mean(axis=0)
+    return quarter_turns(up_in_image) if np.linalg.norm(up_in_image) > UP_SEEN else 0
+
+
+def _find_up(poses: Array, surfaces: _Surfaces | None, documented_up: Sequence[float] | None) -> _Up:
+    documented = None if documented_up is None else _direction(documented_up)
+    seen = None if surfaces is None else _seen_up(poses, surfaces, documented)
+    if documented is not None and documented_up is not None:
+        told = f"up is {tuple(float(v) for v in documented_up)} in this format's world"
+        off_deg = 0.0 if seen is None else float(np.degrees(np.arccos(np.clip(seen[1] @ documented, -1, 1))))
+        if off_deg <= OFF_DEG:
+            return _Up(documented, f"{told}; override with --up X,Y,Z", seen is not None)
+        told = f"; {told}, which is {off_deg:.0f}° off and does not hold"
     if surfaces is not None and seen is not None:
         turn, up, share = seen
         source = f"{surfaces.frames} frames: {share:.0%} of the surfaces agree"
@@ -110,23 +151,36 @@ def _find_up(poses: Array, surfaces: _Surfaces | None) -> tuple[Vector, str]:
         source = f"the cameras alone ({how}; {lack}), perhaps some degrees off"
     x, y, z = up
     assumed = f"; the pictures {LYING[turn]} then" if turn or seen is None else ""
-    return up, f"up estimated as ({x:.3f}, {y:.3f}, {z:.3f}) from {source}{assumed}; override with --up X,Y,Z"
+    against = told if documented is not None else ""
+    note = f"up estimated as ({x:.3f}, {y:.3f}, {z:.3f}) from {source}{assumed}{against}; override with --up X,Y,Z"
+    return _Up(up, note, seen is not None)
 
 
-def _seen_up(poses: Array, surfaces: _Surfaces) -> tuple[int, Vector, float] | None:
+def _seen_up(poses: Array, surfaces: _Surfaces, documented: Vector | None) -> tuple[int, Vector, float] | None:
     """The turn of the images, up and the share of the surfaces that agree with it; None where too few do.
 
-    That is the turn that the poses suggest, or the opposite one where it shows clearly more surfaces that face up.
+    Each turn has its guess, and the documented up is one more; the one for which most speaks is taken.
     """
-    found, held = [], _turn_held(poses)
-    for turn in (held, (held + 2) % 4):
-        guess = _up_by(poses, turn)
-        if guess is None:
-            continue
-        up, share = _surface_up(surfaces, guess[0])
-        if share >= MIN_SHARE and quarter_turns(up @ poses[:, :3, :2].mean(axis=0)) == turn:
-            found.append((share * (USUAL if turn == held else 1), turn, up, share))
+    axes = poses[:, :3, :2].mean(axis=0)
+    guesses = [(guess[0], turn, 1.0) for turn in range(4) if (guess := _up_by(poses, turn)) is not None]
+    if documented is not None:
+        guesses.append((documented, quarter_turns(documented @ axes), DOCUMENTED))
+    found = []
+    for guess, turn, weight in guesses:
+        up, share = _surface_up(surfaces, guess)
+        if share >= MIN_SHARE and quarter_turns(up @ axes) == turn:
+            weight *= 1.0 if turn else USUAL
+            found.append((weight * share * _held(poses, up, turn), turn, up, share))
     return max(found, key=lambda one: one[0])[1:] if found else None
+
+
+def _held(poses: Array, up: Vector, turn: int) -> float:
+    """How much speaks for level cameras that turn about up and hardly move along it."""
+    up_in_camera = poses[:, :3, :3].transpose(0, 2, 1) @ up
+    sway = np.sqrt(np.square(up_in_camera[:, turn % 2]).mean() + up_in_camera[:, 2].var())
+    away = poses[:, :3, 3] - poses[:, :3, 3].mean(axis=0)
+    rise = (away @ up).std() / max(np.sqrt(np.square(away).sum(axis=1).mean()), LEAST_WAY_M)
+    return float(1 / ((sway + STEADY) ** 2 * (rise + STILL)))
 
 
 def _turn_held(poses: Array) -> int:
@@ -246,26 +300,29 @@ def _layers(heights: Array) -> Vector:
     return np.asarray(edges[:-1][peaks] + BIN_M / 2, dtype=np.float64)
 
 
-def _find_floor(poses: Array, surfaces: _Surfaces | None, up: Vector) -> tuple[float, str]:
-    camera_m = float(np.median(poses[:, :3, 3] @ up))
+def _find_floor(poses: Array, surfaces: _Surfaces | None, up: Vector) -> _Floor:
+    cameras_m = poses[:, :3, 3] @ up
+    camera_m = float(np.median(cameras_m))
     heights = np.empty(0) if surfaces is None else surfaces.level_points(up) @ up
     layers = _layers(heights)
+    here = layers[layers > cameras_m.min() - BELOW_M]
     if not len(layers):
         floor_m = camera_m - ASSUMED_CAMERA_HEIGHT_M
         lack = "there is no depth" if surfaces is None else "no horizontal surface was seen"
-        return floor_m, (
+        return _Floor(floor_m, (
             f"floor assumed {ASSUMED_CAMERA_HEIGHT_M} m below the cameras, at {floor_m:.3f} m along up ({lack}); "
             "override with --floor M"
-        )
-    floor_m = float(layers[0])
+        ))  # fmt: skip
+    floor_m = float(here[0] if len(here) else layers[-1])
     for _ in range(3):
         floor_m = float(np.median(heights[np.abs(heights - floor_m) < LAYER_M]))
     below = 0.0 if surfaces is None else float(np.mean(surfaces.points @ up < floor_m - 0.1))
-    doubt = f" (but {below:.0%} of the points lie below it: was the floor in view?)" if below > 0.02 else ""
-    return floor_m, (
+    doubtful = below > BELOW_SHARE and floor_m - 0.1 < layers[0]
+    doubt = f" (but {below:.0%} of the points lie below it: was the floor in view?)" if doubtful else ""
+    return _Floor(floor_m, (
         f"floor estimated at {floor_m:.3f} m along up, {camera_m - floor_m:.2f} m below the cameras: "
         f"the lowest large horizontal surface{doubt}; override with --floor M"
-    )
+    ), not doubtful)  # fmt: skip
 
 
 def _near(normals: Array, up: Vector, degrees: float) -> npt.NDArray[np.bool_]:

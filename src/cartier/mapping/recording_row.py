@@ -10,6 +10,7 @@ import numpy as np
 from cartier.contracts import Recording, RecordingDefaults, optional
 from cartier.mapping.alignment import Alignment
 from cartier.mapping.pose_graph import Mended
+from cartier.mapping.upright import Levelled
 
 
 def recording_row(
@@ -23,6 +24,9 @@ def recording_row(
     if read_with := optional(recording, RecordingDefaults, "read_with"):  # so that it can be read again as it was
         plain = {name: np.asarray(value).tolist() for name, value in read_with.items()}
         row["read_with"] = json.loads(json.dumps(plain, default=str))
+    levelled: Levelled | None = optional(recording, RecordingDefaults, "levelled")
+    if levelled is not None and levelled.changes():
+        row |= levelled.row()
     if mended is not None:
         row["mended"] = mended.rows()
     if aligned is not None:

@@ -11,6 +11,7 @@ from cartier.home import Home
 from cartier.mapping.alignment import Alignment
 from cartier.mapping.pose_graph import Mended
 from cartier.mapping.reposed import Reposed
+from cartier.mapping.upright import Levelled, Upright
 
 
 def first_frame_of(home: Home, recording: Recording) -> int:
@@ -35,10 +36,12 @@ def first_frame_of(home: Home, recording: Recording) -> int:
 
 
 def as_mapped(home: Home, recording: Recording) -> Recording:
-    """The recording with the poses that the home was mapped with: they may have been corrected, or moved."""
+    """The recording as the home was mapped from it: it may have been levelled, its poses corrected, or moved."""
     sha256 = recording.fingerprint()
     rows: list[Mapping[str, Any]] = [*home.settings.get("recordings", ()), {"sha256": sha256}]
     row = next(row for row in rows if row["sha256"] == sha256)
+    if row.get("level"):
+        recording = Upright(recording, Levelled.of_row(row))
     if row.get("mended"):
         recording = Reposed(recording, Mended.of_rows(row["mended"]).pose)
     return recording if row.get("moved") is None else Reposed(recording, Alignment.of_row(row["moved"]).pose)

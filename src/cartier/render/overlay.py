@@ -12,7 +12,7 @@ from cartier.errors import InputError
 from cartier.geometry import project
 from cartier.home import Home
 from cartier.io.images import write_image
-from cartier.render.mapped_frames import first_frame_of
+from cartier.render.mapped_frames import as_mapped, first_frame_of
 from cartier.types import Array, Frame, MapObject
 
 if TYPE_CHECKING:
@@ -36,6 +36,7 @@ def draw_overlay(home: Home, recording: Recording, file: Path) -> None:
     from PIL import Image, ImageDraw
 
     first, shown = first_frame_of(home, recording), _objects_by_frame(home)
+    recording = as_mapped(home, recording)
     here = {n: objs for n, objs in shown.items() if first <= n < first + len(recording)}
     frames = _most_telling(here)
     if not frames:

@@ -19,6 +19,7 @@ from PIL import Image
 from cartier.errors import MAX_FAR_M, InputError, frame_number
 from cartier.io.images import check_depth, read_depth, read_grey8, read_rgb
 from cartier.mapping import gravity
+from cartier.mapping.upright import turned_camera, turned_image
 from cartier.recordings.common.clock import one_run
 from cartier.recordings.common.edges import Registration
 from cartier.recordings.common.files import READERS, content_hash, link_notes
@@ -108,18 +109,15 @@ class PosedImages:
             )
         self._check_confidence()
         depth = self._depth if any(view.depth for view in source.views) else None
-        levelling = gravity.level(poses, self._upright_camera, depth, source.known_up if up is None else up, floor_m)
+        levelling = gravity.level(poses, self._upright_camera, depth, up, floor_m, source.known_up)
         self.level_from_world = levelling.level_from_world  # the doctor checks the poses as they were given
         poses = levelling.level_from_world @ poses
         check_floor(poses, floor_m)
-        up_note, floor_note = levelling.notes
-        if up is None and source.known_up is not None:
-            up_note = f"up is {source.known_up} in this format's world; override with --up X,Y,Z"
-        self._turns = gravity.quarter_turns(poses[:, 2, :2].sum(axis=0)) if source.handheld else 0
+        self._turns = levelling.turns if source.handheld else 0
         self.camera, old_from_new = turned_camera(self._upright_camera, self._turns)
         self._poses = poses @ old_from_new
         self._poses.setflags(write=False)
-        notes = [*source.notes, *links, *off_centre_notes(first), up_note, floor_note]
+        notes = [*source.notes, *links, *off_centre_notes(first), *levelling.notes]
         if self._factor > 1:
             notes.append(f"images of {first.width}x{first.height} px reduced by {self._factor}")
         if self._turns:
@@ -240,19 +238,3 @@ def _shrunk(rgb: Colours, factor: int) -> Colours:
         return rgb
     height, width = (side // factor * factor for side in rgb.shape[:2])
     return np.asarray(Image.fromarray(rgb).reduce(factor, box=(0, 0, width, height)))
-
-
-def turned_camera(camera: Camera, turns: int) -> tuple[Camera, npt.NDArray[np.float64]]:
-    """The camera of images turned to the left, and old_from_new (4, 4) of its axes."""
-    old_from_new = np.eye(4)
-    quarter = np.array([[0.0, -1, 0, 0], [1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
-    for _ in range(turns):
-        c = camera
-        camera = Camera(c.height, c.width, c.fy, c.fx, c.cy, c.width - 1 - c.cx)
-        old_from_new = old_from_new @ quarter
-    return camera, old_from_new
-
-
-def turned_image(image: Array, turns: int) -> Array:
-    """An image (H, W, ...) after quarter turns to the left."""
-    return np.ascontiguousarray(np.rot90(image, turns)) if turns else image

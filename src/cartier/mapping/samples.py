@@ -18,6 +18,7 @@ from cartier.mapping.sharpness import edge_width_px
 from cartier.types import Array, Camera, Frame
 
 MAX_FRAMES, RUNS = 1000, 10
+FEW, FEW_STEP = 10, 15
 SMALL_WIDTH, FINE_WIDTH, EDGE_WIDTH, FINE_FRAMES = 160, 320, 640, 24
 POSE_WORDS = re.compile(r"rotation|quaternion|\bpose must be 4x4|the pose holds|last row of a pose")
 MIRROR_WORDS = re.compile(r"rotation mirrors")
@@ -72,9 +73,21 @@ def chosen(length: int) -> list[int]:
     return [start + i for start in starts for i in range(run)]
 
 
-def sample(recording: Recording, progress: Callable[[int, int], None] | None = None) -> Samples:
-    """Read the frames. One with an invalid pose is listed in ``faults``; any other fault is raised as it is."""
-    wanted, camera = chosen(len(recording)), recording.camera
+def few(length: int) -> list[int]:
+    """The numbers of FEW pairs of frames, near to each other in time and spread over the recording."""
+    firsts = np.linspace(0, max(length - 2, 0), FEW).round().astype(int)
+    step = int(np.clip(length // FEW // 2, 1, FEW_STEP))
+    return sorted({int(i) for first in firsts for i in (first, min(first + step, length - 1))} if length else ())
+
+
+def sample(
+    recording: Recording, progress: Callable[[int, int], None] | None = None, numbers: list[int] | None = None
+) -> Samples:
+    """Read the frames, by default those that ``chosen`` names; of others, blur is not measured.
+
+    One with an invalid pose is listed in ``faults``; any other fault is raised as it is.
+    """
+    wanted, camera = chosen(len(recording)) if numbers is None else numbers, recording.camera
     faults: dict[int, InputError] = {}
     stride, half, thin = (max(1, camera.width // width) for width in (SMALL_WIDTH, FINE_WIDTH, EDGE_WIDTH))
     small = Camera(
@@ -88,7 +101,7 @@ def sample(recording: Recording, progress: Callable[[int, int], None] | None = N
         frames.append((frame.index, frame.time_s, frame.world_from_camera, frame.depth_m is not None))
         greys.append(_unit(grey[::stride, ::stride]))
         depths.append(_depth(frame, stride) if frame.depth_m is not None else np.full_like(greys[-1], np.nan))
-        edges.append(edge_width_px(grey[::thin, ::thin]))
+        edges.append(edge_width_px(grey[::thin, ::thin]) if numbers is None else np.nan)
         if frame.index in fine_numbers and frame.depth_m is not None:
             fine.append((_unit(grey[::half, ::half]), _depth(frame, half)))
     measured = [depth_m[np.isfinite(depth_m)] for depth_m in depths]
