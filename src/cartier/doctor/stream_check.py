@@ -15,7 +15,7 @@ import numpy as np
 
 from cartier.contracts import Source, SourceDefaults, optional
 from cartier.doctor import Fault as DoctorFault
-from cartier.doctor import examine
+from cartier.doctor import Report, examine
 from cartier.errors import brief, frame_number
 from cartier.streams import REASONS, Fault, Stamped
 from cartier.types import Camera, Frame, TrueObject
@@ -52,7 +52,6 @@ MENDS = {
 }
 DRIVER_MENDS = {  # of what the examination of a recording finds, where a driver can be mended instead of a file
     "opengl_axes": "let the images' frame_id name the optical frame (x right, y down, z forward), and publish it",
-    "rotated_images": "mount the camera's frame as the camera is mounted, in the robot's URDF",
     "inverted_poses": "publish the pose of the robot in its parent frame, not the inverse",
     "not_level": "publish frames with z up (REP 103), and the camera's mount as it is",
     "time_offset": "stamp images and transforms by one clock, at the time of exposure",
@@ -282,10 +281,12 @@ def _depth(watched: _Watched) -> tuple[DoctorFault | None, str]:
 def _examined(source: Source, watched: _Watched, sound: list[str], notes: list[str]) -> list[DoctorFault]:
     """What the examination of the frames finds; a robot that stands still is no fault."""
     report = examine(_Kept(source, watched.frames))
+    corrected = {"rotated_images"} | ({"not_level"} if _only_the_floor(report) else set())
+    notes += [f"{fault.evidence}: the map corrects it" for fault in report.faults if fault.fault in corrected]
     faults = [
         replace(fault, repair=DRIVER_MENDS.get(fault.fault, fault.repair))
         for fault in report.faults
-        if fault.fault not in (FEW_VIEWS, "no_depth")
+        if fault.fault not in (FEW_VIEWS, "no_depth", *corrected)
     ]
     faults += [fault for fault in report.faults if fault.fault == "no_depth" and watched.frames[0].depth_m is not None]
     if watched.leaps_m and "pose_jump" not in {fault.fault for fault in faults}:
@@ -309,8 +310,14 @@ def _examined(source: Source, watched: _Watched, sound: list[str], notes: list[s
         how = "are depth, images and poses of the same camera, and by one clock?"
         faults.append(DoctorFault("contradictory", "the depth of frames that overlap disagrees", how))
     if not faults and FEW_VIEWS not in {fault.fault for fault in report.faults}:
-        sound.append("world   z is up, the floor is at 0, and frames that overlap agree")
+        sound.append("world   z is up, and frames that overlap agree")
     return faults
+
+
+def _only_the_floor(report: Report) -> bool:
+    """Whether z is up, so that levelling only moves the floor, and goals stay valid on the robot."""
+    level = None if report.repair is None else report.repair.level
+    return level is not None and np.array_equal(level[:3, :3], np.eye(3))
 
 
 def _pictures_change(frames: Sequence[Frame]) -> bool:

@@ -9,9 +9,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from cartier.contracts import Detector, Encoder, Recording, Source, SourceDefaults, optional
+from cartier.contracts import Detector, Encoder, Recording, SourceDefaults, optional
 from cartier.errors import InputError
 from cartier.home import Home
+from cartier.live.level import Level
 from cartier.live.recorded import Recorded
 from cartier.live.sent_poses import SentPoses
 from cartier.live.walked import Walked
@@ -44,7 +45,7 @@ class GrowingMap:
 
     def __init__(
         self,
-        source: Source,
+        source: Level,
         detector: Detector,
         spool: Path | None,
         onto: Home | None,
@@ -258,7 +259,7 @@ class GrowingMap:
                 notes += [f"{count} frames left out: {reason}" for reason, count in sorted(left_out.items())]
                 notes += [f"{thinned} frames passed over: depth is taken ten times a second"] if thinned else []
                 notes += [f"poses were corrected by {origin}" for origin in sorted(self._origins)]
-                self._walked.notes = notes
+                self._walked.notes, self._walked.levelled = notes, self._source.levelled
                 made_of = recording if whole and recording is not None else self._walked
                 self._mapper.finish(made_of, self._looked, aligned=self._alignment)
             return self._mapper.home(), self.epoch

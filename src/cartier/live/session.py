@@ -20,6 +20,7 @@ from cartier.errors import InputError, brief
 from cartier.home import Home
 from cartier.live.answers import as_of, check_epoch
 from cartier.live.growing import GrowingMap
+from cartier.live.level import Level
 from cartier.live.queues import Bounded
 from cartier.live.state import LiveState, Tally, planar
 from cartier.mapping.config import MappingConfig
@@ -77,7 +78,7 @@ class Live:
         every: int | None = None,
         align: bool = False,
     ) -> None:
-        self.source = source
+        self.source = source = Level(source, detector, () if onto is None or align else onto.settings["recordings"])
         path = None if spool is None else Path(spool)
         self._map = GrowingMap(source, detector, path, onto, every, indexes, encoder, config, align)
         self._tally, self._waits = Tally(), bool(optional(source, SourceDefaults, "waits"))

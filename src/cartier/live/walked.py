@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from cartier.contracts import Recording, Source, SourceDefaults, optional
+from cartier.mapping.upright import Levelled
 from cartier.types import Camera, Frame, TrueObject
 
 KEPT = 16  # frames by which the domain of the pictures is judged
@@ -27,6 +28,7 @@ class Walked:
         self.name = source.name
         self.truth: Sequence[TrueObject] | None = None if played is None else played.truth
         self.notes: Sequence[str] = ()
+        self.levelled: Levelled | None = None
         self._hash, self._count = hashlib.sha256(b"cartier live 1"), 0
         self._kept: list[Frame] = []
 

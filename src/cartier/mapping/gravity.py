@@ -162,7 +162,7 @@ def _seen_up(poses: Array, surfaces: _Surfaces, documented: Vector | None) -> tu
     Each turn has its guess, and the documented up is one more; the one for which most speaks is taken.
     """
     axes = poses[:, :3, :2].mean(axis=0)
-    guesses = [(guess[0], turn, 1.0) for turn in range(4) if (guess := _up_by(poses, turn)) is not None]
+    guesses = [(by[0], turn, 1.0) for turn in range(4) if (by := _up_by(poses, turn)) is not None]
     if documented is not None:
         guesses.append((documented, quarter_turns(documented @ axes), DOCUMENTED))
     found = []

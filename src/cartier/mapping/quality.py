@@ -10,8 +10,9 @@ import numpy.typing as npt
 
 from cartier.mapping.drift import find_drift
 from cartier.mapping.gravity import LYING, oriented, quarter_turns
+from cartier.mapping.samples import thinned
 from cartier.mapping.sharpness import edge_width_px
-from cartier.types import Camera, Frame
+from cartier.types import Frame
 
 SAMPLES = 64  # frames that are examined, spread evenly over the recording
 SHARP_WIDTH = 640  # px at which edges are judged
@@ -102,10 +103,6 @@ def _sample(frame: Frame) -> _Sample:
     surfaces = np.empty((0, 6), np.float32)
     if frame.depth_m is not None:
         stride = max(1, frame.camera.width // SMALL_DEPTH)
-        depth_m = frame.depth_m[::stride, ::stride]
-        camera = Camera(
-            depth_m.shape[1], depth_m.shape[0], frame.camera.fx / stride, frame.camera.fy / stride,
-            frame.camera.cx / stride, frame.camera.cy / stride,
-        )  # fmt: skip
+        camera, depth_m = thinned(frame.camera, stride), frame.depth_m[::stride, ::stride]
         surfaces = np.hstack(oriented(frame.world_from_camera, camera, depth_m)).astype(np.float32)
     return _Sample(edge_width_px(grey[::thin, ::thin]), surfaces)

@@ -90,20 +90,17 @@ def sample(
     wanted, camera = chosen(len(recording)) if numbers is None else numbers, recording.camera
     faults: dict[int, InputError] = {}
     stride, half, thin = (max(1, camera.width // width) for width in (SMALL_WIDTH, FINE_WIDTH, EDGE_WIDTH))
-    small = Camera(
-        -(-camera.width // stride), -(-camera.height // stride), camera.fx / stride, camera.fy / stride,
-        camera.cx / stride, camera.cy / stride,
-    )  # fmt: skip
+    small = thinned(camera, stride)
     fine_numbers = {wanted[i] for i in np.linspace(0, len(wanted) - 1, FINE_FRAMES).astype(int)} if wanted else set()
     frames, depths, greys, edges, fine = [], [], [], [], []
     for frame in _frames(recording, wanted, faults, progress):
         grey = frame.rgb[..., 1]  # green carries most of the brightness, and a view costs nothing
         frames.append((frame.index, frame.time_s, frame.world_from_camera, frame.depth_m is not None))
         greys.append(_unit(grey[::stride, ::stride]))
-        depths.append(_depth(frame, stride) if frame.depth_m is not None else np.full_like(greys[-1], np.nan))
+        depths.append(thinned_depth(frame, stride) if frame.depth_m is not None else np.full_like(greys[-1], np.nan))
         edges.append(edge_width_px(grey[::thin, ::thin]) if numbers is None else np.nan)
         if frame.index in fine_numbers and frame.depth_m is not None:
-            fine.append((_unit(grey[::half, ::half]), _depth(frame, half)))
+            fine.append((_unit(grey[::half, ::half]), thinned_depth(frame, half)))
     measured = [depth_m[np.isfinite(depth_m)] for depth_m in depths]
     shape = (-1, small.height, small.width)
     return Samples(
@@ -142,7 +139,15 @@ def _unit(grey: npt.NDArray[np.uint8]) -> npt.NDArray[np.float32]:
     return np.asarray(grey.astype(np.float32) / 255, dtype=np.float32)
 
 
-def _depth(frame: Frame, stride: int) -> npt.NDArray[np.float32]:
+def thinned(camera: Camera, stride: int) -> Camera:
+    """The camera of every ``stride``-th pixel of its images."""
+    return Camera(
+        -(-camera.width // stride), -(-camera.height // stride), camera.fx / stride, camera.fy / stride,
+        camera.cx / stride, camera.cy / stride,
+    )  # fmt: skip
+
+
+def thinned_depth(frame: Frame, stride: int) -> npt.NDArray[np.float32]:
     """A frame's depth (m) at every ``stride``-th pixel, NaN wherever it is not positive and finite."""
     assert frame.depth_m is not None
     depth_m = np.array(frame.depth_m[::stride, ::stride], np.float32)

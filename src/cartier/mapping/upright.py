@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -77,14 +77,15 @@ class Levelled:
 UNIT = Camera(1, 1, 1.0, 1.0, 0.0, 0.0)
 
 
-def measured(samples: Samples, level: bool = True) -> Levelled:
-    """How a recording lies whose world should have z up and the floor at z = 0; without ``level``, its images alone."""
-    if not len(samples):
+def measured(poses: Array, camera: Camera, depth_of: Callable[[int], Array | None] | None) -> Levelled:
+    """How a recording lies whose world should have z up and the floor at z = 0.
+
+    ``poses`` (N, 4, 4) of some of its frames; ``depth_of(i)`` gives their depth (h, w) by ``camera``. Without it, only
+    how the images lie is measured.
+    """
+    if not len(poses):
         return Levelled()
-    found = gravity.level(
-        samples.poses, samples.small, (lambda i: samples.depth_m[i]) if samples.has_depth and level else None,
-        documented_up=Z_UP,
-    )  # fmt: skip
+    found = gravity.level(poses, camera, depth_of, documented_up=Z_UP)
     matrix, notes = np.eye(4), list[str]()
     lean_deg = float(np.degrees(np.arccos(np.clip(found.up[2], -1, 1))))
     if lean_deg > 0:
@@ -131,14 +132,13 @@ def upright(
     their home keeps of them) is levelled as they were. Images stay as they are for a detector whose boxes are of them.
     """
     samples = sample(recording, numbers=few(len(recording))) if samples is None else samples
+    kept = np.eye(4) if optional(recording, RecordingDefaults, "level_from_world") is not None else None
     if onto:
-        levels = [Levelled.of_row(row).level_from_world for row in onto if row.get("level")]
-        told = Levelled(levels[0] if levels else np.eye(4))
-        images = measured(replace(samples, poses=told.level_from_world @ samples.poses), level=False)
-        found = replace(images, level_from_world=told.level_from_world)
+        kept = next((Levelled.of_row(row).level_from_world for row in onto if row.get("level")), np.eye(4))
+    if kept is None:
+        found = measured(samples.poses, samples.small, samples.depth_m.__getitem__ if samples.has_depth else None)
     else:
-        by_reader = optional(recording, RecordingDefaults, "level_from_world") is not None
-        found = measured(samples, level=not by_reader)
+        found = replace(measured(kept @ samples.poses, samples.small, None), level_from_world=kept)
     return Upright(recording, replace(found, turns=0) if optional(detector, Detector, "as_recorded") else found)
 
 
