@@ -162,25 +162,26 @@ def _seen_up(poses: Array, surfaces: _Surfaces, documented: Vector | None) -> tu
     Each turn has its guess, and the documented up is one more; the one for which most speaks is taken.
     """
     axes = poses[:, :3, :2].mean(axis=0)
-    guesses = [(by[0], turn, 1.0) for turn in range(4) if (by := _up_by(poses, turn)) is not None]
-    if documented is not None:
-        guesses.append((documented, quarter_turns(documented @ axes), DOCUMENTED))
     found = []
-    for guess, turn, weight in guesses:
-        up, share = _surface_up(surfaces, guess)
-        if share >= MIN_SHARE and quarter_turns(up @ axes) == turn:
-            weight *= 1.0 if turn else USUAL
-            found.append((weight * share * _held(poses, up, turn), turn, up, share))
-    return max(found, key=lambda one: one[0])[1:] if found else None
+    for up, turn in ((by[0], turn) for turn in range(4) if (by := _up_by(poses, turn)) is not None):
+        seen, share = _surface_up(surfaces, up)
+        if share >= MIN_SHARE and quarter_turns(seen @ axes) == turn:
+            found.append((share * _held(poses, seen, turn), turn, seen, share))
+    if documented is not None:  # where it is right and the floor not in view, walls must not take its place
+        up, share = _surface_up(surfaces, documented)
+        turn = quarter_turns(up @ axes)
+        found.append((DOCUMENTED * max(share, MIN_SHARE) * _held(poses, up, turn), turn, up, share))
+    best = max(found, key=lambda one: one[0], default=None)
+    return best[1:] if best is not None and best[3] >= MIN_SHARE else None
 
 
 def _held(poses: Array, up: Vector, turn: int) -> float:
-    """How much speaks for level cameras that turn about up and hardly move along it."""
+    """How much speaks for level cameras that turn about up and hardly move along it, their images upright or turned."""
     up_in_camera = poses[:, :3, :3].transpose(0, 2, 1) @ up
     sway = np.sqrt(np.square(up_in_camera[:, turn % 2]).mean() + up_in_camera[:, 2].var())
     away = poses[:, :3, 3] - poses[:, :3, 3].mean(axis=0)
     rise = (away @ up).std() / max(np.sqrt(np.square(away).sum(axis=1).mean()), LEAST_WAY_M)
-    return float(1 / ((sway + STEADY) ** 2 * (rise + STILL)))
+    return float((1.0 if turn else USUAL) / ((sway + STEADY) ** 2 * (rise + STILL)))
 
 
 def _turn_held(poses: Array) -> int:
