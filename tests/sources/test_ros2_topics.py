@@ -120,7 +120,7 @@ def test_an_empty_domain_is_told_within_a_second() -> None:
 @pytest.mark.parametrize(
     ("form", "says"),
     [
-        ("no_images", "images arrive: is the camera's driver running"),
+        ("no_images", "is published and matches, but nothing comes: does it send?"),
         ("no_tf", "no transforms lead to the camera's frame 'camera_optical'"),
     ],
 )
@@ -139,6 +139,54 @@ def test_a_domain_without_a_camera_is_told() -> None:
     scan = Writer(ours, "/chatter", "std_msgs/msg/String")
     assert "1 topics are published" in first_fault(domain).text
     del scan
+
+
+HEARD = "/camera/color/image_raw", "sensor_msgs/msg/Image"
+
+
+@pytest.mark.parametrize(
+    ("qos", "says"),
+    [
+        ({"partition": "elsewhere"}, "does not match: it is in the DDS partition 'elsewhere'"),
+        ({"ownership": True}, "does not match: its writer claims exclusive ownership"),
+        ({}, "is published and matches, but nothing comes: no data of anybody arrives"),
+    ],
+)
+def test_what_cannot_be_heard_is_told_with_its_cause(qos: dict[str, Any], says: str) -> None:
+    from cyclonedds.core import Policy, Qos
+    from cyclonedds.pub import DataWriter, Publisher
+    from cyclonedds.topic import Topic
+
+    from cartier.dds.topics import participant
+    from cartier.dds.types import topic_type
+
+    domain = any_domain()
+    ours = participant(domain)
+    publisher = Publisher(ours, qos=Qos(Policy.Partition([qos["partition"]])) if "partition" in qos else Qos())
+    told = [Policy.Ownership.Exclusive] if "ownership" in qos else []
+    writer = DataWriter(publisher, Topic(ours, f"rt{HEARD[0]}", topic_type(HEARD[1])), qos=Qos(*told))
+    fault = first_fault(domain, skip=lambda fault: says not in fault.text)
+    assert fault.reason == "silent" and HEARD[0] in fault.text
+    del writer
+
+
+def test_programs_without_topics_are_told() -> None:
+    from cartier.dds.topics import participant
+
+    domain = any_domain()
+    ours = participant(domain)
+    fault = first_fault(domain)
+    assert f"1 programs are in domain {domain}, and publish nothing that is heard" in fault.text
+    del ours
+
+
+def test_pictures_of_other_types_are_named() -> None:
+    from cartier.dds.topics import Writer, participant
+
+    domain = any_domain()
+    cloud = Writer(participant(domain), "/points", "sensor_msgs/msg/PointCloud2")
+    assert "these are not read: /points (sensor_msgs/msg/PointCloud2)" in first_fault(domain).text
+    del cloud
 
 
 def test_images_that_are_lost_are_counted() -> None:

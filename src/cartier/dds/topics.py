@@ -5,9 +5,10 @@ from __future__ import annotations
 import os
 import re
 import threading
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
-from cyclonedds.builtin import BuiltinDataReader, BuiltinTopicDcpsPublication
+from cyclonedds.builtin import BuiltinDataReader, BuiltinTopicDcpsParticipant, BuiltinTopicDcpsPublication
 from cyclonedds.core import DDSException, InstanceState, Policy, Qos, ReadCondition, SampleState, ViewState
 from cyclonedds.domain import DomainParticipant
 from cyclonedds.pub import DataWriter
@@ -16,7 +17,7 @@ from cyclonedds.topic import Topic
 from cyclonedds.util import duration
 
 from cartier.dds.types import as_sample, dds_name, ros_name, store, topic_type
-from cartier.errors import BackendError
+from cartier.errors import BackendError, brief
 
 SOCKET_BYTES = 10_000_000  # an image of 1280x720 comes in 2,100 pieces at once
 EPROSIMA = "1.15"  # vendor id: type information of Fast DDS 3 (Kilted) describes types that cyclonedds cannot match
@@ -28,6 +29,7 @@ RMEM_MAX = "/proc/sys/net/core/rmem_max"
 MOST_WRITERS = 4096
 BLOCK_S = 0.1  # how long a writer may wait for a slow listener
 KEPT_LATCHED = 100  # messages of a latched topic that those who come later get
+HASH = re.compile(rb"RIHS01_[0-9a-f]{64}")
 NAME = re.compile(r"rt(/[A-Za-z0-9_~]+)+", re.ASCII)
 URI = "CYCLONEDDS_URI"
 _environment = threading.Lock()
@@ -74,18 +76,54 @@ def socket_limit() -> int | None:
 
 
 class Publishers:
-    """Who publishes what in a domain now."""
+    """Who is in a domain, and publishes what, now."""
 
     def __init__(self, participant: Any) -> None:
+        self._ours = str(participant.guid)
+        self._programs = BuiltinDataReader(participant, BuiltinTopicDcpsParticipant)
+        self._there = ReadCondition(self._programs, SampleState.Any | ViewState.Any | InstanceState.Alive)
         self._reader = BuiltinDataReader(participant, BuiltinTopicDcpsPublication)
         self._alive = ReadCondition(self._reader, SampleState.Any | ViewState.Any | InstanceState.Alive)
+
+    def programs(self) -> int:
+        """How many other participants there are; a program has one, seldom more."""
+        found = self._programs.read(MOST_WRITERS, self._there)
+        return sum(each.sample_info.valid_data and str(each.key) != self._ours for each in found)
+
+    def foreign(self) -> list[str]:
+        """The DDS names of topics whose types are none of ROS 2."""
+        return sorted({str(w.topic_name) for w in self._writers() if not ros_name(str(w.type_name))})
+
+    def obstacles(self, name: str, kind: str) -> list[str]:
+        """Why writers of a ROS topic of this type cannot be heard, as far as they say it themselves."""
+        found = dict[str, None]()
+        for writer in self._writers():
+            qos = writer.qos
+            if str(writer.topic_name) != f"rt{name}":
+                continue
+            if (other := ros_name(str(writer.type_name))) != kind:
+                found[f"a second program publishes it as {brief(other or str(writer.type_name), 60)}"] = None
+                continue
+            told = qos[Policy.Userdata].data if Policy.Userdata in qos else b""
+            if (theirs := HASH.search(told)) and theirs[0] != store().hash_rihs01(kind).encode():
+                found[f"its {kind} has other fields than ours: another version of the message"] = None
+            if Policy.Partition in qos and qos[Policy.Partition].partitions:
+                found[f"it is in the DDS partition {brief(', '.join(qos[Policy.Partition].partitions), 60)!r}"] = None
+            if Policy.Ownership in qos and qos[Policy.Ownership] != Policy.Ownership.Shared:
+                found["its writer claims exclusive ownership"] = None
+        return list(found)
+
+    def _writers(self) -> Iterator[Any]:
+        for writer in self._reader.read(MOST_WRITERS, self._alive):
+            if writer.sample_info.valid_data and NAME.fullmatch(str(writer.topic_name)):
+                yield writer
 
     def offers(self) -> dict[str, Offer]:
         """The topics of ROS 2 by name. Of several writers the least is said, so that all of them can be heard."""
         found: dict[str, Offer] = {}
-        for writer in self._reader.read(MOST_WRITERS, self._alive):
+        for writer in self._writers():
             name, kind = str(writer.topic_name), ros_name(str(writer.type_name))
-            if not (writer.sample_info.valid_data and kind and NAME.fullmatch(name) and len(name) <= 256):
+            if not kind or len(name) > 256:
                 continue
             reliable = writer.qos[Policy.Reliability] != Policy.Reliability.BestEffort
             latched = writer.qos[Policy.Durability] != Policy.Durability.Volatile
@@ -109,6 +147,8 @@ class Reader:
 
     def __init__(self, participant: Any, offer: Offer, depth: int) -> None:
         self.offer = offer
+        self.count = 0
+        """How many messages came."""
         qos = Qos(
             _reliability(offer.reliable),
             Policy.Durability.TransientLocal if offer.latched else Policy.Durability.Volatile,
@@ -126,7 +166,13 @@ class Reader:
             samples = self._reader.take(most)
         except DDSException as error:
             raise BackendError(f"DDS cannot read {self.offer.name}: {error}") from error
-        return [sample.data for sample in samples if sample.sample_info.valid_data]
+        taken = [sample.data for sample in samples if sample.sample_info.valid_data]
+        self.count += len(taken)
+        return taken
+
+    def writers(self) -> int:
+        """How many writers it matches."""
+        return len(self._reader.get_matched_publications())
 
 
 class Writer:

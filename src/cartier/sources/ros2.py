@@ -26,12 +26,13 @@ from cartier.sources.common.ros_frames import RosFrames, RosOptions
 from cartier.streams import Event, Fault
 
 if TYPE_CHECKING:
-    from cartier.dds.topics import Offer, Reader
+    from cartier.dds.topics import Offer, Publishers, Reader
 
 EXTRA = "ros"
 POLL_S, FIND_S = 0.004, 0.25  # how often messages are taken, and topics looked for
 IMAGES, OTHERS = 30, 100  # messages that wait: a second of images at 30 Hz
 TF, TRANSFORM = ("/tf", "/tf_static"), TRANSFORMS[0]
+NEEDED = (IMAGE, COMPRESSED, TRANSFORM, ODOMETRY, POSE)  # topics from which something must come
 
 
 def make(
@@ -71,6 +72,7 @@ class Ros2Topics:
         self._offers: dict[str, Offer] = {}
         self._readers: dict[str, Reader] = {}
         self._gaps = Gaps()
+        self._publishers: Publishers | None = None
 
     @property
     def notes(self) -> Sequence[str]:
@@ -85,7 +87,7 @@ class Ros2Topics:
         from cartier.dds.topics import Publishers, participant
 
         ours = participant(self._domain)
-        publishers = Publishers(ours)
+        publishers = self._publishers = Publishers(ours)
         told_s, found_s = time.monotonic(), float("-inf")
         try:
             while not self._closed.is_set():
@@ -101,7 +103,7 @@ class Ros2Topics:
                 if not heard:
                     self._closed.wait(POLL_S)
         finally:
-            self._readers = {}
+            self._readers, self._publishers = {}, None
             del publishers, ours
 
     def close(self) -> None:
@@ -157,22 +159,67 @@ class Ros2Topics:
 
     def _why_silent(self) -> str:
         where = f"in domain {self._domain}"
-        if not self._offers:
+        publishers, offers = self._publishers, self._offers
+        if publishers is None or (not offers and not publishers.programs()):
             return (
                 f"nobody publishes {where}: is the robot on, is its ROS_DOMAIN_ID {self._domain}, and do the two "
-                "machines share a network that lets multicast through?"
+                "machines share a network that lets multicast through? Zenoh is not DDS, and is not heard"
             )
-        images = sorted(offer.name for offer in self._offers.values() if offer.kind in (IMAGE, COMPRESSED))
+        if not offers:
+            foreign = publishers.foreign()
+            what = (
+                f"topics of types that are none of ROS 2: {', '.join(foreign)}" if foreign else "nothing that is heard"
+            )
+            return brief(
+                f"{publishers.programs()} programs are {where}, and publish {what}; is the robot's driver on, and does "
+                "a firewall let UDP through in both directions?", 300,
+            )  # fmt: skip
+        images = sorted(offer.name for offer in offers.values() if offer.kind in (IMAGE, COMPRESSED))
         if not images:
-            return f"{len(self._offers)} topics are published {where}, but none of images: is the camera's driver on?"
+            others = sorted(f"{offer.name} ({offer.kind})" for offer in offers.values() if _shows(offer.kind))
+            there = f"; these are not read: {', '.join(others)}" if others else ": is the camera's driver on?"
+            return brief(f"{len(offers)} topics are published {where}, but none of images{there}", 300)
         for name in (self._options.colour, self._options.depth, self._options.info, self._options.odometry):
-            if name is not None and not any(_is(each, name) for each in self._offers):
+            if name is not None and not any(_is(each, name) for each in offers):
                 return (
                     f"nobody publishes {brief(name, 80)} {where}; the image topics are {brief(', '.join(images), 200)}"
                 )
-        if not any(offer.kind == TRANSFORM for offer in self._offers.values()) and self._options.odometry is None:
+        if (unheard := self._unheard()) is not None:
+            return unheard
+        if not any(offer.kind == TRANSFORM for offer in offers.values()) and self._options.odometry is None:
             return f"nobody publishes /tf {where}: is the robot's own driver on, or --odometry TOPIC the pose?"
         return brief(self._frames.why_silent(), 300)
+
+    def _unheard(self) -> str | None:
+        """Which topic that is wanted brings nothing, though it is published, and why."""
+        assert self._publishers is not None
+        readers = [reader for reader in self._readers.values() if reader.offer.kind in NEEDED]
+        pictures = any(reader.count for reader in readers if reader.offer.kind in (IMAGE, COMPRESSED))
+        if self._frames.choice is None and pictures:  # another camera may be idle
+            readers = [reader for reader in readers if reader.offer.kind not in (IMAGE, COMPRESSED)]
+        dumb = [reader for reader in readers if not reader.count]
+        for reader in dumb:
+            name, kind = reader.offer.name, reader.offer.kind
+            if not reader.writers():
+                why = "; ".join(self._publishers.obstacles(name, kind)) or "its quality of service is none that we know"
+                return brief(f"{name} is published, and does not match: {why}", 300)
+        silent = [reader.offer.name for reader in dumb if reader.offer.kind != TRANSFORM]  # of /tf the frames tell more
+        if not silent:
+            return None
+        name = silent[0]
+        if any(reader.count for reader in self._readers.values()):
+            lost = f"does it send? If so, its large messages are lost on the way: {_wider()}, or mend the network's MTU"
+        else:
+            lost = (
+                "no data of anybody arrives. Is the driver paused, does a firewall drop UDP, or is the robot in a "
+                "container or of another user, with shared memory (FASTDDS_BUILTIN_TRANSPORTS=UDPv4 on the robot)?"
+            )
+        return brief(f"{name} is published and matches, but nothing comes: {lost}", 400)
+
+
+def _shows(kind: str) -> bool:
+    """Whether a type that is not read holds pictures or depth, by its name."""
+    return any(word in kind.lower() for word in ("image", "packet", "pointcloud", "video", "depth"))
 
 
 def _is(name: str, given: str | None) -> bool:
