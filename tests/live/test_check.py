@@ -11,10 +11,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 from cartier.cli import app
 from cartier.doctor import FAULTS
+from cartier.doctor.explanation import explained
+from cartier.doctor.sampling import sample
 from cartier.doctor.stream_check import DRIVER_MENDS, KEPT, check_stream
 from cartier.recordings.folder import save
 from cartier.streams import Event, Fault, Stamped
@@ -63,6 +66,13 @@ def moved(pose: np.ndarray, by: np.ndarray) -> np.ndarray:
     return out
 
 
+def with_far(depth_m: np.ndarray) -> np.ndarray:
+    """Depth with a corner that holds no reading, sent as 10 m."""
+    out = depth_m.copy()
+    out[: len(out) // 3, : out.shape[1] // 3] = 10.0
+    return out
+
+
 def some(kind: str, lost: int, count: int) -> Iterator[Event]:
     yield from frames()
     yield from (Fault(kind, "the test says so", lost) for _ in range(count))
@@ -106,6 +116,23 @@ SEEDED: dict[str, tuple[Callable[[], Iterator[Event]], str]] = {
         ),
         "pose_jump",
     ),
+    "a short leap": (
+        lambda: frames(
+            lambda i, f: replace(
+                f, depth_m=None, world_from_camera=moved(f.world_from_camera, np.array([0, 2.0 * (i > 5), 0]))
+            )
+        ),
+        "pose_jump",
+    ),
+    "a lens cap": (lambda: frames(lambda i, f: replace(f, rgb=f.rgb // 60)), "black"),
+    "a picture that stays": (lambda: frames(lambda i, f: replace(f, rgb=studio()[0].rgb)), "frozen"),
+    "red and blue swapped": (lambda: frames(lambda i, f: replace(f, rgb=f.rgb[..., ::-1].copy())), "colours_swapped"),
+    "colour upside down": (lambda: frames(lambda i, f: replace(f, rgb=f.rgb[::-1].copy())), "turned_pictures"),
+    "colour mirrored": (lambda: frames(lambda i, f: replace(f, rgb=f.rgb[:, ::-1].copy())), "turned_pictures"),
+    "infrared as colour": (
+        lambda: frames(lambda i, f: replace(f, rgb=np.repeat(f.rgb[..., 1:2], 3, axis=2))), "grey",
+    ),
+    "no reading is 10 m": (lambda: frames(lambda i, f: replace(f, depth_m=with_far(f.depth_m))), "no_reading_far"),
     "half without transforms": (lambda: some("no_pose", FRAMES, 1), "no_pose"),
     "two parents": (lambda: some("two_parents", 0, 1), "two_parents"),
     "a clock that jumps": (lambda: some("clock", 1, 1), "clock"),
@@ -116,6 +143,20 @@ SEEDED: dict[str, tuple[Callable[[], Iterator[Event]], str]] = {
 def test_a_seeded_fault_is_named(name: str) -> None:
     make, fault = SEEDED[name]
     assert fault in told(make())
+
+
+@pytest.mark.parametrize(
+    ("mount", "says"),
+    [
+        (Rotation.from_euler("y", 12, degrees=True).as_matrix(), "yaw: a mount that is turned by"),
+        (Rotation.from_euler("x", 12, degrees=True).as_matrix(), "pitch: a mount that is turned by"),
+    ],
+)
+def test_a_contradiction_is_explained(mount: np.ndarray, says: str) -> None:
+    turn = np.eye(4)
+    turn[:3, :3] = mount
+    assert explained(sample(_Mounted(turn))).startswith(says)
+    assert not explained(sample(_Mounted(np.eye(4))))
 
 
 def test_a_fault_of_a_driver_is_mended_at_the_driver() -> None:
@@ -168,6 +209,25 @@ def test_the_command_prints_and_writes_nothing(tmp_path: Path) -> None:
     assert "no_depth" in {fault["fault"] for fault in json.loads(result.stdout)["faults"]}
     assert sorted(path.name for path in tmp_path.iterdir()) == ["broken", "walk"]
     assert CliRunner().invoke(app, ["live", "--from", f"bag:{broken}"]).exit_code == 1
+
+
+class _Mounted:
+    """The walk by a camera that is turned on the robot."""
+
+    name, truth, notes = "mounted", None, ()
+
+    def __init__(self, turn: np.ndarray) -> None:
+        self.turn, self.camera = turn, studio().camera
+
+    def __len__(self) -> int:
+        return FRAMES
+
+    def __getitem__(self, index: int) -> Frame:
+        frame = studio()[index]
+        return replace(frame, world_from_camera=frame.world_from_camera @ self.turn)
+
+    def fingerprint(self) -> str:
+        return "mounted"
 
 
 class _Without:

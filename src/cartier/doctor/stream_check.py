@@ -16,6 +16,10 @@ import numpy as np
 from cartier.contracts import Source, SourceDefaults, optional
 from cartier.doctor import Fault as DoctorFault
 from cartier.doctor import Report, examine
+from cartier.doctor._consistency import turns_deg
+from cartier.doctor.explanation import explained
+from cartier.doctor.pictures import picture_faults
+from cartier.doctor.sampling import sample
 from cartier.errors import brief, frame_number
 from cartier.streams import REASONS, Fault, Stamped
 from cartier.types import Camera, Frame, TrueObject
@@ -30,7 +34,8 @@ FIELD_OF_VIEW_DEG = (20.0, 140.0)
 OFF_CENTRE, UNEQUAL = 0.2, 0.25  # of the image's side; of the focal lengths
 DEPTH_M = (0.15, 20.0)  # where the median depth of a home lies
 STILL_M, STILL_DEG = 0.02, 1.0
-LEAP_M, FASTEST_M_S = 0.5, 5.0  # what a pose may be off, and how fast a robot of a home drives at most
+LEAP_M, LEAP_DEG = 0.25, 15.0  # what a pose may be off
+FAST_M_S, FAST_DEG_S, TIMES = 1.0, 90.0, 3.0  # a step that is slower is none, nor one that is so often the usual speed
 CHANGED = 0.06  # mean change of the grey values, of 1, that a still camera does not show
 MENDS = {
     "silent": "start the driver, or name its topics",
@@ -110,7 +115,8 @@ class _Watched:
     every: int = 1
     last: Stamped | None = None
     moved: bool = False
-    leaps_m: list[float] = field(default_factory=list)
+    steps: list[tuple[float, float, float]] = field(default_factory=list)
+    """How far the camera moved (m), how far it turned (degrees) and how long that took (s)."""
 
     def add(self, event: Any) -> None:
         if isinstance(event, Stamped):
@@ -121,7 +127,7 @@ class _Watched:
             if len(self.frames) > KEPT:
                 self.frames, self.every = self.frames[::2], self.every * 2
             self.stamps_ns.append(event.stamp_ns)
-            self._leap(event)
+            self._step(event)
             received_s = time.time() - (time.monotonic() - event.received_s)
             self.ages_s.append(received_s - event.stamp_ns / 1e9)
         elif isinstance(event, Fault):
@@ -130,13 +136,26 @@ class _Watched:
             self.left_out[event.reason] += event.frames
             self.texts.setdefault(event.reason, event.text)
 
-    def _leap(self, event: Stamped) -> None:
+    def _step(self, event: Stamped) -> None:
         if self.last is not None:
-            way = event.frame.world_from_camera[:3, 3] - self.last.frame.world_from_camera[:3, 3]
-            way_m, took_s = float(np.linalg.norm(way)), (event.stamp_ns - self.last.stamp_ns) / 1e9
-            if way_m > LEAP_M + FASTEST_M_S * max(took_s, 0.0):
-                self.leaps_m.append(way_m)
+            a, b = self.last.frame.world_from_camera, event.frame.world_from_camera
+            took_s = max((event.stamp_ns - self.last.stamp_ns) / 1e9, 1e-3)
+            self.steps.append(
+                (float(np.linalg.norm(b[:3, 3] - a[:3, 3])), float(turns_deg(a[:3, :3].T @ b[:3, :3])), took_s)
+            )
         self.last = event
+
+    def leaps(self) -> list[tuple[float, float]]:
+        """Steps (m, degrees) that no robot makes which moves as this one does otherwise."""
+        if not self.steps:
+            return []
+        way_m, turn_deg, took_s = np.array(self.steps).T
+        fast_m_s, fast_deg_s = (
+            max(TIMES * float(np.median(moved / took_s)), least)
+            for moved, least in ((way_m, FAST_M_S), (turn_deg, FAST_DEG_S))
+        )
+        far = (way_m > LEAP_M + fast_m_s * took_s) | (turn_deg > LEAP_DEG + fast_deg_s * took_s)
+        return list(zip(way_m[far].tolist(), turn_deg[far].tolist(), strict=True))
 
 
 class _Kept:
@@ -195,6 +214,11 @@ def check_stream(
         return StreamReport(source.name, took_s, 0, (), tuple(faults))
     sound, notes = list[str](), [brief(note, 300) for note in optional(source, SourceDefaults, "notes")]
     played = optional(source, SourceDefaults, "recording") is not None
+    pictures = list(picture_faults(watched.frames))
+    faults += pictures
+    sound += (
+        [] if pictures else ["pictures  in colour, as bright as they should be, and their edges on those of the depth"]
+    )
     for check in (_rate, _age, _lens, _depth):
         fault, line = check(watched)
         if fault is not None and check is _rate and played:  # a recording waits for nobody
@@ -289,8 +313,11 @@ def _examined(source: Source, watched: _Watched, sound: list[str], notes: list[s
         if fault.fault not in (FEW_VIEWS, "no_depth", *corrected)
     ]
     faults += [fault for fault in report.faults if fault.fault == "no_depth" and watched.frames[0].depth_m is not None]
-    if watched.leaps_m and "pose_jump" not in {fault.fault for fault in faults}:
-        told = f"the pose leaps {len(watched.leaps_m)} times, once by {max(watched.leaps_m):.1f} m, faster than a robot"
+    if (leaps := watched.leaps()) and "pose_jump" not in {fault.fault for fault in faults}:
+        way_m, turn_deg = max(leaps)
+        told = (
+            f"the pose leaps {len(leaps)} times, once by {way_m:.2f} m and {turn_deg:.0f}°, faster than it moves else"
+        )
         faults.append(DoctorFault("pose_jump", told, "wait until the localisation has settled, or map in 'odom'"))
     poses = np.array([frame.world_from_camera for frame in watched.frames])
     way_m = float(np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1).sum())
@@ -308,7 +335,9 @@ def _examined(source: Source, watched: _Watched, sound: list[str], notes: list[s
     notes += [note for note in report.notes if "frames examined" not in note]
     if report.contradictory:
         how = "are depth, images and poses of the same camera, and by one clock?"
-        faults.append(DoctorFault("contradictory", "the depth of frames that overlap disagrees", how))
+        why = explained(sample(_Kept(source, watched.frames)))
+        evidence = f"the depth of frames that overlap disagrees{'; ' if why else ''}{why}"
+        faults.append(DoctorFault("contradictory", evidence, how))
     if not faults and FEW_VIEWS not in {fault.fault for fault in report.faults}:
         sound.append("world   z is up, and frames that overlap agree")
     return faults
