@@ -17,8 +17,8 @@ from typer.testing import CliRunner
 from cartier.cli import app
 from cartier.doctor import FAULTS
 from cartier.doctor.explanation import explained
-from cartier.doctor.sampling import sample
 from cartier.doctor.stream_check import DRIVER_MENDS, KEPT, check_stream
+from cartier.mapping.samples import sample
 from cartier.recordings.folder import save
 from cartier.streams import Event, Fault, Stamped
 from cartier.types import Frame

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from cartier.doctor._consistency import FEWEST_PAIRS, Pairs, judge, near_pairs
 from cartier.doctor.checks import tilt
-from cartier.doctor.sampling import Samples
+from cartier.mapping.samples import Samples
 from cartier.recordings.common.poses import interpolated
 from cartier.types import Array, Camera
 

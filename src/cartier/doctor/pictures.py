@@ -24,6 +24,7 @@ AS_GIVEN = Registration(1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 FITS, BETTER = 0.04, 3.0  # real rooms: edges correlate by 0.05 to 0.21 as they should, below 0.04 otherwise
 FAR_SHARE, FAR_ALIKE = 0.03, 0.8  # of the pixels at exactly the farthest depth, in so many of the pictures
 FINE_WIDTH = 320
+CHANGED = 0.06  # mean change of the grey values, of 1, that a still camera does not show
 SIDES: dict[str, Callable[[Array], Array]] = {
     "upside down": lambda grey: grey[::-1],
     "turned by 180°": lambda grey: grey[::-1, ::-1],
@@ -50,6 +51,12 @@ def picture_faults(frames: Sequence[Frame]) -> Iterator[Fault]:
     yield from _colours(small)
     yield from _sides(some)
     yield from _no_reading(some)
+
+
+def pictures_change(frames: Sequence[Frame]) -> bool:
+    """Whether the pictures show that the camera moves."""
+    grey = np.array([frame.rgb[::16, ::16].mean(axis=2) / 255 for frame in frames])
+    return len(grey) > 1 and float(np.abs(grey - np.median(grey, axis=0)).mean(axis=(1, 2)).max()) > CHANGED
 
 
 def _frozen(frames: Sequence[Frame]) -> float:

@@ -18,9 +18,9 @@ from cartier.doctor import Fault as DoctorFault
 from cartier.doctor import Report, examine
 from cartier.doctor._consistency import turns_deg
 from cartier.doctor.explanation import explained
-from cartier.doctor.pictures import picture_faults
-from cartier.doctor.sampling import sample
+from cartier.doctor.pictures import picture_faults, pictures_change
 from cartier.errors import brief, frame_number
+from cartier.mapping.samples import sample
 from cartier.streams import REASONS, Fault, Stamped
 from cartier.types import Camera, Frame, TrueObject
 
@@ -36,7 +36,6 @@ DEPTH_M = (0.15, 20.0)  # where the median depth of a home lies
 STILL_M, STILL_DEG = 0.02, 1.0
 LEAP_M, LEAP_DEG = 0.25, 15.0  # what a pose may be off
 FAST_M_S, FAST_DEG_S, TIMES = 1.0, 90.0, 3.0  # a step that is slower is none, nor one that is so often the usual speed
-CHANGED = 0.06  # mean change of the grey values, of 1, that a still camera does not show
 MENDS = {
     "silent": "start the driver, or name its topics",
     "no_depth": "switch on the driver's synchronisation of depth and colour, and record both at the same rate",
@@ -325,7 +324,7 @@ def _examined(source: Source, watched: _Watched, sound: list[str], notes: list[s
     cosines = (np.trace(turns, axis1=1, axis2=2) - 1) / 2
     turned_deg = float(np.degrees(np.arccos(np.clip(cosines, -1, 1))).sum())
     if way_m < STILL_M and turned_deg < STILL_DEG:
-        if _pictures_change(watched.frames):
+        if pictures_change(watched.frames):
             evidence = "the images change, and the pose of the camera does not"
             how = "publish the robot's motion: the transform from 'odom' to the robot, or --odometry"
             return [*faults, DoctorFault("still_pose", evidence, how)]
@@ -347,8 +346,3 @@ def _only_the_floor(report: Report) -> bool:
     """Whether z is up, so that levelling only moves the floor, and goals stay valid on the robot."""
     level = None if report.repair is None else report.repair.level
     return level is not None and np.array_equal(level[:3, :3], np.eye(3))
-
-
-def _pictures_change(frames: Sequence[Frame]) -> bool:
-    grey = np.array([frame.rgb[::16, ::16].mean(axis=2) / 255 for frame in frames])
-    return len(grey) > 1 and float(np.abs(grey - np.median(grey, axis=0)).mean(axis=(1, 2)).max()) > CHANGED
