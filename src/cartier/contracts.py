@@ -100,6 +100,8 @@ class RecordingDefaults:
     """(4, 4): how the reader levelled the recorded poses (z up, floor at z = 0); None if it did not."""
     levelled: Any = None
     """How its world and images are corrected for a map (``mapping.upright.Levelled``); None as a reader gives it."""
+    detector: Detector | None = None
+    """Gives the detections that the recording itself holds, if they are to be taken."""
     known_registration: tuple[float, float, float] | None = None
     """How the format's published depth lies on its colour, if that is known to be off: zoom, dx and dy in pixels."""
 
@@ -138,6 +140,8 @@ class SourceDefaults:
     """What it estimated or assumed so far, one line each."""
     world_frame: str = "map"
     """The name of the frame of its poses on the robot (REP-105)."""
+    detector: Detector | None = None
+    """Stands for the detector on the robot, if the frames bring their detections; none other is asked then."""
 
 
 class Detector(Protocol):

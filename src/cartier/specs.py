@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -28,6 +29,19 @@ def detector_for(recording: Recording) -> tuple[str, str]:
     if is_from_world(recording, DOLLHOUSE):
         return DETECTOR, "since this is a recording of the dollhouse, whose objects it knows"
     return PHOTOS, "which knows household objects in photographs"
+
+
+def own_detector(own: Any, chosen: str | None, threshold: float | None) -> Detector | None:
+    """The detector of a recording or stream that brings its detections, with another threshold if one is given.
+
+    Raises InputError if another detector was chosen as well, BackendError for an impossible threshold.
+    """
+    if own is None:
+        return None
+    if chosen is not None:
+        raise InputError(f"--detections takes the place of a detector: leave out --detector {brief(chosen, 60)}")
+    counting: Detector = replace(own, score_model=own.score_model.with_threshold(threshold))
+    return counting
 
 
 def detector(spec: str, recording: Recording, **options: Any) -> Detector:

@@ -10,12 +10,13 @@ import numpy as np
 import numpy.typing as npt
 
 from cartier.errors import check_pose, need
-from cartier.types import Frame
+from cartier.types import Detections, Frame
 
 REASONS: Mapping[str, str] = {
     "silent": "nothing arrives",
     "no_depth": "no depth image within 20 ms of the colour image",
     "no_pose": "no transform covers the image within half a second",
+    "no_detections": "no detections have the image's stamp",
     "too_early": "taken before the first transform that is known",
     "pose_gap": "the transforms have a gap there",
     "pose_jump": "the transforms jump there faster than a robot moves",
@@ -41,6 +42,7 @@ class Stamped:
         frame: The frame, with its pose in the world that is mapped. Its ``index`` counts the frames of the stream.
         stamp_ns: When it was taken, by the stream's clock (ns).
         odom_from_camera: (4, 4) the pose by odometry alone, which is smooth but drifts; None if it is not known.
+        detections: What a detector on the robot found in it; None if the source brings none.
         received_s: When all of it had arrived, by ``time.monotonic`` (s).
     """
 
@@ -48,6 +50,7 @@ class Stamped:
     stamp_ns: int
     odom_from_camera: npt.NDArray[np.float64] | None = None
     received_s: float = field(default_factory=time.monotonic)
+    detections: Detections | None = None
 
     def __post_init__(self) -> None:
         if self.odom_from_camera is not None:

@@ -10,6 +10,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +27,7 @@ from cartier.sources.common.gaps import Gaps
 from cartier.streams import Fault, Stamped
 from cartier.testing import check_source
 from studio import studio
-from synthetic import walk
+from synthetic import THINGS, TrueBoxes, walk
 
 pytest.importorskip("cyclonedds", reason="needs cyclonedds: pip install 'cartier[ros]'")
 ros_camera = pytest.importorskip("ros_camera")
@@ -335,6 +336,35 @@ def test_a_played_bag_is_checked_and_mapped(tmp_path: Path) -> None:
     state = heard(tmp_path / "home", "--from", "ros2", "--detector", "embedded")
     assert state["frames_in"] >= len(studio()) - 2, state
     assert "bed" in Home.load(tmp_path / "home").names
+
+
+@pytest.mark.parametrize("layout", ["humble", "yolo"])
+def test_detections_by_topic_come_with_frames(tmp_path: Path, layout: str) -> None:
+    topic_detections = pytest.importorskip("topic_detections", reason="needs cartier[ros]")
+    from cartier.recordings.ros.bags import Bag
+    from cartier.sources.common.topic_player import TopicPlayer
+
+    short, eyes, domain = replace(WALK, poses=WALK.poses[:6]), TrueBoxes(THINGS), any_domain()
+    topic_detections.write(tmp_path / "bag", short, eyes, layout)
+    player = TopicPlayer(Bag(tmp_path / "bag"), domain, 1.0)
+    playing = threading.Thread(target=lambda: player.wait() and player.play())
+    playing.start()
+    try:
+        frames = some_frames(domain, len(short.poses) - 1, detections=topic_detections.TOPIC)
+    finally:
+        player.close()
+        playing.join()
+    for each in frames:
+        true = eyes.detect(short[round((each.frame.time_s * 1e9 - topic_detections.START_NS) / 1e8)])
+        assert each.detections is not None and each.detections.labels == true.labels
+        np.testing.assert_allclose(each.detections.boxes_xyxy, true.boxes_xyxy, atol=1e-4)
+
+
+def test_a_topic_without_detections_is_told() -> None:
+    domain = any_domain()
+    with peer(sys.executable, CAMERA, domain, "raw", 400):
+        says = first_fault(domain, lambda fault: "no detections can come" not in fault.text, detections="/tf").text
+    assert "it holds tf2_msgs/msg/TFMessage; topics of detections: none" in says
 
 
 def test_a_player_refuses_what_it_cannot_play(tmp_path: Path) -> None:

@@ -160,6 +160,10 @@ def _detector(stream: Source, chosen: str | None, threshold: float | None) -> An
     """The detector that is asked for, or that fits what is played."""
     from cartier.contracts import SourceDefaults, optional
 
+    own = specs.own_detector(optional(stream, SourceDefaults, "detector"), chosen, threshold)
+    if own is not None:
+        say(f"detector: {own.name}")
+        return own
     played = optional(stream, SourceDefaults, "recording")
     if chosen is None:
         chosen, why = specs.detector_for(played) if played is not None else (specs.PHOTOS, "for photographs")

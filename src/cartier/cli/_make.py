@@ -13,6 +13,7 @@ import typer
 from cartier import plugins, specs
 from cartier.cli._common import Append, AsJson, Every, Seed, Threshold, duration, progress, say
 from cartier.cli.reader_options import NOTHING, reads_recordings
+from cartier.contracts import RecordingDefaults, optional
 from cartier.errors import InputError
 from cartier.labels import number_of
 
@@ -150,13 +151,14 @@ def map_command(
     names = [name.strip() for name in index.split(",")] if index else None
     make_indexes(names or (), encoder)  # what is missing is said before the work
     source = plugins.open_recording(recording, **reader)
+    own = specs.own_detector(optional(source, RecordingDefaults, "detector"), detector, threshold)
     chosen, why = specs.detector_for(source) if detector is None else (detector, "")
-    detects = specs.detector(chosen, source, threshold=threshold, vocabulary=vocabulary)
+    detects = own or specs.detector(chosen, source, threshold=threshold, vocabulary=vocabulary)
     first = [*source.notes, *(line for line in (domain_warning(detects, source),) if line)]
     for note in first:
         say(note)
     if detector is None:
-        say(f"detector: {chosen}, {why}; --detector takes another")
+        say(f"detector: {chosen}, {why}; --detector takes another" if own is None else f"detector: {own.name}")
     unfinished = output.parent / f".{output.name}.unfinished.jsonl"
     with locked(output, wait_s=A_DAY_S, told=say):
         onto = Home.load(output) if append else None

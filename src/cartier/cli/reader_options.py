@@ -31,9 +31,12 @@ OPTIONS: dict[str, tuple[str, type, str]] = {
     "frame": ("--frame", str, "The tf frame to map in."),
     "odometry": ("--odometry", str, "The topic (Odometry or PoseStamped) of the poses, instead of /tf."),
     "extrinsic": ("--extrinsic", str, "X,Y,Z,QX,QY,QZ,QW: the pose of the camera in the frame of --odometry."),
-}
+    "detections": (
+        "--detections", str, "The topic of detections (vision_msgs, or yolo_ros's) to take instead of a detector's."
+    ),
+}  # fmt: skip
 """Option, type and help by the parameter of the readers' ``open``."""
-TOPICS = ("colour", "depth", "info", "frame", "odometry", "extrinsic")
+TOPICS = ("colour", "depth", "info", "frame", "odometry", "extrinsic", "detections")
 """Those that name topics and frames, of a bag as of a robot."""
 DOMAIN: dict[str, tuple[str, type, str]] = {
     "domain": ("--domain", int, "The DDS domain of ros2. Default: ROS_DOMAIN_ID, else 0."),

@@ -13,18 +13,11 @@ from cyclonedds.idl import make_idl_struct
 from cyclonedds.idl import types as idl
 
 from cartier.errors import InputError, brief
+from cartier.io.ros_messages import DEFINITIONS
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
 
-VISION = {  # vision_msgs 4 (Humble to Kilted), which rosbags does not have
-    "ObjectHypothesis": "string class_id\nfloat64 score",
-    "ObjectHypothesisWithPose": "vision_msgs/ObjectHypothesis hypothesis\ngeometry_msgs/PoseWithCovariance pose",
-    "BoundingBox3D": "geometry_msgs/Pose center\ngeometry_msgs/Vector3 size",
-    "Detection3D": "std_msgs/Header header\nvision_msgs/ObjectHypothesisWithPose[] results\n"
-    "vision_msgs/BoundingBox3D bbox\nstring id",
-    "Detection3DArray": "std_msgs/Header header\nvision_msgs/Detection3D[] detections",
-}
 CANCEL_GOAL = "action_msgs/srv/CancelGoal_Request"
 WORDS = {"string": str, "bool": bool, "byte": idl.byte, "char": idl.uint8} | {
     f"{kind}{bits}": getattr(idl, f"{kind}{bits}")
@@ -35,12 +28,12 @@ WORDS = {"string": str, "bool": bool, "byte": idl.byte, "char": idl.uint8} | {
 
 @cache
 def store() -> Typestore:
-    """The message types of ROS 2 Jazzy, and those of vision_msgs."""
+    """The message types of ROS 2 Jazzy, and ``DEFINITIONS``."""
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
     types = get_typestore(Stores.ROS2_JAZZY)
-    for name, definition in VISION.items():
-        types.register(get_types_from_msg(definition, f"vision_msgs/msg/{name}"))
+    for name, definition in DEFINITIONS.items():
+        types.register(get_types_from_msg(definition, name))
     (fields,) = get_types_from_msg("action_msgs/msg/GoalInfo goal_info", "a/msg/b").values()
     types.register({CANCEL_GOAL: fields})  # rosbags would file a service's request among the messages
     return types

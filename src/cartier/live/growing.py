@@ -84,6 +84,8 @@ class GrowingMap:
         for number, kept in enumerate(self._recorded.cut_off()):
             self._walked.add(kept.frame, kept.stamp_ns)
             found = kept.detections
+            if found is None and optional(self._source, SourceDefaults, "detector") is not None:
+                continue  # a kill came between it and the detections that it brought
             if found is None:  # the detector had not come to it yet
                 (found,) = self._detect([kept.frame])
                 self._recorded.seen(kept.stamp_ns, found)
@@ -119,17 +121,21 @@ class GrowingMap:
     def record(self, stamped: Stamped) -> None:
         """Write a keyframe to the disk, so that no kill loses it."""
         self._recorded.add(stamped)
+        if stamped.detections is not None:
+            self._recorded.seen(stamped.stamp_ns, stamped.detections)
 
     def look(self, stamped: Stamped) -> int:
         """Detect the objects of a keyframe and take them in; returns how many."""
-        (detections,) = self._detect([stamped.frame])
+        brought = stamped.detections
+        (detections,) = self._detect([stamped.frame]) if brought is None else (brought,)
         with self._lock:
             stamped = self._now(stamped)
             self._mapper.integrate_depth(stamped.frame)  # nothing, unless the poses were corrected meanwhile
             self._mapper.integrate_detections(stamped.frame, detections)
             self._looked += 1
             self.version += 1
-            self._recorded.seen(stamped.stamp_ns, detections)
+            if brought is None:
+                self._recorded.seen(stamped.stamp_ns, detections)
             self._keep(stamped.stamp_ns, stamped.frame, stamped.frame.index)
         return len(detections)
 
@@ -145,9 +151,11 @@ class GrowingMap:
             return 0
         step, total = progress or (lambda done, of: None), 2 * count + len(self._kept)
         for number, (stamp_ns, key) in enumerate(self._postponed, 1):
-            frame = self._recorded.read(stamp_ns).frame
-            (detections,) = self._detect([frame])
-            self._recorded.seen(stamp_ns, detections)
+            kept_frame = self._recorded.read(stamp_ns)
+            frame = kept_frame.frame
+            if kept_frame.detections is None:
+                (detections,) = self._detect([frame])
+                self._recorded.seen(stamp_ns, detections)
             now = self._now(Stamped(frame, stamp_ns)).frame
             self._keep(stamp_ns, now, now.index, key)
             step(number, total)

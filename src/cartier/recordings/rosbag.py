@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from threading import Lock
 from typing import Any
@@ -18,20 +19,21 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cartier.contracts import Recording
-from cartier.errors import InputError, frame_number
+from cartier.contracts import Detector, Recording
+from cartier.errors import InputError, brief, frame_number
 from cartier.mapping import gravity
 from cartier.recordings.common.files import READERS, content_hash
 from cartier.recordings.common.posed import check_floor
 from cartier.recordings.common.poses import rigid
 from cartier.recordings.ros.bags import METADATA, Bag, files_of
+from cartier.recordings.ros.detections import DETECTIONS, SAME_NS, read_detections, topic_detector
 from cartier.recordings.ros.file import Index
 from cartier.recordings.ros.frames import FrameImages, registration
 from cartier.recordings.ros.poses import camera_poses, left_out, transform_tree
 from cartier.recordings.ros.runs import Series, clock_notes, longest_run
 from cartier.recordings.ros.tf import Edge, extrinsic_matrix
 from cartier.recordings.ros.topics import Choice, Stream, choose
-from cartier.types import Camera, Frame, TrueObject
+from cartier.types import Camera, Detections, Frame, TrueObject
 
 EXTRA = "ros"
 DEFAULT_PERIOD_S = 0.1
@@ -52,12 +54,14 @@ def open(
     extrinsic: Sequence[float] | str | None = None,
     up: Sequence[float] | None = None,
     floor_m: float | None = None,
+    detections: str | None = None,
 ) -> Recording:
     """Read a bag.
 
     ``colour``, ``depth``, ``info``: topics. ``frame``: the world frame. ``odometry``: a topic of type Odometry or
     PoseStamped to take the poses from instead of /tf; ``extrinsic``, x,y,z,qx,qy,qz,qw, is the camera's pose in the
-    frame that it moves. ``up`` and ``floor_m`` level a world that is not level.
+    frame that it moves. ``up`` and ``floor_m`` level a world that is not level. ``detections``: a topic of detections
+    that the bag holds; only images that have some are frames then, and the recording's ``detector`` gives them.
     """
     import rosbags  # noqa: F401  # a missing package is reported at once, with its extra
 
@@ -65,13 +69,15 @@ def open(
     choice = choose(bag, colour, depth, info)
     body = None if extrinsic is None else extrinsic_matrix(extrinsic)
     settings = f"rosbag 1 {colour} {depth} {info} {frame} {odometry} {extrinsic} up={up} floor_m={floor_m}"
-    return RosBag(bag, choice, settings, frame, odometry, body, up, floor_m)
+    settings += "" if detections is None else f" {detections}"
+    return RosBag(bag, choice, settings, frame, odometry, body, up, floor_m, detections)
 
 
 class RosBag:
     """A bag's images with poses. The index, stamps and transforms are read when it is opened, images when asked for."""
 
     truth: Sequence[TrueObject] | None = None
+    detector: Detector | None = None
     readers = READERS
 
     def __init__(
@@ -84,6 +90,7 @@ class RosBag:
         body_from_camera: npt.NDArray[np.float64] | None,
         up: Sequence[float] | None,
         floor_m: float | None,
+        detections: str | None,
     ) -> None:
         self.name = bag.path.resolve().name
         self.camera: Camera = choice.colour_lens.camera
@@ -101,12 +108,17 @@ class RosBag:
         keep = np.asarray(np.isfinite(found.matrices).all(axis=(1, 2)))
         partner = self._partners(stamps_s, measured, keep, notes)
         keep &= partner >= 0
+        found_at = None if detections is None else self._detected(detections, stamps_s, keep, notes)
+        keep &= True if found_at is None else found_at >= 0
         notes += [*poses_of.notes, *left_out(found, poses_of.what)]
         if not keep.any():
             raise InputError(f"{bag.path}: no image of {choice.colour.name} can be used: {'; '.join(notes)}")
         self._rows: Index = choice.colour.index[rows][keep]
         self._partner = partner[keep]
         self._times_s = stamps_s[keep]
+        if detections is not None and found_at is not None:
+            self._found_at = found_at[keep]
+            self.detector = topic_detector(detections, partial(self._detections, self._topic(detections)))
         self._images = FrameImages(choice, registration(choice, tree, notes))
         poses = np.array([rigid(pose, str(bag.path)) for pose in found.matrices[keep]])
         if up is not None or floor_m is not None:
@@ -155,6 +167,43 @@ class RosBag:
         if stream is None:
             return None
         return self._images.depth_m(*self._message(stream, stream.index[self._partner[i]]))
+
+    def _topic(self, given: str) -> str:
+        """The name of a topic of detections in the bag."""
+        there = self._bag.topics(*DETECTIONS)
+        name = next((name for name in there if name.lstrip("/") == given.lstrip("/")), None)
+        if name is None:
+            told = f"holds {self._bag.type_of(given)}" if self._bag.type_of(given) else "is not there"
+            raise InputError(
+                f"{self._bag.path}: topic {brief(given, 80)} {told}; topics of detections: {', '.join(there) or 'none'}"
+            )
+        return name
+
+    def _detected(
+        self, given: str, stamps_s: npt.NDArray[np.float64], usable: npt.NDArray[np.bool_], notes: list[str]
+    ) -> Index:
+        """Which message of detections has the stamp of each image, -1 for none."""
+        name = self._topic(given)
+        self._found = self._bag.index(name)
+        times_s = np.array([self._bag.header(name, row).stamp_ns for row in self._found], np.int64) / 1e9
+        if not len(times_s):
+            raise InputError(f"{self._bag.path}: topic {name} has no messages")
+        order = np.argsort(times_s, kind="stable")
+        at = order[np.clip(np.searchsorted(times_s[order], stamps_s - SAME_NS / 1e9), 0, len(order) - 1)]
+        same = np.abs(times_s[at] - stamps_s) <= SAME_NS / 1e9
+        if (usable & ~same).any():
+            lack = f"no message of {name} has their stamp"
+            notes.append(f"{int((usable & ~same).sum())} images left out: {lack}")
+        return np.asarray(np.where(same, at, -1), np.int64)
+
+    def _detections(self, name: str, number: int) -> Detections:
+        """What the bag's own detections say of a frame."""
+        row = self._found[self._found_at[frame_number(number, len(self), self.name)]]
+        where = f"{self._bag.path}: topic {name} at {int(row[0]) / 1e9:.3f} s"
+        with self._reading:
+            data = self._bag.read(row)
+        kind, encoding = self._bag.type_of(name), self._bag.encoding(name)
+        return read_detections(data, kind, encoding, self._choice, number, where)
 
     def _seen(self, stream: Stream, notes: list[str]) -> _Seen:
         """The messages of a stream that hold an image, with their own stamps, else the recorder's."""

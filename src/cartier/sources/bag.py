@@ -14,11 +14,12 @@ from pathlib import Path
 from typing import Any
 
 from cartier import plugins
-from cartier.contracts import Recording, Source
+from cartier.contracts import Detector, Recording, Source
 from cartier.errors import CartierError, InputError
 from cartier.recordings import rosbag
 from cartier.recordings.ros.bags import Bag
 from cartier.recordings.ros.poses import transform_tree
+from cartier.sources.common.detected import WAIT_S
 from cartier.sources.common.messages import bag_messages
 from cartier.sources.common.pacing import QUIET_S, Pace, check_speed
 from cartier.sources.common.player import RecordingPlayer
@@ -63,6 +64,10 @@ class BagPlayer:
         return self._frames.world_frame
 
     @property
+    def detector(self) -> Detector | None:
+        return self._frames.detector
+
+    @property
     def recording(self) -> Recording | None:
         """The bag as its reader gives it; None if that cannot read it."""
         if self._recording is None:
@@ -97,7 +102,7 @@ class BagPlayer:
             yield from self._until_closed(events)
         ended = False
         while not (ended or self._closed.is_set()):  # what still waits is decided: nothing more will come
-            now_s += WORLD_S
+            now_s += max(WORLD_S, WAIT_S)
             events = self._frames.poll(now_s)
             ended = not events
             yield from self._until_closed(events)

@@ -13,10 +13,11 @@ import time
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
-from cartier.contracts import Source
+from cartier.contracts import Detector, Source
 from cartier.dds.domain import domain_of
 from cartier.errors import BackendError, InputError, brief
 from cartier.recordings.ros.bags import COMPRESSED, IMAGE, TRANSFORMS
+from cartier.recordings.ros.detections import DETECTIONS
 from cartier.recordings.ros.images import INFO
 from cartier.recordings.ros.poses import ODOMETRY, POSE
 from cartier.sources.common.gaps import Gaps
@@ -43,6 +44,7 @@ def make(
     frame: str | None = None,
     odometry: str | None = None,
     extrinsic: Sequence[float] | str | None = None,
+    detections: str | None = None,
 ) -> Source:
     """``domain`` is the robot's ROS_DOMAIN_ID, by default this shell's, else 0; the rest is as for ROS bags.
 
@@ -54,9 +56,9 @@ def make(
     from cartier.dds.types import topic_type
 
     number = domain_of(domain, "source ros2")
-    for kind in (IMAGE, COMPRESSED, INFO, TRANSFORM, ODOMETRY, POSE):  # now, and not while the stream is listened to
-        topic_type(kind)
-    return Ros2Topics(number, RosOptions(colour, depth, info, frame, odometry, extrinsic))
+    for kind in (IMAGE, COMPRESSED, INFO, TRANSFORM, ODOMETRY, POSE, *DETECTIONS):
+        topic_type(kind)  # now, and not while the stream is listened to
+    return Ros2Topics(number, RosOptions(colour, depth, info, frame, odometry, extrinsic, detections))
 
 
 class Ros2Topics:
@@ -77,6 +79,10 @@ class Ros2Topics:
     @property
     def notes(self) -> Sequence[str]:
         return self._frames.notes
+
+    @property
+    def detector(self) -> Detector | None:
+        return self._frames.detector
 
     @property
     def world_frame(self) -> str:
@@ -148,6 +154,8 @@ class Ros2Topics:
             return offer.name in TF or not any(name in self._offers for name in TF)
         if offer.kind in (ODOMETRY, POSE):
             return _is(offer.name, self._options.odometry)
+        if offer.kind in DETECTIONS:
+            return _is(offer.name, self._options.detections)
         if offer.kind not in (IMAGE, COMPRESSED, INFO):
             return False
         choice = self._frames.choice
@@ -188,7 +196,20 @@ class Ros2Topics:
             return unheard
         if not any(offer.kind == TRANSFORM for offer in offers.values()) and self._options.odometry is None:
             return f"nobody publishes /tf {where}: is the robot's own driver on, or --odometry TOPIC the pose?"
-        return brief(self._frames.why_silent(), 300)
+        return self._no_detections() or brief(self._frames.why_silent(), 300)
+
+    def _no_detections(self) -> str:
+        """Why no detections can come; empty if they can, or are not wanted."""
+        wanted = self._options.detections
+        if wanted is None:
+            return ""
+        kinds = {offer.name: offer.kind for offer in self._offers.values()}
+        kind = next((kinds[name] for name in kinds if _is(name, wanted)), None)
+        if kind in DETECTIONS:
+            return ""
+        there = ", ".join(sorted(name for name in kinds if kinds[name] in DETECTIONS)) or "none"
+        what = "nobody publishes it" if kind is None else f"it holds {brief(kind, 80)}"
+        return f"no detections can come on {brief(wanted, 80)}: {what}; topics of detections: {brief(there, 200)}"
 
     def _unheard(self) -> str | None:
         """Which topic that is wanted brings nothing, though it is published, and why."""

@@ -105,6 +105,22 @@ def resampled(image: Array, lens: Lens, target: Camera, empty: float) -> Array:
     return np.asarray(out)
 
 
+def straightened(box_xyxy: Array, lens: Lens) -> Array:
+    """The box (4,) that bounds, in ``resampled`` images of the lens's own camera, what a box in its images shows.
+
+    It is empty (all zeros) where that is outside of them.
+    """
+    if lens.model == "pinhole":
+        return box_xyxy
+    row, col = np.divmod(_source(lens, lens.camera), lens.camera.width)
+    x1, y1, x2, y2 = box_xyxy
+    inside = (row >= 0) & (col >= x1 - 0.5) & (col <= x2 - 0.5) & (row >= y1 - 0.5) & (row <= y2 - 0.5)
+    rows, cols = np.flatnonzero(inside.any(1)), np.flatnonzero(inside.any(0))
+    if not len(rows):
+        return np.zeros(4)
+    return np.array([cols[0], rows[0], cols[-1] + 1, rows[-1] + 1], np.float64)
+
+
 @lru_cache(maxsize=4)
 def _source(lens: Lens, target: Camera) -> Source:
     """(H, W) int32: which pixel of the lens's image each pixel of the target looks at, counted row by row, or -1."""

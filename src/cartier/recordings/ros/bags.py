@@ -13,6 +13,7 @@ import numpy as np
 
 from cartier.errors import InputError, brief
 from cartier.io.files import read_text
+from cartier.io.ros_messages import DEFINITIONS
 from cartier.io.strict_yaml import YamlFault, read_yaml
 from cartier.recordings.common.files import link_notes, names_in
 from cartier.recordings.common.sqlite import SqliteFile
@@ -247,6 +248,8 @@ def _types(encoding: str) -> Typestore:
     for name in TRANSFORMS:
         if name not in store.fielddefs:
             store.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", name))
+    for name, definition in DEFINITIONS.items() if encoding != "ros1" else ():
+        store.register(get_types_from_msg(definition, name))
     return store
 
 

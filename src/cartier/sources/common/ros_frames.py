@@ -11,6 +11,7 @@ import numpy as np
 from cartier.errors import InputError, brief
 from cartier.recordings.common.poses import matrices, rigid
 from cartier.recordings.ros.bags import COMPRESSED, IMAGE, TRANSFORMS, frame_name
+from cartier.recordings.ros.detections import DETECTIONS, TopicDetector, read_detections, topic_detector
 from cartier.recordings.ros.frames import FrameImages, registration
 from cartier.recordings.ros.graphs import GRAPHS, ns_of, read_graph
 from cartier.recordings.ros.images import INFO
@@ -18,13 +19,14 @@ from cartier.recordings.ros.poses import ODOMETRY, POSE
 from cartier.recordings.ros.tf import extrinsic_matrix
 from cartier.recordings.ros.topics import Choice, Messages, choose
 from cartier.sources.common.corrections import Corrections
+from cartier.sources.common.detected import Detected, DetectionPairer
 from cartier.sources.common.messages import FirstMessages, Message
 from cartier.sources.common.pairing import Paired, Pairer
 from cartier.sources.common.transforms import Circle, Lookup, Matrix, TransformBuffer
 from cartier.streams import Event, Fault, Stamped
 from cartier.types import Frame
 
-KINDS = frozenset((IMAGE, COMPRESSED, INFO, *TRANSFORMS, ODOMETRY, POSE, *GRAPHS))
+KINDS = frozenset((IMAGE, COMPRESSED, INFO, *TRANSFORMS, ODOMETRY, POSE, *GRAPHS, *DETECTIONS))
 """The types of messages that are listened to."""
 CHOOSING_S = 1.0  # from the first image on, so that every topic has shown itself
 WORLD_S = 2.0  # how long a frame "map" may take to appear above "odom", once it is known how the camera moves
@@ -38,7 +40,8 @@ class RosOptions:
     """Which topics and frames to take, where those that fit by type and name are not the right ones.
 
     ``colour depth info`` are topics; ``frame`` is the world; ``odometry`` a topic of poses to take instead of /tf, and
-    ``extrinsic``, x,y,z,qx,qy,qz,qw, the camera's pose on what it moves.
+    ``extrinsic``, x,y,z,qx,qy,qz,qw, the camera's pose on what it moves. ``detections`` is the topic of a detector on
+    the robot: frames bring what it found, and others are left out.
     """
 
     colour: str | None = None
@@ -47,6 +50,7 @@ class RosOptions:
     frame: str | None = None
     odometry: str | None = None
     extrinsic: Sequence[float] | str | None = None
+    detections: str | None = None
 
 
 class RosFrames:
@@ -75,6 +79,7 @@ class RosFrames:
         self._count = 0
         self._lack = ""
         self._pairer = Pairer(self._pose, True, self._forget)
+        self._detected = None if options.detections is None else DetectionPairer(options.detections)
         self._corrections = Corrections()
         self._above: tuple[int, Matrix] | None = None  # the transform above odometry, and since when (ns)
         self._body = None if options.extrinsic is None else extrinsic_matrix(options.extrinsic)
@@ -92,6 +97,8 @@ class RosFrames:
                 self._odometry(message, now_s)
             elif message.kind in GRAPHS:
                 self._graph(message)
+            elif message.kind in DETECTIONS:
+                self._detections(message)
             elif self.choice is None:
                 self._look(message, now_s)
             else:
@@ -112,13 +119,23 @@ class RosFrames:
         if self.choice is not None and self._found_world(now_s):
             events += self._moved_into_map()
             before = self._pairer.between
-            for each in self._pairer.poll(now_s):
-                events += [each] if isinstance(each, Fault) else [*self._jumped(each.stamp_ns), self._frame(each)]
+            paired = self._pairer.poll(now_s)
+            for each in paired if self._detected is None else self._detected.poll(paired, now_s):
+                if isinstance(each, Fault):
+                    events.append(each)
+                    continue
+                image, found = each if isinstance(each, Detected) else (each, None)
+                events += [*self._jumped(image.stamp_ns), self._frame(image, found)]
             if not before and self._pairer.between:
                 self.notes.append(
                     "depth comes at a lower rate: colour images between two of its images are passed over"
                 )
         return events
+
+    @property
+    def detector(self) -> TopicDetector | None:
+        """Stands for the detector on the robot, if its detections are taken."""
+        return None if self.options.detections is None else topic_detector(self.options.detections)
 
     @property
     def world_frame(self) -> str:
@@ -143,7 +160,8 @@ class RosFrames:
             return (
                 f"no transforms lead to the camera's frame {self.choice.colour.frame!r}: is its driver's /tf_static on?"
             )
-        return "images arrive, but none has depth and a pose"
+        also = "" if self.options.detections is None else f", or none has detections of {self.options.detections}"
+        return f"images arrive, but none has depth and a pose{also}"
 
     def _is_colour(self, message: Message) -> bool:
         return self.choice is not None and message.topic == self.choice.colour.name
@@ -236,8 +254,15 @@ class RosFrames:
         update = self._corrections.by_graph(told, message.topic, bodies)
         self._events += [] if update is None else [update]
 
+    def _detections(self, message: Message) -> None:
+        wanted = self.options.detections
+        if self._detected is not None and wanted is not None and message.topic.lstrip("/") == wanted.lstrip("/"):
+            self._detected.add(message.header().stamp_ns, message)
+
     def _forget(self) -> None:
         """The clock jumped."""
+        if self._detected is not None:
+            self._detected.clear()
         self.transforms.forget_moving()
         self._corrections, self._above = Corrections(), None
 
@@ -313,7 +338,7 @@ class RosFrames:
         assert self.choice is not None and self._world is not None
         return self.transforms.lookup(self._world, self.choice.colour.frame, stamp_ns / 1e9)
 
-    def _frame(self, paired: Paired) -> Event:
+    def _frame(self, paired: Paired, found: Message | None) -> Event:
         assert self.choice is not None
         if self._images is None:  # the transforms are known by now
             self._images = FrameImages(self.choice, registration(self.choice, self.transforms, self.notes))
@@ -327,9 +352,13 @@ class RosFrames:
                 world_from_camera=rigid(paired.world_from_camera, where),
                 camera=self._images.camera,
             )
+            detections = None if found is None else read_detections(
+                found.data, found.kind, found.encoding, self.choice, frame.index, f"a message of {found.topic}"
+            )  # fmt: skip
         except InputError as error:
             return Fault("unreadable", brief(error, 300), 1)
         self._count += 1
         self._corrections.sent(paired.stamp_ns, frame.world_from_camera)
         odometry = self.transforms.lookup("odom", self.choice.colour.frame, paired.stamp_ns / 1e9).matrix
-        return Stamped(frame, paired.stamp_ns, None if odometry is None else np.asarray(odometry))
+        seen_from = None if odometry is None else np.asarray(odometry)
+        return Stamped(frame, paired.stamp_ns, seen_from, detections=detections)
