@@ -24,6 +24,7 @@ LONG_FILES = {
     "serving/operations.py": "the operations of all surfaces",
     "pipeline.py": "map_home and ask, of which half is documentation",
     "mapping/gravity.py": "how a recording lies: up, floor and turn are one measurement",
+    "sources/common/ros_frames.py": "one class: what each kind of message on a robot means for the next frame",
     "contracts.py": "the interfaces of all eight kinds of backend, of which half is documentation",
 }
 LONG_FUNCTIONS = {
