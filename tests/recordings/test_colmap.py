@@ -238,6 +238,31 @@ def test_nerfstudios_own_file_says_more(tmp_path: Path) -> None:
         plugins.open_recording(tmp_path / "a")
 
 
+@pytest.mark.parametrize("points", ["none", "empty", "some", "before a remark", "numbers in names"])
+def test_points_lines_may_be_missing(tmp_path: Path, points: str) -> None:
+    write_colmap(room(), tmp_path / "a", False)
+    path = tmp_path / "a/sparse/0/images.txt"
+    images = [line for line in path.read_text().splitlines() if line.endswith(".png")]
+    after = {"empty": [""], "some": ["1.5 2.5 -1 3.5 4.5 17 1 2 9 4 5 6"], "before a remark": ["# 1 2 3"]}.get(
+        points, []
+    )
+    if points == "numbers in names":
+        for file in (tmp_path / "a/images").iterdir():
+            file.rename(file.with_name(f"cam 1 {file.stem[-1]}"))
+        images = [line.replace("frame_0000", "cam 1 ").removesuffix(".png") for line in images]
+    path.write_text("\n".join(row for image in images for row in (image, *after)) + "\n")
+    assert len(opened(tmp_path / "a")) == len(images) == 4
+
+
+@pytest.mark.parametrize("prefix", ["C:\\scan\\images\\", "/home/me/scan/images/", "/home/me/scan/"])
+def test_absolute_names(tmp_path: Path, prefix: str) -> None:
+    write_colmap(room(), tmp_path / "a", False)
+    path = tmp_path / "a/sparse/0/images.txt"
+    path.write_text(path.read_text().replace("frame_", f"{prefix}frame_"))
+    found = opened(tmp_path / "a")
+    assert len(found) == 4 and any("images.txt has absolute paths, such as" in note for note in found.notes)
+
+
 def model(name: str, change: Callable[[bytes], bytes]) -> Callable[[Path], object]:
     def apply(root: Path) -> None:
         path = root / "sparse/0" / name

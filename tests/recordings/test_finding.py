@@ -170,3 +170,44 @@ def test_a_home_is_said_to_be_one(tmp_path: Path) -> None:
         InputError, match="it is a home that was mapped already: 'cartier show' and 'cartier ask' take it"
     ):
         plugins.open_recording(tmp_path)
+
+
+UNREAD = {  # the files of a layout that is not read, and what is said of it
+    "one split": (["transforms_train.json", "train/r_0.png"], "'cp transforms_train.json transforms.json'"),
+    "splits": (
+        ["transforms_test.json", "transforms_train.json", "train/0.png"],
+        r"in their folder, jq -s .* transforms_test\.json transforms_train\.json > transforms\.json",
+    ),
+    "scannet": (["scene0000_00.sens", "scene0000_00.txt"], "scene0000_00.sens, ScanNet's packed scan: unpack it with"),
+    "arkitscenes": (
+        ["lowres_wide.traj", "lowres_wide/41_1.0.png", "lowres_depth/41_1.0.png"],
+        r"lowres_wide\.traj, the poses of ARKitScenes, in a layout of their own: write them as transforms\.json",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", UNREAD)
+@pytest.mark.parametrize("packed", [False, True])
+def test_layouts_with_poses_are_not_called_without(tmp_path: Path, name: str, packed: bool) -> None:
+    files, says = UNREAD[name]
+    for file in files:
+        (tmp_path / "scan" / file).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / "scan" / file).write_text("{}")
+    if packed:
+        pack(tmp_path / "scan", tmp_path / "scan.zip")
+    with pytest.raises(InputError, match=says) as caught:
+        plugins.open_recording(tmp_path / ("scan.zip" if packed else "scan"))
+    assert "no camera poses" not in str(caught.value) and "\n" not in str(caught.value)
+    if name != "splits":
+        with pytest.raises(InputError, match=f"it is {says}" if name != "one split" else says):
+            plugins.open_recording(tmp_path / "scan" / files[0])
+
+
+def test_splits_merged_as_told_are_read(tmp_path: Path) -> None:
+    LAYOUTS["nerfstudio"](tmp_path / "a")
+    (tmp_path / "a/transforms.json").rename(tmp_path / "a/transforms_train.json")
+    with pytest.raises(InputError) as caught:
+        plugins.open_recording(tmp_path / "a")
+    command = str(caught.value).split("'")[-2]
+    subprocess.run(command, shell=True, check=True, cwd=tmp_path / "a")
+    assert len(plugins.open_recording(tmp_path / "a")) == 4

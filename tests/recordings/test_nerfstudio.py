@@ -80,6 +80,37 @@ def test_frames_are_in_the_order_of_their_names_and_missing_images_are_counted(t
         assert np.abs(frame.world_from_camera - room()[i].world_from_camera).max() < 1e-12
 
 
+ELSEWHERE = {
+    "backslashes": lambda name, root: name.replace("/", "\\"),
+    "windows": lambda name, root: "C:\\Users\\me\\scan\\" + name.replace("/", "\\"),
+    "share": lambda name, root: "\\\\server\\scan\\" + name.replace("/", "\\"),
+    "here": lambda name, root: str(root / name),
+    "linux": lambda name, root: f"/home/me/scan/{name}",
+    "no suffix": lambda name, root: f"D:/scan/{name}".removesuffix(".png"),
+}
+
+
+@pytest.mark.parametrize("kind", ELSEWHERE)
+def test_names_written_elsewhere(tmp_path: Path, kind: str) -> None:
+    root = tmp_path / "a"
+    write_nerfstudio(room(), root)
+
+    def elsewhere(head: dict[str, Any]) -> None:
+        for frame in head["frames"]:
+            frame["file_path"] = ELSEWHERE[kind](frame["file_path"], root)
+            frame["depth_file_path"] = ELSEWHERE[kind if kind != "no suffix" else "linux"](
+                frame["depth_file_path"], root
+            )
+
+    edit(root, elsewhere)
+    (root / "images/frame_00002.png").unlink()
+    found = opened(root, **LEVEL)
+    assert len(found) == 3 and found[0].depth_m is not None
+    assert "1 frames left out: their images are missing" in found.notes
+    noted = [note for note in found.notes if note.startswith("transforms.json has absolute paths, such as")]
+    assert bool(noted) == (kind != "backslashes")
+
+
 def test_instant_ngps_habits(tmp_path: Path) -> None:
     """camera_angle_x in place of a focal length, names without a suffix, no sizes."""
     source = room(with_depth=False)

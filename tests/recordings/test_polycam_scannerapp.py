@@ -131,3 +131,18 @@ def test_damage_is_one_clear_line(
     with pytest.raises(InputError, match=fault) as caught:
         plugins.open_recording(tmp_path / "a", format=name)[0]
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("corrected", [False, True])
+@pytest.mark.parametrize("times", [1, 2])
+def test_polycam_without_sizes(tmp_path: Path, corrected: bool, times: int) -> None:
+    """The intrinsics are those of the image, or of the keyframe as it was taken, which says its size."""
+    write_polycam(room(), tmp_path / "a", corrected)
+    c = room().camera.scaled(160 * times, 120 * times)
+    for path in sorted((tmp_path / "a/keyframes").glob("*cameras/*.json")):
+        head = json.loads(path.read_text()) | {"fx": c.fx, "fy": c.fy, "cx": c.cx, "cy": c.cy}
+        del head["width"], head["height"]
+        taken = {"width": c.width, "height": c.height} if path.parent.name == "cameras" and times > 1 else {}
+        path.write_text(json.dumps(head | taken))
+    found = plugins.open_recording(tmp_path / "a")
+    assert found.camera == room().camera and len(found) == 4

@@ -20,7 +20,7 @@ from cartier.contracts import Recording
 from cartier.errors import MAX_SIDE_PX, InputError, brief
 from cartier.geometry import invert
 from cartier.io.files import read_text
-from cartier.recordings.common.files import inside, numbers, relative
+from cartier.recordings.common.files import absolute_notes, inside, numbers, relative
 from cartier.recordings.common.lens import Lens, Model, camera_of, straight
 from cartier.recordings.common.posed import PosedImages, Source, View
 from cartier.recordings.common.poses import USUAL_WAY_M, matrices, unit_quaternions
@@ -60,9 +60,11 @@ KINDS = {
     "FULL_OPENCV": _Kind(2, 8, "plumb_bob"),
     "SIMPLE_RADIAL_FISHEYE": _Kind(1, 1, "equidistant"),
     "RADIAL_FISHEYE": _Kind(1, 2, "equidistant"),
+    "SIMPLE_FISHEYE": _Kind(1, 0, "equidistant"),
+    "FISHEYE": _Kind(2, 0, "equidistant"),
 }
 NUMBERS = {0: "SIMPLE_PINHOLE", 1: "PINHOLE", 2: "SIMPLE_RADIAL", 3: "RADIAL", 4: "OPENCV", 5: "OPENCV_FISHEYE"} | {
-    6: "FULL_OPENCV", 8: "SIMPLE_RADIAL_FISHEYE", 9: "RADIAL_FISHEYE",
+    6: "FULL_OPENCV", 8: "SIMPLE_RADIAL_FISHEYE", 9: "RADIAL_FISHEYE", 14: "SIMPLE_FISHEYE", 15: "FISHEYE",
 }  # fmt: skip
 """Camera models by their number in cameras.bin."""
 
@@ -92,8 +94,7 @@ def open(path: str | Path, up: Sequence[float] | None = None, floor_m: float | N
     lenses = dict(_cameras(folder / f"cameras{suffix}"))
     where = str(folder / f"images{suffix}")
     pictures = sorted(_images(Path(where)), key=lambda image: image.name)
-    names = [inside(image.name, where) for image in pictures]
-    base = next((b for b in (root / "images", root) if any((b / name).is_file() for name in names)), None)
+    base, names = _base(root, pictures, where)
     if base is None:
         named = f"{len(names)} images" + (f", such as {brief(names[0], 60)}" if names else "")
         there = f"none of them is in {root / 'images'}"
@@ -104,6 +105,7 @@ def open(path: str | Path, up: Sequence[float] | None = None, floor_m: float | N
         raise InputError(f"{where}: camera {unknown} is not in cameras{suffix}")
     missing = len(names) - len(kept)
     notes = [f"{missing} images of the model left out: they are missing"] if missing else []
+    notes += absolute_notes((image.name for image in pictures), Path(where).name)
     others = [f"sparse/{n}" for n in range(1, 10) if folder.name == "0" and _pair(folder.parent / str(n))]
     notes += [f"the model has other parts that do not hang together with it: {', '.join(others)}"] if others else []
     notes.append(f"times assumed: {FRAMES_PER_SECOND:g} frames per second, in the order of the file names")
@@ -120,6 +122,16 @@ def open(path: str | Path, up: Sequence[float] | None = None, floor_m: float | N
     files = relative(root, *head, *(view.colour for view in views), points if points.is_file() else None)
     source = Source(root, "colmap 2", views, poses, files, notes, scale_guessed=True)
     return PosedImages(source, up, floor_m)
+
+
+def _base(root: Path, pictures: Sequence[_Image], where: str) -> tuple[Path | None, list[str]]:
+    """The folder that holds images of a model, and their names below it; None if none does."""
+    names = list[str]()
+    for base in (root / "images", root):
+        names = [inside(image.name, where, base) for image in pictures]
+        if any((base / name).is_file() for name in names):
+            return base, names
+    return None, names
 
 
 def _model(root: Path) -> tuple[Path, str] | None:
@@ -187,10 +199,11 @@ def _images(path: Path) -> Iterator[_Image]:
     if path.suffix == ".bin":
         yield from _binary_images(File(path))
         return
-    lines = enumerate(read_text(path, MAX_TEXT_BYTES).splitlines(), 1)
-    for number, line in lines:
+    after_image = False
+    for number, line in enumerate(read_text(path, MAX_TEXT_BYTES).splitlines(), 1):
+        may_be_points, after_image = after_image, False
         words = line.split(maxsplit=9)
-        if not words or words[0].startswith("#"):
+        if not words or words[0].startswith("#") or (may_be_points and _are_points(line)):
             continue
         if len(words) < 10:
             raise InputError(
@@ -198,7 +211,16 @@ def _images(path: Path) -> Iterator[_Image]:
             )
         key, qw, qx, qy, qz, x, y, z, camera = numbers(words[:9], f"{path} line {number}")
         yield _Image(int(key), words[9].strip(), int(camera), (x, y, z, qx, qy, qz, qw))
-        next(lines, None)  # its points, a line that may be empty
+        after_image = True  # its points may follow, or an empty line, or neither
+
+
+def _are_points(line: str) -> bool:
+    """Whether a line holds the points of an image, x y ID of each, rather than the next image, which ends in a name."""
+    words = line.split()
+    try:
+        return len(words) % 3 == 0 and bool([float(word) for word in (*words[:12], words[-1])])
+    except ValueError:
+        return False
 
 
 def _binary_cameras(file: File) -> Iterator[tuple[int, Lens]]:

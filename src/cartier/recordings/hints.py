@@ -6,14 +6,15 @@ Folders are looked into two levels down, archives by their names only, both with
 from __future__ import annotations
 
 import itertools
+import re
 import shlex
 import stat
 import tarfile
 import tempfile
 import zipfile
 from collections import Counter
-from collections.abc import Callable, Iterator
-from pathlib import Path, PurePosixPath
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path, PurePath, PurePosixPath
 
 from cartier.errors import brief
 
@@ -33,6 +34,12 @@ OWN_LAYOUT = (
     "in a layout of their own: write them as transforms.json (nerfstudio) or as the four plain files of the README, or "
     "name a reader of your own, --format ./mine.py (CONTRIBUTING.md)"
 )
+SPLIT = re.compile(r"transforms_(train|val|test|eval)\.json")
+ARKITSCENES = "lowres_wide.traj"
+SENS = (
+    "ScanNet's packed scan: unpack it with ScanNet's own SensReader (reader.py --filename SCAN.sens --output_path OUT "
+    "--export_depth_images --export_color_images --export_poses --export_intrinsics), and give OUT"
+)
 MOST_ENTRIES, MOST_PATHS, MOST_ARCHIVES = 100, 300, 5  # looked at: in a folder, in all, and archives of those
 MOST_NAMES, MOST_TAR_BYTES, MOST_LINK_BYTES = 20_000, 256 << 20, 4096
 MOST_ALIKE, MOST_PARTS = 20, 6  # of an archive's names: with one suffix in one folder, and parts of a name
@@ -50,6 +57,8 @@ def what_else(path: Path, formats: Formats) -> str | None:
             return _archive(path, formats)[0]
         if above:
             return f"but {this}"
+        if (unread := _unread([path])) is not None:
+            return f"it is {unread}"
         kind = next((kind for kind, suffixes in KINDS.items() if path.suffix.lower() in suffixes), None)
         return f"{kind} alone has {NO_POSES}" if kind else None
     below = list(itertools.islice(_below(path), MOST_PATHS))
@@ -61,6 +70,8 @@ def what_else(path: Path, formats: Formats) -> str | None:
     for file, says, is_recording in archives:
         if is_recording:
             return f"it holds {file.relative_to(path)}: {says}"
+    if (unread := _unread(below)) is not None:
+        return f"it holds {unread}"
     for kind, suffixes in KINDS.items():
         shown = next((file for file in below if file.suffix.lower() in suffixes), None)
         if shown is not None:
@@ -71,6 +82,22 @@ def what_else(path: Path, formats: Formats) -> str | None:
     if archives:
         return f"it holds {archives[0][0].relative_to(path)}: {archives[0][1]}"
     return f"but {this}" if above else None
+
+
+def _unread(paths: Sequence[PurePath]) -> str | None:
+    """What files are that hold poses in a layout which cartier does not read, and what to do about it."""
+    if splits := sorted({path.name for path in paths if SPLIT.fullmatch(path.name)}):
+        merge = f"jq -s '.[0] + {{frames: map(.frames) | add}}' {' '.join(splits)} > transforms.json"
+        mend = f"in its folder, 'cp {splits[0]} transforms.json'" if len(splits) == 1 else f"in their folder, {merge}"
+        return (
+            f"{' and '.join(splits)}, parts of a recording in nerfstudio's format, whose frames belong in one: {mend}"
+        )
+    for path in paths:
+        if path.suffix == ".sens":
+            return f"{brief(path.name, 60)}, {SENS}"
+        if path.name == ARKITSCENES:
+            return f"{path.name}, the poses of ARKitScenes, {OWN_LAYOUT}"
+    return None
 
 
 def _below(folder: Path) -> Iterator[Path]:
@@ -112,6 +139,8 @@ def _archive(path: Path, formats: Formats) -> tuple[str, bool]:
         inside, format = found
         give = shlex.quote(str(target / inside))
         return f"a recording ({format}) is in it: unpack it ({unpack}), and give {give}", True
+    if (unread := _unread([PurePosixPath(name) for name in names])) is not None:
+        return f"unpack it ({unpack}); it holds {unread}", False
     pictures = next((name for name in names if PurePosixPath(name).suffix.lower() in (*PICTURES, *VIDEOS)), None)
     seen = f"{len(names)} names" if whole else f"first {len(names)} names"
     if pictures is not None:

@@ -20,7 +20,7 @@ from cartier.errors import MAX_SIDE_PX, InputError, brief
 from cartier.io.files import read_json, read_npy
 from cartier.io.images import image_size
 from cartier.recordings.common.depth import read_exr, valid
-from cartier.recordings.common.files import inside, numbers, relative
+from cartier.recordings.common.files import absolute_notes, inside, numbers, relative
 from cartier.recordings.common.lens import Lens, camera_of, straight
 from cartier.recordings.common.posed import Depths, PosedImages, Source, View, png_depth
 from cartier.recordings.common.poses import GL_FROM_OPTICAL, USUAL_WAY_M, Matrix, lost, pose_numbers, rigid
@@ -60,6 +60,7 @@ def open(path: str | Path, up: Sequence[float] | None = None, floor_m: float | N
             continue
         there.append((_view(root, head, frame, number, colour, place), _pose(frame.get("transform_matrix"), place)))
     notes = [f"{missing} frames left out: their images are missing"] if missing else []
+    notes += absolute_notes((frame.get("file_path") for frame in frames), FILE)
     if not there:
         raise InputError(f"{where} names {len(frames)} frames, but none of their images is there")
     there.sort(key=lambda item: item[0].colour.as_posix())
@@ -123,7 +124,7 @@ def _depth(path: Path, unit_m: float, unit: str) -> Depths:
 
 def _image(root: Path, name: object, where: str) -> Path | None:
     """The image of a ``file_path``, which may lack its suffix; None if there is none."""
-    path = root / inside(name, where)
+    path = root / inside(name, where, root, ("", *SUFFIXES))
     return next((p for p in (path, *(path.with_name(path.name + s) for s in SUFFIXES)) if p.is_file()), None)
 
 
@@ -148,7 +149,7 @@ def _view(root: Path, head: dict[str, Any], frame: dict[str, Any], number: int, 
     # COLMAP's and nerfstudio's pixel (0, 0) is the corner of the top-left pixel, ours is its centre
     cx, cy = _number(fields, "cx", width / 2, where) - 0.5, _number(fields, "cy", height / 2, where) - 0.5
     depth = frame.get(_depth_key([frame]))
-    measured = None if depth is None else root / inside(depth, where)
+    measured = None if depth is None else root / inside(depth, where, root)
     time_s = _number(frame, "time", number / FRAMES_PER_SECOND, where) if "time" in frame else np.nan
     return View(time_s, colour, _lens(camera_of(width, height, (fx, fy, cx, cy), where), fields, where), measured)
 

@@ -91,7 +91,7 @@ def _listing(path: Path) -> tuple[npt.NDArray[np.float64], list[str]]:
             if len(words) != 2:
                 raise InputError(f"{path} line {number}: expected 'time file', got {line[:60]!r}")
             time_s = numbers(words[:1], f"{path} line {number}")[0]
-            rows.append((time_s, inside(words[1].strip(), f"{path} line {number}")))
+            rows.append((time_s, inside(words[1].strip(), f"{path} line {number}", path.parent)))
     if not rows:
         raise InputError(f"{path} names no image")
     check_clock(np.array([time_s for time_s, _ in rows]), str(path))

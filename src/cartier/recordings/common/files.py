@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import re
 from collections.abc import Collection, Iterable, Sequence
 from pathlib import Path, PurePosixPath
 
@@ -16,6 +17,7 @@ from cartier.io.files import check_file, read_text
 READERS = 4
 """Threads that may ask a reader of image files for frames at once: each opens its own files."""
 MAX_TABLE_BYTES = 1 << 26  # a pose takes some 150 bytes: two hours at 60 Hz
+ABSOLUTE = re.compile(r"[/\\]|[A-Za-z]:[/\\]")
 MAX_NUMBER = 1e30  # nanoseconds fit, and squares stay finite
 
 
@@ -59,22 +61,46 @@ def _real(path: Path) -> Path:
     return Path(os.path.realpath(path))  # unlike resolve, it takes links that run in a circle
 
 
-def inside(name: object, where: str) -> str:
-    """A file name relative to a recording's folder. Raises InputError if it leads out; links: ``link_notes``."""
+def inside(name: object, where: str, root: Path, suffixes: Sequence[str] = ("",)) -> str:
+    """A file name relative to a recording's folder. Raises InputError if it leads out; links: ``link_notes``.
+
+    Windows' separators are taken, and an absolute path is taken from the first of its folders that lies in ``root``:
+    recordings are moved, also from machine to machine. ``suffixes`` are those that the name may lack.
+    """
     if not isinstance(name, str) or not _is_name(name):
         raise InputError(f"{where}: {brief(name, 60)!r} is no file name")
-    path = PurePosixPath(name)
-    if path.is_absolute() or ".." in path.parts:
+    path = PurePosixPath(name.replace("\\", "/"))
+    if absolute(name) and ".." not in path.parts:
+        tails = [PurePosixPath(*path.parts[i:]) for i in range(1, len(path.parts))]
+        there = (tail for tail in tails if any(root.joinpath(f"{tail}{suffix}").is_file() for suffix in suffixes))
+        below = (tail for tail in tails[:-1] if root.joinpath(tail.parent).is_dir())  # a file that is missing there
+        path = next(there, None) or next(below, path)
+    if absolute(str(path)) or ".." in path.parts:
         raise InputError(f"{where}: {brief(name, 80)!r} leads out of the recording's folder")
     return path.as_posix()
 
 
 def _is_name(name: str) -> bool:
     try:
-        parts = name.encode().split(b"/")
+        parts = name.replace("\\", "/").encode().split(b"/")
     except UnicodeEncodeError:  # half of a character
         return False
-    return bool(name) and "\0" not in name and "\\" not in name and len(name) < 1000 and max(map(len, parts)) <= 255
+    return bool(name) and "\0" not in name and len(name) < 1000 and max(map(len, parts)) <= 255
+
+
+def absolute(name: object) -> bool:
+    """Whether a name is an absolute path, here or on Windows."""
+    return isinstance(name, str) and ABSOLUTE.match(name) is not None
+
+
+def absolute_notes(names: Iterable[object], file: str) -> list[str]:
+    """What to note of absolute paths, which ``inside`` took from the folder's own files."""
+    first = next((name for name in names if absolute(name)), None)
+    if first is None:
+        return []
+    return [
+        f"{file} has absolute paths, such as {brief(first, 60)!r}: the files of the same names in this folder were read"
+    ]
 
 
 def numbers(words: Sequence[object], where: str, finite: bool = True) -> list[float]:
