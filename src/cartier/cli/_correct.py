@@ -19,6 +19,9 @@ app = typer.Typer()
 Object = Annotated[
     str, typer.Argument(metavar="OBJECT", help="Its id, its name, or its label if it is the only one with it.")
 ]
+ObjectOrRoom = Annotated[
+    str, typer.Argument(metavar="OBJECT_OR_ROOM", help="An object's id or label, a room's name, or room:ID.")
+]
 Who = Annotated[str | None, typer.Option("--who", help="Who makes the correction. Default: the user of this machine.")]
 
 
@@ -81,25 +84,28 @@ def add(
 @app.command()
 def merge(
     home: HomePlace,
-    obj: Object,
-    other: Annotated[str, typer.Argument(metavar="OTHER", help="The object that becomes part of it.")],
+    obj: ObjectOrRoom,
+    other: Annotated[str, typer.Argument(metavar="OTHER", help="The object or room that becomes part of it.")],
     who: Who = None,
 ) -> None:
-    """Say that two objects are one."""
+    """Say that two objects, or two rooms, are one."""
     _correct(home, "merge", obj, other=other, who=who)
 
 
 @app.command(context_settings={"ignore_unknown_options": True})  # -1,2 is a place
 def split(
     home: HomePlace,
-    obj: Object,
+    obj: ObjectOrRoom,
     second: Annotated[
-        str | None, typer.Argument(metavar="[X,Y]", help="A point in the second object. Default: the larger x or y.")
+        str | None,
+        typer.Argument(
+            metavar="[X,Y]", help="A point in the second object (default: larger x or y), or where a room ends."
+        ),
     ] = None,
-    label: Annotated[str, typer.Option(help="What the second object is. Default: what the first is.")] = "",
+    label: Annotated[str, typer.Option(help="What the second object is, or the second room's name.")] = "",
     who: Who = None,
 ) -> None:
-    """Say that an object is two, side by side."""
+    """Say that an object is two, side by side, or that a room is two, divided where you point."""
     _correct(home, "split", obj, name=label, to_xy=numbers(second, 2, "X,Y") or (), who=who)
 
 

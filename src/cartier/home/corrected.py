@@ -11,6 +11,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import cast
 
+from cartier.home import room_changes
 from cartier.home.correction_log import Correction, Subject, in_force, in_words, rules_of
 from cartier.home.object_changes import affirmed, halves, made, merged, moved, relabelled, weighed
 from cartier.route_rules import RouteRule
@@ -57,6 +58,7 @@ def apply(
     work = _Applying(in_force(log), objects, rooms, grid, name, origin)
     for entry in work.log:
         if entry.what in ("rule", "lift"):
+            work.renamed |= {entry.id: {}} if entry.what == "rule" else {}
             continue
         subject = cast(Subject, entry.subject)
         if entry.what == "evidence":
@@ -64,30 +66,14 @@ def apply(
         elif subject.kind == "home":
             work.name = str(entry.name)
         elif subject.kind == "room":
-            work.name_room(entry, subject)
+            work.change_room(entry, subject)
         else:
             work.change(entry, subject)
     return Corrected(
-        work.sorted_objects(), tuple(work.places[room.id] for room in rooms), objects, rooms, tuple(log),
-        tuple(work.notes), tuple(work.made.values()), work.name, name, _rules(work.log, rooms, grid),
-        frozenset(work.factors),
+        work.sorted_objects(), tuple(work.places.values()), objects, rooms, tuple(log), tuple(work.notes),
+        tuple(work.made.values()), work.name, name,
+        tuple(_renamed(rule, work.renamed[rule.id]) for rule in rules_of(work.log)), frozenset(work.factors),
     )  # fmt: skip
-
-
-def _rules(log: Sequence[Correction], rooms: Sequence[Room], grid: OccupancyGrid | None) -> tuple[RouteRule, ...]:
-    """The route rules that people gave; rooms that were renamed since are called by their new names."""
-    names, renamed = {room.id: room.name for room in rooms}, dict[str, dict[str, str]]()
-    for entry in log:
-        if entry.what == "rule":
-            renamed[entry.id] = {}
-        elif entry.what == "name" and entry.subject is not None and entry.subject.kind == "room":
-            number = find_room(entry.subject.position, rooms, grid)
-            if number is not None:
-                for of in renamed.values():
-                    of |= {old: str(entry.name) for old, now in of.items() if now == names[number]}
-                    of[names[number]] = str(entry.name)
-                names[number] = str(entry.name)
-    return tuple(_renamed(rule, renamed[rule.id]) for rule in rules_of(log))
 
 
 def _renamed(rule: RouteRule, names: Mapping[str, str]) -> RouteRule:
@@ -105,9 +91,10 @@ class _Applying:
         self, log: list[Correction], objects: tuple[MapObject, ...], rooms: tuple[Room, ...],
         grid: OccupancyGrid | None, name: str, origin: str,
     ) -> None:  # fmt: skip
-        self.log, self.rooms, self.grid, self.name, self.origin = log, rooms, grid, name, origin
+        self.log, self.grid, self.name, self.origin = log, grid, name, origin
         self.pool, self.objs = ({obj.id: obj for obj in objects} for _ in range(2))
         self.places = {room.id: room for room in rooms}
+        self.renamed = dict[str, dict[str, str]]()  # of each route rule: what rooms are called since it was given
         self.made, self.into, self.notes = dict[int, MapObject](), dict[int, int](), list[str]()
         self.factors = dict[int, tuple[float, str]]()
         self.now_s = max((obj.last_looked_s for obj in objects), default=0.0)
@@ -127,12 +114,53 @@ class _Applying:
         if number is not None and subject.id in (number, *self.pool[number].aliases):
             self.factors[number] = float(entry.factor or 1.0), entry.label or ""
 
-    def name_room(self, entry: Correction, subject: Subject) -> None:
-        number = find_room(subject.position, self.rooms, self.grid)
-        if number is None:
+    def change_room(self, entry: Correction, subject: Subject) -> None:
+        """Name a room, join it with another, or cut it in two."""
+        other = cast(Subject, entry.other)
+        number = self._room_at(subject.position)
+        second = self._room_at(other.position) if entry.what == "merge" else None
+        parts = None
+        if number is not None and entry.what == "split" and self.grid is not None:
+            parts = room_changes.halves(self.places[number].cells, cast(Sequence[float], entry.to_xy), self.grid)
+        if number is None or (entry.what != "name" and second in (None, number) and parts is None):
             self._misfit(entry)
-        else:
-            self.places[number] = replace(self.places[number], name=str(entry.name))
+            return
+        room = self.places[number]
+        if entry.what == "name":
+            self.places[number] = replace(room, name=str(entry.name))
+            self._now_called(room.name, str(entry.name))
+        elif second is not None:
+            gone = self.places.pop(second)
+            self.places[number] = room_changes.joined(room, gone)
+            self._now_called(gone.name, room.name)
+            self._house({second: (number,)})
+        elif parts is not None:
+            made = other.id
+            while made in self.places:
+                made += 1
+            self.places[number] = replace(room, cells=parts[0])
+            self.places[made] = Room(
+                made, room_changes.free_name(other.label, self.places.values()), room.kind, parts[1]
+            )
+            self._house({number: (number, made)})
+
+    def _room_at(self, point: Sequence[float]) -> int | None:
+        return find_room(point, tuple(self.places.values()), self.grid)
+
+    def _now_called(self, old: str, new: str) -> None:
+        """Route rules follow the rooms that they name."""
+        for names in self.renamed.values():
+            names |= {given: new for given, now in names.items() if now == old}
+            names[old] = new
+
+    def _house(self, moves: Mapping[int, tuple[int, ...]]) -> None:
+        """Objects of a room are in that of some others which is nearest to them."""
+        assert self.grid is not None  # there are no rooms without
+        for objects in (self.pool, self.objs):
+            for obj in objects.values():
+                if obj.room in moves:
+                    rooms = [self.places[number] for number in moves[obj.room]]
+                    objects[obj.id] = replace(obj, room=room_changes.in_part(obj, rooms, self.grid))
 
     def change(self, entry: Correction, subject: Subject) -> None:
         if entry.what == "forget":
@@ -150,7 +178,7 @@ class _Applying:
                 obj = replace(merged(obj, self._take(double, number)), labels=obj.labels)
         elif entry.what == "move":
             x, y = cast(tuple[float, float], entry.to_xy)
-            obj = moved(obj, (x, y), obj.room if self.grid is None else find_room((x, y), self.rooms, self.grid))
+            obj = moved(obj, (x, y), obj.room if self.grid is None else self._room_at((x, y)))
         elif entry.what == "merge":
             other = self._found(cast(Subject, entry.other), entry, again=False)
             obj = obj if other is None or other == number else merged(obj, self._take(other, number))
@@ -197,7 +225,7 @@ class _Applying:
         number = subject.id
         while number in self.pool:
             number = max(number, FIRST_MADE) + 1
-        room = find_room(subject.position, self.rooms, self.grid)
+        room = self._room_at(subject.position)
         obj = replace(made(number, subject.label, subject.position, subject.size, self.now_s), room=room)
         self.pool[number] = self.objs[number] = self.made[number] = obj
         return number

@@ -26,6 +26,7 @@ CorrectionKind = Literal[
 ]
 EntryKind = CorrectionKind | Literal["evidence"]
 """What an entry is: a correction of a person, or evidence, which no person gives."""
+OBJECT_OR_ROOM = {"merge": ("object", "room"), "split": ("object", "room")}
 POINTS = {"object": 3, "room": 2, "home": 0}
 """How many coordinates the position of a subject has, by its kind."""
 
@@ -49,7 +50,8 @@ class Correction:
     """One entry of the log.
 
     ``name`` is for "name", ``label`` for "relabel", ``to_xy`` (m) for "move", ``undoes`` (an entry's id) for "undo".
-    ``other`` is the object that "merge" takes in, or the second one that "split" makes; "add" makes its ``subject``.
+    ``other`` is the object or room that "merge" takes in, or the second one that "split" makes, a room at ``to_xy``;
+    "add" makes its ``subject``.
     ``rule`` is a route rule in its text form, for "rule" with the sentence that made it in ``name``; "lift" takes back
     the entry ``undoes``. "evidence" is what a vision model said of its ``subject``, in ``name``: the odds that it is
     there are multiplied by ``factor``, and so is the evidence for ``label`` where it chose one. ``origin`` names the
@@ -176,9 +178,9 @@ def _entry(row: Mapping[str, Any]) -> Correction:
         datetime.fromisoformat(about["when"])
         return Correction(**about, what=what)
     subject = _subject(row["subject"])
-    if subject.kind != "object" and what != "name":
+    if subject.kind not in (("object", "room", "home") if what == "name" else OBJECT_OR_ROOM.get(what, ("object",))):
         raise ValueError(subject)
-    if what == "move":
+    if what == "move" or (what == "split" and subject.kind == "room"):
         about["to_xy"] = _floats(row["to_xy"], 2)
     if what in ("name", "evidence"):
         about["name"] = clean(row["name"], MAX_NAME_CHARS, "name")
@@ -189,9 +191,9 @@ def _entry(row: Mapping[str, Any]) -> Correction:
         about["label"] = clean(row["label"], MAX_NAME_CHARS, "label")
     if what in ("merge", "split"):
         about["other"] = _subject(row["other"])
-        if about["other"].kind != "object":
+        if about["other"].kind != subject.kind:
             raise ValueError(about)
-    if what in ("add", "split") and not (about.get("other") or subject).size:
+    if what in ("add", "split") and subject.kind == "object" and not (about.get("other") or subject).size:
         raise ValueError(row)  # what is made has a size
     origin = clean(row["origin"], MAX_WHO_CHARS, "origin") if "origin" in row else None
     newest = _whole(row["newest"]) if "newest" in row else None

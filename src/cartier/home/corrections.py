@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import secrets
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from typing import Any, get_args
 
@@ -26,6 +26,7 @@ from cartier.home.correction_log import (
     clean,
     in_force,
 )
+from cartier.home.room_changes import free_name, halves
 from cartier.labels import display_name
 from cartier.navigation.planning import room_middle
 from cartier.route_rules import RouteRule
@@ -141,7 +142,7 @@ def _name(known: Corrected, grid: OccupancyGrid | None, wish: Wish) -> dict[str,
         subject = Subject("home", 0, brief(known.mapped_name, MAX_NAME_CHARS) or THE_HOME, ())
         return {"subject": subject, "name": _free_name(wish.name, None, ())}
     found = find(wish.entity, known.objects, known.rooms)
-    subject = _room_subject(found, known, grid) if isinstance(found, Room) else _subject(found, known)
+    subject = _room_subject(found, grid) if isinstance(found, Room) else _subject(found, known)
     return {"subject": subject, "name": _free_name(wish.name, found, known.rooms)}
 
 
@@ -195,15 +196,23 @@ def _place(known: Corrected, grid: OccupancyGrid | None, wish: Wish) -> tuple[fl
 
 
 def _merge(known: Corrected, grid: OccupancyGrid | None, wish: Wish) -> dict[str, Any]:
-    one, other = (_object(entity, known) for entity in (wish.entity, wish.other))
+    one, other = (find(entity, known.objects, known.rooms) for entity in (wish.entity, wish.other))
+    if isinstance(one, Room) != isinstance(other, Room):
+        raise InputError("an object and a room cannot be one: merge two objects, or two rooms")
     if one.id == other.id:
-        raise InputError(f"{brief(wish.entity, 40)} and {brief(wish.other, 40)} are one object {one.id} already")
+        kind = "room" if isinstance(one, Room) else "object"
+        raise InputError(f"{brief(wish.entity, 40)} and {brief(wish.other, 40)} are one {kind} {one.id} already")
+    if isinstance(one, Room) and isinstance(other, Room):
+        return {"subject": _room_subject(one, grid), "other": _room_subject(other, grid)}
+    assert isinstance(one, MapObject) and isinstance(other, MapObject)
     return {"subject": _subject(one, known), "other": _subject(other, known)}
 
 
 def _split(known: Corrected, grid: OccupancyGrid | None, wish: Wish) -> dict[str, Any]:
     """The halves of an object; the second is the one with the given point, else that of larger x or y."""
-    obj = _object(wish.entity, known)
+    obj = find(wish.entity, known.objects, known.rooms)
+    if isinstance(obj, Room):
+        return _split_room(obj, known, grid, wish)
     label = _label(wish.name) if wish.name else obj.label
     sides = [high - low for low, high in zip(obj.box_min, obj.box_max, strict=True)]
     middle = [*obj.position]
@@ -222,10 +231,28 @@ def _split(known: Corrected, grid: OccupancyGrid | None, wish: Wish) -> dict[str
     return {"subject": _subject(obj, known), "other": Subject("object", _new_id(known), label, position, size)}
 
 
+def _split_room(room: Room, known: Corrected, grid: OccupancyGrid | None, wish: Wish) -> dict[str, Any]:
+    """A room, cut at the given point; the smaller part is the second room."""
+    assert grid is not None  # there are no rooms without
+    if not wish.to_xy:
+        raise InputError(f"say where {room.name} ends: x and y of a point of the border, as between two door posts")
+    x, y = _on_the_plan(wish.to_xy, grid)
+    parts = halves(room.cells, (x, y), grid)
+    if parts is None:
+        raise InputError(f"no straight cut through x {x:g} y {y:g} divides {room.name}: point at its border inside")
+    first = _room_subject(replace(room, cells=parts[0]), grid)
+    name = _free_name(wish.name, None, known.rooms) if wish.name else free_name(room.name, known.rooms)
+    ids = [*(each.id for each in (*known.rooms, *known.mapped_rooms)), *_noted(known, "room")]
+    second = _room_subject(Room(max(ids) + 1, name, room.kind, parts[1]), grid)
+    return {"subject": first, "other": second, "to_xy": (x, y)}
+
+
 def _object(entity: str, known: Corrected) -> MapObject:
     found = find(entity, known.objects, known.rooms)
     if isinstance(found, Room):
-        raise InputError(f"{found.name} is a room: it can be named, but only objects can be moved, forgotten and so on")
+        raise InputError(
+            f"{found.name} is a room: it is named, merged or split, but only objects can be moved and so on"
+        )
     return found
 
 
@@ -265,18 +292,22 @@ def _subject(obj: MapObject, known: Corrected) -> Subject:
     return Subject("object", raw.id, raw.label, raw.position, tuple(size))
 
 
-def _room_subject(room: Room, known: Corrected, grid: OccupancyGrid | None) -> Subject:
-    mapped = next(each for each in known.mapped_rooms if each.id == room.id)
+def _room_subject(room: Room, grid: OccupancyGrid | None) -> Subject:
     assert grid is not None  # there are no rooms without
-    x, y = room_middle(mapped, grid)
-    return Subject("room", room.id, mapped.name, (round(x, 4), round(y, 4)))
+    x, y = room_middle(room, grid)
+    return Subject("room", room.id, room.name, (round(x, 4), round(y, 4)))
 
 
 def _new_id(known: Corrected) -> int:
     """An id that no object of this home has, or had: undone entries keep theirs."""
-    noted = [subject.id for entry in known.log for subject in (entry.subject, entry.other) if subject is not None]
-    ids = [*noted, *(obj.id for obj in known.objects)]
+    ids = [*_noted(known, "object"), *(obj.id for obj in known.objects)]
     return max([FIRST_MADE, *(number for number in ids if number < 2 * FIRST_MADE)]) + 1
+
+
+def _noted(known: Corrected, kind: str) -> list[int]:
+    """The ids of all objects, or rooms, of which the log speaks."""
+    about = (subject for entry in known.log for subject in (entry.subject, entry.other) if subject is not None)
+    return [subject.id for subject in about if subject.kind == kind]
 
 
 def _spans(obj: MapObject, x: float, y: float) -> bool:

@@ -137,7 +137,7 @@ function showScale(perMetre) { // a round length of 40 to 120 pixels
 }
 function renameRoom(place) {
   const name = make("input", { "aria-label": `New name of ${place.name}`, maxlength: "60", value: place.name }), row = [...el("list").querySelectorAll("h2")].find((h) => h.textContent.startsWith(place.name));
-  row.replaceChildren(make("form", { class: "doing", onsubmit: (e) => { e.preventDefault(); safely(async () => { const result = await source.correct("name", `room:${place.id}`, { name: name.value }); await reload(chosen); toast(`${result.done}. Undo takes it back.`); }); } }, name, make("button", { class: "main" }, "Save"), button("Cancel", listObjects)));
+  row.replaceChildren(make("form", { class: "doing", onsubmit: (e) => { e.preventDefault(); safely(async () => { const result = await source.correct("name", `room:${place.id}`, { name: name.value }); await reload(chosen); toast(`${result.done}. Undo takes it back.`); }); } }, name, make("button", { class: "main" }, "Save"), ...moreOfRooms(place, row), button("Cancel", listObjects)));
   name.focus(); name.select();
 }
 

@@ -22,6 +22,15 @@ function split(obj, doing, idle) {
   pointAt("Click the second one, or save to cut it in the middle", (x, y) => correct("split", obj, { name: label.value, x, y }));
   label.select();
 }
+function moreOfRooms(place, row) { // buttons beside the new name of a room
+  const others = data.rooms.filter((r) => r.id !== place.id), work = (what, more) => corrected(() => source.correct(what, `room:${place.id}`, more));
+  const other = make("select", { "aria-label": "The same room as" }, ...others.map((r) => make("option", { value: `room:${r.id}` }, r.name)));
+  const cancel = () => { stopPlacing(); listObjects(); };
+  return [
+    others.length ? button("Same as …", () => { row.replaceChildren(); form(row, cancel, [other], () => work("merge", { other: other.value })); }) : null,
+    button("It is two …", () => { row.replaceChildren("Click where one ends ", button("Cancel", cancel)); pointAt("Click where one room ends and the other begins", (x, y) => work("split", { x, y })); }),
+  ].filter(Boolean);
+}
 function pointAt(hint, then) { // the next click on the plan gives a place
   if (el("plan").hasAttribute("hidden")) return;
   el("hint").textContent = hint; el("hint").hidden = false; el("plan").classList.add("placing");
