@@ -57,6 +57,15 @@ def walk(world: Dollhouse, home: int, seed: int, frames: int, drift_m: float) ->
     return DollhouseRecording(world.scene(str(home)), sound.camera, true, sensor), true
 
 
+def jumped(told: Matrix, rng: np.random.Generator) -> Matrix:
+    """Poses (n, 4, 4) that are all off by 0.2 to 0.6 m and up to 6 degrees from some frame in the middle on."""
+    at, way = int(len(told) * rng.uniform(0.3, 0.7)), rng.uniform(0, 2 * np.pi)
+    size_m, here, moved = rng.uniform(0.2, 0.6), told[at, :3, 3], np.eye(4)
+    moved[:3, :3] = about_z(float(np.deg2rad(rng.uniform(-6, 6))))
+    moved[:3, 3] = here - moved[:3, :3] @ here + size_m * np.array([np.cos(way), np.sin(way), 0.0])
+    return np.concatenate([told[:at], moved @ told[at:]])
+
+
 def off_m(poses: Matrix, true: Matrix) -> Matrix:
     """How far each camera is from where it was, after the best turn about z and shift of the whole walk."""
     one, two = poses[:, :2, 3] - poses[:, :2, 3].mean(axis=0), true[:, :2, 3] - true[:, :2, 3].mean(axis=0)
@@ -67,26 +76,28 @@ def off_m(poses: Matrix, true: Matrix) -> Matrix:
 
 
 def drift(world: Dollhouse, walks: int, frames: int) -> dict[str, Any]:
-    """Own mending of drift: three sizes of drift, one walk in each of some homes."""
+    """Own mending of drift: three sizes of drift, and one with a jump, one walk in each of some homes."""
     found: dict[str, Any] = {}
-    for drift_m in (0.5, 0.1, 0.0):
+    for drift_m, jump in ((0.5, False), (0.1, False), (0.0, False), (0.1, True)):
         rows = []
         for number in range(walks):
             recording, true = walk(world, FIRST_DRIFT + number, number, frames, drift_m)
-            graph, told = PoseGraph(), np.empty_like(true)
-            for k in range(len(recording)):
-                frame = recording[k]
-                graph.add(frame)
-                told[k] = frame.world_from_camera
+            graph, frames = PoseGraph(), [recording[k] for k in range(len(recording))]
+            told = np.array([frame.world_from_camera for frame in frames])
+            told = jumped(told, np.random.default_rng(number)) if jump else told
+            for frame, pose in zip(frames, told, strict=True):
+                graph.add(replace(frame, world_from_camera=pose))
             begin = time.monotonic()
             mended = graph.mend()
             took_s = time.monotonic() - begin
             poses = told if mended is None else np.array([mended.pose(k, pose) for k, pose in enumerate(told)])
             first = np.linalg.norm((poses - true)[:, :3, 3], axis=1).max()
-            rows.append((off_m(told, true), off_m(poses, true), first, mended is not None, took_s))
+            worst_before = np.linalg.norm((told - true)[:, :3, 3], axis=1).max()
+            rows.append((off_m(told, true), off_m(poses, true), first, mended is not None, took_s, worst_before))
         rms = [[float(np.sqrt(np.mean(row[side] ** 2))) for row in rows] for side in (0, 1)]
-        found[f"worst camera off by {drift_m:g} m"] = {
+        found[f"worst camera off by {drift_m:g} m{', and a jump' if jump else ''}"] = {
             "walks": walks, "mended": sum(row[3] for row in rows),
+            "worst camera, before, median m": statistics.median(float(row[5]) for row in rows),
             "worst camera, median m": statistics.median(float(row[2]) for row in rows),
             "share with the worst camera within 0.1 m": float(np.mean([row[2] <= 0.1 for row in rows])),
             "rms aligned, before, median m": statistics.median(rms[0]),

@@ -59,6 +59,35 @@ def test_drift_is_mended() -> None:
     np.testing.assert_array_equal(mended.pose(0, AROUND[0]), AROUND[0])
 
 
+@pytest.mark.parametrize(("at", "shift_m", "turn_rad"), [(30, (0.34, 0.2), 0.07), (38, (-0.2, 0.1), -0.1)])
+def test_a_jump_is_taken_back(at: int, shift_m: tuple[float, float], turn_rad: float) -> None:
+    recording = jumping(at, shift_m, turn_rad)
+    mended = mend(recording)
+    assert mended is not None
+    assert off_m(recording, mended) < 0.06 < 0.2 < off_m(recording, None)
+
+
+def jumping(at: int, shift_m: tuple[float, float], turn_rad: float) -> Reposed:
+    """Two rounds whose poses are all off by one motion from some frame on."""
+    here, turn = np.array(AROUND[at][:3, 3]), about_z(turn_rad)
+
+    def pose(index: int, true: np.ndarray) -> np.ndarray:
+        moved = true.copy()
+        if index >= at:
+            moved[:3, :3] = turn @ true[:3, :3]
+            moved[:3, 3] = turn @ (true[:3, 3] - here) + here + (*shift_m, 0.0)
+        return moved
+
+    return Reposed(ROOM, pose)
+
+
+def test_poses_jump_between_samples() -> None:
+    corrections = np.array([[0.0, 0.0, 0.0, 0.0], [0.0, 0.02, 0.0, 0.0], [0.0, 0.5, 0.0, 0.0]])
+    mended = Mended(np.array([0, 10, 20]), corrections, 0.1, 0.0)
+    x = [float(mended.pose(number, np.eye(4))[0, 3]) for number in (0, 5, 10, 14, 16, 20, 30)]
+    assert x == pytest.approx([0.0, 0.01, 0.02, 0.02, 0.5, 0.5, 0.5])
+
+
 def test_sound_poses_are_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     def unasked(*given: object) -> None:
         raise AssertionError("nothing is solved where registration finds next to nothing")
@@ -74,7 +103,7 @@ def test_without_depth_or_with_few_frames_nothing_is_mended() -> None:
 
 
 def test_corrections_that_help_nothing_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cartier.mapping.pose_graph._solved", lambda samples, first, pairs: np.zeros_like(first))
+    monkeypatch.setattr("cartier.mapping.pose_graph._solved", lambda samples, first, *more: np.zeros_like(first))
     assert mend(drifting(0.5, 0.1)) is None
 
 
@@ -84,9 +113,11 @@ def test_the_judges_are_not_in_the_graph(monkeypatch: pytest.MonkeyPatch) -> Non
     seen: dict[str, set[tuple[int, int]]] = {}
     solved, residual_m = pose_graph._solved, pose_graph._residual_m
 
-    def spy_solved(samples: list[Surface], first: np.ndarray, pairs: list[tuple[int, int]]) -> np.ndarray | None:
+    def spy_solved(
+        samples: list[Surface], first: np.ndarray, pairs: list[tuple[int, int]], leaps: list[int]
+    ) -> np.ndarray | None:
         seen["edges"] = set(pairs)
-        return solved(samples, first, pairs)
+        return solved(samples, first, pairs, leaps)
 
     def spy_residual(samples: list[Surface], pairs: list[tuple[int, int]], corrections: np.ndarray) -> float:
         seen["judges"] = set(pairs)

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from cartier.mapping import jumps
 from cartier.mapping.gravity import oriented
 from cartier.mapping.registration import Surface, about_z, apart_m, corrected, register
 from cartier.types import Camera, Frame
@@ -28,6 +29,7 @@ REACHES_M = (0.3, 0.3, 0.2, 0.2, 0.15, 0.1, 0.1)
 PAIR_REACHES_M = (0.2, 0.15, 0.1, 0.1)
 MOST_STEP_M = 0.25  # a registration that moves a frame farther from where the last ones lead is not believed
 STEP_SIGMA = np.array([np.deg2rad(0.5), 0.02, 0.02, 0.02])  # what odometry may be off from a sample to the next
+JUMPED = 50.0  # times as much, from a sample to the next with a jump between them
 PAIR_SIGMA = np.array([np.deg2rad(1.0), 0.05, 0.05, 0.05])
 CELL_M, SHARED, PAIRS_EACH = 0.3, 0.25, 5  # frames show the same where they share a quarter of cells of this side
 HELD_OUT = 5  # each fifth registration is left out of the graph, and judges it
@@ -56,8 +58,12 @@ class Mended:
         return float(np.linalg.norm(self.corrections[:, 1:], axis=1).max())
 
     def pose(self, index: int, world_from_camera: Floats) -> Floats:
-        """The corrected pose (4, 4) of any frame; between two that were examined, corrections are blended."""
-        yaw, *shift = (np.interp(index, self.frames, column) for column in self.corrections.T)
+        """The corrected pose (4, 4) of any frame; between two that were examined, corrections are blended, or that of
+        the nearer one is taken where the poses jump."""
+        at = float(np.interp(index, self.frames, np.arange(len(self.frames))))
+        one, two = self.corrections[int(at)], self.corrections[min(int(at) + 1, len(self.corrections) - 1)]
+        jump = np.linalg.norm(two[1:] - one[1:]) > jumps.LEAST_M or abs(two[0] - one[0]) > jumps.LEAST_RAD
+        yaw, *shift = one + (round(at % 1) if jump else at % 1) * (two - one)
         pose = np.array(world_from_camera, np.float64)
         pose[:3, :3] = about_z(float(yaw)) @ pose[:3, :3]
         pose[:3, 3] += shift
@@ -105,18 +111,22 @@ class PoseGraph:
         samples = self._samples
         if len(samples) < FEWEST_SAMPLES:
             return None
+        leaps = jumps.find_jumps(samples)
+        told, samples = samples, jumps.moved(samples, leaps)
         first = _one_by_one(samples)
-        if np.abs(first[:, 1:]).max() < LEAST_M and np.abs(first[:, 0]).max() < LEAST_RAD:
+        if not leaps and np.abs(first[:, 1:]).max() < LEAST_M and np.abs(first[:, 0]).max() < LEAST_RAD:
             return None
         pairs = _pairs(samples, first)
         judges, edges = pairs[::HELD_OUT], [pair for k, pair in enumerate(pairs) if k % HELD_OUT]
-        solved = _solved(samples, first, edges)
+        solved = _solved(samples, first, edges, [jump.sample for jump in leaps])
         if solved is None or not judges:
             return None
-        before_m, after_m = (_residual_m(samples, judges, each) for each in (np.zeros_like(solved), solved))
+        across = [pair for pair in judges if any(pair[0] < jump.sample <= pair[1] for jump in leaps)]
+        judges = across or judges  # all others look the same with and without a jump
+        before_m, after_m = _residual_m(told, judges, np.zeros_like(solved)), _residual_m(samples, judges, solved)
         if after_m > BETTER * before_m:
             return None
-        return Mended(np.array(self._numbers), solved, before_m, after_m)
+        return Mended(np.array(self._numbers), _from(told, samples, solved), before_m, after_m)
 
 
 def _surface(frame: Frame) -> Surface:
@@ -172,8 +182,23 @@ def _pairs(samples: Sequence[Surface], corrections: Floats) -> list[tuple[int, i
     return found
 
 
-def _solved(samples: Sequence[Surface], first: Floats, pairs: Sequence[tuple[int, int]]) -> Floats | None:
-    """The corrections (n, 4) that fit steps and registrations best; None without registrations."""
+def _from(told: Sequence[Surface], samples: Sequence[Surface], corrections: Floats) -> Floats:
+    """Corrections (n, 4) of poses that are off by jumps, from those of poses without jumps."""
+    whole = corrections.copy()
+    for row, one, other in zip(whole, told, samples, strict=True):
+        turn = other.world_from_camera[:3, :3] @ one.world_from_camera[:3, :3].T
+        row[0] += np.arctan2(turn[1, 0], turn[0, 0])
+        row[1:] += other.world_from_camera[:3, 3] - one.world_from_camera[:3, 3]
+    return whole
+
+
+def _solved(
+    samples: Sequence[Surface], first: Floats, pairs: Sequence[tuple[int, int]], leaps: Sequence[int]
+) -> Floats | None:
+    """The corrections (n, 4) that fit steps and registrations best; None without registrations.
+
+    The step to a sample behind one of ``leaps`` weighs nearly nothing: both sides of it are free.
+    """
     from scipy.optimize import least_squares
     from scipy.sparse import lil_matrix
 
@@ -191,11 +216,13 @@ def _solved(samples: Sequence[Surface], first: Floats, pairs: Sequence[tuple[int
         return None
     count, at = len(samples), np.array([sample.world_from_camera[:3, 3] for sample in samples])
     steps = np.column_stack([np.arange(count - 1), np.arange(1, count)])
+    sigma = np.tile(STEP_SIGMA, (count - 1, 1))
+    sigma[[number - 1 for number in leaps]] *= JUMPED
     links, offs, weights = np.array(rows), np.array(measured), np.array(roots)
 
     def residuals(flat: Floats) -> Floats:
         found = np.vstack([np.zeros(4), flat.reshape(count, 4)[1:]])
-        odometry = (found[steps[:, 1]] - _led(at, found, steps)) / STEP_SIGMA
+        odometry = (found[steps[:, 1]] - _led(at, found, steps)) / sigma
         off = np.einsum("eij,ej->ei", weights, found[links[:, 1]] - _led(at, found, links) - offs)
         off = np.sign(off) * np.sqrt(
             2 * (np.sqrt(1 + off * off) - 1)

@@ -106,6 +106,16 @@ def apart_m(points: Floats, against: Floats) -> float:
     return float(np.where(same, np.minimum(off, CAP_M), CAP_M).mean())
 
 
+def lying_on(points: Floats, against: Floats) -> tuple[float, float]:
+    """The share of points (n, 6) that lie on the surfaces (m, 6), and the share that lies near them."""
+    from scipy.spatial import cKDTree
+
+    other, near = _same(points, against, cKDTree(_in_six(against)), APART_M)
+    off = other[:, :3] - points[:, :3]
+    on = near & (np.linalg.norm(off, axis=1) < BESIDE_M) & (np.abs((off * other[:, 3:]).sum(axis=1)) < FLAT_M)
+    return float(on.mean()), float(near.mean())
+
+
 def about_z(angle_rad: float) -> Floats:
     """A turn (3, 3) about z."""
     c, s = np.cos(angle_rad), np.sin(angle_rad)
