@@ -82,10 +82,10 @@ def drift(world: Dollhouse, walks: int, frames: int) -> dict[str, Any]:
         rows = []
         for number in range(walks):
             recording, true = walk(world, FIRST_DRIFT + number, number, frames, drift_m)
-            graph, frames = PoseGraph(), [recording[k] for k in range(len(recording))]
-            told = np.array([frame.world_from_camera for frame in frames])
+            graph, seen = PoseGraph(), [recording[k] for k in range(len(recording))]
+            told = np.array([frame.world_from_camera for frame in seen])
             told = jumped(told, np.random.default_rng(number)) if jump else told
-            for frame, pose in zip(frames, told, strict=True):
+            for frame, pose in zip(seen, told, strict=True):
                 graph.add(replace(frame, world_from_camera=pose))
             begin = time.monotonic()
             mended = graph.mend()

@@ -451,6 +451,7 @@ class Inventory:
         doors: The passages between its rooms.
         rules: The route rules that people gave and that hold.
         shut_doors: Passages that an earlier recording showed open, and the floor plan now shows shut.
+        way_m: Gives the length (m) of the way that the robot drives to an object by its id; None where it knows no way.
     """
 
     objects: tuple[MapObject, ...]
@@ -460,6 +461,7 @@ class Inventory:
     doors: tuple[Door, ...] = ()
     rules: tuple[RouteRule, ...] = ()
     shut_doors: tuple[Door, ...] = ()
+    way_m: Callable[[int], float | None] = lambda _: None
 
     @property
     def names(self) -> list[str]:
@@ -542,6 +544,7 @@ class Place:
         box_min, box_max: Its axis-aligned box in the world (m), or None.
         view_yaw: The heading (rad) in which it was seen, if ``position`` is a *viewpoint*; otherwise None.
         object_id: The id of the object, or None.
+        room_cells: (K, 2) int32, the cells (row, col) of the floor plan of its room, or None: a goal pose lies on them.
     """
 
     label: str
@@ -553,6 +556,7 @@ class Place:
     box_max: tuple[float, ...] | None = None
     view_yaw: float | None = None
     object_id: int | None = None
+    room_cells: npt.NDArray[np.int32] | None = field(default=None, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "position", finite(self.position, 3, f"place of {self.label!r}: position"))

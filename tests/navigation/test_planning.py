@@ -257,3 +257,36 @@ def test_a_start_that_is_no_point_is_refused(start: tuple[float, ...]) -> None:
 def test_a_radius_that_no_robot_has_is_refused(radius: float) -> None:
     with pytest.raises(InputError, match="radius must be above 0 and at most 5 m"):
         plan(world(), at(3, 3), (1.0, 1.0), RobotModel(radius))
+
+
+def chair_at_table(room: tuple[float, float] | None = None) -> tuple[OccupancyGrid, Place]:
+    """A chair behind a table as seen from small y, and the floor of its room between two x."""
+    grid = world((2.0, 2.6, 4.0, 3.4, 0.7), (2.8, 3.45, 3.2, 3.85, 0.8))
+    columns = np.indices(grid.cells.shape)[1] * grid.resolution_m
+    cells = None if room is None else np.argwhere((columns > room[0]) & (columns < room[1])).astype(np.int32)
+    box_min, box_max = (2.8, 3.45, 0.0), (3.2, 3.85, 0.8)
+    return grid, Place("chair", (3.0, 3.65, 0.4), 1.0, 0, box_min=box_min, box_max=box_max, room_cells=cells)
+
+
+def test_no_goal_across_the_table() -> None:
+    grid, chair = chair_at_table()
+    goal, why = plan(grid, chair, (3.0, 1.0), RobotModel(RADIUS))
+    assert goal is not None, why
+    assert goal.y > 3.4, "from a free side of the chair, not over the table"
+
+
+def test_goal_lies_in_the_room() -> None:
+    grid, chair = chair_at_table((0.0, 2.4))
+    goal, _ = plan(grid, chair, (3.0, 1.0), RobotModel(RADIUS))
+    assert goal is not None and goal.x < 2.45
+    nowhere = chair_at_table((6.0, 7.0))[1]
+    assert plan(grid, nowhere, (3.0, 1.0), RobotModel(RADIUS))[0] is not None, "else another room serves"
+
+
+def test_way_round_a_wall_is_its_length() -> None:
+    grid = world((2.0, 0.0, 2.1, 5.0, 2.2))
+    area = reach(grid, (1.0, 1.0), RADIUS)
+    assert area is not None
+    behind, before = (area.way_m((x, 0.8, 0.0), (x + 0.2, 1.0, 1.0)) for x in (3.5, 1.5))
+    assert behind is not None and before is not None and before < 0.2 < 7.0 < behind
+    assert area.way_m((-9.0, 0.0, 0.0), (-8.0, 1.0, 1.0)) is None

@@ -158,7 +158,7 @@ class _Applying:
         assert self.grid is not None  # there are no rooms without
         for objects in (self.pool, self.objs):
             for obj in objects.values():
-                if obj.room in moves:
+                if obj.room is not None and obj.room in moves:
                     rooms = [self.places[number] for number in moves[obj.room]]
                     objects[obj.id] = replace(obj, room=room_changes.in_part(obj, rooms, self.grid))
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -21,10 +21,10 @@ from cartier.home.detection_log import DetectionLog
 from cartier.home.photos import photo_of
 from cartier.home.point_cloud import PointCloud, read_cloud
 from cartier.navigation.layers import RouteMap
-from cartier.navigation.planning import room_middle
+from cartier.navigation.planning import reach, room_middle
 from cartier.route_rules import RouteRule
 from cartier.spatial.doors import find_doors, shut_doors
-from cartier.types import Answer, Door, Inventory, Place, Room, Selection
+from cartier.types import Answer, Door, Inventory, Place, RobotModel, Room, Selection
 
 ANSWERS = "answers.jsonl"
 CLOUD, DETECTIONS = "cloud.npz", "detections.npz"
@@ -88,9 +88,18 @@ class Home(HomeData):
         names, at = self.index(index)[1].names(), tuple(self.start_xy if from_xy is None else from_xy)
         if set(names) <= set(self.names):
             return Inventory(
-                self.objects, self.rooms, self.photo, at, self._doors, tuple(rules), self._shut_doors
+                self.objects, self.rooms, self.photo, at, self._doors, tuple(rules), self._shut_doors,
+                partial(self._way_m, at),
             )  # fmt: skip
         return Inventory.of(names)
+
+    def _way_m(self, from_xy: tuple[float, ...], object_id: int) -> float | None:
+        """The length of the way of a robot of the usual size to an object."""
+        obj = next((obj for obj in self.objects if obj.id == object_id), None)
+        if self.grid is None or obj is None:
+            return None
+        area = reach(self.grid, from_xy, RobotModel.radius_m)
+        return None if area is None else area.way_m(obj.box_min, obj.box_max)
 
     @cached_property
     def route_map(self) -> RouteMap | None:
@@ -135,7 +144,14 @@ class Home(HomeData):
             place = held.locate(chosen.object)
         else:
             place = held.locate_object(obj)
-        return self._said_place(chosen) if place is None else place
+        found = self._said_place(chosen) if place is None else place
+        return found and self.in_its_room(found)
+
+    def in_its_room(self, place: Place) -> Place:
+        """The place with the floor of the room in which its object stands, where the map knows it."""
+        number = next((obj.room for obj in self.objects if obj.id == place.object_id), None)
+        cells = next((room.cells for room in self.rooms if room.id == number), None)
+        return place if cells is None else replace(place, room_cells=cells)
 
     def _said_place(self, chosen: Selection) -> Place | None:
         """Where a person said that an object is which no index knows."""

@@ -56,7 +56,7 @@ def halves(cells: Cells, xy: Sequence[float], grid: OccupancyGrid) -> tuple[Cell
 
 
 def _until_outside(cells: npt.NDArray[np.intp], inside: npt.NDArray[np.bool_]) -> npt.NDArray[np.intp]:
-    within = ((cells >= 0) & (cells < inside.shape)).all(1)
+    within = np.asarray(((cells >= 0) & (cells < inside.shape)).all(1))
     within[within] = inside[tuple(cells[within].T)]
     return cells[: int(np.argmin(within))] if not within.all() else cells
 

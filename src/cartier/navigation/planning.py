@@ -21,6 +21,7 @@ FARTHEST_M = 2.0  # from farther away, the object counts as out of reach
 VIEWING_DISTANCE = 0.45  # preferred distance, in largest sides of the object: from nearer a fridge looks like a wall
 MAX_VIEWING_DISTANCE_M = 0.8
 SIGHT_DETOUR_M = 0.75  # how much worse the distance of a pose with line of sight may be than that of the best without
+OWN_M = 0.15  # around the box of an object, what is occupied is taken for the object
 OWN_HEIGHT_M = 0.4  # how far an object of unknown size may reach above its centre
 MAX_START_M = 1e6  # from the map's origin
 SNAP_M = 1.0  # how far the start may be moved to floor that the robot fits on
@@ -34,6 +35,16 @@ class Reach:
     start: tuple[int, int]
     length_m: npt.NDArray[np.float64]
     previous: npt.NDArray[np.int32]
+
+    def way_m(self, box_min: Sequence[float], box_max: Sequence[float]) -> float | None:
+        """The length (m) of the way to the nearest cell beside a box; None where none within 2 m can be reached."""
+        for near_m in (MAX_VIEWING_DISTANCE_M, FARTHEST_M):
+            first = np.maximum(self.grid.cell(np.array(box_min[:2]) - near_m), 0)
+            last = np.maximum(self.grid.cell(np.array(box_max[:2]) + near_m) + 1, 0)
+            shortest = float(self.length_m[first[0] : last[0], first[1] : last[1]].min(initial=np.inf))
+            if np.isfinite(shortest):
+                return shortest
+        return None
 
     def path(self, cell: tuple[int, ...]) -> npt.NDArray[np.float64]:
         """The shortest path (K, 2) of xy from the start to a reachable cell (row, col)."""
@@ -185,7 +196,8 @@ def poses_at(
 ) -> Poses:
     """The reachable cells (rows, cols) at a place: by distance, in steps of 1 cm, then by the length of the way.
 
-    At a viewpoint it is the nearest cell alone.
+    Cells of the place's room come alone if there are any. What stands between a cell and the object counts as distance:
+    a chair is used from its free side, not across the table. At a viewpoint it is the nearest cell alone.
     """
     target, wanted_m = np.array(place.position), 0.0
     low = high = target
@@ -203,11 +215,32 @@ def poses_at(
         best = np.argsort(distance, kind="stable")[:1]
         best = best[distance[best] <= FARTHEST_M]
         return Poses(cells[best], distance[best])
+    if place.room_cells is not None:
+        floor = np.zeros(grid.cells.shape, bool)
+        floor[tuple(place.room_cells.T)] = True
+        inside = floor[tuple(cells.T)] & (distance <= FARTHEST_M)
+        if inside.any():
+            cells, xy, distance = cells[inside], xy[inside], distance[inside]
     off_m = np.abs(distance - wanted_m)
+    if place.box_min is not None:
+        off_m += _across_m(grid, xy, low[:2], high[:2])
     far = np.zeros(len(cells)) if length_m is None else length_m[tuple(cells.T)]
     order = np.lexsort((far, np.round(off_m, 2)))
     near = (np.linalg.norm(xy - target[:2], axis=1)[order] >= NEAREST_M) & (distance[order] <= FARTHEST_M)
     return Poses(cells[order[near]], off_m[order[near]])
+
+
+def _across_m(grid: OccupancyGrid, xy: Array, low: Array, high: Array) -> npt.NDArray[np.float64]:
+    """How much (N,) of the straight lines from points (N, 2) to a box is occupied by other things (m)."""
+    step_m = 2 * grid.resolution_m
+    steps = np.arange(0.0, FARTHEST_M, step_m)
+    ways = np.clip(xy, low, high) - xy
+    lengths = np.maximum(np.linalg.norm(ways, axis=1), 1e-6)
+    rows, cols = np.moveaxis(grid.cell(xy[:, None] + (steps / lengths[:, None])[..., None] * ways[:, None]), -1, 0)
+    checked = (steps < lengths[:, None] - OWN_M) & (rows >= 0) & (cols >= 0)
+    checked &= (rows < grid.cells.shape[0]) & (cols < grid.cells.shape[1])
+    met = grid.cells[np.where(checked, rows, 0), np.where(checked, cols, 0)] == OCCUPIED
+    return np.asarray((met & checked).sum(1) * step_m, np.float64)
 
 
 def line_of_sight(

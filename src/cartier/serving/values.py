@@ -103,10 +103,11 @@ def place_of(one: MapObject | Room, home: Home) -> Place:
         return place
     assert isinstance(one, MapObject)  # a home without a floor plan has no rooms
     view = one.views[0] if one.views else None
-    return Place(
+    place = Place(
         one.label, one.position, one.probability, view.frame if view else -1, view.box_xyxy if view else None,
         one.box_min, one.box_max, object_id=one.id,
     )  # fmt: skip
+    return home.in_its_room(place)
 
 
 def room_row(home: Home, room: Room) -> dict[str, Any]:

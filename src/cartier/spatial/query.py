@@ -41,6 +41,9 @@ def called(obj: MapObject, names: Iterable[str]) -> bool:
     return not set(names).isdisjoint((obj.label, *obj.names))
 
 
+NO_WAY_M = 1000.0  # farther than all to which there is a way
+
+
 class Scene:
     """The confirmed objects of an inventory, and what supports each of them."""
 
@@ -50,7 +53,7 @@ class Scene:
         maybe = [o for o in inventory.objects if not o.confirmed and o.probability >= LEAST]
         self.maybe = sorted(maybe, key=lambda o: -o.probability)  # mentioned in words, never served unasked
         self.by_id = {obj.id: obj for obj in self.objects} | {a: t for t in self.objects for a in t.aliases}
-        self.from_xy = inventory.from_xy
+        self.from_xy, self._way_m, self._ways_m = inventory.from_xy, inventory.way_m, dict[int, float | None]()
         self.every_door, self._shut_doors = inventory.doors, inventory.shut_doors
 
     @property
@@ -88,6 +91,13 @@ class Scene:
         at = np.array(self.from_xy if self.from_xy is not None else (0.0, 0.0))[:2]
         return float(np.linalg.norm(np.maximum(np.maximum(low[:2] - at, at - high[:2]), 0)))
 
+    def way_m(self, obj: MapObject) -> float:
+        """How far the robot drives to an object; where no way to it is known, it comes after all others."""
+        if obj.id not in self._ways_m:
+            self._ways_m[obj.id] = self._way_m(obj.id)
+        way_m, far_m = self._ways_m[obj.id], self.distance_m(obj)
+        return NO_WAY_M + far_m if way_m is None else max(way_m, far_m)
+
     def meant(
         self, phrase: ReferringExpression, without: Iterable[int] = ()
     ) -> tuple[list[MapObject], SpatialRelation | None]:
@@ -102,6 +112,8 @@ class Scene:
         out = set(without)
         every = [self.by_id[i] for i in phrase.among if i in self.by_id] or sorted(self.objects, key=self.distance_m)
         found = [o for o in every if (phrase.generic or called(o, phrase.labels)) and o.id not in out]
+        if len(found) > 1 and not (phrase.generic or phrase.among):
+            found.sort(key=self.way_m)
         if phrase.usually is not None:
             found = self._related(found, phrase.usually) or found
         for constraint in phrase.relations:
@@ -216,7 +228,7 @@ class Scene:
         low, high = np.array(obj.box_min), np.array(obj.box_max)
         size = np.maximum(high - low, 0.02)
         if wish in ("nearest", "farthest"):
-            far = self.distance_m(obj)
+            far = self.way_m(obj)
             return -far if wish == "nearest" else far
         if wish in ("leftmost", "rightmost"):
             at = np.array(self.from_xy or (0.0, 0.0))[:2]

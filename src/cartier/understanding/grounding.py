@@ -150,7 +150,7 @@ class ReferenceGrounder:
     def _likely(self, same: Sequence[MapObject]) -> list[MapObject]:
         """The nearest first, of those that are surely there if any are."""
         sure = [o for o in same if o.probability >= SURE] or list(same)
-        return sorted(sure, key=self.scene.distance_m)
+        return sorted(sure, key=self.scene.way_m)
 
     def _one_of(self, obj: MapObject, same: Sequence[MapObject]) -> str:
         where = whereabouts(self.scene, obj)
@@ -258,7 +258,7 @@ class ReferenceGrounder:
             say = f"I know no {head.said} here{f', only {listing(known)}' if known else ''}."
             return Selection("not_found", reason=say, text=say, model=MODEL)
         inside = {room.id: [o for o in self.scene.objects if o.room == room.id] for room in rooms}
-        room = min(rooms, key=lambda room: min(map(self.scene.distance_m, inside[room.id]), default=1e9))
+        room = min(rooms, key=lambda room: min(map(self.scene.way_m, inside[room.id]), default=1e9))
         return Selection(
             "found",
             room.name,
