@@ -148,7 +148,14 @@ class Home(HomeData):
         return found and self.in_its_room(found)
 
     def in_its_room(self, place: Place) -> Place:
-        """The place with the floor of the room in which its object stands, where the map knows it."""
+        """A place with the floor of the room in which its object stands, so that a goal lies there.
+
+        Args:
+            place: The place of an object.
+
+        Returns:
+            The place, unchanged where the map knows no room of the object.
+        """
         number = next((obj.room for obj in self.objects if obj.id == place.object_id), None)
         cells = next((room.cells for room in self.rooms if room.id == number), None)
         return place if cells is None else replace(place, room_cells=cells)
@@ -296,17 +303,17 @@ class Home(HomeData):
 
         Args:
             what: "name" (give an object, a room or the home a name), "confirm" (an object is there), "relabel" (say
-                what it is), "add" (an object that the map lacks), "merge" (two objects are one), "split" (one object
-                is two), "forget" (remove an object), "move" (move an object's middle), "rule" (a route rule for drives
+                what it is), "add" (an object that the map lacks), "merge" (two objects, or two rooms, are one),
+                "split" (one object or room is two), "forget" (remove an object), "move" (move an object's middle), "rule" (a route rule for drives
                 to come), "lift" (a route rule ends) or "undo" (take the latest correction back).
             entity: What to correct: an object's id, ``room:ID``, a name, a label that only one object has, or
                 ``home``. For "add" the object that it stands on, or its room; for "rule" the rule in its text form,
                 such as ``avoid room:bedroom hard standing``; for "lift" that, or its id.
             name: The new name for "name", the label for "relabel" and "add"; for "split" the label of the second
-                object, by default that of the first; for "rule" the sentence that made it.
+                object, or the second room's name, by default that of the first; for "rule" the sentence that made it.
             to_xy: A place (x, y) in metres, map frame: the new middle for "move", the middle for "add", a point of the
-                second object for "split".
-            other: For "merge" the object that becomes part of ``entity``.
+                second object for "split", or of the border of a room.
+            other: For "merge" the object or room that becomes part of ``entity``.
             who: Who corrects, for the log.
 
         Returns:
