@@ -304,8 +304,9 @@ class Home(HomeData):
         Args:
             what: "name" (give an object, a room or the home a name), "confirm" (an object is there), "relabel" (say
                 what it is), "add" (an object that the map lacks), "merge" (two objects, or two rooms, are one),
-                "split" (one object or room is two), "forget" (remove an object), "move" (move an object's middle), "rule" (a route rule for drives
-                to come), "lift" (a route rule ends) or "undo" (take the latest correction back).
+                "split" (one object or room is two), "forget" (remove an object), "move" (move an object's middle),
+                "rule" (a route rule for drives to come), "lift" (a route rule ends) or "undo" (take the latest
+                correction back).
             entity: What to correct: an object's id, ``room:ID``, a name, a label that only one object has, or
                 ``home``. For "add" the object that it stands on, or its room; for "rule" the rule in its text form,
                 such as ``avoid room:bedroom hard standing``; for "lift" that, or its id.
