@@ -9,7 +9,7 @@ import random
 import shutil
 import subprocess
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -96,12 +96,11 @@ class Peer:
 
 
 @contextmanager
-def peer(*command: object) -> Iterator[Peer]:
+def peer(*command: object, env: Mapping[str, str] | None = None) -> Iterator[Peer]:
     """A peer that says "ready" first; ended when the block is left."""
     words: Sequence[str] = [str(word) for word in command]
-    with subprocess.Popen(
-        words, stdout=subprocess.PIPE, text=True, env=os.environ | {"CYCLONEDDS_URI": LOOPBACK}
-    ) as process:
+    env = os.environ | {"CYCLONEDDS_URI": LOOPBACK} if env is None else env
+    with subprocess.Popen(words, stdout=subprocess.PIPE, text=True, env=env) as process:
         started = Peer(process)
         try:
             assert started.line() == "ready"
