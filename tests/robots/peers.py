@@ -94,6 +94,9 @@ class Peer:
     def line(self, timeout_s: float = 20.0) -> str:
         return self._lines.get(timeout=timeout_s)
 
+    def so_far(self) -> list[str]:
+        return [self._lines.get() for _ in range(self._lines.qsize())]
+
 
 @contextmanager
 def peer(*command: object, env: Mapping[str, str] | None = None) -> Iterator[Peer]:

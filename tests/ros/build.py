@@ -77,6 +77,8 @@ def main() -> None:
 
 def build(name: str) -> Path:
     """The folder of a distribution's environment, built if it is not there or is made of something else."""
+    if sys.version_info[:2] != (3, 11):
+        raise SystemExit("the wheels of ROS 2 are for Python 3.11: start this script with it")
     venv = FOLDER / name
     version = hashlib.sha256(repr((WHEELS[name], TOOLS, GENERATORS, DEFINITIONS)).encode()).hexdigest()
     done = venv / "built"

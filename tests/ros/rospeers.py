@@ -99,8 +99,8 @@ class Drive:
     def end(self, timeout_s: float = 30.0) -> tuple[int, str]:
         """Its exit code and its last line."""
         code = self._process.wait(timeout_s)
-        while not self.said or not self.said[-1].words.startswith("exit "):
-            self.said.append(Event.of(self.peer.line(timeout_s)))
+        self.peer.end()
+        self.said += map(Event.of, self.peer.so_far())
         return code, self.said[-1].words.removeprefix("exit ")
 
 

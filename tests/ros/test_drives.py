@@ -7,6 +7,7 @@ import signal
 import pytest
 from rospeers import WAYS, Drive, Ros, heard_by
 
+SLOW = pytest.mark.slow
 POSE = "goal map 1.600 1.200 0.500"
 
 
@@ -22,6 +23,7 @@ def test_an_action_is_followed(ros: Ros, cell: str) -> None:
     assert any(" m to the chair" in line for line in words)
 
 
+@SLOW
 @pytest.mark.parametrize(
     ("cell", "form", "says"),
     [
@@ -36,6 +38,7 @@ def test_a_goal_that_fails_is_told(ros: Ros, cell: str, form: str, says: str) ->
     assert says in said
 
 
+@SLOW
 @pytest.mark.parametrize("cell", ["goal out"])
 def test_a_goal_over_dds_arrives(ros: Ros, cell: str) -> None:
     with ros.peer("nav_server.py", "drives", 60, 2.0) as server:
@@ -48,7 +51,9 @@ def test_a_goal_over_dds_arrives(ros: Ros, cell: str) -> None:
 
 @pytest.mark.parametrize("way", WAYS)
 @pytest.mark.parametrize("cell", ["cancelled"])
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize(
+    "number", [signal.SIGINT, *(pytest.param(n, marks=SLOW) for n in (signal.SIGTERM, signal.SIGHUP))]
+)
 def test_a_signal_cancels(ros: Ros, cell: str, way: str, number: signal.Signals) -> None:
     with ros.peer("nav_server.py", "drives", 60) as server:
         drive = Drive(ros, way)
@@ -63,6 +68,7 @@ def test_a_signal_cancels(ros: Ros, cell: str, way: str, number: signal.Signals)
     assert drive.said[-1].time_s - sent_s < 3
 
 
+@SLOW
 def test_a_signal_before_the_acceptance_cancels(ros: Ros) -> None:
     with ros.peer("nav_server.py", "hesitates", 60) as server:
         drive = Drive(ros, "rclpy")
@@ -73,6 +79,7 @@ def test_a_signal_before_the_acceptance_cancels(ros: Ros) -> None:
     assert (code, said) == (130, "the drive to the chair was cancelled")
 
 
+@SLOW
 @pytest.mark.parametrize(
     ("form", "says"),
     [("deaf", "did not say within 3 s that it cancelled"), ("dies", "the server "), ("stuck", "silent: ")],
@@ -88,6 +95,7 @@ def test_what_may_still_be_driving_is_told(ros: Ros, form: str, says: str) -> No
     assert code == 3
 
 
+@SLOW
 @pytest.mark.parametrize("way", WAYS)
 def test_the_laws_hold(ros: Ros, way: str) -> None:
     with ros.peer("nav_server.py", "drives", 90, 1.0):
@@ -96,6 +104,7 @@ def test_the_laws_hold(ros: Ros, way: str) -> None:
     assert (code, said) == (0, "the laws hold")
 
 
+@SLOW
 def test_nobody_serves(ros: Ros) -> None:
     code, said = Drive(ros, "rclpy").end()
     assert code == 1

@@ -1,0 +1,162 @@
+"""ROS 2 as it runs: which topics and goals pass, and whether every drive that is interrupted is cancelled.
+
+    python benchmarks/ros.py                  the table of tests/ros, a row a distribution
+    python benchmarks/ros.py --stop 40        SIGINT at 40 random moments of drives, over rclpy and over DDS
+    python benchmarks/ros.py --transcript     a drive that is stopped at four moments
+
+``python tests/ros/build.py`` builds the distributions, once. Each process has a DDS domain of this machine alone.
+"""
+
+from __future__ import annotations
+
+import math
+import random
+import statistics
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path[:0] = [str(ROOT / "tests/ros"), str(ROOT / "tests/robots"), str(ROOT / "tests")]
+import pytest  # noqa: E402
+from command_line import Parser, run_script  # noqa: E402
+
+if TYPE_CHECKING:
+    from rospeers import Ros
+
+CELLS = ("raw", "compressed", "compressedDepth", "16UC1", "32FC1", "CameraInfo", "Odometry", "tf", "tf_static",
+         "objects out", "ask", "goal out", "accepted", "refused", "aborted", "cancelled")  # fmt: skip
+LATEST_S = 1.0  # a server must have the request to cancel by then
+
+
+def main() -> int:
+    parser = Parser(__doc__)
+    parser.add_argument("--stop", type=int, metavar="N", help="interrupt so many drives by each way")
+    parser.add_argument("--transcript", action="store_true", help="show a drive that is stopped at four moments")
+    parser.add_argument("--seed", type=int, default=0)
+    options = parser.parse_args()
+    from rospeers import DISTRIBUTIONS, missing
+
+    there = [name for name in DISTRIBUTIONS if not missing(name)]
+    if not there:
+        sys.exit(f"{sys.argv[0]}: {missing(DISTRIBUTIONS[0])}")
+    if options.transcript:
+        return transcript(there[-1])
+    if options.stop is not None:
+        return stop(there, options.stop, random.Random(options.seed))
+    return table(there)
+
+
+class Cells:
+    """How the tests of each cell of the table ended."""
+
+    def __init__(self) -> None:
+        self.ended: dict[tuple[str, str], bool] = {}
+        self.failed: list[str] = []
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        _, _, name = report.nodeid.rstrip("]").partition("[")
+        distribution, _, rest = name.partition("-")
+        for cell in CELLS:
+            if report.when == "call" and cell in rest.replace("+", "-").split("-"):
+                key = distribution, cell
+                self.ended[key] = self.ended.get(key, True) and report.passed
+        if report.failed:
+            self.failed.append(report.nodeid)
+
+
+def table(distributions: list[str]) -> int:
+    """Run the tests and print how each cell ended; 1 if any is not green."""
+    cells = Cells()
+    pytest.main(["-q", "-n", "0", "-m", "", "--no-header", "--tb=short", str(ROOT / "tests/ros")], [cells])
+    print(f"\n{'':16}" + "".join(f"{name:>9}" for name in distributions))
+    for cell in CELLS:
+        ended = [cells.ended.get((name, cell)) for name in distributions]
+        print(
+            f"{cell:16}" + "".join(f"{'not run' if each is None else 'ok' if each else 'FAILS':>9}" for each in ended)
+        )
+    print(f"{len(cells.failed)} tests failed {' '.join(cells.failed)}")
+    return int(bool(cells.failed) or len(cells.ended) < len(CELLS) * len(distributions))
+
+
+def stop(distributions: list[str], count: int, moments: random.Random) -> int:
+    """Interrupt drives, a row a way; 1 if a robot drove on, or was asked to stop too late."""
+    from rospeers import WAYS, Ros
+
+    names, widths = ("cancelled", "never sent", "arrived", "late", "lost"), (10, 12, 9, 6, 6)
+    heads = "".join(f"{name:>{width}}" for name, width in zip(names, widths, strict=True))
+    print(f"{'':6}{heads}   seconds until the robot is asked: median, most")
+    bad = 0
+    for way in WAYS:
+        counts, took = dict.fromkeys(names, 0), list[float]()
+        for k in range(count):
+            ros = Ros(distributions[k % len(distributions)])
+            ended, asked_s = _interrupted(ros, way, moments.uniform(0.0, 3.5))  # to find the robot, and to drive, 2 s
+            ros.close()
+            took += [asked_s] if ended == "cancelled" else []
+            counts["late" if ended == "cancelled" and asked_s > LATEST_S else ended] += 1
+        bad += counts["late"] + counts["lost"]
+        row = "".join(f"{counts[name]:>{width}}" for name, width in zip(names, widths, strict=True))
+        print(
+            f"{way:6}{row}   {statistics.median(took or [math.nan]):.2f} {max(took, default=math.nan):.2f}", flush=True
+        )
+    return int(bad > 0)
+
+
+def _interrupted(ros: Ros, way: str, after_s: float) -> tuple[str, float]:
+    """How a drive ends that is interrupted after so long, and when the robot was asked to stop (s later)."""
+    from rospeers import Drive, Event
+
+    with ros.peer("nav_server.py", "drives", 120, 1.0) as server:
+        drive = Drive(ros, way)
+        drive.until("made")
+        time.sleep(after_s)
+        sent_s = drive.signal()
+        code, said = drive.end()
+        time.sleep(0.5)  # a goal that was sent all the same would begin
+        robot = {event.words.split(" map")[0]: event.time_s for event in map(Event.of, server.so_far())}
+    if "goal" not in robot:
+        return "never sent", math.nan
+    if "succeeded" in robot and "arrived" in said:
+        return "arrived", math.nan
+    if "cancelled" in robot and "cancelled" in said and code == 130:
+        return "cancelled", robot["asked to cancel"] - sent_s
+    print(f"  {ros.distribution} {way} after {after_s:.2f} s: {code} {said}; {robot}", file=sys.stderr)
+    return "lost", math.nan
+
+
+def transcript(distribution: str) -> int:
+    """Show what the program and the robot say of a drive that is stopped before, at and after its acceptance."""
+    from rospeers import Drive, Event, Ros, heard_by
+
+    moments = (
+        ("before it is accepted", "hesitates", "made"),
+        ("as it is accepted", "drives", "driving accepted"),
+        ("on the way, twice", "drives", "driving 1."),
+        ("of a drive that cannot be stopped", "deaf", "driving 1."),
+    )
+    for says, form, word in moments:
+        print(f"== Ctrl-C {says}")
+        ros = Ros(distribution)
+        with ros.peer("nav_server.py", form, 60) as server:
+            drive = Drive(ros, "rclpy")
+            drive.until(word)
+            robot = [heard_by(server, "hesitates")] if form == "hesitates" else []
+            sent_s = drive.signal()
+            if "twice" in says:
+                time.sleep(0.05)
+                drive.signal()
+            code, _ = drive.end()
+            time.sleep(0.2)
+            robot += [Event.of(line) for line in server.so_far()]
+        ros.close()
+        lines = [(e.time_s, "cartier", e.words) for e in drive.said] + [(e.time_s, "robot", e.words) for e in robot]
+        for time_s, who, words in sorted([*lines, (sent_s, "person", "Ctrl-C")], key=lambda line: line[0]):
+            print(f"{time_s - sent_s:+7.2f} s  {who:8} {words}")
+        print(f"exit code {code}\n", flush=True)
+    return 0
+
+
+if __name__ == "__main__":
+    run_script(main)
