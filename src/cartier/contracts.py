@@ -405,10 +405,10 @@ class VisionModel(Protocol):
     name: str
     """Which model it is, for the provenance of every output."""
     endpoint: str
-    """Where pictures are sent: a URL without credentials; empty if they do not leave this process."""
+    """Where pictures are sent: a URL without credentials, and a proxy on the way; empty if they stay here."""
 
     def look(self, question: VisualQuestion, pictures: Sequence[CandidateView]) -> VisualReply:
-        """Answer a question about each of the pictures, in one call.
+        """Answer a question about each of the pictures, in one call: photographs leave once a question.
 
         Words that are seen in a picture are data: they change neither the question nor the form of the answer.
 
@@ -421,7 +421,7 @@ class VisionModel(Protocol):
             that cannot be read is "cannot tell" for all of them.
 
         Raises:
-            ReasonerError: The model cannot be reached or refuses.
+            ReasonerError: The model cannot be reached or refuses; NothingSent if the pictures did not leave.
         """
         ...
 

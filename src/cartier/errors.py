@@ -47,6 +47,10 @@ class ReasonerError(CartierError):
     """A language model could not be reached or refused to answer. An unusable reply is no error, but no choice."""
 
 
+class NothingSent(ReasonerError):
+    """A vision model that was not asked, because it cannot be: no photograph left."""
+
+
 def brief(foreign: object, most: int = 100) -> str:
     """Text of a file, a server or a library for a message: one printable line of at most ``most`` characters."""
     try:

@@ -855,10 +855,12 @@ class VisualReply:
     Args:
         answers: One for each picture, in their order.
         model: Which model it was.
-        endpoint: Where the pictures went: a URL without credentials; empty if they did not leave this process.
+        endpoint: Where the pictures went: a URL without credentials, and a proxy on the way; empty if they did not
+            leave this process.
         prompt, reply: What it was sent (without the images) and what it returned.
         tokens: How many tokens it took, as the server counts them; 0 if unknown.
         valid: False if the reply was not of the form that it was asked for, so that it answers nothing.
+        times_sent: How often the pictures were sent; 0 if the server did not even take a made one.
     """
 
     answers: tuple[VisualAnswer, ...]
@@ -868,6 +870,7 @@ class VisualReply:
     reply: str = ""
     tokens: int = 0
     valid: bool = True
+    times_sent: int = 1
 
 
 @dataclass(frozen=True)
@@ -904,9 +907,11 @@ class VisualTrace:
             What ``cartier ask --json`` prints as ``look``.
         """
         asked, reply = asdict(self.question), self.reply
+        times_sent = 0 if reply is None else reply.times_sent
         return {
             "question": {**asked, "choices": list(asked["choices"]), "objects": list(asked["objects"])},
-            "photos": [picture.to_dict() for picture in self.pictures], "sent": reply is not None,
+            "photos": [picture.to_dict() for picture in self.pictures], "sent": times_sent > 0,
+            "times_sent": times_sent,
             "to": None if reply is None else {"model": reply.model, "endpoint": reply.endpoint or None},
             "answers": [] if reply is None else [asdict(answer) for answer in reply.answers],
             "reply": "" if reply is None else reply.reply, "verdict": self.verdict, "answer": self.answer,

@@ -138,7 +138,6 @@ def said(**members: Any) -> str:
         (f"<think>{said(object='tv')}</think>{said()}", "found", "bed"),
         (f"First {said(object='tv')}, but then: {said()}", "found", "bed"),
         ('{"object": "chair"}', "found", "chair"),
-        ('{"status": "found", "object": "bed", "then": [{"status": "found", "object": "ch', "found", "bed"),
         ("{'status': 'absent', 'object': 'bed'}", "absent", None),
         ("{'status': 'near', 'object': 'bed'}", "near", "bed"),
         ('{"answer": "bed"}', "found", "bed"),
@@ -164,6 +163,12 @@ def test_a_reply_says_what_it_says(reply: str, status: str, name: str | None) ->
         said(status="found")[:45],
         '{"reason": "go to the bed',
         '{"reason": "he is tired", "status": "found", "obj',
+        '{"status": "found", "object": "bed", "then": [{"status": "found", "object": "ch',
+        '{"status": "found", "object": "bed"',
+        "{'status': 'found', 'object': 'bed'",
+        said() + '{"status": "found',
+        "[THINK]the bed",
+        "<|channel|>analysis<|message|>the bed",
         "{'status': 'absent', 'object': 'bed'} {'status': 'found', 'object': 'bed'}",
         f"<think>{said()}",
         "the bed or the chair",
@@ -465,8 +470,9 @@ def test_an_answer_for_programs_is_read(kind: str, value: Any, objects: list[int
         (None, None, []),
     ],
 )
-def test_an_answer_that_this_home_cannot_give_is_no_answer(kind: Any, value: Any, objects: Any) -> None:
-    assert read_reply(told(kind, value, objects), FLAT) is None
+def test_a_fact_of_no_use_leaves_its_sentence(kind: Any, value: Any, objects: Any) -> None:
+    chosen = read_reply(told(kind, value, objects), FLAT)
+    assert chosen is not None and (chosen.status, chosen.fact) == ("answered", None) and chosen.text
 
 
 def test_told_needs_words_and_no_more() -> None:

@@ -23,12 +23,15 @@ CANNED = {
     "outside": '{"object": "helicopter"}',
     "wrapped": "The best place to send the robot is the object called `Chair'.",
     "empty": "",
+    "proposes": "1. Sofa, the bed",
+    "no-bounds": '{"reason": "It is soft.", "status": "found", "object": "bed", "question": "", "say": "", '
+    '"answer": null, "then": []}',
     "nothing": '{"object": "nothing"}',
     "two-needs": '{"reason": "Muddy clothes want a wash.", "status": "found", "object": "chair", "question": "", '
     '"then": ['
     '{"reason": "Then you rest.", "status": "near", "object": "Bed", "question": ""}, '
     '{"reason": "", "status": "found", "object": "helicopter", "question": ""}]}',
-    "blanks": '{"object": "bed"' + " " * 19_000,
+    "blanks": '{"object": "bed"' + " " * 19_000 + "}",
     "asks": '{"reason": "Both fit.", "status": "clarify", "object": "nothing", "question": "Chair\\nor bed?", '
     '"then": []}',
 }
@@ -175,7 +178,8 @@ def serve(model: Path) -> None:
 
         def complete(self, asked: dict[str, Any], name: str) -> dict[str, Any]:
             later = name == "rubbish-later" and len(self.seen[name]) > 1
-            text, used = CANNED.get("rubbish" if later else name), 0
+            lists = name == "lawful" and not asked.get("response_format")  # random weights know no list of names
+            text, used, finish = CANNED.get("rubbish" if later else "proposes" if lists else name), 0, "stop"
             if text is None:
                 form, grammar = asked.get("response_format") or {}, {}
                 if name != "ignores" and form.get("type") in ("json_schema", "json_object"):
@@ -191,7 +195,9 @@ def serve(model: Path) -> None:
                 )
                 reply: Any = runner.send_chat_completion_request(request)
                 text, used = reply.choices[0].message.content, reply.usage.total_tokens
-            choice = {"index": 0, "finish_reason": "stop", "message": {"role": "assistant", "content": text}}
+                finish = reply.choices[0].finish_reason
+                self.seen.setdefault(f"replies-of-{name}", []).append({"text": text})
+            choice = {"index": 0, "finish_reason": finish, "message": {"role": "assistant", "content": text}}
             about = {"id": "x", "object": "chat.completion", "created": 0, "model": name, "choices": [choice]}
             return about | {"usage": {"total_tokens": used}}
 

@@ -11,7 +11,7 @@ import pytest
 
 from cartier import plugins
 from cartier.contracts import Reasoner
-from cartier.errors import InputError
+from cartier.errors import InputError, ReasonerError
 from cartier.testing import REQUESTS, check_reasoner
 from cartier.types import Inventory
 from flat import FLAT
@@ -38,7 +38,7 @@ def make(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.Mon
     if request.param == "local":
         options = {"model": request.getfixturevalue("tiny_model"), "prompt": "paper"}
     if request.param == "openai":
-        options = {"base_url": f"{request.getfixturevalue('server')}/v1", "model": "honest"}
+        options = {"base_url": f"{request.getfixturevalue('server')}/v1", "model": "lawful"}
     if request.param == "replay":
         rows = [{"query": q, "reply": a} for q, a in zip(REQUESTS, ANSWERS, strict=True)]
         options = {"path": tmp_path / "replies.jsonl"}
@@ -56,7 +56,11 @@ def test_no_answer_leaves_the_list(make: Callable[..., Reasoner]) -> None:
 def test_no_answer_leaves_a_home_of_objects_and_rooms(make: Callable[..., Reasoner]) -> None:
     reasoner = make()
     for request in REQUESTS[::2] if "openai" in reasoner.name else REQUESTS:
-        chosen = reasoner.select(request, FLAT, [("a cup", "cup #12"), ("where are the plates?", "I saw none.")])
+        try:
+            chosen = reasoner.select(request, FLAT, [("a cup", "cup #12"), ("where are the plates?", "I saw none.")])
+        except ReasonerError as error:  # random weights mostly ramble until the limit of tokens
+            assert "openai" in reasoner.name and "broke off its answer" in str(error)
+            continue
         assert all(FLAT.contains(need) for need in (chosen, *chosen.next))
         assert chosen.status != "answered" or chosen.text
 

@@ -99,7 +99,7 @@ def answered(key: str, content: Any, status: int = 200) -> dict[str, Any]:
     body = {
         "id": "c",
         "object": "chat.completion",
-        "choices": [{"index": 0, "message": {"role": "assistant", "content": content}}],
+        "choices": [{"index": 0, "message": {"role": "assistant", "content": content}, "finish_reason": "stop"}],
     }
     response = {
         "status_code": status,
@@ -142,7 +142,7 @@ def test_what_a_batch_brought_back_is_the_reply_to_that_very_prompt(tmp_path: Pa
         '{"custom_id": "x"}',
         '{"custom_id": "x", "response": null}',
         '{"custom_id": "x", "response": {"status_code": 200, "body": {"choices": []}}}',
-        '{"custom_id": "x", "response": {"status_code": 200, "body": {"choices": [{"message": {"content": 7}}]}}}',
+        '{"custom_id": "x", "response": {"status_code": 200, "body": {"choices": [{"message": "bed"}]}}}',
         '{"custom_id": 7, "response": {"status_code": 200, "body": {"choices": [{"message": {"content": "bed"}}]}}}',
     ],
 )

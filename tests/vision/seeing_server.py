@@ -22,6 +22,8 @@ from typing import Any, ClassVar
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
+from cartier.vision import made
+
 RGB = {
     "black": (20, 20, 20), "grey": (128, 128, 128), "white": (240, 240, 240), "red": (200, 30, 30),
     "orange": (230, 130, 30), "yellow": (230, 220, 50), "green": (40, 150, 50), "blue": (40, 70, 200),
@@ -135,11 +137,13 @@ def decoded(url: Any) -> np.ndarray:
 
 class Handler(BaseHTTPRequestHandler):
     requests: ClassVar[list[dict[str, Any]]]
+    tries: ClassVar[list[dict[str, Any]]]
     spoken: ClassVar[dict[str, str]]
 
     def do_POST(self) -> None:
         asked = json.loads(self.rfile.read(int(self.headers["Content-Length"])))
-        self.requests.append(asked)
+        tries = made.READ.words in json.dumps(asked["messages"][-1]["content"])  # a made picture, before the first look
+        (self.tries if tries else self.requests).append(asked)
         self.answer(*self.reply(asked))
 
     def reply(self, asked: dict[str, Any]) -> tuple[int, dict[str, Any]]:
@@ -199,13 +203,17 @@ def text_answer(asked: dict[str, Any]) -> dict[str, Any]:
 
 
 def message(content: str, **more: str) -> dict[str, Any]:
-    return {"choices": [{"message": {"role": "assistant", "content": content, **more}}], "usage": {"total_tokens": 900}}
+    choice = {"message": {"role": "assistant", "content": content, **more}, "finish_reason": "stop"}
+    return {"choices": [choice], "usage": {"total_tokens": 900}}
 
 
 @contextmanager
 def serving(spoken: dict[str, str] | None = None) -> Iterator[tuple[str, list[dict[str, Any]]]]:
-    """The server's URL, and the requests that it has had. ``spoken``: fixed replies by the model's name."""
-    kind = type("Seeing", (Handler,), {"requests": [], "spoken": spoken or {}})
+    """The server's URL, and the requests that it has had, without those about made pictures.
+
+    ``spoken``: fixed replies by the model's name.
+    """
+    kind = type("Seeing", (Handler,), {"requests": [], "tries": [], "spoken": spoken or {}})
     server = ThreadingHTTPServer(("127.0.0.1", 0), kind)
     thread = threading.Thread(target=server.serve_forever, daemon=True)
     thread.start()

@@ -209,7 +209,8 @@ def test_peculiar_servers_are_understood(fault: str, seeing: tuple[str, Calls]) 
 def test_a_hanging_server_is_left(seeing: tuple[str, Calls]) -> None:
     mugs, photos = two_mugs()
     _, trace, notes = told(Look(model(seeing[0], "hangs", timeout_s=0.5)), "which cup is dirty?", mugs, photos)
-    assert trace.verdict == "cannot_tell" and "did not answer" in trace.why and "were sent to" in notes[0]
+    assert trace.verdict == "cannot_tell" and "did not answer" in trace.why
+    assert notes[0].startswith("no photograph was sent") and not seeing[1], "it did not answer about a made picture"
 
 
 def test_model_that_does_not_see_is_sent_nothing(seeing: tuple[str, Calls]) -> None:

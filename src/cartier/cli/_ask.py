@@ -147,6 +147,7 @@ def _show_prompt(
     from_xy: tuple[float, ...] | None, as_json: bool,
 ) -> None:  # fmt: skip
     """Print the prompt, and the server that it would go to."""
+    from cartier.llm.network import proxy_to
     from cartier.llm.prompts import check_query, prompt_named
     from cartier.navigation.planning import check_start
     from cartier.understanding import alarm
@@ -156,15 +157,17 @@ def _show_prompt(
     words = check_query(words)
     asked = None if alarm.screen(words) else asked  # answered here, whatever the reasoner
     server, model = asked or ("", "")
-    to = f"{server.rstrip('/')}/chat/completions" if server else None
+    to, through = f"{server.rstrip('/')}/chat/completions" if server else None, proxy_to(server) if server else None
     body: dict[str, Any] | None = None
     if asked is not None:
         inventory = home.inventory(index, check_start(home.start_xy if from_xy is None else from_xy))
         body = prompt_named("rich").request(words, inventory).body(model)
     if as_json:
-        print(json.dumps({"to": to, "body": body}, ensure_ascii=False))
+        proxy = through.shown if through else None
+        print(json.dumps({"to": to, "through": proxy, "body": body}, ensure_ascii=False))
         return
-    print(f"this is sent to {to} and nowhere else" if to else "nothing leaves this machine")
+    way = f" through {through}" if through else ""
+    print(f"this is sent to {to}{way} and nowhere else" if to else "nothing leaves this machine")
     if body is None:
         return
     print(f"model {model}, temperature {body['temperature']:g}, at most {body['max_tokens']} tokens")

@@ -30,7 +30,9 @@ def send_and_look(
     for arrival in seek(allowed, _candidates(home, first, answer.goal, model), robot.go_to, see):
         yield arrival.drove
         if arrival.trace is not None:
-            yield f"a photograph from the goal went to {name_of(allowed.model)}: {arrival.trace.question.words}"
+            left = arrival.trace.reply is not None and arrival.trace.reply.times_sent > 0
+            went = "a photograph from the goal went to" if left else "no photograph was sent to"
+            yield f"{went} {name_of(allowed.model)}: {arrival.trace.question.words}"
         told = {"yes": "is there", "no": "is not there", "cannot tell": f"could not be looked for: {arrival.why}"}
         yield f"the {arrival.obj.label} ({arrival.obj.id}) {told[arrival.said]}"
 

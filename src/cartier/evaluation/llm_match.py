@@ -16,6 +16,7 @@ from cartier.errors import InputError, ReasonerError, brief
 from cartier.evaluation.look_items import CANNOT_TELL, LookItem
 from cartier.llm.batch import read_replies
 from cartier.llm.prompts import Request, Schema
+from cartier.llm.thoughts import without_thoughts
 
 SCORES = (1, 2, 3, 4, 5)
 MAX_TOKENS = 64
@@ -80,7 +81,7 @@ def request_for(question: str, truth: str, answer: str) -> Request:
 
 def score(reply: str) -> int | None:
     """The score in a reply; None if it is not of the schema."""
-    found = re.findall(r"\{[^{}]*\}", reply.rpartition("</think>")[2][-2000:])
+    found = re.findall(r"\{[^{}]*\}", (without_thoughts(reply) or "")[-2000:])
     try:
         row = json.loads(found[-1]) if found else None
     except ValueError:

@@ -10,6 +10,7 @@ from typing import Any
 from cartier.errors import InputError
 from cartier.io.atomic import write_file
 from cartier.io.files import read_text
+from cartier.llm.completion import read_completion
 from cartier.llm.prompts import Request, without_bounds
 
 URL = "/v1/chat/completions"
@@ -42,9 +43,10 @@ def read_replies(path: Path) -> dict[str, str]:
 
 
 def answered(row: Mapping[str, Any]) -> dict[str, str]:
-    """The id of a request and the reply to it, from a line of a batch's output; nothing for a failed request.
+    """The id of a request and the whole reply to it, from a line of a batch's output; nothing for a failed request.
 
-    Who answers by hand writes {"custom_id": id, "reply": text}. Raises LookupError or TypeError for another line.
+    Who answers by hand writes {"custom_id": id, "reply": text}. Raises LookupError, TypeError or ValueError for another
+    line.
     """
     if "reply" in row:
         content = row["reply"]
@@ -52,7 +54,8 @@ def answered(row: Mapping[str, Any]) -> dict[str, str]:
         response = row["response"]
         if row.get("error") or response["status_code"] != 200:
             return {}
-        content = response["body"]["choices"][0]["message"]["content"]
+        completion = read_completion(response["body"])
+        content = completion.text if completion.ended == "whole" else None
     if not isinstance(row["custom_id"], str) or not isinstance(content, str | None):
         raise TypeError("custom_id and content must be text")
     return {} if content is None else {row["custom_id"]: content}

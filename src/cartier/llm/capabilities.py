@@ -11,7 +11,6 @@ from typing import Any
 from cartier.errors import InputError, brief
 from cartier.io.atomic import write_file
 from cartier.io.files import read_text
-from cartier.llm.structured_output import remember_form
 
 MAX_BYTES = 2**20
 
@@ -31,6 +30,8 @@ class Capabilities:
         seconds: The median time of a reply.
         tokens_per_s: Tokens of replies and prompts together in a second; 0 if the server does not count.
         checked: The day, YYYY-MM-DD.
+        bare_urls: Whether it takes pictures as bare URLs only.
+        leaves_out: Members of a request that the server refuses; None of a check that did not look for them.
     """
 
     server: str
@@ -43,6 +44,8 @@ class Capabilities:
     seconds: float
     tokens_per_s: float
     checked: str
+    bare_urls: bool = False
+    leaves_out: tuple[str, ...] | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """Its fields as plain JSON values."""
@@ -61,7 +64,8 @@ def known(server: str, model: str) -> Capabilities | None:
     if row is None:
         return None
     try:
-        return Capabilities(**row)
+        left = row.get("leaves_out")
+        return Capabilities(**row | {"leaves_out": None if left is None else tuple(map(str, left))})
     except TypeError as error:
         raise _damaged(error) from error
 
@@ -75,17 +79,6 @@ def keep(found: Capabilities) -> Path:
         raise InputError(f"{file.parent} cannot be made ({error.strerror})") from error
     write_file(file, (json.dumps(rows, indent=1) + "\n").encode())
     return file
-
-
-def apply(server: str, where: str, model: str) -> Capabilities | None:
-    """Begin a server's requests with the form that an earlier check found; returns what it found, or None.
-
-    ``server`` is the URL that requests go to, ``where`` the same without credentials.
-    """
-    found = known(where, model)
-    if found is not None and found.form is not None:
-        remember_form(server, model, found.form)
-    return found
 
 
 def _rows() -> dict[str, Any]:

@@ -12,6 +12,7 @@ from typing import Any
 from cartier.labels import object_ref
 from cartier.llm.lookup import NOTHING, Listed, Pick, names_of
 from cartier.llm.route_rules import with_rules
+from cartier.llm.thoughts import without_thoughts
 from cartier.types import Fact, Inventory, Selection, Status
 
 # The prompts' words for each status; all published figures of language models were measured with these.
@@ -28,19 +29,21 @@ SAY_AGAIN = "Could you say that in other words?"
 def read_reply(reply: str, inventory: Inventory, *, model: str = "", prompt: str = "") -> Selection | None:
     """A reply to any of the prompts as an answer; None if it is unreadable, truncated or not about this home.
 
-    The last JSON object with a status or an object counts, as far as it is complete. All that it names must be in the
-    inventory: names, numbers of objects with their own names, rooms, and the contents of an answer for programs. A
-    reply without JSON is free text, in which ``parse_object`` looks for the name. A further need (at most
-    ``MAX_FURTHER``) that names nothing in the home becomes a question.
+    The last JSON object with a status or an object counts; one that is cut off is no answer. All that it names must be
+    in the inventory: names, numbers of objects with their own names, and rooms; an answer for programs that does not
+    fit is left out. A reply without JSON is free text, in which ``parse_object`` looks for the name. A further need (at
+    most ``MAX_FURTHER``) that names nothing in the home becomes a question.
     """
-    text = reply.rpartition("</think>")[2][-MAX_REPLY_CHARS:]
-    if "<think>" in text:  # cut off before the answer
+    said = without_thoughts(reply)
+    if said is None:
         return None
-    listed = Listed(inventory)
+    text, listed = said[-MAX_REPLY_CHARS:], Listed(inventory)
     rows, is_cut = _rows(text)
+    if is_cut:  # what is missing may change all of it
+        return None
     if not rows:
         stated = {status.lower() for status in _JSON_STATUS.findall(text)} or {"found"}
-        if len(stated) > 1 or (is_cut and not _JSON_MEMBER.search(text)):
+        if len(stated) > 1 or text.count("{") > text.count("}"):
             return None
         rows = [{"status": stated.pop(), "object": _named(text, inventory.names)}]
     first = _need(rows[-1], listed, model)
@@ -90,13 +93,13 @@ def _need(row: Mapping[str, Any], listed: Listed, model: str) -> Selection | Non
 
 
 def _told(row: Mapping[str, Any], listed: Listed, about: Pick | None, model: str) -> Selection | None:
-    """An answer in words; None without a sentence, or if the answer for programs is not about this home."""
+    """An answer in words; None without a sentence. An answer for programs that is not about this home is left out."""
     say, reason = _line(row.get("say")), _line(row.get("reason"))
     stated = row.get("answer")
     try:
         fact = None if stated is None else _fact(stated, listed)
     except (KeyError, TypeError, ValueError, OverflowError):
-        return None
+        fact = None  # the sentence stays
     if not (say or reason):
         return None
     name, number, room = about or (None, None, None)
@@ -213,10 +216,10 @@ def parse_object(reply: str, objects: Sequence[str]) -> str | None:
     Else None: of two names that nothing tells apart, either would be a guess. Upper case, underscores, CamelCase and a
     plural's s do not matter where that is unambiguous, and "coffee machine" is never taken for "machine".
     """
-    reply = reply.rpartition("</think>")[2][-MAX_REPLY_CHARS:].strip()
-    names = names_of(tuple(objects))
-    if "<think>" in reply:  # cut off before the answer
+    said = without_thoughts(reply)
+    if said is None:
         return None
+    reply, names = said[-MAX_REPLY_CHARS:].strip(), names_of(tuple(objects))
     if _JSON_MEMBER.search(reply):
         stated = [m[2] for m in _JSON_OBJECT.finditer(" ".join(reply.split()))]
         return names.lookup(_unescaped(stated[-1])) if stated else None
@@ -235,7 +238,7 @@ def parse_object(reply: str, objects: Sequence[str]) -> str | None:
 
 def parse_list(reply: str, most: int = 5) -> list[str]:
     """The names in a comma-separated or numbered reply, cleaned, each once."""
-    parts = re.split(r"[,\n;]", reply[:MAX_REPLY_CHARS])
+    parts = re.split(r"[,\n;]", (without_thoughts(reply) or "")[:MAX_REPLY_CHARS])
     names = (_LIST_MARKS.sub("", part).strip("\"'` ") for part in parts)
     return list(dict.fromkeys(name.lower() for name in names if 0 < len(name) <= 60))[:most]
 

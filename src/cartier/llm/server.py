@@ -12,19 +12,29 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
-from urllib.parse import urljoin, urlsplit
+from urllib.parse import urlsplit
 
 import openai
 
 from cartier.errors import ReasonerError, brief
+from cartier.llm import capabilities
 from cartier.llm.client import server_asked, without_credentials
+from cartier.llm.completion import read_completion
 from cartier.llm.deadline import Late, within
+from cartier.llm.network import proxy_to
 from cartier.llm.prompts import Messages, Schema
-from cartier.llm.structured_output import Form, NotUnderstood, Refused, request_with_fallback
+from cartier.llm.structured_output import (
+    LADDER,
+    Form,
+    NotUnderstood,
+    Refused,
+    form_of,
+    remember_form,
+    request_with_fallback,
+)
+from cartier.llm.transport import CutOff, OneServer
 
-MAX_REPLY_BYTES = 2**20
 PAUSES_S = (0.5, 1.5)
-KEPT_HEADERS = ("content-type", "retry-after")
 BUSY = (408, 429, 503, 529)
 """Statuses that may pass with a retry."""
 
@@ -40,8 +50,24 @@ HINTS = {
 """Statuses that another form of the request does not mend."""
 
 
-class CutOff(ReasonerError):
-    """A connection that ended in the middle of an answer."""
+NO_REPLY = {
+    "cut off": "broke off its answer: raise its limit of tokens, or switch its thinking off",
+    "empty": "answered nothing",
+    "declined": "declines to answer",
+}
+"""What a server did that answered without a whole reply."""
+
+
+class NoReply(ReasonerError):
+    """A server that answered without a whole reply: it is cut off, empty or declined."""
+
+
+class _Failed(Exception):
+    """A failure that a server tells of, in the status of its answer or in its body."""
+
+    def __init__(self, status: int, said: str, retry_after: str | None = None) -> None:
+        super().__init__(said)
+        self.status, self.said, self.retry_after = status, said, retry_after
 
 
 class Server:
@@ -69,6 +95,9 @@ class Server:
             raise ReasonerError(f"timeout_s must be positive, got {timeout_s}")
         self.server, self.model = server_asked(model, base_url)
         self.where = without_credentials(self.server)
+        self.proxy = proxy_to(self.server)
+        self.way = f"{self.where} through {self.proxy}" if self.proxy else self.where
+        """Where requests go, as it may be printed."""
         self.name = f"openai {self.model} @ {urlsplit(self.server).hostname}"
         self.timeout_s = timeout_s
         self._idle: queue.SimpleQueue[Any] = queue.SimpleQueue()
@@ -86,24 +115,48 @@ class Server:
     ) -> str:
         """One raw reply within ``timeout_s``. Raises ReasonerError if the server cannot be reached or refuses."""
         deadline = time.monotonic() + self.timeout_s
-        options = {"temperature": self._temperature, "max_tokens": max_tokens}
-        asked = {"model": self.model, "messages": messages}
         try:
             if schema is None:
-                return self._request(asked, options, {}, True, deadline)
+                return self._request(messages, max_tokens, {}, True, deadline)
             return request_with_fallback(
                 self.server, self.model, schema,
-                lambda form, sure: self._request(asked, options, form, sure, deadline), is_answer,
+                lambda form, sure: self._request(messages, max_tokens, form, sure, deadline), is_answer,
             )  # fmt: skip
         except NotUnderstood as error:
             raise error.error from error
 
-    def _request(self, asked: dict[str, Any], options: dict[str, Any], form: Form, sure: bool, deadline: float) -> str:
+    def once(self, messages: Messages, schema: Schema, max_tokens: int) -> str:
+        """The raw reply to one request that is never repeated, in the form that has worked, else the strictest."""
+        form = LADDER[form_of(self.server, self.model) or "json_schema"](schema)
+        try:
+            return self._request(messages, max_tokens, form, True, time.monotonic() + self.timeout_s, repeats=False)
+        except NotUnderstood as error:
+            raise error.error from error
+
+    def as_checked(self) -> capabilities.Capabilities | None:
+        """Begin with what ``cartier check-model`` found out; returns it, or None if it was never run."""
+        found = capabilities.known(self.where, self.model)
+        if found is not None:
+            self._refused |= set(found.leaves_out or ())
+            if found.form is not None:
+                remember_form(self.server, self.model, found.form)
+        return found
+
+    @property
+    def leaves_out(self) -> tuple[str, ...]:
+        """Members of a request that the server has refused."""
+        return tuple(sorted(self._refused))
+
+    def _request(
+        self, messages: Messages, max_tokens: int, form: Form, sure: bool, deadline: float, repeats: bool = True
+    ) -> str:
         """The text of one reply, with retries where a fault may pass. ``sure`` says that the form is not at fault.
 
         Raises ReasonerError, or NotUnderstood where another form may succeed.
         """
-        pauses = list(PAUSES_S)
+        asked = {"model": self.model, "messages": messages}
+        options = {"temperature": self._temperature, "max_tokens": max_tokens}
+        pauses = list(PAUSES_S) if repeats else []
         while True:
             kept = {name: value for name, value in options.items() if name not in self._refused}
             extra = {name: value for name, value in self._extra.items() if name not in self._refused}
@@ -115,20 +168,19 @@ class Server:
             except openai.APIConnectionError as error:
                 if not (sure and _paused(pauses, deadline)):
                     raise ReasonerError(
-                        f"cannot reach {self.where} ({self.brief(error.__cause__ or error)}): is the server running?"
+                        f"cannot reach {self.way} ({self.brief(error.__cause__ or error)}): is the server running?"
                     ) from error
-            except openai.APIStatusError as error:
-                status = error.status_code
-                refused = {name for name in (*kept, *extra) if name in _said(error)} if status in (400, 422) else set()
+            except _Failed as failed:
+                status = failed.status
+                refused = {name for name in (*kept, *extra) if name in failed.said} if status in (400, 422) else set()
                 passing = status in BUSY or (sure and status >= 500)
-                if refused:  # some models take no temperature, or another name for the limit
-                    self._refused |= refused
-                elif passing and _paused(pauses, deadline, error.response.headers.get("retry-after")):
-                    pass
-                elif passing or status in HINTS:
-                    raise self._refusal(error) from error
-                else:
-                    raise NotUnderstood(Refused(str(self._refusal(error)))) from error
+                self._refused |= refused  # some models take no temperature, or another name for the limit
+                told = f"{self.where} answered {status}: {HINTS.get(status) or self.brief(failed.said)}"
+                if (refused and repeats) or (passing and _paused(pauses, deadline, failed.retry_after)):
+                    continue
+                if passing or status in HINTS:
+                    raise ReasonerError(told) from failed
+                raise NotUnderstood(Refused(told)) from failed
             except CutOff:
                 if not _paused(pauses, deadline):
                     raise
@@ -144,6 +196,8 @@ class Server:
             except Late as late:
                 client.close()  # closing the connection ends the exchange
                 raise self._too_late() from late
+            except openai.APIStatusError as error:
+                raise _Failed(error.status_code, _said(error), error.response.headers.get("retry-after")) from error
             except openai.APIConnectionError as error:
                 if isinstance(error.__cause__, ReasonerError):  # older SDKs wrap what their transport raises
                     raise error.__cause__ from None
@@ -164,33 +218,37 @@ class Server:
                 self._idle.put(client)
 
     def _connected(self) -> Any:
-        return openai.OpenAI(
-            api_key=self._key, base_url=self.server, timeout=self.timeout_s, max_retries=0,
-            http_client=_OneServer(self),
-            default_headers={"Accept-Encoding": "identity"},  # so that a small reply cannot unpack to a huge one
-        )  # fmt: skip
+        """A client of the SDK. Raises ReasonerError where the environment names what it cannot use."""
+        try:
+            return openai.OpenAI(
+                api_key=self._key, base_url=self.server, timeout=self.timeout_s, max_retries=0,
+                http_client=OneServer(self.server, self.where, self.proxy, self.timeout_s, self.brief),
+                default_headers={"Accept-Encoding": "identity"},  # so that a small reply cannot unpack to a huge one
+            )  # fmt: skip
+        except ReasonerError:
+            raise
+        except Exception as error:  # ValueError, ImportError and more, by the kind of proxy
+            mend = f"{self.proxy} cannot be used: mend or unset it" if self.proxy else "is its URL right?"
+            raise ReasonerError(f"cannot connect to {self.where} ({self.brief(error)}): {mend}") from error
 
     def _text(self, body: bytes) -> str:
+        """The text of a whole reply. Raises _Failed, NoReply, or NotUnderstood where another form may have one."""
         try:
-            reply = json.loads(body)
-            message = reply["choices"][0]["message"]
-            calls = message.get("tool_calls")
-            text = str(calls[0]["function"]["arguments"] if calls else message.get("content") or "")
-            thoughts = message.get("reasoning_content") or message.get("reasoning")
-            self.thought |= bool(thoughts) or "<think>" in text
-            text = text or _json_in(thoughts)
-        except (ValueError, RecursionError, LookupError, TypeError, AttributeError) as error:
+            reply = read_completion(json.loads(body))
+        except (ValueError, RecursionError) as error:
             begin = self.brief(body[:200].decode(errors="replace"))
             raise ReasonerError(
                 f"{self.where} answered something that is no chat completion: {begin!r}; does the base URL end in /v1?"
             ) from error
-        used = usage.get("total_tokens") if isinstance(usage := reply.get("usage"), dict) else None
-        self.tokens += used if isinstance(used, int) and 0 < used < MAX_REPLY_BYTES else 0
-        return text
-
-    def _refusal(self, error: openai.APIStatusError) -> ReasonerError:
-        status = error.status_code
-        return ReasonerError(f"{self.where} answered {status}: {HINTS.get(status) or self.brief(_said(error))}")
+        self.tokens += reply.tokens
+        self.thought |= reply.thought
+        if reply.ended == "whole":
+            return reply.text
+        if reply.ended == "failed":
+            raise _Failed(reply.status, reply.said)
+        said = f" ({self.brief(reply.said)})" if reply.said else ""
+        fault = NoReply(f"{self.where} {NO_REPLY[reply.ended]}{said}")
+        raise NotUnderstood(fault) if reply.ended == "empty" else fault
 
     def _too_late(self) -> ReasonerError:
         return ReasonerError(
@@ -209,61 +267,6 @@ def _said(error: openai.APIStatusError) -> str:
     if not body or text != f"Error code: {error.status_code}":
         return text
     return f"{text} - {body.get('detail', body) if isinstance(body, dict) else body}"
-
-
-def _json_in(thoughts: object) -> str:
-    """The JSON that vLLM puts into the reasoning field of a model that thinks; thoughts in words are no answer."""
-    text = str(thoughts or "").strip()
-    return text if text.startswith("{") and text.endswith("}") else ""
-
-
-class _OneServer(openai.DefaultHttpxClient):  # type: ignore[misc]
-    """The SDK's transport, limited to the one server that the person named and to answers of bounded size."""
-
-    def __init__(self, server: Server) -> None:
-        super().__init__(follow_redirects=False, timeout=server.timeout_s)
-        self._server = server
-
-    def send(self, request: Any, **options: Any) -> Any:
-        """A completely read response. Raises ReasonerError for a redirect, a broken connection or an endless body."""
-        response = super().send(request, **(options | {"stream": True, "follow_redirects": False}))
-        try:
-            if 300 <= response.status_code < 400:
-                raise ReasonerError(self._leads_elsewhere(response))
-            body = self._body(response)
-        finally:
-            response.close()
-        headers = {name: response.headers[name] for name in KEPT_HEADERS if name in response.headers}
-        return type(response)(response.status_code, headers=headers, content=body, request=request)
-
-    def _body(self, response: Any) -> bytes:
-        body = bytearray()
-        try:
-            for chunk in response.iter_bytes():
-                body += chunk
-                if len(body) > MAX_REPLY_BYTES:
-                    raise ReasonerError(
-                        f"{self._server.where} answered more than {MAX_REPLY_BYTES} bytes: is it a language model?"
-                    )
-        except Exception as error:  # httpx's, by whatever name this SDK imports it
-            if isinstance(error, ReasonerError) or "Timeout" in type(error).__name__:
-                raise
-            raise CutOff(
-                f"{self._server.where} broke off in the middle of its answer ({self._server.brief(error)}): ask again"
-            ) from error
-        return bytes(body)
-
-    def _leads_elsewhere(self, response: Any) -> str:
-        """The error for a redirect, which is not followed: words and list go to the named server only."""
-        said = f"{self._server.where} answered {response.status_code}"
-        try:
-            target = urljoin(str(response.request.url), response.headers["location"])
-            target = self._server.brief(without_credentials(target))
-        except (KeyError, ValueError, ReasonerError):
-            return f"{said}, which leads nowhere: is the base URL right?"
-        base = target.removesuffix("/chat/completions")
-        trusted = f"if you trust it, the base URL is {base}"
-        return f"{said}: it sends the request on to {target}, which is not followed; {trusted}"
 
 
 def _paused(pauses_s: list[float], deadline: float, retry_after: str | None = None) -> bool:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterator
 from typing import Any
 
 from cartier.errors import ReasonerError
 from cartier.llm.prompts import Schema, json_schema, without_bounds
+from cartier.llm.thoughts import without_thoughts
 
 Form = dict[str, Any]
 _works: dict[tuple[str, str], str] = {}  # (server, model) → the first form that worked
@@ -71,13 +73,21 @@ def request_with_fallback(
             continue
         refusal = None
         if is_answer(reply):
-            _works[server, model] = name
+            if name == "text" or _is_one_object(reply):  # an answer that was found in words says nothing of the form
+                _works[server, model] = name
             break
         if name == known:
             break  # this form has worked before, so the reply is at fault
     if refusal is not None:
         raise refusal.error from refusal
     return reply
+
+
+def _is_one_object(reply: str) -> bool:
+    try:
+        return isinstance(json.loads(without_thoughts(reply) or ""), dict)
+    except (ValueError, RecursionError):
+        return False
 
 
 def form_of(server: str, model: str) -> str | None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from cartier.llm.capabilities import apply
 from cartier.llm.client import LanguageModel
 from cartier.llm.server import Server
 
@@ -26,5 +25,5 @@ def make(
     with all its retries. The first request has the form that ``cartier check-model`` found, where it was run.
     """
     server = Server(model, base_url, api_key, timeout_s, temperature)
-    apply(server.server, server.where, server.model)
+    server.as_checked()
     return LanguageModel(server, prompt, cache)

@@ -14,11 +14,11 @@ import numpy as np
 
 from cartier.errors import ReasonerError
 from cartier.geometry import project
-from cartier.types import Frame, Goal, MapObject, View, VisualReply, VisualTrace
+from cartier.types import Frame, Goal, MapObject, View, VisualTrace
 from cartier.vision import prompt
 from cartier.vision.crops import MAX_TOKENS, picture
 from cartier.vision.decision import MIN_MARGIN
-from cartier.vision.look import barred, question_about
+from cartier.vision.look import barred, question_about, unanswered
 from cartier.vision.permission import Look
 from cartier.vision.views import MIN_APPARENT_PX, apparent_px
 
@@ -92,7 +92,7 @@ def look_there(allowed: Look, obj: MapObject, goal: Goal, drove: str, frame: Fra
     try:
         reply = allowed.model.look(question, pictures)
     except ReasonerError as error:
-        reply = VisualReply(prompt.cannot_tell(pictures), allowed.model.name, allowed.model.endpoint)
+        reply = unanswered(allowed.model, pictures, error)
         trace = VisualTrace(question, pictures, reply, "cannot_tell", why=str(error))
         return Arrival(obj, goal, drove, "cannot tell", str(error), trace)
     answer = reply.answers[0]

@@ -13,8 +13,8 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from cartier.contracts import VisionModelDefaults, optional
-from cartier.errors import ReasonerError
+from cartier.contracts import VisionModel, VisionModelDefaults, optional
+from cartier.errors import NothingSent, ReasonerError
 from cartier.io.images import decode_jpeg, decoded_size
 from cartier.types import (
     CandidateView,
@@ -134,14 +134,19 @@ def ask_about(
     except ReasonerError as error:
         if strict:
             raise
-        nothing = prompt.cannot_tell(pictures)
-        reply = VisualReply(nothing, allowed.model.name, allowed.model.endpoint)
+        reply = unanswered(allowed.model, pictures, error)
         return _trace(question, pictures, reply, Decision("cannot_tell", str(error)), None, sizes, around)
     if not reply.valid:
         return _trace(question, pictures, reply, Decision("cannot_tell", prompt.INVALID), None, sizes, around)
     pixels = [each.apparent_px for each in pictures]
     decision = decide(question, candidates, _checked(reply, question, pictures), pixels, choose)
     return _trace(question, pictures, reply, decision, largest, sizes, around)
+
+
+def unanswered(model: VisionModel, pictures: Sequence[CandidateView], error: ReasonerError) -> VisualReply:
+    """The reply of a model that gave none: it could not tell, and the photographs left, unless the error says not."""
+    times_sent = 0 if isinstance(error, NothingSent) else 1
+    return VisualReply(prompt.cannot_tell(pictures), model.name, model.endpoint, times_sent=times_sent)
 
 
 def question_about(obj_label: str, attribute: str, wanted: str = "", **more: object) -> VisualQuestion:

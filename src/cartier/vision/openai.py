@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Sequence
 
-from cartier.llm import capabilities
-from cartier.llm.server import THINKING_OFF, Server
+from cartier.errors import NothingSent, ReasonerError
+from cartier.llm.server import THINKING_OFF, NoReply, Server
 from cartier.llm.structured_output import Refused
 from cartier.types import CandidateView, VisualQuestion, VisualReply
 from cartier.vision import prompt
+from cartier.vision.made import DIGITS, READ, made
 
 EXTRA = "llm"
 _url_forms: dict[tuple[str, str], bool] = {}  # (server, model) → whether ``image_url`` is a bare string
@@ -23,18 +25,25 @@ def make(
 ) -> VisionServer:
     """``OPENAI_API_KEY``, ``OPENAI_BASE_URL`` and ``OPENAI_MODEL`` are read; a server of one's own needs no key.
 
-    ``timeout_s`` is the limit for one question with all its retries.
+    ``timeout_s`` is the limit for one question, and that for finding out what the server understands.
     """
     return VisionServer(Server(model, base_url, api_key, timeout_s, temperature, extra=THINKING_OFF))
 
 
 class VisionServer:
-    """A vision model behind a URL: one call per question, once the form that the server supports is known."""
+    """A vision model behind a URL. A photograph leaves once a question, whatever becomes of the request.
+
+    What the server understands is found out with a made picture before the first question, where ``cartier
+    check-model`` has not done so.
+    """
 
     def __init__(self, server: Server) -> None:
-        self.name, self.endpoint = server.name, server.where
+        self.name, self.endpoint = server.name, server.way
         self._server = server
-        self.capabilities = capabilities.apply(server.server, server.where, server.model)
+        self.capabilities = server.as_checked()
+        self._tried = self.capabilities is not None and self.capabilities.leaves_out is not None
+        self.bare_urls = self.capabilities is not None and self.capabilities.bare_urls
+        """Whether the server takes pictures as bare URLs only."""
 
     @property
     def sees(self) -> bool | None:
@@ -43,31 +52,42 @@ class VisionServer:
 
     @property
     def calls(self) -> int:
-        """How many requests were sent so far."""
+        """How many requests were sent so far, those with a made picture among them."""
         return self._server.calls
 
     def look(self, question: VisualQuestion, pictures: Sequence[CandidateView]) -> VisualReply:
-        """One answer for each picture; "cannot tell" for all if the reply is not of the schema."""
-        words, before = prompt.text(question, pictures), self._server.tokens
-        reply = self._reply(words, question, pictures)
-        answers, used = prompt.read(reply, question, pictures), self._server.tokens - before
-        told = answers or prompt.cannot_tell(pictures)
+        """One answer for each picture; "cannot tell" for all if the reply is not of the schema.
+
+        Raises NothingSent, a ReasonerError, if the server does not even take a made picture.
+        """
+        if not self._tried:
+            self._try_out()
+        before = self._server.tokens
+        words, answers, reply = prompt.text(question, pictures), None, ""
+        sent, form = prompt.messages(words, pictures, self.bare_urls), prompt.schema(question, len(pictures))
+        with contextlib.suppress(NoReply):
+            reply = self._server.once(sent, form, prompt.MAX_TOKENS)
+            answers = prompt.read(reply, question, pictures)
+        told, used = answers or prompt.cannot_tell(pictures), self._server.tokens - before
         return VisualReply(told, self.name, self.endpoint, words, reply, used, valid=answers is not None)
 
-    def _reply(self, words: str, question: VisualQuestion, pictures: Sequence[CandidateView]) -> str:
-        """The raw reply. ``image_url`` is an object, or a bare string for a server that understands only that."""
-        key = (self._server.server, self._server.model)
+    def _try_out(self) -> None:
+        """Find the form of requests and of pictures with a made picture. Raises NothingSent if there is none."""
+        key, shown = (self._server.server, self._server.model), [made(DIGITS[0], 0)]
+        words, form = prompt.text(READ, shown), prompt.schema(READ, 1)
         forms = [_url_forms[key]] if key in _url_forms else [False, True]
         for bare in forms:
             try:
-                reply = self._server.complete(
-                    prompt.messages(words, pictures, bare), prompt.schema(question, len(pictures)), prompt.MAX_TOKENS,
-                    lambda text: prompt.read(text, question, pictures) is not None,
+                self._server.complete(
+                    prompt.messages(words, shown, bare), form, prompt.MAX_TOKENS,
+                    lambda reply: prompt.read(reply, READ, shown) is not None,
                 )  # fmt: skip
-            except Refused:
-                if bare is forms[-1]:
-                    raise
-                continue
-            _url_forms[key] = bare
-            return reply
-        raise AssertionError("one of the forms returns or raises")
+            except NoReply:
+                pass  # it takes the request, and may answer another one
+            except ReasonerError as error:
+                if isinstance(error, Refused) and bare is not forms[-1]:
+                    continue
+                raise NothingSent(str(error)) from error
+            self.bare_urls = _url_forms[key] = bare
+            self._tried = True
+            return

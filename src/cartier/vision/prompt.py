@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from cartier.llm.prompts import Messages, Request, Schema
+from cartier.llm.thoughts import without_thoughts
 from cartier.types import CANNOT_TELL, CandidateView, VisualAnswer, VisualQuestion
 
 MAX_READ_CHARS = 80
@@ -69,7 +70,7 @@ def messages(words: str, pictures: Sequence[CandidateView], bare: bool = False) 
 
 def read(reply: str, question: VisualQuestion, pictures: Sequence[CandidateView]) -> tuple[VisualAnswer, ...] | None:
     """The answers in a reply, one for each picture; None if it is not of the schema."""
-    row = _last_object(reply.rpartition("</think>")[2][-MAX_REPLY_CHARS:])
+    row = _last_object((without_thoughts(reply) or "")[-MAX_REPLY_CHARS:])
     if row is None or set(row) != {_key(k) for k in range(len(pictures))}:
         return None
     answers = [_answer(row[_key(k)], question, picture) for k, picture in enumerate(pictures)]

@@ -54,8 +54,11 @@ def looked_notes(trace: VisualTrace, model: VisionModel) -> tuple[str, ...]:
     """Which photographs left and to whom, or which would; and where to look from."""
     photos = ", ".join(f"frame {each.frame} ({object_ref(each.label, each.object_id)})" for each in trace.pictures)
     notes = []
-    if trace.reply is not None and trace.reply.endpoint:
-        notes.append(f"photographs were sent to {trace.reply.model} at {trace.reply.endpoint}: {photos}")
+    if trace.reply is not None and not trace.reply.times_sent:
+        notes.append(f"no photograph was sent to {trace.reply.model}")
+    elif trace.reply is not None and trace.reply.endpoint:
+        times = "once" if trace.reply.times_sent == 1 else f"{trace.reply.times_sent} times"
+        notes.append(f"photographs were sent to {trace.reply.model} at {trace.reply.endpoint}, {times}: {photos}")
     elif trace.reply is not None:
         notes.append(f"{trace.reply.model} looked at photographs, which did not leave this machine: {photos}")
     elif trace.pictures:
