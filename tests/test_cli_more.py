@@ -234,7 +234,8 @@ def test_prompts_are_written_and_what_a_batch_brings_back_is_scored(run: Run, ma
                 name = "chair" if "sit" in said else "mug"
                 is_choice = "response_format" in line["body"]
                 content = json.dumps({"status": "found", "object": name}) if is_choice else f"{name}, throne"
-                body = {"choices": [{"message": {"role": "assistant", "content": content}}]}
+                message = {"role": "assistant", "content": content}
+                body = {"choices": [{"message": message, "finish_reason": "stop"}]}
                 answer = {"custom_id": line["custom_id"], "response": {"status_code": 200, "body": body}, "error": None}
                 file.write(json.dumps(answer) + "\n")
     code, out, err = run("bench", *options, "--replies", back, "--json")
@@ -305,7 +306,7 @@ def test_show_prompt_prints_what_would_be_sent_and_sends_nothing(run: Run, home:
     )
     for reasoner in ("embedded", "replay"):
         code, out, err = run("ask", home, "let me sit", "--show-prompt", "--reasoner", reasoner, "--json")
-        assert code == 0 and json.loads(out) == {"to": None, "body": None}
+        assert code == 0 and json.loads(out) == {"to": None, "through": None, "body": None}
     for words in ((), ("\x00",), ("let me sit", "--reasoner", "./mine.py"), ("let me sit", "--base-url", "file:///x")):
         code, out, err = run("ask", home, *words, "--show-prompt", "--reasoner", "openai", *words[1:])
         assert code == 1 and not out and err.startswith("cartier: ") and err.count("\n") == 1, err
