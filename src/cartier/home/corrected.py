@@ -7,7 +7,7 @@ longer holds is made anew from the entry; one that was removed does not come bac
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import cast
 
@@ -58,7 +58,7 @@ def apply(
     work = _Applying(in_force(log), objects, rooms, grid, name, origin)
     for entry in work.log:
         if entry.what in ("rule", "lift"):
-            work.renamed |= {entry.id: {}} if entry.what == "rule" else {}
+            work.meant |= {entry.id: {room.name: room.id for room in work.places.values()}} if entry.rule else {}
             continue
         subject = cast(Subject, entry.subject)
         if entry.what == "evidence":
@@ -72,7 +72,7 @@ def apply(
     return Corrected(
         work.sorted_objects(), tuple(work.places.values()), objects, rooms, tuple(log), tuple(work.notes),
         tuple(work.made.values()), work.name, name,
-        tuple(_renamed(rule, work.renamed[rule.id]) for rule in rules_of(work.log)), frozenset(work.factors),
+        tuple(_renamed(rule, work.names_now(rule.id)) for rule in rules_of(work.log)), frozenset(work.factors),
     )  # fmt: skip
 
 
@@ -94,14 +94,14 @@ class _Applying:
         self.log, self.grid, self.name, self.origin = log, grid, name, origin
         self.pool, self.objs = ({obj.id: obj for obj in objects} for _ in range(2))
         self.places = {room.id: room for room in rooms}
-        self.renamed = dict[str, dict[str, str]]()  # of each route rule: what rooms are called since it was given
+        self.meant = dict[str, dict[str, int]]()  # of each route rule: the rooms by the names that they had then
         self.made, self.into, self.notes = dict[int, MapObject](), dict[int, int](), list[str]()
         self.factors = dict[int, tuple[float, str]]()
         self.now_s = max((obj.last_looked_s for obj in objects), default=0.0)
         self.kept: dict[int, list[Subject]] = {}  # what people said is there, by the object of the map that it is
         for entry in log:
             for subject in _said_to_be_there(entry):
-                if (number := find_object(subject, objects)) is not None:
+                if (number := find_object(subject, self.pool)) is not None:
                     self.kept.setdefault(number, []).append(subject)
 
     def sorted_objects(self) -> tuple[MapObject, ...]:
@@ -128,11 +128,11 @@ class _Applying:
         room = self.places[number]
         if entry.what == "name":
             self.places[number] = replace(room, name=str(entry.name))
-            self._now_called(room.name, str(entry.name))
         elif second is not None:
             gone = self.places.pop(second)
             self.places[number] = room_changes.joined(room, gone)
-            self._now_called(gone.name, room.name)
+            for meant in self.meant.values():
+                meant |= {name: number for name, each in meant.items() if each == second}
             self._house({second: (number,)})
         elif parts is not None:
             made = other.id
@@ -147,11 +147,9 @@ class _Applying:
     def _room_at(self, point: Sequence[float]) -> int | None:
         return find_room(point, tuple(self.places.values()), self.grid)
 
-    def _now_called(self, old: str, new: str) -> None:
-        """Route rules follow the rooms that they name."""
-        for names in self.renamed.values():
-            names |= {given: new for given, now in names.items() if now == old}
-            names[old] = new
+    def names_now(self, rule: str) -> dict[str, str]:
+        """What rooms are called now, by what they were called when a route rule was given."""
+        return {name: self.places[number].name for name, number in self.meant[rule].items()}
 
     def _house(self, moves: Mapping[int, tuple[int, ...]]) -> None:
         """Objects of a room are in that of some others which is nearest to them."""
@@ -187,8 +185,7 @@ class _Applying:
         self.objs[number] = obj
 
     def _forget(self, entry: Correction, subject: Subject) -> None:
-        free = [obj for obj in self.pool.values() if not self._is_other(obj, subject)]
-        number = find_object(subject, free)
+        number = find_object(subject, self.pool, lambda obj: not self._is_other(obj, subject))
         if number is not None and subject.id in self.pool[number].aliases:
             told = f"is part of object {number} now, which stays"
             self.notes.append(f"{subject.label} {subject.id} was forgotten, but {told}")
@@ -209,7 +206,7 @@ class _Applying:
 
     def _found(self, subject: Subject, entry: Correction, again: bool = True) -> int | None:
         """The object that an entry is about, or None; one that the map lost is made ``again``."""
-        number = find_object(subject, self.pool.values())
+        number = find_object(subject, self.pool)
         if number is None and again:
             number = self._make(subject, entry)
             if number is not None:
@@ -289,14 +286,20 @@ def find_room(point: Sequence[float], rooms: Sequence[Room], grid: OccupancyGrid
     return next((room.id for room in rooms if (room.cells == cell).all(1).any()), None)
 
 
-def find_object(subject: Subject, objects: Iterable[MapObject]) -> int | None:
-    """The nearest object of the noted label, where having the noted id counts as nearer; else the one of that id."""
-    every = list(objects)
-    labelled = (obj for obj in every if _has_label(obj, subject.label))
+def find_object(
+    subject: Subject, objects: Mapping[int, MapObject], free: Callable[[MapObject], bool] = lambda obj: True
+) -> int | None:
+    """The nearest free object of the noted label, where having the noted id counts as nearer; else the one of that
+    id."""
+    same = objects.get(subject.id)
+    if same is not None and same.position == subject.position and _has_label(same, subject.label) and free(same):
+        return same.id  # none is nearer
+    labelled = (obj for obj in objects.values() if _has_label(obj, subject.label) and free(obj))
     nearest = min(labelled, key=lambda obj: away_m(subject, obj), default=None)
     if nearest is not None and away_m(subject, nearest) <= NEAR_M:
         return nearest.id
-    return next((t.id for t in every if subject.id in (t.id, *t.aliases) and away_m(subject, t) <= 0), None)
+    ours = (obj for obj in objects.values() if subject.id in (obj.id, *obj.aliases) and free(obj))
+    return next((obj.id for obj in ours if away_m(subject, obj) <= 0), None)
 
 
 def away_m(subject: Subject, obj: MapObject) -> float:
@@ -312,4 +315,4 @@ def stands_there(obj: MapObject, subject: Subject) -> bool:
 
 
 def _has_label(obj: MapObject, label: str) -> bool:
-    return label in (obj.label, *(name for name, _ in obj.labels))
+    return label == obj.label or any(label == name for name, _ in obj.labels)

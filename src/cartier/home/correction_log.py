@@ -1,12 +1,13 @@
 """Log of the corrections that people make to a home, and of what vision models said: its entries, written and read.
 
-Each entry says who, when and what. The log is only appended to; undoing is an entry as well.
+Each entry says who, when and what. Undoing is an entry as well; ``compaction.py`` keeps the log short.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from datetime import datetime
 from pathlib import Path
@@ -17,7 +18,8 @@ from cartier.io.files import read_bytes
 from cartier.route_rules import RouteRule
 
 LOG = "corrections.jsonl"
-MAX_BYTES, MAX_NAME_CHARS, MAX_WHO_CHARS, MAX_LABEL_CHARS = 2**24, 60, 60, 200
+MAX_BYTES = 2**24  # of a log; one that an older cartier wrote may be a little longer
+MAX_NAME_CHARS, MAX_WHO_CHARS, MAX_LABEL_CHARS = 60, 60, 200
 MAX_ID = 2**53
 MAX_RULE_CHARS, MAX_SAID_CHARS = 5000, 300
 MAX_FACTOR = 1000.0
@@ -80,17 +82,25 @@ def read_log(folder: Path) -> tuple[tuple[Correction, ...], tuple[str, ...]]:
     Raises InputError if the log cannot be read at all.
     """
     file = folder / LOG
-    if not file.exists():
-        return (), ()
-    entries, notes = [], []
-    for number, line in enumerate(read_bytes(file, MAX_BYTES, follow_link=False).split(b"\n"), start=1):
-        if not line.strip():
-            continue
-        try:
-            entries.append(_entry(json.loads(line)))
-        except (ValueError, KeyError, TypeError, AttributeError, RecursionError, InputError):
-            notes.append(f"{LOG} line {number} is damaged: this correction is left out")
-    return tuple(entries), tuple(notes)
+    rows = read_lines(read_bytes(file, 2 * MAX_BYTES, follow_link=False)) if file.exists() else []
+    return tuple(entry for entry, _ in rows if entry is not None), damaged(rows)
+
+
+def damaged(rows: Sequence[tuple[Correction | None, bytes]]) -> tuple[str, ...]:
+    """A note for each line that has no entry."""
+    lines = [number for number, (entry, line) in enumerate(rows, start=1) if entry is None and line.strip()]
+    return tuple(f"{LOG} line {number} is damaged: this correction is left out" for number in lines)
+
+
+def read_lines(data: bytes) -> list[tuple[Correction | None, bytes]]:
+    """The lines of a log with their entries, None for a damaged or empty one."""
+    rows = list[tuple[Correction | None, bytes]]()
+    for line in data.removesuffix(b"\n").split(b"\n"):
+        entry = None
+        with suppress(ValueError, KeyError, TypeError, AttributeError, RecursionError, InputError):
+            entry = _entry(json.loads(line))
+        rows.append((entry, line))
+    return rows
 
 
 def line_of(entry: Correction) -> str:

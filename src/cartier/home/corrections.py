@@ -15,7 +15,7 @@ from typing import Any, get_args
 import numpy as np
 
 from cartier.errors import MAX_FAR_M, InputError, brief
-from cartier.home.corrected import FIRST_MADE, Corrected, stands_there
+from cartier.home.corrected import FIRST_MADE, MAX_MADE, Corrected, stands_there
 from cartier.home.correction_log import (
     MAX_NAME_CHARS,
     MAX_SAID_CHARS,
@@ -37,6 +37,8 @@ THE_HOME = "home"
 OUTSIDE_M = 1.0  # how far beyond the floor plan an object may be put
 NEW_SIZE_M = 0.3  # of an added object, where no other of its label says more
 HIGHEST_M = 2.0  # what an added object stands on
+MAX_PLAN_CHANGES = 200  # rooms that people merged or split; each takes milliseconds whenever the home is loaded
+MAX_RULES = 200  # route rules of a home; each costs time at every drive
 
 
 @dataclass(frozen=True)
@@ -123,6 +125,8 @@ def _rule(known: Corrected, grid: OccupancyGrid | None, wish: Wish) -> dict[str,
             raise InputError(f"{rule.text}: no room is called {brief(wrong[0], 40)!r}")
     if rule in known.rules:
         raise InputError(f"{rule.text}: this rule holds already")
+    if len(known.rules) >= MAX_RULES:
+        raise InputError(f"{MAX_RULES} rules hold in this home, and it keeps no more: take one back first")
     said = clean(wish.name, MAX_SAID_CHARS, "the sentence of a rule") if wish.name else None
     return {"rule": rule.text, "name": said}
 
@@ -172,7 +176,19 @@ def _add(known: Corrected, grid: OccupancyGrid | None, wish: Wish) -> dict[str, 
     if there:
         best = max(there, key=lambda obj: obj.probability)
         return {"what": "confirm", "subject": _subject(best, known)}
+    _check_room_for_one_more(known)
     return {"subject": subject}
+
+
+def _check_room_for_one_more(known: Corrected) -> None:
+    if len(known.made) >= MAX_MADE:
+        raise InputError(f"people added {MAX_MADE} objects to this home, and it holds no more: map it again")
+
+
+def _check_plan_changes(known: Corrected) -> None:
+    done = [entry for entry in known.log if entry.what in ("merge", "split") and entry.subject is not None]
+    if sum(entry.subject.kind == "room" for entry in done if entry.subject is not None) >= MAX_PLAN_CHANGES:
+        raise InputError(f"people merged and split rooms {MAX_PLAN_CHANGES} times, which is all that a home keeps")
 
 
 def _place(known: Corrected, grid: OccupancyGrid | None, wish: Wish) -> tuple[float, float, float]:
@@ -203,6 +219,7 @@ def _merge(known: Corrected, grid: OccupancyGrid | None, wish: Wish) -> dict[str
         kind = "room" if isinstance(one, Room) else "object"
         raise InputError(f"{brief(wish.entity, 40)} and {brief(wish.other, 40)} are one {kind} {one.id} already")
     if isinstance(one, Room) and isinstance(other, Room):
+        _check_plan_changes(known)
         return {"subject": _room_subject(one, grid), "other": _room_subject(other, grid)}
     assert isinstance(one, MapObject) and isinstance(other, MapObject)
     return {"subject": _subject(one, known), "other": _subject(other, known)}
@@ -213,6 +230,7 @@ def _split(known: Corrected, grid: OccupancyGrid | None, wish: Wish) -> dict[str
     obj = find(wish.entity, known.objects, known.rooms)
     if isinstance(obj, Room):
         return _split_room(obj, known, grid, wish)
+    _check_room_for_one_more(known)
     label = _label(wish.name) if wish.name else obj.label
     sides = [high - low for low, high in zip(obj.box_min, obj.box_max, strict=True)]
     middle = [*obj.position]
@@ -234,6 +252,7 @@ def _split(known: Corrected, grid: OccupancyGrid | None, wish: Wish) -> dict[str
 def _split_room(room: Room, known: Corrected, grid: OccupancyGrid | None, wish: Wish) -> dict[str, Any]:
     """A room, cut at the given point; the smaller part is the second room."""
     assert grid is not None  # there are no rooms without
+    _check_plan_changes(known)
     if not wish.to_xy:
         raise InputError(f"say where {room.name} ends: x and y of a point of the border, as between two door posts")
     x, y = _on_the_plan(wish.to_xy, grid)

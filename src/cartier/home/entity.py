@@ -15,7 +15,7 @@ import numpy.typing as npt
 from cartier import plugins
 from cartier.contracts import Instances, Searchable, SpatialIndex
 from cartier.errors import InputError
-from cartier.home import correction_log, corrections, repository, views
+from cartier.home import compaction, correction_log, corrections, repository, views
 from cartier.home.data import HomeData, origin_of
 from cartier.home.detection_log import DetectionLog
 from cartier.home.photos import photo_of
@@ -26,7 +26,7 @@ from cartier.route_rules import RouteRule
 from cartier.spatial.doors import find_doors, shut_doors
 from cartier.types import Answer, Door, Inventory, Place, RobotModel, Room, Selection
 
-ANSWERS = "answers.jsonl"
+ANSWERS, MAX_ANSWERS_BYTES = "answers.jsonl", 2**24
 CLOUD, DETECTIONS = "cloud.npz", "detections.npz"
 """Keys of ``Home.growth`` under which the point cloud and the log of detections are kept."""
 
@@ -328,13 +328,13 @@ class Home(HomeData):
             raise InputError(f"{self.name} was not loaded from a folder: save it, load it, and correct it then")
         wish = corrections.Wish(what, str(entity), name, tuple(to_xy), str(other), who)
         entry = corrections.make(self.corrected, self.grid, wish, origin_of(self.settings))
-        self.store.append(correction_log.LOG, correction_log.line_of(entry))
-        return Home.load(self.store.folder), correction_log.in_words(entry, self.corrected.log)
+        compaction.add(self.store, entry)
+        return repository.again(self), correction_log.in_words(entry, self.corrected.log)
 
     def remember(self, answer: Answer) -> None:
         """Append an answer to the saved home's ``answers.jsonl``; a home that was not loaded keeps none.
 
-        Of an alarm only the kind is kept, not the person's words.
+        Of an alarm only the kind is kept, not the person's words. Beyond 16 MiB, the older half of the answers goes.
 
         Args:
             answer: What ``ask`` gave.
@@ -345,7 +345,7 @@ class Home(HomeData):
         if self.store is not None:
             alarm = answer.selection.alarm
             kept = answer.to_dict() if alarm is None else {"status": "alarm", "alarm": alarm}
-            self.store.append(ANSWERS, json.dumps(kept, ensure_ascii=False))
+            self.store.append(ANSWERS, json.dumps(kept, ensure_ascii=False), MAX_ANSWERS_BYTES)
 
     def save(self, folder: str | Path) -> None:
         """Write the home to a folder, atomically: an older home there stays until the new one is complete.

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from cartier.contracts import VisionModel
 from cartier.errors import InputError
-from cartier.home import correction_log, corrections
+from cartier.home import compaction, corrections
 from cartier.home.data import origin_of
 from cartier.types import Detections, Inventory, MapObject, RobotModel, Selection, VisualTrace
 from cartier.vision.permission import Look
@@ -107,7 +107,7 @@ def verify(home: Home, allowed: Look, step: Step = _silent) -> tuple[Calibration
         if each.trace.reply is not None:  # something was asked
             said = f"{each.label or each.said}, odds x {each.factor:g}"
             entry = corrections.evidence(each.obj, home.corrected, said, each.factor, who, origin, each.label)
-            home.store.append(correction_log.LOG, correction_log.line_of(entry))
+            compaction.add(home.store, entry)
     return calibration, checked
 
 

@@ -14,7 +14,8 @@ SUREST = 1e-4  # a map's probabilities are rounded: none is nearer to 0 or 1
 
 def affirmed(obj: MapObject) -> MapObject:
     """The object of which a person says that it is there, which outweighs any score."""
-    return replace(obj, confirmed=True, probability=1.0, by_person=True)
+    known = obj.by_person and obj.confirmed and obj.probability == 1
+    return obj if known else replace(obj, confirmed=True, probability=1.0, by_person=True)
 
 
 def weighed(obj: MapObject, factor: float, label: str = "") -> MapObject:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -13,8 +14,8 @@ from cartier import plugins
 from cartier.blob_stores import open_store
 from cartier.contracts import SpatialIndex
 from cartier.errors import InputError
-from cartier.home import correction_log
-from cartier.home.corrected import apply
+from cartier.home import compaction, correction_log
+from cartier.home.corrected import Corrected, apply
 from cartier.home.data import HomeData, origin_of
 from cartier.home.map_server import grid_from, pgm, yaml
 from cartier.home.old_names import OLD_OBJECTS
@@ -22,7 +23,7 @@ from cartier.home.photos import check_photo
 from cartier.home.schema import Manifest, floor_kinds_from, manifest_from, objects_from, printed, rooms_from
 from cartier.home.store import NAV2, PublishedStore, Store, blob_file, digest_of
 from cartier.io.files import json_bytes, npz_bytes, parse_json, read_npz
-from cartier.types import Camera, OccupancyGrid, Room
+from cartier.types import Camera, MapObject, OccupancyGrid, Room
 
 Key = TypeVar("Key", int, str)
 AnyHome = TypeVar("AnyHome", bound=HomeData)
@@ -122,8 +123,7 @@ def _read(store: Store, about: Mapping[str, Any], kind: type[AnyHome]) -> AnyHom
         grid, rooms = _floor(store, about, made)
         rows = parse_json(store.get("objects.json", about), "objects.json")
         objects = objects_from([_renamed(row) for row in rows], rooms)
-        log, faults = correction_log.read_log(store.folder)
-        corrected = apply(log, objects, rooms, grid, made.name, origin_of(made.settings))
+        corrected = _corrected(store, objects, rooms, grid, made.name, made.settings)
         indexes = {name: _index(store, about, name) for name in made.indexes}
         for index in indexes.values():
             index.set_objects(corrected.objects)
@@ -141,11 +141,43 @@ def _read(store: Store, about: Mapping[str, Any], kind: type[AnyHome]) -> AnyHom
             notes=made.notes,
             growth=_Blobs(store, about, GROWTH, str),
             store=store,
-            corrected=replace(corrected, notes=(*faults, *corrected.notes)),
+            corrected=corrected,
         )
     except (KeyError, TypeError, ValueError, IndexError, OverflowError, RecursionError, InputError) as error:
         told = str(error) if place in str(error) else f"{place} is damaged ({type(error).__name__}: {error})"
         raise InputError(told.replace("\n", " ")[:300]) from error
+
+
+def again(home: AnyHome) -> AnyHome:
+    """A home that was loaded, with its log as it is now; all of it is read again only if it was replaced meanwhile."""
+    store, known = home.store, home.corrected
+    assert store is not None and known is not None  # it was loaded
+    if not store.is_as_read():
+        return read(store, type(home))
+    corrected = _corrected(
+        store, known.mapped_objects, known.mapped_rooms, home.grid, known.mapped_name, home.settings
+    )  # fmt: skip
+    indexes = copy.deepcopy(dict(home.indexes))
+    for index in indexes.values():
+        index.set_objects(corrected.objects)
+    return replace(
+        home, name=corrected.name, objects=corrected.objects, rooms=corrected.rooms, indexes=indexes,
+        corrected=corrected,
+    )  # fmt: skip
+
+
+def _corrected(
+    store: Store,
+    objects: tuple[MapObject, ...],
+    rooms: tuple[Room, ...],
+    grid: OccupancyGrid | None,
+    name: str,
+    settings: Mapping[str, Any],
+) -> Corrected:
+    """What frames showed, with the log of a saved home applied."""
+    log = compaction.read(store)
+    corrected = apply(log.entries, objects, rooms, grid, name, origin_of(settings))
+    return replace(corrected, notes=(*log.notes, *corrected.notes))
 
 
 class _Blobs(Mapping[Key, bytes]):

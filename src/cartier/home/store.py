@@ -17,7 +17,7 @@ from typing import Any
 
 from cartier.blob_stores import BlobStore
 from cartier.errors import InputError
-from cartier.io.atomic import PART, append_line, locked, replaced_folder, write_file, write_json
+from cartier.io.atomic import PART, append_line, keep_newest, locked, replaced_folder, write_file, write_json
 from cartier.io.files import MAX_JSON_BYTES, parse_json, read_bytes
 
 MANIFEST, NAV2 = "home.json", "occupancy.yaml"
@@ -31,6 +31,8 @@ class Store:
 
     def __init__(self, folder: str | Path) -> None:
         self.folder, self.place = Path(folder), str(folder)
+        self._read_at: Any = None
+        self.log: object = None  # what ``compaction`` read of the log of corrections
 
     def manifest(self) -> dict[str, Any]:
         """The manifest. Raises InputError if the folder holds no home, or if the manifest is damaged."""
@@ -40,6 +42,7 @@ class Store:
                 f"{self.place} is no mapped home (it holds no {MANIFEST}); "
                 f"make one with: cartier map RECORDING -o {self.place}"
             )
+        self._read_at = self._written()
         about = parse_json(self._read(MANIFEST, MAX_JSON_BYTES), file)
         if not isinstance(about, dict):
             raise InputError(f"{file} is damaged (no object): map the recording again")
@@ -85,9 +88,14 @@ class Store:
     def check_appendable(self) -> None:
         """Raises InputError if nothing may be appended here."""
 
-    def append(self, log: str, line: str) -> None:
-        """Append a line to one of the home's logs, which mapping never replaces. Raises InputError if that fails."""
+    def append(self, log: str, line: str, most_bytes: int | None = None) -> None:
+        """Append a line to one of the home's logs, which mapping never replaces.
+
+        Of a log that has then more than ``most_bytes``, the older half goes. Raises InputError if that fails.
+        """
         append_line(self.folder / log, line)
+        if most_bytes is not None:
+            keep_newest(self.folder / log, most_bytes)
 
     def faults(self) -> list[str]:
         """What is damaged, one line each; empty for an intact home."""
@@ -102,6 +110,17 @@ class Store:
         except InputError as error:
             found.append(str(error))
         return found
+
+    def is_as_read(self) -> bool:
+        """Whether the home was not replaced since ``manifest`` read it."""
+        return self._read_at is not None and self._read_at == self._written()
+
+    def _written(self) -> Any:
+        """What changes whenever the home is replaced."""
+        with suppress(OSError):
+            about = (self.folder / MANIFEST).stat()
+            return about.st_mtime_ns, about.st_size, about.st_ino
+        return None
 
     def _is_made(self) -> bool:
         return (self.folder / MANIFEST).is_file()
@@ -155,7 +174,7 @@ class PublishedStore(Store):
     def check_appendable(self) -> None:
         raise InputError(f"{self.place} is published and stays as it is: pull it to a folder, and correct it there")
 
-    def append(self, log: str, line: str) -> None:
+    def append(self, log: str, line: str, most_bytes: int | None = None) -> None:
         self.check_appendable()
 
     def _is_made(self) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
+from copy import copy
 
 from cartier.types import MapObject, Place, View
 
@@ -21,6 +22,11 @@ class LargestView(ABC):
 
     def __init__(self) -> None:
         self._places: dict[str, Place] = {}
+
+    def __deepcopy__(self, memo: dict[int, object]) -> LargestView:
+        again = copy(self)
+        again._places = dict(self._places)  # no place ever changes
+        return again
 
     @abstractmethod
     def place(self, obj: MapObject, view: View) -> Place | None:

@@ -75,6 +75,8 @@ def _written_beside(path: Path, data: bytes) -> Iterator[Path]:
     with _beside(path) as beside:
         with beside.open("xb") as file:
             file.write(data)
+            with suppress(OSError):
+                shutil.copymode(path, beside)  # who may read the old file may read the new one
             file.flush()
             os.fsync(file.fileno())
         yield beside
@@ -132,6 +134,15 @@ def append_lines(path: Path, lines: Sequence[str]) -> None:
             append_whole(log, "".join(f"{line}\n" for line in (lines if whole else ("", *lines))).encode())
     except OSError as error:
         raise InputError(f"{path} cannot be written: {error.strerror}") from error
+
+
+def keep_newest(path: Path, most_bytes: int) -> None:
+    """Take the older half off a log of more than so many bytes. Raises InputError if that cannot be written."""
+    if path.stat().st_size <= most_bytes:
+        return
+    with opened_log(path) as log, os.fdopen(os.dup(log), "rb") as file:
+        file.seek(-min(most_bytes // 2, os.fstat(log).st_size), os.SEEK_END)
+        write_file(path, file.read().partition(b"\n")[2])
 
 
 @contextmanager

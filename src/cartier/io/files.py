@@ -97,13 +97,14 @@ def check_file(path: Path, max_bytes: int | None = None) -> None:
         raise InputError(f"{path} is larger than {_size(max_bytes)}, which is more than it should ever hold")
 
 
-def read_bytes(path: Path, max_bytes: int, follow_link: bool = True) -> bytes:
-    """The bytes of a plain file no larger than ``max_bytes``, or an InputError."""
+def read_bytes(path: Path, max_bytes: int, follow_link: bool = True, begin: int = 0) -> bytes:
+    """The bytes, from byte ``begin`` on, of a plain file no larger than ``max_bytes``, or an InputError."""
     check_file(path, max_bytes)
     try:
         with os.fdopen(os.open(path, os.O_RDONLY | (0 if follow_link else getattr(os, "O_NOFOLLOW", 0))), "rb") as file:
             size = os.fstat(file.fileno()).st_size  # read() allocates as much as it is asked for
-            return file.read(min(max_bytes, size))
+            file.seek(begin)
+            return file.read(max(0, min(max_bytes, size) - begin))
     except OSError as error:
         raise InputError(f"{path} cannot be read ({_why(error)})") from error
 

@@ -13,6 +13,7 @@ from cartier.errors import InputError, brief
 from cartier.fleet.entity import Fleet
 from cartier.home import Home
 from cartier.home.correction_log import LOG
+from cartier.home.repository import again
 from cartier.home.store import MANIFEST
 from cartier.live.answers import check_epoch
 from cartier.serving.access import ACCESS
@@ -124,7 +125,8 @@ class Homes:
         return name in self._folders
 
     def _load(self, name: str) -> Home:
-        return Home.load(self._folders[name])
+        known = self._slots[name].home
+        return Home.load(self._folders[name]) if known is None else again(known)
 
     def _stamp(self, name: str) -> Any:
         """What changes whenever a home is replaced or corrected."""
