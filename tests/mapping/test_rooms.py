@@ -41,6 +41,23 @@ def test_rooms_that_are_wide_open_to_each_other_are_one() -> None:
     assert len(room.cells) * 0.05**2 == pytest.approx(12 + 8.7 + 0.2, abs=0.1)
 
 
+@pytest.mark.parametrize("turned", [lambda a: a, lambda a: a.T.copy()], ids=["upright", "across"])
+def test_wall_seen_less_high_parts_rooms(turned) -> None:
+    plan = Plan().rooms((0.0, 0.0, 4.0, 5.0), (4.1, 0.0, 7.0, 5.0)).draw((4.0, 0.5, 4.1, 1.3), FREE)
+    grid = plan.draw((4.0, 2.5, 4.1, 4.0), OCCUPIED, 1.5).grid()
+    grid = OccupancyGrid(turned(grid.cells), 0.05, (-1.0, -1.0), turned(grid.height_m))
+    assert len(find_rooms(grid, ())) == 2
+
+
+def test_strip_without_a_door_is_no_room() -> None:
+    """Floor under screens along the wall, of which little was seen."""
+    strip = Plan().rooms(LEFT).draw((4.0, 2.0, 4.1, 3.0), FREE).draw((4.1, 2.0, 6.5, 2.6), FREE)
+    assert (
+        len(find_rooms(strip.draw((4.0, 3.0, 6.6, 3.1), OCCUPIED, 2.2).draw((4.0, 0.0, 4.1, 1.9), UNKNOWN).grid(), ()))
+        == 1
+    )
+
+
 def test_furniture_parts_no_room() -> None:
     grid = Plan().rooms(LEFT).draw((1.8, 0.0, 2.2, 2.6), OCCUPIED, 1.8).grid()
     (room,) = find_rooms(grid, ())

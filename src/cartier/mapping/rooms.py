@@ -21,6 +21,8 @@ BELOW_M = 0.15  # below the highest obstacle: what reaches so high is a wall, a 
 SEEN_M2 = 0.4  # least floor of a room without a neighbour, which nobody entered and a doorway shows
 OPEN = 0.25  # of a room's floor at least that is free, else it is the inside of a cupboard
 HOLE_M2, GAP_M = 2.0, 0.6  # unknown floor of this size inside of a home, or between what is known, is floor as well
+SMALL_M2, JAMB_M = 4.0, 0.3  # what is smaller and no room of its own behind a door is part of another
+GAP_IN_WALL_M = 1.0  # on both sides of a cell where a wall is not seen up to its top, the wall is so near
 STEPS_M = np.arange(0.1, 0.65, 0.05)  # from an object towards who sees it
 TENTATIVE = 0.1  # probability from which an object speaks for a kind of room, by its probability
 LEAST_VOTES, LEAD = 2.0, 0.5  # of a kind of room, and over the next one, before it names a room
@@ -124,14 +126,31 @@ def _segmented(grid: OccupancyGrid, config: RoomsConfig) -> npt.NDArray[np.int32
     narrow, _ = ndimage.label(floor & ~reached)  # corridors, doorways, and what one sees of a room from outside
     some = np.flatnonzero(np.bincount(narrow.ravel()) * cell_m2 >= SEEN_M2)
     cores = np.where((narrow > 0) & np.isin(narrow, some), narrow + count, cores)
-    return _without_corners(_grown(np.asarray(cores, np.int32), floor), grid, config.min_area_m2)
+    return _without_corners(_grown(np.asarray(cores, np.int32), floor), wall, grid, config.min_area_m2)
 
 
 def _walls(grid: OccupancyGrid, min_height_m: float) -> npt.NDArray[np.bool_]:
-    """Walls and lintels: what is nearly as high as the highest that was seen."""
+    """Walls and lintels: what is nearly as high as the highest that was seen, and what is seen less high in a wall."""
     heights = grid.height_m[grid.cells == OCCUPIED]
     highest = float(np.quantile(heights.astype(np.float32), 0.95)) if len(heights) else np.inf
-    return np.asarray(grid.height_m >= max(highest - BELOW_M, min_height_m), bool)
+    wall = np.asarray(grid.height_m >= max(highest - BELOW_M, min_height_m), bool)
+    return wall | _gaps(wall, (grid.cells == OCCUPIED) & (grid.height_m >= min_height_m), grid.resolution_m)
+
+
+def _gaps(wall: npt.NDArray[np.bool_], tall: npt.NDArray[np.bool_], resolution_m: float) -> npt.NDArray[np.bool_]:
+    """The tall cells between two ends of a wall, in a line with both: no picture showed the wall's top there."""
+    gaps, cells = np.zeros(wall.shape, bool), np.argwhere(tall & ~wall)
+    steps = np.arange(1, round(GAP_IN_WALL_M / resolution_m))[:, None]
+    for angle_rad in np.deg2rad(np.arange(0, 180, 15)):
+        way, ends = np.array([np.sin(angle_rad), np.cos(angle_rad)]), np.ones(len(cells), bool)
+        for sign in (1, -1):
+            row, col = np.moveaxis(cells[:, None] + np.round(sign * steps * way).astype(int), -1, 0)
+            inside = (row >= 0) & (col >= 0) & (row < wall.shape[0]) & (col < wall.shape[1])
+            row, col = np.where(inside, row, 0), np.where(inside, col, 0)
+            met, open_cells = wall[row, col] & inside, ~((wall | tall)[row, col] & inside)
+            ends &= met.any(1) & (met.argmax(1) < np.where(open_cells.any(1), open_cells.argmax(1), len(steps)))
+        gaps[tuple(cells[ends].T)] = True
+    return gaps
 
 
 def _seen(grid: OccupancyGrid, wall: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
@@ -159,23 +178,38 @@ def _grown(places: npt.NDArray[np.int32], floor: npt.NDArray[np.bool_]) -> npt.N
         empty &= ~new
 
 
-def _without_corners(places: npt.NDArray[np.int32], grid: OccupancyGrid, min_area_m2: float) -> npt.NDArray[np.int32]:
-    """What is too small to be a room, or shows too little free floor, goes to the neighbour that it touches most."""
+def _without_corners(
+    places: npt.NDArray[np.int32], wall: npt.NDArray[np.bool_], grid: OccupancyGrid, min_area_m2: float
+) -> npt.NDArray[np.int32]:
+    """What is too small to be a room, shows too little free floor, or is small and has no door, goes to the neighbour
+    that it touches most."""
     from scipy import ndimage
 
     sizes = np.bincount(places.ravel()) * grid.resolution_m**2
     for number in np.argsort(sizes, kind="stable"):
         mine = places == number
         area, open_floor = mine.sum() * grid.resolution_m**2, (grid.cells[mine] == FREE).sum() >= OPEN * mine.sum()
-        if number == 0 or not area or (area >= min_area_m2 and open_floor):
+        beside = ndimage.binary_dilation(mine) & ~mine & (places > 0)
+        small = area < SMALL_M2 and beside.any() and not _is_doorway(beside, wall, grid.resolution_m)
+        if number == 0 or not area or (area >= min_area_m2 and open_floor and not small):
             continue
-        touching = np.bincount(places[ndimage.binary_dilation(mine) & ~mine], minlength=len(sizes))
-        touching[0] = 0
+        touching = np.bincount(places[beside], minlength=len(sizes))
         if touching.any():
             places[mine] = touching.argmax()
         elif area < SEEN_M2 or not open_floor:
             places[mine] = 0
     return places
+
+
+def _is_doorway(border: npt.NDArray[np.bool_], wall: npt.NDArray[np.bool_], resolution_m: float) -> bool:
+    """Whether walls stand at both ends of the cells in which two rooms meet; else only unseen floor makes it narrow."""
+    cells = np.argwhere(border) * resolution_m
+    low, high = cells.min(0) - JAMB_M, cells.max(0) + JAMB_M
+    walls = np.argwhere(wall) * resolution_m
+    walls = walls[((walls >= low) & (walls <= high)).all(1)]
+    middle, along = cells.mean(0), np.linalg.svd(cells - cells.mean(0), full_matrices=False)[2][0]
+    ends, beside = (cells - middle) @ along, (walls - middle) @ along
+    return bool(len(walls) and beside.min() <= ends.min() and beside.max() >= ends.max())
 
 
 def _long(cells: npt.NDArray[np.int32], resolution_m: float) -> bool:
