@@ -8,12 +8,11 @@ time. The detector is the embedded one. Seconds depend on the computer and on wh
 
 from __future__ import annotations
 
-import json
+import os
 import random
 import signal
 import statistics
-import subprocess
-import sys
+import struct
 import tempfile
 import time
 from collections.abc import Sequence
@@ -40,6 +39,7 @@ from cartier.worlds.dollhouse import Dollhouse
 from cartier.worlds.dollhouse.recording import STEP_S, DollhouseRecording
 
 HZ = 15.0
+COUNTS = struct.Struct("<II")
 QUESTIONS = ("where is the sofa?", "let me sit down", "how many chairs are there?", "is there a piano?", "I am thirsty")
 
 
@@ -135,25 +135,46 @@ def played_whole(folder: Path, recording: Recording) -> Home:
 
 
 def kills(folder: Path, count: int, seed: int = 0) -> dict[str, Any]:
-    """Sessions killed at random moments: what of the last second is lost, and whether the rest goes on."""
-    rng, lost_s, whole = random.Random(seed), list[float](), 0
+    """Sessions killed at random moments: keyframes that were counted and are not on the disk; every tenth goes on."""
+    rng, lost, counted, put_off, whole = random.Random(seed), list[int](), 0, 0, 0
     with tempfile.TemporaryDirectory() as temporary:
         for number in range(count):
-            home = Path(temporary) / f"home{number}"
-            spool = home.with_name(f"{home.name}.spool")
-            command = [sys.executable, "-m", "cartier", "live", str(home), "--from", f"bag:{folder}@2"]
-            process = subprocess.Popen([*command, "--json"], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
-            time.sleep(4.0 + rng.random() * 4.0)
-            process.send_signal(signal.SIGKILL)
-            out, _ = process.communicate()
-            states = [json.loads(line) for line in out.splitlines() if line.startswith(b"{") and line.endswith(b"}")]
-            looked = max((state["looked"] for state in states), default=0)
-            places = Spool(spool).keyframes() if spool.exists() and spool.stat().st_size else ()
-            lost_s.append(max(0, looked - len(places)) / HZ)
-            end = [sys.executable, "-m", "cartier", "live", str(home), "--from", f"bag:{folder}@max", "--seconds", "1"]
-            done = subprocess.run(end, capture_output=True, text=True, timeout=300)
-            whole += done.returncode == 0 and bool(Home.load(home).objects) and Spool(spool).ended
-    return {"kills": count, "went on whole": whole, "most looked-at frames lost, s": max(lost_s, default=0.0)}
+            spool = Path(temporary) / f"home{number}.spool"
+            told, tell = os.pipe()
+            if (child := os.fork()) == 0:
+                _counting(folder, spool, tell)
+            os.close(tell)
+            time.sleep(rng.uniform(0.2, 4.0))
+            os.kill(child, signal.SIGKILL)
+            os.waitpid(child, 0)
+            with os.fdopen(told, "rb") as pipe:
+                said = pipe.read()[-COUNTS.size :]
+            keyframes, postponed = COUNTS.unpack(said) if len(said) == COUNTS.size else (0, 0)
+            kept = Spool(spool).keyframes() if spool.exists() and spool.stat().st_size else ()
+            lost.append(max(0, keyframes - len(kept)))
+            counted, put_off = counted + keyframes, put_off + postponed
+            if number % 10 == 0:
+                session = Live(open_source(f"bag:{folder}@max"), detects(plugins.open_recording(folder)), spool=spool)
+                session.start()
+                whole += bool(session.wait().objects) and session.state().resumed == len(kept)
+                session.saved()
+    return {
+        "kills": count, "keyframes counted": counted, "of them put off": put_off, "lost": sum(lost),
+        "gone on": -(-count // 10), "whole": whole,
+    }  # fmt: skip
+
+
+def _counting(folder: Path, spool: Path, tell: int) -> None:
+    """Map in a process that is to be killed, and say how many keyframes are counted."""
+    session = Live(open_source(f"bag:{folder}@2"), detects(plugins.open_recording(folder)), spool=spool)
+    session.start()
+    said = (0, 0)
+    while True:
+        state = session.state()
+        if (state.keyframes, state.postponed) != said:
+            said = state.keyframes, state.postponed
+            os.write(tell, COUNTS.pack(*said))
+        time.sleep(0.002)
 
 
 class Round:

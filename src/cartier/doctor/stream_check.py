@@ -133,6 +133,8 @@ class _Watched:
             self.counts[event.reason] += 1
             self.moved |= event.reason == "frame"
             self.left_out[event.reason] += event.frames
+            if event.reason == "silent":  # the last one: at first nobody may have been there
+                self.texts[event.reason] = event.text
             self.texts.setdefault(event.reason, event.text)
 
     def _step(self, event: Stamped) -> None:
@@ -236,7 +238,7 @@ def _left_out(watched: _Watched) -> list[DoctorFault]:
     faults = []
     for reason in watched.counts:
         lost, said = watched.left_out[reason], watched.counts[reason]
-        if reason == "silent" and came:
+        if reason == "silent" and all_frames:
             continue
         always = reason in ("two_parents", "circle", "frame", "clock", "ended", "double")
         if not (lost > LEFT_OUT * all_frames or always or (said and not came)):
