@@ -180,6 +180,31 @@ def write_record3d_export(recording: RoomRecording, root: Path) -> None:
     (root / "metadata.json").write_text(json.dumps(record3d_head(recording)))
 
 
+def write_rtsm(recording: RoomRecording, root: Path) -> None:
+    """A session of a phone: each message is JSON, JPEG, depth in mm and confidence, each after its length."""
+    root.mkdir()
+    index, messages = [], b""
+    for i in range(len(recording)):
+        frame, colour = recording[i], BytesIO()
+        Image.fromarray(frame.rgb).save(colour, "JPEG", quality=95)
+        pose, c = Y_UP_FROM_WORLD @ frame.world_from_camera @ OPTICAL_FROM_GL, recording.camera
+        depth = np.rint(np.nan_to_num(small_depth(recording, i)) * 1000).astype("<u2")
+        head = {
+            "timestamp_ns": 10**12 + i * 10**8, "T_wc": pose.T.ravel().tolist(), "tracking_state": "normal",
+            "fx": c.fx, "fy": c.fy, "cx": c.cx, "cy": c.cy, "intrinsics_width": c.width, "intrinsics_height": c.height,
+            "rgb_width": c.width, "rgb_height": c.height, "depth_width": depth.shape[1], "depth_height": depth.shape[0],
+            "rgb_format": "jpeg", "depth_format": "uint16_mm", "pose_format": "matrix4x4_col_major",
+            "depth_scale": 0.001,
+        }  # fmt: skip
+        sure = np.full(depth.shape, 2, np.uint8)
+        parts = (json.dumps(head).encode(), colour.getvalue(), depth.tobytes(), sure.tobytes())
+        message = b"".join(struct.pack("<I", len(part)) + part for part in parts)
+        index.append(json.dumps({"seq": i, "offset": len(messages), "length": len(message)}))
+        messages += message
+    (root / "messages.bin").write_bytes(messages)
+    (root / "index.jsonl").write_text("\n".join(index) + "\n")
+
+
 def write_arcore(recording: RoomRecording, root: Path) -> None:
     root.mkdir()
     lines = ["timestamp_ns,tx,ty,tz,qx,qy,qz,qw"]

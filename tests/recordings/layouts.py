@@ -79,6 +79,7 @@ LAYOUTS: dict[str, Callable[[Path], None]] = {
     "record3d-export": lambda path: exports.write_record3d_export(room(), path),
     "record3d-without-depth": lambda path: exports.write_record3d(room(with_depth=False), path),
     "arcore": lambda path: exports.write_arcore(room(), path),
+    "rtsm": lambda path: exports.write_rtsm(room(), path),
     "polycam": lambda path: exports.write_polycam(room(), path),
     "polycam-without-depth": lambda path: exports.write_polycam(room(with_depth=False), path),
     "scannerapp": lambda path: exports.write_scannerapp(room(), path),

@@ -21,6 +21,7 @@ from exports import (
     write_arcore,
     write_record3d,
     write_record3d_export,
+    write_rtsm,
     write_stray,
     write_video,
 )
@@ -39,6 +40,7 @@ WRITERS: dict[str, Write] = {
     "record3d": write_record3d,
     "record3d-export": write_record3d_export,
     "arcore": write_arcore,
+    "rtsm": write_rtsm,
 }
 phones = pytest.mark.parametrize("name", WRITERS)
 
@@ -303,6 +305,9 @@ DAMAGE: list[tuple[str, Callable[[Path], object], str]] = [
     ("record3d-export", lambda root: write_exr(root / "depth/0.exr", {"R": np.ones((1, 5000))}),
         "claims 5000x1 px and 1 channels"),
     ("record3d-export", lambda root: (root / "depth/0.exr").write_bytes(b"v/1\1junk"), "no readable OpenEXR image"),
+    ("rtsm", text("index.jsonl", '{"offset": 0}'), "line 1: offset and length must say where a message lies"),
+    ("rtsm", text("index.jsonl", '{"offset": 1, "length": 900}'), "the message of line 1 is damaged"),
+    ("rtsm", text("index.jsonl", "{"), "index.jsonl line 1"),
     ("arcore", text("intrinsics.json", "{}"), "lacks width, height, fx"),
     ("arcore", head(fx="wide"), r"intrinsics\.json: could not convert"),
     ("arcore", head(width=0), "camera size must be 1 to 32768 px"),
