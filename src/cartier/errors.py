@@ -141,13 +141,13 @@ def frame_number(index: int, length: int, name: str) -> int:
     return number
 
 
-def without_far(depth_m: npt.NDArray[np.float32], where: str) -> npt.NDArray[np.float32]:
-    """Depth (H, W) in which readings beyond ``MAX_FAR_M`` are NaN: out of range, as infinity is by REP-117."""
-    far = np.abs(depth_m) > MAX_FAR_M
-    if not far.any():
+def only_readings(depth_m: npt.NDArray[np.float32], where: str) -> npt.NDArray[np.float32]:
+    """Depth (H, W), NaN where nothing was read: where it is not positive, or beyond ``MAX_FAR_M``, out of range."""
+    read = (depth_m > 0) & (depth_m <= MAX_FAR_M)
+    if (read | np.isnan(depth_m)).all():
         return depth_m
     need(
-        2 * int((far & np.isfinite(depth_m)).sum()) <= far.size,
+        2 * int((np.isfinite(depth_m) & (np.abs(depth_m) > MAX_FAR_M)).sum()) <= depth_m.size,
         f"{where}: its depth reaches beyond {MAX_FAR_M:g} m, which is no home: are the units metres?",
     )
-    return np.where(far, np.float32(np.nan), depth_m)
+    return np.where(read, depth_m, np.float32(np.nan))

@@ -33,7 +33,7 @@ from cartier.errors import (
     check_radius,
     finite,
     need,
-    without_far,
+    only_readings,
 )
 from cartier.route_rules import FLOOR_KINDS, RouteRule
 
@@ -112,7 +112,7 @@ class Frame:
             if image is not None:
                 need(image.shape == shape, f"{where}: {name} must be {shape}, got {image.shape}")
         if self.depth_m is not None:
-            object.__setattr__(self, "depth_m", without_far(self.depth_m, where))
+            object.__setattr__(self, "depth_m", only_readings(self.depth_m, where))
         object.__setattr__(self, "world_from_camera", check_pose(self.world_from_camera, where))
 
     def cropped(self, box_xyxy: Sequence[int]) -> Frame:

@@ -6,7 +6,7 @@ import json
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -16,6 +16,10 @@ from cartier.cli.reader_options import NOTHING, reads_recordings
 from cartier.contracts import RecordingDefaults, optional
 from cartier.errors import InputError
 from cartier.labels import number_of
+
+if TYPE_CHECKING:
+    from cartier.contracts import Recording
+    from cartier.mapping.samples import Samples
 
 app = typer.Typer()
 A_DAY_S = 86_400.0  # how long to wait for another process that maps into the same home
@@ -115,7 +119,11 @@ def map_command(
         typer.Option("--align", help="With --append: the recording has a pose frame of its own; find where it lies."),
     ] = False,
     keep_poses: Annotated[
-        bool, typer.Option("--keep-poses", help="Take the recording's poses as they are, even if they drift.")
+        bool,
+        typer.Option("--keep-poses", help="Take poses and images as they are, even if they drift or lie on a side."),
+    ] = False,
+    anyway: Annotated[
+        bool, typer.Option("--anyway", help="Map also where a first look finds that the map will be nonsense.")
     ] = False,
     config: Annotated[
         Path | None,
@@ -138,6 +146,7 @@ def map_command(
     from cartier.mapping.domain import domain_warning
     from cartier.mapping.indexing import make_indexes
     from cartier.mapping.keyframes import Keyframes, forecast
+    from cartier.mapping.upright import upright
     from cartier.pipeline import map_home
 
     if all_frames and every is not None:
@@ -159,10 +168,15 @@ def map_command(
         say(note)
     if detector is None:
         say(f"detector: {chosen}, {why}; --detector takes another" if own is None else f"detector: {own.name}")
+    samples = _first_look(source, anyway)
     unfinished = output.parent / f".{output.name}.unfinished.jsonl"
     with locked(output, wait_s=A_DAY_S, told=say):
         onto = Home.load(output) if append else None
         settings = config_for(settings, onto)
+        if not keep_poses:
+            source = upright(source, detects, () if onto is None or align else onto.settings["recordings"], samples)
+            for note in source.levelled.notes:
+                say(note)
         count, seconds = forecast(source, detects, every, settings) if len(source) else (0, 0.0)
         say(f"about {count} of {len(source)} frames to process, in about {duration(seconds)}")
         with progress("mapping") as step:
@@ -182,7 +196,7 @@ def map_command(
         about = {"home": str(output), "id": home.id, "names": home.names, "confirmed": sure, "notes": list(home.notes)}
         print(json.dumps(about | {"tentative": len(home.objects) - sure}))
     else:
-        for note in (note for note in home.notes if note not in first):
+        for note in (note for note in home.notes if note not in (*first, *source.notes)):
             say(note)
         row = home.settings["recordings"][-1]
         frames = f"{row.get('looked', row['frames'])} of {row['frames']} frames"
@@ -190,6 +204,20 @@ def map_command(
         print(f"{output}: {objects} of {kinds} in {frames} ({home.detector})")
         print(f"see them:          cartier show {output} --plot plan.png --sheet sheet.png")
         print(f'ask it something:  cartier ask {output} "I would love to sit down"')
+
+
+def _first_look(source: Recording, anyway: bool) -> Samples:
+    """Some frames, of which the faults were said. Raises InputError if they make a map nonsense, unless ``anyway``."""
+    from cartier.doctor.glance import NONSENSE, glance
+    from cartier.mapping.samples import few, sample
+
+    samples = sample(source, numbers=few(len(source)))
+    for fault in glance(source, samples):
+        line = f"{fault.fault}: {fault.evidence}; {fault.repair}"
+        if fault.fault in NONSENSE and not anyway:
+            raise InputError(f"{source.name} cannot give a sound map: {line}; --anyway maps it as it is")
+        say(line)
+    return samples
 
 
 @app.command("list")

@@ -8,7 +8,7 @@ import numpy as np
 
 from cartier.doctor._consistency import FEWEST_PAIRS, Numbers, Pairs, Verdict, judge, motions, much_better, near_pairs
 from cartier.doctor._report import Fault
-from cartier.doctor.checks import tilt
+from cartier.doctor.checks import PLAUSIBLE_M, tilt
 from cartier.doctor.hypotheses import Hypothesis, Reading, depth_by, hypotheses, positions_by, shift_by
 from cartier.mapping.samples import Samples
 from cartier.types import Camera
@@ -16,7 +16,6 @@ from cartier.types import Camera
 MOST_FAULTS = 3
 SETTLED, TIED, LEAN_DEG = 0.8, 0.005, 30
 SCALE_STEPS = [1 + percent / 100 for percent in range(-16, 19)]
-PLAUSIBLE_M = (0.15, 20.0)  # the median depth of a home
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,6 +22,9 @@ LEAST_READ, LEAST_SPREAD_M = 0.01, 1e-6
 EMPTY_SHARE = 0.1
 MIN_VIEWS, APART_M, APART_DEG = 8, 0.04, 4.0
 TILT_DEG = 5.0
+PLAUSIBLE_M = (0.15, 20.0)  # the median depth of a home
+FIELD_OF_VIEW_DEG = (20.0, 140.0)
+OFF_CENTRE, UNEQUAL = 0.2, 0.25  # of the image's side; of the focal lengths
 SHIFTED, CLEARER, OVER_NOISE = 0.015, 1.3, 5.0
 UNMIRROR = "mirror one axis of the world and one of the camera (Unity: swap y and z, change the sign of the camera's y)"
 
@@ -42,6 +45,28 @@ def bad_rotation(evidence: str, fix: str = "") -> Fault:
 
 def _first_of(errors: dict[int, InputError], samples: Samples) -> str:
     return f"{len(errors)} of {len(errors) + len(samples)} poses are no rigid motions; the first: {errors[min(errors)]}"
+
+
+def lens(camera: Camera) -> tuple[Fault | None, str]:
+    """Intrinsics that no camera of a home has, and the lens in words."""
+    c = camera
+    across, high = (np.degrees(2 * np.arctan(side / 2 / f)) for side, f in ((c.width, c.fx), (c.height, c.fy)))
+    told = f"{c.width}x{c.height}, {across:.0f}° by {high:.0f}°, centre at ({c.cx:.0f}, {c.cy:.0f})"
+    off = max(abs(c.cx / c.width - 0.5), abs(c.cy / c.height - 0.5)) > OFF_CENTRE
+    unequal = abs(c.fx / c.fy - 1) > UNEQUAL
+    if off or unequal or not all(FIELD_OF_VIEW_DEG[0] <= side <= FIELD_OF_VIEW_DEG[1] for side in (across, high)):
+        how = "give the intrinsics of these images: the same camera, resolution and crop"
+        return Fault("lens", f"the intrinsics do not fit the images: {told}", how), told
+    return None, told
+
+
+def depth_unit(depth_m: Array) -> Fault | None:
+    """Depth (M, h, w) whose median no home has."""
+    known = depth_m[np.isfinite(depth_m)]
+    median_m = float(np.median(known)) if known.size else 1.0
+    if PLAUSIBLE_M[0] <= median_m <= PLAUSIBLE_M[1]:
+        return None
+    return Fault("depth_unit", f"half of the depth is beyond {median_m:.3g} m", "16UC1 holds millimetres, 32FC1 metres")
 
 
 def empty_depth(samples: Samples) -> tuple[Fault | None, frozenset[int]]:

@@ -15,7 +15,7 @@ import numpy as np
 
 from cartier.contracts import Source, SourceDefaults, optional
 from cartier.doctor import Fault as DoctorFault
-from cartier.doctor import Report, examine
+from cartier.doctor import Report, checks, examine
 from cartier.doctor._consistency import turns_deg
 from cartier.doctor.explanation import explained
 from cartier.doctor.pictures import picture_faults, pictures_change
@@ -30,9 +30,6 @@ LEFT_OUT = 0.2  # from this share on, a reason is a fault
 SLOW_HZ = 1.0  # below it, frames overlap too little to be compared
 OLD_S = 1.0  # behind it, a robot has moved on
 SAME_CLOCK_S = 86_400.0  # stamps farther off are of a recording, or of a simulation's clock
-FIELD_OF_VIEW_DEG = (20.0, 140.0)
-OFF_CENTRE, UNEQUAL = 0.2, 0.25  # of the image's side; of the focal lengths
-DEPTH_M = (0.15, 20.0)  # where the median depth of a home lies
 STILL_M, STILL_DEG = 0.02, 1.0
 LEAP_M, LEAP_DEG = 0.25, 15.0  # what a pose may be off
 FAST_M_S, FAST_DEG_S, TIMES = 1.0, 90.0, 3.0  # a step that is slower is none, nor one that is so often the usual speed
@@ -273,14 +270,9 @@ def _age(watched: _Watched) -> tuple[DoctorFault | None, str]:
 
 
 def _lens(watched: _Watched) -> tuple[DoctorFault | None, str]:
-    c = watched.frames[0].camera
-    across, high = (np.degrees(2 * np.arctan(side / 2 / f)) for side, f in ((c.width, c.fx), (c.height, c.fy)))
-    told = f"{c.width}x{c.height}, {across:.0f}° by {high:.0f}°, centre at ({c.cx:.0f}, {c.cy:.0f})"
-    off = max(abs(c.cx / c.width - 0.5), abs(c.cy / c.height - 0.5)) > OFF_CENTRE
-    unequal = abs(c.fx / c.fy - 1) > UNEQUAL
-    if off or unequal or not all(FIELD_OF_VIEW_DEG[0] <= side <= FIELD_OF_VIEW_DEG[1] for side in (across, high)):
-        how = "publish the CameraInfo of this image: the same camera, resolution and crop"
-        return DoctorFault("lens", f"the intrinsics do not fit the images: {told}", how), ""
+    fault, told = checks.lens(watched.frames[0].camera)
+    if fault is not None:
+        return replace(fault, repair=DRIVER_MENDS["intrinsics_resolution"]), ""
     return None, f"lens    {told}"
 
 
@@ -294,9 +286,8 @@ def _depth(watched: _Watched) -> tuple[DoctorFault | None, str]:
     if not share:
         return None, ""  # the examination says so
     median_m, far_m = np.nanpercentile(known, [50, 98])
-    if not DEPTH_M[0] <= median_m <= DEPTH_M[1]:
-        how = "16UC1 holds millimetres, 32FC1 metres"
-        return DoctorFault("depth_unit", f"half of the depth is beyond {median_m:.3g} m", how), ""
+    if (fault := checks.depth_unit(known)) is not None:
+        return fault, ""
     return (
         None,
         f"depth   {share:.0%} of the pixels, half of them within {median_m:.1f} m, the farthest at {far_m:.1f} m",
