@@ -40,7 +40,6 @@ class TopicDetector(Detector):
     name: str
     find: Callable[[int], Detections]
     score_model: DetectorScoreModel = field(default_factory=DetectorScoreModel)
-    as_recorded: bool = True
     as_recorded = True  # boxes are of the images as they were published
 
     def detect(self, frame: Frame) -> Detections:
