@@ -1,7 +1,8 @@
 """ROS 2 as it runs: which topics and goals pass, and whether every drive that is interrupted is cancelled.
 
     python benchmarks/ros.py                  the table of tests/ros, a row a distribution
-    python benchmarks/ros.py --stop 40        SIGINT at 40 random moments of drives, over rclpy and over DDS
+    python benchmarks/ros.py --stop 40        SIGINT at 40 random moments of drives, over rclpy and over DDS, and at 10
+                                              random moments from before the robot is found
     python benchmarks/ros.py --transcript     a drive that is stopped at four moments
 
 ``python tests/ros/build.py`` builds the distributions, once. Each process has a DDS domain of this machine alone.
@@ -90,9 +91,10 @@ def stop(distributions: list[str], count: int, moments: random.Random) -> int:
     bad = 0
     for way in WAYS:
         counts, took = dict.fromkeys(names, 0), list[float]()
-        for k in range(count):
+        for k in range(count + count // 4):
             ros = Ros(distributions[k % len(distributions)])
-            ended, asked_s = _interrupted(ros, way, moments.uniform(0.0, 3.5))  # to find the robot, and to drive, 2 s
+            word, span_s = ("driving", 1.8) if k < count else ("made", 3.5)  # the drive takes two seconds
+            ended, asked_s = _interrupted(ros, way, word, moments.uniform(0.0, span_s))
             ros.close()
             took += [asked_s] if ended == "cancelled" else []
             counts["late" if ended == "cancelled" and asked_s > LATEST_S else ended] += 1
@@ -104,13 +106,13 @@ def stop(distributions: list[str], count: int, moments: random.Random) -> int:
     return int(bad > 0)
 
 
-def _interrupted(ros: Ros, way: str, after_s: float) -> tuple[str, float]:
-    """How a drive ends that is interrupted after so long, and when the robot was asked to stop (s later)."""
+def _interrupted(ros: Ros, way: str, word: str, after_s: float) -> tuple[str, float]:
+    """How a drive ends that is interrupted so long after a word, and when the robot was asked to stop (s later)."""
     from rospeers import Drive, Event
 
     with ros.peer("nav_server.py", "drives", 120, 1.0) as server:
         drive = Drive(ros, way)
-        drive.until("made")
+        drive.until(word)
         time.sleep(after_s)
         sent_s = drive.signal()
         code, said = drive.end()
@@ -122,7 +124,7 @@ def _interrupted(ros: Ros, way: str, after_s: float) -> tuple[str, float]:
         return "arrived", math.nan
     if "cancelled" in robot and "cancelled" in said and code == 130:
         return "cancelled", robot["asked to cancel"] - sent_s
-    print(f"  {ros.distribution} {way} after {after_s:.2f} s: {code} {said}; {robot}", file=sys.stderr)
+    print(f"  {ros.distribution} {way} {after_s:.2f} s after {word!r}: {code} {said}; {robot}", file=sys.stderr)
     return "lost", math.nan
 
 

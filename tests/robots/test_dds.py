@@ -195,3 +195,43 @@ def test_silence_and_the_unknown_are_told_apart(monkeypatch: pytest.MonkeyPatch)
     assert silent.status == "failed"
     assert "stopped coming 2.00 m short" in silent.text
     assert driven(monkeypatch, [None]).status == "unknown"
+
+
+def test_a_goal_is_over_once_it_was_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    from cartier.dds.topics import Writer, participant
+    from cartier.dds.types import encoded, message
+    from cartier.robots.dds import STATUS_ARRAY, GoalStatus
+
+    monkeypatch.setenv("CYCLONEDDS_URI", LOOPBACK)
+    domain, name = any_domain(), "/navigate_to_pose/_action/status"
+    server = Writer(participant(domain), name, STATUS_ARRAY, 1, latched=True)
+    stamp = message("builtin_interfaces/msg/Time", sec=1, nanosec=0)
+
+    def tell(*statuses: int) -> None:
+        goals = [
+            message(
+                "action_msgs/msg/GoalInfo", goal_id=message("unique_identifier_msgs/msg/UUID", uuid=uuid), stamp=stamp
+            )
+            for uuid in np.arange(len(statuses) * 16, dtype=np.uint8).reshape(-1, 16)
+        ]
+        told = [
+            message("action_msgs/msg/GoalStatus", goal_info=g, status=s) for g, s in zip(goals, statuses, strict=True)
+        ]
+        server.write(encoded(message(STATUS_ARRAY, status_list=told)))
+        assert server.received(5)
+        time.sleep(0.05)
+
+    heard = GoalStatus(participant(domain), name)
+    assert not heard.over()
+    tell(4)
+    end = time.monotonic() + 10
+    while not server.listeners() and time.monotonic() < end:
+        heard.begin()
+        time.sleep(0.02)
+    time.sleep(0.1)
+    heard.begin()
+    assert not heard.over(), "the goal before is none of this drive"
+    tell(4, 2)
+    assert not heard.over()
+    tell(4, 5)
+    assert heard.over()

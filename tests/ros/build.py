@@ -23,7 +23,7 @@ FOLDER = Path(os.environ.get("CARTIER_TEST_ROS") or "~/.cache/cartier/ros").expa
 MESSAGES = ["ros-sensor-msgs", "ros-nav-msgs", "ros-visualization-msgs"]
 WHEELS = {
     "jazzy": ["ros-rclpy==7.1.6", "ros-jazzy-rmw-fastrtps-cpp", *MESSAGES],
-    "kilted": ["ros-rclpy==9.1.2", "ros-rmw-fastrtps-cpp", *MESSAGES],
+    "kilted": ["ros-rclpy==9.1.2", "ros-rmw-fastrtps-cpp", "ros-ament-cmake-ros-core", *MESSAGES],
 }
 TOOLS = ["ros-ament-cmake", "ros-ament-cmake-gmock", "ros-ament-cmake-gtest", "ros-ament-cmake-include-directories",
          "ros-ament-cmake-pytest", "ros-ament-cmake-ros", "ros-ament-package", "ros-python-cmake-module",
