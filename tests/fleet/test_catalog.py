@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -15,13 +17,15 @@ from cartier.blob_stores import Blob, BlobStore, open_store
 from cartier.errors import InputError
 from cartier.fleet import status
 from cartier.fleet.catalog import Tables, compact, read_catalog
-from cartier.fleet.catalog_rows import TABLES
+from cartier.fleet.catalog_rows import TABLES, schemas
 from cartier.fleet.publishing import NEW
 from cartier.fleet.status import speed
 from cartier.spatial.floor_seen import floor_seen
 from flat import FLAT
 from fleet.catalogued import enter, grid, home
 from fleet.test_jobs import Crash, CrashingStore
+
+pa, pq = pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.parquet")
 
 
 @pytest.fixture
@@ -182,3 +186,52 @@ def test_entries_are_fetched_once_and_forgotten_when_they_are_compacted(
     assert second in fetched and first not in fetched
     compact(store)
     assert read_catalog(store, held=held)["homes"].num_rows == 2 and not held
+
+
+def changed(store: BlobStore, change: Callable[[dict[str, Any]], None], times: int = 1) -> str:
+    """Enter the home "a" with another row, and its objects so many times; its key."""
+    enter(store, "a", home())
+    (key,) = store.list(NEW)
+    blob = store.get(key)
+    assert blob is not None
+    (row,) = pq.read_table(io.BytesIO(blob.data)).to_pylist()
+    change(row)
+    one, kinds = pa.struct(list(schemas()["homes"])), schemas()
+    lists = [pa.array([row[name] * (times if name == "objects" else 1)], pa.list_(pa.struct(list(kinds[name]))))
+             for name in ("rooms", "objects")]  # fmt: skip
+    buffer = io.BytesIO()
+    pq.write_table(pa.table([pa.array([row["homes"]], one), *lists], names=list(TABLES)), buffer, compression="zstd")
+    store.put(key, buffer.getvalue())
+    return key
+
+
+@pytest.mark.parametrize(
+    ("table", "column", "value"),
+    [
+        ("homes", "sequence", None), ("homes", "knows", None), ("homes", "knows", [None]), ("objects", "names", None),
+        ("objects", "colours", None), ("objects", "colours", [{"name": None, "share": 1.0}]), ("rooms", "kind", None),
+        ("objects", "x_min", None),
+    ],
+)  # fmt: skip
+def test_a_missing_value_is_refused_by_name(store: BlobStore, table: str, column: str, value: Any) -> None:
+    def lose(row: dict[str, Any]) -> None:
+        for each in [row[table]] if table == "homes" else row[table]:
+            each[column] = value
+
+    key = changed(store, lose)
+    with pytest.raises(InputError, match=f"{key} is no entry of the catalog .{column} lacks a value.: delete it"):
+        read_catalog(store)
+
+
+def test_a_file_that_unpacks_to_gigabytes_is_refused_unread(store: BlobStore, tmp_path: Path) -> None:
+    key = changed(store, lambda row: None, times=40_000)
+    blob = store.get(key)
+    assert blob is not None and len(blob.data) < 500_000
+    before = pa.total_allocated_bytes()
+    with pytest.raises(InputError, match=f"{key} unpacks to more than a catalog should ever hold"):
+        read_catalog(store)
+    assert pa.total_allocated_bytes() - before < 1_000_000
+    store.delete(key)
+    (tmp_path / "store" / "catalog" / "²-x").write_text("what only looks like a number")
+    enter(store, "a", home())
+    assert compact(store)["homes"] == 1

@@ -259,3 +259,25 @@ def test_who_can_name_anything_takes_no_table_for_another() -> None:
     anything = Vocabulary(("*",), frozenset({"coffee table", "side table"}), ("kitchen",))
     phrase = read_phrase("dining table", [anything], anything)[anything]
     assert phrase.labels == {"dining table"} and anything.could_name(phrase)
+
+
+def test_who_sees_one_home_learns_no_word_of_another(tmp_path: Path) -> None:
+    store = open_store(str(tmp_path / "store"))
+    enter(store, "mine", home())
+    named = [replace(obj, names=("aunt mathilda insulin",)) if obj.id == 3 else obj for obj in FLAT.objects]
+    panic = [replace(room, kind="panic room") if room.id == 0 else room for room in FLAT.rooms]
+    enter(store, "theirs", home(named, panic))
+    fleet = cartier.Fleet(str(tmp_path / "store"))
+
+    def told(words: str) -> str:
+        try:
+            return fleet.ask(words, lambda name: name == "mine").text
+        except InputError as error:
+            return str(error)
+
+    secret, made_up = (f"which homes have an {name}?" for name in ("aunt mathilda insulin", "aunt bernhard insulin"))
+    assert told(secret).replace("mathilda", "bernhard") == told(made_up)
+    mine, theirs = (fleet.ask("which homes have a cup in the kitchen?", lambda name, one=one: name == one)  # type: ignore[misc]
+                    for one in ("mine", "theirs"))  # fmt: skip
+    assert mine.value == ["mine"] and theirs.value != ["theirs"]
+    assert fleet.ask(secret).value == ["theirs"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 from cartier.errors import InputError
@@ -37,14 +37,16 @@ class HomeFacts:
         vocabulary: What its detector can name.
         blind: Why things may be in it that were never looked for; "" where all of it was seen.
         kinds: The kinds of its rooms.
+        names: The labels of its objects, and what people call them.
     """
 
     vocabulary: Vocabulary
     blind: str
     kinds: frozenset[str]
+    names: frozenset[str]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Loaded:
     """A catalog in memory."""
 
@@ -60,21 +62,20 @@ class Loaded:
         rooms = dict[str, set[str]]()
         for home, kind in database.query("select distinct home, kind from rooms", (), most).rows:
             rooms.setdefault(home, set()).add(kind)
-        kinds = tuple(sorted({kind for of_home in rooms.values() for kind in of_home}))
-        seen = dict[tuple[str, ...], set[str]]()
-        labels = "select knows, list(distinct label) from objects join homes using (home, version) group by knows"
-        names = "select knows, list(distinct name) from (select knows, unnest(names) as name from objects join homes "
-        for sql in (labels, f"{names}using (home, version)) group by knows"):
-            for knows, found in database.query(sql, (), most).rows:
-                seen.setdefault(tuple(knows), set()).update(found)
-        vocabularies = {knows: Vocabulary(knows, frozenset(found), kinds) for knows, found in seen.items()}
+        names = dict[str, set[str]]()
+        labels = "select home, list(distinct label) from objects join homes using (home, version) group by home"
+        called = "select home, list(distinct name) from (select home, unnest(names) as name from objects join homes "
+        for sql in (labels, f"{called}using (home, version)) group by home"):
+            for home, found in database.query(sql, (), most).rows:
+                names.setdefault(home, set()).update(found)
         homes = {}
         sql = "select home, knows, with_depth, coalesce(floor_seen, 0) from homes order by home"
         for home, knows, with_depth, floor in database.query(sql, (), most).rows:
-            vocabulary = vocabularies.setdefault(tuple(knows), Vocabulary(tuple(knows), frozenset(), kinds))
             blind = NO_FLOOR if not with_depth else UNSEEN if floor < WHOLE else ""
-            homes[home] = HomeFacts(vocabulary, blind, frozenset(rooms.get(home, ())))
-        return cls(database, homes, kinds)
+            alone = Vocabulary(tuple(knows), frozenset(), ())
+            kinds = frozenset(rooms.get(home, ()))
+            homes[home] = HomeFacts(alone, blind, kinds, frozenset(names.get(home, ())))
+        return cls(database, *_together(homes))
 
     @cached_property
     def by_vocabulary(self) -> list[tuple[Vocabulary, list[str]]]:
@@ -90,11 +91,27 @@ class Loaded:
         return union([vocabulary for vocabulary, _ in self.by_vocabulary])
 
     def only(self, may_see: Callable[[str], bool]) -> Loaded:
-        """The same for some of the homes. Raises InputError if these are none."""
+        """The same for some of the homes, without the words of others. Raises InputError if these are none."""
         homes = {home: facts for home, facts in self.homes.items() if may_see(home)}
         if not homes:
             raise InputError("there are no homes that you may ask about")
-        return replace(self, homes=homes)
+        return self if len(homes) == len(self.homes) else _of_some(self, tuple(homes))
+
+
+@lru_cache(maxsize=64)
+def _of_some(loaded: Loaded, homes: tuple[str, ...]) -> Loaded:
+    """A catalog of some homes: whoever may see these alone learns no name or room of others from an answer."""
+    return Loaded(loaded.database, *_together({home: loaded.homes[home] for home in homes}))
+
+
+def _together(homes: Mapping[str, HomeFacts]) -> tuple[dict[str, HomeFacts], tuple[str, ...]]:
+    """Homes with the vocabulary that those of equal detectors share, and the kinds of all their rooms."""
+    kinds = tuple(sorted({kind for facts in homes.values() for kind in facts.kinds}))
+    seen = dict[tuple[str, ...], set[str]]()
+    for facts in homes.values():
+        seen.setdefault(facts.vocabulary.knows, set()).update(facts.names)
+    shared = {knows: Vocabulary(knows, frozenset(names), kinds) for knows, names in seen.items()}
+    return {home: replace(facts, vocabulary=shared[facts.vocabulary.knows]) for home, facts in homes.items()}, kinds
 
 
 @dataclass(frozen=True)

@@ -25,6 +25,19 @@ from cartier.io.files import json_bytes, parse_json, typed
 HEAD = "catalog/HEAD.json"
 READERS = 16  # keys fetched at once
 MAX_ATTEMPTS = 8  # to read or compact while others compact
+MAY_LACK = {"floor_seen", "room", "room_name", "room_kind", "on_object", "on_relation"}
+
+
+@dataclass(frozen=True)
+class Most:
+    """What a Parquet file may unpack to: values of a column, bytes as stored, and bytes that texts may take."""
+
+    values: int
+    bytes: int
+    texts: int
+
+
+ENTRY, SNAPSHOT = Most(200_000, 2**26, 2**31), Most(2**26, 2**31, 2**50)
 Tables = Mapping[str, Any]
 """A pyarrow.Table for each of ``TABLES``."""
 
@@ -104,7 +117,7 @@ def _sweep(store: BlobStore, head: Head, chunks: list[str]) -> None:
         store.delete(key)
     for key in store.list("catalog/"):
         number = key.split("/")[1].split("-")[0]
-        if number.isdigit() and int(number) < head.number:
+        if number.isascii() and number.isdigit() and int(number[:18]) < head.number:
             store.delete(key)
 
 
@@ -142,9 +155,9 @@ def _only(table: Any, versions: Any) -> Any:
 
 def _table(store: BlobStore, key: str, name: str) -> Any:
     """A table of a snapshot, with the columns of this cartier."""
-    table = _parquet(store, key)
+    table = _parquet(store, key, SNAPSHOT)
     try:
-        return table.select(schemas()[name].names).cast(schemas()[name])
+        return _whole(table.select(schemas()[name].names).cast(schemas()[name]))
     except (KeyError, ValueError) as error:
         raise InputError(f"{store.place}/{key} is no table of cartier's ({brief(error)})") from error
 
@@ -152,27 +165,57 @@ def _table(store: BlobStore, key: str, name: str) -> Any:
 def _chunk(store: BlobStore, key: str) -> Tables:
     """The tables of one home."""
     pa = arrow()
-    nested, kinds = _parquet(store, key), schemas()
+    nested, kinds = _parquet(store, key, ENTRY), schemas()
     try:
         if nested.num_rows != 1:
             raise ValueError(f"{nested.num_rows} rows")
         found = {"homes": nested["homes"].combine_chunks()}
         found |= {name: nested[name].combine_chunks().flatten() for name in ("rooms", "objects")}
         return {
-            name: pa.Table.from_struct_array(found[name]).select(kinds[name].names).cast(kinds[name]) for name in TABLES
+            name: _whole(pa.Table.from_struct_array(found[name]).select(kinds[name].names).cast(kinds[name]))
+            for name in TABLES
         }
     except (KeyError, ValueError, TypeError, AttributeError) as error:
         raise InputError(f"{store.place}/{key} is no entry of the catalog ({brief(error)}): delete it") from error
 
 
-def _parquet(store: BlobStore, key: str) -> Any:
+def _whole(table: Any) -> Any:
+    """The table. Raises ValueError if a value is missing where one belongs, also within lists."""
+    import pyarrow.types as kinds
+
+    for name in table.column_names:
+        parts = [] if name in MAY_LACK else [table[name].combine_chunks()]
+        while parts:
+            part = parts.pop()
+            if part.null_count:
+                raise ValueError(f"{name} lacks a value")
+            if kinds.is_list(part.type) or kinds.is_struct(part.type):
+                inner = part.flatten()
+                parts += inner if isinstance(inner, list) else [inner]
+    return table
+
+
+def _parquet(store: BlobStore, key: str, most: Most) -> Any:
+    """A table of a file. Its metadata is looked at first: a small file may unpack to gigabytes."""
     import pyarrow.parquet as pq
 
     held = store.get(key)
     if held is None:
         raise _Gone
     try:
-        return pq.read_table(io.BytesIO(held.data))
+        file = pq.ParquetFile(io.BytesIO(held.data))
+        groups = [file.metadata.row_group(k) for k in range(file.metadata.num_row_groups)]
+        columns = [group.column(k) for group in groups for k in range(group.num_columns)]
+        values = max((column.num_values for column in columns), default=0)
+        unpacked = [column.total_uncompressed_size for column in columns]
+        texts = sum(
+            column.num_values * column.total_uncompressed_size  # each value may be the longest of its dictionary
+            for column in columns
+            if column.physical_type == "BYTE_ARRAY"
+        )
+        if values > most.values or sum(unpacked) > most.bytes or (texts > most.texts):
+            raise InputError(f"{store.place}/{key} unpacks to more than a catalog should ever hold: delete it")
+        return file.read()
     except (OSError, ValueError) as error:
         raise InputError(f"{store.place}/{key} is damaged ({brief(error)})") from error
 
