@@ -17,6 +17,7 @@ import cartier
 from cartier.blob_stores import open_store
 from cartier.errors import InputError
 from cartier.fleet import entity
+from cartier.fleet.answering import Loaded
 from cartier.fleet.catalog import read_catalog
 from cartier.fleet.compiling import Compiler, NoSql
 from cartier.fleet.database import OPTIONS, Database
@@ -277,6 +278,8 @@ def test_who_sees_one_home_learns_no_word_of_another(tmp_path: Path) -> None:
 
     secret, made_up = (f"which homes have an {name}?" for name in ("aunt mathilda insulin", "aunt bernhard insulin"))
     assert told(secret).replace("mathilda", "bernhard") == told(made_up)
+    alone = Loaded.of(read_catalog(store)).only(lambda name: name == "mine")
+    assert "aunt mathilda insulin" not in alone.vocabulary.seen and "panic room" not in alone.vocabulary.kinds
     mine, theirs = (fleet.ask("which homes have a cup in the kitchen?", lambda name, one=one: name == one)  # type: ignore[misc]
                     for one in ("mine", "theirs"))  # fmt: skip
     assert mine.value == ["mine"] and theirs.value != ["theirs"]

@@ -213,7 +213,7 @@ def _parquet(store: BlobStore, key: str, most: Most) -> Any:
             for column in columns
             if column.physical_type == "BYTE_ARRAY"
         )
-        if values > most.values or sum(unpacked) > most.bytes or (texts > most.texts):
+        if values > most.values or sum(unpacked) > most.bytes or texts > most.texts:
             raise InputError(f"{store.place}/{key} unpacks to more than a catalog should ever hold: delete it")
         return file.read()
     except (OSError, ValueError) as error:
