@@ -115,7 +115,10 @@ def parsed() -> argparse.Namespace:
 def read(root: Path) -> list[Mutant]:
     """All mutants of ``benchmarks/mutants.toml``."""
     kept = tomllib.loads((root / "benchmarks" / "mutants.toml").read_text())
-    return [Mutant(**row | {"tests": tuple(row.get("tests") or kept["tests"][row["group"]])}) for row in kept["mutant"]]
+    return [
+        Mutant(**row | {"tests": tuple(row.get("tests") or kept["tests"].get(row["group"], ()))})
+        for row in kept["mutant"]
+    ]
 
 
 def misfit(mutant: Mutant, root: Path) -> str:
