@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import io
 import json
 import os
 import shutil
@@ -284,3 +285,14 @@ def test_kill_leaves_the_old_home_whole_and_the_next_run_finishes(
     assert code == 0, err
     assert Home.load(target).names == sorted(t.label for t in THINGS)
     assert sorted(f.name for f in tmp_path.iterdir()) == ["home", "slow.py"]
+
+
+@pytest.mark.parametrize("encoding", ["cp437", "latin-1", "ascii"])
+def test_any_code_page_prints(encoding: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    page = io.TextIOWrapper(io.BytesIO(), encoding=encoding)
+    monkeypatch.setattr(sys, "stdout", page)
+    monkeypatch.setattr(sys, "argv", ["cartier", "list"])
+    with pytest.raises(SystemExit) as ended:
+        cli.main()
+    page.flush()
+    assert not ended.value.code and b"dollhouse" in page.buffer.getvalue()  # type: ignore[attr-defined]

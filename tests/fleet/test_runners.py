@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+import tempfile
 import threading
 from collections import Counter
 from collections.abc import Iterator
@@ -15,11 +16,11 @@ import pytest
 
 from cartier.blob_stores import StoreError, open_store
 from cartier.errors import InputError, MissingExtra
-from cartier.fleet import runners
+from cartier.fleet import runners, worker
 from cartier.fleet.jobs import MapSettings, Task
 from cartier.fleet.publishing import key_of
 from cartier.fleet.status import status
-from cartier.fleet.worker import Outcome
+from cartier.fleet.worker import Outcome, Worker
 from cartier.home import Home
 from fleet.tiny import SETTINGS, broken, make_recordings, wait_for
 
@@ -165,3 +166,44 @@ def test_ray_with_a_worker_killed_and_a_node_lost(tmp_path: Path, cluster: Any) 
     assert step.is_set() and died, "the node was lost while its worker had a task"
     assert {outcome.state for outcome in outcomes.values()} <= {"mapped", "finished"}
     check_whole(place, tasks)
+
+
+def test_a_killed_worker_leaves_no_home_in_temporary_folders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A home is never below the temporary folder, also while it is published."""
+    (tmp_path / "temporary").mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "temporary"))
+    (task,) = make_recordings(tmp_path / "rec", 1)
+    store, during = open_store(str(tmp_path / "store")), list[list[Path]]()
+    put = store.put
+
+    def looked(key: str, data: bytes) -> None:
+        during.append(list((tmp_path / "temporary").rglob("*")))
+        put(key, data)
+
+    monkeypatch.setattr(store, "put", looked)
+    assert Worker(store, SETTINGS, "me", 60.0).map(task).state == "mapped"
+    assert len(during) > 3 and not any(during)
+    check_whole(str(tmp_path / "store"), [task])
+
+
+def test_a_fault_of_ours_keeps_its_traceback(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def fails(*given: object, **options: object) -> Home:
+        raise ZeroDivisionError("ours")
+
+    monkeypatch.setattr(worker, "map_home", fails)
+    (task,) = make_recordings(tmp_path / "rec", 1)
+    outcome = Worker(open_store(str(tmp_path / "store")), SETTINGS, "me", 60.0).map(task)
+    assert (outcome.state, outcome.line) == ("again", "ZeroDivisionError: ours")
+    assert "in fails" in capsys.readouterr().err
+
+
+def test_a_claim_whose_renewal_breaks_is_given_up(capsys: pytest.CaptureFixture[str]) -> None:
+    class Breaks:
+        def renew(self) -> bool:
+            raise ZeroDivisionError("ours")
+
+    with worker._renewed(Breaks(), 0.04) as lost:  # type: ignore[arg-type]
+        assert lost.wait(5)
+    assert "ZeroDivisionError: ours" in capsys.readouterr().err

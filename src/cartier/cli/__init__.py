@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import io
 import os
 import sys
 
@@ -44,6 +45,9 @@ app.add_typer(_fleet.app)
 
 def main() -> None:
     """Entry point: a user's mistake is one line and exit code 1; any other exception keeps its traceback."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # what a DOS code page lacks is replaced
+            stream.reconfigure(errors="replace")
     try:
         app()
     except CartierError as error:

@@ -11,6 +11,7 @@ from cartier.errors import InputError, brief
 from cartier.fleet.catalog_rows import chunk_of
 from cartier.fleet.jobs import Job, MapSettings, Task
 from cartier.home import Home
+from cartier.home.repository import publish as publish_home
 from cartier.home.repository import pull as pull_home
 from cartier.home.repository import read
 from cartier.home.store import MANIFEST, PublishedStore
@@ -48,15 +49,14 @@ def is_current(store: BlobStore, name: str, seen: str, settings: MapSettings) ->
 
 
 def publish(
-    store: BlobStore, job: Job, task: Task, home: Home, saved: Path, seen: str, settings: MapSettings,
-    cost: Mapping[str, float],
-) -> None:  # fmt: skip
-    """Publish the home that was saved in a folder, or enter one that is published already.
+    store: BlobStore, job: Job, task: Task, home: Home, seen: str, settings: MapSettings, cost: Mapping[str, float]
+) -> None:
+    """Publish a home, unless it is published already, and enter it.
 
     Done twice, by whomever, it has the effect of once. Raises InputError if the store fails.
     """
-    if saved.is_dir():
-        home_store(store, job.key).publish(saved)
+    if store.get(f"homes/{job.key}/{MANIFEST}") is None:
+        publish_home(home, home_store(store, job.key))
     while not job.finished:
         held = store.get(_at(task.name))
         before = _pointer(held)

@@ -10,11 +10,11 @@ from __future__ import annotations
 import importlib
 import json
 import sys
-import tempfile
 import threading
 import time
+import traceback
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -88,7 +88,10 @@ class Worker:
         except StoreError:
             raise
         except Exception as error:
-            line = str(error) if isinstance(error, CartierError) else f"{type(error).__name__}: {brief(error)}"
+            line = str(error)
+            if not isinstance(error, CartierError):  # a fault of a backend or of ours, which somebody has to mend
+                line = f"{type(error).__name__}: {brief(error)}"
+                traceback.print_exception(error)
             return Outcome("failed" if job.fail(line) else "again", line)
 
     def _home_of(
@@ -101,18 +104,15 @@ class Worker:
                 raise LeaseLost
 
         began, busy = time.monotonic(), time.process_time()
-        with tempfile.TemporaryDirectory() as folder:
-            saved = Path(folder) / "home"
-            home = published(self._store, job.key)
-            if home is None:
-                home = map_home(
-                    recording, detector, self._settings.indexes, encoder=self._settings.encoder, config=self._config,
-                    every=self._settings.every, progress=check,
-                )  # fmt: skip
-                home = replace(home, name=Path(task.name).name)
-                home.save(saved)
-            cost = {"wall_s": time.monotonic() - began, "core_s": time.process_time() - busy}
-            publish(self._store, job, task, home, saved, seen, self._settings, cost)
+        home = published(self._store, job.key)
+        if home is None:
+            home = map_home(
+                recording, detector, self._settings.indexes, encoder=self._settings.encoder, config=self._config,
+                every=self._settings.every, progress=check,
+            )  # fmt: skip
+            home = replace(home, name=Path(task.name).name)
+        cost = {"wall_s": time.monotonic() - began, "core_s": time.process_time() - busy}
+        publish(self._store, job, task, home, seen, self._settings, cost)
         return len(recording)
 
     def _detector(self, recording: Recording) -> Detector:
@@ -132,10 +132,16 @@ def _renewed(job: Job, lease_s: float) -> Iterator[threading.Event]:
 
     def renew() -> None:
         while not ended.wait(lease_s / BEATS):
-            with suppress(InputError):  # the store may be away for a moment
-                if not job.renew():
-                    lost.set()
-                    return
+            try:
+                held = job.renew()
+            except InputError:  # the store may be away for a moment
+                continue
+            except Exception:
+                traceback.print_exc()
+                held = False
+            if not held:
+                lost.set()
+                return
 
     thread = threading.Thread(target=renew, daemon=True)
     thread.start()

@@ -37,7 +37,21 @@ GROWTH, PHOTOS, INDEXES = "growth/", "photos/", "indexes/"
 
 def save(home: HomeData, folder: str | Path) -> None:
     """Write a home; see ``Home.save``."""
-    grid, known, log_file = home.grid, home.corrected, Path(folder) / correction_log.LOG
+    about, blobs, files = _parts(home)
+    known = home.corrected
+    if known and known.log and not (Path(folder) / correction_log.LOG).exists():
+        files[correction_log.LOG] = "".join(f"{correction_log.line_of(entry)}\n" for entry in known.log).encode()
+    Store(folder).put(about, blobs, files)
+
+
+def publish(home: HomeData, store: PublishedStore) -> None:
+    """Write a home that was just mapped to where it stays. Raises InputError if it cannot be written."""
+    store.publish(*_parts(home))
+
+
+def _parts(home: HomeData) -> tuple[dict[str, Any], dict[str, bytes], dict[str, bytes]]:
+    """What is kept of a home: its manifest, its blobs, and files for other programs."""
+    grid, known = home.grid, home.corrected
     objects, rooms = (home.objects, home.rooms) if known is None else (known.mapped_objects, known.mapped_rooms)
     blobs = {"objects.json": json_bytes([asdict(obj) for obj in objects])}
     for name, index in home.indexes.items():
@@ -53,9 +67,7 @@ def save(home: HomeData, folder: str | Path) -> None:
         arrays = npz_bytes(height_m=grid.height_m, rooms=room_of_cell, **floors)
         blobs |= {"occupancy.pgm": pgm(grid), "occupancy.npz": arrays}
         files |= _for_nav2(grid, blobs)
-    if known and known.log and not log_file.exists():
-        files[correction_log.LOG] = "".join(f"{correction_log.line_of(entry)}\n" for entry in known.log).encode()
-    Store(folder).put(_manifest(home, rooms), blobs, files)
+    return _manifest(home, rooms), blobs, files
 
 
 def _for_nav2(grid: OccupancyGrid, blobs: Mapping[str, bytes]) -> dict[str, bytes]:

@@ -18,7 +18,7 @@ from typing import Any
 from cartier.blob_stores import BlobStore
 from cartier.errors import InputError
 from cartier.io.atomic import PART, append_line, keep_newest, locked, replaced_folder, write_file, write_json
-from cartier.io.files import MAX_JSON_BYTES, parse_json, read_bytes
+from cartier.io.files import MAX_JSON_BYTES, json_bytes, parse_json, read_bytes
 
 MANIFEST, NAV2 = "home.json", "occupancy.yaml"
 MAX_BYTES = 2**31
@@ -74,9 +74,7 @@ class Store:
         ``files`` are for other programs: they keep their names, are written after the manifest, and are never read
         back.
         """
-        digests = {name: digest_of(data) for name, data in blobs.items()}
-        whole: dict[str, Any] = {**about, "blobs": digests}
-        whole["sha256"] = _digest(whole)
+        whole = _manifest(about, blobs)
         with locked(self.folder, wait_s=60.0):
             if (self.folder / MANIFEST).is_file():
                 self._fill(self.folder, whole, blobs, files)
@@ -157,16 +155,17 @@ class PublishedStore(Store):
         self._blobs, self._prefix = blobs, prefix
         self.place = f"{blobs.place}/{prefix}".rstrip("/")
 
-    def publish(self, folder: Path) -> None:
-        """Copy what ``Store.put`` wrote to a folder; the manifest, which is the commit, comes last.
+    def publish(self, about: Mapping[str, Any], blobs: Mapping[str, bytes], files: Mapping[str, bytes]) -> None:
+        """Write a home as ``Store.put`` does; the manifest, which is the commit, comes last.
 
         A home that was published before stays. Raises InputError if it cannot be written.
         """
-        files = sorted(path for path in folder.rglob("*") if path.is_file())
-        for path in files:
-            if (name := path.relative_to(folder).as_posix()) != MANIFEST:
-                self._blobs.put(self._prefix + name, path.read_bytes())
-        self._blobs.create(self._prefix + MANIFEST, (folder / MANIFEST).read_bytes())
+        whole = _manifest(about, blobs)
+        for name, data in blobs.items():
+            self._blobs.put(self._prefix + blob_file(name, whole["blobs"][name]), data)
+        for name, data in files.items():
+            self._blobs.put(self._prefix + name, data)
+        self._blobs.create(self._prefix + MANIFEST, json_bytes(whole))
 
     def put(self, about: Mapping[str, Any], blobs: Mapping[str, bytes], files: Mapping[str, bytes]) -> None:
         raise InputError(f"{self.place} is published and stays as it is: save the home to a folder")
@@ -185,6 +184,12 @@ class PublishedStore(Store):
         if held is None or len(held.data) > max_bytes:
             raise InputError(f"{self.place}/{file} is {'missing' if held is None else 'too large'}")
         return held.data
+
+
+def _manifest(about: Mapping[str, Any], blobs: Mapping[str, bytes]) -> dict[str, Any]:
+    """A home's manifest with the digests of its blobs, and its own."""
+    whole: dict[str, Any] = {**about, "blobs": {name: digest_of(data) for name, data in blobs.items()}}
+    return whole | {"sha256": _digest(whole)}
 
 
 def blob_file(name: str, digest: str) -> str:
