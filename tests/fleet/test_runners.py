@@ -207,3 +207,19 @@ def test_a_claim_whose_renewal_breaks_is_given_up(capsys: pytest.CaptureFixture[
     with worker._renewed(Breaks(), 0.04) as lost:  # type: ignore[arg-type]
         assert lost.wait(5)
     assert "ZeroDivisionError: ours" in capsys.readouterr().err
+
+
+def test_ray_with_a_node_lost_and_not_replaced(tmp_path: Path, cluster: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The work of its worker, which no other node has room for, goes to the worker that is left."""
+    made, _ = cluster
+    monkeypatch.setattr(runners, "START_S", 4.0)
+    tasks, place, lost = make_recordings(tmp_path / "rec", 4), str(tmp_path / "store"), list[Any]()
+
+    def told(task: Task, outcome: Outcome, done: int, total: int) -> None:
+        if not lost:
+            lost.extend(node for node in made.list_all_nodes() if node is not made.head_node)
+            made.remove_node(lost[0], allow_graceful=False)
+
+    outcomes = runners.run(tasks, place, SETTINGS, runner="ray", workers=2, told=told)
+    assert lost and {outcome.state for outcome in outcomes.values()} <= {"mapped", "finished"}
+    check_whole(place, tasks)

@@ -30,6 +30,9 @@ MAPPING = "cartier.fleet.worker"
 """The module whose ``serving`` maps recordings."""
 LEASE_S = 60.0
 POLL_S = 0.5
+START_S = 60.0
+"""After so long, a task that waits for an actor which no node has room for goes to a worker that runs."""
+NO_ROOM = "no node of the cluster had room for its worker"
 RUNNERS = ("local", "ray")
 Told = Callable[[Task, Outcome, int, int], None]
 
@@ -114,7 +117,7 @@ def _drive(schedule: Scheduler, pool: Pool, workers: int, told: Told | None) -> 
             if worker not in busy:
                 continue  # it died while it was idle
             task = busy.pop(worker)
-            idle.append(worker)
+            idle.insert(0 if outcome.state == "unplaced" else len(idle), worker)  # one that runs comes first
             if outcome.state == "stopped":
                 raise StoreError(outcome.line)
             schedule.took(task, outcome, time.monotonic())
@@ -195,10 +198,12 @@ class RayPool:
             ray.init(log_to_driver=False, include_dashboard=False)
         self._kind = ray.remote(num_cpus=1, num_gpus=gpus or None, max_restarts=0)(RayWorker)
         self._actors, self._running = dict[int, Any](), dict[Any, int]()
+        self._starting = dict[int, tuple[Any, float]]()
 
     def give(self, worker: int, task: Task, stale: str | None) -> None:
         if worker not in self._actors:
-            self._actors[worker] = self._kind.remote(self._about, self._module)
+            self._actors[worker] = actor = self._kind.remote(self._about, self._module)
+            self._starting[worker] = actor.__ray_ready__.remote(), time.monotonic()
         self._running[self._actors[worker].map.remote(asdict(task), stale)] = worker
 
     def ended(self, wait_s: float) -> list[tuple[int, Outcome]]:
@@ -211,7 +216,20 @@ class RayPool:
             except self._ray.exceptions.RayError as error:
                 del self._actors[worker]
                 found.append((worker, Outcome("died", type(error).__name__)))
-        return found
+        return found + [(worker, Outcome("unplaced", NO_ROOM)) for worker in self._unplaced()]
+
+    def _unplaced(self) -> list[int]:
+        """Workers for which no node had room in time; their actors are given up."""
+        late = list[int]()
+        for worker, (ready, since_s) in list(self._starting.items()):
+            if self._ray.wait([ready], timeout=0)[0]:
+                del self._starting[worker]
+            elif time.monotonic() - since_s >= START_S:
+                del self._starting[worker]
+                self._ray.kill(self._actors.pop(worker))
+                self._running = {reference: of for reference, of in self._running.items() if of != worker}
+                late.append(worker)
+        return late
 
     def close(self) -> None:
         for actor in self._actors.values():

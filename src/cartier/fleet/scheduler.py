@@ -55,7 +55,7 @@ class Scheduler:
         tries = self._tries[task.name] = self._tries.get(task.name, 0) + 1
         if outcome.state == "busy":
             self._watched[task.name] = Watched(outcome.version, now_s)
-        elif outcome.state not in ("again", "died") or tries >= MAX_TRIES:
+        elif outcome.state not in ("again", "died", "unplaced") or tries >= MAX_TRIES:
             self.outcomes[task.name] = outcome
             return
         else:

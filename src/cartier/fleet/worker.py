@@ -35,7 +35,8 @@ BEATS = 4  # renewals of a claim in the length of its lease
 @dataclass(frozen=True)
 class Outcome:
     """What became of a task: "mapped" now, "finished" before, "failed" for good, to be tried "again", "busy" because
-    another worker has claimed it in ``version``; or "stopped", for the store failed, or its worker "died"."""
+    another worker has claimed it in ``version``; or "stopped", for the store failed, or its worker "died" or was
+    "unplaced": no node had room for it."""
 
     state: str
     line: str = ""
