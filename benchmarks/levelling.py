@@ -56,14 +56,15 @@ class Variant:
 def row(recording: Recording, things: str) -> dict[str, Any]:
     """What map and doctor make of a recording."""
     begin = time.process_time()
-    home = map_home(recording, specs.detector(specs.PHOTOS, recording))
+    lying = upright(recording, specs.detector(specs.PHOTOS, recording))
+    home = map_home(lying, specs.detector(specs.PHOTOS, recording))
     took_s = time.process_time() - begin
     sure = [obj for obj in home.objects if obj.confirmed]
     return {
         "objects": len(sure),
         "labels": sorted(obj.label for obj in sure),
         things: max((obj.probability for obj in home.objects if obj.label == things), default=0.0),
-        "said": [note for note in home.notes if "--keep-poses takes it" in note],
+        "said": [note for note in lying.levelled.notes if note in home.notes],
         "doctor": [fault.fault for fault in examine(recording).faults],
         "map_s": took_s,
     }

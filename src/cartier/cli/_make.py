@@ -176,7 +176,7 @@ def map_command(
         if not keep_poses:
             source = upright(source, detects, () if onto is None or align else onto.settings["recordings"], samples)
             for note in source.levelled.notes:
-                say(note)
+                say(f"{note}; --keep-poses takes it as it is")
         count, seconds = forecast(source, detects, every, settings) if len(source) else (0, 0.0)
         say(f"about {count} of {len(source)} frames to process, in about {duration(seconds)}")
         with progress("mapping") as step:

@@ -20,7 +20,6 @@ Rows = Sequence[Mapping[str, Any]]
 Z_UP = (0.0, 0.0, 1.0)
 FLOOR_OFF_M = 0.05  # in the built-in homes, with the faults of real sensors, a floor is measured to 1 mm
 TURNED_BY = ("", "90° to the left", "180°", "90° to the right")
-AS_GIVEN = "--keep-poses takes it as it is"
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,13 +91,13 @@ def measured(poses: Array, camera: Camera, depth_of: Callable[[int], Array | Non
         matrix = found.level_from_world
         notes.append(
             f"the world leans by {lean_deg:.0f}°, as its horizontal surfaces show: levelled, with its floor at "
-            f"{found.floor_m:.2f} m taken for z = 0; {AS_GIVEN}"
+            f"{found.floor_m:.2f} m taken for z = 0"
         )
     elif found.floor_seen and abs(found.floor_m) > FLOOR_OFF_M:
         matrix[2, 3] = -found.floor_m
-        notes.append(f"the floor lies at {found.floor_m:.2f} m, and is taken for z = 0; {AS_GIVEN}")
+        notes.append(f"the floor lies at {found.floor_m:.2f} m, and is taken for z = 0")
     if found.turns:
-        notes.append(f"the pictures {gravity.LYING[found.turns]}: turned by {TURNED_BY[found.turns]}; {AS_GIVEN}")
+        notes.append(f"the pictures {gravity.LYING[found.turns]}: turned by {TURNED_BY[found.turns]}")
     return Levelled(matrix, found.turns, tuple(notes))
 
 
