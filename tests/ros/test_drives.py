@@ -85,7 +85,7 @@ def test_a_signal_before_the_acceptance_cancels(ros: Ros) -> None:
     [("deaf", "did not say within 3 s that it cancelled"), ("dies", "the server "), ("stuck", "silent: ")],
 )
 def test_what_may_still_be_driving_is_told(ros: Ros, form: str, says: str) -> None:
-    with ros.peer("nav_server.py", form, 60) as server:
+    with ros.peer("nav_server.py", form, 60, 0.1) as server:  # twenty seconds to the goal
         drive = Drive(ros, "rclpy", 1.0)
         heard_by(server, "goal")
         if form == "deaf":
