@@ -181,6 +181,23 @@ def test_programs_without_topics_are_told() -> None:
     del ours
 
 
+def test_who_is_gone_was_there() -> None:
+    from cartier.dds.topics import Writer, participant
+
+    domain = any_domain()
+    others = [Writer(participant(domain), "/chatter", "std_msgs/msg/String")]
+    told = list[str]()
+
+    def skip(fault: Fault) -> bool:
+        told.append(fault.text)
+        if "1 topics are published" in fault.text:
+            others.clear()
+        return "is gone" not in fault.text
+
+    text = first_fault(domain, skip=skip).text
+    assert "is gone; before that: 1 topics are published" in text and "nobody publishes" not in told[-1]
+
+
 def test_pictures_of_other_types_are_named() -> None:
     from cartier.dds.topics import Writer, participant
 

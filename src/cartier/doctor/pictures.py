@@ -22,7 +22,7 @@ COLOURED_SHARE, COLD_SHARE = (
 )  # real rooms: 0.02 to 0.19 of what is strongly coloured is blue, swapped the rest
 AS_GIVEN = Registration(1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 FITS, BETTER = 0.04, 3.0  # real rooms: edges correlate by 0.05 to 0.21 as they should, below 0.04 otherwise
-FAR_SHARE, FAR_ALIKE = 0.03, 0.8  # of the pixels at exactly the farthest depth, in so many of the pictures
+FAR_SHARE, FAR_ALIKE = 0.03, 0.33  # of the pixels at exactly the farthest depth, in so many of the pictures
 FINE_WIDTH = 320
 CHANGED = 0.06  # mean change of the grey values, of 1, that a still camera does not show
 SIDES: dict[str, Callable[[Array], Array]] = {
@@ -117,15 +117,19 @@ def _fine(frame: Frame) -> tuple[Array, Array] | None:
 
 
 def _no_reading(frames: Sequence[Frame]) -> Iterator[Fault]:
-    """A farthest depth that is always the same, and that many pixels have exactly."""
+    """A farthest depth that is the same in many pictures, and that many of their pixels have exactly."""
     maps = [frame.depth_m[::2, ::2] for frame in frames if frame.depth_m is not None]
     known = [depth_m[np.isfinite(depth_m)] for depth_m in maps]
-    farthest = [float(values.max()) if values.size else 0.0 for values in known]
+    farthest = [float(values.max()) for values in known if values.size]
     if not farthest:
         return
-    far_m = float(np.median(farthest))
-    at_it = [float((values == np.float32(far_m)).mean()) if values.size else 0.0 for values in known]
-    if far_m > 0 and np.mean(np.array(at_it) > FAR_SHARE) > FAR_ALIKE:
-        evidence = f"{np.median(at_it):.0%} of the depth is exactly {far_m:g} m, its farthest, in nearly all pictures"
+    far_m = max(set(farthest), key=farthest.count)
+    at_it = np.array([float((values == np.float32(far_m)).mean()) if values.size else 0.0 for values in known])
+    many = at_it > FAR_SHARE
+    if far_m > 0 and many.mean() > FAR_ALIKE:
+        evidence = (
+            f"{np.median(at_it[many]):.0%} of the depth is exactly {far_m:g} m, its farthest, in {many.sum()} of "
+            f"{len(many)} pictures"
+        )
         mend = "send 0 or NaN where there is no reading; as it is, walls are mapped where nothing was measured"
         yield Fault("no_reading_far", evidence, mend)

@@ -75,6 +75,7 @@ class Ros2Topics:
         self._readers: dict[str, Reader] = {}
         self._gaps = Gaps()
         self._publishers: Publishers | None = None
+        self._said = ""  # why nothing came, when somebody was last there
 
     @property
     def notes(self) -> Sequence[str]:
@@ -169,10 +170,18 @@ class Ros2Topics:
         where = f"in domain {self._domain}"
         publishers, offers = self._publishers, self._offers
         if publishers is None or (not offers and not publishers.programs()):
+            if self._said:
+                return brief(f"whoever published {where} is gone; before that: {self._said}", 400)
             return (
                 f"nobody publishes {where}: is the robot on, is its ROS_DOMAIN_ID {self._domain}, and do the two "
                 "machines share a network that lets multicast through? Zenoh is not DDS, and is not heard"
             )
+        self._said = self._why_unheard(publishers)
+        return self._said
+
+    def _why_unheard(self, publishers: Publishers) -> str:
+        """Why nothing comes though somebody is there."""
+        where, offers = f"in domain {self._domain}", self._offers
         if not offers:
             foreign = publishers.foreign()
             what = (
