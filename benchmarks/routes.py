@@ -1,12 +1,13 @@
 """Benchmark of routes: drives under rules in true homes, sentences against the typed rules that they mean, floor kinds.
 
-python benchmarks/routes.py [--drives 240] [--seed 0] [--floors HOME … | --nav2 | --mapped] [files …]
+python benchmarks/routes.py [--drives 240] [--seed 0] [--floors HOME … | --nav2 | --mapped HOME …] [files …]
 Drives and sentences are those of ``cartier bench --suite routes`` (evaluation/route_drives.py, route_sentences.py);
 only totals of the held-out sentences may be looked at. ``--floors`` walks through homes of the dollhouse with rugs, and
 compares the kind of floor in each cell of the map with the truth, with true labels and from pixels; thresholds were set
 on the studio, 77101 and 77102, which therefore tell nothing. ``--nav2`` exports true homes for Nav2 under random
 standing rules, starts on each folder as Nav2 would (tests/nav2_reader.py), and compares the shortest routes by the
-exported costs, by Nav2's scorers and on the grid, between all pairs of nodes.
+exported costs, by Nav2's scorers and on the grid, between all pairs of nodes. ``--mapped`` drives under orders about
+kinds of floor on maps from pixels (boxes are ground truth), and counts who crosses what is forbidden.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ os.environ["OMP_NUM_THREADS"] = "1"
 import statistics
 import sys
 import tempfile
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -30,15 +32,21 @@ import numpy as np
 from fit_floor_kinds import measure
 
 import nav2_reader
-from cartier.evaluation.route_homes import home_names, random_rules, true_home
+from cartier import plugins
+from cartier.errors import InputError
+from cartier.evaluation.route_drives import EDGE_M, dense
+from cartier.evaluation.route_homes import Home, home_names, off_m, random_rules, true_home
 from cartier.evaluation.route_run import DRIVES, report, run
 from cartier.exports import nav2
-from cartier.navigation.layers import SOFT_AVOID, RouteMap
+from cartier.navigation.layers import SOFT_AVOID, RouteMap, ruled_area
 from cartier.navigation.planning import traversable
+from cartier.navigation.routes import plan_route
 from cartier.navigation.search import cheapest
+from cartier.pipeline import map_home
 from cartier.reasoners import embedded
-from cartier.route_rules import RouteRule
-from cartier.types import RobotModel
+from cartier.route_rules import FLOOR_KINDS, RouteRule
+from cartier.types import Place, RobotModel
+from cartier.worlds.dollhouse.floors import RUGS
 
 FLOOR_HOMES = ("77201", "77202", "77203", "77204")
 """Of these no weight and no threshold knows anything."""
@@ -102,6 +110,50 @@ def longer_than_grid(site: RouteMap, rules: Sequence[RouteRule], graph: nav2_rea
     return found
 
 
+def mapped_drives(homes: Sequence[str], drives: int, frames: int, seed: int) -> None:
+    """Drive on the maps of homes with rugs, each time never over one kind of floor; judge by the true floor."""
+    rng, told = random.Random(seed), Counter[str]()
+    world = plugins.make("worlds", "dollhouse", width=320, height=240)
+    for name in homes:
+        true = true_home(f"{name}+{RUGS}")
+        walk = world.explore(f"{name}+{RUGS}", max_frames=frames)
+        boxes = plugins.make("detectors", "ground_truth", truth=walk.truth, source="dollhouse")
+        home = map_home(walk, boxes)
+        site = home.route_map
+        assert site is not None and site.grid.floor_kinds is not None
+        fits = np.argwhere(traversable(site.grid, RobotModel.radius_m))
+        kinds = sorted({room.floor.partition(":")[0] for room in true.scene.rooms} & {*FLOOR_KINDS} | {"rug"})
+        things = [obj for obj in home.objects if obj.confirmed]
+        own = Counter[str]()
+        while own.total() < drives // len(homes):
+            rule, obj = RouteRule.parse(f"avoid floor:{rng.choice(kinds)} hard drive"), rng.choice(things)
+            start = site.grid.centre(fits[rng.randrange(len(fits))])
+            place = Place(obj.label, obj.position, 1.0, -1, box_min=obj.box_min, box_max=obj.box_max, object_id=obj.id)
+            own[outcome(true, site, place, start, rule)] += 1
+            own.pop("no way without it", None)
+        print(f"{name}: {len(walk)} frames, {(site.grid.floor_kinds[tuple(fits.T)] == 0).mean():.0%} of the floor "
+              f"unknown: {dict(sorted(own.items()))}", flush=True)  # fmt: skip
+        told += own
+    print(f"{told.total()} drives never over a kind of floor, on mapped homes: {dict(sorted(told.items()))}")
+
+
+def outcome(true: Home, site: RouteMap, place: Place, start: np.ndarray, rule: RouteRule) -> str:
+    """What came of a drive under an order; what lies in the forbidden area at its ends does not count."""
+    if plan_route(site, place, start.tolist(), RobotModel()).goal is None:
+        return "no way without it"
+    planned = plan_route(site, place, start.tolist(), RobotModel(), [rule])
+    if planned.goal is None:
+        return "asked"
+    try:
+        ruled_area(rule, site)
+    except InputError:
+        return "said that the map shows none"
+    inside = off_m(rule, true)(dense(planned.goal.path)) < -EDGE_M
+    ends = np.flatnonzero(~inside)
+    crossed = len(ends) and inside[ends[0] : ends[-1]].any()
+    return f"{'crossed' if crossed else 'obeyed'}{', said that it may cross' if planned.doubts else ''}"
+
+
 def main() -> None:
     parser = Parser(__doc__)
     parser.add_argument("files", nargs="*", type=Path, help="sentences (default: the held-out ones)")
@@ -110,7 +162,11 @@ def main() -> None:
     parser.add_argument("--floors", nargs="*", metavar="HOME", help="kinds of floor, in these homes or four others")
     parser.add_argument("--frames", type=int, default=400, help="of each walk at most (default: %(default)s)")
     parser.add_argument("--nav2", action="store_true", help="exported folders, read as Nav2 does")
+    parser.add_argument("--mapped", nargs="*", metavar="HOME", help="drives on maps of these homes or four others")
     options = parser.parse_args()
+    if options.mapped is not None:
+        mapped_drives(options.mapped or FLOOR_HOMES, options.drives, options.frames, options.seed)
+        return
     if options.nav2:
         nav2_folders(options.seed)
         return

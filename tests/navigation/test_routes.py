@@ -170,6 +170,18 @@ def test_floors_are_preferred_and_avoided() -> None:
     assert crossed(got(drive(site, "prefer floor:tiles hard drive")), carpet, site) == 0
 
 
+def test_unknown_floor_is_kept_off_or_told() -> None:
+    order = "avoid floor:rug hard drive"
+    around = flat(floors={"tiles": (0, 0, 8, 4.5), "unknown": (1.5, 0.9, 2.5, 3.0), "rug": (6.5, 0.0, 7.0, 0.3)})
+    told = drive(around, order)
+    assert crossed(got(told), around.grid.floor_kinds == 0, around) == 0 and not told.doubts
+    across = flat(floors={"tiles": (0, 0, 8, 4.5), "unknown": (1.5, -0.5, 2.5, 4.6), "rug": (6.5, 0.0, 7.0, 0.3)})
+    ((rule, over_m),) = drive(across, order).doubts
+    assert rule.text == order and over_m == pytest.approx(1.0, abs=0.1)
+    assert "it may be the rug" in " ".join(drive(across, order).notes)
+    assert not drive(across).doubts and not drive(across, order.replace("hard", "soft")).doubts
+
+
 def test_the_rim_keeps_off_where_there_is_room() -> None:
     site = flat()
     goal = got(drive(site, "avoid zone:2,1;3,1;3,2;2,2 hard drive"))

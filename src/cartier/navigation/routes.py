@@ -29,7 +29,7 @@ from cartier.navigation.planning import (
     start_cell,
     traversable,
 )
-from cartier.navigation.ruled_drive import OTHER_WAY_M, Drive, Ruled, Way
+from cartier.navigation.ruled_drive import OTHER_WAY_M, WALLS, Drive, Ruled, Way
 from cartier.route_rules import RouteRule, called
 from cartier.types import Goal, OccupancyGrid, Place, RobotModel
 
@@ -42,7 +42,8 @@ class RoutePlan:
 
     ``goal`` is the pose and the way there, or None; ``why_not`` says why there is none. Where hard rules alone stand in
     the way, ``blocking`` is a smallest set of them that would have to be broken, and ``breach`` the goal if they are:
-    whoever drives it must have asked. ``notes`` are lines for the person.
+    whoever drives it must have asked. ``doubts`` are orders about a kind of floor, each with the metres of the way over
+    floor whose kind is unknown. ``notes`` are lines for the person, one for each doubt among them.
     """
 
     goal: Goal | None
@@ -50,6 +51,7 @@ class RoutePlan:
     blocking: tuple[RouteRule, ...] = ()
     breach: Goal | None = None
     notes: tuple[str, ...] = ()
+    doubts: tuple[tuple[RouteRule, float], ...] = ()
 
 
 def plan_route(
@@ -86,7 +88,9 @@ def plan_route(
         f"not past {called(each.rule.target)}: that would be a long detour" for each in left_out if each.rule.target
     ]
     kept = [each for each in ruled if each not in left_out]
-    return RoutePlan(drive.goal(way, kept, free), notes=(*notes, *_detour(way, free, kept)))
+    doubts = _doubts(drive, way, kept)
+    told = (_unsure(rule, over_m) for rule, over_m in doubts)
+    return RoutePlan(drive.goal(way, kept, free), notes=(*notes, *_detour(way, free, kept), *told), doubts=doubts)
 
 
 @lru_cache(maxsize=4)  # many drives go over one floor plan
@@ -99,13 +103,32 @@ def _ruled(rules: Iterable[RouteRule], site: RouteMap, free: Way) -> tuple[list[
     found, notes = list[Ruled](), list[str]()
     for rule in rules:
         try:
-            found.append(Ruled(rule, ruled_area(rule, site)))
+            found.append(Ruled(rule, ruled_area(rule, site), doubtful=_doubtful(rule, site)))
         except InputError as error:
             notes.append(f"a rule is left out ({rule.in_words()}): {error}")
     for k, each in enumerate(found):
         if each.rule.kind == "only-through":
-            found[k] = Ruled(each.rule, each.area, each.area | _ends(each.rule, site, free))
+            found[k] = replace(each, allowed=each.area | _ends(each.rule, site, free))
     return found, notes
+
+
+def _doubtful(rule: RouteRule, site: RouteMap) -> Mask | None:
+    """The cells whose kind of floor is unknown, for an order about a kind of floor."""
+    kinds = site.grid.floor_kinds
+    if kinds is None or rule.target is None or rule.target.kind != "floor":
+        return None
+    return np.asarray(kinds == 0) if rule.kind in WALLS and rule.strength == "hard" else None
+
+
+def _doubts(drive: Drive, way: Way, ruled: Sequence[Ruled]) -> tuple[tuple[RouteRule, float], ...]:
+    over = ((each.rule, drive.over_m(way, each.doubtful)) for each in ruled if each.doubtful is not None)
+    return tuple((rule, over_m) for rule, over_m in over if over_m > 0)
+
+
+def _unsure(rule: RouteRule, over_m: float) -> str:
+    assert rule.target is not None
+    may = "not be" if rule.kind == "only-through" else "be"
+    return f"{over_m:.1f} m of the way are over floor that was not seen well enough: it may {may} {called(rule.target)}"
 
 
 def _ends(rule: RouteRule, site: RouteMap, free: Way) -> Mask:

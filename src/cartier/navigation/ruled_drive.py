@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from cartier.geometry import yaw_towards
 from cartier.navigation.landmarks import directions
-from cartier.navigation.layers import SLOW, Cost, CostLayer, Mask, RouteMap, body_layer, total, wish_layer
+from cartier.navigation.layers import SLOW, SOFT_AVOID, Cost, CostLayer, Mask, RouteMap, body_layer, total, wish_layer
 from cartier.navigation.planning import SIGHT_DETOUR_M, lines_of_sight, poses_at
 from cartier.navigation.search import cheapest
 from cartier.route_rules import RouteRule, RuleKind, called
@@ -42,11 +42,15 @@ class Way:
 
 @dataclass(frozen=True, eq=False)
 class Ruled:
-    """A rule, the cells (rows, cols) that it is about, and for "only-through" those where the way may go."""
+    """A rule, the cells (rows, cols) that it is about, and for "only-through" those where the way may go.
+
+    ``doubtful`` are the cells of which nobody knows whether an order about a kind of floor is about them.
+    """
 
     rule: RouteRule
     area: Mask
     allowed: Mask | None = None
+    doubtful: Mask | None = None
 
     @property
     def against(self) -> Mask:
@@ -132,7 +136,9 @@ class Drive:
         wishes = [wish_layer(each.rule, each.area) for each in ruled if not each.wall]
         breaches = [BREACH * each.against for each in broken]
         body = [body_layer(walls, self.robot.radius_m)] if walls.any() else []
-        return [*self.layers, *(wish for wish in wishes if wish is not None), *body, *(_fixed(b) for b in breaches)]
+        doubts = [SOFT_AVOID * each.doubtful for each in ruled if each.doubtful is not None]
+        extra = (_fixed(cost) for cost in (*breaches, *doubts[:1]))  # the cells are the same for all
+        return [*self.layers, *(wish for wish in wishes if wish is not None), *body, *extra]
 
     def _trivial(self, each: Ruled, ends: Mask) -> bool:
         """Whether "only through" something asks for nothing: the drive stays in one room."""
@@ -225,9 +231,13 @@ class Drive:
 
     def crossed_m(self, way: Way, each: Ruled) -> float:
         """For how many metres a way goes against a rule to avoid, prefer or go only through something."""
-        against = each.against[tuple(way.cells.T)]
+        return self.over_m(way, each.against)
+
+    def over_m(self, way: Way, area: Mask) -> float:
+        """For how many metres a way goes over an area (rows, cols)."""
+        inside = area[tuple(way.cells.T)]
         steps = np.linalg.norm(np.diff(way.cells, axis=0), axis=1) * self.site.grid.resolution_m
-        return float((steps * (against[1:] + against[:-1].astype(float)) / 2).sum())
+        return float((steps * (inside[1:] + inside[:-1].astype(float)) / 2).sum())
 
 
 def _strict(each: Ruled) -> Ruled:
