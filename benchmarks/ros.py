@@ -35,7 +35,7 @@ def main() -> int:
     parser = Parser(__doc__)
     parser.add_argument("--stop", type=int, metavar="N", help="interrupt so many drives by each way")
     parser.add_argument("--transcript", action="store_true", help="show a drive that is stopped at four moments")
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--seed", type=int, default=0, help="of the moments")
     options = parser.parse_args()
     from rospeers import DISTRIBUTIONS, missing
 

@@ -170,6 +170,9 @@ def test_questions_are_answered_one_after_the_other(monkeypatch: pytest.MonkeyPa
         def moment(self) -> None:
             return None
 
+        def start_xy(self, home: Home) -> tuple[float, float]:
+            return home.start_xy
+
     monkeypatch.setenv("CYCLONEDDS_URI", LOOPBACK)
     room = map_home(walk(), TrueBoxes(THINGS))
     domain = any_domain()

@@ -23,7 +23,7 @@ WAYS = ("rclpy", "dds")
 def missing(distribution: str) -> str:
     """Why no process can be started under a distribution; empty if it can."""
     built = (FOLDER / distribution / "built").is_file() and sys.version_info[:2] == (3, 11)
-    return "" if built else f"no ROS 2 {distribution}: python3.11 {HERE.name}/build.py {distribution}"
+    return "" if built else f"no ROS 2 {distribution}: python3.11 tests/ros/build.py {distribution}"
 
 
 class Ros:
