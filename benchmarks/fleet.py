@@ -45,6 +45,7 @@ from cartier.fleet.jobs import Task
 from cartier.fleet.publishing import Pointer, home_store, key_of
 from cartier.fleet.status import status
 from cartier.home import Home
+from cartier.home.repository import publish
 from cartier.io.files import json_bytes
 from cartier.types import Room
 from cartier.worlds.dollhouse.scene import load_home
@@ -261,8 +262,8 @@ def serve(given: argparse.Namespace) -> int:
         assert made.grid is not None
         more = [(0, max(0, 200 - side)) for side in made.grid.cells.shape]
         cells, tall = (np.pad(of, more) for of in (made.grid.cells, made.grid.height_m))
-        replace(made, grid=replace(made.grid, cells=cells, height_m=tall, floor_kinds=None)).save(f"{folder}/home")
-        home_store(store, "one").publish(Path(folder) / "home")
+        padded = replace(made, grid=replace(made.grid, cells=cells, height_m=tall, floor_kinds=None))
+        publish(padded, home_store(store, "one"))
         for number in range(given.homes):
             store.put(f"names/home-{number:05d}.json", json_bytes(asdict(Pointer("one", 1, "", ""))))
         before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss

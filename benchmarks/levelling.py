@@ -50,7 +50,7 @@ class Variant:
         return self._moved[index]
 
     def fingerprint(self) -> str:
-        return self._moved.fingerprint()
+        return str(self._moved.fingerprint())
 
 
 def row(recording: Recording, things: str) -> dict[str, Any]:
