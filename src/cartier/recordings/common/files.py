@@ -151,6 +151,7 @@ def read_table(
     values = np.array(
         [numbers([cells[i] for i in at.values()], f"{path} line {number}", finite=False) for number, cells in rows]
     )
+    values[np.isinf(values)] = np.nan
     right = (np.abs(values) <= MAX_NUMBER) | (~np.isfinite(values) & np.array([name in poses for name in at]))
     if not right.all():
         numbers([np.nan], f"{path} line {rows[int(right.all(axis=1).argmin())][0]}")

@@ -93,11 +93,11 @@ def trajectory_line(time_s: float, world_from_camera: Array) -> str:
 
 
 def pose_numbers(words: Sequence[object], where: str) -> list[float]:
-    """Numbers of a pose, which may be NaN or infinite: a tracker was lost. Raises InputError for others."""
+    """Numbers of a pose, all NaN where one is NaN or infinite: a tracker was lost. Raises InputError for others."""
     values = numbers(words, where, finite=False)
     if any(MAX_NUMBER < abs(value) < np.inf for value in values):
         raise InputError(f"{where}: a senseless size where a number of a pose belongs")
-    return values
+    return values if np.isfinite(values).all() else [np.nan] * len(values)
 
 
 def lost(poses: Array) -> npt.NDArray[np.bool_]:

@@ -175,7 +175,7 @@ def _matrix(raw: object, where: str) -> Matrix | None:
 def _rows(values: Array) -> Matrix:
     matrix = np.eye(4)
     matrix[:3] = np.asarray(values, dtype=np.float64).reshape(3, 4)
-    return matrix
+    return matrix if np.isfinite(matrix).all() else np.full((4, 4), np.nan)
 
 
 def _anew(path: Path) -> str:
