@@ -1,4 +1,4 @@
-"""Number of a DDS domain: the option, else ROS_DOMAIN_ID, else 0."""
+"""Domain of DDS: the option, else ROS_DOMAIN_ID, else 0; and whether ROS is kept to this machine."""
 
 from __future__ import annotations
 
@@ -21,3 +21,11 @@ def domain_of(value: int | str | None, who: str) -> int:
             f"{who}: the domain (or ROS_DOMAIN_ID) must be 0 to {LAST_DOMAIN}, got {brief(repr(value), 40)}"
         )
     return domain
+
+
+def kept_here() -> bool:
+    """Whether this shell keeps ROS to its machine, by ROS_AUTOMATIC_DISCOVERY_RANGE or the older ROS_LOCALHOST_ONLY."""
+    return (
+        os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "").upper() == "LOCALHOST"
+        or os.environ.get("ROS_LOCALHOST_ONLY") == "1"
+    )

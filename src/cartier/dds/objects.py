@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import colorsys
-import math
 import zlib
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from cartier.dds.types import header, message
+from cartier.dds.types import header, message, pose_of
 from cartier.types import MapObject, OrientedBox
 
 DETECTIONS, MARKERS = "vision_msgs/msg/Detection3DArray", "visualization_msgs/msg/MarkerArray"
@@ -57,10 +56,7 @@ def _box(obj: MapObject) -> OrientedBox:
 
 
 def _pose(box: OrientedBox) -> Any:
-    x, y, z = map(float, box.middle)
-    point = message("geometry_msgs/msg/Point", x=x, y=y, z=z)
-    turn = message("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=math.sin(box.yaw / 2), w=math.cos(box.yaw / 2))
-    return message("geometry_msgs/msg/Pose", position=point, orientation=turn)
+    return pose_of(box.middle, box.yaw)
 
 
 def _vector(size: Sequence[float]) -> Any:

@@ -16,6 +16,7 @@ from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 from cyclonedds.util import duration
 
+from cartier.dds.domain import kept_here
 from cartier.dds.types import as_sample, dds_name, ros_name, store, topic_type
 from cartier.errors import BackendError, brief
 
@@ -25,9 +26,16 @@ SETTINGS = (
     f'<CycloneDDS><Domain><Internal><SocketReceiveBufferSize max="{SOCKET_BYTES}B"/></Internal>'
     f"<Compatibility><IgnoreTypeInformation>{EPROSIMA}</IgnoreTypeInformation></Compatibility></Domain></CycloneDDS>"
 )
+HERE = (  # without multicast, as a Fast DDS that is kept to its machine does not listen to it
+    '<CycloneDDS><Domain><General><Interfaces><NetworkInterface name="lo" multicast="false"/></Interfaces>'
+    "<AllowMulticast>false</AllowMulticast></General><Discovery><ParticipantIndex>auto</ParticipantIndex>"
+    '<Peers><Peer address="localhost"/></Peers><MaxAutoParticipantIndex>20</MaxAutoParticipantIndex></Discovery>'
+    "</Domain></CycloneDDS>"
+)
 RMEM_MAX = "/proc/sys/net/core/rmem_max"
 MOST_WRITERS = 4096
 BLOCK_S = 0.1  # how long a writer may wait for a slow listener
+KEPT = 10  # messages that a slow listener may still get
 KEPT_LATCHED = 100  # messages of a latched topic that those who come later get
 HASH = re.compile(rb"RIHS01_[0-9a-f]{64}")
 NAME = re.compile(r"rt(/[A-Za-z0-9_~]+)+", re.ASCII)
@@ -51,7 +59,7 @@ def participant(domain: int) -> Any:
     """
     with _environment:  # cyclonedds reads its settings from there alone
         before = os.environ.get(URI)
-        os.environ[URI] = f"{SETTINGS},{before}" if before else SETTINGS
+        os.environ[URI] = ",".join(filter(None, (SETTINGS, HERE if kept_here() and not before else "", before)))
         try:
             return DomainParticipant(domain)
         except DDSException as error:
@@ -182,16 +190,16 @@ class Writer:
         participant: Whose it is.
         name: The topic, such as ``/tf``.
         kind: The type of its messages.
-        depth: How many messages are kept for a listener that is slow.
+        depth: How many messages are kept for a listener that is slow; 0 for 10, or 100 where they are latched.
         latched: Whether those who come later get the last messages.
         prefix: ``rt`` for a topic, ``rq`` for the requests of a service.
     """
 
     def __init__(
-        self, participant: Any, name: str, kind: str, depth: int = 10, latched: bool = False, prefix: str = "rt"
+        self, participant: Any, name: str, kind: str, depth: int = 0, latched: bool = False, prefix: str = "rt"
     ) -> None:
         self._kind = kind
-        kept = Policy.History.KeepLast(max(depth, KEPT_LATCHED) if latched else depth)
+        kept = Policy.History.KeepLast(depth or (KEPT_LATCHED if latched else KEPT))
         qos = Qos(
             _reliability(True),
             Policy.Durability.TransientLocal if latched else Policy.Durability.Volatile,

@@ -6,6 +6,8 @@ bytes pass through.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +21,22 @@ if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
 
 CANCEL_GOAL = "action_msgs/srv/CancelGoal_Request"
+ACTION = "nav2_msgs/action/NavigateToPose"
+SERVICES = {  # the parts of services and actions are messages; those of Jazzy and Kilted
+    "lifecycle_msgs/srv/GetState_Request": "uint8 structure_needs_at_least_one_member",
+    "lifecycle_msgs/srv/GetState_Response": "lifecycle_msgs/State current_state",
+    CANCEL_GOAL: "action_msgs/GoalInfo goal_info",
+    "action_msgs/srv/CancelGoal_Response": "int8 return_code\naction_msgs/GoalInfo[] goals_canceling",
+    f"{ACTION}_Goal": "geometry_msgs/PoseStamped pose\nstring behavior_tree",
+    f"{ACTION}_Result": "uint16 error_code\nstring error_msg",  # Jazzy's readers pass over the message
+    f"{ACTION}_Feedback": "geometry_msgs/PoseStamped current_pose\nbuiltin_interfaces/Duration navigation_time\n"
+    "builtin_interfaces/Duration estimated_time_remaining\nint16 number_of_recoveries\nfloat32 distance_remaining",
+    f"{ACTION}_SendGoal_Request": f"unique_identifier_msgs/UUID goal_id\n{ACTION}_Goal goal",
+    f"{ACTION}_SendGoal_Response": "bool accepted\nbuiltin_interfaces/Time stamp",
+    f"{ACTION}_GetResult_Request": "unique_identifier_msgs/UUID goal_id",
+    f"{ACTION}_GetResult_Response": f"int8 status\n{ACTION}_Result result",
+    f"{ACTION}_FeedbackMessage": f"unique_identifier_msgs/UUID goal_id\n{ACTION}_Feedback feedback",
+}
 WORDS = {"string": str, "bool": bool, "byte": idl.byte, "char": idl.uint8} | {
     f"{kind}{bits}": getattr(idl, f"{kind}{bits}")
     for kind, sizes in (("int", (8, 16, 32, 64)), ("uint", (8, 16, 32, 64)), ("float", (32, 64)))
@@ -28,14 +46,15 @@ WORDS = {"string": str, "bool": bool, "byte": idl.byte, "char": idl.uint8} | {
 
 @cache
 def store() -> Typestore:
-    """The message types of ROS 2 Jazzy, and ``DEFINITIONS``."""
+    """The message types of ROS 2 Jazzy, ``DEFINITIONS``, and the parts of Nav2's action."""
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
     types = get_typestore(Stores.ROS2_JAZZY)
     for name, definition in DEFINITIONS.items():
         types.register(get_types_from_msg(definition, name))
-    (fields,) = get_types_from_msg("action_msgs/msg/GoalInfo goal_info", "a/msg/b").values()
-    types.register({CANCEL_GOAL: fields})  # rosbags would file a service's request among the messages
+    for name, definition in SERVICES.items():
+        (fields,) = get_types_from_msg(definition, "a/msg/b").values()
+        types.register({name: fields})  # rosbags would file a service's parts among the messages
     return types
 
 
@@ -46,9 +65,42 @@ def message(kind: str, **fields: Any) -> Any:
 
 def header(frame: str, stamp_ns: int = 0) -> Any:
     """A std_msgs/Header; time zero stands for the latest transform there is."""
+    return message("std_msgs/msg/Header", stamp=stamp(stamp_ns), frame_id=frame)
+
+
+def stamp(stamp_ns: int) -> Any:
+    """A builtin_interfaces/Time."""
     seconds, nanoseconds = divmod(stamp_ns, 10**9)
-    stamp = message("builtin_interfaces/msg/Time", sec=seconds, nanosec=nanoseconds)
-    return message("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
+    return message("builtin_interfaces/msg/Time", sec=seconds, nanosec=nanoseconds)
+
+
+def duration(seconds: float) -> Any:
+    """A builtin_interfaces/Duration."""
+    whole, nanoseconds = divmod(round(seconds * 10**9), 10**9)
+    return message("builtin_interfaces/msg/Duration", sec=whole, nanosec=nanoseconds)
+
+
+def pose_of(xyz: Sequence[float], yaw: float) -> Any:
+    """A geometry_msgs/Pose that is turned about the vertical alone."""
+    x, y, z = map(float, xyz)
+    turn = message("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=math.sin(yaw / 2), w=math.cos(yaw / 2))
+    return message(
+        "geometry_msgs/msg/Pose", position=message("geometry_msgs/msg/Point", x=x, y=y, z=z), orientation=turn
+    )
+
+
+def pose_stamped(frame: str, pose: tuple[float, float, float], stamp_ns: int = 0) -> Any:
+    """A geometry_msgs/PoseStamped of x, y (m) and yaw (rad)."""
+    x, y, yaw = pose
+    return message("geometry_msgs/msg/PoseStamped", header=header(frame, stamp_ns), pose=pose_of((x, y, 0.0), yaw))
+
+
+def decode(cdr: bytes, kind: str) -> Any:
+    """A message from its CDR bytes. Raises InputError for damaged ones."""
+    try:
+        return store().deserialize_cdr(cdr, kind)
+    except Exception as error:  # rosbags raises whatever the bytes lead it to
+        raise InputError(f"a message is no {kind}: {brief(error, 80)}") from error
 
 
 def encoded(value: Any) -> bytes:

@@ -13,10 +13,10 @@ from contextlib import contextmanager
 from typing import Any
 
 from cartier.dds.topics import Offer, Publishers, Reader, Writer, participant
-from cartier.dds.types import CANCEL_GOAL, encoded, header, message
+from cartier.dds.types import CANCEL_GOAL, encoded, pose_stamped
 from cartier.errors import BackendError, InputError
 from cartier.recordings.ros.bags import decoded
-from cartier.robots._pose import FRAME, Pose, in_words, pose_of, quaternion_zw
+from cartier.robots._pose import FRAME, Pose, in_words, pose_of
 from cartier.robots.common.drives import STOP_S
 from cartier.robots.common.transforms import TF_MESSAGE, Latest
 from cartier.types import DriveProgress, Goal
@@ -211,19 +211,9 @@ def matched_listeners(count: Callable[[], int], timeout_s: float, asked: threadi
 
 
 def _message(pose: Pose) -> bytes:
-    x, y, yaw = pose
-    z, w = quaternion_zw(yaw)
     return encoded(
-        message(
-            POSE_STAMPED,
-            header=header(FRAME),  # time zero: the latest transform there is, on a real or a simulated clock
-            pose=message(
-                "geometry_msgs/msg/Pose",
-                position=message("geometry_msgs/msg/Point", x=x, y=y, z=0.0),
-                orientation=message("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=z, w=w),
-            ),
-        )
-    )
+        pose_stamped(FRAME, pose)
+    )  # time zero: the latest transform there is, on a real or a simulated clock
 
 
 def follow(goal: Goal, sent: str, robot: RobotPose, asked: threading.Event) -> Iterator[DriveProgress]:

@@ -53,7 +53,7 @@ class TopicPlayer:
         for name in played:
             kind = _kind(bag.type_of(name))
             latched = kind == INFO or name.endswith("tf_static")
-            depth = 1 if kind == INFO else IMAGES if kind in (IMAGE, COMPRESSED) else OTHERS
+            depth = IMAGES if kind in (IMAGE, COMPRESSED) else OTHERS
             self._writers[name] = Writer(self._participant, _topic(name), kind, depth, latched)
         self.left_out = [name for name in bag.all_topics() if name not in played]
         """Topics of the bag whose types are not played."""
