@@ -78,7 +78,7 @@ def test_a_corrected_map_is_as_if_poses_were_right(spooled: bool, tmp_path: Path
     np.testing.assert_allclose(mended.grid.origin_xy, right.grid.origin_xy, atol=0.1)
 
 
-def test_ids_stay_when_the_map_moves() -> None:
+def test_ids_stay_when_the_map_moves(tmp_path: Path) -> None:
     before: dict[str, int] = {}
 
     def events() -> Iterator[Event]:
@@ -86,6 +86,8 @@ def test_ids_stay_when_the_map_moves() -> None:
         while live.state().looked < len(WALK):
             threading.Event().wait(0.01)
         home, _ = live._map.snapshot()
+        home.save(tmp_path / "home")  # as it is while it is mapped
+        assert len(cartier.Home.load(tmp_path / "home").objects) == len(home.objects)
         before.update({obj.label: obj.id for obj in home.objects})
         yield PoseUpdate(truth(range(len(WALK))), "/mapPath")
 

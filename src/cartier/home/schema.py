@@ -46,6 +46,7 @@ class MappedRecording:
     mended: tuple[tuple[float, float, float, float, float], ...] = ()
     moved: tuple[float, float, float, float] | None = None
     read_with: dict[str, Any] = field(default_factory=dict)
+    live: bool = False  # it was still being recorded
 
 
 @dataclass(frozen=True)
