@@ -115,14 +115,10 @@ def parsed() -> argparse.Namespace:
 def read(root: Path) -> list[Mutant]:
     """All mutants of ``benchmarks/mutants.toml``."""
     kept = tomllib.loads((root / "benchmarks" / "mutants.toml").read_text())
-<<<<<<< HEAD
     return [
         Mutant(**row | {"tests": tuple(row.get("tests") or kept["tests"].get(row["group"], ()))})
         for row in kept["mutant"]
     ]
-=======
-    return [Mutant(**row | {"tests": tuple(row.get("tests") or kept["tests"][row["group"]])}) for row in kept["mutant"]]
->>>>>>> cd77020 (play: a robot of the dollhouse on ROS 2 topics, with Nav2's action, over DDS and without ROS)
 
 
 def misfit(mutant: Mutant, root: Path) -> str:
