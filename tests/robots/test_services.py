@@ -94,7 +94,7 @@ def test_lost_datagrams_are_sent_again(monkeypatch: pytest.MonkeyPatch) -> None:
             asker.ask(ASKED)
         assert until(lambda: len(asker.got) >= 12, 20)
         time.sleep(0.4)
-        assert len(asker.got) == 12
+        assert len({each.sender for each in asker.got}) == len(asker.got), "none came twice"
         asker.participant.close()
 
 
