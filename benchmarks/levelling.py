@@ -72,8 +72,8 @@ def row(recording: Recording, things: str) -> dict[str, Any]:
 
 def main() -> None:
     parser = Parser(__doc__)
-    parser.add_argument("recording", nargs="?", type=Path, default=BEDROOM)
-    parser.add_argument("--things", default="bed")
+    parser.add_argument("recording", nargs="?", type=Path, default=BEDROOM, help="a recording that lies as it should")
+    parser.add_argument("--things", default="bed", help="the object whose certainty is shown")
     arguments = parser.parse_args()
     if not arguments.recording.exists():
         raise SystemExit(f"{arguments.recording} is missing: name a recording of a real room")
