@@ -24,6 +24,7 @@ QUARANTINE_S = 1.0
 MOST_WAITING = 64  # images: two seconds at 30 Hz
 MOST_DEPTH = 64
 MOST_LATE = 3  # images of one kind in a row: more, and it is the clock that went back
+HOLE = 0.6  # of the usual step to its neighbours: an image that came late fits into the hole that it left
 SLOWER, USUAL, KNOWN = 1.4, 1.5, 4  # depth's step in colour's, its longest in its own, and steps that tell it
 REMEMBERED = 128  # stamps, to tell an image that comes twice from one that comes late
 
@@ -167,7 +168,9 @@ class Pairer:
             self._drop_colour(kind, "double", f"an image at {stamp_ns / 1e9:.3f} s came twice")
             return False
         self._late[kind] += 1
-        if newest - stamp_ns > WAIT_S * 1e9 or self._late[kind] > MOST_LATE:
+        step, apart = _usual_step(self._seen[kind]), min(abs(stamp_ns - seen) for seen in self._seen[kind])
+        fits = step is not None and apart >= HOLE * step
+        if not fits or newest - stamp_ns > WAIT_S * 1e9 or self._late[kind] > MOST_LATE:
             self.clock_jumped(now_s, f"{kind} went back from {newest / 1e9:.3f} to {stamp_ns / 1e9:.3f} s")
             return False
         if stamp_ns <= self._decided_ns:
