@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from itertools import pairwise
 from random import Random
 from typing import Any
 
@@ -11,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cartier.llm.completion import Completion, NotACompletion, read_completion
+from cartier.llm.completion import Completion, NotACompletion, parsed, read_completion
 from cartier.llm.reply_parser import read_reply
 from cartier.types import CandidateView, Inventory, Selection, VisualQuestion
 from cartier.vision import prompt
@@ -50,6 +51,26 @@ def test_any_form_of_a_reply_selects_the_same(reply: str, seed: int) -> None:
     plain = read_reply(reply, LISTED)
     assert isinstance(plain, Selection)
     assert chosen(body_of(reply, Random(seed))) == replace(plain, reply="")
+
+
+def streamed(reply: str, seed: int, finish: str | None) -> bytes:
+    """A reply as events, split anywhere."""
+    rng, ends = Random(seed), "\r\n" if seed % 2 else "\n"
+    cuts = [0, *sorted(rng.randrange(len(reply) + 1) for _ in range(rng.randrange(6))), len(reply)]
+    pieces = [reply[a:b] for a, b in pairwise(cuts)]
+    deltas = [{"choices": [{"delta": {"content": piece}, "finish_reason": None}]} for piece in pieces]
+    deltas += [{"choices": [{"delta": {}, "finish_reason": finish}], "usage": {"total_tokens": 9}}] if finish else []
+    lines = [": PROCESSING", *(f"data: {json.dumps(each, ensure_ascii=False)}" for each in deltas), "data: [DONE]"]
+    return "".join(f"{line}{ends}{ends}" for line in lines).encode()
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.sampled_from(REPLIES), seeds)
+def test_unasked_stream_selects_the_same(reply: str, seed: int) -> None:
+    whole = read_completion(parsed(streamed(reply, seed, "stop")))
+    assert (whole.ended, whole.text, whole.tokens) == ("whole", reply, 9)
+    for finish in (None, "length"):
+        assert read_completion(parsed(streamed(reply, seed, finish))).ended == "cut off"
 
 
 @settings(max_examples=400, deadline=None)

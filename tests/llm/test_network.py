@@ -157,3 +157,13 @@ def test_a_proxy_that_is_gone_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("HTTP_PROXY", f"http://127.0.0.1:{free}")
     with pytest.raises(ReasonerError, match=rf"cannot reach http://models.example.org/v1 through the proxy .*{free}"):
         ask("http://models.example.org")
+
+
+@pytest.mark.parametrize(
+    ("header", "seconds"), [(None, 0), ("2", 2), ("soon", 0), ("Wed, 21 Oct 2015 07:28:00 GMT", -1e8), ("", 0)]
+)
+def test_seconds_of_retry_after(header: str | None, seconds: float) -> None:
+    pytest.importorskip("openai")
+    from cartier.llm.server import seconds_of
+
+    assert seconds_of(header) == seconds if seconds >= 0 else seconds_of(header) < seconds

@@ -76,8 +76,10 @@ goal = PoseStamped()
 goal.header.frame_id, (goal.pose.position.x, goal.pose.position.y), goal.pose.orientation.w = "map", one, 1.0
 publisher, known = me.create_publisher(PoseStamped, "goal_pose", 10), set(states)
 spin(me, publisher.get_subscription_count)
-publisher.publish(goal)
-spin(me, lambda: set(states) - known)
-(ours,) = set(states) - known
-print("by topic", spin(me, lambda: states[ours] == 4, 60), flush=True)
+for _ in range(20):  # who is known to listen may not know yet who speaks
+    publisher.publish(goal)
+    if spin(me, lambda: set(states) - known, 1.0):
+        break
+ours = set(states) - known
+print("by topic", spin(me, lambda: any(states[goal] == 4 for goal in ours), 60), flush=True)
 rclpy.shutdown()

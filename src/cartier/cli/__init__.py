@@ -45,6 +45,7 @@ app.add_typer(_fleet.app)
 
 def main() -> None:
     """Entry point: a user's mistake is one line and exit code 1; any other exception keeps its traceback."""
+    sys.stdout, sys.stderr = sys.stdout or io.StringIO(), sys.stderr or io.StringIO()  # closed by >&-
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # what a DOS code page lacks is replaced
             stream.reconfigure(errors="replace")

@@ -53,6 +53,28 @@ class Completion:
     status: int = 400
 
 
+def parsed(body: bytes) -> Any:
+    """A body as JSON values; that of a server which streams unasked as the completion that its events make up.
+
+    Raises ValueError or RecursionError.
+    """
+    if not body.lstrip().startswith((b"data:", b"event:", b":")):
+        return json.loads(body)
+    said, finish, last = "", None, dict[str, Any]()
+    for line in body.split(b"\n"):
+        event = line.removeprefix(b"data:").strip() if line.startswith(b"data:") else b""
+        if event in (b"", b"[DONE]"):
+            continue
+        last = json.loads(event)
+        if not isinstance(last, dict) or last.get("error"):
+            return last
+        for choice in (each for each in last.get("choices") or () if isinstance(each, dict)):
+            delta = choice.get("delta")
+            said += _content(delta)[0] if isinstance(delta, dict) else ""
+            finish = choice.get("finish_reason") or finish
+    return {**last, "choices": [{"message": {"content": said}, "finish_reason": finish or "length"}]}
+
+
 def read_completion(body: Any) -> Completion:
     """The reply in a body that was parsed as JSON. Raises NotACompletion."""
     reply = body if isinstance(body, dict) else {}

@@ -5,12 +5,12 @@ It serves language models (``reasoners/openai.py``) and vision models (``vision/
 
 from __future__ import annotations
 
-import json
 import os
 import queue
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from email.utils import parsedate_to_datetime
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -19,7 +19,7 @@ import openai
 from cartier.errors import ReasonerError, brief
 from cartier.llm import capabilities
 from cartier.llm.client import server_asked, without_credentials
-from cartier.llm.completion import read_completion
+from cartier.llm.completion import parsed, read_completion
 from cartier.llm.deadline import Late, within
 from cartier.llm.network import proxy_to
 from cartier.llm.prompts import Messages, Schema
@@ -170,6 +170,8 @@ class Server:
                     raise ReasonerError(
                         f"cannot reach {self.way} ({self.brief(error.__cause__ or error)}): is the server running?"
                     ) from error
+            except UnicodeError as error:  # a name that no host can have, by the codec of names
+                raise ReasonerError(f"cannot reach {self.way} ({self.brief(error)}): is its URL right?") from error
             except _Failed as failed:
                 status = failed.status
                 refused = {name for name in (*kept, *extra) if name in failed.said} if status in (400, 422) else set()
@@ -234,7 +236,7 @@ class Server:
     def _text(self, body: bytes) -> str:
         """The text of a whole reply. Raises _Failed, NoReply, or NotUnderstood where another form may have one."""
         try:
-            reply = read_completion(json.loads(body))
+            reply = read_completion(parsed(body))
         except (ValueError, RecursionError) as error:
             begin = self.brief(body[:200].decode(errors="replace"))
             raise ReasonerError(
@@ -261,6 +263,18 @@ class Server:
         return brief(text.replace(self._key, "…") if self._key != "none" else text, 160)
 
 
+def seconds_of(retry_after: str | None) -> float:
+    """The seconds to wait that a header names by a number or a date; 0 for what is neither."""
+    try:
+        return float(retry_after or 0)
+    except ValueError:
+        pass
+    try:
+        return parsedate_to_datetime(retry_after or "").timestamp() - time.time()
+    except (ValueError, OverflowError):
+        return 0.0
+
+
 def _said(error: openai.APIStatusError) -> str:
     """What a server says of its refusal: newer SDKs print an ``error.message`` only, and FastAPI has a ``detail``."""
     text, body = str(error), error.body
@@ -273,10 +287,7 @@ def _paused(pauses_s: list[float], deadline: float, retry_after: str | None = No
     """Wait before the next retry, as long as the server asks for; False if no retry or no time is left."""
     if not pauses_s:
         return False
-    try:
-        pause = max(pauses_s.pop(0), float(retry_after or 0))
-    except ValueError:  # a date
-        return False
+    pause = max(pauses_s.pop(0), seconds_of(retry_after))
     if time.monotonic() + pause >= deadline:
         return False
     time.sleep(pause)
