@@ -133,3 +133,9 @@ def test_rubbish_json_is_one_line(text: str, tmp_path: Path) -> None:
 def test_display_names(label: str, name: str) -> None:
     assert display_name(label) == name
     assert display_name(name) == name
+
+
+def test_nanoseconds_are_no_seconds() -> None:
+    camera = Camera(2, 2, 1.0, 1.0, 0.5, 0.5)
+    with pytest.raises(InputError, match="nanoseconds"):
+        Frame(0, 6.8e14, np.zeros((2, 2, 3), np.uint8), None, np.eye(4), camera)

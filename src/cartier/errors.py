@@ -14,6 +14,8 @@ import numpy.typing as npt
 ADDRESS = re.compile(r" at 0x[0-9a-fA-F]+")  # of an object, as Python prints it; useless to a user
 MAX_FAR_M = 1e5
 """The largest coordinate (m). No home is larger, and beyond it float32 cannot resolve centimetres."""
+MAX_TIME_S = 1e12
+"""The latest time (s): what is later is no time in seconds."""
 MAX_SIDE_PX, MAX_PIXELS = 1 << 15, 1 << 26
 MIN_FOCAL, MAX_FOCAL = 0.01, 1000.0  # of the image's longer side: views of 179° and 3.4'
 

@@ -25,6 +25,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cartier.errors import (
+    MAX_TIME_S,
     BackendError,
     InputError,
     brief,
@@ -106,6 +107,8 @@ class Frame:
     def __post_init__(self) -> None:
         shape, where = (self.camera.height, self.camera.width), f"frame {self.index}"
         need(math.isfinite(self.time_s), f"{where}: time_s must be finite, got {self.time_s}")
+        in_ns = f"{where}: {self.time_s:g} is no time in seconds: are its stamps in nanoseconds? divide them by 1e9"
+        need(abs(self.time_s) <= MAX_TIME_S, in_ns)
         right = self.rgb.shape == (*shape, 3) and self.rgb.dtype == np.uint8
         need(right, f"{where}: rgb must be {(*shape, 3)} uint8, got {self.rgb.shape} {self.rgb.dtype}")
         for name, image in (("depth_m", self.depth_m), ("instances", self.instances)):

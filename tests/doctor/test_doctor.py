@@ -12,7 +12,7 @@ from typing import Any, cast
 import numpy as np
 import published
 import pytest
-from faulty_recordings import INJECTED, Faulty, Kept, Thor, leap, posed, rotated, seen
+from faulty_recordings import INJECTED, Faulty, Kept, Thor, deep, leap, posed, rotated, seen
 
 from cartier import plugins
 from cartier.contracts import Recording
@@ -156,6 +156,15 @@ def test_repair_undoes_the_fault(dollhouse: Recording, injected: str) -> None:
     assert np.allclose(frame.world_from_camera, true.world_from_camera, atol=1e-9)
     assert np.allclose(frame.depth_m, true.depth_m, rtol=0.02, equal_nan=True)
     assert repaired.camera.fx == pytest.approx(dollhouse.camera.fx)
+
+
+def test_no_unit_is_guessed(dollhouse: Recording) -> None:
+    faulty = deep(lambda depth_m, _: depth_m / np.float32(3.4))(dollhouse)
+    report = examine(faulty)
+    assert "depth_scale" in names(report)
+    repaired = repair(faulty, report)
+    far_m = [np.nanmedian([np.nanmedian(of[k].depth_m) for k in range(5)]) for of in (faulty, repaired)]
+    assert far_m[1] < 2 * far_m[0]
 
 
 def test_a_mirrored_world_is_set_upright(thor: Recording) -> None:

@@ -218,6 +218,7 @@ def _undecided(verdict: Verdict) -> str:
     if verdict.seen < FEWEST_PAIRS:
         return "too few frames near in time overlap by their poses, so poses, scale and intrinsics could not be judged"
     return (
-        f"{verdict.disagreeing} of {verdict.seen} pairs of overlapping frames disagree about their depth, and no other "
-        "reading of the numbers repairs it: were depth, images and poses recorded by the same camera at the same time?"
+        f"{verdict.disagreeing} of {verdict.seen} pairs of overlapping frames disagree about their depth, and no "
+        "reading of the numbers that was tried repairs it: were depth, images and poses recorded by the same camera at "
+        "the same time?"
     )

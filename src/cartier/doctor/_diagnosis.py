@@ -9,12 +9,13 @@ import numpy as np
 from cartier.doctor._consistency import FEWEST_PAIRS, Numbers, Pairs, Verdict, judge, motions, much_better, near_pairs
 from cartier.doctor._report import Fault
 from cartier.doctor.checks import PLAUSIBLE_M, tilt
-from cartier.doctor.hypotheses import Hypothesis, Reading, depth_by, hypotheses, positions_by, shift_by
+from cartier.doctor.hypotheses import UNITS, Hypothesis, Reading, depth_by, hypotheses, positions_by, shift_by
 from cartier.mapping.samples import Samples
 from cartier.types import Camera
 
 MOST_FAULTS = 3
 SETTLED, TIED, LEAN_DEG = 0.8, 0.005, 30
+MOST_OFF, UNIT = 1.6, 0.03  # a factor of depth that a sensor may be off by; how near to a unit's one is that unit
 SCALE_STEPS = [1 + percent / 100 for percent in range(-16, 19)]
 
 
@@ -69,9 +70,20 @@ def diagnose(samples: Samples, level: np.ndarray[tuple[int, ...], np.dtype[np.fl
                 for h in found
             ]
             break
+        unsure = next((h for h in found if h.fault == "depth_scale" and not _known(h, reading)), None)
+        if unsure is not None:
+            told = f"{unsure.words}, by a factor that no unit has: {_evidence(better, now)}"
+            faults.append(Fault("depth_scale", told, "in which unit is the depth? --fix does not guess it"))
+            break
         faults += [Fault(h.fault, f"{h.words}: {_evidence(better, now)}", h.repair) for h in found]
         reading = found[-1].reading
     return Diagnosis(reading, tuple(faults), tuple(doubts), weigh(reading, both), choosing.pairs, testing.pairs)
+
+
+def _known(found: Hypothesis, now: Reading) -> bool:
+    """Whether a factor of depth is that of a unit, or a small one, as of a sensor that is off."""
+    factor = found.reading.depth_scale / now.depth_scale
+    return max(factor, 1 / factor) < MOST_OFF or any(abs(factor / unit - 1) < UNIT for unit in UNITS)
 
 
 def _best(reading: Reading, pairs: Pairs) -> list[Hypothesis]:

@@ -73,4 +73,10 @@ def _inconsistent(recording: Recording, samples: Samples) -> list[Fault]:
     told = (
         f"{verdict.disagreeing} of {verdict.seen} pairs of frames that overlap by their poses disagree about the depth"
     )
-    return [Fault("other_poses", told, "are poses, depth and images of the same run, and by one clock?")]
+    return [
+        Fault(
+            "other_poses",
+            told,
+            "are poses, depth and images of one run and clock, and is the focal length that of the images?",
+        )
+    ]

@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from cartier.errors import MAX_FAR_M, brief, need, printable
+from cartier.errors import MAX_FAR_M, MAX_TIME_S, brief, need, printable
 from cartier.io.files import typed
 from cartier.route_rules import FLOOR_KINDS
 from cartier.types import Array, MapObject, OccupancyGrid, Room
@@ -21,7 +21,7 @@ Row = TypeVar("Row")
 MAX_NAME_CHARS, MAX_NOTE_CHARS = 1000, 10_000
 MAX_ROOMS, MAX_LISTED, MAX_KNOWN = 2000, 1000, 100_000
 MAX_COUNT = 2**53  # beyond it, other programs do not read numbers as whole ones
-MAX_BOX_PX, MAX_S = 1e6, 1e12
+MAX_BOX_PX = 1e6
 FAR_M = 2 * MAX_FAR_M  # what is seen lies beyond the camera
 SIDES = frozenset(["+x", "-x", "+y", "-y", "+z"])  # of a box along the walls
 MIN_CELL_M, MAX_CELL_M = 0.001, 10.0
@@ -158,7 +158,7 @@ def objects_from(rows: Any, rooms: Sequence[Room]) -> tuple[MapObject, ...]:
         counts = (obj.n_detected, obj.n_observable, *obj.aliases)
         need(all(0 <= count <= MAX_COUNT for count in counts), f"{what}: a count or an alias is out of range")
         times = (obj.first_seen_s, obj.last_seen_s, obj.last_looked_s)
-        need(all(abs(time) <= MAX_S for time in times), f"{what}: a time is out of range")
+        need(all(abs(time) <= MAX_TIME_S for time in times), f"{what}: a time is out of range")
         texts = (obj.label, *obj.names, *(text for text, _ in (*obj.labels, *obj.colours)))
         _check_texts(what, texts, MAX_NAME_CHARS, MAX_LISTED)
         if (box := obj.oriented) is not None:

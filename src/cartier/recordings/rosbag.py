@@ -127,7 +127,7 @@ class RosBag:
             poses = levelling.level_from_world @ poses
             check_floor(poses, floor_m)
             notes += levelling.notes
-        else:
+        elif choice.depth is None:  # else it is measured
             notes.append(f"the floor is taken to be z = 0 of frame {poses_of.world!r}; override with --floor M")
         self._poses = poses
         self._poses.setflags(write=False)
