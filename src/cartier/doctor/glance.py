@@ -17,7 +17,7 @@ from cartier.doctor._report import Fault
 from cartier.doctor.hypotheses import Reading
 from cartier.mapping.samples import Samples
 
-FINE = 6  # images in which depth and colour are compared: three choose, three test
+FINE = 10  # images in which depth and colour are compared: half choose, half test
 NONSENSE = frozenset(
     ("depth_scale", "pose_scale", "inverted_poses", "opengl_axes", "left_handed", "depth_unit", "other_poses")
 )
