@@ -65,7 +65,7 @@ CASES: dict[str, Callable[[Path], bool]] = {
 
 def main() -> int:
     parser = Parser(__doc__)
-    parser.add_argument("folder", type=Path)
+    parser.add_argument("folder", type=Path, help="the folder of the cases")
     cases = [case for case in sorted(parser.parse_args().folder.iterdir()) if case.name[:3] in CASES]
     right = {case.name: CASES[case.name[:3]](case) for case in cases}
     print("\n".join(f"{name:45} {'right' if is_right else 'WRONG'}" for name, is_right in right.items()))

@@ -76,6 +76,17 @@ def test_it_is_a_recording(written: Path) -> None:
     assert recording.detections(2).labels == EYES.detect(WALK[2]).labels
 
 
+def test_empty_record_is_a_torn_tail(tmp_path: Path) -> None:
+    """A computer that dies leaves zeros behind the marker, of which the checksum is zero, too."""
+    path = tmp_path / "home.spool"
+    writer = SpoolWriter(path, {})
+    writer.keyframe(kept(0))
+    writer.close()
+    begin = path.read_bytes().rindex(b"CKF\x01")
+    path.write_bytes(path.read_bytes() + path.read_bytes()[begin : begin + 5] + b"\0" * 40)
+    assert numbers(Spool(path)) == [0]
+
+
 @given(st.data())
 @settings(max_examples=30, deadline=None)
 def test_a_torn_tail_costs_the_last_record_alone(tmp_path_factory: pytest.TempPathFactory, data: st.DataObject) -> None:

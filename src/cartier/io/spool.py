@@ -159,7 +159,7 @@ class Spool:
             file.seek(self.end)
             marker, kind, length, crc = HEAD.unpack(file.read(HEAD.size))
             start = self.end + HEAD.size
-            if marker != MARKER or length > MAX_RECORD or start + length > size:
+            if marker != MARKER or not 0 < length <= MAX_RECORD or start + length > size:
                 return
             content = file.read(length)
             sound = zlib.crc32(content) == crc

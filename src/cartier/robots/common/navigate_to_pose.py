@@ -26,7 +26,7 @@ NO_ERROR, UNKNOWN_GOAL, TERMINATED = 0, 2, 3  # of action_msgs/srv/CancelGoal
 ANY = bytes(16)
 
 
-class Status(IntEnum):
+class GoalState(IntEnum):
     """Of action_msgs/msg/GoalStatus."""
 
     UNKNOWN, ACCEPTED, EXECUTING, CANCELING, SUCCEEDED, CANCELED, ABORTED = range(7)
@@ -41,7 +41,7 @@ class NavGoal:
     frame: str
     pose: Pose
     behavior_tree: str
-    status: Status = Status.EXECUTING
+    status: GoalState = GoalState.EXECUTING
     begin_s: float = field(default_factory=time.monotonic)
     end_s: float = math.inf
     result: Any = None
@@ -78,7 +78,7 @@ class NavigateToPose:
         with self._lock:
             self._accept(secrets.token_bytes(16), pose, "")
 
-    def end(self, goal: NavGoal, status: Status, code: int = 0, text: str = "") -> None:
+    def end(self, goal: NavGoal, status: GoalState, code: int = 0, text: str = "") -> None:
         """Say how a goal ended, to all who ask."""
         result = message(f"{ACTION}_Result", error_code=code, error_msg=text)
         with self._lock:
@@ -122,7 +122,7 @@ class NavigateToPose:
         before, self._goals[id], self._pending = self._pending, goal, goal
         self._tell()
         if before is not None:
-            self.end(before, Status.ABORTED)
+            self.end(before, GoalState.ABORTED)
 
     def _result(self, request: Request) -> None:
         id = request.value.goal_id.uuid.tobytes()
@@ -130,7 +130,7 @@ class NavigateToPose:
             goal = self._goals.get(id)
             if goal is None:
                 nothing = message(f"{ACTION}_Result", error_code=0, error_msg="")
-                unknown = message(f"{ACTION}_GetResult_Response", status=int(Status.UNKNOWN), result=nothing)
+                unknown = message(f"{ACTION}_GetResult_Response", status=int(GoalState.UNKNOWN), result=nothing)
                 request.reply(unknown)
             elif goal.result:
                 request.reply(goal.result)
@@ -149,7 +149,7 @@ class NavigateToPose:
             if not cancelled and id != ANY:
                 code = TERMINATED if id in self._goals else UNKNOWN_GOAL
             for goal in cancelled:
-                goal.status = Status.CANCELING
+                goal.status = GoalState.CANCELING
             infos = [_info(goal) for goal in cancelled]
             request.reply(message("action_msgs/srv/CancelGoal_Response", return_code=code, goals_canceling=infos))
             if cancelled:

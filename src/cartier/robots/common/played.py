@@ -17,7 +17,7 @@ from cartier.dds.topics import Offer, Reader, Writer, participant
 from cartier.dds.types import decode, encoded, header, message, pose_of
 from cartier.errors import InputError
 from cartier.robots._pose import FRAME, Pose
-from cartier.robots.common.navigate_to_pose import NavGoal, NavigateToPose, Status
+from cartier.robots.common.navigate_to_pose import GoalState, NavGoal, NavigateToPose
 from cartier.types import FREE, OCCUPIED, OccupancyGrid
 from cartier.worlds.dollhouse.base import Base, compose
 from cartier.worlds.dollhouse.explore import explore
@@ -127,27 +127,27 @@ class PlayedRobot:
         new = self._navigation.taken()
         if new is not None:
             self._start(new)
-        if self._goal is not None and self._goal.status == Status.CANCELING:
-            self._end(Status.CANCELED)
+        if self._goal is not None and self._goal.status == GoalState.CANCELING:
+            self._end(GoalState.CANCELED)
 
     def _start(self, goal: NavGoal) -> None:
         """Begin the drive to a goal; one that Nav2 could not begin is aborted, and the drive before it goes on."""
-        if goal.status == Status.CANCELING:
-            self._navigation.end(goal, Status.CANCELED)
+        if goal.status == GoalState.CANCELING:
+            self._navigation.end(goal, GoalState.CANCELED)
             return
         pose = self._in_map(goal)
         if goal.behavior_tree or pose is None:
             wrong = (NO_TREE, f"Error loading: {goal.behavior_tree}. Navigation canceled.")
             if pose is None:
                 wrong = NO_TRANSFORM, f"no transform leads from {goal.frame!r} to the global frame {FRAME!r}"
-            self._navigation.end(goal, Status.ABORTED, *wrong)
+            self._navigation.end(goal, GoalState.ABORTED, *wrong)
             return
         if self._goal is not None:
-            self._end(Status.ABORTED)
+            self._end(GoalState.ABORTED)
         way = route(self._base, pose)
         self._goal, self._drive = goal, None if isinstance(way, Ending) else Drive(self._base, way, pose)
         if isinstance(way, Ending):
-            self._end(Status.ABORTED, CODES[way], way.value)
+            self._end(GoalState.ABORTED, CODES[way], way.value)
 
     def _in_map(self, goal: NavGoal) -> Pose | None:
         """Where a goal lies in the map; None if its frame is not known, or its pose not finite."""
@@ -161,15 +161,15 @@ class PlayedRobot:
         if self._goal is None:
             self._drive = None
         elif ended is Ending.ARRIVED:
-            self._end(Status.SUCCEEDED)
+            self._end(GoalState.SUCCEEDED)
         elif ended is not None:
-            self._end(Status.ABORTED, CODES[ended], ended.value)
+            self._end(GoalState.ABORTED, CODES[ended], ended.value)
         else:
             left_m, speed_m_s = self._drive.left_m, abs(self._base.speed_m_s)
             left_s = left_m / speed_m_s if speed_m_s > 0.01 and left_m > 0.1 else 0.0
             self._navigation.feedback(self._goal, self._base.believed, left_m, left_s, self._drive.recoveries)
 
-    def _end(self, status: Status, code: int = 0, text: str = "") -> None:
+    def _end(self, status: GoalState, code: int = 0, text: str = "") -> None:
         goal, self._goal, self._drive = self._goal, None, None
         if goal is not None:
             self._navigation.end(goal, status, code, text)
