@@ -80,6 +80,5 @@ for _ in range(20):  # who is known to listen may not know yet who speaks
     publisher.publish(goal)
     if spin(me, lambda: set(states) - known, 1.0):
         break
-ours = set(states) - known
-print("by topic", spin(me, lambda: any(states[goal] == 4 for goal in ours), 60), flush=True)
+print("by topic", spin(me, lambda: any(states[goal] == 4 for goal in set(states) - known), 60), flush=True)
 rclpy.shutdown()
