@@ -9,13 +9,14 @@ import pytest
 
 from cartier.blob_stores import BlobStore, StoreError, open_store
 from cartier.errors import InputError
-from cartier.fleet import jobs
+from cartier.fleet import jobs, publishing
 from cartier.fleet.jobs import Job, MapSettings, Task, find_tasks, job_key, signature
 from cartier.fleet.publishing import key_of, pull
 from cartier.fleet.scheduler import Scheduler
 from cartier.fleet.status import status
 from cartier.fleet.worker import Outcome, Worker
 from cartier.home import Home
+from cartier.home.store import PublishedStore
 from cartier.plugins import make, open_recording
 from fleet.tiny import SETTINGS, broken, content_of, make_recordings, work, worker
 
@@ -288,16 +289,16 @@ def test_a_slow_worker_that_finishes_late_changes_nothing(
 ) -> None:
     """Its lease runs out while it maps; another one takes over and is done first."""
     task, late = recorded[0], list[dict[str, bytes]]()
-    real = Home.save
+    real = publishing.publish_home
 
-    def slow(home: Home, folder: Path) -> None:
-        monkeypatch.setattr(Home, "save", real)
+    def slow(home: Home, at: PublishedStore) -> None:
+        monkeypatch.setattr(publishing, "publish_home", real)
         stale = worker(store, "fast").map(task).version
         assert worker(store, "fast").map(task, stale).state == "mapped"
         late.append(state_of(store))
-        real(home, folder)
+        real(home, at)
 
-    monkeypatch.setattr(Home, "save", slow)
+    monkeypatch.setattr(publishing, "publish_home", slow)
     assert worker(store, "slow").map(task).state == "mapped"
     assert state_of(store) == late[0]
     assert status(store) | {"store": ""} == {
