@@ -38,9 +38,8 @@ def test_what_rosbags_writes_is_read(tmp_path: Path, kind: str, compression: str
     same(found, room())
     assert [frame.time_s for frame in found] == [START_NS / 1e9 + i / 10 for i in range(4)]
     assert list(found.notes) == [
-        f"poses from /tf: 'map' to '{FRAME}'",
-        "the floor is taken to be z = 0 of frame 'map'; override with --floor M",
-    ]
+        f"poses from /tf: 'map' to '{FRAME}'"
+    ]  # nothing about the floor: it is measured in the depth
 
 
 @pytest.mark.parametrize("chunks", ["none", "lz4", "zstd"])
