@@ -2,13 +2,13 @@
 
 python benchmarks/mutants.py [--group association] [--group existence] [--json mutants.json]
 
-The mutations are a kept list, ``benchmarks/mutants.toml``: each removes or inverts one mechanism (a term of a score, a
+The mutations are kept in ``benchmarks/mutants/GROUP.toml``: each removes or inverts one mechanism (a term of a score, a
 gate, a limit), and each bug that is found adds one. Tools that mutate every operator, such as mutmut and cosmic-ray,
 make thousands of mutants, most of them equivalent or trivial, and do not say which mechanism is untested. Run it before
 each release.
 
-An entry names its group, the file in ``src/cartier``, a text that occurs exactly once in it, and what takes its place.
-``tests`` names the tests to run, of one entry or, in the table ``[tests]``, of a group. The exit code is 1 where tests
+An entry names the file in ``src``, a text that occurs exactly once in it, and what takes its place.
+``tests`` names the tests to run, of one entry or of the whole group. The exit code is 1 where tests
 fail without any mutation, where a text is not found exactly once, and where a mutant cannot be imported.
 """
 
@@ -52,7 +52,7 @@ HEAVY = [
 
 @dataclass(frozen=True)
 class Mutant:
-    """One fault: ``replace`` stands where ``find`` stood, exactly once, in ``file`` below ``src/cartier``."""
+    """One fault: ``replace`` stands where ``find`` stood, exactly once, in ``file`` below ``src``."""
 
     group: str
     name: str
@@ -80,7 +80,7 @@ def main() -> int:
     )
     outcomes: dict[Mutant, str] = {}
     with tempfile.TemporaryDirectory(prefix="mutants-") as folder:
-        shutil.copytree(options.root / "src" / "cartier", Path(folder) / "cartier")
+        shutil.copytree(options.root / "src", folder, dirs_exist_ok=True)
         for tests in dict.fromkeys(mutant.tests for mutant in mutants):
             code, printed = run(options.root, folder, tests, options.timeout_s)
             if code != PASSED:
@@ -113,17 +113,20 @@ def parsed() -> argparse.Namespace:
 
 
 def read(root: Path) -> list[Mutant]:
-    """All mutants of ``benchmarks/mutants.toml``."""
-    kept = tomllib.loads((root / "benchmarks" / "mutants.toml").read_text())
+    """All mutants of ``benchmarks/mutants/``, group by group."""
+    groups = {
+        file.stem: tomllib.loads(file.read_text()) for file in sorted((root / "benchmarks/mutants").glob("*.toml"))
+    }
     return [
-        Mutant(**row | {"tests": tuple(row.get("tests") or kept["tests"].get(row["group"], ()))})
+        Mutant(group, **row | {"tests": tuple(row.get("tests") or kept.get("tests", ()))})
+        for group, kept in groups.items()
         for row in kept["mutant"]
     ]
 
 
 def misfit(mutant: Mutant, root: Path) -> str:
     """Why a mutant cannot be made, or nothing."""
-    file = root / "src" / "cartier" / mutant.file
+    file = root / "src" / mutant.file
     if not file.is_file():
         return f"{mutant.name}: there is no {mutant.file}"
     count = file.read_text().count(mutant.find)
@@ -132,7 +135,7 @@ def misfit(mutant: Mutant, root: Path) -> str:
 
 def outcome(mutant: Mutant, root: Path, folder: Path, timeout_s: float) -> str:
     """ "killed", "survived", or "broken" and why, for a mutant that cannot even be imported."""
-    file = folder / "cartier" / mutant.file
+    file = folder / mutant.file
     whole = file.read_text()
     try:
         text = whole.replace(mutant.find, mutant.replace)
@@ -165,7 +168,7 @@ def run(root: Path, folder: str, tests: Sequence[str], timeout_s: float) -> tupl
             os.environ |= {"PYTHONPATH": within, "OMP_NUM_THREADS": "1"}
             sys.path.insert(0, folder)
             sys.dont_write_bytecode = True
-            for name in [name for name in sys.modules if name.partition(".")[0] == "cartier"]:
+            for name in [name for name in sys.modules if name.partition(".")[0].startswith("cartier")]:
                 del sys.modules[name]  # command_line.py has imported the whole one
             code = UNTESTED
             try:
