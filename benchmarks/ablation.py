@@ -31,11 +31,6 @@ from nothing_asked import ASKED, FRESH_ASKED, FRESH_TOLD, HOME, LATER_ASKED, LAT
 from scorer_report import SERVED, put  # noqa: E402
 from scorer_requests import Homes, read_requests  # noqa: E402
 
-from cartier.evaluation import things_run  # noqa: E402
-from cartier.evaluation.maps import Maps, MapSettings  # noqa: E402
-from cartier.evaluation.metrics import matches  # noqa: E402
-from cartier.evaluation.queries import cases, load_queries  # noqa: E402
-from cartier.evaluation.things import FIND  # noqa: E402
 from cartier.labels import display_name  # noqa: E402
 from cartier.reasoners import embedded  # noqa: E402
 from cartier.types import Inventory  # noqa: E402
@@ -48,6 +43,11 @@ from cartier.understanding import (  # noqa: E402
 )
 from cartier.understanding.cards import SHIPPED, read_deck  # noqa: E402
 from cartier.understanding.need_scorer import Scorer  # noqa: E402
+from cartier_bench import things_run  # noqa: E402
+from cartier_bench.maps import Maps, MapSettings  # noqa: E402
+from cartier_bench.metrics import matches  # noqa: E402
+from cartier_bench.queries import cases, load_queries  # noqa: E402
+from cartier_bench.things import FIND  # noqa: E402
 
 SENTENCE = utterance._sentence
 RULES: dict[str, tuple[tuple[Any, str, Any], ...]] = {

@@ -56,7 +56,7 @@ def write(path: Path, kind: str, compression: str, frames: int) -> None:
 
 def read(path: Path) -> None:
     """Open and walk a bag; prints seconds to open, seconds to read, frames and the peak memory in MB."""
-    from cartier.recordings import rosbag
+    from cartier_ros import rosbag
 
     begun = time.perf_counter()
     recording = rosbag.open(path)

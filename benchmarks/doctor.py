@@ -33,7 +33,7 @@ from cartier.contracts import Recording
 from cartier.doctor import examine, repair
 from cartier.errors import InputError
 from cartier.recordings.folder import save
-from cartier.worlds.dollhouse.recording import DollhouseRecording
+from cartier_dollhouse.recording import DollhouseRecording
 
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "recordings"
 LONG = 1000

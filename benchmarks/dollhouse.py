@@ -22,9 +22,9 @@ import numpy.typing as npt
 from command_line import Parser, run_script
 
 from cartier.types import Camera
-from cartier.worlds.dollhouse.model import Scene
-from cartier.worlds.dollhouse.render import Renderer
-from cartier.worlds.dollhouse.scene import load_home
+from cartier_dollhouse.model import Scene
+from cartier_dollhouse.render import Renderer
+from cartier_dollhouse.scene import load_home
 
 TURNS = 6
 ROUNDS = 3

@@ -37,18 +37,19 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from command_line import Parser, run_script
 
 import cartier
+import cartier_fleet
 from cartier.blob_stores import BlobStore, open_store
-from cartier.evaluation.true_home import true_objects
-from cartier.fleet import runners
-from cartier.fleet.catalog import compact, read_catalog
-from cartier.fleet.jobs import Task
-from cartier.fleet.publishing import Pointer, home_store, key_of
-from cartier.fleet.status import status
 from cartier.home import Home
 from cartier.home.repository import publish
 from cartier.io.files import json_bytes
 from cartier.types import Room
-from cartier.worlds.dollhouse.scene import load_home
+from cartier_bench.true_home import true_objects
+from cartier_dollhouse.scene import load_home
+from cartier_fleet import runners
+from cartier_fleet.catalog import compact, read_catalog
+from cartier_fleet.jobs import Task
+from cartier_fleet.publishing import Pointer, home_store, key_of
+from cartier_fleet.status import status
 from flat import FLAT, obj
 from fleet.catalogued import KNOWS, enter, home
 from fleet.moto_server import moto_server
@@ -73,7 +74,7 @@ def faults_of(store: BlobStore, tasks: list[Task]) -> list[str]:
         found.append(f"lost {lost}")
     if len(visible) != len(tasks):
         found.append(f"doubled: {len(visible)} homes of {len(tasks)} recordings")
-    fleet = cartier.Fleet(store.place)
+    fleet = cartier_fleet.Fleet(store.place)
     found += [f"half: {name}" for name in keys if not _whole(lambda name=name: fleet.home(name))]
     rows = read_catalog(store)["homes"]["home"].to_pylist()
     if sorted(rows) != sorted(keys):
@@ -127,7 +128,9 @@ def kills(given: argparse.Namespace) -> int:
                 killed += os.WIFSIGNALED(os.waitpid(child, 0)[1])
                 visible = [key.split("/")[1] for key in store.list("homes/") if key.endswith("/home.json")]
                 for key in visible:
-                    counted["half homes visible"] += not _whole(lambda s=store, k=key: cartier.Fleet(s.place).home(k))
+                    counted["half homes visible"] += not _whole(
+                        lambda s=store, k=key: cartier_fleet.Fleet(s.place).home(k)
+                    )
                 worker(store).map(tasks[0])
                 for fault in faults_of(store, tasks[:1]):
                     counted[fault] += 1
@@ -209,7 +212,7 @@ def questions(given: argparse.Namespace) -> int:
                     print(
                         f"{given.homes * given.copies} homes, {_copy_rows(store, given.copies)} objects after copying"
                     )
-            fleet = cartier.Fleet(place)
+            fleet = cartier_fleet.Fleet(place)
             begin = time.perf_counter()
             fleet.ask(QUESTIONS[0])
             print(f"\n{'folder' if place != s3 else 'S3 by moto'}: first question, with reading the catalog: "
@@ -253,12 +256,12 @@ def _copy_rows(store: BlobStore, copies: int) -> int:
 
 def serve(given: argparse.Namespace) -> int:
     """Ask for every home of a server in turn; each has a floor plan of 200 x 200 cells."""
-    from cartier.serving.fleet_homes import FleetHomes
+    from cartier_fleet.served import FleetHomes
 
     with tempfile.TemporaryDirectory() as folder:
         store, (task, *_) = open_store(f"{folder}/store"), make_recordings(Path(folder) / "rec", 1)
         worker(open_store(f"{folder}/mapped")).map(task)
-        made = cartier.Fleet(f"{folder}/mapped").home(task.name)
+        made = cartier_fleet.Fleet(f"{folder}/mapped").home(task.name)
         assert made.grid is not None
         more = [(0, max(0, 200 - side)) for side in made.grid.cells.shape]
         cells, tall = (np.pad(of, more) for of in (made.grid.cells, made.grid.height_m))
@@ -267,7 +270,7 @@ def serve(given: argparse.Namespace) -> int:
         for number in range(given.homes):
             store.put(f"names/home-{number:05d}.json", json_bytes(asdict(Pointer("one", 1, "", ""))))
         before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-        served, begin = FleetHomes(cartier.Fleet(store.place), given.memory_mb * 2**20), time.perf_counter()
+        served, begin = FleetHomes(cartier_fleet.Fleet(store.place), given.memory_mb * 2**20), time.perf_counter()
         for name in served.names:
             served.get(name)
         took, peak = time.perf_counter() - begin, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss

@@ -22,19 +22,19 @@ from typing import Any
 import numpy as np
 from command_line import Parser, run_script
 
-import cartier
+import cartier_fleet
 from cartier.blob_stores import open_store
-from cartier.evaluation.true_home import true_objects
-from cartier.fleet import runners
-from cartier.fleet.catalog import compact
-from cartier.fleet.jobs import MapSettings, Task, find_tasks
-from cartier.fleet.status import status
-from cartier.fleet.worker import Outcome
 from cartier.recordings import folder as own_format
 from cartier.types import MapObject
-from cartier.worlds.dollhouse.model import Scene
-from cartier.worlds.dollhouse.recording import DollhouseRecording, look, pinhole
-from cartier.worlds.dollhouse.scene import load_home
+from cartier_bench.true_home import true_objects
+from cartier_dollhouse.model import Scene
+from cartier_dollhouse.recording import DollhouseRecording, look, pinhole
+from cartier_dollhouse.scene import load_home
+from cartier_fleet import runners
+from cartier_fleet.catalog import compact
+from cartier_fleet.jobs import MapSettings, Task, find_tasks
+from cartier_fleet.status import status
+from cartier_fleet.worker import Outcome
 
 FIRST = 71_000  # seed of the first home, far from those that anything was fitted on
 TURNS, DOWN = 10, math.radians(25)
@@ -93,7 +93,7 @@ def truth(given: argparse.Namespace) -> int:
         states = dict(Counter(outcome.state for outcome in outcomes.values()))
         print(f"mapped: {states}, {time.perf_counter() - begin:.0f} s")
         compact(open_store(store))
-        fleet = cartier.Fleet(store)
+        fleet = cartier_fleet.Fleet(store)
         true = {f"home-{FIRST + k}": (scene, true_objects(scene)) for k, scene in enumerate(scenes)}
         print(f"{'question':46} {'has':>4} {'right':>5}   {'none':>4} {'right':>5}   {'cannot tell':>11}")
         wrong = 0
@@ -109,7 +109,7 @@ def truth(given: argparse.Namespace) -> int:
     return 0
 
 
-def _print_costs(fleet: cartier.Fleet) -> None:
+def _print_costs(fleet: cartier_fleet.Fleet) -> None:
     sql = "select count(*), sum(frames), sum(core_s) / count(*), sum(frames) / sum(core_s) from homes"
     homes, frames, core_s, speed = fleet.query(sql)[1][0]
     print(f"{homes} homes of {frames} frames: {core_s:.2f} core-seconds a home, {speed:.0f} frames a core-second")
@@ -153,7 +153,7 @@ def node(given: argparse.Namespace) -> int:
 
 
 def _bytes_of(place: str, task: Task) -> dict[str, bytes]:
-    from cartier.fleet.publishing import key_of
+    from cartier_fleet.publishing import key_of
 
     store = open_store(place)
     prefix = f"homes/{key_of(store, task.name)}/"

@@ -23,10 +23,6 @@ from tiny_onnx import CHANNELS, constant_net, frame, red_finder
 from cartier import pipeline, plugins
 from cartier.detectors import onnx
 from cartier.detectors.vocabulary import read_vocabulary
-from cartier.evaluation.queries import load_file
-from cartier.evaluation.rows import check_rows, read_rows
-from cartier.evaluation.summary import summarise
-from cartier.evaluation.things import load_answers, load_items
 from cartier.home import Home, correction_log
 from cartier.home.corrected import apply
 from cartier.io.files import read_json, read_npz
@@ -34,8 +30,12 @@ from cartier.mapping.detection_cache import cached
 from cartier.recordings.hints import what_else
 from cartier.types import Inventory
 from cartier.understanding.cards import read_deck
-from cartier.worlds.ai2thor import read_house
-from cartier.worlds.dollhouse.scene import load_scene
+from cartier_bench.queries import load_file
+from cartier_bench.rows import check_rows, read_rows
+from cartier_bench.summary import summarise
+from cartier_bench.things import load_answers, load_items
+from cartier_bench.thor.ai2thor import read_house
+from cartier_dollhouse.scene import load_scene
 from synthetic import THINGS, TrueBoxes
 
 

@@ -33,9 +33,9 @@ from command_line import Parser, run_script
 
 import stored
 from cartier import plugins
-from cartier.evaluation.queries import SPLITS, load_queries
-from cartier.evaluation.things import WRITTEN, load_items
 from cartier.types import Inventory, Selection
+from cartier_bench.queries import SPLITS, load_queries
+from cartier_bench.things import WRITTEN, load_items
 
 FIELDS = {"object": "object", "id": "object_id", "room": "room", "text": "text", "question": "question"}
 """Key of the file → attribute of Selection; ``value`` is its ``fact``, ``next`` its ``next``."""

@@ -27,13 +27,13 @@ from command_line import Parser, run_script
 
 import stored
 from cartier import specs
-from cartier.evaluation.maps import encoder_for
-from cartier.evaluation.things import WRITTEN, load_items
-from cartier.evaluation.things_made import make_items
-from cartier.evaluation.true_home import true_home
 from cartier.pipeline import map_home
 from cartier.types import Frame
-from cartier.worlds.dollhouse import Dollhouse, make
+from cartier_bench.maps import encoder_for
+from cartier_bench.things import WRITTEN, load_items
+from cartier_bench.things_made import make_items
+from cartier_bench.true_home import true_home
+from cartier_dollhouse import Dollhouse, make
 
 DEVELOPMENT = Path(__file__).resolve().parents[1] / "tools" / "things" / "development.jsonl"
 BUILT_IN, GENERATED = (640, 480, 62.0, 0.2), (320, 240, 62.0, 0.2)

@@ -35,8 +35,8 @@ from cartier.sources import open_source
 from cartier.specs import detector, detector_for, reasoner
 from cartier.streams import Stamped
 from cartier.types import Camera, Frame, TrueObject
-from cartier.worlds.dollhouse import Dollhouse
-from cartier.worlds.dollhouse.recording import STEP_S, DollhouseRecording
+from cartier_dollhouse import Dollhouse
+from cartier_dollhouse.recording import STEP_S, DollhouseRecording
 
 HZ = 15.0
 COUNTS = struct.Struct("<II")

@@ -19,11 +19,11 @@ from pathlib import Path
 sys.path.append(str(Path(__file__).parents[1] / "tests"))
 from command_line import Parser, run_script
 
-from cartier.evaluation.true_home import true_objects
 from cartier.reasoners import embedded
 from cartier.types import Inventory, MapObject
 from cartier.vision.attributes import COLOURS
-from cartier.worlds.dollhouse.scene import homes, load_home
+from cartier_bench.true_home import true_objects
+from cartier_dollhouse.scene import homes, load_home
 from stored import inventory, stored
 
 DOMINANT, MATCH_M = 0.7, 0.5

@@ -20,13 +20,13 @@ from pathlib import Path
 from command_line import Parser, run_script
 
 from cartier import specs
-from cartier.evaluation.maps import Maps, MapSettings, encoder_for
-from cartier.evaluation.true_home import SHOWN_PX, true_home
 from cartier.home import Home
 from cartier.home.looking import ask_about_doubts, verify
 from cartier.types import MapObject
 from cartier.vision.batch import PictureWriter
 from cartier.vision.permission import Look
+from cartier_bench.maps import Maps, MapSettings, encoder_for
+from cartier_bench.true_home import SHOWN_PX, true_home
 
 NEAR_M = 0.3
 """How far from the true box the middle of an object may lie."""

@@ -15,12 +15,12 @@ from pathlib import Path
 
 from command_line import Parser, run_script
 
-from cartier.evaluation.maps import Maps, MapSettings, encoder_for
 from cartier.home import Home
 from cartier.types import MapObject, View
 from cartier.vision.verification import doubts
 from cartier.vision.views import MIN_APPARENT_PX, apparent_px, sides_of
-from cartier.worlds.dollhouse.scene import homes
+from cartier_bench.maps import Maps, MapSettings, encoder_for
+from cartier_dollhouse.scene import homes
 
 KEPT: dict[str, Callable[[MapObject], Sequence[View]]] = {
     "best": lambda obj: obj.views, "all": lambda obj: obj.all_views,

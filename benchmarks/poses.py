@@ -35,9 +35,9 @@ from cartier.mapping.repose import KeptFrame, frame_key
 from cartier.mapping.reposed import Reposed
 from cartier.streams import Event, PoseUpdate, Stamped
 from cartier.types import Detections, Frame
-from cartier.worlds.dollhouse import Dollhouse
-from cartier.worlds.dollhouse.recording import DollhouseRecording
-from cartier.worlds.dollhouse.sensor import Sensor
+from cartier_dollhouse import Dollhouse
+from cartier_dollhouse.recording import DollhouseRecording
+from cartier_dollhouse.sensor import Sensor
 
 SIZE = (160, 120)
 FIRST_DRIFT, FIRST_ALIGN, FIRST_LOOP = 5001, 6001, 7001  # numbers of generated homes

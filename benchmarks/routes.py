@@ -34,9 +34,6 @@ from fit_floor_kinds import measure
 import nav2_reader
 from cartier import plugins
 from cartier.errors import InputError
-from cartier.evaluation.route_drives import EDGE_M, dense
-from cartier.evaluation.route_homes import Home, home_names, off_m, random_rules, true_home
-from cartier.evaluation.route_run import DRIVES, report, run
 from cartier.exports import nav2
 from cartier.navigation.layers import SOFT_AVOID, RouteMap, ruled_area
 from cartier.navigation.planning import traversable
@@ -46,7 +43,10 @@ from cartier.pipeline import map_home
 from cartier.reasoners import embedded
 from cartier.route_rules import FLOOR_KINDS, RouteRule
 from cartier.types import Place, RobotModel
-from cartier.worlds.dollhouse.floors import RUGS
+from cartier_bench.route_drives import EDGE_M, dense
+from cartier_bench.route_homes import Home, home_names, off_m, random_rules, true_home
+from cartier_bench.route_run import DRIVES, report, run
+from cartier_dollhouse.floors import RUGS
 
 FLOOR_HOMES = ("77201", "77202", "77203", "77204")
 """Of these no weight and no threshold knows anything."""

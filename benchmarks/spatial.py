@@ -18,8 +18,6 @@ from dataclasses import replace
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from cartier.evaluation.statements import closest, is_beside
-from cartier.evaluation.true_home import SHOWN_PX, true_objects
 from cartier.geometry import box_distance
 from cartier.mapping.rooms import find_rooms, rooms_of
 from cartier.spatial.relations import (
@@ -34,8 +32,10 @@ from cartier.spatial.relations import (
     under,
 )
 from cartier.types import Array, MapObject, OccupancyGrid
-from cartier.worlds.dollhouse.contacts import Contacts
-from cartier.worlds.dollhouse.model import Scene
+from cartier_bench.statements import closest, is_beside
+from cartier_bench.true_home import SHOWN_PX, true_objects
+from cartier_dollhouse.contacts import Contacts
+from cartier_dollhouse.model import Scene
 
 DETECTORS = {"ground_truth": "ground-truth detections", "embedded": "from pixels"}
 SAME_M = 0.5  # an object of the map is at most so far from the true thing of its name

@@ -16,13 +16,13 @@ from pathlib import Path
 import numpy as np
 from command_line import Parser, run_script
 
-from cartier.evaluation.maps import Maps, MapSettings, encoder_for
-from cartier.evaluation.things import FIND, Given, Item, load_items, score
-from cartier.evaluation.things_run import DETECTORS
-from cartier.evaluation.true_home import TrueHome, true_home
 from cartier.home import Home
 from cartier.spatial.relations import supports
 from cartier.types import MapObject, Selection, TrueObject
+from cartier_bench.maps import Maps, MapSettings, encoder_for
+from cartier_bench.things import FIND, Given, Item, load_items, score
+from cartier_bench.things_run import DETECTORS
+from cartier_bench.true_home import TrueHome, true_home
 
 SAME_M = 1.0  # an object of the map is at most so far from the true thing of its name
 

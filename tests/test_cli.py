@@ -15,10 +15,10 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+import cartier_dollhouse as dollhouse
 from cartier import cli
 from cartier.home import Home
 from cartier.recordings.folder import save
-from cartier.worlds import dollhouse
 from synthetic import THINGS
 from synthetic import small_walk as walk
 

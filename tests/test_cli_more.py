@@ -188,7 +188,7 @@ def test_the_bench_leaves_a_report(run: Run, maps: Path, tmp_path: Path, monkeyp
     ):
         assert (tmp_path / "run" / name).stat().st_size > 0
     for name in ("distance_png", "match_png"):  # drawn once above
-        monkeypatch.setattr(f"cartier.evaluation.report.{name}", lambda summary, who: b"")
+        monkeypatch.setattr(f"cartier_bench.report.{name}", lambda summary, who: b"")
     told = (
         "--detector",
         "ground_truth",

@@ -20,7 +20,7 @@ import cartier
 from cartier import contracts, pipeline, testing
 from cartier.home import entity
 from cartier.mapping import mapper
-from cartier.worlds.dollhouse import Dollhouse
+from cartier_dollhouse import Dollhouse
 
 INTERNAL = {"Store", "Corrected", "Mended", "Alignment"}
 """Classes of fields that ``Home.load`` sets and no user makes."""

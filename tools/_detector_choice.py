@@ -17,9 +17,9 @@ from _detector_homes import ROBOT_M, varied
 from cartier import plugins
 from cartier.contracts import Recording
 from cartier.types import Camera, Detections, Frame
-from cartier.worlds.dollhouse.explore import explore
-from cartier.worlds.dollhouse.place import Plan
-from cartier.worlds.dollhouse.recording import DollhouseRecording, pinhole
+from cartier_dollhouse.explore import explore
+from cartier_dollhouse.place import Plan
+from cartier_dollhouse.recording import DollhouseRecording, pinhole
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
 from dollhouse_detector import LOW, Outputs, match

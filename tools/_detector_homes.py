@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from cartier.labels import display_name
-from cartier.worlds.dollhouse import shapes
-from cartier.worlds.dollhouse.model import Scene, Thing
-from cartier.worlds.dollhouse.place import Plan
+from cartier_dollhouse import shapes
+from cartier_dollhouse.model import Scene, Thing
+from cartier_dollhouse.place import Plan
 
 ROBOT_M = 0.2
 SELDOM = (  # what generated homes hold in none or hardly any: scattered as often as four others

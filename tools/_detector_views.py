@@ -11,13 +11,13 @@ import numpy as np
 from _detector_homes import ROBOT_M, varied
 from scipy.ndimage import find_objects
 
-from cartier.worlds.dollhouse import shapes
-from cartier.worlds.dollhouse.generate import generate
-from cartier.worlds.dollhouse.model import Scene
-from cartier.worlds.dollhouse.place import Plan
-from cartier.worlds.dollhouse.recording import look, pinhole
-from cartier.worlds.dollhouse.render import Renderer
-from cartier.worlds.dollhouse.scene import load_scene
+from cartier_dollhouse import shapes
+from cartier_dollhouse.generate import generate
+from cartier_dollhouse.model import Scene
+from cartier_dollhouse.place import Plan
+from cartier_dollhouse.recording import look, pinhole
+from cartier_dollhouse.render import Renderer
+from cartier_dollhouse.scene import load_scene
 
 SIZE = (640, 480)
 CLOSE_SIZE = (320, 240)  # of a close-up: the middle of a frame, which is all that training sees of one anyway

@@ -33,15 +33,15 @@ from scipy.cluster.vq import kmeans2
 
 from cartier import plugins
 from cartier.detectors.ground_truth import GroundTruth
-from cartier.evaluation import true_home
 from cartier.mapping.colours import COLOURS, LEVELS, LIGHTNESS_WEIGHT, PROTOTYPES, colour_table, lab_of, table_of
 from cartier.mapping.object_map import ObjectMap
 from cartier.mapping.observation import lift, white_balance
 from cartier.types import Array, Frame
-from cartier.worlds.dollhouse import light
-from cartier.worlds.dollhouse.atlas import Atlas
-from cartier.worlds.dollhouse.materials import KINDS, material
-from cartier.worlds.dollhouse.render import Renderer
+from cartier_bench import true_home
+from cartier_dollhouse import light
+from cartier_dollhouse.atlas import Atlas
+from cartier_dollhouse.materials import KINDS, material
+from cartier_dollhouse.render import Renderer
 
 SAID = {
     "brown": "tan beige khaki ochre sienna umber rust terracotta chocolate coffee camel mocha sepia copper bronze "

@@ -27,7 +27,7 @@ from cartier.understanding.cards import SHIPPED, read_deck
 from cartier.understanding.needs import Needs
 from cartier.understanding.outcome_classifier import FITTED as FILE
 from cartier.understanding.outcome_classifier import OUTCOMES, Choice
-from cartier.worlds.dollhouse import make
+from cartier_dollhouse import make
 
 FITTED = ("hosts", "transcript", "wheels")  # styles that the scorer was not trained on, but this is
 REPORTED = ("grumpy", "newcomer", "others_past")  # styles that only validate

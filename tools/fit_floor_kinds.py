@@ -31,13 +31,13 @@ from cartier.mapping.occupancy import OccupancyMapper
 from cartier.navigation.planning import traversable
 from cartier.route_rules import FLOOR_KINDS
 from cartier.types import Frame
-from cartier.worlds.dollhouse.floors import RUGS, kinds_at, with_options
-from cartier.worlds.dollhouse.mesh import panel
-from cartier.worlds.dollhouse.model import Part, Room, Scene
-from cartier.worlds.dollhouse.recording import look, pinhole
-from cartier.worlds.dollhouse.render import Renderer
-from cartier.worlds.dollhouse.scene import load_home
-from cartier.worlds.dollhouse.sensor import Sensor
+from cartier_dollhouse.floors import RUGS, kinds_at, with_options
+from cartier_dollhouse.mesh import panel
+from cartier_dollhouse.model import Part, Room, Scene
+from cartier_dollhouse.recording import look, pinhole
+from cartier_dollhouse.render import Renderer
+from cartier_dollhouse.scene import load_home
+from cartier_dollhouse.sensor import Sensor
 
 SCENES, ROOM_M, HIGH_M = 150, 2.5, 2.6
 HELD_OUT = tuple(str(77101 + k) for k in range(12))

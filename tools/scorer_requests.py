@@ -70,8 +70,8 @@ def read_requests(deck: Deck) -> list[Request]:
 
 def written_needs(deck: Deck) -> list[Request]:
     """The needs among the marked lines of ``understanding/written``, whose answers are objects of a generated home."""
-    from cartier.evaluation.marked_lines import read
-    from cartier.evaluation.true_home import perfect_map
+    from cartier_bench.marked_lines import read
+    from cartier_bench.true_home import perfect_map
 
     found = []
     for file in sorted(WRITTEN.glob("*.txt")):
@@ -111,7 +111,7 @@ class Homes:
     """Lists of 25 to 60 things as homes have them: of the dollhouse, of AI2-THOR's types, and of LVIS's."""
 
     def __init__(self, deck: Deck, reference: Path) -> None:
-        from cartier.worlds.dollhouse import make
+        from cartier_dollhouse import make
 
         self.deck = deck
         world = make()

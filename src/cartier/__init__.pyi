@@ -15,7 +15,6 @@ from .contracts import (
 )  # fmt: skip
 from .conversation import Conversation
 from .errors import BackendError, CartierError, InputError, MissingExtra, ReasonerError
-from .fleet.entity import Fleet, FleetAnswer
 from .home import DetectionLog, Home, PointCloud, ProcessedFrame
 from .live.session import Live
 from .live.state import LiveState
@@ -88,8 +87,6 @@ __all__ = [
     "ExtentConfig",
     "Fact",
     "Fault",
-    "Fleet",
-    "FleetAnswer",
     "Frame",
     "Goal",
     "Home",

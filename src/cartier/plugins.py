@@ -48,8 +48,23 @@ def backends(kind: str) -> list[Backend]:
     """Every built-in and installed backend of a kind, by name."""
     if kind not in KINDS:
         raise BackendError(f"there is no kind {kind!r} of backend; the kinds are {', '.join(KINDS)}")
-    added = [Backend(kind, e.name, f"from {e.value}", None) for e in _entry_points(kind)]
-    return [*_built_in(kind), *sorted(added, key=lambda b: b.name)]
+    return sorted([*_built_in(kind), *_added(kind)], key=lambda backend: backend.name)
+
+
+def neighbours(group: str) -> list[Any]:
+    """All that packages beside this one offer under entry points of the group ``cartier.GROUP``, by name."""
+    return [entry.load() for entry in sorted(_entry_points(group), key=lambda entry: entry.name)]
+
+
+def neighbour(group: str, name: str) -> Any:
+    """What a package beside this one offers under an entry point of the group ``cartier.GROUP``.
+
+    Raises BackendError if no installed package has it.
+    """
+    for entry in _entry_points(group):
+        if entry.name == name:
+            return entry.load()
+    raise BackendError(f"{name} is not installed: no package has the entry point cartier.{group} {name!r}")
 
 
 @overload
@@ -162,13 +177,28 @@ def formats_of(path: Path) -> list[str]:
 
 @cache  # opening a recording asks every format
 def _built_in(kind: str) -> tuple[Backend, ...]:
-    files = [f for f in (PACKAGE / kind).iterdir() if f.suffix == ".py" or (f / "__init__.py").is_file()]
-    return tuple(backend for f in sorted(files) if (backend := _read(kind, f)) is not None)
+    files = [f for f in (PACKAGE / kind).glob("*") if f.suffix == ".py" or (f / "__init__.py").is_file()]
+    return tuple(backend for f in files if (backend := _read(kind, f.stem, f)) is not None)
 
 
-def _read(kind: str, file: Path) -> Backend | None:
+@cache
+def _added(kind: str) -> tuple[Backend, ...]:
+    """The backends of other packages. Their sources are read, as ours are; nothing is imported."""
+    added = []
+    for entry in _entry_points(kind):
+        package, *parts = entry.module.split(".")
+        spec = importlib.util.find_spec(package)
+        place = Path(spec.origin).parent.joinpath(*parts) if spec is not None and spec.origin else Path(package)
+        files = (place.with_suffix(".py"), place) if parts else (place,)
+        read = next((_read(kind, entry.name, f) for f in files if f.exists() and not entry.attr), None)
+        added.append(read or Backend(kind, entry.name, f"from {entry.value}", None))
+    return tuple(added)
+
+
+def _read(kind: str, name: str, file: Path) -> Backend | None:
     """The backend that a source file defines; None for a module without the factory, which is a helper of backends."""
-    tree = ast.parse((file / "__init__.py" if file.is_dir() else file).read_text(encoding="utf-8"))
+    source = file / "__init__.py" if file.is_dir() else file
+    tree = ast.parse(source.read_text(encoding="utf-8") if source.is_file() else "")
     factory = "open" if kind == "recordings" else "make"
     if not any(isinstance(n, ast.FunctionDef) and n.name == factory for n in tree.body):
         return None
@@ -183,7 +213,7 @@ def _read(kind: str, file: Path) -> Backend | None:
         ),
         None,
     )
-    return Backend(kind, file.stem, (ast.get_docstring(tree) or "").split("\n")[0], str(extra) if extra else None)
+    return Backend(kind, name, (ast.get_docstring(tree) or "").split("\n")[0], str(extra) if extra else None)
 
 
 @cache

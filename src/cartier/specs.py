@@ -124,14 +124,12 @@ def camera_at_goals(spec: str, home: Home, model: RobotModel) -> Callable[[Goal]
     name, _, where = spec.partition(":")
     if name != "dollhouse":
         return None
-    from cartier.worlds.dollhouse.drive import frame_at
-
     world: Any = plugins.make("worlds", name)
     driven = where or home.name
     while driven.startswith(f"{name} "):
         driven = driven.removeprefix(f"{name} ")
     scene = world.scene(driven)
-    return lambda goal: frame_at(scene, goal, eye_m=model.camera_height_m)
+    return lambda goal: world.frame_at(scene, goal, eye_m=model.camera_height_m)
 
 
 def _numbers(text: str, spec: str) -> dict[str, Any]:

@@ -22,7 +22,7 @@ from cartier.errors import BackendError, CartierError, InputError
 from cartier.labels import display_name
 from cartier.models.dollhouse_detector import FOLDER, load
 from cartier.types import Camera, Detections, Frame
-from cartier.worlds.dollhouse import shapes
+from cartier_dollhouse import shapes
 from strange_home import strange_walk
 
 FILES = ("detector.onnx", "words.npy", "names.json")

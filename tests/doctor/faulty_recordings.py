@@ -18,11 +18,11 @@ from cartier.doctor.hypotheses import QUARTER
 from cartier.errors import frame_number
 from cartier.mapping.upright import turned_camera, turned_image
 from cartier.types import Camera, Frame, TrueObject
-from cartier.worlds import unity
-from cartier.worlds.dollhouse.explore import explore
-from cartier.worlds.dollhouse.recording import EYE_M, DollhouseRecording, look, pinhole
-from cartier.worlds.dollhouse.scene import load_home
-from cartier.worlds.dollhouse.sensor import Sensor
+from cartier_bench.thor import unity
+from cartier_dollhouse.explore import explore
+from cartier_dollhouse.recording import EYE_M, DollhouseRecording, look, pinhole
+from cartier_dollhouse.scene import load_home
+from cartier_dollhouse.sensor import Sensor
 
 LEVEL_BELOW_M = 0.5  # a camera as low as that looks straight ahead, as a vacuum robot's does
 

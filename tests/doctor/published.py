@@ -17,10 +17,10 @@ from PIL import Image
 from cartier.contracts import Recording
 from cartier.recordings.sevenscenes import REGISTRATION
 from cartier.types import Camera
-from cartier.worlds.dollhouse.place import Plan
-from cartier.worlds.dollhouse.recording import look
-from cartier.worlds.dollhouse.render import Renderer
-from cartier.worlds.dollhouse.scene import load_home
+from cartier_dollhouse.place import Plan
+from cartier_dollhouse.recording import look
+from cartier_dollhouse.render import Renderer
+from cartier_dollhouse.scene import load_home
 
 DATA = Path(__file__).resolve().parents[1] / "data" / "sevenscenes"
 KITCHEN = "kitchen_diner"

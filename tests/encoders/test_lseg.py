@@ -20,9 +20,9 @@ import tiny_clip  # noqa: E402
 
 from cartier import plugins  # noqa: E402
 from cartier.encoders import torch_backend  # noqa: E402
-from cartier.encoders.lseg import build  # noqa: E402
-from cartier.encoders.lseg_network import LSegNetwork, Shape  # noqa: E402
 from cartier.errors import BackendError, InputError  # noqa: E402
+from cartier_bench.baselines.lseg import build  # noqa: E402
+from cartier_bench.baselines.lseg_network import LSegNetwork, Shape  # noqa: E402
 
 TINY = Shape(width=16, heads=2, mlp=24, depth=4, taps=(0, 1, 2, 3), grid=3, maps=(4, 6, 8, 10), fused=8, out=12)
 TOLERANCE = {"rtol": 1e-3, "atol": 1e-5}

@@ -7,10 +7,10 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from cartier.blob_stores import BlobStore
-from cartier.fleet.catalog_rows import chunk_of
-from cartier.fleet.publishing import NEW
 from cartier.home import Home
 from cartier.types import FREE, OCCUPIED, UNKNOWN, Camera, MapObject, OccupancyGrid, Room
+from cartier_fleet.catalog_rows import chunk_of
+from cartier_fleet.publishing import NEW
 from flat import FLAT
 
 KNOWS = ("cup", "table", "sink", "bed", "vase", "fire extinguisher", "sofa")

@@ -15,12 +15,12 @@ pytest.importorskip("pyarrow", reason="needs pip install '.[fleet]'")
 
 from cartier.blob_stores import Blob, BlobStore, open_store
 from cartier.errors import InputError
-from cartier.fleet import status
-from cartier.fleet.catalog import Tables, compact, read_catalog
-from cartier.fleet.catalog_rows import TABLES, schemas
-from cartier.fleet.publishing import NEW
-from cartier.fleet.status import speed
 from cartier.spatial.floor_seen import floor_seen
+from cartier_fleet import status
+from cartier_fleet.catalog import Tables, compact, read_catalog
+from cartier_fleet.catalog_rows import TABLES, schemas
+from cartier_fleet.publishing import NEW
+from cartier_fleet.status import speed
 from flat import FLAT
 from fleet.catalogued import enter, grid, home
 from fleet.test_jobs import Crash, CrashingStore

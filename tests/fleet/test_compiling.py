@@ -15,15 +15,15 @@ pytest.importorskip("pyarrow", reason="needs pip install '.[fleet]'")
 pytest.importorskip("duckdb", reason="needs pip install '.[fleet]'")
 
 from cartier.blob_stores import open_store
-from cartier.fleet.catalog import read_catalog
-from cartier.fleet.compiling import Compiler
-from cartier.fleet.database import Database
-from cartier.fleet.matching import find
-from cartier.fleet.reading import with_rooms
 from cartier.home import Home
 from cartier.spatial.expressions import ReferringExpression, SpatialRelation
 from cartier.spatial.query import Scene
 from cartier.types import MapObject
+from cartier_fleet.catalog import read_catalog
+from cartier_fleet.compiling import Compiler
+from cartier_fleet.database import Database
+from cartier_fleet.matching import find
+from cartier_fleet.reading import with_rooms
 from flat import FLAT, obj
 from fleet.catalogued import enter, home
 

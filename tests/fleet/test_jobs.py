@@ -9,15 +9,15 @@ import pytest
 
 from cartier.blob_stores import BlobStore, StoreError, open_store
 from cartier.errors import InputError
-from cartier.fleet import jobs, publishing
-from cartier.fleet.jobs import Job, MapSettings, Task, find_tasks, job_key, signature
-from cartier.fleet.publishing import key_of, pull
-from cartier.fleet.scheduler import Scheduler
-from cartier.fleet.status import status
-from cartier.fleet.worker import Outcome, Worker
 from cartier.home import Home
 from cartier.home.store import PublishedStore
 from cartier.plugins import make, open_recording
+from cartier_fleet import jobs, publishing
+from cartier_fleet.jobs import Job, MapSettings, Task, find_tasks, job_key, signature
+from cartier_fleet.publishing import key_of, pull
+from cartier_fleet.scheduler import Scheduler
+from cartier_fleet.status import status
+from cartier_fleet.worker import Outcome, Worker
 from fleet.tiny import SETTINGS, broken, content_of, make_recordings, work, worker
 
 pytest.importorskip("pyarrow", reason="needs pip install '.[fleet]'")
@@ -243,7 +243,7 @@ def test_a_home_that_is_committed_is_not_mapped_again(
 
     with pytest.raises(Crash):
         worker(Dying(store, 0)).map(recorded[0])  # type: ignore[arg-type]
-    monkeypatch.setattr("cartier.fleet.worker.map_home", None)
+    monkeypatch.setattr("cartier_fleet.worker.map_home", None)
     assert work(store, recorded[:1]) == ["mapped"]
     assert key_of(store, "flat-1") and len(store.list("catalog/new/")) == 1
 

@@ -13,18 +13,18 @@ import pytest
 pytest.importorskip("pyarrow", reason="needs pip install '.[fleet]'")
 pytest.importorskip("duckdb", reason="needs pip install '.[fleet]'")
 
-import cartier
+import cartier_fleet
 from cartier.blob_stores import open_store
 from cartier.errors import InputError
-from cartier.fleet import entity
-from cartier.fleet.answering import Loaded
-from cartier.fleet.catalog import read_catalog
-from cartier.fleet.compiling import Compiler, NoSql
-from cartier.fleet.database import OPTIONS, Database
-from cartier.fleet.matching import find
-from cartier.fleet.questions import FleetQuestion, read_question
-from cartier.fleet.reading import Vocabulary, read_phrase, with_rooms
 from cartier.spatial.query import Scene
+from cartier_fleet import entity
+from cartier_fleet.answering import Loaded
+from cartier_fleet.catalog import read_catalog
+from cartier_fleet.compiling import Compiler, NoSql
+from cartier_fleet.database import OPTIONS, Database
+from cartier_fleet.matching import find
+from cartier_fleet.questions import FleetQuestion, read_question
+from cartier_fleet.reading import Vocabulary, read_phrase, with_rooms
 from flat import FLAT, obj
 from fleet.catalogued import KNOWS, enter, home
 
@@ -56,11 +56,11 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 
 @pytest.fixture(scope="module")
-def fleet(place: str) -> cartier.Fleet:
-    return cartier.Fleet(place)
+def fleet(place: str) -> cartier_fleet.Fleet:
+    return cartier_fleet.Fleet(place)
 
 
-def test_three_values(fleet: cartier.Fleet) -> None:
+def test_three_values(fleet: cartier_fleet.Fleet) -> None:
     answer = fleet.ask("Which flats have no fire extinguisher?")
     assert answer.has == ("has",) and set(answer.has_none) == {"none", "empty"} == set(answer.value)
     assert answer.cannot_tell == {
@@ -76,22 +76,22 @@ def test_ground_truth_can_name_anything(tmp_path: Path) -> None:
     store = str(tmp_path / "store")
     enter(open_store(store), "true", replace(home(knows=()), detector="ground truth (flat)"))
     for words in ("which homes have a fire extinguisher?", "which homes have a helicopter?"):
-        assert cartier.Fleet(store).ask(words).has_none == ("true",)
+        assert cartier_fleet.Fleet(store).ask(words).has_none == ("true",)
 
 
-def test_a_room_that_is_not_known_is_a_doubt(fleet: cartier.Fleet) -> None:
+def test_a_room_that_is_not_known_is_a_doubt(fleet: cartier_fleet.Fleet) -> None:
     answer = fleet.ask("which homes have a cup in the kitchen?")
     assert answer.cannot_tell == {"empty": entity.NO_ROOM}
     assert set(answer.has) == HOMES.keys() - {"empty"}
 
 
-def test_more_than_the_most_is_certain_whatever_was_not_seen(fleet: cartier.Fleet) -> None:
+def test_more_than_the_most_is_certain_whatever_was_not_seen(fleet: cartier_fleet.Fleet) -> None:
     answer = fleet.ask("how many homes have at most two cups?")
     assert answer.has == ("empty",) and answer.cannot_tell == {}
     assert set(answer.has_none) == HOMES.keys() - {"empty"}
 
 
-def test_what_no_detector_can_name_nobody_can_tell(fleet: cartier.Fleet) -> None:
+def test_what_no_detector_can_name_nobody_can_tell(fleet: cartier_fleet.Fleet) -> None:
     answer = fleet.ask("how many homes have a helicopter?")
     assert answer.value == 0 and answer.has_none == ()
     assert answer.cannot_tell["has"] == entity.UNNAMED
@@ -119,7 +119,7 @@ def test_what_no_detector_can_name_nobody_can_tell(fleet: cartier.Fleet) -> None
         ("how many cups not in the kitchen are there?", 7),
     ],
 )
-def test_answers(fleet: cartier.Fleet, words: str, value: object) -> None:
+def test_answers(fleet: cartier_fleet.Fleet, words: str, value: object) -> None:
     assert fleet.ask(words).value == value
 
 
@@ -130,7 +130,7 @@ def test_answers(fleet: cartier.Fleet, words: str, value: object) -> None:
         "cups in the bedroom", "sofas next to the bed", "beds", "cups under the table",
     ],
 )  # fmt: skip
-def test_objects_are_those_that_one_home_means(fleet: cartier.Fleet, about: str) -> None:
+def test_objects_are_those_that_one_home_means(fleet: cartier_fleet.Fleet, about: str) -> None:
     """What SQL and the catalog's rows give is what the scene of each home itself gives."""
     kinds = ("bedroom", "kitchen")
     vocabulary = Vocabulary(KNOWS, frozenset(), kinds)
@@ -179,14 +179,14 @@ def test_frames(words: str, question: FleetQuestion) -> None:
 
 
 @table("words", ["what is love", "", "which homes", "bring me a cup", "which homes have a bed, then bring me a cup?"])
-def test_other_words_are_refused(fleet: cartier.Fleet, words: str) -> None:
+def test_other_words_are_refused(fleet: cartier_fleet.Fleet, words: str) -> None:
     with pytest.raises(InputError):
         fleet.ask(words)
 
 
 def test_a_new_home_is_seen_at_once(tmp_path: Path) -> None:
     store = str(tmp_path / "store")
-    fleet = cartier.Fleet(store)
+    fleet = cartier_fleet.Fleet(store)
     with pytest.raises(InputError, match="holds no homes"):
         fleet.ask("how many cups are there?")
     enter(open_store(store), "a", home())
@@ -205,7 +205,7 @@ def test_a_new_home_is_seen_at_once(tmp_path: Path) -> None:
         "pragma database_list", "select nothing from objects", "insert into rooms from rooms", "x" * 30_000,
     ],
 )  # fmt: skip
-def test_sql_reads_the_catalog_alone(fleet: cartier.Fleet, sql: str) -> None:
+def test_sql_reads_the_catalog_alone(fleet: cartier_fleet.Fleet, sql: str) -> None:
     before = fleet.query("select count(*) from objects")
     with pytest.raises(InputError) as told:
         fleet.query(sql)
@@ -214,7 +214,7 @@ def test_sql_reads_the_catalog_alone(fleet: cartier.Fleet, sql: str) -> None:
     assert not Path("/tmp/x.csv").exists()
 
 
-def test_variables_of_python_are_no_tables(fleet: cartier.Fleet) -> None:
+def test_variables_of_python_are_no_tables(fleet: cartier_fleet.Fleet) -> None:
     import pyarrow
 
     secret = pyarrow.table({"a": [1]})
@@ -223,7 +223,7 @@ def test_variables_of_python_are_no_tables(fleet: cartier.Fleet) -> None:
         fleet.query("select * from secret")
 
 
-def test_sql_is_bounded(fleet: cartier.Fleet, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_sql_is_bounded(fleet: cartier_fleet.Fleet, monkeypatch: pytest.MonkeyPatch) -> None:
     columns, rows = fleet.query("select label, count(*) n from objects group by label order by n desc", limit=2)
     assert columns == ("label", "n") and len(rows) == 2 and rows[0][0] == "cup"
     database: Database = fleet._catalog().database
@@ -237,7 +237,7 @@ def test_sql_is_bounded(fleet: cartier.Fleet, monkeypatch: pytest.MonkeyPatch) -
     assert small.query("select 1").rows == ((1,),), "it goes on"
 
 
-def test_a_catalog_that_does_not_fit_is_one_line(fleet: cartier.Fleet, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_catalog_that_does_not_fit_is_one_line(fleet: cartier_fleet.Fleet, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(OPTIONS, "memory_limit", "100KB")
     with pytest.raises(InputError, match="the catalog cannot be asked"):
         Database(read_catalog(fleet.store))
@@ -268,7 +268,7 @@ def test_who_sees_one_home_learns_no_word_of_another(tmp_path: Path) -> None:
     named = [replace(obj, names=("aunt mathilda insulin",)) if obj.id == 3 else obj for obj in FLAT.objects]
     panic = [replace(room, kind="panic room") if room.id == 0 else room for room in FLAT.rooms]
     enter(store, "theirs", home(named, panic))
-    fleet = cartier.Fleet(str(tmp_path / "store"))
+    fleet = cartier_fleet.Fleet(str(tmp_path / "store"))
 
     def told(words: str) -> str:
         try:

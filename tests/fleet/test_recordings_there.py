@@ -11,7 +11,7 @@ import pytest
 import cartier
 from cartier.blob_stores import open_store
 from cartier.errors import InputError
-from cartier.fleet.jobs import find_tasks
+from cartier_fleet.jobs import find_tasks
 from fleet.tiny import content_of, make_recordings, work
 
 pytest.importorskip("pyarrow", reason="needs pip install '.[fleet]'")

@@ -16,12 +16,12 @@ import pytest
 
 from cartier.blob_stores import StoreError, open_store
 from cartier.errors import InputError, MissingExtra
-from cartier.fleet import runners, worker
-from cartier.fleet.jobs import MapSettings, Task
-from cartier.fleet.publishing import key_of
-from cartier.fleet.status import status
-from cartier.fleet.worker import Outcome, Worker
 from cartier.home import Home
+from cartier_fleet import runners, worker
+from cartier_fleet.jobs import MapSettings, Task
+from cartier_fleet.publishing import key_of
+from cartier_fleet.status import status
+from cartier_fleet.worker import Outcome, Worker
 from fleet.tiny import SETTINGS, broken, make_recordings, wait_for
 
 pytest.importorskip("pyarrow", reason="needs pip install '.[fleet]'")

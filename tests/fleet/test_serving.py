@@ -21,19 +21,20 @@ import httpx
 from mcp import Client
 
 import cartier
+import cartier_fleet
 from cartier import plugins
 from cartier.blob_stores import open_store
 from cartier.cli.places import home_at
 from cartier.errors import InputError
-from cartier.fleet.jobs import MapSettings, find_tasks
-from cartier.fleet.publishing import key_of
-from cartier.fleet.worker import Worker
 from cartier.home import Home
 from cartier.serving import fleet_homes, http, mcp_server
 from cartier.serving.access import ACCESS, Access
-from cartier.serving.fleet_homes import FleetHomes
 from cartier.serving.operations import Operations
 from cartier.serving.over_homes import ask_fleet, overview
+from cartier_fleet.jobs import MapSettings, find_tasks
+from cartier_fleet.publishing import key_of
+from cartier_fleet.served import FleetHomes
+from cartier_fleet.worker import Worker
 from fleet.tiny import make_recordings, work
 from serving.conftest import starting
 
@@ -54,7 +55,7 @@ def filled(recorded: Path, place: str) -> str:
 
 
 def operations(place: str, max_bytes: int = 2**30) -> Operations:
-    return Operations(FleetHomes(cartier.Fleet(place), max_bytes), plugins.make("reasoners", "embedded"))
+    return Operations(FleetHomes(cartier_fleet.Fleet(place), max_bytes), plugins.make("reasoners", "embedded"))
 
 
 def asked(ops: Operations, work: Callable[[httpx.AsyncClient], Awaitable[Any]]) -> Any:
@@ -72,7 +73,7 @@ def test_each_home_answers_as_it_does_alone(filled: str) -> None:
     async def check(web: httpx.AsyncClient) -> None:
         assert (await web.get("/api/homes")).json() == {"homes": NAMES}
         for name in NAMES:
-            home = cartier.Fleet(filled).home(name)
+            home = cartier_fleet.Fleet(filled).home(name)
             got = (await web.get(f"/api/homes/{name.replace('/', '%2F')}/objects", params={"tentative": True})).json()
             assert (got["home"], got["home_id"]) == (name, home.id) and got["total"] == len(home.objects)
             said = (await web.post(f"/api/homes/{name}/ask", json={"words": "where is the table?"})).json()
@@ -90,7 +91,7 @@ def test_questions_over_all_homes_are_those_of_the_fleet(filled: str) -> None:
     async def check(web: httpx.AsyncClient) -> None:
         for words in ("which homes have a table?", "how many tables per home?", "where is the biggest table?"):
             got = (await web.post("/api/fleet/ask", json={"words": words})).json()
-            found = cartier.Fleet(filled).ask(words)
+            found = cartier_fleet.Fleet(filled).ask(words)
             assert got["text"] == found.text and got["has"] == list(found.has)
             assert got["cannot_tell"] == found.cannot_tell and got["has_none"] == list(found.has_none)
         for bad, status in (({"words": "what is love"}, 400), ({"words": ""}, 400), ({"query": "x"}, 422)):
@@ -103,7 +104,7 @@ def test_questions_over_all_homes_are_those_of_the_fleet(filled: str) -> None:
 def test_no_answer_speaks_of_homes_that_a_token_may_not_see(filled: str) -> None:
     ops = operations(filled)
     ops.homes.guarded = True
-    whole = cartier.Fleet(filled).ask("how many tables per home?")
+    whole = cartier_fleet.Fleet(filled).ask("how many tables per home?")
     for pattern, seen in (("flat-*", NAMES[:2]), ("nested/*", NAMES[2:]), ("attic", []), ("*", NAMES)):
         held = ACCESS.set(Access("me", (pattern,)))
         try:
@@ -129,7 +130,7 @@ def test_homes_are_loaded_on_demand_and_put_away(filled: str, monkeypatch: pytes
     loaded = list[str]()
     real = fleet_homes.read
     monkeypatch.setattr(fleet_homes, "read", lambda store, kind: (loaded.append(store.place), real(store, kind))[1])
-    homes = FleetHomes(cartier.Fleet(filled), max_bytes=1)
+    homes = FleetHomes(cartier_fleet.Fleet(filled), max_bytes=1)
     assert homes.names == NAMES and loaded == [], "a list of names reads no home"
     for name in NAMES * 2:
         homes.get(name)
@@ -145,7 +146,7 @@ def test_a_home_that_is_mapped_again_is_read_again(
     store = open_store(str(tmp_path / "store"))
     task = find_tasks(recorded)[0]
     work(store, [task])
-    homes = FleetHomes(cartier.Fleet(str(tmp_path / "store")))
+    homes = FleetHomes(cartier_fleet.Fleet(str(tmp_path / "store")))
     assert list(homes.get(task.name).indexes) == ["object_depth", "object_viewpoint"]
     again = MapSettings("ground_truth", every=1, indexes=("object_depth",))
     assert Worker(store, again, "two", 60.0).map(task).state == "mapped"
@@ -161,13 +162,13 @@ def test_agents_read_homes_as_resources(filled: str) -> None:
             rows = {row.name: str(row.uri) for row in (await client.list_resources()).resources}
             assert [name for name in rows if name in NAMES] == NAMES
             about = json.loads((await client.read_resource(rows["nested/flat-0"])).contents[0].text)
-            home = cartier.Fleet(filled).home("nested/flat-0")
+            home = cartier_fleet.Fleet(filled).home("nested/flat-0")
             sure = [obj.label for obj in home.objects if obj.confirmed]
             assert about["home_id"] == home.id and about["objects"] == {n: sure.count(n) for n in sorted(set(sure))}
             with pytest.raises(Exception, match="there is no home 'attic'"):
                 await client.read_resource("home://attic")
             got = (await client.call_tool("ask_homes", {"words": "which homes have a table?"})).structured_content
-            found = cartier.Fleet(filled).ask("which homes have a table?")
+            found = cartier_fleet.Fleet(filled).ask("which homes have a table?")
             assert got == {
                 "text": found.text, "has": len(found.has), "has_none": len(found.has_none),
                 "cannot_tell": len(found.cannot_tell),
@@ -216,7 +217,7 @@ def cli(*words: object) -> subprocess.CompletedProcess[str]:
 
 
 def test_commands_take_a_home_of_a_store(filled: str, tmp_path: Path) -> None:
-    home = cartier.Fleet(filled).home("nested/flat-0")
+    home = cartier_fleet.Fleet(filled).home("nested/flat-0")
     shown = cli("show", f"{filled}#nested/flat-0", "--json")
     assert json.loads(shown.stdout) == json.loads(json.dumps(home.to_dict()))
     version = f"{filled}/homes/{key_of(open_store(filled), 'nested/flat-0')}"
@@ -242,5 +243,5 @@ def test_commands_take_a_home_of_a_store(filled: str, tmp_path: Path) -> None:
 def test_a_folder_with_a_hash_in_its_name_is_a_folder(recorded: Path, tmp_path: Path) -> None:
     store = open_store(str(tmp_path / "store"))
     work(store, find_tasks(recorded)[:1])
-    cartier.Fleet(str(tmp_path / "store")).pull("flat-1", tmp_path / "flat#1")
+    cartier_fleet.Fleet(str(tmp_path / "store")).pull("flat-1", tmp_path / "flat#1")
     assert isinstance(home_at(str(tmp_path / "flat#1")), Home)

@@ -7,9 +7,9 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from cartier.blob_stores import BlobStore
-from cartier.fleet.jobs import MapSettings, Task, find_tasks
-from cartier.fleet.worker import Outcome, Worker
 from cartier.recordings import folder as own_format
+from cartier_fleet.jobs import MapSettings, Task, find_tasks
+from cartier_fleet.worker import Outcome, Worker
 from synthetic import THINGS, RoomRecording, walk
 
 SETTINGS = MapSettings("ground_truth", every=1)

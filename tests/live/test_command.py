@@ -162,7 +162,7 @@ def reachable(url: str) -> bool:
     ("args", "fault"),
     [
         (["--from", "bag:{tmp}/none"], "none"),
-        (["--from", "rtsp://camera"], "depth"),
+        (["--from", "rtsp://camera"], "rtsp"),
         (["--from", "teleport:x"], "teleport"),
         (["--from", DOLLHOUSE, "--append"], "home"),
         (["--from", f"exec:{shlex.quote(sys.executable)} -c 1", "--detector", "ground_truth"], "simulator"),

@@ -12,9 +12,9 @@ import pytest
 from cartier.mapping.colours import named_shares
 from cartier.mapping.observation import colour_shares, white_balance
 from cartier.types import Array
-from cartier.worlds.dollhouse.recording import look, pinhole
-from cartier.worlds.dollhouse.render import Renderer, View
-from cartier.worlds.dollhouse.scene import load_scene
+from cartier_dollhouse.recording import look, pinhole
+from cartier_dollhouse.render import Renderer, View
+from cartier_dollhouse.scene import load_scene
 
 HOME = """\
 name: lit

@@ -17,8 +17,8 @@ from cartier.mapping import floor_kinds
 from cartier.mapping.floor_kinds import FloorKindMapper, laid_out
 from cartier.route_rules import FLOOR_KINDS
 from cartier.types import FREE, Frame, OccupancyGrid
-from cartier.worlds.dollhouse.floors import kinds_at
-from cartier.worlds.dollhouse.model import Scene
+from cartier_dollhouse.floors import kinds_at
+from cartier_dollhouse.model import Scene
 
 sys.path.append(str(Path(__file__).parents[2] / "tools"))
 from fit_floor_kinds import random_frame, random_scene, true_classifier

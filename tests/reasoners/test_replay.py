@@ -10,9 +10,9 @@ import pytest
 
 from cartier import plugins
 from cartier.errors import InputError, ReasonerError
-from cartier.evaluation.batch import PromptWriter
 from cartier.llm.prompts import PROMPTS, propose_request
 from cartier.types import Inventory
+from cartier_bench.batch import PromptWriter
 from flat import FLAT
 
 OBJECTS = ["bed", "coffee machine"]

@@ -192,5 +192,5 @@ def test_a_bag_in_parts_is_one(tmp_path: Path) -> None:
 
 
 def test_opening_imports_nothing_heavy() -> None:
-    code = "import sys, cartier.recordings.rosbag; sys.exit('rosbags' in sys.modules)"
+    code = "import sys, cartier_ros.rosbag; sys.exit('rosbags' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code]).returncode == 0

@@ -27,8 +27,8 @@ from PIL import Image
 
 from cartier.errors import InputError
 from cartier.recordings.common.lens import Lens
-from cartier.recordings.ros.images import lens_of
 from cartier.types import Camera
+from cartier_ros.bags.images import lens_of
 from synthetic import look
 
 pytest.importorskip("rosbags", reason="the bag reader needs cartier[ros]")

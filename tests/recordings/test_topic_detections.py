@@ -24,10 +24,10 @@ from cartier.home import Home
 from cartier.live.session import Live
 from cartier.pipeline import map_home
 from cartier.recordings.common.lens import Lens, resampled, straightened
-from cartier.recordings.ros.detections import BOXES_2D, read_detections
-from cartier.recordings.ros.topics import Choice, Stream
 from cartier.sources import open_source
 from cartier.streams import Fault
+from cartier_ros.bags.detections import BOXES_2D, read_detections
+from cartier_ros.bags.topics import Choice, Stream
 from synthetic import CAMERA, THINGS, TrueBoxes, walk
 
 WALK = replace(walk(), poses=walk().poses[::2])

@@ -14,9 +14,9 @@ from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 from cyclonedds.util import duration
 
-from cartier.dds.reliable import Identity, Sample
-from cartier.dds.rtps import Participant
-from cartier.dds.types import decode, message
+from cartier_ros.dds.reliable import Identity, Sample
+from cartier_ros.dds.rtps import Participant
+from cartier_ros.dds.types import decode, message
 
 KIND = "lifecycle_msgs/srv/GetState"
 ASKED = b"\0\1\0\0\0\0\0\0"

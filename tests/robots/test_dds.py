@@ -14,8 +14,8 @@ import pytest
 from bags import Messages
 from peers import LOOPBACK, any_domain, goal_at
 
-from cartier.robots.common.transforms import Latest
 from cartier.types import DriveProgress
+from cartier_ros.robots.transforms import Latest
 from synthetic import CAMERA
 
 for needed in ("cyclonedds", "rosbags"):
@@ -39,7 +39,7 @@ def heard(reader: Any, count: int) -> list[bytes]:
 
 
 def test_who_comes_later_gets_every_latched_message() -> None:
-    from cartier.dds.topics import Offer, Publishers, Reader, Writer, participant
+    from cartier_ros.dds.topics import Offer, Publishers, Reader, Writer, participant
 
     domain, m = any_domain(), Messages()
     ours, theirs = participant(domain), participant(domain)
@@ -60,7 +60,7 @@ def test_who_comes_later_gets_every_latched_message() -> None:
 
 
 def test_large_buffers_are_asked_for_and_the_environment_stays(monkeypatch: pytest.MonkeyPatch) -> None:
-    from cartier.dds import topics
+    from cartier_ros.dds import topics
 
     seen = list[str]()
     monkeypatch.setattr(topics, "DomainParticipant", lambda domain: seen.append(os.environ["CYCLONEDDS_URI"]))
@@ -74,7 +74,7 @@ def test_large_buffers_are_asked_for_and_the_environment_stays(monkeypatch: pyte
 
 
 def test_what_linux_lets_a_socket_hold_is_known(monkeypatch: pytest.MonkeyPatch, tmp_path: Any) -> None:
-    from cartier.dds import topics
+    from cartier_ros.dds import topics
 
     for text, limit in (("212992\n", 212992), ("20000000\n", None), ("much", None)):
         (tmp_path / "rmem_max").write_text(text)
@@ -83,9 +83,9 @@ def test_what_linux_lets_a_socket_hold_is_known(monkeypatch: pytest.MonkeyPatch,
 
 
 def test_other_images_are_no_longer_heard_once_the_topics_are_chosen() -> None:
-    from cartier.dds.topics import Writer, participant
     from cartier.sources import open_source
     from cartier.streams import Stamped
+    from cartier_ros.dds.topics import Writer, participant
 
     domain, m = any_domain(), Messages()
     ours = participant(domain)
@@ -157,7 +157,7 @@ def driven(
     monkeypatch: pytest.MonkeyPatch, poses: Sequence[tuple[float, float, float] | None], silent: float = 0.0
 ) -> DriveProgress:
     """How a drive ends, where what takes seconds takes tenths."""
-    from cartier.robots import dds
+    from cartier_ros.robots import dds
 
     for name, value in {"STILL_S": 0.2, "STUCK_S": 0.6, "SILENT_S": 1.0, "POLL_S": 0.01, "TELL_S": 0.1}.items():
         monkeypatch.setattr(dds, name, value)
@@ -198,9 +198,9 @@ def test_silence_and_the_unknown_are_told_apart(monkeypatch: pytest.MonkeyPatch)
 
 
 def test_a_goal_is_over_once_it_was_seen(monkeypatch: pytest.MonkeyPatch) -> None:
-    from cartier.dds.topics import Writer, participant
-    from cartier.dds.types import encoded, message
-    from cartier.robots.dds import STATUS_ARRAY, GoalStatus
+    from cartier_ros.dds.topics import Writer, participant
+    from cartier_ros.dds.types import encoded, message
+    from cartier_ros.robots.dds import STATUS_ARRAY, GoalStatus
 
     monkeypatch.setenv("CYCLONEDDS_URI", LOOPBACK)
     domain, name = any_domain(), "/navigate_to_pose/_action/status"

@@ -100,8 +100,8 @@ def test_a_stop_over_dds_sends_the_robot_where_it_is() -> None:
 def test_a_drive_that_does_not_arrive_says_why(
     form: str, status: str, says: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("cartier.robots.dds.STUCK_S", 1.0)
-    monkeypatch.setattr("cartier.robots.dds.SILENT_S", 1.0)
+    monkeypatch.setattr("cartier_ros.robots.dds.STUCK_S", 1.0)
+    monkeypatch.setattr("cartier_ros.robots.dds.SILENT_S", 1.0)
     domain = any_domain()
     with peer(sys.executable, DRIVER, domain, form, 60):
         robot = plugins.make("robots", "ros2", domain=domain, timeout_s=1.0)

@@ -21,7 +21,7 @@ def program(pytestconfig: pytest.Config) -> Path:
 def test_fast_dds_receives_the_goal(program: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("cyclonedds", reason="needs cyclonedds: pip install 'cartier[ros]'")
     monkeypatch.setenv("CYCLONEDDS_URI", LOOPBACK)
-    monkeypatch.setattr("cartier.robots.ros2._rclpy_is_here", lambda: False)
+    monkeypatch.setattr("cartier_ros.robots.ros2._rclpy_is_here", lambda: False)
     goal, domain = goal_at(1 / 3, -12.345678901234567, -2.5), any_domain()
     with peer(program, domain, 20) as robot:
         said = plugins.make("robots", "ros2", domain=domain, timeout_s=10.0).go_to(goal)

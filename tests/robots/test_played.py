@@ -17,14 +17,14 @@ from cartier.errors import CartierError
 from cartier.sources import open_source
 from cartier.streams import Stamped
 from cartier.testing import check_robot
-from cartier.worlds.dollhouse.recording import lit_renderer, pinhole
-from cartier.worlds.dollhouse.scene import load_home
+from cartier_dollhouse.recording import lit_renderer, pinhole
+from cartier_dollhouse.scene import load_home
 
 for needed in ("cyclonedds", "rosbags"):
     pytest.importorskip(needed, reason="needs cartier[ros]")
 
 if TYPE_CHECKING:
-    from cartier.robots.common.played import PlayedRobot
+    from cartier_ros.robots.played import PlayedRobot
 
 SMALL = pinhole(160, 120)
 
@@ -38,7 +38,7 @@ def domain(monkeypatch: pytest.MonkeyPatch) -> int:
 
 @pytest.fixture
 def robot(domain: int, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[PlayedRobot]:
-    from cartier.robots.common import played
+    from cartier_ros.robots import played
 
     monkeypatch.setattr(played, "pinhole", lambda: SMALL)
     (tmp_path / "tiny.yaml").write_text(HOME)

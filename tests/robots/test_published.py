@@ -41,8 +41,8 @@ OBJECTS = (
 
 
 def test_objects_are_detections_on_the_wire() -> None:
-    from cartier.dds.objects import detections
-    from cartier.dds.types import encoded
+    from cartier_ros.dds.objects import detections
+    from cartier_ros.dds.types import encoded
 
     told = ros.Detections.deserialize(encoded(detections(OBJECTS, "odom")))
     assert [one.id for one in told.detections] == ["3", "9"]
@@ -60,8 +60,8 @@ def test_objects_are_detections_on_the_wire() -> None:
 
 
 def test_markers_take_the_old_ones_away_and_show_box_and_label() -> None:
-    from cartier.dds.objects import markers
-    from cartier.dds.types import encoded
+    from cartier_ros.dds.objects import markers
+    from cartier_ros.dds.types import encoded
 
     told = ros.Markers.deserialize(encoded(markers(OBJECTS, "map"))).markers
     assert [(m.id, m.type, m.action, m.text) for m in told] == [
@@ -80,7 +80,7 @@ def test_markers_take_the_old_ones_away_and_show_box_and_label() -> None:
 
 
 def test_types_are_those_of_ros() -> None:
-    from cartier.dds.types import store
+    from cartier_ros.dds.types import store
 
     # the hash that other implementations of ROS 2 tell of vision_msgs 4
     told = "RIHS01_793f5eab9595ac1c0da07873cc859db42eae51f0ee76056db8562515d830e018"
@@ -156,7 +156,7 @@ def test_a_live_home_is_published_and_answers(monkeypatch: pytest.MonkeyPatch, t
 
 def test_questions_are_answered_one_after_the_other(monkeypatch: pytest.MonkeyPatch) -> None:
     from cartier.serving.operations import Operations
-    from cartier.serving.topics import HomeTopics
+    from cartier_ros.served_topics import HomeTopics
 
     class One:
         names, asker = ("room",), ""

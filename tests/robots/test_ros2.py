@@ -70,7 +70,7 @@ def test_a_namespace_and_the_domain_of_the_shell_are_followed(monkeypatch: pytes
 
 @pytest.mark.usefixtures("loopback")
 def test_a_listener_that_is_found_a_moment_after_the_first_is_waited_for() -> None:
-    from cartier.robots.dds import matched_listeners
+    from cartier_ros.robots.dds import matched_listeners
 
     begin = time.monotonic()
 

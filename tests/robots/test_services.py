@@ -18,7 +18,7 @@ ros_services = pytest.importorskip("ros_services")
 ASKED, KIND, Asker, until = ros_services.ASKED, ros_services.KIND, ros_services.Asker, ros_services.until
 
 if TYPE_CHECKING:
-    from cartier.dds.services import Request, Services
+    from cartier_ros.dds.services import Request, Services
 
 
 @pytest.fixture(autouse=True)
@@ -28,14 +28,14 @@ def here(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def state(number: int) -> Any:
-    from cartier.dds.types import message
+    from cartier_ros.dds.types import message
 
     return message(f"{KIND}_Response", current_state=message("lifecycle_msgs/msg/State", id=number, label="active"))
 
 
 @contextmanager
 def served(domain: int, answered: Callable[[Request], object]) -> Iterator[Services]:
-    from cartier.dds.services import Services
+    from cartier_ros.dds.services import Services
 
     services = Services(domain)
     try:
@@ -85,7 +85,7 @@ class Lossy(socket.socket):
 
 
 def test_lost_datagrams_are_sent_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cartier.dds.ports.socket.socket", Lossy)
+    monkeypatch.setattr("cartier_ros.dds.ports.socket.socket", Lossy)
     domain = any_domain()
     with served(domain, lambda request: request.reply(state(3))):
         asker = Asker(domain)

@@ -38,7 +38,7 @@ def main(*words: str) -> int:
         say("exit the laws hold")
         return 0
     if words:
-        from cartier.robots import rclpy_action
+        from cartier_ros.robots import rclpy_action
 
         rclpy_action.SILENT_S = float(words[0])
     try:

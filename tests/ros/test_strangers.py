@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from cartier.dds.domain import LAST_DOMAIN
+from cartier_ros.dds.domain import LAST_DOMAIN
 
 pytest.importorskip("cyclonedds", reason="needs cartier[ros]")
 HERE = Path(__file__).parent

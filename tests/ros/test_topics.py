@@ -73,7 +73,7 @@ def test_a_camera_is_heard(ros: Ros, cells: list[str], pictures: Path, monkeypat
 def test_a_home_is_heard_and_asked(ros: Ros, cells: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from cartier.serving.homes import Homes
     from cartier.serving.operations import Operations
-    from cartier.serving.topics import HomeTopics
+    from cartier_ros.served_topics import HomeTopics
 
     monkeypatch.setenv("CYCLONEDDS_URI", LOOPBACK)
     home = map_home(walk(), TrueBoxes(THINGS))

@@ -10,9 +10,9 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from cartier.sources.common.pairing import QUARANTINE_S, WAIT_S, Paired, Pairer
-from cartier.sources.common.transforms import TransformBuffer
 from cartier.streams import Fault
+from cartier_ros.streams.pairing import QUARANTINE_S, WAIT_S, Paired, Pairer
+from cartier_ros.streams.transforms import TransformBuffer
 
 SPEED_M_S, TURN_RAD_S = 0.5, 0.6
 IMAGE_S, TF_S, SLOW_TF_S, LENGTH_S = 0.066, 0.03, 0.25, 4.0

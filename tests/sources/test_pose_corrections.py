@@ -13,9 +13,9 @@ from bags import FRAME, OPTICAL, START_NS, BagFile, write_images
 from cartier.errors import InputError
 from cartier.geometry import invert
 from cartier.live.sent_poses import SentPoses
-from cartier.recordings.ros.graphs import GRAPH, LINK, MAP_DATA, MAP_GRAPH, PATH, read_graph
 from cartier.sources import open_source
 from cartier.streams import PoseUpdate, Stamped
+from cartier_ros.bags.graphs import GRAPH, LINK, MAP_DATA, MAP_GRAPH, PATH, read_graph
 from synthetic import walk
 
 pytest.importorskip("rosbags", reason="needs cartier[ros]")

@@ -24,9 +24,9 @@ from cartier.cli import app
 from cartier.contracts import Source
 from cartier.errors import BackendError, InputError, MissingExtra
 from cartier.sources import open_source
-from cartier.sources.common.gaps import Gaps
 from cartier.streams import Fault, Stamped
 from cartier.testing import check_source
+from cartier_ros.streams.gaps import Gaps
 from studio import studio
 from synthetic import THINGS, TrueBoxes, walk
 
@@ -134,7 +134,7 @@ def test_what_a_robot_lacks_is_told(form: str, says: str) -> None:
 
 
 def test_a_domain_without_a_camera_is_told() -> None:
-    from cartier.dds.topics import Writer, participant
+    from cartier_ros.dds.topics import Writer, participant
 
     domain = any_domain()
     ours = participant(domain)
@@ -159,8 +159,8 @@ def test_what_cannot_be_heard_is_told_with_its_cause(qos: dict[str, Any], says: 
     from cyclonedds.pub import DataWriter, Publisher
     from cyclonedds.topic import Topic
 
-    from cartier.dds.topics import participant
-    from cartier.dds.types import topic_type
+    from cartier_ros.dds.topics import participant
+    from cartier_ros.dds.types import topic_type
 
     domain = any_domain()
     ours = participant(domain)
@@ -173,7 +173,7 @@ def test_what_cannot_be_heard_is_told_with_its_cause(qos: dict[str, Any], says: 
 
 
 def test_programs_without_topics_are_told() -> None:
-    from cartier.dds.topics import participant
+    from cartier_ros.dds.topics import participant
 
     domain = any_domain()
     ours = participant(domain)
@@ -183,7 +183,7 @@ def test_programs_without_topics_are_told() -> None:
 
 
 def test_who_is_gone_was_there() -> None:
-    from cartier.dds.topics import Writer, participant
+    from cartier_ros.dds.topics import Writer, participant
 
     domain = any_domain()
     others = [Writer(participant(domain), "/chatter", "std_msgs/msg/String")]
@@ -201,7 +201,7 @@ def test_who_is_gone_was_there() -> None:
 
 
 def test_pictures_of_other_types_are_named() -> None:
-    from cartier.dds.topics import Writer, participant
+    from cartier_ros.dds.topics import Writer, participant
 
     domain = any_domain()
     cloud = Writer(participant(domain), "/points", "sensor_msgs/msg/PointCloud2")
@@ -230,7 +230,7 @@ def test_gaps_are_counted_by_the_usual_step() -> None:
 def test_rubbish_on_a_topic_is_left_out() -> None:
     from bags import Messages
 
-    from cartier.dds.topics import Writer, participant
+    from cartier_ros.dds.topics import Writer, participant
 
     domain, m = any_domain(), Messages()
     with peer(sys.executable, CAMERA, domain, "raw", 400):
@@ -259,7 +259,7 @@ def test_rubbish_on_a_topic_is_left_out() -> None:
 
 
 def test_bytes_that_are_no_message_do_not_leave() -> None:
-    from cartier.dds.topics import Writer, participant
+    from cartier_ros.dds.topics import Writer, participant
 
     writer = Writer(participant(any_domain()), "/tf", "tf2_msgs/msg/TFMessage")
     with pytest.raises(BackendError, match="DDS did not take a message of tf2_msgs"):
@@ -317,8 +317,8 @@ def test_a_bag_that_is_played_is_heard_whole(bag: Path) -> None:
 
 
 def test_a_bag_is_played_in_its_time(bag: Path) -> None:
-    from cartier.recordings.ros.bags import Bag
-    from cartier.sources.common.topic_player import TopicPlayer
+    from cartier_ros.bags.bag import Bag
+    from cartier_ros.streams.topic_player import TopicPlayer
 
     player, begin = TopicPlayer(Bag(bag), any_domain(), 4.0), time.monotonic()
     sent = player.play()
@@ -331,8 +331,8 @@ def test_a_played_bag_is_checked_and_mapped(tmp_path: Path) -> None:
     from bags import write_bag
 
     from cartier import Home
-    from cartier.recordings.ros.bags import Bag
-    from cartier.sources.common.topic_player import TopicPlayer
+    from cartier_ros.bags.bag import Bag
+    from cartier_ros.streams.topic_player import TopicPlayer
 
     write_bag(studio(), tmp_path / "flat")
     domain = any_domain()
@@ -360,8 +360,8 @@ def test_a_played_bag_is_checked_and_mapped(tmp_path: Path) -> None:
 @pytest.mark.parametrize("layout", ["humble", "yolo"])
 def test_detections_by_topic_come_with_frames(tmp_path: Path, layout: str) -> None:
     topic_detections = pytest.importorskip("topic_detections", reason="needs cartier[ros]")
-    from cartier.recordings.ros.bags import Bag
-    from cartier.sources.common.topic_player import TopicPlayer
+    from cartier_ros.bags.bag import Bag
+    from cartier_ros.streams.topic_player import TopicPlayer
 
     short, eyes, domain = replace(WALK, poses=WALK.poses[:6]), TrueBoxes(THINGS), any_domain()
     topic_detections.write(tmp_path / "bag", short, eyes, layout)
@@ -389,8 +389,8 @@ def test_a_topic_without_detections_is_told() -> None:
 def test_a_player_refuses_what_it_cannot_play(tmp_path: Path) -> None:
     from bags import BagFile
 
-    from cartier.recordings.ros.bags import Bag
-    from cartier.sources.common.topic_player import TopicPlayer
+    from cartier_ros.bags.bag import Bag
+    from cartier_ros.streams.topic_player import TopicPlayer
 
     with BagFile(tmp_path / "talk") as out:
         out.put("/chatter", 1, out.messages("std_msgs/msg/String", data="hello"))

@@ -12,11 +12,11 @@ from bags import FRAME, MAP_FROM_ODOM, OPTICAL, START_NS, BagFile, Messages, wri
 
 from cartier.geometry import invert
 from cartier.live.sent_poses import SentPoses
-from cartier.recordings.ros.graphs import PATH
 from cartier.sources import open_source
-from cartier.sources.common.messages import Message
-from cartier.sources.common.ros_frames import RosFrames, RosOptions
 from cartier.streams import Event, Fault, PoseUpdate, Stamped
+from cartier_ros.bags.graphs import PATH
+from cartier_ros.streams.messages import Message
+from cartier_ros.streams.ros_frames import RosFrames, RosOptions
 from synthetic import walk
 
 pytest.importorskip("rosbags", reason="needs cartier[ros]")
@@ -194,8 +194,8 @@ def test_missing_depth_is_told() -> None:
 
 @pytest.mark.parametrize("late_s", [0.067, 0.25])
 def test_an_image_out_of_order_costs_itself_at_most(late_s: float) -> None:
-    from cartier.sources.common.pairing import Pairer
-    from cartier.sources.common.transforms import Lookup
+    from cartier_ros.streams.pairing import Pairer
+    from cartier_ros.streams.transforms import Lookup
 
     pairer = Pairer(lambda ns: Lookup(np.eye(4)), False, lambda: None)
     sent = [(k * 0.066 + (late_s if k == 20 else 0.0), k) for k in range(40)]

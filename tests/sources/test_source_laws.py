@@ -156,7 +156,7 @@ def test_an_empty_folder_says_what_it_waits_for(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("spec", "says"),
     [
-        ("rtsp://camera.local/stream", "no pose of the camera"),
+        ("rtsp://camera.local/stream", "no 'rtsp' among the sources"),
         ("folder:/nowhere", "is no folder"),
         ("bag:/nowhere.mcap", "does not exist"),
         ("exec:", "needs what to listen to"),
@@ -290,7 +290,7 @@ def test_the_laws_notice(fault: str) -> None:
 
 
 def test_every_source_says_what_it_is() -> None:
-    assert {"bag", "folder", "dollhouse", "exec", "rtsp"} <= {b.name for b in plugins.backends("sources")}
+    assert {"bag", "folder", "dollhouse", "exec", "ros2"} <= {b.name for b in plugins.backends("sources")}
 
 
 @pytest.mark.parametrize("stamp", ["²", "-1", "1e9", "9" * 20, ""])

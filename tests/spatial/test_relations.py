@@ -23,7 +23,7 @@ from cartier.spatial.relations import (
     under,
 )
 from cartier.types import MapObject
-from cartier.worlds.dollhouse.scene import load_home
+from cartier_dollhouse.scene import load_home
 
 
 def obj(label: str, low: Sequence[float], high: Sequence[float], id: int = 0, room: int | None = None) -> MapObject:

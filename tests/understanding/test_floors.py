@@ -9,8 +9,8 @@ import pytest
 
 import stored
 from cartier import plugins
-from cartier.evaluation.things import WRITTEN, load_items
-from cartier.evaluation.things_run import answer_row
+from cartier_bench.things import WRITTEN, load_items
+from cartier_bench.things_run import answer_row
 
 FLOORS = {
     "relation": 87.5, "room": 95.6, "attribute": 90.7, "superlative": 81.9, "need": 85.2, "follow_up": 89.7,

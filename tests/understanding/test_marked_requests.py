@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 
 from cartier.errors import InputError
-from cartier.evaluation.marked_lines import read, unmarked
 from cartier.understanding.assembly import query, routed
 from cartier.understanding.decoding import clauses
 from cartier.understanding.tags import DIALOGUE_ACTS, ROLES, TAGS
+from cartier_bench.marked_lines import read, unmarked
 
 TOOLS = Path(__file__).parents[2] / "tools" / "understanding"
 sys.path.append(str(TOOLS))

@@ -9,9 +9,9 @@ import pytest
 from held_out import HELD_OUT
 from nothing_asked import ASKED, FRESH_ASKED, FRESH_TOLD, HOME, LATER_ASKED, LATER_TOLD, TOLD
 
-from cartier.evaluation.queries import load_queries
 from cartier.reasoners import embedded
 from cartier.types import Inventory, Selection
+from cartier_bench.queries import load_queries
 
 REASONER = embedded.make()
 AT_HOME = Inventory.of(HOME)

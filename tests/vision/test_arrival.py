@@ -17,10 +17,10 @@ from cartier.vision import look as looking
 from cartier.vision import prompt
 from cartier.vision.arrival import expected_box, look_there
 from cartier.vision.permission import Look
-from cartier.worlds.dollhouse.drive import frame_at
-from cartier.worlds.dollhouse.model import Scene
-from cartier.worlds.dollhouse.recording import DollhouseRecording, look, pinhole
-from cartier.worlds.dollhouse.scene import load_scene
+from cartier_dollhouse.drive import frame_at
+from cartier_dollhouse.model import Scene
+from cartier_dollhouse.recording import DollhouseRecording, look, pinhole
+from cartier_dollhouse.scene import load_scene
 from vision.seeing_server import serving
 
 ROOM = """name: hall

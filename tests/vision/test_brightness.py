@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 
 import cartier
-from cartier.evaluation.look_items import items, scene_of, walk
 from cartier.reasoners import embedded
 from cartier.vision.brightness import SeenTwice, seen_twice
-from cartier.worlds.dollhouse.states import with_states
+from cartier_bench.look_items import items, scene_of, walk
+from cartier_dollhouse.states import with_states
 from vision.staged_photos import BOX, mug, painted_home, photo, photographs
 
 DARK, BRIGHT, DIM = (25, 25, 28), (200, 210, 215), (90, 90, 90)

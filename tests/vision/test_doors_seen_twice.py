@@ -17,10 +17,10 @@ from cartier.home import Home
 from cartier.reasoners import embedded
 from cartier.spatial.doors import shut_doors
 from cartier.types import FREE, OCCUPIED, Door, OccupancyGrid, Room
-from cartier.worlds.dollhouse.mesh import box
-from cartier.worlds.dollhouse.model import Scene
-from cartier.worlds.dollhouse.recording import DollhouseRecording, look, pinhole
-from cartier.worlds.dollhouse.scene import load_scene
+from cartier_dollhouse.mesh import box
+from cartier_dollhouse.model import Scene
+from cartier_dollhouse.recording import DollhouseRecording, look, pinhole
+from cartier_dollhouse.scene import load_scene
 
 ROOMS = """
 name: two rooms

@@ -27,7 +27,9 @@ sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
 from command_line import Parser, run_script
 
 from cartier import plugins
-from cartier.evaluation.statements import (
+from cartier.geometry import box_distance
+from cartier.types import MapObject
+from cartier_bench.statements import (
     APART_M,
     FAR_APART_M,
     FIXTURES,
@@ -40,10 +42,8 @@ from cartier.evaluation.statements import (
     is_beside,
     sizes,
 )
-from cartier.evaluation.things import FIND, WRITTEN, Item, load_items
-from cartier.evaluation.true_home import TrueHome, true_home
-from cartier.geometry import box_distance
-from cartier.types import MapObject
+from cartier_bench.things import FIND, WRITTEN, Item, load_items
+from cartier_bench.true_home import TrueHome, true_home
 
 SOURCE = Path(__file__).with_name("written.txt")
 CLEARLY = 1.2  # times as big as any other

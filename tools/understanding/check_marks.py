@@ -18,8 +18,6 @@ sys.path.append(str(Path(__file__).parent))
 sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
 from command_line import Parser, run_script
 
-from cartier.evaluation.marked_lines import Line, read
-from cartier.evaluation.true_home import perfect_map
 from cartier.spatial.expressions import EntityVocabulary, ParsedUtterance, ReferringExpression
 from cartier.spatial.query import Scene
 from cartier.types import MapObject
@@ -30,6 +28,8 @@ from cartier.understanding.dialogue_state import DialogueState, resolve
 from cartier.understanding.entity_vocabulary import lexicon
 from cartier.understanding.route_rules import target_of
 from cartier.understanding.tags import Clause
+from cartier_bench.marked_lines import Line, read
+from cartier_bench.true_home import perfect_map
 
 FINDS = ("go", "correct", "another", "choose", "where", "far", "colour", "size", "when", "which")
 YES = {"yes": True, "no": False}

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from cartier.evaluation.statements import gap
-from cartier.evaluation.true_home import perfect_map, scene_of, true_objects
-from cartier.worlds.dollhouse.contacts import Contacts
+from cartier_bench.statements import gap
+from cartier_bench.true_home import perfect_map, scene_of, true_objects
+from cartier_dollhouse.contacts import Contacts
 
 sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
 from command_line import Parser, run_script

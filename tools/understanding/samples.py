@@ -14,8 +14,6 @@ from check_marks import fault, home
 from templates import NAMES, PLACES, ROOM_NAMES, Templates
 
 from cartier.errors import InputError
-from cartier.evaluation.marked_lines import Line, read, unmarked
-from cartier.evaluation.things_made import plural
 from cartier.labels import name_key, object_ref, plain
 from cartier.understanding.answers import answer
 from cartier.understanding.assembly import query
@@ -23,6 +21,8 @@ from cartier.understanding.dialogue_state import DialogueState, resolve
 from cartier.understanding.parser import MOST_TOKENS
 from cartier.understanding.tags import ALARMS, DIALOGUE_ACTS, NOTHING_ASKED
 from cartier.understanding.utterance import TOKEN
+from cartier_bench.marked_lines import Line, read, unmarked
+from cartier_bench.things_made import plural
 
 TOOLS = Path(__file__).parents[1]
 HELD_BACK = ("grumpy", "hosts", "newcomer", "night_kitchen", "others_past", "sunday", "transcript", "wheels")

@@ -22,12 +22,12 @@ sys.path.append(str(Path(__file__).parent))
 sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
 from command_line import Parser, run_script
 
-from cartier.evaluation.marked_lines import Line, read
-from cartier.evaluation.true_home import perfect_map
 from cartier.labels import object_ref
 from cartier.reasoners import embedded
 from cartier.spatial.query import called
 from cartier.types import Inventory, Selection
+from cartier_bench.marked_lines import Line, read
+from cartier_bench.true_home import perfect_map
 
 HELD_OUT = Path(__file__).parent / "held_out"
 QUESTIONS = ("count", "exists", "where", "list", "compare", "far", "colour", "size", "when", "which", "rooms", "sure")

@@ -12,11 +12,11 @@ from functools import partial
 from pathlib import Path
 from random import Random
 
-from cartier.evaluation.things_made import plural
 from cartier.understanding.cards import SHIPPED, read_deck
 from cartier.understanding.entity_vocabulary import ROOMS
 from cartier.understanding.reference_words import COLOURS
 from cartier.understanding.tags import ROUTE_NOUNS
+from cartier_bench.things_made import plural
 
 NAMES = sorted(
     {name for card in read_deck(SHIPPED).cards for name in card.names if re.fullmatch(r"[a-z ]{3,18}", name)}

@@ -11,21 +11,8 @@ import typer
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy loads: small products, which threads only make wait
 
-from cartier.cli import (
-    _ask,
-    _bench,
-    _check,
-    _correct,
-    _fleet,
-    _join,
-    _live,
-    _make,
-    _play,
-    _rules,
-    _serve,
-    _show,
-    _verify,
-)  # fmt: skip
+from cartier import plugins
+from cartier.cli import _ask, _check, _correct, _join, _live, _make, _rules, _serve, _show, _verify
 from cartier.errors import CartierError
 
 DISK = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPERM, errno.EIO)
@@ -38,9 +25,13 @@ app = typer.Typer(
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
-for group in (_make, _live, _play, _join, _check, _show, _ask, _verify, _correct, _rules, _serve, _bench):
+for group in (_make, _live, _join, _check, _show, _ask, _verify, _correct, _rules, _serve):
     app.registered_commands += group.app.registered_commands
-app.add_typer(_fleet.app)
+for added in plugins.neighbours("commands"):
+    if added.info.name:
+        app.add_typer(added)
+    else:
+        app.registered_commands += added.registered_commands
 
 
 def main() -> None:

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from cartier import plugins, specs
-from cartier.cli._common import (
+from cartier.cli.arrive import send_and_look
+from cartier.cli.common import (
     AsJson,
     BaseUrl,
     Blur,
@@ -26,7 +27,6 @@ from cartier.cli._common import (
     numbers,
     say,
 )
-from cartier.cli.arrive import send_and_look
 from cartier.cli.places import HomePlace, home_at
 from cartier.errors import InputError, ReasonerError
 from cartier.io.command import OwnerCommand

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from cartier import plugins
-from cartier.cli._common import AsJson, progress, say
+from cartier.cli.common import AsJson, progress, say
 from cartier.cli.reader_options import NOTHING, reads_recordings
 from cartier.errors import CartierError, MissingExtra
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cartier.cli._common import numbers
+from cartier.cli.common import numbers
 from cartier.cli.places import HomePlace, home_at
 from cartier.errors import InputError
 

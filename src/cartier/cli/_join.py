@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from cartier import plugins, specs
-from cartier.cli._common import AsJson, HomeFolder, progress, say
+from cartier.cli.common import AsJson, HomeFolder, progress, say
 from cartier.errors import InputError
 from cartier.io.spool import SUFFIX
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from cartier import specs
-from cartier.cli._common import (
+from cartier.cli.common import (
     Append,
     AsJson,
     EmergencyNumber,
@@ -274,9 +274,9 @@ def _outlets(
     served: tuple[str, int, Path | None] | None, domain: int | None, publish: bool,
 ) -> list[Callable[[], None]]:  # fmt: skip
     """Serve the growing home and publish it, as asked; returns what ends that."""
+    from cartier import plugins
     from cartier.cli._serve import serve_beside
     from cartier.contracts import SourceDefaults, optional
-    from cartier.dds.domain import domain_of
     from cartier.io.command import OwnerCommand
     from cartier.serving.live_homes import LiveHomes
     from cartier.serving.operations import Operations
@@ -291,14 +291,12 @@ def _outlets(
     )  # fmt: skip
     endings = [serve_beside(operations, *served)] if served is not None else []
     if publish:
-        number_of_domain = domain_of(domain, "--publish")
         try:
-            from cartier.serving.topics import HomeTopics
+            topics = plugins.neighbour("topics", "ros2")(
+                operations, domain, lambda: optional(session.source, SourceDefaults, "world_frame")
+            )
         except ModuleNotFoundError as error:
             raise missing("ros", error) from error
-        topics = HomeTopics(
-            operations, number_of_domain, lambda: optional(session.source, SourceDefaults, "world_frame")
-        )
-        say(f"domain {number_of_domain}: /cartier/objects, /cartier/markers; /cartier/ask gets /cartier/answer")
+        say(f"domain {topics.domain}: /cartier/objects, /cartier/markers; /cartier/ask gets /cartier/answer")
         endings.append(topics.close)
     return endings

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from cartier import plugins, specs
-from cartier.cli._common import Append, AsJson, Every, Seed, Threshold, duration, progress, say
+from cartier.cli.common import Append, AsJson, Every, Seed, Threshold, duration, progress, say
 from cartier.cli.reader_options import NOTHING, reads_recordings
 from cartier.contracts import RecordingDefaults, optional
 from cartier.errors import InputError

@@ -8,8 +8,8 @@ from typing import Annotated
 
 import typer
 
-from cartier.cli._common import AsJson
 from cartier.cli._correct import Who, user
+from cartier.cli.common import AsJson
 from cartier.cli.places import HomePlace, home_at
 
 app = typer.Typer()

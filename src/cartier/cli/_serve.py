@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from cartier import specs
-from cartier.cli._common import (
+from cartier.cli.common import (
     Blur,
     EmergencyNumber,
     LookWhen,
@@ -23,7 +23,7 @@ from cartier.cli._common import (
     missing,
     say,
 )
-from cartier.cli.places import HomePlace, fleet_at, home_at
+from cartier.cli.places import HomePlace, home_at, homes_at
 from cartier.errors import CartierError
 from cartier.io.command import OwnerCommand
 from cartier.types import DriveProgress
@@ -223,18 +223,10 @@ def _operations(
     homes: list[str], reasoner: str, model: str | None, memory_mb: int, emergency_number: str | None,
     on_alarm: str | None, look: Look | None,
 ) -> Operations:  # fmt: skip
-    from cartier.serving.fleet_homes import FleetHomes
-    from cartier.serving.homes import Homes
     from cartier.serving.operations import Operations
 
     told = OwnerCommand(on_alarm, "--on-alarm") if on_alarm is not None else None
-    fleet = fleet_at(homes)
-    served = (
-        Homes([Path(home) for home in homes], memory_mb * 2**20)
-        if fleet is None
-        else FleetHomes(fleet, memory_mb * 2**20)
-    )
     return Operations(
-        served, specs.reasoner(reasoner, model=model), emergency_number=emergency_number,
+        homes_at(homes, memory_mb), specs.reasoner(reasoner, model=model), emergency_number=emergency_number,
         on_alarm=None if told is None else told.run, look=look,
     )  # fmt: skip

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from cartier import plugins
-from cartier.cli._common import AsJson, IndexName, progress, say
+from cartier.cli.common import AsJson, IndexName, progress, say
 from cartier.cli.places import HomePlace, home_at
 from cartier.cli.reader_options import as_mapped
 from cartier.errors import InputError, MissingExtra

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from cartier import specs
-from cartier.cli._common import AsJson, BaseUrl, Blur, HomeFolder, ModelName, VisionName, progress, say
+from cartier.cli.common import AsJson, BaseUrl, Blur, HomeFolder, ModelName, VisionName, progress, say
 from cartier.errors import InputError
 
 if TYPE_CHECKING:

@@ -91,7 +91,7 @@ def run(
         there = {display_name(obj.label) for obj in world.objects(home)}
         say(f"mapped: {_compared(set(mapped.names), there)}; named by {detects.name}")
         draw_home(mapped, new / "home.png")
-        steps = [_ask_and_drive(mapped, scene, kind, words, new, say) for kind, words in _requests(mapped)]
+        steps = [_ask_and_drive(mapped, world, scene, kind, words, new, say) for kind, words in _requests(mapped)]
         answers = [step.answer.to_dict() | {key: vars(step)[key] for key in KEYS} for step in steps]
         about = {"home": home, "seed": seed, "detector": detects.name}
         write_json(new / "answers.json", about | {"answers": answers})
@@ -117,15 +117,15 @@ def _requests(home: Home) -> list[tuple[str, str]]:
     return [(kind, chosen[kind][1]) for kind in ("explicit", "implicit", "conversational") if kind in chosen]
 
 
-def _ask_and_drive(home: Home, scene: Any, kind: str, words: str, folder: Path, say: Callable[[str], None]) -> Step:
-    from cartier.worlds.dollhouse.drive import drive
-
+def _ask_and_drive(
+    home: Home, world: Any, scene: Any, kind: str, words: str, folder: Path, say: Callable[[str], None]
+) -> Step:
     answer = ask(home, words)
     picture, arrival, arrived = f"{kind}.png", None, False
     say(f"“{words}”")
     say(f"  → {answer.selection.object or answer.selection.status}: {answer.selection.reason}")
     if answer.goal is not None:
-        driven = drive(scene, home.start_xy, answer.goal, RobotModel().radius_m)
+        driven = world.drive(scene, home.start_xy, answer.goal, RobotModel().radius_m)
         arrived, arrival = driven.arrived, f"{kind}_arrival.png"
         write_photo(np.asarray(driven.view), folder / arrival)
         say(f"  → drove {driven.length_m:.1f} m and {'arrived' if arrived else 'bumped into something'}")

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from cartier.errors import InputError
+from cartier import plugins
+from cartier.home.store import MANIFEST
 
 if TYPE_CHECKING:
-    from cartier.fleet.entity import Fleet
     from cartier.home import Home
+    from cartier.serving.homes import Homes
 
 HomePlace = Annotated[
     str, typer.Argument(metavar="HOME", help="A folder that 'cartier map' wrote, or STORE#NAME, a home of a fleet.")
@@ -24,33 +25,27 @@ def home_at(place: str) -> Home:
 
     Raises InputError if there is none.
     """
-    from cartier.fleet.entity import Fleet
     from cartier.home import Home
 
-    store, named, name = place.partition("#")
-    if named and not Path(place).exists():
-        return Fleet(store).home(name)
-    if is_store(place):
-        raise InputError(f"{place} is a fleet's store: name one of its homes, as {place}#NAME")
-    return Home.load(place)
+    if _is_plain(place):
+        return Home.load(place)
+    found: Home = plugins.neighbour("homes", "fleet").home_at(place)
+    return found
 
 
-def fleet_at(places: Sequence[str]) -> Fleet | None:
-    """The fleet at the only place; None where the places are folders of homes. Raises InputError for both."""
-    from cartier.fleet.entity import Fleet
+def homes_at(places: Sequence[str], memory_mb: int) -> Homes:
+    """The homes to serve: those in folders, or all of one fleet's store. Raises InputError for both together."""
+    from cartier.serving.homes import Homes
 
-    stores = [place for place in places if is_store(place)]
-    if stores and len(places) > 1:
-        raise InputError(f"{stores[0]} is a fleet's store, with many homes: serve it alone")
-    return Fleet(stores[0]) if stores else None
+    if all(map(_is_plain, places)):
+        return Homes([Path(place) for place in places], memory_mb * 2**20)
+    served: Any = plugins.neighbour("homes", "fleet").homes_at(places, memory_mb * 2**20)
+    homes: Homes = served
+    return homes
 
 
-def is_store(place: str) -> bool:
-    """Whether a place is a fleet's store, and not one home."""
-    from cartier.blob_stores import open_store
-    from cartier.home.store import MANIFEST
-
-    if "://" in place:
-        return open_store(place).get(MANIFEST) is None
+def _is_plain(place: str) -> bool:
+    """Whether a place is a folder of a home, or nothing at all."""
     folder = Path(place)
-    return (folder / "names").is_dir() and not (folder / MANIFEST).exists()
+    nothing = not folder.exists() and "#" not in place and "://" not in place
+    return nothing or (folder / MANIFEST).exists() or (not (folder / "names").is_dir() and folder.exists())

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 import typer
 
 from cartier import plugins
-from cartier.cli._common import numbers
+from cartier.cli.common import numbers
 from cartier.errors import CartierError
 
 if TYPE_CHECKING:

@@ -19,12 +19,12 @@ import numpy as np
 from cartier.contracts import Recording
 from cartier.errors import MAX_SIDE_PX, InputError, brief
 from cartier.geometry import invert
+from cartier.io.bounded_file import File
 from cartier.io.files import read_text
 from cartier.recordings.common.files import absolute_notes, inside, numbers, relative
 from cartier.recordings.common.lens import Lens, Model, camera_of, straight
 from cartier.recordings.common.posed import PosedImages, Source, View
 from cartier.recordings.common.poses import USUAL_WAY_M, matrices, unit_quaternions
-from cartier.recordings.ros.file import File
 from cartier.types import Array
 
 PLACES = ("", "sparse/0", "sparse", "colmap/sparse/0")

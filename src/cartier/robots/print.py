@@ -5,7 +5,7 @@ The goal of ``/navigate_to_pose`` is the same in Humble, Iron, Jazzy and Kilted.
 
 from __future__ import annotations
 
-from cartier.robots._pose import FRAME, in_words, pose_of, quaternion_zw
+from cartier.robots.common.pose import FRAME, in_words, pose_of, quaternion_zw
 from cartier.types import Goal
 
 

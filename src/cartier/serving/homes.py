@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import threading
 from collections import OrderedDict
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from cartier.errors import InputError, brief
-from cartier.fleet.entity import Fleet
 from cartier.home import Home
 from cartier.home.correction_log import LOG
 from cartier.home.repository import again
@@ -24,6 +23,14 @@ CELL_BYTES = 128  # per cell: grid, rooms, and the paths that planning caches
 OBJECT_BYTES = 8192
 UNPACKED = 4  # memory of an index in sizes of its file
 MOST_NAMED = 20  # homes that a sentence lists
+
+
+class AskedTogether(Protocol):
+    """Many homes that answer a question together."""
+
+    def ask(self, query: str, may_see: Callable[[str], bool] | None = None) -> Any:
+        """A ``cartier_fleet.FleetAnswer``. Raises InputError for words that ask something else."""
+        ...
 
 
 @dataclass
@@ -41,7 +48,7 @@ class Homes:
     """
 
     guarded = False
-    fleet: Fleet | None = None  # whose homes these are
+    fleet: AskedTogether | None = None  # whose homes these are
 
     def __init__(self, folders: Sequence[Path], max_bytes: int = MAX_BYTES) -> None:
         if not folders:

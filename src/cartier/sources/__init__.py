@@ -24,7 +24,6 @@ def open_source(spec: str, **options: Any) -> Source:
     name, _, what = spec.partition(":")
     if "://" in spec:
         name, what = name.lower(), spec
-        name = "rtsp" if name in ("rtsp", "rtsps") else name
     given: dict[str, Any] = {}
     if plugins.takes("sources", name, "speed"):
         what, _, speed = what.rpartition("@") if _ends_in_speed(what) else (what, "", "")

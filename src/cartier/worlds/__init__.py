@@ -1,1 +1,0 @@
-"""Simulated homes: one file each, found by name through cartier.plugins."""

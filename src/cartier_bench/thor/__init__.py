@@ -1,0 +1,1 @@
+"""AI2-THOR, the simulator of the paper, by its own client."""

@@ -1,0 +1,3 @@
+from .entity import Fleet, FleetAnswer
+
+__all__ = ["Fleet", "FleetAnswer"]
