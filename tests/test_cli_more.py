@@ -24,7 +24,7 @@ from synthetic import small_walk as walk
 Run = Callable[..., tuple[int, str, str]]
 HERE = Path(__file__).parent
 DETECTOR = str(HERE / "slow_detector.py")
-WORLD = str(HERE / "evaluation" / "room_world.py")
+WORLD = str(HERE / "bench" / "room_world.py")
 
 
 @pytest.fixture

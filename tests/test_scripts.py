@@ -106,3 +106,13 @@ def test_photographs_without_boxes_are_one_line(tmp_path: Path) -> None:
             Image.new("RGB", (32, 32)).save(tmp_path / "images" / "a.jpg")
         said = ran("benchmarks/photographs.py", "--photos", str(tmp_path))
         assert isinstance(said, str) and line in said and "\n" not in said
+
+
+def test_every_mutant_has_its_place(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A text that was changed since takes its mutant away without a word."""
+    monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
+    script = runpy.run_path(str(ROOT / "benchmarks/mutants.py"))
+    mutants = script["read"](ROOT)
+    assert [line for mutant in mutants if (line := script["misfit"](mutant, ROOT))] == []
+    tests = {test.partition("::")[0] for mutant in mutants for test in mutant.tests}
+    assert [test for test in sorted(tests) if not (ROOT / test).exists()] == []
