@@ -1,3 +1,4 @@
-from .entity import Fleet, FleetAnswer
+from .answer import FleetAnswer
+from .entity import Fleet
 
 __all__ = ["Fleet", "FleetAnswer"]

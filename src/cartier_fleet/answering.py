@@ -10,9 +10,7 @@ from typing import Any
 from cartier.errors import InputError
 from cartier.spatial.expressions import ReferringExpression
 from cartier.spatial.floor_seen import WHOLE
-from cartier_fleet.catalog import Tables
-from cartier_fleet.database import Database
-from cartier_fleet.entity import (
+from cartier_fleet.answer import (
     NO_FLOOR,
     NO_ROOM,
     TENTATIVE,
@@ -22,6 +20,8 @@ from cartier_fleet.entity import (
     FleetAnswer,
     counted,
 )
+from cartier_fleet.catalog import Tables
+from cartier_fleet.database import Database
 from cartier_fleet.matching import MEASURES, extreme, find, find_tentative, without_extreme
 from cartier_fleet.questions import FleetQuestion, read_question
 from cartier_fleet.reading import Vocabulary, read_phrase, rooms_of, union

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable
 from pathlib import Path
 from threading import Lock
 from typing import Any
@@ -12,36 +10,7 @@ from typing import Any
 from cartier.blob_stores import open_store
 from cartier.errors import InputError
 from cartier.home import Home
-
-UNNAMED = "its detector does not know the name"
-UNKNOWN_NAMES = "it is not known what its detector can name"
-UNSEEN = "too little of its floor was seen"
-NO_FLOOR = "it was mapped without depth"
-TENTATIVE = "one may be there, hardly seen"
-NO_ROOM = "no such room is known in it"
-
-
-@dataclass(frozen=True)
-class FleetAnswer:
-    """The answer to a question over all homes.
-
-    Args:
-        query: The words.
-        text: The answer in words.
-        value: The same for programs: names of homes, a number, numbers by home, or (home, object id).
-        has: The homes that have what was asked for.
-        has_none: The homes that have it not, though it was looked for.
-        cannot_tell: Why nobody can tell, by home.
-        objects: The ids of the objects that were meant, by home.
-    """
-
-    query: str
-    text: str
-    value: Any
-    has: tuple[str, ...] = ()
-    has_none: tuple[str, ...] = ()
-    cannot_tell: Mapping[str, str] = field(default_factory=dict)
-    objects: Mapping[str, Sequence[int]] = field(default_factory=dict)
+from cartier_fleet.answer import FleetAnswer
 
 
 class Fleet:
@@ -146,8 +115,3 @@ class Fleet:
         if not loaded.homes:
             raise InputError(f"{self.store.place} holds no homes: cartier fleet map RECORDINGS --store STORE")
         return loaded
-
-
-def counted(reasons: Mapping[str, str]) -> str:
-    """Reasons with how often each holds: "131: the detector does not know the name; 17: …"."""
-    return "; ".join(f"{count}: {why}" for why, count in Counter(reasons.values()).most_common())

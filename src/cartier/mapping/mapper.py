@@ -118,7 +118,9 @@ class Mapper:
         self._settings, self._indexes = deepcopy(dict(home.settings)), deepcopy(dict(home.indexes))
         self._start_xy, self._camera, self._photos = home.start_xy, home.camera, BestPhotos(home.photos)
         self._notes = dict.fromkeys(home.notes)
-        self._settings |= remembered(home.route_map, home.settings)  # a door that is shut by now is told by that
+        self._settings |= remembered(
+            () if home.route_map is None else home.route_map.doors, home.settings
+        )  # a door that is shut by now is told by that
         try:
             self._objects = self._object_map(home.grid is not None)
             rows = [(row["recording"], row["sha256"], int(row["frames"])) for row in self._settings["recordings"]]

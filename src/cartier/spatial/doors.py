@@ -5,15 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import combinations
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from cartier.types import FREE, OCCUPIED, Door, OccupancyGrid, Room
-
-if TYPE_CHECKING:
-    from cartier.navigation.layers import RouteMap
 
 Mask = npt.NDArray[np.bool_]
 MAX_WALL_M = 0.3  # thickness of a wall with a lintel, which is no floor of either room
@@ -51,10 +48,10 @@ def find_doors(rooms: Sequence[Room], grid: OccupancyGrid) -> tuple[Door, ...]:
     return tuple(found)
 
 
-def remembered(site: RouteMap | None, settings: Mapping[str, Any]) -> dict[str, Any]:
+def remembered(doors: Sequence[Door], settings: Mapping[str, Any]) -> dict[str, Any]:
     """A setting ``doors`` with the middle (x, y) and the width (m) of the passages that a home has, and of others that
     its settings say it had before; nothing where there are none."""
-    now = [[round(value, 3) for value in (*door.xy, door.width_m)] for door in (site.doors if site is not None else ())]
+    now = [[round(value, 3) for value in (*door.xy, door.width_m)] for door in doors]
     before = settings.get("doors", ())
     gone = [[*old] for old in before if all(math.dist(old[:2], each[:2]) >= SAME_DOOR_M for each in now)]
     return {"doors": [*now, *gone][:MAX_REMEMBERED]} if now or gone else {}
