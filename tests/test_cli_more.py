@@ -72,6 +72,8 @@ def test_a_goal_leaves_only_with_go(run: Run, home: Path) -> None:
     assert "send_goal" not in out + err
     code, _, err = run("ask", home, "bring me to the chair", "--go", "print")
     assert code == 0 and "ros2 action send_goal /navigate_to_pose" in err
+    code, _, err = run("ask", home, "bring me to the fridge", "--go", "print")
+    assert code == 4 and "robot: nothing was sent: " in err
     code, _, err = run("ask", home, "bring me to the chair", "--go", "teleporter")
     assert code == 1 and "no 'teleporter' among the robots" in err
 

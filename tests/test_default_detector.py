@@ -161,6 +161,9 @@ def test_rendered_pictures_are_told_by_themselves() -> None:
     def recording(rgb: np.ndarray, sized: Camera = camera) -> Any:
         return Pictures([Frame(i, i / 30, rgb, None, np.eye(4), sized) for i in range(3)])
 
+    embedded = plugins.make("detectors", "embedded", threads=1)
+    assert domain_warning(embedded, recording(shaded)) is None, "they may be of its world: topics do not say it"
+    assert domain_warning(embedded, recording(noisy)) is not None
     told = domain_warning(photos, recording(shaded))
     assert told is not None and "\n" not in told and "look rendered" in told
     assert domain_warning(photos, recording(noisy)) is None

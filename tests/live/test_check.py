@@ -56,7 +56,8 @@ def told(events: Iterator[Event]) -> set[str]:
     report = check_stream(source)
     assert source.closed
     assert report.ok is (not report.faults)
-    assert all(fault.repair and "\n" not in fault.evidence for fault in report.faults)
+    assert all(fault.repair and "\n" not in fault.evidence and not fault.fix for fault in report.faults)
+    assert "--fix" not in str(report), "there is nothing to write"
     return {fault.fault for fault in report.faults}
 
 

@@ -234,4 +234,7 @@ def test_a_goal_is_over_once_it_was_seen(monkeypatch: pytest.MonkeyPatch) -> Non
     tell(4, 2)
     assert not heard.over()
     tell(4, 5)
-    assert heard.over()
+    assert heard.over() and not heard.arrived
+    heard.begin()
+    tell(4, 5, 4)
+    assert heard.over() and heard.arrived

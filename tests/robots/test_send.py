@@ -63,7 +63,8 @@ def test_found_and_near_are_sent(status: str) -> None:
 )
 def test_else_nothing_is_sent_and_the_reason_said(told: Answer, why: str) -> None:
     robot = Recorder()
-    assert send(robot, told).text == why
+    sent = send(robot, told)
+    assert (sent.text, sent.exit_code) == (why, 4)
     assert robot.goals == []
 
 

@@ -3,6 +3,7 @@
 usage: X,Y X,Y, two poses in the map that the robot can reach and that lie more than a metre apart.
 """
 
+import math
 import sys
 import time
 
@@ -67,10 +68,11 @@ print("none left", future.result().return_code, len(future.result().goals_cancel
 for name, x, y, frame in (
     ("outside", 500.0, 0.0, "map"),
     ("no frame", *one, "moon"),
+    ("no number", math.nan, 0.0, "map"),
     ("from here", 0.0, 0.0, "base_link"),
 ):
     ended = me.wait(me.go(x, y, 0.0, frame), 20)
-    print(name, ended.status, ended.result.error_code, flush=True)
+    print(name, ended.status, ended.result.error_code, "not a number" in ended.result.error_msg, flush=True)
 
 goal = PoseStamped()
 goal.header.frame_id, (goal.pose.position.x, goal.pose.position.y), goal.pose.orientation.w = "map", one, 1.0

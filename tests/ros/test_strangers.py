@@ -65,6 +65,6 @@ def test_the_corners_of_the_action(environment: dict[str, str]) -> None:
         "base_link<odom", "camera_color_optical_frame<camera_link", "camera_link<base_link", "odom<map", "map",
     ]  # fmt: skip
     assert told[1:] == [
-        "preempted 6", "driving 2 map", "cancelled 1 5", "all cancelled 1 5", "none left 0 0", "outside 6 204",
-        "no frame 6 9002", "from here 4 0", "by topic True",
+        "preempted 6", "driving 2 map", "cancelled 1 5", "all cancelled 1 5", "none left 0 0",
+        "outside 6 204 False", "no frame 6 9002 False", "no number 6 204 True", "from here 4 0 False", "by topic True",
     ]  # fmt: skip

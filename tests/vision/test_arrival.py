@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +12,7 @@ import cartier
 from cartier.cli.arrive import send_and_look
 from cartier.home import Home
 from cartier.pipeline import ask, map_home
+from cartier.robots import Sent
 from cartier.types import Answer, Frame, Goal, RobotModel
 from cartier.vision import look as looking
 from cartier.vision import prompt
@@ -78,17 +79,18 @@ def asked(home: Home) -> Answer:
     return answer
 
 
+def told(those: Iterable[Sent]) -> list[str]:
+    return [sent.text for sent in those]
+
+
 @pytest.mark.parametrize(("colour", "drives", "last"), [("red", 1, 2.5), ("blue", 2, 5.5)])
 def test_what_is_gone_is_looked_for_elsewhere(
     colour: str, drives: int, last: float, seeing: Served, mapped: Home, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(looking._WORDS, "exists", "Is this really a red {label}?")  # the stand-in knows only colours
     robot, scene = Drives(), room(colour)
-    lines = list(
-        send_and_look(
-            robot, asked(mapped), mapped, RobotModel(), permitted(seeing[0]), lambda goal: frame_at(scene, goal)
-        )
-    )
+    allowed = permitted(seeing[0])
+    lines = told(send_and_look(robot, asked(mapped), mapped, RobotModel(), allowed, lambda goal: frame_at(scene, goal)))
     assert len(robot.goals) == drives == len(seeing[1]), lines
     assert abs(robot.goals[-1].place.position[0] - last) < 0.4
     assert lines[-1].endswith("is there") and sum("is not there" in line for line in lines) == drives - 1
@@ -98,7 +100,7 @@ def test_what_is_gone_is_looked_for_elsewhere(
 def test_nobody_agreed_so_nothing_is_sent(seeing: Served, mapped: Home) -> None:
     robot, scene = Drives(), room("blue")
     allowed = Look(permitted(seeing[0]).model, "ask")
-    lines = list(send_and_look(robot, asked(mapped), mapped, RobotModel(), allowed, lambda goal: frame_at(scene, goal)))
+    lines = told(send_and_look(robot, asked(mapped), mapped, RobotModel(), allowed, lambda goal: frame_at(scene, goal)))
     assert len(robot.goals) == 1 and not seeing[1] and "only when the owner agrees" in lines[-1]
 
 

@@ -114,8 +114,8 @@ def ask(
         if told is not None and answer.selection.status == "alarm":
             say(f"on alarm: {told.run(answer.to_dict())}")
         if robot is not None and allowed is not None and see is not None:
-            for line in send_and_look(robot, answer, talk.home, model_of_robot, allowed, see):
-                say(f"robot: {line}")
+            for sent in send_and_look(robot, answer, talk.home, model_of_robot, allowed, see):
+                say(f"robot: {sent.text}")
         elif robot is not None:
             sent = send(robot, answer, _watched)
             say(f"robot: {sent.text}")

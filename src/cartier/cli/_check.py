@@ -133,6 +133,6 @@ def _print(report: Report, as_json: bool, recording_notes: Sequence[str] = ()) -
     found = f"{count} fault{'s' if count > 1 else ''}" if count else "sound" if report.ok else "contradicts itself"
     print(f"{report.name}: {found}")
     for fault in report.faults:
-        print(f"  {fault.fault}\n    evidence  {fault.evidence}\n    repair    {fault.repair}")
+        print(f"  {fault.fault}\n    evidence  {fault.evidence}\n    repair    {fault.how}")
     for note in (*recording_notes, *report.notes):
         print(f"  note: {note}")

@@ -213,7 +213,7 @@ def _first_look(source: Recording, anyway: bool) -> Samples:
 
     samples = sample(source, numbers=few(len(source)))
     for fault in glance(source, samples):
-        line = f"{fault.fault}: {fault.evidence}; {fault.repair}"
+        line = f"{fault.fault}: {fault.evidence}; {fault.how}"
         if fault.fault in NONSENSE and not anyway:
             raise InputError(f"{source.name} cannot give a sound map: {line}; --anyway maps it as it is")
         say(line)

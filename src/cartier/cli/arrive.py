@@ -8,33 +8,33 @@ from cartier.contracts import Robot
 from cartier.home import Home
 from cartier.home.looking import name_of
 from cartier.pipeline import serve
-from cartier.robots import send
+from cartier.robots import Sent, send
 from cartier.types import Answer, Frame, Goal, MapObject, RobotModel, Selection
 from cartier.vision.permission import Look
 
 
 def send_and_look(
     robot: Robot, answer: Answer, home: Home, model: RobotModel, allowed: Look, see: Callable[[Goal], Frame]
-) -> Iterator[str]:
+) -> Iterator[Sent]:
     """Send an answer's goal; at an object that a photograph from there denies, go on to the next of its label.
 
-    Yields a line for each thing that happened. Requests of several needs are sent as they are.
+    Yields what happened, one thing after the other. Requests of several needs are sent as they are.
     """
     from cartier.vision.arrival import seek
 
     chosen = answer.selection
     first = next((obj for obj in home.objects if obj.id == chosen.object_id), None)
     if answer.goal is None or chosen.status not in ("found", "likely_near") or first is None or answer.next:
-        yield send(robot, answer).text
+        yield send(robot, answer)
         return
     for arrival in seek(allowed, _candidates(home, first, answer.goal, model), robot.go_to, see):
-        yield arrival.drove
+        yield Sent(arrival.drove)
         if arrival.trace is not None:
             left = arrival.trace.reply is not None and arrival.trace.reply.times_sent > 0
             went = "a photograph from the goal went to" if left else "no photograph was sent to"
-            yield f"{went} {name_of(allowed.model)}: {arrival.trace.question.words}"
+            yield Sent(f"{went} {name_of(allowed.model)}: {arrival.trace.question.words}")
         told = {"yes": "is there", "no": "is not there", "cannot tell": f"could not be looked for: {arrival.why}"}
-        yield f"the {arrival.obj.label} ({arrival.obj.id}) {told[arrival.said]}"
+        yield Sent(f"the {arrival.obj.label} ({arrival.obj.id}) {told[arrival.said]}")
 
 
 def _candidates(home: Home, first: MapObject, goal: Goal, model: RobotModel) -> Iterator[tuple[MapObject, Goal]]:

@@ -209,8 +209,8 @@ def _level(
     if all(f.fault in ("time_offset", "intrinsics_resolution", "depth_scale") for f in diagnosis.faults):
         levelled = optional(recording, RecordingDefaults, "level_from_world")
         told = "" if levelled is None else "give --up X,Y,Z, or "  # only readers that level have the option
-        how = f"{told}turn the poses so that gravity points along -z and z = 0 is the floor; --fix does"
-        faults.append(Fault("not_level", tilt.words(), how))
+        how = f"{told}turn the poses so that gravity points along -z and z = 0 is the floor"
+        faults.append(Fault("not_level", tilt.words(), how, "does so"))
     return best, tilt.level
 
 

@@ -66,14 +66,14 @@ def diagnose(samples: Samples, level: np.ndarray[tuple[int, ...], np.dtype[np.fl
         better, now = (weigh(r, testing) for r in (found[-1].reading, reading))
         if not much_better(better, now):
             doubts += [
-                f"{h.words}? --fix does not apply it, for other frames contradict it: {_evidence(better, now)}"
+                f"{h.words}? It is left as it is, for other frames contradict that: {_evidence(better, now)}"
                 for h in found
             ]
             break
         unsure = next((h for h in found if h.fault == "depth_scale" and not _known(h, reading)), None)
         if unsure is not None:
             told = f"{unsure.words}, by a factor that no unit has: {_evidence(better, now)}"
-            faults.append(Fault("depth_scale", told, "in which unit is the depth? --fix does not guess it"))
+            faults.append(Fault("depth_scale", told, "in which unit is the depth?"))
             break
         faults += [Fault(h.fault, f"{h.words}: {_evidence(better, now)}", h.repair) for h in found]
         reading = found[-1].reading

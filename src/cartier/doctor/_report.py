@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -20,11 +20,24 @@ FAULTS = (
 
 @dataclass(frozen=True)
 class Fault:
-    """One fault: its id (one of FAULTS; ``damaged_file`` in a home), the evidence, and how to repair it."""
+    """One fault: its id (one of FAULTS; ``damaged_file`` in a home), the evidence, and how to repair it.
+
+    ``fix`` is what ``cartier doctor --fix`` does about it, if it can: of a stream nobody can ask for that.
+    """
 
     fault: str
     evidence: str
     repair: str
+    fix: str = ""
+
+    @property
+    def how(self) -> str:
+        """How to repair it in a recording."""
+        return f"{self.repair}; --fix {self.fix}" if self.fix else self.repair
+
+    def to_dict(self) -> dict[str, str]:
+        """Plain JSON values, with how to repair it as ``repair``."""
+        return {"fault": self.fault, "evidence": self.evidence, "repair": self.how}
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,4 +99,4 @@ class Report:
 
     def to_dict(self) -> dict[str, Any]:
         """The object that ``cartier doctor --json`` prints."""
-        return {"ok": self.ok, "faults": [asdict(fault) for fault in self.faults]}
+        return {"ok": self.ok, "faults": [fault.to_dict() for fault in self.faults]}

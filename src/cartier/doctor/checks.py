@@ -34,13 +34,13 @@ def refused_poses(samples: Samples) -> list[Fault]:
     mirrored = {i: e for i, e in samples.faults.items() if is_mirror_fault(e)}
     others = {i: e for i, e in samples.faults.items() if i not in mirrored}
     faults = [Fault("left_handed", _first_of(mirrored, samples), UNMIRROR)] if mirrored else []
-    return faults + ([bad_rotation(_first_of(others, samples), "; --fix leaves these frames out")] if others else [])
+    return faults + ([bad_rotation(_first_of(others, samples), "leaves these frames out")] if others else [])
 
 
 def bad_rotation(evidence: str, fix: str = "") -> Fault:
     """The fault of poses that are no rotations; ``fix`` is what ``--fix`` does about it."""
     how = "write unit quaternions in the order qx qy qz qw, or orthonormal 3x3 rotations without a scale"
-    return Fault("bad_rotation", evidence, how + fix)
+    return Fault("bad_rotation", evidence, how, fix)
 
 
 def _first_of(errors: dict[int, InputError], samples: Samples) -> str:
@@ -82,8 +82,8 @@ def empty_depth(samples: Samples) -> tuple[Fault | None, frozenset[int]]:
         f"{bad.sum()} of {len(samples)} frames hold no usable depth: in {black.sum()} under 1% of the pixels have any, "
         f"in {flat.sum()} all have the same"
     )
-    how = "check the depth topic or folder, and that depth is written as 16-bit PNG; --fix leaves these frames out"
-    return Fault("no_depth", evidence, how), frozenset(samples.index[bad].tolist())
+    how = "check the depth topic or folder, and that depth is written as 16-bit PNG"
+    return Fault("no_depth", evidence, how, "leaves these frames out"), frozenset(samples.index[bad].tolist())
 
 
 def without_depth(samples: Samples, numbers: frozenset[int]) -> Samples:
@@ -110,9 +110,9 @@ def blurred(samples: Samples) -> tuple[Fault | None, frozenset[int]]:
         f"the sharpest edges are more than {BLURRED_PX:g} px wide in {bad.sum()} of {len(samples)} frames "
         f"(median {np.median(known):.1f} px; a sharp image has 1 to 5)"
     )
-    how = "clean and focus the lens, add light or shorten the exposure, move slower; "
-    how += "--fix leaves the blurred frames out if at least half are sharp"
-    return Fault("blur", evidence, how), frozenset(samples.index[bad].tolist())
+    how = "clean and focus the lens, add light or shorten the exposure, move slower"
+    fix = "leaves the blurred frames out if at least half are sharp"
+    return Fault("blur", evidence, how, fix), frozenset(samples.index[bad].tolist())
 
 
 def views(poses: Array) -> int:
@@ -182,8 +182,8 @@ def lying(turns: int) -> Fault:
     """Images that are turned by quarter turns."""
     off = f"up is {180 if turns == 2 else 90}° off in them"
     evidence = f"by the poses the images {gravity.LYING[turns]}, {off}: few objects are detected in such images"
-    how = f"turn images, depth, intrinsics and camera axes by {TURNED_BY[turns]}, and leave the world as it is; "
-    return Fault("rotated_images", evidence, how + "--fix does")
+    how = f"turn images, depth, intrinsics and camera axes by {TURNED_BY[turns]}, and leave the world as it is"
+    return Fault("rotated_images", evidence, how, "does so")
 
 
 def unregistered(samples: Samples, doubts: list[str]) -> tuple[Fault, Registration] | None:
@@ -201,10 +201,10 @@ def unregistered(samples: Samples, doubts: list[str]) -> tuple[Fault, Registrati
         f"({found.dx * width:+.0f}, {found.dy * width:+.0f}) px: correlation {fit:.2f}, {fit_as_given:.2f} as given"
     )
     if fit < OVER_NOISE * found.noise or fit < CLEARER * fit_as_given:
-        doubts.append(f"depth_not_registered? --fix does not apply it, for other frames contradict it: {evidence}")
+        doubts.append(f"depth_not_registered? It is left as it is, for other frames contradict that: {evidence}")
         return None
-    how = "record depth registered (aligned) to colour, or warp it accordingly; --fix zooms and moves it"
-    return Fault("depth_not_registered", evidence, how), found
+    how = "record depth registered (aligned) to colour, or warp it accordingly"
+    return Fault("depth_not_registered", evidence, how, "zooms and moves it"), found
 
 
 def jumping(found: list[PoseJump]) -> Fault | None:
@@ -217,6 +217,6 @@ def jumping(found: list[PoseJump]) -> Fault | None:
         f"the pose moves by {worst.way_m:.2f} m and {worst.turn_deg:.0f}°, but the depth agrees better without "
         f"({worst.without:.2f} against {worst.agreement:.2f})"
     )
-    how = "run the tracking again with loop closure, or cut the recording there; "
-    how += "--fix leaves out single stray frames and keeps the longest piece without a jump"
-    return Fault("pose_jump", evidence, how)
+    how = "run the tracking again with loop closure, or cut the recording there"
+    fix = "leaves out single stray frames and keeps the longest piece without a jump"
+    return Fault("pose_jump", evidence, how, fix)

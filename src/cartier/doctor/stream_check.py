@@ -95,7 +95,7 @@ class StreamReport:
         Returns:
             ``ok`` and all fields by name.
         """
-        return {"ok": self.ok} | asdict(self)
+        return {"ok": self.ok} | asdict(self) | {"faults": [fault.to_dict() for fault in self.faults]}
 
 
 @dataclass
@@ -300,11 +300,11 @@ def _examined(source: Source, watched: _Watched, sound: list[str], notes: list[s
     corrected = {"rotated_images"} | ({"not_level"} if _only_the_floor(report) else set())
     notes += [f"{fault.evidence}: the map corrects it" for fault in report.faults if fault.fault in corrected]
     faults = [
-        replace(fault, repair=DRIVER_MENDS.get(fault.fault, fault.repair))
+        replace(fault, repair=DRIVER_MENDS.get(fault.fault, fault.repair), fix="")
         for fault in report.faults
-        if fault.fault not in (FEW_VIEWS, "no_depth", *corrected)
+        if fault.fault not in (FEW_VIEWS, *corrected)
+        and (fault.fault != "no_depth" or watched.frames[0].depth_m is not None)
     ]
-    faults += [fault for fault in report.faults if fault.fault == "no_depth" and watched.frames[0].depth_m is not None]
     if (leaps := watched.leaps()) and "pose_jump" not in {fault.fault for fault in faults}:
         way_m, turn_deg = max(leaps)
         told = (

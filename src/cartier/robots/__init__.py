@@ -20,15 +20,20 @@ class Sent:
         text: One line that says what happened, or why nothing was sent.
         end: How the drive ended, if it was watched.
         signal: The signal that stopped it, such as SIGINT of Ctrl-C.
+        goal: Whether there was a goal to send.
     """
 
     text: str
     end: DriveProgress | None = None
     signal: int | None = None
+    goal: bool = True
 
     @property
     def exit_code(self) -> int:
-        """0 if all went well, 1 if the drive failed, 3 if the robot may still drive, 128 + the signal that stopped."""
+        """0 if all went well, 1 if the drive failed, 3 if the robot may still drive, 4 without a goal, 128 + the signal
+        that stopped."""
+        if not self.goal:
+            return 4
         status = "arrived" if self.end is None else self.end.status
         stopped = 1 if self.signal is None else 128 + self.signal
         return {"arrived": 0, "failed": 1, "unknown": 3, "stopped": stopped}[status]
@@ -47,7 +52,7 @@ def send(robot: Robot, answer: Answer, watch: Watch | None = None) -> Sent:
         first, *further = further
     goal = first.goal
     if goal is None or first.selection.status not in ("found", "likely_near"):
-        return Sent(f"nothing was sent: {_why_not(answer)}")
+        return Sent(f"nothing was sent: {_why_not(answer)}", goal=False)
     waiting = [a.goal.place.label for a in further if a.goal is not None]
     later = f"; after that: {', '.join(waiting)}" if waiting else ""
     if watch is None or not isinstance(robot, DrivingRobot):

@@ -24,7 +24,7 @@ from cartier_ros.robots.transforms import TF_MESSAGE, Latest
 POSE_STAMPED = "geometry_msgs/msg/PoseStamped"
 STATUS_ARRAY = "action_msgs/msg/GoalStatusArray"
 CANCEL_ALL = b"\0\1\0\0" + bytes(24)  # no name and no time: every goal
-ACTIVE = {1, 2, 3}  # action_msgs/msg/GoalStatus: accepted, executing, canceling
+ACTIVE, SUCCEEDED = {1, 2, 3}, 4  # action_msgs/msg/GoalStatus; active: accepted, executing, canceling
 MOST_GOALS = 1000
 POLL_S, ACK_S = 0.02, 0.1
 ASK_S, CONFIRM_S = 0.25, 1.0  # between two requests to cancel; until the robot is sent its own pose, too
@@ -130,6 +130,8 @@ class Nav2:
                 asked_s = now_s  # again and again: what the robot has just received is no goal of the action yet
                 self._cancels.write(CANCEL_ALL)
             if math.isfinite(asked_s) and self._status.over():
+                if self._status.arrived and math.isinf(home_s):  # just before it was asked to stop
+                    return DriveProgress("arrived", f"Nav2 says that it arrived{_at(pose)}", pose)
                 return DriveProgress("stopped", f"the drive was cancelled{_at(pose)}", pose)
             pose = self._robot.now() or pose
             due_s = begin_s + CONFIRM_S if math.isfinite(asked_s) else self._begin_s + SETTLE_S
@@ -173,13 +175,19 @@ class GoalStatus:
     def __init__(self, ours: Any, name: str) -> None:
         self._participant, self._publishers, self._name = ours, Publishers(ours), name
         self._reader: Reader | None = None
-        self._old, self._seen = set[bytes](), False
-        self._active = False
+        self._states, self._old = dict[bytes, int](), set[bytes]()
+        self._seen = self._active = False
 
     def begin(self) -> None:
         """What is known by now is not of the drive that begins."""
         self._hear()
+        self._old |= self._states.keys()
         self._seen = self._active = False
+
+    @property
+    def arrived(self) -> bool:
+        """Whether a goal since the beginning has succeeded."""
+        return any(state == SUCCEEDED for name, state in self._states.items() if name not in self._old)
 
     def over(self) -> bool:
         """Whether a goal was seen since the beginning, and none is active any more."""
@@ -195,10 +203,9 @@ class GoalStatus:
                 told = decoded(data, STATUS_ARRAY, "cdr", "a goal's status").status_list[:MOST_GOALS]
             except InputError:
                 continue
-            names = {bytes(each.goal_info.goal_id.uuid): each.status in ACTIVE for each in told}
-            self._active = any(names.values())
-            self._seen |= self._active or bool(names.keys() - self._old)
-            self._old |= names.keys()
+            self._states = {bytes(each.goal_info.goal_id.uuid): each.status for each in told}
+            self._active = not ACTIVE.isdisjoint(self._states.values())
+            self._seen |= self._active or bool(self._states.keys() - self._old)
 
 
 def matched_listeners(count: Callable[[], int], timeout_s: float, asked: threading.Event | None = None) -> int:

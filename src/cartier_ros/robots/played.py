@@ -41,7 +41,7 @@ CODES = {
     Ending.NO_PATH: 208,
     Ending.STUCK: 105,
 }  # of Nav2's planner, controller
-NO_TREE, NO_TRANSFORM = 9001, 9002
+NO_TREE, NO_TRANSFORM, NOWHERE = 9001, 9002, 204
 
 
 class PlayedRobot:
@@ -135,11 +135,13 @@ class PlayedRobot:
         if goal.status == GoalState.CANCELING:
             self._navigation.end(goal, GoalState.CANCELED)
             return
-        pose = self._in_map(goal)
-        if goal.behavior_tree or pose is None:
+        pose, finite = self._in_map(goal), all(map(math.isfinite, goal.pose))
+        if goal.behavior_tree or pose is None or not finite:
             wrong = (NO_TREE, f"Error loading: {goal.behavior_tree}. Navigation canceled.")
             if pose is None:
                 wrong = NO_TRANSFORM, f"no transform leads from {goal.frame!r} to the global frame {FRAME!r}"
+            elif not finite:
+                wrong = NOWHERE, "the goal's x, y or orientation is not a number"
             self._navigation.end(goal, GoalState.ABORTED, *wrong)
             return
         if self._goal is not None:
@@ -150,10 +152,10 @@ class PlayedRobot:
             self._end(GoalState.ABORTED, CODES[way], way.value)
 
     def _in_map(self, goal: NavGoal) -> Pose | None:
-        """Where a goal lies in the map; None if its frame is not known, or its pose not finite."""
+        """Where a goal lies in the map; None if its frame is not known."""
         frames = {FRAME: (0.0, 0.0, 0.0), ODOM: self._base.map_from_odom, BASE: self._base.believed}
         frame = frames.get(goal.frame)
-        return compose(frame, goal.pose) if frame is not None and all(map(math.isfinite, goal.pose)) else None
+        return None if frame is None else compose(frame, goal.pose)
 
     def _report(self, ended: Ending | None) -> None:
         if self._drive is None or (self._goal is None and ended is None):
