@@ -1,24 +1,37 @@
 """Load benchmark of ``cartier serve``: clients on loopback that check every answer; latencies and memory.
 
 python benchmarks/serving.py HOME [--clients 200] [--seconds 60]
+python benchmarks/serving.py HOME --objects 50 300 1000: processor time of a warm answer in a home of so many
 """
 
 from __future__ import annotations
 
 import asyncio
+import hashlib
+import itertools
 import json
 import os
 import socket
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import httpx
 import numpy as np
 from command_line import Parser, run_script
 
+from cartier import ask
 from cartier.home import Home
+
+
+QUESTIONS = (
+    "I am tired, I want to go to sleep", "how many chairs are there?", "the cup on the dining table",
+    "so much work tonight and I am getting really sleepy, we better do something about that", "where is the mug?",
+    "the biggest cabinet in the kitchen", "the apple on the table next to the fridge", "which chairs are there?",
+    "are there any plates under the table?",
+)  # fmt: skip
 
 
 async def client(
@@ -80,12 +93,45 @@ async def load(base: str, home: str, labels: dict[str, int], clients: int, secon
     print("\n".join(wrong[:5]))
 
 
+def grown(home: Home, number: int) -> Home:
+    """The home with so many objects: its own, then copies of them elsewhere."""
+    rng, objects = np.random.default_rng(0), list(home.objects[:number])
+    for obj in itertools.islice(itertools.cycle(home.objects), number - len(objects)):
+        by_m = (*rng.normal(0, 1, 2), 0.0)
+        at, low, high = (tuple((p + by_m).tolist()) for p in np.array([obj.position, obj.box_min, obj.box_max]))
+        new = max(t.id for t in objects) + 1
+        objects.append(replace(obj, id=new, position=at, box_min=low, box_max=high, oriented=None, aliases=()))
+    for index in home.indexes.values():
+        index.set_objects(objects)
+    return replace(home, objects=tuple(objects))
+
+
+def growth(folder: Path, sizes: list[int]) -> None:
+    """The processor time of warm answers by the number of objects; a digest shows whether two versions answer alike."""
+    for number in sizes:
+        home, took, answers = grown(Home.load(folder), number), [], []
+        for words in QUESTIONS:
+            answers.append(ask(home, words).to_dict() | {"timing_ms": None})
+            times = []
+            for _ in range(7):
+                begin = time.process_time()
+                ask(home, words)
+                times.append((time.process_time() - begin) * 1e3)
+            took.append(float(np.median(times)))
+        digest = hashlib.sha256(json.dumps(answers, sort_keys=True).encode()).hexdigest()[:12]
+        each = " ".join(f"{ms:.0f}" for ms in took)
+        print(f"{number:5} objects: an answer takes {np.median(took):.1f} ms (each: {each}); answers {digest}")
+
+
 def main() -> None:
     parser = Parser(__doc__)
+    parser.add_argument("--objects", type=int, nargs="+", help="only time answers, in homes of so many objects")
     parser.add_argument("home", type=Path, help="folder of a mapped home")
     parser.add_argument("--clients", type=int, default=200, help="at the same time (default: %(default)s)")
     parser.add_argument("--seconds", type=float, default=60.0, help="for how long (default: %(default)s)")
     asked = parser.parse_args()
+    if asked.objects:
+        return growth(asked.home, asked.objects)
     objects = [obj for obj in Home.load(asked.home).objects if obj.confirmed]
     single = {t.label: t.id for t in objects if sum(o.label == t.label for o in objects) == 1}
     single = {name: k for name, k in single.items() if not any(name in o.label and name != o.label for o in objects)}

@@ -19,6 +19,7 @@ import hashlib
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from functools import cached_property
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -405,6 +406,11 @@ class MapObject:
     def located(self) -> bool:
         """Whether its distance is known. Without depth it may not be: its box then covers where the object may be."""
         return any(view.surface is not None for view in self.views) or not self.views
+
+    @cached_property
+    def volume_m3(self) -> float:
+        """The volume of its axis-aligned box (m³)."""
+        return math.prod(high - low for low, high in zip(self.box_min, self.box_max, strict=True))
 
 
 @dataclass(frozen=True)

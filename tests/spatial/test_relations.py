@@ -11,6 +11,7 @@ import pytest
 from cartier.labels import display_name
 from cartier.spatial.relations import (
     Relation,
+    _supports,
     between,
     bigger,
     farthest,
@@ -247,3 +248,17 @@ def test_every_probability_is_one() -> None:
     for relation in everything:
         assert 0 <= relation.probability <= 1 and math.isfinite(relation.metres)
         assert relation.subject not in (relation.object, relation.other)
+
+
+def test_supports_computed_once() -> None:
+    kept = supports(HOME)
+    assert supports(list(HOME)) is kept
+    moved = (*HOME[:3], replace(MUG, position=(9.0, 9.0, 0.1), box_min=(8.9, 8.9, 0.0), box_max=(9.1, 9.1, 0.2)))
+    assert MUG.id in supports(HOME[:4]) and MUG.id not in supports(moved)
+
+
+def test_under_shares_the_supports() -> None:
+    _supports.cache_clear()
+    for one in HOME:
+        under(one, HOME)
+    assert _supports.cache_info().misses == 1

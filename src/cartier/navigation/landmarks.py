@@ -67,7 +67,7 @@ class _Walk:
         """What a straight part passes, in order: objects on either side, and doors into other rooms."""
         found = list(self._entered(begin, end))
         for obj, far in sorted(
-            zip(self.marks, self.away_m[:, begin : end + 1], strict=True), key=lambda m: -_size(m[0])
+            zip(self.marks, self.away_m[:, begin : end + 1], strict=True), key=lambda m: -m[0].volume_m3
         ):
             k = begin + int(far.argmin())
             if obj.id not in self.named and far.min() <= BESIDE_M and begin < k < end:
@@ -86,10 +86,6 @@ class _Walk:
                 pair = {self.site.rooms[before].id, self.site.rooms[now].id}
                 door = any(set(door.rooms) == pair for door in self.site.doors)
                 yield k, f"{'through the door ' if door else ''}into {with_article(self.site.rooms[now].name)}"
-
-
-def _size(obj: MapObject) -> float:
-    return float(np.prod(np.subtract(obj.box_max, obj.box_min)))
 
 
 def _marks(site: RouteMap, place: Place) -> list[MapObject]:

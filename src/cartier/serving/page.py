@@ -55,7 +55,7 @@ def files() -> dict[str, tuple[str, bytes]]:
 def view(home: Home) -> dict[str, Any]:
     """Floor plan, rooms, objects and route rules of a home as JSON; the cells row by row as runs of (code, count)."""
     sure = [obj for obj in home.objects if obj.confirmed]
-    held = {k: r for k, r in supports(home.objects).items() if k not in {t.id for t in sure}} | supports(sure)
+    held = {k: r for k, r in supports(home.objects).items() if k not in {t.id for t in sure}} | dict(supports(sure))
     about: dict[str, Any] = {
         "title": home.name, "home_id": home.id, "detector": home.detector, "start": _rounded(home.start_xy),
         "extent": _rounded(shown_extent(home)),

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
-import numpy as np
+from collections.abc import Iterator, Sequence
+from heapq import nsmallest
+from itertools import islice
 
 from cartier.spatial.query import Scene
 from cartier.spatial.relations import ASKED_NEAR_M
@@ -28,29 +28,29 @@ def colours_of(obj: MapObject) -> tuple[str, ...]:
 
 def whereabouts(scene: Scene, obj: MapObject) -> str:
     """Where an object is, in words: "on the table in the kitchen"."""
-    phrases = _places(scene, obj)[:1]
+    phrases = list(islice(_places(scene, obj), 1))
     room = scene.room_of(obj)
     if room is not None and _inside(room) not in phrases:
         phrases.append(_inside(room))
     return " ".join(phrases)
 
 
-def _places(scene: Scene, obj: MapObject) -> list[str]:
+def _places(scene: Scene, obj: MapObject) -> Iterator[str]:
     """All phrases for where an object is, the most specific first."""
-    told = []
     held = scene.holders.get(obj.id)
     if held is not None and held.object is not None:
-        told.append(f"{held.kind} the {scene.by_id[held.object].label}")
-    least_m3 = max(_volume_m3(obj) / 2, 0.02)
+        yield f"{held.kind} the {scene.by_id[held.object].label}"
+    least_m3 = max(obj.volume_m3 / 2, 0.02)
     marks = (
         o for o in scene.objects
         if o.label != obj.label and o.id != (held.object if held else None)
-        and (o.label not in scene.several or held is None) and _volume_m3(o) > least_m3
+        and (o.label not in scene.several or held is None) and o.volume_m3 > least_m3
     )  # fmt: skip
-    beside = sorted(marks, key=lambda o: scene.distance_m(obj, o))
-    told += [f"by the {o.label}" for o in beside[:4] if scene.distance_m(obj, o) <= ASKED_NEAR_M and o.room == obj.room]
-    room = scene.room_of(obj)
-    return told + ([_inside(room)] if room is not None else [])
+    for mark in nsmallest(4, marks, key=lambda o: scene.distance_m(obj, o)):
+        if scene.distance_m(obj, mark) <= ASKED_NEAR_M and mark.room == obj.room:
+            yield f"by the {mark.label}"
+    if (room := scene.room_of(obj)) is not None:
+        yield _inside(room)
 
 
 def tell_apart(scene: Scene, found: Sequence[MapObject]) -> list[str]:
@@ -58,7 +58,7 @@ def tell_apart(scene: Scene, found: Sequence[MapObject]) -> list[str]:
     every = []
     for obj in found:
         room = scene.room_of(obj)
-        told = ([_inside(room)] if room is not None else []) + _places(scene, obj)
+        told = [*([_inside(room)] if room is not None else []), *_places(scene, obj)]
         told += [f"the {obj.colours[0][0]} one"] if obj.colours else []
         every.append(list(dict.fromkeys(told)))
     apart = [
@@ -66,7 +66,7 @@ def tell_apart(scene: Scene, found: Sequence[MapObject]) -> list[str]:
         for i, told in enumerate(every)
     ]
     if len(found) == 2 and not all(apart):
-        big, small = map(_volume_m3, found)
+        big, small = (obj.volume_m3 for obj in found)
         if max(big, small) > 1.3 * min(big, small):
             apart = ["the bigger one", "the smaller one"] if big > small else ["the smaller one", "the bigger one"]
     return apart
@@ -75,10 +75,6 @@ def tell_apart(scene: Scene, found: Sequence[MapObject]) -> list[str]:
 def _inside(room: Room) -> str:
     """ "in the kitchen", "in bedroom 2"."""
     return f"in {the(room.name)}"
-
-
-def _volume_m3(obj: MapObject) -> float:
-    return float(np.prod(np.subtract(obj.box_max, obj.box_min)))
 
 
 def the(name: str) -> str:

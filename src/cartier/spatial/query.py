@@ -84,12 +84,10 @@ class Scene:
 
     def distance_m(self, obj: MapObject, other: MapObject | None = None) -> float:
         """Distance between two boxes; without ``other``, between the object and the robot, along the floor."""
-        low, high = np.array(obj.box_min), np.array(obj.box_max)
-        if other is not None:
-            apart = np.maximum(np.maximum(low - other.box_max, np.array(other.box_min) - high), 0)
-            return float(np.linalg.norm(apart))
-        at = np.array(self.from_xy if self.from_xy is not None else (0.0, 0.0))[:2]
-        return float(np.linalg.norm(np.maximum(np.maximum(low[:2] - at, at - high[:2]), 0)))
+        at = (self.from_xy or (0.0, 0.0))[:2]
+        low, high = (at, at) if other is None else (other.box_min, other.box_max)
+        sides = zip(obj.box_min, obj.box_max, low, high, strict=False)
+        return math.sqrt(sum(max(a - d, c - b, 0.0) ** 2 for a, b, c, d in sides))
 
     def way_m(self, obj: MapObject) -> float:
         """How far the robot drives to an object; where no way to it is known, it comes after all others."""

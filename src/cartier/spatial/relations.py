@@ -9,8 +9,10 @@ with known contacts. ``benchmarks/spatial.py`` measures them in other homes.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
+from operator import is_
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -108,12 +110,27 @@ _FIXED = frozenset({
 _BUILT_IN = frozenset({"sink", "faucet", "tap", "stove", "stove burner"})  # into a table
 
 
-def supports(objects: Sequence[MapObject]) -> dict[int, Relation]:
+class _Same(tuple[MapObject, ...]):
+    """Objects as a key: the very same ones in the same order, for comparing all that they hold takes long."""
+
+    def __hash__(self) -> int:
+        return hash(tuple(map(id, self)))
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Same) and len(self) == len(other) and all(map(is_, self, other))
+
+
+def supports(objects: Iterable[MapObject]) -> Mapping[int, Relation]:
     """What each object stands on or in, by its id; objects on the floor or on a wall have no entry.
 
     All possible supports and none at all compete (a conditional logit). There are no cycles of objects that support
     each other.
     """
+    return _supports(_Same(objects))
+
+
+@lru_cache(maxsize=64)  # every request to a home asks of the same objects
+def _supports(objects: _Same) -> Mapping[int, Relation]:
     if len(objects) < 2:
         return {}
     low, high = _boxes(objects)
@@ -140,12 +157,12 @@ def supports(objects: Sequence[MapObject]) -> dict[int, Relation]:
 
 def under(obj: MapObject, objects: Sequence[MapObject]) -> tuple[Relation, ...]:
     """Objects below an object and within its outline, the most probable first, without its support and its contents."""
+    held = supports(objects if any(other is obj for other in objects) else (obj, *objects))
     objects, low, high, own_low, own_high, apart = _around(obj, objects)
     own = _HOLDERS.get(obj.label)
     fits = [own == _TABLE or (own == _SEAT and not _is_furniture(other)) for other in objects]  # between the legs
     between_legs = np.array(fits, bool) & (low[:, 2] < own_low[2] + FLOOR_M) & (high[:, 2] <= own_high[2])
     below = (high[:, 2] <= own_low[2] - PAD_M) | between_legs
-    held = supports([obj, *objects])
     holder = {i: relation.object for i, relation in held.items()}
     # an object with the same support is beside it, or a shelf lower
     free = [holder.get(o.id) is None or holder[o.id] not in (obj.id, holder.get(obj.id)) for o in objects]
