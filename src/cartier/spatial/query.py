@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 
@@ -68,7 +68,7 @@ class Scene:
         return frozenset(label for label, count in counts.items() if count > 1)
 
     @cached_property
-    def holders(self) -> dict[int, relations.Relation]:
+    def holders(self) -> Mapping[int, relations.Relation]:
         return relations.supports(self.objects)
 
     def held_by(self, obj: MapObject) -> list[MapObject]:
