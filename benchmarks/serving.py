@@ -25,7 +25,6 @@ from command_line import Parser, run_script
 from cartier import ask
 from cartier.home import Home
 
-
 QUESTIONS = (
     "I am tired, I want to go to sleep", "how many chairs are there?", "the cup on the dining table",
     "so much work tonight and I am getting really sleepy, we better do something about that", "where is the mug?",
