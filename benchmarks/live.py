@@ -33,8 +33,8 @@ from cartier.recordings.common.poses import interpolated
 from cartier.recordings.folder import save
 from cartier.sources import open_source
 from cartier.specs import detector, detector_for, reasoner
-from cartier.streams import Stamped
 from cartier.types import Camera, Frame, TrueObject
+from cartier.types.streams import Stamped
 from cartier_dollhouse import Dollhouse
 from cartier_dollhouse.recording import STEP_S, DollhouseRecording
 

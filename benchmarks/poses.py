@@ -33,8 +33,8 @@ from cartier.mapping.pose_graph import PoseGraph
 from cartier.mapping.registration import about_z
 from cartier.mapping.repose import KeptFrame, frame_key
 from cartier.mapping.reposed import Reposed
-from cartier.streams import Event, PoseUpdate, Stamped
 from cartier.types import Detections, Frame
+from cartier.types.streams import Event, PoseUpdate, Stamped
 from cartier_dollhouse import Dollhouse
 from cartier_dollhouse.recording import DollhouseRecording
 from cartier_dollhouse.sensor import Sensor

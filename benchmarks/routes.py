@@ -41,8 +41,8 @@ from cartier.navigation.routes import plan_route
 from cartier.navigation.search import cheapest
 from cartier.pipeline import map_home
 from cartier.reasoners import embedded
-from cartier.route_rules import FLOOR_KINDS, RouteRule
 from cartier.types import Place, RobotModel
+from cartier.types.route_rules import FLOOR_KINDS, RouteRule
 from cartier_bench.route_drives import EDGE_M, dense
 from cartier_bench.route_homes import Home, home_names, off_m, random_rules, true_home
 from cartier_bench.route_run import DRIVES, report, run

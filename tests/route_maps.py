@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from cartier.navigation.layers import RouteMap
-from cartier.route_rules import FLOOR_KINDS
 from cartier.types import FREE, Door, MapObject, OccupancyGrid, Place, Room
+from cartier.types.route_rules import FLOOR_KINDS
 from plans import Plan
 
 ROOMS = {"study": (0.0, 0.0, 4.0, 3.0), "kitchen": (4.1, 0.0, 8.0, 3.0), "hall": (0.0, 3.1, 8.0, 4.5)}

@@ -19,9 +19,9 @@ from cartier.navigation.layers import SOFT_AVOID, RouteMap
 from cartier.navigation.planning import traversable
 from cartier.navigation.search import cheapest
 from cartier.pipeline import map_home
-from cartier.route_rules import RouteRule
 from cartier.spatial.doors import find_doors
 from cartier.types import OCCUPIED, RobotModel
+from cartier.types.route_rules import RouteRule
 from nav2_reader import read_mask
 from plans import LEFT, RIGHT, Plan, flat
 from synthetic import THINGS, TrueBoxes, walk

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cartier.errors import InputError
-from cartier.route_rules import FLOOR_KINDS, RouteRule, RouteTarget, called, echo
+from cartier.types.route_rules import FLOOR_KINDS, RouteRule, RouteTarget, called, echo
 
 LETTERS = st.characters(codec="utf-8", exclude_categories=("C", "Z")) | st.just(" ")
 NAMES = st.text(LETTERS, min_size=1, max_size=20).map(lambda text: " ".join(text.split())).filter(bool)

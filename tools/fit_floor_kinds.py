@@ -29,8 +29,8 @@ from cartier.mapping.floor_kinds import KNOWN, MODEL, FloorKindMapper, Patch, fe
 from cartier.mapping.keyframes import Keyframes
 from cartier.mapping.occupancy import OccupancyMapper
 from cartier.navigation.planning import traversable
-from cartier.route_rules import FLOOR_KINDS
 from cartier.types import Frame
+from cartier.types.route_rules import FLOOR_KINDS
 from cartier_dollhouse.floors import RUGS, kinds_at, with_options
 from cartier_dollhouse.mesh import panel
 from cartier_dollhouse.model import Part, Room, Scene

@@ -32,8 +32,6 @@ from .mapping.mapper import Mapper
 from .mapping.repose import KeptFrame
 from .pipeline import ask, map_home
 from .plugins import make, open_recording
-from .route_rules import RouteRule, RouteTarget
-from .streams import Fault, PoseUpdate, Stamped
 from .types import (
     Answer,
     AsOf,
@@ -63,6 +61,8 @@ from .types import (
     VisualReply,
     VisualTrace,
 )  # fmt: skip
+from .types.route_rules import RouteRule, RouteTarget
+from .types.streams import Fault, PoseUpdate, Stamped
 from .vision.permission import Look
 
 __version__: str

@@ -5,7 +5,7 @@ Each is a protocol, and a backend is any object that has its members. Members wi
 is what a backend without them is taken to have: those of a ``Detector`` stand in the protocol, those of the others in
 a class of their own (``RecordingDefaults``, …), and a backend may derive from either. cartier reads them with
 ``optional`` alone. ``cartier.testing`` checks backends against all of this. Units, frames and layouts are those at the
-head of ``types.py``.
+head of ``types/``.
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ from functools import partial
 from types import MappingProxyType
 from typing import Any, Protocol, runtime_checkable
 
-from cartier.streams import Event
 from cartier.types import (
     Array,
     Camera,
@@ -33,6 +32,7 @@ from cartier.types import (
     VisualQuestion,
     VisualReply,
 )  # fmt: skip
+from cartier.types.streams import Event
 
 
 def optional(backend: object, contract: type, name: str) -> Any:

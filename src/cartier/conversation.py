@@ -11,8 +11,8 @@ from cartier.labels import object_ref, room_ref
 from cartier.llm.prompts import check_query, recent
 from cartier.navigation.planning import check_start
 from cartier.pipeline import ask, serve
-from cartier.route_rules import RouteRule
 from cartier.types import Answer, RobotModel
+from cartier.types.route_rules import RouteRule
 from cartier.understanding import alarm
 from cartier.vision.permission import Look
 

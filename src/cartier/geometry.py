@@ -1,4 +1,4 @@
-"""Geometry: transforms, projection and back-projection, distances to boxes. Conventions: the head of ``types.py``."""
+"""Geometry: transforms, projection and back-projection, distances to boxes. Conventions: the head of ``types/``."""
 
 from __future__ import annotations
 

@@ -32,8 +32,8 @@ from cartier.mapping.walk import integrate
 from cartier.navigation.planning import check_start, plan
 from cartier.navigation.routes import RoutePlan, plan_route
 from cartier.navigation.traction import traction_layer
-from cartier.route_rules import RouteRule
 from cartier.types import Answer, Goal, Place, RobotModel, Selection
+from cartier.types.route_rules import RouteRule
 from cartier.understanding import alarm
 from cartier.understanding.out_of_vocabulary import out_of_vocabulary_mention
 from cartier.understanding.route_rules import GO_ANYWAY, agrees

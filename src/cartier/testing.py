@@ -44,8 +44,8 @@ from cartier.errors import CartierError, brief, check_pose
 from cartier.labels import display_name
 from cartier.mapping.detection_cache import detecting
 from cartier.mapping.object_map import ObjectMap
-from cartier.streams import Fault, PoseUpdate, Stamped
 from cartier.types import Array, Detections, DetectorScoreModel, DriveProgress, Frame, Goal, Inventory, Place
+from cartier.types.streams import Fault, PoseUpdate, Stamped
 
 REQUESTS = (
     "my feet hurt",

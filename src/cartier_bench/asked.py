@@ -13,8 +13,8 @@ from typing import Any
 from cartier.contracts import Reasoner, ReasonerDefaults, optional
 from cartier.io.atomic import append_line
 from cartier.io.files import read_rows
-from cartier.route_rules import RouteRule
 from cartier.types import Fact, Inventory, Selection
+from cartier.types.route_rules import RouteRule
 
 
 class Asked:

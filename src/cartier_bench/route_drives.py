@@ -20,8 +20,8 @@ from scipy import ndimage
 from cartier.navigation.layers import SLOW_NEAR_M, VIA_M
 from cartier.navigation.planning import traversable
 from cartier.navigation.routes import RoutePlan, plan_route
-from cartier.route_rules import RouteRule
 from cartier.types import FREE, Place, RobotModel
+from cartier.types.route_rules import RouteRule
 from cartier_bench.route_homes import Home, Points, margin_m, off_m, random_rules, true_home
 
 POINT_M = 0.01

@@ -13,9 +13,9 @@ import numpy.typing as npt
 from cartier import plugins
 from cartier.geometry import box_distance
 from cartier.navigation.layers import AVOID_OBJECT_M, FLAT_M, KEEP_AWAY_M, RouteMap
-from cartier.route_rules import FLOOR_KINDS, RouteRule, RouteTarget
 from cartier.spatial.doors import find_doors
 from cartier.types import RobotModel, Room
+from cartier.types.route_rules import FLOOR_KINDS, RouteRule, RouteTarget
 from cartier_bench.true_home import true_objects
 from cartier_dollhouse import Dollhouse
 from cartier_dollhouse.floors import kinds_at

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 from cartier.contracts import Reasoner
 from cartier.errors import InputError
-from cartier.route_rules import RouteRule, RouteTarget
+from cartier.types.route_rules import RouteRule, RouteTarget
 from cartier_bench.marked_lines import Line, read
 from cartier_bench.true_home import perfect_map
 

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from cartier.route_rules import FLOOR_KINDS
+from cartier.types.route_rules import FLOOR_KINDS
 from cartier_dollhouse.mesh import box, panel
 from cartier_dollhouse.model import Opening, Part, Room, Rug, Scene
 from cartier_dollhouse.walls import structure

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from cartier.errors import InputError
-from cartier.route_rules import RouteRule
 from cartier.types import Inventory, Selection
+from cartier.types.route_rules import RouteRule
 from cartier_bench import route_drives, route_run, route_sentences
 from cartier_bench.route_homes import home_names, off_m, true_home
 

@@ -10,7 +10,7 @@ import pytest
 
 from cartier import plugins
 from cartier.errors import InputError
-from cartier.route_rules import FLOOR_KINDS
+from cartier.types.route_rules import FLOOR_KINDS
 from cartier_dollhouse.floors import NARROW_M, kinds_at, split_name
 from cartier_dollhouse.materials import material
 from cartier_dollhouse.model import Scene, triangles

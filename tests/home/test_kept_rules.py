@@ -11,8 +11,8 @@ import pytest
 from cartier import Conversation, Home, InputError, make
 from cartier.pipeline import ask, map_home
 from cartier.reasoners import embedded
-from cartier.route_rules import RouteRule
 from cartier.types import Answer
+from cartier.types.route_rules import RouteRule
 from route_talk import reads
 
 

@@ -15,7 +15,7 @@ from another_day import ANOTHER_DAY, MOVED, OTHER_THINGS, ROOM_THINGS, mapped, r
 from cartier import Live
 from cartier.errors import InputError
 from cartier.io.spool import Spool
-from cartier.streams import Event, PoseUpdate, Stamped
+from cartier.types.streams import Event, PoseUpdate, Stamped
 from synthetic import TrueBoxes
 
 

@@ -20,8 +20,8 @@ from cartier.doctor.explanation import explained
 from cartier.doctor.stream_check import DRIVER_MENDS, KEPT, check_stream
 from cartier.mapping.samples import sample
 from cartier.recordings.folder import save
-from cartier.streams import Event, Fault, Stamped
 from cartier.types import Frame
+from cartier.types.streams import Event, Fault, Stamped
 from studio import studio
 
 FRAMES = 10

@@ -23,7 +23,7 @@ from cartier.mapping.repose import KeptFrame, frame_key, moved
 from cartier.plugins import open_recording
 from cartier.serving.live_homes import LiveHomes
 from cartier.serving.operations import Operations
-from cartier.streams import Event, PoseUpdate, Stamped
+from cartier.types.streams import Event, PoseUpdate, Stamped
 from synthetic import THINGS, walk
 
 WALK = walk()

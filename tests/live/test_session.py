@@ -23,7 +23,7 @@ from cartier.io.files import read_npz
 from cartier.io.spool import Spool
 from cartier.recordings.folder import save
 from cartier.sources import open_source
-from cartier.streams import Event, Fault, PoseUpdate, Stamped
+from cartier.types.streams import Event, Fault, PoseUpdate, Stamped
 from synthetic import THINGS, TrueBoxes, box, walk
 
 WALK = walk()

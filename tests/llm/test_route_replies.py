@@ -11,7 +11,7 @@ import pytest
 from cartier.llm import route_rules
 from cartier.llm.prompts import prompt_named
 from cartier.llm.reply_parser import read_reply
-from cartier.route_rules import RouteRule
+from cartier.types.route_rules import RouteRule
 from route_talk import flat_inventory
 
 HOME = flat_inventory()

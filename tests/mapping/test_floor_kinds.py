@@ -15,8 +15,8 @@ import pytest
 from cartier.errors import InputError
 from cartier.mapping import floor_kinds
 from cartier.mapping.floor_kinds import FloorKindMapper, laid_out
-from cartier.route_rules import FLOOR_KINDS
 from cartier.types import FREE, Frame, OccupancyGrid
+from cartier.types.route_rules import FLOOR_KINDS
 from cartier_dollhouse.floors import kinds_at
 from cartier_dollhouse.model import Scene
 

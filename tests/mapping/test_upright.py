@@ -21,8 +21,8 @@ from cartier.home import Home
 from cartier.live.level import FIRST, Level
 from cartier.mapping.upright import Levelled, measured, upright
 from cartier.render.mapped_frames import as_mapped
-from cartier.streams import Event, PoseUpdate, Stamped
 from cartier.types import Frame
+from cartier.types.streams import Event, PoseUpdate, Stamped
 from lying import lying, world
 from synthetic import THINGS, TrueBoxes, look, walk
 

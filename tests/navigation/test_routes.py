@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 from cartier.navigation.layers import KEEP_AWAY_M, SOFT_AVOID, RouteMap, area_of, ruled_area, total
 from cartier.navigation.planning import line_of_sight, plan
 from cartier.navigation.routes import RoutePlan, plan_route
-from cartier.route_rules import RouteRule, RouteTarget
 from cartier.types import Goal, Place, RobotModel
+from cartier.types.route_rules import RouteRule, RouteTarget
 from route_maps import ROOMS, at, flat, thing
 
 ROBOT = RobotModel(0.2)

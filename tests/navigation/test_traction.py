@@ -12,8 +12,8 @@ from cartier.errors import InputError
 from cartier.navigation.layers import RouteMap
 from cartier.navigation.routes import plan_route
 from cartier.navigation.traction import traction_layer, traction_of
-from cartier.route_rules import FLOOR_KINDS
 from cartier.types import FREE, OccupancyGrid, Place, RobotModel
+from cartier.types.route_rules import FLOOR_KINDS
 
 CARPET = FLOOR_KINDS.index("carpet")
 

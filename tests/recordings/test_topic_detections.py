@@ -25,7 +25,7 @@ from cartier.live.session import Live
 from cartier.pipeline import map_home
 from cartier.recordings.common.lens import Lens, resampled, straightened
 from cartier.sources import open_source
-from cartier.streams import Fault
+from cartier.types.streams import Fault
 from cartier_ros.bags.detections import BOXES_2D, read_detections
 from cartier_ros.bags.topics import Choice, Stream
 from synthetic import CAMERA, THINGS, TrueBoxes, walk

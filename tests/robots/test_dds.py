@@ -84,7 +84,7 @@ def test_what_linux_lets_a_socket_hold_is_known(monkeypatch: pytest.MonkeyPatch,
 
 def test_other_images_are_no_longer_heard_once_the_topics_are_chosen() -> None:
     from cartier.sources import open_source
-    from cartier.streams import Stamped
+    from cartier.types.streams import Stamped
     from cartier_ros.dds.topics import Writer, participant
 
     domain, m = any_domain(), Messages()

@@ -15,8 +15,8 @@ from peers import HOME, LOOPBACK, any_domain, goal_at
 from cartier import plugins
 from cartier.errors import CartierError
 from cartier.sources import open_source
-from cartier.streams import Stamped
 from cartier.testing import check_robot
+from cartier.types.streams import Stamped
 from cartier_dollhouse.recording import lit_renderer, pinhole
 from cartier_dollhouse.scene import load_home
 

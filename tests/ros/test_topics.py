@@ -16,8 +16,8 @@ from rospeers import Ros
 from cartier import plugins
 from cartier.pipeline import map_home
 from cartier.sources import open_source
-from cartier.streams import Stamped
 from cartier.testing import check_source
+from cartier.types.streams import Stamped
 from synthetic import THINGS, TrueBoxes, walk
 
 pytestmark = pytest.mark.slow

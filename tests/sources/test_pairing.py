@@ -10,7 +10,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from cartier.streams import Fault
+from cartier.types.streams import Fault
 from cartier_ros.streams.pairing import QUARANTINE_S, WAIT_S, Paired, Pairer
 from cartier_ros.streams.transforms import TransformBuffer
 

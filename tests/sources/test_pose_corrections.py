@@ -14,7 +14,7 @@ from cartier.errors import InputError
 from cartier.geometry import invert
 from cartier.live.sent_poses import SentPoses
 from cartier.sources import open_source
-from cartier.streams import PoseUpdate, Stamped
+from cartier.types.streams import PoseUpdate, Stamped
 from cartier_ros.bags.graphs import GRAPH, LINK, MAP_DATA, MAP_GRAPH, PATH, read_graph
 from synthetic import walk
 

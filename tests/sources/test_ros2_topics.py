@@ -24,8 +24,8 @@ from cartier.cli import app
 from cartier.contracts import Source
 from cartier.errors import BackendError, InputError, MissingExtra
 from cartier.sources import open_source
-from cartier.streams import Fault, Stamped
 from cartier.testing import check_source
+from cartier.types.streams import Fault, Stamped
 from cartier_ros.streams.gaps import Gaps
 from studio import studio
 from synthetic import THINGS, TrueBoxes, walk

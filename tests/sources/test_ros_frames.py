@@ -13,7 +13,7 @@ from bags import FRAME, MAP_FROM_ODOM, OPTICAL, START_NS, BagFile, Messages, wri
 from cartier.geometry import invert
 from cartier.live.sent_poses import SentPoses
 from cartier.sources import open_source
-from cartier.streams import Event, Fault, PoseUpdate, Stamped
+from cartier.types.streams import Event, Fault, PoseUpdate, Stamped
 from cartier_ros.bags.graphs import PATH
 from cartier_ros.streams.messages import Message
 from cartier_ros.streams.ros_frames import RosFrames, RosOptions

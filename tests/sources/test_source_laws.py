@@ -24,9 +24,9 @@ from cartier.recordings.folder import save
 from cartier.sources import open_source
 from cartier.sources.common.framing import read_event
 from cartier.sources.common.player import RecordingPlayer
-from cartier.streams import Event, Fault, PoseUpdate, Stamped
 from cartier.testing import check_source
 from cartier.types import Frame
+from cartier.types.streams import Event, Fault, PoseUpdate, Stamped
 from synthetic import walk
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "send_frames.py"

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from cartier.route_rules import RouteRule
 from cartier.spatial.expressions import ParsedUtterance
 from cartier.spatial.query import Scene
 from cartier.types import Inventory
+from cartier.types.route_rules import RouteRule
 from cartier.understanding.cards import SHIPPED, read_deck
 from cartier.understanding.dialogue_state import DialogueState
 from cartier.understanding.entity_vocabulary import lexicon

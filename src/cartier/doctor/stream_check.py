@@ -21,8 +21,8 @@ from cartier.doctor.explanation import explained
 from cartier.doctor.pictures import picture_faults, pictures_change
 from cartier.errors import brief, frame_number
 from cartier.mapping.samples import sample
-from cartier.streams import REASONS, Fault, Stamped
 from cartier.types import Camera, Frame, TrueObject
+from cartier.types.streams import REASONS, Fault, Stamped
 
 SECONDS = 10.0
 KEPT = 48  # frames in memory, spread over the whole time

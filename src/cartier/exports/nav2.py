@@ -23,8 +23,8 @@ from cartier.home import Home
 from cartier.home.map_server import pgm, yaml
 from cartier.io.atomic import write_file
 from cartier.navigation.layers import SLOW, RouteMap, ruled_area
-from cartier.route_rules import RouteRule
 from cartier.types import OccupancyGrid, RobotModel
+from cartier.types.route_rules import RouteRule
 
 FOLDER = "nav2"
 UNWANTED = 50  # of 100, as Nav2's masks have it: what costs more

@@ -14,8 +14,8 @@ from typing import cast
 from cartier.home import room_changes
 from cartier.home.correction_log import Correction, Subject, in_force, in_words, rules_of
 from cartier.home.object_changes import affirmed, halves, made, merged, moved, relabelled, weighed
-from cartier.route_rules import RouteRule
 from cartier.types import MapObject, OccupancyGrid, Room
+from cartier.types.route_rules import RouteRule
 
 NEAR_M = 1.0  # the object of the noted label within this distance is the one meant
 SAME_M = 0.3  # the object of the noted id counts as this much nearer; with another label, it must lie within it

@@ -15,7 +15,7 @@ from typing import Any, Literal, get_args
 
 from cartier.errors import MAX_FAR_M, InputError, brief
 from cartier.io.files import read_bytes
-from cartier.route_rules import RouteRule
+from cartier.types.route_rules import RouteRule
 
 LOG = "corrections.jsonl"
 MAX_BYTES = 2**24  # of a log; one that an older cartier wrote may be a little longer

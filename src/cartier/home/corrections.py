@@ -29,8 +29,8 @@ from cartier.home.correction_log import (
 from cartier.home.room_changes import free_name, halves
 from cartier.labels import display_name
 from cartier.navigation.planning import room_middle
-from cartier.route_rules import RouteRule
 from cartier.types import MapObject, OccupancyGrid, Room
+from cartier.types.route_rules import RouteRule
 
 THE_HOME = "home"
 """What the home itself is called where an object or a room could be meant."""

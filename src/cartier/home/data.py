@@ -11,8 +11,8 @@ from typing import Any
 from cartier.contracts import SpatialIndex
 from cartier.home.corrected import Corrected
 from cartier.home.store import Store
-from cartier.route_rules import RouteRule
 from cartier.types import Camera, Inventory, MapObject, OccupancyGrid, Room
+from cartier.types.route_rules import RouteRule
 
 
 @dataclass(frozen=True, eq=False)

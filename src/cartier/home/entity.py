@@ -22,9 +22,9 @@ from cartier.home.photos import photo_of
 from cartier.home.point_cloud import PointCloud, read_cloud
 from cartier.navigation.layers import RouteMap
 from cartier.navigation.planning import reach, room_middle
-from cartier.route_rules import RouteRule
 from cartier.spatial.doors import find_doors, shut_doors
 from cartier.types import Answer, Door, Inventory, Place, RobotModel, Room, Selection
+from cartier.types.route_rules import RouteRule
 
 ANSWERS, MAX_ANSWERS_BYTES = "answers.jsonl", 2**24
 CLOUD, DETECTIONS = "cloud.npz", "detections.npz"

@@ -14,8 +14,8 @@ import numpy.typing as npt
 
 from cartier.errors import MAX_FAR_M, MAX_TIME_S, brief, need, printable
 from cartier.io.files import typed
-from cartier.route_rules import FLOOR_KINDS
 from cartier.types import Array, MapObject, OccupancyGrid, Room
+from cartier.types.route_rules import FLOOR_KINDS
 
 Row = TypeVar("Row")
 MAX_NAME_CHARS, MAX_NOTE_CHARS = 1000, 10_000

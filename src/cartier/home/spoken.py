@@ -7,8 +7,8 @@ from dataclasses import replace
 
 from cartier.home.corrected import find_room
 from cartier.home.entity import Home
-from cartier.route_rules import UNDERSTOOD
 from cartier.types import Answer, Selection
+from cartier.types.route_rules import UNDERSTOOD
 from cartier.understanding import alarm
 from cartier.understanding.spoken_corrections import NOTED, spoken_correction
 

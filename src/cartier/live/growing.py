@@ -23,8 +23,8 @@ from cartier.mapping.keyframes import Keyframes
 from cartier.mapping.mapper import Mapper
 from cartier.mapping.remapping import add_kept, again, follow, keep_depth, succeed
 from cartier.mapping.repose import KeptFrame, Matrix, frame_key, moved
-from cartier.streams import PoseUpdate, Stamped
 from cartier.types import Detections, Frame
+from cartier.types.streams import PoseUpdate, Stamped
 
 Progress = Callable[[int, int], None]
 

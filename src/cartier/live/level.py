@@ -17,8 +17,8 @@ from cartier.mapping.gravity import FRAMES, SAMPLES_ACROSS
 from cartier.mapping.repose import Matrix
 from cartier.mapping.samples import thinned, thinned_depth
 from cartier.mapping.upright import Levelled, measured, upright
-from cartier.streams import Event, PoseUpdate, Stamped
 from cartier.types import Array, Camera
+from cartier.types.streams import Event, PoseUpdate, Stamped
 
 FIRST, LAST = 5, 2000  # frames by which it is measured first, and at most
 LEAST_M, LEAST_RAD = 0.05, 0.03  # what is corrected later

@@ -14,8 +14,8 @@ from cartier.errors import InputError
 from cartier.io.spool import MAGIC, SUFFIX, Keyframe, Place, Spool, SpoolWriter
 from cartier.live.sent_poses import SentPoses
 from cartier.mapping.repose import Matrix
-from cartier.streams import Stamped
 from cartier.types import Detections
+from cartier.types.streams import Stamped
 
 SAME = ("detector", "detector_sha256", "onto")  # what a session that goes on must have in common with its beginning
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from cartier.geometry import invert
 from cartier.mapping.repose import Matrix, blended, moved
-from cartier.streams import Stamped
+from cartier.types.streams import Stamped
 
 MOST = 20_000  # poses that are remembered besides those of keyframes: of more, every other one
 

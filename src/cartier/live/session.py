@@ -27,8 +27,8 @@ from cartier.mapping.config import MappingConfig
 from cartier.mapping.keyframes import sharpness
 from cartier.pipeline import ask
 from cartier.spatial.floor_seen import floor_seen
-from cartier.streams import Fault, PoseUpdate, Stamped
 from cartier.types import Answer, AsOf, Goal
+from cartier.types.streams import Fault, PoseUpdate, Stamped
 
 INBOX, KEYFRAMES = 8, 2  # frames and keyframes that wait
 DEPTH_HZ, DEPTH_BURST = 10.0, 3.0  # how often depth is taken, and how many frames may come close together

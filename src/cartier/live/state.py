@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cartier.streams import Fault
+from cartier.types.streams import Fault
 
 KEPT_DELAYS = 1000
 
@@ -27,7 +27,7 @@ class LiveState:
         measured: Of these, the frames whose depth is in the floor plan.
         keyframes: Of these, the frames that show something new.
         looked: Of these, the frames in which objects were detected.
-        dropped: How many frames were left out, by reason (``cartier.streams.REASONS``).
+        dropped: How many frames were left out, by reason (``cartier.types.streams.REASONS``).
         thinned: Frames that were passed over, because depth is taken ten times a second.
         waiting: Keyframes that wait for the detector.
         postponed: Keyframes for which the detector had no time: they are looked at when the stream has ended.

@@ -10,8 +10,8 @@ from typing import Any, get_args
 
 from cartier.errors import InputError
 from cartier.labels import plain
-from cartier.route_rules import RouteRule, RouteTarget, RuleKind, Strength, echo
 from cartier.types import Inventory, Selection
+from cartier.types.route_rules import RouteRule, RouteTarget, RuleKind, Strength, echo
 
 MAX_RULES = 6
 WAYS = re.compile(

@@ -21,8 +21,8 @@ from cartier.errors import InputError
 from cartier.geometry import project
 from cartier.io.files import read_npz
 from cartier.mapping.occupancy import MAX_CELL
-from cartier.route_rules import FLOOR_KINDS
 from cartier.types import Frame, OccupancyGrid
+from cartier.types.route_rules import FLOOR_KINDS
 
 KNOWN = len(FLOOR_KINDS) - 1  # kinds that are told apart; in ``votes`` they have the places 0 to KNOWN - 1
 STRANGE = KNOWN + 1  # in ``votes``

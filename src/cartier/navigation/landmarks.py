@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from cartier.navigation.layers import RouteMap
-from cartier.route_rules import with_article
 from cartier.types import Array, MapObject, Place
+from cartier.types.route_rules import with_article
 
 STRAIGHT_M = 0.3  # how far a path may stray from a straight line that stands for it
 TURN_RAD = math.radians(40)

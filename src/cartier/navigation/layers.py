@@ -17,8 +17,8 @@ import numpy.typing as npt
 
 from cartier.errors import InputError
 from cartier.geometry import box_distance
-from cartier.route_rules import FLOOR_KINDS, RouteRule, RouteTarget, called
 from cartier.types import Door, MapObject, OccupancyGrid, Room
+from cartier.types.route_rules import FLOOR_KINDS, RouteRule, RouteTarget, called
 
 Mask = npt.NDArray[np.bool_]
 Cost = npt.NDArray[np.floating[Any]]

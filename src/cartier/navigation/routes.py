@@ -30,8 +30,8 @@ from cartier.navigation.planning import (
     traversable,
 )
 from cartier.navigation.ruled_drive import OTHER_WAY_M, WALLS, Drive, Ruled, Way
-from cartier.route_rules import RouteRule, called
 from cartier.types import Goal, OccupancyGrid, Place, RobotModel
+from cartier.types.route_rules import RouteRule, called
 
 MOST_TRIED = 64  # sets of rules that are tried as what stands in the way
 

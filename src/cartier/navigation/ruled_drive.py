@@ -18,8 +18,8 @@ from cartier.navigation.landmarks import directions
 from cartier.navigation.layers import SLOW, SOFT_AVOID, Cost, CostLayer, Mask, RouteMap, body_layer, total, wish_layer
 from cartier.navigation.planning import SIGHT_DETOUR_M, lines_of_sight, poses_at
 from cartier.navigation.search import cheapest
-from cartier.route_rules import RouteRule, RuleKind, called
 from cartier.types import Goal, Place, RobotModel, Route, RouteAlternative
+from cartier.types.route_rules import RouteRule, RuleKind, called
 
 LEAVING = 30.0  # per metre, for a robot that stands where it must not be: it leaves by the shortest way
 BREACH = 20.0  # per metre, over what would have to be crossed against a rule

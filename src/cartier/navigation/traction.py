@@ -10,8 +10,8 @@ import numpy as np
 from cartier.errors import InputError, brief
 from cartier.io.files import read_text
 from cartier.navigation.layers import Cost, CostLayer, RouteMap
-from cartier.route_rules import FLOOR_KINDS
 from cartier.types import RobotModel
+from cartier.types.route_rules import FLOOR_KINDS
 
 DEFAULTS = Path(__file__).with_name("traction.toml")
 MAX_BYTES = 100_000

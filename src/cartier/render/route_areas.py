@@ -11,8 +11,8 @@ from cartier.errors import InputError
 from cartier.home import Home
 from cartier.navigation.layers import ruled_area
 from cartier.render.plan_key import PATH
-from cartier.route_rules import RouteRule
 from cartier.types import Answer
+from cartier.types.route_rules import RouteRule
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -18,8 +18,8 @@ import numpy.typing as npt
 from cartier.errors import brief
 from cartier.home import Home
 from cartier.llm.lookup import names_of
-from cartier.route_rules import RouteRule
 from cartier.types import Answer, Array, Goal, MapObject, Place, Room, Selection
+from cartier.types.route_rules import RouteRule
 
 CANDIDATES, MEANT = 3, 12
 CROP_PX, MARGIN = 512, 0.35  # of a cropped photo: its longer side, and the margin in box sizes

@@ -16,7 +16,7 @@ from cartier.contracts import Source
 from cartier.errors import InputError, brief
 from cartier.sources.common.framing import read_event
 from cartier.sources.common.pacing import QUIET_S
-from cartier.streams import Event, Fault, Stamped
+from cartier.types.streams import Event, Fault, Stamped
 
 END_S = 2.0  # how long the program may take to end when it is asked to
 MOST_WAITING = 4

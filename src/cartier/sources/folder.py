@@ -19,8 +19,8 @@ from cartier.recordings.common.files import MAX_TABLE_BYTES
 from cartier.recordings.common.poses import matrices, trajectory_row
 from cartier.recordings.folder import HEAD, TRAJECTORY, image_files, read_head
 from cartier.sources.common.pacing import QUIET_S
-from cartier.streams import Event, Fault, Stamped
 from cartier.types import Camera, Frame
+from cartier.types.streams import Event, Fault, Stamped
 
 POLL_S = 0.1
 UPLOAD_S = 5.0  # how long an image may take to arrive after its line

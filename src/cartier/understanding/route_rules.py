@@ -12,10 +12,10 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from cartier.labels import name_key, plain, singular, words
-from cartier.route_rules import RouteRule, RouteTarget, RuleKind, Strength, echo
 from cartier.spatial.expressions import EntityVocabulary, ReferringExpression
 from cartier.spatial.query import DOORS, Scene
 from cartier.types import Selection
+from cartier.types.route_rules import RouteRule, RouteTarget, RuleKind, Strength, echo
 from cartier.understanding.assembly import routed
 from cartier.understanding.dialogue_state import ASKING, DialogueState, same
 from cartier.understanding.rule_scope import STANDING, scope_of

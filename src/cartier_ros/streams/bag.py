@@ -18,7 +18,7 @@ from cartier.contracts import Detector, Recording, Source
 from cartier.errors import CartierError, InputError
 from cartier.sources.common.pacing import QUIET_S, Pace, check_speed
 from cartier.sources.common.player import RecordingPlayer
-from cartier.streams import Event, Fault
+from cartier.types.streams import Event, Fault
 from cartier_ros import rosbag
 from cartier_ros.bags.bag import Bag
 from cartier_ros.bags.poses import transform_tree

@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from cartier.geometry import invert
 from cartier.mapping.repose import blended, moved
-from cartier.streams import PoseUpdate
+from cartier.types.streams import PoseUpdate
 from cartier_ros.bags.graphs import Graph
 
 Matrix = npt.NDArray[np.float64]

@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from cartier.streams import Fault
+from cartier.types.streams import Fault
 from cartier_ros.bags.detections import SAME_NS
 from cartier_ros.streams.messages import Message
 from cartier_ros.streams.pairing import Paired

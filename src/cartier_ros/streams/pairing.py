@@ -15,7 +15,7 @@ from itertools import pairwise
 from statistics import median
 from typing import Any, NamedTuple
 
-from cartier.streams import Fault
+from cartier.types.streams import Fault
 from cartier_ros.streams.transforms import Lookup, Matrix
 
 SLOP_NS = 20_000_000

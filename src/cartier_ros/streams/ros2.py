@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 from cartier.contracts import Detector, Source
 from cartier.errors import BackendError, InputError, brief
 from cartier.sources.common.pacing import QUIET_S
-from cartier.streams import Event, Fault
+from cartier.types.streams import Event, Fault
 from cartier_ros.bags.bag import COMPRESSED, IMAGE, TRANSFORMS
 from cartier_ros.bags.detections import DETECTIONS
 from cartier_ros.bags.images import INFO

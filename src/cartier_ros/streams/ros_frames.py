@@ -10,8 +10,8 @@ import numpy as np
 
 from cartier.errors import InputError, brief
 from cartier.recordings.common.poses import matrices, rigid
-from cartier.streams import Event, Fault, Stamped
 from cartier.types import Frame
+from cartier.types.streams import Event, Fault, Stamped
 from cartier_ros.bags.bag import COMPRESSED, IMAGE, TRANSFORMS, frame_name
 from cartier_ros.bags.detections import DETECTIONS, TopicDetector, read_detections, topic_detector
 from cartier_ros.bags.frames import FrameImages, registration

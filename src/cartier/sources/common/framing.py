@@ -11,8 +11,8 @@ from cartier.errors import MAX_PIXELS, InputError, brief, finite, need
 from cartier.io import images
 from cartier.io.files import parse_json
 from cartier.recordings.common.poses import matrices, unit_quaternions
-from cartier.streams import Event, Fault, PoseUpdate, Stamped
 from cartier.types import Camera, Frame
+from cartier.types.streams import Event, Fault, PoseUpdate, Stamped
 
 MAX_LINE = 1 << 20
 MAX_BYTES = MAX_PIXELS * 3

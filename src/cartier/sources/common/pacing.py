@@ -7,7 +7,7 @@ import time
 from collections.abc import Iterator
 
 from cartier.errors import InputError, brief
-from cartier.streams import Fault
+from cartier.types.streams import Fault
 
 QUIET_S = 0.9  # a source says something at least once in a second
 MAX_SPEED = 1000.0

@@ -10,8 +10,8 @@ from dataclasses import replace
 from cartier.contracts import Recording
 from cartier.errors import InputError, brief
 from cartier.sources.common.pacing import QUIET_S, Pace
-from cartier.streams import Event, Fault, Stamped
 from cartier.types import Frame
+from cartier.types.streams import Event, Fault, Stamped
 
 
 class RecordingPlayer:

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cartier.errors import check_pose, need
-from cartier.types import Detections, Frame
+from cartier.types.frames import Detections, Frame
 
 REASONS: Mapping[str, str] = {
     "silent": "nothing arrives",
