@@ -14,7 +14,7 @@ SOURCE = Path(__file__).parents[1] / "src"
 PACKAGES = ("cartier", "cartier_dollhouse", "cartier_bench", "cartier_fleet", "cartier_ros")
 FLOORS = 14  # how many packages of the core stand on one another
 BUDGET = {  # lines of Python; a commit that needs more says here why
-    "cartier": 46_000,
+    "cartier": 46_050,
     "cartier/mapping": 6_300,
     "cartier/understanding": 4_710,
     "cartier/recordings": 3_920,
@@ -22,13 +22,13 @@ BUDGET = {  # lines of Python; a commit that needs more says here why
     "cartier/serving": 2_880,
     "cartier/detectors": 2_320,
     "cartier/cli": 2_210,
-    "cartier/doctor": 2_160,
+    "cartier/doctor": 2_170,
     "cartier/llm": 2_030,
     "cartier/vision": 1_960,
     "cartier/navigation": 1_420,
     "cartier/io": 1_380,
     "cartier/live": 1_360,
-    "cartier/spatial": 1_120,
+    "cartier/spatial": 1_130,
     "cartier/render": 1_110,
     "cartier/exports": 1_050,
     "cartier_dollhouse": 8_900,

@@ -33,7 +33,7 @@ Written by `python tools/build_api_page.py` from the code. All of it is typed (`
 
 `import cartier` exports all names of this page except the defaults of optional members (`cartier.contracts`) and the
 checks (`cartier.testing`). Units are metres, seconds and radians; all conventions stand at the head of
-`src/cartier/types/__init__.py`. Mistakes of the user raise a `CartierError` whose message is one line. Names that are not on
+`src/cartier/types/`. Mistakes of the user raise a `CartierError` whose message is one line. Names that are not on
 this page may change.
 """
 
