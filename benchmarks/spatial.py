@@ -32,7 +32,7 @@ from cartier.spatial.relations import (
     under,
 )
 from cartier.types import Array, MapObject, OccupancyGrid
-from cartier_bench.statements import closest, is_beside
+from cartier_bench.predicates import closest, is_beside
 from cartier_bench.true_home import SHOWN_PX, true_objects
 from cartier_dollhouse.contacts import Contacts
 from cartier_dollhouse.model import Scene

@@ -1,4 +1,4 @@
-"""Questions of ``cartier bench --suite look``: rooms of the dollhouse made for them, so that every answer is known.
+"""Questions of ``cartier bench look``: rooms of the dollhouse made for them, so that every answer is known.
 
 Each room has places in a row; at each something stands that one question is about, and a camera goes along an arc
 before it (or behind it, or low). Which of several is meant, its state and its colour are the room's own truth.
@@ -7,14 +7,16 @@ before it (or behind it, or low). Which of several is meant, its state and its c
 from __future__ import annotations
 
 import math
+import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from cartier.errors import InputError
-from cartier.vision.attributes import CLOSED
 
 if TYPE_CHECKING:
     from cartier_dollhouse.model import Scene
@@ -91,15 +93,21 @@ class LookItem:
         return "north" if self.behind else "south"
 
 
+@cache
+def _table() -> dict[str, Any]:
+    """``look_rooms.toml``: the closed sets of answers, and the questions of each room."""
+    return tomllib.loads(Path(__file__).with_name("look_rooms.toml").read_text("utf-8"))
+
+
 def items() -> list[LookItem]:
     """All questions, room by room; four rooms of each kind of floor and wall."""
-    from cartier_bench.look_table import ROOMS
-
     made = []
-    for name, rows in ROOMS.items():
+    for name, rows in _table()["rooms"].items():
         if len(rows) > len(PLACES_X):
             raise InputError(f"room {name} has {len(rows)} questions, and {len(PLACES_X)} places")
-        made += [item(name, k, *row) for k, row in enumerate(rows)]
+        for k, row in enumerate(rows):
+            things = [Placed(**each | {"size": tuple(each.get("size", ()))}) for each in row["things"]]
+            made.append(item(name, k, **row | {"things": things}))
     return made
 
 
@@ -108,8 +116,8 @@ def item(
     support: str = "", away_m: float = 1.5, view: Literal["", "behind", "low"] = "", target: int | None = None,
     words: str = "",
 ) -> LookItem:  # fmt: skip
-    """A question from a row of the table: about a label and an attribute, or in given words."""
-    choices = CLOSED.get(attribute, ("yes", "no"))
+    """A question from its row in the file: about a label and an attribute, or in given words."""
+    choices = tuple(_table()["choices"].get(attribute, ("yes", "no")))
     asked = {"colour": f"what colour is the {label}?"}.get(attribute, f"is the {label} {choices[0]}?")
     if kind == "which":
         asked, choices = f"which {label} is {truth}?", ("left", "right")

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from cartier import plugins
 from cartier.geometry import box_distance
-from cartier.navigation.layers import AVOID_OBJECT_M, FLAT_M, KEEP_AWAY_M, RouteMap
+from cartier.navigation.layers import RouteMap
 from cartier.spatial.doors import find_doors
 from cartier.types import RobotModel, Room
 from cartier.types.route_rules import FLOOR_KINDS, RouteRule, RouteTarget
@@ -25,6 +25,8 @@ from cartier_dollhouse.place import Plan
 FIRST_GENERATED, GENERATED = 70_001, 6
 OPTIONS = "+rugs+narrow"
 KINDS = ("avoid", "keep-away", "slow-near", "prefer", "via", "only-through")
+KEEP_AWAY_M, AVOID_OBJECT_M, FLAT_M = 0.6, 0.3, 0.06
+"""What docs/routes.md promises: never nearer to what is kept away from, or to what is avoided and not flat."""
 Points = npt.NDArray[np.float64]
 
 

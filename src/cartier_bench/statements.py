@@ -15,12 +15,11 @@ from typing import Any
 import numpy as np
 
 from cartier.geometry import box_distance
-from cartier.spatial.relations import LEVEL_M, NEXT_M, between, nearest
 from cartier.types import MapObject
+from cartier_bench.predicates import NEXT_M, away, closest, gap, is_beside, only_between, sizes
 from cartier_bench.true_home import TrueHome
 
 TEXTS = Path(__file__).parent / "thing_texts" / "words.toml"
-CLOSEST_M, MARGIN_M = 1.5, 0.3  # "the X closest to the Y": at most so far, any other X so much farther
 APART_M = 0.4  # from the middle of what is not meant to the box of what is: no answer can stand for both
 NOT_NEXT_M = 1.0  # what is so far away is next to nothing
 FAR_APART_M, FAR_APART = 0.7, 1.3  # nearest to a person: any other is so much, and so many times, farther
@@ -210,11 +209,10 @@ class Statements:
             far = float(np.linalg.norm(np.subtract(one.position, other.position)[:2]))
             if one.room != other.room or not 1.0 < far < 3.5 or one in objs or other in objs:
                 continue
-            told = between(one, other, [obj for obj in objs if obj.id not in self.home.holder])
-            sure = [relation for relation in told if relation.probability > 0.95]
-            if len(told) == len(sure) == 1 and self.by_id[sure[0].subject].room == one.room:
+            found = only_between(one, other, [obj for obj in objs if obj.id not in self.home.holder])
+            if found is not None and self.by_id[found].room == one.room:
                 tail = self._tail("between", place, other_place)
-                yield from self._make("relation", word, objs, self.by_id[sure[0].subject], how="between", tail=tail)
+                yield from self._make("relation", word, objs, self.by_id[found], how="between", tail=tail)
 
     def _closest(self, word: str, objs: Sequence[MapObject]) -> Iterator[Statement]:
         for place, landmark in self.landmarks:
@@ -265,41 +263,3 @@ class Statements:
                 said = self.words.pick(self.rng, "superlatives", how)
                 tail = self.words.pick(self.rng, "superlatives", f"{how}_to")
                 yield from self._make("superlative", word, objs, objs[int(order[0])], adjective=said, tail=tail)
-
-
-def closest(landmark: MapObject, objs: Sequence[MapObject]) -> int | None:
-    """The id of the one of two or more that is clearly the closest to a landmark, and close to it; else None."""
-    if len(objs) < 2:
-        return None
-    first = nearest(landmark, objs)[0]
-    second = min(r.metres for x in objs if x.id != first.subject for r in nearest(landmark, [x]))
-    return first.subject if first.metres <= CLOSEST_M and second >= first.metres + MARGIN_M else None
-
-
-def is_beside(one: MapObject, other: MapObject) -> bool:
-    """Whether true boxes are near each other in one room, neither of them mostly over or under the other."""
-    low, high = (np.array([getattr(obj, corner) for obj in (one, other)]) for corner in ("box_min", "box_max"))
-    apart = np.maximum(low.max(0) - high.min(0), 0)
-    shared = np.maximum(high.min(0) - low.max(0), 0)[:2].prod() / (high - low)[:, :2].prod(1).min()
-    return (
-        one.id != other.id
-        and one.room == other.room
-        and bool(np.linalg.norm(apart) < NEXT_M and apart[2] < LEVEL_M and shared < 0.5)
-    )
-
-
-def gap(one: MapObject, other: MapObject) -> float:
-    """Metres between two boxes on the floor plan."""
-    low, high = (np.array([getattr(t, corner)[:2] for t in (one, other)]) for corner in ("box_min", "box_max"))
-    return float(np.linalg.norm(np.maximum(low.max(0) - high.min(0), 0)))
-
-
-def away(xy: Sequence[float], obj: MapObject) -> float:
-    """Metres from a point to an object's box on the floor plan."""
-    return float(box_distance(np.array(xy), np.array(obj.box_min[:2]), np.array(obj.box_max[:2])))
-
-
-def sizes(objs: Sequence[MapObject]) -> tuple[Any, Any, Any]:
-    """Volumes (m³), longest sides and heights (m) of boxes."""
-    sides = np.array([np.subtract(obj.box_max, obj.box_min) for obj in objs])
-    return sides.prod(1), sides.max(1), sides[:, 2]

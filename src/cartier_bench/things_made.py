@@ -12,6 +12,7 @@ from typing import Any
 
 from cartier.types import MapObject
 from cartier_bench.metrics import canonical
+from cartier_bench.predicates import away, gap, sizes
 from cartier_bench.statements import (
     FAR_APART_M,
     FIXTURES,
@@ -23,9 +24,6 @@ from cartier_bench.statements import (
     Statement,
     Statements,
     Words,
-    away,
-    gap,
-    sizes,
 )
 from cartier_bench.things import Item
 from cartier_bench.true_home import TrueHome

@@ -13,6 +13,7 @@ import pytest
 import cartier
 from cartier.errors import InputError
 from cartier.io.images import decode_jpeg
+from cartier.vision.attributes import CLOSED
 from cartier.vision.batch import PictureWriter
 from cartier_bench import llm_match, look_run
 from cartier_bench.look_items import CANNOT_TELL, KINDS, items, scene_of
@@ -49,6 +50,12 @@ def test_questions_have_closed_answers_and_no_two_ids() -> None:
         assert (each.truth == CANNOT_TELL) == (each.kind == "hidden side")
     states = Counter(each.truth for each in every if each.kind == "state")
     assert states["on"] and states["off"] and states["open"] and states["closed"] and states["full"] and states["dirty"]
+
+
+def test_closed_answers_are_those_of_the_product() -> None:
+    """The bench has its own sets; a question that the product would answer in other words is a finding."""
+    for each in items():
+        assert each.kind in ("which", "exists on") or each.choices == CLOSED[each.attribute]
 
 
 def test_each_room_can_be_built() -> None:

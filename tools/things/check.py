@@ -29,18 +29,14 @@ from command_line import Parser, run_script
 from cartier import plugins
 from cartier.geometry import box_distance
 from cartier.types import MapObject
+from cartier_bench.predicates import MARGIN_M, away, gap, is_beside, sizes
 from cartier_bench.statements import (
     APART_M,
     FAR_APART_M,
     FIXTURES,
     LONGER,
-    MARGIN_M,
     ONE_ROOM,
     SOMETHING_ELSE,
-    away,
-    gap,
-    is_beside,
-    sizes,
 )
 from cartier_bench.things import FIND, WRITTEN, Item, load_items
 from cartier_bench.true_home import TrueHome, true_home

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cartier_bench.statements import gap
+from cartier_bench.predicates import gap
 from cartier_bench.true_home import perfect_map, scene_of, true_objects
 from cartier_dollhouse.contacts import Contacts
 
