@@ -5,10 +5,12 @@ import math
 
 import numpy as np
 import numpy.typing as npt
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cartier.navigation.search import cheapest
+from cartier.navigation import search
+from cartier.navigation.search import cheapest, shortest
 
 Floats = npt.NDArray[np.float64]
 
@@ -91,3 +93,18 @@ def test_dear_cells_are_no_walls() -> None:
     found = cheapest(cost, (0, 0), [goal])
     assert found is not None and math.isclose(found.cost, 1001.0)
     assert cheapest(cost, (0, 0), [goal], most=900.0) is None
+
+
+@settings(max_examples=60)
+@given(st.integers(0, 2**32 - 1))
+def test_small_and_large_grids_agree(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    open_cells = rng.random(tuple(rng.integers(2, 40, 2))) < rng.choice([0.5, 0.8, 0.95, 1.0])
+    start = tuple(rng.integers(open_cells.shape).tolist())
+    open_cells[start] = True
+    with pytest.MonkeyPatch.context() as patch:
+        small = shortest(open_cells, start, 0.05)
+        patch.setattr(search, "MANY", 0)
+        large = shortest(open_cells, start, 0.05)
+    np.testing.assert_array_equal(small[0], large[0])
+    np.testing.assert_array_equal(small[1], large[1])

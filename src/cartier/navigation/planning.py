@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from cartier.errors import InputError, brief, check_radius
 from cartier.geometry import box_distance, yaw_towards
+from cartier.navigation.search import shortest
 from cartier.types import FREE, OCCUPIED, Array, Goal, OccupancyGrid, Place, RobotModel, Room
 
 CAMERA_HEIGHT_M = RobotModel.camera_height_m
@@ -103,34 +104,11 @@ def reach(grid: OccupancyGrid, start_xy: Sequence[float] | Array, radius_m: floa
 
 @lru_cache(maxsize=8)  # many requests come from one start
 def _reach(grid: OccupancyGrid, start_xy: tuple[float, float], radius_m: float) -> Reach | None:
-    from scipy.sparse import csr_array
-    from scipy.sparse.csgraph import dijkstra
-
     open_cells = traversable(grid, radius_m)
     start = start_cell(grid, open_cells, start_xy)
     if start is None:
         return None
-    number = np.full(open_cells.shape, -1, np.int32)
-    cells = np.argwhere(open_cells)
-    number[open_cells] = np.arange(len(cells))
-    sources, targets, costs = [], [], []
-    rows, cols = open_cells.shape
-    for dr, dc in ((0, 1), (1, 0), (1, 1), (1, -1)):
-        here = number[: rows - dr, max(0, -dc) : cols - max(0, dc)]
-        there = number[dr:, max(0, dc) : cols + min(0, dc)]
-        both = (here >= 0) & (there >= 0)
-        sources.append(here[both])
-        targets.append(there[both])
-        costs.append(np.full(int(both.sum()), math.hypot(dr, dc) * grid.resolution_m))
-    graph = csr_array(
-        (np.concatenate(costs), (np.concatenate(sources), np.concatenate(targets))), shape=(len(cells), len(cells))
-    )
-    length, previous = dijkstra(graph, directed=False, indices=number[start], return_predecessors=True)
-    length_m = np.full(open_cells.shape, np.inf)
-    length_m[open_cells] = length
-    flat = cells[:, 0] * cols + cells[:, 1]
-    before = np.full(open_cells.shape, -1, np.int32)
-    before[open_cells] = np.where(previous >= 0, flat[np.maximum(previous, 0)], -1)
+    length_m, before = shortest(open_cells, start, grid.resolution_m)
     return Reach(grid, start, length_m, before)
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from heapq import heappop, heappush
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -23,6 +24,7 @@ SLACK = 20.0  # cells added to each bound
 LONGEST = 1.5  # more than the longest step, in cell sides
 ROUNDING = 1e-9  # relative
 STEPS = ((0, 1), (1, 0), (1, 1), (1, -1))
+MANY = 50_000  # open cells from which importing scipy takes less time than it saves
 
 
 class CheapestPath(NamedTuple):
@@ -61,6 +63,67 @@ def cheapest(
             return found
         grown = DETOUR_GROWS * bound
         bound = grown if grown < everywhere / 8 else everywhere
+
+
+def shortest(
+    open_cells: Mask, start: tuple[int, int], side: float
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int32]]:
+    """The lengths of the shortest paths from an open cell to all others.
+
+    Args:
+        open_cells: (rows, cols) where a path may go.
+        start: The cell (row, col) where all begin.
+        side: The length of a cell's side.
+
+    Returns:
+        The length of the path to each cell, inf where there is none; and the cell before it on the path as
+        ``row * cols + col``, -1 at the start and where there is none.
+    """
+    return (_by_heap if np.count_nonzero(open_cells) < MANY else _by_csgraph)(open_cells, start, side)
+
+
+def _by_heap(
+    open_cells: Mask, start: tuple[int, int], side: float
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int32]]:
+    rows, cols = open_cells.shape
+    wide = cols + 2  # a closed cell on each side
+    done = bytearray(np.pad(~open_cells, 1, constant_values=True).tobytes())
+    steps = [(dr * wide + dc, math.hypot(dr, dc) * side) for dr in (-1, 0, 1) for dc in (-1, 0, 1) if dr or dc]
+    begin = (start[0] + 1) * wide + start[1] + 1
+    length, previous, waiting = [math.inf] * len(done), [-1] * len(done), [(0.0, -begin)]
+    length[begin] = 0.0
+    while waiting:
+        far, here = heappop(waiting)
+        here = -here  # of equally far cells the last comes first, as in scipy
+        if done[here]:
+            continue
+        done[here] = 1
+        for step, cost in steps:
+            there = here + step
+            if not done[there] and far + cost < length[there]:
+                length[there], previous[there] = far + cost, here
+                heappush(waiting, (far + cost, -there))
+    before = np.array(previous, np.int32).reshape(rows + 2, wide)[1:-1, 1:-1]
+    before = np.where(before >= 0, (before // wide - 1) * cols + before % wide - 1, -1).astype(np.int32)
+    return np.array(length).reshape(rows + 2, wide)[1:-1, 1:-1], before
+
+
+def _by_csgraph(
+    open_cells: Mask, start: tuple[int, int], side: float
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int32]]:
+    from scipy.sparse import csr_array
+    from scipy.sparse.csgraph import dijkstra
+
+    cells = np.flatnonzero(open_cells).astype(np.int32)
+    number = np.full(open_cells.shape, -1, np.int32)
+    number[open_cells] = np.arange(len(cells))
+    sources, targets, steps = _edges([number], [], np.full(open_cells.shape, side))
+    graph = csr_array((steps, (sources, targets)), shape=(len(cells), len(cells)))
+    far, previous = dijkstra(graph, indices=number[start], return_predecessors=True)
+    length, before = np.full(open_cells.shape, np.inf), np.full(open_cells.shape, -1, np.int32)
+    length[open_cells] = far
+    before[open_cells] = np.where(previous >= 0, cells[previous.clip(0)], -1)
+    return length, before
 
 
 def _within(
