@@ -12,12 +12,17 @@ import re
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from importlib import import_module
 from typing import Any
 
 import pytest
+import typer
+from typer.testing import CliRunner
 
 import cartier
 from cartier import contracts, pipeline, testing
+from cartier.cli import app
+from cartier.cli.group import OWN
 from cartier.home import entity
 from cartier.mapping import mapper
 from cartier_dollhouse import Dollhouse
@@ -161,13 +166,35 @@ def test_importing_cartier_loads_nothing_and_its_names_numpy_alone(code: str, he
     assert loaded.strip() == str(["cartier", "lazy_loader", *heaviest])
 
 
+def test_help_loads_no_numpy() -> None:
+    code = (
+        "import sys; from cartier.cli import app; app(['--help'], standalone_mode=False); print('numpy' in sys.modules)"
+    )
+    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert said.split()[-1] == "False"
+
+
+def test_help_lists_every_command() -> None:
+    told = CliRunner().invoke(app, ["--help"]).output.partition("Commands:")[2].splitlines()
+    told = [line.split(maxsplit=1) for line in told if line.strip()]
+    modules = [import_module(f"cartier.cli.{name}") for name in sorted(set(OWN.values()))]
+    own = {
+        command.name or command.callback.__name__ for module in modules for command in module.app.registered_commands
+    }
+    assert own == set(OWN) == {name for name, _ in told} - {"bench", "fleet", "play"}
+    commands = typer.main.get_command(app).commands  # type: ignore[attr-defined]
+    assert all(
+        commands[name].name == name and text.rstrip(".") in " ".join(commands[name].help.split()) for name, text in told
+    )
+
+
 @pytest.mark.parametrize(("before", "after"), [(None, "1"), ("4", "4")])
 def test_the_command_line_keeps_numpy_to_one_thread_unless_told_otherwise(before: str | None, after: str) -> None:
     """Set before numpy loads, which reads it once."""
     code = (
         "import builtins, os, sys\nload = builtins.__import__\ndef watched(name, *rest):\n"
         "    if name == 'numpy' and name not in sys.modules: print(os.environ.get('OPENBLAS_NUM_THREADS'))\n"
-        "    return load(name, *rest)\nbuiltins.__import__ = watched\nimport cartier.cli"
+        "    return load(name, *rest)\nbuiltins.__import__ = watched\nimport cartier.cli, numpy"
     )
     given = {name: value for name, value in os.environ.items() if name != "OPENBLAS_NUM_THREADS"}
     given |= {"OPENBLAS_NUM_THREADS": before} if before else {}

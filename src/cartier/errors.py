@@ -6,10 +6,11 @@ import math
 import operator
 import re
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
-import numpy.typing as npt
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
 
 ADDRESS = re.compile(r" at 0x[0-9a-fA-F]+")  # of an object, as Python prints it; useless to a user
 MAX_FAR_M = 1e5
@@ -111,6 +112,8 @@ def check_camera(width: int, height: int, lens: Sequence[float]) -> None:
 
 def check_pose(world_from_camera: npt.NDArray[Any], where: str = "pose") -> npt.NDArray[np.float64]:
     """A (4, 4) rigid transform as float64, or an InputError that says what is wrong with it."""
+    import numpy as np  # "cartier --help" needs none
+
     pose = np.asarray(world_from_camera, dtype=np.float64)
     need(pose.shape == (4, 4), f"{where}: a pose must be 4x4, got {pose.shape}")
     need(bool(np.isfinite(pose).all()), f"{where}: the pose holds NaN or infinity")
@@ -145,6 +148,8 @@ def frame_number(index: int, length: int, name: str) -> int:
 
 def only_readings(depth_m: npt.NDArray[np.float32], where: str) -> npt.NDArray[np.float32]:
     """Depth (H, W), NaN where nothing was read: where it is not positive, or beyond ``MAX_FAR_M``, out of range."""
+    import numpy as np
+
     read = (depth_m > 0) & (depth_m <= MAX_FAR_M)
     if (read | np.isnan(depth_m)).all():
         return depth_m

@@ -11,8 +11,7 @@ import typer
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy loads: small products, which threads only make wait
 
-from cartier import plugins
-from cartier.cli import _ask, _check, _correct, _join, _live, _make, _rules, _serve, _show, _verify
+from cartier.cli.group import Commands
 from cartier.errors import CartierError
 
 DISK = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPERM, errno.EIO)
@@ -20,18 +19,13 @@ DISK = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPERM, errn
 
 app = typer.Typer(
     help="Talk to a mapped home: a recording and a need in, the object that serves it and a reachable pose out.",
+    cls=Commands,
+    callback=lambda: None,  # a group, though no command is registered
     no_args_is_help=True,
     add_completion=False,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
-for group in (_make, _live, _join, _check, _show, _ask, _verify, _correct, _rules, _serve):
-    app.registered_commands += group.app.registered_commands
-for added in plugins.neighbours("commands"):
-    if added.info.name:
-        app.add_typer(added)
-    else:
-        app.registered_commands += added.registered_commands
 
 
 def main() -> None:
