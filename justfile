@@ -40,7 +40,7 @@ docs:
 
 # the paper's evaluation on the built-in homes
 bench *options:
-    cartier bench -o run {{ options }}
+    cartier bench paper -o run {{ options }}
 
 # all that CI runs, in virtual environments of its own
 ci:

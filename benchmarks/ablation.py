@@ -2,9 +2,9 @@
 
 python benchmarks/ablation.py REFERENCE MAPS THINGS_MAPS [RULE …]
 
-REFERENCE as for tools/train_scorer.py; MAPS and THINGS_MAPS are folders of mapped homes, as ``cartier bench --maps``
+REFERENCE as for tools/train_scorer.py; MAPS and THINGS_MAPS are folders of mapped homes, as ``cartier bench``
 keeps them (made where they are missing). Per line: the bench's paper and extended splits over the built-in homes
-(ground truth, explicit / implicit / conversational, % right), the requests of ``--suite things`` made from the truth (%
+(ground truth, explicit / implicit / conversational, % right), those of ``bench things`` made from the truth (%
 of finds right, of "nothing serves" with a goal), the held-back voices (% right; with a goal where nothing serves, and
 where all that serves was taken away), and the sentences of tests/reasoners/nothing_asked.py (a goal for what asks for
 nothing; no goal for what asks).
@@ -43,7 +43,7 @@ from cartier.understanding import (  # noqa: E402
 )
 from cartier.understanding.cards import SHIPPED, read_deck  # noqa: E402
 from cartier.understanding.need_scorer import Scorer  # noqa: E402
-from cartier_bench import things_run  # noqa: E402
+from cartier_bench import suite, things_run  # noqa: E402
 from cartier_bench.maps import Maps, MapSettings  # noqa: E402
 from cartier_bench.metrics import matches  # noqa: E402
 from cartier_bench.queries import cases, load_queries  # noqa: E402
@@ -93,7 +93,8 @@ class Measures:
         for split in ("paper", "extended"):
             yield self._bench(reasoner, split)
         with tempfile.TemporaryDirectory() as folder:
-            rows = things_run.run(Path(folder) / "run", self.settings, self.items, reasoner, self.things)
+            of = things_run.things(self.settings, self.items, reasoner, self.things)
+            rows = suite.run(Path(folder) / "run", of)
         rows = [row for row in rows if row["run"] == "map"]
         yield _percents(
             [row["right"] for row in rows if row["kind"] in FIND],
@@ -126,7 +127,7 @@ def main() -> None:
     parser = Parser(__doc__)
     parser.add_argument("reference", type=Path, help="folder with thor_object_types.json and lvis_v1_categories.json")
     parser.add_argument("maps", type=Path, help="folder of mapped homes of the bench")
-    parser.add_argument("things", type=Path, help="folder of mapped homes of --suite things")
+    parser.add_argument("things", type=Path, help="folder of mapped homes of bench things")
     parser.add_argument("rules", nargs="*", help=f"{', '.join(RULES)}; default: all")
     options = parser.parse_args()
     if unknown := set(options.rules) - set(RULES):

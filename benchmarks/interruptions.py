@@ -106,7 +106,7 @@ class Inverted(RoomRecording):
 
 def bench_of(made: Path) -> list[str | Path]:
     """A bench of one home by one index."""
-    words = "bench --homes studio --methods object_depth --detector ground_truth --maps"
+    words = "bench paper --homes studio --methods object_depth --detector ground_truth --maps"
     return [*words.split(), made / "maps"]
 
 

@@ -3,7 +3,7 @@
 python benchmarks/inventories.py [HOME …]      (default: every home that something stored is about; 20 minutes)
 
 The built-in homes are mapped from ground truth and from pixels (detector ``embedded``), and requests about particular
-objects are made for each as ``cartier bench --suite things`` makes them (``tests/data/made.jsonl``). The generated
+objects are made for each as ``cartier bench things`` makes them (``tests/data/made.jsonl``). The generated
 homes of the labelled sentences are mapped from ground truth, in small pictures. Each home is rendered once. What is
 there is not made again.
 """

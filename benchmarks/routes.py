@@ -1,7 +1,7 @@
 """Benchmark of routes: drives under rules in true homes, sentences against the typed rules that they mean, floor kinds.
 
 python benchmarks/routes.py [--drives 240] [--seed 0] [--floors HOME … | --nav2 | --mapped HOME …] [files …]
-Drives and sentences are those of ``cartier bench --suite routes`` (evaluation/route_drives.py, route_sentences.py);
+Drives and sentences are those of ``cartier bench routes`` (cartier_bench/route_drives.py, route_sentences.py);
 only totals of the held-out sentences may be looked at. ``--floors`` walks through homes of the dollhouse with rugs, and
 compares the kind of floor in each cell of the map with the truth, with true labels and from pixels; thresholds were set
 on the studio, 77101 and 77102, which therefore tell nothing. ``--nav2`` exports true homes for Nav2 under random
@@ -43,9 +43,11 @@ from cartier.pipeline import map_home
 from cartier.reasoners import embedded
 from cartier.types import Place, RobotModel
 from cartier.types.route_rules import FLOOR_KINDS, RouteRule
+from cartier_bench import suite
 from cartier_bench.route_drives import EDGE_M, dense
 from cartier_bench.route_homes import Home, home_names, off_m, random_rules, true_home
-from cartier_bench.route_run import DRIVES, report, run
+from cartier_bench.route_run import DRIVES, RouteSettings, routes
+from cartier_bench.route_sentences import sentence_lines
 from cartier_dollhouse.floors import RUGS
 
 FLOOR_HOMES = ("77201", "77202", "77203", "77204")
@@ -174,7 +176,9 @@ def main() -> None:
         measure(options.floors or FLOOR_HOMES, options.frames, sensor="exact")
         return
     with tempfile.TemporaryDirectory() as folder:
-        print(report(run(Path(folder), (), options.files, embedded.make(), options.seed, options.drives)))
+        settings = RouteSettings(home_names(), options.seed, options.drives)
+        suite.run(Path(folder), routes(settings, sentence_lines(options.files), embedded.make()))
+        print(Path(folder, "report.md").read_text("utf-8"))
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Upper bound of ``cartier bench --suite things``: what a perfect reasoner could reach with the maps.
+"""Upper bound of ``cartier bench things``: what a perfect reasoner could reach with the maps.
 
 python benchmarks/things.py RUN/requests.jsonl [--maps DIR]
 
@@ -93,7 +93,7 @@ class Best:
 def main() -> None:
     parser = Parser(__doc__)
     parser.add_argument("requests", type=Path, help="the requests.jsonl of a run")
-    parser.add_argument("--maps", type=Path, help="as cartier bench --maps; default: the run's own")
+    parser.add_argument("--maps", type=Path, help="as cartier bench things --maps; default: the run's own")
     options = parser.parse_args()
     keep, items = options.maps or options.requests.parent / "maps", load_items(options.requests)
     asked = [item for item in items if item.kind not in ("compare", "nothing")]

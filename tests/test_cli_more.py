@@ -173,7 +173,7 @@ def test_the_bench_leaves_a_report(run: Run, maps: Path, tmp_path: Path, monkeyp
         "text": "my feet hurt, let me sit down",
     }
     mine.write_text(json.dumps(row) + "\n")
-    words = ("bench", "-o", tmp_path / "run", "--world", WORLD, "--homes", "south,east", "--queries", mine)
+    words = ("bench", "paper", "-o", tmp_path / "run", "--world", WORLD, "--homes", "south,east", "--queries", mine)
     words = (*words, "--maps", maps, "--detector", "ground_truth")
     code, out, err = run(*words, "--methods", "object_depth,nlmap,true_object", "--json")
     assert code == 0, err
@@ -200,12 +200,12 @@ def test_the_bench_leaves_a_report(run: Run, maps: Path, tmp_path: Path, monkeyp
         "object_depth",
         "--json",
     )
-    code, out, err = run(*words[:2], tmp_path / "both", *words[3:], *told)
+    code, out, err = run(*words[:3], tmp_path / "both", *words[4:], *told)
     assert code == 0, err
     beside = tmp_path / "both" / "with-ground_truth_misses_0_2_seed_1"
     assert "Side by side" in (tmp_path / "both" / "report.md").read_text() and (beside / "report.md").is_file()
     assert json.loads(out) == json.loads((tmp_path / "both" / "results.json").read_text())
-    assert run(*words[:2], tmp_path / "both", *words[3:], *told)[0] == 0, "it goes on in both folders"
+    assert run(*words[:3], tmp_path / "both", *words[4:], *told)[0] == 0, "it goes on in both folders"
     mine.write_text(json.dumps(row) + "\n{\n")
     code, _, err = run(*words)
     assert code == 1 and "line 2" in err and len(err.strip().splitlines()) == 1
@@ -222,7 +222,7 @@ def test_prompts_are_written_and_what_a_batch_brings_back_is_scored(run: Run, ma
     options = (*options, "--maps", maps, "--methods", "object_depth,nlmap,true_object", "-o", tmp_path / "run")
     prompts, back = tmp_path / "prompts.jsonl", tmp_path / "back.jsonl"
     for count, replies in ((4, ()), (2, ("--replies", back)), (0, ("--replies", back))):
-        code, out, err = run("bench", *options, "--write-prompts", prompts, "--model", "reader", *replies)
+        code, out, err = run("bench", "paper", *options, "--write-prompts", prompts, "--model", "reader", *replies)
         asked = [json.loads(line) for line in prompts.read_text(encoding="utf-8").splitlines()]
         assert code == 0 and len(asked) == count and f"{count} prompts in {prompts}; nothing was sent" in out, err
         with back.open("a", encoding="utf-8") as file:
@@ -240,13 +240,13 @@ def test_prompts_are_written_and_what_a_batch_brings_back_is_scored(run: Run, ma
                 body = {"choices": [{"message": message, "finish_reason": "stop"}]}
                 answer = {"custom_id": line["custom_id"], "response": {"status_code": 200, "body": body}, "error": None}
                 file.write(json.dumps(answer) + "\n")
-    code, out, err = run("bench", *options, "--replies", back, "--json")
+    code, out, err = run("bench", "paper", *options, "--replies", back, "--json")
     methods = json.loads(out)["methods"]
     assert code == 0 and {name: methods[name]["implicit"]["match"] for name in methods} == dict.fromkeys(methods, 1), (
         err
     )
     back.write_text("\n".join(back.read_text().splitlines()[1:]))
-    code, out, err = run("bench", *options[:-1], tmp_path / "again", "--replies", back)
+    code, out, err = run("bench", "paper", *options[:-1], tmp_path / "again", "--replies", back)
     assert code == 1 and "holds no reply to “let me sit”" in err and err.count("\n") == 1
 
 
@@ -261,12 +261,12 @@ def test_prompts_of_the_things_are_written_turn_by_turn(run: Run, maps: Path, tm
         "answer": None,
     }
     (tmp_path / "own.jsonl").write_text(json.dumps(item))
-    options = ("--suite", "things", "--world", WORLD, "--queries", tmp_path / "own.jsonl", "--detector", "ground_truth")
+    options = ("--world", WORLD, "--queries", tmp_path / "own.jsonl", "--detector", "ground_truth")
     options = (*options, "--maps", maps)
     prompts, back = tmp_path / "prompts.jsonl", tmp_path / "back.jsonl"
     for turns in (1, 3, 0):  # messages after the rules
         replies = ("--replies", back) if back.exists() else ()
-        code, _, err = run("bench", *options, "-o", tmp_path / "run", "--write-prompts", prompts, *replies)
+        code, _, err = run("bench", "things", *options, "-o", tmp_path / "run", "--write-prompts", prompts, *replies)
 
         asked = [json.loads(line) for line in prompts.read_text(encoding="utf-8").splitlines()]
         assert code == 0 and [len(line["body"]["messages"]) - 1 for line in asked] == [turns] * bool(turns), err
@@ -285,7 +285,7 @@ def test_prompts_of_the_things_are_written_turn_by_turn(run: Run, maps: Path, tm
                 file.write(
                     json.dumps({"custom_id": line["custom_id"], "response": {"status_code": 200, "body": body}}) + "\n"
                 )
-    code, out, err = run("bench", *options, "-o", tmp_path / "scored", "--replies", back, "--json")
+    code, out, err = run("bench", "things", *options, "-o", tmp_path / "scored", "--replies", back, "--json")
     assert code == 0 and "replay" in out, err
 
 
@@ -337,21 +337,31 @@ def test_the_bench_asks_for_particular_things_and_scores_anybodys_answers(run: R
     ]
     mine, theirs = tmp_path / "mine.jsonl", tmp_path / "theirs.jsonl"
     mine.write_text("".join(json.dumps(row) + "\n" for row in rows))
-    words = ("--suite", "things", "--world", WORLD, "--queries", mine, "--detector", "ground_truth", "--maps", maps)
-    code, out, err = run("bench", "-o", tmp_path / "run", *words)
+    words = ("--world", WORLD, "--queries", mine, "--detector", "ground_truth", "--maps", maps)
+    code, out, err = run("bench", "things", "-o", tmp_path / "run", *words)
     assert code == 0 and "| **find the particular thing** | 1 | 100 |" in out, err
     assert [json.loads(line) for line in (tmp_path / "run" / "requests.jsonl").read_text().splitlines()] == rows
     theirs.write_text(json.dumps({"id": "n", "status": "answered", "answer": 1}))
-    code, out, err = run("bench", "-o", tmp_path / "scored", *words, "--answers", theirs, "--json")
+    code, out, err = run("bench", "things", "-o", tmp_path / "scored", *words, "--answers", theirs, "--json")
     told = json.loads(out)["made from the truth"]
     assert code == 0 and [told[kind]["theirs.jsonl, answers"]["right"] for kind in ("relation", "count")] == [0, 1], err
-    for wrong, words_told in (
-        (("--suite", "objects"), "there is no suite 'objects'"),
-        (("--answers", theirs), "--answers goes with --suite things"),
-        (("--suite", "things", "--queries", tmp_path / "none.jsonl"), "is missing"),
-    ):
-        code, _, err = run("bench", "-o", tmp_path / "none", *wrong)
-        assert code == 1 and words_told in err and not (tmp_path / "none").exists(), err
+    code, _, err = run("bench", "things", "-o", tmp_path / "none", "--queries", tmp_path / "none.jsonl")
+    assert code == 1 and "is missing" in err and not (tmp_path / "none").exists(), err
+
+
+@pytest.mark.parametrize(
+    ("old", "told"),
+    [
+        (("-o", "none", "--suite", "things"), "cartier bench things -o RUN"),
+        (("--suite=look", "-o", "none"), "cartier bench look -o RUN"),
+        (("-o", "none"), "cartier bench paper -o RUN"),
+        (("--suite", "objects", "-o", "none"), "there is no suite 'objects'"),
+    ],
+)
+def test_old_spelling_of_bench_is_told(run: Run, old: tuple[str, ...], told: str) -> None:
+    code, out, err = run("bench", *old)
+    assert code == 1 and not out and told in err and err.count("\n") == 1
+    assert not Path("none").exists()
 
 
 def test_a_rerun_file_without_the_package_names_the_extra(

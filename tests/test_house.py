@@ -30,7 +30,7 @@ LONG_FILES = {
 }
 LONG_FUNCTIONS = {
     "cartier/cli/_ask.py ask": "the options of one command, each with its help",
-    "cartier_bench/commands.py bench": "the options of one command, each with its help",
+    "cartier_bench/commands.py paper": "the options of one command, each with its help",
     "cartier/cli/_live.py live": "the options of one command, each with its help",
     "cartier_fleet/commands.py map_command": "the options of one command, each with its help",
     "cartier/cli/_make.py map_command": "the options of one command, each with its help",

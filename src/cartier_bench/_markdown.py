@@ -9,7 +9,7 @@ from typing import Any
 from cartier_bench.queries import TYPES
 from cartier_bench.rows import PARTS, Row, ordered, title
 from cartier_bench.summary import BASE, FAULTS, RADII_M
-from cartier_bench.tables import PAPER_MEAN_M, Summary, made_by, said
+from cartier_bench.tables import PAPER_MEAN_M, Summary, made_by, markdown, said
 
 PAPER_NOTE = (
     "*paper* is the paper's own mean (arXiv 2307.11865, with GPT-4): **other scenes, other requests and another "
@@ -66,7 +66,7 @@ def _head(settings: Mapping[str, Any], rows: Sequence[Row]) -> str:
     who = made_by(rows)
     lines = list(who.items())
     lines += [(plain.get(key, key.replace("_", " ")), said(settings[key])) for key in keys if key not in who]
-    return _markdown(["", ""], [[_cell(name), _cell(value)] for name, value in lines], words=2)
+    return markdown(["", ""], [[_cell(name), _cell(value)] for name, value in lines], words=2)
 
 
 def _gaps(methods: Summary) -> str:
@@ -105,7 +105,7 @@ def _beside(summary: Summary, others: Mapping[str, Summary]) -> str:
         "## Side by side\n\nThe same requests, homes and methods; only who found the objects differs. Distances are "
         "means over the "
         f"answers that give a place. Each run's own report is in its folder.\n\n{listed}\n\n"
-        + _markdown(["method", "type", *columns], body, words=2)
+        + markdown(["method", "type", *columns], body, words=2)
     )
 
 
@@ -119,7 +119,7 @@ def _table_one(methods: Summary, head: str) -> str:
             line += ["–" if x is None else _metres(x["distance_mean_m"], x["distance_mean_ci"])]
             line += ["" if paper is None else f"*{paper:.2f}*"]
         body.append(line)
-    return _markdown([head, *(word for kind in TYPES for word in (kind, "*paper*"))], body)
+    return markdown([head, *(word for kind in TYPES for word in (kind, "*paper*"))], body)
 
 
 def _spread(methods: Summary, head: str) -> str:
@@ -141,7 +141,7 @@ def _spread(methods: Summary, head: str) -> str:
     columns = [f"{kind}: {what}" for kind in TYPES for what in ("median", "floor plan", "placed")]
     return (
         "The median in 3-D, the mean on the floor plan (heights left out), and how many answers gave a place:\n\n"
-        + _markdown([head, *columns], body)
+        + markdown([head, *columns], body)
     )
 
 
@@ -152,7 +152,7 @@ def _matched(methods: Summary, head: str) -> str:
         body.append(
             [title(name), *(_share(kinds[k]["match"], kinds[k]["match_ci"]) if k in kinds else "–" for k in TYPES)]
         )
-    return _markdown([head, *TYPES], body)
+    return markdown([head, *TYPES], body)
 
 
 def _success(methods: Summary, kind: str, head: str) -> str:
@@ -167,7 +167,7 @@ def _success(methods: Summary, kind: str, head: str) -> str:
     if not body:
         return ""
     columns = [*(f"{radius} m" for radius in RADII_M), "1 m with interval", "goal reachable"]
-    return f"**{kind}**\n\n" + _markdown([head, *columns], body)
+    return f"**{kind}**\n\n" + markdown([head, *columns], body)
 
 
 def _faults(summary: Summary, head: str) -> str:
@@ -183,7 +183,7 @@ def _faults(summary: Summary, head: str) -> str:
         "m; *detector*: no right object was in the list; *index*: the right name, but the place is more than 1 m off "
         "(a viewpoint, a look-alike); *words*: it "
         "was listed, and the answer was something else.\n\n"
-        + _markdown([head, "right", "detector", "index", "words"], body)
+        + markdown([head, "right", "detector", "index", "words"], body)
     )
 
 
@@ -205,7 +205,7 @@ def _paired(summary: Summary) -> str:
         "percentage points for match and success, metres for distance "
         "(negative: ObjectDepth is nearer; over the pairs in which both gave a place). **Bold** where the interval "
         "excludes zero.\n\n"
-        + _markdown(
+        + markdown(
             [
                 f"against ({summary['objects_from']})",
                 "type",
@@ -227,7 +227,7 @@ def _costs(methods: Summary, head: str) -> str:
         for form in ("{llm_calls:.2f}", "{tokens:.0f}", "{seconds_median:.3f}"):
             line.append(" / ".join(form.format(**kinds[kind]) if kind in kinds else "–" for kind in TYPES))
         body.append(line)
-    return _markdown([head, "LLM calls", "tokens", "seconds"], body)
+    return markdown([head, "LLM calls", "tokens", "seconds"], body)
 
 
 def _reading(summary: Summary, failed: int) -> str:
@@ -257,13 +257,7 @@ def _made_by(rows: Sequence[Row], head: str) -> str:
         for part in PARTS:
             names.setdefault(row.method, {}).setdefault(part, {})[row.made_by(part)] = None
     body = [[title(method), *(_cell(", ".join(parts[part])) for part in PARTS)] for method, parts in names.items()]
-    return _markdown([head, *PARTS], body, words=4)
-
-
-def _markdown(head: Sequence[str], body: Sequence[Sequence[str]], words: int = 1) -> str:
-    """A table whose first columns hold words; the others, numbers, stand at the right."""
-    rule = ["---"] * words + ["---:"] * (len(head) - words)
-    return "\n".join("| " + " | ".join(line) + " |" for line in [head, rule, *body])
+    return markdown([head, *PARTS], body, words=4)
 
 
 def _metres(value: float | None, ends: Sequence[float] | None = None) -> str:

@@ -7,6 +7,7 @@ import json
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -18,14 +19,19 @@ from cartier.types.route_rules import RouteRule
 
 
 class Asked:
-    """Obeys the Reasoner contract. ``spent`` adds up what the questions cost when they were first asked: seconds,
-    calls, tokens."""
+    """Obeys the Reasoner contract; without a file nothing is kept. ``spent`` adds up what the questions cost when they
+    were first asked: seconds, calls, tokens."""
 
-    def __init__(self, reasoner: Reasoner, file: Path) -> None:
+    def __init__(self, reasoner: Reasoner, file: Path | None) -> None:
         self._reasoner, self._file = reasoner, file
         self.name = reasoner.name
         self.spent = {"seconds": 0.0, "calls": 0, "tokens": 0}
-        self._known = {json.dumps(row["asked"]): row for row in read_rows(file, ("asked", "reply", "cost"))}
+
+    @cached_property
+    def _known(self) -> dict[str, dict[str, Any]]:
+        """By the question; read when the first is asked, since by then the run folder is locked."""
+        rows = [] if self._file is None else read_rows(self._file, ("asked", "reply", "cost"))
+        return {json.dumps(row["asked"]): row for row in rows}
 
     def select(self, query: str, inventory: Inventory, dialogue: Sequence[tuple[str, str]] = ()) -> Selection:
         reply = self._recall(
@@ -51,7 +57,8 @@ class Asked:
             }
             row = {"asked": question, "reply": reply, "cost": cost}
             self._known[json.dumps(question)] = row
-            append_line(self._file, json.dumps(row, ensure_ascii=False))
+            if self._file is not None:
+                append_line(self._file, json.dumps(row, ensure_ascii=False))
         for what, much in row["cost"].items():
             self.spent[what] += much
         return row["reply"]

@@ -29,6 +29,8 @@ class PromptWriter:
     def __init__(self, model: str | None = None, prompt: str = "rich", replies: Reasoner | None = None) -> None:
         self._model, self._prompt, self.replies = server_asked(model)[1], prompt_named(prompt), replies
         self.requests: dict[str, Request] = {}
+        self.unanswered = 0
+        """How many questions had no reply yet."""
 
     def select(self, query: str, inventory: Inventory, dialogue: Sequence[tuple[str, str]] = ()) -> Selection:
         query = check_query(query)
@@ -37,6 +39,7 @@ class PromptWriter:
                 return self.replies.select(query, inventory, dialogue)
             except ReasonerError:  # not answered yet
                 pass
+        self.unanswered += 1
         if inventory.names:
             self._keep(self._prompt.request(query, inventory, dialogue))
         return UNASKED

@@ -1,4 +1,4 @@
-"""Command that repeats the paper's evaluation: bench."""
+"""Commands that measure: bench paper, things, look and routes, one a suite."""
 
 from __future__ import annotations
 
@@ -6,172 +6,134 @@ import json
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 from cartier import specs
 from cartier.cli.common import AsJson, BaseUrl, ModelName, Seed, progress, say
-from cartier.contracts import Reasoner
 from cartier.errors import InputError
 
 if TYPE_CHECKING:
     from cartier_bench.batch import PromptWriter
+    from cartier_bench.paper_run import ReasonerSpec
 
-app = typer.Typer()
+SUITES = ("paper", "things", "look", "routes")
+
+
+class Suites(TyperGroup):
+    """The suites; whoever writes options before a suite's name, as it was, is told how it is written now."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        if args and args[0].startswith("-") and args[0] != "--help":
+            named = [b for a, b in zip(args, [*args[1:], ""], strict=True) if a == "--suite"]
+            named += [arg.partition("=")[2] for arg in args if arg.startswith("--suite=")]
+            suite = named[0] if named else "paper"
+            if suite not in SUITES:
+                raise InputError(f"there is no suite {suite!r}: cartier bench {'|'.join(SUITES)} -o RUN …")
+            raise InputError(f"each suite is a command of its own: cartier bench {suite} -o RUN … (without --suite)")
+        return super().parse_args(ctx, args)
+
+
+app = typer.Typer(
+    name="bench", cls=Suites, no_args_is_help=True,
+    help="Measure: the paper's evaluation, particular things, looks, routes under rules.",
+)  # fmt: skip
+
+Run = Annotated[
+    Path, typer.Option("--output", "-o", metavar="RUN", help="The run folder; an interrupted run continues there.")
+]
+Homes = Annotated[str | None, typer.Option(help="Homes of the world, separated by commas. Default: all.")]
+ReasonerName = Annotated[
+    str | None, typer.Option(help="Any of 'cartier list', or NAME:MODEL. Default: embedded; replay with --replies.")
+]
+Replies = Annotated[
+    Path | None, typer.Option(help="Score recorded replies: lines {query, reply}, or the output of a batch.")
+]
+WritePrompts = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FILE",
+        help="Only write the prompts as a file for OpenAI's Batch API; with --replies those without a reply.",
+    ),
+]
+Prompt = Annotated[str | None, typer.Option(help="The language model's prompt: rich (default) or paper.")]
+Detectors = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--detector", help="As for map, or ground_truth:misses=0.3,jitter=0.05; may be repeated to compare detectors."
+    ),
+]
+WorldName = Annotated[str, typer.Option(help="The simulator: dollhouse, or ai2thor with --homes.")]
+MapsFolder = Annotated[
+    Path | None, typer.Option("--maps", metavar="DIR", help="The folder of mapped homes. Default: RUN/maps.")
+]
 
 
 @app.command()
-def bench(
-    output: Annotated[
-        Path, typer.Option("--output", "-o", metavar="RUN", help="The run folder; an interrupted run continues there.")
-    ],
-    homes: Annotated[str | None, typer.Option(help="Homes of the world, separated by commas. Default: all.")] = None,
+def paper(
+    output: Run,
+    homes: Homes = None,
     methods: Annotated[str | None, typer.Option(help="Methods, separated by commas. Default: all.")] = None,
-    suite: Annotated[
-        str,
-        typer.Option(
-            help="paper: its evaluation; things: requests and questions about particular objects; look: questions "
-            "about how objects look, to a vision model (docs/look.md); routes: drives under rules, and sentences about "
-            "the way (docs/routes.md)."
-        ),
-    ] = "paper",
     queries: Annotated[
-        str | None,
-        typer.Option(
-            help="Suite paper: paper (default), extended, or a FILE.jsonl with id, type, target, accept, text. "
-            "Suite things: all (default), made, written, or a FILE.jsonl (docs/things.md). Suite routes: a FILE.txt of "
-            "sentences (default: held-out ones)."
-        ),
-    ] = None,
-    answers: Annotated[
-        Path | None, typer.Option(help="Suite things: score these answers of any system (docs/things.md).")
-    ] = None,
-    reasoner: Annotated[
-        str | None, typer.Option(help="Any of 'cartier list', or NAME:MODEL. Default: embedded; replay with --replies.")
-    ] = None,
+        str,
+        typer.Option(help="paper, extended, or a FILE.jsonl with id, type, target, accept, text (docs/queries.md)."),
+    ] = "paper",
+    reasoner: ReasonerName = None,
     model: ModelName = None,
     base_url: BaseUrl = None,
-    replies: Annotated[
-        Path | None, typer.Option(help="Score recorded replies: lines {query, reply}, or the output of a batch.")
-    ] = None,
-    write_prompts: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="Only write the prompts as a file for OpenAI's Batch API; with --replies those without a reply.",
-        ),
-    ] = None,
-    vision: Annotated[
-        str | None,
-        typer.Option(metavar="NAME[:MODEL]", help="Suite look: the vision model. Default: only the list answers."),
-    ] = None,
-    judge: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAME[:MODEL]",
-            help="Suite look: the language model that scores answers (OpenEQA's LLM-Match): openai, openai:MODEL, or "
-            "replay:FILE with replies to RUN/match-prompts.jsonl. Default: nobody does.",
-        ),
-    ] = None,
-    prompt: Annotated[str | None, typer.Option(help="The language model's prompt: rich (default) or paper.")] = None,
-    detector: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="As for map, or ground_truth:misses=0.3,jitter=0.05; may be repeated to compare detectors. "
-            f"Default: {specs.DETECTOR}."
-        ),
-    ] = None,
+    replies: Replies = None,
+    write_prompts: WritePrompts = None,
+    prompt: Prompt = None,
+    detector: Detectors = None,
     encoder: Annotated[
         str | None, typer.Option(help="As for map. Default: embedded, from pixels where the detector is.")
     ] = None,
-    world: Annotated[str, typer.Option(help="The simulator: dollhouse, or ai2thor with --homes.")] = "dollhouse",
+    world: WorldName = "dollhouse",
     seed: Seed = 0,
-    maps: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="The folder of mapped homes. Default: RUN/maps.")
-    ] = None,
+    maps: MapsFolder = None,
     marked: Annotated[
         Path | None, typer.Option(help="RUN/marking.csv, filled in by hand: its agreement with the automatic match.")
     ] = None,
     runner: Annotated[
-        str | None,
-        typer.Option(help="Suite paper: share the homes among workers: local (processes) or ray (docs/fleet.md)."),
+        str | None, typer.Option(help="Share the homes among workers: local (processes) or ray (docs/fleet.md).")
     ] = None,
     workers: Annotated[int, typer.Option(help="With --runner: how many homes are mapped and asked at once.")] = 2,
     as_json: AsJson = False,
 ) -> None:
-    """Repeat the paper's evaluation.
-
-    Runs every method on every kind of request in every home, and writes a report.
-    """
-    from cartier_bench.batch import PromptWriter
-
-    if runner is not None and (suite != "paper" or write_prompts is not None):
-        raise InputError("--runner is for suite paper, and not for --write-prompts")
-    if suite == "look":
-        seen = f"replay:{replies}" if replies is not None else vision
-        _look(output, _names(homes), seen, model, base_url, write_prompts, judge, maps or output / "maps", as_json)
-        return
-    answered = specs.reasoner("replay", path=replies) if replies and write_prompts else None
-    writer = PromptWriter(model, prompt or "rich", answered) if write_prompts is not None else None
-    who = reasoner or ("replay" if replies else "embedded")
-    own_prompt = None if who == "replay" else prompt  # replies to any prompt are read alike
-    if suite == "things":
-        chosen = writer or specs.reasoner(who, model=model, base_url=base_url, prompt=own_prompt, path=replies)
-        _things(
-            output, homes, detector, queries or "all", world, seed, chosen, maps or output / "maps", answers, as_json
-        )
-        _save(writer, write_prompts)
-        return
-    if suite == "routes" and writer is not None:
-        _route_prompts(queries, writer)
-        _save(writer, write_prompts)
-        return
-    if suite == "routes":
-        chosen = specs.reasoner(who, model=model, base_url=base_url, prompt=own_prompt, path=replies)
-        _routes(output, _names(homes), queries, chosen, seed, as_json)
-        return
-    if suite != "paper" or answers is not None:
-        raise InputError(
-            "--answers goes with --suite things"
-            if suite == "paper"
-            else f"there is no suite {suite!r}: paper, things, look, routes"
-        )
-    queries = queries or "paper"
-    from cartier_bench import report
+    """Repeat the paper's evaluation: every method on every kind of request in every home, and a report."""
+    from cartier_bench import paper_run, report, suite
     from cartier_bench.maps import Maps, MapSettings, encoder_for
     from cartier_bench.methods import METHODS
     from cartier_bench.queries import SPLITS, load_file, load_queries
-    from cartier_bench.run import BenchSettings, run
-    from cartier_bench.run import write_prompts as write
-    from cartier_bench.run_shared import ReasonerSpec, share
 
+    if runner is not None and write_prompts is not None:
+        raise InputError("--runner asks, and --write-prompts asks nobody: leave one of them out")
+    asked = load_queries(queries) if queries in SPLITS else load_file(queries)
     detectors = list(dict.fromkeys(detector or [specs.DETECTOR]))
     made_by = [MapSettings(world, one, encoder or encoder_for(one), seed) for one in detectors]
-    asked = load_queries(queries) if queries in SPLITS else load_file(queries)
     where = _names(homes) or tuple(Maps(output, made_by[0]).world.homes())
     kept, beside = maps or output / "maps", [output / _folder(one) for one in detectors[1:]]
-    every = list(zip([output, *beside], made_by, strict=True))
-    runs = [
-        (folder, BenchSettings(where, _names(methods) or tuple(METHODS), queries, made, seed, prompt))
-        for folder, made in every
+    every = [
+        (folder, paper_run.BenchSettings(where, _names(methods) or tuple(METHODS), queries, made, seed, prompt))
+        for folder, made in zip([output, *beside], made_by, strict=True)
     ]
-    if writer is not None:
-        for _, settings in runs:
-            with _stages() as step:
-                write(writer, settings, asked, kept, step)
-        _save(writer, write_prompts)
+    if write_prompts is not None:
+        with _writer(write_prompts, model, prompt, replies) as writer, _stages() as step:
+            for _, settings in every:
+                suite.show(paper_run.paper(None, settings, asked, writer, kept), step)
         return
-    chosen = specs.reasoner(who, model=model, base_url=base_url, prompt=own_prompt, path=replies)
-    found = []
-    for folder, settings in runs:
+    spec = _spec(reasoner, model, base_url, prompt, replies)
+    who, found = spec.make(), []
+    for folder, settings in every:
         with _stages() as step:
             if runner is not None:
-                spec = ReasonerSpec(who, model, base_url, own_prompt, None if replies is None else str(replies))
-                share(folder, settings, asked, spec, kept, runner=runner, workers=workers, progress=step)
-            found.append(run(folder, settings, asked, chosen, kept, step))
-    for folder, made in reversed(every):  # the main report comes last, since it compares all
-        results = report.write_report(folder, Maps(kept, made).photo, beside if folder == output else ())
+                paper_run.share(folder, settings, asked, spec, kept, runner=runner, workers=workers, progress=step)
+            found.append(suite.run(folder, paper_run.paper(folder, settings, asked, who, kept), step))
+    for folder, settings in reversed(every):  # the main report comes last, since it compares all
+        photo = Maps(kept, settings.maps).photo
+        results = report.write_report(folder, photo, beside if folder == output else ())
     rows = found[0]
     if not (output / "marking.csv").exists():  # keep one that is being filled in
         report.export_marking(rows, output / "marking.csv")
@@ -182,90 +144,163 @@ def bench(
     if as_json:
         print(json.dumps(results))
         return
-    say(f"{len(rows)} answers by {len(settings.methods)} methods in {len(where)} homes")
+    say(f"{len(rows)} answers by {len(every[0][1].methods)} methods in {len(where)} homes")
     print(f"report:   {output / 'report.md'}\nfigures:  {output / 'object_match.png'}, {output / 'failures.html'}")
 
 
-def _things(
-    output: Path, homes: str | None, detector: list[str] | None, queries: str, world: str, seed: int,
-    reasoner: Reasoner, maps: Path, answers: Path | None, as_json: bool,
-) -> None:  # fmt: skip
-    """Evaluate requests and questions about particular objects, or score the answers in a file."""
-    from cartier_bench import things_run
-    from cartier_bench.batch import PromptWriter
+@app.command()
+def things(
+    output: Run,
+    homes: Homes = None,
+    queries: Annotated[
+        str, typer.Option(help="all, made (from the truth), written (by hand), or a FILE.jsonl (docs/things.md).")
+    ] = "all",
+    answers: Annotated[
+        Path | None, typer.Option(help="Score these answers of any system instead of asking (docs/things.md).")
+    ] = None,
+    reasoner: ReasonerName = None,
+    model: ModelName = None,
+    base_url: BaseUrl = None,
+    replies: Replies = None,
+    write_prompts: WritePrompts = None,
+    prompt: Prompt = None,
+    detector: Detectors = None,
+    world: WorldName = "dollhouse",
+    seed: Seed = 0,
+    maps: MapsFolder = None,
+    as_json: AsJson = False,
+) -> None:
+    """Ask for particular things and about them: "the cup by the sink", counts, comparisons (docs/things.md)."""
+    from cartier_bench import suite, things_run
     from cartier_bench.things import load_answers
 
-    made_by = tuple(dict.fromkeys(detector or things_run.DETECTORS))
-    replayed = reasoner.name.startswith("replay ")  # replies belong to the prompts with the map
+    kept, asking = maps or output / "maps", write_prompts is None and answers is None
+    spec = _spec(reasoner, model, base_url, prompt, replies)
+    runs = (
+        ("map",) if write_prompts else ("map", "blind") if spec.name.partition(":")[0] == "replay" else things_run.RUNS
+    )
     settings = things_run.ThingsSettings(
-        _names(homes) or things_run.homes_of(queries), made_by, queries, world, seed,
-        runs=("map", "blind") if replayed else things_run.RUNS,
+        _names(homes) or things_run.homes_of(queries), tuple(dict.fromkeys(detector or things_run.DETECTORS)), queries,
+        world, seed, runs=runs,
     )  # fmt: skip
+    who = spec.make() if asking else None
     with _stages() as step:
-        items = things_run.requests(settings, maps, step)
-        if isinstance(reasoner, PromptWriter):
-            things_run.write_prompts(settings, items, reasoner, maps, step)
+        items = things_run.requests(settings, kept, step)
+        if write_prompts is not None:
+            with _writer(write_prompts, model, prompt, replies) as writer:
+                suite.show(things_run.things(settings, items, writer, kept), step)
             return
         if answers is not None:
-            things_run.score_answers(output, settings, items, load_answers(answers, items), answers.name)
-        else:
-            things_run.run(output, settings, items, reasoner, maps, step)
-    if as_json:
-        print((output / "results.json").read_text("utf-8"))
-        return
-    print((output / "report.md").read_text("utf-8"))
+            given = load_answers(answers, items)
+            suite.run(output, things_run.answered(settings, items, given, answers.name, kept), step)
+        elif who is not None:
+            suite.run(output, things_run.things(settings, items, who, kept), step)
+    _show(output, as_json)
     say(f"{len(items)} requests in {len(settings.homes)} homes; failures: {output / 'failures.md'}")
 
 
-def _look(
-    output: Path, rooms: tuple[str, ...], vision: str | None, model: str | None, base_url: str | None,
-    write_prompts: Path | None, judge: str | None, maps: Path, as_json: bool,
-) -> None:  # fmt: skip
-    """Ask questions about how objects look, or write them with their photographs."""
+@app.command()
+def look(
+    output: Run,
+    homes: Annotated[str | None, typer.Option(help="Rooms of the suite, separated by commas. Default: all.")] = None,
+    vision: Annotated[
+        str | None, typer.Option(metavar="NAME[:MODEL]", help="The vision model. Default: only the list answers.")
+    ] = None,
+    model: ModelName = None,
+    base_url: BaseUrl = None,
+    replies: Annotated[Path | None, typer.Option(help="Score recorded replies: as --vision replay:FILE.")] = None,
+    write_prompts: WritePrompts = None,
+    judge: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME[:MODEL]",
+            help="The language model that scores answers (OpenEQA's LLM-Match): openai, openai:MODEL, or "
+            "replay:FILE with replies to RUN/match-prompts.jsonl. Default: nobody does.",
+        ),
+    ] = None,
+    maps: MapsFolder = None,
+    as_json: AsJson = False,
+) -> None:
+    """Ask a vision model how objects look, in rooms whose truth is known (docs/look.md)."""
     from cartier.vision.batch import PictureWriter
-    from cartier_bench import llm_match, look_run
+    from cartier_bench import llm_match, look_run, suite
 
-    asked = look_run.questions(rooms)
+    asked, kept = look_run.questions(_names(homes)), maps or output / "maps"
     if write_prompts is not None:
         writer = PictureWriter(model)
         with _stages() as step:
-            look_run.write_prompts(asked, writer, maps, step)
+            suite.show(look_run.look(None, asked, writer, kept), step)
         folder = writer.save(write_prompts)
         print(f"{len(writer.requests)} prompts in {write_prompts}, their photographs in {folder}; nothing was sent")
         return
-    named = None if vision is None or ":" in vision else model
-    allowed = None if vision is None else specs.look("auto", vision, model=named, base_url=base_url)
+    seen = f"replay:{replies}" if replies is not None else vision
+    named = None if seen is None or ":" in seen else model
+    allowed = None if seen is None else specs.look("auto", seen, model=named, base_url=base_url)
     judges = None if judge is None else llm_match.judge(judge, base_url)
     with _stages() as step:
-        look_run.run(output, asked, None if allowed is None else allowed.model, maps, step, judges)
-    print((output / ("results.json" if as_json else "report.md")).read_text("utf-8"))
+        suite.run(output, look_run.look(output, asked, None if allowed is None else allowed.model, kept, judges), step)
+    _show(output, as_json)
     say(f"{len(asked)} questions; failures: {output / 'failures.md'}")
 
 
-def _routes(
-    output: Path, homes: tuple[str, ...], queries: str | None, reasoner: Reasoner, seed: int, as_json: bool
+@app.command()
+def routes(
+    output: Run,
+    homes: Homes = None,
+    queries: Annotated[Path | None, typer.Option(help="A FILE.txt of sentences. Default: held-out ones.")] = None,
+    reasoner: ReasonerName = None,
+    model: ModelName = None,
+    base_url: BaseUrl = None,
+    replies: Replies = None,
+    write_prompts: WritePrompts = None,
+    prompt: Prompt = None,
+    seed: Seed = 0,
+    as_json: AsJson = False,
 ) -> None:
-    """Drive under rules, and ask sentences about the way."""
-    from cartier_bench import route_run
+    """Drive under rules, and read sentences about the way (docs/routes.md)."""
+    from cartier_bench import suite
+    from cartier_bench.route_homes import home_names
+    from cartier_bench.route_run import RouteSettings
+    from cartier_bench.route_run import routes as suite_of
+    from cartier_bench.route_sentences import sentence_lines
 
+    lines = sentence_lines([] if queries is None else [queries])
+    settings = RouteSettings(home_names(_names(homes)), seed)
     with _stages() as step:
-        route_run.run(output, homes, [Path(queries)] if queries else (), reasoner, seed, progress=step)
-    print((output / ("results.json" if as_json else "report.md")).read_text("utf-8"))
+        if write_prompts is not None:
+            with _writer(write_prompts, model, prompt, replies) as writer:
+                suite.show(suite_of(settings, lines, writer), step)
+            return
+        who = _spec(reasoner, model, base_url, prompt, replies).make()
+        suite.run(output, suite_of(settings, lines, who, step), step)
+    _show(output, as_json)
 
 
-def _route_prompts(queries: str | None, writer: PromptWriter) -> None:
-    """Write what a language model would be asked about the way; no drive depends on it."""
-    from cartier_bench import route_sentences
+def _spec(
+    reasoner: str | None, model: str | None, base_url: str | None, prompt: str | None, replies: Path | None
+) -> ReasonerSpec:
+    """Who is asked; recorded replies to any prompt are read alike."""
+    from cartier_bench.paper_run import ReasonerSpec
 
-    lines = route_sentences.sentence_lines([Path(queries)] if queries else ())
-    with _stages() as step:
-        list(route_sentences.judged(lines, writer, step))
+    name = reasoner or ("replay" if replies else "embedded")
+    path = None if replies is None else str(replies)
+    return ReasonerSpec(name, model, base_url, None if name == "replay" else prompt, path)
 
 
-def _save(writer: PromptWriter | None, file: Path | None) -> None:
-    if writer is not None and file is not None:
-        writer.save(file)
-        print(f"{len(writer.requests)} prompts in {file}; nothing was sent. Score the replies with --replies FILE")
+@contextmanager
+def _writer(file: Path, model: str | None, prompt: str | None, replies: Path | None) -> Iterator[PromptWriter]:
+    """Who only writes what would be asked; the file is written when the block ends."""
+    from cartier_bench.batch import PromptWriter
+
+    answered = None if replies is None else specs.reasoner("replay", path=replies)
+    writer = PromptWriter(model, prompt or "rich", answered)
+    yield writer
+    writer.save(file)
+    print(f"{len(writer.requests)} prompts in {file}; nothing was sent. Score the replies with --replies FILE")
+
+
+def _show(run: Path, as_json: bool) -> None:
+    print((run / ("results.json" if as_json else "report.md")).read_text("utf-8"))
 
 
 def _folder(detector: str) -> str:
@@ -287,10 +322,8 @@ def _stages() -> Iterator[Callable[[str, int, int], None]]:
         nonlocal stage, step
         if what != stage or step is None:
             stack.close()
-            stage, step = (
-                what,
-                stack.enter_context(progress(what if what in ("asking", "driving") else f"mapping {what}")),
-            )
+            title = what if what in ("asking", "drawing") else f"mapping {what}"
+            stage, step = what, stack.enter_context(progress(title))
         step(done, total)
 
     with ExitStack() as stack:

@@ -1,4 +1,4 @@
-"""Ways in which ``cartier bench --suite look`` has a question answered: by the list, by pictures, or by guessing."""
+"""Ways in which the suite look has a question answered: by the list, by pictures, or by guessing."""
 
 from __future__ import annotations
 

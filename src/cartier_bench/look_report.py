@@ -1,15 +1,13 @@
-"""Report of ``cartier bench --suite look``: its tables, looked-at failures, and the pictures that they rest on."""
+"""Report of the suite look: its tables, looked-at failures, and the pictures that they rest on."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
-from cartier.io.atomic import write_file, write_json
 from cartier_bench.look_items import KINDS
-from cartier_bench.look_modes import MODES, Given
+from cartier_bench.look_modes import MODES
+from cartier_bench.tables import markdown
 
 SIZES_PX = (256, 128, 64, 0)
 """The classes of apparent size: from so many pixels on the shorter side."""
@@ -18,25 +16,14 @@ LOOKS = ("list + look", "mirrored", "frames only")
 Row = Mapping[str, Any]
 
 
-def keep_pictures(folder: Path, row: Row, given: Given) -> None:
-    """Keep the photographs of a look, and the whole answer as ``cartier ask --json`` prints it."""
-    if row["mode"] != "list + look" or not given.pictures:
-        return
-    for k, picture in enumerate(given.pictures, start=1):
-        write_file(folder / "looks" / f"{row['id']}-{k}-crop.jpg", picture.crop_jpeg)
-        write_file(folder / "looks" / f"{row['id']}-{k}-context.jpg", picture.context_jpeg)
-    if given.whole is not None:
-        write_json(folder / "looks" / f"{row['id']}.json", given.whole.to_dict())
-
-
-def write_report(folder: Path, rows: Sequence[Row], who: str) -> None:
-    """All rows, the figures, tables to read, and the failures of the look."""
-    lines = (json.dumps(row, ensure_ascii=False) + "\n" for row in rows)
-    write_file(folder / "results.jsonl", "".join(lines).encode())
+def report(rows: Sequence[Row], who: str) -> dict[str, Any]:
+    """The figures, tables to read, and the failures of the look."""
     figures = results(rows)
-    write_json(folder / "results.json", {"vision_model": who} | figures)
-    write_file(folder / "report.md", (report(rows, figures, who) + "\n").encode())
-    write_file(folder / "failures.md", (failures(rows) + "\n").encode())
+    return {
+        "results.json": {"vision_model": who} | figures,
+        "report.md": f"{_tables(rows, figures, who)}\n",
+        "failures.md": f"{failures(rows)}\n",
+    }
 
 
 def results(rows: Sequence[Row]) -> dict[str, Any]:
@@ -69,15 +56,14 @@ def shares(rows: Sequence[Row]) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def report(rows: Sequence[Row], figures: Mapping[str, Any], who: str) -> str:
-    """The report as Markdown."""
+def _tables(rows: Sequence[Row], figures: Mapping[str, Any], who: str) -> str:
     modes = [mode for mode in MODES if mode in figures["by_kind"]]
     parts = [
         f"# Questions about looks: {who}",
         "Rooms of the dollhouse made for the questions; the lists are mapped by ground truth. Right, with wrong "
         "answers in brackets, in percent; the rest is “cannot tell”, which is right where the side is hidden."
         + (" After the stroke OpenEQA's LLM-Match, in percent." if any(row["llm_match"] for row in rows) else ""),
-        table(["", "n", *modes], [_line(figures["by_kind"], kind, modes) for kind in ("all", *KINDS)]),
+        markdown(["", "n", *modes], [_line(figures["by_kind"], kind, modes) for kind in ("all", *KINDS)]),
     ]
     if sized := figures["by_size"]:
         head = ["apparent size", *(f"{mode} (n)" for mode in sized)]
@@ -92,7 +78,7 @@ def report(rows: Sequence[Row], figures: Mapping[str, Any], who: str) -> str:
             f"- a look: {figures['pictures_a_look']} pictures, {figures['image_tokens_a_look']} image tokens",
             f"- without a reply, and not counted: {figures['unanswered']} of {len(rows)}",
         ]
-        parts += [table(head, body), "\n".join(cost)]
+        parts += [markdown(head, body), "\n".join(cost)]
     return "\n\n".join(parts)
 
 
@@ -161,9 +147,3 @@ def _cell(found: Mapping[str, Any]) -> str:
 def _class(k: int) -> str:
     low = SIZES_PX[k]
     return f"≥ {low} px" if low else f"< {SIZES_PX[-2]} px"
-
-
-def table(head: Sequence[str], body: Sequence[Sequence[str]]) -> str:
-    """A table as Markdown, with figures to the right."""
-    lines = [head, ["---", *("---:" for _ in head[1:])], *body]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)

@@ -18,13 +18,13 @@ from cartier_bench.metrics import canonical, listed_as
 from cartier_bench.queries import Query
 
 
-@dataclass(frozen=True)
+@dataclass
 class Bench:
     """What the methods share: the reasoner under test, the text encoder of a yardstick, NLMap's threshold, the seed."""
 
     reasoner: Reasoner
     encode: TextEncoder
-    nlmap_threshold: float | None
+    nlmap_threshold: float
     seed: int
 
 
@@ -105,17 +105,12 @@ def _yardstick(make: Callable[[Home, Query, Bench], Reasoner]) -> Callable[[Home
     return lambda home, query, bench: pipeline.ask(home, query.text, make(home, query, bench), index="object_depth")
 
 
-def _nlmap(home: Home, query: Query, bench: Bench) -> Answer:
-    assert bench.nlmap_threshold is not None  # run.py calibrates it whenever this method is asked for
-    return nlmap.ask(home, query.text, bench.reasoner, threshold=bench.nlmap_threshold)
-
-
 METHODS: dict[str, Callable[[Home, Query, Bench], Answer]] = {
     "object_depth": _cartier("object_depth"),
     "object_depth_paper": _cartier("object_depth_paper"),
     "object_viewpoint": _cartier("object_viewpoint"),
     "vlmaps": _cartier("vlmaps"),
-    "nlmap": _nlmap,
+    "nlmap": lambda home, query, bench: nlmap.ask(home, query.text, bench.reasoner, threshold=bench.nlmap_threshold),
     "vlmaps_query": lambda home, query, bench: vlmaps_query.ask(home, query.text),
     "random": _yardstick(lambda home, query, bench: RandomObject(bench.seed, f"{home.name} {query.id}")),
     "nearest_name": _yardstick(lambda home, query, bench: NearestName(bench.encode)),

@@ -10,7 +10,7 @@ import random
 import statistics
 import time
 from collections import Counter, defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -22,6 +22,7 @@ from cartier.types import FREE, Place, RobotModel
 from cartier.types.route_rules import RouteRule
 from cartier_bench.predicates import fits
 from cartier_bench.route_homes import Home, Points, margin_m, off_m, random_rules, true_home
+from cartier_bench.suite import Progress, silent
 
 VIA_M, SLOW_NEAR_M = 1.2, 1.0  # what docs/routes.md promises: passed at least so near; slow from so near on
 POINT_M = 0.01
@@ -45,14 +46,21 @@ class Outcome(NamedTuple):
     ms: float
 
 
-def driven(home: Home, place: Place, rules: Sequence[RouteRule]) -> Outcome | None:
-    """Plan a drive and check it; None for a place that cannot be reached even without rules."""
-    start, robot = home.scene.start_xy, RobotModel()
-    free = plan_route(home.site, place, start, robot)
-    if free.goal is None:
-        return None
+class Drive(NamedTuple):
+    """A drive to a place that can be reached, under rules; ``free`` is the route without them."""
+
+    home: Home
+    place: Place
+    rules: Sequence[RouteRule]
+    free: RoutePlan
+
+
+def driven(drive: Drive) -> Outcome:
+    """Plan a drive under its rules and check it."""
+    home, place, rules, free = drive
+    assert free.goal is not None
     begin = time.perf_counter()
-    planned = plan_route(home.site, place, start, robot, rules)
+    planned = plan_route(home.site, place, home.scene.start_xy, RobotModel(), rules)
     ms = (time.perf_counter() - begin) * 1e3
     if planned.goal is None:
         verdict = "asked" if _no_way(home, planned, free) else "asked in vain"
@@ -117,24 +125,21 @@ def _no_way(home: Home, planned: RoutePlan, free: RoutePlan) -> bool:
     return bool(one == 0 or other == 0 or one != other)
 
 
-def drive(
-    names: Sequence[str], count: int, seed: int, progress: Callable[[str, int, int], None] | None = None
-) -> list[Outcome]:
-    """Drive to random objects of homes in turn, each time under one to three random rules."""
-    rng, homes = random.Random(seed), [true_home(name) for name in names]
-    done, tried = list[Outcome](), 0
-    while len(done) < count and tried < 20 * count:
+def drawn(names: Sequence[str], count: int, seed: int, progress: Progress = silent) -> list[Drive]:
+    """Drives to random objects of homes in turn that can be reached, each under one to three random rules."""
+    rng, homes = random.Random(seed), [true_home(name) for name in names if count]
+    found, tried = list[Drive](), 0
+    while len(found) < count and tried < 20 * count:
         home = homes[tried % len(homes)]
         tried += 1
         obj = rng.choice(home.site.objects)
         place = Place(obj.label, obj.position, 1.0, -1, box_min=obj.box_min, box_max=obj.box_max, object_id=obj.id)
-        outcome = driven(home, place, random_rules(home, rng))
-        if outcome is None:
-            continue
-        done.append(outcome)
-        if progress:
-            progress("driving", len(done), count)
-    return done
+        rules = random_rules(home, rng)
+        free = plan_route(home.site, place, home.scene.start_xy, RobotModel())
+        if free.goal is not None:
+            found.append(Drive(home, place, rules, free))
+            progress("drawing", len(found), count)
+    return found
 
 
 def figures(done: Sequence[Outcome]) -> dict[str, Any]:

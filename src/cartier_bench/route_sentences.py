@@ -8,7 +8,7 @@ rules are the very ones that its writer wrote down.
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -48,17 +48,8 @@ def _texts(line: Line) -> list[str]:
     return [text for wishes in line.rules for text in wishes]
 
 
-def judged(
-    lines: Sequence[Line], reasoner: Reasoner, progress: Callable[[str, int, int], None] | None = None
-) -> Iterator[Judged]:
-    """Each line as a reasoner reads it."""
-    for number, line in enumerate(lines, start=1):
-        yield _judged(line, reasoner)
-        if progress:
-            progress("asking", number, len(lines))
-
-
-def _judged(line: Line, reasoner: Reasoner) -> Judged:
+def judged(line: Line, reasoner: Reasoner) -> Judged:
+    """A line as a reasoner reads it."""
     wanted = [RouteRule.parse(text) for text in _texts(line)]
     lifting = line.acts[0] == "lift"
     standing = tuple(replace(rule, scope="standing", id=f"r{k}") for k, rule in enumerate(wanted) if lifting)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from cartier_bench.queries import TYPES
@@ -128,3 +128,9 @@ def _tex(text: str) -> str:
         "^": "\\textasciicircum{}",
     }
     return "".join(special.get(c, c) for c in " ".join(text.split())[:500])
+
+
+def markdown(head: Sequence[str], body: Sequence[Sequence[str]], words: int = 1) -> str:
+    """A table as Markdown, whose first columns hold words; the others, numbers, stand at the right."""
+    rule = ["---"] * words + ["---:"] * (len(head) - words)
+    return "\n".join("| " + " | ".join(line) + " |" for line in [head, rule, *body])

@@ -1,15 +1,14 @@
-"""Report of ``cartier bench --suite things``: its tables and failures."""
+"""Report of the suite things: its tables and failures."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from cartier.io.atomic import write_file, write_json
+from cartier_bench.suite import Row
 from cartier_bench.things import ASK, FIND, KINDS, WRITTEN, Item, load_items
 
 GROUPS = {
@@ -19,34 +18,25 @@ GROUPS = {
 FAILURES = 60  # of each kind, in failures.md
 
 
-def write_requests(folder: Path, items: Iterable[Item]) -> None:
-    """``requests.jsonl``: what was asked, in the format in which it can be asked again, or of another system."""
-    lines = (json.dumps(item.to_dict(), ensure_ascii=False) + "\n" for item in items)
-    write_file(folder / "requests.jsonl", "".join(lines).encode())
-
-
-def write_report(folder: Path, rows: Sequence[Mapping[str, Any]], items: Sequence[Item], who: str) -> None:
-    """All rows in order, the shares of right ones, tables to read, and failures; none of requests that were written by
-    hand."""
-    written = _written()
+def report(rows: Sequence[Row], items: Sequence[Item], who: str) -> dict[str, Any]:
+    """The shares of right answers, tables to read, what was asked (to be asked again, or of another system), and
+    failures; none of requests that were written by hand."""
+    written = {item.id for item in load_items(WRITTEN)}
     sets = {
         "made from the truth": [row for row in rows if row["id"] not in written],
         "written by hand": [row for row in rows if row["id"] in written],
     }
-    results = {words: shares(some) for words, some in sets.items() if some}
     parts = [
         f"# Particular things: {who}",
         "Share of right answers in percent; n requests. docs/things.md says what is right.",
     ]
     parts += [f"## Requests {words}\n\n{table(some)}" for words, some in sets.items() if some]
-    write_file(folder / "results.jsonl", "".join(json.dumps(r, ensure_ascii=False) + "\n" for r in rows).encode())
-    write_json(folder / "results.json", {"reasoner": who} | results)
-    write_file(folder / "report.md", ("\n\n".join(parts) + "\n").encode())
-    write_file(folder / "failures.md", _failures(sets["made from the truth"], items).encode())
-
-
-def _written() -> set[str]:
-    return {item.id for item in load_items(WRITTEN)}
+    return {
+        "requests.jsonl": "".join(json.dumps(item.to_dict(), ensure_ascii=False) + "\n" for item in items),
+        "results.json": {"reasoner": who} | {words: shares(some) for words, some in sets.items() if some},
+        "report.md": "\n\n".join(parts) + "\n",
+        "failures.md": _failures(sets["made from the truth"], items),
+    }
 
 
 def shares(rows: Iterable[Mapping[str, Any]]) -> dict[str, Any]:

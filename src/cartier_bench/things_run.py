@@ -1,29 +1,26 @@
-"""Run of ``cartier bench --suite things``: each request with the map, with names only, and blind."""
+"""Suite things: each request with the map, with names only, and blind."""
 
 from __future__ import annotations
 
 import hashlib
-import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from cartier.contracts import Reasoner, World
+from cartier.contracts import Reasoner
 from cartier.conversation import Conversation
 from cartier.errors import BackendError, InputError
 from cartier.home import Home
-from cartier.io.atomic import append_line, locked
-from cartier.io.files import read_rows
 from cartier.types import Answer, Fact, Inventory, Selection, TrueObject
-from cartier_bench.batch import UNASKED, PromptWriter
+from cartier_bench.batch import PromptWriter
 from cartier_bench.maps import Maps, MapSettings, encoder_for
-from cartier_bench.run import Progress, claim
+from cartier_bench.suite import Case, Progress, Row, Suite, silent
 from cartier_bench.things import WRITTEN, Given, Item, Score, load_items, score
 from cartier_bench.things_made import make_items
-from cartier_bench.things_report import write_report, write_requests
+from cartier_bench.things_report import report
 from cartier_bench.true_home import true_home
 
 HOMES = tuple(str(number) for number in range(80001, 80013))
@@ -35,7 +32,7 @@ SETS = ("all", "made", "written")
 
 @dataclass(frozen=True)
 class ThingsSettings:
-    """What is asked, of whom, where; the run folder keeps it, and goes on only with the same."""
+    """What is asked, of whom, where."""
 
     homes: tuple[str, ...] = HOMES
     detectors: tuple[str, ...] = DETECTORS
@@ -95,7 +92,7 @@ def homes_of(queries: str) -> tuple[str, ...]:
     return HOMES if queries in SETS else tuple(dict.fromkeys(item.home for item in load_items(queries)))
 
 
-def requests(settings: ThingsSettings, maps_folder: Path, progress: Progress | None = None) -> list[Item]:
+def requests(settings: ThingsSettings, maps_folder: Path, progress: Progress = silent) -> list[Item]:
     """What is asked: requests made from the truth of each home, and those written by hand for it; or a file's, in its
     homes.
 
@@ -126,102 +123,66 @@ def requests(settings: ThingsSettings, maps_folder: Path, progress: Progress | N
     return items
 
 
-def run(
-    folder: Path, settings: ThingsSettings, items: Sequence[Item], reasoner: Reasoner, maps_folder: Path,
-    progress: Progress | None = None,
-) -> list[dict[str, Any]]:  # fmt: skip
-    """Ask all that is not answered yet and return all rows, by detector, request and run; write tables and failures.
-
-    Raises InputError for a run folder of other settings; what was answered before an error stays.
-    """
-    with locked(folder):
-        claim(folder, settings, items, reasoner.name)
-        write_requests(folder, items)
-        file = folder / "results.jsonl"
-        done = {_key(row): row for row in read_rows(file, ("detector", "id", "run"))}
-        total = len(settings.detectors) * len(items) * len(settings.runs)
-        for detector in settings.detectors:
-            maps = Maps(
-                maps_folder,
-                MapSettings(settings.world, detector, encoder_for(detector), settings.seed),
-                ("object_depth",),
-            )
-            for name in settings.homes:
-                missing = [
-                    (i, r) for i in items if i.home == name for r in settings.runs if (detector, i.id, r) not in done
-                ]
-                if not missing:
-                    continue
-                home, truth = maps.get(name, progress), _truth(maps.world, name)
-                for item, how in missing:
-                    answer = answer_row(home, item, how, reasoner, settings.seed, truth)
-                    row = {"detector": detector, "run": how} | answer
-                    done[_key(row)] = row
-                    append_line(file, json.dumps(row, ensure_ascii=False))
-                    if progress:
-                        progress("asking", len(done), total)
-        rows = [
-            done[detector, item.id, how] for detector in settings.detectors for item in items for how in settings.runs
-        ]
-        write_report(folder, rows, items, reasoner.name)
-    return rows
+def things(settings: ThingsSettings, items: Sequence[Item], reasoner: Reasoner, maps_folder: Path) -> Suite:
+    """The suite: each request by each detector's map, with names only, and blind."""
+    maps = {
+        detector: Maps(
+            maps_folder, MapSettings(settings.world, detector, encoder_for(detector), settings.seed), ("object_depth",)
+        )
+        for detector in settings.detectors
+    }
+    truth = _truths(settings, maps_folder)
+    return _suite(
+        settings, items, reasoner.name,
+        [
+            Case((detector, item.id, how), (detector, item.home), item, how)
+            for detector in settings.detectors for item in items for how in settings.runs
+        ],
+        lambda place, progress: maps[place[0]].get(place[1], progress),
+        lambda home, case: answer_row(home, case.item, case.method, reasoner, settings.seed, truth[case.item.home]),
+    )  # fmt: skip
 
 
-def write_prompts(
-    settings: ThingsSettings,
-    items: Sequence[Item],
-    writer: PromptWriter,
-    maps_folder: Path,
-    progress: Progress | None = None,
-) -> None:
-    """Let the writer see all that a run would ask a language model with the map; of a conversation the first turn that
-    has no reply yet."""
-    for detector in settings.detectors:
-        made_by = MapSettings(settings.world, detector, encoder_for(detector), settings.seed)
-        maps = Maps(maps_folder, made_by, ("object_depth",))
-        for name in settings.homes:
-            home = maps.get(name, progress)
-            for item in (item for item in items if item.home == name):
-                talk = Conversation(home, writer)
-                any(talk.say(turn).selection.reason == UNASKED.reason for turn in item.turns)
+def answered(
+    settings: ThingsSettings, items: Sequence[Item], answers: Mapping[str, Given], name: str, maps_folder: Path
+) -> Suite:
+    """The suite of another system's answers; a request without one counts as wrong."""
+    truth = _truths(settings, maps_folder)
+    return _suite(
+        settings, items, name,
+        [Case((name, item.id, "answers"), item.home, item) for item in items],
+        lambda place, progress: truth[place],
+        lambda known, case: _row(case.item, answers.get(case.item.id, Given(case.item.id, "none")), known),
+    )  # fmt: skip
 
 
-def score_answers(
-    folder: Path, settings: ThingsSettings, items: Sequence[Item], answers: Mapping[str, Given], name: str
-) -> list[dict[str, Any]]:
-    """Score the answers of any system, a request without one as wrong; write the same files as ``run``, or raise as it
-    does."""
-    world = Maps(folder, MapSettings(settings.world)).world
-    truth = {home: _truth(world, home) for home in settings.homes}
-    rows = []
-    for item in items:
-        given = answers.get(item.id, Given(item.id, "none"))
-        rows.append({"detector": name, "run": "answers"} | _row(item, given, truth[item.home]))
-    with locked(folder):
-        claim(folder, settings, items, name)
-        write_requests(folder, items)
-        write_report(folder, rows, items, name)
-    return rows
+def _suite(
+    settings: ThingsSettings, items: Sequence[Item], who: str, cases: Sequence[Case],
+    open: Callable[[Any, Progress], Any], answer: Callable[[Any, Case], Row],
+) -> Suite:  # fmt: skip
+    return Suite(
+        who=who, settings=settings, items=items, keys=("detector", "id", "run"), cases=cases, open=open,
+        row=lambda there, case: {"detector": case.key[0], "run": case.key[2]} | answer(there, case),
+        report=lambda rows: report(rows, items, who),
+    )  # fmt: skip
 
 
-def _truth(world: World, home: str) -> dict[int, TrueObject]:
-    return {obj.id: obj for obj in world.objects(home)}
+def _truths(settings: ThingsSettings, maps_folder: Path) -> dict[str, dict[int, TrueObject]]:
+    world = Maps(maps_folder, MapSettings(settings.world)).world
+    return {home: {obj.id: obj for obj in world.objects(home)} for home in settings.homes}
 
 
-def _key(row: Mapping[str, Any]) -> tuple[str, str, str]:
-    return row["detector"], row["id"], row["run"]
-
-
-def answer_row(
-    home: Home, item: Item, how: str, reasoner: Reasoner, seed: int, truth: Mapping[int, TrueObject]
-) -> dict[str, Any]:
+def answer_row(home: Home, item: Item, how: str, reasoner: Reasoner, seed: int, truth: Mapping[int, TrueObject]) -> Row:
     """A row of the results: the answer to one request in a home (``how`` is one of ``RUNS``), and whether it is
     right."""
     thinks = {"map": reasoner, "names only": NamesOnly(reasoner), "blind": Blind(item, seed)}[how]
     talk, answers = Conversation(home, thinks), list[Answer]()
+    before = reasoner.unanswered if isinstance(reasoner, PromptWriter) else 0
     try:
         for turn in item.turns:
             answers.append(talk.say(turn))
+            if isinstance(reasoner, PromptWriter) and reasoner.unanswered > before:
+                break  # what the next turn is asked with depends on the reply
     except BackendError as error:  # it chose what it was not shown: wrong, and the run goes on
         return _row(item, Given(item.id, "refused"), truth) | {"note": str(error)}
     return _row(item, _given(item, answers, home), truth) | {
@@ -249,7 +210,7 @@ def _value(fact: Fact, home: Home) -> Any:
     return list(fact.value) if isinstance(fact.value, tuple) else fact.value
 
 
-def _row(item: Item, given: Given, truth: Mapping[int, TrueObject]) -> dict[str, Any]:
+def _row(item: Item, given: Given, truth: Mapping[int, TrueObject]) -> Row:
     result: Score = score(item, given, truth)
     at = list(given.at) if isinstance(given.at, tuple) else given.at
     far = None if result.distance_m is None or not np.isfinite(result.distance_m) else round(result.distance_m, 4)

@@ -98,7 +98,7 @@ def test_batch_is_written_and_its_replies_are_the_second_column(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(recording, "pinhole", partial(recording.pinhole, 160, 120))  # no picture is asked about
-    line = ["bench", "--suite", "look", "--homes", "aster", "--maps", str(tmp_path / "maps"), "-o"]
+    line = ["bench", "look", "--homes", "aster", "--maps", str(tmp_path / "maps"), "-o"]
     run = CliRunner().invoke(cli.app, [*line, str(tmp_path / "one")])
     assert run.exit_code == 0 and " / " not in run.stdout
     prompts = [json.loads(text) for text in (tmp_path / "one" / "match-prompts.jsonl").read_text().splitlines()]

@@ -15,7 +15,7 @@ from cartier.errors import InputError
 from cartier.io.images import decode_jpeg
 from cartier.vision.attributes import CLOSED
 from cartier.vision.batch import PictureWriter
-from cartier_bench import llm_match, look_run
+from cartier_bench import llm_match, look_run, suite
 from cartier_bench.look_items import CANNOT_TELL, KINDS, items, scene_of
 from cartier_bench.look_modes import MODES, grey, mirrored
 from cartier_bench.look_report import results
@@ -33,7 +33,8 @@ def ran(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Path, list[d
         patch.setenv("XDG_CONFIG_HOME", str(folder))
         model = cartier.make("vision", "openai", model="sees", base_url=url)
         judge = llm_match.judge("openai:sees", url)
-        rows = look_run.run(folder / "run", asked, model, folder / "maps", judge=judge)
+        run = folder / "run"
+        rows = suite.run(run, look_run.look(run, asked, model, folder / "maps", judge))
         yield folder, rows, len(calls)
 
 
@@ -95,13 +96,13 @@ def test_report_has_tables_failures_and_photographs(ran: tuple[Path, list[dict],
     assert len(list((folder / "run" / "looks").glob("*.jpg"))) == 6 * 4
     trace = json.loads((folder / "run" / "looks" / f"{ROOM}-1.json").read_text())
     assert trace["look"]["sent"] is True and len(trace["look"]["photos"]) == 3
-    assert look_run.rows_of(folder / "run") == rows
+    assert [json.loads(line) for line in (folder / "run" / "results.jsonl").read_text().splitlines()] == rows
 
 
 def test_prompts_are_written_and_replies_read_back(ran: tuple[Path, list[dict], int], tmp_path: Path) -> None:
     folder, _, _ = ran
     asked, writer = look_run.questions([ROOM]), PictureWriter("m")
-    look_run.write_prompts(asked, writer, folder / "maps")
+    suite.show(look_run.look(None, asked, writer, folder / "maps"))
     photos = writer.save(tmp_path / "prompts.jsonl")
     lines = [json.loads(line) for line in (tmp_path / "prompts.jsonl").read_text().splitlines()]
     assert len(lines) == 4 * 4 and len(list(photos.glob("*.txt"))) == len(lines)
@@ -110,10 +111,15 @@ def test_prompts_are_written_and_replies_read_back(ran: tuple[Path, list[dict], 
     replies = [{"custom_id": line["custom_id"], "reply": json.dumps(on)} for line in lines[:-4]]
     (tmp_path / "replies.jsonl").write_text("".join(json.dumps(reply) + "\n" for reply in replies))
     model = cartier.make("vision", "replay", model=tmp_path / "replies.jsonl")
-    rows = look_run.run(tmp_path / "run", asked, model, folder / "maps")
+    rows = suite.run(tmp_path / "run", look_run.look(None, asked, model, folder / "maps"))
     assert row(rows, f"{ROOM}-1", "frames only")["answer"] == "on"
     assert row(rows, f"{ROOM}-3", "list + look")["answer"] == CANNOT_TELL  # "on" is no answer to it
     assert sum(each["unanswered"] for each in rows) == 4 == results(rows)["unanswered"]
+    replies += [{"custom_id": line["custom_id"], "reply": json.dumps(on)} for line in lines[-4:]]
+    (tmp_path / "replies.jsonl").write_text("".join(json.dumps(reply) + "\n" for reply in replies))
+    model = cartier.make("vision", "replay", model=tmp_path / "replies.jsonl")
+    rows = suite.run(tmp_path / "run", look_run.look(None, asked, model, folder / "maps"))
+    assert not any(each["unanswered"] for each in rows), "what had no reply is asked for again"
 
 
 def test_pictures_are_mirrored_or_made_grey() -> None:

@@ -13,7 +13,7 @@ import pytest
 from cartier.errors import InputError
 from cartier.types import Inventory, Selection
 from cartier.types.route_rules import RouteRule
-from cartier_bench import route_drives, route_run, route_sentences
+from cartier_bench import route_drives, route_run, route_sentences, suite
 from cartier_bench.route_homes import home_names, off_m, true_home
 
 LINES = """# home 76201
@@ -55,7 +55,7 @@ def test_sentences_are_judged_part_by_part(tmp_path: Path) -> None:
         answer("keep-away floor:rug hard standing"), answer("shortest hard drive", "avoid floor:rug soft drive"),
         answer(), answer(status="clarify"),
     ])  # fmt: skip
-    rows = list(route_sentences.judged(lines, scripted))
+    rows = [route_sentences.judged(line, scripted) for line in lines]
     assert [row.exact for row in rows] == [False, True, True, True]
     assert rows[0].right == {"kind": False, "target": True, "strength": True, "scope": True}
     figures = route_sentences.figures(rows)
@@ -74,7 +74,7 @@ def test_the_shipped_sentences_are_many() -> None:
 def test_a_broken_rule_is_seen() -> None:
     """A drive that obeys is told so, and the same path under a rule that it breaks is told to be broken."""
     home = true_home("studio+rugs+narrow")
-    done = route_drives.drive(["studio+rugs+narrow"], 3, 0)
+    done = [route_drives.driven(drive) for drive in route_drives.drawn(["studio+rugs+narrow"], 3, 0)]
     figures = route_drives.figures(done)
     assert figures["drives"] == 3 and figures["hard_rules_broken"] == 0 and figures["collided"] == 0
     rule = RouteRule.parse(f"avoid room:{home.scene.rooms[0].name} hard drive")
@@ -89,11 +89,13 @@ def test_the_suite_writes_a_report(tmp_path: Path) -> None:
     file = tmp_path / "lines.txt"
     file.write_text("# home 76201\nrule avoid floor:rug hard standing :: keep off the rug\n")
     scripted = Scripted([answer("avoid floor:rug hard standing")])
-    results = route_run.run(tmp_path / "run", ["studio"], [file], scripted, drives=2)
+    lines, settings = route_sentences.sentence_lines([file]), route_run.RouteSettings(home_names(["studio"]), drives=2)
+    suite.run(tmp_path / "run", route_run.routes(settings, lines, scripted))
+    results = json.loads((tmp_path / "run" / "results.json").read_text())
     assert results["homes"] == ["studio+rugs+narrow"] and results["sentences"]["all"]["exact"] == 1.0
-    assert json.loads((tmp_path / "run" / "results.json").read_text())["driving"]["drives"] == 2
+    assert results["driving"]["drives"] == 2
     assert "| all | 1 | 100 |" in (tmp_path / "run" / "report.md").read_text()
-    route_run.run(tmp_path / "run", ["studio"], [file], Scripted([]), drives=1)  # asked for once
+    suite.run(tmp_path / "run", route_run.routes(settings, lines, Scripted([])))  # asked for once
 
 
 def test_homes_have_rugs_and_narrow_doors() -> None:
@@ -104,7 +106,7 @@ def test_homes_have_rugs_and_narrow_doors() -> None:
 def test_prompts_of_the_sentences_are_written_and_nobody_is_asked(tmp_path: Path) -> None:
     (tmp_path / "lines.txt").write_text(LINES)
     file = tmp_path / "prompts.jsonl"
-    options = ["bench", "-o", "run", "--suite", "routes", "--queries", "lines.txt", "--write-prompts", "prompts.jsonl"]
+    options = ["bench", "routes", "-o", "run", "--queries", "lines.txt", "--write-prompts", "prompts.jsonl"]
     run = subprocess.run([sys.executable, "-m", "cartier", *options], cwd=tmp_path, capture_output=True, text=True)
     assert run.returncode == 0 and "nothing was sent" in run.stdout, run.stderr
     written = [json.loads(line)["body"]["messages"][-1]["content"] for line in file.read_text().splitlines()]

@@ -13,15 +13,17 @@ import numpy as np
 import pytest
 
 from cartier import specs
+from cartier.contracts import Reasoner
 from cartier.errors import InputError, ReasonerError
 from cartier.models import dollhouse_detector
 from cartier.types import DetectorScoreModel, Fact, Inventory, Selection
+from cartier_bench import suite
 from cartier_bench.asked import Asked
 from cartier_bench.baselines import nlmap
 from cartier_bench.maps import Maps, MapSettings
 from cartier_bench.methods import METHODS
+from cartier_bench.paper_run import BenchSettings, paper
 from cartier_bench.queries import OWN, Query
-from cartier_bench.run import BenchSettings, run
 
 WORLD = str(Path(__file__).parent / "room_world.py")
 SEATS = ("chair", "sofa")
@@ -63,6 +65,12 @@ class Words:
     def propose(self, query: str) -> list[str]:
         self._call("propose", query)
         return ["chair", "mug", "bed"]
+
+
+def run(
+    folder: Path, settings: BenchSettings, queries: Sequence[Query], reasoner: Reasoner, maps: Path | None = None
+) -> list[dict[str, Any]]:
+    return suite.run(folder, paper(folder, settings, queries, reasoner, maps))
 
 
 @pytest.fixture(scope="module")

@@ -7,13 +7,13 @@ import sys
 from pathlib import Path
 
 import pytest
-from test_run import QUERIES, WORLD, without_times
+from test_run import QUERIES, WORLD, run, without_times
 
 from cartier import specs
 from cartier.errors import InputError
 from cartier_bench.maps import MapSettings
-from cartier_bench.run import BenchSettings, run
-from cartier_bench.run_shared import PARTS, ReasonerSpec, share
+from cartier_bench.paper_run import BenchSettings, ReasonerSpec, share
+from cartier_bench.suite import PARTS
 
 SETTINGS = BenchSettings(("north", "east"), ("object_depth", "nlmap", "random"), maps=MapSettings(WORLD))
 """One method that asks once, one that asks twice by a threshold of all homes, and one that draws by the seed."""

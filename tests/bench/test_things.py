@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cartier.contracts import Reasoner
 from cartier.errors import InputError
 from cartier.types import Fact, Inventory, MapObject, Room, Selection, TrueObject
-from cartier_bench import things_made, things_run
+from cartier_bench import suite, things_made, things_run
 from cartier_bench.maps import Maps, MapSettings
 from cartier_bench.statements import Statements, Words
 from cartier_bench.things import KINDS, WRITTEN, Given, Item, load_answers, load_items, score
@@ -390,19 +391,23 @@ def test_a_run_asks_with_the_map_with_names_and_blindly_and_goes_on_where_it_sto
     settings = ThingsSettings(things_run.homes_of(own), ("ground_truth",), own, WORLD)
     items = things_run.requests(settings, tmp_path / "maps")
     reasoner = Counts()
-    rows = things_run.run(tmp_path / "run", settings, items, reasoner, tmp_path / "maps")
+
+    def ran(reasoner: Reasoner, items: list[Item] = items) -> list[dict[str, Any]]:
+        return suite.run(tmp_path / "run", things_run.things(settings, items, reasoner, tmp_path / "maps"))
+
+    rows = ran(reasoner)
     right = {(row["id"], row["run"]): row["right"] for row in rows}
     assert len(rows) == 9 and all(right[i, "map"] and right[i, "names only"] for i in "cms")
     assert "written by hand" not in (tmp_path / "run" / "report.md").read_text()
     lines = (tmp_path / "run" / "results.jsonl").read_text().splitlines(keepends=True)
     (tmp_path / "run" / "results.jsonl").write_text("".join(lines[:5]) + lines[5][:20])
     again = Counts()
-    rest = things_run.run(tmp_path / "run", settings, items, again, tmp_path / "maps")
+    rest = ran(again)
     assert [r | {"seconds": 0} for r in rest] == [r | {"seconds": 0} for r in rows] and len(again.seen) < len(
         reasoner.seen
     )
     with pytest.raises(InputError, match="other settings"):
-        things_run.run(tmp_path / "run", settings, items[:1], reasoner, tmp_path / "maps")
+        ran(reasoner, items[:1])
 
 
 def test_any_systems_answers_are_scored_and_what_it_left_out_is_wrong(own: str, tmp_path: Path) -> None:
@@ -411,9 +416,8 @@ def test_any_systems_answers_are_scored_and_what_it_left_out_is_wrong(own: str, 
     (tmp_path / "theirs.jsonl").write_text(
         '{"id": "c", "status": "answered", "answer": 1}\n{"id": "s", "status": "found", "xy": [1.0, 3.0]}'
     )
-    rows = things_run.score_answers(
-        tmp_path / "scored", settings, items, load_answers(tmp_path / "theirs.jsonl", items), "theirs"
-    )
+    given = load_answers(tmp_path / "theirs.jsonl", items)
+    rows = suite.run(tmp_path / "scored", things_run.answered(settings, items, given, "theirs", tmp_path))
     assert {row["id"]: row["right"] for row in rows} == {"c": True, "m": False, "s": True}
     assert json.loads((tmp_path / "scored" / "results.json").read_text())["made from the truth"]["count"]["n"] == 1
 

@@ -18,7 +18,7 @@ FLOORS = {
 }  # fmt: skip
 """Percent right of the sentences of ``written``, which are held out: only totals of them are printed. Two points less
 than with the weights that ship, 447 of 487 in total (446 with those before; *bare* 15 of 17, 16 before). The
-development sentences: ``cartier bench --suite things --queries``.
+development sentences: ``cartier bench things --queries``.
 """
 
 
@@ -27,7 +27,7 @@ FEW, FLOOR_OF_FEW = 3, 86.0
 
 
 def scored(few: int | None = None) -> dict[str, tuple[int, int]]:
-    """Right answers and requests of each category, as ``cartier bench --suite things`` scores them; of a few homes."""
+    """Right answers and requests of each category, as ``cartier bench things`` scores them; of a few homes."""
     reasoner, world = plugins.make("reasoners", "embedded"), plugins.make("worlds", "dollhouse")
     right: dict[str, list[bool]] = defaultdict(list)
     items = load_items(WRITTEN)

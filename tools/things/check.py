@@ -233,7 +233,7 @@ def _compared(home: Home, claim: str, turns: tuple[str, ...], key: str) -> Item:
 def main() -> None:
     parser = Parser(__doc__)
     parser.add_argument(
-        "--keep", type=Path, help="where the truth of homes is kept between runs, as by cartier bench --maps"
+        "--keep", type=Path, help="where the truth of homes is kept between runs, as by cartier bench things --maps"
     )
     keep = parser.parse_args().keep or Path(tempfile.mkdtemp())
     world, homes, items, faults = plugins.make("worlds", "dollhouse"), dict[str, Home](), list[Item](), list[str]()

@@ -23,7 +23,7 @@ def make(path: str | Path) -> Replay:
 
     A line with "objects": [names] is the reply to that list alone. A query with such lines gets no reply to another
     list, and its line without "objects" is only the proposal made without a list. A line with "custom_id" comes from
-    OpenAI's Batch API for the prompts of ``cartier bench --write-prompts``: it is the reply to that very prompt and
+    OpenAI's Batch API for the prompts of ``cartier bench … --write-prompts``: it is the reply to that very prompt and
     takes precedence. Raises InputError if the file is missing, too large, or has an invalid line.
     """
     return Replay(Path(path))
