@@ -209,6 +209,41 @@ def test_pictures_of_other_types_are_named() -> None:
     del cloud
 
 
+@pytest.mark.parametrize(
+    ("name", "needed", "options"),
+    [
+        ("/camera/color/image_raw", "must be sensor_msgs/msg/Image or sensor_msgs/msg/CompressedImage", {}),
+        ("/camera/color/camera_info", "must be sensor_msgs/msg/CameraInfo", {}),
+        ("/tf", "must be tf2_msgs/msg/TFMessage", {}),
+        ("/wheels", "must be nav_msgs/msg/Odometry or geometry_msgs/msg/PoseStamped", {"odometry": "wheels"}),
+    ],
+)
+def test_topics_of_wrong_types_are_named(name: str, needed: str, options: dict[str, Any]) -> None:
+    from cartier_ros.dds.topics import Writer, participant
+
+    domain = any_domain()
+    wrong = Writer(participant(domain), name, "std_msgs/msg/String")
+    fault = first_fault(
+        domain, skip=lambda fault: f"{name} is std_msgs/msg/String, and {needed}" not in fault.text, **options
+    )
+    assert fault.reason == "silent"
+    del wrong
+
+
+def test_a_range_of_discovery_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    from cartier_ros.dds.domain import RANGE
+
+    domain = any_domain()
+    for name in RANGE:
+        monkeypatch.delenv(name, raising=False)
+    assert "This shell has" not in first_fault(domain, skip=lambda _: False).text
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    monkeypatch.setenv("ROS_STATIC_PEERS", "10.0.0.7")
+    text = first_fault(domain, skip=lambda _: False).text
+    assert "This shell has ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST, ROS_STATIC_PEERS=10.0.0.7" in text
+    assert "name the peers in CYCLONEDDS_URI" in text
+
+
 def test_images_that_are_lost_are_counted() -> None:
     domain = any_domain()
     with peer(sys.executable, CAMERA, domain, "gaps", 400):

@@ -23,6 +23,18 @@ def domain_of(value: int | str | None, who: str) -> int:
     return domain
 
 
+RANGE = ("ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_LOCALHOST_ONLY", "ROS_STATIC_PEERS")
+
+
+def range_here() -> str:
+    """What this shell says of whom ROS finds, as the end of a sentence; empty if it says nothing."""
+    told = [f"{name}={brief(os.environ[name], 60)}" for name in RANGE if os.environ.get(name)]
+    if not told:
+        return ""
+    peers = "; ROS_STATIC_PEERS is not read: name the peers in CYCLONEDDS_URI" if RANGE[2] in os.environ else ""
+    return f". This shell has {', '.join(told)}: has the robot's, too? If not, neither may hear the other{peers}"
+
+
 def kept_here() -> bool:
     """Whether this shell keeps ROS to its machine, by ROS_AUTOMATIC_DISCOVERY_RANGE or the older ROS_LOCALHOST_ONLY."""
     return (

@@ -21,7 +21,7 @@ from cartier_ros.bags.bag import COMPRESSED, IMAGE, TRANSFORMS
 from cartier_ros.bags.detections import DETECTIONS
 from cartier_ros.bags.images import INFO
 from cartier_ros.bags.poses import ODOMETRY, POSE
-from cartier_ros.dds.domain import domain_of
+from cartier_ros.dds.domain import domain_of, range_here
 from cartier_ros.streams.gaps import Gaps
 from cartier_ros.streams.messages import Message
 from cartier_ros.streams.ros_frames import RosFrames, RosOptions
@@ -33,6 +33,7 @@ EXTRA = "ros"
 POLL_S, FIND_S = 0.004, 0.25  # how often messages are taken, and topics looked for
 IMAGES, OTHERS = 30, 100  # messages that wait: a second of images at 30 Hz
 TF, TRANSFORM = ("/tf", "/tf_static"), TRANSFORMS[0]
+PICTURES, POSES = (IMAGE, COMPRESSED), (ODOMETRY, POSE)
 NEEDED = (IMAGE, COMPRESSED, TRANSFORM, ODOMETRY, POSE)  # topics from which something must come
 
 
@@ -79,7 +80,7 @@ class Ros2Topics:
 
     @property
     def notes(self) -> Sequence[str]:
-        return self._frames.notes
+        return [*self._frames.notes, *(self._misfits() if self._frames.choice is not None else [])]
 
     @property
     def detector(self) -> Detector | None:
@@ -175,9 +176,25 @@ class Ros2Topics:
             return (
                 f"nobody publishes {where}: is the robot on, is its ROS_DOMAIN_ID {self._domain}, and do the two "
                 "machines share a network that lets multicast through? Zenoh is not DDS, and is not heard"
+                f"{range_here()}"
             )
-        self._said = self._why_unheard(publishers)
+        self._said = "; ".join([*self._misfits()[:4], self._why_unheard(publishers)])
         return self._said
+
+    def _misfits(self) -> list[str]:
+        """The topics that are named by the options or by custom as what is lacking, and hold something else."""
+        named, choice = self._options, self._frames.choice
+        told = {named.colour: PICTURES, named.depth: PICTURES, named.info: (INFO,), named.odometry: POSES}
+        found, lacking = list[str](), choice is None or choice.depth is None
+        for name, kind, *_ in sorted(self._offers.values()):
+            last, needed = name.rpartition("/")[2], next((told[given] for given in told if _is(name, given)), None)
+            if needed is None and name in TF:
+                needed = (TRANSFORM,)
+            elif needed is None and lacking:
+                needed = PICTURES if last.startswith("image") else (INFO,) if last == "camera_info" else None
+            if needed is not None and kind not in needed:
+                found.append(f"{brief(name, 80)} is {brief(kind, 60)}, and must be {' or '.join(needed)}")
+        return found
 
     def _why_unheard(self, publishers: Publishers) -> str:
         """Why nothing comes though somebody is there."""
@@ -189,7 +206,7 @@ class Ros2Topics:
             )
             return brief(
                 f"{publishers.programs()} programs are {where}, and publish {what}; is the robot's driver on, and does "
-                "a firewall let UDP through in both directions?", 300,
+                f"a firewall let UDP through in both directions?{range_here()}", 400,
             )  # fmt: skip
         images = sorted(offer.name for offer in offers.values() if offer.kind in (IMAGE, COMPRESSED))
         if not images:
@@ -204,7 +221,7 @@ class Ros2Topics:
         if (unheard := self._unheard()) is not None:
             return unheard
         if not any(offer.kind == TRANSFORM for offer in offers.values()) and self._options.odometry is None:
-            return f"nobody publishes /tf {where}: is the robot's own driver on, or --odometry TOPIC the pose?"
+            return f"no {TRANSFORM} comes on /tf {where}: is the robot's own driver on, or --odometry TOPIC the pose?"
         return self._no_detections() or brief(self._frames.why_silent(), 300)
 
     def _no_detections(self) -> str:
