@@ -44,13 +44,13 @@ QUESTIONS = ("where is the sofa?", "let me sit down", "how many chairs are there
 
 
 class Walk:
-    """A walk of the dollhouse's robot, with poses between those that it chose, ``HZ`` times a second."""
+    """A walk of the dollhouse's robot, with poses between those that it chose, ``hz`` times a second."""
 
     notes: Sequence[str]
     truth: Sequence[TrueObject] | None
     camera: Camera
 
-    def __init__(self, home: str, seconds: float, width: int, height: int) -> None:
+    def __init__(self, home: str, seconds: float, width: int, height: int, hz: float = HZ) -> None:
         from scipy.spatial.transform import Rotation
 
         world: Dollhouse = plugins.make("worlds", "dollhouse", width=width, height=height)
@@ -58,7 +58,7 @@ class Walk:
         poses = np.array([coarse[i].world_from_camera for i in range(len(coarse))])
         at_s = np.arange(len(poses)) * STEP_S
         turns = Rotation.from_matrix(poses[:, :3, :3]).as_quat()
-        self.times_s = np.arange(0, at_s[-1], 1 / HZ)
+        self.times_s = np.arange(0, at_s[-1], 1 / hz)
         fine = interpolated(np.column_stack([at_s, poses[:, :3, 3], turns]), self.times_s).matrices()
         self._frames = DollhouseRecording(world.scene(home), coarse.camera, fine)
         self.name, self.camera, self.truth = self._frames.name, self._frames.camera, self._frames.truth

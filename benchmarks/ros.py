@@ -4,6 +4,8 @@
     python benchmarks/ros.py --stop 40        SIGINT at 40 random moments of drives, over rclpy and over DDS, and at 10
                                               random moments from before the robot is found
     python benchmarks/ros.py --transcript     a drive that is stopped at four moments
+    python benchmarks/ros.py --delay          seconds from an image's stamp until the map of ``live`` answers with it:
+                                              640x480 at 10 Hz by rclpy, of a walk that was rendered before
 
 ``python tests/ros/build.py`` builds the distributions, once. Each process has a DDS domain of this machine alone.
 """
@@ -11,12 +13,15 @@
 from __future__ import annotations
 
 import math
+import os
 import random
 import statistics
 import sys
+import tempfile
 import time
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT / "tests/ros"), str(ROOT / "tests/robots"), str(ROOT / "tests")]
@@ -27,14 +32,16 @@ if TYPE_CHECKING:
     from rospeers import Ros
 
 CELLS = ("raw", "compressed", "compressedDepth", "16UC1", "32FC1", "CameraInfo", "Odometry", "tf", "tf_static",
-         "objects out", "ask", "goal out", "accepted", "refused", "aborted", "cancelled")  # fmt: skip
+         "detections", "objects out", "ask", "goal out", "accepted", "refused", "aborted", "cancelled")  # fmt: skip
 LATEST_S = 1.0  # a server must have the request to cancel by then
+WALK_S, P50_S, P95_S = 30.0, 1.5, 3.0  # how long the robot sends, and how late its frames may be
 
 
 def main() -> int:
     parser = Parser(__doc__)
     parser.add_argument("--stop", type=int, metavar="N", help="interrupt so many drives by each way")
     parser.add_argument("--transcript", action="store_true", help="show a drive that is stopped at four moments")
+    parser.add_argument("--delay", action="store_true", help="measure how late the map of live is")
     parser.add_argument("--seed", type=int, default=0, help="of the moments")
     options = parser.parse_args()
     from rospeers import DISTRIBUTIONS, missing
@@ -44,6 +51,8 @@ def main() -> int:
         sys.exit(f"{sys.argv[0]}: {missing(DISTRIBUTIONS[0])}")
     if options.transcript:
         return transcript(there[-1])
+    if options.delay:
+        return delay(there)
     if options.stop is not None:
         return stop(there, options.stop, random.Random(options.seed))
     return table(there)
@@ -126,6 +135,58 @@ def _interrupted(ros: Ros, way: str, word: str, after_s: float) -> tuple[str, fl
         return "cancelled", robot["asked to cancel"] - sent_s
     print(f"  {ros.distribution} {way} {after_s:.2f} s after {word!r}: {code} {said}; {robot}", file=sys.stderr)
     return "lost", math.nan
+
+
+def delay(distributions: list[str]) -> int:
+    """Map what rclpy sends; 1 if half of the frames are late, or one in twenty is too late."""
+    from dataclasses import replace
+
+    import live_check
+    from peers import LOOPBACK
+    from rospeers import Ros
+
+    from cartier import Live, plugins
+    from cartier.recordings.folder import save
+    from cartier.sources import open_source
+    from cartier.specs import detector
+    from cartier.streams import Stamped
+    from live import Walk
+
+    class ByStamp:
+        """A source whose frames arrive when they are taken."""
+
+        def __init__(self, source: Any) -> None:
+            self._source = source
+
+        def __getattr__(self, name: str) -> Any:
+            return getattr(self._source, name)
+
+        def __iter__(self) -> Iterator[Any]:
+            for event in self._source:
+                taken_s = time.monotonic() - time.time() + event.stamp_ns / 1e9 if isinstance(event, Stamped) else 0.0
+                yield replace(event, received_s=taken_s) if isinstance(event, Stamped) else event
+
+    os.environ["CYCLONEDDS_URI"], bad = LOOPBACK, 0
+    with tempfile.TemporaryDirectory() as folder:
+        save(Walk("studio", WALK_S, 640, 480, hz=10), Path(folder) / "walk")
+        walk = plugins.open_recording(Path(folder) / "walk")
+        with live_check.Log(Path(folder) / "log") as log:
+            live_check.tell(walk, live_check.SOUND["plain"], log)
+        for name in distributions:
+            ros = Ros(name)
+            session = Live(ByStamp(open_source("ros2", domain=ros.domain)), detector("embedded", walk))
+            session.start()
+            ros.cartier("rclpy", ROOT / "tests/ros/play_log.py", Path(folder) / "log").wait()
+            time.sleep(1)
+            state = session.state()
+            session.stop()
+            ros.close()
+            p50_s, p95_s = state.delay_p50_s or math.inf, state.delay_p95_s or math.inf
+            bad += p50_s > P50_S or p95_s > P95_S
+            print(f"{name}: {state.frames_in} frames of {len(walk)}, delay p50 {p50_s:.2f} s, p95 {p95_s:.2f} s; "
+                  f"{state.keyframes} keyframes, {state.looked} looked at, {state.postponed} put off; left out "
+                  f"{dict(state.dropped)}", flush=True)  # fmt: skip
+    return int(bad > 0)
 
 
 def transcript(distribution: str) -> int:

@@ -2,7 +2,8 @@
 
 PICTURES has rgb (H, W, 3), depth_mm (H, W), their PNG files as bytes, and focal. FORM is raw (rgb8 and 16UC1), 32FC1
 (depth in metres), compressed (with compressedDepth), region (CameraInfo of a sensor twice as large, of which a region
-is read binned) or odometry (nav_msgs/Odometry in place of /tf). The k-th image is taken k tenths of a second after
+is read binned), odometry (nav_msgs/Odometry in place of /tf) or detections (of a cup, as yolo_ros sends them, on
+/yolo/detections after each image). The k-th image is taken k tenths of a second after
 START_S, and the base is 0.1 k metres ahead.
 """
 
@@ -18,6 +19,7 @@ from nav_msgs.msg import Odometry
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from tf2_msgs.msg import TFMessage
+from vision_msgs.msg import Detection2D, Detection2DArray, ObjectHypothesisWithPose
 
 START_S, FRAME, HZ = 1_700_000_000, "camera_optical", 20
 BEST_EFFORT = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -51,6 +53,15 @@ def moved(k: int, parent: str, child: str, xyz: tuple, xyzw: tuple = (0.0, 0.0, 
     return message
 
 
+def cup(k: int) -> Detection2DArray:
+    found, guess = Detection2D(), ObjectHypothesisWithPose()
+    guess.hypothesis.class_id, guess.hypothesis.score = "cup", 0.75
+    found.results, found.id, found.header = [guess], str(k), stamped(Detection2DArray(), k, FRAME).header
+    found.bbox.center.position.x, found.bbox.center.position.y = 20.0 + k % 10, 15.0
+    found.bbox.size_x, found.bbox.size_y = 10.0, 8.0
+    return stamped(Detection2DArray(detections=[found]), k, FRAME)
+
+
 def info(pictures, form: str) -> CameraInfo:  # type: ignore[no-untyped-def]
     height, width = pictures["depth_mm"].shape
     focal, message = float(pictures["focal"]), stamped(CameraInfo(), 0, FRAME)
@@ -79,6 +90,7 @@ def main(file: str, form: str, seconds: float) -> None:
     infos = node.create_publisher(CameraInfo, "/camera/color/camera_info", LATCHED)
     tf = node.create_publisher(TFMessage, "/tf", 10) if form != "odometry" else None
     odometry = node.create_publisher(Odometry, "/odom", 10) if form == "odometry" else None
+    cups = node.create_publisher(Detection2DArray, "/yolo/detections", 10) if form == "detections" else None
     static = node.create_publisher(TFMessage, "/tf_static", LATCHED)
     fixed = [moved(0, "map", "odom", (1.0, 2.0, 0.0)), moved(0, "base", FRAME, (0.1, 0.0, 1.2), (-0.5, 0.5, -0.5, 0.5))]
     static.publish(TFMessage(transforms=fixed))
@@ -100,6 +112,8 @@ def main(file: str, form: str, seconds: float) -> None:
             metres = form == "32FC1"
             sent = (pictures["depth_mm"] / 1000).astype(np.float32) if metres else pictures["depth_mm"]
             depth.publish(image(k, sent, "32FC1" if metres else "16UC1"))
+        if cups is not None:
+            cups.publish(cup(k))
         time.sleep(1 / HZ)
 
 

@@ -53,8 +53,9 @@ def main() -> None:
     while images and not all(p.get_subscription_count() for p in images) and time.monotonic() < until_s:
         time.sleep(0.05)
     time.sleep(SETTLED_S)
-    first_ns, begin_s = messages[0][0], time.monotonic()
-    later_s = int(time.time()) - first_ns // 10**9
+    first_ns = messages[0][0]
+    time.sleep((first_ns / 1e9 - time.time()) % 1)  # stamps are moved by whole seconds
+    begin_s, later_s = time.monotonic(), round(time.time() - first_ns / 1e9)
     for ns, number, message in messages:
         time.sleep(max(0.0, begin_s + (ns - first_ns) / 1e9 - time.monotonic()))
         where = 8 if topics[number][1].endswith("TFMessage") else 4  # of the seconds of the first header

@@ -69,6 +69,18 @@ def test_a_camera_is_heard(ros: Ros, cells: list[str], pictures: Path, monkeypat
         np.testing.assert_allclose(frame.world_from_camera, forward_right_down, atol=1e-9)
 
 
+@pytest.mark.parametrize("cells", [["detections"]], ids=lambda cells: "+".join(cells))
+def test_a_detector_is_heard(ros: Ros, cells: list[str], pictures: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("CYCLONEDDS_URI", LOOPBACK)
+    with ros.peer("camera.py", pictures, cells[0], 60):
+        heard = frames(ros.domain, detections="yolo/detections")
+    assert len(heard) >= 6
+    for each in heard:
+        x, found = 20 + round(each.stamp_ns / 1e8) % 10, each.detections
+        assert found is not None and (found.labels, found.scores.tolist()) == (("cup",), [0.75])
+        np.testing.assert_allclose(found.boxes_xyxy, [[x - 5, 11, x + 5, 19]], atol=1e-6)
+
+
 @pytest.mark.parametrize("cells", [["objects out", "ask"]], ids=lambda cells: "+".join(cells))
 def test_a_home_is_heard_and_asked(ros: Ros, cells: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from cartier.serving.homes import Homes
