@@ -142,6 +142,7 @@ def delay(distributions: list[str]) -> int:
     from dataclasses import replace
 
     import live_check
+    from cartier.streams import Stamped
     from peers import LOOPBACK
     from rospeers import Ros
 
@@ -149,7 +150,6 @@ def delay(distributions: list[str]) -> int:
     from cartier.recordings.folder import save
     from cartier.sources import open_source
     from cartier.specs import detector
-    from cartier.streams import Stamped
     from live import Walk
 
     class ByStamp:
