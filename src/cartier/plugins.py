@@ -22,11 +22,22 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, Literal, overload
 
-from cartier.contracts import Detector, Encoder, Reasoner, Recording, Robot, Source, SpatialIndex, VisionModel, World
 from cartier.errors import BackendError, InputError, MissingExtra
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoints
+
+    from cartier.contracts import (
+        Detector,
+        Encoder,
+        Reasoner,
+        Recording,
+        Robot,
+        Source,
+        SpatialIndex,
+        VisionModel,
+        World,
+    )
 
 KINDS = ("recordings", "sources", "detectors", "encoders", "indexes", "reasoners", "vision", "robots", "worlds")
 PACKAGE = Path(__file__).parent
@@ -216,11 +227,15 @@ def _read(kind: str, name: str, file: Path) -> Backend | None:
     return Backend(kind, name, (ast.get_docstring(tree) or "").split("\n")[0], str(extra) if extra else None)
 
 
-@cache
 def _entry_points(kind: str) -> EntryPoints:
+    return _all_entry_points().select(group=f"cartier.{kind}")
+
+
+@cache
+def _all_entry_points() -> EntryPoints:
     from importlib.metadata import entry_points  # 30 ms that "import cartier" need not pay
 
-    return entry_points(group=f"cartier.{kind}")
+    return entry_points()
 
 
 def _load(kind: str, name: str) -> ModuleType:

@@ -1,4 +1,4 @@
-"""Commands that make recordings and homes: demo, record, map; and list."""
+"""Commands that make recordings and homes: demo, record, map."""
 
 from __future__ import annotations
 
@@ -218,17 +218,3 @@ def _first_look(source: Recording, anyway: bool) -> Samples:
             raise InputError(f"{source.name} cannot give a sound map: {line}; --anyway maps it as it is")
         say(line)
     return samples
-
-
-@app.command("list")
-def list_command(as_json: AsJson = False) -> None:
-    """List every backend and what it needs."""
-    rows = [backend for kind in plugins.KINDS for backend in plugins.backends(kind)]
-    if as_json:
-        print(json.dumps([vars(row) for row in rows]))
-        return
-    for kind in dict.fromkeys(row.kind for row in rows):
-        print(kind)
-        for row in (r for r in rows if r.kind == kind):
-            needs = f"  [needs cartier[{row.extra}]]" if row.extra else ""
-            print(f"  {row.name:18} {row.summary}{needs}")

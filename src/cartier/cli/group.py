@@ -17,7 +17,8 @@ from typer.core import TyperGroup
 OWN = {
     command: module
     for module, commands in (
-        ("_make", "demo record map list"),
+        ("_make", "demo record map"),
+        ("_list", "list"),
         ("_live", "live"),
         ("_join", "join"),
         ("_check", "convert doctor check-model"),
