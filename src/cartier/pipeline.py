@@ -14,6 +14,7 @@ from dataclasses import replace
 from datetime import datetime
 from functools import cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from cartier import plugins
 from cartier.contracts import Detector, Encoder, IndexDefaults, Reasoner, ReasonerDefaults, Recording, optional
@@ -21,14 +22,6 @@ from cartier.errors import BackendError, InputError
 from cartier.home import Home
 from cartier.home.looking import look_for_answer, seen_twice
 from cartier.llm.prompts import check_query
-from cartier.mapping.alignment import align as find_alignment
-from cartier.mapping.config import MappingConfig, config_for
-from cartier.mapping.detection_cache import cached, remembering
-from cartier.mapping.mapper import Mapper
-from cartier.mapping.pose_graph import PoseGraph
-from cartier.mapping.reposed import Reposed
-from cartier.mapping.upright import Upright, images_key, upright
-from cartier.mapping.walk import integrate
 from cartier.navigation.planning import check_start, plan
 from cartier.navigation.routes import RoutePlan, plan_route
 from cartier.navigation.traction import traction_layer
@@ -38,6 +31,9 @@ from cartier.understanding import alarm
 from cartier.understanding.out_of_vocabulary import out_of_vocabulary_mention
 from cartier.understanding.route_rules import GO_ANYWAY, agrees
 from cartier.vision.permission import Look
+
+if TYPE_CHECKING:
+    from cartier.mapping.config import MappingConfig
 
 STAYS = Selection("answered", reason="the person would rather not", text="All right, I stay here.")
 
@@ -94,6 +90,15 @@ def map_home(
         >>> len(home.names) > 5 and home.grid is not None
         True
     """
+    from cartier.mapping.alignment import align as find_alignment
+    from cartier.mapping.config import config_for
+    from cartier.mapping.detection_cache import cached, remembering
+    from cartier.mapping.mapper import Mapper
+    from cartier.mapping.pose_graph import PoseGraph
+    from cartier.mapping.reposed import Reposed
+    from cartier.mapping.upright import Upright, images_key, upright
+    from cartier.mapping.walk import integrate
+
     if not len(recording):
         raise InputError(f"recording {recording.name} holds no frames")
     if align and onto is None:
