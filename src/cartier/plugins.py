@@ -187,8 +187,8 @@ def formats_of(path: Path) -> list[str]:
 
 
 @cache  # opening a recording asks every format
-def _built_in(kind: str) -> tuple[Backend, ...]:
-    files = [f for f in (PACKAGE / kind).glob("*") if f.suffix == ".py" or (f / "__init__.py").is_file()]
+def _built_in(kind: str, pattern: str = "*") -> tuple[Backend, ...]:
+    files = [f for f in (PACKAGE / kind).glob(pattern) if f.suffix == ".py" or (f / "__init__.py").is_file()]
     return tuple(backend for f in files if (backend := _read(kind, f.stem, f)) is not None)
 
 
@@ -245,8 +245,8 @@ def _load(kind: str, name: str) -> ModuleType:
         if entry.name == name:
             module: ModuleType = entry.load()
             return module
-    known = [b.name for b in backends(kind)]
-    if name not in known:
+    if not name.isidentifier() or not any(b.name == name for b in _built_in(kind, f"{name}*")):
+        known = [b.name for b in backends(kind)]
         close = get_close_matches(name, known, 1)
         hint = f"did you mean {close[0]!r}? " if close else ""
         raise BackendError(
