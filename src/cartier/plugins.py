@@ -228,11 +228,12 @@ def _read(kind: str, name: str, file: Path) -> Backend | None:
 
 
 def _entry_points(kind: str) -> EntryPoints:
-    return _all_entry_points().select(group=f"cartier.{kind}")
+    found: EntryPoints = _all_entry_points().select(group=f"cartier.{kind}")
+    return found
 
 
 @cache
-def _all_entry_points() -> EntryPoints:
+def _all_entry_points() -> Any:
     from importlib.metadata import entry_points  # 30 ms that "import cartier" need not pay
 
     return entry_points()
