@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import threadpoolctl
 
 import cartier
 from cartier.conversation import Conversation
@@ -50,6 +51,33 @@ def test_from_frames_to_a_goal_that_faces_the_chair(home: cartier.Home) -> None:
     assert set(answer.timing_ms) == {"select", "locate", "plan"}
     assert answer.place.frame in home.photos
     assert json.loads(json.dumps(answer.to_dict(), allow_nan=False))["object"] == "chair"
+
+
+class Counts(Says):
+    """Notes on how many threads BLAS computes, and asks once more meanwhile."""
+
+    def __init__(self, home: cartier.Home) -> None:
+        super().__init__("chair")
+        self.home, self.threads = home, list[int]()
+
+    def select(self, query: str, inventory: Inventory, dialogue: Sequence[tuple[str, str]] = ()) -> Selection:
+        if not self.threads:
+            self.threads = blas_threads()
+            cartier.ask(self.home, query, self)
+            self.threads += blas_threads()
+        return super().select(query, inventory, dialogue)
+
+
+def blas_threads() -> list[int]:
+    return [library["num_threads"] for library in threadpoolctl.threadpool_info() if library["user_api"] == "blas"]
+
+
+def test_an_answer_takes_one_thread(home: cartier.Home) -> None:
+    counts = Counts(home)
+    with threadpoolctl.threadpool_limits(3, user_api="blas"):
+        cartier.ask(home, "let me sit down", counts)
+        after = blas_threads()
+    assert set(counts.threads) == {1} and set(after) == {3}
 
 
 def test_each_index_answers(home: cartier.Home) -> None:

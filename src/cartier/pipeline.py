@@ -21,6 +21,7 @@ from cartier.contracts import Detector, Encoder, IndexDefaults, Reasoner, Reason
 from cartier.errors import BackendError, InputError
 from cartier.home import Home
 from cartier.home.looking import look_for_answer, seen_twice
+from cartier.io.blas import one_blas_thread
 from cartier.llm.prompts import check_query
 from cartier.navigation.planning import check_start, plan
 from cartier.navigation.routes import RoutePlan, plan_route
@@ -38,6 +39,7 @@ if TYPE_CHECKING:
 STAYS = Selection("answered", reason="the person would rather not", text="All right, I stay here.")
 
 
+@one_blas_thread
 def map_home(
     recording: Recording,
     detector: Detector,
@@ -128,6 +130,7 @@ def map_home(
     return mapper.home()
 
 
+@one_blas_thread
 def ask(
     home: Home,
     query: str,
@@ -143,6 +146,8 @@ def ask(
     now: datetime | None = None,
 ) -> Answer:
     """Answer one request: the object that serves it, its place, and a reachable pose that faces it.
+
+    Meanwhile numpy multiplies matrices on one thread, in the whole process.
 
     Args:
         home: The home.
