@@ -1,4 +1,4 @@
-"""One thread for numpy's products of matrices: those of a sentence are small, and sharing them costs more than it saves."""
+"""One thread for numpy's products of matrices: those of a sentence are small, and are slower when they are shared."""
 
 from __future__ import annotations
 
@@ -11,14 +11,15 @@ class _OneBlasThread(ContextDecorator):
     """While anybody is inside, BLAS computes on one thread in the whole process; the last one out restores its own."""
 
     def __init__(self) -> None:
-        self._lock, self._inside, self._limit = Lock(), 0, None
+        self._lock, self._inside = Lock(), 0
+        self._limit: Any = None
 
     def __enter__(self) -> None:
         from threadpoolctl import ThreadpoolController  # finds the libraries that are loaded by now
 
         with self._lock:
             if not self._inside:
-                self._limit: Any = ThreadpoolController().limit(limits=1, user_api="blas")
+                self._limit = ThreadpoolController().limit(limits=1, user_api="blas")
             self._inside += 1
 
     def __exit__(self, *_: object) -> None:
