@@ -13,23 +13,10 @@ import typer
 
 from cartier import plugins, specs
 from cartier.cli.arrive import send_and_look
-from cartier.cli.common import (
-    AsJson,
-    BaseUrl,
-    Blur,
-    EmergencyNumber,
-    IndexName,
-    LookWhen,
-    ModelName,
-    OnAlarm,
-    ReasonerName,
-    VisionName,
-    numbers,
-    say,
-)
+from cartier.cli.common import AsJson, BaseUrl, IndexName, numbers, say
+from cartier.cli.option_groups import Answering, Looking, grouped
 from cartier.cli.places import HomePlace, home_at
 from cartier.errors import InputError, ReasonerError
-from cartier.io.command import OwnerCommand
 from cartier.robots import Sent, send
 
 if TYPE_CHECKING:
@@ -41,13 +28,13 @@ QUIT = {"", "q", "quit", "exit", "bye", "goodbye", "bye bye"}
 
 
 @app.command()
+@grouped
 def ask(
     home: HomePlace,
     words: Annotated[
         str | None, typer.Argument(metavar="[WORDS]", help="The request; without it a conversation starts.")
     ] = None,
-    reasoner: ReasonerName = "auto",
-    model: ModelName = None,
+    answering: Answering = Answering(),
     base_url: BaseUrl = None,
     replies: Annotated[Path | None, typer.Option(help="The recorded replies for --reasoner replay.")] = None,
     index: IndexName = None,
@@ -64,14 +51,10 @@ def ask(
     go: Annotated[
         str | None, typer.Option(metavar="ROBOT", help="Send the goal to a robot: print, ros2, dollhouse.")
     ] = None,
-    emergency_number: EmergencyNumber = None,
-    on_alarm: OnAlarm = None,
     show_prompt: Annotated[
         bool, typer.Option("--show-prompt", help="Print the prompt for a language model, and send nothing.")
     ] = False,
-    look: LookWhen = "never",
-    vision: VisionName = "openai",
-    blur: Blur = False,
+    looking: Looking = Looking(),
     as_json: AsJson = False,
 ) -> None:
     """Answer a request with an object and a goal pose."""
@@ -81,18 +64,18 @@ def ask(
 
     traction = traction_of(wheels) if wheels is not None else ()
     from_xy, model_of_robot = numbers(start, 2, "--from"), RobotModel(radius, camera_height, traction)
-    told = OwnerCommand(on_alarm, "--on-alarm") if on_alarm is not None else None
+    told, reasoner, model = answering.alarm_command, answering.reasoner, answering.model
     mapped = home_at(home)
     if show_prompt:
         _show_prompt(mapped, words, specs.model_asked(reasoner, model, base_url), index, from_xy, as_json)
         return
-    allowed = specs.look(look, vision, _agreed, blur, model=None if ":" in vision else model, base_url=base_url)
+    allowed = looking.allowed(_agreed, model=None if ":" in looking.vision else model, base_url=base_url)
     if allowed is not None and not plugins.takes("reasoners", reasoner.partition(":")[0], "model"):
         model = base_url = None  # they are the vision model's alone
     chosen = specs.reasoner(reasoner, model=model, base_url=base_url, path=replies)
     talk = Conversation(
-        mapped, chosen, index=index, from_xy=from_xy, robot=model_of_robot, emergency_number=emergency_number,
-        look=allowed,
+        mapped, chosen, index=index, from_xy=from_xy, robot=model_of_robot,
+        emergency_number=answering.emergency_number, look=allowed,
     )  # fmt: skip
     robot = specs.robot(go, mapped, model_of_robot) if go else None
     see = specs.camera_at_goals(go, mapped, model_of_robot) if go and allowed is not None else None

@@ -15,19 +15,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from cartier import specs
-from cartier.cli.common import (
-    Append,
-    AsJson,
-    EmergencyNumber,
-    Every,
-    ModelName,
-    OnAlarm,
-    ReasonerName,
-    Threshold,
-    missing,
-    progress,
-    say,
-)
+from cartier.cli.common import Append, AsJson, Every, Threshold, missing, progress, say
+from cartier.cli.option_groups import Answering, grouped
 from cartier.cli.reader_options import NOTHING, reads_streams
 from cartier.errors import InputError
 from cartier.io.spool import SUFFIX
@@ -45,6 +34,7 @@ LINE_S, JSON_S = 0.25, 1.0
 
 @app.command()
 @reads_streams
+@grouped
 def live(
     source: Annotated[
         str,
@@ -85,10 +75,7 @@ def live(
         "127.0.0.1"
     ),
     token_file: Annotated[Path | None, typer.Option(help="The file with the token of requests.")] = None,
-    reasoner: ReasonerName = "auto",
-    model: ModelName = None,
-    emergency_number: EmergencyNumber = None,
-    on_alarm: OnAlarm = None,
+    answering: Answering = Answering(),
     as_json: AsJson = False,
     topics: dict[str, Any] = NOTHING,
 ) -> None:
@@ -119,9 +106,8 @@ def live(
         if (resumed := session.state().resumed) > 0:
             say(f"{resumed} keyframes of {spool}, a session that was cut off: it goes on in the same pose frame")
         endings = _outlets(
-            session, home, (reasoner, model, emergency_number, on_alarm),
-            (host, port, token_file) if serve else None, topics.get("domain"), publish,
-        )  # fmt: skip
+            session, home, answering, (host, port, token_file) if serve else None, topics.get("domain"), publish
+        )
         with _ended_by_signals() as asked:
             _follow(session, home, asked, seconds, as_json, save=onto is None)
         try:
@@ -270,25 +256,18 @@ def _of_source(source: str, topics: dict[str, Any], publish: bool) -> dict[str, 
 
 
 def _outlets(
-    session: Live, home: Path, answering: tuple[str, str | None, str | None, str | None],
-    served: tuple[str, int, Path | None] | None, domain: int | None, publish: bool,
+    session: Live, home: Path, answering: Answering, served: tuple[str, int, Path | None] | None, domain: int | None,
+    publish: bool,
 ) -> list[Callable[[], None]]:  # fmt: skip
     """Serve the growing home and publish it, as asked; returns what ends that."""
     from cartier import plugins
     from cartier.cli._serve import serve_beside
     from cartier.contracts import SourceDefaults, optional
-    from cartier.io.command import OwnerCommand
     from cartier.serving.live_homes import LiveHomes
-    from cartier.serving.operations import Operations
 
     if served is None and not publish:
         return []
-    reasoner, model, number, on_alarm = answering
-    told = OwnerCommand(on_alarm, "--on-alarm") if on_alarm is not None else None
-    operations = Operations(
-        LiveHomes(session, home.resolve().name), specs.reasoner(reasoner, model=model), emergency_number=number,
-        on_alarm=None if told is None else told.run,
-    )  # fmt: skip
+    operations = answering.operations(lambda: LiveHomes(session, home.resolve().name))
     endings = [serve_beside(operations, *served)] if served is not None else []
     if publish:
         try:

@@ -7,100 +7,72 @@ import signal
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
+from types import ModuleType
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from cartier import specs
-from cartier.cli.common import (
-    Blur,
-    EmergencyNumber,
-    LookWhen,
-    ModelName,
-    OnAlarm,
-    ReasonerName,
-    VisionName,
-    missing,
-    say,
-)
+from cartier.cli.common import missing, say
+from cartier.cli.option_groups import Answering, Listening, Looking, grouped
 from cartier.cli.places import HomePlace, home_at, homes_at
 from cartier.errors import CartierError
-from cartier.io.command import OwnerCommand
 from cartier.types import DriveProgress
 
 if TYPE_CHECKING:
     from cartier.serving.access import Access
     from cartier.serving.operations import Operations
-    from cartier.vision.permission import Look
 
 app = typer.Typer()
-TOKENS = "A file with a token a line, and the homes that it may see if not all. Default: the token CARTIER_TOKEN."
 HomePlaces = Annotated[
     list[str],
     typer.Argument(metavar="HOME...", help="Folders that 'cartier map' wrote; or one fleet's STORE, with all homes."),
 ]
 Port = Annotated[int, typer.Option(min=1, max=65535, help="The TCP port to listen on.")]
-Host = Annotated[str, typer.Option(help="The address to listen on; any but a loopback address needs a token.")]
-Names = Annotated[list[str] | None, typer.Option("--name", help="Another host name of this server.")]
-TokenFile = Annotated[Path | None, typer.Option(help=TOKENS)]
-Certificate = Annotated[Path | None, typer.Option(help="TLS certificate (PEM); needs --tls-key.")]
-Key = Annotated[Path | None, typer.Option(help="TLS private key (PEM).")]
 Memory = Annotated[int, typer.Option("--memory-mb", min=1, help="The memory for all loaded homes, in MiB.")]
 
 
 @app.command()
+@grouped
 def serve(
     homes: HomePlaces,
     port: Port = 8735,
-    host: Host = "127.0.0.1",
-    name: Names = None,
-    token_file: TokenFile = None,
-    tls_cert: Certificate = None,
-    tls_key: Key = None,
-    reasoner: ReasonerName = "auto",
-    model: ModelName = None,
+    listening: Listening = Listening(),
+    answering: Answering = Answering(),
     memory_mb: Memory = 1024,
-    emergency_number: EmergencyNumber = None,
-    on_alarm: OnAlarm = None,
-    look: LookWhen = "never",
-    vision: VisionName = "openai",
-    blur: Blur = False,
+    looking: Looking = Looking(),
 ) -> None:
     """Serve homes over HTTP: web page and API.
 
     The page shows, answers and corrects; the API has an OpenAPI description.
     """
-    operations = _operations(
-        homes, reasoner, model, memory_mb, emergency_number, on_alarm, specs.look(look, vision, None, blur)
-    )
-    serve_page(operations, host, port, name or [], token_file, (tls_cert, tls_key))
-
-
-def serve_page(
-    operations: Operations, host: str, port: int, names: list[str], token_file: Path | None,
-    tls: tuple[Path | None, Path | None],
-) -> None:  # fmt: skip
-    """Serve the page and the API until Ctrl-C."""
-    try:
-        from cartier.serving.http import DOCUMENTATION, make
-        from cartier.serving.page import files
-        from cartier.serving.server import listen
-    except ModuleNotFoundError as error:
-        raise missing("serve", error) from error
-    tokens = _guarded(operations, host, token_file)
-    listen(make(operations), host, port, names, tokens, tls, say, open_paths=(*files(), DOCUMENTATION))
+    operations = answering.operations(lambda: homes_at(homes, memory_mb), looking.allowed())
+    _, app, open_paths = _page(operations)
+    _listen(app, operations, port, listening, open_paths=open_paths)
 
 
 def serve_beside(operations: Operations, host: str, port: int, token_file: Path | None) -> Callable[[], None]:
     """Serve the page and the API in a thread; returns what ends that."""
+    server, app, open_paths = _page(operations)
+    end: Callable[[], None] = server.listen_beside(
+        app, host, port, _guarded(operations, host, token_file), say, open_paths
+    )
+    return end
+
+
+def _page(operations: Operations) -> tuple[ModuleType, Any, tuple[str, ...]]:
+    """What listens, the app with the page and the API, and its paths that need no token."""
     try:
-        from cartier.serving.http import DOCUMENTATION, make
-        from cartier.serving.page import files
-        from cartier.serving.server import listen_beside
+        from cartier.serving import http, page, server
     except ModuleNotFoundError as error:
         raise missing("serve", error) from error
-    tokens = _guarded(operations, host, token_file)
-    return listen_beside(make(operations), host, port, tokens, say, (*files(), DOCUMENTATION))
+    return server, http.make(operations), (*page.files(), http.DOCUMENTATION)
+
+
+def _listen(app: Any, operations: Operations, port: int, listening: Listening, **options: Any) -> None:
+    from cartier.serving.server import listen
+
+    tokens, tls = _guarded(operations, listening.host, listening.token_file), (listening.tls_cert, listening.tls_key)
+    listen(app, listening.host, port, listening.name or [], tokens, tls, say, **options)
 
 
 def _guarded(operations: Operations, host: str, token_file: Path | None) -> Mapping[bytes, Access] | None:
@@ -113,35 +85,25 @@ def _guarded(operations: Operations, host: str, token_file: Path | None) -> Mapp
 
 
 @app.command()
+@grouped
 def mcp(
     homes: HomePlaces,
     http: Annotated[bool, typer.Option("--http", help="Streamable HTTP at /mcp instead of standard input.")] = False,
     port: Port = 8736,
-    host: Host = "127.0.0.1",
-    name: Names = None,
-    token_file: TokenFile = None,
-    tls_cert: Certificate = None,
-    tls_key: Key = None,
+    listening: Listening = Listening(),
     allow_go: Annotated[
         str | None, typer.Option(metavar="ROBOT", help="Let agents send this robot; each time a person must agree.")
     ] = None,
-    reasoner: ReasonerName = "auto",
-    model: ModelName = None,
+    answering: Answering = Answering(),
     memory_mb: Memory = 1024,
-    emergency_number: EmergencyNumber = None,
-    on_alarm: OnAlarm = None,
-    look: LookWhen = "never",
-    vision: VisionName = "openai",
-    blur: Blur = False,
+    looking: Looking = Looking(),
 ) -> None:
     """Serve homes to agents over MCP.
 
     The Model Context Protocol server has ten tools that read, correct and undo, and with --look auto one that
     verifies.
     """
-    operations = _operations(
-        homes, reasoner, model, memory_mb, emergency_number, on_alarm, specs.look(look, vision, None, blur)
-    )
+    operations = answering.operations(lambda: homes_at(homes, memory_mb), looking.allowed())
     try:
         from mcp.server.transport_security import TransportSecuritySettings
 
@@ -153,12 +115,8 @@ def mcp(
         if not http:
             server.run("stdio")
             return
-        from cartier.serving.server import listen
-
         checked = TransportSecuritySettings(enable_dns_rebinding_protection=False)  # the guard checks all paths
-        app = server.streamable_http_app(transport_security=checked)
-        tokens = _guarded(operations, host, token_file)
-        listen(app, host, port, name or [], tokens, (tls_cert, tls_key), say, told=told)
+        _listen(server.streamable_http_app(transport_security=checked), operations, port, listening, told=told)
 
 
 @contextmanager
@@ -217,16 +175,3 @@ def export(
 
     for file in write(home_at(home), to):
         print(file)
-
-
-def _operations(
-    homes: list[str], reasoner: str, model: str | None, memory_mb: int, emergency_number: str | None,
-    on_alarm: str | None, look: Look | None,
-) -> Operations:  # fmt: skip
-    from cartier.serving.operations import Operations
-
-    told = OwnerCommand(on_alarm, "--on-alarm") if on_alarm is not None else None
-    return Operations(
-        homes_at(homes, memory_mb), specs.reasoner(reasoner, model=model), emergency_number=emergency_number,
-        on_alarm=None if told is None else told.run, look=look,
-    )  # fmt: skip

@@ -30,23 +30,8 @@ HomeFolder = Annotated[
     Path, typer.Argument(metavar="HOME", help="A folder that 'cartier map' wrote.", callback=_folder)
 ]
 IndexName = Annotated[str | None, typer.Option("--index", help="The index of the home to search.")]
-ReasonerName = Annotated[
-    str, typer.Option(help="auto (the configured language model, else embedded), or any of 'cartier list'.")
-]
 ModelName = Annotated[str | None, typer.Option(help="The language model's name on its server, or a FILE.gguf.")]
 BaseUrl = Annotated[str | None, typer.Option(help="The server's URL; default OPENAI_BASE_URL.")]
-EmergencyNumber = Annotated[
-    str | None,
-    typer.Option(metavar="NUMBER", help="What to call in an emergency. Default: by the country of the locale."),
-]
-OnAlarm = Annotated[
-    str | None,
-    typer.Option(metavar="COMMAND", help="Run this if words tell of harm or an emergency; the answer is its input."),
-]
-LookWhen = Annotated[
-    str,
-    typer.Option("--look", help="Ask a vision model about photographs: never, ask (you agree each time), or auto."),
-]
 VisionName = Annotated[
     str, typer.Option("--vision", metavar="NAME[:MODEL]", help="The vision model: any of 'cartier list'.")
 ]

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import functools
 import inspect
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from cartier import plugins
 from cartier.cli.common import numbers
+from cartier.cli.option_groups import expanded
 from cartier.errors import CartierError
 
 if TYPE_CHECKING:
@@ -89,19 +89,14 @@ def reads_streams(command: Callable[..., None]) -> Callable[..., None]:
 def _with_options(
     command: Callable[..., None], parameter: str, options: dict[str, tuple[str, type, str]]
 ) -> Callable[..., None]:
-    @functools.wraps(command)
-    def with_options(**given: Any) -> None:
+    def made(given: dict[str, Any]) -> dict[str, Any]:
         chosen = {name: value for name in options if (value := given.pop(name)) is not None}
         if "up" in chosen:
             chosen["up"] = numbers(chosen["up"], 3, "--up")
-        command(**given, **{parameter: chosen})
+        return {parameter: chosen}
 
-    hints = get_type_hints(command, include_extras=True)
-    own = [p.replace(annotation=hints[p.name]) for p in inspect.signature(command).parameters.values()]
-    parameters = [p.replace(kind=p.KEYWORD_ONLY) for p in own if p.name != parameter]
+    parameters = []
     for name, (option, kind, words) in options.items():
         annotation: Any = Annotated[kind | None, typer.Option(option, help=words)]
         parameters.append(inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=annotation))
-    with_options.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
-    with_options.__annotations__ = {p.name: p.annotation for p in parameters}
-    return with_options
+    return expanded(command, {parameter: parameters}, made)
