@@ -5,13 +5,14 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from cartier import plugins
 from cartier.cli.common import AsJson, progress, say
-from cartier.cli.reader_options import NOTHING, reads_recordings
+from cartier.cli.option_groups import grouped
+from cartier.cli.reader_options import Reader
 from cartier.errors import CartierError, MissingExtra
 
 if TYPE_CHECKING:
@@ -21,18 +22,18 @@ app = typer.Typer()
 
 
 @app.command()
-@reads_recordings
+@grouped
 def convert(
     source: Annotated[str, typer.Argument(metavar="IN", help="A recording in any format that 'cartier list' shows.")],
     output: Annotated[
         Path, typer.Option("--output", "-o", metavar="OUT", help="The folder to write; it must not exist.")
     ],
-    reader: dict[str, Any] = NOTHING,
+    reader: Reader = Reader(),
 ) -> None:
     """Convert a recording to cartier's own format."""
     from cartier.recordings.folder import save
 
-    recording = plugins.open_recording(source, **reader)
+    recording = plugins.open_recording(source, **reader.given())
     for note in recording.notes:
         say(note)
     with progress("converting") as step:
@@ -42,7 +43,7 @@ def convert(
 
 
 @app.command()
-@reads_recordings
+@grouped
 def doctor(
     source: Annotated[
         str,
@@ -55,7 +56,7 @@ def doctor(
     output: Annotated[Path | None, typer.Option("--output", "-o", metavar="OUT", help="Where --fix writes.")] = None,
     plot: Annotated[Path | None, typer.Option(help="Draw the findings on a recording into this image.")] = None,
     as_json: AsJson = False,
-    reader: dict[str, Any] = NOTHING,
+    reader: Reader = Reader(),
 ) -> None:
     """Examine a recording or a home and report faults.
 
@@ -73,7 +74,7 @@ def doctor(
         raise typer.Exit(0 if report.ok else 1)
     if fix and output is None:
         raise CartierError("--fix needs a folder to write to: cartier doctor RECORDING --fix -o OUT")
-    recording = open_for_doctor(source, **reader)
+    recording = open_for_doctor(source, **reader.given())
     if isinstance(recording, Report):
         report = recording
     else:

@@ -17,7 +17,7 @@ import typer
 from cartier import specs
 from cartier.cli.common import Append, AsJson, Every, Threshold, missing, progress, say
 from cartier.cli.option_groups import Answering, grouped
-from cartier.cli.reader_options import NOTHING, reads_streams
+from cartier.cli.reader_options import Robot
 from cartier.errors import InputError
 from cartier.io.spool import SUFFIX
 from cartier.labels import number_of
@@ -33,7 +33,6 @@ LINE_S, JSON_S = 0.25, 1.0
 
 
 @app.command()
-@reads_streams
 @grouped
 def live(
     source: Annotated[
@@ -77,7 +76,7 @@ def live(
     token_file: Annotated[Path | None, typer.Option(help="The file with the token of requests.")] = None,
     answering: Answering = Answering(),
     as_json: AsJson = False,
-    topics: dict[str, Any] = NOTHING,
+    robot: Robot = Robot(),
 ) -> None:
     """Map a home while its frames are taken, and answer meanwhile.
 
@@ -88,6 +87,7 @@ def live(
     from cartier.live.session import Live
     from cartier.sources import open_source
 
+    topics = robot.given()
     if check:
         return _checked(source if home is None else str(home), topics, seconds, as_json)
     if home is None:

@@ -12,7 +12,8 @@ import typer
 
 from cartier import plugins, specs
 from cartier.cli.common import Append, AsJson, Every, Seed, Threshold, duration, progress, say
-from cartier.cli.reader_options import NOTHING, reads_recordings
+from cartier.cli.option_groups import grouped
+from cartier.cli.reader_options import Reader
 from cartier.contracts import RecordingDefaults, optional
 from cartier.errors import InputError
 from cartier.labels import number_of
@@ -81,7 +82,7 @@ def record(
 
 
 @app.command("map")
-@reads_recordings
+@grouped
 def map_command(
     recording: Annotated[
         str,
@@ -133,7 +134,7 @@ def map_command(
         ),
     ] = None,
     as_json: AsJson = False,
-    reader: dict[str, Any] = NOTHING,
+    reader: Reader = Reader(),
 ) -> None:
     """Map a recording into a home.
 
@@ -159,7 +160,7 @@ def map_command(
     check_ours(output, MANIFEST)
     names = [name.strip() for name in index.split(",")] if index else None
     make_indexes(names or (), encoder)  # what is missing is said before the work
-    source = plugins.open_recording(recording, **reader)
+    source = plugins.open_recording(recording, **reader.given())
     own = specs.own_detector(optional(source, RecordingDefaults, "detector"), detector, threshold)
     chosen, why = specs.detector_for(source) if detector is None else (detector, "")
     detects = own or specs.detector(chosen, source, threshold=threshold, vocabulary=vocabulary)

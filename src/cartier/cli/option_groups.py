@@ -89,41 +89,23 @@ class Listening:
 
 
 def grouped(command: Callable[..., None]) -> Callable[..., None]:
-    """Replace each parameter of a command that is a group by the group's options."""
+    """Replace each parameter of a command that is a group, a dataclass of options, by these options."""
+    parameters, groups = list[inspect.Parameter](), dict[str, Any]()
     hints = get_type_hints(command, include_extras=True)
-    groups: dict[str, Any] = {name: kind for name, kind in hints.items() if is_dataclass(kind)}
-
-    def made(given: dict[str, Any]) -> dict[str, Any]:
-        return {name: kind(**{f.name: given.pop(f.name) for f in fields(kind)}) for name, kind in groups.items()}
-
-    return expanded(command, {name: _parameters(kind) for name, kind in groups.items()}, made)
-
-
-def expanded(
-    command: Callable[..., None],
-    groups: dict[str, list[inspect.Parameter]],
-    made: Callable[[dict[str, Any]], dict[str, Any]],
-) -> Callable[..., None]:
-    """Replace parameters of a command by options, which ``made`` takes out of what is given, and by what it makes."""
+    for own in inspect.signature(command).parameters.values():
+        kind = hints[own.name]
+        if not is_dataclass(kind):
+            parameters.append(own.replace(kind=own.KEYWORD_ONLY, annotation=kind))
+            continue
+        groups[own.name], of = kind, get_type_hints(kind, include_extras=True)
+        option = own.replace(kind=own.KEYWORD_ONLY)
+        parameters += [option.replace(name=f.name, default=f.default, annotation=of[f.name]) for f in fields(kind)]
 
     @functools.wraps(command)
     def flat(**given: Any) -> None:
-        command(**made(given), **given)
+        made = {name: kind(**{f.name: given.pop(f.name) for f in fields(kind)}) for name, kind in groups.items()}
+        command(**made, **given)
 
-    hints = get_type_hints(command, include_extras=True)
-    parameters = [
-        option
-        for own in inspect.signature(command).parameters.values()
-        for option in groups.get(own.name, [own.replace(kind=own.KEYWORD_ONLY, annotation=hints[own.name])])
-    ]
     flat.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     flat.__annotations__ = {option.name: option.annotation for option in parameters}
     return flat
-
-
-def _parameters(group: Any) -> list[inspect.Parameter]:
-    kinds = get_type_hints(group, include_extras=True)
-    return [
-        inspect.Parameter(f.name, inspect.Parameter.KEYWORD_ONLY, default=f.default, annotation=kinds[f.name])
-        for f in fields(group)
-    ]
