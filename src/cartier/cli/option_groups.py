@@ -11,9 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import typer
 
-from cartier import specs
 from cartier.cli.common import Blur, ModelName, VisionName
-from cartier.io.command import OwnerCommand
 
 if TYPE_CHECKING:
     from cartier.serving.homes import Homes
@@ -45,10 +43,13 @@ class Answering:
 
     @property
     def alarm_command(self) -> OwnerCommand | None:
+        from cartier.io.command import OwnerCommand
+
         return OwnerCommand(self.on_alarm, "--on-alarm") if self.on_alarm is not None else None
 
     def operations(self, homes: Callable[[], Homes], look: Look | None = None) -> Operations:
         """The operations on some homes, which are opened when the command for alarms is known to be one."""
+        from cartier import specs
         from cartier.serving.operations import Operations
 
         told = self.alarm_command
@@ -72,6 +73,8 @@ class Looking:
     def allowed(
         self, consent: Callable[[VisualQuestion, Sequence[CandidateView]], bool] | None = None, **options: Any
     ) -> Look | None:
+        from cartier import specs
+
         return specs.look(self.look, self.vision, consent, self.blur, **options)
 
 
