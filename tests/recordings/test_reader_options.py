@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+from dataclasses import fields
 from pathlib import Path
 
 import pytest
@@ -11,7 +12,7 @@ from typer.testing import CliRunner
 
 from cartier import pipeline, plugins
 from cartier.cli import app
-from cartier.cli.reader_options import OPTIONS, as_mapped, remembered
+from cartier.cli.reader_options import Reader, as_mapped, remembered
 from cartier.errors import InputError
 from cartier.home import Home
 from cartier.types import Detections, Frame
@@ -24,10 +25,11 @@ def test_whatever_a_reader_takes_every_command_offers() -> None:
     taken = {"format"}
     for backend in plugins.backends("recordings"):
         taken |= set(inspect.signature(plugins._load("recordings", backend.name).open).parameters) - {"path"}
-    assert taken == set(OPTIONS)
+    own = {field.name for field in fields(Reader)}
+    assert taken == own
     for command in COMMANDS:
         shown = CliRunner().invoke(app, [command, "--help"], env={"COLUMNS": "200"}).output
-        assert all(f"{option} " in shown for option, _, _ in OPTIONS.values())
+        assert all(f"--{name.removesuffix('_m')} " in shown for name in own)
 
 
 def test_the_options_reach_the_reader(tmp_path: Path) -> None:

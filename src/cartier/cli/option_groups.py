@@ -14,6 +14,7 @@ import typer
 from cartier.cli.common import Blur, ModelName, VisionName
 
 if TYPE_CHECKING:
+    from cartier.io.command import OwnerCommand
     from cartier.serving.homes import Homes
     from cartier.serving.operations import Operations
     from cartier.types import CandidateView, VisualQuestion
