@@ -118,9 +118,9 @@ def zoomed(image: Array, zoom: float, dx: float = 0.0, dy: float = 0.0) -> Array
     height, width = image.shape
     cols = np.rint((np.arange(width) - (width - 1) / 2 - dx * width) / zoom + (width - 1) / 2).astype(int)
     rows = np.rint((np.arange(height) - (height - 1) / 2 - dy * width) / zoom + (height - 1) / 2).astype(int)
-    moved = image[rows.clip(0, height - 1)[:, None], cols.clip(0, width - 1)]
-    outside = ((rows < 0) | (rows >= height))[:, None] | ((cols < 0) | (cols >= width))
-    return np.where(outside, np.float32(np.nan), moved)
+    moved = image[rows.clip(0, height - 1)].take(cols.clip(0, width - 1), axis=1)  # faster than both at once
+    moved[(rows < 0) | (rows >= height)] = moved[:, (cols < 0) | (cols >= width)] = np.nan
+    return np.asarray(moved)
 
 
 def _colour_edges(grey: Array) -> Array:
