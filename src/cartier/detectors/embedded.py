@@ -23,17 +23,17 @@ def make(
     threshold: float | None = None,
     folder: str | Path = FOLDER,
     provider: str = "cpu",
-    threads: int | None = None,
+    threads: int = 1,
 ) -> Embedded:
     """``threshold`` is the score from which a detection counts by itself, by default that chosen on generated homes.
 
     ``folder`` holds another model of the same make (tools/train_dollhouse_detector.py); ``provider`` is onnxruntime's,
-    such as "cuda"; ``threads`` is onnxruntime's choice by default. Raises InputError if the network's file is missing
-    or changed.
+    such as "cuda"; more ``threads`` answer sooner on idle cores, and compute longer. Raises InputError if the network's
+    file is missing or changed.
     """
     from cartier.models.dollhouse_detector.inference import open_inference
 
-    if threads is not None and threads < 1:
+    if threads < 1:
         raise BackendError(f"option threads must be at least 1, got {threads}")
     return Embedded(threshold, open_inference(Path(folder), provider, threads))
 

@@ -16,13 +16,13 @@ LOW = 0.05  # of a member: its weaker boxes say nothing
 MAX_SCORES_BYTES = 1 << 16
 
 
-def make(threshold: float | None = None, provider: str = "cpu", threads: int | None = None) -> PhotosDetector:
+def make(threshold: float | None = None, provider: str = "cpu", threads: int = 1) -> PhotosDetector:
     """``threshold`` is the score from which a detection counts by itself, by default that chosen on photographs.
 
-    ``provider`` is onnxruntime's, such as "cuda"; ``threads`` is its own choice by default. Raises InputError if a
+    ``provider`` is onnxruntime's, such as "cuda"; more ``threads`` answer sooner on idle cores, and compute longer. Raises InputError if a
     network's file is missing or was changed.
     """
-    if threads is not None and threads < 1:
+    if threads < 1:
         raise BackendError(f"option threads must be at least 1, got {threads}")
     members = [
         OnnxDetector(Session(network, provider, threads), sidecar, None, DEFAULT_IOU)
