@@ -19,8 +19,8 @@ MAX_SCORES_BYTES = 1 << 16
 def make(threshold: float | None = None, provider: str = "cpu", threads: int = 1) -> PhotosDetector:
     """``threshold`` is the score from which a detection counts by itself, by default that chosen on photographs.
 
-    ``provider`` is onnxruntime's, such as "cuda"; more ``threads`` answer sooner on idle cores, and compute longer. Raises InputError if a
-    network's file is missing or was changed.
+    ``provider`` is onnxruntime's, such as "cuda"; more ``threads`` answer sooner on idle cores, and compute longer.
+    Raises InputError if a network's file is missing or was changed.
     """
     if threads < 1:
         raise BackendError(f"option threads must be at least 1, got {threads}")
