@@ -28,11 +28,11 @@ from cartier.contracts import Detector
 from cartier.errors import InputError
 from cartier.home import Home
 from cartier.io.spool import Keyframe, Place, Spool, SpoolWriter
-from cartier.mapping.alignment import align
-from cartier.mapping.pose_graph import PoseGraph
-from cartier.mapping.registration import about_z
-from cartier.mapping.repose import KeptFrame, frame_key
-from cartier.mapping.reposed import Reposed
+from cartier.mapping.poses.alignment import align
+from cartier.mapping.poses.motions import Reposed
+from cartier.mapping.poses.pose_graph import PoseGraph
+from cartier.mapping.poses.registration import about_z
+from cartier.mapping.replay import KeptFrame, frame_key
 from cartier.types import Detections, Frame
 from cartier.types.streams import Event, PoseUpdate, Stamped
 from cartier_dollhouse import Dollhouse

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 import cartier
-from cartier.mapping.registration import about_z
-from cartier.mapping.reposed import Reposed
+from cartier.mapping.poses.motions import Reposed
+from cartier.mapping.poses.registration import about_z
 from synthetic import RoomRecording, TrueBoxes, box, look
 
 ROOM_THINGS = (

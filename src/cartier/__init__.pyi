@@ -29,7 +29,7 @@ from .mapping.config import (
     RoomsConfig,
 )  # fmt: skip
 from .mapping.mapper import Mapper
-from .mapping.repose import KeptFrame
+from .mapping.replay import KeptFrame
 from .pipeline import ask, map_home
 from .plugins import make, open_recording
 from .types import (

@@ -92,20 +92,17 @@ def map_home(
         >>> len(home.names) > 5 and home.grid is not None
         True
     """
-    from cartier.mapping.alignment import align as find_alignment
-    from cartier.mapping.config import config_for
     from cartier.mapping.detection_cache import cached, remembering
     from cartier.mapping.mapper import Mapper
-    from cartier.mapping.pose_graph import PoseGraph
-    from cartier.mapping.reposed import Reposed
+    from cartier.mapping.poses.alignment import align as find_alignment
+    from cartier.mapping.poses.motions import Reposed
+    from cartier.mapping.poses.pose_graph import PoseGraph
     from cartier.mapping.upright import Upright, images_key, upright
-    from cartier.mapping.walk import integrate
 
     if not len(recording):
         raise InputError(f"recording {recording.name} holds no frames")
     if align and onto is None:
         raise InputError("aligning needs a home to align with: onto")
-    apart = Mapper(detector, config=config_for(config, onto)) if align is True else None
     mapper = Mapper(detector, indexes, encoder=encoder, onto=onto, config=config)
     if onto is not None and mapper.contains(recording):
         return onto
@@ -115,17 +112,19 @@ def map_home(
     recording = recording if aligned is None else Reposed(recording, aligned.pose)
     with cached(detector, resume, images_key(recording)) as detect:
         detect, graph = remembering(detect), PoseGraph()
-        processed = integrate(apart or mapper, recording, detect, every, graph, progress)
+        if align is True:
+            mapper.state = mapper.begun(None)
+        processed = mapper.run(recording, detect, every, progress, graph)
         mended = graph.mend() if mend_poses else None
         if mended is not None:
             recording = Reposed(recording, mended.pose)
-            apart = None if apart is None else Mapper(detector, config=config_for(config, onto))
-            mapper = Mapper(detector, indexes, encoder=encoder, onto=onto, config=config)
-            processed = integrate(apart or mapper, recording, detect, every, None, progress)
-        if apart is not None and onto is not None:
-            aligned = find_alignment(onto, replace(apart.home(), name=recording.name))
+            mapper.state = mapper.begun(None if align is True else onto)
+            processed = mapper.run(recording, detect, every, progress)
+        if align is True and onto is not None:
+            aligned = find_alignment(onto, replace(mapper.home(), name=recording.name))
             recording = Reposed(recording, aligned.pose)
-            processed = integrate(mapper, recording, detect, every, None, progress)
+            mapper.state = mapper.begun(onto)
+            processed = mapper.run(recording, detect, every, progress)
     mapper.finish(recording, processed, mended, aligned)
     return mapper.home()
 

@@ -19,7 +19,8 @@ from cartier.errors import InputError
 from cartier.io.spool import Spool
 from cartier.live.answers import check_epoch
 from cartier.live.sent_poses import SentPoses
-from cartier.mapping.repose import KeptFrame, frame_key, moved
+from cartier.mapping.poses.motions import moved
+from cartier.mapping.replay import KeptFrame, frame_key
 from cartier.plugins import open_recording
 from cartier.serving.live_homes import LiveHomes
 from cartier.serving.operations import Operations

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 import cartier
 from another_day import ANOTHER_DAY, MOVED, OTHER_THINGS, ROOM_THINGS, mapped, motion, rounds
 from cartier.errors import InputError
-from cartier.mapping.alignment import Alignment, align, by_objects
-from cartier.mapping.wall_registration import register_walls
+from cartier.mapping.poses.alignment import Alignment, align, by_objects
+from cartier.mapping.poses.wall_registration import register_walls
 from cartier.render.mapped_frames import as_mapped
 from cartier.types import FREE, OCCUPIED, UNKNOWN, MapObject, OccupancyGrid
 from synthetic import TrueBoxes

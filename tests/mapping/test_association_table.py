@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from cartier.mapping.object_map import ObjectMap
-from cartier.mapping.registration import about_z
+from cartier.mapping.poses.registration import about_z
 from cartier.types import Detections, Frame
 from staged import CAMERA, SURE, Box, Row, all_of, flat, found, fresh, square
 

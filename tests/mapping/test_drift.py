@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from cartier.geometry import transform
-from cartier.mapping.drift import find_drift
 from cartier.mapping.gravity import oriented
+from cartier.mapping.poses.drift import find_drift
 from synthetic import CAMERA, THINGS, render, walk
 
 

@@ -14,7 +14,7 @@ from another_day import MOVED, OTHER_THINGS, ROOM_THINGS, rounds
 from cartier.cli import app
 from cartier.errors import CartierError
 from cartier.home import Home
-from cartier.mapping.reposed import Reposed
+from cartier.mapping.poses.motions import Reposed
 from cartier.recordings.folder import save
 from synthetic import SMALL
 

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 
 import cartier
 from cartier.mapping.gravity import oriented
-from cartier.mapping.pose_graph import Mended, PoseGraph
-from cartier.mapping.registration import Surface, about_z, apart_m, corrected, register
-from cartier.mapping.reposed import Reposed
+from cartier.mapping.poses.motions import Reposed
+from cartier.mapping.poses.pose_graph import Mended, PoseGraph
+from cartier.mapping.poses.registration import Surface, about_z, apart_m, corrected, register
 from synthetic import CAMERA, THINGS, RoomRecording, TrueBoxes, look, render
 
 AROUND = [
@@ -92,7 +92,7 @@ def test_sound_poses_are_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     def unasked(*given: object) -> None:
         raise AssertionError("nothing is solved where registration finds next to nothing")
 
-    monkeypatch.setattr("cartier.mapping.pose_graph._solved", unasked)
+    monkeypatch.setattr("cartier.mapping.poses.pose_graph._solved", unasked)
     assert mend(ROOM) is None
     assert mend(drifting(0.03, 0.0)) is None
 
@@ -103,12 +103,12 @@ def test_without_depth_or_with_few_frames_nothing_is_mended() -> None:
 
 
 def test_corrections_that_help_nothing_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cartier.mapping.pose_graph._solved", lambda samples, first, *more: np.zeros_like(first))
+    monkeypatch.setattr("cartier.mapping.poses.pose_graph._solved", lambda samples, first, *more: np.zeros_like(first))
     assert mend(drifting(0.5, 0.1)) is None
 
 
 def test_the_judges_are_not_in_the_graph(monkeypatch: pytest.MonkeyPatch) -> None:
-    from cartier.mapping import pose_graph
+    from cartier.mapping.poses import pose_graph
 
     seen: dict[str, set[tuple[int, int]]] = {}
     solved, residual_m = pose_graph._solved, pose_graph._residual_m

@@ -6,6 +6,7 @@ import threading
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,13 +17,14 @@ from cartier.live.level import Level
 from cartier.live.recorded import Recorded
 from cartier.live.sent_poses import SentPoses
 from cartier.live.walked import Walked
-from cartier.mapping.alignment import Alignment, align
 from cartier.mapping.config import MappingConfig, config_for
 from cartier.mapping.detection_cache import detecting
 from cartier.mapping.keyframes import Keyframes
 from cartier.mapping.mapper import Mapper
-from cartier.mapping.remapping import add_kept, again, follow, keep_depth, succeed
-from cartier.mapping.repose import KeptFrame, Matrix, frame_key, moved
+from cartier.mapping.poses.alignment import Alignment, align
+from cartier.mapping.poses.motions import Matrix, moved
+from cartier.mapping.replay import KeptFrame, frame_key, replay
+from cartier.mapping.state import MapState
 from cartier.types import Detections, Frame
 from cartier.types.streams import PoseUpdate, Stamped
 
@@ -59,9 +61,9 @@ class GrowingMap:
         self._to_align = onto if align else None
         self._alignment: Alignment | None = None
         self._refusal = ""
-        begun = None if align else onto
+        self._begun = None if align else onto
         config = config_for(config, onto)
-        self._mapper = Mapper(detector, indexes, encoder=encoder, onto=begun, config=config)
+        self._mapper = Mapper(detector, indexes, encoder=encoder, onto=self._begun, config=config)
         self._detect = detecting(detector)
         self._keyframes = Keyframes(every, self._mapper.config.keyframes)
         self._lock = threading.Lock()
@@ -160,14 +162,10 @@ class GrowingMap:
             self._keep(stamp_ns, now, now.index, key)
             step(number, total)
         self._postponed = []
-        kept = sorted(self._kept, key=lambda each: each.stamp_ns)
-        fresh = again(self._mapper, kept, lambda done, of: step(count + done, total))
-        with self._lock:
-            succeed(fresh, self._mapper)
-            keep_depth(fresh, self._mapper)  # also of the frames between keyframes
-            self._mapper, self._kept = fresh, kept
-            self._looked += count
-            self.version += 1
+        self._kept.sort(key=lambda each: each.stamp_ns)
+        go_on = partial(MapState.succeed, with_depth=True)  # also of the frames between keyframes
+        self._map_again(None, go_on, lambda done, of: step(count + done, total))
+        self._looked += count
         return count
 
     def correct_poses(self, update: PoseUpdate) -> bool:
@@ -187,19 +185,10 @@ class GrowingMap:
         A correction that comes meanwhile is due again.
         """
         with self._lock:
-            mapper, kept, poses = self._mapper, list(self._kept), self._to_correct()
+            poses = self._to_correct()
         if not poses:
             return False
-        now = [replace(each, world_from_camera=poses[each.stamp_ns]) for each in kept]
-        fresh = again(mapper, now)
-        with self._lock:
-            late = self._kept[len(kept) :]
-            for each in late:
-                add_kept(fresh, each)
-            succeed(fresh, mapper)
-            self._mapper, self._kept = fresh, now + late
-            self.epoch += 1
-            self.version += 1
+        self._map_again(lambda each: poses.get(each.stamp_ns, each.world_from_camera), MapState.succeed)
         return True
 
     def align(self) -> bool:
@@ -210,24 +199,47 @@ class GrowingMap:
         with self._lock:
             if self._to_align is None or self._alignment is not None:
                 return False
-            mapper, kept = self._mapper, list(self._kept)
-            apart = replace(mapper.home(drift=False), name=self._source.name)
+            apart = replace(self._mapper.home(drift=False), name=self._source.name)
         try:
             found = align(self._to_align, apart)
         except InputError as error:
             self._refusal = str(error)
             return False
-        now = [replace(each, world_from_camera=found.pose(0, each.world_from_camera)) for each in kept]
-        fresh = again(mapper, now, onto=self._to_align)
-        with self._lock:
-            late = [replace(k, world_from_camera=found.pose(0, k.world_from_camera)) for k in self._kept[len(kept) :]]
-            for each in late:
-                add_kept(fresh, each)
-            follow(fresh, mapper, found)
-            self._mapper, self._kept, self._alignment = fresh, now + late, found
-            self.epoch += 1
-            self.version += 1
+
+        def go_on(fresh: MapState, old: MapState) -> None:
+            fresh.follow(old, found.row())
+            self._alignment = found
+
+        self._begun = self._to_align
+        self._map_again(lambda each: found.pose(0, each.world_from_camera), go_on)
         return True
+
+    def _map_again(
+        self,
+        pose_of: Callable[[KeptFrame], Matrix] | None,
+        go_on: Callable[[MapState, MapState], None],
+        progress: Progress | None = None,
+    ) -> None:
+        """Replay the keyframes while frames are still taken in, and then take the new map.
+
+        Args:
+            pose_of: The pose (4, 4) of each keyframe from now on; None if none moves.
+            go_on: Makes the new map go on where the old one is then.
+            progress: Called after each frame with the number of frames done and of all frames.
+        """
+
+        def placed(kept: Sequence[KeptFrame]) -> list[KeptFrame]:
+            return [each if pose_of is None else replace(each, world_from_camera=pose_of(each)) for each in kept]
+
+        with self._lock:
+            count, now = len(self._kept), placed(self._kept)
+        fresh = replay(self._mapper.begun(self._begun), now, progress)
+        with self._lock:
+            late = placed(self._kept[count:])
+            go_on(replay(fresh, late), self._mapper.state)
+            self._mapper.state, self._kept = fresh, now + late
+            self.epoch += pose_of is not None
+            self.version += 1
 
     @property
     def apart(self) -> bool:

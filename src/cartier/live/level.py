@@ -14,7 +14,7 @@ import numpy as np
 
 from cartier.contracts import Detector, Recording, Source, SourceDefaults, optional
 from cartier.mapping.gravity import FRAMES, SAMPLES_ACROSS
-from cartier.mapping.repose import Matrix
+from cartier.mapping.poses.motions import Matrix
 from cartier.mapping.samples import thinned, thinned_depth
 from cartier.mapping.upright import Levelled, measured, upright
 from cartier.types import Array, Camera

@@ -13,7 +13,7 @@ import numpy as np
 from cartier.errors import InputError
 from cartier.io.spool import MAGIC, SUFFIX, Keyframe, Place, Spool, SpoolWriter
 from cartier.live.sent_poses import SentPoses
-from cartier.mapping.repose import Matrix
+from cartier.mapping.poses.motions import Matrix
 from cartier.types import Detections
 from cartier.types.streams import Stamped
 

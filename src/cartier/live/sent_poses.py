@@ -16,7 +16,7 @@ from dataclasses import replace
 import numpy as np
 
 from cartier.geometry import invert
-from cartier.mapping.repose import Matrix, blended, moved
+from cartier.mapping.poses.motions import Matrix, blended, moved
 from cartier.types.streams import Stamped
 
 MOST = 20_000  # poses that are remembered besides those of keyframes: of more, every other one

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cartier.mapping.drift import find_drift
 from cartier.mapping.gravity import LYING, oriented, quarter_turns
+from cartier.mapping.poses.drift import find_drift
 from cartier.mapping.samples import thinned
 from cartier.mapping.sharpness import edge_width_px
 from cartier.types import Frame

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from cartier.contracts import Recording, RecordingDefaults, optional
-from cartier.mapping.alignment import Alignment
-from cartier.mapping.pose_graph import Mended
+from cartier.mapping.poses.alignment import Alignment
+from cartier.mapping.poses.pose_graph import Mended
 from cartier.mapping.upright import Levelled
 
 

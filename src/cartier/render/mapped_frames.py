@@ -8,9 +8,9 @@ from typing import Any
 from cartier.contracts import Recording, RecordingDefaults, optional
 from cartier.errors import InputError
 from cartier.home import Home
-from cartier.mapping.alignment import Alignment
-from cartier.mapping.pose_graph import Mended
-from cartier.mapping.reposed import Reposed
+from cartier.mapping.poses.alignment import Alignment
+from cartier.mapping.poses.motions import Reposed
+from cartier.mapping.poses.pose_graph import Mended
 from cartier.mapping.upright import Levelled, Upright
 
 

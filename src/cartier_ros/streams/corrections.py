@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cartier.geometry import invert
-from cartier.mapping.repose import blended, moved
+from cartier.mapping.poses.motions import blended, moved
 from cartier.types.streams import PoseUpdate
 from cartier_ros.bags.graphs import Graph
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cartier.mapping.registration import Floats, Surface, about_z, lying_on, register
+from cartier.mapping.poses.registration import Floats, Surface, about_z, lying_on, register
 
 BEFORE, AFTER = 12, 6  # samples that are compared to notice one
 LONG_BEFORE = 40  # samples that one is measured against

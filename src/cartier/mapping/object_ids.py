@@ -1,62 +1,13 @@
-"""Corrected poses: which frames moved, and objects that keep their ids when the frames are mapped again."""
+"""Ids of objects that outlive mapping the same detections again, by the boxes that old and new objects share."""
 
 from __future__ import annotations
 
-import hashlib
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
 
 import numpy as np
-import numpy.typing as npt
 
 from cartier.home.detection_log import DetectionLog
 from cartier.mapping.object_map import ObjectMap
-from cartier.types import Detections, Frame
-
-Matrix = npt.NDArray[np.float64]
-MOVED_M, MOVED_RAD = 0.02, float(np.deg2rad(0.5))  # less than a cell of the floor plan at the range of depth
-
-
-@dataclass(frozen=True, eq=False)
-class KeptFrame:
-    """A keyframe that is in a map and can be read again.
-
-    Args:
-        stamp_ns: When it was taken (ns).
-        world_from_camera: (4, 4) the pose that the map has of it.
-        key: What tells it from other frames.
-        read: Reads the frame, numbered as it was when it was added, and its detections.
-    """
-
-    stamp_ns: int
-    world_from_camera: Matrix
-    key: int
-    read: Callable[[], tuple[Frame, Detections]]
-
-
-def frame_key(frame: Frame) -> int:
-    """What tells a frame from all others, 64 bits: its time and its pixels. A corrected pose makes no new frame."""
-    pixels = np.ascontiguousarray(frame.rgb[::16, ::16]).tobytes()
-    content = round(frame.time_s * 1e6).to_bytes(12, "big", signed=True) + pixels
-    return int.from_bytes(hashlib.blake2b(content, digest_size=8).digest(), "little", signed=True)
-
-
-def moved(one: Matrix, other: Matrix) -> bool:
-    """Whether two poses (4, 4) differ by 2 cm or half a degree."""
-    cosine = (float(np.sum(one[:3, :3] * other[:3, :3])) - 1) / 2
-    turned = float(np.arccos(np.clip(cosine, -1, 1)))
-    return bool(np.linalg.norm(one[:3, 3] - other[:3, 3]) >= MOVED_M or turned >= MOVED_RAD)
-
-
-def blended(one: Matrix, two: Matrix, share: float) -> Matrix:
-    """A pose (4, 4) between two, ``share`` of the way from the first to the second."""
-    from scipy.spatial.transform import Rotation
-
-    between = Rotation.from_matrix(one[:3, :3].T @ two[:3, :3]).as_rotvec() * share
-    pose = np.eye(4)
-    pose[:3, :3] = one[:3, :3] @ Rotation.from_rotvec(between).as_matrix()
-    pose[:3, 3] = one[:3, 3] + share * (two[:3, 3] - one[:3, 3])
-    return pose
 
 
 def keep_ids(old: tuple[ObjectMap, DetectionLog], new: tuple[ObjectMap, DetectionLog], first: int) -> None:

@@ -16,9 +16,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cartier.mapping import jumps
 from cartier.mapping.gravity import oriented
-from cartier.mapping.registration import Surface, about_z, apart_m, corrected, register
+from cartier.mapping.poses import jumps
+from cartier.mapping.poses.registration import Surface, about_z, apart_m, corrected, register
 from cartier.types import Camera, Frame
 
 Floats = npt.NDArray[np.float64]

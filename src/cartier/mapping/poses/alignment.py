@@ -15,8 +15,8 @@ import numpy.typing as npt
 
 from cartier.errors import InputError
 from cartier.home import Home
-from cartier.mapping.registration import about_z
-from cartier.mapping.wall_registration import register_walls
+from cartier.mapping.poses.registration import about_z
+from cartier.mapping.poses.wall_registration import register_walls
 from cartier.types import MapObject
 
 Floats = npt.NDArray[np.float64]

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from cartier.mapping.registration import about_z
+from cartier.mapping.poses.registration import about_z
 from cartier.mapping.walls import walls_yaw
 from cartier.types import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 
