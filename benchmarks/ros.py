@@ -6,18 +6,22 @@
     python benchmarks/ros.py --transcript     a drive that is stopped at four moments
     python benchmarks/ros.py --delay          seconds from an image's stamp until the map of ``live`` answers with it:
                                               640x480 at 10 Hz by rclpy, of a walk that was rendered before
+    python benchmarks/ros.py --received       images of the played robot that rclpy gets as sensor data (best effort),
+                                              as it renders them, and at 10 Hz of pictures that were rendered before
 
 ``python tests/ros/build.py`` builds the distributions, once. Each process has a DDS domain of this machine alone.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 import os
 import random
 import statistics
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -34,6 +38,7 @@ if TYPE_CHECKING:
 CELLS = ("raw", "compressed", "compressedDepth", "16UC1", "32FC1", "CameraInfo", "Odometry", "tf", "tf_static",
          "detections", "objects out", "ask", "goal out", "accepted", "refused", "aborted", "cancelled")  # fmt: skip
 LATEST_S = 1.0  # a server must have the request to cancel by then
+COUNT_S, LEAST = 12, 0.8  # how long images are counted, and the share that must come
 WALK_S, P50_S, P95_S = 30.0, 1.5, 3.0  # how long the robot sends, and how late its frames may be
 
 
@@ -42,6 +47,7 @@ def main() -> int:
     parser.add_argument("--stop", type=int, metavar="N", help="interrupt so many drives by each way")
     parser.add_argument("--transcript", action="store_true", help="show a drive that is stopped at four moments")
     parser.add_argument("--delay", action="store_true", help="measure how late the map of live is")
+    parser.add_argument("--received", action="store_true", help="count the images that rclpy gets of the played robot")
     parser.add_argument("--seed", type=int, default=0, help="of the moments")
     options = parser.parse_args()
     from rospeers import DISTRIBUTIONS, missing
@@ -51,6 +57,8 @@ def main() -> int:
         sys.exit(f"{sys.argv[0]}: {missing(DISTRIBUTIONS[0])}")
     if options.transcript:
         return transcript(there[-1])
+    if options.received:
+        return received(there)
     if options.delay:
         return delay(there)
     if options.stop is not None:
@@ -186,6 +194,39 @@ def delay(distributions: list[str]) -> int:
             print(f"{name}: {state.frames_in} frames of {len(walk)}, delay p50 {p50_s:.2f} s, p95 {p95_s:.2f} s; "
                   f"{state.keyframes} keyframes, {state.looked} looked at, {state.postponed} put off; left out "
                   f"{dict(state.dropped)}", flush=True)  # fmt: skip
+    return int(bad > 0)
+
+
+def received(distributions: list[str]) -> int:
+    """Count what rclpy gets of the played robot's images; 1 if a fifth of any is lost."""
+    from types import SimpleNamespace
+
+    from rospeers import Ros
+
+    from cartier_dollhouse.recording import lit_renderer
+    from cartier_dollhouse.scene import load_home
+    from cartier_ros.robots import played
+
+    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"], bad = "LOCALHOST", 0
+    home = load_home("studio")
+    renderer = lit_renderer(home, played.pinhole())
+    views = itertools.cycle([renderer.render(played.look((2.0, 2.0), k * 0.6, played.DOWN)) for k in range(10)])
+    looped = lambda scene, camera: SimpleNamespace(render=lambda pose: next(views))  # noqa: E731
+
+    for makes, says in ((lit_renderer, "as it renders them"), (looped, "at 10 Hz")):
+        for name in distributions:
+            ros = Ros(name)
+            played.lit_renderer = makes
+            robot = played.PlayedRobot(home, ros.domain)
+            running = threading.Thread(target=robot.run)
+            running.start()
+            counts = ros.cartier("rclpy", ROOT / "tests/ros/count.py", COUNT_S).communicate()[0].split()
+            robot.close()
+            running.join()
+            colour, depth, infos, sent = map(int, counts[-4:])
+            bad += min(colour, depth, infos) < LEAST * sent
+            print(f"{name:7} {says:18} {sent / COUNT_S:4.1f} a second: of {sent}, {colour} images, {depth} of depth, "
+                  f"{infos} CameraInfos", flush=True)  # fmt: skip
     return int(bad > 0)
 
 

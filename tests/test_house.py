@@ -25,6 +25,7 @@ LONG_FILES = {
     "cartier/serving/operations.py": "the operations of all surfaces",
     "cartier/pipeline.py": "map_home and ask, of which half is documentation",
     "cartier/mapping/gravity.py": "how a recording lies: up, floor and turn are one measurement",
+    "cartier_ros/dds/rtps.py": "one participant: what it announces, hears, matches and acknowledges",
     "cartier_ros/streams/ros_frames.py": "one class: what each kind of message on a robot means for the next frame",
     "cartier/contracts.py": "the interfaces of all eight kinds of backend, of which half is documentation",
 }

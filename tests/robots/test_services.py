@@ -7,6 +7,7 @@ import socket
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -78,10 +79,10 @@ def test_a_client_of_cyclonedds_reads_its_header() -> None:
 class Lossy(socket.socket):
     """A socket that loses a third of what it is to send."""
 
-    chance = random.Random(5)
+    chance, lost = random.Random(5), 1 / 3
 
     def sendto(self, data: bytes, *address: Any) -> int:  # type: ignore[override]
-        return len(data) if self.chance.random() < 1 / 3 else super().sendto(data, *address)
+        return len(data) if self.chance.random() < self.lost else super().sendto(data, *address)
 
 
 def test_lost_datagrams_are_sent_again(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -96,6 +97,51 @@ def test_lost_datagrams_are_sent_again(monkeypatch: pytest.MonkeyPatch) -> None:
         time.sleep(0.4)
         assert len({each.sender for each in asker.got}) == len(asker.got), "none came twice"
         asker.participant.close()
+
+
+TEXT = "std_msgs/msg/String"
+
+
+def test_lost_fragments_are_sent_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    from cartier_ros.dds.large import LargeWriter
+    from cartier_ros.dds.rtps import Participant
+    from cartier_ros.dds.topics import Offer, Reader, participant
+    from cartier_ros.dds.types import encoded, message
+
+    monkeypatch.setattr("cartier_ros.dds.ports.socket.socket", Lossy)
+    monkeypatch.setattr(Lossy, "lost", 1 / 20)
+    domain, chance = any_domain(), random.Random(2)
+    ours = Participant(domain)
+    writer, reader = (
+        LargeWriter(ours, "/text", TEXT),
+        Reader(participant(domain), Offer("/text", TEXT, True, False), 9),
+    )
+    assert until(lambda: writer.listeners() and reader.writers(), 20)
+    sent, got = list[bytes](), list[bytes]()
+    for _ in range(20):
+        sent.append(encoded(message(TEXT, data=chance.randbytes(200_000).hex())))
+        writer.write(sent[-1], 50e6)
+        time.sleep(0.05)
+        got += reader.take()
+    ours.close()
+    assert len(got) > 14 and set(got) <= set(sent), "one of 28 fragments is lost of three samples in four"
+
+
+def test_large_samples_go_at_a_pace(monkeypatch: pytest.MonkeyPatch) -> None:
+    from cartier_ros.dds import large
+    from cartier_ros.dds.rtps import Participant
+    from cartier_ros.dds.topics import Offer, Reader, participant
+
+    domain, slept = any_domain(), list[float]()
+    ours = Participant(domain)
+    writer = large.LargeWriter(ours, "/text", TEXT)
+    reader = Reader(participant(domain), Offer("/text", TEXT, False, False), 9)
+    assert until(lambda: writer.listeners() and reader.writers(), 20)
+    monkeypatch.setattr(large, "time", SimpleNamespace(monotonic=lambda: 0.0, sleep=slept.append))
+    writer.write(b"\0\1\0\0" + bytes(900_000), 20e6)
+    ours.close()
+    assert slept == sorted(slept) and len(slept) > 40, "a pause after each few fragments"
+    assert slept[-1] == pytest.approx(900_000 / 20e6, rel=0.02)
 
 
 def test_damaged_datagrams_harm_nobody() -> None:

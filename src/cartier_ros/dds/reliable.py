@@ -84,15 +84,16 @@ class Sender:
         if gap:
             parts.append(self._gap(guid, gap, self.last + 1))
         reader.sent = self.last
+        return b"".join([*parts, self.beat(guid, reader.wanted)])
+
+    def beat(self, guid: bytes, first: int) -> bytes:
+        """The submessage that says which samples there are for a reader."""
         self.count += 1
-        beat = (
-            guid[12:]
-            + self.entity
-            + number_bytes(reader.wanted)
-            + number_bytes(self.last)
-            + struct.pack("<I", self.count)
-        )
-        return b"".join([*parts, submessage(HEARTBEAT, beat)])
+        there = number_bytes(first) + number_bytes(self.last) + struct.pack("<I", self.count)
+        return submessage(HEARTBEAT, guid[12:] + self.entity + there)
+
+    def ask(self, guid: bytes, number: int, fragments: list[int]) -> None:
+        """A reader lacks fragments of a sample; there are none here."""
 
     def acked(self, guid: bytes, wanted: int) -> None:
         """A reader has all before a number."""

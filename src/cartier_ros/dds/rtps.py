@@ -1,7 +1,8 @@
 """RTPS participant for ROS 2 services, beside that of cyclonedds, which can neither read nor write which request a
 reply belongs to: rmw_fastrtps says it in a sample's inline QoS.
 
-It speaks of RTPS 2.3 what services need: discovery, reliable delivery, small messages over UDP/IPv4 (no fragments).
+It speaks of RTPS 2.3 what services need: discovery, reliable delivery, small messages over UDP/IPv4; large ones are in
+``large``.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import struct
 import threading
 import time
 from collections.abc import Callable, Iterable
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol, TypeVar
 
 from cartier.errors import BackendError
 from cartier_ros.dds.ports import GROUP, INDICES, PER_DOMAIN, PER_PARTICIPANT, PORTS, UNICAST, hosts, multicast, unicast
@@ -24,6 +25,7 @@ from cartier_ros.dds.wire import (
     GAP,
     HEARTBEAT,
     INFO_DST,
+    NACK_FRAG,
     Address,
     listed,
     number_bytes,
@@ -35,6 +37,10 @@ from cartier_ros.dds.wire import (
     udp_addresses,
 )
 
+if TYPE_CHECKING:
+    from cartier_ros.dds.large import Large
+
+S = TypeVar("S", bound=Sender)
 VENDOR, CYCLONE = b"\x01\xca", b"\x01\x10"
 LEASE_S, ANNOUNCE_S, SOON_S, REPEAT_S = 20, 3.0, 0.2, 0.25
 SOON = 10  # announcements that follow each other quickly, at the beginning
@@ -99,11 +105,29 @@ class Participant:
 
     def writer(self, topic: str, kind: str) -> Send:
         """Offer a topic reliably. Returns what sends CDR bytes, what they are related to, to one reader or to all."""
+        entity = self.offer(topic, kind, lambda entity: Sender(entity, False)).entity
+        return lambda cdr, related, only=None: self._write(entity, cdr, related, only)
+
+    def offer(self, topic: str, kind: str, make: Callable[[bytes], S], about: bytes = b"") -> S:
+        """Offer a topic by a sender that is made for its entity; ``about`` is told of it as user data."""
         entity = self._entity(topic, 0x03)
         with self._lock:
-            self._writers[entity] = Sender(entity, False)
-            self._tell(WRITERS_W, entity, topic, kind)
-        return lambda cdr, related, only=None: self._write(entity, cdr, related, only)
+            self._writers[entity] = sender = make(entity)
+            self._tell(WRITERS_W, entity, topic, kind, about)
+        return sender
+
+    def large(self, sender: Large, sample: Kept) -> list[tuple[bytes, bytes, list[Address]]]:
+        """Take a sample; returns what is to be sent of it, each part with its participant and where that is nearest."""
+        with self._lock:
+            sender.add(sample)
+            due = list(sender.due())
+        return [(to, part, [a for a in at if a[0] in self._hosts][:1] or at) for to, part, at in due]
+
+    def tell(self, sender: Sender) -> None:
+        """Say to all readers which samples there are."""
+        with self._lock:
+            for guid in sender.peers:
+                self._news(sender, guid)
 
     def close(self) -> None:
         """Take leave of the others."""
@@ -121,11 +145,12 @@ class Participant:
             self._topics[topic] = entity = struct.pack(">I", (len(self._topics) + 1) << 8 | kind)
         return entity
 
-    def _tell(self, by: bytes, entity: bytes, topic: str, kind: str) -> None:
+    def _tell(self, by: bytes, entity: bytes, topic: str, kind: str, about: bytes = b"") -> None:
         parts = [
             (ENDPOINT, self.prefix + entity), (PARTICIPANT, self.prefix + b"\0\0\x01\xc1"), (TOPIC, text(topic)),
             (TYPE, text(kind)), (RELIABILITY, struct.pack("<IiI", 2, 0, 1 << 29)), (DURABILITY, struct.pack("<I", 0)),
             (VERSION, b"\x02\x03\0\0"), (VENDOR_ID, VENDOR + b"\0\0"),
+            *([(USER_DATA, struct.pack("<I", len(about)) + about)] if about else []),
         ]  # fmt: skip
         self._writers[by].add(Kept(b"\0\3\0\0" + parameters(parts), b"", None))
         for guid in self._writers[by].peers:
@@ -139,16 +164,15 @@ class Participant:
             told = related.guid + number_bytes(related.number)
             inline = parameters([(RELATED, told), (RELATED_TOO, told)])
         with self._lock:
-            writer = self._writers[entity]
-            writer.add(Kept(cdr, inline, only))
-            for guid in writer.peers:
-                self._news(writer, guid)
+            self._writers[entity].add(Kept(cdr, inline, only))
+            self.tell(self._writers[entity])
 
     def _news(self, writer: Sender, guid: bytes, begin: int = 0) -> None:
         reader = writer.peers[guid]
-        self._send(guid[:12], writer.news(guid, begin or reader.sent + 1), reader.addresses)
+        self.send(guid[:12], writer.news(guid, begin or reader.sent + 1), reader.addresses)
 
-    def _send(self, to: bytes, parts: bytes, addresses: Iterable[Address]) -> None:
+    def send(self, to: bytes, parts: bytes, addresses: Iterable[Address]) -> None:
+        """Send submessages to a participant, or to all for an empty prefix; from any thread."""
         head = b"RTPS\x02\x03" + VENDOR + self.prefix + (submessage(INFO_DST, to) if to else b"")
         for address in addresses:
             try:
@@ -171,8 +195,8 @@ class Participant:
             to += [each for meta, _ in self._places.values() for each in meta]
             for host in self._hosts:
                 self._sockets[1].setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton(host))
-                self._send(b"", told, [(GROUP, self._base)])
-        self._send(b"", told, dict.fromkeys(to))
+                self.send(b"", told, [(GROUP, self._base)])
+        self.send(b"", told, dict.fromkeys(to))
 
     def _run(self) -> None:
         told, next_s, repeat_s = 0, 0.0, 0.0
@@ -204,7 +228,7 @@ class Participant:
         for entity in (WRITERS_R, READERS_R):
             for guid, writer in self._readers[entity].peers.items():
                 if writer.wanted == 1:
-                    self._send(guid[:12], self._readers[entity].answer(guid, 1, 0), writer.addresses)
+                    self.send(guid[:12], self._readers[entity].answer(guid, 1, 0), writer.addresses)
 
     def _read(self, data: bytes) -> None:
         """A datagram of anybody: what is not RTPS as it should be is passed over."""
@@ -224,6 +248,8 @@ class Participant:
                     self._gapped(source, order, body)
                 elif ours and kind == ACKNACK:
                     self._acked(source, order, flags, body)
+                elif ours and kind == NACK_FRAG:
+                    self._lacks(source, order, body)
         except (struct.error, ValueError, IndexError):
             return
 
@@ -250,7 +276,7 @@ class Participant:
         for reader in self._readers.values():
             guid = source + by
             if to in (reader.entity, bytes(4)) and guid in reader.peers:
-                self._send(source, reader.answer(guid, first, last), reader.peers[guid].addresses)
+                self.send(source, reader.answer(guid, first, last), reader.peers[guid].addresses)
 
     def _gapped(self, source: bytes, order: str, body: bytes) -> None:
         to, by, high, low = struct.unpack_from(f"{order}4s4siI", body)
@@ -273,9 +299,18 @@ class Participant:
         base, missing = number_set(body, 8, order)
         writer.acked(guid, base)
         if missing:
+            for number in missing:
+                writer.ask(guid, number, [])
             self._news(writer, guid, max(min(missing), writer.peers[guid].wanted))
         elif not flags & 2:
             self._news(writer, guid)
+
+    def _lacks(self, source: bytes, order: str, body: bytes) -> None:
+        writer, guid = self._writers.get(body[4:8]), source + body[:4]
+        if writer is not None and guid in writer.peers:
+            _, low = struct.unpack_from(f"{order}iI", body, 8)
+            lacking = number_set(body, 12, order)[1]  # read as if the sample's number were the high half of theirs
+            writer.ask(guid, low, [each & 0xFFFFFFFF for each in lacking])
 
     def _participant(self, source: bytes, payload: bytes, gone: bool) -> None:
         if gone:

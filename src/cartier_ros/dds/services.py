@@ -26,7 +26,7 @@ class Services:
     """Services of a domain. Raises BackendError if the network cannot be used."""
 
     def __init__(self, domain: int) -> None:
-        self._participant = Participant(domain)
+        self.participant = Participant(domain)
 
     def serve(self, name: str, kind: str, answered: Callable[[Request], object]) -> None:
         """Serve a service such as ``/amcl/get_state`` of a type such as ``lifecycle_msgs/srv/GetState``.
@@ -35,17 +35,17 @@ class Services:
         is no such request is passed over.
         """
         where, asked = name.lstrip("/"), f"{kind}_Request"
-        send = self._participant.writer(f"rr/{where}Reply", dds_name(f"{kind}_Response"))
+        send = self.participant.writer(f"rr/{where}Reply", dds_name(f"{kind}_Response"))
 
         def heard(sample: Sample) -> None:
             with contextlib.suppress(InputError):
                 answered(_request(sample, asked, send))
 
-        self._participant.reader(f"rq/{where}Request", dds_name(asked), heard)
+        self.participant.reader(f"rq/{where}Request", dds_name(asked), heard)
 
     def close(self) -> None:
         """Take leave of the others."""
-        self._participant.close()
+        self.participant.close()
 
 
 def _request(sample: Sample, kind: str, send: Send) -> Request:

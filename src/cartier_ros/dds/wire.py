@@ -6,7 +6,7 @@ import socket
 import struct
 from collections.abc import Iterable, Iterator
 
-DATA, ACKNACK, HEARTBEAT, GAP, INFO_DST = 0x15, 0x06, 0x07, 0x08, 0x0E
+DATA, ACKNACK, HEARTBEAT, GAP, INFO_DST, DATA_FRAG, NACK_FRAG = 0x15, 0x06, 0x07, 0x08, 0x0E, 0x16, 0x12
 SENTINEL = 0x01
 MOST_BITS = 256
 Address = tuple[str, int]

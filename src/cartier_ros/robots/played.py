@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -20,13 +21,15 @@ from cartier_dollhouse.explore import explore
 from cartier_dollhouse.model import Scene
 from cartier_dollhouse.navigator import Drive, Ending, route
 from cartier_dollhouse.recording import EYE_M, lit_renderer, look, pinhole
+from cartier_ros.dds.large import LargeWriter
 from cartier_ros.dds.services import Request, Services
 from cartier_ros.dds.topics import Offer, Reader, Writer, participant
 from cartier_ros.dds.types import decode, encoded, header, message, pose_of
 from cartier_ros.robots.navigate_to_pose import GoalState, NavGoal, NavigateToPose
 
 STEP_S = 0.05  # of driving and transforms
-FRAME_S, SLOWEST_FRAME_S = 0.1, 0.8  # between two images
+FRAME_S, SLOWEST_FRAME_S, QUICKER = 0.1, 0.8, 0.97  # between two images; the step back to it, an image
+SPREAD, LONGEST_S = 0.8, 0.2  # of that time, and at most, an image is on its way: readers are slow, and hold little
 SLOWEST_S = 0.2  # after a longer pause it does not make up for the time
 DOWN = math.radians(20)  # the pitch of its camera
 ODOM, BASE, CAMERA, OPTICAL = "odom", "base_link", "camera_link", "camera_color_optical_frame"
@@ -76,8 +79,11 @@ class PlayedRobot:
         self._kept[0].write(encoded(message(TF, transforms=_mounting())))
         self._kept.append(Writer(ours, "/map", "nav_msgs/msg/OccupancyGrid", 1, latched=True))
         self._kept[1].write(encoded(_map(self._base.plan.grid())))
-        self._images = [(Writer(ours, f"{topic}/image_raw", IMAGE, 5), Writer(ours, f"{topic}/camera_info", INFO))
-                        for topic in (COLOUR_TOPIC, DEPTH_TOPIC)]  # fmt: skip
+        theirs = self._services.participant
+        self._images = [
+            (LargeWriter(theirs, f"{topic}/image_raw", IMAGE), Writer(ours, f"{topic}/camera_info", INFO))
+            for topic in (COLOUR_TOPIC, DEPTH_TOPIC)
+        ]
         for node in NODES:
             self._services.serve(f"/{node}/get_state", "lifecycle_msgs/srv/GetState", _active)
         self.frames = 0
@@ -203,20 +209,28 @@ class PlayedRobot:
 
     def _see(self) -> None:
         renderer, next_s, every_s = lit_renderer(self.scene, self._camera), time.monotonic(), FRAME_S
+        sender = ThreadPoolExecutor(1)
+        sent = sender.submit(int)
         while not self._closed.wait(max(0.0, next_s - time.monotonic())):
+            every_s = max(FRAME_S, QUICKER * every_s)
             if time.monotonic() > next_s + every_s:  # a camera that is too quick for the computer is set slower
                 next_s, every_s = time.monotonic(), min(2 * every_s, SLOWEST_FRAME_S)
             next_s += every_s
             with self._lock:
                 (x, y, yaw), now_ns = self._base.true, time.time_ns()
             view = renderer.render(look((x, y), yaw, DOWN))
-            depth = np.nan_to_num(view.depth_m * 1000, nan=0.0, posinf=0.0).clip(0, 65535).round().astype("<u2")
-            head = header(OPTICAL, now_ns)
-            info = encoded(self._info(head))
-            for (images, infos), pixels, form in zip(self._images, (view.rgb, depth), ("rgb8", "16UC1"), strict=True):
-                infos.write(info)
-                images.write(encoded(_image(head, pixels, form)))
-            self.frames += 1
+            sent.result()
+            sent = sender.submit(self._show, view.rgb, view.depth_m, now_ns, min(SPREAD * every_s, LONGEST_S))
+        sender.shutdown()
+
+    def _show(self, rgb: np.ndarray[Any, Any], depth_m: np.ndarray[Any, Any], now_ns: int, within_s: float) -> None:
+        depth_mm = np.nan_to_num(depth_m * 1000, nan=0.0, posinf=0.0).clip(0, 65535).round().astype("<u2")
+        head = header(OPTICAL, now_ns)
+        info = encoded(self._info(head))
+        for (images, infos), pixels, form in zip(self._images, (rgb, depth_mm), ("rgb8", "16UC1"), strict=True):
+            infos.write(info)
+            images.write(encoded(_image(head, pixels, form)), (rgb.nbytes + depth_mm.nbytes) / within_s)
+        self.frames += 1
 
     def _info(self, head: Any) -> Any:
         c = self._camera
