@@ -43,11 +43,11 @@ class Large(Sender):
     def due(self) -> Iterator[tuple[bytes, bytes, list[Address]]]:
         """Whom to send what (a participant, a submessage, addresses): what was asked for, then the newest sample."""
         asked, self._asked = self._asked, {}
-        everybody = {(guid[:12], *peer.addresses[:1]): peer.addresses for guid, peer in self.peers.items()}
+        everybody = {(guid[:12], tuple(peer.addresses[:1])): peer.addresses for guid, peer in self.peers.items()}
         meant = [(guid, number, wanted, self.peers[guid].addresses)
                  for (guid, number), wanted in asked.items() if guid in self.peers]  # fmt: skip
         for guid, number, wanted, addresses in [
-            *meant, *((to + bytes(4), self.last, set[int](), at) for (to, *_), at in everybody.items()),
+            *meant, *((to + bytes(4), self.last, set[int](), at) for (to, _), at in everybody.items()),
         ]:  # fmt: skip
             data = self.samples[number].payload if number in self.samples else b""
             for k in range(-(-len(data) // FRAGMENT)):

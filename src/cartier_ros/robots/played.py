@@ -210,7 +210,7 @@ class PlayedRobot:
     def _see(self) -> None:
         renderer, next_s, every_s = lit_renderer(self.scene, self._camera), time.monotonic(), FRAME_S
         sender = ThreadPoolExecutor(1)
-        sent = sender.submit(int)
+        sent = sender.submit(time.sleep, 0)
         while not self._closed.wait(max(0.0, next_s - time.monotonic())):
             every_s = max(FRAME_S, QUICKER * every_s)
             if time.monotonic() > next_s + every_s:  # a camera that is too quick for the computer is set slower
