@@ -73,9 +73,12 @@ class LargeWriter:
 
     def write(self, data: bytes, bytes_a_s: float) -> None:
         """Send the CDR bytes of a message at a pace; returns when they are sent."""
-        begin_s, sent = time.monotonic(), 0
-        for to, part, addresses in self._participant.large(self._sender, Kept(data, b"", None)):
-            self._participant.send(to, part, addresses)
+        begin_s, sent, here = time.monotonic(), 0, self._participant.hosts
+        with self._participant.lock:
+            self._sender.add(Kept(data, b"", None))
+            due = list(self._sender.due())
+        for to, part, addresses in due:
+            self._participant.send(to, part, [each for each in addresses if each[0] in here][:1] or addresses)
             sent += len(part)
             ahead_s = begin_s + sent / bytes_a_s - time.monotonic()
             if ahead_s > SHORTEST_S:

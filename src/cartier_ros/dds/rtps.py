@@ -14,7 +14,7 @@ import struct
 import threading
 import time
 from collections.abc import Callable, Iterable
-from typing import TYPE_CHECKING, Protocol, TypeVar
+from typing import Protocol, TypeVar
 
 from cartier.errors import BackendError
 from cartier_ros.dds.ports import GROUP, INDICES, PER_DOMAIN, PER_PARTICIPANT, PORTS, UNICAST, hosts, multicast, unicast
@@ -36,9 +36,6 @@ from cartier_ros.dds.wire import (
     text,
     udp_addresses,
 )
-
-if TYPE_CHECKING:
-    from cartier_ros.dds.large import Large
 
 S = TypeVar("S", bound=Sender)
 VENDOR, CYCLONE = b"\x01\xca", b"\x01\x10"
@@ -73,11 +70,11 @@ class Participant:
 
     def __init__(self, domain: int) -> None:
         self.prefix = VENDOR + secrets.token_bytes(10)
-        self._lock, self._closed = threading.RLock(), threading.Event()
+        self.lock, self._closed = threading.RLock(), threading.Event()
         self._base = PORTS + PER_DOMAIN * domain
         try:
-            self._hosts = hosts()
-            self._sockets = [multicast(self._base, self._hosts), unicast(self._base)]
+            self.hosts = hosts()
+            self._sockets = [multicast(self._base, self.hosts), unicast(self._base)]
             self._port: int = self._sockets[1].getsockname()[1]
         except OSError as error:
             raise BackendError(f"services cannot use the network in domain {domain}: {error}") from error
@@ -97,7 +94,7 @@ class Participant:
     def reader(self, topic: str, kind: str, heard: Callable[[Sample], None]) -> None:
         """Hear a topic of DDS (its name, and that of its type) reliably; ``heard`` is called in a thread of its own."""
         entity = self._entity(topic, 0x04)
-        with self._lock:
+        with self.lock:
             self._readers[entity] = Receiver(
                 entity, lambda sample, gone: None if gone else self._heard.append((heard, sample))
             )
@@ -111,21 +108,14 @@ class Participant:
     def offer(self, topic: str, kind: str, make: Callable[[bytes], S], about: bytes = b"") -> S:
         """Offer a topic by a sender that is made for its entity; ``about`` is told of it as user data."""
         entity = self._entity(topic, 0x03)
-        with self._lock:
+        with self.lock:
             self._writers[entity] = sender = make(entity)
             self._tell(WRITERS_W, entity, topic, kind, about)
         return sender
 
-    def large(self, sender: Large, sample: Kept) -> list[tuple[bytes, bytes, list[Address]]]:
-        """Take a sample; returns what is to be sent of it, each part with its participant and where that is nearest."""
-        with self._lock:
-            sender.add(sample)
-            due = list(sender.due())
-        return [(to, part, [a for a in at if a[0] in self._hosts][:1] or at) for to, part, at in due]
-
     def tell(self, sender: Sender) -> None:
         """Say to all readers which samples there are."""
-        with self._lock:
+        with self.lock:
             for guid in sender.peers:
                 self._news(sender, guid)
 
@@ -133,7 +123,7 @@ class Participant:
         """Take leave of the others."""
         self._closed.set()
         self._thread.join(2)
-        with self._lock:
+        with self.lock:
             gone = parameters([(PARTICIPANT, self.prefix + b"\0\0\x01\xc1")])
             left = Kept(b"\0\3\0\0" + gone, parameters([(STATUS, GONE)]), None, True)
             self._announce(left)
@@ -141,7 +131,7 @@ class Participant:
                 each.close()
 
     def _entity(self, topic: str, kind: int) -> bytes:
-        with self._lock:
+        with self.lock:
             self._topics[topic] = entity = struct.pack(">I", (len(self._topics) + 1) << 8 | kind)
         return entity
 
@@ -163,7 +153,7 @@ class Participant:
         if related is not None:
             told = related.guid + number_bytes(related.number)
             inline = parameters([(RELATED, told), (RELATED_TOO, told)])
-        with self._lock:
+        with self.lock:
             self._writers[entity].add(Kept(cdr, inline, only))
             self.tell(self._writers[entity])
 
@@ -181,7 +171,7 @@ class Participant:
                 continue
 
     def _announce(self, left: Kept | None = None, to: list[Address] | None = None) -> None:
-        place = [struct.pack("<II", 1, self._port) + bytes(12) + socket.inet_aton(host) for host in self._hosts]
+        place = [struct.pack("<II", 1, self._port) + bytes(12) + socket.inet_aton(host) for host in self.hosts]
         parts = [
             (VERSION, b"\x02\x03\0\0"), (VENDOR_ID, VENDOR + b"\0\0"), (PARTICIPANT, self.prefix + b"\0\0\x01\xc1"),
             (LEASE, struct.pack("<iI", LEASE_S, 0)), (SET, struct.pack("<I", ENDPOINTS)),
@@ -193,7 +183,7 @@ class Participant:
         if to is None:
             to = [("127.0.0.1", self._base + UNICAST + PER_PARTICIPANT * k) for k in range(INDICES)]
             to += [each for meta, _ in self._places.values() for each in meta]
-            for host in self._hosts:
+            for host in self.hosts:
                 self._sockets[1].setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton(host))
                 self.send(b"", told, [(GROUP, self._base)])
         self.send(b"", told, dict.fromkeys(to))
@@ -202,7 +192,7 @@ class Participant:
         told, next_s, repeat_s = 0, 0.0, 0.0
         while not self._closed.is_set():
             now_s = time.monotonic()
-            with self._lock:
+            with self.lock:
                 if now_s >= next_s:
                     self._announce()
                     self._ask()
@@ -217,7 +207,7 @@ class Participant:
                                 self._news(writer, guid, reader.wanted)
             for ready in select.select(self._sockets, [], [], 0.05)[0]:
                 data = ready.recv(MOST_BYTES)
-                with self._lock:
+                with self.lock:
                     self._read(data)
                     waiting, self._heard = self._heard, []
                 for heard, sample in waiting:  # without the lock, which whoever replies meanwhile may need
