@@ -14,31 +14,29 @@ SOURCE = Path(__file__).parents[1] / "src"
 PACKAGES = ("cartier", "cartier_dollhouse", "cartier_bench", "cartier_fleet", "cartier_ros")
 FLOORS = 14  # how many packages of the core stand on one another
 BUDGET = {  # lines of Python; a commit that needs more says here why
-    "cartier": 46_050,
-    "cartier/mapping": 6_300,
+    "cartier": 46_400,
+    "cartier/mapping": 6_380,
     "cartier/understanding": 4_710,
     "cartier/recordings": 3_920,
     "cartier/home": 2_980,
     "cartier/serving": 2_880,
     "cartier/detectors": 2_320,
-    "cartier/cli": 2_210,
+    "cartier/cli": 2_320,
     "cartier/doctor": 2_170,
     "cartier/llm": 2_030,
     "cartier/vision": 1_960,
-    "cartier/navigation": 1_420,
-    "cartier/io": 1_380,
-    "cartier/live": 1_360,
+    "cartier/navigation": 1_450,
+    "cartier/io": 1_410,
+    "cartier/live": 1_370,
     "cartier/spatial": 1_130,
     "cartier/render": 1_110,
     "cartier/exports": 1_050,
     "cartier_dollhouse": 8_900,
     "cartier_bench": 6_630,
     "cartier_fleet": 2_630,
-    "cartier_ros": 6_240,
+    "cartier_ros": 6_420,  # a writer of large samples at a pace: cyclonedds has none
 }
-CIRCLES = {
-    frozenset({"cartier_bench.look_table", "cartier_bench.look_items"}),
-}
+CIRCLES = set[frozenset[str]]()
 READS_PRIVATE = set[str]()
 
 
