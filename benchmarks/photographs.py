@@ -31,7 +31,7 @@ from cartier.models import photos as shipped
 from cartier.types import Camera, Frame
 
 SHARED = Path(__file__).resolve().parents[2] / "shared"
-HOUSEHOLD = [name for name in read_sidecar(shipped.SIDECAR).labels if name]
+HOUSEHOLD = [name for name in read_sidecar(shipped.FOLDER / shipped.MEMBERS[0][1]).labels if name]
 PARTS = {"even": 0, "odd": 1}  # the first chose the settings of the detector `photos`, the second did not
 LOW = 0.02  # scores from here on make the precision-recall curve
 

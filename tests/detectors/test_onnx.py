@@ -171,7 +171,7 @@ def test_a_null_label_is_dropped(tmp_path: Path) -> None:
 def test_a_sidecar_sets_the_threshold_or_the_whole_calibration(tmp_path: Path) -> None:
     model = boxes_net(tmp_path / "m.onnx", [[20, 20, 10, 10], [40, 20, 10, 10]], [[0.9, 0], [0, 0.2]])
     assert len(detect(model)) == 1 and plugins.make("detectors", "onnx", model=model).score_model.threshold == 0.5
-    describe(model, layout="yolov8", labels=["cup", "book"], threshold=0.3, min_views=4)
+    describe(model, layout="yolov8", labels=["cup", "book"], threshold=0.3)
     assert len(detect(model)) == 2 and plugins.make("detectors", "onnx", model=model).score_model.threshold == 0.3
     describe(
         model,

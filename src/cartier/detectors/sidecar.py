@@ -56,8 +56,6 @@ class Sidecar(BaseModel):
     """The score from which a detection counts by itself."""
     score_model: DetectorScoreModel | None = None
     """What its detections are worth, if that was measured: the fields of ``types.DetectorScoreModel``."""
-    min_views: int | None = None
-    """Of older sidecars, and without effect: the map weighs each object's evidence."""
     activation: Literal["softmax", "sigmoid"] = "softmax"
     """Layout detr: softmax over labels and a last "no object", or a sigmoid per label."""
     box_units: Literal["pixels", "normalised"] = "pixels"

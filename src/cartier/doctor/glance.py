@@ -23,7 +23,6 @@ NONSENSE = frozenset(
 )
 NAMED_BY_READING = NONSENSE - {"other_poses"}
 FAR_M = 60.0
-OTHER_POSES = 0.5  # share of overlapping frames that disagree above which the poses are not theirs; of sound ones 0.1
 
 
 def glance(recording: Recording, samples: Samples) -> list[Fault]:

@@ -54,11 +54,8 @@ def made(number: int, label: str, position: Sequence[float], size: Sequence[floa
         tuple(round(middle + sign * side / 2, 4) for middle, side in zip(position, size, strict=True))
         for sign in (-1, 1)
     )
-    return affirmed(
-        MapObject(
-            number, label, ((label, 1.0),), tuple(position), low, high, 1.0, True, 0, 0, time_s, time_s, time_s, ()
-        )
-    )
+    times = dict.fromkeys(("first_seen_s", "last_seen_s", "last_looked_s"), time_s)
+    return affirmed(MapObject.of_box(number, label, low, high, position=tuple(position), **times))
 
 
 def merged(one: MapObject, other: MapObject) -> MapObject:

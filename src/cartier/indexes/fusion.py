@@ -229,21 +229,7 @@ class _Tables:
             ),
             shape=(2 * half, count),
         )
-        return _product(self.collect, pieces)  # adds up what falls on one feature and one cell
-
-
-def _product(a: Any, b: Any) -> Any:
-    """``a @ b`` of sparse arrays, a third faster: scipy first counts the entries, here bounded."""
-    from scipy.sparse import csr_array
-
-    try:
-        from scipy.sparse._sparsetools import csr_matmat
-    except ImportError:  # a private function may move
-        return a @ b
-    most = 2 * b.nnz  # every piece of an image row falls on two rows of features
-    ends, columns, values = np.empty(a.shape[0] + 1, np.int32), np.empty(most, np.int32), np.empty(most, np.float32)
-    csr_matmat(a.shape[0], b.shape[1], a.indptr, a.indices, a.data, b.indptr, b.indices, b.data, ends, columns, values)
-    return csr_array((values[: ends[-1]], columns[: ends[-1]], ends), shape=(a.shape[0], b.shape[1]))
+        return self.collect @ pieces  # adds up what falls on one feature and one cell
 
 
 def _taps(pixels: int, features: int) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.float64]]:

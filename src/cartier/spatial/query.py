@@ -178,7 +178,7 @@ class Scene:
         """Where the robot stands, as a landmark: what is within reach of it is beside it. Its id is none."""
         x, y = (self.from_xy or (0.0, 0.0))[:2]
         low, high = (x - REACH_M, y - REACH_M, 0.0), (x + REACH_M, y + REACH_M, DOOR_M)
-        return MapObject(-1, "robot", (), (x, y, DOOR_M / 2), low, high, 1.0, True, 0, 0, 0.0, 0.0, 0.0, ())
+        return MapObject.of_box(-1, "robot", low, high, labels=())
 
     def landmarks(self, phrase: ReferringExpression) -> list[MapObject]:
         """The objects that a phrase may mean as a landmark: confirmed ones, else doors of the floor plan, else likely
@@ -355,6 +355,4 @@ def _doorway(door: Door) -> MapObject:
     """A passage as a landmark. It is no object of the home, so its id is none."""
     (x, y), half = door.xy, door.width_m / 2
     low, high = (x - half, y - half, 0.0), (x + half, y + half, DOOR_M)
-    return MapObject(
-        -1, "door", (("door", 1.0),), (x, y, DOOR_M / 2), low, high, 1.0, True, 0, 0, 0.0, 0.0, 0.0, (),
-    )  # fmt: skip
+    return MapObject.of_box(-1, "door", low, high)

@@ -154,9 +154,9 @@ class Inventory:
         Returns:
             One confirmed object for each name, of which nothing else is known.
         """
-        here, never = (0.0, 0.0, 0.0), (1.0, True, 1, 1, 0.0, 0.0, 0.0, ())
+        here, seen = (0.0, 0.0, 0.0), {"n_detected": 1, "n_observable": 1}
         every = enumerate(dict.fromkeys(names))
-        return cls(tuple(MapObject(number, name, ((name, 1.0),), here, here, here, *never) for number, name in every))
+        return cls(tuple(MapObject.of_box(number, name, here, here, **seen) for number, name in every))
 
 
 @dataclass(frozen=True)

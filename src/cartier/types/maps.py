@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -122,6 +123,26 @@ class MapObject:
     def __post_init__(self) -> None:
         for name in ("position", "box_min", "box_max"):
             finite(getattr(self, name), 3, f"object {self.id} ({brief(self.label, 40)}): {name}")
+
+    @classmethod
+    def of_box(
+        cls, id: int, label: str, box_min: tuple[float, ...], box_max: tuple[float, ...], **known: Any
+    ) -> MapObject:
+        """An object that is there, of which the box is known.
+
+        Args:
+            id, label, box_min, box_max: As the fields.
+            **known: Further fields.
+
+        Returns:
+            The object: confirmed, seen in no frame, and with that label alone.
+        """
+        middle = tuple((low + high) / 2 for low, high in zip(box_min, box_max, strict=True))
+        given: dict[str, Any] = {
+            "labels": ((label, 1.0),), "position": middle, "probability": 1.0, "confirmed": True, "n_detected": 0,
+            "n_observable": 0, "first_seen_s": 0.0, "last_seen_s": 0.0, "last_looked_s": 0.0, "views": (),
+        } | known  # fmt: skip
+        return cls(id=id, label=label, box_min=box_min, box_max=box_max, **given)
 
     @property
     def all_views(self) -> tuple[View, ...]:

@@ -26,7 +26,6 @@ def made(digit: str, number: int, mirrored: bool = False) -> CandidateView:
     image.paste(plate.transpose(Image.Transpose.FLIP_LEFT_RIGHT) if mirrored else plate, (round(BOX[0]), round(BOX[1])))
     here = (0.0, 0.0, 0.0)
     view = View(number, BOX, 1.0, "sign", 1.0, here, 0.0, None)
-    sign = MapObject(
-        number, "sign", (("sign", 1.0),), here, here, here, 1.0, True, 1, 1, 0.0, 0.0, 0.0, (view,)
-    )  # fmt: skip
-    return picture(sign, view, np.asarray(image), MAX_TOKENS // MAX_PICTURES)
+    return picture(
+        MapObject.of_box(number, "sign", here, here, views=(view,)), view, np.asarray(image), MAX_TOKENS // MAX_PICTURES
+    )

@@ -20,7 +20,6 @@ MEMBERS = (
     ("deimv2-femto.onnx", "deimv2-femto-416.json"),
 )
 """Networks and their sidecars, which hold the sizes of the images that they get."""
-SIDECAR = FOLDER / MEMBERS[0][1]
 
 
 def checked() -> list[tuple[Path, Path]]:
