@@ -34,7 +34,6 @@ from fit_floor_kinds import measure
 import nav2_reader
 from cartier import plugins
 from cartier.errors import InputError
-from cartier.exports import nav2
 from cartier.navigation.layers import SOFT_AVOID, RouteMap, ruled_area
 from cartier.navigation.planning import traversable
 from cartier.navigation.routes import plan_route
@@ -49,6 +48,7 @@ from cartier_bench.route_homes import Home, home_names, off_m, random_rules, tru
 from cartier_bench.route_run import DRIVES, RouteSettings, routes
 from cartier_bench.route_sentences import sentence_lines
 from cartier_dollhouse.floors import RUGS
+from cartier_ros import nav2
 
 FLOOR_HOMES = ("77201", "77202", "77203", "77204")
 """Of these no weight and no threshold knows anything."""

@@ -12,7 +12,7 @@ import pytest
 
 import nav2_reader
 from cartier.errors import InputError
-from cartier.exports import export, nav2
+from cartier.exports import export
 from cartier.home import Home
 from cartier.mapping.rooms import find_rooms
 from cartier.navigation.layers import SOFT_AVOID, RouteMap
@@ -22,6 +22,7 @@ from cartier.pipeline import map_home
 from cartier.spatial.doors import find_doors
 from cartier.types import OCCUPIED, RobotModel
 from cartier.types.route_rules import RouteRule
+from cartier_ros import nav2
 from nav2_reader import read_mask
 from plans import LEFT, RIGHT, Plan, flat
 from synthetic import THINGS, TrueBoxes, walk

@@ -14,27 +14,27 @@ SOURCE = Path(__file__).parents[1] / "src"
 PACKAGES = ("cartier", "cartier_dollhouse", "cartier_bench", "cartier_fleet", "cartier_ros")
 FLOORS = 14  # how many packages of the core stand on one another
 BUDGET = {  # lines of Python; a commit that needs more says here why
-    "cartier": 46_400,
+    "cartier": 45_310,
     "cartier/mapping": 6_380,
-    "cartier/understanding": 4_710,
-    "cartier/recordings": 3_920,
-    "cartier/home": 2_980,
-    "cartier/serving": 2_880,
-    "cartier/detectors": 2_320,
-    "cartier/cli": 2_320,
-    "cartier/doctor": 2_170,
-    "cartier/llm": 2_030,
-    "cartier/vision": 1_960,
-    "cartier/navigation": 1_450,
-    "cartier/io": 1_410,
-    "cartier/live": 1_370,
-    "cartier/spatial": 1_130,
-    "cartier/render": 1_110,
-    "cartier/exports": 1_050,
-    "cartier_dollhouse": 8_900,
-    "cartier_bench": 6_630,
-    "cartier_fleet": 2_630,
-    "cartier_ros": 6_420,  # a writer of large samples at a pace: cyclonedds has none
+    "cartier/understanding": 4_730,
+    "cartier/recordings": 3_650,
+    "cartier/home": 2_990,
+    "cartier/serving": 2_890,
+    "cartier/detectors": 2_260,
+    "cartier/cli": 2_330,
+    "cartier/doctor": 2_190,
+    "cartier/llm": 2_050,
+    "cartier/vision": 1_980,
+    "cartier/navigation": 1_470,
+    "cartier/io": 1_420,
+    "cartier/live": 1_390,
+    "cartier/spatial": 1_140,
+    "cartier/render": 1_130,
+    "cartier/exports": 620,
+    "cartier_dollhouse": 9_230,
+    "cartier_bench": 6_890,
+    "cartier_fleet": 2_640,
+    "cartier_ros": 6_860,  # a writer of large samples at a pace: cyclonedds has none
 }
 CIRCLES = set[frozenset[str]]()
 READS_PRIVATE = set[str]()

@@ -4,10 +4,10 @@ Usage:  python tools/train_dollhouse_detector.py render DATA/train --first 10000
         python tools/train_dollhouse_detector.py render DATA/held-back --first 95000 --homes 48
         python tools/train_dollhouse_detector.py train DATA RUN --minutes 145
         python tools/train_dollhouse_detector.py closer DATA RUN --minutes 60
-        python tools/train_dollhouse_detector.py begin RUN src/cartier/models/dollhouse_detector DATA
+        python tools/train_dollhouse_detector.py begin RUN src/cartier_dollhouse/network DATA
         python tools/train_dollhouse_detector.py calibrate RUN DATA/held-back
-        python tools/train_dollhouse_detector.py export RUN src/cartier/models/dollhouse_detector
-        python tools/calibrate_existence.py src/cartier/models/dollhouse_detector
+        python tools/train_dollhouse_detector.py export RUN src/cartier_dollhouse/network
+        python tools/calibrate_existence.py src/cartier_dollhouse/network
 
 It sees RGB alone. `closer` trains the second stage, which names each place, over a trained network; `begin` reads
 exported ones back, to be trained on. `calibrate` makes scores probabilities, name by name; `export` writes the network,

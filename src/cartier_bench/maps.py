@@ -16,8 +16,8 @@ from cartier import plugins, specs
 from cartier.errors import InputError
 from cartier.home import Home
 from cartier.home.photos import photo_of
-from cartier.models import dollhouse_detector
 from cartier.pipeline import map_home
+from cartier_dollhouse import network as dollhouse_detector
 
 INDEXES = ("object_depth", "object_depth_paper", "object_viewpoint", "vlmaps")
 PIXELS = "embedded:pixels"

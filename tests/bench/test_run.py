@@ -15,7 +15,6 @@ import pytest
 from cartier import specs
 from cartier.contracts import Reasoner
 from cartier.errors import InputError, ReasonerError
-from cartier.models import dollhouse_detector
 from cartier.types import DetectorScoreModel, Fact, Inventory, Selection
 from cartier_bench import suite
 from cartier_bench.asked import Asked
@@ -24,6 +23,7 @@ from cartier_bench.maps import Maps, MapSettings
 from cartier_bench.methods import METHODS
 from cartier_bench.paper_run import BenchSettings, paper
 from cartier_bench.queries import OWN, Query
+from cartier_dollhouse import network as dollhouse_detector
 
 WORLD = str(Path(__file__).parent / "room_world.py")
 SEATS = ("chair", "sofa")

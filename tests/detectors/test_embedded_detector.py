@@ -17,12 +17,12 @@ from hypothesis import strategies as st
 from tiny_onnx import constant_net
 
 from cartier import plugins
-from cartier.detectors.embedded import Embedded, make
 from cartier.errors import BackendError, CartierError, InputError
 from cartier.labels import display_name
-from cartier.models.dollhouse_detector import FOLDER, load
 from cartier.types import Camera, Detections, Frame
 from cartier_dollhouse import shapes
+from cartier_dollhouse.detector import Embedded, make
+from cartier_dollhouse.network import FOLDER, load
 from strange_home import strange_walk
 
 FILES = ("detector.onnx", "words.npy", "names.json")

@@ -15,8 +15,8 @@ from faulty_recordings import Walk, moved
 from PIL import Image
 
 from cartier.contracts import Recording
-from cartier.recordings.sevenscenes import REGISTRATION
 from cartier.types import Camera
+from cartier_bench.datasets.sevenscenes import REGISTRATION
 from cartier_dollhouse.place import Plan
 from cartier_dollhouse.recording import look
 from cartier_dollhouse.render import Renderer

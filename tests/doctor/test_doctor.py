@@ -19,8 +19,8 @@ from cartier.contracts import Recording
 from cartier.doctor import FAULTS, Report, draw_report, examine, open_for_doctor, repair
 from cartier.errors import InputError, check_pose
 from cartier.mapping.samples import MAX_FRAMES, chosen, is_mirror_fault, is_pose_fault
-from cartier.recordings import sevenscenes
 from cartier.recordings.folder import save
+from cartier_bench.datasets import sevenscenes
 
 ONE_OF_EACH = [
     "inverted", "opengl", "mirrored y", "poses in mm", "depth x 1000", "depth 24 px right", "intrinsics x 2",

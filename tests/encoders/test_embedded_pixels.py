@@ -10,9 +10,9 @@ import pytest
 from cartier import plugins
 from cartier.errors import BackendError
 from cartier.labels import display_name
-from cartier.models.dollhouse_detector import load
-from cartier.models.dollhouse_detector.inference import Inference, open_inference
 from cartier.types import Camera, Frame
+from cartier_dollhouse.network import load
+from cartier_dollhouse.network.inference import Inference, open_inference
 from strange_home import strange_walk
 
 

@@ -71,7 +71,7 @@ def test_a_home_remembers_what_its_recording_was_read_with(tmp_path: Path) -> No
 
 def test_what_a_reader_of_ones_own_read_needs_its_format_again(tmp_path: Path) -> None:
     mine = tmp_path / "mine.py"
-    mine.write_text("from cartier.recordings.sevenscenes import open\n")
+    mine.write_text("from cartier_bench.datasets.sevenscenes import open\n")
     write_sevenscenes(room(), tmp_path / "a")
     pipeline.map_home(plugins.open_recording(tmp_path / "a", format=str(mine)), Told(THINGS)).save(tmp_path / "home")
     mapped = Home.load(tmp_path / "home")

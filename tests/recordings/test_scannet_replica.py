@@ -12,8 +12,8 @@ from layouts import room
 
 from cartier import plugins
 from cartier.errors import InputError
-from cartier.recordings import scannet
 from cartier.types import Camera
+from cartier_bench.datasets import scannet
 from synthetic import render
 
 LEVEL = {"up": (0, 0, 1), "floor_m": 0}

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from cartier import plugins
 from cartier.errors import InputError, MissingExtra
-from cartier.exports import _glb, _mcap, _ply, nav2, tables
+from cartier.exports import _glb, _mcap, _ply, tables
 from cartier.home import Home
 from cartier.io.atomic import write_file
 
@@ -18,6 +18,7 @@ WRITERS: Mapping[str, Callable[[Home], bytes]] = {
 BESIDE: Mapping[str, tuple[str, Callable[[Home], bytes | None]]] = {
     ".mcap": (".layout.json", lambda home: _mcap.layout()), ".ply": (".points.ply", _ply.points),
 }  # fmt: skip
+NAV2 = "nav2"
 
 
 def export(home: Home, file: Path) -> list[Path]:
@@ -26,8 +27,9 @@ def export(home: Home, file: Path) -> list[Path]:
     An MCAP comes with a layout for Lichtblick or Foxglove, a PLY with the point cloud if there is one. A path that ends
     in "nav2" is a folder for Nav2.
     """
-    if file.name == nav2.FOLDER or file.suffix == f".{nav2.FOLDER}":
-        return nav2.write(home, file)
+    if NAV2 in (file.name, file.suffix.removeprefix(".")):
+        written: list[Path] = plugins.neighbour("exports", NAV2)(home, file)
+        return written
     writer = WRITERS.get(file.suffix.lower())
     if writer is None:
         raise InputError(f"{file} has no known suffix: there are {', '.join(WRITERS)}, and nav2 for a folder")

@@ -12,9 +12,9 @@ import numpy.typing as npt
 from PIL import Image
 
 from cartier.errors import BackendError, InputError
-from cartier.models.dollhouse_detector import DetectorModel, load
 from cartier.models.onnx_session import Session, shape_text
 from cartier.types import Array, Frame
+from cartier_dollhouse.network import DetectorModel, load
 
 GREY = 114
 STRIDE = 4  # input pixels per feature, both ways

@@ -7,12 +7,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cartier.errors import BackendError
-from cartier.models.dollhouse_detector import FOLDER
 from cartier.models.minilm import MAX_TOKENS, TextEncoder
 from cartier.types import Array, Frame
+from cartier_dollhouse.network import FOLDER
 
 if TYPE_CHECKING:
-    from cartier.models.dollhouse_detector.inference import Inference
+    from cartier_dollhouse.network.inference import Inference
 
 
 def make(
@@ -28,7 +28,7 @@ def make(
         raise BackendError(
             f"the embedded encoder works from words or from pixels (embedded:pixels), not from {model!r}"
         )
-    from cartier.models.dollhouse_detector.inference import open_inference
+    from cartier_dollhouse.network.inference import open_inference
 
     return FromPixels(open_inference(Path(folder), provider, threads))
 

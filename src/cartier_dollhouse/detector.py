@@ -9,11 +9,11 @@ import numpy as np
 
 from cartier.detectors.boxes import clip, nms
 from cartier.errors import BackendError
-from cartier.models.dollhouse_detector import FOLDER
 from cartier.types import Detections, Frame
+from cartier_dollhouse.network import FOLDER
 
 if TYPE_CHECKING:
-    from cartier.models.dollhouse_detector.inference import Inference
+    from cartier_dollhouse.network.inference import Inference
 
 MAX_IOU = 0.5
 FLAT = 6  # levels between the darkest and the brightest value of an image in which nothing can be made out
@@ -31,7 +31,7 @@ def make(
     such as "cuda"; more ``threads`` answer sooner on idle cores, and compute longer. Raises InputError if the network's
     file is missing or changed.
     """
-    from cartier.models.dollhouse_detector.inference import open_inference
+    from cartier_dollhouse.network.inference import open_inference
 
     if threads < 1:
         raise BackendError(f"option threads must be at least 1, got {threads}")

@@ -17,7 +17,6 @@ import numpy as np
 import numpy.typing as npt
 
 from cartier.errors import InputError
-from cartier.exports._nav2_graph import FORBIDDEN, route_graph
 from cartier.exports.scene import rectangles
 from cartier.home import Home
 from cartier.home.map_server import pgm, yaml
@@ -25,8 +24,8 @@ from cartier.io.atomic import write_file
 from cartier.navigation.layers import SLOW, RouteMap, ruled_area
 from cartier.types import OccupancyGrid, RobotModel
 from cartier.types.route_rules import RouteRule
+from cartier_ros._nav2_graph import FORBIDDEN, route_graph
 
-FOLDER = "nav2"
 UNWANTED = 50  # of 100, as Nav2's masks have it: what costs more
 SLOW_PERCENT = 100 * SLOW  # of full speed
 Mask = npt.NDArray[np.bool_]

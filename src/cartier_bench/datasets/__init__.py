@@ -1,0 +1,1 @@
+"""Readers of the data sets that papers use: Replica, ScanNet, 7-Scenes."""
