@@ -6,17 +6,18 @@
 
 from __future__ import annotations
 
-import json
 import tomllib
 from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Annotated, Any, Literal, get_args
 
-from cartier.errors import InputError, brief
-from cartier.io.files import read_text
+from pydantic import AfterValidator, Field
+
+from cartier.errors import InputError
 from cartier.labels import display_name
 from cartier.llm.prompts import check_query
+from cartier_bench.lines import Line, Name, Text, read_lines
 
 QueryType = Literal["explicit", "implicit", "conversational"]
 TYPES: tuple[QueryType, ...] = get_args(QueryType)
@@ -24,9 +25,7 @@ SPLITS = ("paper", "extended")
 OWN = "own"  # the split of requests from a user's file
 
 FOLDER = Path(__file__).parent / "query_texts"
-FIELDS = ("id", "type", "target", "accept", "text")
 FORM = '{"id": "…", "type": "implicit", "target": "sofa", "accept": ["sofa", "arm chair"], "text": "…"}'
-MAX_BYTES = 16 * 2**20
 MAX_QUERIES = 10_000
 MAX_ACCEPTED = 200
 MAX_NAME_CHARS = 100
@@ -97,63 +96,34 @@ def load_file(path: str | Path) -> list[Query]:
     Names may be written as detectors write them (``CoffeeMachine``). Raises InputError with the number of the first
     broken line, or if the file is missing, too large or empty.
     """
-    path = Path(path)
     queries: dict[str, Query] = {}
-    lines: dict[str, int] = {}
-    for number, line in enumerate(_lines(path), start=1):
-        if not line.strip():
-            continue
+    for where, row in read_lines(Path(path), _QueryLine, MAX_QUERIES, FORM):
+        if row.id in queries:
+            raise InputError(f"{where}: the id {row.id!r} was used before: give each request its own")
+        if row.target not in row.accept:
+            raise InputError(f"{where}: 'accept' lacks the target {row.target!r}, which must serve its own request")
         try:
-            query = _own(line)
-            if query.id in lines:
-                raise InputError(f"the id {query.id!r} was used on line {lines[query.id]}: give each request its own")
+            text = check_query(row.text)
         except InputError as error:
-            raise InputError(f"{path} line {number}: {error}") from error
-        queries[query.id], lines[query.id] = query, number
-        if len(queries) > MAX_QUERIES:
-            raise InputError(f"{path} line {number}: more than {MAX_QUERIES} requests; split the file")
+            raise InputError(f"{where}: {error}") from error
+        queries[row.id] = Query(row.id, row.type, row.target, tuple(dict.fromkeys(row.accept)), text, OWN)
     if not queries:
         raise InputError(f"{path} holds no request; a line looks like {FORM}")
     return list(queries.values())
 
 
-def _lines(path: Path) -> list[str]:
-    return read_text(path, MAX_BYTES).split("\n")
+def _one_line(text: str) -> str:
+    if not text.strip() or len(text) > MAX_NAME_CHARS or not text.isprintable():
+        raise ValueError(f"must be text of 1 to {MAX_NAME_CHARS} characters in one line")
+    return text
 
 
-def _own(line: str) -> Query:
-    try:
-        row = json.loads(line)
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"not valid JSON ({brief(error)}); a line looks like {FORM}") from error
-    if not isinstance(row, dict):
-        raise InputError(f"not a JSON object; a line looks like {FORM}")
-    missing = [field for field in FIELDS if field not in row]
-    if missing:
-        raise InputError(f"{missing[0]!r} is missing; a line looks like {FORM}")
-    strange = [key for key in row if key not in FIELDS]
-    if strange:
-        raise InputError(f"{brief(strange[0], 40)!r} is no key of a request; the keys are {', '.join(FIELDS)}")
-    if not isinstance(row["type"], str) or row["type"] not in TYPES:
-        shown = f"{brief(row['type'], 40)!r} is unknown" if isinstance(row["type"], str) else "must be a word"
-        raise InputError(f"the type {shown}; the types are {', '.join(TYPES)}")
-    if not isinstance(row["accept"], list) or not 1 <= len(row["accept"]) <= MAX_ACCEPTED:
-        raise InputError(f"'accept' must be a list of 1 to {MAX_ACCEPTED} object names")
-    target = _name(row, "target", row["target"])
-    accept = tuple(dict.fromkeys(_name(row, "accept", name) for name in row["accept"]))
-    if target not in accept:
-        raise InputError(f"'accept' lacks the target {target!r}: the object that a request is about must serve it")
-    if not isinstance(row["text"], str):
-        raise InputError("'text' must be the words of the request")
-    key = _words("id", row["id"])
-    return Query(key, row["type"], target, accept, check_query(row["text"]), OWN)
+Object = Annotated[Name, AfterValidator(display_name), AfterValidator(_one_line)]
 
 
-def _name(row: Mapping[str, Any], field: str, value: Any) -> str:
-    return _words(field, display_name(value) if isinstance(value, str) else value)
-
-
-def _words(field: str, value: Any) -> str:
-    if not isinstance(value, str) or not value.strip() or len(value) > MAX_NAME_CHARS or not value.isprintable():
-        raise InputError(f"{field!r} must be text of 1 to {MAX_NAME_CHARS} characters in one line")
-    return value
+class _QueryLine(Line):
+    id: Annotated[str, AfterValidator(_one_line)]
+    type: QueryType
+    target: Object
+    accept: Annotated[tuple[Object, ...], Field(strict=False, min_length=1, max_length=MAX_ACCEPTED)]
+    text: Text

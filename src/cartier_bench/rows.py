@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Annotated, Any, NoReturn
+from typing import Annotated, Any
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+from pydantic import ConfigDict, Field
 
-from cartier.errors import InputError, brief
-from cartier.io.files import check_file
+from cartier.errors import InputError
+from cartier_bench.lines import Line, Name, Text, parsed, read_lines
 from cartier_bench.queries import TYPES, QueryType
 
 MAX_ROWS = 1_000_000
-MAX_LINE_BYTES = 2**20
 
 GROUPS = {
     "the paper's method": {
@@ -35,24 +33,14 @@ GROUPS = {
 TITLES = {name: words for group in GROUPS.values() for name, words in group.items()}
 
 
-def _writable(text: str) -> str:
-    try:
-        text.encode()
-    except UnicodeEncodeError as error:
-        raise ValueError("half a character (a lone surrogate), which no file can hold") from error
-    return text
-
-
 PARTS = ("detector", "encoder", "reasoner")
 Metres = Annotated[float, Field(ge=0, le=1e6)]
-Text = Annotated[str, AfterValidator(_writable)]
-Name = Annotated[Text, Field(min_length=1, max_length=200)]
 
 
-class Row(BaseModel):
+class Row(Line):
     """One answer. Distances in metres, ``position`` is (x, y, z) in the world; null where the method gave no place."""
 
-    model_config = ConfigDict(extra="ignore", strict=True, frozen=True, allow_inf_nan=False)
+    model_config = ConfigDict(extra="ignore")
 
     home: Name
     query_id: Name
@@ -93,20 +81,7 @@ class Row(BaseModel):
 def read_rows(file: Path) -> list[Row]:
     """Every row of a ``results.jsonl``. Raises InputError with the number of the first broken line, or if it is
     empty."""
-    rows = []
-    check_file(file)
-    try:
-        with file.open("rb") as lines:
-            for number in range(1, MAX_ROWS + 2):
-                line = lines.readline(MAX_LINE_BYTES + 1)
-                if not line:
-                    break
-                if line.strip():
-                    rows.append(_parse(line, f"{file} line {number}"))
-            else:
-                raise InputError(f"{file} has more than {MAX_ROWS} lines; ask fewer requests at once")
-    except OSError as error:
-        raise InputError(f"{file} cannot be read: {error.strerror}") from error
+    rows = [row for _, row in read_lines(file, Row, MAX_ROWS, max_bytes=None)]
     if not rows:
         raise InputError(f"{file} holds no answer yet: run cartier bench to its end")
     return rows
@@ -118,7 +93,7 @@ def check_rows(rows: Iterable[Mapping[str, Any] | Row]) -> list[Row]:
     Raises InputError if a row is not one, a (home, request, method) comes twice, or a method was run in one home with
     two detectors, encoders or reasoners: such rows are of two runs and must not share a table.
     """
-    checked = [row if isinstance(row, Row) else _row(row, f"result {n}") for n, row in enumerate(rows, start=1)]
+    checked = [row if isinstance(row, Row) else parsed(row, Row, f"result {n}") for n, row in enumerate(rows, start=1)]
     made_by: dict[tuple[str, ...], str] = {}
     seen: set[tuple[str, str, str]] = set()
     for row in checked:
@@ -155,30 +130,3 @@ def ordered(methods: Iterable[str]) -> list[str]:
 def title(method: str) -> str:
     """A method's name for people."""
     return TITLES.get(method, method.replace("_", " "))
-
-
-def _parse(line: bytes, where: str) -> Row:
-    if len(line) > MAX_LINE_BYTES:
-        raise InputError(f"{where} is longer than {MAX_LINE_BYTES // 1024} KiB; that is no result of cartier's")
-    try:
-        value = json.loads(line.decode("utf-8"), parse_constant=_refuse)
-    except UnicodeDecodeError as error:
-        raise InputError(f"{where}: not UTF-8 text") from error
-    except (ValueError, RecursionError) as error:
-        raise InputError(
-            f"{where}: not valid JSON ({brief(error)}); delete the line and run the bench again"
-        ) from error
-    return _row(value, where)
-
-
-def _refuse(name: str) -> NoReturn:
-    raise ValueError(f"{name} is no number in JSON")
-
-
-def _row(value: Any, where: str) -> Row:
-    try:
-        return Row.model_validate(dict(value) if isinstance(value, Mapping) else value)
-    except ValidationError as error:
-        first = error.errors(include_url=False, include_context=False)[0]
-        at = ".".join(str(part) for part in first["loc"]) or "the whole line"
-        raise InputError(f"{where}: {at}: {first['msg'].lower()[:120]}") from error

@@ -5,23 +5,22 @@
 
 from __future__ import annotations
 
-import json
 import math
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import NoneType
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import Field
 
-from cartier.errors import InputError, brief
+from cartier.errors import InputError
 from cartier.geometry import box_distance
-from cartier.io.files import read_text
 from cartier.llm.prompts import check_query
 from cartier.types import STATUSES, TrueObject
+from cartier_bench.lines import Line, Name, Text, read_lines
 from cartier_bench.metrics import canonical
 
 FIND = ("relation", "room", "attribute", "superlative", "need", "follow_up")
@@ -33,7 +32,6 @@ ITEM_FORM = (
     '{"id": "…", "home": "80001", "kind": "relation", "text": "the cup by the sink", "accept_ids": [3], "answer": null}'
 )
 ANSWER_FORM = '{"id": "…", "status": "found", "xy": [1.2, 3.4]} or {"id": "…", "status": "answered", "answer": 2}'
-MAX_BYTES = 64 * 2**20
 MAX_LINES, MAX_TURNS, MAX_IDS = 20_000, 8, 500
 ANSWERS = {
     "count": "a whole number", "exists": "true or false", "where": "names that are right", "list": "a list of names",
@@ -55,8 +53,7 @@ TELLING = _words("""
 WHICH = frozenset({"which", "one", "ones"})
 NEAREST = frozenset({"nearest", "closest", "nearer", "closer", "several"})
 """What says of one of several that it was taken because it is near."""
-Name = Annotated[str, Field(min_length=1, max_length=200)]
-Text = Annotated[str, Field(max_length=4000)]
+Words = Annotated[Text, Field(max_length=4000)]
 Names = Annotated[tuple[Name, ...], Field(strict=False, max_length=MAX_IDS)]
 
 
@@ -188,7 +185,7 @@ def _separates(question: str, item: Item, truth: Mapping[int, TrueObject]) -> bo
 def load_items(path: str | Path) -> list[Item]:
     """Requests from JSON lines. Raises InputError with the number of the first broken line, or for an empty file."""
     items: dict[str, Item] = {}
-    for where, row in _rows(Path(path), _ItemLine, ITEM_FORM):
+    for where, row in read_lines(Path(path), _ItemLine, MAX_LINES, ITEM_FORM):
         if row.id in items:
             raise InputError(f"{where}: the id {row.id!r} was used before: give each request its own")
         try:
@@ -206,7 +203,7 @@ def load_answers(path: str | Path, items: Sequence[Item]) -> dict[str, Given]:
     Raises InputError with the number of the first broken line, and for an id that is none of the requests'.
     """
     asked, found = {item.id for item in items}, dict[str, Given]()
-    for where, row in _rows(Path(path), _AnswerLine, ANSWER_FORM):
+    for where, row in read_lines(Path(path), _AnswerLine, MAX_LINES, ANSWER_FORM):
         if row.id not in asked:
             raise InputError(f"{where}: {row.id!r} is no request of this run: ask what stands in its requests.jsonl")
         if row.id in found:
@@ -226,42 +223,12 @@ def load_answers(path: str | Path, items: Sequence[Item]) -> dict[str, Given]:
     return found
 
 
-def _rows(path: Path, kind: type[_Line], form: str) -> Iterator[tuple[str, Any]]:
-    """The lines of a file as what they should be, each with its number."""
-    for number, line in enumerate(read_text(path, MAX_BYTES).split("\n"), start=1):
-        where = f"{path} line {number}"
-        if number > MAX_LINES:
-            raise InputError(f"{where}: more than {MAX_LINES} lines; split the file")
-        if not line.strip():
-            continue
-        try:
-            yield where, kind.model_validate(json.loads(line))
-        except ValidationError as error:
-            raise InputError(f"{where}: {_fault(error, form)}") from error
-        except (ValueError, RecursionError) as error:
-            raise InputError(f"{where}: not valid JSON ({brief(error)}); a line looks like {form}") from error
-
-
-def _fault(error: ValidationError, form: str) -> str:
-    first = error.errors(include_url=False, include_context=False)[0]
-    at = ".".join(str(part) for part in first["loc"])
-    if first["type"] == "missing":
-        return f"{at!r} is missing; a line looks like {form}"
-    if first["type"] == "extra_forbidden":
-        return f"{brief(at, 40)!r} is no key here; a line looks like {form}"
-    return f"{at or 'the line'}: {first['msg'].lower()[:160]}"
-
-
-class _Line(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
-
-
-class _ItemLine(_Line):
+class _ItemLine(Line):
     id: Name
     home: Name
     kind: Literal[KINDS]  # type: ignore[valid-type]
-    text: Text | None = None
-    turns: Annotated[tuple[Text, ...], Field(strict=False, min_length=1, max_length=MAX_TURNS)] | None = None
+    text: Words | None = None
+    turns: Annotated[tuple[Words, ...], Field(strict=False, min_length=1, max_length=MAX_TURNS)] | None = None
     accept_ids: Annotated[tuple[Annotated[int, Field(ge=1)], ...], Field(strict=False, max_length=MAX_IDS)]
     answer: bool | int | str | Names | None
     maybe: Names = ()
@@ -283,13 +250,13 @@ class _ItemLine(_Line):
         return Item(self.id, self.home, self.kind, turns, self.accept_ids, answer, self.maybe, self.rejects)
 
 
-class _AnswerLine(_Line):
+class _AnswerLine(Line):
     id: Name
     status: Literal[STATUSES]  # type: ignore[valid-type]
     xy: Annotated[tuple[float, float], Field(strict=False)] | None = None
     xyz: Annotated[tuple[float, float, float], Field(strict=False)] | None = None
     object_id: int | None = None
     answer: bool | int | str | Names | None = None
-    question: Text | None = ""
-    text: Text | None = ""
+    question: Words | None = ""
+    text: Words | None = ""
     before_xy: Annotated[tuple[float, float], Field(strict=False)] | None = None

@@ -247,7 +247,7 @@ def test_a_run_without_a_failure(tmp_path: Path) -> None:
 FAULTS = [
     ("", "holds no answer yet"),
     ('{"home": "h"\n', "line 1: not valid JSON"),
-    (json.dumps(row("h", "q", "nlmap")) + "\n[1]\n", "line 2: the whole line"),
+    (json.dumps(row("h", "q", "nlmap")) + "\n[1]\n", "line 2: the line"),
     (json.dumps(row("h", "q", "nlmap")) + "\n\n" + json.dumps(row("h", "q", "nlmap", distance_m=float("nan"))),
         "line 3: not valid JSON (NaN"),
     (json.dumps(row("h", "q", "nlmap"))[:-9], "line 1: not valid JSON"),
