@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from cartier_bench.queries import TYPES
@@ -89,15 +89,16 @@ def _beside(summary: Summary, others: Mapping[str, Summary]) -> str:
         _cell(origin if origins.count(origin) == 1 else f"{origin}, {name}")
         for origin, name in zip(origins, runs, strict=True)
     ]
+    columns: dict[str, Callable[[Summary], str]] = {
+        "match": lambda x: _share(x["match"]), "within 1 m": lambda x: _share(x["success"]["1"]),
+        "distance, m": lambda x: _metres(x["distance_mean_m"]),
+    }  # fmt: skip
     body = []
     for method in ordered({name for one in runs.values() for name in one["methods"]}):
         for kind in TYPES:
             cells = [one["methods"].get(method, {}).get(kind) for one in runs.values()]
-            line = [title(method), kind, *("–" if x is None else _share(x["match"]) for x in cells)]
-            line += ["–" if x is None else _share(x["success"]["1"]) for x in cells]
-            line += ["–" if x is None else _metres(x["distance_mean_m"]) for x in cells]
-            body.append(line)
-    columns = [f"{what} ({head})" for what in ("match", "within 1 m", "distance, m") for head in heads]
+            told = ["–" if x is None else tell(x) for tell in columns.values() for x in cells]
+            body.append([title(method), kind, *told])
     listed = "\n".join(
         f"- {_cell(name)}: {one['objects_from']}, {_cell(one['made_by']['detector'])}" for name, one in runs.items()
     )
@@ -105,54 +106,48 @@ def _beside(summary: Summary, others: Mapping[str, Summary]) -> str:
         "## Side by side\n\nThe same requests, homes and methods; only who found the objects differs. Distances are "
         "means over the "
         f"answers that give a place. Each run's own report is in its folder.\n\n{listed}\n\n"
-        + markdown(["method", "type", *columns], body, words=2)
+        + markdown(["method", "type", *(f"{what} ({head})" for what in columns for head in heads)], body, words=2)
     )
 
 
+def _by_type(
+    methods: Summary, head: str, columns: Sequence[str], cells: Callable[[str, str, Summary | None], Sequence[str]]
+) -> str:
+    """A table with a line a method, in which ``cells`` (method, type, numbers) fills the columns of each type."""
+    body = [
+        [title(name), *(cell for kind in TYPES for cell in cells(name, kind, kinds.get(kind)))]
+        for name, kinds in methods.items()
+    ]
+    return markdown([head, *columns], body)
+
+
 def _table_one(methods: Summary, head: str) -> str:
-    body = []
-    for name in methods:
-        line = [title(name)]
-        for kind in TYPES:
-            x = methods[name].get(kind)
-            paper = PAPER_MEAN_M.get(name, {}).get(kind)
-            line += ["–" if x is None else _metres(x["distance_mean_m"], x["distance_mean_ci"])]
-            line += ["" if paper is None else f"*{paper:.2f}*"]
-        body.append(line)
-    return markdown([head, *(word for kind in TYPES for word in (kind, "*paper*"))], body)
+    def cells(name: str, kind: str, x: Summary | None) -> list[str]:
+        paper = PAPER_MEAN_M.get(name, {}).get(kind)
+        ours = "–" if x is None else _metres(x["distance_mean_m"], x["distance_mean_ci"])
+        return [ours, "" if paper is None else f"*{paper:.2f}*"]
+
+    return _by_type(methods, head, [word for kind in TYPES for word in (kind, "*paper*")], cells)
 
 
 def _spread(methods: Summary, head: str) -> str:
     """Median, floor plan and how many gave a place at all: what a mean alone hides."""
-    body = []
-    for name in methods:
-        line = [title(name)]
-        for kind in TYPES:
-            x = methods[name].get(kind)
-            if x is None:
-                line += ["–"] * 3
-            else:
-                line += [
-                    _metres(x["distance_median_m"]),
-                    _metres(x["distance_floor_mean_m"]),
-                    f"{x['n_placed']} / {x['n']}",
-                ]
-        body.append(line)
+
+    def cells(name: str, kind: str, x: Summary | None) -> list[str]:
+        metres = ("distance_median_m", "distance_floor_mean_m")
+        return ["–"] * 3 if x is None else [*(_metres(x[key]) for key in metres), f"{x['n_placed']} / {x['n']}"]
+
     columns = [f"{kind}: {what}" for kind in TYPES for what in ("median", "floor plan", "placed")]
     return (
         "The median in 3-D, the mean on the floor plan (heights left out), and how many answers gave a place:\n\n"
-        + markdown([head, *columns], body)
+        + _by_type(methods, head, columns, cells)
     )
 
 
 def _matched(methods: Summary, head: str) -> str:
-    body = []
-    for name in methods:
-        kinds = methods[name]
-        body.append(
-            [title(name), *(_share(kinds[k]["match"], kinds[k]["match_ci"]) if k in kinds else "–" for k in TYPES)]
-        )
-    return markdown([head, *TYPES], body)
+    return _by_type(
+        methods, head, TYPES, lambda name, kind, x: ["–" if x is None else _share(x["match"], x["match_ci"])]
+    )
 
 
 def _success(methods: Summary, kind: str, head: str) -> str:
@@ -164,69 +159,58 @@ def _success(methods: Summary, kind: str, head: str) -> str:
         for name in methods
         if (x := methods[name].get(kind)) is not None
     ]  # fmt: skip
-    if not body:
-        return ""
     columns = [*(f"{radius} m" for radius in RADII_M), "1 m with interval", "goal reachable"]
-    return f"**{kind}**\n\n" + markdown([head, *columns], body)
+    return _section(f"**{kind}**", [head, *columns], body)
+
+
+def _section(said: str, head: Sequence[str], body: Sequence[Sequence[str]], words: int = 1) -> str:
+    """A text and its table; nothing where the table has no line."""
+    return f"{said}\n\n{markdown(head, body, words)}" if body else ""
 
 
 def _faults(summary: Summary, head: str) -> str:
     """Whose fault a wrong answer is."""
-    if not summary["faults"]:
-        return ""
-    body = []
-    for name, kinds in summary["faults"].items():
-        cells = [" / ".join(str(kinds[kind][fault]) for kind in TYPES) for fault in FAULTS]
-        body.append([title(name), *cells])
-    return (
+    return _section(
         f"## Detector, index or words?\n\nAnswers by type ({' / '.join(TYPES)}): *right* is the right object within 1 "
         "m; *detector*: no right object was in the list; *index*: the right name, but the place is more than 1 m off "
-        "(a viewpoint, a look-alike); *words*: it "
-        "was listed, and the answer was something else.\n\n"
-        + markdown([head, "right", "detector", "index", "words"], body)
+        "(a viewpoint, a look-alike); *words*: it was listed, and the answer was something else.",
+        [head, "right", "detector", "index", "words"],
+        [
+            [title(name), *(" / ".join(str(kinds[kind][fault]) for kind in TYPES) for fault in FAULTS)]
+            for name, kinds in summary["faults"].items()
+        ],
     )
 
 
 def _paired(summary: Summary) -> str:
-    others = summary["paired"].get(BASE, {})
-    body = []
-    for name, kinds in others.items():
-        for kind, x in kinds.items():
-            line = [title(name), kind, str(x["n"]), _difference(x["match"], x["match_ci"], 100, "%")]
-            line += [
-                _difference(x["success_1m"], x["success_1m_ci"], 100, "%"),
-                _difference(x["distance_m"], x["distance_ci"], 1, "m"),
-            ]
-            body.append(line)
-    if not body:
-        return ""
-    return (
+    differences = (("match", 100, "%"), ("success_1m", 100, "%"), ("distance_m", 1, "m"))
+    columns = ["type", "pairs", "match (points)", "success at 1 m (points)", "distance (m)"]
+    return _section(
         "## ObjectDepth against the others\n\nObjectDepth minus the other, on the same (home, request) pairs: "
         "percentage points for match and success, metres for distance "
         "(negative: ObjectDepth is nearer; over the pairs in which both gave a place). **Bold** where the interval "
-        "excludes zero.\n\n"
-        + markdown(
+        "excludes zero.",
+        [f"against ({summary['objects_from']})", *columns],
+        [
             [
-                f"against ({summary['objects_from']})",
-                "type",
-                "pairs",
-                "match (points)",
-                "success at 1 m (points)",
-                "distance (m)",
-            ],
-            body,
-            words=2,
-        )
-    )
+                title(name), kind, str(x["n"]),
+                *(_difference(x[key], x[f"{key.removesuffix('_m')}_ci"], by, unit) for key, by, unit in differences),
+            ]
+            for name, kinds in summary["paired"].get(BASE, {}).items() for kind, x in kinds.items()
+        ],
+        words=2,
+    )  # fmt: skip
 
 
 def _costs(methods: Summary, head: str) -> str:
-    body = []
-    for name, kinds in methods.items():
-        line = [title(name)]
-        for form in ("{llm_calls:.2f}", "{tokens:.0f}", "{seconds_median:.3f}"):
-            line.append(" / ".join(form.format(**kinds[kind]) if kind in kinds else "–" for kind in TYPES))
-        body.append(line)
+    forms = ("{llm_calls:.2f}", "{tokens:.0f}", "{seconds_median:.3f}")
+    body = [
+        [
+            title(name),
+            *(" / ".join(form.format(**kinds[kind]) if kind in kinds else "–" for kind in TYPES) for form in forms),
+        ]
+        for name, kinds in methods.items()
+    ]
     return markdown([head, "LLM calls", "tokens", "seconds"], body)
 
 
@@ -269,11 +253,8 @@ def _metres(value: float | None, ends: Sequence[float] | None = None) -> str:
 def _share(value: float | None, ends: Sequence[float] | None = None) -> str:
     if value is None:
         return "–"
-    return (
-        f"{100 * value:.0f} %"
-        if ends is None
-        else f"**{100 * value:.0f} %** [{100 * ends[0]:.0f}, {100 * ends[1]:.0f}]"
-    )
+    share = f"{100 * value:.0f} %"
+    return share if ends is None else f"**{share}** [{100 * ends[0]:.0f}, {100 * ends[1]:.0f}]"
 
 
 def _difference(value: float | None, ends: Sequence[float] | None, factor: float, unit: str) -> str:

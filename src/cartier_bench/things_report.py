@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from cartier_bench.suite import Row
+from cartier_bench.tables import markdown
 from cartier_bench.things import ASK, FIND, KINDS, WRITTEN, Item, load_items
 
 GROUPS = {
@@ -62,11 +63,11 @@ def table(rows: Iterable[Mapping[str, Any]]) -> str:
     found = shares(rows)
     ways = list(dict.fromkeys(way for told in found.values() for way in told if way != "n"))
     titles = [way.replace("ground_truth", "ground truth").replace("embedded", "pixels") for way in ways]
-    lines = [f"| | n | {' | '.join(titles)} |", f"|---|---|{'---|' * len(ways)}"]
-    for name, told in found.items():
-        cells = [_cell(told.get(way)) for way in ways]
-        lines.append(f"| {f'**{name}**' if name in GROUPS else name} | {told['n']} | {' | '.join(cells)} |")
-    return "\n".join(lines)
+    body = [
+        [f"**{name}**" if name in GROUPS else name, str(told["n"]), *(_cell(told.get(way)) for way in ways)]
+        for name, told in found.items()
+    ]
+    return markdown(["", "n", *titles], body)
 
 
 def _cell(told: Mapping[str, float] | None) -> str:
@@ -75,7 +76,7 @@ def _cell(told: Mapping[str, float] | None) -> str:
     return f"{told['right']:.0%}".rstrip("%") + (f" (F1 {told['f1']:.2f})" if "f1" in told else "")
 
 
-def _failures(rows: Iterable[Mapping[str, Any]], items: Iterable[Item]) -> str:
+def _failures(rows: Iterable[Row], items: Iterable[Item]) -> str:
     """What went wrong with the map, kind by kind."""
     by_id, lines = {item.id: item for item in items}, ["# What went wrong"]
     wrong = [row for row in rows if not row["right"] and row["run"] in ("map", "answers")]
@@ -84,16 +85,10 @@ def _failures(rows: Iterable[Mapping[str, Any]], items: Iterable[Item]) -> str:
         lines += [f"\n## {kind}\n"] if some else []
         for row in some:
             item, said = by_id[row["id"]], row["answer"] if row["status"] == "answered" else row.get("object")
-            want = (
-                item.answer
-                if item.answer is not None
-                else f"one of {list(item.accept_ids)}"
-                if item.accept_ids
-                else "no goal"
-            )
+            accepted = f"one of {list(item.accept_ids)}" if item.accept_ids else "no goal"
             lines.append(
                 f"- {row['id']} ({row['detector']}): {' / '.join(item.turns)} → {row['status']} {said}, "
-                f"{(row['question'] or row['text'])[:100]!r}; "
-                f"right: {want}"
+                f"{(row['question'] or row['text'])[:100]!r}; right: "
+                f"{accepted if item.answer is None else item.answer}"
             )
     return "\n".join(lines) + "\n"

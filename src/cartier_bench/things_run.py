@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,6 +16,7 @@ from cartier.home import Home
 from cartier.types import Answer, Fact, Inventory, Selection, TrueObject
 from cartier_bench.batch import PromptWriter
 from cartier_bench.maps import Maps, MapSettings, encoder_for
+from cartier_bench.methods import Yardstick, drawing
 from cartier_bench.suite import Case, Progress, Row, Suite, silent
 from cartier_bench.things import WRITTEN, Given, Item, Score, load_items, score
 from cartier_bench.things_made import make_items
@@ -59,32 +59,25 @@ class NamesOnly:
         return self._reasoner.propose(query)
 
 
-class Blind:
+def blind(item: Item, seed: int) -> Yardstick:
     """No reasoner and no map: any of the home's objects; to a question the likeliest answer, or any of the names it
     could be."""
+    rng = drawing(seed, item.id)
 
-    name = "blind"
-
-    def __init__(self, item: Item, seed: int) -> None:
-        self._kind = item.kind
-        digest = hashlib.sha256(f"{seed} {item.id}".encode()).digest()
-        self._rng = np.random.default_rng(int.from_bytes(digest[:8], "big"))
-
-    def select(self, query: str, inventory: Inventory, dialogue: Sequence[tuple[str, str]] = ()) -> Selection:
+    def choose(query: str, inventory: Inventory) -> Selection:
         objs = [obj for obj in inventory.objects if obj.confirmed]
-        obj = objs[int(self._rng.integers(len(objs)))]
+        obj = objs[int(rng.integers(len(objs)))]
         rooms = [room.name for room in inventory.rooms] or ["room"]
         named = [name for name in inventory.names if name in query] or [obj.label]
         guesses: dict[str, Any] = {
-            "count": 1, "exists": True, "where": rooms[int(self._rng.integers(len(rooms)))], "list": (obj.label,),
-            "compare": named[int(self._rng.integers(len(named)))],
+            "count": 1, "exists": True, "where": rooms[int(rng.integers(len(rooms)))], "list": (obj.label,),
+            "compare": named[int(rng.integers(len(named)))],
         }  # fmt: skip
-        if self._kind in guesses:
-            return Selection("answered", text="a guess", fact=Fact(self._kind, guesses[self._kind]))  # type: ignore[arg-type]
+        if item.kind in guesses:
+            return Selection("answered", text="a guess", fact=Fact(item.kind, guesses[item.kind]))  # type: ignore[arg-type]
         return Selection("found", obj.label, "drawn at random", object_id=obj.id)
 
-    def propose(self, query: str) -> list[str]:
-        return []
+    return Yardstick("blind", choose)
 
 
 def homes_of(queries: str) -> tuple[str, ...]:
@@ -175,7 +168,7 @@ def _truths(settings: ThingsSettings, maps_folder: Path) -> dict[str, dict[int, 
 def answer_row(home: Home, item: Item, how: str, reasoner: Reasoner, seed: int, truth: Mapping[int, TrueObject]) -> Row:
     """A row of the results: the answer to one request in a home (``how`` is one of ``RUNS``), and whether it is
     right."""
-    thinks = {"map": reasoner, "names only": NamesOnly(reasoner), "blind": Blind(item, seed)}[how]
+    thinks = {"map": reasoner, "names only": NamesOnly(reasoner), "blind": blind(item, seed)}[how]
     talk, answers = Conversation(home, thinks), list[Answer]()
     before = reasoner.unanswered if isinstance(reasoner, PromptWriter) else 0
     try:
